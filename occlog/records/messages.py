@@ -468,9 +468,7 @@ DOCTOR: dict[str, Message] = {
         "take the times of another clock",
         f"{GAP_INTERVALS:g} usual intervals",
     ),
-    "clock-disjoint": Message(
-        W, "times far from those of the other sensors", "give an offset (ingest --clock-offset)"
-    ),
+    "clock-disjoint": Message(W, "times far from those of the other sensors", "give an offset (ingest --clock-offset)"),
     "truth-disjoint": Message(
         W,
         "a truth without a time in common with the sensors",
@@ -482,6 +480,8 @@ DOCTOR: dict[str, Message] = {
         "if its clock is off, give an offset (ingest --clock-offset)",
         f"{GAP_INTERVALS:g} usual intervals",
     ),
-    "two-clocks": Message(W, "recorded at other times than its header stamps state", "choose one: ingest --timestamp-source"),
+    "two-clocks": Message(
+        W, "recorded at other times than its header stamps state", "choose one: ingest --timestamp-source"
+    ),
 }
 """Findings of `occlog doctor` by id."""

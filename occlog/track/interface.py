@@ -73,7 +73,7 @@ class Estimate(NamedTuple):
     n_observing: int
     n_detected: int
     fallback: str  # as in `occlog.records.tables.Diagnostics`
-    used: tuple[int, ...]  # sensors, places in `sensor_names`
+    used: tuple[int, ...]  # sensors, indices in `sensor_names`
     seen_by: tuple[int, ...] | None = None  # those of them that saw the target; None: the method does not say which
     calibration: SensorErrors | None = None  # None: not estimated
     height: HeightEstimate | None = None  # None: the method tracks on the ground
@@ -100,7 +100,7 @@ class SmoothedTrajectory(NamedTuple):
     n_observing: Ints  # (T,)
     n_detected: Ints  # (T,)
     fallback: tuple[str, ...]  # (T,) as in `occlog.records.tables.Diagnostics`
-    used: tuple[tuple[int, ...], ...]  # (T,) sensors, places in `sensor_names`
+    used: tuple[tuple[int, ...], ...]  # (T,) sensors, indices in `sensor_names`
     seen_by: tuple[tuple[int, ...], ...]  # (T,) those of them that saw the target
     iterations: int  # that it took
     converged: bool

@@ -234,7 +234,7 @@ def quantiles(blocks: Callable[[], Iterable[Floats]], count: int, shares: Sequen
 
 
 def _ranked(blocks: Callable[[], Iterable[Floats]], ranks: Ints) -> Floats:
-    """(R,) the numbers of these places in rising order."""
+    """(R,) the numbers at these positions in rising order."""
     prefix, left = np.zeros(len(ranks), dtype=np.uint64), ranks.copy()
     for shift in range(64 - DIGIT, -1, -DIGIT):
         different, which = np.unique(prefix, return_inverse=True)

@@ -21,7 +21,7 @@ MIN_SHARE = 1e-6
 def nearest_on_discs(xy: Floats, centre: Floats, radius: Floats) -> Floats:
     """(N, K, 2) points of K discs nearest to N positions: of their borders, or the centres for a radius of 0.
 
-    For a place inside a disc it is a point just behind the position, as seen from outside, so that the
+    For a position inside a disc it is a point just behind the position, as seen from outside, so that the
     direction from the point to the position leads out.
 
     Args:

@@ -17,7 +17,7 @@ A sensor is assigned (A) to a position that no static occluder, field of view or
 Likelihood of a scan for a target at given positions among moving occluders with priors: [Ercan] Sec. 4.2-4.3.
 
 A camera sees a position in its view with probability P (`occlog.core.occlusion.occlusion_probability`).  Let a be
-its factor for a position that it sees (A in `occlog.filtering.likelihood.directions`) and b that for a place
+its factor for a position that it sees (A in `occlog.filtering.likelihood.directions`) and b that for a position
 hidden by an occluder: the floor of a reading, and 1 where it reports nothing or
 candidates.  Cameras then count, by `Occlusion.probability`, with
 

@@ -317,7 +317,7 @@ def arrive(
     dt: float,
     motion: WaypointModel,
 ) -> WaypointParticles:
-    """Particles that have come to given places in a step: what becomes of their destinations and speeds.
+    """Particles that have come to given positions in a step: what becomes of their destinations and speeds.
 
     Args:
         particles: L states before the step.

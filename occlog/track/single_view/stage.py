@@ -58,7 +58,7 @@ class CameraTrackers:
 
 
 def fault_of(ids: object, count: int) -> str | None:
-    """What is wrong with what a tracker gave back for so many boxes, in words; None: nothing."""
+    """What is wrong with a tracker's result for this number of boxes, in words; None: nothing."""
     try:
         array = np.asarray(ids)
     except ValueError:

@@ -171,7 +171,7 @@ def reaches(similarity: Floats, threshold: float) -> Bools:
 
 def _frames(truth: Objects, tracks: Objects, limit: float) -> MatchedFrames:
     if truth.position.ndim != 2 or truth.position.shape[1:] != tracks.position.shape[1:]:
-        raise ValueError("places of both sides must have as many columns")
+        raise ValueError("positions of both sides must have as many columns")
     n = len(truth.frame)
     if n and len(tracks.frame) and (truth.view is None) != (tracks.view is None):
         raise ValueError("views must be given for both sides or for none")
@@ -205,7 +205,7 @@ def _rows_of(side: Objects, rows: Ints) -> Floats:
 
 def _views(side: Objects) -> Ints:
     if not np.isfinite(side.position).all():
-        raise ValueError("places must be finite; omit objects without one")
+        raise ValueError("positions must be finite; omit objects without one")
     return np.zeros(len(side.frame), dtype=np.int64) if side.view is None else side.view.astype(np.int64)
 
 

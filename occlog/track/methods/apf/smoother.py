@@ -23,7 +23,7 @@ CANDIDATES = 500
 """Particles of the step before among which each trajectory chooses, also its own parent."""
 
 MIN_EFFECTIVE_SAMPLE_SIZE = 1.5
-"""Fewer positions count as so many, so that a single one does not count as certain."""
+"""Fewer positions count as this number, so that a single one does not count as certain."""
 
 
 class ParticleRecord(NamedTuple):

@@ -24,9 +24,9 @@ TrackerKey = tuple[int, int]
 MODES = ("mipf", "idmot", "bmct", "cmct", "mcmc")
 """`Outlines.mode` counts in this order."""
 NONE, BAD, GOOD = 1, 2, 3
-"""`Outlines.counterpart`, places in `occlog.records.declared.views.COUNTERPARTS`; 0: not checked."""
+"""`Outlines.counterpart`, indices in `occlog.records.declared.views.COUNTERPARTS`; 0: not checked."""
 START, LEFT, TERMINATED = 1, 2, 3
-"""`Outlines.event`, places in `occlog.records.declared.views.EVENTS`; 0: none."""
+"""`Outlines.event`, indices in `occlog.records.declared.views.EVENTS`; 0: none."""
 
 
 class Birth(NamedTuple):
@@ -56,7 +56,7 @@ class TrackerOutlines(NamedTuple):
     covariance: Floats  # (n, 3) of the centre: xx, xy, yy [px^2]
     similarity: Floats  # (n,) Bhattacharyya coefficient of the colours, 0 to 1; NaN: not known
     ess: Floats  # (n,) effective sample size; NaN: no particles
-    likelihood_mode: Ints  # (n,) place in `MODES`
+    likelihood_mode: Ints  # (n,) index in `MODES`
     counterpart: Ints  # (n,) `NONE`, `BAD` or `GOOD`; 0: not checked
     touching: Bools  # (n, n) which of them touch; false between views
     assisting_views: Bools  # (n, V) views with trackers of the same target that helped

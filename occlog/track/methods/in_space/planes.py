@@ -308,7 +308,7 @@ def sights_in_plane(plane: int, heard: ScanDirections, angles: ProjectedAngles, 
 
 
 def log_likelihood(ab: Floats, own: PlaneSights, heard: ScanDirections, chances: ReportProbabilities) -> Floats:
-    """(L,) log likelihoods of a scan for (2, L) places in a plane, up to a constant.
+    """(L,) log likelihoods of a scan for (2, L) positions in a plane, up to a constant.
 
     Args:
         ab: positions.

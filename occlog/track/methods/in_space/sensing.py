@@ -51,7 +51,7 @@ class ScanDirections(NamedTuple):
     theta: Floats  # (R,) measured azimuths in the sensor's frame [rad]
     rotation: Floats  # (R, 3, 3) world-from-sensor
     uniform: Floats  # (R,) density of clutter
-    sensor: Ints  # (N,) place in `sensor_names` of each sensor that had a frame
+    sensor: Ints  # (N,) index in `sensor_names` of each sensor that had a frame
     flat: Bools  # (R,) azimuth only
 
 

@@ -44,7 +44,7 @@ K = TypeVar("K", bound=KalmanConfig)
 INITIAL_SAMPLES = 500
 """Places drawn for the mean and the covariance of where a target can be initially."""
 MAX_INITIAL_MEASUREMENTS = 40
-"""A filter begins from so many measurements at most, the most certain ones."""
+"""Maximum number of measurements from which a filter begins, the most certain ones."""
 INFLATION_TIME_S = 1.0
 """A target of which most reports disagree with the prediction is as far from it as it goes in about this time [s]."""
 INFLATED = "widened"

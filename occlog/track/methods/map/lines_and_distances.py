@@ -44,7 +44,7 @@ ROUNDS = 15
 WIDE = (0.3, 0.1, 0.1, 0.03, 0.03, 0.01)
 """Shares of the extent by which measurements are blunter while a lost path is sought."""
 IN_A_ROW = 12
-"""A path is lost where of so many measurements in a row most are rejected."""
+"""A path is lost where most of this number of successive measurements are rejected."""
 
 
 def mixed_search(

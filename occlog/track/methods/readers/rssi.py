@@ -104,7 +104,7 @@ def update_shadowing(
 EDGE = 0.1
 """Width of the edge of a coverage, as a share of the range."""
 TRIES = 20
-"""Draws of a place in the room; what is then still outside is at the corner of the room."""
+"""Draws of a position in the room; what is then still outside is at the corner of the room."""
 
 
 class TagFilterModel(NamedTuple):

@@ -1,4 +1,4 @@
-"""Run of `occlog ground`: read view tracks, find places in the world, write tracks, and sum up."""
+"""Run of `occlog ground`: read view tracks, triangulate positions, write tracks, and sum up."""
 
 from __future__ import annotations
 

@@ -233,7 +233,7 @@ def _normal(xyz: Floats, left: Floats, local: Floats, problem: LeastSquares) -> 
     Args:
         xyz: (N, 3) positions.
         left: (N, V, 2) residuals there.
-        local: (N, V, 3) places in the cameras' axes.
+        local: (N, V, 3) positions in the cameras' axes.
         problem: of the points.
     """
     rig, known, height = problem.rig, problem.known, problem.height
@@ -330,7 +330,7 @@ ALL_SUBSETS = 5
 """Maximum number of views of which all subsets are hypotheses; with more views, only single views, pairs and subsets
 that omit at most two."""
 HEIGHTS = 30.0
-"""Heights of positions that several views find are uniform over so many standard deviations of the height."""
+"""Heights of positions that several views find are uniform over this multiple of the height's standard deviation."""
 
 
 class ViewOdds(NamedTuple):

@@ -216,7 +216,7 @@ def warp_patches(image: Bytes, ellipses: Floats, points: Floats) -> Floats:
     Args:
         image: (H, W, C), the mean of the C colours is what counts.
         ellipses: (P, 5), of any finite numbers.
-        points: (D, 2) places in the unit disc, x along axis a.
+        points: (D, 2) positions in the unit disc, x along axis a.
 
     Returns:
         (P, D) with mean 0 and variance 1 over each patch; 0 for flat ones.

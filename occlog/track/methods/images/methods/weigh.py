@@ -179,7 +179,7 @@ class TrackerParticles(NamedTuple):
     estimate: Floats  # (n, 5) weighted means
     touching: Bools  # (n, n)
     helped: Bools  # (n, V)
-    mode: Ints  # (n,) place in `MODES`
+    mode: Ints  # (n,) index in `MODES`
     covariance: Floats  # (n, 3) of the centre: xx, xy, yy [px^2]
     ess: Floats  # (n,) effective sample size
     best: Floats  # (n,) similarity of the particle that is most like the target

@@ -388,9 +388,9 @@ def update_messages(
         else:
             dt = nodes.time[j] - nodes.time[k]
             future = predict_backwards(chain.J[j], chain.h[j], chain.future[j], dt, walk.drift[chain.model[k]], J, h)
-            future += nodes.c[k]
-                + log_link_prior(nodes, walk, frame_counts, k, j)
-                + log_of_model(walk, dt, chain.model[k])
+            future += (
+                nodes.c[k] + log_link_prior(nodes, walk, frame_counts, k, j) + log_of_model(walk, dt, chain.model[k])
+            )
             J += nodes.J[k]
             h += nodes.h[k]
         same = True

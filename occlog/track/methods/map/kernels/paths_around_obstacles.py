@@ -31,7 +31,7 @@ class Obstacle(NamedTuple):
 
     corners: Floats  # (K, 2) simple, counter-clockwise
     pieces: tuple[Floats, ...]  # convex, counter-clockwise; they make it up
-    seen_through: tuple[Floats, ...] | None  # None: a wall. Else convex polygons that hide places in this view
+    seen_through: tuple[Floats, ...] | None  # None: a wall. Else convex polygons that hide positions in this view
     eye: Floats  # (2,) of a view: where the camera is
     when: Bools  # (T,) at which states it is there; a wall: always, and between them too
     price: float  # cost of a state inside; inf: none is

@@ -10,7 +10,7 @@ of one target).  Costs are -2 log of likelihoods, relative to that of a line of 
 * one that is not costs k^2, so that beyond k standard deviations of a position that is well known it counts as false.
 
 Hypotheses begin where two lines of sight cross, or at several distances along one, initially, or later at a price.
-The residual e is linear in the place; only R depends on the distance.  Time and memory are linear in the states.
+The residual e is linear in the position; only R depends on the distance.  Time and memory are linear in the states.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ MAX_CROSSINGS = 5
 START_RANGES = 6
 """Distances along a line of sight that crosses no other, at which hypotheses begin."""
 MIN_CROSSINGS = 8
-"""Crossings with lines of sight of states around are tried where there are fewer than so many in all."""
+"""Crossings with lines of sight of states around are tried where there are fewer in all."""
 NEIGHBOUR_TIME_S = 3.0
 """Seconds within which they are."""
 MIN_CROSSING_SINE = 1e-3
 """Lines of sight at a smaller angle do not cross."""
 MERGE_DISTANCE_SIGMAS = 0.3
-"""Hypotheses that differ in all coordinates by less than so many standard deviations are the same."""
+"""Hypotheses that differ in all coordinates by fewer standard deviations are the same."""
 JUMP_COST_OUTLIERS = 2.0
-"""A target that is lost and found elsewhere costs as much as so many false lines of sight, and the new position."""
+"""A target that is lost and found elsewhere costs as much as this many false lines of sight, and the new position."""
 BITS = 62
-"""Lines of sight of a state beyond so many are rejected."""
+"""Maximum number of lines of sight of a state; others are rejected."""
 
 
 class BearingHalfLines(NamedTuple):

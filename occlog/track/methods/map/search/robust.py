@@ -151,7 +151,7 @@ OUTLIER_SIGMAS = BEND["mixture"]
 """Standard deviations at which a bearing is as likely false as true, with losses other than the mixture's."""
 
 MIN_OUTLIER_SIGMAS = 2.0
-"""Lines of sight nearer than so many standard deviations are never false."""
+"""Standard deviations within which a line of sight is never false."""
 INITIAL_HUBER_K = 2.5
 """Parameter of Huber's loss initially."""
 VARIANCE_STEP_FACTOR = 4.0

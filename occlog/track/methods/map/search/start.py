@@ -88,7 +88,7 @@ MAX_LOG_GAP, MERGE_DISTANCE_EXTENTS = 20.0, 1e-3
 MAX_RELATIVE_START_SIGMA = 0.05
 """A start that is known to a smaller share of the extent is the only one."""
 MAX_STATES = 1000
-"""The best filter is chosen after so many states."""
+"""Number of states after which the best filter is chosen."""
 
 
 class SearchMeasurements(NamedTuple):

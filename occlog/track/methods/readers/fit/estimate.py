@@ -134,7 +134,7 @@ def choose_range(
         if not kept.any():
             continue
         found = locate(regions, detected[kept], detection, stray)
-        # Windows in which no reader detects the tag have the mean of the places in range as an estimate
+        # Windows in which no reader detects the tag have the mean of the positions in range as an estimate
         middle = regions.area @ regions.centroid / regions.area.sum()
         estimate = np.broadcast_to(middle, xy.shape).copy()
         estimate[kept] = found.xy
