@@ -50,7 +50,7 @@ def crowd(seconds: float) -> ReportInput:
     tracks = PeopleTracks.of(
         t_ns=t_ns, target_id=who, x=x + error[0], y=y + error[1], vx=nothing, vy=nothing,
         cov_xx=np.full(len(who), 0.01), cov_xy=np.zeros(len(who)), cov_yy=np.full(len(who), 0.01),
-        existence=np.ones(len(who)), seen_by=all_of, doubt=np.full(len(who), ""),
+        existence_probability=np.ones(len(who)), seen_by=all_of, quality_flags=np.full(len(who), ""),
     )  # fmt: skip
     truth = Truth.of(t_ns=t_ns, target_id=who, role=np.full(len(who), "target"), x=x, y=y, z=nothing)
     corners = SIZE * np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
@@ -91,12 +91,12 @@ def with_everything(data: ReportInput) -> ReportInput:
         error=np.hypot(*off), nees=np.sum(off**2, axis=0) / 0.01,
     )  # fmt: skip
     bound = Bound.of(
-        **who, bound_xx=level**2 / 2, bound_xy=0 * level, bound_yy=level**2 / 2, bound=level, n_seen=np.full(n, 4)
+        **who, bound_xx=level**2 / 2, bound_xy=0 * level, bound_yy=level**2 / 2, bound=level, n_detected=np.full(n, 4)
     )
     diagnostics = Diagnostics.of(
-        **who, ess=rng.uniform(500, 700, n), log_likelihood=0 * level, n_looked=np.full(n, 4), n_seen=np.full(n, 4),
+        **who, ess=rng.uniform(500, 700, n), log_likelihood=0 * level, n_observing=np.full(n, 4), n_detected=np.full(n, 4),
         fallback=np.full(n, ""), cameras=np.full(n, "cam0,cam1,cam2,cam3"), seen_by=np.full(n, "cam0,cam1,cam2,cam3"),
-        n_offered=np.full(n, 4), selected=np.full(n, ""), predicted_mse=0 * level, doubt=np.full(n, ""),
+        n_available=np.full(n, 4), selected=np.full(n, ""), predicted_mse=0 * level, quality_flags=np.full(n, ""),
     )  # fmt: skip
     seen = rng.random(len(bearings)) < 0.8
     told = {

@@ -399,8 +399,8 @@ def _table(
         target_id=np.full(len(i), path.target, dtype=np.int32),
         sensor=np.full(len(i), name),
         residual=residuals.residual[keep],
-        expected=np.maximum(1.0 - residuals.spread[keep], 0.0),
-        believed=(far[keep] <= GATE_SIGMAS).astype(np.float64),
+        expected_variance=np.maximum(1.0 - residuals.spread[keep], 0.0),
+        inlier_probability=(far[keep] <= GATE_SIGMAS).astype(np.float64),
     )
 
 

@@ -33,7 +33,12 @@ from occlog.records.scene import Camera, MicrophoneArray, Scene
 from occlog.records.tables import Diagnostics, Residuals, Tracks
 from occlog.scans.grouping import sensor_names
 
-REGION_EDGE, SINGLE_SENSOR, OUT_OF_VIEW, INCONSISTENT_SENSOR = "edge", "one-sensor", "out-of-view", "sensor-disagrees"
+REGION_EDGE, SINGLE_SENSOR, OUT_OF_VIEW, INCONSISTENT_SENSOR = (
+    "region_edge",
+    "single_sensor",
+    "out_of_view",
+    "inconsistent_sensor",
+)
 """Values of the column `doubt`, in the order of the column."""
 EDGE_SIGMAS = 2.0
 """Distance from the edge below which an estimate is at the edge, in standard deviations."""

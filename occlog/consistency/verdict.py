@@ -80,14 +80,14 @@ QUALITY_FLAGS = {
     OUT_OF_VIEW: "out-of-view",
     INCONSISTENT_SENSOR: "inconsistent-sensor",
 }
-"""Values of `doubt`, and the ids of their messages."""
+"""Values of `quality_flags`, and the ids of their messages."""
 FALLBACKS = {
-    "doubted": ("few-inliers", MAX_FLAGGED_SHARE),
-    "unchecked": ("unverified", MAX_FLAGGED_SHARE),
-    "contested": ("possible-outlier", MAX_POSSIBLE_OUTLIER_SHARE),
-    "contradiction": ("infeasible-constraints", 0.0),
-    "wall": ("no-path", 0.0),
-    "unfinished": ("not-converged", 0.0),
+    "few_inliers": ("few-inliers", MAX_FLAGGED_SHARE),
+    "unverified": ("unverified", MAX_FLAGGED_SHARE),
+    "possible_outlier": ("possible-outlier", MAX_POSSIBLE_OUTLIER_SHARE),
+    "infeasible_constraints": ("infeasible-constraints", 0.0),
+    "no_path": ("no-path", 0.0),
+    "not_converged": ("not-converged", 0.0),
     "unobservable": ("unobservable", 0.0),
     "ambiguous": ("ambiguous", 0.0),
 }

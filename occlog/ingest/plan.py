@@ -258,9 +258,9 @@ class IngestPlan(Settings):
     )
     score_type: str = setting(
         "probability",
-        "Confidences of a detector: a probability, after division by the scale; any number, converted by the "
-        "logistic function; or unknown.",
-        choices=("probability", "logistic", "unknown"),
+        "Confidences of a detector: a probability, after division by the scale; a logit, converted by the logistic "
+        "function; or unknown.",
+        choices=("probability", "logit", "unknown"),
         option="--score-type",
     )
     classes: tuple[str, ...] = setting(

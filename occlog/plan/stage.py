@@ -174,7 +174,7 @@ def plan_map(planned: PreparedPlan) -> PlanMap:
         seen_by_0=none,
         seen_by_1=one,
         seen_by_2=np.clip(1.0 - none - one, 0.0, 1.0),
-        no_fix=(worst > limit).mean(axis=1),
+        unlocalised_share=(worst > limit).mean(axis=1),
     )
 
 

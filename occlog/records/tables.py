@@ -25,7 +25,7 @@ from occlog.array_types import Ints
 from occlog.errors import InputError
 
 from .columns import ColumnTable
-from .declared.people import AppearanceMatches, Events, Gallery, JoinedTracks, PeopleTracks, PeopleViews, Support
+from .declared.people import AppearanceMatches, Associations, Events, Gallery, JoinedTracks, PeopleTracks, PeopleViews
 from .declared.sensors import APPEARANCE_BINS, UNLABELLED, Bearings, Boxes, Doa, Measurements, Reads, TruthBoxes, Views
 from .declared.tracks import (
     Bound,
@@ -69,7 +69,7 @@ TABLES: dict[str, type[ColumnTable]] = {
         ViewTracks,
         Failures,
         Counts,
-        Support,
+        Associations,
         Events,
         Gallery,
         AppearanceMatches,
@@ -109,6 +109,7 @@ __all__ = [
     "UNLABELLED",
     "WIDER",
     "AppearanceMatches",
+    "Associations",
     "Bearings",
     "Bound",
     "Boxes",
@@ -133,7 +134,6 @@ __all__ = [
     "Reads",
     "Residuals",
     "RobotPath",
-    "Support",
     "TagTracks",
     "Tracks",
     "Truth",

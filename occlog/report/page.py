@@ -247,6 +247,14 @@ def floorplan(data: ReportInput) -> Plot:
     return plot("plan", "Floor plan", " ".join(words), (WIDTH, height), lambda f: draw_floorplan(f, data))
 
 
+EVENT_WORDS = {
+    "initiated": "track initiation",
+    "terminated": "track termination",
+    "possible_switch": "possible identity switch",
+}
+"""Descriptions of kinds of events."""
+
+
 def _everybody(data: ReportInput) -> list[Plot]:
     """Plots of people and the sensors that see them."""
     tracks, people = data.everybody, data.people
@@ -256,7 +264,7 @@ def _everybody(data: ReportInput) -> list[Plot]:
     words = [f"{number(float(f'{people.mean:.3g}'))} people at a time, {number(people.most)} at most"]
     words.append(f"probability that they are there: {number(round(people.existence, 3))} on average")
     if data.events is not None:
-        words.append(", ".join(plural(data.figures.events.get(kind, 0), kind) for kind in ("birth", "death", "doubt")))
+        words.append(", ".join(plural(data.figures.events.get(kind, 0), word) for kind, word in EVENT_WORDS.items()))
     caption = "; ".join(words) + "."
     if drawn < people.identities:
         caption += f" The {drawn} identities that are there longest are drawn, of {number(people.identities)}."

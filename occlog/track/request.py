@@ -212,7 +212,7 @@ class TrackPeopleRequest(TrackRequestBase):
 
     doa: Path | None = source("Directions of arrival to use too: a table, or a recording that holds them.")
     associations: Path | None = sink(
-        "Write the association probabilities of detections and tracks (Parquet).", "support"
+        "Write the association probabilities of detections and tracks (Parquet).", "associations"
     )
     events: Path | None = sink(
         "Write track initiations and terminations, re-identifications and possible identity switches (Parquet).",

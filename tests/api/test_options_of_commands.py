@@ -38,7 +38,7 @@ TABLES = {
     "fuse": {"output", "fused_views", "events"},
     "label": {"output"},
     "track": {
-        *("output", "diagnostics", "residuals", "support", "events"),
+        *("output", "diagnostics", "residuals", "associations", "events"),
         *("calibration", "cloud", "cooperation", "view_tracks", "virtual_sensors", "world"),
     },
     "evaluate": {"output", "errors", "bound", "failures", "counts"},

@@ -20,8 +20,8 @@ def rows(n: int, doubted: int = 0, residual: float = 1.0, sensor: str = "cam1", 
         target_id=np.zeros(n, dtype=np.int32),
         sensor=np.full(n, sensor),
         residual=np.where(believed > 0.5, residual, 50.0),
-        expected=np.full(n, expected),
-        believed=believed,
+        expected_variance=np.full(n, expected),
+        inlier_probability=believed,
     )
 
 

@@ -23,8 +23,8 @@ def rows(times: list[float], sensors: list[str], target: int = 0) -> Residuals:
         target_id=np.full(n, target, np.int32),
         sensor=np.array(sensors),
         residual=np.zeros(n),
-        expected=np.ones(n),
-        believed=np.ones(n),
+        expected_variance=np.ones(n),
+        inlier_probability=np.ones(n),
     )
 
 

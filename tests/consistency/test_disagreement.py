@@ -15,7 +15,7 @@ def notes(count: int, first: int = 0, doubt: str = "") -> Diagnostics:
     """Rows of one target every tenth of a second."""
     values = {c.name: np.full(count, "" if c.kind == "U" else 1, c.dtype) for c in Diagnostics.columns()}
     own = {"t_ns": np.arange(first, first + count) * STEP, "target_id": np.zeros(count, np.int32)}
-    return Diagnostics(**(values | own | {"doubt": np.full(count, doubt)}))
+    return Diagnostics(**(values | own | {"quality_flags": np.full(count, doubt)}))
 
 
 def residuals(believed: dict[str, str], first: int = 0) -> Residuals:
@@ -28,13 +28,13 @@ def residuals(believed: dict[str, str], first: int = 0) -> Residuals:
         target_id=np.zeros(n, np.int32),
         sensor=np.array(sensor),
         residual=np.zeros(n),
-        expected=np.ones(n),
-        believed=np.array(belief),
+        expected_variance=np.ones(n),
+        inlier_probability=np.array(belief),
     )
 
 
 def against(found: Diagnostics) -> str:
-    return "".join("x" if d == "sensor-disagrees" else "." for d in found.quality_flags.tolist())
+    return "".join("x" if d == "inconsistent_sensor" else "." for d in found.quality_flags.tolist())
 
 
 @pytest.mark.parametrize(
@@ -65,6 +65,6 @@ def test_chunks_do_not_matter_and_other_doubts_stay() -> None:
         end = min(first + 3, 20)
         parts.append(against(judge.judged(notes(end - first, first), residuals({"a": text[first:end]}, first))))
     assert "".join(parts) == whole
-    edge = SensorDisagreement().judged(notes(20, doubt="edge"), residuals({"a": text}))
+    edge = SensorDisagreement().judged(notes(20, doubt="region_edge"), residuals({"a": text}))
     assert edge.quality_flags[-1] == "edge,sensor-disagrees"
     assert SensorDisagreement().judged(Diagnostics.empty(), Residuals.empty()).quality_flags.tolist() == []

@@ -87,7 +87,7 @@ def test_two_sensors_leave_no_doubt():
 def test_one_sensor_alone_is_doubted_after_a_second_and_its_covariance_holds_all_distances():
     judge = QualityFlags(OPEN, online=True, started=False)
     tracks, diagnostics = judge.judged(*rows("a", "a", "a"))
-    assert diagnostics.quality_flags.tolist() == ["", "", "one-sensor"]
+    assert diagnostics.quality_flags.tolist() == ["", "", "single_sensor"]
     np.testing.assert_allclose(tracks.cov_xx, [0.01, 0.01, 30.0**2 / 12.0 + 5.0**2])
     np.testing.assert_allclose(tracks.cov_yy, 0.01)
 
@@ -95,14 +95,19 @@ def test_one_sensor_alone_is_doubted_after_a_second_and_its_covariance_holds_all
 def test_one_sensor_alone_is_doubted_five_seconds_after_two_and_keeps_the_filters_covariance():
     judge = QualityFlags(OPEN, online=True, started=False)
     tracks, diagnostics = judge.judged(*rows("a,b", *["a"] * 6, "a,b"))
-    assert diagnostics.quality_flags.tolist() == [""] * 6 + ["one-sensor", ""]
+    assert diagnostics.quality_flags.tolist() == [""] * 6 + ["single_sensor", ""]
     np.testing.assert_allclose(tracks.cov_xx, 0.01)
 
 
 def test_what_was_seen_is_remembered_over_chunks_and_forgotten_at_a_restart():
-    assert doubts(OPEN, rows("a,b"), rows("a", t0=4), rows("a", "a", t0=6)) == ["", "", "one-sensor", "one-sensor"]
+    assert doubts(OPEN, rows("a,b"), rows("a", t0=4), rows("a", "a", t0=6)) == [
+        "",
+        "",
+        "single_sensor",
+        "single_sensor",
+    ]
     again = rows("a", "a", "a", t0=1, fallback="restart")
-    assert doubts(OPEN, rows("a,b"), again) == ["", "", "", "one-sensor"]
+    assert doubts(OPEN, rows("a,b"), again) == ["", "", "", "single_sensor"]
 
 
 def test_sensors_that_look_in_turn_see_together_within_a_second():
@@ -110,32 +115,32 @@ def test_sensors_that_look_in_turn_see_together_within_a_second():
 
 
 def test_a_given_start_tells_the_distance_for_five_seconds():
-    assert doubts(OPEN, rows(*["a"] * 7), started=True) == [""] * 6 + ["one-sensor"]
+    assert doubts(OPEN, rows(*["a"] * 7), started=True) == [""] * 6 + ["single_sensor"]
 
 
 def test_in_a_room_one_sensor_is_doubted_but_the_covariance_stays():
     judge = QualityFlags(ROOM, online=True, started=False)
     tracks, diagnostics = judge.judged(*rows("a", "a", "a", xy=(9.99, 0.0)))
-    assert diagnostics.quality_flags.tolist() == ["", "", "one-sensor"]
+    assert diagnostics.quality_flags.tolist() == ["", "", "single_sensor"]
     np.testing.assert_allclose(tracks.cov_xx, 0.01)
 
 
 def test_the_edge_of_a_guessed_region_is_doubted_and_that_of_a_room_is_not():
     middle = OPEN.region.mean(axis=0)
-    assert doubts(OPEN, rows("", xy=OPEN.region[0])) == ["edge"]
+    assert doubts(OPEN, rows("", xy=OPEN.region[0])) == ["region_edge"]
     assert doubts(OPEN, rows("", xy=middle)) == [""]
     assert doubts(ROOM, rows("a,b", xy=(9.99, 0.0))) == [""]
 
 
 def test_a_track_outside_the_view_of_a_camera_that_sees_it_is_doubted():
-    assert doubts(ROOM, rows("a", "b", xy=(25.0, 0.0))) == ["", "out-of-view"]
-    assert doubts(OPEN, rows("a,b", "a", xy=(5.0, 6.0)), online=False) == ["out-of-view", "out-of-view"]
+    assert doubts(ROOM, rows("a", "b", xy=(25.0, 0.0))) == ["", "out_of_view"]
+    assert doubts(OPEN, rows("a,b", "a", xy=(5.0, 6.0)), online=False) == ["out_of_view", "out_of_view"]
 
 
 def test_a_false_bearing_of_one_sensor_among_three_is_no_doubt_of_the_track():
     behind = camera("c", 20.0, 0.0, 0.0, range=30.0)
     scene = Scene(cameras=(*OPEN.cameras, behind), room=ROOM.room)
-    assert doubts(scene, rows("a,b,c", "a,b", "a,c", "c", xy=(10.0, 0.0))) == ["", "", "out-of-view", "out-of-view"]
+    assert doubts(scene, rows("a,b,c", "a,b", "a,c", "c", xy=(10.0, 0.0))) == ["", "", "out_of_view", "out_of_view"]
 
 
 @pytest.mark.parametrize("scene", [OPEN, ROOM])
@@ -144,5 +149,5 @@ def test_a_smoothed_track_is_not_doubted_for_one_sensor_or_the_edge(scene):
 
 
 def test_every_doubt_has_its_words_and_no_rows_no_doubts():
-    assert set(QUALITY_FLAGS) == {"edge", "one-sensor", "out-of-view", "sensor-disagrees"}
+    assert set(QUALITY_FLAGS) == {"region_edge", "single_sensor", "out_of_view", "inconsistent_sensor"}
     assert doubts(OPEN, (Tracks.empty(), Diagnostics.empty())) == []

@@ -44,14 +44,14 @@ def fared(
         target_id=none,
         ess=np.where(np.arange(n) < few, 0.5 * MIN_EFFECTIVE_SAMPLE_SIZE, 500.0),
         log_likelihood=nothing,
-        n_looked=none,
-        n_seen=np.full(n, seen, np.int32),
+        n_observing=none,
+        n_detected=np.full(n, seen, np.int32),
         fallback=np.array([fallback[0]] * fallback[1] + [""] * (n - fallback[1])),
         cameras=np.full(n, ""),
-        n_offered=none,
+        n_available=none,
         selected=np.full(n, ""),
         predicted_mse=nothing,
-        doubt=np.array([doubt[0]] * doubt[1] + [""] * (n - doubt[1])),
+        quality_flags=np.array([doubt[0]] * doubt[1] + [""] * (n - doubt[1])),
     )
 
 
@@ -62,8 +62,8 @@ def residuals(n: int, factor: float = 1.0, doubted: int = 0, sensor: str = "cam1
         target_id=np.zeros(n, np.int32),
         sensor=np.full(n, sensor),
         residual=value,
-        expected=np.ones(n),
-        believed=(np.arange(n) >= doubted).astype(float),
+        expected_variance=np.ones(n),
+        inlier_probability=(np.arange(n) >= doubted).astype(float),
     )
 
 
@@ -169,8 +169,8 @@ def test_a_filter_that_begins_anew_in_nearly_every_row_says_how_far_apart_rows_a
 
 
 def test_places_that_are_contested_are_said_beyond_one_row_in_ten() -> None:
-    assert codes(diagnostics=fared(fallback=("contested", round(MAX_POSSIBLE_OUTLIER_SHARE * N)))) == []
-    assert codes(diagnostics=fared(fallback=("contested", round(MAX_POSSIBLE_OUTLIER_SHARE * N) + 1))) == [
+    assert codes(diagnostics=fared(fallback=("possible_outlier", round(MAX_POSSIBLE_OUTLIER_SHARE * N)))) == []
+    assert codes(diagnostics=fared(fallback=("possible_outlier", round(MAX_POSSIBLE_OUTLIER_SHARE * N) + 1))) == [
         "possible-outlier"
     ]
 

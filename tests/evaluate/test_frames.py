@@ -124,7 +124,7 @@ def test_frames_of_views_have_the_numbers_of_their_camera(folder: Path, capsys: 
         u_px=0.0 * one,
         sigma_px=one,
         confidence=one,
-        likeness=np.nan * one,
+        similarity=np.nan * one,
         target_id=np.full(n, -1, np.int32),
         appearance=np.full((n, APPEARANCE_BINS), np.nan, np.float32),
     )

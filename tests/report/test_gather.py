@@ -345,8 +345,8 @@ def test_a_page_of_everybody_has_the_numbers_of_the_whole(
         begin = int(random.integers(0, 200))
         one = walk(k, np.arange(begin, begin + 10 + k) / 10, (k % 9, k % 7), (0.2, 0.1))
         people.append(replace(one, seen_by=random.choice(["", "camera1", "camera1,camera2"], len(one))))
-        happened += [(int(one.t_ns[0]), "birth", k, -1, 0.9), (int(one.t_ns[-1]), "death", k, -1, 0.1)]
-        happened += [(int(one.t_ns[5]), "doubt", k, (k + 1) % 70, 0.4)] * (k % 3 == 0)
+        happened += [(int(one.t_ns[0]), "initiated", k, -1, 0.9), (int(one.t_ns[-1]), "terminated", k, -1, 0.1)]
+        happened += [(int(one.t_ns[5]), "possible_switch", k, (k + 1) % 70, 0.4)] * (k % 3 == 0)
     tracks = PeopleTracks.merge(people)
     bearings = placed(tmp_path, made_up(steps=200, cameras=2))
     role, z = np.full(len(tracks), "target"), np.zeros(len(tracks))

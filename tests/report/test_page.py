@@ -348,7 +348,7 @@ def test_doubtful_rows_are_counted_with_their_reasons() -> None:
     assert data.diagnostics is not None
     assert "Doubtful" not in build_page(data)
     doubt = np.full(len(data.diagnostics), "", dtype="U24")
-    doubt[:2] = ["edge", "edge,out-of-view"]
+    doubt[:2] = ["region_edge", "region_edge,out_of_view"]
     columns = {c.name: getattr(data.diagnostics, c.name) for c in data.diagnostics.columns()}
-    doubtful = replace(data, diagnostics=type(data.diagnostics)(**(columns | {"doubt": doubt})))
+    doubtful = replace(data, diagnostics=type(data.diagnostics)(**(columns | {"quality_flags": doubt})))
     assert f"Doubtful: 2 of {len(doubt)} steps (edge, out-of-view)." in build_page(doubtful)

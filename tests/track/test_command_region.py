@@ -79,4 +79,4 @@ def test_one_camera_states_covariances_that_hold_the_truth(shared_data, tmp_path
     assert len(nees) == 2396
     assert np.mean(nees < 4.0) > 0.9
     # All but the first second of each person
-    assert np.mean(diagnostics.quality_flags == "one-sensor") > 0.95
+    assert np.mean(diagnostics.quality_flags == "single_sensor") > 0.95

@@ -286,7 +286,7 @@ def localise(
     good = np.isfinite(xy[:, 0])
     good[good] = inside_polygon(np.ascontiguousarray(xy[good]), region)
     pairs, xy, cov = pairs[good], xy[good], cov[good]
-    # Support: directions of other arrays that pass near a crossing form a group with it
+    # Associations: directions of other arrays that pass near a crossing form a group with it
     off = _misfit(d, xy, cov)
     rows = sorted({tuple(_support(d, pair, off[c], gate).tolist()) for c, pair in enumerate(pairs)})
     groups = [np.array(r, dtype=np.int64) for r in rows]

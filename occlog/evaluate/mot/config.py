@@ -20,8 +20,8 @@ MIN_LENGTH, MAX_LENGTH = 1e-9, 1e9
 class MultiTargetConfig(Settings):
     """Settings of the figures for many targets.
 
-    Which target is a track's own ([Qu] Eq. 9): `label`, the one of its number; `start`, the first one that
-    it is on; `best`, by the one-to-one assignment in which most estimates are on their own target.
+    Which target is a track's own ([Qu] Eq. 9): `id`, the one of its identity; `start`, the first one that
+    it is on; `optimal`, by the one-to-one assignment in which most estimates are on their own target.
     """
 
     OWNER: ClassVar[str] = "many targets"
@@ -44,12 +44,12 @@ class MultiTargetConfig(Settings):
         kinds=(IMAGES,),
     )
     assigned_target: str = setting(
-        "label",
-        "Assigned target of a track: by its identity (`label`), the first one it is on (`start`), or by the best "
-        "assignment (`best`).",
-        choices=("label", "start", "best"),
+        "id",
+        "Assigned target of a track: by its identity (`id`), the first one it is on (`start`), or by the best "
+        "assignment (`optimal`).",
+        choices=("id", "start", "optimal"),
         option="--assigned-target",
-        shown="label; start for MOTChallenge text, boxes, tracks born from detections; else best with --match optimal",
+        shown="id; start for MOTChallenge text, boxes, tracks born from detections; else optimal with --match optimal",
         kinds=MANY,
     )
     clear_rule: str = setting(
@@ -208,7 +208,7 @@ class MultiTargetConfig(Settings):
 
 def own_targets_by(config: EvaluateConfig, *, numbered_itself: bool) -> str:
     """Return the default rule for the target of a track; see `ManyConfig.own`."""
-    return "label" if config.match == "id" else ("start" if numbered_itself else "best")
+    return "id" if config.match == "id" else ("start" if numbered_itself else "optimal")
 
 
 def many_config(unit: str, own: str, given: Mapping[str, object]) -> tuple[MultiTargetConfig | None, str | None]:

@@ -93,7 +93,7 @@ def evaluate_in_images(request: EvaluateRequest, job: Job) -> Evaluation:
 def _configured(request: EvaluateRequest, ours: Opened | None) -> MultiTargetConfig:
     """Settings; UsageError for a cutoff that boxes do not have."""
     named = ours is not None and ours.has(ViewTracks)
-    own = "label" if named and not initiated_from_detections(request.tracks) else "start"
+    own = "id" if named and not initiated_from_detections(request.tracks) else "start"
     overlap = configure(EvaluateConfig(), request.settings).iou_threshold
     frames = {} if request.frames is None else {"frames": request.frames}
     config = configure(

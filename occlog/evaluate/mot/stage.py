@@ -52,8 +52,8 @@ def assigned_targets(truth: Objects, tracks: Objects, tau: Floats, t_ns: Ints, h
         tracks: points; rows of one label are one track, in all views.
         tau: (n,) for each true row how near a track on it must be.
         t_ns: (m,) time of each row of the tracks.
-        how: `label`: the target of the same label; `start`: the first target that the track is on,
-            in any view, of several at that time the nearest in terms of tau; `best`: by the
+        how: `id`: the target of the same label; `start`: the first target that the track is on,
+            in any view, of several at that time the nearest in terms of tau; `optimal`: by the
             one-to-one assignment over all views in which most estimates are on their own target.
     """
     found = AssignedTargets(how)
@@ -72,7 +72,7 @@ class AssignedTargets:
 
     def update(self, truth: Objects, tracks: Objects, tau: Floats, t_ns: Ints) -> None:
         """Add a part of the rows; see `assigned_targets`."""
-        if self._how == "label":
+        if self._how == "id":
             return
         near = _near(truth, tracks, tau)
         track, target = tracks.label[near.track], truth.label[near.truth]
@@ -85,7 +85,7 @@ class AssignedTargets:
 
     def of(self, labels: Ints) -> Ints:
         """Label of the own target of each of these tracks; `NO_TARGET`: it has none."""
-        if self._how == "label":
+        if self._how == "id":
             return labels
         own = self._first if self._how == "start" else self._best
         keys, number = np.unique(labels, return_inverse=True)
@@ -335,7 +335,7 @@ def skipped_cameras_note(names: Sequence[str]) -> list[str]:
 
 def unrelated_ids_note(ours: Ints, theirs: Ints, config: MultiTargetConfig) -> list[str]:
     """A line if the numbers of tracks and targets, rising both, have nothing to do with each other."""
-    if config.assigned_target != "label" or not len(ours) or np.isin(ours, theirs).any():
+    if config.assigned_target != "id" or not len(ours) or np.isin(ours, theirs).any():
         return []
     return [
         f"no track has the number of a target ({_some(ours)}; {_some(theirs)}), so that every tracker is on another "

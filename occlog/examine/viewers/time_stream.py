@@ -246,7 +246,7 @@ class ViewerStream:
         ):
             words = f"{kind} {'with ' + str(other) + ' ' if other >= 0 else ''}".strip()
             sure = "" if math.isnan(probability) else f", probability {probability:.3g}"
-            yield LogLine(int(rows.t_ns[0]), kind == "doubt", f"target {target}", f"{words}{sure}")
+            yield LogLine(int(rows.t_ns[0]), kind == "possible_switch", f"target {target}", f"{words}{sure}")
 
     def _in_image(self, layer: str, rows: ViewTracks | Views | Boxes | TruthBoxes) -> Iterator[StreamItem]:
         things = tracked_in_image(rows, self.palette) if isinstance(rows, ViewTracks) else boxes_in_image(rows)

@@ -184,10 +184,10 @@ def _views(boxes: Boxes, centres: Floats, spreads: Floats, seen: RegionBearings,
         u_px=seen.u_px,
         sigma_px=seen.sigma_px,
         confidence=boxes.confidence,
-        likeness=np.full(n, np.nan),
+        similarity=np.full(n, np.nan),
         target_id=target,
         appearance=np.full((n, APPEARANCE_BINS), np.nan, dtype=np.float32),
-        hint=boxes.target_id,
+        tracklet_id=boxes.target_id,
     ).sorted()
 
 

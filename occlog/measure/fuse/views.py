@@ -261,7 +261,7 @@ def _view(
         u_px=[u_px],
         sigma_px=[sigma_px],
         confidence=[np.nan],
-        likeness=[np.nan],
+        similarity=[np.nan],
         target_id=np.array([target], dtype=np.int32),
         appearance=np.full((1, APPEARANCE_BINS), np.nan, dtype=np.float32),
         cause=["recovered"],

@@ -22,13 +22,18 @@ from occlog.records.columns import ColumnTable, check_order, column, first_row
 from .tracks import Tracks
 from .views import ViewTracks
 
-KINDS = ("birth", "death", "doubt", "named")
+KINDS = ("initiated", "terminated", "possible_switch", "reidentified")
 """`kind` of an event."""
-BOX, GROUND = "box", "floor"
-"""`mode` of a row of all people in the images: the camera has a box of the person, or the position on the floor
-alone."""
-COASTING, SINGLE_VIEW, POSSIBLE_SWITCH, INCONSISTENT_VIEWS = "unseen", "one-view", "exchange", "contradiction"
-"""Words of the column `doubt`, in the order of the column."""
+BOX, GROUND = "box", "ground"
+"""`likelihood_mode` of a row of all people in the images: the camera has a box of the person, or the position on the
+ground alone."""
+COASTING, SINGLE_VIEW, POSSIBLE_SWITCH, INCONSISTENT_VIEWS = (
+    "coasting",
+    "single_view",
+    "possible_switch",
+    "inconsistent_views",
+)
+"""Words of the column `quality_flags`, in the order of the column."""
 
 
 def words_of(mask: Bools, words: Sequence[str]) -> Strings:
@@ -101,14 +106,14 @@ class PeopleViews(ViewTracks):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Support(ColumnTable):
+class Associations(ColumnTable):
     """Detection-to-track associations with probabilities.
 
     A box may be of one of several people; its probabilities sum to at most 1, and the rest is the probability of
     clutter.
     """
 
-    NAME: ClassVar[str] = "support"
+    NAME: ClassVar[str] = "associations"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id", "sensor", "box")
 
     t_ns: Ints = column("i8", "ns", "time of the row of `tracks` since the Unix epoch")
@@ -123,7 +128,9 @@ class Support(ColumnTable):
         check_order(self)
         if (bad := ~((self.probability > 0.0) & (self.probability <= 1.0))).any():
             row = first_row(bad)
-            raise InputError(f"Support: row {row}: probability {self.probability[row]:g} must be above 0 and at most 1")
+            raise InputError(
+                f"Associations: row {row}: probability {self.probability[row]:g} must be above 0 and at most 1"
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,14 +145,15 @@ class Events(ColumnTable):
     kind: Strings = column(
         "U",
         "1",
-        "`birth` (reported from here on), `death` (no longer), `doubt` (may have been exchanged with another one), "
-        "`named` (is this person of the gallery from here on)",
+        "`initiated`, `terminated`, `possible_switch` (the identity may have been exchanged with another one) or "
+        "`reidentified` (this person of the gallery from here on)",
     )
-    other_id: Ints32 = column("i4", "1", "doubt: the other identity; else -1")
+    other_id: Ints32 = column("i4", "1", "possible_switch: the other identity; else -1")
     probability: Floats = column(
         "f8",
         "1",
-        "birth, death: that the person is there; doubt: that the two were exchanged; named: that it is this person",
+        "initiated, terminated: existence probability; possible_switch: that the two were exchanged; reidentified: "
+        "that it is this person",
         nan="not known",
     )
 

@@ -13,7 +13,7 @@ from occlog.records.columns import ColumnTable, check_order, column, first_row
 
 from .sensors import Boxes
 
-EVENTS = ("", "start", "left", "lost")
+EVENTS = ("", "start", "left", "terminated")
 """`event` of a view track."""
 COUNTERPARTS = ("", "none", "bad", "good")
 """`counterpart` of a view track."""
@@ -66,7 +66,7 @@ class ViewTracks(ColumnTable):
     neighbours: Strings = column("U", "1", "targets that it touches, separated by commas")
     assisting_views: Strings = column("U", "1", "views that helped it in the frame, separated by commas")
     lifecycle: Strings = column(
-        "U", "1", "empty; `start` of the tracker; its last row: `left` the image, or `lost` its target"
+        "U", "1", "empty; `start` of the tracker; its last row: `left` the image, or `terminated`"
     )
 
     def check(self) -> None:

@@ -291,8 +291,8 @@ def _numbered(asked: OverlayRequest) -> bool:
     """Return whether trackers have the numbers of their targets: not those that began with detections."""
     births = read_provenance(asked.tracks).parameters.get("births") if asked.tracks is not None else None
     failures = asked.failures
-    own = read_provenance(failures).parameters.get("own") if failures is not None else None
-    return births in (None, "initial") and own in (None, "label")
+    own = read_provenance(failures).parameters.get("assigned_target") if failures is not None else None
+    return births in (None, "initial") and own in (None, "id")
 
 
 def _rows(path: Path | None, table: type[T]) -> FrameRowReader[T] | None:

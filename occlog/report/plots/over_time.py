@@ -199,10 +199,10 @@ FALLBACKS = {
     "gap": ("t5", "s", "particles redrawn after a gap"),
     "depleted": ("t1", "d", "fewer than ten effective particles"),
     "unobservable": ("hidden", "d", "position hardly known"),
-    "contradiction": ("t5", "v", "constraints contradict each other"),
-    "wall": ("t1", "s", "no way around a wall"),
-    "unfinished": ("ink", "x", "search did not converge"),
-    "doubted": ("t2", "v", "fewer than half of the bearings accepted"),
+    "infeasible_constraints": ("t5", "v", "constraints contradict each other"),
+    "no_path": ("t1", "s", "no way around a wall"),
+    "not_converged": ("ink", "x", "search did not converge"),
+    "few_inliers": ("t2", "v", "fewer than half of the bearings accepted"),
 }
 
 
@@ -496,7 +496,7 @@ def _doubts(axes: Axes, time: TimeAxis, people: Ints, events: Events | None) -> 
     """A mark in the row of each identity that may have been exchanged."""
     if events is None:
         return
-    doubts = events.take((events.kind == "doubt") & np.isin(events.target_id, people))
+    doubts = events.take((events.kind == "possible_switch") & np.isin(events.target_id, people))
     index_of = {identity: row for row, identity in enumerate(people.tolist())}
     rows = [-float(index_of[i]) for i in doubts.target_id.tolist()]
     axes.plot(time.of(doubts.t_ns), rows, "x", color=COLOURS["t5"], markersize=4.5, markeredgewidth=1.4)
@@ -505,7 +505,7 @@ def _doubts(axes: Axes, time: TimeAxis, people: Ints, events: Events | None) -> 
 def _legend(data: ReportInput, events: Events | None) -> list[Patch | Line2D]:
     kinds = ((SEEN, "seen by several cameras"), (SINGLE_VIEW, "by one camera"), (COASTING, "by none: predicted"))
     out: list[Patch | Line2D] = [Patch(facecolor=COLOURS[colour], label=text) for colour, text in kinds]
-    if events is not None and (events.kind == "doubt").any():
+    if events is not None and (events.kind == "possible_switch").any():
         out.append(Line2D([], [], linestyle="", marker="x", color=COLOURS["t5"], label="may have been exchanged"))
     out.append(Line2D([], [], color=COLOURS["ink"], linewidth=1.1, label="people there"))
     out.append(Line2D([], [], color=COLOURS[SEEN], linewidth=0.9, label="seen by a camera"))

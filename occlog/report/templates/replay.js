@@ -26,7 +26,7 @@
   }
   const strip = makeStrip(
     times, series, (top) => (compared ? `largest error at each time step, up to ${number(top)} ${data.unit}` : `targets, up to ${top}`),
-    data.events.map(([t, kind]) => [t, kind === "doubt" ? "hidden" : "muted"]),
+    data.events.map(([t, kind]) => [t, kind === "possible_switch" ? "hidden" : "muted"]),
   );
 
   // ---- words

@@ -129,8 +129,8 @@ def residual_rows(fit: BearingResiduals, t_ns: Ints, target: int, names: tuple[s
         target_id=np.full(len(fit.row), target, dtype=np.int32),
         sensor=np.array([names[i] for i in fit.sensor.tolist()], dtype=np.str_),
         residual=fit.residual,
-        expected=fit.expected_variance,
-        believed=fit.inlier_probability,
+        expected_variance=fit.expected_variance,
+        inlier_probability=fit.inlier_probability,
     )
 
 

@@ -87,7 +87,7 @@ class CloseEncounters:
             if meeting.near and not meeting.named and pair[0] in at and pair[1] in at:
                 self._compare(meeting, snapshot, [at[k] for k in pair])
                 events += _doubts(pair, switch_probability(meeting.distance, meeting.ratio))
-        doubted = {(min(e.id, e.other), max(e.id, e.other)) for e in snapshot.events if e.kind == "doubt"}
+        doubted = {(min(e.id, e.other), max(e.id, e.other)) for e in snapshot.events if e.kind == "possible_switch"}
         alone = _alone(snapshot.support, n) if now else np.zeros((n, 0))
         for pair, (i, j) in now.items():
             both = [i, j]
@@ -128,7 +128,7 @@ def _doubts(pair: tuple[int, int], probability: float) -> list[Event]:
     """Return the possible identity switch of either person, if it is likely enough to report."""
     if probability < MIN_SWITCH_PROBABILITY:
         return []
-    return [Event("doubt", a, b, probability) for a, b in (pair, pair[::-1])]
+    return [Event("possible_switch", a, b, probability) for a, b in (pair, pair[::-1])]
 
 
 def _alone(support: BoxAssociations, people: int) -> Floats:

@@ -36,7 +36,7 @@ from .close_encounters import MIN_SWITCH_PROBABILITY
 from .inputs import PeopleInput
 from .rows import MIN_MAP_PROBABILITY, SnapshotTables, SnapshotWithDetections
 
-REIDENTIFICATION_EVENT, SWITCH_EVENT = "named", "doubt"
+REIDENTIFICATION_EVENT, SWITCH_EVENT = "reidentified", "possible_switch"
 """Kinds of events that affect names."""
 CONSTANT, BY_MARGIN = -5.9, 142.0
 """Numbers of the logistic function, fitted."""

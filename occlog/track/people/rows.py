@@ -10,7 +10,7 @@ import numpy as np
 from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.records.declared.people import BOX, COASTING, GROUND, POSSIBLE_SWITCH, SINGLE_VIEW, words_of
 from occlog.records.scene import Camera
-from occlog.records.tables import Events, PeopleTracks, PeopleViews, Support
+from occlog.records.tables import Associations, Events, PeopleTracks, PeopleViews
 from occlog.track.methods.jipda.interface import HEIGHT, VX, VY, WIDTH, TrackSnapshot, X, Y
 from occlog.track.methods.jipda.kernels.body_box import pack_views, project
 
@@ -46,7 +46,7 @@ class SnapshotTables(NamedTuple):
     """The rows of several time steps; None: image rows are not requested."""
 
     tracks: PeopleTracks
-    support: Support
+    support: Associations
     events: Events
     views: PeopleViews | None
 
@@ -66,7 +66,7 @@ def tracks_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str]) -> P
     by = np.concatenate([detection_probability_by_camera(m, len(names)) >= MIN_MAP_PROBABILITY for m in snapshots])
     mean = np.concatenate([m.mean for m in snapshots])
     covariance = np.concatenate([m.covariance for m in snapshots])
-    exchanged = [np.isin(m.ids, [e.id for e in m.events if e.kind == "doubt"]) for m in snapshots]
+    exchanged = [np.isin(m.ids, [e.id for e in m.events if e.kind == "possible_switch"]) for m in snapshots]
     # With one camera there is no other that could see them
     alone = (by.sum(axis=1) == 1) & (len(names) > 1)
     return PeopleTracks.of(
@@ -77,25 +77,25 @@ def tracks_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str]) -> P
         vx=mean[:, VX],
         vy=mean[:, VY],
         **{name: covariance[:, i, j] for name, (i, j) in COVARIANCES.items()},
-        existence=np.concatenate([m.existence for m in snapshots]),
+        existence_probability=np.concatenate([m.existence for m in snapshots]),
         height=mean[:, HEIGHT],
         width=mean[:, WIDTH],
         sd_height=np.sqrt(covariance[:, HEIGHT, HEIGHT]),
         sd_width=np.sqrt(covariance[:, WIDTH, WIDTH]),
         seen_by=words_of(by, names),
-        doubt=words_of(np.column_stack([~by.any(axis=1), alone, np.concatenate(exchanged)]), QUALITY_FLAGS),
+        quality_flags=words_of(np.column_stack([~by.any(axis=1), alone, np.concatenate(exchanged)]), QUALITY_FLAGS),
     )
 
 
-def associations_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str]) -> Support:
+def associations_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str]) -> Associations:
     """Return a row for each associated box."""
     parts = [each for each in seen if len(each.snapshot.support.row)]
     if not parts:
-        return Support.empty()
+        return Associations.empty()
     numbers = [_numbers(each) for each in parts]
     supports = [each.snapshot.support for each in parts]
     probability = np.concatenate([s.probability for s in supports])
-    table = Support.of(
+    table = Associations.of(
         t_ns=np.repeat([each.snapshot.t_ns for each in parts], [len(s.row) for s in supports]),
         target_id=np.concatenate([each.snapshot.ids[each.snapshot.support.person] for each in parts]).astype(np.int32),
         sensor=np.array(names, dtype=np.str_)[np.concatenate([s.camera for s in supports])],
@@ -165,13 +165,13 @@ class TracksInViews:
             cov_xx_px=rows.spread[:, 0],
             cov_xy_px=rows.spread[:, 1],
             cov_yy_px=rows.spread[:, 2],
-            likeness=unknown,
+            similarity=unknown,
             ess=unknown,
-            mode=np.where(rows.own, BOX, GROUND),
+            likelihood_mode=np.where(rows.own, BOX, GROUND),
             counterpart=nothing,
             neighbours=nothing,
-            helpers=nothing,
-            event=nothing,
+            assisting_views=nothing,
+            lifecycle=nothing,
             visibility=rows.visibility,
         )
         return table.sorted()

@@ -57,7 +57,7 @@ class PeopleSummary:
         self.existence += float(part.tracks.existence_probability.sum())
         self.events.update(part.events.kind.tolist())
         # Both of the two have a row
-        self.exchanges += 0.5 * float(np.nansum(part.events.probability[part.events.kind == "doubt"]))
+        self.exchanges += 0.5 * float(np.nansum(part.events.probability[part.events.kind == "possible_switch"]))
 
     def figures(self) -> dict[str, object]:
         """The figures.
@@ -93,9 +93,9 @@ class PeopleSummary:
                 if self.rows
                 else {}
             ),
-            "initiated": self.events["birth"],
-            "terminated": self.events["death"],
-            "possible_switches": self.events["doubt"],
+            "initiated": self.events["initiated"],
+            "terminated": self.events["terminated"],
+            "possible_switches": self.events["possible_switch"],
             "expected_switches": round(self.exchanges, 1),
             "frames": dict(zip(self.inputs.names, self.inputs.tally.frames.tolist(), strict=True)),
             "boxes": boxes,
@@ -213,7 +213,7 @@ def run_track_people(request: TrackPeopleRequest, job: Job) -> tuple[dict[str, o
     with job.tables(provenance, inputs.scene.length_unit, wider) as tables:
         parts = ((some, tabulator.tables(some)) for some in seen)
         for part in (part for _, part in parts) if names is None else names.named(parts):
-            tables.write(output=part.tracks, support=part.support, events=part.events, view_tracks=part.views)
+            tables.write(output=part.tracks, associations=part.support, events=part.events, view_tracks=part.views)
             summary.add(part)
         losses = tuple(dict.fromkeys((*inputs.losses, *(() if names is None else names.losses))))
         made = replace(provenance, losses=losses).with_checks(summary.checks())

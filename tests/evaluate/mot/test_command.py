@@ -80,13 +80,13 @@ def view_tracks() -> ViewTracks:
         cov_xx_px=zero + 1,
         cov_xy_px=zero,
         cov_yy_px=zero + 1,
-        likeness=zero + 1,
+        similarity=zero + 1,
         ess=zero + 9,
-        mode=none,
+        likelihood_mode=none,
         counterpart=none,
         neighbours=none,
-        helpers=none,
-        event=none,
+        assisting_views=none,
+        lifecycle=none,
     )
 
 

@@ -73,13 +73,13 @@ def tables(seed: int) -> tuple[TruthBoxes, ViewTracks]:
         cov_xx_px=zero + 1,
         cov_xy_px=zero,
         cov_yy_px=zero + 1,
-        likeness=zero,
+        similarity=zero,
         ess=zero,
-        mode=none,
+        likelihood_mode=none,
         counterpart=none,
         neighbours=none,
-        helpers=none,
-        event=none,
+        assisting_views=none,
+        lifecycle=none,
     ).take(rng.random(len(frame)) < 0.85)
     return truth, tracks
 

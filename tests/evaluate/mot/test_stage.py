@@ -277,13 +277,13 @@ def test_the_box_of_an_ellipse_holds_it() -> None:
         cov_xx_px=zero,
         cov_xy_px=zero,
         cov_yy_px=zero,
-        likeness=zero,
+        similarity=zero,
         ess=zero,
-        mode=none,
+        likelihood_mode=none,
         counterpart=none,
         neighbours=none,
-        helpers=none,
-        event=none,
+        assisting_views=none,
+        lifecycle=none,
     )
     angle = np.linspace(0, 2 * np.pi, 20_001)[:, None]
     x = tracks.x_px + a * np.cos(angle) * np.cos(rho) - b * np.sin(angle) * np.sin(rho)

@@ -156,8 +156,8 @@ def test_labels_truths_and_whole_numbers_are_exact() -> None:
         "predicted_mse": np.full(n, np.nan),
         "cameras": np.full(n, "a,b"),
     }
-    a = Diagnostics.of(**same, n_seen=np.array([1, 2, 3]), fallback=np.array(["", "sir", ""]))
-    b = Diagnostics.of(**same, n_seen=np.array([1, 4, 3]), fallback=np.array(["", "sir", "restart"]))
+    a = Diagnostics.of(**same, n_detected=np.array([1, 2, 3]), fallback=np.array(["", "sir", ""]))
+    b = Diagnostics.of(**same, n_detected=np.array([1, 4, 3]), fallback=np.array(["", "sir", "restart"]))
     wide = Tolerances(Limit(100.0, 1.0), units={"1": Limit(100.0)})
     found = diff(a, b, wide)
     assert {name: c.rows for name, c in found.columns.items()} == {"n_seen": 1, "fallback": 1}

@@ -97,11 +97,11 @@ def test_columns_that_no_table_has_are_compared_too(tmp_path: Path, capsys: Any)
 def test_columns_that_only_a_wider_table_has_are_compared(tmp_path: Path, capsys: Any) -> None:
     def fused(name: str, doubt: str) -> str:
         nothing = {key: [0.0, 0.0] for key in ("x", "y", "vx", "vy", "cov_xx", "cov_xy", "cov_yy")}
-        rows = FusedTracks.of(t_ns=[1, 2], target_id=[0, 0], **nothing, seen_by=["a", "a"], doubt=["", doubt])
+        rows = FusedTracks.of(t_ns=[1, 2], target_id=[0, 0], **nothing, seen_by=["a", "a"], quality_flags=["", doubt])
         write_table(tmp_path / name, rows, Provenance("test"))
         return str(tmp_path / name)
 
-    a, b = fused("a.parquet", ""), fused("b.parquet", "one-view")
+    a, b = fused("a.parquet", ""), fused("b.parquet", "single_view")
     assert run(["diff", a, fused("c.parquet", "")]) == ExitCode.DONE
     assert run(["diff", a, b]) == ExitCode.DIFFERENT
     assert "doubt is '' in A, 'one-view' in B" in capsys.readouterr().out
@@ -110,13 +110,15 @@ def test_columns_that_only_a_wider_table_has_are_compared(tmp_path: Path, capsys
 def test_an_export_of_a_wider_table_is_the_same_and_read_as_wide(tmp_path: Path, capsys: Any) -> None:
     """The columns that tracks of several views have more were not read from text."""
     nothing = {key: [0.0, 0.0] for key in ("x", "y", "vx", "vy", "cov_xx", "cov_xy", "cov_yy")}
-    rows = FusedTracks.of(t_ns=[1, 2], target_id=[0, 0], **nothing, seen_by=["a", "b"], doubt=["", "one-view"])
+    rows = FusedTracks.of(
+        t_ns=[1, 2], target_id=[0, 0], **nothing, seen_by=["a", "b"], quality_flags=["", "single_view"]
+    )
     ours, exported, again = (str(tmp_path / name) for name in ("a.parquet", "b.csv", "c.csv"))
     write_table(tmp_path / "a.parquet", rows, Provenance("test"))
     assert run(["export", ours, "-o", exported]) == run(["export", exported, "-o", again]) == ExitCode.DONE
     assert Path(again).read_text() == Path(exported).read_text()
     assert run(["diff", ours, exported]) == run(["diff", exported, ours]) == ExitCode.DONE
-    Path(again).write_text(Path(exported).read_text().replace("one-view", "exchange"))
+    Path(again).write_text(Path(exported).read_text().replace("single_view", "possible_switch"))
     assert run(["diff", ours, again]) == run(["diff", exported, again]) == ExitCode.DIFFERENT
     capsys.readouterr()
     assert run(["info", exported]) == ExitCode.DONE

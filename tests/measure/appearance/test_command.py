@@ -204,7 +204,7 @@ def views(steps):
         sigma=none,
         u_px=none,
         sigma_px=none,
-        likeness=none,
+        similarity=none,
         appearance=np.array(colours, dtype=np.float32),
     )
 

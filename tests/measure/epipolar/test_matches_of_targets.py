@@ -17,7 +17,7 @@ CAMERAS = [looking(n, np.array(p), (0, 0, 1), 500.0) for n, p in (("a", [7.0, 0,
 def test_the_same_target_at_the_same_time_is_a_match():
     rows = view_tracks(CAMERAS, walks(50), np.random.default_rng(0), sigma=0.0)
     event = rows.event.astype("U4")
-    event[(rows.t_ns == 3 * TICK) & (rows.target_id == 1) & (rows.sensor == "b")] = "lost"
+    event[(rows.t_ns == 3 * TICK) & (rows.target_id == 1) & (rows.sensor == "b")] = "terminated"
     rows = type(rows)(**{c.name: event if c.name == "event" else getattr(rows, c.name) for c in rows.columns()})
     parts = [rows.take(slice(k, k + 33)) for k in range(0, len(rows), 33)]
     (found,) = matches_of_tracks(parts, "here")
@@ -101,13 +101,13 @@ def test_every_target_and_both_ends_are_taken_alike(targets, steps):
         cov_xx_px=one,
         cov_xy_px=0 * one,
         cov_yy_px=one,
-        likeness=one,
+        similarity=one,
         ess=one,
-        mode=blank,
+        likelihood_mode=blank,
         counterpart=blank,
         neighbours=blank,
-        helpers=blank,
-        event=blank,
+        assisting_views=blank,
+        lifecycle=blank,
     )
     (found,) = matches_of_tracks([rows], "here", "ends")
     values, counts = np.unique(found.points_a[:, 1], return_counts=True)

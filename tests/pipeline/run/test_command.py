@@ -231,7 +231,7 @@ def test_everybody_is_followed_by_boxes(tmp_path: Path, capsys: pytest.CaptureFi
     )
     assert set(stages(config, capsys)) == {"detect", "track", "evaluate", "report"}
     made = {path.name for path in (tmp_path / "out").iterdir()}
-    assert {"support.parquet", "events.parquet", "view_tracks.parquet", "metrics.json", "report.html"} <= made
+    assert {"associations.parquet", "events.parquet", "view_tracks.parquet", "metrics.json", "report.html"} <= made
     assert len(read_table(tmp_path / "out" / "tracks.parquet", PeopleTracks))
     assert json.loads((tmp_path / "out" / "metrics.json").read_text())["idf1"] > 0.9
 

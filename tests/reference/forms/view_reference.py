@@ -75,7 +75,7 @@ def weights_of(log_weights: Array) -> Array:
 
 
 def reach(e: Array, theta: Array | float) -> Any:
-    """Support radius of ellipses (..., 5)."""
+    """Associations radius of ellipses (..., 5)."""
     return np.hypot(e[..., 2] * np.cos(theta - e[..., 4]), e[..., 3] * np.sin(theta - e[..., 4]))
 
 

@@ -32,7 +32,7 @@ def walk(
         cov_yy=np.full(n, sd**2),
         **{name: np.full(n, unknown) for name in ("cov_x_vx", "cov_x_vy", "cov_y_vx", "cov_y_vy", "cov_vx_vy")},
         **{name: np.full(n, 0.04 + unknown) for name in ("cov_vx_vx", "cov_vy_vy")},
-        existence=np.full(n, 0.9),
+        existence_probability=np.full(n, 0.9),
         height=np.full(n, 1.7),
         width=np.full(n, 0.5),
         sd_height=np.full(n, sd),

@@ -36,8 +36,8 @@ def tracks() -> PeopleTracks:
     return PeopleTracks.of(
         t_ns=[NS, NS, 2 * NS, 2 * NS], target_id=[3, 7, 3, 7], x=[2.0, 1.0, 2.5, 1.0], y=[1.0, 2.0, 1.0, 2.5],
         cov_xx=[0.04] * 4, cov_xy=[0.0] * 4, cov_yy=[0.01] * 4, **zero,
-        existence=[1.0] * 4, height=[1.8, np.nan, 1.8, np.nan], width=[0.4] * 4,
-        seen_by=["east", "east", "east", ""], doubt=["", "", "", "unseen"],
+        existence_probability=[1.0] * 4, height=[1.8, np.nan, 1.8, np.nan], width=[0.4] * 4,
+        seen_by=["east", "east", "east", ""], quality_flags=["", "", "", "coasting"],
     )  # fmt: skip
 
 
@@ -46,15 +46,15 @@ def view_tracks() -> PeopleViews:
     return PeopleViews.of(
         t_ns=[NS] * 2, sensor=["east"] * 2, frame=[0] * 2, target_id=[3, 7], x_px=[20.0, 40.0], y_px=[25.0, 20.0],
         a_px=[4.0, 3.0], b_px=[10.0, 8.0], rho=[0.0] * 2, cov_xx_px=[1.0] * 2, cov_xy_px=[0.0] * 2, cov_yy_px=[1.0] * 2,
-        mode=["box", "floor"], helpers=[""] * 2, event=[""] * 2, **nothing,
+        likelihood_mode=["box", "floor"], assisting_views=[""] * 2, lifecycle=[""] * 2, **nothing,
     )  # fmt: skip
 
 
 def diagnostics() -> Diagnostics:
     return Diagnostics.of(
-        t_ns=[NS, 2 * NS], target_id=[3, 3], ess=[80.5, np.nan], log_likelihood=[-1.0, -2.0], n_looked=[1, 1],
-        n_seen=[1, 0], fallback=["", "restart"], cameras=["east", "east"], n_offered=[1, 1], selected=["east", ""],
-        predicted_mse=[np.nan, np.nan], seen_by=["east", ""], doubt=["", ""],
+        t_ns=[NS, 2 * NS], target_id=[3, 3], ess=[80.5, np.nan], log_likelihood=[-1.0, -2.0], n_observing=[1, 1],
+        n_detected=[1, 0], fallback=["", "restart"], cameras=["east", "east"], n_available=[1, 1], selected=["east", ""],
+        predicted_mse=[np.nan, np.nan], seen_by=["east", ""], quality_flags=["", ""],
     )  # fmt: skip
 
 
@@ -77,7 +77,7 @@ def fill(folder: Path, unit: str = "m", broken: bool = False) -> Path:
         out.table(Truth.of(t_ns=[NS] * 2, target_id=[3, 9], role=role, x=[2.1, 5.0], y=[1.0, 4.0], z=[np.nan] * 2))
         none = {n: [np.nan] for n in ("elevation", "sigma_azimuth", "sigma_elevation", "confidence")}
         out.table(Doa.of(t_ns=[NS], sensor=["world"], source_id=[-1], azimuth=[0.5 * np.pi], **none))
-    events = Events.of(t_ns=[NS], target_id=[7], kind=["doubt"], other_id=[3], probability=[0.25])
+    events = Events.of(t_ns=[NS], target_id=[7], kind=["possible_switch"], other_id=[3], probability=[0.25])
     for table in (tracks(), view_tracks(), diagnostics(), bearings(), events):
         write_table(folder / f"{table.NAME}.parquet", table, MADE, length_unit=unit)
     return folder

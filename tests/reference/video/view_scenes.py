@@ -46,13 +46,13 @@ def view_tracks(cameras, places, rng, sigma=2.0, delay_ns=0):
                 cov_xx_px=max(sigma, 0.1) ** 2 * one,
                 cov_xy_px=0 * one,
                 cov_yy_px=max(sigma, 0.1) ** 2 * one,
-                likeness=one,
+                similarity=one,
                 ess=np.nan * one,
-                mode=np.full(rows, "bmct"),
+                likelihood_mode=np.full(rows, "bmct"),
                 counterpart=blank,
                 neighbours=blank,
-                helpers=blank,
-                event=blank,
+                assisting_views=blank,
+                lifecycle=blank,
             )
         )
     return ViewTracks.merge(parts)

@@ -55,13 +55,13 @@ def tracks_of(times: list[int]) -> ViewTracks:
                     cov_xx_px=[1.0] * 2,
                     cov_xy_px=[0.0] * 2,
                     cov_yy_px=[1.0] * 2,
-                    likeness=[np.nan] * 2,
+                    similarity=[np.nan] * 2,
                     ess=[np.nan] * 2,
-                    mode=["bmct"] * 2,
+                    likelihood_mode=["bmct"] * 2,
                     counterpart=[""] * 2,
                     neighbours=["1", "0"],
-                    helpers=[other, ""],
-                    event=[""] * 2,
+                    assisting_views=[other, ""],
+                    lifecycle=[""] * 2,
                 )
             )
     return ViewTracks.concat(parts)

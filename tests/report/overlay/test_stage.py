@@ -42,13 +42,13 @@ def tracks(camera, neighbours, helpers, ids=(0, 1, 2)):
         cov_xx_px=ones,
         cov_xy_px=0 * ones,
         cov_yy_px=ones,
-        likeness=nan,
+        similarity=nan,
         ess=nan,
-        mode=["bmct"] * n,
+        likelihood_mode=["bmct"] * n,
         counterpart=[""] * n,
         neighbours=neighbours,
-        helpers=helpers,
-        event=[""] * n,
+        assisting_views=helpers,
+        lifecycle=[""] * n,
     )
 
 

@@ -61,10 +61,10 @@ def folder(tmp_path: Path) -> Path:
     nothing = {name: [np.nan] * 3 for name in ("vx", "vy")}
     tracks = Tracks.of(t_ns=t_ns, target_id=target, x=PLACES[:, 0], y=PLACES[:, 1], **covariance, **nothing)
     write_table(tmp_path / "tracks.parquet", tracks, MADE, length_unit="m")
-    words = {name: [""] * 3 for name in ("fallback", "selected", "doubt")}
+    words = {name: [""] * 3 for name in ("fallback", "selected", "quality_flags")}
     numbers = {name: [np.nan] * 3 for name in ("ess", "log_likelihood", "predicted_mse")}
     seen = Diagnostics.of(
-        t_ns=t_ns, target_id=target, n_looked=[2] * 3, n_seen=[1] * 3, n_offered=[2] * 3, cameras=["east,west"] * 3,
+        t_ns=t_ns, target_id=target, n_observing=[2] * 3, n_detected=[1] * 3, n_available=[2] * 3, cameras=["east,west"] * 3,
         seen_by=["east"] * 3, **words, **numbers,
     )  # fmt: skip
     write_table(tmp_path / "diagnostics.parquet", seen, MADE, length_unit="m")

@@ -33,7 +33,9 @@ def of_everybody(targets: int, first: int) -> ReportInput:
     columns = {c.name: getattr(data.tracks, c.name) for c in Tracks.columns()}
     n = len(data.tracks)
     columns |= {"target_id": columns["target_id"] + np.int32(first)}
-    tracks = PeopleTracks.of(**columns, existence=np.ones(n), seen_by=np.full(n, ""), doubt=np.full(n, ""))
+    tracks = PeopleTracks.of(
+        **columns, existence_probability=np.ones(n), seen_by=np.full(n, ""), quality_flags=np.full(n, "")
+    )
     return replace(data, tracks=tracks, errors=None, diagnostics=None, bearings=None)
 
 

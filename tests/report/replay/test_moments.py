@@ -128,10 +128,12 @@ def test_who_saw_a_target_and_what_is_doubtful_come_from_tracks_of_everybody_or_
     tracks = data.tracks
     assert tracks is not None
     plain = {c.name: getattr(tracks, c.name) for c in Tracks.columns()}
-    people = PeopleTracks.of(**plain, existence=np.linspace(0.1, 1, 10), seen_by=["a,b"] * 10, doubt=["unseen"] * 10)
+    people = PeopleTracks.of(
+        **plain, existence_probability=np.linspace(0.1, 1, 10), seen_by=["a,b"] * 10, quality_flags=["coasting"] * 10
+    )
     values = told(replace(data, tracks=people, errors=None))
     table = columns(values, "tracks")
-    assert values["words"] == {"seen": ["a,b"], "doubt": ["unseen"]}
+    assert values["words"] == {"seen": ["a,b"], "doubt": ["coasting"]}
     np.testing.assert_allclose(table["existence"] / 254, np.linspace(0.1, 1, 10), atol=0.002)
     assert not values["compared"]
     assert min(columns(values, "truth")["target"]) >= rule.TRUE_FROM

@@ -195,7 +195,7 @@ def test_rows_are_doubted_while_the_clock_of_one_sensor_is_wrong():
     late = {c.name: getattr(bearings, c.name)[measured] for c in Bearings.columns()} | {"t_ns": bearings.t_ns}
     doubt = whole(track([Bearings(**late)], SCENE, fixes()))[1].doubt
     assert set(doubt[:40].tolist() + doubt[70:].tolist()) == {""}
-    assert np.count_nonzero(doubt[45:60] == "sensor-disagrees") >= 10
+    assert np.count_nonzero(doubt[45:60] == "inconsistent_sensor") >= 10
 
 
 def fixes() -> TrackingTask:

@@ -52,7 +52,7 @@ def test_fixes_of_a_field_log(
     x, y, east, north = np.array(pairs).T
     assert np.median(np.hypot(x - east, y - north)) == pytest.approx(median, rel=0.1)
     told = read_table(tmp_path / "how.parquet", Diagnostics)
-    assert set(told.fallback[told.n_detected == 2].tolist()) == {"pair"}
+    assert set(told.fallback[told.n_detected == 2].tolist()) == {"two_lines"}
     assert (told.n_detected >= 2).all()
 
 

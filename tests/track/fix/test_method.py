@@ -110,7 +110,7 @@ def test_two_bearings_are_told_apart_from_more() -> None:
         (k, s, 1, direction(s, np.array([5.0, 4.0]))) for k, n in ((0, 2), (1, 4)) for s in NAMES[1 - n // 4 : 4][:n]
     ]
     (found,) = track([table(rows)], make_scene(), TrackingTask(FixConfig(), 0, method="fix"))
-    assert found.diagnostics.fallback.tolist() == ["pair", ""]
+    assert found.diagnostics.fallback.tolist() == ["two_lines", ""]
 
 
 @pytest.mark.parametrize(

@@ -468,7 +468,7 @@ def test_every_method_ends_trackers_that_nothing_supports(balls, tmp_path, metho
     args = ("-q", "--detections", str(path), "--set", "max_coasting_frames=3")
     assert track(balls, tmp_path, *args, method=method, initial=None) == ExitCode.DONE
     table = result(tmp_path)
-    last = table.take(table.lifecycle == "lost")
+    last = table.take(table.lifecycle == "terminated")
     assert len(last) == (table.lifecycle == "start").sum() >= 4
     assert set(last.frame.tolist()) == {8}
     assert table.frame.max() == 8

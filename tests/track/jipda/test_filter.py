@@ -143,7 +143,7 @@ def test_births_and_deaths_are_told() -> None:
     gone = [[emptied(look) for look in looks] for looks in made.moments[20:]]
     moments = follow(made._replace(moments=made.moments[:20] + gone))
     events = [e.kind for m in moments for e in m.events]
-    assert events.count("birth") == events.count("death") >= 3
+    assert events.count("initiated") == events.count("terminated") >= 3
     assert len(moments[-1].ids) == 0
 
 

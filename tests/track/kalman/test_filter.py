@@ -53,7 +53,7 @@ def test_a_target_is_followed_as_stated_and_smoothing_helps(method: str) -> None
     away, covariance, notes = follow(SEEN, method)
     assert rmse(away) < 2.2
     assert 1.0 < normalised_squared_errors(away, covariance).mean() < 3.0
-    assert set(notes.fallback.tolist()) <= {"", "stuck"}
+    assert set(notes.fallback.tolist()) <= {"", "infeasible"}
     assert np.isnan(notes.ess).all()
     smoothed, covariance, _ = follow(SEEN, method, smooth=True)
     assert rmse(smoothed) < 0.9 * rmse(away)

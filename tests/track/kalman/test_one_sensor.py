@@ -11,7 +11,7 @@ from occlog.filtering.gaussian import Gaussian
 from occlog.filtering.likelihood.measurement_model import LinearisedRows, MeasurementWorld, azimuths, measured
 from occlog.track.methods.apf.model import pack_noise, pack_sensors
 from occlog.track.methods.kalman import updates
-from occlog.track.methods.kalman.config import IGNORE, IekfConfig
+from occlog.track.methods.kalman.config import NONE, IekfConfig
 from occlog.track.methods.kalman.updates import polar_update
 
 pytestmark = pytest.mark.jit
@@ -75,7 +75,7 @@ def test_many_looks_of_one_camera_do_not_draw_the_estimate_to_it() -> None:
     given = row(AT, pixel=False, sd=0.03)
     for off in 0.03 * rng.normal(size=100):
         noisy = given._replace(value=given.value + off)
-        state = updates.iekf(state, noisy, WORLD, IekfConfig(visibility_constraint=IGNORE), np.empty((0, 2))).state
+        state = updates.iekf(state, noisy, WORLD, IekfConfig(visibility_constraint=NONE), np.empty((0, 2))).state
     out = state.mean[:2] / np.hypot(*state.mean[:2])
     assert np.hypot(*state.mean[:2]) == pytest.approx(50.0, rel=1e-6)
     assert np.sqrt(out @ state.covariance[:2, :2] @ out) == pytest.approx(np.sqrt(200.0), rel=1e-6)

@@ -12,7 +12,7 @@ from occlog.filtering.gaussian import Gaussian
 from occlog.filtering.likelihood.measurement_model import LinearisedRows, MeasurementWorld, linearised, measured
 from occlog.track.methods.apf.model import pack_noise, pack_sensors
 from occlog.track.methods.kalman import updates
-from occlog.track.methods.kalman.config import DESCENT, IGNORE, VISIBLE, IekfConfig, UkfConfig
+from occlog.track.methods.kalman.config import DESCENT, NONE, VISIBLE, IekfConfig, UkfConfig
 
 pytestmark = pytest.mark.jit
 SCENE = room100(pillar=True)
@@ -116,7 +116,7 @@ def test_points_that_a_camera_cannot_see_teach_nothing_and_leave_a_covariance() 
 def test_the_iterated_filter_ends_at_the_most_probable_place() -> None:
     """Bearings alone, whose variance does not depend on the place: the minimum by another search."""
     state, given = Gaussian(np.array([20.0, 30.0, 0.5, 0.5]), 4.0 * COVARIANCE), rows([0, 1], (27.0, 26.0), [False] * 2)
-    config = IekfConfig(visibility_constraint=IGNORE, max_iterations=100)
+    config = IekfConfig(visibility_constraint=NONE, max_iterations=100)
     found = updates.iekf(state, given, WORLD, config, np.empty((0, 2)))
     best = minimize(
         lambda x: updates.map_cost(np.asarray(x)[None], state, given, WORLD)[0],

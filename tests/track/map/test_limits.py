@@ -54,7 +54,7 @@ def depth_in_wall(xy: Floats) -> float:
 @pytest.mark.parametrize("kind", ["mode", "invariant"])
 def test_no_estimate_runs_through_a_wall_without_a_flag(kind: str, seed: int) -> None:
     out = estimate(walled(), around_the_wall(seed), estimate=kind)
-    assert "wall" not in out.fallback
+    assert "no_path" not in out.fallback
     assert depth_in_wall(out.xy) == 0.0
 
 
@@ -139,5 +139,5 @@ def test_a_linear_start_survives_a_contradiction() -> None:
     rows.seen[back], rows.bearing[back], rows.u_px[back] = True, np.pi - 1e-3, 0.5
     rows.sigma[:], rows.sigma_px[:] = np.where(rows.seen, 1e-3, np.nan), np.where(rows.seen, 0.5, np.nan)
     axes, linear = (estimate(scene, one, initialisation=start) for start in ("axes", "linear"))
-    assert axes.fallback[5] == linear.fallback[5] == "contradiction"
+    assert axes.fallback[5] == linear.fallback[5] == "infeasible_constraints"
     np.testing.assert_allclose(linear.xy, axes.xy, atol=1e-4)

@@ -22,7 +22,7 @@ from occlog.io.recording.writer import RecordingWriter
 from occlog.records.declared.views import ViewTracks
 from occlog.records.losses import OUTSIDE_IMAGE, Loss
 from occlog.records.scene import Camera, MicrophoneArray, Scene
-from occlog.records.tables import Boxes, Doa, Events, PeopleTracks, PeopleViews, Support, Tracks, TruthBoxes
+from occlog.records.tables import Associations, Boxes, Doa, Events, PeopleTracks, PeopleViews, Tracks, TruthBoxes
 from occlog.track.catalogue import smooths
 
 pytestmark = pytest.mark.jit
@@ -37,7 +37,9 @@ def track(folder: Path, found: Boxes, scene: Scene, *args: str) -> int:
 
 def follow(folder: Path, source: str, *args: str) -> int:
     out = [
-        part for name in ("support", "events", "view-tracks") for part in (f"--{name}", str(folder / f"{name}.parquet"))
+        part
+        for name in ("associations", "events", "view-tracks")
+        for part in (f"--{name}", str(folder / f"{name}.parquet"))
     ]
     tracks = ["-o", str(folder / "t.parquet"), "--overwrite", "--json"]
     return run(["track", source, "--method", "jipda", *tracks, *out, *args])
@@ -71,7 +73,7 @@ def test_everybody_is_followed_and_the_tables_agree(walk, tmp_path, capsys):
         now, then = rows.take(rows.t_ns == t_ns), true.take(true.t_ns == t_ns)
         apart = np.hypot(now.x[:, None] - then.x, now.y[:, None] - then.y)
         assert (apart.min(axis=1) < 0.2).all()
-    support = read_table(tmp_path / "support.parquet", Support)
+    support = read_table(tmp_path / "associations.parquet", Associations)
     keys = set(zip(rows.t_ns.tolist(), rows.target_id.tolist(), strict=True))
     assert set(zip(support.t_ns.tolist(), support.target_id.tolist(), strict=True)) <= keys
     whose = {
@@ -90,7 +92,7 @@ def test_everybody_is_followed_and_the_tables_agree(walk, tmp_path, capsys):
     }
     assert len(pairs) == PEOPLE
     events = read_table(tmp_path / "events.parquet", Events)
-    assert events.kind.tolist().count("birth") == PEOPLE
+    assert events.kind.tolist().count("initiated") == PEOPLE
     views = read_table(tmp_path / "view-tracks.parquet", PeopleViews)
     assert set(views.target_id.tolist()) == set(rows.target_id.tolist())
     assert ((views.visibility >= 0) & (views.visibility <= 1)).all()
@@ -437,7 +439,7 @@ def test_the_future_is_used_where_it_is_wanted(how, tmp_path, capsys):
     plain = off()
     assert track(tmp_path, found, SCENE, *how, "-q") == ExitCode.DONE
     assert off() < 0.8 * plain
-    support = read_table(tmp_path / "support.parquet", Support)
+    support = read_table(tmp_path / "associations.parquet", Associations)
     assert len(support) > 0.8 * np.count_nonzero(found.box >= 0)
     made = read_provenance(tmp_path / "t.parquet").parameters
     assert smooths("track", made)

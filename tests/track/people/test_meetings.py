@@ -82,7 +82,7 @@ def doubts(moments: list[TrackSnapshot], unit: float = 1.0) -> list[tuple[int, E
 
 def test_two_who_pass_closely_unseen_are_doubted_once_when_they_part() -> None:
     found = doubts(crossing(0.05, 0.2))
-    assert [(e.kind, e.id, e.other) for _, e in found] == [("doubt", 7, 8), ("doubt", 8, 7)]
+    assert [(e.kind, e.id, e.other) for _, e in found] == [("possible_switch", 7, 8), ("possible_switch", 8, 7)]
     (when, one), (_, other) = found
     assert one.probability == other.probability >= MIN_SWITCH_PROBABILITY
     # 2.2 widths apart again, 1.21 m at 2 m/s after the middle
@@ -106,7 +106,7 @@ def test_the_unit_of_length_does_not_matter(unit: float) -> None:
 
 def test_what_the_method_itself_doubts_is_not_said_again() -> None:
     moments = crossing(0.05, 0.2)
-    moments[21] = moments[21]._replace(events=(Event("doubt", 8, 7, 0.4), Event("birth", 9, NO_ID, 0.9)))
+    moments[21] = moments[21]._replace(events=(Event("possible_switch", 8, 7, 0.4), Event("initiated", 9, NO_ID, 0.9)))
     assert doubts(moments) == []
 
 

@@ -43,7 +43,10 @@ def step(state: int, looks: list[FrameDetections]) -> tuple[int, TrackSnapshot]:
         person += [0] * len(best)
         camera += [look.camera] * len(best)
         row += look.row[best].tolist()
-    events = {0: (Event("birth", 10, NO_ID, 0.9), Event("birth", 11, NO_ID, 0.8)), 3: (Event("doubt", 10, 11, 0.4),)}
+    events = {
+        0: (Event("initiated", 10, NO_ID, 0.9), Event("initiated", 11, NO_ID, 0.8)),
+        3: (Event("possible_switch", 10, 11, 0.4),),
+    }
     moment = TrackSnapshot(
         t_ns=t_ns,
         ids=np.array([10, 11]),
@@ -92,12 +95,12 @@ def test_everybody_has_a_row_at_every_moment(seen: list[SnapshotWithDetections])
 def test_rows_say_who_saw_the_person_and_why_to_doubt(seen: list[SnapshotWithDetections]) -> None:
     rows = Tabulator(CAMERAS, in_images=False).tables(seen).tracks
     hidden = rows.take(rows.target_id == 11)
-    assert set(hidden.quality_flags.tolist()) == {"unseen"}
+    assert set(hidden.quality_flags.tolist()) == {"coasting"}
     assert set(hidden.seen_by.tolist()) == {""}
     told = rows.take(rows.target_id == 10)
     for by, doubt, t_ns in zip(told.seen_by.tolist(), told.quality_flags.tolist(), told.t_ns.tolist(), strict=True):
-        words = {"": ["unseen"], "a": ["one-view"], "b": ["one-view"], "c": ["one-view"]}.get(by, [])
-        assert doubt == ",".join([*words, *(["exchange"] if t_ns == 3 * STEP_NS else [])])
+        words = {"": ["coasting"], "a": ["single_view"], "b": ["single_view"], "c": ["single_view"]}.get(by, [])
+        assert doubt == ",".join([*words, *(["possible_switch"] if t_ns == 3 * STEP_NS else [])])
     assert "a,b,c" in told.seen_by.tolist()
 
 
@@ -116,7 +119,7 @@ def test_support_names_the_boxes_by_frame_and_number(seen: list[SnapshotWithDete
 
 def test_events_have_the_time_of_their_moment(seen: list[SnapshotWithDetections]) -> None:
     rows = Tabulator(CAMERAS, in_images=False).tables(seen).events
-    assert rows.kind.tolist() == ["birth", "birth", "doubt"]
+    assert rows.kind.tolist() == ["initiated", "initiated", "possible_switch"]
     assert rows.t_ns.tolist() == [0, 0, 3 * STEP_NS]
     assert rows.other_id.tolist() == [-1, -1, 11]
 

@@ -122,7 +122,7 @@ class BoxOptions:
         frames: first frame and the one after the last; None: from the first to the last in the files.
         first_number: number that is frame 0, where neither the format nor `BoxFile` states it.
         confidence_scale: number by which confidences are divided.
-        scores: what a confidence is: `probability`; `logistic`: any number, converted by the logistic function;
+        scores: what a confidence is: `probability`; `logit`: any number, converted by the logistic function;
             `unknown`: of no use, so that it is not kept.
         ignore_extra: skip unknown columns instead of refusing them.
         drop_zero: omit boxes with a confidence that is 0.
@@ -370,7 +370,7 @@ def box_rows(rows: CsvRows, cameras: list[str], first_number: int = 0) -> FileBo
         cameras: names of the cameras so far; new ones are added.
         first_number: number of frame 0.
     """
-    options = BoxOptions(first_number=first_number, scores="logistic")
+    options = BoxOptions(first_number=first_number, scores="logit")
     labels = rows.cells["camera"] if rows.has("camera") else None
     file = BoxFile(rows.path, rows.path.stem if labels is None else None)
     camera = _number_cameras(file, rows, labels, cameras, (), options, {})
@@ -561,7 +561,7 @@ def _confidence(rows: CsvRows, options: BoxOptions) -> Floats:
     if not (rows.has("confidence") and options.use_confidence) or options.scores == "unknown":
         return np.full(len(rows), np.nan)
     given = rows.floats("confidence", blank=True)
-    if options.scores == "logistic":
+    if options.scores == "logit":
         with np.errstate(over="ignore"):
             return np.asarray(1.0 / (1.0 + np.exp(-given / options.confidence_scale)))
     return np.where(given == -1, np.nan, given / options.confidence_scale)

@@ -68,7 +68,7 @@ def check_boxes(rows: CsvRows, boxes: FileBoxRows) -> FileBoxRows:
         raise rows.fail(
             row,
             f"confidence {boxes.confidence[row]:g}; it must be 0 to 1; state the scale that divides it, or state that "
-            "scores are logistic (any number) or unknown (not used)",
+            "scores are logits (score type logit) or unknown (not used)",
         )
     return boxes
 

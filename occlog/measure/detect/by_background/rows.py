@@ -116,7 +116,7 @@ def _views(state: CameraState, frames: _RegionFrames, seen: RegionBearings, like
         u_px=seen.u_px,
         sigma_px=seen.sigma_px,
         confidence=np.full(total, np.nan),
-        likeness=shown,
+        similarity=shown,
         target_id=target_id,
         appearance=r.appearance.astype(np.float32),
     )

@@ -66,7 +66,7 @@ def figures(paths: tuple[Path, ...], groups: list[PeopleTracks], fused: FusedGro
         "people": len(np.unique(fused.tracks.target_id)),
         "rows": len(fused.tracks),
         **({"multi_group_share": float(several.mean())} if len(several) else {}),
-        "possible_switches": int(np.count_nonzero(fused.events.kind == "doubt")),
+        "possible_switches": int(np.count_nonzero(fused.events.kind == "possible_switch")),
         "groups": by_group,
     }
 

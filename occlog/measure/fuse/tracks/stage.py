@@ -316,12 +316,12 @@ def _events(tracks: JoinedTracks, doubts: list[_Doubt], times: Ints) -> Events:
     ended = np.searchsorted(times, tracks.t_ns[last], side="right")
     gone = ended < len(times)
     births = [
-        (int(tracks.t_ns[row]), "birth", int(i), NO_ID, float(tracks.existence_probability[row]))
+        (int(tracks.t_ns[row]), "initiated", int(i), NO_ID, float(tracks.existence_probability[row]))
         for i, row in zip(ids, first, strict=True)
     ]
     deaths = [
-        (int(times[end]), "death", int(i), NO_ID, float(tracks.existence_probability[row]))
+        (int(times[end]), "terminated", int(i), NO_ID, float(tracks.existence_probability[row]))
         for i, end, row in zip(ids[gone], ended[gone], last[gone], strict=True)
     ]
-    doubtful = [(d.t_ns, "doubt", d.identity, d.other, np.nan) for d in doubts]
+    doubtful = [(d.t_ns, "possible_switch", d.identity, d.other, np.nan) for d in doubts]
     return Events.of_rows([*births, *deaths, *doubtful])

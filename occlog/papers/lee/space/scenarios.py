@@ -38,15 +38,15 @@ WAYS: dict[str, tuple[str, Values]] = {
             "running": "selected",
             "per_plane": "best",
             "combining": "planes-weighted",
-            "proposal": "motion",
+            "proposal": "bootstrap",
         },
     ),
 }
 DIRECT_COPIES, PPS_COPIES = "direct3d, copies", "pps, copies"
 COUNTED_WAYS: dict[str, tuple[str, Values]] = {
     **WAYS,
-    DIRECT_COPIES: ("direct3d", {"kernel_bandwidth": 0.0, "proposal": "motion"}),
-    PPS_COPIES: ("pps", {"kernel_bandwidth": 0.0, "proposal": "motion"}),
+    DIRECT_COPIES: ("direct3d", {"kernel_bandwidth": 0.0, "proposal": "bootstrap"}),
+    PPS_COPIES: ("pps", {"kernel_bandwidth": 0.0, "proposal": "bootstrap"}),
 }
 """Ways of the experiment on particles; `copies`: resampled particles are not moved, as in the thesis."""
 DIRECT_BOUND, PLANES_BOUND = "bound", "bound of the planes"

@@ -132,10 +132,10 @@ class ApfConfig(SmoothingConfig):
 
     # Sampling, [Ercan] Alg. 1
     proposal: str = setting(
-        "scan",
-        "Importance density: `scan` draws particles with the measurements of the scan, `motion` by the motion "
+        "adapted",
+        "Importance density: `adapted` draws particles with the measurements of the scan, `bootstrap` by the motion "
         "model alone, as in the paper (bootstrap filter).",
-        choices=("scan", "motion"),
+        choices=("adapted", "bootstrap"),
     )
     defensive_fraction: float = setting(
         0.05,

@@ -2,10 +2,10 @@
 
 Two importance densities:
 
-* `motion`, [Ercan]'s: a particle moves by the model alone, without the scan.  Stage 1 chooses parents by the
+* `bootstrap`, [Ercan]'s: a particle moves by the model alone, without the scan.  Stage 1 chooses parents by the
   likelihood at their expected positions.  Where bearings are sharper than the motion is certain nearly all particles
   miss the scan's likelihood, and the few that do not are taken for certainty;
-* `scan`: for every particle there are three hypotheses, that it goes on, changes its destination, or waits.  The
+* `adapted`: for every particle there are three hypotheses, that it goes on, changes its destination, or waits.  The
   Laplace approximation of each one's posterior (`occlog.track.methods.apf.kernels.importance`) gives the predictive
   likelihood by which stage 1 chooses among the hypotheses of all particles, and the density from which the position is
   drawn.  What the approximation omits (walls, moving occluders, sensors that saw nothing) comes into stage 1
@@ -74,7 +74,7 @@ def auxiliary_step(
     Returns:
         Particles at the time of the scan; their log-likelihood is -inf if none agrees with it.
     """
-    if model.config.proposal == "scan" and dt > 0.0:
+    if model.config.proposal == "adapted" and dt > 0.0:
         return _adapted_step(model, particles, weights, packed, dt, rng)
     return _bootstrap_step(model, particles, weights, packed, dt, rng)
 
@@ -210,7 +210,7 @@ def initial_particles(model: ApfModel, start: tuple[float, ...] | None, rng: Gen
     config = model.config
     n = config.particles * config.initial_particle_factor
     if start is not None:
-        shrink = math.sqrt(1.0 - START_KERNEL_RATIO**2) if config.proposal == "scan" else 1.0
+        shrink = math.sqrt(1.0 - START_KERNEL_RATIO**2) if config.proposal == "adapted" else 1.0
         xy = np.array(start[:2]) + shrink * start[2] * rng.standard_normal((n, 2))
     elif model.views is not None:
         xy = draw_places(n, model.views, rng)
@@ -242,7 +242,7 @@ def select_initial_particles(
 ) -> ProposedParticles:
     """Resample initial particles by their likelihood of the first scan, to the filter's number of particles.
 
-    With the density `scan` each particle represents a kernel about its position, adapted to the scan as in a step.
+    With the density `adapted` each particle represents a kernel about its position, adapted to the scan as in a step.
 
     Args:
         model: scene and settings.
@@ -253,7 +253,7 @@ def select_initial_particles(
     """
     config, many = model.config, len(particles.speed)
     log_prior, sharpness = np.full(many, -math.log(many)), 0.0
-    if config.proposal == "scan" and sigma != 0.0:
+    if config.proposal == "adapted" and sigma != 0.0:
         # The kernels' width: what lies between the positions of the floor, or a share of the start's
         width2 = abs(signed_area(model.floor.room)) / many if sigma is None else (START_KERNEL_RATIO * sigma) ** 2
         variance = np.full(many, width2)

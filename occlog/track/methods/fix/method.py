@@ -28,7 +28,8 @@ from .lines_and_distances import MIN_SECOND_MODE_PROBABILITY, BearingLines, has_
 
 MAX_PAIRS = 40_000
 """Pairs of candidates that are tried; beyond, the least certain candidates are omitted."""
-STATED, PAIR, AMBIGUOUS, UNCHECKED, CONTESTED = "stated", "pair", "ambiguous", "unchecked", "contested"
+STATED, PAIR, AMBIGUOUS = "stated_covariance", "two_lines", "ambiguous"
+UNVERIFIED, POSSIBLE_OUTLIER = "unverified", "possible_outlier"
 
 
 class FixState(NamedTuple):
@@ -144,8 +145,8 @@ def _fallback(found: Modes, spread: str) -> str:
     if len(inlier) == 2:
         return PAIR if spread != "stated" else ""
     if np.count_nonzero(inlier >= 0.5) <= 2:
-        return UNCHECKED
-    return CONTESTED if has_rival_mode(found) else ""
+        return UNVERIFIED
+    return POSSIBLE_OUTLIER if has_rival_mode(found) else ""
 
 
 def _estimated(config: FixConfig, positions: Floats, bearings: Floats, sigma: Floats) -> Fix | None:

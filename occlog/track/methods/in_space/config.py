@@ -88,10 +88,10 @@ class SpaceConfig(SmoothingConfig):
 
     # Sampling
     proposal: str = setting(
-        "scan",
-        "Importance density: `scan` uses the measurements where few particles would be effective, `motion` the "
+        "adapted",
+        "Importance density: `adapted` uses the measurements where few particles would be effective, `bootstrap` the "
         "motion model alone.",
-        choices=("scan", "motion"),
+        choices=("adapted", "bootstrap"),
     )
     resampling_threshold: float = setting(
         0.5,

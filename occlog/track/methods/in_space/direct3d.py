@@ -111,7 +111,7 @@ def step(state: Direct3dState, scan: Scan, rng: Generator) -> tuple[Direct3dStat
     estimate = estimate_of(mean, covariance, draw, heard, agrees(mean[None, :3], heard, config.gate)[0])
     # Resample from a kernel density: what begins has more particles, what moves blindly may have few effective ones
     cloud, weights = draw.cloud, draw.weights
-    few = config.proposal == "motion" and estimate.ess < config.resampling_threshold * config.particles
+    few = config.proposal == "bootstrap" and estimate.ess < config.resampling_threshold * config.particles
     if few or cloud.shape[1] != config.particles:
         n = config.particles
         cloud = resample_with_kernel(

@@ -108,7 +108,7 @@ def update_by_scan(
     weights, log_sum = normalise_log_weights(before + log_density)
     if effective_sample_size(weights) >= config.resampling_threshold * len(weights) and math.isfinite(log_sum):
         return ahead, weights, log_sum
-    if config.proposal == "scan":
+    if config.proposal == "adapted":
         found = propose(
             cloud,
             np.exp(log_weights),

@@ -292,7 +292,7 @@ def _taken_in(
         )
         mean, covariance = moments(cloud, weights)
         flats[p], likelihoods[p] = PlanePosterior(mean, covariance, log_sum, effective_sample_size(weights)), own
-        if config.proposal == "motion" and flats[p].ess < config.resampling_threshold * n:
+        if config.proposal == "bootstrap" and flats[p].ess < config.resampling_threshold * n:
             cloud = resample_with_kernel(
                 cloud, weights, mean, covariance, n, config.kernel_bandwidth * silverman_bandwidth(n, 4), rng
             )

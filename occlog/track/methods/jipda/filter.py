@@ -270,8 +270,8 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
     stays = (people.existence > config.deletion_threshold) & ~twice
     left, new = ~stays & (people.id != NO_ID), stays & (ids != NO_ID) & (people.id == NO_ID)
     counts = replace(counts, left=counts.left + np.array([left.sum(), dt * people.existence[ids != NO_ID].sum()]))
-    events = [Event("birth", int(ids[k]), NO_ID, float(people.existence[k])) for k in np.flatnonzero(new)]
-    events += [Event("death", int(ids[k]), NO_ID, float(people.existence[k])) for k in np.flatnonzero(left)]
+    events = [Event("initiated", int(ids[k]), NO_ID, float(people.existence[k])) for k in np.flatnonzero(new)]
+    events += [Event("terminated", int(ids[k]), NO_ID, float(people.existence[k])) for k in np.flatnonzero(left)]
     # Tracks old enough to have a velocity update the birth map, tracks that end the departure map
     age = (t_ns - people.born_ns) / NS
     sure = people.id != NO_ID

@@ -11,7 +11,7 @@ from occlog.track.smoothing_and_lag import LagConfig
 
 ALL, VISIBLE = "all", "visible"
 """Which sigma points count."""
-IGNORE, DESCENT, STARTS = "ignore", "descent", "starts"
+NONE, DESCENT, MULTISTART = "none", "descent", "multistart"
 """Search for the MAP estimate."""
 
 
@@ -100,9 +100,9 @@ class IekfConfig(KalmanConfig):
     OWNER: ClassVar[str] = "iekf"
 
     visibility_constraint: str = setting(
-        STARTS,
-        "Constraint that a detected target is visible to the cameras that detect it: `ignore` it, search the mode "
-        "from the prediction alone (`descent`), or also from intersections of bearings (`starts`).",
-        choices=(IGNORE, DESCENT, STARTS),
+        MULTISTART,
+        "Constraint that a detected target is visible to the cameras that detect it: `none`; search the mode "
+        "from the prediction alone (`descent`), or also from intersections of bearings (`multistart`).",
+        choices=(NONE, DESCENT, MULTISTART),
     )
     max_iterations: int = setting(20, "Maximum Gauss-Newton iterations per start.", at_least=1)

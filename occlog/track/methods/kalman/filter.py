@@ -36,7 +36,7 @@ from occlog.track.interface import Estimate, Online, SmoothedState, Smoothing
 from occlog.track.methods.apf.model import pack_noise, pack_scan, pack_sensors, read_noise, with_distances
 
 from . import updates
-from .config import IGNORE, EkfConfig, IekfConfig, KalmanConfig, UkfConfig, WalkConfig
+from .config import NONE, EkfConfig, IekfConfig, KalmanConfig, UkfConfig, WalkConfig
 from .stations import StationUpdate, extended, first_position, innovation_gate, unscented
 from .updates import Updated, gated_rows, gauss_newton, linear
 
@@ -47,9 +47,9 @@ MAX_INITIAL_MEASUREMENTS = 40
 """Maximum number of measurements from which a filter begins, the most certain ones."""
 INFLATION_TIME_S = 1.0
 """A target of which most reports disagree with the prediction is as far from it as it goes in about this time [s]."""
-INFLATED = "widened"
+INFLATED = "inflated"
 """Value of `fallback`: most reports disagreed with the prediction, which was made wider."""
-INITIAL_SEARCH_CONFIG = IekfConfig(visibility_constraint=IGNORE)
+INITIAL_SEARCH_CONFIG = IekfConfig(visibility_constraint=NONE)
 """How the first position is searched."""
 
 

@@ -33,7 +33,7 @@ from occlog.filtering.likelihood.measurement_model import (
     visible,
 )
 
-from .config import IGNORE, STARTS, VISIBLE, IekfConfig, UkfConfig
+from .config import MULTISTART, NONE, VISIBLE, IekfConfig, UkfConfig
 
 
 def polar_update(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld) -> Gaussian | None:
@@ -86,7 +86,7 @@ MAX_RELATIVE_DISTANCE_SIGMA = 1.0
 """A position is close to a sensor if the standard deviation of its distance exceeds this multiple of the distance."""
 MIN_SQUARE = 1e-30
 """Lower bound of a squared distance, to avoid division by 0."""
-INFEASIBLE, NO_SIGMA_POINTS = "stuck", "discarded"
+INFEASIBLE, NO_SIGMA_POINTS = "infeasible", "no_sigma_points"
 """Values of `fallback`: the search ended at the border of the feasible set; no sigma point was left."""
 
 
@@ -208,13 +208,11 @@ def iekf(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, config:
         starts: (K, 2) further positions to search from.
     """
     alone = polar_update(state, rows, world) if len(np.unique(rows.sensor)) == 1 else None
-    if alone is not None and (
-        config.visibility_constraint == IGNORE or visible(alone.mean[None, :2], rows, world).all()
-    ):
+    if alone is not None and (config.visibility_constraint == NONE or visible(alone.mean[None, :2], rows, world).all()):
         return Updated(alone, linear(state, state.mean[:2], rows, world).score)
     first = state.mean[None, :2]
-    tried = np.vstack([first, starts]) if config.visibility_constraint == STARTS else first
-    if config.visibility_constraint != IGNORE:
+    tried = np.vstack([first, starts]) if config.visibility_constraint == MULTISTART else first
+    if config.visibility_constraint != NONE:
         tried = tried[visible(tried, rows, world).all(axis=1)]
         if not len(tried):
             return linear(state, first[0], rows, world)._replace(fallback=INFEASIBLE)
@@ -251,7 +249,7 @@ def gauss_newton(
         ways = at + 0.5 ** np.arange(HALVINGS)[:, None] * step
         lower = map_cost(ways, state, rows, world)
         better = lower < cost
-        allowed = better if config.visibility_constraint == IGNORE else better & visible(ways, rows, world).all(axis=1)
+        allowed = better if config.visibility_constraint == NONE else better & visible(ways, rows, world).all(axis=1)
         if not allowed.any():
             return at, cost, bool(better.any()) and float(np.hypot(*step)) > scale
         k = int(np.argmax(allowed))

@@ -110,8 +110,8 @@ def _angles(lines: BearingLinesByStep, record: TargetRecord, pending: Pending, X
     return np.asarray(np.minimum(np.abs(wrap_angle(angle)), math.pi) / sigma)
 
 
-UNOBSERVABLE, INFEASIBLE_CONSTRAINTS, NO_PATH = "unobservable", "contradiction", "wall"
-NOT_CONVERGED, FEW_INLIERS = "unfinished", "doubted"
+UNOBSERVABLE, INFEASIBLE_CONSTRAINTS, NO_PATH = "unobservable", "infeasible_constraints", "no_path"
+NOT_CONVERGED, FEW_INLIERS = "not_converged", "few_inliers"
 
 
 def advance(

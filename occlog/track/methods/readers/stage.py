@@ -17,7 +17,7 @@ from .virtual_sensors import locate
 
 MIN_EFFECTIVE_SAMPLE_SIZE = 10.0
 """Fewer effective particles are too few for a covariance."""
-NO_MATCHING_REGION, RESTART, DEPLETED = "unmatched", "restart", "depleted"
+NO_MATCHING_REGION, RESTART, DEPLETED = "no_matching_region", "restart", "depleted"
 
 
 def track_virtual(
@@ -131,6 +131,6 @@ def _tracks(
         vx=velocity[:, 0],
         vy=velocity[:, 1],
         read_by=read_by,
-        doubt=doubt,
+        quality_flags=doubt,
         **columns,
     )

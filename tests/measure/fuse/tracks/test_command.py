@@ -39,7 +39,7 @@ def test_tracks_of_two_groups_become_tracks_that_every_command_reads(tmp_path, c
     }
     assert set(read_table(out, JoinedTracks).source_ids.tolist()) == {"0,3"}
     assert len(read_table(out, Tracks)) == 40
-    assert read_table(events, Events).kind.tolist() == ["birth"]
+    assert read_table(events, Events).kind.tolist() == ["initiated"]
     assert read_provenance(out).parameters["gate"] == 3.0
 
 

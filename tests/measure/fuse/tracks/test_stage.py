@@ -38,7 +38,7 @@ def test_people_whom_both_groups_follow_are_one_and_others_stay() -> None:
     assert set(both.seen_by.tolist()) == {"cam1,cam2"}
     assert both.y == pytest.approx(5.025, abs=0.03)
     assert both.cov_xx == pytest.approx(0.01, rel=1e-6)  # what they have in common is not known
-    assert fused.events.kind.tolist() == ["birth"] * 3
+    assert fused.events.kind.tolist() == ["initiated"] * 3
     assert fused.agreements[0].pairs == len(TIMES)
     assert fused.agreements[0].distance == pytest.approx(np.hypot(0.05, 0.05))
 
@@ -49,7 +49,7 @@ def test_an_identity_goes_over_from_group_to_group() -> None:
     east = people(east, walk(9, TIMES[25:], (0, 0), (1, 0)))
     fused = fuse_tracks([east, west], CONFIG)
     assert list(made_of(fused.tracks).values()) == [["0,-", "0,4", "-,4", "9,4", "9,-"], ["-,5"]]
-    assert not (fused.events.kind == "doubt").any()
+    assert not (fused.events.kind == "possible_switch").any()
 
 
 def test_tracks_that_meet_and_part_are_two_people_again_with_a_doubt() -> None:
@@ -60,9 +60,9 @@ def test_tracks_that_meet_and_part_are_two_people_again_with_a_doubt() -> None:
     fused = fuse_tracks([east, west], CONFIG)
     # Alone, met, and alone with the first identities again
     assert made_of(fused.tracks) == {0: ["0,-", "0,0"], 1: ["-,0"]}
-    doubts = fused.events.take(fused.events.kind == "doubt")
+    doubts = fused.events.take(fused.events.kind == "possible_switch")
     assert sorted(zip(doubts.target_id.tolist(), doubts.other_id.tolist(), strict=True)) == [(0, 1), (1, 0)]
-    assert np.count_nonzero(np.char.find(fused.tracks.quality_flags, "exchange") >= 0) == 2
+    assert np.count_nonzero(np.char.find(fused.tracks.quality_flags, "possible_switch") >= 0) == 2
 
 
 def test_places_that_do_not_agree_for_a_moment_are_a_contradiction() -> None:
@@ -70,7 +70,7 @@ def test_places_that_do_not_agree_for_a_moment_are_a_contradiction() -> None:
     west.x[20] += 2.0
     fused = fuse_tracks([walk(0, TIMES, (0, 0), (1, 0)), west], CONFIG)
     assert list(made_of(fused.tracks).values()) == [["0,3"]]
-    assert np.flatnonzero(fused.tracks.quality_flags == "contradiction").tolist() == [20]
+    assert np.flatnonzero(fused.tracks.quality_flags == "inconsistent_views").tolist() == [20]
 
 
 def test_groups_at_other_rates_are_fused_at_all_times() -> None:
@@ -94,7 +94,7 @@ def test_doubts_of_the_first_groups_have_the_identities_that_people_get_with_the
     west = replace(walk(0, times, (0, 0), (0, 0)), x=apart)
     fused = fuse_tracks([walk(0, times, (0, 0), (0, 0)), west, walk(1, times, (0, 9), (0, 0))], CONFIG)
     known = set(fused.tracks.target_id.tolist())
-    doubts = fused.events.take(fused.events.kind == "doubt")
+    doubts = fused.events.take(fused.events.kind == "possible_switch")
     assert len(doubts) == 2
     assert set(doubts.target_id.tolist()) | set(doubts.other_id.tolist()) <= known
 

@@ -124,7 +124,7 @@ def test_last_rows_of_trackers_that_are_gone_are_not_used():
     scene, places = Scene(cameras=cameras()[:2]), walks(3, 1)
     rows = view_tracks(scene.cameras, places, np.random.default_rng(7))
     event = rows.event.astype("U5")
-    event[-1] = "lost"
+    event[-1] = "terminated"
     _, counts = fused([replace(rows, event=event)], scene, replace(EXACT, target_height=0.0))
     assert (counts["views_2"], counts["single_view"]) == (2, 1)
 
@@ -169,9 +169,9 @@ def test_doubts_and_views_stand_in_the_rows():
     late = (rows.t_ns >= 25 * TICK) & (rows.target_id == 1) & (rows.sensor != "c")
     tracks, _ = fused([replace(rows, x_px=x, y_px=y).take(~late)], scene, GroundConfig(centre_error_share=0.0))
     crossed = tracks.take(tracks.target_id == 0)
-    assert np.mean(np.char.find(crossed.doubt, "contradiction") >= 0) > 0.9
+    assert np.mean(np.char.find(crossed.quality_flags, "inconsistent_views") >= 0) > 0.9
     assert np.mean(crossed.seen_by == "a,c") > 0.9
-    assert crossed.doubt[-1] == "contradiction,exchange"
+    assert crossed.quality_flags[-1] == "contradiction,exchange"
     alone = tracks.take((tracks.target_id == 1) & (tracks.t_ns >= 25 * TICK))
-    assert np.all(np.char.startswith(alone.doubt, "one-view"))
+    assert np.all(np.char.startswith(alone.quality_flags, "single_view"))
     assert np.all(alone.seen_by == "c")

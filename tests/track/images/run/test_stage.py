@@ -76,7 +76,7 @@ def test_the_first_row_is_the_start_with_the_ellipse_that_was_given():
 
 def test_a_start_in_a_frame_that_was_lost_is_in_the_next_one():
     parts, table = tracked(4, [start(0, 1, 4)], missing={(1, 0)})
-    assert rows(table, "frame", "event") == [(2, "start"), (3, "")]
+    assert rows(table, "frame", "lifecycle") == [(2, "start"), (3, "")]
     assert parts[0].lost == ((0, 1, "gone"),)
 
 
@@ -97,10 +97,10 @@ def test_rows_are_in_order_by_camera_and_target_and_parts_are_cut_between_moment
 
 def test_a_tracker_that_was_lost_is_over_and_its_target_may_start_again():
     _, table = tracked(6, [start(0, 0, 4), start(0, 4, 4)], replace(STILL, max_lost_frames=2), other={1, 2})
-    assert rows(table, "frame", "event") == [(0, "start"), (1, ""), (2, "lost"), (4, "start"), (5, "")]
+    assert rows(table, "frame", "lifecycle") == [(0, "start"), (1, ""), (2, "terminated"), (4, "start"), (5, "")]
     # While it is still there nothing starts
     _, table = tracked(3, [start(0, 0, 4), start(0, 1, 4)])
-    assert rows(table, "frame", "event") == [(0, "start"), (1, ""), (2, "")]
+    assert rows(table, "frame", "lifecycle") == [(0, "start"), (1, ""), (2, "")]
 
 
 def regions(where):
@@ -122,14 +122,14 @@ def test_trackers_are_born_and_ended_by_regions():
         (4, 6, ""),
         (5, 6, ""),
         (6, 6, ""),
-        (7, 6, "lost"),
+        (7, 6, "terminated"),
     ]
 
 
 def test_a_tracker_ends_in_a_frame_of_its_view():
     stream = RegionStream(iter([regions([(k, 40.0) for k in range(5)])]), True)
     _, table = tracked(10, stream=stream, stage=ViewsConfig(max_coasting_frames=3), missing={(7, 0)})
-    assert rows(table, "frame", "event") == [(2, "start"), (3, ""), (4, ""), (5, ""), (6, ""), (8, "lost")]
+    assert rows(table, "frame", "lifecycle") == [(2, "start"), (3, ""), (4, ""), (5, ""), (6, ""), (8, "terminated")]
 
 
 LEVEL = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])

@@ -159,8 +159,8 @@ def test_births_and_deaths_are_those_of_the_identities():
     scene, states, moments = filtered()
     there = set()
     for moment in smooth(states[-1], scene.moments, moments, np.random.default_rng(0)):
-        there |= {e.id for e in moment.events if e.kind == "birth"}
-        there -= {e.id for e in moment.events if e.kind == "death"}
+        there |= {e.id for e in moment.events if e.kind == "initiated"}
+        there -= {e.id for e in moment.events if e.kind == "terminated"}
         assert there == set(moment.ids.tolist())
         assert (np.diff(moment.ids) > 0).all()
         assert (moment.support.probability <= 1.0).all()

@@ -13,7 +13,7 @@ from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import read_provenance, read_table
 from occlog.io.files.tables.table_writer import write_table
-from occlog.records.tables import Events, Gallery, PeopleTracks, PeopleViews, Support
+from occlog.records.tables import Associations, Events, Gallery, PeopleTracks, PeopleViews
 
 pytestmark = pytest.mark.jit
 STEPS = 60
@@ -32,7 +32,7 @@ def folder(tmp_path_factory):
 
 
 def track(folder, *args, source="boxes.mcap", gallery="g.parquet"):
-    tables = [f"--{n}={folder / n}.parquet" for n in ("support", "events", "view-tracks")]
+    tables = [f"--{n}={folder / n}.parquet" for n in ("associations", "events", "view-tracks")]
     given = [] if gallery is None else ["--gallery", str(folder / gallery)]
     out = ["-o", str(folder / "t.parquet"), "--overwrite", "--json"]
     return run(["track", str(folder / source), "--method", "jipda", *given, *tables, *out, *args])
@@ -54,10 +54,10 @@ def test_all_tables_have_the_names_of_the_gallery(folder, capsys):
         own, place = rows.take(rows.target_id == 40 + name), true.take(true.target_id == name)
         at = np.searchsorted(place.t_ns, own.t_ns)
         assert np.median(np.hypot(own.x - place.x[at], own.y - place.y[at])) < 0.5
-    for name, table in (("support", Support), ("view-tracks", PeopleViews), ("events", Events)):
+    for name, table in (("associations", Associations), ("view-tracks", PeopleViews), ("events", Events)):
         assert set(read_table(folder / f"{name}.parquet", table).target_id.tolist()) == {40, 41}
     events = read_table(folder / "events.parquet", Events)
-    named = events.take(events.kind == "named")
+    named = events.take(events.kind == "reidentified")
     assert len(named) == summary["gallery"]["fragments_reidentified"]
     assert (named.probability > 0.9).all()
     made = read_provenance(folder / "t.parquet")
@@ -86,7 +86,7 @@ def test_the_same_gallery_gives_the_same_bytes(folder):
     files = []
     for _ in range(2):
         assert track(folder, "-q", "--smooth") == ExitCode.DONE
-        files.append([(folder / f"{n}.parquet").read_bytes() for n in ("t", "support", "events", "view-tracks")])
+        files.append([(folder / f"{n}.parquet").read_bytes() for n in ("t", "associations", "events", "view-tracks")])
     assert files[0] == files[1]
 
 
@@ -104,7 +104,7 @@ def test_what_a_gallery_needs_is_asked_for_before_anything_is_tracked(
     people.write(tmp_path / "boxes.mcap", 4, true=False, images=images)
     write_table(tmp_path / "g.parquet", read_table(folder / "g.parquet", Gallery), Provenance("t"))
     write_table(tmp_path / "nobody.parquet", Gallery.empty(), Provenance("t"))
-    write_table(tmp_path / "other.parquet", Support.empty(), Provenance("t"))
+    write_table(tmp_path / "other.parquet", Associations.empty(), Provenance("t"))
     assert track(tmp_path, "-q", gallery=gallery) == ExitCode.BAD_INPUT
     error = capsys.readouterr().err
     assert message in error

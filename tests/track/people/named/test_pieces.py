@@ -73,7 +73,9 @@ def test_the_parts_of_somebody_who_was_lost_are_one_and_two_at_a_time_are_two():
     pieces = split_tracks(*rows((3, 0, 10), (5, 15, 30), (6, 20, 30)), [])
     names = reidentify_fragments(pieces, evidence({0: (0.95, 0.8), 1: (0.98, 0.8), 2: (0.96, 0.8)}), (0, 1), **LEAST)
     assert names.name.tolist() == [0, 0, 2]
-    assert reidentification_events(pieces, names, 0, 14) == [(0, "named", 0, -1, pytest.approx(names.probability[0]))]
+    assert reidentification_events(pieces, names, 0, 14) == [
+        (0, "reidentified", 0, -1, pytest.approx(names.probability[0]))
+    ]
     assert [row[0] for row in reidentification_events(pieces, names, 15, 30)] == [15]
 
 
@@ -90,7 +92,7 @@ def test_a_name_is_as_probable_as_its_margin_is_wide():
 
 
 def events() -> Events:
-    rows = [(10, "doubt", 3, 5, 0.6), (10, "doubt", 5, 3, 0.6), (4, "birth", 5, -1, 0.9)]
+    rows = [(10, "possible_switch", 3, 5, 0.6), (10, "possible_switch", 5, 3, 0.6), (4, "initiated", 5, -1, 0.9)]
     return Events.of_rows(rows)
 
 
@@ -100,20 +102,22 @@ def test_a_doubt_is_what_looks_leave_of_it(sure, left):
     pieces = split_tracks(*where, cuts)
     names = FragmentNames(np.array([7, 8, 8, 7], dtype=np.int32), np.array([1.0, 1.0, 1.0, sure]))
     found = named_events(events(), pieces, names)
-    doubts = found.take(found.kind == "doubt")
+    doubts = found.take(found.kind == "possible_switch")
     assert len(doubts) == left
     if left:
         # The names are those from the time on
         assert (doubts.target_id.tolist(), doubts.other_id.tolist()) == ([7, 8], [8, 7])
         assert doubts.probability == pytest.approx([0.6 if np.isnan(sure) else 1.0 - sure] * 2)
-    assert found.target_id[found.kind == "birth"].tolist() == [8]
+    assert found.target_id[found.kind == "initiated"].tolist() == [8]
     n = len(where[0])
     nothing = np.zeros(n)
-    words = np.where((where[1] == 10), "one-view,exchange", "one-view")
+    words = np.where((where[1] == 10), "single_view,possible_switch", "single_view")
     tracks = PeopleTracks.of(
         t_ns=where[1], target_id=where[0], x=nothing, y=nothing, vx=nothing, vy=nothing,
-        cov_xx=nothing + 1, cov_xy=nothing, cov_yy=nothing + 1, doubt=words,
+        cov_xx=nothing + 1, cov_xy=nothing, cov_yy=nothing + 1, quality_flags=words,
     )  # fmt: skip
     told = named_tracks(tracks, found, pieces, names)
     assert told.target_id[told.t_ns == 20].tolist() == [7, 8]
-    assert told.quality_flags[told.t_ns == 10].tolist() == ["one-view,exchange" if left else "one-view"] * 2
+    assert (
+        told.quality_flags[told.t_ns == 10].tolist() == ["single_view,possible_switch" if left else "single_view"] * 2
+    )

@@ -111,7 +111,7 @@ def spread_over_others(xyz: Floats, covariance: Floats, exchanged: Floats) -> Fl
 WHY = {TOO_FEW: "single_view", NEAR_PARALLEL: "parallel", BEHIND: "behind", DISAGREEING: "inconsistent"}
 """Names in `GroundPart.counts` of the reasons why a target has no position at a time."""
 
-SINGLE_VIEW, INCONSISTENT_VIEWS, POSSIBLE_SWITCH = "one-view", "contradiction", "exchange"
+SINGLE_VIEW, INCONSISTENT_VIEWS, POSSIBLE_SWITCH = "single_view", "inconsistent_views", "possible_switch"
 """Values of the column `doubt`, in the order of the column."""
 MIN_SWITCH_PROBABILITY = 0.25
 """A target is said to be exchanged from this probability on."""
@@ -170,7 +170,7 @@ def ground_tracks(
 
 def _wanted(chunk: ViewTracks, cameras: Sequence[str]) -> Bools:
     """(R,) rows of these cameras with the tracker on its target."""
-    wanted = ~np.isin(chunk.lifecycle, ("left", "lost"))
+    wanted = ~np.isin(chunk.lifecycle, ("left", "terminated"))
     return wanted & np.isin(chunk.sensor, list(cameras)) if cameras else wanted
 
 
@@ -356,7 +356,7 @@ def _tracks(met: GroundPosition, t_ns: Ints, target: Ints, names: Sequence[str],
         **{f"cov_{name}": cov[:, i, j] for i, j, name in entries},
         cov_zz=cov[:, 2, 2],
         seen_by=_joined(met.used[good], names),
-        doubt=_joined(doubts[good], (SINGLE_VIEW, INCONSISTENT_VIEWS, POSSIBLE_SWITCH)),
+        quality_flags=_joined(doubts[good], (SINGLE_VIEW, INCONSISTENT_VIEWS, POSSIBLE_SWITCH)),
     )
 
 

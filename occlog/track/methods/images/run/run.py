@@ -115,7 +115,7 @@ class ViewsSummary:
             "frames": dict(zip(names, self.frames.tolist(), strict=True)),
             "initiated": self.events["start"],
             "left_image": self.events["left"],
-            "terminated": self.events["lost"],
+            "terminated": self.events["terminated"],
             "modes": {mode: n / total for mode, n in sorted(self.modes.items())},
             "loop_checks": checks,
             **(

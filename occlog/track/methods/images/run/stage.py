@@ -442,13 +442,13 @@ def _born(births: Sequence[Birth], frame_set: FrameSetImages, views: Sequence[Tr
         cov_xx_px=np.full(n, START_VARIANCE),
         cov_xy_px=np.zeros(n),
         cov_yy_px=np.full(n, START_VARIANCE),
-        likeness=np.ones(n),
+        similarity=np.ones(n),
         ess=np.full(n, np.nan),
-        mode=nothing,
+        likelihood_mode=nothing,
         counterpart=nothing,
         neighbours=nothing,
-        helpers=nothing,
-        event=np.full(n, EVENTS[START]),
+        assisting_views=nothing,
+        lifecycle=np.full(n, EVENTS[START]),
     ).sorted()
 
 
@@ -464,13 +464,13 @@ def _tracked(
         cov_xx_px=o.covariance[:, 0],
         cov_xy_px=o.covariance[:, 1],
         cov_yy_px=o.covariance[:, 2],
-        likeness=o.similarity,
+        similarity=o.similarity,
         ess=o.ess,
-        mode=np.array(MODES)[o.likelihood_mode],
+        likelihood_mode=np.array(MODES)[o.likelihood_mode],
         counterpart=np.array(COUNTERPARTS)[o.counterpart],
         neighbours=_listed(o.touching, o.target_id.astype(str)),
-        helpers=_listed(o.assisting_views, names),
-        event=np.array(EVENTS)[event],
+        assisting_views=_listed(o.assisting_views, names),
+        lifecycle=np.array(EVENTS)[event],
     ).sorted()
 
 

@@ -361,8 +361,8 @@ def _smoothed_snapshots(
         rows = rows[np.argsort(identity[walk.track[rows]], kind="stable")]
         track = walk.track[rows]
         new = track[begins[track] == k]
-        events = [Event("birth", int(identity[t]), NO_ID, float(existence[t])) for t in new]
-        events += [Event("death", int(identity[t]), NO_ID, float(existence[t])) for t in earlier[k]]
+        events = [Event("initiated", int(identity[t]), NO_ID, float(existence[t])) for t in new]
+        events += [Event("terminated", int(identity[t]), NO_ID, float(existence[t])) for t in earlier[k]]
         events += exchanged.get(k, [])
         support, visible = _seen_by(tracks, walk, rows, packed[k], frames[k], seen[k], len(span.frame_counts[0]))
         out.append(
@@ -548,6 +548,6 @@ def _first(snapshot: TrackSnapshot, last: TrackSnapshot | None) -> TrackSnapshot
     """Return the first time step of a part, with initiations and terminations since the last reported one."""
     before = {} if last is None else dict(zip(last.ids.tolist(), last.existence.tolist(), strict=True))
     now = dict(zip(snapshot.ids.tolist(), snapshot.existence.tolist(), strict=True))
-    events = [Event("birth", k, NO_ID, p) for k, p in now.items() if k not in before]
-    events += [Event("death", k, NO_ID, p) for k, p in before.items() if k not in now]
-    return snapshot._replace(events=(*events, *(e for e in snapshot.events if e.kind == "doubt")))
+    events = [Event("initiated", k, NO_ID, p) for k, p in now.items() if k not in before]
+    events += [Event("terminated", k, NO_ID, p) for k, p in before.items() if k not in now]
+    return snapshot._replace(events=(*events, *(e for e in snapshot.events if e.kind == "possible_switch")))

@@ -75,7 +75,7 @@ def possible_identity_switches(
             continue
         named.setdefault(pair, []).append((time, step))
         for a, b in (pair, pair[::-1]):
-            out.setdefault(step, []).append(Event("doubt", a, b, float(probability[k])))
+            out.setdefault(step, []).append(Event("possible_switch", a, b, float(probability[k])))
     return out
 
 
