@@ -94,7 +94,8 @@ def with_everything(data: ReportInput) -> ReportInput:
         **who, bound_xx=level**2 / 2, bound_xy=0 * level, bound_yy=level**2 / 2, bound=level, n_detected=np.full(n, 4)
     )
     diagnostics = Diagnostics.of(
-        **who, ess=rng.uniform(500, 700, n), log_likelihood=0 * level, n_observing=np.full(n, 4), n_detected=np.full(n, 4),
+        **who, ess=rng.uniform(500, 700, n), log_likelihood=0 * level, n_observing=np.full(n, 4),
+        n_detected=np.full(n, 4),
         fallback=np.full(n, ""), cameras=np.full(n, "cam0,cam1,cam2,cam3"), seen_by=np.full(n, "cam0,cam1,cam2,cam3"),
         n_available=np.full(n, 4), selected=np.full(n, ""), predicted_mse=0 * level, quality_flags=np.full(n, ""),
     )  # fmt: skip

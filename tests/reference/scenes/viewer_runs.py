@@ -53,7 +53,8 @@ def view_tracks() -> PeopleViews:
 def diagnostics() -> Diagnostics:
     return Diagnostics.of(
         t_ns=[NS, 2 * NS], target_id=[3, 3], ess=[80.5, np.nan], log_likelihood=[-1.0, -2.0], n_observing=[1, 1],
-        n_detected=[1, 0], fallback=["", "restart"], cameras=["east", "east"], n_available=[1, 1], selected=["east", ""],
+        n_detected=[1, 0], fallback=["", "restart"], cameras=["east", "east"], n_available=[1, 1],
+        selected=["east", ""],
         predicted_mse=[np.nan, np.nan], seen_by=["east", ""], quality_flags=["", ""],
     )  # fmt: skip
 

@@ -64,7 +64,8 @@ def folder(tmp_path: Path) -> Path:
     words = {name: [""] * 3 for name in ("fallback", "selected", "quality_flags")}
     numbers = {name: [np.nan] * 3 for name in ("ess", "log_likelihood", "predicted_mse")}
     seen = Diagnostics.of(
-        t_ns=t_ns, target_id=target, n_observing=[2] * 3, n_detected=[1] * 3, n_available=[2] * 3, cameras=["east,west"] * 3,
+        t_ns=t_ns, target_id=target, n_observing=[2] * 3, n_detected=[1] * 3, n_available=[2] * 3,
+        cameras=["east,west"] * 3,
         seen_by=["east"] * 3, **words, **numbers,
     )  # fmt: skip
     write_table(tmp_path / "diagnostics.parquet", seen, MADE, length_unit="m")
