@@ -332,8 +332,8 @@ VERDICT: dict[str, Message] = {
     "view-ends-early": Message(N, "view {sensors} ends {early_s:.3g} s before the others, after {frames} frames"),
     "fundamental-misfit": Message(
         W,
-        "views {sensors}: the fundamental matrix does not fit: {share:.0%} of {checks} loop checks fail, by "
-        "{median_px:.0f} px",
+        "views {sensors}: the fundamental matrix does not fit: {share:.0%} of {checks} loop checks fail "
+        "(median {median_px:.0f} px)",
         "give another ({option[fundamental]})",
     ),
     "ground-single-view": Message(N, "{count} of {rows} positions are of one view alone, at a person's middle height"),

@@ -142,7 +142,7 @@ def test_nobody_heard_is_told(folder, capsys):
         ]
     )
     assert code == ExitCode.DONE
-    assert "no target was heard often enough" in capsys.readouterr().err
+    assert "no target was found, and the tracks are empty" in capsys.readouterr().err
     assert len(read_table(folder / "n.parquet", Tracks)) == 0
 
 
