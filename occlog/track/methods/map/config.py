@@ -82,7 +82,7 @@ class MapConfig(Settings):
     )
     temper: float = setting(
         0.3,
-        "Exponent of occlusion probabilities from uncertain priors, whose errors are correlated in time; 1: as if "
+        "Exponent of occlusion probabilities from uncertain priors, which have time-correlated errors; 1: as if "
         "independent.",
         at_least=0,
         at_most=1,
@@ -157,8 +157,7 @@ class MapConfig(Settings):
     window: int = setting(512, "States solved together before the full problem is started from them.", at_least=16)
     fill_s: float | None = setting(
         None,
-        "Insert states where measurements are further apart in time than this; needed for paths around walls in "
-        "long gaps.",
+        "Insert states in gaps between measurements longer than this; needed for paths around walls in long gaps.",
         unit="s",
         nothing="nowhere",
         **POSITIVE,

@@ -24,7 +24,7 @@ MAX_FLAGGED_SHARE = 0.05
 REMEDIES = {
     NO_MATCHING_REGION: "ranges are not as stated, or reads are missed; state detection and stray, or fit them",
     "restart": "no position explained the reads; check the path losses and the positions of the readers",
-    "depleted": "so few particles count that the covariance says little; use more",
+    "depleted": "too few effective particles for a reliable covariance; use more",
 }
 
 
