@@ -81,7 +81,7 @@ def in_line(text: str) -> str:
 
 
 def _each_once(places: Iterable[str]) -> list[str]:
-    """Of the ways to each recording the one over the fewest links, of these the first by name."""
+    """Path to each recording over the fewest links; of several the first by name."""
     ways: dict[str, set[str]] = defaultdict(set)
     for place in places:
         ways[place if is_url(place) else os.path.realpath(place)].add(place)
