@@ -68,7 +68,7 @@ def check_figures(of: Any) -> None:
 
 
 def check_known(of: Any) -> None:
-    """Of an ordinary walk some figure is a number."""
+    """Check that at least one figure of an ordinary walk is a number."""
     if all(math.isnan(value) for value in figures(of, compared()).values()):
         raise BrokenError("all figures of an ordinary walk are NaN")
 

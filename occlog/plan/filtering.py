@@ -244,7 +244,7 @@ def _update_into(row: Floats, information: Floats, work: Floats) -> float:
 
 @kernel
 def _merge_into(rows: Floats, n: int) -> None:
-    """Of n hypotheses two neighbours become one, those that lose least: by probability and distance in deviations."""
+    """Merge the two neighbours of n hypotheses that lose least, by probability and distance in standard deviations."""
     at, least = 0, math.inf
     for h in range(n - 1):
         one, two = rows[h, PROBABILITY], rows[h + 1, PROBABILITY]

@@ -665,7 +665,7 @@ class _Reading:
 
 
 class _Drawn:
-    """Of values of all rows those of the rows that are drawn."""
+    """Select the values of the drawn rows from those of all rows."""
 
     def __init__(self, rows: Ints) -> None:
         self._rows, self._count = rows, 0

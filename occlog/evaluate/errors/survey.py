@@ -66,7 +66,7 @@ class EvaluationSurvey:
         return sum(each.rows for each in self.tracks.values())
 
     def over(self, t_ns: int) -> tuple[Bools, Bools]:
-        """Of each target and of each track whether no row of it comes after a time."""
+        """Masks of the targets and of the tracks without a row after a time."""
         targets, tracks = (
             np.array([life.last_ns <= t_ns for life in each.values()], dtype=np.bool_)
             for each in (self.targets, self.tracks)
@@ -158,7 +158,7 @@ class TruthIntervals:
         self._owner.add(np.full(len(steps), float(number)))
 
     def usual_gaps_ns(self) -> dict[int, int]:
-        """Of each object the widest gap that is bridged unless one is given."""
+        """Default maximum gap to interpolate, for each object [ns]."""
         return {label: usual_gap_ns(step) for label, step in self.medians().items()}
 
     def medians(self) -> dict[int, float]:

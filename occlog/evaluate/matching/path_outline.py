@@ -96,7 +96,7 @@ class TruthOutlines:
         return sorted(label for known, label in self._found if known == role)
 
     def gaps_ns(self, role: str, of_targets: dict[int, int]) -> dict[int, int]:
-        """Of each object the widest gap that is bridged unless one is given; `of_targets`: that of targets."""
+        """Default maximum gap to interpolate, for each object; `of_targets`: for targets."""
         if role == TARGET:
             return of_targets
         if not self._gaps_ns:

@@ -75,7 +75,7 @@ class ForeignTable:
         return not self.layout_of(table).missing
 
     def widest(self, table: type[T]) -> type[T]:
-        """Of the tables that have the name of one, and more columns: the widest with all its columns in the file."""
+        """Widest table of a name with all of its columns in the file."""
         found = table
         for wider in WIDER:
             if not issubclass(wider, table) or not fields_of(found) < fields_of(wider):

@@ -329,7 +329,7 @@ class _Pass:
             raise self._damaged(f"{what} {found.id} is defined a second time, and otherwise, at byte {at}")
 
     def _attachment(self, at: int, length: int) -> AttachmentIndex:
-        """Of an attachment all but its data, which may be large."""
+        """Read an attachment without its data, which may be large."""
         stream = _stream(self._file.read(min(length, _BLOCK)))
         log_time, create_time = stream.read8(), stream.read8()
         name, media_type = stream.read_prefixed_string(), stream.read_prefixed_string()

@@ -81,7 +81,7 @@ def in_line(text: str) -> str:
 
 
 def _each_once(locations: Iterable[str]) -> list[str]:
-    """Of the ways to each recording the one over the fewest links, of these the first by name."""
+    """Path to each recording over the fewest links; of several the first by name."""
     ways: dict[str, set[str]] = defaultdict(set)
     for location in locations:
         ways[location if is_url(location) else os.path.realpath(location)].add(location)

@@ -104,7 +104,7 @@ class TagTracks(Tracks):
     refined_by: Strings = column("U", "1", "cameras that refined the position, separated by commas", optional=True)
     quality_flags: Strings = doubt_column(
         "`unmatched` (no position is in the range of just these readers), `restart` (no particle explained the reads), "
-        "`depleted` (fewer than ten effective particles: the covariance says little)"
+        "`depleted` (fewer than ten effective particles: the covariance is unreliable)"
     )
 
 
@@ -159,7 +159,7 @@ class Diagnostics(ColumnTable):
         "U",
         "1",
         "empty, `sir` (auxiliary stage skipped), `restart` (particles resampled), `gap` (the same after a long gap), "
-        "`depleted` (fewer than ten effective particles: the covariance says little); "
+        "`depleted` (fewer than ten effective particles: the covariance is unreliable); "
         "of a batch method `unobservable` (the position is hardly known), `contradiction` (constraints no position "
         "holds were omitted, with what was seen then), `wall` (no way around a wall was found), `unfinished` (the "
         "search did not converge) or `doubted` (fewer than half of the bearings are accepted); of `fix` `pair` (two "

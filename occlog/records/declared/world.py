@@ -26,7 +26,7 @@ class Occluders(ColumnTable):
 
     A row holds everything that is known at its time: an occluder that has no row then is
     not there.  A time at which there is known to be none is one row with `occluder_id` = -1
-    and NaN elsewhere, so that it is kept apart from a time at which nothing is known.
+    and NaN elsewhere, to distinguish it from a time without information.
     A covariance of 0 means that the position is known.
     """
 

@@ -140,7 +140,7 @@ def distance_to_lines(lines: LabelledSightings, estimate: Floats, scene: Scene, 
 
 
 def _nearest(t_ns: Ints, sensor: Ints, value: Floats, rows: Ints) -> Ints:
-    """Of the given rows the one with the smallest value for each time and sensor, ascending."""
+    """Rows with the smallest value for each time and sensor, of the given rows; ascending."""
     order = rows[np.lexsort([np.abs(value[rows]), sensor[rows], t_ns[rows]])]
     first = np.ones(len(order), dtype=bool)
     first[1:] = (np.diff(t_ns[order]) != 0) | (np.diff(sensor[order]) != 0)

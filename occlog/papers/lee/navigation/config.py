@@ -84,8 +84,8 @@ class NavigateConfig(FieldSettings):
     )
     shape: str = setting(
         "circle",
-        "Static occluders repel as a `circle` about them, or by their nearest point, as a `polygon`, at whose "
-        "sides robots are trapped; collisions are with the polygon in either case.",
+        "Static occluders repel as a `circle` about them, or by their nearest point, as a `polygon`, which "
+        "traps robots at its sides; collisions are with the polygon in either case.",
         choices=("circle", "polygon"),
         option="--shape",
     )

@@ -204,7 +204,7 @@ class ApfConfig(SmoothingConfig):
     )
     occlusion_tempering: float = setting(
         0.3,
-        "Exponent of occlusion probabilities from uncertain priors, whose errors are correlated in time. 1: as if "
+        "Exponent of occlusion probabilities from uncertain priors, which have time-correlated errors. 1: as if "
         "independent (the paper). Only with likelihood=independent.",
         at_least=0,
         at_most=1,

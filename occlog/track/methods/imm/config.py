@@ -141,7 +141,11 @@ class ImmConfig(SmoothingConfig):
     )
     update_other_targets: bool = setting(True, "Also update other targets seen in the requested frames.")
     max_frame_age_s: float = setting(
-        0.5, "Maximum age of a frame to be used, apart from the latency of the answer.", unit="s", at_most=1e9, above=0
+        0.5,
+        "Maximum age of a frame to be used, not counting the latency of the answer.",
+        unit="s",
+        at_most=1e9,
+        above=0,
     )
     answer_delay_s: float = setting(
         0.0,

@@ -48,7 +48,7 @@ class JipdaConfig(LagConfig):
     exclusion_radius: float = setting(
         0.22,
         "Exclusion radius s: the density of two people at distance d is multiplied by 1 - exp(-d^2 / (2 s^2)). "
-        "Larger values keep close tracks distinct and push them apart; 0: no exclusion.",
+        "Larger values keep close tracks distinct and increase their distance; 0: no exclusion.",
         unit="length",
         at_least=0,
     )

@@ -84,7 +84,7 @@ class MapConfig(Settings):
     )
     occlusion_tempering: float = setting(
         0.3,
-        "Exponent of occlusion probabilities from uncertain priors, whose errors are correlated in time; 1: as if "
+        "Exponent of occlusion probabilities from uncertain priors, which have time-correlated errors; 1: as if "
         "independent.",
         at_least=0,
         at_most=1,
@@ -163,8 +163,7 @@ class MapConfig(Settings):
     )
     max_state_gap_s: float | None = setting(
         None,
-        "Insert states where measurements are further apart in time than this; needed for paths around walls in "
-        "long gaps.",
+        "Insert states in gaps between measurements longer than this; needed for paths around walls in long gaps.",
         unit="s",
         nothing="nowhere",
         **POSITIVE,

@@ -223,7 +223,7 @@ class CmctConfig(LoopCheckConfig):
 
 @dataclass(frozen=True)
 class McmcConfig(MipfConfig):
-    """Settings of method `mcmc`: a filter for each view, with samples that hold all of its targets."""
+    """Settings of method `mcmc`: a joint filter for each view: a sample contains all of its targets."""
 
     OWNER: ClassVar[str] = "mcmc"
 

@@ -337,7 +337,7 @@ def _births(
 
 @kernel
 def _merge(beam: HypothesisBeam) -> None:
-    """Of hypotheses that are nearly the same keep the better one."""
+    """Keep the better one of hypotheses that are nearly equal."""
     for m in range(BEAM_WIDTH):
         for n in range(m):
             if beam.cost[m] == math.inf or beam.cost[n] == math.inf:
