@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from occlog.examine.doctor.clock import APART_NS, MIN_INTERVALS, REGULAR_FROM, REGULAR_SHARE, REGULAR_TO
-from occlog.examine.doctor.findings import GAP_INTERVALS, KINDS, MAX_LISTED_FINDINGS
+from occlog.examine.doctor.findings import MAX_LISTED_FINDINGS
 from occlog.examine.doctor.run import MAX_FILES
+from occlog.records.messages import DOCTOR, GAP_INTERVALS
 
 NS = 10**9
 TEXT = f"""# What is wrong with these files?
@@ -21,8 +22,8 @@ occlog doctor recordings/ run/ --json | jq '.findings[] | select(.severity == "e
 Each finding is a line on standard output: how bad it is, the file, the place in it, what is there, what may be
 there, what to do.
 
-    error: mot.txt: line 6: a row that cannot be: 9 cells, but the first line has 10; correct this line
-    warning: times.csv: camera 2: after 2023-11-14T22:13:20.900Z: nothing came: for 1.1 s, where 0.1 s are usual; ...
+    error: mot.txt: line 6: an invalid row: 9 cells, but the first line has 10; correct this line
+    warning: times.csv: camera 2: after 2023-11-14T22:13:20.900Z: no data: for 1.1 s, where 0.1 s are usual; ...
 
 What differs in place and numbers alone is counted (`and 41 more like it`), and so is what comes after the first
 {MAX_LISTED_FINDINGS} of one kind. Of a folder the files of its own folders are looked at too, {MAX_FILES} at most;
@@ -77,7 +78,7 @@ END = """
 def doctor_page() -> str:
     """The page."""
     rows = ["| kind | severity | what | limit | what to do |", "|---|---|---|---|---|"]
-    for name, kind in KINDS.items():
+    for name, kind in DOCTOR.items():
         remedy = kind.remedy.format(file="FILE")
-        rows.append(f"| `{name}` | {kind.severity} | {kind.what} | {kind.limit} | {remedy} |")
+        rows.append(f"| `{name}` | {kind.severity} | {kind.text} | {kind.limit} | {remedy} |")
     return TEXT + "\n".join(rows) + "\n" + END

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from occlog.cli.main import COMMANDS, cli
 from occlog.cli.setting_options import CHOSEN, VariantCommand, value_words
 from occlog.examine.schema import settings_of, verbs
 from occlog.records.columns import ANY_WIDTH, Column, ColumnTable
+from occlog.records.messages import DOCTOR, VERDICT
 from occlog.records.tables import TABLES
 from occlog.settings import Settings, declaration, declared, default_in
 
@@ -140,10 +142,34 @@ def settings_page() -> str:
     return "\n".join(parts)
 
 
+def messages_page() -> str:
+    """Every finding of verdicts and of `occlog doctor`, by its id."""
+    out = (
+        "# Messages\n\nMade by `make docs` from the table in the code (`occlog.records.messages`). Words in italics "
+        "stand for values, which\n`--json` has too. A warning makes results not plausible; a note does not, and some "
+        "warnings are notes where they\nare weak. [When to believe an estimate](../explanation/believe.md) has limits "
+        "and causes.\n"
+    )
+    parts = {"Findings of verdicts": VERDICT, "Findings of `occlog doctor`": DOCTOR}
+    for title, messages in parts.items():
+        out += f"\n## {title}\n\n| id | severity | when | what to do |\n|---|---|---|---|\n"
+        for name, each in messages.items():
+            when = f"{each.text} (limit: {each.limit})" if each.limit else each.text
+            out += f"| `{name}` | {each.severity} | {_with_fields(when)} | {_with_fields(each.remedy)} |\n"
+    return out
+
+
+def _with_fields(template: str) -> str:
+    """A template with names in italics for its fields, and with options as in the command line."""
+    text = re.sub(r"\{option\[([^]]+)\]\}", lambda found: f"`--{found[1].replace('_', '-')}`", template)
+    return re.sub(r"\{(\w+)[^}]*\}", lambda found: f"*{found[1].replace('_', ' ')}*", text)
+
+
 PAGES = {
     "reference/api.md": api_page,
     "reference/commands.md": commands_page,
     "how-to/doctor.md": doctor_page,
+    "reference/messages.md": messages_page,
     "reference/settings.md": settings_page,
     "reference/tables.md": tables_page,
 }

@@ -14,12 +14,18 @@ from occlog.track.methods.apf.config import ApfConfig
 
 
 def test_texts_are_read_as_the_type_of_the_setting():
-    values = {"particles": "500", "sigma_v": "0.2", "use_score": "no", "start": "1,2.5,0.3", "detection": "none"}
+    values = {
+        "particles": "500",
+        "process_noise_position": "0.2",
+        "use_score": "no",
+        "start": "1,2.5,0.3",
+        "detection_probability": "none",
+    }
     config = configure(ApfConfig(detection_probability=0.9), values)
     assert (config.particles, config.process_noise_position, config.use_score) == (500, 0.2, False)
     assert config.start == (1.0, 2.5, 0.3)
     assert config.detection_probability is None
-    assert configure(config, {"detection": "0.8"}).detection_probability == 0.8
+    assert configure(config, {"detection_probability": "0.8"}).detection_probability == 0.8
 
 
 @pytest.mark.parametrize(
@@ -29,7 +35,7 @@ def test_texts_are_read_as_the_type_of_the_setting():
         ("xyzzy", "1", "no setting 'xyzzy'; it has: smooth"),
         ("particles", "many", "setting particles: expected a whole number, got 'many'"),
         ("particles", "1.5", "setting particles: expected a whole number, got '1.5'"),
-        ("sigma_v", "", "setting sigma_v: expected a number, got ''"),
+        ("process_noise_position", "", "setting sigma_v: expected a number, got ''"),
         ("use_score", "maybe", "setting use_score: expected true or false, got 'maybe'"),
         ("start", "1,a", "setting start: expected numbers with commas, got '1,a'"),
     ],
@@ -45,25 +51,25 @@ def test_what_is_no_setting_or_no_value_is_refused_in_one_line(name, value, mess
     "values",
     [
         {"particles": 0},
-        {"start_factor": 0},
-        {"reference_s": 0.0},
-        {"sigma_v": -0.1},
-        {"phi": 1.5},
+        {"initial_particle_factor": 0},
+        {"reference_step_s": 0.0},
+        {"process_noise_position": -0.1},
+        {"velocity_memory": 1.5},
         {"beta1": -0.1},
         {"beta1": 0.96, "lambda1": 0.05},
         {"beta2": 0.2, "lambda2": 0.9},
-        {"defensive": 2.0},
-        {"detection": 0.0},
-        {"candidate": 0.0},
-        {"clutter": 0.0},
+        {"defensive_fraction": 2.0},
+        {"detection_probability": 0.0},
+        {"candidate_detection_probability": 0.0},
+        {"clutter_rate": 0.0},
         {"start": (1.0, 2.0)},
         {"start": (1.0, 2.0, -1.0)},
         {"max_gap_s": 0.0},
         {"start": (math.nan, 0.0, 1.0)},
-        {"speed": math.nan},
-        {"sigma_v": math.inf},
-        {"lost_after": -1},
-        {"calibrate_s": 1e300},
+        {"initial_speed": math.nan},
+        {"process_noise_position": math.inf},
+        {"track_loss_count": -1},
+        {"calibration_s": 1e300},
         {"prior_max_age_s": 1e300},
     ],
 )
@@ -90,18 +96,18 @@ def test_the_schema_has_the_default_of_people_where_it_is_another():
     properties = json_schema(WorldConfig)["properties"]
     assert (properties["diameter"]["default"], properties["diameter"]["default_in_metres"]) == (3.33, 0.5)
     assert properties["diameter"]["exclusiveMinimum"] == 0
-    assert "default_in_metres" not in properties["redirect"]
-    assert properties["z"]["type"] == ["number", "null"]
+    assert "default_in_metres" not in properties["redirect_probability"]
+    assert properties["object_height"]["type"] == ["number", "null"]
 
 
 @pytest.mark.parametrize(
     ("values", "says"),
     [
-        ({"redirect": 1.001}, "world: redirect is 1.001, must be at least 0 and at most 1"),
+        ({"redirect_probability": 1.001}, "world: redirect is 1.001, must be at least 0 and at most 1"),
         ({"diameter": 0.0}, "world: diameter is 0.0, must be above 0"),
         ({"steps": 1.5}, "world: steps is 1.5, must be a whole number"),
         ({"steps": True}, "world: steps is True, must be a whole number"),
-        ({"z": math.nan}, "world: z is nan, must be finite and at least 0"),
+        ({"object_height": math.nan}, "world: z is nan, must be finite and at least 0"),
     ],
 )
 def test_a_value_beyond_its_range_is_told_with_the_range(values, says):
@@ -116,8 +122,8 @@ def test_values_at_the_ends_of_their_ranges_are_taken():
 
 
 def test_a_setting_like_another_has_its_default_and_range_and_words_of_its_own():
-    (mine,) = (f for f in fields(PlanConfig) if f.name == "redirect")
-    (other,) = (f for f in fields(WorldConfig) if f.name == "redirect")
+    (mine,) = (f for f in fields(PlanConfig) if f.name == "redirect_probability")
+    (other,) = (f for f in fields(WorldConfig) if f.name == "redirect_probability")
     assert mine.default == other.default
     said, model = declaration(mine), declaration(other)
     assert said.help != model.help
@@ -134,9 +140,9 @@ def test_a_setting_like_another_has_its_default_and_range_and_words_of_its_own()
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
-        ("sigma_v", "1e300", "sigma_v is 1e+300, must be within 1e+12"),
-        ("clutter", "1e-300", "clutter is 1e-300, must be above 0, at least 1e-15"),
-        ("reference_s", "1e-9", "reference_s is 1e-09, must be at least 0.001"),
+        ("process_noise_position", "1e300", "sigma_v is 1e+300, must be within 1e+12"),
+        ("clutter_rate", "1e-300", "clutter is 1e-300, must be above 0, at least 1e-15"),
+        ("reference_step_s", "1e-9", "reference_s is 1e-09, must be at least 0.001"),
     ],
 )
 def test_numbers_whose_squares_are_none_are_refused(name: str, value: str, message: str) -> None:

@@ -30,7 +30,7 @@ from occlog.core.metrics.mot.frame_sums import FIGURES, LASTING, LESS_IS_BETTER,
 from occlog.core.metrics.paired import PairedDifference, compare
 
 ALPHA = 0.01
-SHOWN = ("idf1", "hota", "mota", "pairs_rmse")
+SHOWN = ("idf1", "hota", "mota", "matched_rmse")
 TOGETHER = 4
 """Seeds of a group; groups share no tracks."""
 LOSS = 0.02

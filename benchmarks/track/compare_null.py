@@ -36,7 +36,7 @@ RENAMED = 0.05
 EASY, WORSE = 0.010, 0.014
 """Losses a person and second in an easy time."""
 RUNS, TOGETHER = 24, 4
-SHOWN = ("idf1", "hota", "mota", "pairs_rmse")
+SHOWN = ("idf1", "hota", "mota", "matched_rmse")
 
 
 class Shape(NamedTuple):
@@ -137,7 +137,7 @@ def pair(shape: Shape, later: float, runs: list[int], rng: np.random.Generator) 
     out: dict[str, tuple[float, ...]] = {}
     for name in SHOWN:
         found = compare(first, second, FIGURES[name], rng, lasting=name in LASTING)
-        worse = found.above(0.0) if name == "pairs_rmse" else found.below(0.0)
+        worse = found.above(0.0) if name == "matched_rmse" else found.below(0.0)
         out[name] = (found.difference, found.p, worse)
     return out
 

@@ -38,9 +38,9 @@ FIGURES = {
     "IDF1": "idf1",
     "MOTA": "mota",
     "switches": "id_switches",
-    "RMSE [m]": "pairs_rmse_m",
-    "NEES": "pairs_nees_mean",
-    "in 95 %": "pairs_nees_share_95",
+    "RMSE [m]": "matched_rmse_m",
+    "NEES": "matched_nees_mean",
+    "in 95 %": "matched_nees_share_95",
     "OSPA(2) [m]": "ospa2_m",
     "T-GOSPA [m]": "tgospa_m",
 }

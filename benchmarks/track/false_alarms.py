@@ -70,7 +70,7 @@ def one(method: str, world: str, settings: Sequence[str], seed: int) -> Said:
         tracked = _call("track", record, *of, "-o", tracks, "--diagnostics", notes, "--json")
         of = ["--truth", record, "--bearings", record, "--diagnostics", notes, "--match", "optimal"]
         judged = _call("evaluate", tracks, *of, "--json")
-    codes = {w["code"] for w in tracked["warnings"] + judged["warnings"]}
+    codes = {w["id"] for w in tracked["warnings"] + judged["warnings"]}
     share = judged.get("nees_share_95")
     return Said(tuple(sorted(codes)), judged.get("nees_mean") or math.nan, math.nan if share is None else 1.0 - share)
 

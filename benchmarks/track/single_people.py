@@ -82,7 +82,7 @@ def follow(
         caught=caught,
         blamed=blamed,
         false=int(np.count_nonzero(person.false)),
-        frames=sum(int(p.diagnostics.n_looked.sum()) for p in parts),
+        frames=sum(int(p.diagnostics.n_observing.sum()) for p in parts),
     )
 
 
@@ -90,7 +90,7 @@ def _doubts(person: Person, parts: list[Residuals]) -> tuple[int, int]:
     """How many false bearings are not believed, and how many bearings in all."""
     residuals = Residuals.concat(parts)
     false = set(zip(*_keys(person.bearings.take(person.false)), strict=True))
-    doubted = set(zip(*_keys(residuals.take(residuals.believed < 0.5)), strict=True))
+    doubted = set(zip(*_keys(residuals.take(residuals.inlier_probability < 0.5)), strict=True))
     return len(false & doubted), len(doubted)
 
 

@@ -73,7 +73,7 @@ def check_plugin(name: str, sample: Path | None, as_json: bool) -> int:
         checks = kit_of(plugin, sample)
         faults = faults_by(checks, plugin.load())
         broken |= bool(faults)
-        rows = [{"check": fault.check, "sentence": fault.sentence} for fault in faults]
+        rows = [{"check": fault.check, "message": fault.sentence} for fault in faults]
         reported.append({"plugin": name, "kind": plugin.kind, "checks": len(checks), "faults": rows})
         if not as_json:
             for fault in faults:

@@ -90,7 +90,7 @@ class UnconfirmedBearings:
             own = part.take(part.target_id == target)
             self.bearings += len(own)
             self.confirmed += int(np.count_nonzero(confirmed_by_another(own.sensor, (own.t_ns - own.t_ns[0]) / NS)))
-            self.doubted += int(np.count_nonzero(own.believed < 0.5))
+            self.doubted += int(np.count_nonzero(own.inlier_probability < 0.5))
 
     @property
     def one_at_a_time(self) -> bool:
@@ -108,7 +108,7 @@ MIN_STEPS, MAX_STEPS = 10, 500
 MAX_MISFIT_RATIO, MIN_MISFIT_RAD2 = 0.1, 0.05
 """A median square misfit [rad^2] below this share of the other one's, where that is above `MIN_MISFIT_RAD2`, is much
 better."""
-CONVENTION = "convention of angles"
+CONVENTION = "angle convention"
 """Name of the check."""
 MAX_LINE_MISFIT_RAD2 = 1.0
 """Misfits of single lines count at most as this [rad^2]: false ones are not to decide."""
@@ -141,12 +141,10 @@ class AngleConventionCheck:
         return (
             finding(
                 CONVENTION,
-                "warning",
                 "compass",
-                "the bearings fit one another much better as those of a compass, clockwise from north (+y): then the "
-                f"lines of a time step miss one position by {np.degrees(np.sqrt(other)):.2g} degrees (median of "
-                f"{len(self._misfits)} time steps), and by {np.degrees(np.sqrt(plain)):.2g} as given, from +x towards "
-                "+y; name the column compass_deg, or ingest with the convention compass",
+                misfit_deg=float(np.degrees(np.sqrt(other))),
+                given_deg=float(np.degrees(np.sqrt(plain))),
+                steps=len(self._misfits),
             ),
         )
 
@@ -178,7 +176,7 @@ def misfit(positions: Floats, bearings: Floats) -> float:
     return float(np.minimum(off**2, MAX_LINE_MISFIT_RAD2).mean())
 
 
-STATED = "stated noise of the bearings"
+STATED = "stated measurement noise"
 """Name of the check."""
 MIN_SIGMA_RAD = 1e-7
 """Smallest standard deviation that is accepted: 0.02 seconds of arc."""
@@ -209,13 +207,9 @@ class SmallNoiseCheck:
         return (
             finding(
                 STATED,
-                "note",
-                "noise-tiny",
-                f"{sum(self._found.values())} bearings of {', '.join(sorted(self._found)[:3])} state a standard "
-                f"deviation down to {self._least:.2g} rad (allowed: {MIN_SIGMA_RAD:g}): no sensor is so exact, and "
-                "filters by particles find no position that fits them: estimates may be as wide as without detections; "
-                "state the noise that they have",
+                "measurement-noise-small",
                 sensors=sorted(self._found),
+                count=sum(self._found.values()),
                 least_rad=self._least,
                 allowed=MIN_SIGMA_RAD,
             ),
@@ -499,10 +493,10 @@ class ResidualStatistics:
             own = part.take(part.sensor == name)
             found = self.sensors.setdefault(name, SensorConsistency())
             found.bearings += len(own)
-            found.inliers += int(np.count_nonzero(own.believed >= 0.5))
-            informative = own.take(own.expected >= MIN_RESIDUAL_VARIANCE)
-            expected = informative.believed * informative.expected
-            found.means.add(informative.believed * informative.residual**2, expected)
+            found.inliers += int(np.count_nonzero(own.inlier_probability >= 0.5))
+            informative = own.take(own.expected_variance >= MIN_RESIDUAL_VARIANCE)
+            expected = informative.inlier_probability * informative.expected_variance
+            found.means.add(informative.inlier_probability * informative.residual**2, expected)
             found.pose += (poses or {}).get(name, 0.0) * float(expected.sum())
 
     def moves(self, target: int, factor: float) -> None:
@@ -536,7 +530,7 @@ class ResidualStatistics:
         whole = self.nis
         return {
             "bearings": self.bearings,
-            "bearings_not_believed": self.bearings - sum(a.inliers for a in self.sensors.values()),
+            "rejected_bearings": self.bearings - sum(a.inliers for a in self.sensors.values()),
             **({"nis": whole.value, "nis_error": whole.error} if math.isfinite(whole.value) else {}),
         }
 

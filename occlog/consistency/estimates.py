@@ -35,19 +35,6 @@ from occlog.scans.grouping import sensor_names
 
 REGION_EDGE, SINGLE_SENSOR, OUT_OF_VIEW, INCONSISTENT_SENSOR = "edge", "one-sensor", "out-of-view", "sensor-disagrees"
 """Values of the column `doubt`, in the order of the column."""
-WORDS = {
-    REGION_EDGE: "the target may be at the edge of where targets can be, which was guessed from what the sensors see; "
-    "add `room` to the scene",
-    SINGLE_SENSOR: "one sensor alone saw the target for long, which says nothing of its distance; add another "
-    "sensor, or "
-    "track in images and find the target on the ground (occlog ground)",
-    OUT_OF_VIEW: "the target is where sensors that report it cannot see; check the calibration, the region "
-    "and the choice of the target",
-    INCONSISTENT_SENSOR: "most of what one sensor measured of the target in the last second is rejected; "
-    "check the clock, "
-    "the pose and the labels of that sensor (the residuals say which), or leave it out",
-}
-"""What each means and what to do."""
 EDGE_SIGMAS = 2.0
 """Distance from the edge below which an estimate is at the edge, in standard deviations."""
 VIEW_SIGMAS = 3.0
@@ -173,7 +160,7 @@ class QualityFlags:
             for row in zip(edge.tolist(), alone.tolist(), outside.tolist(), strict=True)
         ]
         columns = {c.name: getattr(diagnostics, c.name) for c in Diagnostics.columns()}
-        return tracks, Diagnostics(**(columns | {"doubt": np.array(doubt, dtype=np.str_)}))
+        return tracks, Diagnostics(**(columns | {"quality_flags": np.array(doubt, dtype=np.str_)}))
 
     def _outside(self, xy: Floats, covariance: Floats, by: list[tuple[str, ...]]) -> Bools:
         """(N,) whether at least half of the sensors that saw the target cannot have done so; arrays by their range.
@@ -255,16 +242,18 @@ class SensorDisagreement:
             return diagnostics
         self._kept = [known.take(known.t_ns > diagnostics.t_ns[-1] - WINDOW_NS)]
         against = np.zeros(len(diagnostics), dtype=np.bool_)
-        if np.count_nonzero(known.believed < 0.5) >= MIN_REJECTED_BEARINGS:
+        if np.count_nonzero(known.inlier_probability < 0.5) >= MIN_REJECTED_BEARINGS:
             for target in np.unique(diagnostics.target_id).tolist():
                 rows = diagnostics.target_id == target
                 against[rows] = _against(diagnostics.t_ns[rows], known.take(known.target_id == target))
         if not against.any():
             return diagnostics
-        doubt = [",".join(filter(None, (old, INCONSISTENT_SENSOR))) for old in diagnostics.doubt[against].tolist()]
-        every = diagnostics.doubt.astype(object)
+        doubt = [
+            ",".join(filter(None, (old, INCONSISTENT_SENSOR))) for old in diagnostics.quality_flags[against].tolist()
+        ]
+        every = diagnostics.quality_flags.astype(object)
         every[against] = doubt
-        return replace(diagnostics, doubt=every.astype(np.str_))
+        return replace(diagnostics, quality_flags=every.astype(np.str_))
 
 
 def _against(t_ns: Ints, residuals: Residuals) -> Bools:
@@ -272,7 +261,7 @@ def _against(t_ns: Ints, residuals: Residuals) -> Bools:
     out = np.zeros(len(t_ns), dtype=np.bool_)
     for name in np.unique(residuals.sensor).tolist():
         own = residuals.take(residuals.sensor == name)
-        rejected = np.concatenate([[0], np.cumsum(own.believed < 0.5)])
+        rejected = np.concatenate([[0], np.cumsum(own.inlier_probability < 0.5)])
         first, end = (np.searchsorted(own.t_ns, t, side="right") for t in (t_ns - WINDOW_NS, t_ns))
         many = rejected[end] - rejected[first]
         out |= (many >= MIN_REJECTED_BEARINGS) & (many >= MIN_REJECTED_SHARE * (end - first))
@@ -366,7 +355,7 @@ class PositionConsistency:
         walls = {c.name: scene.blockers(c.ground) for c in scene.cameras}
         if not len(residuals) or (scene.room is None and not any(walls.values())):
             return
-        used = residuals.take(residuals.believed >= 0.5)
+        used = residuals.take(residuals.inlier_probability >= 0.5)
         row = _rows(tracks, used)
         met = triangulate_rows(
             tracks, used, row, np.array([sensors[name] for name in used.sensor.tolist()]).reshape(-1, 2)
@@ -434,8 +423,8 @@ def _bearings(xy: Floats, covariance: Floats, origin: Floats, used: Residuals) -
     away = xy - origin
     r2 = np.maximum(np.sum(away**2, axis=1), 1e-24)
     g = np.column_stack([-away[:, 1], away[:, 0]]) / r2[:, None]
-    share = 1.0 - used.expected
-    usable = (share > MIN_SHARE) & (used.expected > 0.0)
+    share = 1.0 - used.expected_variance
+    usable = (share > MIN_SHARE) & (used.expected_variance > 0.0)
     square = np.einsum("ni,nij,nj->n", g, covariance, g)
     sigma = np.sqrt(np.divide(square, share, out=np.full(len(used), np.nan), where=usable))
     return np.arctan2(away[:, 1], away[:, 0]) + used.residual * sigma, sigma

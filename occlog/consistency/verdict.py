@@ -10,21 +10,28 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.special import bdtrc
 
 from occlog.array_types import NS
-from occlog.console.text import counted
 from occlog.core.metrics.normalised_squares import Ratio
 from occlog.records.scene import Scene
 from occlog.records.tables import Diagnostics, Tracks
 from occlog.records.verdicts import Check, Severity, finding, outcome
 
 from .bearings import ComparedBearings, ResidualStatistics, UnassociatedCandidates, UnconfirmedBearings, pose_shares
-from .estimates import CLEAR_SIGMAS, MIN_EFFECTIVE_SAMPLE_SIZE, WORDS, EffectiveSampleSizes, PositionConsistency
+from .estimates import (
+    INCONSISTENT_SENSOR,
+    MIN_EFFECTIVE_SAMPLE_SIZE,
+    OUT_OF_VIEW,
+    REGION_EDGE,
+    SINGLE_SENSOR,
+    EffectiveSampleSizes,
+    PositionConsistency,
+)
 
 SIGNIFICANCE = 1e-3
 """Probability that chance alone makes a limit seem broken."""
@@ -56,41 +63,34 @@ MAX_PERSISTENT_CANDIDATE_SHARE = 0.5
 """Share of frames with a candidate that stays and that no track explains that matters."""
 MAX_NAMED = 20
 """Targets of one finding that are listed."""
-PARTICLES, RESTARTED, TIME_GAPS = "effective number of particles", "restarts of the filter", "gaps between rows"
-NEVER_SEEN, SELECTED, FLAGGED = "targets that no sensor sees", "views of the selected cameras", "flags of the rows"
+PARTICLES, RESTARTED, TIME_GAPS = "effective sample size", "track loss", "time gaps"
+NEVER_SEEN, SELECTED, FLAGGED = "targets never detected", "coverage by the selected cameras", "quality flags"
 REJECTED_MEASUREMENTS, CONFIRMED, NIS = (
     "rejected measurements",
-    "measurements of one sensor at a time",
+    "single-sensor measurements",
     "residuals (NIS)",
 )
-MOTION, ROOM, WALLS = "motion noise", "positions outside the room", "lines of sight through walls"
-UNASSOCIATED_CANDIDATES = "candidates that no track explains"
+MOTION, ROOM, WALLS = "process noise", "positions outside the room", "detections through walls"
+UNASSOCIATED_CANDIDATES = "unassociated candidates"
 """Names of checks."""
-ROWS = {
-    "contradiction": "no position holds all constraints, and what was seen there was omitted; check poses and labels",
-    "wall": "no way around a wall was found; more states may help (fill_s)",
-    "unfinished": "the search did not converge; allow more iterations",
+QUALITY_FLAGS = {
+    REGION_EDGE: "region-edge",
+    SINGLE_SENSOR: "single-sensor",
+    OUT_OF_VIEW: "out-of-view",
+    INCONSISTENT_SENSOR: "inconsistent-sensor",
 }
-"""Values of `fallback` of which a verdict speaks if any row has them, and what they say."""
-FLAGS_OF_FALSE_BEARINGS = {
-    "doubted": "fewer than half of the bearings are accepted; check poses, clocks and labels",
-    "unchecked": "two measurements alone fix the position, and none of the others agrees: one of the two may be false, "
-    "which the covariance does not say; add stations, or follow the target over time (apf, map)",
+"""Values of `doubt`, and the ids of their messages."""
+FALLBACKS = {
+    "doubted": ("few-inliers", MAX_FLAGGED_SHARE),
+    "unchecked": ("unverified", MAX_FLAGGED_SHARE),
+    "contested": ("possible-outlier", MAX_POSSIBLE_OUTLIER_SHARE),
+    "contradiction": ("infeasible-constraints", 0.0),
+    "wall": ("no-path", 0.0),
+    "unfinished": ("not-converged", 0.0),
+    "unobservable": ("unobservable", 0.0),
+    "ambiguous": ("ambiguous", 0.0),
 }
-"""Values of `fallback` that single false bearings make, and of which a verdict speaks from a share of the rows on."""
-FLAGS_OF_POSSIBLE_OUTLIERS = {
-    "contested": "a measurement that is accepted may be false: another position is possible where fewer agree, or they "
-    "scatter more than stated, which the covariance does not say; leave these rows out, add stations, or follow the "
-    "target over time (apf, map)",
-}
-"""Values of `fallback` that some rows of honest data have, too."""
-FLAGS_WITH_RIGHT_COVARIANCE = {
-    "unobservable": "the measurements do not determine the position, and the covariance says so; add sensors",
-    "ambiguous": "measurements fit several positions, of which the row has the most probable, and the covariance holds "
-    "all: there are two ranges alone, stations are in line, one of a few values is false, or noise is as large as the "
-    "distances; add stations off the line, or follow the target over time (apf, map)",
-}
-"""Values of `fallback` that need care, though the covariance is right."""
+"""Values of `fallback` that are reported: the ids of their messages, and the share of rows that is allowed."""
 
 
 @dataclass
@@ -136,16 +136,16 @@ class ConsistencyEvidence:
         self.diagnosed = True
         self.rows += len(part)
         self.targets.update(part.target_id.tolist())
-        self.seen.update(part.target_id[part.n_seen > 0].tolist())
+        self.seen.update(part.target_id[part.n_detected > 0].tolist())
         if len(part):
             first, last = int(part.t_ns.min()), int(part.t_ns.max())
             before = self.span_ns or (first, last)
             self.span_ns = min(first, before[0]), max(last, before[1])
         self.fallbacks.update(f for f in part.fallback.tolist() if f)
-        self.doubts.update(d for text in part.doubt.tolist() if text for d in text.split(","))
+        self.doubts.update(d for text in part.quality_flags.tolist() if text for d in text.split(","))
         several = np.char.find(part.selected, ",") >= 0
         self.selected += int(np.count_nonzero(several))
-        self.blind += int(np.count_nonzero(several & (part.n_seen < 2)))
+        self.blind += int(np.count_nonzero(several & (part.n_detected < 2)))
         self.particles.add(part.ess)
 
     def saw(self, tracks: Tracks, compared: ComparedBearings, scene: Scene) -> None:
@@ -160,12 +160,12 @@ class ConsistencyEvidence:
         """Figures of a summary."""
         found: dict[str, object] = {}
         if self.particles.rows:
-            found["median_effective_particles"] = self.particles.median
-            found["share_depleted"] = self.particles.few / self.particles.rows
+            found["median_effective_sample_size"] = self.particles.median
+            found["depleted_share"] = self.particles.few / self.particles.rows
         metrics = self.agreements.figures()
         found |= {name.replace("bearings", self.what): value for name, value in metrics.items()}
         if self.crowd.frames:
-            found["candidates_unexplained_per_frame"] = self.crowd.unexplained
+            found["unassociated_candidates_per_frame"] = self.crowd.unexplained
         return found
 
     @property
@@ -232,55 +232,26 @@ class ConsistencyEvidence:
 
     def _depleted(self, smoothed: bool) -> Iterator[Check]:
         """Particles that ran out."""
-        few, rows, most = (
-            self.particles.few,
-            self.particles.rows,
-            MAX_DEPLETED_SHARE_SMOOTHED if smoothed else MAX_DEPLETED_SHARE,
-        )
-        if exceeds_share(few, rows, most):
-            names = (
-                "their covariances and those of smoothed rows before them are" if smoothed else "their covariances are"
-            )
-            yield finding(
-                PARTICLES,
-                "warning",
-                "depleted",
-                f"{few / rows:.0%} of the rows rest on fewer than {MIN_EFFECTIVE_SAMPLE_SIZE:.0f} effective "
-                "particles (median "
-                f"{self.particles.median:.0f}; allowed in {most:.0%} of the rows): {names} too "
-                "small; use more particles, or check the noise that is stated, which may be too small",
-                share=few / rows,
-                allowed=most,
-            )
+        allowed = MAX_DEPLETED_SHARE_SMOOTHED if smoothed else MAX_DEPLETED_SHARE
+        yield from depleted_particles(PARTICLES, self.particles, allowed)
 
     def _restarts(self) -> Iterator[Check]:
         """Rows in which the target was lost."""
-        restarts = self.fallbacks["restart"]
-        if exceeds_share(restarts, self.rows, MAX_RESTART_SHARE):
-            yield finding(
-                RESTARTED,
-                "warning",
-                "restarts",
-                f"the target was lost and searched again in {restarts} of {self.rows} rows (allowed: "
-                f"{MAX_RESTART_SHARE:.0%}); "
-                "the motion or the noise that is stated is wrong, or the bearings are not of one target",
-                share=restarts / self.rows,
-                allowed=MAX_RESTART_SHARE,
-            )
+        count = self.fallbacks["restart"]
+        if exceeds_share(count, self.rows, MAX_RESTART_SHARE):
+            share = count / self.rows
+            yield finding(RESTARTED, "track-loss", count=count, rows=self.rows, share=share, allowed=MAX_RESTART_SHARE)
 
     def _gaps(self) -> Iterator[Check]:
         """Rows so far apart that nothing is filtered."""
         gaps = self.fallbacks["gap"]
         if self.span_ns is not None and gaps >= MIN_GAPS and gaps >= MAX_GAP_SHARE * self.rows:
-            interval = (self.span_ns[1] - self.span_ns[0]) / NS * len(self.targets) / self.rows
             yield finding(
                 TIME_GAPS,
-                "warning",
                 "gaps",
-                f"{gaps} of {self.rows} rows come after a gap, and the filter restarts there: the rows of a target "
-                f"are {interval:.3g} s apart on average, so that nothing is filtered; take each time step alone (fix), "
-                "or allow longer gaps (max_gap_s) with a motion that holds for so long; if times are in "
-                "another unit, state it by --input-units ms",
+                count=gaps,
+                rows=self.rows,
+                interval_s=(self.span_ns[1] - self.span_ns[0]) / NS * len(self.targets) / self.rows,
                 share=gaps / self.rows,
                 allowed=MAX_GAP_SHARE,
             )
@@ -291,12 +262,10 @@ class ConsistencyEvidence:
         if unseen and not self.distances:
             yield finding(
                 NEVER_SEEN,
-                "note",
-                "never-seen",
-                f"{counted(len(unseen), 'target')} of {len(self.targets)}, the first {unseen[0]}, no sensor saw at any "
-                "time: the rows say where targets can be, and their covariances are as wide; add sensors, or leave "
-                "out who was not seen",
+                "targets-never-detected",
                 targets=unseen[:MAX_NAMED],
+                count=len(unseen),
+                of=len(self.targets),
             )
 
     def _blind(self) -> Iterator[Check]:
@@ -304,35 +273,23 @@ class ConsistencyEvidence:
         if exceeds_share(self.blind, self.selected, MAX_BLIND_SHARE):
             yield finding(
                 SELECTED,
-                "warning",
-                "selection",
-                f"in {self.blind} of {self.selected} rows (allowed: {MAX_BLIND_SHARE:.0%}) fewer than two sensors "
-                "see the "
-                "target, although more cameras were selected: the selection is for longer than the target stays in "
-                "view, or the policy ignores views; select by greedy, more cameras, or more often",
+                "selection-without-view",
+                count=self.blind,
+                rows=self.selected,
                 share=self.blind / self.selected,
                 allowed=MAX_BLIND_SHARE,
             )
 
     def _rows(self) -> Iterator[Check]:
-        """Rows with a flag."""
-        kinds: tuple[tuple[Mapping[str, str], Counter[str], float, Severity], ...] = (
-            (WORDS, self.doubts, MAX_FLAGGED_SHARE, "warning"),
-            (FLAGS_OF_FALSE_BEARINGS, self.fallbacks, MAX_FLAGGED_SHARE, "warning"),
-            (FLAGS_OF_POSSIBLE_OUTLIERS, self.fallbacks, MAX_POSSIBLE_OUTLIER_SHARE, "warning"),
-            (ROWS, self.fallbacks, 0.0, "warning"),
-            (FLAGS_WITH_RIGHT_COVARIANCE, self.fallbacks, 0.0, "note"),
-        )
-        for words, found, least, severity in kinds:
-            for code, text in words.items():
-                if found[code] > least * self.rows:
-                    share = f" (allowed: {least:.0%})" if least else ""
-                    sentence = f"{found[code]} of {self.rows} rows{share}: {code}: {text}"
-                    yield finding(FLAGGED, severity, code, sentence, share=found[code] / self.rows, allowed=least)
-                elif found[code] and words is WORDS:
-                    said = f"{found[code]} of {self.rows} rows are not to be accepted (the diagnostics say which)"
-                    rare = found[code] / self.rows
-                    yield finding(FLAGGED, "note", code, f"{said}: {code}: {text}", share=rare, allowed=least)
+        """Rows with a flag; rare quality flags are a note."""
+        flags = [(self.doubts[flag], id, MAX_FLAGGED_SHARE) for flag, id in QUALITY_FLAGS.items()]
+        flags += [(self.fallbacks[value], *of) for value, of in FALLBACKS.items()]
+        for n, (count, id, allowed) in enumerate(flags):
+            rare = count <= allowed * self.rows
+            if count and (not rare or n < len(QUALITY_FLAGS)):
+                share = count / self.rows
+                severity: Severity | None = "note" if rare else None
+                yield finding(FLAGGED, id, severity, count=count, rows=self.rows, share=share, allowed=allowed)
 
     def _rejected(self) -> Iterator[Check]:
         """Sensors with rejected bearings."""
@@ -342,12 +299,10 @@ class ConsistencyEvidence:
             ):
                 yield finding(
                     REJECTED_MEASUREMENTS,
-                    "warning",
-                    "not-believed",
-                    f"{name}: {own.doubted:.0%} of {own.bearings} {self.what} are rejected (allowed: "
-                    f"{MAX_REJECTED_SHARE:.0%}); its pose, its clock or its labels may be wrong, or the target "
-                    "was lost",
+                    "measurements-rejected",
                     sensors=[name],
+                    count=own.bearings,
+                    what=self.what,
                     share=own.doubted,
                     allowed=MAX_REJECTED_SHARE,
                 )
@@ -362,14 +317,9 @@ class ConsistencyEvidence:
         ):
             yield finding(
                 CONFIRMED,
-                "warning",
-                "unconfirmed",
-                f"{alone.share:.0%} of {alone.bearings} {self.what} are rejected (allowed: "
-                f"{MAX_UNCONFIRMED_REJECTED_SHARE:.0%} where "
-                f"one sensor at a time sees the target): the motion alone distinguishes false {self.what} from true "
-                "ones; "
-                "others may be false, too, and covariances too small; add sensors that see the target at the same "
-                "time, or check identities and the detector's false alarms",
+                "measurements-unconfirmed",
+                count=alone.bearings,
+                what=self.what,
                 share=alone.share,
                 allowed=MAX_UNCONFIRMED_REJECTED_SHARE,
             )
@@ -391,10 +341,7 @@ class ConsistencyEvidence:
             if factor > MAX_MOTION_VARIANCE_FACTOR:
                 yield finding(
                     MOTION,
-                    "warning",
-                    "motion",
-                    f"target {target} moves {math.sqrt(factor):.1f} times as irregularly as the settings of its motion "
-                    f"say (allowed: {math.sqrt(MAX_MOTION_VARIANCE_FACTOR):.0f} times); state a larger acceleration",
+                    "process-noise-small",
                     targets=[target],
                     factor=math.sqrt(factor),
                     allowed=math.sqrt(MAX_MOTION_VARIANCE_FACTOR),
@@ -406,12 +353,9 @@ class ConsistencyEvidence:
         if positions.rows >= MIN_SAMPLES and exceeds_share(positions.outside, positions.rows, MAX_FLAGGED_SHARE):
             yield finding(
                 ROOM,
-                "warning",
                 "outside-room",
-                f"in {positions.outside} of {positions.rows} rows (allowed: {MAX_FLAGGED_SHARE:.0%}) the bearings meet "
-                f"more than {CLEAR_SIGMAS:g} "
-                "standard deviations outside the room, which estimates stay in: the target has left it, the room of "
-                "the scene is too small, or poses are wrong",
+                count=positions.outside,
+                rows=positions.rows,
                 share=positions.outside / positions.rows,
                 allowed=MAX_FLAGGED_SHARE,
             )
@@ -422,13 +366,10 @@ class ConsistencyEvidence:
             if saw >= MIN_SAMPLES and exceeds_share(hidden, saw, MAX_FLAGGED_SHARE):
                 yield finding(
                     WALLS,
-                    "warning",
-                    "through-wall",
-                    f"in {hidden} of {saw} rows (allowed: {MAX_FLAGGED_SHARE:.0%}) {name} sees the target, "
-                    "although it is behind "
-                    "a wall or static occluder of the scene where the bearings meet; the track avoids the wall and is "
-                    "wrong if the wall is: check the scene's occluders, room and poses",
+                    "detection-through-wall",
                     sensors=[name],
+                    count=hidden,
+                    rows=saw,
                     share=hidden / saw,
                     allowed=MAX_FLAGGED_SHARE,
                 )
@@ -447,16 +388,28 @@ class ConsistencyEvidence:
             return
         yield finding(
             UNASSOCIATED_CANDIDATES,
-            "warning",
             "several-targets",
-            f"the candidates cannot be one target: {self.crowd.unexplained:.1f} of {self.crowd.candidates:.1f} in a "
-            f"frame are near no track, and in {', '.join(persistent)} they stay from frame to frame (in "
-            f"{max(persistent.values()):.0%} of the frames; allowed: {MAX_PERSISTENT_CANDIDATE_SHARE:.0%}); "
-            "follow all people "
-            "(method jipda, from the boxes), label the candidates, or say where the target is initially",
             sensors=persistent,
+            unassociated=self.crowd.unexplained,
+            candidates=self.crowd.candidates,
             share=max(persistent.values()),
             allowed=MAX_PERSISTENT_CANDIDATE_SHARE,
+        )
+
+
+def depleted_particles(
+    check: str, particles: EffectiveSampleSizes, allowed: float, severity: Severity | None = None
+) -> Iterator[Check]:
+    """The finding of particles that ran out, in more rows than the share allowed."""
+    if exceeds_share(particles.few, particles.rows, allowed):
+        yield finding(
+            check,
+            "particles-depleted",
+            severity,
+            share=particles.few / particles.rows,
+            least=MIN_EFFECTIVE_SAMPLE_SIZE,
+            median=particles.median,
+            allowed=allowed,
         )
 
 
@@ -477,27 +430,26 @@ def nis_check(what: str, nis: Ratio, expected: float, sensors: tuple[str, ...] =
     low, high = nis.interval(SIGNIFICANCE)
     if expected < MIN_SAMPLES or NIS_LOW <= nis.value <= NIS_HIGH or low <= 1.0 <= high:
         return None
-    factor, kind = math.sqrt(nis.value), "bearings" if "bearings" in what else "measurements"
-    found = f"NIS {nis.value:.2g} +- {nis.error:.1g}, expected 1, allowed {NIS_LOW:g} to {NIS_HIGH:g}"
+    factor = math.sqrt(nis.value)
     if nis.value > 1.0:
         return finding(
             NIS,
-            "warning",
             "nis-large",
-            f"{what} are {factor:.1f} times as far from the track as their standard deviations say ({found}): the "
-            "noise that is stated is too small, a pose or a clock is wrong, or the track is wrong; state a "
-            "larger noise, or check the calibration",
             sensors=sensors,
+            what=what,
+            factor=factor,
             nis=nis.value,
+            nis_error=nis.error,
             allowed=NIS_HIGH,
         )
+    factor = 1.0 / factor if factor > 0.0 else math.inf
     return finding(
         NIS,
-        "note",
         "nis-small",
-        f"{what} have standard deviations that are {1.0 / factor if factor > 0.0 else math.inf:.1f} times too large "
-        f"({found}): covariances are too large, and false {kind} pass; state a smaller noise",
         sensors=sensors,
+        what=what,
+        factor=factor,
         nis=nis.value,
+        nis_error=nis.error,
         allowed=NIS_LOW,
     )

@@ -103,7 +103,7 @@ def plausible_in_words(summary: Mapping[str, object]) -> str:
     warnings = summary.get("warnings")
     by_stage: dict[str, dict[str, dict[str, None]]] = {}
     for each in warnings if isinstance(warnings, list) else []:
-        sensors = by_stage.setdefault(each.get("stage", ""), {}).setdefault(each["code"], {})
+        sensors = by_stage.setdefault(each.get("stage", ""), {}).setdefault(each["id"], {})
         sensors.update(dict.fromkeys(each.get("sensors", ())))
     parts = []
     for stage, codes in by_stage.items():

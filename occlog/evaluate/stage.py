@@ -277,7 +277,7 @@ class Evaluator:
             metrics = headline.first({**metrics, headline.INDEPENDENT_IDS: 1.0}, unit) if own else metrics
             notes += [*ground.notes(), *numbers, *headline.notes(metrics, unit, config.match)]
         if with_positions and seen is not None:
-            self.noise = seen.noise_at_known_places()
+            self.noise = seen.noise_at_known_positions()
             metrics |= figures_of(self.noise)
             notes += notes_of(self._scene, self.noise)
         checks = None

@@ -40,7 +40,7 @@ from .errors.sums import median_of, space_errors
 from .mot.config import MultiTargetConfig
 from .mot.figures import independent_ids
 
-COVARIANCES, IDENTITY = "covariances against the truth (NEES)", "truth and bearings of one target"
+COVARIANCES, IDENTITY = "covariances against the truth (NEES)", "truth matches bearings"
 DETECTIONS, BOUND = "detection rate at the true positions", "errors against the bound"
 """Names of checks."""
 NEES_HIGH, NEES_LOW = 2.0, 0.2
@@ -113,8 +113,7 @@ def checks_with_truth(
     """
     said = found.checks(one_target=made.one_target, smoothed=made.smoothed)
     if unknown:
-        words = "estimates have no covariance, so that the consistency of errors and of bearing residuals is unchecked"
-        return (*said, finding(COVARIANCES, "note", "no-covariance", words), *_of_figures(metrics))
+        return (*said, finding(COVARIANCES, "no-covariance"), *_of_figures(metrics))
     errors = against.checks()
     large = any(each.id == "nees-large" for each in errors)
     else_ = outcome(
@@ -129,16 +128,7 @@ def _truth_of_another_target(found: ConsistencyEvidence, metrics: Mapping[str, o
     """Return whether bearings agree with tracks that are far from the truth, and not with the truth."""
     nis, there = found.agreements.nis, _number(metrics, "bearing_nis")
     if there > MAX_BEARING_NIS and nis.value <= NIS_HIGH and found.agreements.doubted <= MAX_REJECTED_SHARE:
-        yield finding(
-            IDENTITY,
-            "warning",
-            "something-else",
-            f"the bearings agree with the tracks (NIS {nis.value:.2g}) and not with the truth (NIS {there:.2g}, "
-            f"allowed up to {MAX_BEARING_NIS:.0f}); the truth is of another object, clock or frame; compare with the "
-            "truth of the detected target",
-            nis=there,
-            allowed=MAX_BEARING_NIS,
-        )
+        yield finding(IDENTITY, "truth-of-another-target", nis_of_tracks=nis.value, nis=there, allowed=MAX_BEARING_NIS)
 
 
 def _errors_on_assigned_target(errors: Errors, scene: Scene) -> Errors:
@@ -215,56 +205,43 @@ class CovarianceConsistency:
         found = self._space if high else self._ground
         return outcome(
             COVARIANCES,
-            _of_nees(found, self.rows, " in space" if high else ""),
+            _of_nees(found, self.rows),
             nees=found.mean.value * found.dimensions,
             allowed=NEES_HIGH * found.dimensions,
         )
 
 
-def _of_nees(found: _Nees, rows: int, where: str) -> Iterator[Check]:
+def _of_nees(found: _Nees, rows: int) -> Iterator[Check]:
     """Return whether covariances state how large the errors are."""
     dimensions, mean, share = found.dimensions, found.mean, found.share
     singular = rows - found.n_finite
     if exceeds_share(singular, rows, MAX_SINGULAR_SHARE):
         yield finding(
             COVARIANCES,
-            "warning",
-            "singular",
-            f"{singular} of {rows} estimates have a singular covariance (allowed: {MAX_SINGULAR_SHARE:.0%}): "
-            "particles are depleted, or the stated noise is zero; use more particles, or state the noise",
+            "covariances-singular",
+            count=singular,
+            rows=rows,
             share=singular / rows,
             allowed=MAX_SINGULAR_SHARE,
         )
     if not found.n_finite:
         return
+    nees, outside = mean.value * dimensions, 0.05 * share.value
     large = mean.value > NEES_HIGH and mean.interval(SIGNIFICANCE)[0] > 1.0
-    many = 0.05 * share.value > MAX_OUTSIDE_95_SHARE and share.interval(SIGNIFICANCE)[0] > 1.0
-    words = (
-        f"mean NEES{where} {mean.value * dimensions:.3g}, expected {dimensions}, allowed up to "
-        f"{NEES_HIGH * dimensions:.0f}; {0.05 * share.value:.0%} of the errors are outside of the 95 % "
-        f"{'ellipsoid' if where else 'ellipse'}, expected 5 %, allowed {MAX_OUTSIDE_95_SHARE:.0%}"
-    )
+    many = outside > MAX_OUTSIDE_95_SHARE and share.interval(SIGNIFICANCE)[0] > 1.0
     if large or many:
         yield finding(
             COVARIANCES,
-            "warning",
             "nees-large",
-            f"the covariances are too small for the errors ({words}); see other warnings, use more particles or larger "
-            "noises, and check that the truth is of the same target",
-            nees=mean.value * dimensions,
+            nees=nees,
             allowed=NEES_HIGH * dimensions,
+            outside=outside,
+            allowed_outside=MAX_OUTSIDE_95_SHARE,
         )
     elif mean.value < NEES_LOW and mean.interval(SIGNIFICANCE)[1] < 1.0:
         factor = 1.0 / math.sqrt(mean.value) if mean.value > 0.0 else math.inf
-        yield finding(
-            COVARIANCES,
-            "note",
-            "nees-small",
-            f"the covariances are too large: errors are {factor:.1f} times smaller than they state ({words}); state "
-            "smaller noises",
-            nees=mean.value * dimensions,
-            allowed=NEES_LOW * dimensions,
-        )
+        allowed = NEES_LOW * dimensions
+        yield finding(COVARIANCES, "nees-small", nees=nees, outside=outside, factor=factor, allowed=allowed)
 
 
 def _of_figures(metrics: Mapping[str, object]) -> tuple[Check, ...]:
@@ -300,31 +277,14 @@ def _not_detected(metrics: Mapping[str, object]) -> Iterator[Check]:
     if rate < MIN_DETECTION_RATE and exceeds_share(
         round((1.0 - rate) * visible), round(visible), 1.0 - MIN_DETECTION_RATE
     ):
-        yield finding(
-            DETECTIONS,
-            "warning",
-            "not-detected",
-            f"only {rate:.0%} of the visible targets were detected at their position (expected at least "
-            f"{MIN_DETECTION_RATE:.0%}); check that bearings and truth are of the same targets, the clocks and the "
-            "calibration",
-            share=rate,
-            allowed=MIN_DETECTION_RATE,
-        )
+        yield finding(DETECTIONS, "low-detection-rate", share=rate, allowed=MIN_DETECTION_RATE)
 
 
 def _far_from_bound(metrics: Mapping[str, object]) -> Iterator[Check]:
     """Errors that are far larger than the bearings would allow."""
     ratio = _number(metrics, "bound_ratio")
     if ratio > MAX_BOUND_RATIO and not _no_bound(metrics):
-        yield finding(
-            BOUND,
-            "note",
-            "far-from-bound",
-            f"the RMSE is {ratio:.1f} times the Cramer-Rao bound (usual: up to {MAX_BOUND_RATIO:.0f}): the bearings "
-            "would allow more, or the motion given to the bound has too little noise",
-            ratio=ratio,
-            allowed=MAX_BOUND_RATIO,
-        )
+        yield finding(BOUND, "error-far-above-bound", ratio=ratio, allowed=MAX_BOUND_RATIO)
 
 
 def _number(metrics: Mapping[str, object], name: str) -> float:
@@ -430,7 +390,7 @@ class _Alone:
             new = ~done[mine] & (np.flatnonzero(mine) < ready)
             alone.bearings += int(np.count_nonzero(new))
             alone.confirmed += int(np.count_nonzero(confirmed_by_another(own.sensor, seconds)[new]))
-            alone.doubted += int(np.count_nonzero(own.believed[new] < 0.5))
+            alone.doubted += int(np.count_nonzero(own.inlier_probability[new] < 0.5))
         since = 0 if ready == 0 else int(np.searchsorted(rows.t_ns, rows.t_ns[ready - 1] - near_ns))
         self._kept, self._begin = rows.take(slice(since, None)), max(ready, self._begin) - since
 

@@ -236,7 +236,7 @@ def _describe_bag(path: Path) -> Description:
                 for t in topics.values()
             ],
             "time_ns": span,
-            "taken": taken,
+            "used": taken,
             "note": remark or None,
             "lost": [loss.as_dict() for loss in bag.losses],
         }

@@ -12,7 +12,7 @@ from occlog.records.columns import ColumnTable
 from occlog.records.tables import Boxes, Doa, Truth, TruthBoxes
 from occlog.records.verdicts import Check, finding, outcome
 
-SENSORS, FRAMES, TRUE = "times of the sensors", "intervals of the frames", "times of the truth"
+SENSORS, FRAMES, TRUE = "sensor clocks", "frame intervals", "truth times"
 """Names of checks."""
 FRAMES_APART_NS, ROWS_APART_NS = 60 * NS, 3600 * NS
 """Gap above which a sensor's times count as disjoint, if also above the others' duration; rows are only where
@@ -103,12 +103,11 @@ class Times:
             if own.count >= FEWEST and own.longest > max(JUMP * (own.last - own.first), JUMP_NS):
                 yield finding(
                     FRAMES,
-                    "note",
-                    "times-jump",
-                    f"camera {name}: its times jump by {own.longest / NS:.6g} s at {utc(own.before)}, which is longer "
-                    f"than the rest of its {own.count} frames: was its clock set, or the recording interrupted?",
+                    "clock-jump",
                     sensors=[name],
                     jump_s=own.longest / NS,
+                    time=utc(own.before),
+                    frames=own.count,
                 )
 
     def _of_truth(self) -> Iterator[Check]:
@@ -116,14 +115,9 @@ class Times:
         measured = TimeSpanNs()
         for own in (*self.frames.values(), *self.rows.values()):
             measured.take(own.first, own.last)
-        if self.true.last < measured.first or measured.last < self.true.first:
-            yield finding(
-                TRUE,
-                "warning",
-                "truth-at-other-times",
-                f"the truth ({self.true}) and the measurements ({measured}) have no time in common; is the start "
-                "time, the unit of times or the clock another?",
-            )
+        apart_ns = max(measured.first - self.true.last, self.true.first - measured.last)
+        if apart_ns > 0:
+            yield finding(TRUE, "truth-times-disjoint", separation_s=apart_ns / NS)
 
 
 class TimedWriter(RecordingWriter):
@@ -154,12 +148,4 @@ def _apart(times: dict[str, IngestFrameTimes] | dict[str, TimeSpanNs], least: in
         far = min((max(each.first - own.last, own.first - each.last) for each in others), default=0)
         length = max((each.last for each in others), default=0) - min((each.first for each in others), default=0)
         if far > max(least, length):
-            yield finding(
-                SENSORS,
-                "warning",
-                "sensor-at-other-times",
-                f"{name} measures at no time at which another sensor does: its times are {own}, {far / NS:.6g} s from "
-                "the others'; check its clock, its start time and the unit of its times",
-                sensors=[name],
-                apart_s=far / NS,
-            )
+            yield finding(SENSORS, "sensor-times-disjoint", sensors=[name], separation_s=far / NS)

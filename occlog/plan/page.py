@@ -191,7 +191,7 @@ def _figures(summary: Mapping[str, object], unit: str) -> list[tuple[str, str]]:
         "seen_by_2": "seen by two or more sensors",
         "seen_by_1": "by one",
         "seen_by_0": "by none",
-        "no_fix": "without a fix",
+        "unlocalised_share": "without a fix",
     }
     out += [(words, f"{number[name]:.1%}") for name, words in names.items()]
     return [*out, ("people near the target", str(summary["people"])), ("sensors", str(summary["sensors"]))]

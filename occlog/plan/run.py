@@ -159,7 +159,7 @@ def caveats(scene: Scene, table: PlanMap) -> list[str]:
         out.append(f"{', '.join(unplaced)}: no pose, skipped; give position and yaw")
     if scene.readers:
         out.append("readers of tags are skipped: planning does not support their measurements")
-    blind = float(table.weight @ table.no_fix)
+    blind = float(table.weight @ table.unlocalised_share)
     if blind > 0.1:
         out.append(f"no sensor sees the target {blind:.0%} of the time; errors there are rough, add sensors")
     return out
@@ -174,19 +174,19 @@ def _summary(request: PlanRequest, planned: PreparedPlan, table: PlanMap, rankin
     summary |= {
         "sensors": len(sensors_of(planned.scene)),
         "people": planned.walked.people.shape[1] - 1,
-        "places": len(table),
+        "cells": len(table),
         f"rmse_{unit}": rmse,
         f"rmse_error_{unit}": float(np.sqrt(np.sum((weight * table.rmse * table.rmse_error) ** 2))) / rmse,
         f"mean_{unit}": float(weight @ table.rmse),
         f"worst_{unit}": float(table.rmse[worst]),
-        "worst_place": [float(table.x[worst]), float(table.y[worst])],
+        "worst_position": [float(table.x[worst]), float(table.y[worst])],
     }
     if planned.config.max_expected_error is not None:
         summary |= {
             f"within_{unit}": planned.config.max_expected_error,
             "share_within": area_share_below(table, planned.config.max_expected_error),
         }
-    for name in ("seen_by_0", "seen_by_1", "seen_by_2", "no_fix"):
+    for name in ("seen_by_0", "seen_by_1", "seen_by_2", "unlocalised_share"):
         summary[name] = float(weight @ getattr(table, name))
     if rankings.candidates is not None:
         summary["candidates"] = _listed(rankings.candidates, unit)

@@ -12,6 +12,8 @@ from msgspec.structs import replace
 
 from occlog.errors import spelled
 
+from .messages import VERDICT
+
 Status = Literal["passed", "failed", "not applicable"]
 Severity = Literal["warning", "note"]
 MAX_FINDINGS = 20
@@ -21,7 +23,7 @@ MAX_FINDINGS = 20
 class Check(Struct, frozen=True, omit_defaults=True):
     """A check of a stage's results."""
 
-    name: Annotated[str, Meta(description="What was checked, as words of a list: `restarts of the filter`.")]
+    name: Annotated[str, Meta(description="What was checked, as words of a list: `track loss`.")]
     status: Annotated[
         Status,
         Meta(description="`failed`: the results are not plausible; `not applicable`: could not be checked."),
@@ -74,28 +76,30 @@ class Verdict(Struct, frozen=True, omit_defaults=True):
 
 
 def finding(
-    name: str,
-    severity: Severity,
+    check: str,
     id: str,
-    text: str,
+    /,
+    severity: Severity | None = None,
     *,
     sensors: Iterable[str] = (),
     targets: Iterable[int] = (),
-    **figures: float,
+    **values: float | str,
 ) -> Check:
     """Return a check that failed (`warning`), or one that passed with something to be known (`note`).
 
     Args:
-        name: what was checked.
-        severity: `warning` if the results are not to be accepted as they are.
-        id: of what was found.
-        text: the finding, the limit, the remedy.
+        check: what was checked.
+        id: of what was found, in `occlog.records.messages.VERDICT`.
+        severity: `warning` if the results are not to be accepted as they are; None: that of the message.
         sensors: names of those that are affected.
         targets: ids of those that are affected.
-        **figures: what was measured, and its limit as `allowed`; those that are not finite are omitted.
+        **values: of the fields of the message; numbers are also the figures of the check, with the limit as `allowed`,
+            unless they are not finite.
     """
-    status: Status = "failed" if severity == "warning" else "passed"
-    return Check(name, status, id, text, tuple(sensors), tuple(targets), _rounded(figures))
+    message, names, ids = VERDICT[id], tuple(sensors), tuple(targets)
+    status: Status = "failed" if (severity or message.severity) == "warning" else "passed"
+    figures = {name: value for name, value in values.items() if not isinstance(value, str)}
+    return Check(check, status, id, message.fill(names, ids, **values), names, ids, _rounded(figures))
 
 
 def outcome(name: str, findings: Iterable[Check], *, unless: str = "", **figures: float) -> tuple[Check, ...]:
@@ -181,16 +185,17 @@ def texts_of(verdicts: Sequence[Verdict], own: str) -> tuple[str, ...]:
 
 
 def summary_of(verdicts: Sequence[Verdict]) -> dict[str, object]:
-    """The verdict for a summary: `plausible`, and `warnings` with stage, id (`code`), sentence and who is affected."""
+    """The verdict for a summary: `plausible`, and `warnings` with stage, id, message, sensors, targets and figures."""
     if not verdicts:
         return {}
     warnings = [
         {
             "stage": stage,
-            "code": check.id,
-            "sentence": check.text,
+            "id": check.id,
+            "message": check.text,
             **({"sensors": list(check.sensors)} if check.sensors else {}),
             **({"targets": list(check.targets)} if check.targets else {}),
+            **({"figures": check.figures} if check.figures else {}),
         }
         for stage, check in found_by_stage(verdicts)
         if check.status == "failed"

@@ -474,7 +474,7 @@ class _Reading:
         people, spread = PeopleStreams(), Spool()
         bearings = self._open("bearings", Bearings) is not None and self._scene is not None
         fared = self._open("diagnostics", Diagnostics) is not None
-        existence = given.may_have("existence")
+        existence = given.may_have("existence_probability")
 
         def watched() -> Iterator[Tracks]:
             for piece in whole_times(given.chunks()):

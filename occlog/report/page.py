@@ -98,14 +98,14 @@ def _pairs(data: ReportInput) -> list[Figure]:
     """Figures of tracks with their own identities, of the evaluation."""
     unit = data.unit
     value = {name: found for name, found in data.metrics.items() if isinstance(found, int | float)}
-    gate = f"matching per frame, {number(value.get(f'pairs_gate_{unit}'))} {unit} gate"
+    gate = f"matching per frame, {number(value.get(f'matched_gate_{unit}'))} {unit} gate"
     shown = (
         ("HOTA", "hota", "", "detection and association"),
         ("IDF1", "idf1", "", "share of rows with the right identity"),
         ("MOTA", "mota", "", "1 is the best possible"),
         ("identity switches", "id_switches", "", ""),
-        ("RMSE", f"pairs_rmse_{unit}", unit, gate),
-        ("mean NEES", "pairs_nees_mean", "", "2 where covariances are right"),
+        ("RMSE", f"matched_rmse_{unit}", unit, gate),
+        ("mean NEES", "matched_nees_mean", "", "2 where covariances are right"),
     )
     return [Figure(name, number(value[key]), of, note) for name, key, of, note in shown if key in value]
 

@@ -305,7 +305,7 @@ def _recorded(
     )
     for chunk in truth:
         if setup.people is not None:
-            counts["contacts"] += _contacts(truth_grid(chunk), setup.people, setup.world)
+            counts["collisions"] += _contacts(truth_grid(chunk), setup.people, setup.world)
         writer.table(grid_truth(chunk) if isinstance(chunk, TimeGrid) else chunk)
         if setup.observe is not None:
             rows = next(bearings)
@@ -345,7 +345,7 @@ def _summary(setup: Setup, output: Path, seed: int, counts: Counter[str]) -> dic
         "cameras": len(setup.scene.cameras),
     }
     if setup.people is not None:
-        summary |= {"people_avoided": len(setup.people.ids), "contacts": counts["contacts"]}
+        summary |= {"people_avoided": len(setup.people.ids), "collisions": counts["collisions"]}
     if setup.observe is not None:
         summary |= {"bearings": counts["bearings"], "seen": counts["seen"]}
     if setup.scene.arrays:

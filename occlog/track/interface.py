@@ -51,7 +51,7 @@ class BearingResiduals(NamedTuple):
     row: Ints  # (n,) which estimate, from 0; 0 where there is one alone
     sensor: Ints  # (n,) index in `sensor_names`
     residual: Floats  # (n,) in standard deviations as stated
-    expected: Floats  # (n,) variance that it has if the bearing is true
+    expected_variance: Floats  # (n,) variance that it has if the bearing is true
     inlier_probability: Floats  # (n,) probability that it is true
 
 
@@ -70,8 +70,8 @@ class Estimate(NamedTuple):
     covariance: Floats  # (2, 2) of xy
     ess: float  # effective sample size
     log_likelihood: float  # of the scan given those before; NaN if no state was possible
-    n_looked: int
-    n_seen: int
+    n_observing: int
+    n_detected: int
     fallback: str  # as in `occlog.records.tables.Diagnostics`
     used: tuple[int, ...]  # sensors, indices in `sensor_names`
     seen_by: tuple[int, ...] | None = None  # those of them that saw the target; None: the method does not say which
@@ -97,8 +97,8 @@ class SmoothedTrajectory(NamedTuple):
     velocity: Floats  # (T, 2) per second
     covariance: Floats  # (T, 4, 4) of x, y, vx, vy
     log_likelihood: Floats  # (T,) of the scan at the estimate; NaN: nothing was seen
-    n_looked: Ints  # (T,)
-    n_seen: Ints  # (T,)
+    n_observing: Ints  # (T,)
+    n_detected: Ints  # (T,)
     fallback: tuple[str, ...]  # (T,) as in `occlog.records.tables.Diagnostics`
     used: tuple[tuple[int, ...], ...]  # (T,) sensors, indices in `sensor_names`
     seen_by: tuple[tuple[int, ...], ...]  # (T,) those of them that saw the target

@@ -89,15 +89,15 @@ class TrackSummary:
 
     def figures(self) -> dict[str, Any]:
         """All figures, by the names that the summary has for them."""
-        found = self.evidence
+        found, network = self.evidence, self.messages.summary()
         return {
             "targets": len(self.targets),
             "rows": found.rows,
             **(self._searches() if self.solves else self._particles()),
             "fallbacks": dict(sorted(found.fallbacks.items())),
-            **({"doubts": dict(sorted(found.doubts.items()))} if found.doubts else {}),
+            **({"quality_flags": dict(sorted(found.doubts.items()))} if found.doubts else {}),
             **found.figures(),
-            **self.messages.summary(),
+            **({"network": network} if network else {}),
             **(self._cooperation() if self.cooperated else {}),
         }
 
@@ -114,10 +114,7 @@ class TrackSummary:
     def checks(self) -> tuple[Check, ...]:
         """What was checked of the estimates, and what was found."""
         if not self.evidence.rows:
-            text = (
-                "no target was heard often enough to be reported; see the settings of births (birth, confirm, clutter)"
-            )
-            return (finding(NUMBER, "note", "no-target", text),)
+            return (finding(NUMBER, "no-tracks"),)
         found = self.evidence.checks(one_target=not self.joint, smoothed=self.smoothed)
         number = outcome(NUMBER, (), targets=len(self.targets))
         return (*number, *self.sharp.checks(), *self.compass.checks(), *found)
@@ -125,7 +122,7 @@ class TrackSummary:
     def _particles(self) -> dict[str, Any]:
         """Mean effective number of particles, of a method that has some."""
         mean = self.evidence.particles.mean
-        return {} if math.isnan(mean) else {"mean_effective_particles": mean}
+        return {} if math.isnan(mean) else {"mean_effective_sample_size": mean}
 
     def _searches(self) -> dict[str, Any]:
         """Figures of a batch method: iterations of each target's searches, and how many did not converge."""
@@ -135,7 +132,7 @@ class TrackSummary:
         return {
             "iterations": {str(k): n for k, n in sorted(iterations.items())},
             "searches": len(self.solves),
-            "unfinished": sum(not s.converged for s in self.solves),
+            "not_converged": sum(not s.converged for s in self.solves),
         }
 
 

@@ -69,7 +69,7 @@ def test_networks_find_the_boxes_of_the_command(folder: Path, tmp_path: Path) ->
         embed=reid,
         classes=["person"],
         bearings=True,
-        embed_pixels="unit",
+        embed_pixel_scaling="unit",
         batch=2,
         min_confidence=0.4,
     )
@@ -111,7 +111,7 @@ def test_fused_tracks_are_those_of_the_command(tmp_path: Path) -> None:
     fused = occlog.fuse_tracks([east, occlog.read(west)], gate=3)
     assert same(fused.tracks, out)
     assert same(fused["events"], events)
-    assert fused.summary["groups"]["tracks[1]"]["in_common"] == 10
+    assert fused.summary["groups"]["tracks[1]"]["matched_pairs"] == 10
     away = tracks_of(tmp_path / "away.parquet", walk(3, times, (0, 7), (1, 0)))
     with pytest.warns(occlog.OcclogWarning, match=r"^tracks\[1\]: none of its people is one of those before it"):
         occlog.fuse_tracks([east, occlog.read(away)])

@@ -43,11 +43,11 @@ def made(**more: Any) -> occlog.Recording:
     ("options", "settings"),
     [
         ((), {}),
-        (("--frames", "1:4", "--score-type", "unknown"), {"frames": (1, 4), "scores": "unknown"}),
+        (("--frames", "1:4", "--score-type", "unknown"), {"frames": (1, 4), "score_type": "unknown"}),
         (("--start-time", "east=0", "--start-time", "north=0.5"), {"start_time": {"east": 0, "north": "0.5"}}),
         (("--confidence-scale", "2", "--fps", "north=10"), {"confidence_scale": 2, "fps": {"east": 5, "north": 10.0}}),
         (("--confidence-scale", "2"), {"confidence_scale": "2"}),
-        (("--start-time", "1", "--clock-offset", "east=-0.5"), {"start_time": 1, "offset": {"east": -0.5}}),
+        (("--start-time", "1", "--clock-offset", "east=-0.5"), {"start_time": 1, "clock_offset": {"east": -0.5}}),
     ],
 )
 def test_recordings_have_the_bytes_of_the_command(

@@ -30,7 +30,7 @@ def command(*args: object) -> str:
     return made.stdout
 
 
-@pytest.mark.parametrize(("method", "setting"), [("fix", {}), ("ekf", {"sigma_v": 1})])
+@pytest.mark.parametrize(("method", "setting"), [("fix", {}), ("ekf", {"process_noise_position": 1})])
 def test_tracks_have_the_bytes_of_the_command(
     files: Path, tmp_path: Path, method: str, setting: dict[str, float]
 ) -> None:

@@ -156,9 +156,9 @@ def test_exit_code_7_for_an_output_that_exists(
 @pytest.mark.parametrize(
     ("setting", "message"),
     [
-        ("edge_px=-1", "--set edge_noise_px=-1: must be above 0"),
+        ("edge_noise_px=-1", "--set edge_noise_px=-1: must be above 0"),
         ("egde_px=1", "--set egde_px=1: jipda has no setting 'egde_px'; did you mean 'edge_px'?"),
-        ("edge_px=wide", "--set edge_noise_px=wide: expected a number"),
+        ("edge_noise_px=wide", "--set edge_noise_px=wide: expected a number"),
     ],
 )
 def test_exit_code_2_for_a_setting_before_any_input_is_looked_for(

@@ -69,13 +69,14 @@ def test_details_say_what_inputs_are_taken_for_and_what_was_written(
 
 def test_figures_of_each_of_many_take_a_line_each(capsys: pytest.CaptureFixture[str]) -> None:
     echo_summary(
-        {"rows": 3, "boxes": {"cam_1": {"not_explained": 2, "seen": 1.5}, "cam_2": {}}, "sees": {"a": 1}}, False
+        {"rows": 3, "boxes": {"cam_1": {"unassociated": 2, "seen": 1.5}, "cam_2": {}}, "detection_rates": {"a": 1}},
+        False,
     )
     assert capsys.readouterr().out.splitlines() == [
-        "rows:  3",
-        "boxes: cam_1: not explained 2, seen 1.5",
-        "       cam_2:",
-        "sees:  a 1",
+        "rows:            3",
+        "boxes:           cam_1: unassociated 2, seen 1.5",
+        "                 cam_2:",
+        "detection rates: a 1",
     ]
 
 

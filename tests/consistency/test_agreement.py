@@ -43,7 +43,7 @@ def test_no_residuals_say_nothing() -> None:
 def test_figures_add_up_over_parts_and_sensors() -> None:
     made = gathered(rows(10, 2), rows(10, 0, 2.0, "cam2"), rows(5, 1))
     found = made.figures()
-    assert (found["bearings"], found["bearings_not_believed"]) == (25, 3)
+    assert (found["bearings"], found["rejected_bearings"]) == (25, 3)
     assert found["nis"] == pytest.approx((12 + 40) / 22)
     assert (made.sensors["cam1"].bearings, made.sensors["cam1"].inliers) == (15, 12)
     assert made.sensors["cam1"].doubted == pytest.approx(0.2)

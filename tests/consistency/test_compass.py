@@ -72,5 +72,5 @@ def test_a_log_of_a_compass_is_tracked_by_its_column_and_warned_of_without(tmp_p
     out = ["--method", "fix", "-o", str(tmp_path / "t.parquet"), "--json"]
     assert run(["track", str(tmp_path / "b.csv"), "--scene", str(tmp_path / "s.csv"), *out]) == ExitCode.DONE
     told = capsys.readouterr()
-    assert ("as those of a compass" in told.err) is said
+    assert ("degrees clockwise from north" in told.err) is said
     assert ('"plausible": true' in told.out) is not said

@@ -34,7 +34,7 @@ def residuals(believed: dict[str, str], first: int = 0) -> Residuals:
 
 
 def against(found: Diagnostics) -> str:
-    return "".join("x" if d == "sensor-disagrees" else "." for d in found.doubt.tolist())
+    return "".join("x" if d == "sensor-disagrees" else "." for d in found.quality_flags.tolist())
 
 
 @pytest.mark.parametrize(
@@ -66,5 +66,5 @@ def test_chunks_do_not_matter_and_other_doubts_stay() -> None:
         parts.append(against(judge.judged(notes(end - first, first), residuals({"a": text[first:end]}, first))))
     assert "".join(parts) == whole
     edge = SensorDisagreement().judged(notes(20, doubt="edge"), residuals({"a": text}))
-    assert edge.doubt[-1] == "edge,sensor-disagrees"
-    assert SensorDisagreement().judged(Diagnostics.empty(), Residuals.empty()).doubt.tolist() == []
+    assert edge.quality_flags[-1] == "edge,sensor-disagrees"
+    assert SensorDisagreement().judged(Diagnostics.empty(), Residuals.empty()).quality_flags.tolist() == []

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.consistency.estimates import WORDS, QualityFlags, near_edge, outside_view, without_distance
+from occlog.consistency.estimates import QualityFlags, near_edge, outside_view, without_distance
+from occlog.consistency.verdict import QUALITY_FLAGS
 from occlog.records.scene import Camera, Scene, camera_rotation
 from occlog.records.tables import Diagnostics, Tracks
 
@@ -36,11 +37,11 @@ def rows(*seen_by: str, xy=(10.0, 0.0), sd=0.1, step_s=1.0, fallback="", t0=0) -
         target_id=np.zeros(n, np.int32),
         ess=np.full(n, 100.0),
         log_likelihood=np.zeros(n),
-        n_looked=np.full(n, 2, np.int32),
-        n_seen=counts,
+        n_observing=np.full(n, 2, np.int32),
+        n_detected=counts,
         fallback=np.array(flags),
         cameras=np.full(n, "a,b"),
-        n_offered=np.full(n, 2, np.int32),
+        n_available=np.full(n, 2, np.int32),
         selected=np.full(n, "", "U1"),
         predicted_mse=np.full(n, np.nan),
         seen_by=np.array(seen_by),
@@ -50,7 +51,7 @@ def rows(*seen_by: str, xy=(10.0, 0.0), sd=0.1, step_s=1.0, fallback="", t0=0) -
 
 def doubts(scene: Scene, *parts, online=True, started=False) -> list[str]:
     judge = QualityFlags(scene, online=online, started=started)
-    return [d for part in parts for d in judge.judged(*part)[1].doubt.tolist()]
+    return [d for part in parts for d in judge.judged(*part)[1].quality_flags.tolist()]
 
 
 def test_an_estimate_is_at_the_edge_within_two_standard_deviations():
@@ -86,7 +87,7 @@ def test_two_sensors_leave_no_doubt():
 def test_one_sensor_alone_is_doubted_after_a_second_and_its_covariance_holds_all_distances():
     judge = QualityFlags(OPEN, online=True, started=False)
     tracks, diagnostics = judge.judged(*rows("a", "a", "a"))
-    assert diagnostics.doubt.tolist() == ["", "", "one-sensor"]
+    assert diagnostics.quality_flags.tolist() == ["", "", "one-sensor"]
     np.testing.assert_allclose(tracks.cov_xx, [0.01, 0.01, 30.0**2 / 12.0 + 5.0**2])
     np.testing.assert_allclose(tracks.cov_yy, 0.01)
 
@@ -94,7 +95,7 @@ def test_one_sensor_alone_is_doubted_after_a_second_and_its_covariance_holds_all
 def test_one_sensor_alone_is_doubted_five_seconds_after_two_and_keeps_the_filters_covariance():
     judge = QualityFlags(OPEN, online=True, started=False)
     tracks, diagnostics = judge.judged(*rows("a,b", *["a"] * 6, "a,b"))
-    assert diagnostics.doubt.tolist() == [""] * 6 + ["one-sensor", ""]
+    assert diagnostics.quality_flags.tolist() == [""] * 6 + ["one-sensor", ""]
     np.testing.assert_allclose(tracks.cov_xx, 0.01)
 
 
@@ -115,7 +116,7 @@ def test_a_given_start_tells_the_distance_for_five_seconds():
 def test_in_a_room_one_sensor_is_doubted_but_the_covariance_stays():
     judge = QualityFlags(ROOM, online=True, started=False)
     tracks, diagnostics = judge.judged(*rows("a", "a", "a", xy=(9.99, 0.0)))
-    assert diagnostics.doubt.tolist() == ["", "", "one-sensor"]
+    assert diagnostics.quality_flags.tolist() == ["", "", "one-sensor"]
     np.testing.assert_allclose(tracks.cov_xx, 0.01)
 
 
@@ -143,5 +144,5 @@ def test_a_smoothed_track_is_not_doubted_for_one_sensor_or_the_edge(scene):
 
 
 def test_every_doubt_has_its_words_and_no_rows_no_doubts():
-    assert set(WORDS) == {"edge", "one-sensor", "out-of-view", "sensor-disagrees"}
+    assert set(QUALITY_FLAGS) == {"edge", "one-sensor", "out-of-view", "sensor-disagrees"}
     assert doubts(OPEN, (Tracks.empty(), Diagnostics.empty())) == []

@@ -135,7 +135,7 @@ def test_scenes_without_walls_and_room_say_nothing() -> None:
     assert counted(standing(50, 50), np.zeros(2), Scene(CAMERAS)) == PositionConsistency()
 
 
-@pytest.mark.parametrize("what", ["outside-room", "through-wall"])
+@pytest.mark.parametrize("what", ["outside-room", "detection-through-wall"])
 def test_a_few_rows_are_no_finding_but_more_than_chance_are(what: str) -> None:
     n = 1000
     for share, said in ((MAX_FLAGGED_SHARE, False), (2.0 * MAX_FLAGGED_SHARE, True)):
@@ -165,5 +165,5 @@ def test_a_pillar_that_is_not_there_makes_a_wrong_track_and_the_verdict_says_so(
     found.saw(tracks, ComparedBearings(*BearingConsistency(scene).compare(tracks, bearings, diagnostics)), scene)
     rmse = np.sqrt(np.mean(np.sum((np.column_stack([tracks.x, tracks.y]) - path)[10:] ** 2, axis=1)))
     codes = {f.id for f in findings(found.checks(one_target=True))}
-    assert codes == ({"through-wall"} if standing_there else set())
+    assert codes == ({"detection-through-wall"} if standing_there else set())
     assert rmse > 6.0 if standing_there else rmse < 3.0

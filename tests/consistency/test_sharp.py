@@ -18,7 +18,7 @@ def bearings(sigma: float, u_px: float = np.nan) -> Bearings:
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        (bearings(1e-12), ["noise-tiny"]),
+        (bearings(1e-12), ["measurement-noise-small"]),
         (bearings(MIN_SIGMA_RAD), []),
         (bearings(1e-12, u_px=100.0), []),  # the reading's noise counts
     ],

@@ -129,8 +129,8 @@ def test_squares_of_a_kalman_filter_are_as_expected() -> None:
         tracks = dataclasses.replace(estimates(xy), cov_xx=P[:, 0, 0], cov_xy=P[:, 0, 1], cov_yy=P[:, 1, 1])
         parts = [seen_from(c, tracks.t_ns, truth, off=offs[s]) for s, c in enumerate(SCENE.cameras)]
         found = whole(tracks, Bearings.merge(parts), SCENE, None).residuals
-        squares += float((found.residual[found.expected > 0.1] ** 2).sum())
-        expected += float(found.expected[found.expected > 0.1].sum())
+        squares += float((found.residual[found.expected_variance > 0.1] ** 2).sum())
+        expected += float(found.expected_variance[found.expected_variance > 0.1].sum())
     assert squares / expected == pytest.approx(1.0, abs=0.03)
 
 
@@ -138,7 +138,7 @@ def test_squares_of_a_kalman_filter_are_as_expected() -> None:
 def test_a_bearing_beyond_the_gate_is_not_believed(sigmas: float, believed: float) -> None:
     tracks = estimates(standing(1), sigma=0.0)
     bearings = seen_from(SCENE.cameras[0], tracks.t_ns, standing(1), off=sigmas * 0.01)
-    assert whole(tracks, bearings, SCENE, None).residuals.believed.tolist() == [believed]
+    assert whole(tracks, bearings, SCENE, None).residuals.inlier_probability.tolist() == [believed]
 
 
 def test_the_nearest_candidate_counts_and_the_others_are_left() -> None:

@@ -74,7 +74,7 @@ def tracks_everybody(names: dict[str, object]) -> None:
 
 def prefers_a_lively_target(names: dict[str, object]) -> None:
     runs = names["runs"]
-    assert runs.groupby("sigma_v").rmse_m.mean().notna().all()  # type: ignore[attr-defined]
+    assert runs.groupby("process_noise_position").rmse_m.mean().notna().all()  # type: ignore[attr-defined]
     assert len(runs) == 12  # type: ignore[arg-type]
 
 

@@ -103,7 +103,7 @@ def test_of_tracks_truth_bearings_and_diagnostics(what: str, way: int, cuts: tup
     of = {"tracks": case.tracks, "truth": case.truth, "bearings": case.bearings, "diagnostics": case.diagnostics}
     whole = evaluated(WHOLE, case.place, WAYS[way], made=made, **of)
     assert len(whole[1]["bound"]) > 20 < len(whole[1]["errors"])
-    assert 0 < whole[0].metrics["detected"] < whole[0].metrics["detection_looks"]
+    assert 0 < whole[0].metrics["detected"] < whole[0].metrics["detection_opportunities"]
     for rows in cuts:
         same(evaluated(rows, case.place, WAYS[way], made=made, **of), whole)
 

@@ -96,7 +96,7 @@ def test_all_outputs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert values["rmse_m"] == pytest.approx(0.6)
     assert values["detection_rate"] == 1.0
     assert values["bound_ratio"] == pytest.approx(0.6 / values["bound_rmse_m"])
-    assert values["sight_lines_distance_max_m"] == pytest.approx(0.6)
+    assert values["triangulation_distance_max_m"] == pytest.approx(0.6)
     assert list(values) == sorted(values)
     assert all(
         v is None or isinstance(v, int | float) for k, v in values.items() if k not in ("_provenance", "warnings")

@@ -37,7 +37,7 @@ def test_lengths_without_a_unit_are_metres_beside_others(
     same = rows(tmp_path / "c.csv", "cm" if tracks else "", ERROR_M)
     assert run(["compare", str(mine), str(same), "--truth", str(true), "--json"]) == ExitCode.DONE
     told = json.loads(capsys.readouterr().out)
-    (found,) = [row for row in told["rows"] if row["figure"] == "pairs_rmse"]
+    (found,) = [row for row in told["rows"] if row["figure"] == "matched_rmse"]
     for which in ("first", "this"):
         assert found[which] * METRES[told["length_unit"]] == pytest.approx(ERROR_M, rel=1e-9)
 
@@ -49,4 +49,4 @@ def test_a_page_of_two_runs_says_the_unit_of_its_figures(tmp_path: Path, capsys:
     assert run(["report", str(mine), str(mine), "--truth", str(true), "-o", str(page), "--json"]) == ExitCode.DONE
     told = json.loads(capsys.readouterr().out)
     assert told["length_unit"] == "m"
-    assert told["figures"]["pairs_rmse"]["a"] == pytest.approx(ERROR_M, rel=1e-9)
+    assert told["figures"]["matched_rmse"]["a"] == pytest.approx(ERROR_M, rel=1e-9)

@@ -39,18 +39,18 @@ def test_nothing_is_found_in_good_times(seed: int) -> None:
 def test_a_sensor_of_another_time_is_named() -> None:
     here = np.arange(0.0, 30.0, 0.1)
     assert found(Times({"a": frames(here), "b": frames(here), "c": frames(here + 600.0)})) == [
-        ("sensor-at-other-times", ("c",))
+        ("sensor-times-disjoint", ("c",))
     ]
     day = 86_400 * NS
     rows = {"a": TimeSpanNs(day, day + 20 * NS), "b": TimeSpanNs(day, day + 15 * NS), "mic": TimeSpanNs(0, 20 * NS)}
-    assert found(Times(rows=rows)) == [("sensor-at-other-times", ("mic",))]
+    assert found(Times(rows=rows)) == [("sensor-times-disjoint", ("mic",))]
 
 
 def test_a_clock_that_is_set_is_named() -> None:
     steps = np.arange(0.0, 30.0, 0.1)
-    assert found(Times({"a": frames(np.where(steps < 10.0, steps, steps + 1.7e9))})) == [("times-jump", ("a",))]
+    assert found(Times({"a": frames(np.where(steps < 10.0, steps, steps + 1.7e9))})) == [("clock-jump", ("a",))]
 
 
 def test_a_truth_of_another_time_is_told() -> None:
     times = Times({"a": frames(np.arange(0.0, 30.0, 0.1))}, true=TimeSpanNs(100 * NS, 120 * NS))
-    assert found(times) == [("truth-at-other-times", ())]
+    assert found(times) == [("truth-times-disjoint", ())]

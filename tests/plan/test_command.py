@@ -43,7 +43,7 @@ def test_all_outputs_of_one_call_agree(tmp_path: Path, capsys: pytest.CaptureFix
     told = json.loads(capsys.readouterr().out)
     assert code == ExitCode.DONE
     rows = read_table(table, PlanMap)
-    assert told["places"] == len(rows)
+    assert told["cells"] == len(rows)
     assert told["rmse_m"] == pytest.approx(float(np.sqrt(rows.weight @ rows.rmse**2)))
     assert told["share_within"] == pytest.approx(float(rows.weight[rows.rmse < 0.3].sum()))
     np.testing.assert_allclose(rows.seen_by_0 + rows.seen_by_1 + rows.seen_by_2, 1.0, atol=1e-12)

@@ -113,7 +113,7 @@ def test_more_cameras_make_the_prediction_better_everywhere(people: int):
     more = prepare(replace(plan.scene, cameras=CORNERS), plan.config, seed=1)
     few, many = plan_map(plan), plan_map(more)
     assert (many.rmse <= few.rmse).all()
-    assert (many.no_fix <= few.no_fix).all()
+    assert (many.unlocalised_share <= few.unlocalised_share).all()
     assert (many.seen_by_2 >= few.seen_by_2).all()
     assert many.rmse.mean() < 0.8 * few.rmse.mean()
 
@@ -201,7 +201,7 @@ def test_a_camera_that_detects_nothing_sees_nobody():
     blind = [replace(each, detection=0.0) for each in CORNERS]
     found = plan_map(planned(*blind))
     np.testing.assert_array_equal(found.seen_by_0, 1.0)
-    np.testing.assert_array_equal(found.no_fix, 1.0)
+    np.testing.assert_array_equal(found.unlocalised_share, 1.0)
 
 
 def test_places_along_walls_look_inwards():

@@ -344,7 +344,7 @@ def test_a_detector_of_others_finds_boxes_and_a_tracker_follows_them(folder: Pat
         occlog.detect(recording, method="bright", treshold=200)
     assert "--bright-threshold" in called("detect", "--method", "bright", "--help").output
     said = done("track", views, "--method", "overlap", "-o", folder / "boxes.parquet")
-    assert (said["identities"], said["frames"], said["left_out"]) == (4, 16, 0)
+    assert (said["identities"], said["frames"], said["skipped"]) == (4, 16, 0)
     boxes = read_table(folder / "boxes.parquet", Boxes)
     for sensor, wanted in (("a", 2), ("b", 2)):
         own = boxes.take(boxes.sensor == sensor)

@@ -106,7 +106,7 @@ def test_bearings_of_sensors_that_the_scene_lacks_are_told(folder: Path, capsys:
     assert run(args) == ExitCode.DONE
     told = capsys.readouterr()
     assert "warning: bearings of 'north', not in the scene, are counted and not drawn; give the scene" in told.err
-    assert json.loads(told.out)["not_in_scene"] == ["north"]
+    assert json.loads(told.out)["unknown_sensors"] == ["north"]
 
 
 def test_a_scene_alone(folder: Path) -> None:

@@ -214,7 +214,7 @@ def selected(diagnostics: Diagnostics) -> Diagnostics:
         diagnostics,
         predicted_mse=np.where(n % 30 < 2, 1.0 + n % 7, np.nan),
         selected=np.where(n % 60 < 30, "camera1,camera3", "camera2,camera4"),
-        doubt=np.where(n % 50 == 7, "walls,late", ""),
+        quality_flags=np.where(n % 50 == 7, "walls,late", ""),
     )
 
 

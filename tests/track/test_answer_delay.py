@@ -58,12 +58,12 @@ def test_delays_of_several_cases_or_of_none_are_refused(tmp_path: Path) -> None:
 
 
 def test_seconds_are_those_of_the_setting_and_both_are_an_error() -> None:
-    assert make_config(request(0.25), "m") == make_config(request(None, answer_s=0.25), "m")
-    assert make_config(request(1e6), "m") == make_config(request(None, answer_s=1e6), "m")
-    with pytest.raises(SettingError, match="answer_s"):
+    assert make_config(request(0.25), "m") == make_config(request(None, answer_delay_s=0.25), "m")
+    assert make_config(request(1e6), "m") == make_config(request(None, answer_delay_s=1e6), "m")
+    with pytest.raises(SettingError, match="answer_delay_s"):
         make_config(request(1.1e6), "m")
     with pytest.raises(UsageError, match="say the same"):
-        make_config(request(0.25, answer_s=0.25), "m")
+        make_config(request(0.25, answer_delay_s=0.25), "m")
 
 
 def test_an_option_takes_numbers_from_its_limit_on_and_else_paths() -> None:

@@ -90,7 +90,7 @@ def test_bearings_become_tracks_and_diagnostics(folder, capsys):
     captured = capsys.readouterr()
     summary = json.loads(captured.out)
     assert (summary["targets"], summary["rows"], summary["method"]) == (2, 2 * STEPS, "apf")
-    assert 1 <= summary["mean_effective_particles"] <= 100
+    assert 1 <= summary["mean_effective_sample_size"] <= 100
     assert summary["losses"][0]["place"] == "frame 7"
     tracks = read_table(folder / "tracks.parquet", Tracks)
     diagnostics = read_table(folder / "diagnostics.parquet", Diagnostics)
@@ -171,7 +171,7 @@ def test_sensors_in_turn_are_a_network_without_overlap(folder):
     found = read_table(folder / "diagnostics.parquet", Diagnostics)
     want = ["cam1"] * 3 + ["cam2"] * 3 + ["cam5"] * 3 + ["cam1"] * 3  # in the order of the scene
     assert found.cameras.tolist() == want
-    assert set(found.n_looked.tolist()) == {1}
+    assert set(found.n_observing.tolist()) == {1}
     parameters = read_provenance(folder / "tracks.parquet").parameters
     assert (parameters["in_turn_s"], parameters["doa_labels"]) == (3.0, False)
 

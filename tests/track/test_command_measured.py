@@ -129,7 +129,7 @@ def test_a_log_of_five_columns_becomes_a_track(
     assert np.sqrt(np.mean(off(tmp_path)[5:] ** 2)) < most
     residuals = read_table(tmp_path / "r.parquet", Residuals)
     assert len(residuals) == len(TIMES) * PER_TIME.get(log, 4)
-    assert np.mean(residuals.believed > 0.5) > 0.95
+    assert np.mean(residuals.inlier_probability > 0.5) > 0.95
     assert np.all(np.diff(residuals.t_ns) >= 0)
     compare = ["evaluate", str(tmp_path / "t.parquet"), "--truth", truth_of(tmp_path), "-q"]
     compare += ["--scene", str(tmp_path / "stations.csv"), "--measurements", str(tmp_path / f"{log}.csv")]

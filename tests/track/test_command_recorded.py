@@ -37,4 +37,4 @@ def test_a_person_among_others_is_followed_by_three_cameras_and_the_fourth_agree
     rows = read_table(diagnostics, Diagnostics)
     assert set(rows.fallback.tolist()) == {""}
     assert set(rows.cameras.tolist()) == {"cam1,cam2,cam3"}
-    assert rows.n_seen.mean() > 2.5
+    assert rows.n_detected.mean() > 2.5

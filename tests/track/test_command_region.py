@@ -33,10 +33,10 @@ def test_two_of_the_shipped_cameras_find_the_man_where_their_sight_lines_meet(tm
     assert run(["detect", walk, "-o", bearings, "-q"]) == ExitCode.DONE
     assert run(["track", bearings, "--scene", walk, "-o", tracks, "--diagnostics", diagnostics]) == ExitCode.DONE
     assert "warning" not in capsys.readouterr().err
-    assert set(read_table(Path(diagnostics), Diagnostics).doubt.tolist()) == {""}
+    assert set(read_table(Path(diagnostics), Diagnostics).quality_flags.tolist()) == {""}
     assert run(["evaluate", tracks, "--bearings", bearings, "--scene", walk, "--json"]) == ExitCode.DONE
     # 0.05 to 0.06 m over seeds; 1.5 m where targets were confined to the box around the cameras
-    assert json.loads(capsys.readouterr().out)["sight_lines_distance_median_m"] < 0.1
+    assert json.loads(capsys.readouterr().out)["triangulation_distance_median_m"] < 0.1
 
 
 def labelled(boxes: Boxes, scene: Scene) -> Bearings:
@@ -79,4 +79,4 @@ def test_one_camera_states_covariances_that_hold_the_truth(shared_data, tmp_path
     assert len(nees) == 2396
     assert np.mean(nees < 4.0) > 0.9
     # All but the first second of each person
-    assert np.mean(diagnostics.doubt == "one-sensor") > 0.95
+    assert np.mean(diagnostics.quality_flags == "one-sensor") > 0.95

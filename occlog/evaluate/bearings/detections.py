@@ -150,8 +150,8 @@ def _figures(c: DetectionCounts, suffix: str) -> Metrics:
     }
     return (of_elevations if c.n_elevation else {}) | {
         f"detection_frames{suffix}": c.frames,
-        f"detection_looks{suffix}": c.n_frames,
-        f"detection_looks_without_truth{suffix}": c.without_truth,
+        f"detection_opportunities{suffix}": c.n_frames,
+        f"detection_opportunities_without_truth{suffix}": c.without_truth,
         f"visible{suffix}": c.visible,
         f"detected{suffix}": c.detected,
         f"missed{suffix}": c.missed,

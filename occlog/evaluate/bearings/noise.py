@@ -158,9 +158,9 @@ class NoiseFigures:
             scale = noise_scale_of_many(self._blocks, self._squares.count)
         known = self._sigma_px.count > 0
         return {
-            "noise_scans": self._squares.count,
-            "noise_scale": scale,
-            "noise_px": scale * median_of(self._sigma_px) if known else float("nan"),
+            "measurement_noise_scans": self._squares.count,
+            "measurement_noise_scale": scale,
+            "measurement_noise_px": scale * median_of(self._sigma_px) if known else float("nan"),
         }
 
     def _blocks(self) -> Iterator[tuple[Floats, Floats]]:
@@ -189,7 +189,7 @@ def _points(degrees: Floats | Ints, chance: float) -> Floats:
 def noise_scale_of_many(
     blocks: Callable[[], Iterable[tuple[Floats, Floats]]], count: int, near: float | None = None
 ) -> float:
-    """`noise_scale` of numbers that come in blocks.
+    """`measurement_noise_scale` of numbers that come in blocks.
 
     Args:
         blocks: gives squares and degrees of freedom, the same every time.
@@ -422,9 +422,9 @@ def figures_of(noise: Mapping[str, MeasuredNoise]) -> dict[str, float]:
     out: dict[str, float] = {}
     for name, m in noise.items():
         out |= {
-            f"noise_at_known_places_sensor_{name}_px": m.sigma,
-            f"noise_at_known_places_error_sensor_{name}_px": m.error,
-            f"noise_at_known_places_readings_sensor_{name}": m.readings,
+            f"noise_at_known_positions_sensor_{name}_px": m.sigma,
+            f"noise_at_known_positions_error_sensor_{name}_px": m.error,
+            f"noise_at_known_positions_readings_sensor_{name}": m.readings,
         }
     return out
 

@@ -133,19 +133,19 @@ class TriangulationFigures:
         unit, compared = self._unit, self._distance.count
         largest, high, middle = quantiles_of(self._distance, (1.0, 0.95, 0.5))
         out: Metrics = {
-            "sight_lines_scans": self._total,
-            "sight_lines_refused": self._total - self._met,
-            "sight_lines_compared": compared,
-            f"sight_lines_distance_max_{unit}": largest,
-            f"sight_lines_distance_p95_{unit}": high,
-            f"sight_lines_distance_median_{unit}": middle,
-            f"sight_lines_distance_rms_{unit}": math.sqrt(ratio_or_nan(self._squares.value, compared)),
-            f"sight_lines_sigma_median_{unit}": quantiles_of(self._spread, (0.5,))[0],
-            "sight_lines_residual_rms_mrad": 1e3
+            "triangulation_scans": self._total,
+            "triangulation_refused": self._total - self._met,
+            "triangulation_compared": compared,
+            f"triangulation_distance_max_{unit}": largest,
+            f"triangulation_distance_p95_{unit}": high,
+            f"triangulation_distance_median_{unit}": middle,
+            f"triangulation_distance_rms_{unit}": math.sqrt(ratio_or_nan(self._squares.value, compared)),
+            f"triangulation_sigma_median_{unit}": quantiles_of(self._spread, (0.5,))[0],
+            "triangulation_residual_rms_mrad": 1e3
             * math.sqrt(ratio_or_nan(self._residual_squares.value, self._residuals)),
         }
         if self._config.triangulation_tolerance is not None:
-            out["sight_lines_share_within"] = ratio_or_nan(self._within, compared)
+            out["triangulation_share_within"] = ratio_or_nan(self._within, compared)
         return out
 
 
@@ -338,7 +338,7 @@ class AgainstBearings:
         found = {} if self._meeting is None else self._meeting.result()
         return found if self._held_out is None else found | self._held_out.result()
 
-    def noise_at_known_places(self) -> dict[str, MeasuredNoise]:
+    def noise_at_known_positions(self) -> dict[str, MeasuredNoise]:
         """The noise of each camera; none where it is not asked for.
 
         Raises:

@@ -161,7 +161,13 @@ class Bounds:
         self._scene, self._config, self._high, self._ways = scene, config, high, ways
         self._block = block
         self._targets: dict[int, _BoundTarget] = {}
-        kinds: list[Any] = [("t_ns", "i8"), ("target", "i8"), ("n_seen", "i8"), ("error", "f8"), ("error_space", "f8")]
+        kinds: list[Any] = [
+            ("t_ns", "i8"),
+            ("target", "i8"),
+            ("n_detected", "i8"),
+            ("error", "f8"),
+            ("error_space", "f8"),
+        ]
         kinds += [(name, "?") for name in ("look", "estimate", "late", "known")]
         kinds += [("ground", "f8", (2, 2))] if ways.ground else []
         kinds += [("space", "f8", (3, 3))] if ways.space else []
@@ -246,7 +252,7 @@ class Bounds:
                 known.ranged = True
                 if d == 2:
                     add_distances(information, n_seen, times, measured, target, path, self._config)
-            out[name], out["n_seen"] = information, np.maximum(out["n_seen"], n_seen)
+            out[name], out["n_detected"] = information, np.maximum(out["n_detected"], n_seen)
         return out
 
     def finish(self, take: Callable[[ColumnTable], None]) -> None:
@@ -318,7 +324,7 @@ class Bounds:
                 target,
                 made["filtered"][rows][:, :d, :d],
                 made["smoothed"][rows][:, :d, :d],
-                own["n_seen"],
+                own["n_detected"],
             )
             self.rows += len(table)
             nothing = np.full(len(table), np.nan)

@@ -158,7 +158,7 @@ def bound_table(t_ns: Ints, target: int, covariance: Floats, smoothed: Floats, n
         bound_xy=xy,
         bound_yy=yy,
         bound=np.sqrt(xx + yy),
-        n_seen=n_seen.astype(np.int32),
+        n_detected=n_seen.astype(np.int32),
         smoothed_xx=smoothed[:, 0, 0],
         smoothed_xy=smoothed[:, 0, 1],
         smoothed_yy=smoothed[:, 1, 1],

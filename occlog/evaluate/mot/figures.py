@@ -183,7 +183,7 @@ class FailureCounts:
         }
 
 
-INDEPENDENT_IDS = "tracks_own_identities"
+INDEPENDENT_IDS = "tracks_independent_ids"
 """Figure that is 1 where tracks have their own identities and several tracks or targets were compared."""
 MIN_RMSE_RATIO = 2.0
 """Ratio of the RMSE of whole tracks to that of the pairs of each frame from which on a note states what each is of."""
@@ -198,14 +198,14 @@ def independent_ids(metrics: Mapping[str, object]) -> bool:
 
 def first_of(metrics: Mapping[str, object]) -> dict[str, object]:
     """The first figures alone, in whatever unit of lengths."""
-    begin = "pairs_rmse_"
+    begin = "matched_rmse_"
     unit = next((name.removeprefix(begin) for name in metrics if name.startswith(begin)), "")
     return {name: metrics[name] for name in names(unit) if name in metrics}
 
 
 def names(unit: str) -> tuple[str, ...]:
     """Names of the first figures."""
-    pairs = (f"pairs_rmse_{unit}", "pairs_nees_mean", "pairs_nees_share_95", f"pairs_gate_{unit}")
+    pairs = (f"matched_rmse_{unit}", "matched_nees_mean", "matched_nees_share_95", f"matched_gate_{unit}")
     return ("hota", "idf1", "mota", "id_switches", *pairs)
 
 
@@ -216,7 +216,7 @@ def first(metrics: Mapping[str, float], unit: str) -> dict[str, float]:
 
 def matchings_differ(metrics: Mapping[str, float], unit: str) -> bool:
     """Return whether errors of whole tracks are more than `MIN_RMSE_RATIO` times those of the pairs of each frame."""
-    whole, pairs = metrics.get(f"rmse_{unit}", math.nan), metrics.get(f"pairs_rmse_{unit}", math.nan)
+    whole, pairs = metrics.get(f"rmse_{unit}", math.nan), metrics.get(f"matched_rmse_{unit}", math.nan)
     return whole > MIN_RMSE_RATIO * pairs
 
 
@@ -230,9 +230,9 @@ def notes(metrics: Mapping[str, float], unit: str, match: str) -> tuple[str, ...
     """
     if not matchings_differ(metrics, unit):
         return ()
-    whole, pairs = metrics[f"rmse_{unit}"], metrics[f"pairs_rmse_{unit}"]
+    whole, pairs = metrics[f"rmse_{unit}"], metrics[f"matched_rmse_{unit}"]
     if independent_ids(metrics):
-        gate = metrics[f"pairs_gate_{unit}"]
+        gate = metrics[f"matched_gate_{unit}"]
         return (
             f"RMSE {pairs:.3g} {unit} with matching per frame ({gate:g} {unit} gate); {whole:.3g} {unit} with "
             "one-to-one matching over the whole run, which counts identity switches as errors",

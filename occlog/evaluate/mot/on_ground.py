@@ -196,7 +196,7 @@ class GroundFigures:
         out = self._failures.result() | {"objects_interpolated": self._interpolated}
         out |= self._mot.result(cells, unit=unit) | {"frames": cells}
         out |= self._detection() | self._trajectory(cells, unit)
-        out |= self._pairs.result() | {f"pairs_gate_{unit}": self._limit} | self._counts.result()
+        out |= self._pairs.result() | {f"matched_gate_{unit}": self._limit} | self._counts.result()
         return {name: float(value) for name, value in out.items()}
 
     def notes(self) -> list[str]:
@@ -287,15 +287,15 @@ class PairErrors:
     def result(self) -> Metrics:
         """RMSE, median and 95 % quantile of the distances, and consistency."""
         unit = self._unit
-        spread = self._distances.result("pairs_error", unit)
-        nees = self._nees.result("pairs_nees", "")
+        spread = self._distances.result("matched_error", unit)
+        nees = self._nees.result("matched_nees", "")
         return {
-            f"pairs_rmse_{unit}": math.sqrt(ratio_or_nan(self._squares.value, self._pairs)),
-            f"pairs_error_median_{unit}": spread[f"pairs_error_median_{unit}"],
-            f"pairs_error_p95_{unit}": spread[f"pairs_error_p95_{unit}"],
-            "pairs_nees_mean": nees["pairs_nees_mean"],
-            "pairs_nees_share_95": nees["pairs_nees_share_95"],
-            "pairs_nees_compared": self._nees.n_finite,
+            f"matched_rmse_{unit}": math.sqrt(ratio_or_nan(self._squares.value, self._pairs)),
+            f"matched_error_median_{unit}": spread[f"matched_error_median_{unit}"],
+            f"matched_error_p95_{unit}": spread[f"matched_error_p95_{unit}"],
+            "matched_nees_mean": nees["matched_nees_mean"],
+            "matched_nees_share_95": nees["matched_nees_share_95"],
+            "matched_nees_compared": self._nees.n_finite,
         }
 
 

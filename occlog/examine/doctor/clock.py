@@ -19,8 +19,9 @@ from occlog.errors import InputError
 from occlog.io.external.cells import TableCells
 from occlog.io.external.table import ForeignTable
 from occlog.io.files.utc import utc
+from occlog.records.messages import GAP_INTERVALS
 
-from .findings import GAP_INTERVALS, Findings
+from .findings import Findings
 
 MIN_INTERVALS = 10
 """Fewer intervals determine no usual one."""
@@ -155,10 +156,13 @@ class SensorTimes:
     def judge(self, findings: Findings) -> None:
         """Note faults in the times of this sensor alone."""
         if self._back and not self.sorted:
-            findings.add("left-out" if self.dropped else "order", self.name, self._first_back, count=self._back)
+            findings.add("skipped-stamp" if self.dropped else "order", self.name, self._first_back, count=self._back)
         if self.unique and self._repeats:
             findings.add(
-                "left-out" if self.dropped else "repeated-time", self.name, self._first_repeat, count=self._repeats
+                "skipped-stamp" if self.dropped else "duplicate-time",
+                self.name,
+                self._first_repeat,
+                count=self._repeats,
             )
         if self.count:
             self._judge_epoch(findings)
@@ -216,7 +220,7 @@ def check_clocks(clocks: Sequence[SensorTimes], findings: Findings) -> None:
         others = [other for other in counted if other not in disjoint]
         low, high = min(other.low for other in others), max(other.high for other in others)
         value = f"{utc(clock.low)} to {utc(clock.high)}; the others {utc(low)} to {utc(high)}"
-        findings.add("clock-apart", clock.name, value)
+        findings.add("clock-disjoint", clock.name, value)
     for clock, late_ns in _late([clock for clock in counted if clock not in disjoint]):
         limit = f"{GAP_INTERVALS * (clock.usual_ns or 0) / NS:.6g} s"
         value = f"by {late_ns / NS:.6g} s, which an offset of {-late_ns / NS:.6g}s takes out"
@@ -232,7 +236,7 @@ def check_truth_times(
     for location, one in truth:
         if counted and one.count and (one.high < low or one.low > high):
             value = f"{utc(one.low)} to {utc(one.high)}; the sensors {utc(low)} to {utc(high)}"
-            findings.add("truth-apart", location, value)
+            findings.add("truth-disjoint", location, value)
 
 
 def _disjoint_sensors(clocks: Sequence[SensorTimes]) -> Iterator[SensorTimes]:

@@ -31,8 +31,9 @@ def command(files: tuple[Path, ...], as_json: bool, quiet: bool) -> int:
       occlog doctor run/ --json | jq '.findings[] | select(.severity == "error")'
     """
     from occlog.console.text import counted
+    from occlog.records.messages import Severity
 
-    from .findings import Severity, exit_code
+    from .findings import exit_code
     from .run import check_files
 
     found = check_files(files, lambda path: log_detail(f"{path}: checked"))

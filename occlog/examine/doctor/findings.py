@@ -1,134 +1,27 @@
-"""Findings in files: their kinds, and the list of those found."""
+"""Findings in files, with their messages, and the list of those found."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
-from enum import StrEnum
 from typing import Any, NamedTuple
 
 from occlog.errors import ExitCode
+from occlog.records.messages import DOCTOR, Severity
 
 MAX_LISTED_FINDINGS = 10
 """Findings of one kind and file that are listed one by one; further ones are counted."""
-
-
-class Severity(StrEnum):
-    """Severity of a finding: the reaction of a command that reads the file."""
-
-    ERROR = "error"
-    """The command stops, and states it (exit code 4)."""
-    WARNING = "warning"
-    """The command goes on: something is lost, or its result may be wrong."""
-    NOTE = "note"
-    """Worth knowing."""
 
 
 EXIT_CODES = {Severity.ERROR: ExitCode.BAD_INPUT, Severity.WARNING: ExitCode.LOSSY, Severity.NOTE: ExitCode.DONE}
 """The exit code of the worst finding; without any it is 0."""
 
 
-class FindingKind(NamedTuple):
-    """A kind of findings.
-
-    Attributes:
-        severity: how bad it is.
-        what: the fault, in words.
-        limit: up to where it would not be; empty: none can be stated, or the value states it.
-        remedy: what to do; empty: the value states it.
-    """
-
-    severity: Severity
-    what: str
-    limit: str = ""
-    remedy: str = ""
-
-
-E, W, N = Severity.ERROR, Severity.WARNING, Severity.NOTE
-GAP_INTERVALS = 2.5
-"""An interval of more than this many usual ones is a gap."""
-KINDS: dict[str, FindingKind] = {
-    "unreadable": FindingKind(E, "cannot be read"),
-    "unknown": FindingKind(W, "is no file that occlog knows", remedy="name a recording, a table, a scene or a video"),
-    "no-table": FindingKind(N, "fits none of occlog's tables"),
-    "not-looked-at": FindingKind(W, "not checked", remedy="name the files, or a folder with fewer"),
-    "damaged-recording": FindingKind(E, "damaged", remedy="salvage it: occlog recover {file} -o OUT.mcap"),
-    "no-index": FindingKind(
-        N,
-        "no index, or not of all that it holds: each command makes one in a pass through the file",
-        remedy="write one: occlog recover {file} -o OUT.mcap",
-    ),
-    "damaged-table": FindingKind(E, "rows that are damaged"),
-    "damaged-bag": FindingKind(
-        W, "lost, as `occlog ingest` will list it", remedy="copy it again, if it is whole elsewhere"
-    ),
-    "miscounted": FindingKind(N, "more messages than its metadata count; `occlog ingest` reads all"),
-    "message": FindingKind(E, "a message that is not of its type", remedy="make the recording again"),
-    "row": FindingKind(E, "a row that cannot be"),
-    "repeated-row": FindingKind(E, "duplicate rows", "once", "remove the copies"),
-    "two-places": FindingKind(E, "a person in two positions at one time", "one row", "keep one of them"),
-    "double-key": FindingKind(W, "rows of one key with different values", "one row", "keep one of them"),
-    "order": FindingKind(E, "a time that goes back", "each after the one before", "sort by time"),
-    "restart": FindingKind(
-        W,
-        "times of a sensor or an identity that go back, in the order of the file",
-        "each after the one before",
-        "rows are read in the order of time: if a clock was set or restarted, give each run its own file",
-    ),
-    "repeated-time": FindingKind(E, "a time that repeats", "each after the one before", "give each frame its own time"),
-    "left-out": FindingKind(
-        W, "a header stamp that repeats or goes back", "each after the one before", "`occlog ingest` leaves it out"
-    ),
-    "lost-message": FindingKind(W, "a message that is not of its type", remedy="`occlog ingest` leaves it out"),
-    "undecoded": FindingKind(N, "messages of which only the times of recording were checked"),
-    "linked-video": FindingKind(E, "its video cannot be used"),
-    "image": FindingKind(W, "an image that cannot be decoded", remedy="its frame is lost; ingest the source again"),
-    "video-frames": FindingKind(W, "frames that are lost", remedy="copy or repair the file"),
-    "sound": FindingKind(W, "samples that are lost", remedy="copy or repair the file"),
-    "uneven-video": FindingKind(
-        N, "frames at uneven times", remedy="keep its time stamps: give no frame rate (ingest --fps) for it"
-    ),
-    "doubt": FindingKind(W, "may be wrong"),
-    "losses": FindingKind(N, "lost when it was made"),
-    "epoch-unit": FindingKind(
-        W, "times in another unit than is stated", remedy="name the column after its unit, or multiply"
-    ),
-    "epoch": FindingKind(W, "times outside 1970 to 2100", remedy="give the origin of the times"),
-    "gap": FindingKind(
-        W, "nothing came", f"{GAP_INTERVALS:g} usual intervals", "expect no estimates of this time by this sensor"
-    ),
-    "jump": FindingKind(
-        W,
-        "a clock that jumps: the frames are numbered on",
-        f"{GAP_INTERVALS:g} usual intervals",
-        "take the times of another clock",
-    ),
-    "clock-apart": FindingKind(
-        W, "times that do not meet those of the other sensors", remedy="give an offset (ingest --clock-offset)"
-    ),
-    "truth-apart": FindingKind(
-        W,
-        "a truth of none of the times of the sensors",
-        remedy="ingest it again with times of the same origin (ingest --start-time)",
-    ),
-    "clock-late": FindingKind(
-        W,
-        "begins and ends later (or earlier, below 0) than the others, by the same time",
-        f"{GAP_INTERVALS:g} usual intervals",
-        "if its clock is off, give an offset (ingest --clock-offset)",
-    ),
-    "two-clocks": FindingKind(
-        W, "recorded at other times than its header stamps state", remedy="choose one: ingest --timestamp-source"
-    ),
-}
-"""Every kind of findings, by the name that it has in JSON."""
-
-
 class Finding(NamedTuple):
     """Something that is wrong.
 
     Attributes:
-        kind: one of `KINDS`.
+        kind: one of `DOCTOR`.
         file: the file, as it was named.
         location: where in it: byte, line, row, sensor and time; empty: in the whole of it.
         value: value found.
@@ -146,17 +39,17 @@ class Finding(NamedTuple):
     @property
     def severity(self) -> Severity:
         """Severity of the kind."""
-        return KINDS[self.kind].severity
+        return DOCTOR[self.kind].severity
 
     def as_dict(self) -> dict[str, Any]:
         """The finding as JSON-ready values."""
-        kind = KINDS[self.kind]
+        kind = DOCTOR[self.kind]
         return {
             "severity": str(kind.severity),
             "kind": self.kind,
             "file": self.file,
             "place": self.location or None,
-            "what": kind.what,
+            "what": kind.text,
             "value": self.value or None,
             "limit": self.limit or kind.limit or None,
             "remedy": kind.remedy.format(file=self.file) or None,
@@ -190,7 +83,7 @@ class Findings:
         """Note a finding.
 
         Args:
-            kind: one of `KINDS`.
+            kind: one of `DOCTOR`.
             location: where it is.
             value: value found.
             limit: what may be there, if the kind does not state it.
@@ -241,7 +134,7 @@ def finding_schema() -> dict[str, object]:
     count = {"type": "integer", "minimum": 0}
     finding = {
         "severity": {"enum": [str(severity) for severity in Severity]},
-        "kind": {"enum": list(KINDS)},
+        "kind": {"enum": list(DOCTOR)},
         "file": text | {"description": "as it was named, with the folder in which it was found"},
         "place": maybe | {"description": "byte, line, row, sensor and time; null: the whole file"},
         "what": text,

@@ -66,7 +66,7 @@ def check_bag(path: Path, findings: Findings) -> None:
             for loss in bag.losses:
                 findings.add("damaged-bag", f"{loss.source}, {loss.place}", loss.what, count=max(loss.count, 1))
             for topic, remark in bag.remarks.items():
-                findings.add("miscounted", topic, remark)
+                findings.add("message-count-mismatch", topic, remark)
         for each in stamps.values():
             each.finish(findings)
         check_clocks([each.clock for each in stamps.values()], findings)
@@ -165,7 +165,7 @@ def _look_at_times(container: Container, findings: Findings) -> None:
     uneven = int((np.abs(steps - usual) > UNEVEN * usual).sum())
     if uneven > UNEVEN_SHARE * len(steps):
         value = f"{uneven} of {len(steps)} intervals; {steps.min() / NS:.4g} to {steps.max() / NS:.4g} s"
-        findings.add("uneven-video", "", value, limit=f"{UNEVEN:.0%} from the usual {usual / NS:.4g} s")
+        findings.add("variable-frame-rate", "", value, limit=f"{UNEVEN:.0%} from the usual {usual / NS:.4g} s")
 
 
 def check_image_file(path: Path, findings: Findings) -> None:

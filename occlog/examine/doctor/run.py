@@ -84,7 +84,7 @@ def _files(path: Path, out: Diagnosis) -> Iterator[tuple[Path, bool]]:
             number += 1
             if number > MAX_FILES:
                 beyond = Findings(str(path))
-                beyond.add("not-looked-at", "", f"files after the first {MAX_FILES}")
+                beyond.add("not-checked", "", f"files after the first {MAX_FILES}")
                 out.findings += beyond
                 return
             if not name.startswith("."):

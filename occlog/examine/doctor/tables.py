@@ -88,7 +88,10 @@ class TableWatch:
         copies, double = repeated_rows(table)
         if isinstance(table, Boxes):  # with numbers that may be those that they got on reading
             copies |= repeated_rows(table, "box")[0]
-        for kind, rows in (("repeated-row", copies), ("two-places" if table.ONCE else "double-key", double & ~copies)):
+        for kind, rows in (
+            ("duplicate-row", copies),
+            ("two-positions" if table.ONCE else "duplicate-key", double & ~copies),
+        ):
             for row in np.flatnonzero(rows)[:1].tolist():
                 key = ", ".join(f"{name} {getattr(table, name)[row]}" for name in table.KEY if name != "t_ns")
                 location = utc(int(_times(table)[row]))

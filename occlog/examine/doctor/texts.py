@@ -105,7 +105,7 @@ class _Copies:
         if len(copies):
             row = int(copies[0])
             value = f"as in line {lines[first[index.reshape(-1)[row]]]}"
-            findings.add("repeated-row", f"line {lines[row]}", value, count=len(copies))
+            findings.add("duplicate-row", f"line {lines[row]}", value, count=len(copies))
 
 
 ANY_SIZE = (1920, 1080)
@@ -160,7 +160,7 @@ def _calibration(path: Path, findings: Findings) -> bool:
         return True
     for note in calibration.notes:
         if note.startswith("warning: "):
-            findings.add("doubt", "", note.removeprefix("warning: "))
+            findings.add("suspect", "", note.removeprefix("warning: "))
     return True
 
 

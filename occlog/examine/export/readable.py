@@ -63,7 +63,7 @@ PLACES = {
     "tum": ("t_ns", "x", "y", "z"),
     "trc": ("t_ns", "target_id", "x", "y", "z"),
     "geojson": ("t_ns", "target_id", "x", "y"),
-    "mot3d": ("target_id", "x", "y", "z", "existence"),
+    "mot3d": ("target_id", "x", "y", "z", "existence_probability"),
 }
 """Columns of positions that a format holds."""
 EDGES = ("left_px", "top_px", "width_px", "height_px")

@@ -178,7 +178,7 @@ def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, .
             summary |= {"rows": len(rows), "plugin": request.exporter.plugin.origin}
         elif name == "csv":
             summary["rows"], left = write_csv(_rows(opened, table, text=True), table, file, unit)
-            summary |= {"left_out": list(left)} if left else {}
+            summary |= {"skipped": list(left)} if left else {}
             missed = tuple(f"column {column}" for column in left)
         elif name == "parquet":
             summary["rows"] = write_parquet(_rows(opened, table), table, file, unit)
@@ -198,7 +198,7 @@ def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, .
                     summary["sequence"] = str(info)
     if missed:
         console.note(f"{request.output}: not held by {name}: {'; '.join(missed)}", request.quiet)
-        summary |= {} if name == "csv" else {"not_held": list(missed)}
+        summary |= {} if name == "csv" else {"not_representable": list(missed)}
     console.note_findings(texts_of(opened.provenance.judged, "export"), request.quiet)
     return summary, opened.losses
 

@@ -80,7 +80,7 @@ def places_of(table: Tracks | Truth, targets: tuple[int, ...]) -> ExportedPositi
     nothing = np.full(len(rows), np.nan)
     velocity = np.column_stack([nothing, nothing] if isinstance(rows, Truth) else [rows.vx, rows.vy])
     z = np.where(np.isnan(rows.z), 0.0, rows.z)
-    sure = rows.existence if isinstance(rows, PeopleTracks) else nothing
+    sure = rows.existence_probability if isinstance(rows, PeopleTracks) else nothing
     return ExportedPositions(
         rows.t_ns, rows.target_id.astype(np.int64), np.column_stack([rows.x, rows.y, z]), velocity, sure
     )

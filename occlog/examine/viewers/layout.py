@@ -17,7 +17,7 @@ MAX_CAMERAS, MAX_LINES = 6, 8
 PLOTS = (
     ("errors", ("error",)),
     ("diagnostics", ("ess",)),
-    ("tracks", ("existence",)),
+    ("tracks", ("existence_probability",)),
     ("tracks", ("x", "y")),
 )
 """Numbers that are plotted, the first two of which there are topics."""

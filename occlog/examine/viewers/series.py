@@ -89,7 +89,7 @@ uint32 stride
 """The published definition, without its comments."""
 MAIN: dict[str, Sequence[tuple[str, ...]]] = {
     "Errors": [("error",)],
-    "Diagnostics": [("ess",), ("n_seen",)],
+    "Diagnostics": [("ess",), ("n_detected",)],
     "Bound": [("bound",)],
     "Tracks": [("x", "y")],
 }

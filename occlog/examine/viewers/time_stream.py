@@ -170,9 +170,9 @@ class ViewerStream:
     def _diagnostics(self, rows: Diagnostics) -> Iterator[StreamItem]:
         t_ns = int(rows.t_ns[0])
         yield from _numbers("/diagnostics", Series.of_table(Diagnostics), rows, rows.target_id.tolist())
-        before = dict(self._diagnostics_drawing.doubt)
+        before = dict(self._diagnostics_drawing.quality_flags)
         self._diagnostics_drawing.add(rows)
-        for target, words in self._diagnostics_drawing.doubt.items():
+        for target, words in self._diagnostics_drawing.quality_flags.items():
             if words and words != before.get(target):
                 yield LogLine(t_ns, True, f"target {target}", words)
         chosen = sorted({name for text in rows.selected.tolist() for name in text.split(",") if name})
@@ -185,8 +185,12 @@ class ViewerStream:
         people = people_of(rows, self._metres, self._diagnostics_drawing)
         for person in people:
             before = self.crowd.find(person.target)
-            if person.doubt and not self._inputs.has(Diagnostics) and (before is None or before.doubt != person.doubt):
-                yield LogLine(t_ns, True, f"target {person.target}", person.doubt)
+            if (
+                person.quality_flags
+                and not self._inputs.has(Diagnostics)
+                and (before is None or before.quality_flags != person.quality_flags)
+            ):
+                yield LogLine(t_ns, True, f"target {person.target}", person.quality_flags)
         self.crowd.add(people)
         yield SceneDrawing("/targets", t_ns, self.crowd.in_space(t_ns))
         yield from _numbers("/tracks", Series.of_table(PeopleTracks), rows, rows.target_id.tolist())

@@ -83,8 +83,8 @@ class LabelTally:
             "rows": self.rows,
             "frames_of_tracks": self.frames,
             "labelled": dict(sorted(self.labelled.items())),
-            "not_seen": dict(sorted(self.not_seen.items())),
-            "candidates_left": self.left,
+            "missed_detections": dict(sorted(self.not_seen.items())),
+            "unassigned_candidates": self.left,
         }
 
 

@@ -13,7 +13,7 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Views
 from occlog.records.verdicts import Check, finding, outcome
 
-DETECTS, INSIDE, STAYS = "detections of each camera", "detections inside the images", "detections that stay in place"
+DETECTS, INSIDE, STAYS = "detections per camera", "detections inside the images", "static detections"
 """Names of checks."""
 FEWEST = 50
 """Of a camera with fewer frames nothing is reported."""
@@ -83,13 +83,7 @@ class Checked:
         often = max(shares, key=lambda name: shares[name], default="")
         for name in (each for each, share in sorted(shares.items()) if not share and shares[often] >= OFTEN):
             yield finding(
-                DETECTS,
-                "note",
-                "no-detections",
-                f"camera {name} has no detection in {frames[name]} frames, while {often} has one in "
-                f"{shares[often]:.0%}; check its images, the expected size of people, and the area it sees",
-                sensors=[name],
-                frames=frames[name],
+                DETECTS, "no-detections", sensors=[name], frames=frames[name], other=often, share=shares[often]
             )
 
     def _wide(self) -> Iterator[Check]:
@@ -98,11 +92,10 @@ class Checked:
             if exceeds_share(self._outside[name], count, OUTSIDE):
                 yield finding(
                     INSIDE,
-                    "warning",
-                    "boxes-outside",
-                    f"camera {name}: {self._outside[name]} of {count} boxes are outside the image (allowed: "
-                    f"{OUTSIDE:.0%}); check the image size of the calibration, and the camera of the boxes",
+                    "boxes-outside-image",
                     sensors=[name],
+                    count=self._outside[name],
+                    boxes=count,
                     share=self._outside[name] / count,
                     allowed=OUTSIDE,
                 )
@@ -119,12 +112,10 @@ class Checked:
                 left, top, right, bottom = kept[len(kept) // 2][int(np.argmax(found))].tolist()
                 yield finding(
                     STAYS,
-                    "note",
-                    "detection-stays",
-                    f"camera {name}: detection at about ({0.5 * (left + right):.0f}, {0.5 * (top + bottom):.0f}) px in "
-                    f"{share:.0%} of its frames (noted from {STAYING:.0%}): a motionless person or persistent "
-                    "clutter; exclude it if it is clutter",
+                    "static-detection",
                     sensors=[name],
+                    u_px=0.5 * (left + right),
+                    v_px=0.5 * (top + bottom),
                     share=share,
                     allowed=STAYING,
                 )

@@ -126,7 +126,7 @@ class DetectConfig(Settings):
     sigma_scale: float = setting(
         1.0,
         "Factor on all measurement noise. `occlog evaluate` estimates it from residuals between cameras "
-        "(`noise_scale`).",
+        "(`measurement_noise_scale`).",
         above=0,
         option="--sigma-scale",
     )

@@ -12,7 +12,7 @@ from occlog.records.verdicts import Check, finding, outcome
 
 from .stage import DoaTally
 
-SOUND, SCALE, APART, HEARD = "sound of each microphone", "full scale", "their own microphones", "directions"
+SOUND, SCALE, APART, HEARD = "microphone levels", "clipping", "distinct microphones", "directions"
 """Names of checks."""
 SILENT = 0.01
 """A microphone with less than this share of the usual level of its array has none: 40 dB below."""
@@ -80,15 +80,7 @@ def checks(
 def _silent(channels: Mapping[str, Channels]) -> Iterator[Check]:
     for name, own in channels.items():
         if dead := own.silent():
-            yield finding(
-                SOUND,
-                "warning",
-                "microphone-silent",
-                f"array {name}: microphone {_listed(dead)} has less than {SILENT:.0%} of the level of the others, so "
-                "that directions are wrong; check cable and channel order, or remove it from array and channels",
-                sensors=[name],
-                allowed=SILENT,
-            )
+            yield finding(SOUND, "microphone-silent", sensors=[name], microphones=_listed(dead), allowed=SILENT)
 
 
 def _clipped(channels: Mapping[str, Channels]) -> Iterator[Check]:
@@ -96,11 +88,9 @@ def _clipped(channels: Mapping[str, Channels]) -> Iterator[Check]:
         if loud := own.clipped():
             yield finding(
                 SCALE,
-                "note",
                 "clipped",
-                f"array {name}: microphone {_listed(loud)} is at full scale in up to {max(loud.values()):.1%} of the "
-                f"samples (a note from {CLIPPED:.1%} on): directions of loud sounds may be off; record at a lower gain",
                 sensors=[name],
+                microphones=_listed(loud),
                 share=max(loud.values()),
                 allowed=CLIPPED,
             )
@@ -109,14 +99,7 @@ def _clipped(channels: Mapping[str, Channels]) -> Iterator[Check]:
 def _alike(channels: Mapping[str, Channels]) -> Iterator[Check]:
     for name, own in channels.items():
         if same := own.alike():
-            yield finding(
-                APART,
-                "warning",
-                "microphones-alike",
-                f"array {name}: microphones {_listed(same)} have the very same samples, so that directions are wrong: "
-                "check how the channels were recorded and in which order they are given",
-                sensors=[name],
-            )
+            yield finding(APART, "microphones-identical", sensors=[name], microphones=_listed(same))
 
 
 def _nothing(tallies: Mapping[str, DoaTally], rows: Mapping[str, int]) -> Iterator[Check]:
@@ -124,12 +107,11 @@ def _nothing(tallies: Mapping[str, DoaTally], rows: Mapping[str, int]) -> Iterat
         if not rows[name]:
             yield finding(
                 HEARD,
-                "note",
                 "no-directions",
-                f"array {name} has no direction: of {tally.frames} frames {tally.silent} are silent, and in "
-                f"{tally.unsure} no direction is sure enough",
                 sensors=[name],
                 frames=tally.frames,
+                silent=tally.silent,
+                unsure=tally.unsure,
             )
 
 

@@ -116,7 +116,7 @@ def run_listen(request: DoaRequest, job: Job) -> tuple[dict[str, object], list[L
         "seconds": {name: round(s, 3) for name, s in seconds.items()},
         "frames": {name: t.frames for name, t in tallies.items()},
         "silent_frames": {name: t.silent for name, t in tallies.items()},
-        "unsure_frames": {name: t.unsure for name, t in tallies.items()},
+        "low_confidence_frames": {name: t.unsure for name, t in tallies.items()},
     }, losses
 
 

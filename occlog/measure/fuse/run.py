@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from occlog.records.losses import Loss
     from occlog.records.scene import Scene
 
-AGREE = "agreement of the cameras"
+AGREE = "camera agreement"
 """Name of the check."""
 MAX_REMOVED = 0.2
 """Share of a camera's detections of targets that the fusion removes that matters, beyond its stated false ones."""
@@ -89,7 +89,8 @@ class FuseTally:
         whole: Counter[str] = Counter()
         for counts in self.cameras.values():
             whole.update(counts)
-        out: dict[str, object] = {k: self.totals[k] for k in ("moments", "declared", "not_declared")}
+        out: dict[str, object] = {"time_steps": self.totals["moments"]}
+        out |= {k: self.totals[k] for k in ("declared", "not_declared")}
         out |= {k: whole[k] for k in ("kept", "recovered", "removed")}
         return out | {"cameras": {name: dict(counts) for name, counts in self.cameras.items()}}
 
@@ -107,11 +108,10 @@ class FuseTally:
             found = (
                 finding(
                     AGREE,
-                    "warning",
-                    "removed-many",
-                    f"camera {worst}: {removed[worst]} of {whole[worst]} detections contradict the other cameras and "
-                    f"are removed (allowed: {limit:.0%}); check its pose, clock and labels, or exclude {worst}",
+                    "many-detections-rejected",
                     sensors=[worst],
+                    count=removed[worst],
+                    detections=whole[worst],
                     share=share,
                     allowed=limit,
                 ),

@@ -125,7 +125,7 @@ def run_hull(request: HullRequest, job: Job) -> Result:
         if not n_steps:
             raise InputError(f"{path}: no row is of the chosen cameras; choose others")
     summary = {"occluders": str(request.output), "source": "hull", "cameras": len(used), **tally.summary()}
-    return {**summary, "candidates_a_moment": candidates / n_steps}, losses
+    return {**summary, "candidates_per_step": candidates / n_steps}, losses
 
 
 def cameras_of(request: HullRequest, scene: Scene) -> list[str]:
@@ -187,10 +187,10 @@ class PriorsTally:
         self.spread += float(np.sum(table.cov_xx[there] + table.cov_yy[there]))
 
     def summary(self) -> dict[str, object]:
-        """The figures; `rms_spread` is the RMS error that the priors expect of their means."""
+        """The figures; `rms_sigma` is the RMS error that the priors expect of their means."""
         return {
             "times": self.times,
             "identities": len(self.identities),
-            "occluders_a_time": self.occluders / self.times if self.times else None,
-            "rms_spread": (self.spread / self.occluders) ** 0.5 if self.occluders else None,
+            "mean_occluders": self.occluders / self.times if self.times else None,
+            "rms_sigma": (self.spread / self.occluders) ** 0.5 if self.occluders else None,
         }

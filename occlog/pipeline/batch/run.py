@@ -38,7 +38,7 @@ from .plan import BatchRecording, in_line, in_text, sources_of
 from .recording import FAILED, RUNS, RecordingOutcome, Task, batch_folder, fetch_files, process
 
 RUNS_TABLE, METRICS_TABLE = "runs.parquet", "metrics.parquet"
-VERDICTS = "verdicts of the recordings"
+VERDICTS = "recording verdicts"
 """Name of the check of a batch."""
 METRICS_FILES = ("metrics.json", "metrics_in_images.json")
 MAX_LOSSES = 20
@@ -126,7 +126,11 @@ def _checks(outcomes: Sequence[RecordingOutcome]) -> tuple[Check, ...]:
     judged = [each for each in outcomes if each.plausible is not None]
     doubted = (
         finding(
-            VERDICTS, "warning", "recording-doubtful", f"{each.name}: {each.warnings[0]}; {RUNS_TABLE} has them all"
+            VERDICTS,
+            "recording-not-plausible",
+            recording=each.name,
+            warning=": ".join(each.warnings[0].split(": ")[:2]),
+            warnings=len(each.warnings),
         )
         for each in judged
         if not each.plausible

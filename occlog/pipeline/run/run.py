@@ -227,7 +227,7 @@ def _summary(folder: Path, done: dict[str, str], as_json: bool) -> dict[str, obj
 
 def _is_headline(name: str) -> bool:
     whole = "_target_" not in name and "_sensor_" not in name
-    return whole and name.startswith(("rmse", "bound_r", "sight_lines_distance", "sight_lines_share"))
+    return whole and name.startswith(("rmse", "bound_r", "triangulation_distance", "triangulation_share"))
 
 
 def _folder(output: Path, dry_run: bool) -> Path:

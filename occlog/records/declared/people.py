@@ -50,7 +50,9 @@ def has_word(texts: Strings, word: str) -> Bools:
 class PeopleTracks(Tracks):
     """Tracks of all people on the ground plane; every command reads them as `Tracks`."""
 
-    existence: Floats = column("f8", "1", "probability that the person is there", nan="not known", optional=True)
+    existence_probability: Floats = column(
+        "f8", "1", "probability that the person is there", nan="not known", optional=True
+    )
     height: Floats = column("f8", "m", "of the person", nan="not known", optional=True)
     width: Floats = column("f8", "m", "of the person, seen from any side", nan="not known", optional=True)
     sd_height: Floats = column("f8", "m", "standard deviation of the height", nan="not known", optional=True)
@@ -58,7 +60,7 @@ class PeopleTracks(Tracks):
     seen_by: Strings = column(
         "U", "1", "cameras with a box that is more likely of this person than not, separated by commas", optional=True
     )
-    doubt: Strings = column(
+    quality_flags: Strings = column(
         "U",
         "1",
         "why the row is not reliable, separated by commas; empty: no reason was found. `unseen` (no camera has a "
@@ -75,7 +77,7 @@ class JoinedTracks(PeopleTracks):
     `doubt` has `contradiction` also, where two groups have the person in places that do not agree at this time.
     """
 
-    made_of: Strings = column(
+    source_ids: Strings = column(
         "U", "1", "identities in the inputs, in their order, separated by commas; `-`: not there", optional=True
     )
 

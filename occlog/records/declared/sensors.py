@@ -170,7 +170,7 @@ class Views(ColumnTable):
     u_px: Floats = column("f8", "px", "as in bearings", nan="camera without pose")
     sigma_px: Floats = column("f8", "px", "standard deviation of u_px, > 0", nan="camera without pose")
     confidence: Floats = column("f8", "1", "the detector's confidence, 0 to 1", nan="not from a detector")
-    likeness: Floats = column(
+    similarity: Floats = column(
         "f8", "1", "Bhattacharyya coefficient with the target's appearance, 0 to 1", nan="no appearance"
     )
     target_id: Ints32 = column("i4", "1", "target assigned to the cluster; -1 = another object, or not decided")
@@ -188,7 +188,7 @@ class Views(ColumnTable):
         "object; `removed`, declared false, so not of the target",
         optional=True,
     )
-    hint: Ints32 = column(
+    tracklet_id: Ints32 = column(
         "i4",
         "1",
         "identity that the source of the box gave, for example a tracker in this camera alone; -1 = none",

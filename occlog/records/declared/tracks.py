@@ -90,7 +90,7 @@ class FusedTracks(Tracks):
     """Tracks in the world from tracks in several images; every command reads them as `Tracks`."""
 
     seen_by: Strings = column("U", "1", "views that made the position, separated by commas", optional=True)
-    doubt: Strings = doubt_column(
+    quality_flags: Strings = doubt_column(
         "`one-view` (one view alone made it), `contradiction` (a view is more likely on something else than not, or "
         "was omitted), `exchange` (the target is likely to have taken another one's identity)"
     )
@@ -102,7 +102,7 @@ class TagTracks(Tracks):
 
     read_by: Strings = column("U", "1", "readers that detected the tag, separated by commas", optional=True)
     refined_by: Strings = column("U", "1", "cameras that refined the position, separated by commas", optional=True)
-    doubt: Strings = doubt_column(
+    quality_flags: Strings = doubt_column(
         "`unmatched` (no position is in the range of just these readers), `restart` (no particle explained the reads), "
         "`depleted` (fewer than ten effective particles: the covariance says little)"
     )
@@ -153,8 +153,8 @@ class Diagnostics(ColumnTable):
         "log of the predictive likelihood of the scan; of a batch method and `fix`: of the likelihood at the estimate",
         nan="no measurement had weight",
     )
-    n_looked: Ints32 = column("i4", "1", "sensors that delivered a frame in the scan")
-    n_seen: Ints32 = column("i4", "1", "sensors that saw the target")
+    n_observing: Ints32 = column("i4", "1", "sensors that delivered a frame in the scan")
+    n_detected: Ints32 = column("i4", "1", "sensors that saw the target")
     fallback: Strings = column(
         "U",
         "1",
@@ -170,7 +170,7 @@ class Diagnostics(ColumnTable):
         "point was left) or `stuck` (the search ended where cameras cannot see)",
     )
     cameras: Strings = column("U", "1", "sensors used in the scan, separated by commas")
-    n_offered: Ints32 = column("i4", "1", "sensors that had a frame since the last row, asked for it or not")
+    n_available: Ints32 = column("i4", "1", "sensors that had a frame since the last row, asked for it or not")
     selected: Strings = column("U", "1", "cameras selected, separated by commas; empty: no selection")
     predicted_mse: Floats = column(
         "f8",
@@ -184,7 +184,7 @@ class Diagnostics(ColumnTable):
         "sensors that saw the target, separated by commas; empty: none, or the method does not report them",
         optional=True,
     )
-    doubt: Strings = column(
+    quality_flags: Strings = column(
         "U",
         "1",
         "why the estimate is not reliable, separated by commas; empty: no reason was found. `edge` (the target "
@@ -239,15 +239,17 @@ class Residuals(ColumnTable):
         "the bearing minus that of the estimate, in standard deviations as stated; without a sign where the estimate "
         "is not in front of the camera",
     )
-    expected: Floats = column(
+    expected_variance: Floats = column(
         "f8", "1", "variance that the residual has if the bearing is true: below 1, since the estimate follows it"
     )
-    believed: Floats = column("f8", "1", "probability that the bearing is true, given the estimate; 0 behind a camera")
+    inlier_probability: Floats = column(
+        "f8", "1", "probability that the bearing is true, given the estimate; 0 behind a camera"
+    )
 
     def check(self) -> None:
         """Times in order, probabilities and variances in their range."""
         check_order(self)
-        bad = ~((self.believed >= 0.0) & (self.believed <= 1.0) & (self.expected >= 0.0))
+        bad = ~((self.inlier_probability >= 0.0) & (self.inlier_probability <= 1.0) & (self.expected_variance >= 0.0))
         if bad.any():
             raise InputError(f"Residuals: row {first_row(bad)}: want 0 <= believed <= 1 and expected >= 0")
 
@@ -329,7 +331,7 @@ class Bound(ColumnTable):
     bound_xy: Floats = column("f8", "m^2", "lower bound of the error covariance")
     bound_yy: Floats = column("f8", "m^2", "lower bound of the error covariance")
     bound: Floats = column("f8", "m", "square root of bound_xx + bound_yy: lower bound of the RMSE on the ground")
-    n_seen: Ints32 = column("i4", "1", "sensors that saw the target")
+    n_detected: Ints32 = column("i4", "1", "sensors that saw the target")
     bound_xz: Floats = column(
         "f8", "m^2", "lower bound of the error covariance", nan="a bound on the ground", optional=True
     )

@@ -42,7 +42,7 @@ class ViewTracks(ColumnTable):
     cov_xx_px: Floats = column("f8", "px^2", "covariance of the centre")
     cov_xy_px: Floats = column("f8", "px^2", "covariance of the centre")
     cov_yy_px: Floats = column("f8", "px^2", "covariance of the centre")
-    likeness: Floats = column(
+    similarity: Floats = column(
         "f8",
         "1",
         "Bhattacharyya coefficient of the estimate's colours with the target's, 0 to 1",
@@ -54,7 +54,7 @@ class ViewTracks(ColumnTable):
         "effective sample size of the weights, 1 to the number of particles",
         nan="the method has no particles",
     )
-    mode: Strings = column(
+    likelihood_mode: Strings = column(
         "U",
         "1",
         "what the tracker did in the frame: `mipf` (alone), `idmot` (repulsion by its neighbours), `bmct` "
@@ -64,8 +64,8 @@ class ViewTracks(ColumnTable):
         "U", "1", "the target in other views by the loop check: `good`, `bad`, `none`; empty: not checked"
     )
     neighbours: Strings = column("U", "1", "targets that it touches, separated by commas")
-    helpers: Strings = column("U", "1", "views that helped it in the frame, separated by commas")
-    event: Strings = column(
+    assisting_views: Strings = column("U", "1", "views that helped it in the frame, separated by commas")
+    lifecycle: Strings = column(
         "U", "1", "empty; `start` of the tracker; its last row: `left` the image, or `lost` its target"
     )
 
@@ -80,7 +80,7 @@ class ViewTracks(ColumnTable):
         if (bad := self.target_id < 0).any():
             row = first_row(bad)
             raise InputError(f"ViewTracks: row {row}: target_id {self.target_id[row]} must be at least 0")
-        for name, known in (("event", EVENTS), ("counterpart", COUNTERPARTS)):
+        for name, known in (("lifecycle", EVENTS), ("counterpart", COUNTERPARTS)):
             values = getattr(self, name)
             if (bad := ~np.isin(values, known)).any():
                 words = ", ".join(word or "empty" for word in known)

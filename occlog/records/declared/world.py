@@ -138,7 +138,7 @@ class PlanMap(ColumnTable):
     seen_by_0: Floats = column("f8", "1", "probability that no sensor sees or hears the target")
     seen_by_1: Floats = column("f8", "1", "probability that exactly one sensor does")
     seen_by_2: Floats = column("f8", "1", "probability that two or more do")
-    no_fix: Floats = column(
+    unlocalised_share: Floats = column(
         "f8",
         "1",
         "share of the draws in which the position is known, along its worst direction, no better than half as well as "
@@ -148,7 +148,7 @@ class PlanMap(ColumnTable):
     def check(self) -> None:
         """Probabilities are between 0 and 1."""
         check_order(self)
-        for name in ("weight", "seen_by_0", "seen_by_1", "seen_by_2", "no_fix"):
+        for name in ("weight", "seen_by_0", "seen_by_1", "seen_by_2", "unlocalised_share"):
             values = getattr(self, name)
             bad = ~((values >= 0.0) & (values <= 1.0 + 1e-9))
             if np.any(bad):

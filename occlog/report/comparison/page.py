@@ -164,9 +164,9 @@ def summary_of(found: RunComparisonPage, request: RunComparisonRequest) -> dict[
     out |= {} if request.markdown is None else {"markdown": request.markdown}
     out |= {letter.lower(): side.name for letter, side in found.sides}
     out |= {"heading": words.comparison_heading(found), "same": found.same, "frames": found.partings.frames}
-    out |= {"frames_parted": found.partings.parted, "tolerance": found.tolerance, "length_unit": found.unit}
+    out |= {"frames_diverged": found.partings.parted, "tolerance": found.tolerance, "length_unit": found.unit}
     if first is not None:
-        out["first_parting"] = {"kind": first[0], **_step(found, first[1])}
+        out["first_divergence"] = {"kind": first[0], **_step(found, first[1])}
     out["changes"] = {letter: len(each.changes) for letter, each in zip("ab", words.followed(found), strict=True)}
     if truth is not None:
         out["switches"] = dict(zip("ab", truth.switches, strict=True))

@@ -155,7 +155,7 @@ def lengths_of(config: RunComparisonConfig, unit: str) -> tuple[float, float]:
     return near, tolerance
 
 
-NAMES = {"idf1": "IDF1", "hota": "HOTA", "mota": "MOTA", "pairs_rmse": "RMSE of pairs"}
+NAMES = {"idf1": "IDF1", "hota": "HOTA", "mota": "MOTA", "matched_rmse": "RMSE of pairs"}
 """Figures with names that are not words; see `occlog.core.metrics.mot.frame_sums`."""
 MEANINGS = {
     "idf1": "share of time with one track per person",
@@ -163,7 +163,7 @@ MEANINGS = {
     "mota": "1 less misses, false tracks and exchanges, of all true people",
     "recall": "true people that are found",
     "precision": "tracks that are on a person",
-    "pairs_rmse": "distance from the truth of those that are found",
+    "matched_rmse": "distance from the truth of those that are found",
 }
 KINDS = {
     TOO_FAR_APART: "partners beyond tolerance",
@@ -388,7 +388,7 @@ def figure_rows(found: RunComparisonPage) -> list[FigureRow]:
     for row, (_, a, b, difference, interval, p, verdict) in zip(
         comparison.rows, text.rows_of(comparison, 1), strict=True
     ):
-        unit = f" [{found.unit}]" if row.figure == "pairs_rmse" else ""
+        unit = f" [{found.unit}]" if row.figure == "matched_rmse" else ""
         said = f"B {verdict}" if verdict in ("better", "worse") else verdict
         name, meaning = NAMES.get(row.figure, row.figure) + unit, MEANINGS.get(row.figure, "")
         out.append(FigureRow(name, meaning, a, b, difference, interval, p, said))

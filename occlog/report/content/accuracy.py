@@ -220,8 +220,8 @@ class FilterDiagnosticsStreams:
                 # Times since the start, which a float carries to the nanosecond
                 since = part.t_ns[part.fallback == kind] - self._start
                 self._fallbacks.setdefault(kind, Spool(self._in_memory)).add(since.astype(np.float64))
-        self._doubtful += int(np.count_nonzero(part.doubt != ""))
-        self._doubts.update(kind for text in np.unique(part.doubt).tolist() if text for kind in text.split(","))
+        self._doubtful += int(np.count_nonzero(part.quality_flags != ""))
+        self._doubts.update(kind for text in np.unique(part.quality_flags).tolist() if text for kind in text.split(","))
 
     def finish(self) -> FilterDiagnostics:
         """All that was collected."""

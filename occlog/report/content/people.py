@@ -38,7 +38,7 @@ class PeopleCount:
 def people_statistics(tracks: PeopleTracks) -> PeopleCount:
     """Counts of the times that have rows."""
     times, row = np.unique(tracks.t_ns, return_inverse=True)
-    counts = [np.bincount(row, w, len(times)) for w in (None, tracks.existence, tracks.seen_by != "")]
+    counts = [np.bincount(row, w, len(times)) for w in (None, tracks.existence_probability, tracks.seen_by != "")]
     return PeopleCount(times, *(c.astype(np.float64) for c in counts))
 
 
@@ -152,8 +152,8 @@ class PeopleStreams:
         self._most = max(self._most, int(found.people.max(initial=0)))
         self._seen += int(found.seen.sum())
         self._several += int(np.count_nonzero(np.char.find(tracks.seen_by, ",") >= 0))
-        self._with_existence += int(np.count_nonzero(~np.isnan(tracks.existence)))
-        self._existence.add(float(np.nansum(tracks.existence)))
+        self._with_existence += int(np.count_nonzero(~np.isnan(tracks.existence_probability)))
+        self._existence.add(float(np.nansum(tracks.existence_probability)))
         ids, first, rows = np.unique(tracks.target_id, return_index=True, return_counts=True)
         for name, begin, count in zip(ids.tolist(), first.tolist(), rows.tolist(), strict=True):
             self._identities.setdefault(name, [self._rows + begin, 0])[1] += count

@@ -95,8 +95,8 @@ def _missed(failures: Failures | None) -> set[int]:
 
 def _outlines(tracks: ViewTracks, labels: Mapping[int, int]) -> list[Outline]:
     ellipses = np.column_stack([tracks.x_px, tracks.y_px, tracks.a_px, tracks.b_px, tracks.rho])
-    helped = tracks.helpers != ""
-    dashed = ((tracks.neighbours != "") & ~helped) | (tracks.mode == GROUND)
+    helped = tracks.assisting_views != ""
+    dashed = ((tracks.neighbours != "") & ~helped) | (tracks.likelihood_mode == GROUND)
     return [
         Outline(
             ellipses[k], target, bool(dashed[k]), bool(helped[k]), f"on {labels[target]}" if target in labels else ""
@@ -133,7 +133,7 @@ def _lines(
     """The epipolar lines of what other views state about the targets that they help with."""
     numbers = {v.name: n for n, v in enumerate(rig.views)}
     out = []
-    for target, names in zip(tracks.target_id.tolist(), tracks.helpers.tolist(), strict=True):
+    for target, names in zip(tracks.target_id.tolist(), tracks.assisting_views.tolist(), strict=True):
         for helper in (numbers[name] for name in filter(None, names.split(",")) if name in numbers):
             points = _line(target, helper, view, rows[helper].tracks, rig, geometry)
             if points is not None:

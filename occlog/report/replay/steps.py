@@ -194,7 +194,7 @@ class ReplaySteps:
         with np.errstate(divide="ignore", invalid="ignore"):
             rho = np.nan_to_num(tracks.cov_xy[rows] / (sx * sy))
         nothing = np.full(len(rows), np.nan)
-        existence = nothing if people is None else people.existence[rows]
+        existence = nothing if people is None else people.existence_probability[rows]
         return {
             "first": starts(step, len(self.kept)),
             "target": packed("u2", np.searchsorted(self.data.targets, tracks.target_id[rows])),
@@ -213,11 +213,11 @@ class ReplaySteps:
         """Sensors that saw each row's target, whether these are known, and quality flags, by tracks or filter."""
         if self.data.everybody is not None:
             people = self.data.everybody
-            return people.seen_by[rows], np.isfinite(people.existence[rows]), people.doubt[rows]
+            return people.seen_by[rows], np.isfinite(people.existence_probability[rows]), people.quality_flags[rows]
         count, diagnostics = len(rows), self.data.diagnostics
         names, known, doubt = np.full(count, "", object), np.zeros(count, np.bool_), np.full(count, "", object)
         if isinstance(tracks, PeopleTracks):
-            doubt = tracks.doubt[rows].astype(object)
+            doubt = tracks.quality_flags[rows].astype(object)
         if diagnostics is not None and len(diagnostics):
             diagnostics = diagnostics.take(np.isin(diagnostics.t_ns, tracks.t_ns[rows]))
             mine = list(zip(tracks.t_ns[rows].tolist(), tracks.target_id[rows].tolist(), strict=True))
@@ -229,8 +229,8 @@ class ReplaySteps:
             there = at >= 0
             names[there] = diagnostics.seen_by[at[there]]
             # Some methods do not state which sensors saw the target
-            known[there] = (diagnostics.seen_by[at[there]] != "") | (diagnostics.n_seen[at[there]] == 0)
-            said = np.where(diagnostics.doubt != "", diagnostics.doubt, diagnostics.fallback)[at[there]]
+            known[there] = (diagnostics.seen_by[at[there]] != "") | (diagnostics.n_detected[at[there]] == 0)
+            said = np.where(diagnostics.quality_flags != "", diagnostics.quality_flags, diagnostics.fallback)[at[there]]
             doubt[there] = np.where(doubt[there] == "", said, doubt[there])
         return names, known, doubt
 

@@ -69,7 +69,7 @@ def track_joint(
                 state, report, memory = when_to_ask.apply_answer(state, report, answers, memory, helping)
             # Estimate
             for target, estimate in method.estimates(report, scene):
-                row = EstimateRow(target, sounds.t_ns, estimate, cameras.offered - offered + estimate.n_looked)
+                row = EstimateRow(target, sounds.t_ns, estimate, cameras.offered - offered + estimate.n_observing)
                 if later is None:
                     rows.append(row)
                 else:

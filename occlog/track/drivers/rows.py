@@ -89,7 +89,7 @@ class EstimateRow(NamedTuple):
     target: int
     t_ns: int
     estimate: Estimate
-    n_offered: int  # frames of sensors since the row before
+    n_available: int  # frames of sensors since the row before
     selected: tuple[int, ...] = ()
     mse: float = math.nan  # NaN: nothing was reselected
     cloud: ParticleSet | None = None  # None: not asked for
@@ -129,7 +129,7 @@ def residual_rows(fit: BearingResiduals, t_ns: Ints, target: int, names: tuple[s
         target_id=np.full(len(fit.row), target, dtype=np.int32),
         sensor=np.array([names[i] for i in fit.sensor.tolist()], dtype=np.str_),
         residual=fit.residual,
-        expected=fit.expected,
+        expected=fit.expected_variance,
         believed=fit.inlier_probability,
     )
 
@@ -157,11 +157,11 @@ def _diagnostics(rows: Sequence[EstimateRow], estimates: list[Estimate], names: 
         target_id=_identities(rows),
         ess=np.array([e.ess for e in estimates], dtype=np.float64),
         log_likelihood=np.array([e.log_likelihood for e in estimates], dtype=np.float64),
-        n_looked=np.array([e.n_looked for e in estimates], dtype=np.int32),
-        n_seen=np.array([e.n_seen for e in estimates], dtype=np.int32),
+        n_observing=np.array([e.n_observing for e in estimates], dtype=np.int32),
+        n_detected=np.array([e.n_detected for e in estimates], dtype=np.int32),
         fallback=np.array([e.fallback for e in estimates], dtype=np.str_),
         cameras=np.array([",".join(names[i] for i in e.used) for e in estimates], dtype=np.str_),
-        n_offered=np.array([r.n_offered for r in rows], dtype=np.int32),
+        n_available=np.array([r.n_available for r in rows], dtype=np.int32),
         selected=np.array([",".join(names[i] for i in r.selected) for r in rows], dtype=np.str_),
         predicted_mse=np.array([r.mse for r in rows], dtype=np.float64),
         seen_by=np.array([",".join(names[i] for i in e.seen_by or ()) for e in estimates], dtype=np.str_),
@@ -222,8 +222,8 @@ class NetworkTraffic:
 
     def add(self, part: Diagnostics) -> None:
         """Count some more scans."""
-        self.reports += int(part.n_looked.sum())
-        self.offered += int(part.n_offered.sum())
+        self.reports += int(part.n_observing.sum())
+        self.offered += int(part.n_available.sum())
         for row in np.flatnonzero(np.isfinite(part.predicted_mse)).tolist():
             target = int(part.target_id[row])
             now = frozenset(name for name in part.selected[row].split(",") if name)
@@ -237,13 +237,14 @@ class NetworkTraffic:
         return self.reports * REPORT_BYTES + self.orders * ORDER_BYTES
 
     def summary(self) -> dict[str, float | int]:
-        """The figures; those of the selection only where there was one."""
-        counts: dict[str, float | int] = {"messages": self.reports + self.orders, "bytes": self.bytes}
-        if self.selections:
-            whole = self.offered * REPORT_BYTES
-            counts |= {
-                "selections": self.selections,
-                "bytes_of_all_cameras": whole,
-                "bytes_saved": 1.0 - self.bytes / whole if whole else 0.0,
-            }
-        return counts
+        """The figures; none where no cameras were selected."""
+        if not self.selections:
+            return {}
+        whole = self.offered * REPORT_BYTES
+        return {
+            "messages": self.reports + self.orders,
+            "bytes": self.bytes,
+            "selections": self.selections,
+            "bytes_all_cameras": whole,
+            "share_saved": 1.0 - self.bytes / whole if whole else 0.0,
+        }

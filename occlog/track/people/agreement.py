@@ -18,8 +18,8 @@ from .frame_detections import BoxStatistics, FrameDetectionsWithIds
 from .lateral_bias import LateralBias
 from .rows import MIN_MAP_PROBABILITY, detection_probability_by_camera
 
-EXPLAINED, AGREES, LEANS = "boxes explained by tracks", "detection rates of the cameras", "offsets between the cameras"
-TIMES, BOXES = "times of the cameras", "boxes of the cameras"
+EXPLAINED, AGREES, LEANS = "associated boxes", "detection rates of the cameras", "camera bias"
+TIMES, BOXES = "camera clocks", "camera boxes"
 """Names of checks."""
 MIN_VISIBILITY = 0.8
 """A person so probably visible should be detected."""
@@ -99,7 +99,7 @@ class CameraAgreement:
                 LEANS,
                 self._leaning(),
                 unless="too few boxes" if np.isnan(far) else "",
-                lean=far,
+                bias=far,
                 allowed=MAX_LATERAL_BIAS_HEIGHTS,
             ),
             *outcome(
@@ -115,29 +115,11 @@ class CameraAgreement:
         whole = tally.boxes + tally.outside + tally.twice
         for c, name in enumerate(self.names):
             if not whole[c] and whole.any():
-                yield finding(BOXES, "note", "no-boxes", f"camera {name} has no box at any time", sensors=[name])
+                yield finding(BOXES, "no-boxes", sensors=[name])
             if tally.twice[c] > MAX_DUPLICATE_SHARE * whole[c]:
-                yield finding(
-                    BOXES,
-                    "warning",
-                    "boxes-twice",
-                    f"camera {name} reports people more than once: {tally.twice[c]} of its {whole[c]} boxes repeat "
-                    "another one of the same frame, and are omitted",
-                    sensors=[name],
-                    share=tally.twice[c] / whole[c],
-                    allowed=MAX_DUPLICATE_SHARE,
-                )
+                yield _of_boxes(name, "boxes-duplicated", tally.twice[c], whole[c], MAX_DUPLICATE_SHARE)
             if tally.outside[c] > MAX_OUTSIDE_SHARE * whole[c]:
-                yield finding(
-                    BOXES,
-                    "warning",
-                    "boxes-outside",
-                    f"camera {name}: {tally.outside[c]} of {whole[c]} boxes lie outside the image, and are omitted; "
-                    "is the calibration for another size of the image, or are the boxes another camera's?",
-                    sensors=[name],
-                    share=tally.outside[c] / whole[c],
-                    allowed=MAX_OUTSIDE_SHARE,
-                )
+                yield _of_boxes(name, "boxes-outside-image", tally.outside[c], whole[c], MAX_OUTSIDE_SHARE)
 
     def _unexplained(self, tally: BoxStatistics) -> Iterator[Check]:
         """Find whether most boxes are clutter: the extrinsics are wrong, or the boxes are of other objects."""
@@ -145,20 +127,10 @@ class CameraAgreement:
         unassociated = boxes - round(float(self.used.sum()))
         if boxes < FEWEST_BOXES or not exceeds_share(unassociated, boxes, MAX_UNASSOCIATED_SHARE):
             return
-        buried = [name for name, height in zip(self.names, self.heights, strict=True) if height < 0.0]
-        yield finding(
-            EXPLAINED,
-            "warning",
-            "boxes-unexplained",
-            f"{unassociated / boxes:.0%} of {boxes} boxes are explained by no track "
-            f"(allowed: {MAX_UNASSOCIATED_SHARE:.0%})"
-            + (f", and {', '.join(buried)} would be below the ground (z < 0)" if buried else "")
-            + ": the cameras may not stand as the scene says: check which way is up, where the ground is, the unit of "
-            "the calibration, and that each camera has its own boxes; or the boxes are not of people on the ground",
-            sensors=buried,
-            share=unassociated / boxes,
-            allowed=MAX_UNASSOCIATED_SHARE,
-        )
+        share = unassociated / boxes
+        yield finding(EXPLAINED, "boxes-unassociated", share=share, boxes=boxes, allowed=MAX_UNASSOCIATED_SHARE)
+        if buried := [name for name, height in zip(self.names, self.heights, strict=True) if height < 0.0]:
+            yield finding(EXPLAINED, "camera-below-ground", sensors=buried)
 
     def _odd(self, tally: BoxStatistics) -> Iterator[Check]:
         """Find cameras that do not see the people the others see, unless their boxes are omitted."""
@@ -178,13 +150,10 @@ class CameraAgreement:
             if shares[c] < limit or np.isfinite(late):
                 yield finding(
                     AGREES,
-                    "warning",
-                    "camera-disagrees",
-                    f"camera {name} sees {shares[c]:.0%} of the people whom other cameras see and it should see plainly"
-                    + (f" (the others: {float(np.median(others)):.0%})" if len(others) else "")
-                    + f"; {_remedy(late)}, or leave {name} out",
+                    "camera-clock-offset" if np.isfinite(late) else "camera-inconsistent",
                     sensors=[name],
                     share=float(shares[c]),
+                    others=usual,
                     allowed=limit,
                     late_s=late,
                 )
@@ -198,17 +167,11 @@ class CameraAgreement:
             return
         yield finding(
             LEANS,
-            "warning",
-            "camera-leans",
-            f"camera {self.names[c]} has people {abs(leans[c]):.2g} of their height to the "
-            f"{'right' if leans[c] > 0 else 'left'} of where the cameras find them together (allowed: "
-            f"{MAX_LATERAL_BIAS_HEIGHTS:g}; it is "
-            f"{abs(errors[c]):.0f} standard errors): check its yaw, its principal point and whose boxes it has, or "
-            f"leave {self.names[c]} out",
+            "camera-biased",
             sensors=[self.names[c]],
-            lean=float(leans[c]),
-            allowed=MAX_LATERAL_BIAS_HEIGHTS,
+            bias=float(leans[c]),
             standard_errors=float(errors[c]),
+            allowed=MAX_LATERAL_BIAS_HEIGHTS,
         )
 
     def _disjoint_clocks(self, first_ns: Ints, last_ns: Ints) -> Iterator[Check]:
@@ -217,21 +180,10 @@ class CameraAgreement:
         for c in there.tolist():
             others = there[there != c]
             if len(others) and ((first_ns[others] > last_ns[c]) | (last_ns[others] < first_ns[c])).all():
-                yield finding(
-                    TIMES,
-                    "warning",
-                    "camera-at-other-times",
-                    f"camera {self.names[c]} looks at no time at which another camera does: its first frame is "
-                    f"{(first_ns[c] - first_ns[others].min()) / 1e9:+.3g} s from the others'; check its clock",
-                    sensors=[self.names[c]],
-                )
+                offset_s = (first_ns[c] - first_ns[others].min()) / 1e9
+                yield finding(TIMES, "camera-times-disjoint", sensors=[self.names[c]], offset_s=float(offset_s))
 
 
-def _remedy(late: float) -> str:
-    """What to check, and by how much the camera's clock is wrong if that explains its boxes."""
-    if not np.isfinite(late):
-        return "check its clock and its pose"
-    return (
-        f"its boxes agree with the others' people if it is about {abs(late):.2g} s {'late' if late > 0 else 'ahead'}: "
-        "check its clock"
-    )
+def _of_boxes(name: str, id: str, count: int, boxes: int, allowed: float) -> Check:
+    """A finding of some of a camera's boxes."""
+    return finding(BOXES, id, sensors=[name], count=int(count), boxes=int(boxes), share=count / boxes, allowed=allowed)

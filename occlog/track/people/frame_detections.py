@@ -44,7 +44,7 @@ class DetectionFrameRows(NamedTuple):
     number: Ints32  # (R,) of the box in the frame; -1: the frame has none
     edges: Floats  # (R, 4) left, top, right, bottom [px]
     score: Floats  # (R,)
-    hint: Ints32  # (R,)
+    tracklet_id: Ints32  # (R,)
     appearance: Floats  # (R, K)
 
     def take(self, rows: Ints | Bools | slice) -> DetectionFrameRows:
@@ -62,7 +62,7 @@ def rows_of_boxes(chunks: Iterable[Boxes]) -> Iterator[DetectionFrameRows]:
             number=c.box,
             edges=_edges(c),
             score=c.confidence,
-            hint=c.target_id,
+            tracklet_id=c.target_id,
             appearance=np.zeros((len(c), 0)),
         )
 
@@ -77,7 +77,7 @@ def rows_of_views(chunks: Iterable[Views]) -> Iterator[DetectionFrameRows]:
             number=np.where(np.isin(c.cause, ("recovered", "removed")), np.int32(-1), c.cluster),
             edges=_edges(c),
             score=c.confidence,
-            hint=c.hint,
+            tracklet_id=c.tracklet_id,
             # Network embeddings are more informative than colours.
             appearance=(c.embedding if c.embedding.shape[1] else c.appearance).astype(np.float64),
         )
@@ -209,7 +209,7 @@ def _until(
             camera=gaps[n].camera,
             boxes=nothing,
             score=np.zeros(0),
-            hint=none,
+            tracklet_id=none,
             appearance=np.zeros((0, APPEARANCE_BINS)),
             row=none,
         )
@@ -322,7 +322,7 @@ def _detections_of_frame(
         camera=c,
         boxes=rows.edges[kept],
         score=rows.score[kept],
-        hint=rows.hint[kept].astype(np.int64),
+        tracklet_id=rows.tracklet_id[kept].astype(np.int64),
         appearance=rows.appearance[kept],
         row=row[kept],
     )

@@ -224,11 +224,11 @@ def named_tracks(tracks: PeopleTracks, doubts: Events, pieces: TrackFragments, n
     name = names.name[pieces.of(tracks.target_id, tracks.t_ns)]
     left = {(t, k) for t, k, kind in zip(*(c.tolist() for c in (doubts.t_ns, doubts.target_id, doubts.kind)),
                                          strict=True) if kind == SWITCH_EVENT}  # fmt: skip
-    words = tracks.doubt.tolist()
-    for row in np.flatnonzero(has_word(tracks.doubt, POSSIBLE_SWITCH)).tolist():
+    words = tracks.quality_flags.tolist()
+    for row in np.flatnonzero(has_word(tracks.quality_flags, POSSIBLE_SWITCH)).tolist():
         if (int(tracks.t_ns[row]), int(name[row])) not in left:
             words[row] = ",".join(w for w in words[row].split(",") if w != POSSIBLE_SWITCH)
-    return replace(tracks, target_id=name, doubt=np.array(words, dtype=np.str_)).sorted()
+    return replace(tracks, target_id=name, quality_flags=np.array(words, dtype=np.str_)).sorted()
 
 
 NO_ID = -1
@@ -273,7 +273,7 @@ class GalleryReidentification:
 
     def notes(self) -> Iterator[str]:
         """Warnings for the user."""
-        if self._figures and not self._figures["tracks_named"]:
+        if self._figures and not self._figures["tracks_reidentified"]:
             seen = self._decisions
             why = ", ".join(f"{name} {count}" for name, count in sorted(seen.reasons.items())) or "none"
             yield (
@@ -347,10 +347,10 @@ class GalleryReidentification:
         finite = np.isfinite(names.probability)
         self._figures = {
             "tracks": len(pieces.tracks),
-            "tracks_named": len(np.unique(pieces.track[finite])),
-            "pieces": len(pieces.track),
-            "pieces_named": int(finite.sum()),
-            "people_named": len(np.unique(names.name[finite])),
+            "tracks_reidentified": len(np.unique(pieces.track[finite])),
+            "fragments": len(pieces.track),
+            "fragments_reidentified": int(finite.sum()),
+            "people_reidentified": len(np.unique(names.name[finite])),
             **({"least_probability": float(names.probability[finite].min())} if finite.any() else {}),
         }
         return names

@@ -24,8 +24,8 @@ from .reidentification import GalleryReidentification
 from .rows import SnapshotTables
 from .stage import PeopleTracker, Tabulator, track_people
 
-OUTSIDE, SIZES, IDENTITIES = "boxes left out at ingest", "sizes of people", "expected identity switches"
-FRAMES, SMOOTHED, FOUND = "numbers of the frames", "errors of regions", "number of people"
+OUTSIDE, SIZES, IDENTITIES = "boxes skipped at ingest", "person heights per camera", "expected identity switches"
+FRAMES, SMOOTHED, FOUND = "frame numbering", "region error correlation", "number of people"
 """Names of checks."""
 UNSIZED = "too few boxes are whole to compare cameras"
 SWITCHES_PER_TARGET_NOTE, SWITCHES_PER_TARGET_WARNING = 0.2, 0.5
@@ -53,8 +53,8 @@ class PeopleSummary:
         self.people.update(part.tracks.target_id.tolist())
         self.rows += len(part.tracks)
         self.times += len(np.unique(part.tracks.t_ns))
-        self.unseen += int(np.count_nonzero(np.char.startswith(part.tracks.doubt, COASTING)))
-        self.existence += float(part.tracks.existence.sum())
+        self.unseen += int(np.count_nonzero(np.char.startswith(part.tracks.quality_flags, COASTING)))
+        self.existence += float(part.tracks.existence_probability.sum())
         self.events.update(part.events.kind.tolist())
         # Both of the two have a row
         self.exchanges += 0.5 * float(np.nansum(part.events.probability[part.events.kind == "doubt"]))
@@ -62,20 +62,20 @@ class PeopleSummary:
     def figures(self) -> dict[str, object]:
         """The figures.
 
-        people, rows: of the tracks.  people_at_a_time: mean, of the times that have any.  unseen: share of the rows of
-        whom no camera has a box.  exchanges_expected: of identities, the sum of the doubts' probabilities.  boxes: of
-        each camera, those in use, those that tracks explain, and clutter; expected numbers, where a box
-        of two people who touch is one box.  sees: share of the people whom another camera sees and the camera should
-        see plainly that it does see.
+        people, rows: of the tracks.  mean_people: at the times that have any.  coasting_share: share of the rows
+        without a box of any camera.  expected_switches: the sum of the probabilities of the possible identity
+        switches.  boxes: of each camera, those in use, associated and unassociated; expected numbers, where a box of
+        two people who touch is one box.  detection_rates: of each camera, the share of the people seen by another
+        camera, and plainly visible to this one, that it detects.
         """
         tally, used = self.inputs.tally, self.agreement.used
         boxes = {
             name: {
                 "boxes": int(tally.boxes[c]),
-                "explained": round(float(used[c]), 1),
-                "not_explained": round(float(tally.boxes[c] - used[c]), 1),
-                **({"outside": int(tally.outside[c])} if tally.outside[c] else {}),
-                **({"twice": int(tally.twice[c])} if tally.twice[c] else {}),
+                "associated": round(float(used[c]), 1),
+                "unassociated": round(float(tally.boxes[c] - used[c]), 1),
+                **({"outside_image": int(tally.outside[c])} if tally.outside[c] else {}),
+                **({"duplicates": int(tally.twice[c])} if tally.twice[c] else {}),
             }
             for c, name in enumerate(self.inputs.names)
         }
@@ -87,15 +87,19 @@ class PeopleSummary:
         return {
             "people": len(self.people),
             "rows": self.rows,
-            **({"people_at_a_time": self.rows / self.times} if self.times else {}),
-            **({"mean_existence": self.existence / self.rows, "unseen": self.unseen / self.rows} if self.rows else {}),
-            "births": self.events["birth"],
-            "deaths": self.events["death"],
-            "doubts": self.events["doubt"],
-            "exchanges_expected": round(self.exchanges, 1),
+            **({"mean_people": self.rows / self.times} if self.times else {}),
+            **(
+                {"mean_existence_probability": self.existence / self.rows, "coasting_share": self.unseen / self.rows}
+                if self.rows
+                else {}
+            ),
+            "initiated": self.events["birth"],
+            "terminated": self.events["death"],
+            "possible_switches": self.events["doubt"],
+            "expected_switches": round(self.exchanges, 1),
             "frames": dict(zip(self.inputs.names, self.inputs.tally.frames.tolist(), strict=True)),
             "boxes": boxes,
-            **({"sees": sees} if sees else {}),
+            **({"detection_rates": sees} if sees else {}),
         }
 
     def checks(self) -> tuple[Check, ...]:
@@ -123,17 +127,12 @@ class PeopleSummary:
     def _smoothed(self) -> Iterator[Check]:
         """Errors that go on from frame to frame, smoothed."""
         if self.inputs.regions_smoothed and self.rows:
-            text = (
-                "the boxes are regions of video, whose errors go on from frame to frame: where people meet, "
-                "covariances of what the future smooths are too small (mean NEES of rendered rooms: 1.4 to 4.3 "
-                "instead of 2, and 8 in one)"
-            )
-            yield finding(SMOOTHED, "note", "regions-smoothed", text)
+            yield finding(SMOOTHED, "correlated-region-errors")
 
     def _no_tracks(self) -> Iterator[Check]:
         """No tracks at all."""
         if not self.rows:
-            yield finding(FOUND, "note", "nobody", "no person was found: the tracks are empty")
+            yield finding(FOUND, "no-tracks")
 
     def _lost(self) -> Iterator[Check]:
         """Cameras of which many boxes were omitted when the recording was made."""
@@ -146,13 +145,10 @@ class PeopleSummary:
             if lost > MAX_SKIPPED_SHARE * whole:
                 yield finding(
                     OUTSIDE,
-                    "warning",
-                    "boxes-outside",
-                    f"camera {name}: {lost} of {whole} boxes lie outside the image, and were omitted when the "
-                    f"recording was made (allowed: {MAX_SKIPPED_SHARE:.0%}); is the calibration for another size "
-                    "of the image, or "
-                    "are the boxes another camera's?",
+                    "boxes-skipped",
                     sensors=[name],
+                    count=lost,
+                    boxes=whole,
                     share=lost / whole,
                     allowed=MAX_SKIPPED_SHARE,
                 )
@@ -164,13 +160,10 @@ class PeopleSummary:
             if each.pairs >= MIN_PAIRS and successive < MIN_SUCCESSIVE_SHARE * each.pairs:
                 yield finding(
                     FRAMES,
-                    "warning",
-                    "frames-between",
-                    f"camera {name}: {successive} of {each.pairs} frames with boxes follow the one numbered before "
-                    f"them (allowed: {MIN_SUCCESSIVE_SHARE:.0%} and more): in the frames numbered between, the "
-                    "camera is taken to have "
-                    "seen no person; where there are no such frames, number frames one after the other",
+                    "frame-numbers-sparse",
                     sensors=[name],
+                    count=successive,
+                    frames=each.pairs,
                     share=successive / each.pairs,
                     allowed=MIN_SUCCESSIVE_SHARE,
                 )
@@ -181,12 +174,8 @@ class PeopleSummary:
         if each >= SWITCHES_PER_TARGET_NOTE:
             yield finding(
                 IDENTITIES,
+                "identity-switches-likely",
                 "warning" if each >= SWITCHES_PER_TARGET_WARNING else "note",
-                "identities-doubtful",
-                f"where people met identities may have been exchanged, some {self.exchanges:.1f} times ({each:.2f} for "
-                f"each person who is there at a time; a warning from {SWITCHES_PER_TARGET_WARNING:g} on): positions "
-                "hold, who is who may "
-                "not; --events lists the people, times and probabilities",
                 switches=round(self.exchanges, 1),
                 per_person=each,
                 allowed=SWITCHES_PER_TARGET_WARNING,
@@ -196,15 +185,8 @@ class PeopleSummary:
         """Cameras in which people are taller or shorter than in the others."""
         unit = self.inputs.scene.length_unit
         for c, height in inconsistent_cameras(self.inputs.heights).items():
-            yield finding(
-                SIZES,
-                "warning",
-                "calibration-contradicts",
-                f"camera {self.inputs.names[c]}: by its boxes and its pose people are {height:.3g} {unit} tall, not as "
-                "in the other cameras; check its calibration, or leave it out",
-                sensors=[self.inputs.names[c]],
-                height=height,
-            )
+            name = self.inputs.names[c]
+            yield finding(SIZES, "calibration-inconsistent", sensors=[name], height=height, unit=unit)
 
 
 def run_track_people(request: TrackPeopleRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:

@@ -62,16 +62,15 @@ def run_track_single_view(request: SingleViewRequest, job: Job) -> tuple[dict[st
                 raise UsageError(f"no camera {name!r} in {request.bearings}; there are {', '.join(sorted(seen))}")
         if not trackers.cameras:
             raise InputError(f"{request.bearings}: no camera is left to track in; use at least one")
-        none = f"method {request.method} found nobody: the tracks are empty"
-        no_track = () if trackers.numbers else (finding(FOUND, "note", "nobody", none),)
-        tables.annotate(job.judged(provenance, outcome(FOUND, no_track, people=len(trackers.numbers))))
+        empty = () if trackers.numbers else (finding(FOUND, "no-tracks"),)
+        tables.annotate(job.judged(provenance, outcome(FOUND, empty, people=len(trackers.numbers))))
     summary: dict[str, object] = {
         "tracks": str(request.output),
         "method": request.method,
         "plugin": chosen.plugin.origin,
     }
     summary |= {"cameras": trackers.cameras, "frames": trackers.frames, "boxes": trackers.boxes}
-    return summary | {"left_out": trackers.unassigned, "identities": len(trackers.numbers)}, opened.losses
+    return summary | {"skipped": trackers.unassigned, "identities": len(trackers.numbers)}, opened.losses
 
 
 def _plugin(method: str) -> Plugin:

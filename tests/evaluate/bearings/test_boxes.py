@@ -87,7 +87,7 @@ def test_frames_by_hand() -> None:
 def test_overlap_that_counts_can_be_set() -> None:
     truth, found = true_boxes([0], [(0, 0, 20, 50)]), views([0], [(12, 0, 20, 50)])  # 8 of 32 px: 1/4
     assert figures(found, truth)["views_recall"] == 0.0
-    assert figures(found, truth, box_overlap=0.25)["views_recall"] == 1.0
+    assert figures(found, truth, iou_threshold=0.25)["views_recall"] == 1.0
 
 
 def test_views_of_frames_without_truth_are_left_out_and_counted() -> None:

@@ -29,7 +29,7 @@ def test_five_frames_by_hand() -> None:
     assert (m["false_alarms"], m["correct_rejections"]) == (1, 1)
     assert m["detection_rate"] == 2 / 4
     assert m["false_alarms_per_frame"] == 1 / 5
-    assert m["detection_frames"] == m["detection_looks"] == 5
+    assert m["detection_frames"] == m["detection_opportunities"] == 5
     assert m["bearing_rms_px"] == pytest.approx(math.sqrt((2**2 + 3**2) / 2))
     assert m["bearing_bias_px"] == pytest.approx((2 + 3) / 2)
     assert m["bearing_nis"] == pytest.approx((4 + 9) / 2)
@@ -91,7 +91,7 @@ def test_moving_occluder_hides_only_with_a_diameter_and_from_in_between() -> Non
 def test_looks_without_truth_are_in_no_other_count() -> None:
     true = truth([0.0, 1.0, 4.0], [10, 10])
     m = figures(pixels(EAST, T5, [0, 0, 50, 0, 0]), true, scene(EAST))
-    assert m["detection_looks_without_truth"] == 2  # 2 s and 3 s, in a gap of 3 s
+    assert m["detection_opportunities_without_truth"] == 2  # 2 s and 3 s, in a gap of 3 s
     assert (m["visible"], m["detected"], m["false_alarms"], m["detection_frames"]) == (3, 3, 0, 3)
 
 
@@ -139,7 +139,7 @@ def test_labelled_row_takes_precedence_over_candidates_of_its_frame() -> None:
     true = truth([0.0], [10, 10])
     bearings = both(pixels(EAST, [0.0], [NAN], target=0), pixels(EAST, [0.0], [0.5], target=-1))
     m = figures(bearings, true, scene(EAST))
-    assert (m["detection_looks"], m["detected"], m["missed"], m["false_alarms"]) == (1, 0, 1, 0)
+    assert (m["detection_opportunities"], m["detected"], m["missed"], m["false_alarms"]) == (1, 0, 1, 0)
 
 
 def test_array_directions_wrap_around_and_go_through_walls() -> None:
@@ -174,4 +174,4 @@ def test_rows_of_unknown_identities_are_counted_not_used() -> None:
     bearings = both(pixels(EAST, T5, [0] * 5), pixels(EAST, T5, [40] * 5, target=3))
     m = figures(bearings, truth(T5, [10, 10]), scene(EAST))
     assert m["bearings_unmatched"] == 5
-    assert (m["detection_looks"], m["false_alarms"]) == (5, 0)
+    assert (m["detection_opportunities"], m["false_alarms"]) == (5, 0)

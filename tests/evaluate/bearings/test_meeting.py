@@ -33,13 +33,13 @@ def test_five_scans_by_hand() -> None:
     found = tracks(T5, [[10, 10], [11, 10.3], [12, 10], [13.4, 10], [14, 9.5]])
     m = evaluate(found, None, bearings, PLACE, EvaluateConfig(triangulation_tolerance=0.35)).metrics
     # distances 0, 0.3, 0, 0.4, 0.5
-    assert m["sight_lines_distance_max_m"] == pytest.approx(0.5)
-    assert m["sight_lines_distance_median_m"] == pytest.approx(0.3)
-    assert m["sight_lines_distance_p95_m"] == pytest.approx(0.4 + 0.8 * 0.1)
-    assert m["sight_lines_distance_rms_m"] == pytest.approx(math.sqrt((0.09 + 0.16 + 0.25) / 5))
-    assert m["sight_lines_share_within"] == 3 / 5
-    assert (m["sight_lines_scans"], m["sight_lines_refused"], m["sight_lines_compared"]) == (5, 0, 5)
-    assert math.isnan(m["sight_lines_residual_rms_mrad"])  # two lines always meet exactly
+    assert m["triangulation_distance_max_m"] == pytest.approx(0.5)
+    assert m["triangulation_distance_median_m"] == pytest.approx(0.3)
+    assert m["triangulation_distance_p95_m"] == pytest.approx(0.4 + 0.8 * 0.1)
+    assert m["triangulation_distance_rms_m"] == pytest.approx(math.sqrt((0.09 + 0.16 + 0.25) / 5))
+    assert m["triangulation_share_within"] == 3 / 5
+    assert (m["triangulation_scans"], m["triangulation_refused"], m["triangulation_compared"]) == (5, 0, 5)
+    assert math.isnan(m["triangulation_residual_rms_mrad"])  # two lines always meet exactly
 
 
 def test_scans_need_lines_that_cross_and_enough_sensors() -> None:
@@ -48,35 +48,35 @@ def test_scans_need_lines_that_cross_and_enough_sensors() -> None:
         pixels(EAST, [2.0, 3.0, 4.0], [0, 0, 0]), pixels(WEST, [2.0, 4.0], [0, 0]), pixels(NORTH, [4.0], [0])
     )
     m = evaluate(tracks(T5, [10, 10]), None, bearings, PLACE).metrics
-    assert (m["sight_lines_scans"], m["sight_lines_refused"], m["sight_lines_compared"]) == (2, 1, 1)
+    assert (m["triangulation_scans"], m["triangulation_refused"], m["triangulation_compared"]) == (2, 1, 1)
     m = evaluate(tracks(T5, [10, 10]), None, bearings, PLACE, EvaluateConfig(triangulation_min_sensors=3)).metrics
-    assert (m["sight_lines_scans"], m["sight_lines_refused"]) == (1, 0)
-    assert m["sight_lines_residual_rms_mrad"] == pytest.approx(0.0, abs=1e-6)
+    assert (m["triangulation_scans"], m["triangulation_refused"]) == (1, 0)
+    assert m["triangulation_residual_rms_mrad"] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_residual_tells_how_well_three_lines_meet() -> None:
     bearings = both(pixels(EAST, [0.0], [2]), pixels(WEST, [0.0], [2]), pixels(NORTH, [0.0], [0]))
     # east says 10 mrad x 2 below, west the same above: they cancel, each 20 mrad off
     m = evaluate(tracks(T5, [10, 10]), None, bearings, PLACE, EvaluateConfig(triangulation_loss="gauss")).metrics
-    assert m["sight_lines_residual_rms_mrad"] == pytest.approx(1e3 * math.atan(0.02) * math.sqrt(2 / 3), rel=1e-3)
-    assert m["sight_lines_distance_max_m"] == pytest.approx(0.0, abs=1e-6)
+    assert m["triangulation_residual_rms_mrad"] == pytest.approx(1e3 * math.atan(0.02) * math.sqrt(2 / 3), rel=1e-3)
+    assert m["triangulation_distance_max_m"] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_unlabelled_not_seen_and_held_out_rows_do_not_take_part() -> None:
     good = rows_to([10] * 5, [10] * 5)
     bad = both(pixels(WEST, T5, [50] * 5), pixels(EAST, T5, [30] * 5, target=-1), pixels(NORTH, [4.5], [NAN]))
     m = evaluate(tracks(T5, [10, 10]), None, both(good, bad), PLACE, EvaluateConfig(held_out=("west",))).metrics
-    assert m["sight_lines_distance_max_m"] == pytest.approx(0.0, abs=1e-9)
-    assert (m["sight_lines_scans"], m["sight_lines_compared"]) == (5, 5)
+    assert m["triangulation_distance_max_m"] == pytest.approx(0.0, abs=1e-9)
+    assert (m["triangulation_scans"], m["triangulation_compared"]) == (5, 5)
 
 
 def test_only_tracks_near_in_time_of_the_same_identity_are_compared() -> None:
     bearings = both(rows_to([10] * 5, [10] * 5))
     late = evaluate(tracks([3.0, 4.0], [10, 11]), None, bearings, PLACE).metrics
-    assert late["sight_lines_compared"] == 2
+    assert late["triangulation_compared"] == 2
     other = evaluate(tracks(T5, [10, 11], target=3), None, bearings, PLACE).metrics
-    assert other["sight_lines_compared"] == 0
-    assert math.isnan(other["sight_lines_distance_max_m"])
+    assert other["triangulation_compared"] == 0
+    assert math.isnan(other["triangulation_distance_max_m"])
 
 
 def test_nothing_to_meet_gives_no_figures() -> None:
@@ -117,7 +117,7 @@ def test_directions_of_arrays_meet_lines_of_cameras_across_the_cut() -> None:
 def test_covariance_of_the_meeting_point() -> None:
     m = evaluate(tracks(T5, [10, 10]), None, rows_to([10] * 5, [10] * 5), PLACE).metrics
     # 1 px at f = 100 px and 10 m: 0.1 m along each axis
-    assert m["sight_lines_sigma_median_m"] == pytest.approx(math.sqrt(0.01 + 0.01))
+    assert m["triangulation_sigma_median_m"] == pytest.approx(math.sqrt(0.01 + 0.01))
 
 
 def test_a_scan_lasts_exactly_as_long_as_the_window() -> None:

@@ -69,18 +69,18 @@ def test_the_factor_is_found_with_and_without_false_bearings(scale: float, senso
     place = scene(sensors)
     for false in (0.0, 0.05, 0.2):
         found = noise_metrics(bearings(place, 600, scale, false), place, EvaluateConfig())
-        assert found["noise_scale"] == pytest.approx(scale, rel=0.1)
-        assert found["noise_px"] == pytest.approx(5.0 * found["noise_scale"])
-        assert found["noise_scans"] == 600
+        assert found["measurement_noise_scale"] == pytest.approx(scale, rel=0.1)
+        assert found["measurement_noise_px"] == pytest.approx(5.0 * found["measurement_noise_scale"])
+        assert found["measurement_noise_scans"] == 600
 
 
 def test_two_sensors_tell_nothing_and_neither_do_few_scans_or_other_targets_lines() -> None:
     two, three = scene(2), scene(3)
     assert noise_metrics(bearings(two, 50, 1.0), two, EvaluateConfig()) == {}
     rows = bearings(three, MIN_SCANS, 1.0)
-    assert np.isfinite(noise_metrics(rows, three, EvaluateConfig())["noise_scale"])
+    assert np.isfinite(noise_metrics(rows, three, EvaluateConfig())["measurement_noise_scale"])
     fewer = rows.take(slice(3, None))
-    assert np.isnan(noise_metrics(fewer, three, EvaluateConfig())["noise_scale"])
+    assert np.isnan(noise_metrics(fewer, three, EvaluateConfig())["measurement_noise_scale"])
     candidates = replace(rows, target_id=np.full(len(rows), -1, dtype=np.int32))
     assert noise_metrics(candidates, three, EvaluateConfig()) == {}
     held_out = replace(EvaluateConfig(), held_out=("c1",))

@@ -47,7 +47,7 @@ def test_figures_of_numbers_in_files_are_those_of_numbers_in_memory() -> None:
             other.update(scans, sensors, paths[scans.target])
     for one in noise:
         one.see(rows)
-    assert noise[1].result()["noise_scans"] > 40
+    assert noise[1].result()["measurement_noise_scans"] > 40
     assert noise[0].result() == pytest.approx(noise[1].result(), rel=1e-12)
-    assert 0.0 < meeting[1].result()["sight_lines_share_within"] < 1.0
+    assert 0.0 < meeting[1].result()["triangulation_share_within"] < 1.0
     assert meeting[0].result() == pytest.approx(meeting[1].result(), rel=1e-12)

@@ -66,23 +66,23 @@ def test_a_run_that_is_worse_is_found_and_fails(tmp_path: Path, capsys: pytest.C
     truth = ("--truth", str(a / "truth.parquet"))
     assert compared(a, b, more=(*truth, "--json")) == ExitCode.DONE
     rows = said(capsys)
-    assert set(rows) == {"idf1", "hota", "mota", "recall", "precision", "pairs_rmse"}
-    assert rows["pairs_rmse"]["first"] == pytest.approx(0.1 * np.sqrt(2), rel=0.05)
-    assert rows["pairs_rmse"]["this"] == pytest.approx(0.2 * np.sqrt(2), rel=0.05)
-    assert rows["pairs_rmse"]["verdict"] == "worse"
+    assert set(rows) == {"idf1", "hota", "mota", "recall", "precision", "matched_rmse"}
+    assert rows["matched_rmse"]["first"] == pytest.approx(0.1 * np.sqrt(2), rel=0.05)
+    assert rows["matched_rmse"]["this"] == pytest.approx(0.2 * np.sqrt(2), rel=0.05)
+    assert rows["matched_rmse"]["verdict"] == "worse"
     assert rows["hota"]["verdict"] == "not decided"  # of identities one recording says nothing
     assert rows["mota"]["difference"] == rows["idf1"]["difference"] == 0.0
     assert rows["mota"]["verdict"] == "no difference shown"
-    low, high = rows["pairs_rmse"]["low"], rows["pairs_rmse"]["high"]
+    low, high = rows["matched_rmse"]["low"], rows["matched_rmse"]["high"]
     assert low < 0.1 * np.sqrt(2) < high  # type: ignore[operator]
-    figures = ("--metric", "mota", "--metric", "pairs_rmse")
-    fine = ("--fail-if", "mota worse", "--fail-if", "pairs_rmse worse by 0.15")
+    figures = ("--metric", "mota", "--metric", "matched_rmse")
+    fine = ("--fail-if", "mota worse", "--fail-if", "matched_rmse worse by 0.15")
     assert compared(a, b, more=(*truth, *figures, *fine)) == ExitCode.DONE
-    for bad in ("hota worse", "pairs_rmse worse by 0.1"):
+    for bad in ("hota worse", "matched_rmse worse by 0.1"):
         assert compared(a, b, more=(*truth, *figures, *fine, "--fail-if", bad)) == ExitCode.THRESHOLD
-    assert compared(b, a, more=(*truth, "--fail-if", "pairs_rmse worse")) == ExitCode.DONE
+    assert compared(b, a, more=(*truth, "--fail-if", "matched_rmse worse")) == ExitCode.DONE
     told = capsys.readouterr().err
-    assert "--fail-if pairs_rmse worse by 0.1: method 2 has 0.28" in told
+    assert "--fail-if matched_rmse worse by 0.1: method 2 has 0.28" in told
     assert "--fail-if hota worse: method 2: not decided; identities that were exchanged stay so" in told
 
 
@@ -95,7 +95,7 @@ def test_lost_people_lower_idf1_and_mota(tmp_path: Path, capsys: pytest.CaptureF
     assert rows["recall"]["verdict"] == rows["mota"]["verdict"] == "worse"
     assert rows["idf1"]["difference"] < -0.1  # type: ignore[operator]
     assert rows["mota"]["difference"] == pytest.approx(rows["recall"]["difference"])
-    assert rows["pairs_rmse"]["verdict"] == "no difference shown"
+    assert rows["matched_rmse"]["verdict"] == "no difference shown"
 
 
 def test_folders_of_runs_are_paired_by_name_and_recordings_are_drawn(
@@ -111,12 +111,12 @@ def test_folders_of_runs_are_paired_by_name_and_recordings_are_drawn(
             (made / "truth.parquet").replace(truths / f"r{k}.parquet")
     page = tmp_path / "c.md"
     paths = (tmp_path / "old", tmp_path / "new")
-    more = ("--truth", str(truths), "--markdown", str(page), "--metric", "pairs_rmse", "--metric", "hota")
+    more = ("--truth", str(truths), "--markdown", str(page), "--metric", "matched_rmse", "--metric", "hota")
     assert compared(*paths, more=more) == ExitCode.DONE
     told = capsys.readouterr().out
     assert "400 frames of 10 recordings; 10 recordings exchanged" in told
     assert told.count("  worse\n") == 2
-    assert "| pairs_rmse | " in page.read_text()
+    assert "| matched_rmse | " in page.read_text()
     assert compared(*paths, more=more) == ExitCode.EXISTS
     (tmp_path / "new/runs/r3/tracks.parquet").unlink()
     assert compared(*paths, more=("--truth", str(truths))) == ExitCode.BAD_INPUT
@@ -154,7 +154,7 @@ def test_a_check_of_more_methods_than_its_recordings_can_tell_apart_does_not_pas
 def test_short_recordings_are_not_decided_and_fail_as_that(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     a, b = write(tmp_path / "a", 1, frames=8), write(tmp_path / "b", 1, noise=0.3, frames=8, tracker=1)
     more = ("--truth", str(a / "truth.parquet"))
-    assert compared(a, b, more=(*more, "--fail-if", "pairs_rmse worse")) == ExitCode.THRESHOLD
+    assert compared(a, b, more=(*more, "--fail-if", "matched_rmse worse")) == ExitCode.THRESHOLD
     told = capsys.readouterr()
     assert "not decided" in told.out
     assert "fewer than 20" in told.err
@@ -169,7 +169,7 @@ def test_a_run_that_meets_nobody_has_no_error_to_be_compared(
     write_table(b / "tracks.parquet", far, Provenance("track"), overwrite=True)
     assert compared(a, b, more=("--truth", str(a / "truth.parquet"), "--json")) == ExitCode.DONE
     rows = said(capsys)
-    assert (rows["pairs_rmse"]["this"], rows["pairs_rmse"]["verdict"]) == (None, "not decided")
+    assert (rows["matched_rmse"]["this"], rows["matched_rmse"]["verdict"]) == (None, "not decided")
     assert (rows["recall"]["this"], rows["recall"]["difference"]) == (0.0, -1.0)
 
 
@@ -240,7 +240,7 @@ def test_tables_of_others_are_brought_to_the_unit_of_the_first(
     ours = said(capsys)
     for truth in (a / "truth.parquet", in_cm[1]):
         assert compared(a / "tracks.parquet", in_cm[0], more=("--truth", str(truth), "--json")) == ExitCode.DONE
-        assert said(capsys)["pairs_rmse"]["this"] == pytest.approx(ours["pairs_rmse"]["this"], rel=1e-9)
+        assert said(capsys)["matched_rmse"]["this"] == pytest.approx(ours["matched_rmse"]["this"], rel=1e-9)
 
 
 def test_runs_in_folders_of_one_name_have_truths_of_their_own(
@@ -254,4 +254,4 @@ def test_runs_in_folders_of_one_name_have_truths_of_their_own(
     (tmp_path / "truths" / "walk.parquet").write_bytes((tmp_path / "truths/hall/walk.parquet").read_bytes())
     more = ("--truth", str(tmp_path / "truths"), "--json")
     assert compared(tmp_path / "a", tmp_path / "b", more=more) == ExitCode.DONE
-    assert said(capsys)["pairs_rmse"]["this"] == pytest.approx(0.14, abs=0.02)
+    assert said(capsys)["matched_rmse"]["this"] == pytest.approx(0.14, abs=0.02)

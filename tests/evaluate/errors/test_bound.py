@@ -28,23 +28,26 @@ def bound_of(bearings: Bearings, true: Truth, place: Scene = BOTH, found: Tracks
 def test_one_step_by_hand() -> None:
     # Target 10 in front of either camera: each gives (f / d)^2 / sigma^2 = 100 across its axis; prior 1
     bearings = both(pixels(EAST, [0.0], [0]), pixels(NORTH, [0.0], [0]))
-    bound = bound_of(bearings, truth([0.0], [10, 10]), prior_cov=(1.0, 0.0, 1.0))
+    bound = bound_of(bearings, truth([0.0], [10, 10]), prior_covariance=(1.0, 0.0, 1.0))
     assert (bound.bound_xx[0], bound.bound_yy[0]) == (pytest.approx(1 / 101), pytest.approx(1 / 101))
     assert bound.bound_xy[0] == pytest.approx(0.0, abs=1e-15)
     assert bound.bound[0] == pytest.approx(math.sqrt(2 / 101))
-    assert bound.n_seen[0] == 2
+    assert bound.n_detected[0] == 2
 
 
 def test_prior_is_the_spread_of_the_room() -> None:
     bound = bound_of(pixels(EAST, [0.0], [NAN]), truth([0.0], [10, 10]))
     assert bound.bound_xx[0] == pytest.approx(20**2 / 12)
     assert bound.bound_yy[0] == pytest.approx(20**2 / 12)
-    assert bound.n_seen[0] == 0
+    assert bound.n_detected[0] == 0
 
 
 def test_time_without_sight_adds_the_noise_of_the_walk() -> None:
     bound = bound_of(
-        pixels(EAST, [0.0, 0.5, 4.0], [NAN] * 3), truth(T5, [10, 10]), prior_cov=(1.0, 0.0, 2.0), sigma_v=0.5
+        pixels(EAST, [0.0, 0.5, 4.0], [NAN] * 3),
+        truth(T5, [10, 10]),
+        prior_covariance=(1.0, 0.0, 2.0),
+        process_noise_position=0.5,
     )
     np.testing.assert_allclose(bound.bound_xx, 1.0 + 0.25 * np.array([0.0, 0.5, 4.0]))
     np.testing.assert_allclose(bound.bound_yy, 2.0 + 0.25 * np.array([0.0, 0.5, 4.0]))
@@ -52,8 +55,8 @@ def test_time_without_sight_adds_the_noise_of_the_walk() -> None:
 
 def test_default_noise_of_the_walk_follows_the_length_unit() -> None:
     rows, true = pixels(EAST, [0.0, 1.0], [NAN, NAN]), truth(T5, [10, 10])
-    metres = bound_of(rows, true, scene(EAST), prior_cov=(1.0, 0.0, 1.0))
-    units = bound_of(rows, true, scene(EAST, unit="unit"), prior_cov=(1.0, 0.0, 1.0))
+    metres = bound_of(rows, true, scene(EAST), prior_covariance=(1.0, 0.0, 1.0))
+    units = bound_of(rows, true, scene(EAST, unit="unit"), prior_covariance=(1.0, 0.0, 1.0))
     assert metres.bound_xx[1] == pytest.approx(1 + 0.05**2)
     assert units.bound_xx[1] == pytest.approx(1 + 0.33**2)
 
@@ -61,9 +64,9 @@ def test_default_noise_of_the_walk_follows_the_length_unit() -> None:
 def test_asynchronous_sensors_are_taken_in_at_their_own_times() -> None:
     true = truth(T5, [[8, 9], [9, 9], [10, 9], [11, 9], [12, 9]])
     bearings = both(pixels(EAST, [0.0, 1.7], [12, 10]), pixels(NORTH, [0.3, 1.7, 3.9], [-20, -3, 20]))
-    bound = bound_of(bearings, true, sigma_v=0.4)
+    bound = bound_of(bearings, true, process_noise_position=0.4)
     assert bound.t_ns.tolist() == seconds([0.0, 0.3, 1.7, 3.9]).tolist()
-    assert bound.n_seen.tolist() == [1, 1, 2, 1]
+    assert bound.n_detected.tolist() == [1, 1, 2, 1]
     xy = np.array([[8, 9], [8.3, 9], [9.7, 9], [11.9, 9]])
     one = np.ones(1)
     e = [crlb.camera_information(p[None], EAST.ground, 0.0, 100.0, 0, 0, one)[0] for p in xy]
@@ -80,7 +83,9 @@ def test_asynchronous_sensors_are_taken_in_at_their_own_times() -> None:
 def test_noise_is_eq_2_with_the_bearings_own_reading() -> None:
     shaky = camera("east", 0.0, 10.0, 0.0, sigma_position=0.5, sigma_yaw=0.02, sigma_read_px=77.0)
     xy = np.array([12.0, 13.0])
-    bound = bound_of(pixels(shaky, [0.0], [-25.0], sigma_px=3.0), truth([0.0], xy), scene(shaky), prior_cov=(4, 0, 4))
+    bound = bound_of(
+        pixels(shaky, [0.0], [-25.0], sigma_px=3.0), truth([0.0], xy), scene(shaky), prior_covariance=(4, 0, 4)
+    )
     J = crlb.camera_information(xy[None], shaky.ground, 0.0, 100.0, 0.5, 0.02, np.array([3.0]))[0]
     P = np.linalg.inv(np.eye(2) / 4 + J)
     assert bound.bound[0] == pytest.approx(math.sqrt(np.trace(P)))
@@ -91,7 +96,7 @@ def test_sensors_without_pixels_count_by_their_angle() -> None:
     bearings = both(
         directions("ear", [0.0], [math.pi / 2], 0.1), directions("east", [0.0], [0.0], 0.2)
     )  # the camera's rows have no pixels either
-    bound = bound_of(bearings, truth([0.0], [10, 10]), place, prior_cov=(1.0, 0.0, 1.0))
+    bound = bound_of(bearings, truth([0.0], [10, 10]), place, prior_covariance=(1.0, 0.0, 1.0))
     assert bound.bound_xx[0] == pytest.approx(1 / (1 + 1 / (10 * 0.1) ** 2))
     assert bound.bound_yy[0] == pytest.approx(1 / (1 + 1 / (10 * 0.2) ** 2))
 
@@ -110,27 +115,27 @@ def test_candidates_count_where_they_are_near_the_truth() -> None:
     labelled = bound_of(pixels(EAST, T5[:2], [1, NAN]), true)
     candidates = both(pixels(EAST, [0.0, 0.0], [1, 40], target=-1), pixels(EAST, [1.0], [40], target=-1))
     unlabelled = bound_of(candidates, true)
-    assert unlabelled.n_seen.tolist() == [1, 0]
+    assert unlabelled.n_detected.tolist() == [1, 0]
     np.testing.assert_array_equal(unlabelled.bound, labelled.bound)
 
 
 def test_labelled_bearing_of_a_target_out_of_view_does_not_count() -> None:
     bound = bound_of(pixels(EAST, [0.0, 1.0], [0, 0]), truth([0.0, 1.0], [[2, 19], [10, 11]]))
-    assert bound.n_seen.tolist() == [0, 1]  # behind 45 degrees; then in view though 10 sigma away
+    assert bound.n_detected.tolist() == [0, 1]  # behind 45 degrees; then in view though 10 sigma away
 
 
 def test_held_out_sensors_do_not_count() -> None:
     bearings = both(pixels(EAST, T5, [0] * 5), pixels(NORTH, T5, [0] * 5))
     found = tracks(T5, [10, 10])
     bound = bound_of(bearings, truth(T5, [10, 10]), found=found, held_out=("north",))
-    assert bound.n_seen.tolist() == [1] * 5
+    assert bound.n_detected.tolist() == [1] * 5
 
 
 def test_rows_at_the_times_of_the_estimates_only() -> None:
     found = tracks([0.5, 2.0, 3.0], [10, 10])
     bound = bound_of(pixels(EAST, T5, [0] * 5), truth(T5, [10, 10]), found=found)
     assert bound.t_ns.tolist() == seconds([0.5, 2.0, 3.0]).tolist()
-    assert bound.n_seen.tolist() == [0, 1, 1]
+    assert bound.n_detected.tolist() == [0, 1, 1]
     all_of_it = bound_of(pixels(EAST, T5, [0] * 5), truth(T5, [10, 10]))
     np.testing.assert_allclose(bound.bound[1:], all_of_it.bound[2:4])
 
@@ -144,13 +149,13 @@ def test_no_rows_where_the_truth_is_not_known() -> None:
 def test_constant_velocity_knows_less_than_a_walk_with_known_drift() -> None:
     bearings = both(pixels(EAST, T5, [0] * 5), pixels(NORTH, T5, [0] * 5))
     true = truth(T5, [10, 10])
-    cv = bound_of(bearings, true, motion="cv", acceleration_density=0.01, sigma_speed=1.0)
+    cv = bound_of(bearings, true, motion="cv", process_noise_density=0.01, sigma_speed=1.0)
     F, Q = crlb.constant_velocity_steps(np.array([0.0, 1, 1, 1, 1]), 0.01)
     J = np.zeros((5, 4, 4))
     J[:, 0, 0] = J[:, 1, 1] = 100.0
     P = crlb.posterior_bound(J, F, Q, np.diag([400 / 12, 400 / 12, 1.0, 1.0]))
     np.testing.assert_allclose(cv.bound_xx, P[:, 0, 0], rtol=1e-9)
-    assert cv.bound[-1] > bound_of(bearings, true, sigma_v=0.0).bound[-1]
+    assert cv.bound[-1] > bound_of(bearings, true, process_noise_position=0.0).bound[-1]
 
 
 def test_defaults_of_constant_velocity_are_as_long_in_feet() -> None:
@@ -184,7 +189,7 @@ def test_two_targets_have_their_own_bounds() -> None:
     bearings = both(pixels(EAST, T5, [0] * 5, 0), pixels(EAST, T5, [NAN] * 5, 1))
     found = both(tracks(T5, [10, 11], 0), tracks(T5[:2], [14, 15], 1))
     result = evaluate(found, true, bearings, BOTH)
-    seen = {k: result.bound.n_seen[result.bound.target_id == k].tolist() for k in (0, 1)}
+    seen = {k: result.bound.n_detected[result.bound.target_id == k].tolist() for k in (0, 1)}
     assert seen == {0: [1] * 5, 1: [0, 0]}
     m, b = result.metrics, result.bound.bound
     assert m["bound_rmse_m"] == pytest.approx(math.sqrt(np.sum(b**2) / 7))
@@ -219,7 +224,7 @@ def test_a_filter_told_the_drift_stays_above_the_bound(seed: int) -> None:
         noisy = {k: v + rng.normal(size=steps) for k, v in u.items()}
         t = range(steps)
         bearings = both(pixels(EAST, t, noisy["east"]), pixels(NORTH, t, noisy["north"]))
-        found = bound_of(bearings, truth(t, x), prior_cov=(1.0, 0.0, 1.0), sigma_v=sigma_v)
+        found = bound_of(bearings, truth(t, x), prior_covariance=(1.0, 0.0, 1.0), process_noise_position=sigma_v)
         bounds[run] = found.bound**2
         squared[run] = np.sum((extended_kalman(noisy, drift, sigma_v) - x) ** 2, axis=1)
     per_run = squared.mean(axis=1) / bounds.mean()

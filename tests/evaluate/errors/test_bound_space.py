@@ -76,7 +76,7 @@ def slow_information(bearings: Bearings, t_ns: int, xyz: np.ndarray) -> np.ndarr
 @pytest.mark.parametrize("motion", ["waypoint", "cv"])
 def test_bound_is_that_of_an_independent_slow_recursion(motion: str) -> None:
     bearings = everything()
-    bound = bound_of(bearings, motion=motion, sigma_v=0.2, acceleration_density=0.3, sigma_speed=0.8)
+    bound = bound_of(bearings, motion=motion, process_noise_position=0.2, acceleration_density=0.3, sigma_speed=0.8)
     start = crlb.polygon_covariance(PLACE.region)
     P = np.zeros((6, 6))
     P[:2, :2], P[2, 2], P[3:, 3:] = start, 9.0 / 12.0, 0.64 * np.eye(3)
@@ -110,13 +110,13 @@ def test_one_array_overhead_by_hand() -> None:
     n = np.array([1.0, 0.0, 1.0]) / math.sqrt(2)  # normal of the sight line in the vertical plane
     J += np.outer(n, n) / (8 * 0.02**2)
     np.testing.assert_allclose(covariances(bound)[0], np.linalg.inv(J), rtol=1e-9, atol=1e-12)
-    assert bound.n_seen[0] == 1
+    assert bound.n_detected[0] == 1
 
 
 def test_a_camera_tells_nothing_of_the_height() -> None:
-    bound = bound_of(seen_by_camera(), prior_z=0.5, sigma_v=0.1)
+    bound = bound_of(seen_by_camera(), prior_variance_z=0.5, process_noise_position=0.1)
     np.testing.assert_allclose(bound.bound_zz, 0.5 + 0.01 * (TIMES - TIMES[0]))
-    ground = bound_of(seen_by_camera(), bound_in="ground", sigma_v=0.1)
+    ground = bound_of(seen_by_camera(), bound_in="ground", process_noise_position=0.1)
     np.testing.assert_allclose(bound.bound, ground.bound, rtol=1e-9)
     assert np.isnan(ground.bound_space).all()
 
@@ -183,7 +183,7 @@ def test_bound_in_space_is_below_that_of_each_plane() -> None:
     """Direct bound cut to the axes of a plane, against the bound of that plane's projected angle alone."""
     rows = both(heard(CEILING, TIMES, PATH), heard(EARS[2], TIMES, PATH, sigma_up=0.03))
     options = {"motion": "cv", "acceleration_density": 0.1, "sigma_speed": 0.8, "prior_cov": (4.0, 0.0, 4.0)}
-    P = covariances(bound_of(rows, prior_z=1.0, **options))
+    P = covariances(bound_of(rows, prior_variance_z=1.0, **options))
     dt = np.diff(TIMES, prepend=TIMES[0])
     for plane, axes in enumerate(((0, 1), (1, 2), (2, 0))):
         J = sum(
@@ -227,8 +227,8 @@ def test_candidates_are_told_apart_by_their_elevations() -> None:
     low, high = truth(TIMES, [12.0, 10.5], 0, z=1.0), truth(TIMES, [14.0, 11.0], 1, z=4.0)
     rows = heard(CEILING, TIMES, [14.0, 11.0, 4.0], target=UNLABELLED)
     bound = evaluate(None, both(low, high), rows, PLACE, EvaluateConfig(bound_dimension="space")).bound
-    assert not bound.n_seen[bound.target_id == 0].any()
-    assert bound.n_seen[bound.target_id == 1].all()
+    assert not bound.n_detected[bound.target_id == 0].any()
+    assert bound.n_detected[bound.target_id == 1].all()
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.8])
@@ -262,7 +262,7 @@ def test_a_direction_reported_from_beyond_the_pole_is_of_the_target() -> None:
     result = evaluate(None, true, beyond, PLACE, config)
     assert result.metrics["detected"] == 1
     assert result.metrics["elevation_rms_mrad"] == pytest.approx(50.0)
-    assert result.bound.n_seen[0] == 1
+    assert result.bound.n_detected[0] == 1
 
 
 @pytest.mark.parametrize("kind", ["camera", "tilted", "mixed"])

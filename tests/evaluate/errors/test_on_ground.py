@@ -197,10 +197,10 @@ def test_singular_covariances_are_counted_not_averaged() -> None:
         ({"motion": "ca"}, "motion"),
         ({"gate_sigma": 0.0}, "gate_sigma"),
         ({"gate_px": -3.0}, "gate_px"),
-        ({"prior_cov": (1.0, 2.0, 1.0)}, "prior_cov"),
-        ({"lines_min_sensors": 1}, "lines_min_sensors"),
-        ({"box_overlap": 1.5}, "box_overlap"),
-        ({"lines_loss": "l1"}, "lines_loss"),
+        ({"prior_covariance": (1.0, 2.0, 1.0)}, "prior_covariance"),
+        ({"triangulation_min_sensors": 1}, "triangulation_min_sensors"),
+        ({"iou_threshold": 1.5}, "iou_threshold"),
+        ({"triangulation_loss": "l1"}, "triangulation_loss"),
     ],
 )
 def test_options_out_of_range(options: dict, name: str) -> None:

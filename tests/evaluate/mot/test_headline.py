@@ -11,7 +11,7 @@ from occlog.evaluate.results import summary_lines
 
 
 def figures(whole: float, recall: float = 0.98) -> dict[str, float]:
-    return {"rmse_m": whole, "pairs_rmse_m": 0.5, "recall": recall, "id_switches": 3.0}
+    return {"rmse_m": whole, "matched_rmse_m": 0.5, "recall": recall, "id_switches": 3.0}
 
 
 @pytest.mark.parametrize(("whole", "said"), [(1.0, False), (1.01, True), (math.nan, False)])
@@ -34,11 +34,11 @@ def test_pairs_are_to_be_read_where_most_true_positions_are_met() -> None:
 
 
 def test_tracks_with_identities_of_their_own_have_the_pairs_first() -> None:
-    more = {"hota": 0.7, "idf1": 0.8, "mota": 0.9, "pairs_nees_mean": 2.1, "pairs_gate_m": 1.0}
-    own = first({**figures(1.5), **more, "tracks_own_identities": 1.0}, "m")
+    more = {"hota": 0.7, "idf1": 0.8, "mota": 0.9, "matched_nees_mean": 2.1, "matched_gate_m": 1.0}
+    own = first({**figures(1.5), **more, "tracks_independent_ids": 1.0}, "m")
     assert independent_ids(own)
     assert not independent_ids(figures(1.5))
-    assert list(own)[:6] == ["hota", "idf1", "mota", "id_switches", "pairs_rmse_m", "pairs_nees_mean"]
+    assert list(own)[:6] == ["hota", "idf1", "mota", "id_switches", "matched_rmse_m", "matched_nees_mean"]
     (line,) = notes(own, "m", "optimal")
     assert all(words in line for words in ("0.5 m", "1 m gate", "1.5 m"))
     lines = summary_lines(own, "m")

@@ -154,16 +154,16 @@ def test_errors_of_pairs_are_those_of_whom_the_track_is_on() -> None:
     got = evaluate_ground(
         positions(Tracks, rows), positions(Truth, true), MultiTargetConfig(match_distance=1.0), NS
     ).metrics
-    assert (got["pairs_rmse_m"], got["pairs_error_median_m"]) == pytest.approx((0.6, 0.6))
-    assert (got["pairs_nees_mean"], got["pairs_nees_compared"]) == pytest.approx((0.36, 20))
-    assert got["pairs_nees_share_95"] == 1.0
+    assert (got["matched_rmse_m"], got["matched_error_median_m"]) == pytest.approx((0.6, 0.6))
+    assert (got["matched_nees_mean"], got["matched_nees_compared"]) == pytest.approx((0.36, 20))
+    assert got["matched_nees_share_95"] == 1.0
 
 
 def test_the_covariance_of_an_interpolated_row_is_not_judged() -> None:
     true = [(float(t), 0, float(t), 0.0) for t in range(5)]
     tracks = positions(Tracks, [(t, 0, t, 0.0) for t in (0.0, 1.0, 1.5, 2.5, 3.0, 4.0)])
     got = evaluate_ground(tracks, positions(Truth, true), MultiTargetConfig(match_distance=1.0), NS).metrics
-    assert (got["tp"], got["pairs_nees_compared"]) == (5, 4)
+    assert (got["tp"], got["matched_nees_compared"]) == (5, 4)
 
 
 def test_people_are_counted_over_time() -> None:
@@ -195,5 +195,5 @@ def test_a_track_that_goes_over_to_a_neighbour_is_judged_by_the_neighbour() -> N
     got = evaluate_ground(
         positions(Tracks, rows), positions(Truth, true), MultiTargetConfig(match_distance=1.0), NS
     ).metrics
-    assert got["pairs_rmse_m"] == pytest.approx(0.0)
+    assert got["matched_rmse_m"] == pytest.approx(0.0)
     assert got["motp_m"] == pytest.approx(0.4)  # CLEAR-MOT keeps the first target's track

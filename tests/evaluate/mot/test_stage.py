@@ -155,7 +155,7 @@ def test_how_near_a_tracker_must_be() -> None:
     assert evaluate_boxes(tracks, truth(), MultiTargetConfig(match_iou=11 / 29)).metrics["tp"] == 40
 
 
-@pytest.mark.parametrize("own", ["start", "best"])
+@pytest.mark.parametrize("assigned_target", ["start", "best"])
 def test_tracks_with_names_of_their_own(own: str) -> None:
     renamed = [(f, view, 90 - k, left, top) for f, view, k, left, top in tracked_rows()]
     named = evaluate_boxes(table(Boxes, tracked_rows()), truth())
@@ -242,12 +242,12 @@ def test_nothing_that_was_asked_for(config: MultiTargetConfig, words: str) -> No
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("tau", 0.0),
-        ("tau_px", -1.0),
-        ("overlap", 0.0),
+        ("distance_gate", 0.0),
+        ("distance_gate_px", -1.0),
+        ("match_iou", 0.0),
         ("gospa_p", 0.5),
         ("gospa_alpha", 2.5),
-        ("own", "any"),
+        ("assigned_target", "any"),
         ("clear_rule", "none"),
         ("match_distance", math.inf),
         ("track_gap_s", -1.0),

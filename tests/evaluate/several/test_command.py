@@ -76,8 +76,8 @@ def test_counts_add_up_and_rates_are_made_of_the_sums(
 
 def test_covariances_and_trajectories_of_all_together(capsys: pytest.CaptureFixture[str]) -> None:
     got = figures(capsys, "a.parquet", "--truth", "a.mcap", "--also", "b.parquet", "b.mcap", "--ospa-window", "4")
-    assert got["pairs_nees_mean"] == pytest.approx(1.0)
-    assert got["pairs_nees_compared"] == 12 * 2 + 30 * 3 - 1
+    assert got["matched_nees_mean"] == pytest.approx(1.0)
+    assert got["matched_nees_compared"] == 12 * 2 + 30 * 3 - 1
     parts = [got[f"tgospa_switch_m2_recording_{name}"] * frames for name, frames in (("a", 12), ("b", 30))]
     assert got["tgospa_switch_m2"] == pytest.approx(sum(parts) / 42)
     assert "ospa2_window_m_recording_a" in got

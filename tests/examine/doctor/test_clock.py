@@ -84,10 +84,10 @@ def test_times_that_go_back_and_repeat() -> None:
     t_ns[10] = t_ns[8]
     t_ns[20] = t_ns[19]
     kinds = {f.kind: f for f in judged(clock(t_ns, unique=True))}
-    assert set(kinds) == {"order", "repeated-time"}
+    assert set(kinds) == {"order", "duplicate-time"}
     assert kinds["order"].value.startswith("row 10: ")
-    assert kinds["repeated-time"].value.startswith("row 20: ")
-    assert [f.kind for f in judged(clock(t_ns, unique=True, dropped=True))] == ["left-out", "left-out"]
+    assert kinds["duplicate-time"].value.startswith("row 20: ")
+    assert [f.kind for f in judged(clock(t_ns, unique=True, dropped=True))] == ["skipped-stamp", "skipped-stamp"]
     assert judged(clock(t_ns, sorted=True)) == []
 
 
@@ -117,7 +117,7 @@ def test_times_before_1970_and_after_2100() -> None:
 def test_a_sensor_of_another_day_is_apart() -> None:
     others = [clock(regular(100), name) for name in ("cam1", "cam2")]
     (found,) = judged(*others, clock(regular(100, start=START - 86400 * NS), "cam3"))
-    assert (found.kind, found.location) == ("clock-apart", "cam3")
+    assert (found.kind, found.location) == ("clock-disjoint", "cam3")
     (late,) = judged(*others, clock(regular(100, start=START + 30 * NS), "cam3"))
     assert late.kind == "clock-late"
 

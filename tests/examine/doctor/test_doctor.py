@@ -17,7 +17,7 @@ from places import ROOT
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.examine.doctor.findings import EXIT_CODES, KINDS, Finding, Findings, finding_schema
+from occlog.examine.doctor.findings import EXIT_CODES, Finding, Findings, finding_schema
 from occlog.examine.doctor.recording import check_recording
 from occlog.examine.doctor.run import check_files
 from occlog.io.files.provenance import Provenance
@@ -26,6 +26,7 @@ from occlog.io.frames.codec import encode_image
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.losses import Loss
+from occlog.records.messages import DOCTOR
 from occlog.records.tables import Bearings, Truth
 
 START, STEP = 1_700_000_000_000_000_000, 100_000_000
@@ -110,9 +111,9 @@ def kinds_of(path: Path) -> list[str]:
         (put("target_id", 3, -7), "row", "row 3", "target_id -7"),
         (put("sigma", 20, float("inf")), "row", "row 20", "inf"),
         (put("bearing", 39, 9.0), "row", "row 39", "bearing 9 rad"),
-        (lambda t: t.take([0, 1, 1, *range(2, 40)]), "repeated-row", "2023-11-14T22:13:20.100Z", "sensor cam1"),
+        (lambda t: t.take([0, 1, 1, *range(2, 40)]), "duplicate-row", "2023-11-14T22:13:20.100Z", "sensor cam1"),
         (lambda t: t.take([0, 2, 1, *range(3, 40)]), "order", "row 2", "ns after"),
-        (lambda t: put("bearing", 2, 0.5)(t.take([0, 1, 1, *range(2, 40)])), "double-key", "", "target_id 0"),
+        (lambda t: put("bearing", 2, 0.5)(t.take([0, 1, 1, *range(2, 40)])), "duplicate-key", "", "target_id 0"),
         (lambda t: t.take([*range(10), *range(20, 40)]), "gap", "sensor cam1: after", "for 1.1 s"),
         (lambda t: t.drop(["sigma"]), "unreadable", "", "column sigma is missing"),
         (entry(b"occlog.provenance", b"[1]"), "unreadable", "", "provenance"),
@@ -159,7 +160,11 @@ TEXTS = {
     "frames back": (frames([0.1, 0.2, 0.15, 0.3]), "order", "camera a"),
     "frames jump": (frames(n / 10 + 5 * (n > 9) for n in range(20)), "jump", "camera a: after 1970-01-01T00:00:00.9"),
     "frame of two times": ("frame,time,left,top,width,height\n0,0.1,1,2,3,4\n0,0.2,9,2,3,4\n", "row", "line 3"),
-    "copies": ("frame,camera,left,top,right,bottom\n0,a,1,2,3,4\n1,a,1,2,3,4\n0,a,1,2,3,4\n", "repeated-row", "line 4"),
+    "copies": (
+        "frame,camera,left,top,right,bottom\n0,a,1,2,3,4\n1,a,1,2,3,4\n0,a,1,2,3,4\n",
+        "duplicate-row",
+        "line 4",
+    ),
     "edge": ("frame,camera,left,top,right,bottom\n0,a,-1e308,2,1e308,4\n", "row", "line 2"),
     "nan": ("frame,camera,left,top,right,bottom\n0,a,nan,2,3,4\n", "row", "line 2"),
     "cells": ("frame,camera,left,top,right,bottom\n0,a,1,2,3,4\n1,a,1,2,3\n", "row", "line 3"),
@@ -173,10 +178,10 @@ TEXTS = {
     "s in ns": (positions("ns", SECONDS), "epoch-unit", ""),
     "ms in ns": (positions("ns", (t * 10**3 for t in SECONDS)), "epoch-unit", ""),
     "us in ns": (positions("ns", (t * 10**6 for t in SECONDS)), "epoch-unit", ""),
-    "twice": ("t_s,target_id,x,y\n1,1,0,0\n1,1,5,0\n2,1,0,0\n", "row two-places", "rows 0 and 1"),
+    "twice": ("t_s,target_id,x,y\n1,1,0,0\n1,1,5,0\n2,1,0,0\n", "row two-positions", "rows 0 and 1"),
     "bad cell": ("t_s,target_id,x,y\n1,1,0,0\n2,1,five,0\n3,1,0,0\n", "row", "line 3"),
     "stamps": ("time\n1.0\n2.0\n1.5\n", "order", "times"),
-    "stamps twice": ("time\n1.0\n2.0\n2.0\n", "repeated-time", "times"),
+    "stamps twice": ("time\n1.0\n2.0\n2.0\n", "duplicate-time", "times"),
     "no table": ("a,b\n1,2\n", "no-table", ""),
 }  # fmt: skip
 
@@ -232,7 +237,7 @@ def test_recordings_that_were_cut(tmp_path: Path, share: float) -> None:
 def test_frames_of_a_recording_repeat_go_back_and_jump(tmp_path: Path) -> None:
     times = [START + n * STEP for n in range(20)]
     repeated = [*times[:5], times[4], *times[6:]]
-    assert kinds_of(recording(tmp_path / "a.mcap", times=repeated)) == ["losses", "repeated-time"]
+    assert kinds_of(recording(tmp_path / "a.mcap", times=repeated)) == ["losses", "duplicate-time"]
     jumping = [*times[:10], *(t + 10**9 for t in times[10:])]
     assert kinds_of(recording(tmp_path / "b.mcap", times=jumping)) == ["losses", "jump"]
 
@@ -254,7 +259,7 @@ def test_images_that_cannot_be_decoded(tmp_path: Path) -> None:
 @pytest.mark.parametrize("true_from", [0, START - 20 * STEP, START + 20 * STEP])
 def test_truth_of_none_of_the_times_of_a_recording(tmp_path: Path, true_from: int) -> None:
     _, found = found_in(recording(tmp_path / "r.mcap", true_from=true_from))
-    assert (found.kind, found.location) == ("truth-apart", "/truth, times")
+    assert (found.kind, found.location) == ("truth-disjoint", "/truth, times")
     assert found.value.endswith("; the sensors 2023-11-14T22:13:20.000Z to 2023-11-14T22:13:21.900Z")
 
 
@@ -270,7 +275,7 @@ def test_rows_of_a_recording(tmp_path: Path) -> None:
         writer.table(bearings().take(slice(3, 4)))
         channel = writer._channel("/bearings/cam1", "occlog.Bearings", "json")
         writer._add(channel, START, b'{"t_ns": 1.5}', 99)
-    assert sorted(kinds_of(path)) == ["message", "repeated-row"]
+    assert sorted(kinds_of(path)) == ["duplicate-row", "message"]
 
 
 @pytest.fixture(scope="module")
@@ -345,7 +350,7 @@ def test_the_command_says_it_in_lines_and_in_json(tmp_path: Path, capsys: pytest
     assert run(["doctor", str(gap), str(whole)]) == ExitCode.LOSSY
     told = capsys.readouterr()
     assert told.out.count("\n") == 1
-    assert told.out.startswith(f"warning: {gap}: sensor cam1: after 2023-11-14T22:13:20.900Z: nothing came: for 1.1 s")
+    assert told.out.startswith(f"warning: {gap}: sensor cam1: after 2023-11-14T22:13:20.900Z: no data: for 1.1 s")
     assert told.err == "occlog: 2 files: 1 warning\n"
     (tmp_path / "scene.yaml").write_text("occlog_scene: 2\n")
     assert run(["doctor", str(tmp_path), "--json"]) == ExitCode.BAD_INPUT
@@ -365,7 +370,7 @@ def test_a_file_of_an_unknown_kind_is_told_where_it_was_named(tmp_path: Path) ->
 
 def test_every_severity_has_its_exit_code() -> None:
     assert sorted(EXIT_CODES.values()) == [ExitCode.DONE, ExitCode.LOSSY, ExitCode.BAD_INPUT]
-    assert {kind.severity for kind in KINDS.values()} == set(EXIT_CODES)
+    assert {kind.severity for kind in DOCTOR.values()} == set(EXIT_CODES)
 
 
 def _log(*times: float) -> str:
@@ -400,7 +405,7 @@ def test_names_that_are_lists_are_told_and_stop_nothing(tmp_path: Path) -> None:
 def test_somebody_in_two_places_is_an_error_as_it_is_to_every_command(tmp_path: Path) -> None:
     one = Truth.of(t_ns=[0], target_id=[1], role=["target"], x=[0.0], y=[0.0], z=[0.0])
     write_table(tmp_path / "t.parquet", Truth.concat([one, replace(one, x=one.x + 1)]), Provenance("test"))
-    assert kinds_of(tmp_path / "t.parquet") == ["two-places"]
+    assert kinds_of(tmp_path / "t.parquet") == ["two-positions"]
 
 
 def test_a_file_that_is_missing_does_not_stop_the_others(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -17,10 +17,11 @@ from unindexed import unindexed
 from video_samples import write_video
 
 from occlog.examine.doctor import run
-from occlog.examine.doctor.findings import KINDS, Finding
+from occlog.examine.doctor.findings import Finding
 from occlog.examine.doctor.run import check_files
 from occlog.io.files.provenance import Provenance
 from occlog.io.recording.writer import RecordingWriter
+from occlog.records.messages import DOCTOR
 from occlog.records.tables import Truth
 
 POSE = "geometry_msgs/msg/PoseStamped"
@@ -69,7 +70,7 @@ def test_bags_whose_metadata_count_too_few(tmp_path: Path) -> None:
     ros.write_mcap(tmp_path / "b.mcap", poses(0.0, 3))
     ros.write_metadata(tmp_path, ["b.mcap"], {"/p": 2})
     found = one_of(tmp_path)
-    assert (found.kind, found.location) == ("miscounted", "/p")
+    assert (found.kind, found.location) == ("message-count-mismatch", "/p")
 
 
 def test_messages_of_bags_that_are_not_of_their_type(tmp_path: Path) -> None:
@@ -102,7 +103,7 @@ def test_sounds_that_were_cut(tmp_path: Path) -> None:
     assert (found.kind, found.n_locations, found.value) == ("sound", 100, "the file ends too early")
 
 
-@pytest.mark.parametrize(("shift_ms", "kinds"), [(0, []), (4, []), (20, ["uneven-video"])])
+@pytest.mark.parametrize(("shift_ms", "kinds"), [(0, []), (4, []), (20, ["variable-frame-rate"])])
 def test_videos_whose_frames_come_at_uneven_times(tmp_path: Path, shift_ms: int, kinds: list[str]) -> None:
     path = write_video(tmp_path / "v.mkv", 30, "MJPG")
     # Check sums of clusters become empty elements
@@ -120,7 +121,7 @@ def test_videos_whose_frames_come_at_uneven_times(tmp_path: Path, shift_ms: int,
 
 def test_calibrations_whose_unit_may_be_another(tmp_path: Path) -> None:
     path, inner = tmp_path / "c.npz", np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
-    for apart, kinds in ((5.0, []), (5000.0, ["doubt"])):
+    for apart, kinds in ((5.0, []), (5000.0, ["suspect"])):
         outer = [np.column_stack([np.eye(3), [x, 0, 0]]) for x in (0, apart)]
         np.savez(path, a=inner @ outer[0], b=inner @ outer[1])
         found = found_in(path)
@@ -135,9 +136,9 @@ def test_folders_with_more_files_than_are_looked_at(tmp_path: Path, monkeypatch:
     assert found_in(tmp_path) == []
     (tmp_path / "d.xyz").write_text("x")
     found = one_of(tmp_path)
-    assert (found.kind, found.value) == ("not-looked-at", "files after the first 3")
+    assert (found.kind, found.value) == ("not-checked", "files after the first 3")
 
 
 def test_every_kind_of_finding_has_a_test() -> None:
     tests = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "tests/examine/doctor").glob("*.py"))
-    assert [kind for kind in KINDS if f'"{kind}"' not in tests] == []
+    assert [kind for kind in DOCTOR if f'"{kind}"' not in tests] == []

@@ -74,7 +74,7 @@ def test_what_is_not_held_is_told(
     args += ["--origin", "52,13"] if to == "geojson" else []
     assert run([*args, "--json"]) == ExitCode.DONE
     printed = capsys.readouterr()
-    said = json.loads(printed.out).get("not_held", [])
+    said = json.loads(printed.out).get("not_representable", [])
     assert len(said) == len(told)
     assert all(each.startswith(want) for each, want in zip(said, told, strict=True)), said
     assert printed.err.count("not held by") == (1 if told else 0)

@@ -83,8 +83,8 @@ def test_candidates_become_labelled_bearings(folder, capsys):
     found, seen = read_table(folder / "labelled.parquet", Bearings), boxes().seen.sum()
     assert len(found) == 8 * STEPS  # one row for every camera and frame
     assert set(found.target_id.tolist()) == {2}
-    assert (summary["labelled"]["2"], summary["candidates_left"]) == (found.seen.sum(), seen - found.seen.sum())
-    assert summary["not_seen"]["2"] == (~found.seen).sum()
+    assert (summary["labelled"]["2"], summary["unassigned_candidates"]) == (found.seen.sum(), seen - found.seen.sum())
+    assert summary["missed_detections"]["2"] == (~found.seen).sum()
     assert (summary["rows"], summary["frames_of_tracks"]) == (8 * STEPS, 8 * STEPS)
     assert found.seen.sum() >= 0.97 * seen  # within three sigmas
     made = read_provenance(folder / "labelled.parquet")
@@ -211,7 +211,7 @@ def test_boxes_of_one_person_among_others_get_the_label_of_its_track(shared_data
     assert len(np.unique(np.column_stack([rows.t_ns, np.unique(rows.sensor, return_inverse=True)[1]]), axis=0)) == len(
         rows
     )
-    assert summary["labelled"]["0"] + summary["candidates_left"] == 3080
+    assert summary["labelled"]["0"] + summary["unassigned_candidates"] == 3080
     for name in ("cam1", "cam2", "cam3"):
         assert rows.seen[rows.sensor == name].mean() > 0.95
     assert rows.seen[rows.sensor == "cam4"].mean() > 0.85

@@ -183,7 +183,7 @@ def test_what_is_of_nobody_can_be_kept():
     rows = candidates([(0, "cam1", 0.5), (0, "cam1", 1.3), (5, "cam2", 0.2), (6, "cam2", None)])
     path = tracks([ray(0.5, 1)])
     assert labelled(rows, path)[0] == [(0.0, "cam1", 1, 0.5)]
-    found, left = labelled(rows, path, keep_rest=True)
+    found, left = labelled(rows, path, keep_unassigned=True)
     assert found == [(0.0, "cam1", -1, 1.3), (0.0, "cam1", 1, 0.5), (5.0, "cam2", -1, 0.2), (6.0, "cam2", -1, None)]
     assert left == 2
 

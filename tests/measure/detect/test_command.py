@@ -282,7 +282,7 @@ def test_identities_of_boxes_become_targets(tmp_path: Path, capsys: pytest.Captu
     rows = read_table(tmp_path / "b.parquet", Bearings)
     assert rows.target_id.tolist() == [5, 5, 5, -1, 5, 5, 5]
     assert rows.seen.tolist() == [True, True, True, True, False, True, True]
-    assert read_table(tmp_path / "v.parquet", Views).hint.tolist() == [5, 5, 5, -1, 5, 5]
+    assert read_table(tmp_path / "v.parquet", Views).tracklet_id.tolist() == [5, 5, 5, -1, 5, 5]
     assert read_provenance(tmp_path / "b.parquet").parameters["labels"] == "global"
 
 

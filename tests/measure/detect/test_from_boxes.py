@@ -66,7 +66,7 @@ def test_boxes_are_views_by_falling_area() -> None:
     assert v.x_px.tolist() == [100.0, 45.0, 66.0]
     np.testing.assert_allclose(v.cov_yy_px, [300.0, 75.0, 108.0])
     assert np.isnan(v.appearance).all()
-    assert np.isnan(v.likeness).all()
+    assert np.isnan(v.similarity).all()
     assert v.confidence.tolist()[:2] == [0.8, 0.9]
 
 

@@ -75,10 +75,10 @@ def test_identities_of_a_camera_are_targets_of_its_own_numbered_anew() -> None:
 def test_views_have_the_identity_as_a_hint_with_labels_or_without() -> None:
     config = DetectConfig()
     (plain,) = detect_boxes([BOXES], scene(), config)
-    assert sorted(plain.views.hint.tolist()) == [-1, 3, 7, 7]
+    assert sorted(plain.views.tracklet_id.tolist()) == [-1, 3, 7, 7]
     assert (plain.views.target_id == -1).all()
     (told,) = detect_boxes([BOXES], scene(), config, scan_labels([BOXES], GLOBAL, config))
-    assert (told.views.target_id == told.views.hint).all()
+    assert (told.views.target_id == told.views.tracklet_id).all()
 
 
 def test_two_boxes_of_one_identity_in_a_frame_are_refused() -> None:

@@ -43,6 +43,6 @@ def test_each_fault_is_found(seed: int) -> None:
     assert found(dead) == {"microphone-silent"}
     alike = clean.copy()
     alike[:, 3] = alike[:, 0]
-    assert found(alike) == {"microphones-alike"}
+    assert found(alike) == {"microphones-identical"}
     assert found(np.clip(8.0 * clean, -1.0, 1.0)) == {"clipped"}
     assert found(clean, rows=0) == {"no-directions"}

@@ -31,7 +31,7 @@ def chart(**heights: float) -> np.ndarray:
 
 def found(heights: np.ndarray, **options: float) -> list[int]:
     """Columns of the peaks."""
-    config = DoaConfig(**{"sources": 0, "peak": 0.6, **options})  # type: ignore[arg-type]
+    config = DoaConfig(**{"max_sources": 0, "peak": 0.6, **options})  # type: ignore[arg-type]
     return [column for _, column in peaks(heights, flat_grid(), config)]
 
 
@@ -82,7 +82,7 @@ def test_peaks_nearer_than_the_angle_apart_are_one() -> None:
 
 def test_as_many_peaks_are_given_as_are_asked_for() -> None:
     many = chart(**{f"c{k}": 1.0 - 0.01 * k for k in range(0, 36, 3)})
-    assert found(many, sources=2) == [0, 3]
+    assert found(many, max_sources=2) == [0, 3]
     assert len(found(many)) == MAX_SOURCES
 
 

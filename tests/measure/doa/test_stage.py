@@ -167,6 +167,6 @@ def test_arrays_and_settings_that_cannot_be() -> None:
         heard(sound, array, replace(COARSE, algorithm="music", max_sources=4))
     with pytest.raises(UsageError, match="give the speed of sound"):
         list(estimate_directions([sound], RATE, array, "unit", COARSE, 0, DoaTally()))
-    for wrong in ({"low_hz": 5000.0}, {"frame_s": 0.01}, {"sources": 0, "algorithm": "music"}, {"grid_deg": 0.01}):
+    for wrong in ({"low_hz": 5000.0}, {"frame_s": 0.01}, {"max_sources": 0, "algorithm": "music"}, {"grid_deg": 0.01}):
         with pytest.raises(SettingError):
             DoaConfig(**wrong)

@@ -370,7 +370,15 @@ def test_input_that_cannot_be_fused_is_told_in_one_line():
 
 
 @pytest.mark.parametrize(
-    "values", [{"sigma": 0.0}, {"p_miss": 1.0}, {"p_false": 0.0}, {"gate": np.nan}, {"hold": 0}, {"window_s": -1.0}]
+    "values",
+    [
+        {"sigma_prediction": 0.0},
+        {"miss_probability": 1.0},
+        {"false_alarm_probability": 0.0},
+        {"gate": np.nan},
+        {"max_coasting_steps": 0},
+        {"window_s": -1.0},
+    ],
 )
 def test_options_out_of_range_are_refused(values: dict[str, float]):
     with pytest.raises(SettingError, match=next(iter(values))):

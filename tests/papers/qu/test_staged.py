@@ -17,7 +17,7 @@ from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.motion import ball_cameras
 
 RADIUS = 22.0
-SMALL = {"frames": 4, "balls": 3, "radius": 9.0, "width": 80, "height": 64, "clutter": 0}
+SMALL = {"frames": 4, "balls": 3, "radius": 9.0, "width": 80, "height": 64, "background_clutter": 0}
 
 
 def seen(scene: str, seed: int, balls: int) -> np.ndarray:

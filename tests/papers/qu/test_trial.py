@@ -21,7 +21,7 @@ from occlog.track.methods.images.interface import BAD, GOOD
 from occlog.track.methods.images.methods.state import initial_state
 from occlog.track.methods.images.methods.step import initiate_trackers
 
-SMALL = {"frames": 6, "balls": 3, "radius": 9.0, "width": 80, "height": 64, "clutter": 0}
+SMALL = {"frames": 6, "balls": 3, "radius": 9.0, "width": 80, "height": 64, "background_clutter": 0}
 
 
 def made_up(frames: int = 4, views: int = 2, targets: int = 2) -> tuple[Objects, np.ndarray, TrackerOutput]:

@@ -170,9 +170,17 @@ def test_missed_threshold_is_told_after_all_was_made(config: Path, capsys: pytes
     [
         ("particles", "partciles", "run.yaml: line 5: track.partciles: unknown key; did you mean 'particles'?"),
         ("particles: 200", "particles: 0", "run.yaml: line 5: track.particles: 0: must be at least 1"),
-        ("particles: 200", "set: {sigma_v: -1}", "run.yaml: line 5: track.set.sigma_v: -1: must be at least 0"),
+        (
+            "particles: 200",
+            "set: {sigma_v: -1}",
+            "run.yaml: line 5: track.set.process_noise_position: -1: must be at least 0",
+        ),
         ("particles: 200", "set: {sigmav: 1}", "line 5: track.set.sigmav: apf has no setting 'sigmav'; did you mean"),
-        ("particles: 200", "sigma_v: 1", "line 5: track.sigma_v: unknown key; it is a setting; give it under set"),
+        (
+            "particles: 200",
+            "sigma_v: 1",
+            "line 5: track.process_noise_position: unknown key; it is a setting; give it under set",
+        ),
         (
             "particles: 200",
             "gallery: g.parquet",
@@ -218,7 +226,9 @@ def test_everybody_is_followed_by_boxes(tmp_path: Path, capsys: pytest.CaptureFi
         out.table(boxes(scene, 2.0))
         out.table(truth(2.0))
     config = tmp_path / "run.yaml"
-    config.write_text("occlog_run: 1\nrecording: hall.mcap\ntrack: {method: jipda, set: {confirm: 0.9}}\n")
+    config.write_text(
+        "occlog_run: 1\nrecording: hall.mcap\ntrack: {method: jipda, set: {confirmation_threshold: 0.9}}\n"
+    )
     assert set(stages(config, capsys)) == {"detect", "track", "evaluate", "report"}
     made = {path.name for path in (tmp_path / "out").iterdir()}
     assert {"support.parquet", "events.parquet", "view_tracks.parquet", "metrics.json", "report.html"} <= made

@@ -100,7 +100,11 @@ def test_unknown_figures_and_contradictions_are_told(tmp_path):
         ("particles: 50", "particles: 0", "line 5: track.particles: 0: must be at least 1"),
         ("particles: 50", "partic: 5", "line 5: track.partic: apf has no setting 'partic'; did you mean 'particles'?"),
         ("particles: 50", "method: jipda", "line 5: track.method: jipda takes no bearings, which trials make"),
-        ("cameras: [2, 3]", "track.phi: [0.5, 2]", "line 7: vary.track.phi: 2: must be at least 0 and at most 1"),
+        (
+            "cameras: [2, 3]",
+            "track.velocity_memory: [0.5, 2]",
+            "line 7: vary.track.velocity_memory: 2: must be at least 0 and at most 1",
+        ),
         (
             "{cameras: [2, 3]}",
             "{priors.kind: [on]}",

@@ -148,7 +148,7 @@ def crowd(
                     camera=c,
                     boxes=found,
                     score=np.full(n, np.nan),
-                    hint=np.full(n, NO_ID),
+                    tracklet_id=np.full(n, NO_ID),
                     appearance=look,
                     row=np.arange(n),
                 )

@@ -218,7 +218,7 @@ def test_names_from_the_data_execute_nothing(opened: Open, tmp_path: Path) -> No
         scene=replace(scene, cameras=cameras),
         bearings=Bearings.of(**named),
         diagnostics=replace(
-            diagnostics, fallback=np.full(20, EVIL), seen_by=np.full(20, EVIL), doubt=np.full(20, EVIL)
+            diagnostics, fallback=np.full(20, EVIL), seen_by=np.full(20, EVIL), quality_flags=np.full(20, EVIL)
         ),
         metrics={EVIL: 1.0},
         losses=(Loss(EVIL, EVIL, EVIL, 1),),

@@ -64,7 +64,7 @@ def test_page_words_and_summary_of_two_run_folders(runs: tuple[Path, Path], tmp_
     said = json.loads(out)
     assert (said["a"], said["b"], said["same"], said["frames"]) == ("old", "new", False, 60)
     assert said["true_frames"] == 60
-    assert said["first_parting"] == {
+    assert said["first_divergence"] == {
         "kind": "another partner", "seconds": 2.5, "t_ns": 25 * STEP, "a": 10, "b": 11, "distance": 0.0,
     }  # fmt: skip
     assert said["changes"] == said["switches"] == {"a": 0, "b": 2}
@@ -100,7 +100,7 @@ def test_a_run_beside_itself_is_the_same(runs: tuple[Path, Path], tmp_path: Path
     assert said["same"] is True
     assert said["heading"] == "The two runs are the same"
     assert (said["a"], said["b"]) == ("old", "old, again")
-    assert "first_parting" not in said
+    assert "first_divergence" not in said
     assert all(figure["difference"] == 0 for figure in said["figures"].values())
     assert {figure["verdict"] for figure in said["figures"].values()} == {"no difference shown"}
     assert "Every estimate of one is an estimate of the other" in words(page)
@@ -114,7 +114,7 @@ def test_a_run_that_is_worse_is_told_so_with_its_interval(tmp_path: Path, capsys
     page = tmp_path / "beside.html"
     assert report(a, b, "--truth", tmp_path / "truth.parquet", "-o", page, "--json", "-q") == ExitCode.DONE
     said = json.loads(capsys.readouterr().out)
-    figure = said["figures"]["pairs_rmse"]
+    figure = said["figures"]["matched_rmse"]
     assert said["heading"].startswith("B is worse in")
     assert "RMSE of pairs" in said["heading"]
     assert figure["verdict"] == "worse"
@@ -123,7 +123,7 @@ def test_a_run_that_is_worse_is_told_so_with_its_interval(tmp_path: Path, capsys
     # As `occlog compare` says it
     assert run(["compare", str(a), str(b), "--truth", str(tmp_path / "truth.parquet"), "--json"]) == ExitCode.DONE
     compared = {row["figure"]: row for row in json.loads(capsys.readouterr().out)["rows"]}
-    assert compared["pairs_rmse"]["low"] == figure["low"]
+    assert compared["matched_rmse"]["low"] == figure["low"]
     assert compared["mota"]["p_holm"] == said["figures"]["mota"]["p"]
 
 
@@ -136,7 +136,7 @@ def test_without_truth_the_page_says_what_it_can(tmp_path: Path, capsys: Any) ->
     said = json.loads(capsys.readouterr().out)
     assert (said["a"], said["b"]) == ("a/tracks", "b/tracks")
     assert "figures" not in said
-    assert said["first_parting"]["kind"] == "a alone"
+    assert said["first_divergence"]["kind"] == "a alone"
     assert "Only ground truth shows which run is better" in words(page)
     assert "Errors over time" not in words(page)
 
@@ -192,8 +192,8 @@ def test_a_run_that_is_on_nobody_is_told_so(runs: tuple[Path, Path], tmp_path: P
     assert report(runs[0], far, "-o", page, "--json", "-q") == ExitCode.DONE
     said = json.loads(capsys.readouterr().out)
     assert said["figures"]["recall"]["b"] == 0.0
-    assert "b" not in said["figures"]["pairs_rmse"]
-    assert said["figures"]["pairs_rmse"]["verdict"] == "not decided"
+    assert "b" not in said["figures"]["matched_rmse"]
+    assert said["figures"]["matched_rmse"]["verdict"] == "not decided"
     assert "No track of B is ever within 1 m of a true target: is B of the recording that the truth is of?" in words(
         page
     )
@@ -207,7 +207,7 @@ def test_settings_change_what_counts(tmp_path: Path, capsys: Any) -> None:
         (("--match-distance", "0.55"), "a alone"),
     ):
         assert report(a, b, "-o", tmp_path / "x.html", "--overwrite", "--json", *more) == ExitCode.DONE
-        first = json.loads(capsys.readouterr().out).get("first_parting")
+        first = json.loads(capsys.readouterr().out).get("first_divergence")
         assert (None if first is None else first["kind"]) == kind
 
 
@@ -294,7 +294,7 @@ def test_strict_asks_both_runs(tmp_path: Path, capsys: Any) -> None:
     assert report(a, b, *args, "--strict", "--json") == report(b, a, *args, "--strict", "--json") == ExitCode.THRESHOLD
     said = json.loads(capsys.readouterr().out.splitlines()[0])
     assert said["plausible"] is False
-    assert [(w["run"], w["code"]) for w in said["warnings"]] == [("b", "nees-large")]
+    assert [(w["run"], w["id"]) for w in said["warnings"]] == [("b", "nees-large")]
     assert "B: Not reliable as they are" not in words(tmp_path / "x.html")  # the runs changed places
     assert "A: Not reliable as they are" in words(tmp_path / "x.html")
 

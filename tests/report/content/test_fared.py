@@ -17,7 +17,7 @@ def made() -> Diagnostics:
     assert table is not None
     flags = random.choice(["", "sir", "restart", "gap"], len(table), p=[0.3, 0.65, 0.04, 0.01])
     doubts = random.choice(["", "walls", "walls,late"], len(table), p=[0.9, 0.05, 0.05])
-    return replace(table, fallback=flags, doubt=doubts)
+    return replace(table, fallback=flags, quality_flags=doubts)
 
 
 @pytest.mark.parametrize("rows", [1, 50, 10**6])
@@ -30,7 +30,7 @@ def test_figures_are_the_same_in_chunks_of_any_length(rows: int, in_memory: int)
     found = streams.finish()
     assert (found.rows, found.lowest) == (len(table), table.ess.min())
     assert found.particles
-    assert found.doubtful == np.count_nonzero(table.doubt != "")
+    assert found.doubtful == np.count_nonzero(table.quality_flags != "")
     assert found.doubts == ("late", "walls")
     assert list(found.fallbacks) == ["gap", "restart", "sir"]
     for kind, own in found.fallbacks.items():

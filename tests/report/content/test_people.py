@@ -20,7 +20,7 @@ def hall(seed: int) -> PeopleTracks:
         one = walk(k * 3, np.arange(begin, begin + length) / 10, (k, 0), (0.5, 0))
         seen = random.choice(["", "b", "a,b", "a,c", "ab"], len(one))
         existence = np.where(random.random(len(one)) < 0.1, np.nan, random.random(len(one)))
-        people.append(replace(one, seen_by=seen, existence=existence))
+        people.append(replace(one, seen_by=seen, existence_probability=existence))
     return PeopleTracks.merge(people)
 
 
@@ -38,7 +38,7 @@ def test_figures_are_the_same_in_chunks_of_any_length(rows: int) -> None:
     found = streams.finish(people_statistics(tracks))
     per_time = np.unique(tracks.t_ns, return_counts=True)[1]
     assert (found.mean, found.most) == (pytest.approx(per_time.mean()), per_time.max())
-    assert found.existence == pytest.approx(np.nanmean(tracks.existence), rel=1e-12)
+    assert found.existence == pytest.approx(np.nanmean(tracks.existence_probability), rel=1e-12)
     assert found.several == pytest.approx(np.mean(np.isin(tracks.seen_by, ["a,b", "a,c"])), rel=1e-12)
     assert found.unseen == pytest.approx(np.mean(tracks.seen_by == ""), rel=1e-12)
     assert (found.rows, found.identities) == (len(tracks), MAX_PEOPLE + 20)
@@ -54,5 +54,5 @@ def test_figures_are_the_same_in_chunks_of_any_length(rows: int) -> None:
 
 def test_of_nobody_is_known_whether_they_are_there() -> None:
     streams = PeopleStreams()
-    streams.add(replace(hall(1), existence=np.full(len(hall(1)), np.nan)))
+    streams.add(replace(hall(1), existence_probability=np.full(len(hall(1)), np.nan)))
     assert not streams.any

@@ -270,6 +270,11 @@ def test_tilted_arrays_need_heights_and_planar_ones_an_upright_axis():
 
 
 def test_settings_that_are_none():
-    for values in ({"silence": (0.0, 1.0)}, {"silence": (1.0, math.inf)}, {"false_rate": -1.0}, {"step_s": 0.0}):
+    for values in (
+        {"sound_and_silence_s": (0.0, 1.0)},
+        {"sound_and_silence_s": (1.0, math.inf)},
+        {"false_rate": -1.0},
+        {"step_s": 0.0},
+    ):
         with pytest.raises(InputError, match=f"sound: {next(iter(values))} is"):
             SoundConfig(**values)

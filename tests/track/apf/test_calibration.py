@@ -79,7 +79,7 @@ def test_fixed_errors_are_found_and_make_the_track_better(mode):
     ratios, squares = [], []
     for seed in range(3):
         scene, scans, xy, plain = walked(seed)
-        state, found = run(scene, scans, calibrate=mode, calibrate_s=80.0)
+        state, found = run(scene, scans, calibrate=mode, calibration_s=80.0)
         ratios.append(rmse(found, xy, 100) / rmse(plain, xy, 100))
         belief = state.calibration.belief
         miss = (belief.mean - true_errors(scene, seed)).ravel()
@@ -113,7 +113,7 @@ def test_nothing_is_estimated_unless_asked_for():
 def test_the_initial_phase_ends_and_what_it_found_stays():
     scene = room100(cameras=6)
     _, scans, _ = recorded(scene, "calibration", 0, 40)
-    _, found = run(scene, scans, calibrate="initial", calibrate_s=30.0)
+    _, found = run(scene, scans, calibrate="initial", calibration_s=30.0)
     means = np.array([e.calibration.mean for e in found])
     assert np.all(means[:30] == 0.0)
     assert np.any(means[30] != 0.0)

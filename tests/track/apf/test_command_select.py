@@ -61,12 +61,13 @@ def test_every_policy_writes_what_it_selected(policy, base, tmp_path, capsys):
     table = read_table(diagnostics, Diagnostics)
     cameras = 8 if policy == "all" else 3
     assert {len(s.split(",")) for s in table.selected} == {cameras}
-    np.testing.assert_array_equal(table.n_looked, cameras)
+    np.testing.assert_array_equal(table.n_observing, cameras)
     assert np.isfinite(table.predicted_mse).sum() == STEPS / 2
+    said = said["network"]
     assert said["selections"] == STEPS / 2
-    assert said["bytes_of_all_cameras"] == 8 * STEPS * 18
+    assert said["bytes_all_cameras"] == 8 * STEPS * 18
     assert said["bytes"] == 18 * cameras * STEPS + 4 * (said["messages"] - cameras * STEPS)
-    assert said["bytes_saved"] == pytest.approx(1 - said["bytes"] / said["bytes_of_all_cameras"])
+    assert said["share_saved"] == pytest.approx(1 - said["bytes"] / said["bytes_all_cameras"])
 
 
 def test_the_order_of_fixed_cameras(base, tmp_path):
@@ -126,6 +127,7 @@ def test_what_does_not_fit_is_one_line(args, said, base, tmp_path, capsys):
 def test_without_a_count_there_are_four(base, tmp_path, capsys):
     assert run([*base, "--select", "greedy", "--max-blind-scans", "0", "--json"]) == ExitCode.DONE
     said = json.loads(capsys.readouterr().out)
+    said = said["network"]
     assert said["selections"] == STEPS / 5
     reports = 4 * STEPS
     assert said["bytes"] == 18 * reports + 4 * (said["messages"] - reports)

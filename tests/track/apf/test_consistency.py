@@ -42,7 +42,7 @@ def test_normalised_errors_are_those_of_a_consistent_estimate(motion, focal_px, 
 def test_the_motion_alone_is_inconsistent_where_the_scan_is_not(motion):
     """What [Ercan]'s importance density does among sharp cameras: few particles, taken for certainty."""
     made = record(motion, focal_px=1000.0, sigma_px=0.5, seed=1)
-    blind = follow(made, "apf", {"proposal": "motion", "sigma_w": 0.0, "wait_s": 0.0}, skip_s=SKIP_S)
+    blind = follow(made, "apf", {"proposal": "motion", "process_noise_waiting": 0.0, "mean_wait_s": 0.0}, skip_s=SKIP_S)
     looking = follow(made, "apf", {}, skip_s=SKIP_S)
     assert not blind.nees.mean() < 5.0  # NaN where a covariance is singular
     assert looking.nees.mean() < 3.0

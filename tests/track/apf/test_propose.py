@@ -15,7 +15,7 @@ from occlog.track.methods.apf.config import ApfConfig
 from occlog.track.methods.apf.model import pack_scan
 from occlog.track.methods.apf.proposal import auxiliary_step
 
-PEOPLE = {"sigma_a": 0.5, "sigma_w": 0.1, "phi": 0.0}
+PEOPLE = {"process_noise_velocity": 0.5, "sigma_w": 0.1, "phi": 0.0}
 STAND = {**PEOPLE, "wait_s": 4.0, "sigma_c": 0.3}
 
 
@@ -40,7 +40,7 @@ def likelihoods(state, looks, dt, runs=60):
 @pytest.mark.parametrize(("seed", "seen"), [(0, True), (1, True), (2, True), (3, True), (0, False), (1, False)])
 def test_a_step_is_that_of_the_plain_form(seed, seen, dt, noises):
     scene = room100(pillar=bool(seed % 2))
-    options = {"defensive": 0.1 * (seed % 2), "soften": 0.02, "false": 1e-3, "phi": 0.3, **noises}
+    options = {"defensive_fraction": 0.1 * (seed % 2), "soften": 0.02, "false": 1e-3, "phi": 0.3, **noises}
     config = ApfConfig(particles=L, track_loss_count=0, **options)
     state, u = state_with(scene, config, seed), readings(scene, seed)
     u = u if seen else np.full_like(u, np.nan)

@@ -76,8 +76,8 @@ def test_bytes_of_cameras_at_their_own_times_by_hand():
         "messages": 32,
         "bytes": 30 * 18 + 2 * 4,
         "selections": 5,
-        "bytes_of_all_cameras": 120 * 18,
-        "bytes_saved": 1 - 548 / 2160,
+        "bytes_all_cameras": 120 * 18,
+        "share_saved": 1 - 548 / 2160,
     }
 
 

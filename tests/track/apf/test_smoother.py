@@ -21,14 +21,14 @@ pytestmark = pytest.mark.jit
 
 BACK = apf.METHOD.smoothing.back
 DIFFUSING = {
-    "speed": 0.0,
+    "initial_speed": 0.0,
     "speed_spread": 0.0,
     "phi": 0.0,
     "beta1": 1.0,
     "lambda1": 0.0,
     "beta2": 1.0,
     "lambda2": 0.0,
-    "lost_after": 0,
+    "track_loss_count": 0,
 }
 """Settings of a target that always goes on, at speed 0: noise alone moves it."""
 SHARP = {"focal": 20_000.0, "sigma_position": 0.0, "sigma_yaw": 0.0, "sigma_read_px": 60.0}
@@ -136,7 +136,7 @@ def walking(steps=12, seed=0, **options):
 
 
 def test_there_is_a_state_for_each_scan_and_the_last_is_the_filters():
-    scene, scans, config = walking(trajectories=2000)
+    scene, scans, config = walking(smoothing_trajectories=2000)
     traces, estimates = traces_of(scene, scans, config)
     found = smoothed(traces, config)
     assert len(found) == len(scans)
@@ -174,7 +174,7 @@ def test_what_came_before_particles_that_were_drawn_anew_does_not_know_of_them()
 
 
 def test_a_restart_leaves_a_link_to_nothing():
-    scene, scans, config = walking(lost_after=3)
+    scene, scans, config = walking(track_loss_count=3)
     # The target jumps across the room: the filter is lost and begins anew
     there = [
         scan(12.0 + k, [(i, u) for i, u in enumerate(true_u(scene, (80.0, 85.0))) if abs(u) < 69]) for k in range(5)
@@ -199,7 +199,7 @@ def test_a_long_step_leaves_links_of_its_parts_and_one_state():
     assert all(np.isfinite(past.covariance).all() for past in found)
 
 
-@pytest.mark.parametrize("noises", [{}, {"sigma_a": 0.5, "sigma_w": 0.05}])
+@pytest.mark.parametrize("noises", [{}, {"process_noise_velocity": 0.5, "sigma_w": 0.05}])
 def test_two_scans_at_one_time_do_not_cut_the_record(noises):
     scene, scans, config = walking(6, **noises)
     twice = [*scans[:4], scans[3], *scans[4:]]

@@ -18,7 +18,7 @@ from occlog.track.methods.apf.config import ApfConfig
 @pytest.mark.parametrize("seed", range(3))
 def test_a_step_is_that_of_the_plain_form(seed, dt, pillar):
     scene = room100(pillar)
-    options = {"defensive": 0.1 * (seed % 2), "soften": 0.02, "false": 1e-3}
+    options = {"defensive_fraction": 0.1 * (seed % 2), "soften": 0.02, "false": 1e-3}
     config = ApfConfig(
         particles=L, velocity_memory=0.3, resampling_threshold=1.0, track_loss_count=0, proposal="motion", **options
     )
@@ -50,8 +50,8 @@ def test_a_step_is_that_of_the_plain_form(seed, dt, pillar):
     assert estimate.log_likelihood == pytest.approx(log_sum, rel=1e-9)
     np.testing.assert_allclose(estimate.xy, expected.weights @ expected.xy, rtol=1e-9)
     assert estimate.fallback == ""
-    assert estimate.n_looked == 8
-    assert estimate.n_seen == np.sum(~np.isnan(u))
+    assert estimate.n_observing == 8
+    assert estimate.n_detected == np.sum(~np.isnan(u))
 
 
 @pytest.mark.jit

@@ -36,7 +36,7 @@ def test_a_step_is_that_of_the_plain_form(seed, spread, isotropic, likelihood, m
         propose, "OCCLUDER_SUPPORT_SIGMAS_STAGE1", OCCLUDER_SUPPORT_SIGMAS
     )  # stage 1 as near as stage 2, so that parents are the same
     scene = room100()
-    options = {"defensive": 0.1, "soften": 0.02, "false": 1e-3}
+    options = {"defensive_fraction": 0.1, "soften": 0.02, "false": 1e-3}
     config = ApfConfig(
         particles=L,
         velocity_memory=0.3,

@@ -38,8 +38,8 @@ def estimate(t_ns, n=0):
         covariance=np.eye(2),
         ess=7.0,
         log_likelihood=-1.0,
-        n_looked=1,
-        n_seen=1,
+        n_observing=1,
+        n_detected=1,
         fallback=f"step {n}",
         used=(0,),
     )

@@ -51,8 +51,8 @@ def step(state, scan, rng):
         covariance=np.eye(2),
         ess=np.nan,
         log_likelihood=rng.random(),
-        n_looked=len(sensors),
-        n_seen=int(scan.seen.sum()),
+        n_observing=len(sensors),
+        n_detected=int(scan.seen.sum()),
         fallback="" if scan.occluders is None else f"{len(scan.occluders.mean)} occluders",
         used=tuple(sensors.tolist()),
     )

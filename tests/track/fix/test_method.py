@@ -63,8 +63,8 @@ def test_cameras_and_arrays_give_positions_and_scans_without_one_give_no_row() -
     error = np.column_stack([found.tracks.x, found.tracks.y]) - np.array([true[k] for k in steps])
     assert np.sqrt((error**2).sum(axis=1).mean()) < 0.2
     assert np.isnan(found.tracks.vx).all()
-    assert set(found.diagnostics.n_seen.tolist()) == {4}
-    assert found.diagnostics.n_offered.tolist()[3] == 5  # with the scan of one camera before it
+    assert set(found.diagnostics.n_detected.tolist()) == {4}
+    assert found.diagnostics.n_available.tolist()[3] == 5  # with the scan of one camera before it
     cov = found.tracks
     nees = [
         e @ np.linalg.solve([[cov.cov_xx[i], cov.cov_xy[i]], [cov.cov_xy[i], cov.cov_yy[i]]], e)
@@ -115,7 +115,7 @@ def test_two_bearings_are_told_apart_from_more() -> None:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("estimator", "mean"), ("bend", 0.0), ("gate", -1.0), ("spread", "no")],
+    [("estimator", "mean"), ("loss_threshold", 0.0), ("gate", -1.0), ("covariance", "no")],
 )
 def test_settings_that_cannot_be(name: str, value: object) -> None:
     with pytest.raises(InputError, match=f"fix: {name}"):

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.jit
 def test_exact_directions_lead_to_the_source_without_a_start(likelihood, labelled) -> None:
     scene = room()
     scans = [scan(scene, 0.1 * k, [0, 1, 2], labelled=labelled) for k in range(15)]
-    estimate = run(scene, scans, likelihood=likelihood, particles=1000, start_factor=5)
+    estimate = run(scene, scans, likelihood=likelihood, particles=1000, initial_particle_factor=5)
     np.testing.assert_allclose(place(estimate), SOURCE, atol=0.05)
     assert estimate.height.covariance[2] < 0.05**2
     assert estimate.fallback == ""
@@ -26,7 +26,9 @@ def test_exact_directions_lead_to_the_source_without_a_start(likelihood, labelle
 def test_arrays_that_speak_in_turn_at_uneven_times_lead_there_too() -> None:
     scene = room()
     times = np.cumsum(np.random.default_rng(3).exponential(0.07, 60))
-    estimate = run(scene, [scan(scene, t, [k % 3]) for k, t in enumerate(times)], particles=1000, start_factor=5)
+    estimate = run(
+        scene, [scan(scene, t, [k % 3]) for k, t in enumerate(times)], particles=1000, initial_particle_factor=5
+    )
     np.testing.assert_allclose(place(estimate), SOURCE, atol=0.1)
 
 
@@ -40,7 +42,7 @@ def test_azimuths_alone_leave_the_height_to_the_room() -> None:
 def test_a_wrong_start_is_left_for_what_the_arrays_say() -> None:
     scene = room()
     scans = [scan(scene, 0.1 * k, [0, 1, 2]) for k in range(20)]
-    estimate = run(scene, scans, start=(7.0, 5.0, 2.5, 0.1), particles=1000, start_factor=2)
+    estimate = run(scene, scans, start=(7.0, 5.0, 2.5, 0.1), particles=1000, initial_particle_factor=2)
     np.testing.assert_allclose(place(estimate), SOURCE, atol=0.2)
 
 

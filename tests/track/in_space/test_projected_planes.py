@@ -59,7 +59,7 @@ def flat(rng, evidence=0.0) -> PlanePosterior:
 def test_exact_directions_lead_to_the_source_without_a_start(settings) -> None:
     scene = room()
     scans = [scan(scene, 0.1 * k, [0, 1, 2]) for k in range(20)]
-    _, estimate = run(scene, scans, particles=1000, start_factor=5, **settings)
+    _, estimate = run(scene, scans, particles=1000, initial_particle_factor=5, **settings)
     np.testing.assert_allclose(place(estimate), SOURCE, atol=0.1)
     assert (
         np.linalg.eigvalsh(
@@ -77,12 +77,12 @@ def test_arrays_that_speak_in_turn_at_uneven_times_lead_there_too() -> None:
     scene = room()
     times = np.cumsum(np.random.default_rng(3).exponential(0.07, 90))
     scans = [scan(scene, t, [k % 3], labelled=False) for k, t in enumerate(times)]
-    _, estimate = run(scene, scans, particles=1000, start_factor=5)
+    _, estimate = run(scene, scans, particles=1000, initial_particle_factor=5)
     np.testing.assert_allclose(place(estimate), SOURCE, atol=0.15)
 
 
 @pytest.mark.parametrize("p", range(3))
-@pytest.mark.parametrize("q", range(3))
+@pytest.mark.parametrize("process_noise_density", range(3))
 def test_planes_are_combined_by_hand_worked_weights(p: int, q: int) -> None:
     if p == q:
         return
@@ -176,7 +176,7 @@ def test_not_seen_changes_nothing_but_time() -> None:
         state, before = projected_planes.step(state, one, rng)
     _, after = projected_planes.step(state, blank, rng)
     np.testing.assert_allclose(after.xy, before.xy, rtol=1e-9)
-    assert (after.n_looked, after.n_seen, after.fallback) == (3, 0, "")
+    assert (after.n_observing, after.n_detected, after.fallback) == (3, 0, "")
 
 
 def test_scans_do_not_go_back_in_time() -> None:
@@ -185,7 +185,9 @@ def test_scans_do_not_go_back_in_time() -> None:
         run(scene, [scan(scene, 1.0, [0]), scan(scene, 0.5, [1])], particles=50)
 
 
-@pytest.mark.parametrize("wrong", [{"selection": "best"}, {"combining": "mean"}, {"turn_plane": "xz"}, {"q": -1.0}])
+@pytest.mark.parametrize(
+    "wrong", [{"selection": "best"}, {"combining": "mean"}, {"turn_plane": "xz"}, {"process_noise_density": -1.0}]
+)
 def test_settings_of_no_meaning_are_refused(wrong) -> None:
     with pytest.raises(InputError, match=f"pps: {next(iter(wrong))} is"):
         PpsConfig(**wrong)

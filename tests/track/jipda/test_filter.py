@@ -28,7 +28,9 @@ def follow(made: Crowd, config: JipdaConfig | None = None) -> list[TrackSnapshot
 def emptied(look: FrameDetections) -> FrameDetections:
     """The same look at nobody."""
     none = np.zeros(0, dtype=np.int64)
-    return look._replace(boxes=np.zeros((0, 4)), score=np.zeros(0), hint=none, appearance=np.zeros((0, 0)), row=none)
+    return look._replace(
+        boxes=np.zeros((0, 4)), score=np.zeros(0), tracklet_id=none, appearance=np.zeros((0, 0)), row=none
+    )
 
 
 def pairs(made: Crowd, moments: list[TrackSnapshot], within: float = 1.0) -> list[tuple[int, int, int, float]]:
@@ -195,7 +197,7 @@ def test_hints_that_follow_people_keep_their_identities() -> None:
             place = np.column_stack([made.truth[t], np.zeros(4)])
             far = np.linalg.norm(feet[:, None] - made.scene.cameras[c].project(place)[None], axis=2)
             near = np.nan_to_num(far, nan=np.inf)
-            row.append(look._replace(hint=np.where(near.min(axis=1) < 15.0, near.argmin(axis=1), NO_ID)))
+            row.append(look._replace(tracklet_id=np.where(near.min(axis=1) < 15.0, near.argmin(axis=1), NO_ID)))
         hinted.append(row)
     found = pairs(made, follow(made._replace(moments=hinted)))
     assert len({(i, k) for _, i, k, _ in found}) == 4

@@ -27,7 +27,7 @@ from occlog.track.methods.kalman.config import EkfConfig
 
 pytestmark = pytest.mark.jit
 METHODS = ("ekf", "ukf", "iekf")
-QUICK = {"iekf": {"feasible": "ignore", "iterations": 3}}
+QUICK = {"iekf": {"visibility_constraint": "ignore", "max_iterations": 3}}
 """Settings with which a search takes little time."""
 SCENE = room100(pillar=False)
 STEPS = 150
@@ -74,7 +74,7 @@ def test_a_filter_that_begins_at_the_wrong_end_begins_anew() -> None:
     away, _, notes = follow(SEEN, "ekf", start=(*start, 1.0))
     assert "restart" in notes.fallback.tolist()[:8]
     assert rmse(away[8:]) < 2.2
-    never, _, notes = follow(SEEN, "ekf", start=(*start, 1.0), lost_after=0)
+    never, _, notes = follow(SEEN, "ekf", start=(*start, 1.0), track_loss_count=0)
     assert "restart" not in notes.fallback.tolist()
     assert np.hypot(*never[5]) > 10.0
 
@@ -124,7 +124,9 @@ def test_options_of_other_filters_are_refused(command: list[str], option: list[s
     assert not Path(command[5]).exists()
 
 
-@pytest.mark.parametrize(("name", "value"), [("start", (0.0, 0.0, 0.0)), ("turn_s", 0.0), ("gate", 0.0)])
+@pytest.mark.parametrize(
+    ("name", "value"), [("start", (0.0, 0.0, 0.0)), ("velocity_time_constant_s", 0.0), ("gate", 0.0)]
+)
 def test_settings_without_a_width_are_refused(name: str, value: object) -> None:
     with pytest.raises(InputError, match=name):
         EkfConfig(**{name: value})

@@ -88,14 +88,14 @@ def test_rows_and_figures_of_a_run(made: Path, capsys) -> None:
     assert track(made, "--json", "--seed", "3") == ExitCode.DONE
     summary = json.loads(capsys.readouterr().out)
     assert (summary["targets"], summary["rows"], summary["method"]) == (2, 2 * STEPS, "map")
-    assert (summary["searches"], summary["unfinished"], summary["fallbacks"]) == (2, 0, {})
+    assert (summary["searches"], summary["not_converged"], summary["fallbacks"]) == (2, 0, {})
     assert set(summary["iterations"]) == {"0", "1"}
-    assert "mean_effective_particles" not in summary
+    assert "mean_effective_sample_size" not in summary
     tracks, how = tracks_of(made), read_table(made / "diagnostics.parquet", Diagnostics)
     assert same(tracks, tracks_of(made, "tracks.parquet"))  # whatever the seed: nothing is drawn
     assert np.array_equal(tracks.t_ns, how.t_ns)
     assert np.isnan(how.ess).all()
-    assert np.array_equal(np.isfinite(how.log_likelihood), how.n_seen > 0)
+    assert np.array_equal(np.isfinite(how.log_likelihood), how.n_detected > 0)
     provenance = read_provenance(made / "new.parquet")
     assert provenance.parameters["method"] == "map"
     assert provenance.parameters["loss"] == "mixture"
@@ -109,9 +109,11 @@ def test_a_table_says_of_each_bearing_whether_it_is_believed(made: Path, capsys)
         assert track(made, "--json", "--residuals", str(out), *lag) == ExitCode.DONE
         summary = json.loads(capsys.readouterr().out)
         found, how = read_table(out, Residuals), read_table(made / "diagnostics.parquet", Diagnostics)
-        assert len(found) == summary["bearings"] == int(how.n_seen.sum())
-        assert int((found.believed < 0.5).sum()) == summary["bearings_not_believed"] < 0.02 * len(found)
-        assert found.believed @ found.residual**2 / (found.believed @ found.expected) == pytest.approx(summary["nis"])
+        assert len(found) == summary["bearings"] == int(how.n_detected.sum())
+        assert int((found.inlier_probability < 0.5).sum()) == summary["rejected_bearings"] < 0.02 * len(found)
+        assert found.inlier_probability @ found.residual**2 / (
+            found.inlier_probability @ found.expected_variance
+        ) == pytest.approx(summary["nis"])
         assert 0.8 < summary["nis"] < 1.2
         assert set(found.sensor.tolist()) <= {f"cam{k}" for k in range(1, 9)}
         out.unlink()
@@ -337,7 +339,7 @@ def test_sensors_in_turn_make_a_network_without_overlap(made: Path, capsys) -> N
     args = ("--round-robin", "2", "--diagnostics", "turns.parquet", "--target", "0")
     assert track(made, *args) == ExitCode.DONE
     how, tracks = read_table(made / "turns.parquet", Diagnostics), tracks_of(made)
-    assert set(how.n_looked.tolist()) == {1}
+    assert set(how.n_observing.tolist()) == {1}
     assert how.cameras.tolist()[:4] == ["cam1", "cam1", "cam2", "cam2"]
     assert np.isfinite(tracks.x).all()
     assert (np.linalg.eigvalsh(covariances(tracks)) > 0.0).all()

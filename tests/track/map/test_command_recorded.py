@@ -65,7 +65,7 @@ def test_one_camera_at_a_time_follows_a_person_nearly_as_well_as_four(
     capsys.readouterr()
     turns = ["--round-robin", "0.5", "--motion", motion, "--diagnostics", str(tmp_path / "how.parquet"), "--json"]
     assert run([*way, *turns, "-o", str(tmp_path / "masked.parquet")]) == ExitCode.DONE
-    assert json.loads(capsys.readouterr().out)["unfinished"] == 0
+    assert json.loads(capsys.readouterr().out)["not_converged"] == 0
     how = read_table(tmp_path / "how.parquet", Diagnostics)
     assert set(how.cameras.tolist()) == {"cam1", "cam2", "cam3", "cam4"}  # one at a time, never two
     whole, masked = (read_table(tmp_path / n, Tracks) for n in ("all.parquet", "masked.parquet"))

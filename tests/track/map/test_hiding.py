@@ -40,11 +40,11 @@ def solve(scene, made, priors: Priors | None, **settings) -> SmoothedTrajectory:
     return advance(begin(scene, MapConfig(occluder_diameter=0.5, **settings), False), scans, True)[1]
 
 
-@pytest.mark.parametrize("initial", ["consensus", "axes"])
+@pytest.mark.parametrize("initialisation", ["consensus", "axes"])
 def test_occluders_far_away_change_next_to_nothing(initial: str) -> None:
     scene, rows, _ = made()
-    alone = solve(scene, rows, None, initial=initial)
-    among = solve(scene, rows, people((50.0, 50.0), sigma=0.3), initial=initial)
+    alone = solve(scene, rows, None, initialisation=initial)
+    among = solve(scene, rows, people((50.0, 50.0), sigma=0.3), initialisation=initial)
     assert_allclose(among.xy, alone.xy, atol=1e-4)
     assert_allclose(among.covariance, alone.covariance, rtol=1e-2, atol=1e-6)
 
@@ -71,7 +71,7 @@ def test_not_seen_behind_occluders_leaves_the_estimate_where_it_was() -> None:
     hidden = np.array([k for k, _ in lost])
     between = [(np.array(CORNERS[c][:2]) + xy[24]) / 2 for c in (0, 2, 3)]
     crowd = people(*[tuple(p) for p in between], sigma=0.4)
-    out, silent = (solve(scene, rows, crowd, temper=1.0, unseen=unseen) for unseen in (True, False))
+    out, silent = (solve(scene, rows, crowd, occlusion_tempering=1.0, unseen=unseen) for unseen in (True, False))
     away, without = (np.hypot(*(o.xy - xy)[hidden].T).mean() for o in (out, silent))
     assert away < 1.1 * without
     assert out.converged

@@ -79,7 +79,7 @@ def growing(factor: float) -> dict[str, object]:
     """A model whose velocity grows by a factor in a second."""
     axis = np.array([[1.0, 1.0], [0.0, factor]])
     A = np.kron(np.eye(2), axis)
-    return {"A": tuple(A.ravel().tolist()), "Sigma": tuple((0.01 * np.eye(4)).ravel().tolist()), "step_s": 1.0}
+    return {"A": tuple(A.ravel().tolist()), "Sigma": tuple((0.01 * np.eye(4)).ravel().tolist()), "model_step_s": 1.0}
 
 
 @pytest.mark.parametrize(("factor", "last_s"), [(9.0, 500.0), (1.3, 1e4)])
@@ -114,15 +114,15 @@ def test_readings_beyond_all_measure_are_an_error_or_finite(column: str) -> None
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("acceleration", 1e200),
-        ("jitter", 1e200),
-        ("step_s", 1e300),
-        ("speed", 1e-200),
-        ("depth", 1e300),
+        ("process_noise_velocity", 1e200),
+        ("process_noise_position", 1e200),
+        ("model_step_s", 1e300),
+        ("sigma_initial_velocity", 1e-200),
+        ("initial_depth", 1e300),
         ("start", (1e300, 0.0, 1.0)),
         ("start", (1.0, 1.0, 1e-200)),
         ("lag_s", 1e300),
-        ("bend", 0.0),
+        ("loss_threshold", 0.0),
     ],
 )
 def test_settings_beyond_all_measure_are_errors(name: str, value: object) -> None:
@@ -138,6 +138,6 @@ def test_a_linear_start_survives_a_contradiction() -> None:
     back, rows = np.flatnonzero((one.rows.sensor == 1) & (one.state == 5)), one.rows
     rows.seen[back], rows.bearing[back], rows.u_px[back] = True, np.pi - 1e-3, 0.5
     rows.sigma[:], rows.sigma_px[:] = np.where(rows.seen, 1e-3, np.nan), np.where(rows.seen, 0.5, np.nan)
-    axes, linear = (estimate(scene, one, initial=start) for start in ("axes", "linear"))
+    axes, linear = (estimate(scene, one, initialisation=start) for start in ("axes", "linear"))
     assert axes.fallback[5] == linear.fallback[5] == "contradiction"
     np.testing.assert_allclose(linear.xy, axes.xy, atol=1e-4)

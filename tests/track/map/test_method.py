@@ -42,7 +42,7 @@ def check_sane(out: SmoothedTrajectory, T: int) -> None:
         assert np.isfinite(values).all()
     assert_allclose(out.covariance, out.covariance.swapaxes(1, 2), rtol=1e-12)
     assert (np.linalg.eigvalsh(out.covariance) > 0).all()
-    used = (out.n_seen > 0) & (np.array(out.fallback) != "contradiction")
+    used = (out.n_detected > 0) & (np.array(out.fallback) != "contradiction")
     assert np.array_equal(np.isfinite(out.log_likelihood), used)
 
 
@@ -87,7 +87,7 @@ def test_two_overlapping_cameras_meet_at_the_target() -> None:
     xy = line(t, (0.2, -0.5), (0.3, 0.6))
     out = solve(scene, MapConfig(), record(scene, t, xy))
     assert_allclose(out.xy, xy, rtol=0, atol=0.005)
-    assert out.n_seen.tolist() == out.n_looked.tolist() == [2] * 5
+    assert out.n_detected.tolist() == out.n_observing.tolist() == [2] * 5
     assert out.used == ((0, 1),) * 5
 
 
@@ -144,7 +144,7 @@ def test_fixed_lag_gives_every_row_once_in_order_and_nearly_the_whole(size: int)
     parts = blocks(scene, config, made, size)
     out = joined(parts)
     assert np.array_equal(out.t_ns, made.t_ns)
-    assert out.n_seen.tolist() == whole.n_seen.tolist()
+    assert out.n_detected.tolist() == whole.n_detected.tolist()
     assert out.used == whole.used
     seen = 0
     for k, p in enumerate(parts[:-1]):
@@ -198,8 +198,8 @@ def test_no_row_that_saw_the_target() -> None:
     scene = place(*TWO_APART)
     t = np.arange(0.0, 3.0, 0.5)
     out = solve(scene, MapConfig(), record(scene, t, np.tile([0.0, -9.0], (6, 1))))
-    assert out.n_seen.tolist() == [0] * 6
-    assert out.n_looked.tolist() == [2] * 6
+    assert out.n_detected.tolist() == [0] * 6
+    assert out.n_observing.tolist() == [2] * 6
     assert set(out.fallback) == {"unobservable"}
     assert_allclose(out.xy, 0.0, atol=1e-3)  # the centre of the room
     assert np.isnan(out.log_likelihood).all()
@@ -219,7 +219,7 @@ def test_one_observation(initial: str) -> None:
     assert abs(away @ [along[1], -along[0]]) < 0.05  # on the sight line
     amid = solve(scene, config, record(scene, [0.0, 1.0, 2.0], [(0.0, -9.0), (-4.5, 1.0), (0.0, -9.0)]))
     check_sane(amid, 3)
-    assert amid.n_seen.tolist() == [0, 1, 0]
+    assert amid.n_detected.tolist() == [0, 1, 0]
     assert np.isfinite(amid.log_likelihood[1])
 
 
@@ -328,7 +328,7 @@ def test_states_stay_in_the_room_and_within_range() -> None:
     xy = np.column_stack([1.0 * np.sin(t), 1.9 + 0.0 * t])
     out = solve(scene, MapConfig(), record(scene, t, xy, noise=rng))
     assert (np.abs(out.xy) < 4.0).all()
-    seen = out.n_seen > 0
+    seen = out.n_detected > 0
     assert (out.xy[seen, 1] + 3.0 < 5.0).all()
     assert (out.xy[seen, 1] + 3.0 > 0.01).all()
 

@@ -83,8 +83,8 @@ def test_without_false_bearings_the_estimate_is_next_to_that_of_squares() -> Non
 
 def test_squares_from_consensus_have_the_minimum_of_the_papers_start() -> None:
     scene, made, _, _ = observed(4, 0.0, 4)
-    axes = solve(scene, made, loss="square", initial="axes")
-    np.testing.assert_allclose(solve(scene, made, loss="square", initial="consensus").xy, axes.xy, atol=1e-5)
+    axes = solve(scene, made, loss="square", initialisation="axes")
+    np.testing.assert_allclose(solve(scene, made, loss="square", initialisation="consensus").xy, axes.xy, atol=1e-5)
     np.testing.assert_array_equal(solve(scene, made, loss="square").xy, axes.xy)
 
 
@@ -164,7 +164,7 @@ def test_one_camera_at_a_time_still_leads_to_the_minimum_of_the_papers_start() -
     t = np.arange(0.0, 16.0, 0.25)
     xy = np.array([-7.0, 1.0]) + t[:, None] * np.array([0.9, 0.05])
     made = record(scene, t, xy)
-    out = solve(scene, made, acceleration=1e-3)
+    out = solve(scene, made, process_noise_velocity=1e-3)
     np.testing.assert_allclose(out.xy, xy, atol=0.03)
     assert (out.fit.inlier_probability > 0.5).all()
 

@@ -44,7 +44,7 @@ def test_every_frame_is_a_look_also_one_without_boxes() -> None:
         (0, 1, 0, []),
     ]
     assert found[0].detections.boxes.tolist() == [[10, 10, 30, 70], [90, 10, 110, 70]]
-    assert found[0].detections.hint.tolist() == [7, 7]
+    assert found[0].detections.tracklet_id.tolist() == [7, 7]
     assert found[0].detections.row.tolist() == [0, 1]
 
 
@@ -169,5 +169,5 @@ def test_streams_are_put_in_the_order_of_time() -> None:
 def test_identities_are_hints() -> None:
     whole = boxes(hall("ab"), 0.2, miss=0.0)
     plain = replace(whole, target_id=np.full(len(whole), -1, dtype=np.int32))
-    assert all((each.detections.hint == -1).all() for each in looks(plain))
-    assert {h for each in looks(whole) for h in each.detections.hint.tolist()} == {0, 1, 2, 3}
+    assert all((each.detections.tracklet_id == -1).all() for each in looks(plain))
+    assert {h for each in looks(whole) for h in each.detections.tracklet_id.tolist()} == {0, 1, 2, 3}

@@ -83,7 +83,7 @@ def test_everybody_has_a_row_at_every_moment(seen: list[SnapshotWithDetections])
     assert rows.target_id.tolist() == [10, 11] * 10
     assert np.unique(rows.t_ns).tolist() == [k * STEP_NS for k in range(10)]
     np.testing.assert_allclose((rows.x[0], rows.y[0]), place(0, 0.0))
-    assert set(rows.existence.tolist()) == {1.0, 0.75}
+    assert set(rows.existence_probability.tolist()) == {1.0, 0.75}
     np.testing.assert_allclose(rows.sd_height, 0.1)
     np.testing.assert_allclose(rows.cov_vx_vx, 0.01)
     assert (rows.cov_x_vy == 0).all()
@@ -92,10 +92,10 @@ def test_everybody_has_a_row_at_every_moment(seen: list[SnapshotWithDetections])
 def test_rows_say_who_saw_the_person_and_why_to_doubt(seen: list[SnapshotWithDetections]) -> None:
     rows = Tabulator(CAMERAS, in_images=False).tables(seen).tracks
     hidden = rows.take(rows.target_id == 11)
-    assert set(hidden.doubt.tolist()) == {"unseen"}
+    assert set(hidden.quality_flags.tolist()) == {"unseen"}
     assert set(hidden.seen_by.tolist()) == {""}
     told = rows.take(rows.target_id == 10)
-    for by, doubt, t_ns in zip(told.seen_by.tolist(), told.doubt.tolist(), told.t_ns.tolist(), strict=True):
+    for by, doubt, t_ns in zip(told.seen_by.tolist(), told.quality_flags.tolist(), told.t_ns.tolist(), strict=True):
         words = {"": ["unseen"], "a": ["one-view"], "b": ["one-view"], "c": ["one-view"]}.get(by, [])
         assert doubt == ",".join([*words, *(["exchange"] if t_ns == 3 * STEP_NS else [])])
     assert "a,b,c" in told.seen_by.tolist()
@@ -127,8 +127,8 @@ def test_everybody_is_in_every_image_with_a_box_or_without(seen: list[SnapshotWi
     found = boxes(SCENE, 1.0, people=PEOPLE, miss=0.2)
     assert len(rows) == PEOPLE * len(CAMERAS) * 10
     assert (rows.visibility[rows.target_id == 11] == HIDDEN).all()
-    assert set(rows.mode[rows.target_id == 11].tolist()) == {"floor"}
-    own = rows.take((rows.target_id == 10) & (rows.mode == "box"))
+    assert set(rows.likelihood_mode[rows.target_id == 11].tolist()) == {"floor"}
+    own = rows.take((rows.target_id == 10) & (rows.likelihood_mode == "box"))
     assert len(own) == np.count_nonzero(found.target_id == 0)
     first = found.take(found.target_id == 0)
     np.testing.assert_allclose(own.x_px - own.a_px, first.left_px)

@@ -89,7 +89,7 @@ def precision(sums: Floats) -> Floats:
     return _ratio(_of(sums, "paired"), _of(sums, "estimates"))
 
 
-def pairs_rmse(sums: Floats) -> Floats:
+def matched_rmse(sums: Floats) -> Floats:
     """Root mean square distance of the pairs of each frame alone."""
     return np.asarray(np.sqrt(_ratio(np.maximum(_of(sums, "squares"), 0), _of(sums, "near"))))
 
@@ -103,9 +103,9 @@ def hota_of(sums: Floats) -> Floats:
 
 
 FIGURES = {
-    "idf1": idf1, "hota": hota_of, "mota": mota, "recall": recall, "precision": precision, "pairs_rmse": pairs_rmse
+    "idf1": idf1, "hota": hota_of, "mota": mota, "recall": recall, "precision": precision, "matched_rmse": matched_rmse
 }  # fmt: skip
 """Figures of sums, by name."""
 LASTING = frozenset({"idf1", "hota"})
 """Figures in which an exchange of identities counts to the end of the recording."""
-LESS_IS_BETTER = frozenset({"pairs_rmse"})
+LESS_IS_BETTER = frozenset({"matched_rmse"})

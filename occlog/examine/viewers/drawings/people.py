@@ -55,12 +55,12 @@ class PersonEstimate:
     height: float
     width: float
     seen_by: frozenset[str] | None  # None: not known
-    doubt: str  # why it is not reliable
+    quality_flags: str  # why it is not reliable
 
     @property
     def unsure(self) -> bool:
         """True if it is drawn dashed: no camera sees it, or a check contradicts it."""
-        return bool(self.doubt) or (self.seen_by is not None and not self.seen_by)
+        return bool(self.quality_flags) or (self.seen_by is not None and not self.seen_by)
 
     @cached_property
     def rim(self) -> Floats | None:
@@ -98,16 +98,16 @@ class DiagnosticsDrawing:
 
     def __init__(self) -> None:
         """Create empty drawings."""
-        self.doubt: dict[int, str] = {}
+        self.quality_flags: dict[int, str] = {}
         self.seen_by: dict[int, frozenset[str] | None] = {}
 
     def add(self, rows: Diagnostics) -> None:
         """Take the rows of one time."""
         for k, target in enumerate(rows.target_id.tolist()):
-            self.doubt[target] = str(rows.doubt[k]) or str(rows.fallback[k])
+            self.quality_flags[target] = str(rows.quality_flags[k]) or str(rows.fallback[k])
             names = frozenset(filter(None, str(rows.seen_by[k]).split(",")))
             # Some methods do not state which sensors saw the target
-            self.seen_by[target] = names if names or not rows.n_seen[k] else None
+            self.seen_by[target] = names if names or not rows.n_detected[k] else None
 
 
 def people_of(rows: Tracks, metres: float, said: DiagnosticsDrawing | None = None) -> list[PersonEstimate]:
@@ -123,13 +123,13 @@ def people_of(rows: Tracks, metres: float, said: DiagnosticsDrawing | None = Non
     covariance = np.stack([rows.cov_xx, rows.cov_xy, rows.cov_xy, rows.cov_yy], axis=1).reshape(-1, 2, 2) * metres**2
     out = []
     for k, target in enumerate(rows.target_id.tolist()):
-        doubt, seen = said.doubt.get(target, ""), said.seen_by.get(target)
+        doubt, seen = said.quality_flags.get(target, ""), said.seen_by.get(target)
         height, width = np.nan, np.nan
         if wide is not None:
             height, width = metres * float(wide.height[k]), metres * float(wide.width[k])
-            doubt = str(wide.doubt[k]) or doubt
+            doubt = str(wide.quality_flags[k]) or doubt
             # A method that tracks all people states the sensors of each row
-            if not np.isnan(wide.existence[k]):
+            if not np.isnan(wide.existence_probability[k]):
                 seen = frozenset(filter(None, str(wide.seen_by[k]).split(",")))
         out.append(
             PersonEstimate(
@@ -141,7 +141,7 @@ def people_of(rows: Tracks, metres: float, said: DiagnosticsDrawing | None = Non
                 height=HEIGHT if np.isnan(height) else height,
                 width=WIDTH if np.isnan(width) else width,
                 seen_by=seen,
-                doubt=doubt,
+                quality_flags=doubt,
             )
         )
     return out
@@ -218,7 +218,7 @@ class PeopleDrawing:
 
 def name_of(person: PersonEstimate) -> str:
     """Its number, with a question mark where it is ambiguous."""
-    return f"{person.target}?" if person.doubt else str(person.target)
+    return f"{person.target}?" if person.quality_flags else str(person.target)
 
 
 def true_in_space(rows: Truth, metres: float) -> list[DrawingGroup]:
@@ -265,8 +265,8 @@ def corners(box: Floats) -> Floats:
 
 def tracked_in_image(rows: ViewTracks, palette: Palette) -> list[DrawingGroup]:
     """Ellipses of trackers in an image; dashed where neighbours push them and no view helps, or they are hidden."""
-    helped = rows.helpers != ""
-    dashed = ((rows.neighbours != "") & ~helped) | (rows.mode == GROUND)
+    helped = rows.assisting_views != ""
+    dashed = ((rows.neighbours != "") & ~helped) | (rows.likelihood_mode == GROUND)
     things = []
     for k, target in enumerate(rows.target_id.tolist()):
         rho = float(rows.rho[k])

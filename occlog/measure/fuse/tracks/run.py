@@ -21,7 +21,7 @@ from occlog.settings import configure
 from .config import TrackFusionConfig
 from .stage import FusedGroupTracks, GroupConsistency, fuse_tracks
 
-FOUND, AGREE = "number of people", "agreement of the groups of cameras"
+FOUND, AGREE = "number of people", "camera group agreement"
 """Names of checks."""
 MAX_SEPARATION_RATIO = 2.0
 """Groups with positions that differ by more than this many times the expected error, on average, are stated to."""
@@ -48,24 +48,25 @@ def run_fuse_tracks(request: TrackFusionRequest, job: Job) -> tuple[dict[str, ob
 def figures(paths: tuple[Path, ...], groups: list[PeopleTracks], fused: FusedGroupTracks) -> dict[str, object]:
     """Figures of the summary.
 
-    people, rows: of the output.  in_several: share of the rows of people that several groups track at that time.
-    doubts: how often two identities may have been exchanged.  groups: of each input the identities; of each but the
-    first the rows that it has in common with those before, and the median distance of their positions.
+    people, rows: of the output.  multi_group_share: share of the rows of people that several groups track at that time.
+    possible_switches: how often two identities may have been exchanged.  groups: of each input the identities; of
+    each but the first the rows that it shares with those before (matched_pairs), and the median distance of their
+    positions (median_separation).
     """
-    several = np.char.count(fused.tracks.made_of, "-") < len(groups) - 1 if len(fused.tracks) else np.zeros(0)
+    several = np.char.count(fused.tracks.source_ids, "-") < len(groups) - 1 if len(fused.tracks) else np.zeros(0)
     by_group: dict[str, object] = {}
     for index, (path, group) in enumerate(zip(paths, groups, strict=True)):
         said: dict[str, object] = {"people": len(np.unique(group.target_id))}
         if index:
             agreement = fused.agreements[index - 1]
-            said |= {"in_common": agreement.pairs}
-            said |= {"apart": agreement.distance} if agreement.pairs else {}
+            said |= {"matched_pairs": agreement.pairs}
+            said |= {"median_separation": agreement.distance} if agreement.pairs else {}
         by_group[path.name if path.name not in by_group else str(path)] = said
     return {
         "people": len(np.unique(fused.tracks.target_id)),
         "rows": len(fused.tracks),
-        **({"in_several": float(several.mean())} if len(several) else {}),
-        "doubts": int(np.count_nonzero(fused.events.kind == "doubt")),
+        **({"multi_group_share": float(several.mean())} if len(several) else {}),
+        "possible_switches": int(np.count_nonzero(fused.events.kind == "doubt")),
         "groups": by_group,
     }
 
@@ -76,7 +77,7 @@ def _checks(
     """Checks of the inputs with their findings."""
     anybody = any(len(group) for group in groups)
     empty = (
-        finding(FOUND, "note", "nobody", f"{path}: contains no people")
+        finding(FOUND, "group-without-tracks", file=str(path))
         for path, group in zip(paths, groups, strict=True)
         if not len(group)
     )
@@ -91,21 +92,19 @@ def _apart(
         if not len(group):
             continue
         if not agreement.n_common:
-            text = "no person is present at any time at which the tracks before it have one; check its clock"
-            yield finding(AGREE, "warning", "group-at-other-times", f"{path}: {text}")
+            yield finding(AGREE, "group-times-disjoint", file=str(path))
         elif not agreement.pairs:
-            text = f"none of its people is one of those before it, though there are some at {agreement.n_common} times"
-            remedy = "if the groups of cameras see the same positions, check their poses and clocks"
-            yield finding(AGREE, "warning", "group-of-others", f"{path}: {text}; {remedy}")
+            yield finding(AGREE, "group-without-common-targets", file=str(path), steps=agreement.n_common)
         elif _beside(agreement, config):
             x, y = agreement.offset
             yield finding(
                 AGREE,
-                "warning",
-                "group-beside",
-                f"{path}: offset from the tracks before it: ({x:.3g}, {y:.3g}) {unit} in the mean (allowed: "
-                f"{MAX_SEPARATION_RATIO * config.sigma_registration:.3g} {unit}); check poses and clocks",
-                beside=math.hypot(x, y),
+                "group-misaligned",
+                file=str(path),
+                offset=math.hypot(x, y),
+                x=x,
+                y=y,
+                unit=unit,
                 allowed=MAX_SEPARATION_RATIO * config.sigma_registration,
             )
 

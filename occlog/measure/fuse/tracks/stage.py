@@ -34,7 +34,7 @@ JUST_UNDER = 0.49
 """Time steps are so much of the shortest period long, so that none has two rows of one track."""
 STRAIGHT = (
     *("x", "y", "vx", "vy", "cov_xx", "cov_xy", "cov_yy", "cov_x_vx", "cov_x_vy", "cov_y_vx", "cov_y_vy"),
-    *("cov_vx_vx", "cov_vx_vy", "cov_vy_vy", "existence", "height", "width", "sd_height", "sd_width"),
+    *("cov_vx_vx", "cov_vx_vy", "cov_vy_vy", "existence_probability", "height", "width", "sd_height", "sd_width"),
 )
 """Columns that a straight line bridges.  The covariance of a position on the line is at most that of its ends in that
 shares, whatever their errors have in common."""
@@ -164,7 +164,7 @@ def fuse_tracks(groups: Sequence[PeopleTracks], config: TrackFusionConfig) -> Fu
 def _alone(tracks: PeopleTracks) -> JoinedTracks:
     """The tracks of the first group; their identities stay until another group joins."""
     columns = {c.name: getattr(tracks, c.name) for c in PeopleTracks.columns()}
-    return JoinedTracks(**columns, made_of=tracks.target_id.astype(np.str_))
+    return JoinedTracks(**columns, source_ids=tracks.target_id.astype(np.str_))
 
 
 def _join(
@@ -178,9 +178,9 @@ def _join(
     there, nothing = second.target_id.astype(np.str_), ",".join([NOT_THERE] * number)
     lone_first, lone_second = first.take(partner < 0), _alone(second.take(left))
     parts = [
-        replace(_fuse_matched(mine, theirs, config), made_of=_with(mine.made_of, there[partner[pairs]])),
-        replace(lone_first, made_of=_with(lone_first.made_of, np.full(len(lone_first), NOT_THERE))),
-        replace(lone_second, made_of=_with(np.full(len(left), nothing), there[left])),
+        replace(_fuse_matched(mine, theirs, config), source_ids=_with(mine.source_ids, there[partner[pairs]])),
+        replace(lone_first, source_ids=_with(lone_first.source_ids, np.full(len(lone_first), NOT_THERE))),
+        replace(lone_second, source_ids=_with(np.full(len(left), nothing), there[left])),
     ]
     # Identities: each row is a set of tracks
     here, also = np.full(len(first) + len(left), -1), np.full(len(first) + len(left), -1)
@@ -193,10 +193,11 @@ def _join(
     rows, here, also = JoinedTracks(**columns), here[order], also[order]
     identity, doubts, exchanged = _identities(rows.t_ns, here, also)
     doubted = words_of(
-        np.column_stack([has_word(rows.doubt, word) for word in DOUBTS]) | _keep_flags(POSSIBLE_SWITCH, exchanged),
+        np.column_stack([has_word(rows.quality_flags, word) for word in DOUBTS])
+        | _keep_flags(POSSIBLE_SWITCH, exchanged),
         DOUBTS,
     )
-    rows = replace(rows, target_id=identity, doubt=doubted).sorted()
+    rows = replace(rows, target_id=identity, quality_flags=doubted).sorted()
     return rows, doubts, _agreement(first, second, mine, theirs)
 
 
@@ -234,7 +235,7 @@ def _fuse_matched(mine: JoinedTracks, theirs: PeopleTracks, config: TrackFusionC
         less = ~(b >= a)
         values[name] = np.where(less, getattr(theirs, name), getattr(mine, name))
         values[f"sd_{name}"] = np.where(less, b, a)
-    values["existence"] = np.fmax(mine.existence, theirs.existence)
+    values["existence_probability"] = np.fmax(mine.existence_probability, theirs.existence_probability)
     seen_by = [_united(a, b) for a, b in zip(mine.seen_by.tolist(), theirs.seen_by.tolist(), strict=True)]
     too_far = (
         distances(GroundPositions.of(mine), GroundPositions.of(theirs), config.sigma_registration) > config.gate**2
@@ -242,14 +243,14 @@ def _fuse_matched(mine: JoinedTracks, theirs: PeopleTracks, config: TrackFusionC
     one = np.array([bool(text) and "," not in text for text in seen_by], dtype=np.bool_)
     doubted = np.column_stack(
         [
-            has_word(mine.doubt, COASTING) & has_word(theirs.doubt, COASTING),
-            one & (has_word(mine.doubt, SINGLE_VIEW) | has_word(theirs.doubt, SINGLE_VIEW)),
-            has_word(mine.doubt, POSSIBLE_SWITCH) | has_word(theirs.doubt, POSSIBLE_SWITCH),
-            has_word(mine.doubt, INCONSISTENT_VIEWS) | too_far,
+            has_word(mine.quality_flags, COASTING) & has_word(theirs.quality_flags, COASTING),
+            one & (has_word(mine.quality_flags, SINGLE_VIEW) | has_word(theirs.quality_flags, SINGLE_VIEW)),
+            has_word(mine.quality_flags, POSSIBLE_SWITCH) | has_word(theirs.quality_flags, POSSIBLE_SWITCH),
+            has_word(mine.quality_flags, INCONSISTENT_VIEWS) | too_far,
         ]
     )
     columns = {c.name: getattr(mine, c.name) for c in JoinedTracks.columns()} | values
-    said = {"seen_by": np.array(seen_by, dtype=np.str_), "doubt": words_of(doubted, DOUBTS)}
+    said = {"seen_by": np.array(seen_by, dtype=np.str_), "quality_flags": words_of(doubted, DOUBTS)}
     return JoinedTracks(**{**columns, **said})
 
 
@@ -291,14 +292,14 @@ def _agreement(first: PeopleTracks, second: PeopleTracks, mine: PeopleTracks, th
 def _renamed(doubts: list[_Doubt], before: JoinedTracks, after: JoinedTracks) -> list[_Doubt]:
     """Possible switches with the identities that people have after one more group has joined."""
     named: dict[int, tuple[Ints, Ints]] = {}
-    groups = before.made_of[0].count(",") + 1 if len(before) else 0
-    keys = np.array([text.rsplit(",", 1)[0] for text in after.made_of.tolist()], dtype=np.str_)
+    groups = before.source_ids[0].count(",") + 1 if len(before) else 0
+    keys = np.array([text.rsplit(",", 1)[0] for text in after.source_ids.tolist()], dtype=np.str_)
     now = dict(zip(zip(after.t_ns.tolist(), keys.tolist(), strict=True), after.target_id.tolist(), strict=True))
     if not groups:
         return []
     for identity in {i for d in doubts for i in (d.identity, d.other)}:
         rows = before.take(before.target_id == identity)
-        ids = [now[key] for key in zip(rows.t_ns.tolist(), rows.made_of.tolist(), strict=True)]
+        ids = [now[key] for key in zip(rows.t_ns.tolist(), rows.source_ids.tolist(), strict=True)]
         named[identity] = rows.t_ns, np.array(ids, dtype=np.int64)
 
     def name(identity: int, t_ns: int) -> int:
@@ -315,11 +316,11 @@ def _events(tracks: JoinedTracks, doubts: list[_Doubt], times: Ints) -> Events:
     ended = np.searchsorted(times, tracks.t_ns[last], side="right")
     gone = ended < len(times)
     births = [
-        (int(tracks.t_ns[row]), "birth", int(i), NO_ID, float(tracks.existence[row]))
+        (int(tracks.t_ns[row]), "birth", int(i), NO_ID, float(tracks.existence_probability[row]))
         for i, row in zip(ids, first, strict=True)
     ]
     deaths = [
-        (int(times[end]), "death", int(i), NO_ID, float(tracks.existence[row]))
+        (int(times[end]), "death", int(i), NO_ID, float(tracks.existence_probability[row]))
         for i, end, row in zip(ids[gone], ended[gone], last[gone], strict=True)
     ]
     doubtful = [(d.t_ns, "doubt", d.identity, d.other, np.nan) for d in doubts]

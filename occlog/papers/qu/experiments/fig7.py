@@ -82,7 +82,7 @@ def _lines(rows: TrackerOutlines, view: int, geometry: ViewGeometry) -> tuple[Ep
     """Return the epipolar lines of the views with estimates that help a tracker in this frame."""
     out = []
     for i in np.flatnonzero(rows.view == view):
-        for other in np.flatnonzero(rows.helpers[i]):
+        for other in np.flatnonzero(rows.assisting_views[i]):
             there = np.flatnonzero((rows.view == other) & (rows.target_id == rows.target_id[i]))
             for k in there:
                 line = epipolar_lines(geometry.fundamental[other, view], rows.ellipse[k, :2])

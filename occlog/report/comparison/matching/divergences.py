@@ -227,7 +227,7 @@ class ErrorsOverTime:
 
 
 def over_time(a: Paired, b: Paired, t_ns: Ints) -> ErrorsOverTime:
-    """Errors over time, in pairs of each frame alone as `pairs_rmse` has them.
+    """Errors over time, in pairs of each frame alone as `matched_rmse` has them.
 
     Args:
         a: truth and tracks of run A, and their pairs of each frame alone.

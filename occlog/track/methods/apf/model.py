@@ -153,15 +153,15 @@ def with_distances(estimate: Estimate, measured: RangeMeasurements) -> Estimate:
     observing = np.unique([*estimate.used, *measured.station.tolist()])
     saw = np.unique([*(estimate.seen_by or ()), *measured.station[inlier >= 0.5].tolist()])
     return estimate._replace(
-        n_looked=len(observing),
-        n_seen=len(saw),
+        n_observing=len(observing),
+        n_detected=len(saw),
         used=tuple(observing.astype(int).tolist()),
         seen_by=tuple(saw.astype(int).tolist()),
         fit=BearingResiduals(
             row=np.zeros(len(residual), dtype=np.int64),
             sensor=measured.station,
             residual=residual,
-            expected=np.maximum(1.0 - spread, 0.0),
+            expected_variance=np.maximum(1.0 - spread, 0.0),
             inlier_probability=inlier,
         ),
     )

@@ -54,10 +54,10 @@ class TrackerOutlines(NamedTuple):
     target_id: Ints  # (n,)
     ellipse: Floats  # (n, 5)
     covariance: Floats  # (n, 3) of the centre: xx, xy, yy [px^2]
-    likeness: Floats  # (n,) Bhattacharyya coefficient of the colours, 0 to 1; NaN: not known
+    similarity: Floats  # (n,) Bhattacharyya coefficient of the colours, 0 to 1; NaN: not known
     ess: Floats  # (n,) effective sample size; NaN: no particles
-    mode: Ints  # (n,) index in `MODES`
+    likelihood_mode: Ints  # (n,) index in `MODES`
     counterpart: Ints  # (n,) `NONE`, `BAD` or `GOOD`; 0: not checked
     touching: Bools  # (n, n) which of them touch; false between views
-    helpers: Bools  # (n, V) views with trackers of the same target that helped
-    event: Ints  # (n,) `LEFT` and `TERMINATED` trackers have ended with this frame; 0: none
+    assisting_views: Bools  # (n, V) views with trackers of the same target that helped
+    lifecycle: Ints  # (n,) `LEFT` and `TERMINATED` trackers have ended with this frame; 0: none

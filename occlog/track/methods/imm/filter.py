@@ -372,8 +372,8 @@ def _estimate(belief: TrackPosterior, report: ImmStepResult, cameras: int) -> Es
         covariance=np.ascontiguousarray(e.covariance[::2, ::2]),
         ess=belief.ess,
         log_likelihood=evidence if math.isfinite(evidence) else math.nan,
-        n_looked=len(report.counts),
-        n_seen=int(m.heard),
+        n_observing=len(report.counts),
+        n_detected=int(m.heard),
         fallback="depleted" if belief.ess < MIN_EFFECTIVE_SAMPLE_SIZE else "",
         used=tuple(cameras + a for a in m.arrays),
     )

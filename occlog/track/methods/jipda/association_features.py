@@ -157,10 +157,12 @@ def log_feature_ratios(
     start = 0
     for frame in frames:
         stop = start + len(frame.boxes)
-        mine = hint[:, frame.camera, None] == frame.hint
+        mine = hint[:, frame.camera, None] == frame.tracklet_id
         taken = mine.any(axis=0)
         out[:, start:stop] += np.where(
-            frame.hint < 0, 0.0, np.where(mine, LOG_RATIO_SAME_TRACKLET, np.where(taken, LOG_RATIO_OTHER_TRACKLET, 0.0))
+            frame.tracklet_id < 0,
+            0.0,
+            np.where(mine, LOG_RATIO_SAME_TRACKLET, np.where(taken, LOG_RATIO_OTHER_TRACKLET, 0.0)),
         )
         if dimension:
             out[:, start:stop] += log_ratio(cues.likeness, similarity(gallery, appearance_of(frame, dimension)))
@@ -198,8 +200,8 @@ def update_features(
         _add(score[SAME_TARGET], frame.score[mine.any(axis=0)])
         _add(score[OTHER_TARGET], frame.score[free[start:stop] > MIN_CLUTTER_TO_LEARN])
         person, box = np.nonzero(mine)
-        named = frame.hint[box] >= 0
-        hint[person[named], frame.camera] = frame.hint[box[named]]
+        named = frame.tracklet_id[box] >= 0
+        hint[person[named], frame.camera] = frame.tracklet_id[box[named]]
         if dimension:
             seen = appearance_of(frame, dimension)
             like = similarity(gallery, seen)

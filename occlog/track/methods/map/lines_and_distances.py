@@ -193,8 +193,8 @@ def with_distances(
     known = np.where(np.isnan(out.log_likelihood), 0.0, out.log_likelihood)
     return out._replace(
         log_likelihood=np.where(there, known + score, out.log_likelihood),
-        n_looked=np.array([len(u) for u in used]),
-        n_seen=np.array([len(s) for s in saw]),
+        n_observing=np.array([len(u) for u in used]),
+        n_detected=np.array([len(s) for s in saw]),
         used=tuple(tuple(sorted(u)) for u in used),
         seen_by=tuple(tuple(sorted(s)) for s in saw),
         fit=fit,

@@ -236,8 +236,8 @@ def _smoothed(
         velocity=X[:keep, 1::2],
         covariance=spread[:, order[:, None], order],
         log_likelihood=_scores(problem, X)[:keep],
-        n_looked=observing[:keep],
-        n_seen=seen[:keep],
+        n_observing=observing[:keep],
+        n_detected=seen[:keep],
         fallback=tuple(flags.tolist()),
         used=tuple(tuple(sensors[a:b]) for a, b in pairwise(bounds)),
         seen_by=tuple(

@@ -7,6 +7,7 @@ from collections import Counter
 import numpy as np
 
 from occlog import console
+from occlog.consistency.estimates import MIN_EFFECTIVE_SAMPLE_SIZE
 from occlog.errors import InputError, UsageError
 from occlog.records.losses import Loss
 from occlog.records.tables import TagTracks
@@ -21,11 +22,8 @@ from .stage import NO_MATCHING_REGION, region_table, track_rssi, track_virtual
 
 MAX_FLAGGED_SHARE = 0.05
 """Share of rows with a doubt that a user must know."""
-REMEDIES = {
-    NO_MATCHING_REGION: "ranges are not as stated, or reads are missed; state detection and stray, or fit them",
-    "restart": "no position explained the reads; check the path losses and the positions of the readers",
-    "depleted": "so few particles count that the covariance says little; use more",
-}
+FLAGS = {NO_MATCHING_REGION: "no-matching-region", "restart": "reads-unexplained", "depleted": "particles-depleted"}
+"""Values of `doubt`, and the ids of their messages."""
 
 
 class ReadsSummary:
@@ -43,7 +41,7 @@ class ReadsSummary:
         """Count some more rows."""
         self.tags.update(part.target_id.tolist())
         self.rows += len(part)
-        self.doubts.update(reason for text in part.doubt.tolist() for reason in text.split(",") if reason)
+        self.doubts.update(reason for text in part.quality_flags.tolist() for reason in text.split(",") if reason)
         self.spread += float(np.sqrt(part.cov_xx + part.cov_yy).sum())
         self.refined += int(np.count_nonzero(part.refined_by != ""))
 
@@ -57,26 +55,26 @@ class ReadsSummary:
             "tags": len(self.tags),
             "rows": self.rows,
             **({"refined": self.refined} if self.refined else {}),
-            "mean_spread": self.spread / self.rows if self.rows else float("nan"),
-            **({"doubts": dict(sorted(self.doubts.items()))} if self.doubts else {}),
+            "mean_sigma": self.spread / self.rows if self.rows else float("nan"),
+            **({"quality_flags": dict(sorted(self.doubts.items()))} if self.doubts else {}),
         }
 
     def checks(self) -> tuple[Check, ...]:
         """Checks of the tracks with their findings."""
-        shares = {name: n / self.rows for name, n in sorted(self.doubts.items())}
         return outcome(
-            "doubts of the rows",
+            "quality flags",
             (
                 finding(
-                    "doubts of the rows",
-                    "warning",
-                    name,
-                    f"{share:.0%} of the rows have the doubt {name} (limit {MAX_FLAGGED_SHARE:.0%}): {REMEDIES[name]}",
-                    share=share,
+                    "quality flags",
+                    FLAGS[name],
+                    count=count,
+                    rows=self.rows,
+                    share=count / self.rows,
                     allowed=MAX_FLAGGED_SHARE,
+                    least=MIN_EFFECTIVE_SAMPLE_SIZE,
                 )
-                for name, share in shares.items()
-                if share > MAX_FLAGGED_SHARE
+                for name, count in sorted(self.doubts.items())
+                if count > MAX_FLAGGED_SHARE * self.rows
             ),
             unless="" if self.rows else "there are no rows",
             rows=self.rows,

@@ -39,7 +39,7 @@ def test_sums_over_all_frames_give_the_figures_of_the_whole(seed: int, rule: Cle
     assert idf1(total) == pytest.approx(identity(frames).idf1)
     assert hota_of(total) == pytest.approx(hota(frames).means()["hota"])
     pairs = match(frames, ClearRule(memory=0))
-    assert FIGURES["pairs_rmse"](total) == pytest.approx(np.sqrt(np.mean(pairs.distance**2)))
+    assert FIGURES["matched_rmse"](total) == pytest.approx(np.sqrt(np.mean(pairs.distance**2)))
     assert total[PLACE["switches"]] == got.switches
 
 

@@ -94,7 +94,7 @@ def test_the_target_is_told_from_others_by_its_colour_and_all_are_kept_as_views(
     for name, colour in ((3, BLUE), (1, RED)):
         patch = np.full((8, 8, 3), colour, dtype=np.uint8)
         targets.append(Target(name, histogram(patch)[None]))
-    got = run(place, items, targets=tuple(targets), likeness=0.5)
+    got = run(place, items, targets=tuple(targets), min_similarity=0.5)
     assert len(got.bearings) == 2 * 2 * N
     assert len(got.views) == 2 * 2 * N
     assert got.bearings.score[got.bearings.seen].min() > 0.5
@@ -109,7 +109,7 @@ def test_the_target_is_told_from_others_by_its_colour_and_all_are_kept_as_views(
     # Views name the target that they were told to be, and give its likeness.
     told = got.views.take(got.views.target_id >= 0)
     assert len(told) == np.count_nonzero(got.bearings.seen)
-    assert told.likeness.min() > 0.5
+    assert told.similarity.min() > 0.5
 
 
 def test_nobody_like_the_target_is_looked_and_not_seen() -> None:
@@ -212,7 +212,7 @@ def test_16_bit_images_need_their_number_of_bits() -> None:
     refused = run(place, deep)
     assert refused.frames == 0
     assert "state how many bits count" in refused.losses[0].what
-    got = run(place, deep, bits=12)
+    got = run(place, deep, bit_depth=12)
     plain = run(place, frames(place, N, lambda k: [walk(N)[k]]))
     assert_same(got.bearings, plain.bearings)
 
@@ -297,11 +297,11 @@ def test_large_images_are_shrunk_without_moving_the_bearings() -> None:
         {"method": "yolo"},
         {"background": "gmg"},
         {"history": 0},
-        {"likeness": 1.5},
-        {"bits": 4},
+        {"min_similarity": 1.5},
+        {"bit_depth": 4},
         {"warmup": -1},
         {"person_height": float("nan")},
-        {"shrink": 0},
+        {"downscale": 0},
     ],
 )
 def test_impossible_options_are_refused_by_name(wrong: dict[str, object]) -> None:

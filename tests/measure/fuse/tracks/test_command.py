@@ -31,9 +31,13 @@ def test_tracks_of_two_groups_become_tracks_that_every_command_reads(tmp_path, c
     given = ["fuse", east, "--with", west, "-o", str(out), "--events", str(events), "--gate", "3", "--json"]
     assert run(given) == ExitCode.DONE
     summary = json.loads(capsys.readouterr().out)
-    assert (summary["people"], summary["rows"], summary["in_several"]) == (1, 40, 1.0)
-    assert summary["groups"]["west.parquet"] == {"people": 1, "in_common": 40, "apart": pytest.approx(0.02)}
-    assert set(read_table(out, JoinedTracks).made_of.tolist()) == {"0,3"}
+    assert (summary["people"], summary["rows"], summary["multi_group_share"]) == (1, 40, 1.0)
+    assert summary["groups"]["west.parquet"] == {
+        "people": 1,
+        "matched_pairs": 40,
+        "median_separation": pytest.approx(0.02),
+    }
+    assert set(read_table(out, JoinedTracks).source_ids.tolist()) == {"0,3"}
     assert len(read_table(out, Tracks)) == 40
     assert read_table(events, Events).kind.tolist() == ["birth"]
     assert read_provenance(out).parameters["gate"] == 3.0
@@ -42,9 +46,9 @@ def test_tracks_of_two_groups_become_tracks_that_every_command_reads(tmp_path, c
 @pytest.mark.parametrize(
     ("tracks", "unit", "words"),
     [
-        (walk(3, TIMES, (0.4, 0), (1, 0), sd=0.2), "m", "offset from the tracks before it: (0.4, 0) m in the mean"),
-        (walk(3, TIMES + 100, (0, 0), (1, 0)), "m", "no person is present at any time at which"),
-        (walk(3, TIMES, (0, 7), (1, 0)), "m", "none of its people is one of those before it"),
+        (walk(3, TIMES, (0.4, 0), (1, 0), sd=0.2), "m", "0.4 m off the tracks before it"),
+        (walk(3, TIMES + 100, (0, 0), (1, 0)), "m", "has no time in common with the tracks before it"),
+        (walk(3, TIMES, (0, 7), (1, 0)), "m", "no person is one of the tracks before it"),
         (PeopleTracks.empty(), "m", "contains no people"),
     ],
 )

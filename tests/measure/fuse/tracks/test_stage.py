@@ -24,7 +24,7 @@ def people(*tracks: PeopleTracks) -> PeopleTracks:
 def made_of(tracks: JoinedTracks) -> dict[int, list[str]]:
     """What each identity is made of, in the order of time."""
     return {
-        i: list(dict.fromkeys(tracks.made_of[tracks.target_id == i].tolist()))
+        i: list(dict.fromkeys(tracks.source_ids[tracks.target_id == i].tolist()))
         for i in np.unique(tracks.target_id).tolist()
     }
 
@@ -34,7 +34,7 @@ def test_people_whom_both_groups_follow_are_one_and_others_stay() -> None:
     west = people(walk(7, TIMES, (0.05, 5.05), (1, 0), camera="cam2"), walk(8, TIMES, (0, 9), (1, 0), camera="cam2"))
     fused = fuse_tracks([east, west], CONFIG)
     assert sorted(made_of(fused.tracks).values()) == [["-,8"], ["0,-"], ["1,7"]]
-    both = fused.tracks.take(fused.tracks.made_of == "1,7")
+    both = fused.tracks.take(fused.tracks.source_ids == "1,7")
     assert set(both.seen_by.tolist()) == {"cam1,cam2"}
     assert both.y == pytest.approx(5.025, abs=0.03)
     assert both.cov_xx == pytest.approx(0.01, rel=1e-6)  # what they have in common is not known
@@ -62,7 +62,7 @@ def test_tracks_that_meet_and_part_are_two_people_again_with_a_doubt() -> None:
     assert made_of(fused.tracks) == {0: ["0,-", "0,0"], 1: ["-,0"]}
     doubts = fused.events.take(fused.events.kind == "doubt")
     assert sorted(zip(doubts.target_id.tolist(), doubts.other_id.tolist(), strict=True)) == [(0, 1), (1, 0)]
-    assert np.count_nonzero(np.char.find(fused.tracks.doubt, "exchange") >= 0) == 2
+    assert np.count_nonzero(np.char.find(fused.tracks.quality_flags, "exchange") >= 0) == 2
 
 
 def test_places_that_do_not_agree_for_a_moment_are_a_contradiction() -> None:
@@ -70,13 +70,13 @@ def test_places_that_do_not_agree_for_a_moment_are_a_contradiction() -> None:
     west.x[20] += 2.0
     fused = fuse_tracks([walk(0, TIMES, (0, 0), (1, 0)), west], CONFIG)
     assert list(made_of(fused.tracks).values()) == [["0,3"]]
-    assert np.flatnonzero(fused.tracks.doubt == "contradiction").tolist() == [20]
+    assert np.flatnonzero(fused.tracks.quality_flags == "contradiction").tolist() == [20]
 
 
 def test_groups_at_other_rates_are_fused_at_all_times() -> None:
     east, west = walk(0, TIMES, (0, 0), (1, 0)), walk(2, np.arange(100) / 25, (0, 0), (1, 0))
     tracks = fuse_tracks([east, west], CONFIG).tracks
-    assert set(tracks.made_of[tracks.t_ns <= east.t_ns[-1]].tolist()) == {"0,2"}
+    assert set(tracks.source_ids[tracks.t_ns <= east.t_ns[-1]].tolist()) == {"0,2"}
     assert len(tracks) >= 100
     assert tracks.x == pytest.approx(tracks.t_ns / 1e9)
 
@@ -84,7 +84,7 @@ def test_groups_at_other_rates_are_fused_at_all_times() -> None:
 def test_three_groups_agree_on_one_person() -> None:
     groups = [walk(i, TIMES, (0, 0), (1, 0), camera=f"cam{i}") for i in (2, 5, 6)]
     tracks = fuse_tracks(groups, CONFIG).tracks
-    assert set(tracks.made_of.tolist()) == {"2,5,6"}
+    assert set(tracks.source_ids.tolist()) == {"2,5,6"}
     assert set(tracks.seen_by.tolist()) == {"cam2,cam5,cam6"}
 
 
@@ -103,7 +103,7 @@ def test_velocities_that_one_group_does_not_know_are_not_known() -> None:
     tracks = fuse_tracks(
         [walk(0, TIMES, (0, 0), (1, 0)), walk(0, TIMES, (0, 0), (1, 0), velocities=False)], CONFIG
     ).tracks
-    assert set(tracks.made_of.tolist()) == {"0,0"}
+    assert set(tracks.source_ids.tolist()) == {"0,0"}
     assert np.isnan(tracks.vx).all()
 
 

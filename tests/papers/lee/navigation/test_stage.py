@@ -62,7 +62,7 @@ def test_with_the_prevention_the_printed_robot_goes_to_and_fro_for_ever():
 
 
 @pytest.mark.parametrize(
-    ("radius", "escape", "steps", "clearance", "end"),
+    ("radius", "escape", "max_steps", "clearance", "end"),
     [
         (0.0, "inside", 8, 1.13720, End.REACHED),
         (0.2, "inside", 8, 1.13720, End.REACHED),
@@ -91,9 +91,9 @@ def test_a_robot_on_its_goal_has_reached_it_without_a_step():
     assert verdict.figures()["length"] == 0.0
 
 
-@pytest.mark.parametrize(("arrive", "steps"), [(2.0, 4), (1.999, 5)])
-def test_the_goal_is_reached_within_the_distance_that_is_asked_for(arrive: float, steps: int):
-    _, robots, _ = driven(discs=(), start=(6.0, 0.0), goal=(0.0, 0.0), arrive=arrive, speed=1.0)
+@pytest.mark.parametrize(("reach", "steps"), [(2.0, 4), (1.999, 5)])
+def test_the_goal_is_reached_within_the_distance_that_is_asked_for(reach: float, steps: int):
+    _, robots, _ = driven(discs=(), start=(6.0, 0.0), goal=(0.0, 0.0), goal_tolerance=reach, speed=1.0)
     assert robots.steps[0] == steps
 
 
@@ -106,7 +106,7 @@ def test_a_local_minimum_is_a_trap_and_said_to_be_one():
 
 
 def test_steps_that_run_out_are_said_to():
-    _, robots, verdict = driven(discs=(), steps=3)
+    _, robots, verdict = driven(discs=(), max_steps=3)
     assert (robots.end[0], robots.steps[0]) == (End.STOPPED, 3)
     assert "all 3 steps done, 4.243 from the goal" in verdict.words()
 
@@ -130,8 +130,8 @@ def test_a_wall_between_start_and_goal_is_a_collision_without_repulsion():
         (7.0, 3.0),
         shape="polygon",
         repulsion=0.0,
-        aligned=0.0,
-        guard=False,
+        collinearity_tolerance=0.0,
+        collision_guard=False,
         force="original",
     )
     assert robots.end[0] == End.COLLIDED
@@ -167,7 +167,7 @@ def test_people_who_cross_are_passed_and_those_who_do_not_move_aside_are_collisi
         repulsion=0.0,
         force="original",
         escape="none",
-        guard=False,
+        collision_guard=False,
     )
     assert robots.end[0] == End.COLLIDED
     assert "collided with person 0" in hit.words()
@@ -191,7 +191,7 @@ def test_without_anything_in_the_way_there_is_no_clearance():
 
 
 def test_moving_obstacles_grow_with_their_uncertainty():
-    config = configure(NavigateConfig.in_unit("m"), {"sigmas": 2.0})
+    config = configure(NavigateConfig.in_unit("m"), {"inflation_sigmas": 2.0})
     rows = people(np.linspace(1.0, 2.0, 11), 3.0, variance=0.09)
     moment = obstacles_of(rows, 0, people_of(config)).at(5)
     np.testing.assert_allclose(moment.xy, [[1.5, 3.0]])
@@ -267,7 +267,7 @@ def test_a_guarded_robot_does_not_collide_with_what_stands_even_without_forces(p
     scene = Scene(room=ROOM, occluders=(PILLAR,))
     for goal in ((7.0, 3.0), (0.3, 0.3), (4.0, 0.5)):
         for speed in (1.0, 4.0):
-            _, robots, _ = driven(scene, (Disc(2.0, 2.0, 0.2),), place, goal, repulsion=0.0, speed=speed, steps=100)
+            _, robots, _ = driven(scene, (Disc(2.0, 2.0, 0.2),), place, goal, repulsion=0.0, speed=speed, max_steps=100)
             assert robots.end[0] != End.COLLIDED
             assert robots.clearance[0] > 0.0
 
@@ -281,7 +281,7 @@ def test_a_guarded_robot_lets_a_person_pass_and_says_where_the_guard_acted():
 
 def test_the_guard_leaves_steps_alone_that_do_not_collide():
     scene = Scene(room=ROOM, occluders=(PILLAR,))
-    plain, _, _ = driven(scene, (), (1.0, 3.6), (7.0, 3.6), guard=False)
+    plain, _, _ = driven(scene, (), (1.0, 3.6), (7.0, 3.6), collision_guard=False)
     guarded, robots, _ = driven(scene, (), (1.0, 3.6), (7.0, 3.6))
     np.testing.assert_array_equal(plain, guarded)
     assert robots.states[0, SteeringState.GUARDED] == 0
@@ -294,7 +294,7 @@ def test_a_robot_that_the_guard_holds_back_says_so_and_counts_no_way_that_it_did
         Scene(room=corridor, occluders=(screen,)),
         {"repulsion": 0.0, "force": "original", "shape": "polygon"},
     )
-    places, robots, verdict = driven(scene, (), (1.0, 0.3), (7.0, 0.3), steps=150, **forces)
+    places, robots, verdict = driven(scene, (), (1.0, 0.3), (7.0, 0.3), max_steps=150, **forces)
     assert robots.end[0] in (End.ENDLESS, End.STOPPED)
     assert "where the guard holds it back" in verdict.words()
     assert verdict.trap

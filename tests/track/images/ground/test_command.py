@@ -59,8 +59,8 @@ def ground(folder, *args):
 def test_tracks_come_out_and_are_as_good_as_they_say(folder, capsys):
     assert ground(folder, "views.parquet", "--scene", "walk.mcap", "-o", "tracks.parquet", "--json") == ExitCode.DONE
     told = json.loads(capsys.readouterr().out)
-    assert told["rows"] == told["times"] - told["no_place"]["contradict"]
-    assert (told["targets"], told["times"], told["views"]["3"]) == ([0, 1], 200, 200 - told["left_out"])
+    assert told["rows"] == told["times"] - told["not_triangulated"]["inconsistent"]
+    assert (told["targets"], told["times"], told["views"]["3"]) == ([0, 1], 200, 200 - told["skipped"])
     made = read_provenance(folder / "tracks.parquet")
     assert (made.command, made.parameters["height"], made.parameters["model_share"]) == ("ground", 0.9, 0.25)
     assert describe(folder / "tracks.parquet")["length_unit"] == "m"
@@ -130,7 +130,7 @@ def test_frames_are_brought_together_as_when_they_were_tracked(folder, capsys):
             "height=nan: must be finite",
         ),
         (["views.parquet", "--scene", "scene.yaml", "--window", "nan"], ExitCode.USAGE, "nan is not a finite number"),
-        (["one.parquet", "--scene", "own.yaml"], ExitCode.BAD_INPUT, "has a position at any time (one view 200)"),
+        (["one.parquet", "--scene", "own.yaml"], ExitCode.BAD_INPUT, "has a position at any time (single view 200)"),
         (["none.parquet", "--scene", "scene.yaml"], ExitCode.BAD_INPUT, "has no rows of these cameras"),
         (["truth.parquet", "--scene", "scene.yaml"], ExitCode.BAD_INPUT, "truth.parquet"),
         (["walk.mcap", "--scene", "scene.yaml"], ExitCode.BAD_INPUT, "is a recording; give view tracks"),

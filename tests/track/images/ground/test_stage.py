@@ -47,8 +47,8 @@ def test_places_and_covariances_are_right_with_and_without_lens_distortion(lens)
     """1200 places of 3 degrees of freedom: the mean has a standard error of 0.07."""
     scene, places = Scene(cameras=cameras(distortion=lens)), walks(600)
     tracks, counts = fused([view_tracks(scene.cameras, places, np.random.default_rng(1))], scene)
-    assert counts["times"] == len(tracks) + counts["contradict"] == 1200
-    assert counts["contradict"] + counts["left_out"] < 8
+    assert counts["times"] == len(tracks) + counts["inconsistent"] == 1200
+    assert counts["inconsistent"] + counts["skipped"] < 8
     assert nees(tracks, places).mean() == pytest.approx(3.0, abs=0.3)
     assert np.sqrt((errors(tracks, places) ** 2).mean()) < 0.04
     assert np.isnan(tracks.vx).all()
@@ -74,7 +74,7 @@ def test_frames_within_the_window_are_of_one_time():
     rows = view_tracks(scene.cameras, places, np.random.default_rng(3), delay_ns=3_000_000)
     alone, counts = fused([rows], scene, replace(EXACT, target_height=0.0))
     assert len(alone) == 0
-    assert counts["one_view"] == counts["times"] == 300
+    assert counts["single_view"] == counts["times"] == 300
     tracks, counts = fused([rows], scene, replace(EXACT, window_s=0.010))
     assert (len(tracks), counts["views_3"]) == (100, 100)
     assert np.array_equal(np.unique(tracks.t_ns), np.arange(50) * TICK + 6_000_000)  # the time of the last view
@@ -116,7 +116,7 @@ def test_a_view_on_another_target_is_left_out():
     for values in (x, y):
         values[swapped] = values[swapped].reshape(-1, 2)[:, ::-1].ravel()
     tracks, counts = fused([replace(rows, x_px=x, y_px=y)], scene)
-    assert counts["left_out"] > 150
+    assert counts["skipped"] > 150
     assert np.median(np.linalg.norm(errors(tracks, places), axis=1)) < 0.06
 
 
@@ -126,7 +126,7 @@ def test_last_rows_of_trackers_that_are_gone_are_not_used():
     event = rows.event.astype("U5")
     event[-1] = "lost"
     _, counts = fused([replace(rows, event=event)], scene, replace(EXACT, target_height=0.0))
-    assert (counts["views_2"], counts["one_view"]) == (2, 1)
+    assert (counts["views_2"], counts["single_view"]) == (2, 1)
 
 
 def test_cameras_without_a_pose_are_named():
@@ -145,12 +145,12 @@ def test_cameras_without_a_pose_are_named():
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("height", -1.0),
-        ("height", float("nan")),
-        ("height_sigma", 0.0),
-        ("model_share", -0.1),
-        ("gate", 1.0),
-        ("min_crossing_deg", 90.0),
+        ("target_height", -1.0),
+        ("target_height", float("nan")),
+        ("sigma_target_height", 0.0),
+        ("centre_error_share", -0.1),
+        ("false_rejection_probability", 1.0),
+        ("min_triangulation_angle_deg", 90.0),
         ("window_s", -1.0),
     ],
 )

@@ -68,8 +68,8 @@ def test_two_targets_are_followed_through_each_other(sampler):
         state, o = advance(state, frame_set(t, image, image), rng)
         assert o.view.tolist() == [0, 0, 1, 1]
         assert o.target_id.tolist() == [10, 11, 10, 11]
-        assert (o.mode == MODES.index("mcmc")).all()
-        assert not o.event.any()
+        assert (o.likelihood_mode == MODES.index("mcmc")).all()
+        assert not o.lifecycle.any()
         assert ((o.ess >= 1) & (o.ess <= 100)).all()
         assert (o.covariance[:, [0, 2]] > 0).all()
         errors.append(np.hypot(*(o.ellipse[:, :2] - np.tile(way[t], (2, 1))).T))
@@ -86,7 +86,7 @@ def first_frame(state, image):
 def test_sir_weighs_by_the_product_over_targets_and_the_prior():
     way = [(40, 40), (52, 44), (80, 30)]
     image = picture(way)
-    state = begin(way, image=image, sampler="sir", particles=30, overlap=1.5)
+    state = begin(way, image=image, sampler="sir", particles=30, overlap_penalty=1.5)
     frame = first_frame(state, image)
     samples = run_sir(frame, np.random.default_rng(3))
     whole, t = bins_of(image), state.trackers
@@ -155,7 +155,7 @@ def test_views_without_a_frame_wait():
     assert np.hypot(*(o.ellipse[:, :2] - way[7]).T).max() < R
     state, o = advance(state, frame_set(8, None, None), rng)
     assert len(o.view) == 0
-    assert o.helpers.shape == (0, 2)
+    assert o.assisting_views.shape == (0, 2)
 
 
 @pytest.mark.jit
@@ -164,12 +164,12 @@ def test_targets_leave_the_image_or_are_lost():
     state, rng, events = begin(out[0], views=(0,)), np.random.default_rng(3), []
     for t in range(1, 20):
         state, o = advance(state, frame_set(t, picture(out[t], t), None), rng)
-        events += o.event[o.event > 0].tolist()
+        events += o.lifecycle[o.lifecycle > 0].tolist()
     assert events == [LEFT]
-    state, events = begin([(60, 45)], views=(0,), lost_after=4), []
+    state, events = begin([(60, 45)], views=(0,), max_lost_frames=4), []
     for t in range(1, 8):
         state, o = advance(state, frame_set(t, picture([], t), None), rng)
-        events.append(o.event.tolist())
+        events.append(o.lifecycle.tolist())
     assert events == [[0], [0], [0], [TERMINATED], [], [], []]
 
 
@@ -191,7 +191,11 @@ def test_overlap_keeps_two_targets_of_one_colour_apart():
     """One disc, two trackers on it: with the prior they are further apart."""
     colours, apart = COLOURS[[0, 0]], {}
     for strength in (0.0, 6.0):
-        state, rng, gaps = begin([(60, 45), (60, 45)], views=(0,), overlap=strength), np.random.default_rng(6), []
+        state, rng, gaps = (
+            begin([(60, 45), (60, 45)], views=(0,), overlap_penalty=strength),
+            np.random.default_rng(6),
+            [],
+        )
         for t in range(1, 12):
             state, o = advance(state, frame_set(t, picture([(60, 45)], t, colours), None), rng)
             gaps.append(np.hypot(*(o.ellipse[0, :2] - o.ellipse[1, :2])))
@@ -200,7 +204,7 @@ def test_overlap_keeps_two_targets_of_one_colour_apart():
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"sampler": "gibbs"}, {"thin": 0}, {"burn": -0.1}, {"overlap": -1}, {"particles": 0}]
+    "wrong", [{"sampler": "gibbs"}, {"thin": 0}, {"burn_in": -0.1}, {"overlap_penalty": -1}, {"particles": 0}]
 )
 def test_settings_out_of_range_are_refused(wrong):
     with pytest.raises(InputError, match=f"mcmc: {next(iter(wrong))} is"):

@@ -147,7 +147,7 @@ def test_colours_keep_their_sum_at_the_edge_of_the_image():
 def test_the_step_of_cmct_does_all_of_that():
     state = pair(distance=40.0)
     after, outlines = advance(state, frames_at(1, BOTH, BOTH), rng())
-    assert (outlines.mode == MODES.index("cmct")).all()
+    assert (outlines.likelihood_mode == MODES.index("cmct")).all()
     assert not outlines.touching.any()
     assert outlines.counterpart.all()
     assert after.trackers.colours.shape == state.trackers.colours.shape

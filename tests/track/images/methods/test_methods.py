@@ -104,12 +104,12 @@ def test_a_counterpart_that_is_moved_away_becomes_bad_and_good_again():
 
 def test_no_help_from_a_bad_counterpart():
     frames = film(SMALL, 1, 2)
-    state, rng = begun("bmct", frames, particles=10, clear=0.0)
+    state, rng = begun("bmct", frames, particles=10, clear_distance=0.0)
     t = state.trackers
     assert t.good[t.counterpart >= 0].all()
     bad = state._replace(trackers=t._replace(good=np.zeros_like(t.good)))
     bad = advance(bad, frame_set(frames[1]), rng)[1]
-    assert not bad.helpers.any()
+    assert not bad.assisting_views.any()
     assert (bad.counterpart == BAD).all()
 
 
@@ -129,7 +129,7 @@ def test_without_geometry_nobody_is_a_counterpart():
     state = initiate_trackers(state, frame_set(frames[0]), births_of(frames[0]))
     _, said = advance(state, frame_set(frames[1]), np.random.default_rng(0))
     assert (said.counterpart == NONE).all()
-    assert not said.helpers.any()
+    assert not said.assisting_views.any()
 
 
 @pytest.mark.jit
@@ -179,7 +179,7 @@ def blank_after(frames, last, centre=None):
 @pytest.mark.parametrize("method", METHODS)
 def test_trackers_end_when_nothing_is_left_of_their_targets(method):
     frames = blank_after(film(ALONE, 2), 5)
-    said, state = tracked(method, frames, ALONE, particles=10, lost_after=8)
+    said, state = tracked(method, frames, ALONE, particles=10, max_lost_frames=8)
     events = [one.event.tolist() for one in said]
     ended = [t for t, event in enumerate(events, 1) if event and any(event)]
     assert min(ended) >= 5 + 8
@@ -201,8 +201,8 @@ def test_a_tracker_whose_target_leaves_the_image_ends():
             state = initiate_trackers(state, now, [Birth(0, 7, np.array([40.0, 30.0, 8.0, 8.0, 0.0]))])
             continue
         state, said = advance(state, now, rng)
-        if said.event.any():
-            event = int(said.event[0])
+        if said.lifecycle.any():
+            event = int(said.lifecycle[0])
             break
     assert event == LEFT
     assert 18 <= t < 40
@@ -235,7 +235,7 @@ def test_pixels_with_distortion_are_taken_to_those_without():
     for frame in turned[1:20]:
         state, said = advance(state, frame_set(frame), np.random.default_rng(frame.frame))
         assert (said.counterpart == GOOD).all()
-        helped += said.helpers.sum()
+        helped += said.assisting_views.sum()
     assert helped > 0
 
 
@@ -279,9 +279,9 @@ def test_a_hijacked_tracker_starts_again_on_the_line():
         ("particles", "0", "at least 1"),
         ("alpha", "0.9", "at least 1"),
         ("anchor", "top", "centre, bottom"),
-        ("band", "0", "above 0"),
+        ("epipolar_band", "0", "above 0"),
         ("axes_limit", "1", "below 1"),
-        ("close", "0.5", "at least touch"),
+        ("collaboration_distance", "0.5", "at least touch"),
     ],
 )
 def test_settings_that_cannot_be_are_refused(name, value, said):

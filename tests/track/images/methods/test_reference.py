@@ -20,7 +20,9 @@ CROWDED = BallsConfig(
     [
         (PAIR, {}),
         pytest.param(CROWDED, {}, marks=pytest.mark.jit),
-        pytest.param(CROWDED, {"clear": 0.0, "sweeps": 3, "iterations": 2, "pixel_step": 1}, marks=pytest.mark.jit),
+        pytest.param(
+            CROWDED, {"clear_distance": 0.0, "sweeps": 3, "iterations": 2, "pixel_step": 1}, marks=pytest.mark.jit
+        ),
     ],
 )
 def test_frames_are_those_of_the_plain_form(config, settings):
@@ -36,7 +38,7 @@ def test_frames_are_those_of_the_plain_form(config, settings):
         bins = [ref.bins_of(image).astype(int) for image in frame.images]
         want = ref.frame(before, state.config, geometry_of(config).fundamental, bins, normals, order, u)
         np.testing.assert_allclose(said.ellipse, want.estimate, rtol=1e-8, atol=1e-8)
-        np.testing.assert_array_equal(said.helpers, want.helped)
+        np.testing.assert_array_equal(said.assisting_views, want.helped)
         np.testing.assert_array_equal(said.touching, want.touching)
         np.testing.assert_allclose(said.ess, 1 / (want.weights**2).sum(axis=1), rtol=1e-6)
         np.testing.assert_allclose(state.trackers.velocity, want.velocity, rtol=1e-7, atol=1e-9)

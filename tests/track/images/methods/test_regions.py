@@ -128,5 +128,5 @@ def test_a_target_that_fills_half_of_its_ellipse_is_alike_and_not_lost(method: s
             continue
         state, outlines = advance(state, now, rng)
         assert outlines.target_id.tolist() == [4]
-        assert outlines.event.tolist() == [0]
-        assert outlines.likeness[0] > 0.9
+        assert outlines.lifecycle.tolist() == [0]
+        assert outlines.similarity[0] > 0.9

@@ -59,7 +59,7 @@ def test_a_stale_view_does_not_help(age, helps):
     state = state_of(BmctConfig(particles=20), births, (first, second))
     assert state.trackers.good.tolist() == [[False, True], [False, True], [True, False], [True, False]]
     _, outlines = advance(state, frames_at(age, first, None), rng())
-    assert outlines.helpers.tolist() == [[False, helps], [False, helps]]
+    assert outlines.assisting_views.tolist() == [[False, helps], [False, helps]]
 
 
 # Proposal
@@ -147,7 +147,7 @@ def test_frames_are_weak_when_the_best_particle_is_less_alike_than_the_limit():
     best = float(moved_into(state, frames_at(1, BOTH, None)).likeness.max())
     assert 0.5 < best < 1.0
     for limit, weak in ((best, 0), (np.nextafter(best, 2.0), 5)):
-        strict = state._replace(config=replace(state.config, lost_likeness=limit))
+        strict = state._replace(config=replace(state.config, lost_similarity=limit))
         after, _ = advance(strict, frames_at(1, BOTH, None), rng())
         assert after.trackers.weak.tolist() == [weak]
 
@@ -215,7 +215,7 @@ def test_a_tracker_on_nothing_ends_unless_its_counterpart_is_good():
     good = np.array([[False, True], [False, False], [True, False]])
     state = changed(state, good=good, checked=good, weak=np.array([2, 2, 0]))
     after, outlines = advance(state, frames_at(1, gone, BOTH), rng())
-    assert outlines.event.tolist() == [0, TERMINATED, 0]
+    assert outlines.lifecycle.tolist() == [0, TERMINATED, 0]
     assert after.trackers.target.tolist() == [1, 1]
     assert after.trackers.weak.tolist() == [3, 0]
 

@@ -47,7 +47,7 @@ def test_all_tables_have_the_names_of_the_gallery(folder, capsys):
     rows = read_table(folder / "t.parquet", PeopleTracks)
     assert len(rows) == len(plain)
     assert set(rows.target_id.tolist()) == {40, 41}
-    assert (summary["gallery"]["people_named"], summary["people"]) == (2, 2)
+    assert (summary["gallery"]["people_reidentified"], summary["people"]) == (2, 2)
     # Each is who they look like
     true = people.truth(STEPS)
     for name in (0, 1):
@@ -58,7 +58,7 @@ def test_all_tables_have_the_names_of_the_gallery(folder, capsys):
         assert set(read_table(folder / f"{name}.parquet", table).target_id.tolist()) == {40, 41}
     events = read_table(folder / "events.parquet", Events)
     named = events.take(events.kind == "named")
-    assert len(named) == summary["gallery"]["pieces_named"]
+    assert len(named) == summary["gallery"]["fragments_reidentified"]
     assert (named.probability > 0.9).all()
     made = read_provenance(folder / "t.parquet")
     assert made.parameters["gallery"]["least_likeness"] == 0.8
@@ -77,7 +77,7 @@ def test_a_gallery_of_nobody_who_is_there_is_told(folder, capsys):
     said = capsys.readouterr()
     assert "warning: gallery: no track is of a person of the gallery, by " in said.err
     assert "{" not in said.err
-    assert json.loads(said.out)["gallery"]["tracks_named"] == 0
+    assert json.loads(said.out)["gallery"]["tracks_reidentified"] == 0
     # Their numbers are above those of the gallery
     assert (read_table(folder / "t.parquet", PeopleTracks).target_id > 41).all()
 

@@ -116,4 +116,4 @@ def test_a_doubt_is_what_looks_leave_of_it(sure, left):
     )  # fmt: skip
     told = named_tracks(tracks, found, pieces, names)
     assert told.target_id[told.t_ns == 20].tolist() == [7, 8]
-    assert told.doubt[told.t_ns == 10].tolist() == ["one-view,exchange" if left else "one-view"] * 2
+    assert told.quality_flags[told.t_ns == 10].tolist() == ["one-view,exchange" if left else "one-view"] * 2

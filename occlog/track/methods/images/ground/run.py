@@ -43,8 +43,8 @@ def run_ground(request: GroundRequest, job: Job) -> tuple[dict[str, object], tup
             tables.write(output=part.tracks)
             summary.add(part)
         summary.check(str(request.view_tracks))
-    for line in summary.verdict.warnings():
-        job.note(f"warning: {line}")
+    for found in summary.verdict.findings("ground positions"):
+        job.note(f"warning: {found.text}")
     return {"tracks": str(request.output), **summary.summary()}, view_tracks.losses
 
 
@@ -88,7 +88,7 @@ class GroundSummary:
 
     def _not_triangulated(self) -> dict[str, int]:
         """Times without a position, by the reason."""
-        return {name: self.counts[name] for name in ("one_view", "parallel", "behind", "contradict")}
+        return {name: self.counts[name] for name in ("single_view", "parallel", "behind", "inconsistent")}
 
     def summary(self) -> dict[str, object]:
         """The figures of the summary.
@@ -103,7 +103,7 @@ class GroundSummary:
             "times": self.counts["times"],
             "rows": sum(views.values()),
             "views": views,
-            "left_out": self.counts["left_out"],
-            "no_place": self._not_triangulated(),
+            "skipped": self.counts["skipped"],
+            "not_triangulated": self._not_triangulated(),
             **self.verdict.figures(),
         }

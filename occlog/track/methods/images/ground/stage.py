@@ -26,6 +26,7 @@ from occlog.measure.epipolar.from_scene import ideal_pixels_anywhere
 from occlog.records.declared.views import ViewTracks
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import FusedTracks
+from occlog.records.verdicts import Check, finding
 
 from .config import GroundConfig, in_scene
 from .triangulation import (
@@ -107,7 +108,7 @@ def spread_over_others(xyz: Floats, covariance: Floats, exchanged: Floats) -> Fl
     return np.asarray(covariance + exchanged[:, None, None] * spread)
 
 
-WHY = {TOO_FEW: "one_view", NEAR_PARALLEL: "parallel", BEHIND: "behind", DISAGREEING: "contradict"}
+WHY = {TOO_FEW: "single_view", NEAR_PARALLEL: "parallel", BEHIND: "behind", DISAGREEING: "inconsistent"}
 """Names in `GroundPart.counts` of the reasons why a target has no position at a time."""
 
 SINGLE_VIEW, INCONSISTENT_VIEWS, POSSIBLE_SWITCH = "one-view", "contradiction", "exchange"
@@ -119,7 +120,7 @@ MIN_SWITCH_PROBABILITY = 0.25
 class GroundTracksPart(NamedTuple):
     """Tracks of some times, and their counts.
 
-    `counts` has `times`, at which a target has a tracker; `views_N`, positions by N views; `left_out`,
+    `counts` has `times`, at which a target has a tracker; `views_N`, positions by N views; `skipped`,
     views that did not agree with the others; and the reasons of `WHY` for times without a position.
     """
 
@@ -169,7 +170,7 @@ def ground_tracks(
 
 def _wanted(chunk: ViewTracks, cameras: Sequence[str]) -> Bools:
     """(R,) rows of these cameras with the tracker on its target."""
-    wanted = ~np.isin(chunk.event, ("left", "lost"))
+    wanted = ~np.isin(chunk.lifecycle, ("left", "lost"))
     return wanted & np.isin(chunk.sensor, list(cameras)) if cameras else wanted
 
 
@@ -370,7 +371,7 @@ def _counts(met: GroundPosition, sights: CentresInViews) -> Counter[str]:
     counts: Counter[str] = Counter(times=len(good))
     for views in met.used.sum(axis=1)[good].tolist():
         counts[f"views_{views}"] += 1
-    counts["left_out"] = int((sights.there & ~met.used)[good].sum())
+    counts["skipped"] = int((sights.there & ~met.used)[good].sum())
     for status, why in WHY.items():
         counts[why] = int((met.status == status).sum())
     return counts
@@ -382,12 +383,12 @@ MIN_FLAGGED_SHARE = 0.1
 """Minimum share of flagged rows for a warning."""
 MAX_NIS_RATIO = 1.5
 """A line warns where squared standardised residuals are so many times as large as stated."""
-WORDS = {
-    SINGLE_VIEW: "one view alone made the position, at the height of a person's middle",
-    INCONSISTENT_VIEWS: "a view is on something else; covariances are widened by where the others would have it",
-    POSSIBLE_SWITCH: "the target may have taken another one's identity; its covariance reaches to the other targets",
+FLAGS = {
+    SINGLE_VIEW: "ground-single-view",
+    INCONSISTENT_VIEWS: "ground-inconsistent-views",
+    POSSIBLE_SWITCH: "ground-possible-switch",
 }
-"""Meaning of each quality flag."""
+"""Quality flags, and the ids of their messages."""
 
 
 class GroundConsistency:
@@ -404,7 +405,7 @@ class GroundConsistency:
         """Count some more rows."""
         self._nis += part.nis
         self._freedom += part.freedom
-        for target, doubt in zip(part.tracks.target_id.tolist(), part.tracks.doubt.tolist(), strict=True):
+        for target, doubt in zip(part.tracks.target_id.tolist(), part.tracks.quality_flags.tolist(), strict=True):
             words = doubt.split(",") if doubt else []
             self._doubts.update(words)
             self._rows[target] += 1
@@ -413,28 +414,24 @@ class GroundConsistency:
     def figures(self) -> dict[str, object]:
         """Rows by doubt, targets that one view supports, and the mean of the squared standardised residuals."""
         return {
-            "doubts": {word: self._doubts[word] for word in WORDS if self._doubts[word]},
-            "one_view_targets": self._one_view(),
+            "quality_flags": {word: self._doubts[word] for word in FLAGS if self._doubts[word]},
+            "single_view_targets": self._one_view(),
             **({"nis_per_freedom": self._nis / self._freedom} if self._freedom else {}),
         }
 
-    def warnings(self) -> list[str]:
-        """Lines on what makes the positions doubtful."""
+    def findings(self, check: str) -> tuple[Check, ...]:
+        """What makes the positions doubtful."""
         total = sum(self._rows.values())
-        lines = [
-            f"{self._doubts[word]} of {total} positions: {word}: {text}"
-            for word, text in WORDS.items()
-            if self._doubts[word] > MIN_FLAGGED_SHARE * total
+        found = [
+            finding(check, id, count=self._doubts[flag], rows=total)
+            for flag, id in FLAGS.items()
+            if self._doubts[flag] > MIN_FLAGGED_SHARE * total
         ]
         if alone := self._one_view():
-            names = ", ".join(str(target) for target in alone)
-            lines.append(f"targets that one view alone supports, which may be false: {names}")
+            found.append(finding(check, "ground-single-view-targets", targets=alone))
         if self._freedom and self._nis > MAX_NIS_RATIO * self._freedom:
-            lines.append(
-                f"views are {(self._nis / self._freedom) ** 0.5:.1f} times as far from agreeing as their covariances "
-                "say; check the calibration and the clocks, or give a larger model_share to `occlog ground`"
-            )
-        return lines
+            found.append(finding(check, "ground-views-disagree", factor=(self._nis / self._freedom) ** 0.5))
+        return tuple(found)
 
     def _one_view(self) -> list[int]:
         """Targets that one view alone supports."""

@@ -13,8 +13,8 @@ from itertools import combinations
 
 import numpy as np
 
-from occlog.consistency.estimates import MIN_EFFECTIVE_SAMPLE_SIZE, EffectiveSampleSizes
-from occlog.consistency.verdict import MAX_DEPLETED_SHARE, exceeds_share
+from occlog.consistency.estimates import EffectiveSampleSizes
+from occlog.consistency.verdict import MAX_DEPLETED_SHARE, depleted_particles
 from occlog.console.notes import threads_by_default
 from occlog.errors import InputError, UsageError, option
 from occlog.measure.detect.by_background.one_camera import stretches
@@ -34,9 +34,9 @@ from .frame_synchronisation import in_step
 from .inputs import ViewsInput
 from .stage import Checks, TrackingSetup, ViewsPart, track_views
 
-NUMBER, AT_ONCE, PARTICLES = "number of targets", "targets at a time", "effective number of particles"
-FIRST, SHARED, ENDS = "first ellipses", "views that help one another", "ends of the views"
-GEOMETRY, PLACES = "fundamental matrices", "places in the world"
+NUMBER, AT_ONCE, PARTICLES = "number of targets", "targets per frame", "effective sample size"
+FIRST, SHARED, ENDS = "first ellipses", "view collaboration", "end of each view"
+GEOMETRY, PLACES = "fundamental matrices", "ground positions"
 """Names of checks."""
 MAX_TARGETS_PER_FRAME = 30.0
 """Targets in a frame that regions can be: one man without a calibration gives 72, the rendered balls of [Qu] 8.8."""
@@ -79,9 +79,9 @@ class ViewsSummary:
         self.targets.update(part.tracks.target_id.tolist())
         self.frames += part.frames
         self.last_ns = np.maximum(self.last_ns, part.last_ns)
-        self.events.update(e for e in part.tracks.event.tolist() if e)
-        self.begun.update(part.tracks.sensor[part.tracks.event == "start"].tolist())
-        self.modes.update(m for m in part.tracks.mode.tolist() if m)
+        self.events.update(e for e in part.tracks.lifecycle.tolist() if e)
+        self.begun.update(part.tracks.sensor[part.tracks.lifecycle == "start"].tolist())
+        self.modes.update(m for m in part.tracks.likelihood_mode.tolist() if m)
         for view, frame, why in part.lost:
             self.lost[view].append((frame, why))
         self._check(part.checks)
@@ -113,13 +113,13 @@ class ViewsSummary:
             "targets": len(self.targets),
             "rows": self.rows,
             "frames": dict(zip(names, self.frames.tolist(), strict=True)),
-            "started": self.events["start"],
-            "left": self.events["left"],
-            "lost_trackers": self.events["lost"],
+            "initiated": self.events["start"],
+            "left_image": self.events["left"],
+            "terminated": self.events["lost"],
             "modes": {mode: n / total for mode, n in sorted(self.modes.items())},
             "loop_checks": checks,
             **(
-                {"places": dict(sorted(self.triangulation.items())), **self.verdict.figures()}
+                {"triangulation": dict(sorted(self.triangulation.items())), **self.verdict.figures()}
                 if self.triangulation
                 else {}
             ),
@@ -130,7 +130,7 @@ class ViewsSummary:
         pairs = sum(int(each.sum()) >= MIN_LOOP_CHECKS for each in self.distances.values())
         uncounted = "" if self._uses_regions else "trackers do not begin from what moves in the images"
         depleted = "" if self.particles.rows else "the method has no particles"
-        note = "" if self.triangulation else "no places in the world were asked for"
+        note = "" if self.triangulation else "no ground positions were requested"
         return (
             *outcome(NUMBER, self._none(), targets=len(self.targets), rows=self.rows),
             *outcome(
@@ -142,7 +142,7 @@ class ViewsSummary:
             ),
             *outcome(
                 PARTICLES,
-                self._depleted(),
+                depleted_particles(PARTICLES, self.particles, MAX_DEPLETED_SHARE, "note"),
                 unless=depleted,
                 median=self.particles.median,
             ),
@@ -156,7 +156,7 @@ class ViewsSummary:
             ),
             *outcome(
                 PLACES,
-                () if note else (finding(PLACES, "note", "places", line) for line in self.verdict.warnings()),
+                () if note else self.verdict.findings(PLACES),
                 unless=note,
             ),
         )
@@ -175,78 +175,41 @@ class ViewsSummary:
     def _none(self) -> Iterator[Check]:
         """No target at all."""
         if not self.rows:
-            text = f"no target was found; give {option('detections')}, or {option('initial_ellipses')}"
-            yield finding(NUMBER, "note", "no-target", text)
+            yield finding(NUMBER, "no-view-tracks")
 
     def _too_many(self) -> Iterator[Check]:
         """Views with more targets at a time than silhouettes of people can be distinguished in."""
         for name, count in self._at_a_time().items():
             if count > MAX_TARGETS_PER_FRAME:
                 yield finding(
-                    AT_ONCE,
-                    "warning",
-                    "targets-many",
-                    f"view {name}: {count:.0f} targets in a frame on average (allowed: "
-                    f"{MAX_TARGETS_PER_FRAME:.0f}): regions "
-                    "that move are not people; state how tall people are in the images (--person-height-px of `occlog "
-                    "detect`), give a calibration, or boxes of a detector",
-                    sensors=[name],
-                    per_frame=count,
-                    allowed=MAX_TARGETS_PER_FRAME,
+                    AT_ONCE, "too-many-targets", sensors=[name], per_frame=count, allowed=MAX_TARGETS_PER_FRAME
                 )
-
-    def _depleted(self) -> Iterator[Check]:
-        """Particles that ran out."""
-        few, rows = self.particles.few, self.particles.rows
-        if exceeds_share(few, rows, MAX_DEPLETED_SHARE):
-            yield finding(
-                PARTICLES,
-                "note",
-                "depleted",
-                f"{few / rows:.0%} of the rows rest on fewer than {MIN_EFFECTIVE_SAMPLE_SIZE:.0f} effective "
-                "particles (median "
-                f"{self.particles.median:.0f}; allowed in {MAX_DEPLETED_SHARE:.0%} of the rows): use more particles",
-                share=few / rows,
-                allowed=MAX_DEPLETED_SHARE,
-            )
 
     def _first(self) -> Iterator[Check]:
         """First ellipses that begin no tracker, and views without one."""
         if (late := self.inputs.given - self.events["start"]) > 0:
-            text = f"{late} of {self.inputs.given} first ellipses began no tracker: the video ends before them"
-            yield finding(FIRST, "note", "ellipses-unused", text)
+            yield finding(FIRST, "initial-ellipses-unused", count=late, given=self.inputs.given)
         bare = [name for name in self.inputs.names if name not in self.begun]
         if self.begun and bare and self.inputs.request.births == "initial":
-            text = (
-                f"no first ellipse began a tracker in {', '.join(bare)}: nothing is tracked there, and no other view "
-                "is helped from there; give some, or omit what is not wanted "
-                f"({option('without')} {','.join(bare)})"
-            )
-            yield finding(FIRST, "note", "view-untracked", text, sensors=bare)
+            yield finding(FIRST, "view-without-tracks", sensors=bare)
 
     def _alone(self) -> Iterator[Check]:
         """Views that cannot help each other."""
         config = CONFIGS[self.method]
         if not issubclass(config, LoopCheckConfig):
             return
-        does = f"{option('method')} {self.method} {config.ALONE}"
         if len(self.inputs.views) == 1:
-            text = f"there is one view, {self.inputs.names[0]}, and none to help it: {does}"
-            yield finding(SHARED, "note", "one-view", text)
+            yield finding(SHARED, "single-view", method=self.method, does=config.ALONE)
         elif not np.isfinite(self.inputs.geometry.fundamental).any():
-            text = (
-                f"nothing tells how the views see the same point, so none helps another: {does}; give fundamental "
-                f"matrices ({option('fundamental')}), or a scene with the cameras' poses"
-            )
-            yield finding(SHARED, "note", "views-apart", text)
+            yield finding(SHARED, "views-without-links", method=self.method, does=config.ALONE)
 
     def _ends(self) -> Iterator[Check]:
         """Views that end before the others."""
         latest = int(self.last_ns.max(initial=-1))
         for s, last, n in zip(self.inputs.surveyed, self.last_ns.tolist(), self.frames.tolist(), strict=True):
             if last >= 0 and latest - last > EARLY_PERIODS * max(s.period_ns, 2 * self.inputs.window_ns):
-                text = f"view {s.view.name} ends {(latest - last) / 1e9:.3g} s before the others, after {n} frames"
-                yield finding(ENDS, "note", "view-ends-early", text, sensors=[s.view.name])
+                early_s = (latest - last) / 1e9
+                yield finding(ENDS, "view-ends-early", sensors=[s.view.name], early_s=early_s, frames=n)
 
     def _misfits(self) -> list[tuple[int, int]]:
         """Pairs of views with a fundamental matrix that most loop checks contradict."""
@@ -263,20 +226,14 @@ class ViewsSummary:
         n = int(distances.sum())
         median = BIN_PX * (int(np.searchsorted(np.cumsum(distances), 0.5 * n)) + 0.5)
         names = self.inputs.names
-        unused = "; trackers did without it" if (a, b) in self.dropped else ""
-        text = (
-            f"views {names[a]} and {names[b]}: the fundamental matrix does not fit: {self.failed[a, b] / n:.0%} of "
-            f"{n} loop checks fail, median distance {median:.0f} px{unused}; give another "
-            f"({option('fundamental')}), or leave "
-            f"one view out ({option('without')})"
-        )
         return finding(
             GEOMETRY,
-            "warning",
             "fundamental-misfit",
-            text,
             sensors=[names[a], names[b]],
             share=self.failed[a, b] / n if n else float("nan"),
+            checks=n,
+            median_px=median,
+            dropped=float((a, b) in self.dropped),
             allowed=0.5,
         )
 

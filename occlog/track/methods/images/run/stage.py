@@ -340,7 +340,7 @@ def _survivors(trackers: Mapping[TrackerKey, Floats], outlines: TrackerOutlines)
     """The trackers after a step, with their latest ellipses."""
     out = dict(trackers)
     rows = zip(
-        outlines.view.tolist(), outlines.target_id.tolist(), outlines.ellipse, outlines.event.tolist(), strict=True
+        outlines.view.tolist(), outlines.target_id.tolist(), outlines.ellipse, outlines.lifecycle.tolist(), strict=True
     )
     for view, target, ellipse, event in rows:
         if event in (LEFT, TERMINATED):
@@ -457,19 +457,19 @@ def _tracked(
 ) -> ViewTracks:
     """Rows of outlines; trackers that regions ended are lost."""
     keys = list(zip(o.view.tolist(), o.target_id.tolist(), strict=True))
-    event = np.where(np.array([key in ended for key in keys], dtype=np.bool_), TERMINATED, o.event)
+    event = np.where(np.array([key in ended for key in keys], dtype=np.bool_), TERMINATED, o.lifecycle)
     names = np.array([view.name for view in views])
     return ViewTracks.of(
         **_places(o.view, o.target_id, o.ellipse, frame_set, views),
         cov_xx_px=o.covariance[:, 0],
         cov_xy_px=o.covariance[:, 1],
         cov_yy_px=o.covariance[:, 2],
-        likeness=o.likeness,
+        likeness=o.similarity,
         ess=o.ess,
-        mode=np.array(MODES)[o.mode],
+        mode=np.array(MODES)[o.likelihood_mode],
         counterpart=np.array(COUNTERPARTS)[o.counterpart],
         neighbours=_listed(o.touching, o.target_id.astype(str)),
-        helpers=_listed(o.helpers, names),
+        helpers=_listed(o.assisting_views, names),
         event=np.array(EVENTS)[event],
     ).sorted()
 

@@ -1,0 +1,487 @@
+"""Table of messages: every finding of a verdict and of `occlog doctor` by its id, with its text and its remedy.
+
+Texts and remedies are templates of `str.format`: code states the id and the values.  `{sensors}` and `{targets}` are
+those of the finding, and `{option[NAME]}` is an option in the spelling of the surface in use.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import StrEnum
+from typing import NamedTuple
+
+from occlog.errors import option
+
+MAX_NAMES = 3
+"""Sensors or targets that a text names; the finding lists all."""
+GAP_INTERVALS = 2.5
+"""An interval of more than this many usual ones is a gap."""
+
+
+class Severity(StrEnum):
+    """Severity of a finding; `occlog doctor` states the reaction of a command that reads the file."""
+
+    ERROR = "error"
+    """The command stops, and states it (exit code 4)."""
+    WARNING = "warning"
+    """The result is not plausible; of a file: the command goes on, and something is lost or may be wrong."""
+    NOTE = "note"
+    """Worth knowing."""
+
+
+class Message(NamedTuple):
+    """A kind of finding.
+
+    Attributes:
+        severity: how bad it is, unless the code states another severity.
+        text: what is wrong, with the limit.
+        remedy: what to do; empty: the text or a value states it.
+        limit: of a finding of `occlog doctor`: what is allowed; empty: none can be stated, or the value states it.
+    """
+
+    severity: Severity
+    text: str
+    remedy: str = ""
+    limit: str = ""
+
+    def fill(self, sensors: Sequence[str] = (), targets: Sequence[int] = (), **values: object) -> str:
+        """The text and the remedy with values in the places of their fields."""
+        template = f"{self.text}; {self.remedy}" if self.remedy else self.text
+        return template.format(option=_OPTIONS, sensors=_listed(sensors), targets=_listed(targets), **values)
+
+
+class _Options:
+    """Options for a template: `{option[initial]}`."""
+
+    def __getitem__(self, name: str) -> str:
+        return option(name)
+
+
+def _listed(names: Sequence[object]) -> str:
+    """The first `MAX_NAMES` names, and the number of the others."""
+    more = [f"{len(names) - MAX_NAMES} more"] if len(names) > MAX_NAMES else []
+    return ", ".join([*map(str, names[:MAX_NAMES]), *more])
+
+
+_OPTIONS = _Options()
+E, W, N = Severity.ERROR, Severity.WARNING, Severity.NOTE
+_ROWS = "{count} of {rows} rows (allowed: {allowed:.0%}): "
+VERDICT: dict[str, Message] = {
+    # Estimates of one target, or of labelled targets
+    "no-tracks": Message(
+        N, "no target was found, and the tracks are empty", "check detections, calibration and track initiation"
+    ),
+    "particles-depleted": Message(
+        W,
+        "{share:.0%} of the rows have fewer than {least:.0f} effective particles (allowed: {allowed:.0%}): their "
+        "covariances are too small",
+        "use more particles, or state more noise",
+    ),
+    "track-loss": Message(
+        W,
+        "the target was lost and searched again in {count} of {rows} rows (allowed: {allowed:.0%})",
+        "check the motion, the noise and the labels",
+    ),
+    "gaps": Message(
+        W,
+        "{count} of {rows} rows follow a gap and restart the filter: rows are {interval_s:.3g} s apart",
+        "use method fix or a larger max_gap_s, or state the unit of times",
+    ),
+    "targets-never-detected": Message(
+        N,
+        "no sensor detected {count} of {of} targets ({targets}): their rows say where they can be",
+        "add sensors, or leave these targets out",
+    ),
+    "selection-without-view": Message(
+        W,
+        "fewer than two of the selected sensors see the target in {count} of {rows} rows (allowed: {allowed:.0%})",
+        "select with greedy, more cameras, or more often",
+    ),
+    "region-edge": Message(
+        W,
+        _ROWS + "the target may be at the edge of the region that was guessed from the sensors",
+        "add `room` to the scene",
+    ),
+    "single-sensor": Message(
+        W,
+        _ROWS + "one sensor alone sees the target, which leaves its distance open",
+        "add a sensor, or track in images (occlog ground)",
+    ),
+    "out-of-view": Message(
+        W,
+        _ROWS + "the target is where the sensors that report it cannot see",
+        "check calibration, region and labels",
+    ),
+    "inconsistent-sensor": Message(
+        W,
+        _ROWS + "most measurements of one sensor in the last second are rejected",
+        "check its clock, pose and labels (see the residuals)",
+    ),
+    "few-inliers": Message(W, _ROWS + "fewer than half of the bearings are accepted", "check poses, clocks and labels"),
+    "unverified": Message(
+        W,
+        _ROWS + "two measurements alone fix the position, and either may be false",
+        "add stations, or use method apf or map",
+    ),
+    "possible-outlier": Message(
+        W,
+        _ROWS + "an accepted measurement may be false, and another position right",
+        "add stations, or use method apf or map",
+    ),
+    "infeasible-constraints": Message(
+        W,
+        _ROWS + "no position fulfils all constraints, and the measurements there were omitted",
+        "check poses and labels",
+    ),
+    "no-path": Message(W, _ROWS + "no way around a wall was found", "allow more states (fill_s)"),
+    "not-converged": Message(W, _ROWS + "the search did not converge", "allow more iterations"),
+    "unobservable": Message(
+        N, _ROWS + "the measurements do not determine the position, and the covariance says so", "add sensors"
+    ),
+    "ambiguous": Message(
+        N,
+        _ROWS + "measurements fit several positions, which the covariance holds",
+        "add stations off the line, or use method apf or map",
+    ),
+    "no-matching-region": Message(
+        W, _ROWS + "ranges are not as stated, or reads are missed", "state or fit detection and stray"
+    ),
+    "reads-unexplained": Message(
+        W,
+        _ROWS + "no position explained the reads",
+        "check the path losses and the positions of the readers",
+    ),
+    # Residuals of measurements
+    "measurements-rejected": Message(
+        W,
+        "{sensors}: {share:.0%} of {count} {what} are rejected (allowed: {allowed:.0%})",
+        "check its pose, clock and labels, or whether the target was lost",
+    ),
+    "measurements-unconfirmed": Message(
+        W,
+        "{share:.0%} of {count} {what} are rejected where one sensor sees the target at a time (allowed: "
+        "{allowed:.0%})",
+        "add overlapping sensors, or check labels",
+    ),
+    "nis-large": Message(
+        W,
+        "{what} are {factor:.1f} times as far from the track as stated (NIS {nis:.2g}, allowed: {allowed:g})",
+        "state a larger noise, or check poses and clocks",
+    ),
+    "nis-small": Message(
+        N,
+        "{what} have standard deviations {factor:.1f} times too large (NIS {nis:.2g}, allowed: {allowed:g} and more)",
+        "state a smaller noise",
+    ),
+    "process-noise-small": Message(
+        W,
+        "target {targets} moves {factor:.1f} times as irregularly as its settings state (allowed: {allowed:.0f} times)",
+        "state a larger acceleration",
+    ),
+    "outside-room": Message(
+        W,
+        "the bearings meet outside the room in {count} of {rows} rows (allowed: {allowed:.0%})",
+        "check the poses, and enlarge the room if the target left it",
+    ),
+    "detection-through-wall": Message(
+        W,
+        "{sensors} sees the target behind a wall in {count} of {rows} rows (allowed: {allowed:.0%})",
+        "check occluders, room and poses of the scene",
+    ),
+    "several-targets": Message(
+        W,
+        "{unassociated:.1f} of {candidates:.1f} candidates in a frame are near no track and persist in {sensors}",
+        "use method jipda, label the candidates, or give the start",
+    ),
+    "compass": Message(
+        W,
+        "bearings fit within {misfit_deg:.2g} degrees clockwise from north, and within {given_deg:.2g} as given",
+        "name the column compass_deg, or ingest as compass",
+    ),
+    "measurement-noise-small": Message(
+        N,
+        "{count} bearings of {sensors} state a standard deviation down to {least_rad:.2g} rad (allowed: {allowed:g})",
+        "state the noise that they have",
+    ),
+    # Estimates against the truth
+    "no-covariance": Message(N, "estimates have no covariance: errors and residuals are not checked against it"),
+    "truth-of-another-target": Message(
+        W,
+        "the bearings agree with the tracks (NIS {nis_of_tracks:.2g}), not with the truth (NIS {nis:.2g}, allowed: "
+        "{allowed:.0f})",
+        "compare with the truth of this target and clock",
+    ),
+    "covariances-singular": Message(
+        W,
+        "{count} of {rows} estimates have a singular covariance (allowed: {allowed:.0%})",
+        "use more particles, or state the noise",
+    ),
+    "nees-large": Message(
+        W,
+        "the covariances are too small for the errors (mean NEES {nees:.3g}, allowed: {allowed:.0f}; {outside:.0%} "
+        "outside of 95 %)",
+        "use more particles or more noise, check the truth",
+    ),
+    "nees-small": Message(
+        N,
+        "the covariances are too large: errors are {factor:.1f} times smaller (mean NEES {nees:.3g}, allowed: "
+        "{allowed:.2g} and more)",
+        "state smaller noises",
+    ),
+    "low-detection-rate": Message(
+        W,
+        "only {share:.0%} of the visible targets are detected at their position (expected: {allowed:.0%} and more)",
+        "check targets, clocks and calibration",
+    ),
+    "error-far-above-bound": Message(
+        N,
+        "the RMSE is {ratio:.1f} times the Cramer-Rao bound (usual: up to {allowed:.0f})",
+        "check the motion that the bound was given",
+    ),
+    # Multi-camera tracks of people
+    "no-boxes": Message(N, "camera {sensors} has no box at any time"),
+    "boxes-duplicated": Message(
+        W,
+        "camera {sensors}: {count} of {boxes} boxes duplicate another one of the frame (allowed: {allowed:.0%})",
+        "they are skipped; check the detector",
+    ),
+    "boxes-outside-image": Message(
+        W,
+        "camera {sensors}: {count} of {boxes} boxes are outside the image (allowed: {allowed:.0%})",
+        "check the image size of the calibration, and whose boxes they are",
+    ),
+    "boxes-skipped": Message(
+        W,
+        "camera {sensors}: ingest skipped {count} of {boxes} boxes outside the image (allowed: {allowed:.0%})",
+        "check the image size of the calibration",
+    ),
+    "boxes-unassociated": Message(
+        W,
+        "{share:.0%} of {boxes} boxes are associated with no track (allowed: {allowed:.0%})",
+        "check poses, ground and unit of the calibration, and the class of the boxes",
+    ),
+    "camera-below-ground": Message(
+        W, "camera {sensors} is below the ground (z < 0)", "check which way is up, and where the ground is"
+    ),
+    "camera-inconsistent": Message(
+        W,
+        "camera {sensors} detects {share:.0%} of the people that others detect and it should (allowed: {allowed:.0%} "
+        "and more)",
+        "check its clock and pose",
+    ),
+    "camera-clock-offset": Message(
+        W,
+        "camera {sensors} detects {share:.0%} of the people that others detect, and agrees if {late_s:+.2g} s late",
+        "check its clock, or leave it out",
+    ),
+    "camera-biased": Message(
+        W,
+        "camera {sensors}: people are {bias:+.2g} of their height right of where all cameras find them (allowed: "
+        "{allowed:g})",
+        "check its yaw and principal point",
+    ),
+    "camera-times-disjoint": Message(
+        W,
+        "camera {sensors} has no time in common with another camera: it begins {offset_s:+.3g} s after the others",
+        "check its clock",
+    ),
+    "calibration-inconsistent": Message(
+        W,
+        "camera {sensors}: people are {height:.3g} {unit} tall, unlike in the other cameras",
+        "check its calibration, or leave it out",
+    ),
+    "correlated-region-errors": Message(
+        N,
+        "errors of video regions persist from frame to frame: smoothed covariances are too small at close encounters",
+        "use boxes of a detector",
+    ),
+    "frame-numbers-sparse": Message(
+        W,
+        "camera {sensors}: {count} of {frames} frames follow the number before (expected: {allowed:.0%} and more)",
+        "number frames consecutively",
+    ),
+    "identity-switches-likely": Message(
+        W,
+        "about {switches:.1f} possible identity switches at close encounters ({per_person:.2f} per person, a warning "
+        "from {allowed:g})",
+        "see {option[events]}",
+    ),
+    # Tracks in images
+    "no-view-tracks": Message(
+        N, "no target was found", "give the first ellipses ({option[initial]}), or better {option[detections]}"
+    ),
+    "too-many-targets": Message(
+        W,
+        "view {sensors}: {per_frame:.0f} targets per frame (allowed: {allowed:.0f}) are not all people",
+        "state --person-height-px of `occlog detect`, or give detector boxes",
+    ),
+    "initial-ellipses-unused": Message(
+        N, "{count} of {given} first ellipses began no tracker: the video ends before them"
+    ),
+    "view-without-tracks": Message(
+        N,
+        "no first ellipse began a tracker in {sensors}: nothing is tracked there",
+        "give some, or omit the view ({option[without]})",
+    ),
+    "single-view": Message(N, "there is one view, and none to assist it: {option[method]} {method} {does}"),
+    "views-without-links": Message(
+        N,
+        "no geometry links the views: {option[method]} {method} {does}",
+        "give matrices ({option[fundamental]}) or poses",
+    ),
+    "view-ends-early": Message(N, "view {sensors} ends {early_s:.3g} s before the others, after {frames} frames"),
+    "fundamental-misfit": Message(
+        W,
+        "views {sensors}: the fundamental matrix does not fit: {share:.0%} of {checks} loop checks fail, by "
+        "{median_px:.0f} px",
+        "give another ({option[fundamental]})",
+    ),
+    "ground-single-view": Message(N, "{count} of {rows} positions are of one view alone, at a person's middle height"),
+    "ground-inconsistent-views": Message(
+        N, "{count} of {rows} positions: a view is on something else, and the covariance is inflated"
+    ),
+    "ground-possible-switch": Message(
+        N, "{count} of {rows} positions: a possible identity switch, which the covariance includes"
+    ),
+    "ground-single-view-targets": Message(N, "targets of one view alone, which may be false: {targets}"),
+    "ground-views-disagree": Message(
+        N,
+        "views are {factor:.1f} times as far from agreeing as their covariances say",
+        "check calibration and clocks, or raise model_share (occlog ground)",
+    ),
+    # Stages before tracking, and batches
+    "sensor-times-disjoint": Message(
+        W,
+        "{sensors} has no time in common with another sensor, {separation_s:.6g} s from the others",
+        "check its clock, its start time and the unit of its times",
+    ),
+    "clock-jump": Message(
+        N,
+        "camera {sensors}: its times jump by {jump_s:.6g} s at {time}",
+        "check whether its clock was set, or the recording interrupted",
+    ),
+    "truth-times-disjoint": Message(
+        W,
+        "the truth and the measurements have no time in common, {separation_s:.6g} s apart",
+        "check start time, unit of times and clock",
+    ),
+    "no-detections": Message(
+        N,
+        "camera {sensors} has no detection in {frames} frames, while {other} has one in {share:.0%}",
+        "check its images, its view and the expected size of people",
+    ),
+    "static-detection": Message(
+        N,
+        "camera {sensors}: detection at about ({u_px:.0f}, {v_px:.0f}) px in {share:.0%} of its frames (noted from "
+        "{allowed:.0%})",
+        "exclude it if it is clutter",
+    ),
+    "microphone-silent": Message(
+        W,
+        "array {sensors}: microphone {microphones} has under {allowed:.0%} of the level of the others",
+        "check cable and channel order, or remove it",
+    ),
+    "microphones-identical": Message(
+        W,
+        "array {sensors}: microphones {microphones} have identical samples",
+        "check how the channels were recorded and their order",
+    ),
+    "clipped": Message(
+        N,
+        "array {sensors}: microphone {microphones} is at full scale in {share:.1%} of the samples (noted from "
+        "{allowed:.1%})",
+        "record at a lower gain",
+    ),
+    "no-directions": Message(
+        N, "array {sensors} has no direction: of {frames} frames {silent} are silent, {unsure} of low confidence"
+    ),
+    "many-detections-rejected": Message(
+        W,
+        "camera {sensors}: {count} of {detections} detections contradict the other cameras (allowed: {allowed:.0%})",
+        "check its pose, clock and labels",
+    ),
+    "group-without-tracks": Message(N, "{file}: contains no people"),
+    "group-times-disjoint": Message(W, "{file}: has no time in common with the tracks before it", "check its clock"),
+    "group-without-common-targets": Message(
+        W,
+        "{file}: no person is one of the tracks before it, in {steps} time steps",
+        "if they see the same positions, check poses and clocks",
+    ),
+    "group-misaligned": Message(
+        W,
+        "{file}: {offset:.3g} {unit} off the tracks before it (allowed: {allowed:.3g} {unit})",
+        "check poses and clocks",
+    ),
+    "recording-not-plausible": Message(W, "{recording}: {warning}", "see its warnings in the table of runs"),
+}
+"""Findings of verdicts by id."""
+_EACH_LATER = "each after the one before"
+DOCTOR: dict[str, Message] = {
+    "unreadable": Message(E, "cannot be read"),
+    "unknown": Message(W, "is no file that occlog knows", "name a recording, a table, a scene or a video"),
+    "no-table": Message(N, "fits none of occlog's tables"),
+    "not-checked": Message(W, "not checked", "name the files, or a folder with fewer"),
+    "damaged-recording": Message(E, "damaged", "salvage it: occlog recover {file} -o OUT.mcap"),
+    "no-index": Message(
+        N,
+        "no index, or an incomplete one: each command makes one in a pass through the file",
+        "write one: occlog recover {file} -o OUT.mcap",
+    ),
+    "damaged-table": Message(E, "damaged rows"),
+    "damaged-bag": Message(W, "lost, as `occlog ingest` will list it", "copy it again, if it is whole elsewhere"),
+    "message-count-mismatch": Message(N, "more messages than its metadata count; `occlog ingest` reads all"),
+    "message": Message(E, "a message that is not of its type", "make the recording again"),
+    "row": Message(E, "an invalid row"),
+    "duplicate-row": Message(E, "duplicate rows", "remove the copies", "once"),
+    "two-positions": Message(E, "a person in two positions at one time", "keep one of them", "one row"),
+    "duplicate-key": Message(W, "rows of one key with different values", "keep one of them", "one row"),
+    "order": Message(E, "a time that goes back", "sort by time", _EACH_LATER),
+    "restart": Message(
+        W,
+        "times of a sensor or an identity that go back, in the order of the file",
+        "rows are read in the order of time: if a clock was set or restarted, give each run its own file",
+        _EACH_LATER,
+    ),
+    "duplicate-time": Message(E, "a time that repeats", "give each frame its own time", _EACH_LATER),
+    "skipped-stamp": Message(W, "a header stamp that repeats or goes back", "`occlog ingest` skips it", _EACH_LATER),
+    "lost-message": Message(W, "a message that is not of its type", "`occlog ingest` skips it"),
+    "undecoded": Message(N, "messages of which only the times of recording were checked"),
+    "linked-video": Message(E, "its video cannot be used"),
+    "image": Message(W, "an image that cannot be decoded", "its frame is lost; ingest the source again"),
+    "video-frames": Message(W, "frames that are lost", "copy or repair the file"),
+    "sound": Message(W, "samples that are lost", "copy or repair the file"),
+    "variable-frame-rate": Message(
+        N, "frames at uneven times", "keep its time stamps: give no frame rate (ingest --fps) for it"
+    ),
+    "suspect": Message(W, "may be wrong"),
+    "losses": Message(N, "lost when it was made"),
+    "epoch-unit": Message(
+        W, "times in another unit than is stated", "name the column after its unit, or convert the times"
+    ),
+    "epoch": Message(W, "times outside 1970 to 2100", "give the origin of the times"),
+    "gap": Message(
+        W, "no data", "expect no estimates of this time by this sensor", f"{GAP_INTERVALS:g} usual intervals"
+    ),
+    "jump": Message(
+        W,
+        "a clock that jumps while the frames are numbered on",
+        "take the times of another clock",
+        f"{GAP_INTERVALS:g} usual intervals",
+    ),
+    "clock-disjoint": Message(
+        W, "times that have none in common with the other sensors", "give an offset (ingest --offset)"
+    ),
+    "truth-disjoint": Message(
+        W,
+        "a truth without a time in common with the sensors",
+        "ingest it again with times of the same origin (ingest --start-time)",
+    ),
+    "clock-late": Message(
+        W,
+        "begins and ends later (or earlier, below 0) than the others, by the same time",
+        "if its clock is off, give an offset (ingest --offset)",
+        f"{GAP_INTERVALS:g} usual intervals",
+    ),
+    "two-clocks": Message(W, "recorded at other times than its header stamps state", "choose one: ingest --stamp"),
+}
+"""Findings of `occlog doctor` by id."""
