@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import csv
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -159,6 +160,36 @@ def messages_page() -> str:
     return out
 
 
+KINDS = {
+    "setting": "Settings",
+    "option": "Options",
+    "run": "Keys of configurations",
+    "scene": "Keys of scenes",
+    "table": "Tables",
+    "column": "Columns",
+    "value": "Values",
+    "summary": "Figures of summaries and metrics",
+    "message": "Messages",
+    "check": "Checks",
+}
+"""Headings of the kinds of names in `renamed.csv`."""
+
+
+def renamed_page() -> str:
+    """Public names of the last release, and what replaces them."""
+    rows = list(csv.DictReader((FOLDER.parent / "occlog" / "renamed.csv").read_text("utf-8").splitlines()))
+    out = (
+        "# Names that changed since 0.1.0\n\nMade by `make docs` from `occlog/renamed.csv`. In this release occlog "
+        "answers an old setting, option, key, column\nor figure with the new name. Scenes with old keys are read.\n"
+    )
+    for kind, title in KINDS.items():
+        out += f"\n## {title}\n\n| of | old | new |\n|---|---|---|\n"
+        for row in rows:
+            if row["kind"] == kind:
+                out += f"| {row['owner']} | `{row['old']}` | `{row['new']}` |\n"
+    return out
+
+
 def _with_fields(template: str) -> str:
     """A template with names in italics for its fields, and with options as in the command line."""
     text = re.sub(r"\{option\[([^]]+)\]\}", lambda found: f"`--{found[1].replace('_', '-')}`", template)
@@ -170,6 +201,7 @@ PAGES = {
     "reference/commands.md": commands_page,
     "how-to/doctor.md": doctor_page,
     "reference/messages.md": messages_page,
+    "reference/renamed.md": renamed_page,
     "reference/settings.md": settings_page,
     "reference/tables.md": tables_page,
 }

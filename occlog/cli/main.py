@@ -303,10 +303,12 @@ def explain(error: Exception) -> Explained:
     """Put an error that ends a command into a line, with the exit code."""
     if isinstance(error, click.UsageError):
         path = error.ctx.command_path if error.ctx else "occlog"
+        message = error.format_message().rstrip(".")
         if isinstance(error, click.NoSuchOption) and error.ctx:
-            flags = [flag for each in error.ctx.command.params for flag in (*each.opts, *each.secondary_opts)]
-            error = click.NoSuchOption(error.option_name, None, nearest(error.option_name, flags, n=3), error.ctx)
-        return Explained(f"{error.format_message().rstrip('.')}; see {path} --help", ExitCode.USAGE)
+            from .setting_options import unknown_option
+
+            message = unknown_option(error.option_name, error.ctx.command.params)
+        return Explained(f"{message}; see {path} --help", ExitCode.USAGE)
     if isinstance(error, click.ClickException):
         return Explained(error.format_message(), ExitCode.BAD_INPUT)
     if isinstance(error, OutputExistsError):

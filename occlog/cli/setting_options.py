@@ -234,6 +234,12 @@ def write_settings(formatter: click.HelpFormatter, heading: str, settings: type[
             formatter.write_dl(rows)
 
 
+def unknown_option(name: str, params: Iterable[click.Parameter]) -> str:
+    """Message on an option that a command with these parameters lacks, with those that may be meant."""
+    near = nearest(name, [flag for each in params for flag in (*each.opts, *each.secondary_opts)], n=3)
+    return f"No such option {name!r}." + (f" Did you mean {' or '.join(map(repr, near))}?" if near else "")
+
+
 @dataclass(frozen=True)
 class CommandVariant:
     """One of the things that a command can do, with its own options.
@@ -389,10 +395,7 @@ class VariantCommand(SettingsCommand):
             if any(error.option_name in (*p.opts, *p.secondary_opts) for p in variant.params())
         ]
         if not owners:
-            params = (*self.params, *self.existing(name).params())
-            flags = [flag for each in params for flag in (*each.opts, *each.secondary_opts)]
-            name = error.option_name
-            return click.NoSuchOption(name, possibilities=nearest(name, flags, n=3)).format_message()
+            return unknown_option(error.option_name, (*self.params, *self.existing(name).params()))
         said = f"{error.option_name} is an option of {self._named(owners)}, not of {self.called(name)}"
         return f"{said}; leave it out, or choose one that has it"
 

@@ -15,7 +15,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from occlog.array_types import Strings
-from occlog.errors import InputError
+from occlog.errors import InputError, nearest
 from occlog.io.files.limits import check_texts
 from occlog.io.files.provenance import PROVENANCE_KEY, Provenance
 from occlog.records.columns import ANY_WIDTH, Column, ColumnTable, in_length_unit
@@ -190,7 +190,8 @@ def check_schema(path: Path, schema: pa.Schema, table: type[ColumnTable]) -> Non
     known = {c.name for kind in (table, *TABLES.values(), *WIDER) if name == kind.NAME for c in kind.columns()}
     for field in schema:  # of another program's column there is no meaning
         if field.name not in known and {b"unit", b"doc"} & (field.metadata or {}).keys():
-            raise InputError(f"{path}: damaged: {name} has no column {field.name!r}; make it again")
+            hint = f"did you mean {near[0]!r}? " if (near := nearest(field.name, known)) else ""
+            raise InputError(f"{path}: {name} has no column {field.name!r}; {hint}make the file again")
     for c in table.columns():
         if schema.get_field_index(c.name) < 0:
             if c.name in schema.names:
