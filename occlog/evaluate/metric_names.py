@@ -68,5 +68,7 @@ def unknown_metric_hint(name: str, more: Collection[str] = ()) -> str | None:
     endings = (base, *(base.removesuffix(f"_{unit}{power}") for unit in UNITS for power in ("", "2")))
     if FIGURES.intersection(endings) or base.startswith(OWN_ENDINGS):
         return None
-    near = nearest(base, (*more, *FIGURES), n=3, cutoff=0.5)
+    known = (*more, *FIGURES)
+    renamed = next((new for name in endings if (new := nearest(name, known, cutoff=1.0))), None)
+    near = renamed or nearest(base, known, n=3, cutoff=0.5)
     return f"did you mean {' or '.join(near)}?" if near else "docs/reference/evaluate.md names them"
