@@ -110,26 +110,30 @@ def did_you_mean(name: str, known: Iterable[str], otherwise: str = "there are") 
     """A hint on a name that is unknown: its new name, the nearest of those that are known, or all of them."""
     names = list(known)
     near = nearest(name, names)
-    return f"did you mean {near[0]!r}?" if near else f"{otherwise} {', '.join(names) or 'none'}"
+    return f"did you mean {' or '.join(map(repr, near))}?" if near else f"{otherwise} {', '.join(names) or 'none'}"
 
 
 def nearest(name: str, known: Iterable[str], n: int = 1, cutoff: float = 0.6) -> list[str]:
-    """Up to n of the known names that an unknown one may mean, best first; empty if none is close.
+    """Known names that an unknown one may mean, best first; empty if none is close.
 
     A name of an earlier release gives the names that replace it (`renamed.csv`), however they are spelled:
-    `--sigma-v`, `sigma_v`.
+    `--sigma-v`, `sigma_v`.  The beginning of names gives up to three of them: `process_noise`.
 
     Args:
         name: the unknown name.
         known: the names that are valid in its place.
-        n: largest number of close names.
+        n: largest number of names that are spelled alike.
         cutoff: least similarity of a close name, 0 to 1, as `difflib` defines it.
     """
     import difflib
 
     names = list(known)
     successors = _renamed().get(_plain(name), ())
-    return [each for each in names if _plain(each) in successors] or difflib.get_close_matches(name, names, n, cutoff)
+    return (
+        [each for each in names if _plain(each) in successors]
+        or [each for each in names if _plain(each).startswith(f"{_plain(name)}_")][:3]
+        or difflib.get_close_matches(name, names, n, cutoff)
+    )
 
 
 def _plain(name: str) -> str:

@@ -53,7 +53,7 @@ def settings_by_class(
     for name in keywords:
         if name not in known:
             near = nearest(name, [*arguments, *known])
-            hint = f"did you mean {near[0]!r}?" if near else f"it has: {', '.join(known)}"
+            hint = f"did you mean {' or '.join(map(repr, near))}?" if near else f"it has: {', '.join(known)}"
             raise UsageError(f"{verb} has no setting {name!r}; {hint}")
     return [
         {own[name]: declared_value(of, own[name], value) for name, value in keywords.items() if name in own}

@@ -360,4 +360,4 @@ def _takes(form: Form, key: str) -> bool:
 
 def _nearest(key: str, valid: tuple[str, ...] | list[str]) -> str:
     near = nearest(key, valid, cutoff=0.5)
-    return f"did you mean {near[0]!r}?" if near else f"valid keys: {', '.join(valid)}"
+    return f"did you mean {' or '.join(map(repr, near))}?" if near else f"valid keys: {', '.join(valid)}"

@@ -320,7 +320,7 @@ def _unknown_key(key: str, location: str, lines: dict[str, int], kind: type[T]) 
     line = lines.get(f"{location}.{key}")
     valid = _valid_keys(kind, location)
     near = nearest(key, valid, cutoff=0.5)
-    hint = f"did you mean {near[0]!r}?" if near else f"valid keys: {', '.join(valid)}"
+    hint = f"did you mean {' or '.join(map(repr, near))}?" if near else f"valid keys: {', '.join(valid)}"
     shown = location.removeprefix("$").removeprefix(".")
     where = f" in {shown}" if shown else ""
     return f"{f'line {line}: ' if line else ''}unknown key {key!r}{where}; {hint}"
