@@ -209,7 +209,7 @@ def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Lo
                 calibration=part.calibration,
                 cooperation=part.cooperation,
                 residuals=part.residuals,
-                cloud=part.particles,
+                particle_cloud=part.particles,
             )
             summary.add(part)
         if not summary.evidence.rows and not joint:

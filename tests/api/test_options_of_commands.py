@@ -39,7 +39,7 @@ TABLES = {
     "label": {"output"},
     "track": {
         *("output", "diagnostics", "residuals", "associations", "events"),
-        *("calibration", "cloud", "cooperation", "view_tracks", "virtual_sensors", "world"),
+        *("calibration", "particle_cloud", "cooperation", "view_tracks", "virtual_sensors", "ground_tracks"),
     },
     "evaluate": {"output", "errors", "bound", "failures", "counts"},
     "simulate": set[str](),

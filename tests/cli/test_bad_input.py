@@ -157,7 +157,7 @@ def test_exit_code_7_for_an_output_that_exists(
     ("setting", "message"),
     [
         ("edge_noise_px=-1", "--set edge_noise_px=-1: must be above 0"),
-        ("egde_px=1", "--set egde_px=1: jipda has no setting 'egde_px'; did you mean 'edge_px'?"),
+        ("egde_px=1", "--set egde_px=1: jipda has no setting 'egde_px'; did you mean 'edge_noise_px'?"),
         ("edge_noise_px=wide", "--set edge_noise_px=wide: expected a number"),
     ],
 )

@@ -135,17 +135,17 @@ def test_depletion_says_number_limit_and_remedy() -> None:
     assert "use more particles" in found.text
 
 
-@pytest.mark.parametrize("doubt", QUALITY_FLAGS)
+@pytest.mark.parametrize("quality_flags", QUALITY_FLAGS)
 def test_doubts_are_a_warning_beyond_one_row_in_twenty_and_a_note_below(doubt: str) -> None:
     for count, severity in (
         (1, "note"),
         (round(MAX_FLAGGED_SHARE * N), "note"),
         (round(MAX_FLAGGED_SHARE * N) + 1, "warning"),
     ):
-        (found,) = said(diagnostics=fared(doubt=(doubt, count)))
+        (found,) = said(diagnostics=fared(quality_flags=(doubt, count)))
         assert (found.id, found.severity) == (QUALITY_FLAGS[doubt], severity)
         assert found.text.startswith(f"{count} of {N} rows ")
-    assert codes(diagnostics=fared(doubt=(doubt, 0))) == []
+    assert codes(diagnostics=fared(quality_flags=(doubt, 0))) == []
 
 
 def test_an_honest_covariance_needs_care_and_is_plausible() -> None:

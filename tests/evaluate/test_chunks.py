@@ -31,9 +31,9 @@ from occlog.scans.config import DistanceMeasurementConfig
 T = TypeVar("T", bound=ColumnTable)
 WHOLE = 10**6
 MANY = (
-    MultiTargetConfig(match_distance=1.0, moda_distance=0.5, assigned_target="label"),
+    MultiTargetConfig(match_distance=1.0, moda_distance=0.5, assigned_target="id"),
     MultiTargetConfig(
-        match_distance=1.0, moda_distance=0.5, assigned_target="best", clear_rule="challenge", ospa_window=7
+        match_distance=1.0, moda_distance=0.5, assigned_target="optimal", clear_rule="challenge", ospa_window=7
     ),
     MultiTargetConfig(
         match_distance=0.4, moda_distance=0.5, assigned_target="start", gospa_switch_penalty=0.2, gospa_p=1.0
@@ -199,7 +199,7 @@ def test_of_requests_of_cameras() -> None:
     "config",
     [
         MultiTargetConfig(assigned_target="start"),
-        MultiTargetConfig(assigned_target="best", clear_rule="challenge", gospa_px=30.0),
+        MultiTargetConfig(assigned_target="optimal", clear_rule="challenge", gospa_px=30.0),
         MultiTargetConfig(assigned_target="start", frames=(2, 40), cameras=("b",)),
     ],
 )

@@ -313,7 +313,7 @@ def test_a_prior_that_is_no_covariance_is_an_error_of_usage(capsys: pytest.Captu
         ([*FULL, "--distance-gate", "1"], "--distance-gate is for tracks in images"),
         ([*FULL, "--doa-gate", "1"], "--doa-gate is for directions against true ones (--truth-azimuths)"),
         (
-            ["evaluate", "--bearings", "bearings.parquet", "--assigned-target", "label"],
+            ["evaluate", "--bearings", "bearings.parquet", "--assigned-target", "id"],
             "not for bearings, views, or TRACKS",
         ),
         (["evaluate", "--truth-azimuths", "a.csv", "--motion", "cv"], "--motion is for TRACKS on the ground"),

@@ -24,8 +24,8 @@ from occlog.records.tables import Boxes, Tracks, Truth, TruthBoxes
 T = TypeVar("T", bound=ColumnTable)
 APART = 3600 * NS
 """Time between recordings that follow one another; no gap is bridged over it."""
-GROUND = MultiTargetConfig(match_distance=1.0, moda_distance=0.5, assigned_target="best", ospa_window=7)
-IMAGES = MultiTargetConfig(assigned_target="best", gospa_px=30.0)
+GROUND = MultiTargetConfig(match_distance=1.0, moda_distance=0.5, assigned_target="optimal", ospa_window=7)
+IMAGES = MultiTargetConfig(assigned_target="optimal", gospa_px=30.0)
 
 
 def later(table: T, number: int) -> T:

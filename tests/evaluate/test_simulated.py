@@ -50,7 +50,11 @@ def test_visibility_noise_and_detections_agree_with_the_simulation(occluders: in
 def test_misses_and_false_alarms_come_back_as_rates() -> None:
     truth = world(2000, 0, 5)
     m = evaluate(
-        None, truth, seen(truth, 5, miss_probability=0.1, false_alarm=0.2), PLACE, EvaluateConfig(gate_px=8.0)
+        None,
+        truth,
+        seen(truth, 5, miss_probability=0.1, false_alarm_probability=0.2),
+        PLACE,
+        EvaluateConfig(gate_px=8.0),
     ).metrics
     n = m["visible"]
     # Some false alarms fall into the gate by chance, and the gate cuts a little noise: 2 % each

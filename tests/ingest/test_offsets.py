@@ -56,7 +56,7 @@ def test_offsets_are_added_and_recorded(place: Path) -> None:
     assert np.unique(late).tolist() == [600_000_000, 700_000_000, 800_000_000, 900_000_000]
     assert doa.t_ns.tolist() == [2_250_000_000, 4_250_000_000]
     assert recording.provenance is not None
-    assert recording.provenance.parameters["offset"] == {"cam2": -0.4, "mic": 0.25}
+    assert recording.provenance.parameters["clock_offset"] == {"cam2": -0.4, "mic": 0.25}
 
 
 def test_truth_that_counts_frames_is_not_moved_with_one_of_the_cameras(

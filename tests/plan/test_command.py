@@ -104,7 +104,7 @@ def test_a_blind_room_is_said_to_be_blind(tmp_path: Path, capsys: pytest.Capture
     assert run(["plan", str(scene), *QUICK[:-1], "--json"]) == ExitCode.DONE
     out, err = capsys.readouterr()
     told = json.loads(out)
-    assert told["no_fix"] > 0.5
+    assert told["unlocalised_share"] > 0.5
     assert "no sensor sees the target" in told["warnings"][0]
     assert told["warnings"][0] in err
 

@@ -66,7 +66,7 @@ def failed(capsys: pytest.CaptureFixture[str], *args: object) -> tuple[int, str]
 def test_a_method_of_others_is_used_like_ours(walk: Path) -> None:
     args = ("track", walk / "bearings.csv", "--scene", walk / "stations.csv", "--method", "own")
     for out in ("a", "b"):
-        made = called(*args, "-o", walk / f"{out}.parquet", "--filter-process-noise-velocity", 1, "--seed", 4)
+        made = called(*args, "-o", walk / f"{out}.parquet", "--sigma-a", 1, "--seed", 4)
         assert made.exit_code == 0, made.output
     assert (walk / "a.parquet").read_bytes() == (walk / "b.parquet").read_bytes()
     made_by = occlog.read(walk / "a.parquet").provenance["parameters"]
@@ -80,14 +80,14 @@ def test_a_method_of_others_is_used_like_ours(walk: Path) -> None:
 
 def test_settings_of_others_are_shown_and_checked_like_ours(walk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     shown = called("track", "--method", "own", "--help").output
-    assert "--filter-process-noise-velocity" in shown
+    assert "--sigma-a" in shown
     assert "White acceleration of the target." in shown
     listed = called("track", "--help").output
     assert "extended Kalman filter in thirty lines" in listed
     args = ("track", walk / "bearings.csv", "--scene", walk / "stations.csv", "-o", walk / "t.parquet", "--method")
     code, said = failed(capsys, *args, "own", "--set", "sigma_b=1")
     assert (code, "did you mean 'sigma_a'" in said) == (2, True)
-    code, said = failed(capsys, *args, "own", "--filter-process-noise-velocity", "0")
+    code, said = failed(capsys, *args, "own", "--sigma-a", "0")
     assert code == 2
     code, said = failed(capsys, *args, "owm")
     assert (code, "did you mean 'own'" in said) == (2, True)

@@ -141,7 +141,7 @@ def test_a_log_of_five_columns_becomes_a_track(
         warnings.simplefilter("ignore", OcclogWarning)  # the verdict of the track, which is carried on
         same = occlog.evaluate(tmp_path / "t.parquet", truth_of(tmp_path), **given)
     assert same["bound_rmse_m"] == metrics["bound_rmse_m"]
-    assert read_provenance(tmp_path / "t.parquet").parameters["measurements"]["propagation"] == (
+    assert read_provenance(tmp_path / "t.parquet").parameters["measurements"]["propagation_speed"] == (
         "sound" if log == "tdoa" else None
     )
 

@@ -12,9 +12,7 @@ class OwnSettings(Settings):
     """Settings of the filter."""
 
     OWNER = "own"
-    sigma_a: float = setting(
-        2.0, "White acceleration of the target.", unit="length/s^2", above=0.0, option="--filter-process-noise-velocity"
-    )
+    sigma_a: float = setting(2.0, "White acceleration of the target.", unit="length/s^2", above=0.0, option="--sigma-a")
 
 
 class OwnFilter:

@@ -121,7 +121,7 @@ def run_match(request: MatchRequest, job: Job) -> tuple[dict[str, object], tuple
     }
     made = job.provenance(parameters)
     before = (*input_losses([opened]), *inputs.losses)
-    with job.tables(made, unit, later=("named",)) as tables:
+    with job.tables(made, unit, later=("reidentified",)) as tables:
         for part in match(seen, sides, config):
             tables.write(output=part)
             decisions.add(part)
@@ -140,10 +140,10 @@ def run_match(request: MatchRequest, job: Job) -> tuple[dict[str, object], tuple
             together_there = tracks_together(tracks, found.track)
             named = identities(found, together_there, config.min_similarity, naming.min_boxes)
             table, names = renamed(tracks, named, sides.target.tolist())
-            tables.open("named", final, PeopleTracks)
-            tables.write(named=table)
+            tables.open("reidentified", final, PeopleTracks)
+            tables.write(reidentified=table)
             summary |= {
-                "named": str(request.reidentified),
+                "reidentified": str(request.reidentified),
                 "tracks": len(names),
                 "tracks_of_gallery": len(named),
                 "identities": {str(track): target for track, target in sorted(named.items())},

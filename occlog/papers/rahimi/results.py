@@ -177,7 +177,7 @@ def judge5(table: Table) -> list[StatementVerdict]:
 
 def constraints_plan(size: Size) -> PlanFigure:
     """Draw the problems that have most points behind cameras without the constraints."""
-    free = [solve_problem(sparse_spec(size, run, front=False)) for run in range(size.runs)]
+    free = [solve_problem(sparse_spec(size, run, in_front_constraint=False)) for run in range(size.runs)]
     worst = sorted(range(size.runs), key=lambda run: -_behind(free[run]))[:3]
     panels = []
     for run in [r for r in worst if _behind(free[r])] or worst[:1]:

@@ -119,7 +119,7 @@ def covariance(size: Size, execute: Execute) -> Table:
     for i, (name, step) in enumerate(points):
         own = results[i * size.runs : (i + 1) * size.runs]
         extra = {key: math.fsum(r[key] for r in own) / size.runs for key in ("known", "unflagged", "rmse")}
-        extra["acceleration"] = sparse_spec(size, 0, fit_step_s=step)["track"]["acceleration"]
+        extra["acceleration"] = sparse_spec(size, 0, fit_step_s=step)["track"]["process_noise_velocity"]
         values = _finite(r[ESTIMATES[name][0]] for r in own)
         if name != HESSIAN:
             rows.append(PaperRow(name, step, values, extra))

@@ -21,7 +21,7 @@ Box = tuple[float, float, float, float]
 def views(t: list[float], boxes: list[Box], sensor: str = "cam") -> Views:
     n, b = len(t), np.array(boxes, dtype=np.float64).reshape(-1, 4)
     nan: dict[str, Any] = {
-        name: np.full(n, np.nan) for name in ("bearing", "sigma", "u_px", "sigma_px", "confidence", "likeness")
+        name: np.full(n, np.nan) for name in ("bearing", "sigma", "u_px", "sigma_px", "confidence", "similarity")
     }
     return Views.of(
         t_ns=seconds(t),

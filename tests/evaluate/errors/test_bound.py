@@ -149,7 +149,7 @@ def test_no_rows_where_the_truth_is_not_known() -> None:
 def test_constant_velocity_knows_less_than_a_walk_with_known_drift() -> None:
     bearings = both(pixels(EAST, T5, [0] * 5), pixels(NORTH, T5, [0] * 5))
     true = truth(T5, [10, 10])
-    cv = bound_of(bearings, true, motion="cv", process_noise_density=0.01, sigma_speed=1.0)
+    cv = bound_of(bearings, true, motion="cv", process_noise_density=0.01, sigma_initial_velocity=1.0)
     F, Q = crlb.constant_velocity_steps(np.array([0.0, 1, 1, 1, 1]), 0.01)
     J = np.zeros((5, 4, 4))
     J[:, 0, 0] = J[:, 1, 1] = 100.0

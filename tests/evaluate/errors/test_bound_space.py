@@ -76,7 +76,9 @@ def slow_information(bearings: Bearings, t_ns: int, xyz: np.ndarray) -> np.ndarr
 @pytest.mark.parametrize("motion", ["waypoint", "cv"])
 def test_bound_is_that_of_an_independent_slow_recursion(motion: str) -> None:
     bearings = everything()
-    bound = bound_of(bearings, motion=motion, process_noise_position=0.2, acceleration_density=0.3, sigma_speed=0.8)
+    bound = bound_of(
+        bearings, motion=motion, process_noise_position=0.2, process_noise_density=0.3, sigma_initial_velocity=0.8
+    )
     start = crlb.polygon_covariance(PLACE.region)
     P = np.zeros((6, 6))
     P[:2, :2], P[2, 2], P[3:, 3:] = start, 9.0 / 12.0, 0.64 * np.eye(3)
@@ -116,7 +118,7 @@ def test_one_array_overhead_by_hand() -> None:
 def test_a_camera_tells_nothing_of_the_height() -> None:
     bound = bound_of(seen_by_camera(), prior_variance_z=0.5, process_noise_position=0.1)
     np.testing.assert_allclose(bound.bound_zz, 0.5 + 0.01 * (TIMES - TIMES[0]))
-    ground = bound_of(seen_by_camera(), bound_in="ground", process_noise_position=0.1)
+    ground = bound_of(seen_by_camera(), bound_dimension="ground", process_noise_position=0.1)
     np.testing.assert_allclose(bound.bound, ground.bound, rtol=1e-9)
     assert np.isnan(ground.bound_space).all()
 
@@ -125,7 +127,7 @@ def test_planar_arrays_tell_an_azimuth_only() -> None:
     ear = EARS[2]
     to = PATH - ear.position
     flat = directions(ear.name, TIMES, np.arctan2(to[:, 1], to[:, 0]), 0.02)
-    space, ground = bound_of(flat), bound_of(flat, bound_in="ground")
+    space, ground = bound_of(flat), bound_of(flat, bound_dimension="ground")
     np.testing.assert_allclose(space.bound_xx, ground.bound_xx, rtol=1e-9)
     np.testing.assert_allclose(space.bound, ground.bound, rtol=1e-9)
 
@@ -134,7 +136,8 @@ def test_upright_arrays_on_the_ground_are_as_without_elevations() -> None:
     with_elevations = heard(CEILING, TIMES, PATH)
     columns = {c.name: getattr(with_elevations, c.name) for c in Bearings.columns() if not c.optional}
     np.testing.assert_array_equal(
-        bound_of(with_elevations, bound_in="ground").bound, bound_of(Bearings.of(**columns), bound_in="ground").bound
+        bound_of(with_elevations, bound_dimension="ground").bound,
+        bound_of(Bearings.of(**columns), bound_dimension="ground").bound,
     )
 
 
@@ -163,7 +166,7 @@ def test_azimuth_of_a_tilted_array_has_the_variance_that_it_has() -> None:
 
 def test_tilted_arrays_without_true_height_are_taken_at_the_reported_elevation() -> None:
     rows = heard(WALL, TIMES, PATH)
-    known = bound_of(rows, bound_in="ground")
+    known = bound_of(rows, bound_dimension="ground")
     unknown = evaluate(None, truth(TIMES, PATH[:, :2]), rows, PLACE, EvaluateConfig()).bound
     np.testing.assert_allclose(unknown.bound, known.bound, rtol=1e-9)
 
@@ -214,7 +217,7 @@ def test_auto_is_in_space_for_targets_whose_errors_are() -> None:
     assert m["bound_ratio_space"] == pytest.approx(math.sqrt(0.03) / m["bound_rmse_space_m"])
     assert m["bound_ratio_space_target_0"] == m["bound_ratio_space"]
     assert "bound_ratio_space_target_1" not in m
-    assert not np.isfinite(bound_of(everything(), bound_in="auto").bound_space).any()  # no tracks: on the ground
+    assert not np.isfinite(bound_of(everything(), bound_dimension="auto").bound_space).any()  # no tracks: on the ground
 
 
 def test_bound_in_space_needs_true_heights() -> None:

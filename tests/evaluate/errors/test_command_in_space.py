@@ -84,7 +84,7 @@ def test_directions_of_the_recording_are_used_along_with_its_bearings(
     np.testing.assert_allclose(read_table(tmp_path / "errors.parquet", Errors).error_z, 0.3)
     bound = read_table(tmp_path / "bound.parquet", Bound)
     assert np.isfinite(bound.bound_space).all()
-    assert bound.n_seen.max() == 3
+    assert bound.n_detected.max() == 3
 
 
 def test_directions_in_a_file_of_their_own(

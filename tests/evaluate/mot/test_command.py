@@ -129,7 +129,7 @@ def test_outputs_and_figures(folder: Path, capsys: pytest.CaptureFixture[str]) -
     metrics = json.loads((folder / "m.json").read_text())
     wanted = {"fr_l": 8 / 60, "fr_l_sensor_east": 8 / 30, "fr_l_sensor_north": 0.0, "fr_p": 0.0, "id_switches": 2}
     assert {name: metrics[name] for name in wanted} == pytest.approx(wanted)
-    assert metrics["_provenance"]["parameters"]["own"] == "label"
+    assert metrics["_provenance"]["parameters"]["assigned_target"] == "id"
     failures = read_table(folder / "f.parquet", Failures)
     assert (len(failures), set(failures.kind), set(failures.visible)) == (8, {"label"}, {0.7})
     assert [name for name, _ in read_provenance(folder / "f.parquet").inputs] == [
@@ -148,9 +148,9 @@ def test_files_of_other_programs_give_the_same_figures(folder: Path, capsys: pyt
     capsys.readouterr()
     own = figures([*EVALUATE, "--camera", "east"], capsys)
     text, true = "mot/trackers/MOT17-train/view_tracks/data/east.txt", "mot/gt/MOT17-train/east/gt/gt.txt"
-    one = ["--camera", "east", "--assigned-target", "label"]
+    one = ["--camera", "east", "--assigned-target", "id"]
     alike = {**own, "objects_ignored": 0.0, "tracks_on_distractors": 0.0}  # every true box is a pedestrian
-    assert figures(["evaluate", text, "--truth", true, "--assigned-target", "label"], capsys) == alike
+    assert figures(["evaluate", text, "--truth", true, "--assigned-target", "id"], capsys) == alike
     assert figures(["evaluate", text, "--truth", "recording.mcap", *one], capsys) == own
     assert figures(["evaluate", "view_tracks.parquet", "--truth", true, *one], capsys) == alike
     tracks = read_table(folder / "truth.parquet", TruthBoxes)
@@ -203,7 +203,7 @@ def test_truth_of_annotation_tools_gives_the_figures_of_a_recording(
         "--truth",
         name,
         "--assigned-target",
-        "label",
+        "id",
     ]
     assert figures([*text, "--fps", "7", "--mot", "of_text"], capsys) == own
     assert "frameRate=7" in (folder / "of_text/gt/MOT17-train/view/seqinfo.ini").read_text()
@@ -250,7 +250,7 @@ def test_what_the_tracker_says_of_itself(folder: Path, capsys: pytest.CaptureFix
     assert "born from detections, so that their numbers are not those of targets; --assigned-target start" in _notes(
         capsys
     )
-    assert run([*both, "--assigned-target", "label"]) == ExitCode.DONE
+    assert run([*both, "--assigned-target", "id"]) == ExitCode.DONE
     assert "FR needs --assigned-target start" in _notes(capsys)
     assert figures([*both, "--assigned-target", "start"], capsys)["fr_p_sensor_north"] == 1.0
     assert "born" not in _notes(capsys)
@@ -259,7 +259,7 @@ def test_what_the_tracker_says_of_itself(folder: Path, capsys: pytest.CaptureFix
     write_table(folder / "own.parquet", ViewTracks.of(**{**own, "target_id": east.target_id + np.int32(7)}), made)
     renamed = ["evaluate", "own.parquet", "--truth", "recording.mcap"]
     assert figures(renamed, capsys) == figures(both, capsys)
-    assert figures([*renamed, "--assigned-target", "label"], capsys)["fr_l"] > figures(renamed, capsys)["fr_l"] > 0
+    assert figures([*renamed, "--assigned-target", "id"], capsys)["fr_l"] > figures(renamed, capsys)["fr_l"] > 0
     assert figures([*both, "--camera", "north"], capsys)["fr_p"] == 1.0
 
 
@@ -299,7 +299,7 @@ def test_world_tracks_born_from_detections(folder: Path, capsys: pytest.CaptureF
     assert run(asked) == ExitCode.DONE
     assert "--assigned-target start is used" in _notes(capsys)
     assert figures([*asked, "--match", "optimal"], capsys) == figures(asked, capsys)
-    assert figures([*asked, "--assigned-target", "label"], capsys)["label_failures"] == 25
+    assert figures([*asked, "--assigned-target", "id"], capsys)["label_failures"] == 25
 
 
 def test_tables_are_shown_and_compared(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

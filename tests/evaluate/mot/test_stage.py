@@ -155,7 +155,7 @@ def test_how_near_a_tracker_must_be() -> None:
     assert evaluate_boxes(tracks, truth(), MultiTargetConfig(match_iou=11 / 29)).metrics["tp"] == 40
 
 
-@pytest.mark.parametrize("assigned_target", ["start", "best"])
+@pytest.mark.parametrize("assigned_target", ["start", "optimal"])
 def test_tracks_with_names_of_their_own(own: str) -> None:
     renamed = [(f, view, 90 - k, left, top) for f, view, k, left, top in tracked_rows()]
     named = evaluate_boxes(table(Boxes, tracked_rows()), truth())
@@ -175,7 +175,7 @@ def test_a_track_that_begins_on_nothing_belongs_to_the_first_target_it_is_on() -
     seen = table(TruthBoxes, [row for row in true_rows() if row[1] == "a"])
     got = evaluate_boxes(table(Boxes, early + again), seen, MultiTargetConfig(assigned_target="start")).metrics
     assert (got["position_failures"], got["label_failures"], got["id_switches"], got["fp"]) == (2, 0, 1, 2)
-    got = evaluate_boxes(table(Boxes, early + again), seen, MultiTargetConfig(assigned_target="best")).metrics
+    got = evaluate_boxes(table(Boxes, early + again), seen, MultiTargetConfig(assigned_target="optimal")).metrics
     assert (got["position_failures"], got["label_failures"]) == (2, 4)  # 8 has no target of its own beside 9
 
 

@@ -150,8 +150,8 @@ def test_labels_truths_and_whole_numbers_are_exact() -> None:
         "target_id": np.zeros(n, int),
         "ess": np.ones(n),
         "log_likelihood": np.ones(n),
-        "n_looked": np.full(n, 8),
-        "n_offered": np.full(n, 8),
+        "n_observing": np.full(n, 8),
+        "n_available": np.full(n, 8),
         "selected": np.full(n, ""),
         "predicted_mse": np.full(n, np.nan),
         "cameras": np.full(n, "a,b"),
@@ -160,8 +160,8 @@ def test_labels_truths_and_whole_numbers_are_exact() -> None:
     b = Diagnostics.of(**same, n_detected=np.array([1, 4, 3]), fallback=np.array(["", "sir", "restart"]))
     wide = Tolerances(Limit(100.0, 1.0), units={"1": Limit(100.0)})
     found = diff(a, b, wide)
-    assert {name: c.rows for name, c in found.columns.items()} == {"n_seen": 1, "fallback": 1}
-    assert found.columns["n_seen"].largest.difference == 2.0
+    assert {name: c.rows for name, c in found.columns.items()} == {"n_detected": 1, "fallback": 1}
+    assert found.columns["n_detected"].largest.difference == 2.0
     assert found.columns["fallback"].largest.b == "restart"
     assert found.columns["fallback"].largest.difference is None
     assert found.columns["fallback"].as_dict()["largest"] == {
@@ -172,7 +172,7 @@ def test_labels_truths_and_whole_numbers_are_exact() -> None:
         "a": "",
         "b": "restart",
     }
-    named = Tolerances(columns={"n_seen": Limit(2.0)})
+    named = Tolerances(columns={"n_detected": Limit(2.0)})
     assert list(diff(a, b, named).columns) == ["fallback"]
 
 

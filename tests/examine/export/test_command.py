@@ -94,7 +94,7 @@ def test_pandas_reads_plain_parquet_with_nulls(tmp_path: Path) -> None:
 def test_further_columns_of_tracks_of_people_are_kept(tmp_path: Path) -> None:
     people = random_table(PeopleTracks, 3)
     names = export(tmp_path, people, "p.csv").read_text().splitlines()[0].split(",")
-    assert {"existence", "height_m", "seen_by"} <= set(names)
+    assert {"existence_probability", "height_m", "seen_by"} <= set(names)
 
 
 def test_the_same_bytes_each_time(tmp_path: Path) -> None:

@@ -40,12 +40,15 @@ def truth() -> Truth:
 
 def in_images(frame: np.ndarray) -> ViewTracks:
     """Three targets in two cameras."""
-    numbers = ("a_px", "b_px", "cov_xx_px", "cov_yy_px", "likeness", "ess")
+    numbers = ("a_px", "b_px", "cov_xx_px", "cov_yy_px", "similarity", "ess")
     values = {name: np.ones(len(IDS)) for name in numbers} | {
         "rho": np.zeros(len(IDS)),
         "cov_xy_px": np.zeros(len(IDS)),
     }
-    texts = {name: np.full(len(IDS), "") for name in ("mode", "counterpart", "neighbours", "helpers", "event")}
+    texts = {
+        name: np.full(len(IDS), "")
+        for name in ("likelihood_mode", "counterpart", "neighbours", "assisting_views", "lifecycle")
+    }
     sensor = np.where(IDS == 9, "b", "a")
     return ViewTracks.of(t_ns=T_NS, sensor=sensor, frame=frame, target_id=IDS, x_px=X, y_px=X, **values, **texts)
 

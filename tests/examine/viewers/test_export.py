@@ -299,14 +299,14 @@ def test_clouds_over_images_fall_on_the_ellipses(shown: dict[str, Any]) -> None:
 
 def test_numbers_and_log_say_what_the_rows_say(shown: dict[str, Any]) -> None:
     rows = shown["foxglove"]["/diagnostics/3"]
-    assert [(t_ns, message.n_seen) for t_ns, message in rows] == [(NS, 1.0), (2 * NS, 0.0)]
+    assert [(t_ns, message.n_detected) for t_ns, message in rows] == [(NS, 1.0), (2 * NS, 0.0)]
     assert rows[0][1].ess == 80.5
     assert np.isnan(rows[1][1].ess)
     assert [m.x for _, m in shown["foxglove"]["/tracks/7"]] == [1.0, 1.0]
     said = [(t_ns, m.level, m.name, m.message) for t_ns, m in shown["foxglove"]["/log"]]
     warn = Log.Level.WARNING
     assert said == [
-        (NS, warn, "target 7", "doubt with 3, probability 0.25"),
+        (NS, warn, "target 7", "possible_switch with 3, probability 0.25"),
         (2 * NS, warn, "target 3", "restart"),
     ]
 

@@ -39,7 +39,7 @@ def test_the_first_moment_of_a_topic_in_each_stretch_is_kept() -> None:
     assert kept == [4.9, 5.5]
     numbers = [Numbers(f"/tracks/{k}", 6 * NS, Series("Tracks", ("x",)), [1.0]) for k in (1, 2, 1)]
     assert [thinner.keeps(each) for each in numbers] == [True, True, False]
-    assert all(thinner.keeps(LogLine(6 * NS, True, "target 1", "doubt")) for _ in range(3))
+    assert all(thinner.keeps(LogLine(6 * NS, True, "target 1", "quality_flags")) for _ in range(3))
 
 
 def test_the_end_of_what_was_drawn_is_kept_once() -> None:

@@ -107,7 +107,7 @@ class Case:
             for c in self.scene.cameras
         ]
         self.plain = plain.RefScene(ROOM, [PILLAR], cameras)
-        config = plain.RefConfig(hit=hit, miss=1 - hit, false=false, soften=SOFTEN)
+        config = plain.RefConfig(hit=hit, miss=1 - hit, false_alarm_probability=false, out_of_view_likelihood=SOFTEN)
         self.a, self.b, self.assigned = plain.factors(self.xy, z, np.full(N, 2.0), self.plain, config)
         self.free = plain.on_floor(self.xy, self.plain)
 

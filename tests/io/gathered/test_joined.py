@@ -59,7 +59,7 @@ def test_columns_that_a_part_does_not_have_are_empty_there(tmp_path: Path) -> No
     join_tables(tmp_path / "all.parquet", {**made, "d": tmp_path / "d.parquet"}, "tracks", MADE)
     whole = pq.read_table(tmp_path / "all.parquet")
     assert whole["seen_by"].null_count == 18
-    assert whole["existence"].null_count == 18
+    assert whole["existence_probability"].null_count == 18
     assert whole["x"].null_count == 0
     assert not whole.schema.field("x").nullable
 

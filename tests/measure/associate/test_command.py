@@ -90,7 +90,7 @@ def test_candidates_become_labelled_bearings(folder, capsys):
     made = read_provenance(folder / "labelled.parquet")
     assert (made.command, made.seed, made.losses) == ("label", None, MADE.losses)
     assert [name for name, _ in made.inputs] == ["boxes.parquet", "tracks.parquet", "scene.yaml"]
-    assert {k: made.parameters[k] for k in ("gate", "max_gap_s", "keep_rest", "doa_labels")} == {
+    assert {k: made.parameters[k] for k in ("gate", "max_gap_s", "keep_unassigned", "doa_labels")} == {
         "gate": 3.0,
         "max_gap_s": 1.0,
         "keep_rest": False,

@@ -283,7 +283,7 @@ def test_identities_of_boxes_become_targets(tmp_path: Path, capsys: pytest.Captu
     assert rows.target_id.tolist() == [5, 5, 5, -1, 5, 5, 5]
     assert rows.seen.tolist() == [True, True, True, True, False, True, True]
     assert read_table(tmp_path / "v.parquet", Views).tracklet_id.tolist() == [5, 5, 5, -1, 5, 5]
-    assert read_provenance(tmp_path / "b.parquet").parameters["labels"] == "global"
+    assert read_provenance(tmp_path / "b.parquet").parameters["label_scope"] == "global"
 
 
 def test_in_images_nobody_has_an_identity(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -31,7 +31,7 @@ def chart(**heights: float) -> np.ndarray:
 
 def found(heights: np.ndarray, **options: float) -> list[int]:
     """Columns of the peaks."""
-    config = DoaConfig(**{"max_sources": 0, "peak": 0.6, **options})  # type: ignore[arg-type]
+    config = DoaConfig(**{"max_sources": 0, "min_peak": 0.6, **options})  # type: ignore[arg-type]
     return [column for _, column in peaks(heights, flat_grid(), config)]
 
 
@@ -74,10 +74,10 @@ def test_peaks_come_by_falling_height_and_lower_ones_than_the_share_are_none() -
 
 def test_peaks_nearer_than_the_angle_apart_are_one() -> None:
     two = chart(c10=1.0, c12=0.9)
-    assert found(two, apart_deg=2 * STEP - 0.1) == [10, 12]
-    assert found(two, apart_deg=2 * STEP + 0.1) == [10]
+    assert found(two, min_separation_deg=2 * STEP - 0.1) == [10, 12]
+    assert found(two, min_separation_deg=2 * STEP + 0.1) == [10]
     around = chart(c0=1.0, c34=0.9)  # 20 degrees apart across the turn
-    assert found(around, apart_deg=2 * STEP + 0.1) == [0]
+    assert found(around, min_separation_deg=2 * STEP + 0.1) == [0]
 
 
 def test_as_many_peaks_are_given_as_are_asked_for() -> None:

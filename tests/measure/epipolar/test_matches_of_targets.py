@@ -16,7 +16,7 @@ CAMERAS = [looking(n, np.array(p), (0, 0, 1), 500.0) for n, p in (("a", [7.0, 0,
 
 def test_the_same_target_at_the_same_time_is_a_match():
     rows = view_tracks(CAMERAS, walks(50), np.random.default_rng(0), sigma=0.0)
-    event = rows.event.astype("U4")
+    event = rows.lifecycle.astype("U10")
     event[(rows.t_ns == 3 * TICK) & (rows.target_id == 1) & (rows.sensor == "b")] = "terminated"
     rows = type(rows)(**{c.name: event if c.name == "event" else getattr(rows, c.name) for c in rows.columns()})
     parts = [rows.take(slice(k, k + 33)) for k in range(0, len(rows), 33)]

@@ -55,7 +55,7 @@ def test_detect_and_fuse_do_the_same(recording, tmp_path, capsys):
         )
     assert summary["recovered"] > 0
     assert np.count_nonzero(b.seen) > np.count_nonzero(read_table(plain, Bearings).seen)
-    assert read_provenance(two).parameters["p_false"] == 0.1
+    assert read_provenance(two).parameters["false_alarm_probability"] == 0.1
     assert read_provenance(one).parameters["fusion"]["p_false"] == 0.1
 
 

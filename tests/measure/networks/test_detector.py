@@ -38,7 +38,7 @@ def picture(size: tuple[int, int], block: tuple[int, int, int, int]) -> np.ndarr
 @pytest.mark.parametrize("runtime", THERE)
 def test_a_block_is_found_where_it_is_at_any_shape_of_image(tmp_path: Path, runtime: str, fit: str) -> None:
     path = colour_network(tmp_path / "red.onnx", image=(1, 3, 64, 96))
-    detector = opened(path, head="yolo", nms_iou=1.0, fit=fit, runtime=runtime)
+    detector = opened(path, head="yolo", nms_iou=1.0, resize_mode=fit, runtime=runtime)
     for size in ((96, 64), (200, 50), (50, 200), (101, 67), (640, 480)):
         block = (size[0] // 4, size[1] // 4, 3 * size[0] // 4, 3 * size[1] // 4)
         (found,) = find(detector, picture(size, block))

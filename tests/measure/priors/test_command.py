@@ -50,7 +50,7 @@ def views(steps: int = 5) -> Views:
             off = np.arctan2(PERSON[1] - y, PERSON[0] - x) - np.radians(yaw)
             rows.append((k * 100_000_000, name, -300 * np.tan(off)))
     n = len(rows)
-    nan = dict.fromkeys(("bearing", "sigma", "u_px", "sigma_px", "confidence", "likeness"), np.full(n, np.nan))
+    nan = dict.fromkeys(("bearing", "sigma", "u_px", "sigma_px", "confidence", "similarity"), np.full(n, np.nan))
     one = dict.fromkeys(("cov_xx_px", "cov_yy_px", "area_px"), np.ones(n))
     middle = np.array([principal() + r[2] for r in rows])
     return Views.of(
@@ -99,7 +99,7 @@ def test_kalman_of_a_recording(recording, tmp_path, capsys) -> None:
     assert summary["times"] == 20
     assert len(table) == 40
     made = read_provenance(out)
-    assert (made.command, made.seed, made.parameters["sigma"]) == ("priors", 5, 0.4)
+    assert (made.command, made.seed, made.parameters["measurement_noise"]) == ("priors", 5, 0.4)
     assert describe(out)["length_unit"] == "m"
     again = tmp_path / "again.parquet"
     assert run(["priors", "kalman", str(recording), "-o", str(again), "--measurement-noise", "0.4", "--seed", "5"]) == 0

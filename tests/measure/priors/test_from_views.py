@@ -52,7 +52,7 @@ def views_of(place: Scene, people, t_ns: int = 0, target: int | None = None, mis
                 low, high = px.min(axis=0), px.max(axis=0)
                 rows.append((c.name, k, *low, *(high - low), -1 if k != target else 0))
     n = len(rows)
-    nan = dict.fromkeys(("bearing", "sigma", "u_px", "sigma_px", "confidence", "likeness"), np.full(n, np.nan))
+    nan = dict.fromkeys(("bearing", "sigma", "u_px", "sigma_px", "confidence", "similarity"), np.full(n, np.nan))
     one = dict.fromkeys(("cov_xx_px", "cov_yy_px", "area_px"), np.ones(n))
     box = dict(zip(("left_px", "top_px", "width_px", "height_px"), np.array([r[2:6] for r in rows]).T, strict=True))
     return Views.of(

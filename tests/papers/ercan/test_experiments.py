@@ -120,8 +120,8 @@ def test_small_fig17() -> None:
 @pytest.mark.parametrize(("slope", "word"), [(0.01, "reproduced"), (0.0, "not reproduced"), (-0.01, "not reproduced")])
 def test_selections_are_compared_by_the_time_between_them(slope: float, word: str) -> None:
     def trials(specs):
-        assert {s["select"]["count"] for s in specs} == {selection_period.COUNT}
-        return [{"rmse": 3.0 + slope * s["select"]["every"] + 0.001 * (s["run"] % 3)} for s in specs]
+        assert {s["select"]["n_cameras"] for s in specs} == {selection_period.COUNT}
+        return [{"rmse": 3.0 + slope * s["select"]["selection_interval"] + 0.001 * (s["run"] % 3)} for s in specs]
 
     table = selection_period.by_period(Size(10, 40), trials)
     assert [r.x for r in table] == list(selection_period.PERIODS)

@@ -127,7 +127,7 @@ def test_any_number_of_workers_gives_the_same_and_a_stopped_run_goes_on(tmp_path
     paths[1].write_text(scene_to_yaml(scene))
     source, size, names = files_of(*paths), Size(1, 25, particles=200), ["cam1", "cam3", "cam4"]
     specs = [recorded_spec(source, size, run, kind, names) for run in range(2) for kind in ("known", "kalman")]
-    greedy = {"policy": "greedy", "count": 2, "every": 2.0, "model": "weak"}
+    greedy = {"policy": "greedy", "n_cameras": 2, "selection_interval": 2.0, "model": "weak"}
     specs.append(recorded_spec(source, size, 0, "kalman", names, select=greedy))
     here = run_all(specs[:2], store=tmp_path / "trials.jsonl", run=recorded_trial)
     there = run_all(specs, 2, store=tmp_path / "trials.jsonl", run=recorded_trial)

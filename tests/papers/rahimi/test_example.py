@@ -145,10 +145,10 @@ def made_up(T: int, rng: np.random.Generator, scale: float = 1.0) -> Solved:
     diagnostics = told(
         ess=nothing,
         log_likelihood=nothing,
-        n_looked=count,
-        n_seen=count,
+        n_observing=count,
+        n_detected=count,
         cameras=np.full(T, ""),
-        n_offered=count,
+        n_available=count,
         selected=np.full(T, ""),
         predicted_mse=nothing,
     )

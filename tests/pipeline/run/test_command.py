@@ -111,7 +111,7 @@ def test_particles_are_among_the_outputs_where_they_are_asked_for(
     config: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = config.parent / "out"
-    config.write_text(CONFIG.replace("{particles: 200}", "{particles: 200, cloud: true}"))
+    config.write_text(CONFIG.replace("{particles: 200}", "{particles: 200, particle_cloud: true}"))
     assert stages(config, capsys)["track"] == "done"
     particles = read_table(folder / "particles.parquet", Particles)
     tracks = read_table(folder / "tracks.parquet", Tracks)

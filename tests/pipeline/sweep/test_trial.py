@@ -70,7 +70,7 @@ def test_rmse_of_priors_by_hand():
 
 
 def test_selection_lowers_the_messages():
-    result = run_trial(trial(select={"policy": "greedy", "count": 1, "every": 5}))
+    result = run_trial(trial(select={"policy": "greedy", "n_cameras": 1, "selection_interval": 5}))
     assert result["messages"] < 30
     assert result["predicted_mse"] > 0
 

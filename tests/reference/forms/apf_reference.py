@@ -38,22 +38,22 @@ class RefScene:
 
 @dataclass(frozen=True)
 class RefConfig:
-    reference_s: float = 1.0
-    sigma_v: float = 0.33
-    sigma_a: float = 0.0
-    sigma_w: float = 0.0
-    sigma_c: float = 0.0
-    wait_s: float = 0.0
-    phi: float = 0.03
+    reference_step_s: float = 1.0
+    process_noise_position: float = 0.33
+    process_noise_velocity: float = 0.0
+    process_noise_waiting: float = 0.0
+    process_noise_creep: float = 0.0
+    mean_wait_s: float = 0.0
+    velocity_memory: float = 0.03
     beta1: float = 0.88
     lambda1: float = 0.1
     beta2: float = 0.05
     lambda2: float = 0.9
-    defensive: float = 0.05
+    defensive_fraction: float = 0.05
     hit: float = 1.0
     miss: float = 1.0
-    false: float = 1e-4
-    soften: float = 1e-2
+    false_alarm_probability: float = 1e-4
+    out_of_view_likelihood: float = 1e-2
 
 
 @dataclass
@@ -128,7 +128,9 @@ def factors(xy, z, sigma_read, scene, config):
     """
     N = len(scene.cameras)
     a, b, assigned = np.ones((len(xy), N)), np.ones(N), np.zeros((len(xy), N), dtype=bool)
-    hit, miss, false = (np.broadcast_to(value, N) for value in (config.hit, config.miss, config.false))
+    hit, miss, false = (
+        np.broadcast_to(value, N) for value in (config.hit, config.miss, config.false_alarm_probability)
+    )
     for i, camera in enumerate(scene.cameras):
         h, d = offsets(xy, camera)
         seen = (d > 0) & (np.abs(np.arctan2(h, d)) <= camera.fov / 2) & (np.hypot(h, d) <= camera.reach)
@@ -140,7 +142,9 @@ def factors(xy, z, sigma_read, scene, config):
             continue
         normal = density(h, d, z[i], sigma_read[i], camera)
         b[i] = false[i] / (2 * camera.focal * np.tan(camera.fov / 2))
-        a[:, i] = np.where(seen, hit[i] * normal + miss[i] * b[i], config.soften * hit[i] * normal + b[i])
+        a[:, i] = np.where(
+            seen, hit[i] * normal + miss[i] * b[i], config.out_of_view_likelihood * hit[i] * normal + b[i]
+        )
     return a, b, assigned
 
 
@@ -172,12 +176,12 @@ def direction(particles):
 
 def arrived(particles, scene, config):
     e, distance = direction(particles)
-    reach = particles.speed * config.reference_s
+    reach = particles.speed * config.reference_step_s
     return (distance < reach) | (distance == 0) | ~on_floor(particles.xy + reach[:, None] * e, scene)
 
 
 def expected(particles, there, dt, config):
-    n = dt / config.reference_s
+    n = dt / config.reference_step_s
     e, _ = direction(particles)
     beta = np.where(there, config.beta2, config.beta1)
     going = n * beta + (1 - n) * (particles.regime != W)
@@ -185,7 +189,7 @@ def expected(particles, there, dt, config):
 
 
 def move(particles, there, dt, config, draws):
-    n, T = dt / config.reference_s, config.reference_s
+    n, T = dt / config.reference_step_s, config.reference_step_s
     towards = n * np.where(there, config.beta2, config.beta1)
     change = n * np.where(there, config.lambda2, config.lambda1)
     u = draws.regime
@@ -196,12 +200,16 @@ def move(particles, there, dt, config, draws):
     destination[regime == CD] = draws.destinations[: draws.used]
     new = RefParticles(particles.xy, destination, particles.speed, regime, particles.weights)
     e, _ = direction(new)
-    v = config.sigma_v * np.sqrt(dt) * draws.noise
+    v = config.process_noise_position * np.sqrt(dt) * draws.noise
     s = particles.speed[:, None]
     moves = regime != W
     new.xy = np.where(moves[:, None], particles.xy + s * e * dt + v, particles.xy)
     step = s * T * e + v
-    new.speed = np.where(moves, (1 - config.phi) * s[:, 0] + config.phi * np.hypot(step[:, 0], step[:, 1]) / T, s[:, 0])
+    new.speed = np.where(
+        moves,
+        (1 - config.velocity_memory) * s[:, 0] + config.velocity_memory * np.hypot(step[:, 0], step[:, 1]) / T,
+        s[:, 0],
+    )
     return new
 
 
@@ -219,7 +227,7 @@ def step(particles, z, sigma_read, scene, config, dt, draws, priors=None):
     first = particles.weights
     if np.isfinite(logsumexp(log_first)):
         first = np.exp(log_first - logsumexp(log_first))
-    first = (1 - config.defensive) * first + config.defensive * particles.weights
+    first = (1 - config.defensive_fraction) * first + config.defensive_fraction * particles.weights
     parents = systematic(first, draws.resample)
     ratio = particles.weights[parents] / first[parents] / len(parents)
     chosen = RefParticles(
@@ -322,22 +330,22 @@ def normal_density(r, v):
 
 def rival(camera, config):
     """Density of a value that is not the target's."""
-    return max(config.miss * config.false / (2 * camera.focal * np.tan(camera.fov / 2)), 1e-30)
+    return max(config.miss * config.false_alarm_probability / (2 * camera.focal * np.tan(camera.fov / 2)), 1e-30)
 
 
 def gathered(dt, config):
     """Variance of the place, gain of the velocity and variance left of it, after white noise of place and velocity."""
-    place = config.sigma_v**2 * dt + config.sigma_a**2 * dt**3 / 3
-    if config.sigma_a == 0:
-        return place, config.phi / config.reference_s, 0.0
-    gain = config.sigma_a**2 * dt**2 / 2 / place
-    return place, gain, config.sigma_a**2 * dt - gain**2 * place
+    place = config.process_noise_position**2 * dt + config.process_noise_velocity**2 * dt**3 / 3
+    if config.process_noise_velocity == 0:
+        return place, config.velocity_memory / config.reference_step_s, 0.0
+    gain = config.process_noise_velocity**2 * dt**2 / 2 / place
+    return place, gain, config.process_noise_velocity**2 * dt - gain**2 * place
 
 
 def standing(dt, stood, config):
     """(n,) variances of the place, gains of the velocity and variances left of it, of targets that wait."""
-    q = config.sigma_c**2
-    place = config.sigma_w**2 * dt + np.where(stood, q * dt**3 / 3, q * dt**2)
+    q = config.process_noise_creep**2
+    place = config.process_noise_waiting**2 * dt + np.where(stood, q * dt**3 / 3, q * dt**2)
     both = np.where(stood, q * dt**2 / 2, q * dt)
     gain = both / np.where(both > 0, place, 1.0)
     return place, gain, np.where(stood, q * dt, q) - gain * both
@@ -347,15 +355,15 @@ def scan_step(particles, z, sigma_read, scene, config, dt, draws):
     """Alg. 1 with hypotheses and their approximations; new particles with weights, and the scan's log-likelihood."""
     L, n = len(particles.weights), len(draws.which)
     there = arrived(particles, scene, config)
-    share = dt / config.reference_s
+    share = dt / config.reference_step_s
     towards = share * np.where(there, config.beta2, config.beta1)
     change = share * np.where(there, config.lambda2, config.lambda1)
     goes_on = np.where(particles.regime == W, W, MTD)
     chances = np.array([towards, change, share - towards - change])
     chances[goes_on, np.arange(L)] += 1 - share
-    stood = (particles.regime == W) & (config.wait_s > 0)
-    if config.wait_s > 0:
-        leave = dt / config.wait_s
+    stood = (particles.regime == W) & (config.mean_wait_s > 0)
+    if config.mean_wait_s > 0:
+        leave = dt / config.mean_wait_s
         chances[:, stood] = np.array([0.0, leave, 1 - leave])[:, None]
     old, _ = direction(particles)
     new, _ = direction(RefParticles(particles.xy, draws.destinations, None, None, None))
@@ -372,7 +380,7 @@ def scan_step(particles, z, sigma_read, scene, config, dt, draws):
     a, _, _ = factors(near.mode[best], z, sigma_read, scene, config)
     log_first += np.log(a).sum(axis=1) - near.log_factors[best]
     first = np.exp(log_first - logsumexp(log_first)).ravel()
-    first = (1 - config.defensive) * first + config.defensive * prior
+    first = (1 - config.defensive_fraction) * first + config.defensive_fraction * prior
     if np.isnan(z).all():  # nobody sees the target: a fifth goes to all that is possible alike
         possible = chances > 0
         first = 0.8 * first + 0.2 * (possible * particles.weights / possible.sum(axis=0)).ravel()
@@ -385,13 +393,14 @@ def scan_step(particles, z, sigma_read, scene, config, dt, draws):
     r0 = np.sqrt(P[:, 0, 0] - r1**2)
     step_ = np.column_stack([r0 * draws.noise[:, 0] + r1 * draws.noise[:, 1], r2 * draws.noise[:, 1]])
     blunt = np.sqrt(p0[chosen])[:, None] * draws.noise
-    xy = np.where((draws.which < config.defensive)[:, None], mean[chosen] + blunt, near.mode[chosen] + step_)
+    xy = np.where((draws.which < config.defensive_fraction)[:, None], mean[chosen] + blunt, near.mode[chosen] + step_)
     log_prior = -0.5 * ((xy - mean[chosen]) ** 2).sum(axis=1) / p0[chosen] - np.log(p0[chosen])
     away = xy - near.mode[chosen]
     square = (away * np.linalg.solve(P, away[:, :, None])[:, :, 0]).sum(axis=1)
     with np.errstate(divide="ignore"):
         log_q = np.logaddexp(
-            np.log1p(-config.defensive) - 0.5 * square - np.log(r0 * r2), np.log(config.defensive) + log_prior
+            np.log1p(-config.defensive_fraction) - 0.5 * square - np.log(r0 * r2),
+            np.log(config.defensive_fraction) + log_prior,
         )
         log_weights = log_prior - log_q + np.log(prior[chosen]) - np.log(first[chosen] * n)
     moved = come(particles, parents, regime, draws, mean[chosen], xy, dt, config)
@@ -404,20 +413,20 @@ def scan_step(particles, z, sigma_read, scene, config, dt, draws):
 def come(particles, parents, regime, draws, mean, xy, dt, config):
     """Particles that have come to given places: destinations, and speeds (Eq. 5, or by white acceleration)."""
     _, gain, left = gathered(dt, config)
-    T, phi = config.reference_s, config.phi
+    T, phi = config.reference_step_s, config.velocity_memory
     destination = np.where((regime == CD)[:, None], draws.destinations[parents], particles.destination[parents])
     e, _ = direction(RefParticles(particles.xy[parents], destination, None, None, None))
     s, v, moves = particles.speed[parents], xy - mean, regime != W
     step_ = s[:, None] * T * e + v
     speed = np.where(moves, (1 - phi) * s + phi * np.hypot(step_[:, 0], step_[:, 1]) / T, s)
-    if config.sigma_a > 0:
+    if config.process_noise_velocity > 0:
         velocity = speed[:, None] * e + gain * v + np.sqrt(left) * draws.velocity
         turned = np.hypot(velocity[:, 0], velocity[:, 1])
         away = destination - xy
         ahead = xy + np.hypot(away[:, 0], away[:, 1])[:, None] * velocity / turned[:, None]
         speed = np.where(moves, turned, speed)
         destination = np.where(moves[:, None], ahead, destination)
-    if config.wait_s > 0:
+    if config.mean_wait_s > 0:
         stood = particles.regime[parents] == W
         _, pull, rest = standing(dt, stood, config)
         creep = stood[:, None] * (particles.destination[parents] - particles.xy[parents]) / 10.0

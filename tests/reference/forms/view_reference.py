@@ -113,7 +113,7 @@ def band(particles: Array, line: Array, mine: Array, c: Any) -> Array:
     """[Qu] Eq. 5 without its constant."""
     line = line / np.hypot(line[0], line[1])
     d = particles[:, :2] @ line[:2] + line[2]
-    return np.exp(-(d**2) / (2 * (c.band * reach(mine, np.arctan2(line[1], line[0]))) ** 2))
+    return np.exp(-(d**2) / (2 * (c.epipolar_band * reach(mine, np.arctan2(line[1], line[0]))) ** 2))
 
 
 def moved(t: Any, c: Any, normals: Array) -> Array:
@@ -133,8 +133,8 @@ def helping(t: Any, i: int, ready: Array, ratio: Array, c: Any) -> list[int]:
     """Counterparts that help a tracker: good, ready and clear; those alone in their view before others."""
     nearest = ratio.min(axis=1)
     found = [j for v, j in enumerate(t.counterpart[i]) if j >= 0 and t.good[i, v] and ready[j]]
-    alone = [j for j in found if nearest[j] > c.close]
-    return [j for j in alone or found if nearest[j] >= min(c.clear, nearest[i])]
+    alone = [j for j in found if nearest[j] > c.collaboration_distance]
+    return [j for j in alone or found if nearest[j] >= min(c.clear_distance, nearest[i])]
 
 
 def frame(t: Any, c: Any, fundamental: Array, bins: list[Array], normals: Array, order: Array, u: Array) -> RefFrame:
@@ -153,7 +153,7 @@ def frame(t: Any, c: Any, fundamental: Array, bins: list[Array], normals: Array,
     alike = [likeness_of(bins[t.view[i]], x[i], t.colours[i, :72], c.pixel_step) for i in range(n)]
     log_local = [(a - 1) / (2 * c.sigma_colour**2) for a in alike]
     ratio = ratios(np.array([mean_of(x[i], weights_of(log_local[i])) for i in range(n)]), t.view)
-    touching, busy = ratio <= c.touch, (ratio <= c.close).any(axis=1)
+    touching, busy = ratio <= c.interaction_distance, (ratio <= c.collaboration_distance).any(axis=1)
     usual = t.path.mean(axis=1)
     own = [
         log_local[i] + (np.log(inertia(x[i], t.estimate[i, :2], usual[i], c)) if touching[i].any() else 0.0)

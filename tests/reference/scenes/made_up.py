@@ -99,7 +99,7 @@ def _filtered(true: np.ndarray, size: float, cameras: int, rng: np.random.Genera
                 "bound_xy": 0 * var,
                 "bound_yy": 0.2 * var,
                 "bound": np.sqrt(0.4 * var),
-                "n_seen": np.full(n, 3),
+                "n_detected": np.full(n, 3),
             },
         ),
         (
@@ -107,11 +107,11 @@ def _filtered(true: np.ndarray, size: float, cameras: int, rng: np.random.Genera
             {
                 "ess": 1000.0 * rng.beta(2, 3, n),
                 "log_likelihood": np.zeros(n),
-                "n_looked": np.full(n, cameras),
-                "n_seen": np.full(n, 3),
+                "n_observing": np.full(n, cameras),
+                "n_detected": np.full(n, 3),
                 "fallback": fallback,
                 "cameras": np.full(n, "camera 1"),
-                "n_offered": np.full(n, cameras),
+                "n_available": np.full(n, cameras),
                 "selected": np.full(n, ""),
                 "predicted_mse": np.full(n, np.nan),
             },

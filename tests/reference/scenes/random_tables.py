@@ -14,7 +14,7 @@ from occlog.records.declared.world import PATH_STATES, RobotPath
 from occlog.records.tables import Hulls, Occluders, Tracks
 
 WORDS = {
-    (ViewTracks, "event"): EVENTS,
+    (ViewTracks, "lifecycle"): EVENTS,
     (ViewTracks, "counterpart"): COUNTERPARTS,
     (Failures, "kind"): ["position", "label"],
     (Events, "kind"): KINDS,

@@ -42,11 +42,11 @@ def tracks() -> PeopleTracks:
 
 
 def view_tracks() -> PeopleViews:
-    nothing = {"likeness": [np.nan] * 2, "ess": [np.nan] * 2, "counterpart": [""] * 2, "neighbours": [""] * 2}
+    nothing = {"similarity": [np.nan] * 2, "ess": [np.nan] * 2, "counterpart": [""] * 2, "neighbours": [""] * 2}
     return PeopleViews.of(
         t_ns=[NS] * 2, sensor=["east"] * 2, frame=[0] * 2, target_id=[3, 7], x_px=[20.0, 40.0], y_px=[25.0, 20.0],
         a_px=[4.0, 3.0], b_px=[10.0, 8.0], rho=[0.0] * 2, cov_xx_px=[1.0] * 2, cov_xy_px=[0.0] * 2, cov_yy_px=[1.0] * 2,
-        likelihood_mode=["box", "floor"], assisting_views=[""] * 2, lifecycle=[""] * 2, **nothing,
+        likelihood_mode=["box", "ground"], assisting_views=[""] * 2, lifecycle=[""] * 2, **nothing,
     )  # fmt: skip
 
 

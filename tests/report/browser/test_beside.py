@@ -210,7 +210,7 @@ def test_on_paper_there_are_words_tables_and_figures(opened: Open) -> None:
 
 def test_names_from_the_data_execute_nothing(opened: Open, tmp_path: Path) -> None:
     many = np.full(180, EVIL)
-    table = tracks(60, seen_by=many, doubt=many, existence=np.full(180, 0.9))
+    table = tracks(60, seen_by=many, quality_flags=many, existence_probability=np.full(180, 0.9))
     folders = [write_run(tmp_path / name, run) for name, run in ((EVIL.replace("/", "|"), table), ("b", tracks()))]
     out = tmp_path / "evil.html"
     assert run(["report", *map(str, folders), "-o", str(out), "--title", EVIL, "-q"]) == 0

@@ -117,7 +117,7 @@ def test_the_largest_distance_between_kept_moments_is_not_lost() -> None:
 
 def test_names_and_findings_are_text(tmp_path: Path) -> None:
     found = beside(tracks(), tracks(60, exchanged_at(25)), tmp_path, (EVIL, EVIL + "2"))
-    doubt = tracks(60, doubt=np.full(180, EVIL), seen_by=np.full(180, EVIL))
+    doubt = tracks(60, quality_flags=np.full(180, EVIL), seen_by=np.full(180, EVIL))
     side = replace(
         found.a, tracks=doubt, data=replace(found.a.data, losses=(Loss(EVIL, EVIL, EVIL, 1),), metrics={EVIL: 1.0})
     )

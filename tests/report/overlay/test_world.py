@@ -30,9 +30,9 @@ ROOM = np.array([[0.0, 0.0], [6.0, 0.0], [6.0, 4.5], [0.0, 4.5]])
 def view_tracks_of(times: list[int], sensor: str) -> ViewTracks:
     """An ellipse around (20, 25) in each frame."""
     n = len(times)
-    numbers = {"x_px": 20.0, "y_px": 25.0, "a_px": 4.0, "b_px": 10.0, "rho": 0.0, "likeness": np.nan, "ess": np.nan}
+    numbers = {"x_px": 20.0, "y_px": 25.0, "a_px": 4.0, "b_px": 10.0, "rho": 0.0, "similarity": np.nan, "ess": np.nan}
     numbers |= {"cov_xx_px": 1.0, "cov_xy_px": 0.0, "cov_yy_px": 1.0}
-    words = {"mode": "box", "counterpart": "", "neighbours": "", "helpers": "", "event": ""}
+    words = {"likelihood_mode": "box", "counterpart": "", "neighbours": "", "assisting_views": "", "lifecycle": ""}
     values = {name: [value] * n for name, value in (numbers | words).items()}
     return ViewTracks.of(t_ns=times, sensor=[sensor] * n, frame=list(range(n)), target_id=[3] * n, **values)
 

@@ -54,7 +54,7 @@ def test_the_page_of_a_method_without_particles(batch: ReportInput) -> None:
     page = build_page(batch)
     assert "Certainty" in page
     assert "Median standard deviation of the position" in page
-    assert "effective sample size" not in page
+    assert "Lowest effective sample size" not in page
 
 
 def test_a_filter_with_particles_shows_their_number() -> None:

@@ -118,7 +118,7 @@ def test_who_saw_a_target_and_what_is_doubtful_come_from_tracks_of_everybody_or_
     said = [c.name for c in Diagnostics.columns()]
     more = {name: getattr(diagnostics, name) for name in said}
     more["seen_by"] = np.array(["camera 1"] * 5 + [""] * 5)
-    more["n_seen"] = np.array([1] * 5 + [0] * 4 + [2])
+    more["n_detected"] = np.array([1] * 5 + [0] * 4 + [2])
     more["fallback"] = np.array([""] * 9 + ["restart"])
     values = told(replace(data, diagnostics=Diagnostics.of(**more)))
     table = columns(values, "tracks")

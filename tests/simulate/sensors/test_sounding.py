@@ -273,7 +273,7 @@ def test_settings_that_are_none():
     for values in (
         {"sound_and_silence_s": (0.0, 1.0)},
         {"sound_and_silence_s": (1.0, math.inf)},
-        {"false_rate": -1.0},
+        {"false_alarm_rate": -1.0},
         {"step_s": 0.0},
     ):
         with pytest.raises(InputError, match=f"sound: {next(iter(values))} is"):

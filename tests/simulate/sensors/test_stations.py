@@ -56,7 +56,7 @@ def test_values_are_of_distances_in_space_with_the_stated_noise() -> None:
 
 
 def test_shares_of_missing_and_false_values_are_as_stated() -> None:
-    found = measured(measure="range", measure_miss_probability=0.25, measure_false=0.2, range_noise=1e-6)
+    found = measured(measure="range", measure_miss_probability=0.25, measure_outlier_probability=0.2, range_noise=1e-6)
     rows = found.take(found.sensor == "s0")
     assert abs(len(rows) / STEPS - 0.75) < 4 * (0.25 * 0.75 / STEPS) ** 0.5
     false = np.abs(rows.range - 5.0) > 1e-3
@@ -67,7 +67,7 @@ def test_shares_of_missing_and_false_values_are_as_stated() -> None:
 
 
 def test_detours_are_exponential_and_make_ranges_longer_only() -> None:
-    found = measured(measure="range", nlos_probability=0.5, detour=2.0, range_noise=1e-6)
+    found = measured(measure="range", nlos_probability=0.5, nlos_bias=2.0, range_noise=1e-6)
     longer = found.range[found.sensor == "s1"] - np.hypot(8.0, 3.0)
     assert longer.min() > -1e-4
     late = longer[longer > 1e-3]

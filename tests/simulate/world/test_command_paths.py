@@ -73,7 +73,7 @@ def test_a_recording_of_scripted_targets(
     assert (doa.source_id == 4).sum() == 16
     assert np.isnan(doa.elevation[doa.source_id == 9]).all()
     assert recording.provenance.inputs[1][0] == "paths.yaml"
-    assert recording.provenance.parameters["sound"]["label"] is True
+    assert recording.provenance.parameters["sound"]["label_doa"] is True
 
 
 def test_options_go_before_the_file_and_the_same_gives_the_same(files: tuple[Path, Path], tmp_path: Path) -> None:

@@ -167,11 +167,11 @@ def test_the_selection_is_in_the_provenance_and_runs_are_alike(base, tmp_path):
     assert tables[0] == tables[1]
     assert read_provenance(tmp_path / "a").parameters["selection"] == {
         "policy": "random",
-        "patience": 1,
-        "count": 2,
-        "every": 3.0,
+        "max_blind_scans": 1,
+        "n_cameras": 2,
+        "selection_interval": 3.0,
         "model": "perspective",
-        "order": [],
+        "camera_order": [],
     }
 
 

@@ -42,7 +42,9 @@ def test_normalised_errors_are_those_of_a_consistent_estimate(motion, focal_px, 
 def test_the_motion_alone_is_inconsistent_where_the_scan_is_not(motion):
     """What [Ercan]'s importance density does among sharp cameras: few particles, taken for certainty."""
     made = record(motion, focal_px=1000.0, sigma_px=0.5, seed=1)
-    blind = follow(made, "apf", {"proposal": "motion", "process_noise_waiting": 0.0, "mean_wait_s": 0.0}, skip_s=SKIP_S)
+    blind = follow(
+        made, "apf", {"proposal": "bootstrap", "process_noise_waiting": 0.0, "mean_wait_s": 0.0}, skip_s=SKIP_S
+    )
     looking = follow(made, "apf", {}, skip_s=SKIP_S)
     assert not blind.nees.mean() < 5.0  # NaN where a covariance is singular
     assert looking.nees.mean() < 3.0
@@ -102,7 +104,7 @@ def test_rows_with_few_effective_particles_are_depleted_and_say_so():
     """20 particles that do not look at sharp bearings."""
     made = record("zig-zag", seed=2)
     config = replace(
-        ApfConfig.in_unit("m"), particles=20, proposal="motion", initial_particle_factor=50, track_loss_count=0
+        ApfConfig.in_unit("m"), particles=20, proposal="bootstrap", initial_particle_factor=50, track_loss_count=0
     )
     tracks, diagnostics = tracked(made.bearings, made.scene, config)
     few = diagnostics.ess < 10.0

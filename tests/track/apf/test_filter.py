@@ -34,7 +34,7 @@ def seen_from_everywhere(scene, xy, t_s, noise=None):
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize("proposal", ["scan", "motion"])
+@pytest.mark.parametrize("proposal", ["adapted", "bootstrap"])
 def test_the_posterior_is_that_of_a_grid_filter(proposal):
     """A target that only diffuses (always MTD at speed 0) has a posterior that can be computed on a grid."""
     scene = room100(cameras=4)
@@ -165,7 +165,7 @@ def test_stage_one_is_skipped_when_no_expected_position_can_be():
         lambda1=0.0,
         beta2=1.0,
         lambda2=0.0,
-        proposal="motion",
+        proposal="bootstrap",
         track_loss_count=0,
     )
     rng = np.random.default_rng(0)
@@ -297,8 +297,8 @@ def test_microphones_and_cameras_work_together():
         )
     _, estimates = run(scene, both, ApfConfig(particles=3000, clutter_rate=2.0))
     assert np.hypot(*(estimates[-1].xy - truth)) < 3.0
-    assert estimates[-1].n_looked == 2
-    assert estimates[-1].n_seen == 2
+    assert estimates[-1].n_observing == 2
+    assert estimates[-1].n_detected == 2
 
 
 @pytest.mark.jit
@@ -323,8 +323,8 @@ def test_one_of_several_people_is_followed_among_unlabelled_candidates():
         error = np.hypot(*(np.array([e.xy for e in estimates]) - path).T)
         assert error.max() < 6.0
         assert np.sqrt(np.mean(error**2)) < 2.0
-        assert all(e.n_looked == 8 for e in estimates)
-        assert 3 < np.mean([e.n_seen for e in estimates]) < 8
+        assert all(e.n_observing == 8 for e in estimates)
+        assert 3 < np.mean([e.n_detected for e in estimates]) < 8
 
 
 def test_a_scene_without_floor_is_refused():

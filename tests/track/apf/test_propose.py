@@ -15,8 +15,8 @@ from occlog.track.methods.apf.config import ApfConfig
 from occlog.track.methods.apf.model import pack_scan
 from occlog.track.methods.apf.proposal import auxiliary_step
 
-PEOPLE = {"process_noise_velocity": 0.5, "sigma_w": 0.1, "phi": 0.0}
-STAND = {**PEOPLE, "wait_s": 4.0, "sigma_c": 0.3}
+PEOPLE = {"process_noise_velocity": 0.5, "process_noise_waiting": 0.1, "velocity_memory": 0.0}
+STAND = {**PEOPLE, "mean_wait_s": 4.0, "process_noise_creep": 0.3}
 
 
 def rows_of(scene, seed=0):
@@ -40,7 +40,13 @@ def likelihoods(state, looks, dt, runs=60):
 @pytest.mark.parametrize(("seed", "seen"), [(0, True), (1, True), (2, True), (3, True), (0, False), (1, False)])
 def test_a_step_is_that_of_the_plain_form(seed, seen, dt, noises):
     scene = room100(pillar=bool(seed % 2))
-    options = {"defensive_fraction": 0.1 * (seed % 2), "soften": 0.02, "false": 1e-3, "phi": 0.3, **noises}
+    options = {
+        "defensive_fraction": 0.1 * (seed % 2),
+        "out_of_view_likelihood": 0.02,
+        "false_alarm_probability": 1e-3,
+        "velocity_memory": 0.3,
+        **noises,
+    }
     config = ApfConfig(particles=L, track_loss_count=0, **options)
     state, u = state_with(scene, config, seed), readings(scene, seed)
     u = u if seen else np.full_like(u, np.nan)
@@ -87,7 +93,7 @@ def test_the_log_likelihood_is_that_of_the_motion_alone(dt, focal, noises):
     rows = rows_of(room100())
     rows = [(i, None if u is None else u * focal / 70.0) for i, u in rows]
     found = []
-    for proposal, many in (("scan", L), ("motion", 30 * L)):
+    for proposal, many in (("adapted", L), ("bootstrap", 30 * L)):
         config = ApfConfig(particles=many, proposal=proposal, track_loss_count=0, **noises)
         state = state_with(scene, config, 1)
         found.append(likelihoods(state, pack_scan(scan(dt, rows), state.model.read_px, True), dt))
@@ -104,7 +110,7 @@ def test_the_moments_are_those_of_many_particles_that_do_not_look(seed, noises):
     state = state_with(scene, ApfConfig(particles=L, track_loss_count=0, **noises), seed)
     looks = pack_scan(scan(dt, rows), state.model.read_px, True)
     blind = state.model._replace(
-        config=ApfConfig(particles=200_000, proposal="motion", defensive_fraction=1.0, track_loss_count=0, **noises)
+        config=ApfConfig(particles=200_000, proposal="bootstrap", defensive_fraction=1.0, track_loss_count=0, **noises)
     )
     wide = auxiliary_step(blind, state.particles, state.weights, looks, dt, np.random.default_rng(9))
     mean, covariance = mean_and_covariance(wide.weights, wide.particles.xy)
@@ -149,13 +155,13 @@ def test_sharp_bearings_leave_more_particles_than_without_a_look(focal, factor):
     scene = room100(focal=focal, sigma_position=0.0, sigma_yaw=0.0)
     rows = [(i, None if u is None else u * focal / 70.0) for i, u in rows_of(room100())]
     sizes = {}
-    for proposal in ("scan", "motion"):
+    for proposal in ("adapted", "bootstrap"):
         state = state_with(scene, ApfConfig(particles=1000, proposal=proposal, track_loss_count=0), 0, spread=1.0)
         looks = pack_scan(scan(0.5, rows), state.model.read_px, True)
         draw = auxiliary_step(state.model, state.particles, state.weights, looks, 0.5, np.random.default_rng(0))
         sizes[proposal] = effective_sample_size(draw.weights)
-    assert sizes["scan"] > 800
-    assert sizes["scan"] > factor * sizes["motion"]
+    assert sizes["adapted"] > 800
+    assert sizes["adapted"] > factor * sizes["bootstrap"]
 
 
 def test_parents_are_those_that_the_particles_came_from():

@@ -70,7 +70,7 @@ def test_bytes_of_cameras_at_their_own_times_by_hand():
     """cam1 sends 20 frames, cam5 10; all would send 4 x 20 + 4 x 10; two orders."""
     _, d = whole(asynchronous(), SelectConfig("fixed", 2, selection_interval=4, camera_order=("cam5", "cam1")))
     assert len(d) == 30
-    np.testing.assert_array_equal(d.n_offered, 4)
+    np.testing.assert_array_equal(d.n_available, 4)
     np.testing.assert_array_equal(d.cameras, np.where(d.t_ns % SECOND == 0, "cam1", "cam5"))
     assert counted(d).summary() == {
         "messages": 32,
@@ -115,7 +115,7 @@ def test_orders_are_those_of_the_choices_that_were_made(make, policy, monkeypatc
     found = counted(d)
     assert (found.orders, found.selections) == (orders, len(made))
     np.testing.assert_array_equal(d.predicted_mse[np.isfinite(d.predicted_mse)], [c.mse for c in made])
-    assert found.bytes == 18 * d.n_looked.sum() + 4 * orders
+    assert found.bytes == 18 * d.n_observing.sum() + 4 * orders
 
 
 def test_a_selection_that_no_frame_followed_is_in_no_row(monkeypatch):
@@ -132,7 +132,7 @@ def test_a_selection_that_no_frame_followed_is_in_no_row(monkeypatch):
     _, d = whole(table, SelectConfig("greedy", 1, selection_interval=1, max_blind_scans=0))
     assert len(calls) == 3
     assert d.selected.tolist() == ["cam1", "cam2"]
-    np.testing.assert_array_equal(d.n_offered, [8, 15])
+    np.testing.assert_array_equal(d.n_available, [8, 15])
     found = counted(d)
     assert (found.reports, found.offered, found.orders, found.selections) == (2, 23, 3, 2)
 
@@ -170,8 +170,8 @@ def test_microphone_arrays_are_always_used_and_never_selected():
     table = Bearings.merge([recording()[1], of_array()])
     _, d = whole(table, SelectConfig("greedy", 2, selection_interval=5, max_blind_scans=0), scene=scene)
     assert "array" not in ",".join(d.selected)
-    np.testing.assert_array_equal(d.n_looked, 3)
-    np.testing.assert_array_equal(d.n_offered, 9)
+    np.testing.assert_array_equal(d.n_observing, 3)
+    np.testing.assert_array_equal(d.n_available, 9)
     assert all(used.split(",")[-1] == "array" for used in d.cameras)
 
 

@@ -193,20 +193,20 @@ def test_a_large_cloud_is_thinned_without_changing_much():
     [
         ({"policy": "best"}, "one of greedy"),
         ({"model": "flat"}, "one of perspective"),
-        ({"count": 0}, "at least 1"),
-        ({"count": "3"}, "count is '3', must be a whole number"),
-        ({"count": 2.5}, "count is 2.5, must be a whole number"),
-        ({"count": True}, "whole number"),
-        ({"every": "5"}, "every is '5', must be a number"),
-        ({"every": None}, "every is None, must be a number"),
-        ({"order": "cam1"}, "order is 'cam1', must be a list of names"),
-        ({"order": [1, 2]}, "must be a list of names"),
-        ({"order": None}, "must be a list of names"),
+        ({"n_cameras": 0}, "at least 1"),
+        ({"n_cameras": "3"}, "count is '3', must be a whole number"),
+        ({"n_cameras": 2.5}, "count is 2.5, must be a whole number"),
+        ({"n_cameras": True}, "whole number"),
+        ({"selection_interval": "5"}, "every is '5', must be a number"),
+        ({"selection_interval": None}, "every is None, must be a number"),
+        ({"camera_order": "cam1"}, "order is 'cam1', must be a list of names"),
+        ({"camera_order": [1, 2]}, "must be a list of names"),
+        ({"camera_order": None}, "must be a list of names"),
         ({"policy": ["greedy"]}, "one of greedy"),
         ({"polcy": "greedy"}, "unknown key 'polcy'; it has: policy, count, every, model, order, patience"),
-        ({"every": 0.0}, "above 0"),
-        ({"every": float("nan")}, "finite and above 0"),
-        ({"every": float("inf")}, "finite and above 0"),
+        ({"selection_interval": 0.0}, "above 0"),
+        ({"selection_interval": float("nan")}, "finite and above 0"),
+        ({"selection_interval": float("inf")}, "finite and above 0"),
     ],
 )
 def test_settings_that_make_no_sense_are_refused(values, said):
@@ -216,7 +216,13 @@ def test_settings_that_make_no_sense_are_refused(values, said):
 
 def test_a_selection_of_a_file():
     assert read_selection({}) == SelectConfig()
-    given = {"policy": "fixed", "count": 2, "every": 3, "model": "weak", "order": ["cam2", "cam1"]}
+    given = {
+        "policy": "fixed",
+        "n_cameras": 2,
+        "selection_interval": 3,
+        "model": "weak",
+        "camera_order": ["cam2", "cam1"],
+    }
     assert read_selection(given) == SelectConfig("fixed", 2, 3, "weak", ("cam2", "cam1"))
 
 

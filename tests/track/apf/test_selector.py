@@ -57,8 +57,8 @@ def test_only_selected_cameras_are_used_and_written():
     for row in range(STEPS):
         assert len(d.selected[row].split(",")) == 3
         assert set(d.cameras[row].split(",")) == set(d.selected[row].split(","))
-    np.testing.assert_array_equal(d.n_looked, 3)
-    np.testing.assert_array_equal(d.n_offered, 8)
+    np.testing.assert_array_equal(d.n_observing, 3)
+    np.testing.assert_array_equal(d.n_available, 8)
     made = np.flatnonzero(np.isfinite(d.predicted_mse))
     np.testing.assert_array_equal(made, np.arange(0, STEPS, 4))
     changes = np.flatnonzero(d.selected[1:] != d.selected[:-1]) + 1
@@ -102,9 +102,9 @@ def test_cameras_at_their_own_times():
     _, d = whole(table, SelectConfig("fixed", 2, selection_interval=1000))  # cam1 and cam2: full seconds only
     assert len(d) == STEPS
     np.testing.assert_array_equal(d.t_ns, np.arange(STEPS) * SECOND)
-    np.testing.assert_array_equal(d.n_looked, 2)
+    np.testing.assert_array_equal(d.n_observing, 2)
     # After every even second four more cameras deliver, before the row of the next odd second.
-    np.testing.assert_array_equal(d.n_offered, [4, *[8, 4] * 9, 8])
+    np.testing.assert_array_equal(d.n_available, [4, *[8, 4] * 9, 8])
     found = counted(d)
     assert (found.reports, found.orders, found.offered) == (2 * STEPS, 2, len(table))
 
@@ -113,12 +113,12 @@ def test_cameras_at_their_own_times_with_changes():
     table = asynchronous(1)
     _, d = whole(table, SelectConfig("greedy", 4, selection_interval=3, max_blind_scans=0))
     delivered = [len(table.t_ns[table.t_ns == t]) for t in np.unique(table.t_ns)]
-    assert d.n_offered.sum() == len(table) - sum(
+    assert d.n_available.sum() == len(table) - sum(
         n for n, t in zip(delivered, np.unique(table.t_ns), strict=True) if t > d.t_ns[-1]
     )
     for row in range(len(d)):
         assert set(d.cameras[row].split(",")) <= set(d.selected[row].split(","))
-        assert d.n_looked[row] == len(d.cameras[row].split(","))
+        assert d.n_observing[row] == len(d.cameras[row].split(","))
         there = set(table.sensor[table.t_ns == d.t_ns[row]].tolist())
         assert set(d.cameras[row].split(",")) == there & set(d.selected[row].split(","))
 
@@ -148,7 +148,7 @@ def test_left_out_cameras_are_not_selected():
     usable = frozenset({"cam1", "cam4", "cam6"})
     _, d = whole(recording(), SelectConfig("greedy", 2, selection_interval=1, max_blind_scans=0), sensors=usable)
     assert set(",".join(d.selected).split(",")) <= usable
-    np.testing.assert_array_equal(d.n_offered, 3)
+    np.testing.assert_array_equal(d.n_available, 3)
 
 
 def one_target(seen_by_cameras, steps=STEPS):
@@ -171,8 +171,8 @@ def test_all_cameras_are_asked_until_two_have_seen_the_target_at_once():
     table = one_target(lambda step: {1} if step < 3 else range(1, 9))
     _, d = whole(table, SelectConfig("greedy", 3, selection_interval=5))
     assert d.selected[:4].tolist() == [""] * 4
-    np.testing.assert_array_equal(d.n_looked[:4], 8)
-    np.testing.assert_array_equal(d.n_looked[4:], 3)
+    np.testing.assert_array_equal(d.n_observing[:4], 8)
+    np.testing.assert_array_equal(d.n_observing[4:], 3)
 
 
 def test_cameras_that_lose_sight_are_replaced_in_the_next_scan_and_not_asked_again_soon():
@@ -183,7 +183,7 @@ def test_cameras_that_lose_sight_are_replaced_in_the_next_scan_and_not_asked_aga
     first = names(d.selected[1])
     _, patient = whole(blind, SelectConfig("greedy", 3, selection_interval=100, max_blind_scans=0))
     assert len(set(patient.selected.tolist())) == 1
-    lost = [k for k in range(1, STEPS) if k >= 3 and d.n_seen[k] < 2]
+    lost = [k for k in range(1, STEPS) if k >= 3 and d.n_detected[k] < 2]
     assert all(names(d.selected[k]) != names(d.selected[k + 1]) for k in lost if k + 1 < STEPS)
     assert names(d.selected[-1]) != first
 

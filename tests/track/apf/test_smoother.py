@@ -22,8 +22,8 @@ pytestmark = pytest.mark.jit
 BACK = apf.METHOD.smoothing.back
 DIFFUSING = {
     "initial_speed": 0.0,
-    "speed_spread": 0.0,
-    "phi": 0.0,
+    "sigma_initial_speed": 0.0,
+    "velocity_memory": 0.0,
     "beta1": 1.0,
     "lambda1": 0.0,
     "beta2": 1.0,
@@ -80,7 +80,7 @@ def from_afar():
     return Scene(cameras=tuple(cameras), room=ROOM)
 
 
-@pytest.mark.parametrize(("dt", "proposal"), [(0.4, "scan"), (0.4, "motion"), (2.5, "scan")])
+@pytest.mark.parametrize(("dt", "proposal"), [(0.4, "adapted"), (0.4, "bootstrap"), (2.5, "adapted")])
 def test_the_smoothed_posterior_is_that_of_the_exact_smoother(dt, proposal):
     sigma, start, steps, runs, read = 1.2, 3.0, 9, 6, SHARP["sigma_read_px"]
     scene = from_afar()
@@ -199,7 +199,7 @@ def test_a_long_step_leaves_links_of_its_parts_and_one_state():
     assert all(np.isfinite(past.covariance).all() for past in found)
 
 
-@pytest.mark.parametrize("noises", [{}, {"process_noise_velocity": 0.5, "sigma_w": 0.05}])
+@pytest.mark.parametrize("noises", [{}, {"process_noise_velocity": 0.5, "process_noise_waiting": 0.05}])
 def test_two_scans_at_one_time_do_not_cut_the_record(noises):
     scene, scans, config = walking(6, **noises)
     twice = [*scans[:4], scans[3], *scans[4:]]

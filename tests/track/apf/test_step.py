@@ -18,9 +18,9 @@ from occlog.track.methods.apf.config import ApfConfig
 @pytest.mark.parametrize("seed", range(3))
 def test_a_step_is_that_of_the_plain_form(seed, dt, pillar):
     scene = room100(pillar)
-    options = {"defensive_fraction": 0.1 * (seed % 2), "soften": 0.02, "false": 1e-3}
+    options = {"defensive_fraction": 0.1 * (seed % 2), "out_of_view_likelihood": 0.02, "false_alarm_probability": 1e-3}
     config = ApfConfig(
-        particles=L, velocity_memory=0.3, resampling_threshold=1.0, track_loss_count=0, proposal="motion", **options
+        particles=L, velocity_memory=0.3, resampling_threshold=1.0, track_loss_count=0, proposal="bootstrap", **options
     )
     state, u = state_with(scene, config, seed), readings(scene, seed)
     rows = [(i, None if np.isnan(u[i]) else u[i]) for i in range(8)]
@@ -38,7 +38,7 @@ def test_a_step_is_that_of_the_plain_form(seed, dt, pillar):
         -u,
         np.full(8, 2.0),
         reference_scene(scene),
-        ref.RefConfig(phi=0.3, **options),
+        ref.RefConfig(velocity_memory=0.3, **options),
         dt,
         draws,
     )

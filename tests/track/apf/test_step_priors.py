@@ -36,13 +36,13 @@ def test_a_step_is_that_of_the_plain_form(seed, spread, isotropic, likelihood, m
         propose, "OCCLUDER_SUPPORT_SIGMAS_STAGE1", OCCLUDER_SUPPORT_SIGMAS
     )  # stage 1 as near as stage 2, so that parents are the same
     scene = room100()
-    options = {"defensive_fraction": 0.1, "soften": 0.02, "false": 1e-3}
+    options = {"defensive_fraction": 0.1, "out_of_view_likelihood": 0.02, "false_alarm_probability": 1e-3}
     config = ApfConfig(
         particles=L,
         velocity_memory=0.3,
         resampling_threshold=1.0,
         track_loss_count=0,
-        proposal="motion",
+        proposal="bootstrap",
         own_prior_gate=0.0,
         likelihood=likelihood,
         occlusion_tempering=1.0,
@@ -66,7 +66,7 @@ def test_a_step_is_that_of_the_plain_form(seed, spread, isotropic, likelihood, m
         -u,
         np.full(8, 2.0),
         reference_scene(scene),
-        ref.RefConfig(phi=0.3, miss=0.0, **options),
+        ref.RefConfig(velocity_memory=0.3, miss=0.0, **options),
         1.0,
         draws,
         occlusion.RefPriors(mean, covariance, 3.33, recursion=likelihood == "recursion"),

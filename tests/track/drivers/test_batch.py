@@ -118,7 +118,7 @@ def test_a_row_for_every_scan_in_time_order_across_targets(lag: float | None) ->
         int(made.seen[(made.t_ns == t) & (made.target_id == k)].sum())
         for t, k in zip(tracks.t_ns, tracks.target_id, strict=True)
     ]
-    assert diagnostics.n_seen.tolist() == seen
+    assert diagnostics.n_detected.tolist() == seen
 
 
 @settings(max_examples=60, deadline=None)

@@ -83,7 +83,7 @@ def test_every_target_has_a_row_for_every_scan_once_it_was_met() -> None:
     tracks, diagnostics = run([both])
     met = [(t, k) for t in range(5) for k in (0, 4) if k == 0 or t >= 2]
     assert list(zip((tracks.t_ns // SECOND).tolist(), tracks.target_id.tolist(), strict=True)) == met
-    assert diagnostics.n_looked[diagnostics.target_id == 4].tolist() == [1, 1, 1]
+    assert diagnostics.n_observing[diagnostics.target_id == 4].tolist() == [1, 1, 1]
 
 
 def test_a_target_that_was_met_gets_candidates_but_no_rows_of_others() -> None:
@@ -112,7 +112,7 @@ def test_random_numbers_of_a_target_do_not_depend_on_the_others() -> None:
 def test_frames_of_scans_without_an_estimate_count_in_the_next_row() -> None:
     tracks, diagnostics = run([seen(4)], config=Settings(silent=2))
     assert (tracks.t_ns // SECOND).tolist() == [2, 3]
-    assert diagnostics.n_offered.tolist() == [3 * len(NAMES), len(NAMES)]
+    assert diagnostics.n_available.tolist() == [3 * len(NAMES), len(NAMES)]
 
 
 def test_one_start_is_for_one_target() -> None:
@@ -156,4 +156,4 @@ def test_a_scan_of_cameras_that_are_not_asked_gives_no_row() -> None:
     every = Bearings.merge([seen(2, 0, cameras=["cam1", "cam2"]), late])
     tracks, diagnostics = run([every], SELECTING, selection=SelectConfig("fixed", 2, selection_interval=1e6))
     assert tracks.t_ns.tolist() == [0, SECOND]
-    assert diagnostics.n_offered.tolist() == [2, 3]  # the frame of cam5 at 0.5 s counts in the row at 1 s
+    assert diagnostics.n_available.tolist() == [2, 3]  # the frame of cam5 at 0.5 s counts in the row at 1 s

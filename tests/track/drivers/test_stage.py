@@ -56,8 +56,8 @@ def test_a_row_for_every_scan_and_what_it_says():
     np.testing.assert_array_equal(tracks.t_ns, np.arange(25) * SECOND)
     assert set(tracks.target_id.tolist()) == {0}
     seen = [int(bearings.seen[bearings.t_ns == t].sum()) for t in tracks.t_ns]
-    np.testing.assert_array_equal(diagnostics.n_seen, seen)
-    np.testing.assert_array_equal(diagnostics.n_looked, 8)
+    np.testing.assert_array_equal(diagnostics.n_detected, seen)
+    np.testing.assert_array_equal(diagnostics.n_observing, 8)
     assert set(diagnostics.cameras.tolist()) == {",".join(f"cam{i}" for i in range(1, 9))}
     assert np.all((diagnostics.ess >= 1) & (diagnostics.ess <= 200.0 + 1e-9))
     assert np.all(np.isfinite(diagnostics.log_likelihood))
@@ -102,7 +102,7 @@ def test_unlabelled_candidates_make_one_track():
     late = slice(10, None)
     apart = np.hypot(tracks.x - labelled.x, tracks.y - labelled.y)[late]
     assert np.median(apart) < 1.5
-    assert diagnostics.n_looked.tolist() == [8] * 25
+    assert diagnostics.n_observing.tolist() == [8] * 25
     numbered, _ = whole(track([bearings], SCENE, TrackingTask(CONFIG, 0, targets=(9,))))
     assert set(numbered.target_id.tolist()) == {9}
 
@@ -117,7 +117,7 @@ def test_candidates_of_cameras_without_a_label_help_a_labelled_target():
     mixed = Bearings.merge([unlabelled(bearings.take(odd)), bearings.take(~odd)])
     tracks, diagnostics = whole(track([mixed], SCENE, TrackingTask(ApfConfig(particles=600), 0)))
     assert set(tracks.target_id.tolist()) == {0}
-    assert set(diagnostics.n_looked.tolist()) == {8}
+    assert set(diagnostics.n_observing.tolist()) == {8}
     some, _ = whole(track([bearings.take(~odd)], SCENE, TrackingTask(ApfConfig(particles=600), 0)))
     spread = [np.sqrt(np.median(t.cov_xx + t.cov_yy)) for t in (tracks, some)]
     assert spread[0] < 0.95 * spread[1]
@@ -188,12 +188,12 @@ def test_output_comes_while_input_is_read():
 def test_rows_are_doubted_while_the_clock_of_one_sensor_is_wrong():
     bearings = recording(80)
     bearings = replace(bearings, t_ns=bearings.t_ns // 10)  # ten rows a second
-    assert set(whole(track([bearings], SCENE, fixes()))[1].doubt.tolist()) == {""}
+    assert set(whole(track([bearings], SCENE, fixes()))[1].quality_flags.tolist()) == {""}
     rows = np.flatnonzero(bearings.sensor == "cam7")
     measured = np.arange(len(bearings))
     measured[rows[40:60]] = rows[:20]
     late = {c.name: getattr(bearings, c.name)[measured] for c in Bearings.columns()} | {"t_ns": bearings.t_ns}
-    doubt = whole(track([Bearings(**late)], SCENE, fixes()))[1].doubt
+    doubt = whole(track([Bearings(**late)], SCENE, fixes()))[1].quality_flags
     assert set(doubt[:40].tolist() + doubt[70:].tolist()) == {""}
     assert np.count_nonzero(doubt[45:60] == "inconsistent_sensor") >= 10
 

@@ -100,7 +100,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_does_not(balls, tmp_path
 def test_settings_and_particles(balls, tmp_path, capsys):
     assert track(balls, tmp_path, "-q", "--particles", "7", "--set", "sigma_px=2.5") == ExitCode.DONE
     made = read_provenance(tmp_path / "t.parquet").parameters
-    assert (made["particles"], made["sigma_px"], made["birth_frames"]) == (7, 2.5, 3)
+    assert (made["particles"], made["sigma_px"], made["confirmation_frames"]) == (7, 2.5, 3)
     assert result(tmp_path).ess[-1] <= 7
     capsys.readouterr()
     assert "has no setting 'birth_frame'" in refused(
@@ -417,7 +417,7 @@ def test_world_tracks(balls, tmp_path, capsys):
     assert track(balls, tmp_path, "--ground-tracks", str(out), "--json") == ExitCode.DONE
     summary = json.loads(capsys.readouterr().out)
     table = read_table(out, Tracks)
-    assert summary["world"] == str(out)
+    assert summary["ground_tracks"] == str(out)
     assert summary["triangulation"]["times"] == 3 * FRAMES
     assert len(table) > 2.5 * FRAMES
     assert np.isfinite(table.z).all()

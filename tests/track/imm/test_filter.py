@@ -206,6 +206,6 @@ def test_switching_keeps_a_model_for_its_time():
 
 def test_settings_fit_the_unit():
     metres, feet = ImmConfig.in_unit("m"), ImmConfig.in_unit("ft")
-    for name in ("turn_acceleration", "sigma_v", "speed", "spread"):
+    for name in ("turn_acceleration", "process_noise_velocity", "sigma_initial_velocity", "request_sigma"):
         assert getattr(feet, name) == pytest.approx(getattr(metres, name) / 0.3048)
     assert ImmConfig.in_unit("unit") == ImmConfig()

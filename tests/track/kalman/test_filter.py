@@ -27,7 +27,7 @@ from occlog.track.methods.kalman.config import EkfConfig
 
 pytestmark = pytest.mark.jit
 METHODS = ("ekf", "ukf", "iekf")
-QUICK = {"iekf": {"visibility_constraint": "ignore", "max_iterations": 3}}
+QUICK = {"iekf": {"visibility_constraint": "none", "max_iterations": 3}}
 """Settings with which a search takes little time."""
 SCENE = room100(pillar=False)
 STEPS = 150

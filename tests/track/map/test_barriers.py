@@ -26,7 +26,7 @@ BLOCK = Occluder("block", np.array([[-1.0, 0.0], [1.0, 0.0], [1.0, 1.0], [-1.0, 
 
 def around(scene, xy, config, **options) -> tuple[Obstacle, ...]:
     made = record(scene, np.arange(len(xy)), xy, **options)
-    return obstacles(made, stations(scene, np.zeros(2), wall_constraints=config.walls), config, EXTENT, len(xy))
+    return obstacles(made, stations(scene, np.zeros(2), walls=config.wall_constraints), config, EXTENT, len(xy))
 
 
 @pytest.mark.parametrize(("fov", "yaw"), [(0.3, 0.0), (1.2, 2.5), (3.5, -3.0), (6.0, 1.0)])
@@ -91,9 +91,7 @@ def test_arrays_have_no_view() -> None:
     scene = place((0, -9, 90), arrays=((5, 5, 0),))
     made = record(scene, np.arange(4), XY)
     deaf = made._replace(rows=made.rows._replace(seen=np.zeros_like(made.rows.seen)))
-    found = obstacles(
-        deaf, stations(scene, np.zeros(2), wall_constraints=True), MapConfig(detection_probability=0.9), EXTENT, 4
-    )
+    found = obstacles(deaf, stations(scene, np.zeros(2), walls=True), MapConfig(detection_probability=0.9), EXTENT, 4)
     assert len(found) == 1
 
 

@@ -139,7 +139,7 @@ def test_priors_of_moving_occluders_are_taken_and_their_settings_recorded(made: 
     assert np.median(np.hypot(among.x - alone.x, among.y - alone.y)) < 0.5
     provenance = read_provenance(made / "new.parquet")
     assert provenance is not None
-    assert provenance.parameters["temper"] == 0.5
+    assert provenance.parameters["occlusion_tempering"] == 0.5
     old = replace(far, t_ns=t_ns - 3600 * 10**9)
     write_table(made / "occluders.parquet", old, Provenance("priors"), length_unit="unit", overwrite=True)
     assert track(made, "--occluders", "occluders.parquet") == ExitCode.DONE
@@ -193,7 +193,11 @@ def test_settings_change_what_they_say(made: Path) -> None:
         == ExitCode.DONE
     )
     parameters = read_provenance(made / "new.parquet").parameters
-    assert (parameters["loss"], parameters["bend"], parameters["detection"]) == ("huber", 1.2, 0.9)
+    assert (parameters["loss"], parameters["loss_threshold"], parameters["detection_probability"]) == (
+        "huber",
+        1.2,
+        0.9,
+    )
     assert not same(tracks_of(made), tracks_of(made, "tracks.parquet"))
     assert track(made, "--set", "solver=clarabel") == ExitCode.DONE
     by_programs, newton = tracks_of(made), tracks_of(made, "tracks.parquet")

@@ -30,7 +30,7 @@ def states(xy):
 def planes_of(scene, xy, config=MapConfig(), **options):  # noqa: B008
     """Half-planes and stations for a target seen once a second at places (T, 2)."""
     made = record(scene, np.arange(len(xy)), xy, **options)
-    at = stations(scene, ORIGIN, wall_constraints=config.walls)
+    at = stations(scene, ORIGIN, wall_constraints=config.wall_constraints)
     lines = sight_lines(made, at)
     return constraints(lines, made, at, config, len(xy)), lines, made
 
@@ -155,13 +155,13 @@ def test_the_pocket_of_an_l_shaped_room_is_a_wall() -> None:
     at = stations(scene, ORIGIN, wall_constraints=True)
     assert at.hull is not None
     assert Polygon(at.hull).area == pytest.approx(400.0 - 50.0)  # without the corner that the room does not have
-    (pocket,) = at.walls
+    (pocket,) = at.wall_constraints
     assert Polygon(pocket).symmetric_difference(Polygon([(10, 0), (0, 10), (0, 0)])).area < 1e-9
     assert len(at.blockers[0]) == 1
     open_ = stations(scene, ORIGIN, wall_constraints=False)
-    assert (open_.hull, open_.walls, open_.blockers) == (None, (), ((),))
+    assert (open_.hull, open_.wall_constraints, open_.blockers) == (None, (), ((),))
     moved = stations(scene, np.array([100.0, 7.0]), wall_constraints=True)
-    assert_allclose(moved.walls[0], pocket - [100.0, 7.0])
+    assert_allclose(moved.wall_constraints[0], pocket - [100.0, 7.0])
     assert_allclose(moved.position, at.position - [100.0, 7.0])
 
 

@@ -102,9 +102,7 @@ def change_trial(spec: Spec) -> dict[str, float]:
     rng = np.random.default_rng(np.random.SeedSequence(spec["seed"], spawn_key=(spec["run"], 2009, 38)))
     start, velocity = _objects(case, rng)
     scene = Scene(arrays=(MicrophoneArray("mic", np.zeros(3), sigma=SIGMA, planar=True, rate_hz=1.0),), length_unit="m")
-    config = configure(
-        ImmConfig(), {**SCENES["field"], **FORMS["thesis"], "cooperate": "printed", "wall_constraints": False}
-    )
+    config = configure(ImmConfig(), {**SCENES["field"], **FORMS["thesis"], "cooperate": "printed", "walls": False})
     tracks = tuple(_track(config, start, velocity, group, rng) for group in case.before)
     state, memory = init(scene, config, rng)._replace(tracks=tracks, free=5), RequestMemory()
     causes: list[set[str]] = []

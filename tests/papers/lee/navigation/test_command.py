@@ -84,7 +84,7 @@ def test_the_path_tells_how_it_was_made(tmp_path: Path):
     made = read_provenance(path)
     assert made.command == "navigate"
     assert (made.parameters["radius"], made.parameters["repulsion"]) == (0.2, 4.0)
-    assert (made.parameters["start"], made.parameters["discs"]) == ([12.0, 12.0], [[8.0, 8.0, 0.0]])
+    assert (made.parameters["start"], made.parameters["disc_obstacles"]) == ([12.0, 12.0], [[8.0, 8.0, 0.0]])
     assert describe(path)["schema"] == "robot_path"
 
 

@@ -31,7 +31,7 @@ def test_mechanisms_need_failures_that_the_controls_do_not_have() -> None:
         out = {}
         for m in mechanisms.SHOWN:
             off = 0.5 + spread(spec) if bad and (m != "bmct" or "row" in spec["scene"]) else 0.0
-            none = 0.3 * off if spec["balls"]["clutter"] else 0.0
+            none = 0.3 * off if spec["balls"]["background_clutter"] else 0.0
             out |= {f"{m}.pair_end_own": 1.0 - off, f"{m}.pair_end_other": off - none, f"{m}.pair_end_none": none}
         return out
 

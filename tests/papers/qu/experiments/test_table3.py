@@ -153,7 +153,7 @@ def test_motions_are_judged_one_by_one_and_the_remedy_against_bmct() -> None:
     def trials(specs):
         out = made_up(specs)
         for spec, result in zip(specs, out, strict=True):
-            hard = spec["balls"]["motion"] == "manoeuvre"
+            hard = spec["balls"]["ball_motion"] == "manoeuvre"
             for rate in RATES:
                 result[f"bmct.{rate}"] = 0.2 + 0.01 * (spec["seed"] % 3) if hard else 0.01
                 result[f"{motion.REMEDY}.{rate}"] = 0.05 if hard else 0.011

@@ -139,7 +139,7 @@ def test_an_approximation_is_that_of_the_plain_form(seed, focal, p0):
         values_of(rows),
         np.full(8, 2.0),
         reference_scene(scene),
-        ref.RefConfig(hit=0.9, miss=0.1, false=1e-3),
+        ref.RefConfig(hit=0.9, miss=0.1, false_alarm_probability=1e-3),
     )
     # At the limits of what counts as believed or settled rounding decides
     same = np.abs(near.mode - plain.mode).max(axis=1) < 1e-6 * np.sqrt(p0)

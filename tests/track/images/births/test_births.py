@@ -231,7 +231,9 @@ def test_a_sparse_feed_takes_frames_without_rows_for_looked_at():
     assert stream.at(("a", "b"), np.array([20, 20]))[1].shape == (0, 5)
 
 
-@pytest.mark.parametrize(("name", "value"), [("birth_frames", -1), ("birth_confidence", 1.5), ("birth_apart", 0.0)])
+@pytest.mark.parametrize(
+    ("name", "value"), [("confirmation_frames", -1), ("birth_min_confidence", 1.5), ("birth_min_distance", 0.0)]
+)
 def test_settings_have_limits(name, value):
     with pytest.raises(Exception, match=name):
         ViewsConfig(**{name: value})

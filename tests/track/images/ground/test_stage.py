@@ -123,9 +123,9 @@ def test_a_view_on_another_target_is_left_out():
 def test_last_rows_of_trackers_that_are_gone_are_not_used():
     scene, places = Scene(cameras=cameras()[:2]), walks(3, 1)
     rows = view_tracks(scene.cameras, places, np.random.default_rng(7))
-    event = rows.event.astype("U5")
+    event = rows.lifecycle.astype("U10")
     event[-1] = "terminated"
-    _, counts = fused([replace(rows, event=event)], scene, replace(EXACT, target_height=0.0))
+    _, counts = fused([replace(rows, lifecycle=event)], scene, replace(EXACT, target_height=0.0))
     assert (counts["views_2"], counts["single_view"]) == (2, 1)
 
 

@@ -39,8 +39,8 @@ def test_a_ball_alone_is_followed(method):
     # The motion adds 3 px a frame; the colours of a ball of 9 px hold the estimate within a third of it.
     assert off(frames, said).max() < 4.5
     assert np.median(off(frames, said)) < 1.5
-    assert all(one.event.tolist() == [0, 0] for one in said)
-    assert all((one.likeness > 0.8).all() and (one.ess >= 1).all() for one in said)
+    assert all(one.lifecycle.tolist() == [0, 0] for one in said)
+    assert all((one.similarity > 0.8).all() and (one.ess >= 1).all() for one in said)
 
 
 @pytest.mark.jit
@@ -59,14 +59,17 @@ def test_modes_say_what_was_done():
     frames = film(SMALL, 1)
     for method in ("mipf", "cmct"):
         said, _ = tracked(method, frames[:3], particles=5)
-        assert all((one.mode == MODES.index(method)).all() for one in said)
+        assert all((one.likelihood_mode == MODES.index(method)).all() for one in said)
     said, _ = tracked("bmct", frames[:20], particles=10)
     touching = np.concatenate([one.touching.any(axis=1) for one in said])
-    mode, helped = np.concatenate([one.mode for one in said]), np.concatenate([one.helpers.any(axis=1) for one in said])
+    mode, helped = (
+        np.concatenate([one.likelihood_mode for one in said]),
+        np.concatenate([one.assisting_views.any(axis=1) for one in said]),
+    )
     assert (mode[helped] == MODES.index("bmct")).all()
     assert (mode[touching & ~helped] == MODES.index("idmot")).all()
     assert (mode[~touching & ~helped] == MODES.index("mipf")).all()
-    assert not np.concatenate([one.helpers[np.arange(len(one.view)), one.view] for one in said]).any()
+    assert not np.concatenate([one.assisting_views[np.arange(len(one.view)), one.view] for one in said]).any()
 
 
 def injected(state, moved):
@@ -180,7 +183,7 @@ def blank_after(frames, last, centre=None):
 def test_trackers_end_when_nothing_is_left_of_their_targets(method):
     frames = blank_after(film(ALONE, 2), 5)
     said, state = tracked(method, frames, ALONE, particles=10, max_lost_frames=8)
-    events = [one.event.tolist() for one in said]
+    events = [one.lifecycle.tolist() for one in said]
     ended = [t for t, event in enumerate(events, 1) if event and any(event)]
     assert min(ended) >= 5 + 8
     assert len(state.trackers.view) == 0

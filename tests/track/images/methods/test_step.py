@@ -78,7 +78,7 @@ def test_particles_of_a_view_without_a_frame_go_on_at_their_velocity_for_at_most
         moved = local.particles[2:, :, :2] - state.trackers.particles[2:, :, :2]
         np.testing.assert_allclose(moved, np.broadcast_to([1.5 * counted, -0.5 * counted], moved.shape))
         np.testing.assert_array_equal(local.particles[2:, :, 2:], state.trackers.particles[2:, :, 2:])
-        assert (local.likeness[2:] == 1.0).all()
+        assert (local.similarity[2:] == 1.0).all()
         assert (local.log_local[2:] == 0.0).all()
 
 
@@ -144,7 +144,7 @@ def test_half_axes_of_the_start_follow_those_of_the_own_region():
 
 def test_frames_are_weak_when_the_best_particle_is_less_alike_than_the_limit():
     state = changed(state_of(MipfConfig(particles=5), FOUR[:1], (BOTH, BOTH)), weak=np.array([4]))
-    best = float(moved_into(state, frames_at(1, BOTH, None)).likeness.max())
+    best = float(moved_into(state, frames_at(1, BOTH, None)).similarity.max())
     assert 0.5 < best < 1.0
     for limit, weak in ((best, 0), (np.nextafter(best, 2.0), 5)):
         strict = state._replace(config=replace(state.config, lost_similarity=limit))
@@ -188,14 +188,14 @@ def test_a_target_leaves_when_its_centre_passes_the_edge_of_the_image(x, y):
     assert end_events(one(x + out[0], y + out[1], good=True), SIZE, config).tolist() == [LEFT]
 
 
-@pytest.mark.parametrize(("weak", "event"), [(0, 0), (24, 0), (25, TERMINATED), (26, TERMINATED)])
+@pytest.mark.parametrize(("weak", "lifecycle"), [(0, 0), (24, 0), (25, TERMINATED), (26, TERMINATED)])
 def test_a_target_is_lost_after_so_many_weak_frames(weak, event):
     assert end_events(one(60.0, 45.0, weak=weak), SIZE, MipfConfig(max_lost_frames=25)).tolist() == [event]
     assert end_events(one(60.0, 45.0, weak=weak), SIZE, MipfConfig(max_lost_frames=0)).tolist() == [0]
 
 
 @pytest.mark.parametrize(
-    ("x", "event"), [(7.5, TERMINATED), (7.5 - 1e-9, LEFT), (W - 8.5, TERMINATED), (W - 8.5 + 1e-9, LEFT)]
+    ("x", "lifecycle"), [(7.5, TERMINATED), (7.5 - 1e-9, LEFT), (W - 8.5, TERMINATED), (W - 8.5 + 1e-9, LEFT)]
 )
 def test_a_target_lost_while_it_reaches_over_the_edge_has_left(x, event):
     assert end_events(one(x, 45.0, weak=25), SIZE, MipfConfig()).tolist() == [event]

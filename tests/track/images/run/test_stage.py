@@ -57,7 +57,7 @@ def rows(table, *names):
 
 def test_the_first_row_is_the_start_with_the_ellipse_that_was_given():
     parts, table = tracked(3, [start(0, 0, 4), start(1, 1, 4, 30.0)], replace(STILL, sigma_px=1.0))
-    assert rows(table, "t_ns", "sensor", "frame", "target_id", "event") == [
+    assert rows(table, "t_ns", "sensor", "frame", "target_id", "lifecycle") == [
         (0, "b", 0, 4, "start"),
         (100, "b", 1, 4, ""),
         (105, "a", 1, 4, "start"),
@@ -68,7 +68,7 @@ def test_the_first_row_is_the_start_with_the_ellipse_that_was_given():
     assert np.abs(table.x_px - [20.0, 20.0, 30.0, 20.0, 30.0]).max() < 10.0
     assert (table.x_px[[1, 3, 4]] != [20.0, 20.0, 30.0]).all()
     first = table.take(slice(0, 1))
-    assert (first.mode[0], first.likeness[0], first.cov_xx_px[0]) == ("", 1.0, 1.0)
+    assert (first.likelihood_mode[0], first.similarity[0], first.cov_xx_px[0]) == ("", 1.0, 1.0)
     assert np.isnan(first.ess[0])
     np.testing.assert_allclose(first.rho, 2.0 - np.pi)
     assert parts[0].frames.tolist() == [3, 3]
@@ -116,7 +116,7 @@ def regions(where):
 def test_trackers_are_born_and_ended_by_regions():
     stream = RegionStream(iter([regions([(k, 40.0) for k in range(5)])]), True)
     _, table = tracked(10, stream=stream, stage=ViewsConfig(max_coasting_frames=3), next_id=6)
-    assert rows(table, "frame", "target_id", "event") == [
+    assert rows(table, "frame", "target_id", "lifecycle") == [
         (2, 6, "start"),
         (3, 6, ""),
         (4, 6, ""),

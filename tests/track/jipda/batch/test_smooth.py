@@ -41,7 +41,9 @@ def filtered(frames=60, hz=5.0):
 
 def emptied(look):
     """The same look at nobody."""
-    return look._replace(**{name: getattr(look, name)[:0] for name in ("boxes", "score", "hint", "appearance", "row")})
+    return look._replace(
+        **{name: getattr(look, name)[:0] for name in ("boxes", "score", "tracklet_id", "appearance", "row")}
+    )
 
 
 def errors(moments, truth):
@@ -112,7 +114,7 @@ def test_a_person_whom_no_camera_sees_for_a_second_is_the_same_at_25_frames_a_se
             ]
             looks = [
                 look._replace(
-                    **{name: getattr(look, name)[k] for name in ("boxes", "score", "hint", "appearance", "row")}
+                    **{name: getattr(look, name)[k] for name in ("boxes", "score", "tracklet_id", "appearance", "row")}
                 )
                 for look, k in zip(looks, kept, strict=True)
             ]

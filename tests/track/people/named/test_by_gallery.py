@@ -61,7 +61,7 @@ def test_all_tables_have_the_names_of_the_gallery(folder, capsys):
     assert len(named) == summary["gallery"]["fragments_reidentified"]
     assert (named.probability > 0.9).all()
     made = read_provenance(folder / "t.parquet")
-    assert made.parameters["gallery"]["least_likeness"] == 0.8
+    assert made.parameters["gallery"]["min_similarity"] == 0.8
     assert any("g.parquet" in str(each) for each in made.inputs)
 
 

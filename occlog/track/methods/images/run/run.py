@@ -276,11 +276,11 @@ def run_track_views(request: ViewsRequest, job: Job) -> tuple[dict[str, object],
     earlier = inputs.losses
     made = job.provenance(parameters, earlier, request.seed)
     summary = ViewsSummary(request.method, inputs)
-    with job.tables(made, inputs.length_unit, {"world": FusedTracks}) as tables:
+    with job.tables(made, inputs.length_unit, {"ground_tracks": FusedTracks}) as tables:
         passed = _written(parts, tables, summary)
         if request.ground_tracks is not None:
             for part in inputs.on_ground(passed, window):
-                tables.write(world=part.tracks)
+                tables.write(ground_tracks=part.tracks)
                 summary.triangulation += part.counts
                 summary.verdict.add(part)
         for _ in passed:
