@@ -46,7 +46,7 @@ def check_tables(of: Any) -> None:
         raise BrokenError("tables must be a tuple of names, as ('tracks',)")
     for name in of.tables:
         if name not in TABLES:
-            raise BrokenError(f"table {name!r} is none of {', '.join(TABLES)}")
+            raise BrokenError(f"tables: {name!r} is unknown; expected {', '.join(TABLES)}")
     if not any(name in SAMPLES for name in of.tables):
         raise BrokenError(f"of {', '.join(of.tables)} nothing can be tried; the kit has {', '.join(SAMPLES)}")
 

@@ -81,7 +81,7 @@ def known_cameras(plan: IngestPlan, scene: Scene) -> list[str]:
 
 
 def _named_cameras(plan: IngestPlan) -> list[str]:
-    """Cameras that the user names."""
+    """Names of the cameras given with video, images or boxes."""
     return [*plan.video, *plan.images, *(name for name, _ in plan.boxes if name is not None)]
 
 

@@ -51,7 +51,7 @@ class Message(NamedTuple):
 
 
 class _Options:
-    """Options for a template: `{option[initial]}`."""
+    """Options for a template: `{option[initial_ellipses]}`."""
 
     def __getitem__(self, name: str) -> str:
         return option(name)
@@ -133,7 +133,9 @@ VERDICT: dict[str, Message] = {
         _ROWS + "no position fulfils all constraints, and the measurements there were omitted",
         "check poses and labels",
     ),
-    "no-path": Message(W, _ROWS + "no way around a wall was found", "allow more states (fill_s)"),
+    "no-path": Message(
+        W, _ROWS + "no way around a wall was found", "insert more states: give a smaller max_state_gap_s"
+    ),
     "not-converged": Message(W, _ROWS + "the search did not converge", "allow more iterations"),
     "unobservable": Message(
         N, _ROWS + "the measurements do not determine the position, and the covariance says so", "add sensors"
@@ -308,7 +310,7 @@ VERDICT: dict[str, Message] = {
     ),
     # Tracks in images
     "no-view-tracks": Message(
-        N, "no target was found", "give the first ellipses ({option[initial]}), or better {option[detections]}"
+        N, "no target was found", "give the first ellipses ({option[initial_ellipses]}), or better {option[detections]}"
     ),
     "too-many-targets": Message(
         W,
@@ -347,7 +349,7 @@ VERDICT: dict[str, Message] = {
     "ground-views-disagree": Message(
         N,
         "views are {factor:.1f} times as far from agreeing as their covariances say",
-        "check calibration and clocks, or raise model_share (occlog ground)",
+        "check calibration and clocks, or raise centre_error_share (occlog ground)",
     ),
     # Stages before tracking, and batches
     "sensor-times-disjoint": Message(

@@ -69,7 +69,9 @@ def runs_of(method: Path, truth: Path | None) -> dict[str, ComparedRun]:
         for path in sorted(method.rglob(TRACKS))
     }
     if not found:
-        raise InputError(f"{method}: holds no {TRACKS}; name a table of tracks, a run folder, or a folder of those")
+        raise InputError(
+            f"{method}: holds no {TRACKS}; name a table of tracks, a run folder, or a folder of run folders"
+        )
     runs = {name: ComparedRun(path, _truth(truth, path.parent, name)) for name, path in found.items()}
     if truth is not None and truth.is_dir():
         _check_apart(truth, runs)

@@ -116,7 +116,7 @@ class StationMeasurements(NamedTuple):
 
 def distances_in_space() -> InputError:
     """Description of distances where the bound is in space."""
-    return InputError("evaluate: measurements of distances count in a bound on the ground alone; set bound_in")
+    return InputError("evaluate: distances are used by the bound on the ground alone; set bound_dimension to ground")
 
 
 def dimension(target: int, *, high: bool, in_space: bool, config: EvaluateConfig) -> int:
@@ -132,7 +132,7 @@ def dimension(target: int, *, high: bool, in_space: bool, config: EvaluateConfig
         return 2
     if not high:
         raise InputError(
-            f"truth: target {target} has no height (z), which a bound in space needs; bound_in ground needs none"
+            f"truth: target {target} has no height (z), which a bound in space needs; set bound_dimension to ground"
         )
     return 3
 

@@ -106,7 +106,7 @@ class Gaps:
         return (
             f"warning: {self._missed} of {self._inside} estimates fall into gaps of the truth that are wider than "
             f"{self._widest_ns / NS:.3g} s, which are not bridged: no figure knows of their errors; where the truth "
-            "holds still or runs straight over such a gap, bridge it (max_gap)"
+            "holds still or runs straight over such a gap, bridge it (max_gap_s)"
         )
 
 
@@ -116,11 +116,11 @@ def errors_of_pairs(tracks_ns: tuple[int, int], truth_ns: tuple[int, int], confi
     if config.match == "id" and tracks_ns[0] <= truth_ns[1] and truth_ns[0] <= tracks_ns[1]:
         return InputError(
             f"tracks: no track overlaps in time with the target of its number (tracks {tracks}, truth {truth}, "
-            f"max_gap {config.bridge_s:g} s); match by position (match optimal), check the clocks, or raise max_gap"
+            f"max_gap_s {config.bridge_s:g}); match by position (match optimal), check the clocks, or raise max_gap_s"
         )
     return InputError(
         f"tracks: the truth covers the time of no estimate: tracks {tracks}, truth {truth}, "
-        f"gaps of at most {config.bridge_s:g} s are bridged; check the clocks or raise max_gap"
+        f"gaps of at most {config.bridge_s:g} s are bridged; check the clocks or raise max_gap_s"
     )
 
 

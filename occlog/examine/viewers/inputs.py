@@ -131,7 +131,7 @@ def find_inputs(path: Path, recording: Path | None, scene: Path | None) -> Viewe
     files = _files(path) if path.is_dir() else [path]
     for given in (path, recording):
         if given is not None and not given.is_dir() and (made := viewer_format_of(given)) is not None:
-            raise UsageError(f"{given}: is made for {made} already; name the run or the recording that it was made of")
+            raise UsageError(f"{given}: is an export for {made}; name the run or the recording that it was made from")
     # The recording that was named comes first: its rows count, not those of one in the folder
     opened = [open_input(each) for each in [*([recording] if recording is not None else []), *files]]
     recordings = [each.recording for each in opened if each.recording is not None]

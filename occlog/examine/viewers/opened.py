@@ -57,10 +57,10 @@ def run_view(request: ViewRequest, *, quiet: bool = False) -> tuple[dict[str, ob
     program, viewer = find_viewer(request.viewer, started=not request.only_print, takes=made)
     if made is not None:
         if request.output is not None:
-            raise UsageError(f"{request.input}: is made for {made} already; omit {option('output')}")
+            raise UsageError(f"{request.input}: is an export for {made}; omit {option('output')}")
         if request.every is not None:
             raise UsageError(
-                f"{request.input}: is made for {made} already; give {option('every')} where it is made (occlog export)"
+                f"{request.input}: is an export for {made}; give {option('every')} where it is made (occlog export)"
             )
         return {"command": _start(program, viewer, request.input, started=not request.only_print)}, ()
     if request.only_print and request.output is None:
@@ -117,7 +117,7 @@ def find_viewer(named: str | None, *, started: bool, takes: str | None = None) -
         kind = PROGRAMS.get(Path(named).stem.lower()) or (RERUN if "rerun" in named.lower() else FOXGLOVE)
         if takes not in (None, VIEWERS, kind):
             raise UsageError(
-                f"{option('viewer')} {named}: the file is made for {takes}; view the run that it was made of"
+                f"{option('viewer')} {named}: the file is an export for {takes}; view the run that it was made from"
             )
         return found or named, kind
     for name, kind in programs.items():

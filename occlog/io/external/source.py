@@ -1,10 +1,10 @@
 """Files that may hold an external table: text with a header (also gzip), Parquet, Arrow, trajectories.
 
-Messages of an Arrow file or stream by their heads: how many rows they declare, and their unpacked size.
+Messages of an Arrow file or stream by their headers: declared rows and decompressed size.
 
-The library unpacks a batch at once, to the sizes that are in the batch itself.  So the heads are checked before: a
-small file may promise gigabytes, or rows that take no bytes at all.  Heads are FlatBuffers; only the fields that matter
-are read.
+The library unpacks a batch at once, to the sizes that are in the batch itself.  Headers are checked before: a small
+file may declare gigabytes, or rows that take no bytes at all.  They are FlatBuffers; only the fields that matter are
+read.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ DICTIONARIES, BATCHES = 2, 3  # of the footer of a file: where messages are
 
 
 class ArrowMessageHeader(NamedTuple):
-    """Declared sizes in the head of a message.
+    """Declared sizes in the header of a message.
 
     Attributes:
         rows: of a batch; of a dictionary none.
@@ -53,7 +53,7 @@ class ArrowMessageHeader(NamedTuple):
 
 
 def messages(path: Path) -> Iterator[ArrowMessageHeader]:
-    """The batches and dictionaries of a file or a stream; ValueError for heads that are damaged."""
+    """The batches and dictionaries of a file or a stream; ValueError for damaged headers."""
     with path.open("rb") as file:
         data = _Bytes(file.fileno(), os.fstat(file.fileno()).st_size)
         is_file = file.read(len(FILE_MAGIC)) == FILE_MAGIC
@@ -70,7 +70,7 @@ class _Bytes(NamedTuple):
     def read(self, at: int, size: int) -> bytes:
         """Read `size` bytes at a position; ValueError beyond the end of the file."""
         if at < 0 or not 0 <= size <= self.size - at:
-            raise ValueError(f"the head of the message at byte {at} is cut")
+            raise ValueError(f"the Arrow message at byte {at} is truncated")
         return os.pread(self.file, size, at)
 
 
@@ -84,7 +84,7 @@ class _Table:
 
     def _number(self, form: str, at: int) -> Any:
         if not 0 <= at <= len(self._data) - struct.calcsize(form):
-            raise ValueError("an offset leads out of the head of a message")
+            raise ValueError("an offset points outside the header of an Arrow message")
         return struct.unpack_from(form, self._data, at)[0]
 
     def _offset_of(self, field: int) -> int:
@@ -111,21 +111,21 @@ class _Table:
         index += self._number("<I", index)
         count, size = self._number("<I", index), struct.calcsize(form)
         if count * size > len(self._data) - index - 4:
-            raise ValueError("a list leads out of the head of a message")
+            raise ValueError("a list extends beyond the header of an Arrow message")
         return [struct.unpack_from(form, self._data, index + 4 + size * n) for n in range(count)]
 
 
 def _root(data: bytes) -> _Table:
     if len(data) < 4:
-        raise ValueError("the head of a message is cut")
+        raise ValueError("the header of an Arrow message is truncated")
     return _Table(data, struct.unpack_from("<I", data)[0])
 
 
 def _head(file: _Bytes, at: int) -> tuple[_Table, int]:
-    """The head of the message that begins at a byte, and where its body begins."""
+    """The header of the message that begins at a byte, and where its body begins."""
     mark, length = struct.unpack("<4si", file.read(at, 8))
     if mark != STREAM_MAGIC:
-        raise ValueError(f"no message begins at byte {at}")
+        raise ValueError(f"no Arrow message begins at byte {at}")
     return _root(file.read(at + 8, length)), at + 8 + length
 
 
@@ -134,7 +134,7 @@ def _places_of_file(file: _Bytes) -> Iterator[int]:
     end = 4 + len(FILE_MAGIC)
     length, magic = struct.unpack(f"<i{len(FILE_MAGIC)}s", file.read(file.size - end, end))
     if magic != FILE_MAGIC or not 0 <= length <= file.size - end:
-        raise ValueError("the file does not end with its footer")
+        raise ValueError("the Arrow file does not end with its footer")
     footer = _root(file.read(file.size - end - length, length))
     for field in (DICTIONARIES, BATCHES):
         for begin, *_ in footer.structs(field, "<qi4xq"):
@@ -149,7 +149,7 @@ def _places_of_stream(file: _Bytes) -> Iterator[int]:
         yield at
         length = head.number(BODY_LENGTH, "<q")
         if length < 0:
-            raise ValueError(f"the message at byte {at} has a body of {length} bytes")
+            raise ValueError(f"the Arrow message at byte {at} has a body of {length} bytes")
         at = body + length
 
 
@@ -166,7 +166,7 @@ def _message(file: _Bytes, at: int) -> ArrowMessageHeader:
         unpacked = sum(max(struct.unpack("<q", file.read(start, 8))[0], 0) for start in offsets)
     rows = batch.number(LENGTH, "<q") if kind == BATCH else 0
     if rows < 0:
-        raise ValueError(f"the message at byte {at} has {rows} rows")
+        raise ValueError(f"the Arrow message at byte {at} has {rows} rows")
     return ArrowMessageHeader(rows, unpacked)
 
 

@@ -154,7 +154,7 @@ FAILURES = (ValueError, TypeError, AttributeError, LookupError, ArithmeticError)
 
 @contextmanager
 def guarded(where: Path | str, what: str) -> Iterator[None]:
-    """Turn every failure of a parser into one InputError.
+    """Context manager that converts any exception of a parser into an InputError.
 
     Args:
         where: the file, and the position in it.

@@ -30,7 +30,7 @@ VP8 rather than VP9, which OpenCV codes five times slower for files a quarter sm
 
 
 class VideoWriter:
-    """Context manager; the file appears, complete, when the block ends without an error.
+    """Writer of a video file, a context manager; the file appears when the block ends without an error.
 
     Its size in `bytes` and its `sha256` are known then.
 

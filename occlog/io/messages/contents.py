@@ -293,7 +293,7 @@ class Transforms:
         for above in self.chain(frame):
             if above not in self.edges or not self.edges[above].still:
                 return above
-        raise AssertionError("a chain ends at a frame without a parent")
+        raise AssertionError("no root in the chain of frames; `chain` ends at a frame without a parent")
 
     def placed(self, frame: str, world: str) -> FramePose:
         """The pose of a frame in another one.

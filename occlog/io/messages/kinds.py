@@ -476,5 +476,7 @@ def _checked(found: Any) -> Any:
                 (kind, of), length = field_type
                 entries += length if kind != nodes.BASE or of[0] == "string" else 0
                 if length < 1 or entries > MAX_ENTRIES:
-                    raise ValueError(f"{field}: {length} entries; 1 to {MAX_ENTRIES} can be")
+                    raise ValueError(
+                        f"{field}: an array of {length} entries; at least 1, and {MAX_ENTRIES} in all, are possible"
+                    )
     return found

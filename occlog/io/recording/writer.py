@@ -62,7 +62,7 @@ def begin_mcap(file: IO[bytes]) -> Writer:
 
 
 class RecordingWriter:
-    """Context manager; the file appears when the block ends without an error.
+    """Writer of a recording (MCAP), a context manager; the file appears when the block ends without an error.
 
     Messages may be added in any order; each camera's frames must come in the order of time.
     """

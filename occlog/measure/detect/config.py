@@ -73,7 +73,7 @@ class DetectConfig(Settings):
     )
     bit_depth: int | None = setting(
         None,
-        "Significant bits of 16-bit images.",
+        "Significant bits of 16-bit images: 12 for a 12-bit sensor. Larger values darken images, smaller saturate.",
         at_least=8,
         at_most=16,
         option="--bit-depth",

@@ -65,7 +65,7 @@ def estimate_directions(
 
 
 def frames(blocks: Iterable[Floats], size: int, hop: int) -> Iterator[tuple[int, Floats]]:
-    """(first sample, (size, M) samples) of each whole frame; where blocks are cut does not matter."""
+    """Iterate over frames of audio: (index of the first sample, (size, M) samples); blocks may be cut anywhere."""
     held: list[Floats] = []
     have, first, skip = 0, 0, 0
     for block in blocks:

@@ -196,7 +196,7 @@ class _Sample:
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(SEED))
 
     def add(self, block: Floats) -> None:
-        """Keep the (N, 2, 2) matches of a time step if its lot is low; with too many matches half of the lots go."""
+        """Keep the (N, 2, 2) matches of a random share of the time steps; halve the share when too many are kept."""
         lot = float(self.rng.random())
         if lot < self.share:
             self.kept.append((lot, block))

@@ -74,7 +74,7 @@ class HullConfig(Settings):
     )
     confirmation_time_s: float = setting(
         0.2,
-        "Minimum time that a polygon has been present.",
+        "Confirmation time: minimum age of a polygon that is reported.",
         unit="s",
         at_most=1e9,
         at_least=0,
@@ -83,7 +83,8 @@ class HullConfig(Settings):
     )
     evidence_memory_s: float = setting(
         2.0,
-        "Time for which it counts that a polygon was the only one to explain a run.",
+        "Time for which a polygon counts as confirmed after it alone explained a run (foreground interval of a "
+        "camera). Larger values keep more polygons, phantoms included.",
         unit="s",
         at_most=1e9,
         at_least=0,

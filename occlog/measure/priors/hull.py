@@ -9,7 +9,7 @@ Polygons of a visual hull over time: stable identities, and no phantoms.
 
 Where the cones of two objects cross, the hull has polygons without an object.  Such a phantom
 comes and goes, or all of its runs are explained by others.  A polygon has *evidence* at a time
-if one of its runs has no other polygon.  A polygon is given out if it was there long enough,
+if it alone explains one of its runs.  A polygon is given out if it was there long enough,
 and had evidence lately or is needed to explain a run.
 """
 
@@ -229,7 +229,7 @@ def _parts(shape: shapely.Geometry) -> list[shapely.Polygon]:
 
 
 class HullRules(NamedTuple):
-    """When a polygon is accepted in; lengths in the scene's unit, times in ns."""
+    """Rules for confirming and deleting polygons; lengths in the scene's unit, times in ns."""
 
     persist_ns: int  # it must have been there for so long
     memory_ns: int  # evidence counts for so long
@@ -287,7 +287,7 @@ def track_polygons(
 
 
 def evidence(polygons: Sequence[Polygon]) -> list[bool]:
-    """For each polygon: whether one of its runs has no other polygon."""
+    """For each polygon: whether it alone explains at least one of its runs."""
     count: dict[tuple[int, int], int] = {}
     for p in polygons:
         for r in p.runs:

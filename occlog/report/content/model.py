@@ -215,7 +215,7 @@ class ReportInput:
 
     @property
     def same_names(self) -> bool:
-        """True if the identities of tracks are those of the truth, and of the labels of bearings."""
+        """Whether tracks, truth and labels of bearings have the same identities (labelled targets only)."""
         return self.everybody is None and not self.relabelled
 
     def whose_bearings(self, target: int) -> str:

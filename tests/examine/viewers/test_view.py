@@ -71,9 +71,9 @@ def test_a_file_that_was_made_for_a_viewer_is_opened_as_it_is(
     assert (table.parent / "said").read_text().split() == [str(path)]
     assert path.read_bytes() == before
     assert run(["view", str(path), "--viewer", "rerun"]) == ExitCode.USAGE
-    assert "the file is made for foxglove" in capsys.readouterr().err
+    assert "the file is an export for foxglove" in capsys.readouterr().err
     assert run(["export", str(path), "--to", "rerun", "-o", str(table.parent / "again.mcap")]) == ExitCode.USAGE
-    assert "is made for foxglove already" in capsys.readouterr().err
+    assert "is an export for foxglove" in capsys.readouterr().err
 
 
 def test_a_file_that_was_made_for_all_viewers_is_opened_in_any(table: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -39,10 +39,10 @@ def nested(*fields: bytes) -> bytes:
 @pytest.mark.parametrize(
     ("definition", "words"),
     [
-        (b"string[10001] x\n", "x: 10001 entries; 1 to 10000 can be"),
-        (b"string[5001] x\nstring[5000] y\n", "y: 5000 entries"),
-        (nested(b"made_msgs/T%d[1000] x\n", b"uint8 x\n"), "x: 1000 entries"),
-        (nested(b"made_msgs/T%d x\n", b"made_msgs/T%d y\n", b"uint8[0] x\n"), "x: 0 entries; 1 to 10000 can be"),
+        (b"string[10001] x\n", "x: an array of 10001 entries"),
+        (b"string[5001] x\nstring[5000] y\n", "y: an array of 5000 entries"),
+        (nested(b"made_msgs/T%d[1000] x\n", b"uint8 x\n"), "x: an array of 1000 entries"),
+        (nested(b"made_msgs/T%d x\n", b"made_msgs/T%d y\n", b"uint8[0] x\n"), "x: an array of 0 entries"),
         (nested(b"made_msgs/T%d x\n", b"made_msgs/T%d y\n", b""), "made_msgs/msg/T40 has no fields"),
     ],
 )

@@ -110,8 +110,16 @@ def test_unknown_figures_and_contradictions_are_told(tmp_path):
             "{priors.kind: [on]}",
             "line 7: vary.priors.kind: True: must be one of none, known, kalman",
         ),
-        ("{cameras: [2, 3]}", "{priors.sigma: [0]}", "line 7: vary.priors.sigma: 0: must be a number above 0"),
-        ("vary: {cameras: [2, 3]}", "cases: [{}, {priors.q: x}]", "line 7: cases[1].priors.q: 'x': must be a number"),
+        (
+            "{cameras: [2, 3]}",
+            "{priors.measurement_noise: [0]}",
+            "line 7: vary.priors.measurement_noise: 0: must be a number above 0",
+        ),
+        (
+            "vary: {cameras: [2, 3]}",
+            "cases: [{}, {priors.process_noise_velocity: x}]",
+            "line 7: cases[1].priors.process_noise_velocity: 'x': must be a number",
+        ),
         ("vary: {cameras: [2, 3]}", "cases: [{priors.p: 1}]", "line 7: cases[0].priors.p: unknown key"),
     ],
 )

@@ -122,7 +122,7 @@ def _parts(value: object, names: str, where: str) -> Floats:
         value = [value.get(name) for name in names]
     found = numbers(value, where).reshape(-1)
     if found.shape != (len(names),):
-        raise InputError(f"{where}: expected {', '.join(names)}")
+        raise InputError(f"{where}: expected {len(names)} numbers: {', '.join(names)}")
     return found
 
 

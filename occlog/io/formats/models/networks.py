@@ -22,7 +22,7 @@ class NetworkFileSpec(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class SensorNodeSpec(NetworkFileSpec, kw_only=True):
-    """A node with a reader and an array of microphones."""
+    """Sensor node of a traffic simulation: a tag reader and a microphone array at a router."""
 
     name: Name
     router: Name

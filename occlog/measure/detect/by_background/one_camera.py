@@ -366,7 +366,7 @@ def plain_image(image: NDArray[np.integer], bits: int | None) -> Image:
         raise InputError(f"image of shape {image.shape} is neither grey nor colour")
     if image.dtype == np.uint16:
         if bits is None:
-            raise InputError("16-bit image: state how many bits count (bits, 8 to 16)")
+            raise InputError("16-bit image: give the number of significant bits (bit_depth, 8 to 16)")
         image = np.minimum(image >> (bits - 8), 255).astype(np.uint8)
     if image.dtype != np.uint8:
         raise InputError(f"image of {image.dtype}: expected 8 or 16 bits")

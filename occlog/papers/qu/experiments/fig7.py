@@ -112,7 +112,7 @@ def fig7(size: Size, execute: Execute) -> Table:
 
 
 def judge7(table: Table) -> list[StatementVerdict]:
-    """Judge the paper's statements about the three methods."""
+    """Judge the statements about Fig. 7: MIPF, IDMOT and BMCT."""
     end = {m: next(r for r in table if r.series == f"{m.upper()}, last frame") for m in SHOWN}
     hijacked, n = end["mipf"], end["mipf"].runs
     failed = sum(x > 0 for x in end["idmot"].values)

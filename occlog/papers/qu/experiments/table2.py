@@ -46,7 +46,7 @@ def _printed_exponent(values: Mapping[int, float]) -> float:
 
 
 def judge2(table: Table) -> list[StatementVerdict]:
-    """Statements about Table 2."""
+    """Judge the statements about Table 2."""
     out = []
     for what, name, printed in (("particles", TOTAL, PRINTED), ("time", TIME, FPS)):
         sign = 1.0 if printed is PRINTED else -1.0

@@ -100,7 +100,7 @@ def _with(row: PaperRow, **more: float) -> PaperRow:
 
 
 def judge3(table: Table) -> list[StatementVerdict]:
-    """Judge the order of the methods, how much lower BMCT's rates are, and its speed."""
+    """Judge the statements about Table 3: the order of the methods, how much lower BMCT's rates are, and its speed."""
     out = []
     for rate, name in RATES.items():
         own = {m: v.find(table, name, x) for x, m in enumerate(METHODS, start=1)}

@@ -267,7 +267,7 @@ class SelectConfig(Settings):
     n_cameras: int = setting(4, "Number of selected cameras.", at_least=1, option="--n-cameras")
     selection_interval: float = setting(
         5.0,
-        "Interval between selections, in reference steps (--set reference_s, 1 s). Longer intervals save messages "
+        "Interval between selections, in reference steps (--set reference_step_s, 1 s). Longer intervals save messages "
         "and lose targets that leave the views.",
         above=0,
         option="--selection-interval",

@@ -63,7 +63,7 @@ class SpaceConfig(SmoothingConfig):
         unit="length^2/s^3",
         at_least=0,
         people=0.02,
-        nothing="as q",
+        nothing="as process_noise_density",
     )
     sigma_initial_velocity: float = setting(
         1.0, "Initial standard deviation of the velocity along x and y.", unit="length/s", at_least=0
@@ -78,7 +78,10 @@ class SpaceConfig(SmoothingConfig):
         1e-2, "Likelihood factor for a report of a target out of the range of the sensor.", above=0, at_most=1
     )
     out_of_room_likelihood: float = setting(
-        1e-2, "Likelihood factor per scan for a target outside the room, if the scene has one.", above=0, at_most=1
+        1e-2,
+        "Likelihood factor applied once when a target leaves the room, if the scene has one; 1: no penalty.",
+        above=0,
+        at_most=1,
     )
     candidate_detection_probability: float = setting(
         0.9, "Probability that the target is among the candidates of a sensor that has any.", above=0, at_most=1

@@ -86,7 +86,7 @@ def update_by_scan(
 ) -> tuple[Floats, Floats, float]:
     """Particles at the time of a scan, their weights, and the log of the sum of these before they were normalised.
 
-    Particles move from the motion alone as long as that leaves `config.resample_below` of them effective,
+    Particles move from the motion alone as long as that leaves `config.resampling_threshold` of them effective,
     and else are resampled by `propose`.  Where nearly none agrees with the scan even then, its likelihood
     is flattened (`occlog.filtering.kernel_density.update_weights`).
 

@@ -227,12 +227,12 @@ def log_likelihood(xyz: Floats, heard: ScanDirections, space: SpaceModel[C]) -> 
 
 
 def log_room_factor(before: Floats | None, after: Floats, space: SpaceModel[C]) -> Floats:
-    """(L,) log of what it costs to leave the room, once and not at every scan that the target is outside.
+    """(L,) log likelihood factors: `out_of_room_likelihood` for particles that leave the room in this step, else 1.
 
     Args:
         before: (3, L) positions before a step; None: nothing was known, and the target was in the room.
         after: (3, L) positions after it.
-        space: the room and the price `outside`.
+        space: the room and `out_of_room_likelihood`.
     """
     stays = in_room(after, space)
     if before is not None:

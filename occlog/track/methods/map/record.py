@@ -100,8 +100,8 @@ def fill(record: TargetRecord, longest_s: float | None) -> TargetRecord:
     pieces = np.maximum(1.0, np.ceil((gaps - 2) / (longest_s * NS) - 1e-9))
     if pieces.sum() > MAX_STATES:
         raise InputError(
-            f"map: fill_s {longest_s:g} would make {pieces.sum():.3g} states of {len(record.t_ns)} times, "
-            f"at most {MAX_STATES:.0e} are possible; raise it"
+            f"map: max_state_gap_s {longest_s:g} makes {pieces.sum():.3g} states of {len(record.t_ns)} times; "
+            f"at most {MAX_STATES:.0e} are possible: give a larger one"
         )
     pieces = pieces.astype(np.int64)
     if not (pieces > 1).any():

@@ -65,8 +65,8 @@ class GroundConfig(Settings):
     )
     common_error_share: float = setting(
         0.1,
-        "Model error in the test whether views agree, as a share of the half axes; smaller than model_share, because "
-        "trackers slide on a target equally in all views.",
+        "Model error in the test whether views agree, as a share of the half axes; smaller than "
+        "centre_error_share, because trackers slide on a target equally in all views.",
         above=0,
     )
     identity_switch_rate: float = setting(

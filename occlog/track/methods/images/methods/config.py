@@ -87,7 +87,8 @@ class MipfConfig(Settings):
     # With the regions of a detector
     region_reach: float = setting(
         0.6,
-        "A region is assigned to a tracker if nearer to it than this multiple of the sum of radii, and to no other.",
+        "Assign a region to a tracker if each is the only one within this multiple of the sum of their radii of the "
+        "other. Larger values assign distant regions, but fewer of those that are close together.",
         **ABOVE_0,
     )
     region_share: float = setting(0.3, "Share of the particles of a tracker drawn at its own region.", **SHARE)
@@ -112,7 +113,7 @@ class MipfConfig(Settings):
         **SHARE,
     )
     max_lost_frames: int = setting(
-        25, "Terminate a tracker after this many consecutive frames below lost_likeness; 0: never.", at_least=0
+        25, "Terminate a tracker after this many consecutive frames below lost_similarity; 0: never.", at_least=0
     )
 
 

@@ -438,7 +438,7 @@ SAME_TARGET_DISTANCE = 1.0
 
 @dataclass(frozen=True)
 class SmoothingWindow:
-    """Time steps that wait, after some that were reported."""
+    """Buffer of the fixed-lag smoother: reported time steps, kept as context, then those not yet reported."""
 
     lag_ns: int | None  # minimum time of data after a time step; None: all data
     generator: np.random.Generator
