@@ -38,8 +38,8 @@ def everything() -> Bearings:
     return both(seen_by_camera(slice(1, None, 3)), *parts, heard(EARS[2], TIMES, PATH, sigma_up=0.1))
 
 
-def bound_of(bearings: Bearings, place: Scene = PLACE, bound_in: str = "space", **options: object) -> Bound:
-    return evaluate(None, TRUE, bearings, place, EvaluateConfig(bound_dimension=bound_in, **options)).bound  # type: ignore[arg-type]
+def bound_of(bearings: Bearings, place: Scene = PLACE, bound_dimension: str = "space", **options: object) -> Bound:
+    return evaluate(None, TRUE, bearings, place, EvaluateConfig(bound_dimension=bound_dimension, **options)).bound  # type: ignore[arg-type]
 
 
 def covariances(bound: Bound) -> np.ndarray:

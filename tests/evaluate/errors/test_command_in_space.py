@@ -113,7 +113,7 @@ def test_options_of_the_bound(made: Path, monkeypatch: pytest.MonkeyPatch, capsy
     ("more", "words"),
     [
         (["--prior-z", "0"], "prior-z"),
-        (["--bound-dimension", "planes"], "bound-in"),
+        (["--bound-dimension", "planes"], "bound-dimension"),
     ],
 )
 def test_bad_options(

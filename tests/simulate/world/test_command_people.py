@@ -41,7 +41,7 @@ def test_the_recording_holds_everybody_in_every_frame(tmp_path: Path, capsys: py
         assert (np.abs(pixels[:, 0] - seen.left_px - 0.5 * seen.width_px) < 0.5 * seen.width_px).all()
     looks = json.loads(recording.attachment("appearance.json") or b"")
     assert [one["appearance"] for one in looks] == 3 * [looks[0]["appearance"]]
-    assert recording.provenance.parameters["render"]["alike"]
+    assert recording.provenance.parameters["render"]["identical_targets"]
     first = boxes.take(boxes.frame == 0)
     assert (first.visible == 1.0).all()
 

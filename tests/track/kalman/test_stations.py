@@ -13,7 +13,7 @@ from occlog.filtering.gaussian import Gaussian
 from occlog.filtering.likelihood.distances import RANGE, RangeMeasurements, residuals
 from occlog.filtering.likelihood.measurement_model import LinearisedRows, MeasurementWorld
 from occlog.track.methods.apf.model import pack_noise, pack_sensors
-from occlog.track.methods.kalman.stations import extended, first_position, innovation_gate, unscented
+from occlog.track.methods.kalman.stations import extended, first_position, innovation_gating, unscented
 
 SCENE = room100(pillar=False)
 WORLD = MeasurementWorld(pack_sensors(SCENE), pack_noise(SCENE), make_floor(SCENE.region, []))
@@ -57,7 +57,7 @@ def test_sigma_points_of_a_narrow_state_give_the_linear_update() -> None:
 def test_nothing_inside_the_gate_leaves_the_state() -> None:
     state = Gaussian(np.array([40.0, 30.0, 0.5, -0.5]), COVARIANCE)
     rows = ranges((41.0, 29.0), np.array([60.0, 70.0, 0.0]))
-    assert innovation_gate(state, rows, 5.0).tolist() == [False, False, True]
+    assert innovation_gating(state, rows, 5.0).tolist() == [False, False, True]
     for update in (extended, unscented):
         after, score = update(state, rows.take(slice(0, 0)))
         np.testing.assert_allclose(after.mean, state.mean)

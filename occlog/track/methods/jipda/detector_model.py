@@ -393,7 +393,7 @@ def detector_model(
     )
 
 
-def termination_rate(counts: DetectorStatistics) -> float:
+def track_termination_rate(counts: DetectorStatistics) -> float:
     """How many of the people leave in a second."""
     return float(counts.left[0] / counts.left[1])
 

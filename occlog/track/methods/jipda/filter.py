@@ -37,7 +37,7 @@ from .detector_model import (
     prior_edge_errors,
     prior_statistics,
     reliable_boxes,
-    termination_rate,
+    track_termination_rate,
     update_edge_errors,
     update_statistics,
 )
@@ -61,7 +61,7 @@ from .target_set import (
     predict,
     select,
     tentative_targets,
-    termination_rate_at,
+    track_termination_rate_at,
     update,
     update_map,
     with_gait_variance,
@@ -161,7 +161,9 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         state.people,
         t_ns,
         dt=dt,
-        leaving=termination_rate_at(state.birth_map, state.people.mean[:, :2], termination_rate(state.counts)),
+        leaving=track_termination_rate_at(
+            state.birth_map, state.people.mean[:, :2], track_termination_rate(state.counts)
+        ),
         turning=manoeuvre_rate(state.counts),
         bending=posture_change_rate(state.counts),
         config=config,

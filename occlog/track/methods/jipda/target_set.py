@@ -355,7 +355,7 @@ def update_map(
     )
 
 
-def termination_rate_at(known: BirthIntensityMap, positions: Floats, overall: float) -> Floats:
+def track_termination_rate_at(known: BirthIntensityMap, positions: Floats, overall: float) -> Floats:
     """(n,) rates [1/s] at which people leave at (n, 2) positions, where `overall` is the rate of all."""
     near = _near(known, positions)
     return np.asarray((near @ known.left + PRIOR_TERMINATIONS) / (near @ known.spent + PRIOR_TERMINATIONS / overall))

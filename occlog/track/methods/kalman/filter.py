@@ -37,7 +37,7 @@ from occlog.track.methods.apf.model import pack_noise, pack_scan, pack_sensors, 
 
 from . import updates
 from .config import NONE, EkfConfig, IekfConfig, KalmanConfig, UkfConfig, WalkConfig
-from .stations import StationUpdate, extended, first_position, innovation_gate, unscented
+from .stations import StationUpdate, extended, first_position, innovation_gating, unscented
 from .updates import Updated, gated_rows, gauss_newton, linear
 
 K = TypeVar("K", bound=KalmanConfig)
@@ -136,7 +136,7 @@ def stepper(
             taken = by_directions(known)
             if distances is None or by_stations is None:
                 return taken
-            inside = innovation_gate(known, distances, config.gate)
+            inside = innovation_gating(known, distances, config.gate)
             after, score = by_stations(taken.done.state, distances.take(inside))
             done = Updated(after, taken.done.score + score, taken.done.fallback)
             return taken._replace(done=done, against=int(np.count_nonzero(~inside)))

@@ -29,7 +29,7 @@ StationUpdate = Callable[[Gaussian, RangeMeasurements], tuple[Gaussian, float]]
 """State and log-likelihood after measurements of stations that are within the gate."""
 
 
-def innovation_gate(state: Gaussian, rows: RangeMeasurements, gate: float) -> Bools:
+def innovation_gating(state: Gaussian, rows: RangeMeasurements, gate: float) -> Bools:
     """(m,) mask of the measurements with a normalised innovation within the gate."""
     found = linearise(rows, state.mean[None, :2])
     H, off = found.gradient[0], found.residual[0]

@@ -19,7 +19,7 @@ from ..target_set import (
     POSTURE_WIDTH_NOISE,
     SIZE_NOISE_PER_ROOT_S,
     BirthIntensityMap,
-    termination_rate_at,
+    track_termination_rate_at,
 )
 from .appearance import AppearanceVectors, log_ratio_joined, no_sums
 from .association import AssociatedPeople
@@ -219,7 +219,7 @@ def _leaving(known: BirthIntensityMap, positions: Floats, span: WindowSpan) -> F
     """(n,) rates [1/s] at which people leave at (n, 2) positions, by the cells that these are in."""
     side = CELL_SIZE_M * known.metre
     cells, cell = np.unique(np.floor(positions / side), axis=0, return_inverse=True)
-    return termination_rate_at(known, (cells + 0.5) * side, 1.0 / span.stay)[cell.reshape(-1)]
+    return track_termination_rate_at(known, (cells + 0.5) * side, 1.0 / span.stay)[cell.reshape(-1)]
 
 
 def _chain(nodes: TrackletNodes, walk: WalkModel, track: Ints, free: bool) -> MarkovChainState:
