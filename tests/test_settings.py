@@ -35,7 +35,7 @@ def test_texts_are_read_as_the_type_of_the_setting():
         ("xyzzy", "1", "no setting 'xyzzy'; it has: smooth"),
         ("particles", "many", "setting particles: expected a whole number, got 'many'"),
         ("particles", "1.5", "setting particles: expected a whole number, got '1.5'"),
-        ("process_noise_position", "", "setting sigma_v: expected a number, got ''"),
+        ("process_noise_position", "", "setting process_noise_position: expected a number, got ''"),
         ("use_score", "maybe", "setting use_score: expected true or false, got 'maybe'"),
         ("start", "1,a", "setting start: expected numbers with commas, got '1,a'"),
     ],
@@ -140,9 +140,9 @@ def test_a_setting_like_another_has_its_default_and_range_and_words_of_its_own()
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
-        ("process_noise_position", "1e300", "sigma_v is 1e+300, must be within 1e+12"),
-        ("clutter_rate", "1e-300", "clutter is 1e-300, must be above 0, at least 1e-15"),
-        ("reference_step_s", "1e-9", "reference_s is 1e-09, must be at least 0.001"),
+        ("process_noise_position", "1e300", "process_noise_position is 1e+300, must be within 1e+12"),
+        ("clutter_rate", "1e-300", "clutter_rate is 1e-300, must be above 0, at least 1e-15"),
+        ("reference_step_s", "1e-9", "reference_step_s is 1e-09, must be at least 0.001"),
     ],
 )
 def test_numbers_whose_squares_are_none_are_refused(name: str, value: str, message: str) -> None:

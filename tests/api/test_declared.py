@@ -35,9 +35,9 @@ def test_a_function_has_the_fields_of_its_request(function: Callable[..., object
 
 
 def test_a_message_names_an_option_as_the_surface_spells_it() -> None:
-    error = occlog.UsageError(f"{option('max_gap')} is short; or {option('set.height')}")
+    error = occlog.UsageError(f"{option('max_gap')} is short; or {option('set.person_height')}")
     assert error.options == ("max_gap", "set.person_height")
     assert str(error) == "--max-gap is short; or --set person_height="
     reset = SPELLING.set(lambda name: f"<{name}>")
-    assert str(error) == "<max_gap> is short; or <set.height>"
+    assert str(error) == "<max_gap> is short; or <set.person_height>"
     SPELLING.reset(reset)

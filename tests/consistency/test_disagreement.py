@@ -65,6 +65,6 @@ def test_chunks_do_not_matter_and_other_doubts_stay() -> None:
         end = min(first + 3, 20)
         parts.append(against(judge.judged(notes(end - first, first), residuals({"a": text[first:end]}, first))))
     assert "".join(parts) == whole
-    edge = SensorDisagreement().judged(notes(20, quality_flags="region_edge"), residuals({"a": text}))
+    edge = SensorDisagreement().judged(notes(20, doubt="region_edge"), residuals({"a": text}))
     assert edge.quality_flags[-1] == "region_edge,inconsistent_sensor"
     assert SensorDisagreement().judged(Diagnostics.empty(), Residuals.empty()).quality_flags.tolist() == []

@@ -135,7 +135,7 @@ def test_depletion_says_number_limit_and_remedy() -> None:
     assert "use more particles" in found.text
 
 
-@pytest.mark.parametrize("quality_flags", QUALITY_FLAGS)
+@pytest.mark.parametrize("doubt", QUALITY_FLAGS)
 def test_doubts_are_a_warning_beyond_one_row_in_twenty_and_a_note_below(doubt: str) -> None:
     for count, severity in (
         (1, "note"),

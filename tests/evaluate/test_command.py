@@ -336,10 +336,10 @@ def test_motion_and_diameter_of_a_simulation_are_taken_over(folder: Path) -> Non
     for more in ([], ["--process-noise", "0.9", "--occluder-diameter", "1"]):
         assert run([*args, *more, "-o", "m.json", "--overwrite"]) == ExitCode.DONE
         used.append(json.loads((folder / "m.json").read_text())["_provenance"]["parameters"])
-    assert [(p["sigma_v"], p["occluder_diameter"]) for p in used] == [(0.2, 0.7), (0.9, 1.0)]
+    assert [(p["process_noise_position"], p["occluder_diameter"]) for p in used] == [(0.2, 0.7), (0.9, 1.0)]
     assert run([*FULL, "-o", "m.json", "--overwrite"]) == ExitCode.DONE
     plain = json.loads((folder / "m.json").read_text())["_provenance"]["parameters"]
-    assert (plain["sigma_v"], plain["occluder_diameter"]) == (0.05, None)
+    assert (plain["process_noise_position"], plain["occluder_diameter"]) == (0.05, None)
 
 
 def test_scene_of_a_recording_with_the_bearings(folder: Path) -> None:

@@ -118,5 +118,5 @@ def test_files_without_any_box_are_looks_of_all_cameras_at_nobody(
     assert run(["ingest", "-o", recording, *boxes_of, *world]) == ExitCode.DONE
     assert "every frame of cam0, cam1, cam2, cam3 is a frame without a person" in capsys.readouterr().err
     assert run(["track", recording, "--method", "jipda", "-o", tracks]) == ExitCode.DONE
-    assert "no person was found: the tracks are empty" in capsys.readouterr().err
+    assert "no target was found, and the tracks are empty" in capsys.readouterr().err
     assert len(read_table(Path(tracks), PeopleTracks)) == 0

@@ -362,7 +362,7 @@ def test_a_page_of_everybody_has_the_numbers_of_the_whole(
     whole, part, page = pages(["report", *args], tmp_path, monkeypatch, capsys)
     text = " ".join(part)
     assert f"of {len(np.unique(tracks.target_id))}" in text
-    assert "70 births, 70 deaths, 24 doubts" in text
+    assert "70 track initiations, 70 track terminations, 24 possible identity switches" in text
     assert (
         f"rows of tracks, one time in {-(-len(tracks) // 100)} of the {len(truth):,} rows of truth, one time in 2"
         in text

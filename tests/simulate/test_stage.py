@@ -90,8 +90,8 @@ def test_people_have_the_same_size_in_metres_and_feet():
     [
         ({"steps": 0}, "steps is 0, must be at least 1"),
         ({"speed": 0.0}, "speed is 0.0, must be above 0"),
-        ({"redirect_probability": 1.5}, "redirect is 1.5, must be at least 0 and at most 1"),
-        ({"process_noise_position": float("nan")}, "sigma is nan, must be finite and at least 0"),
+        ({"redirect_probability": 1.5}, "redirect_probability is 1.5, must be at least 0 and at most 1"),
+        ({"process_noise_position": float("nan")}, "process_noise_position is nan, must be finite and at least 0"),
         ({"targets": -1}, "targets is -1, must be at least 0"),
     ],
 )

@@ -185,7 +185,12 @@ def test_a_sensor_more_never_raises_the_bound_and_their_order_does_not_matter() 
 def test_bound_in_space_is_below_that_of_each_plane() -> None:
     """Direct bound cut to the axes of a plane, against the bound of that plane's projected angle alone."""
     rows = both(heard(CEILING, TIMES, PATH), heard(EARS[2], TIMES, PATH, sigma_up=0.03))
-    options = {"motion": "cv", "process_noise_density": 0.1, "sigma_initial_velocity": 0.8, "prior_covariance": (4.0, 0.0, 4.0)}
+    options = {
+        "motion": "cv",
+        "process_noise_density": 0.1,
+        "sigma_initial_velocity": 0.8,
+        "prior_covariance": (4.0, 0.0, 4.0),
+    }
     P = covariances(bound_of(rows, prior_variance_z=1.0, **options))
     dt = np.diff(TIMES, prepend=TIMES[0])
     for plane, axes in enumerate(((0, 1), (1, 2), (2, 0))):

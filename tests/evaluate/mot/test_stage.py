@@ -155,7 +155,7 @@ def test_how_near_a_tracker_must_be() -> None:
     assert evaluate_boxes(tracks, truth(), MultiTargetConfig(match_iou=11 / 29)).metrics["tp"] == 40
 
 
-@pytest.mark.parametrize("assigned_target", ["start", "optimal"])
+@pytest.mark.parametrize("own", ["start", "optimal"])
 def test_tracks_with_names_of_their_own(own: str) -> None:
     renamed = [(f, view, 90 - k, left, top) for f, view, k, left, top in tracked_rows()]
     named = evaluate_boxes(table(Boxes, tracked_rows()), truth())

@@ -272,7 +272,11 @@ def test_frames_by_their_pixels(tmp_path: Path, capsys: Any) -> None:
         (["a", "b", "--tol-unit", "parsec=1"], ExitCode.USAGE, "no column has this unit"),
         (["a", "b", "--time-tol", "5"], ExitCode.USAGE, "expected a number with"),
         (["a", "b", "--rtol", "nan"], ExitCode.USAGE, "finite"),
-        (["a/tracks.parquet", "b/tracks.parquet", "--tol", "cov_x=1"], ExitCode.USAGE, "did you mean 'cov_xz'?"),
+        (
+            ["a/tracks.parquet", "b/tracks.parquet", "--tol", "cov_x=1"],
+            ExitCode.USAGE,
+            "did you mean 'cov_x_vx' or 'cov_x_vy'?",
+        ),
     ],
 )
 def test_wrong_usage_is_one_line(

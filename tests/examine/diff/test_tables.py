@@ -104,7 +104,7 @@ def test_columns_that_only_a_wider_table_has_are_compared(tmp_path: Path, capsys
     a, b = fused("a.parquet", ""), fused("b.parquet", "single_view")
     assert run(["diff", a, fused("c.parquet", "")]) == ExitCode.DONE
     assert run(["diff", a, b]) == ExitCode.DIFFERENT
-    assert "doubt is '' in A, 'one-view' in B" in capsys.readouterr().out
+    assert "quality_flags is '' in A, 'single_view' in B" in capsys.readouterr().out
 
 
 def test_an_export_of_a_wider_table_is_the_same_and_read_as_wide(tmp_path: Path, capsys: Any) -> None:
@@ -124,7 +124,7 @@ def test_an_export_of_a_wider_table_is_the_same_and_read_as_wide(tmp_path: Path,
     assert run(["info", exported]) == ExitCode.DONE
     told = capsys.readouterr().out
     assert "vx_m_s: vx [m/s]" in told
-    assert "doubt: doubt\n" in told
+    assert "quality_flags: quality_flags\n" in told
 
 
 def test_trajectories_are_compared_with_tables(tmp_path: Path, capsys: Any) -> None:

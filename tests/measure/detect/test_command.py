@@ -202,7 +202,7 @@ def test_cameras_are_chosen_without_images(tmp_path: Path, capsys: pytest.Captur
         (("--target-box", "b:six:1,2,3,4"), ExitCode.USAGE, "expected CAM:FRAME:X,Y,W,H"),
         (("--target-box", "b:99:1,2,30,40"), ExitCode.BAD_INPUT, "no readable frame 99 of camera 'b'"),
         (("--target", "nowhere.json"), ExitCode.BAD_INPUT, "nowhere.json"),
-        (("--bit-depth", "7"), ExitCode.USAGE, "bits"),
+        (("--bit-depth", "7"), ExitCode.USAGE, "--bit-depth"),
     ],
 )
 def test_bad_options_are_one_line_and_leave_no_file(

@@ -18,7 +18,7 @@ def test_the_same_target_at_the_same_time_is_a_match():
     rows = view_tracks(CAMERAS, walks(50), np.random.default_rng(0), sigma=0.0)
     event = rows.lifecycle.astype("U10")
     event[(rows.t_ns == 3 * TICK) & (rows.target_id == 1) & (rows.sensor == "b")] = "terminated"
-    rows = type(rows)(**{c.name: event if c.name == "event" else getattr(rows, c.name) for c in rows.columns()})
+    rows = type(rows)(**{c.name: event if c.name == "lifecycle" else getattr(rows, c.name) for c in rows.columns()})
     parts = [rows.take(slice(k, k + 33)) for k in range(0, len(rows), 33)]
     (found,) = matches_of_tracks(parts, "here")
     assert (found.a, found.b, found.where, len(found.points_a)) == ("a", "b", "here: a and b", 99)

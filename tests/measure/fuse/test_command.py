@@ -56,7 +56,7 @@ def test_detect_and_fuse_do_the_same(recording, tmp_path, capsys):
     assert summary["recovered"] > 0
     assert np.count_nonzero(b.seen) > np.count_nonzero(read_table(plain, Bearings).seen)
     assert read_provenance(two).parameters["false_alarm_probability"] == 0.1
-    assert read_provenance(one).parameters["fusion"]["p_false"] == 0.1
+    assert read_provenance(one).parameters["fusion"]["false_alarm_probability"] == 0.1
 
 
 @pytest.mark.parametrize(("degrees", "seed"), [(0, 1), (0, 2), (0, 3), (15, 1), (-15, 2)])

@@ -207,7 +207,7 @@ def test_acoustic_of_a_recording(recording, tmp_path, capsys) -> None:
         (["hull", "room.yaml", "--scene", "room.yaml"], ExitCode.BAD_INPUT, "room.yaml"),
         (["kalman", "views.parquet"], ExitCode.BAD_INPUT, "views.parquet"),
         (["acoustic", "views.parquet", "--scene", "room.yaml"], ExitCode.BAD_INPUT, "views.parquet"),
-        (["hull", "views.parquet", "--scene", "room.yaml", "--dilation", "nan"], None, "dilate"),
+        (["hull", "views.parquet", "--scene", "room.yaml", "--dilation", "nan"], None, "--dilation"),
     ],
 )
 def test_bad_input_is_one_line(folder, monkeypatch, capsys, args, code, message) -> None:
@@ -225,7 +225,7 @@ RUN = """
 occlog_run: 1
 seed: 3
 simulate: {scene: room.yaml, steps: 10, occluders: 2}
-priors: {source: kalman, sigma: 0.4}
+priors: {source: kalman, measurement_noise: 0.4}
 track: {particles: 200}
 """
 
@@ -241,7 +241,7 @@ def test_stage_of_a_run(folder, capsys) -> None:
     assert "of a moving occluder" in (folder / "run" / "report.html").read_text()
     assert run(["run", str(folder / "run.yaml"), "-o", str(folder / "run"), "--json"]) == 0
     assert set(last_json(capsys)["stages"].values()) == {"up to date"}
-    (folder / "run.yaml").write_text(RUN.replace("sigma: 0.4", "sigma: 0.5"))
+    (folder / "run.yaml").write_text(RUN.replace("measurement_noise: 0.4", "measurement_noise: 0.5"))
     assert run(["run", str(folder / "run.yaml"), "-o", str(folder / "run"), "--json"]) == 0
     stages = last_json(capsys)["stages"]
     assert (stages["detect"], stages["priors"], stages["track"]) == ("up to date", "done", "done")
@@ -249,7 +249,7 @@ def test_stage_of_a_run(folder, capsys) -> None:
 
 @pytest.mark.parametrize(
     ("change", "message"),
-    [("source: kalman", "'magic'"), ("sigma: 0.4", "sigmas")],
+    [("source: kalman", "'magic'"), ("measurement_noise: 0.4", "sigmas")],
 )
 def test_bad_keys_of_the_stage_are_named(folder, capsys, change, message) -> None:
     new = "source: magic" if "source" in change else "sigmas: 0.4"

@@ -153,7 +153,7 @@ def test_bad_positions_are_named() -> None:
         list(kalman_priors([positions([(0, 1, 0.0), (0, 1, 1.0)])], PositionPriorConfig()))
     with pytest.raises(InputError, match="sort"):
         list(kalman_priors([positions([(5, 1, 0.0)]), positions([(1, 1, 1.0)])], PositionPriorConfig()))
-    with pytest.raises(InputError, match="sigma is -1"):
+    with pytest.raises(InputError, match="measurement_noise is -1"):
         PositionPriorConfig(measurement_noise=-1.0)
 
 

@@ -259,7 +259,7 @@ def test_an_object_store_holds_recordings_and_results(
 def test_a_run_at_a_url_loses_what_its_configuration_no_longer_makes(simulated: Path, tmp_path: Path) -> None:
     """Names behind the two slashes of `out/` and `runs` were not found again."""
     system = pytest.importorskip("fsspec").filesystem("memory")
-    for track, out in (("cloud: true", "memory://slash/"), ("particles: 50", "memory://slash")):
+    for track, out in (("particle_cloud: true", "memory://slash/"), ("particles: 50", "memory://slash")):
         (tmp_path / "batch.yaml").write_text(f"occlog_run: 1\nseed: 2\ntrack: {{{track}}}\n")
         args = ["batch", str(tmp_path / "batch.yaml"), str(simulated / "hall.mcap"), "-o", out, "--workers", "1"]
         assert run([*args, "-q", "--cache", str(tmp_path / "cache")]) == ExitCode.DONE

@@ -121,10 +121,13 @@ def test_particles_are_among_the_outputs_where_they_are_asked_for(
     assert np.average(first.x, weights=first.weight) == pytest.approx(tracks.x[0], abs=1e-6)
     assert stages(config, capsys)["track"] == "up to date"
     assert "/particles" in shown_topics(folder)
-    config.write_text(CONFIG.replace("{particles: 200}", "{particles: 200, cloud: p.parquet}"))
+    config.write_text(CONFIG.replace("{particles: 200}", "{particles: 200, particle_cloud: p.parquet}"))
     capsys.readouterr()
     assert run(["run", str(config), "-o", str(folder), "-q"]) == ExitCode.BAD_INPUT
-    assert "line 5: track.cloud: expected true or false (outputs of a run are in its folder)" in capsys.readouterr().err
+    assert (
+        "line 5: track.particle_cloud: expected true or false (outputs of a run are in its folder)"
+        in capsys.readouterr().err
+    )
 
 
 def shown_topics(folder: Path) -> set[str]:

@@ -68,7 +68,7 @@ def test_the_page_of_everybody_says_who_was_there_and_who_saw_them() -> None:
     page = build_page(ReportInput(tracks=hall(), events=events))
     wanted = ["Replay", "Floor plan", "Who was there", "Which camera saw them"]
     assert [each for each in headings(page) if each in wanted] == wanted
-    assert "1 birth, 0 deaths, 1 doubt." in page
+    assert "1 track initiation, 0 track terminations, 1 possible identity switch." in page
     assert "1.67 people at a time, 2 at most" in page
     assert "seen by no camera, of 50 estimates" in page
     assert "may have been exchanged" in page

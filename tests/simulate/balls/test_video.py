@@ -85,7 +85,7 @@ def test_ways_are_straight_but_for_the_walls():
     assert ((speed > 2.0) & (speed < 6.0)).all()
 
 
-@pytest.mark.parametrize("ball_motion", ["walk", "manoeuvre"])
+@pytest.mark.parametrize("motion", ["walk", "manoeuvre"])
 def test_motions_of_one_seed_start_alike_stay_in_the_box_and_step_as_told(motion):
     config = BallsConfig(frames=400, ball_motion=motion)
     paths, straight = ball_paths(config, 3), ball_paths(replace(config, ball_motion="straight"), 3)
@@ -210,7 +210,7 @@ def test_panels_folded_into_one_octant_are_those_of_the_whole_ball():
         ({"radius": 200.0}, "does not fit"),
         ({"balls": 60}, "no room for 60"),
         ({"frames": 0}, "frames is 0"),
-        ({"ball_speed": -1.0}, "speed is -1"),
+        ({"ball_speed": -1.0}, "ball_speed is -1"),
         ({"radius": float("nan")}, "radius is nan"),
         ({"views": 0}, "views is 0"),
         ({"views": 7}, "views is 7"),

@@ -176,8 +176,8 @@ def test_a_camera_without_pose_is_left_out():
 @pytest.mark.parametrize(
     ("values", "says"),
     [
-        ({"miss_probability": 2.0}, "miss is 2.0"),
-        ({"pose_noise": "pink"}, "noise is pink, must be one of white, calibration"),
+        ({"miss_probability": 2.0}, "miss_probability is 2.0"),
+        ({"pose_noise": "pink"}, "pose_noise is pink, must be one of white, calibration"),
         ({"diameter": -1.0}, "diameter is -1.0"),
     ],
 )

@@ -106,7 +106,7 @@ def test_settings_and_particles(balls, tmp_path, capsys):
     assert "has no setting 'birth_frame'" in refused(
         capsys, track(balls, tmp_path, "--set", "birth_frame=2"), ExitCode.USAGE
     )
-    assert "birth_frames=-1: must be at least 0" in refused(
+    assert "confirmation_frames=-1: must be at least 0" in refused(
         capsys, track(balls, tmp_path, "--set", "confirmation_frames=-1"), ExitCode.USAGE
     )
 
@@ -336,7 +336,7 @@ def test_the_largest_identity_leaves_room_for_others(balls, tmp_path):
 
 def test_nothing_could_begin_a_tracker(balls, tmp_path, capsys):
     said = refused(capsys, track(balls, tmp_path, "--set", "confirmation_frames=0", initial=None), ExitCode.USAGE)
-    assert "birth_frames is 0, so that no tracker begins from detections; give --initial-ellipses, or 1 or more" in said
+    assert "confirmation_frames is 0, so detections begin no tracker; give --initial-ellipses, or 1 or more" in said
 
 
 @pytest.mark.parametrize("how", ["late", "apart"])

@@ -152,7 +152,7 @@ def test_a_request_in_vain_is_not_made_anew_at_once():
         assert len(asked(later, report, memory)[0]) == expected
 
 
-@pytest.mark.parametrize(("camera_fix", "tolerance"), [("replace", 0.05), ("update", 0.05)])
+@pytest.mark.parametrize(("fix", "tolerance"), [("replace", 0.05), ("update", 0.05)])
 def test_an_answer_moves_the_cloud_and_gives_its_label(fix, tolerance):
     config = replace(ImmConfig.in_unit("m"), camera_fix=fix)
     state, report = at("request_sigma", (6, 6), (9, 9), sigma=2.0, config=config)

@@ -82,7 +82,7 @@ def test_arrays_that_speak_in_turn_at_uneven_times_lead_there_too() -> None:
 
 
 @pytest.mark.parametrize("p", range(3))
-@pytest.mark.parametrize("process_noise_density", range(3))
+@pytest.mark.parametrize("q", range(3))
 def test_planes_are_combined_by_hand_worked_weights(p: int, q: int) -> None:
     if p == q:
         return

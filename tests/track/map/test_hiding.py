@@ -40,7 +40,7 @@ def solve(scene, made, priors: Priors | None, **settings) -> SmoothedTrajectory:
     return advance(begin(scene, MapConfig(occluder_diameter=0.5, **settings), False), scans, True)[1]
 
 
-@pytest.mark.parametrize("initialisation", ["consensus", "axes"])
+@pytest.mark.parametrize("initial", ["consensus", "axes"])
 def test_occluders_far_away_change_next_to_nothing(initial: str) -> None:
     scene, rows, _ = made()
     alone = solve(scene, rows, None, initialisation=initial)

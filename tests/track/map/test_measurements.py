@@ -30,7 +30,7 @@ def states(xy):
 def planes_of(scene, xy, config=MapConfig(), **options):  # noqa: B008
     """Half-planes and stations for a target seen once a second at places (T, 2)."""
     made = record(scene, np.arange(len(xy)), xy, **options)
-    at = stations(scene, ORIGIN, wall_constraints=config.wall_constraints)
+    at = stations(scene, ORIGIN, walls=config.wall_constraints)
     lines = sight_lines(made, at)
     return constraints(lines, made, at, config, len(xy)), lines, made
 
@@ -76,7 +76,7 @@ def test_residuals_vanish_at_the_place_that_was_seen() -> None:
     scene = place((-5, -5, 45), (5, -5, 135), arrays=((0, 8, -90),), sigma_yaw=0.01, sigma_position=0.1)
     xy = np.array([[0.3, 0.2], [-1.0, 1.5], [2.0, 0.0]])
     made = record(scene, np.arange(3), xy)
-    at = stations(scene, ORIGIN, wall_constraints=True)
+    at = stations(scene, ORIGIN, walls=True)
     lines = sight_lines(made, at)
     assert len(lines.step) == made.rows.seen.sum() == 9
     assert lines.direction.reshape(3, 3)[:, 2].all()
@@ -93,14 +93,14 @@ def test_a_bearing_far_off_the_axis_counts_as_a_direction() -> None:
     scene = place((0, 0, 0), fov=np.radians(179.9))
     xy = np.array([[1.0, 2.0], [0.01, 3.0]])  # 63 and 89.8 degrees off
     made = record(scene, [0.0, 1.0], xy)
-    lines = sight_lines(made, stations(scene, ORIGIN, wall_constraints=True))
+    lines = sight_lines(made, stations(scene, ORIGIN, walls=True))
     assert lines.direction.tolist() == [False, True]
     assert_allclose(residuals(lines, states(xy)), 0.0, atol=1e-9)
 
 
 def test_in_front_of_a_camera_that_saw_it() -> None:
     scene = place((0, -5, 90))
-    bare = MapConfig(wall_constraints=False)
+    bare = MapConfig(walls=False)
     planes, _, made = planes_of(scene, np.array([[0.5, 0.0], [9.0, -5.0]]), bare)
     assert made.rows.seen.tolist() == [True, False]
     assert planes.step.tolist() == [0]  # nothing of the state that was not seen
@@ -111,7 +111,7 @@ def test_in_front_of_a_camera_that_saw_it() -> None:
 
 def test_within_the_range_of_a_camera() -> None:
     scene = place((0, -5, 90), range=6.0)
-    planes, *_ = planes_of(scene, np.array([[0.5, 0.0]]), MapConfig(wall_constraints=False))
+    planes, *_ = planes_of(scene, np.array([[0.5, 0.0]]), MapConfig(walls=False))
     assert len(planes.step) == 2
     assert (slack(planes, states([[0.5, 0.9]])) > 0).all()
     assert slack(planes, states([[0.5, 1.1]])).min() == pytest.approx(-0.1)
@@ -152,15 +152,15 @@ def test_room_and_clearance_hold_every_state() -> None:
 
 def test_the_pocket_of_an_l_shaped_room_is_a_wall() -> None:
     scene = replace(place((-5, -5, 45)), room=L_ROOM)
-    at = stations(scene, ORIGIN, wall_constraints=True)
+    at = stations(scene, ORIGIN, walls=True)
     assert at.hull is not None
     assert Polygon(at.hull).area == pytest.approx(400.0 - 50.0)  # without the corner that the room does not have
     (pocket,) = at.wall_constraints
     assert Polygon(pocket).symmetric_difference(Polygon([(10, 0), (0, 10), (0, 0)])).area < 1e-9
     assert len(at.blockers[0]) == 1
-    open_ = stations(scene, ORIGIN, wall_constraints=False)
+    open_ = stations(scene, ORIGIN, walls=False)
     assert (open_.hull, open_.wall_constraints, open_.blockers) == (None, (), ((),))
-    moved = stations(scene, np.array([100.0, 7.0]), wall_constraints=True)
+    moved = stations(scene, np.array([100.0, 7.0]), walls=True)
     assert_allclose(moved.wall_constraints[0], pocket - [100.0, 7.0])
     assert_allclose(moved.position, at.position - [100.0, 7.0])
 

@@ -299,7 +299,7 @@ def test_a_stated_height_that_nobody_has_is_refused(tmp_path, capsys):
     found = boxes(scene, SECONDS, metre=100.0)
     assert track(tmp_path, found, scene, "--set", "person_height=170") == ExitCode.BAD_INPUT
     noted = capsys.readouterr().err
-    assert "no person is 170 m tall (setting height), so the lengths of the scene are not in m" in noted
+    assert "no person is 170 m tall (setting person_height), so the lengths of the scene are not in m" in noted
     assert "state the unit of the calibration" in noted
     assert noted.count("\n") == 1
 

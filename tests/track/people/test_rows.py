@@ -130,7 +130,7 @@ def test_everybody_is_in_every_image_with_a_box_or_without(seen: list[SnapshotWi
     found = boxes(SCENE, 1.0, people=PEOPLE, miss=0.2)
     assert len(rows) == PEOPLE * len(CAMERAS) * 10
     assert (rows.visibility[rows.target_id == 11] == HIDDEN).all()
-    assert set(rows.likelihood_mode[rows.target_id == 11].tolist()) == {"floor"}
+    assert set(rows.likelihood_mode[rows.target_id == 11].tolist()) == {"ground"}
     own = rows.take((rows.target_id == 10) & (rows.likelihood_mode == "box"))
     assert len(own) == np.count_nonzero(found.target_id == 0)
     first = found.take(found.target_id == 0)

@@ -62,7 +62,7 @@ def test_with_the_prevention_the_printed_robot_goes_to_and_fro_for_ever():
 
 
 @pytest.mark.parametrize(
-    ("radius", "escape", "max_steps", "clearance", "end"),
+    ("radius", "escape", "steps", "clearance", "end"),
     [
         (0.0, "inside", 8, 1.13720, End.REACHED),
         (0.2, "inside", 8, 1.13720, End.REACHED),

@@ -171,7 +171,7 @@ def test_doubts_and_views_stand_in_the_rows():
     crossed = tracks.take(tracks.target_id == 0)
     assert np.mean(np.char.find(crossed.quality_flags, "inconsistent_views") >= 0) > 0.9
     assert np.mean(crossed.seen_by == "a,c") > 0.9
-    assert crossed.quality_flags[-1] == "contradiction,exchange"
+    assert crossed.quality_flags[-1] == "inconsistent_views,possible_switch"
     alone = tracks.take((tracks.target_id == 1) & (tracks.t_ns >= 25 * TICK))
     assert np.all(np.char.startswith(alone.quality_flags, "single_view"))
     assert np.all(alone.seen_by == "c")

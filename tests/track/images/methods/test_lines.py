@@ -44,7 +44,7 @@ def test_a_share_of_the_particles_is_drawn_on_the_line():
     assert drawn(pair(replace(CONFIG, epipolar_fraction=1.0))) == [COUNT] * 4
 
 
-@pytest.mark.parametrize(("similarity", "count"), [(0.7, 3), (np.nextafter(0.7, 0.0), COUNT)])
+@pytest.mark.parametrize(("likeness", "count"), [(0.7, 3), (np.nextafter(0.7, 0.0), COUNT)])
 def test_all_particles_are_drawn_on_the_line_when_the_estimate_was_not_like_the_target(likeness, count):
     state = pair(replace(CONFIG, max_similarity_to_search=0.7))
     assert drawn(changed(state, similarity=np.array([likeness, 1.0, 1.0, 1.0]))) == [count, 3, 3, 3]
@@ -122,7 +122,7 @@ def swapped():
     return state, state.trackers.estimate[::-1].copy()
 
 
-@pytest.mark.parametrize(("similarity", "share"), [(0.9, 0.25), (1.0, 0.25), (np.nextafter(0.9, 0.0), 0.0)])
+@pytest.mark.parametrize(("likeness", "share"), [(0.9, 0.25), (1.0, 0.25), (np.nextafter(0.9, 0.0), 0.0)])
 def test_colours_follow_those_of_estimates_that_are_alike_enough(likeness, share):
     state, estimate = swapped()
     old = state.trackers.colours

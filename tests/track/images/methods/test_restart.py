@@ -78,7 +78,7 @@ def test_without_the_setting_or_a_bad_counterpart_or_a_frame_nothing_restarts():
 
 
 @pytest.mark.parametrize(
-    ("radii", "similarity", "wrong"),
+    ("radii", "likeness", "wrong"),
     [
         (SAME_TARGET_RADII, 0.85, False),
         (SAME_TARGET_RADII - 1e-9, 0.85, True),
@@ -94,7 +94,7 @@ def test_a_tracker_is_wrong_on_another_one_or_on_something_of_other_colours(radi
 
 
 @pytest.mark.parametrize(
-    ("radii", "similarity", "guides"),
+    ("radii", "likeness", "guides"),
     [
         (2.0, 0.85, True),
         (2.0, np.nextafter(0.85, 0.0), False),

@@ -98,7 +98,7 @@ def test_a_birth_in_a_view_without_a_frame_is_an_error():
         add_trackers(four(), frames_at(1, BOTH, None), [Birth(1, 3, LEFT)])
 
 
-@pytest.mark.parametrize(("rows", "similarity"), [(slice(32, 40), 1.0), (slice(32, 49), 1.0), (slice(32, 34), None)])
+@pytest.mark.parametrize(("rows", "likeness"), [(slice(32, 40), 1.0), (slice(32, 49), 1.0), (slice(32, 34), None)])
 def test_colours_of_a_masked_target_are_wholly_alike_where_as_much_of_it_is_left(rows, likeness):
     """Half of the ellipse is masked at birth; later the rows of `rows` are left."""
     mask, later = (np.zeros((90, 120), dtype=np.uint8) for _ in range(2))

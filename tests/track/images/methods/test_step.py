@@ -188,14 +188,14 @@ def test_a_target_leaves_when_its_centre_passes_the_edge_of_the_image(x, y):
     assert end_events(one(x + out[0], y + out[1], good=True), SIZE, config).tolist() == [LEFT]
 
 
-@pytest.mark.parametrize(("weak", "lifecycle"), [(0, 0), (24, 0), (25, TERMINATED), (26, TERMINATED)])
+@pytest.mark.parametrize(("weak", "event"), [(0, 0), (24, 0), (25, TERMINATED), (26, TERMINATED)])
 def test_a_target_is_lost_after_so_many_weak_frames(weak, event):
     assert end_events(one(60.0, 45.0, weak=weak), SIZE, MipfConfig(max_lost_frames=25)).tolist() == [event]
     assert end_events(one(60.0, 45.0, weak=weak), SIZE, MipfConfig(max_lost_frames=0)).tolist() == [0]
 
 
 @pytest.mark.parametrize(
-    ("x", "lifecycle"), [(7.5, TERMINATED), (7.5 - 1e-9, LEFT), (W - 8.5, TERMINATED), (W - 8.5 + 1e-9, LEFT)]
+    ("x", "event"), [(7.5, TERMINATED), (7.5 - 1e-9, LEFT), (W - 8.5, TERMINATED), (W - 8.5 + 1e-9, LEFT)]
 )
 def test_a_target_lost_while_it_reaches_over_the_edge_has_left(x, event):
     assert end_events(one(x, 45.0, weak=25), SIZE, MipfConfig()).tolist() == [event]

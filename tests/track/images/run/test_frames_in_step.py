@@ -92,7 +92,7 @@ def test_frames_that_cannot_be_used_are_told_and_the_others_go_on():
         (1, 3, "image is 9 x 6 px, the camera's first was 8 x 6 px"),
     ]
     assert "16-bit" in lost[3][2]
-    assert seen(in_step(given, VIEWS, 0, bit_depth=10))[4] == (4, 4)
+    assert seen(in_step(given, VIEWS, 0, bits=10))[4] == (4, 4)
 
 
 def test_the_number_of_threads_does_not_matter_and_frames_are_decoded_in_order():

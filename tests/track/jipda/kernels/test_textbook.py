@@ -247,7 +247,7 @@ def test_information_that_a_mixture_takes_away_is_none() -> None:
     np.testing.assert_allclose(J, (back * np.maximum(values, 0.0)) @ back.T, rtol=1e-8, atol=1e-10)
 
 
-@pytest.mark.parametrize(("existence_probability", "frames"), [([0.9, 0.4], 1), ([0.99] * 6, 1), ([0.99] * 6, 3)])
+@pytest.mark.parametrize(("existence", "frames"), [([0.9, 0.4], 1), ([0.99] * 6, 1), ([0.99] * 6, 3)])
 def test_a_frame_without_boxes_is_a_miss_of_all_or_blind(existence: list[float], frames: int) -> None:
     r, detection = np.array(existence), np.linspace(0.3, 0.98, len(existence))
     got = plain(joint.missed_detection_ratio)(r, detection, frames)

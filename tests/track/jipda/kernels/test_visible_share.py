@@ -30,7 +30,7 @@ def clear(existence: float = 1.0, nearer: float = 2.0, spread: float = 12.0) -> 
     return cells
 
 
-@pytest.mark.parametrize(("existence_probability", "nearer"), [(1.0, 2.0), (0.6, 2.0), (1.0, 0.3), (1.0, -0.4)])
+@pytest.mark.parametrize(("existence", "nearer"), [(1.0, 2.0), (0.6, 2.0), (1.0, 0.3), (1.0, -0.4)])
 def test_cells_are_as_clear_as_people_drawn_at_random_leave_them(existence: float, nearer: float) -> None:
     rng, n = np.random.default_rng(0), 200_000
     shift = rng.normal(0.0, np.hypot(5.0, 12.0), n)
