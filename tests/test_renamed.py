@@ -63,6 +63,6 @@ def test_scenes_with_the_old_keys_of_noise_are_the_same():
 
 def test_an_old_column_is_answered():
     schema = arrow_schema(Diagnostics, Provenance("track", {}, 7, (), ()))
-    old = [field.with_name("quality_flags") if field.name == "quality_flags" else field for field in schema]
+    old = [field.with_name("doubt") if field.name == "quality_flags" else field for field in schema]
     with pytest.raises(InputError, match="quality_flags"):
         check_schema(Path("diagnostics.parquet"), pa.schema(old, schema.metadata), Diagnostics)

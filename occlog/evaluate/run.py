@@ -393,7 +393,10 @@ def simulated(truth: Path | None) -> dict[str, float]:
         return {}
     world = opened.provenance.parameters.get("world")
     known = world if isinstance(world, dict) else {}
-    values = {"process_noise_position": known.get("process_noise_position"), "occluder_diameter": known.get("diameter")}
+    values = {
+        "process_noise_position": known.get("process_noise_position", known.get("sigma")),
+        "occluder_diameter": known.get("diameter"),
+    }
     return {name: float(value) for name, value in values.items() if isinstance(value, int | float)}
 
 

@@ -85,7 +85,7 @@ VERDICT: dict[str, Message] = {
     "gaps": Message(
         W,
         "{count} of {rows} rows follow a gap and restart the filter: rows are {interval_s:.3g} s apart",
-        "use method fix, a larger max_gap_s, or state the unit of times (--input-units ms)",
+        "use method fix, a larger max_gap_s, or give the unit (--input-units ms)",
     ),
     "targets-never-detected": Message(
         N,

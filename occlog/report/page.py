@@ -44,9 +44,9 @@ from .replay.build import Replay, replay
 from .replay.thumbnails import Thumbnails
 
 
-def plural(count: int, what: str) -> str:
-    """`1 target`, `2 targets`."""
-    return f"{number(count)} {noun(count, what)}"
+def plural(count: int, what: str, several: str = "") -> str:
+    """`1 target`, `2 targets`, `2 boxes` with several="boxes"."""
+    return f"{number(count)} {noun(count, what, several)}"
 
 
 def headline(data: ReportInput) -> list[Figure]:
@@ -248,11 +248,11 @@ def floorplan(data: ReportInput) -> Plot:
 
 
 EVENT_WORDS = {
-    "initiated": "track initiation",
-    "terminated": "track termination",
-    "possible_switch": "possible identity switch",
+    "initiated": ("track initiation", "track initiations"),
+    "terminated": ("track termination", "track terminations"),
+    "possible_switch": ("possible identity switch", "possible identity switches"),
 }
-"""Descriptions of kinds of events."""
+"""Descriptions of kinds of events, of one and of several."""
 
 
 def _everybody(data: ReportInput) -> list[Plot]:

@@ -347,7 +347,7 @@ def test_doubtful_rows_are_counted_with_their_reasons() -> None:
     data = run()
     assert data.diagnostics is not None
     assert "Doubtful" not in build_page(data)
-    doubt = np.full(len(data.diagnostics), "", dtype="U24")
+    doubt = np.full(len(data.diagnostics), "", dtype="U32")
     doubt[:2] = ["region_edge", "region_edge,out_of_view"]
     columns = {c.name: getattr(data.diagnostics, c.name) for c in data.diagnostics.columns()}
     doubtful = replace(data, diagnostics=type(data.diagnostics)(**(columns | {"quality_flags": doubt})))

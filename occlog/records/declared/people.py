@@ -68,8 +68,9 @@ class PeopleTracks(Tracks):
     quality_flags: Strings = column(
         "U",
         "1",
-        "why the row is not reliable, separated by commas; empty: no reason was found. `unseen` (no camera has a "
-        "box of the person at this time: the position is predicted), `one-view` (one camera alone), `exchange` (the "
+        "why the row is not reliable, separated by commas; empty: no reason was found. `coasting` (no camera has a "
+        "box of the person at this time: the position is predicted), `single_view` (one camera alone), "
+        "`possible_switch` (the "
         "possible identity switch at this time; `events` has the other identity)",
         optional=True,
     )
@@ -79,7 +80,8 @@ class PeopleTracks(Tracks):
 class JoinedTracks(PeopleTracks):
     """Tracks of several groups of cameras brought together; every command reads them as `Tracks`.
 
-    `doubt` has `contradiction` also, where two groups have the person in places that do not agree at this time.
+    `quality_flags` has `inconsistent_views` also, where two groups have the person in places that do not agree at
+    this time.
     """
 
     source_ids: Strings = column(

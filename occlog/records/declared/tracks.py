@@ -91,8 +91,9 @@ class FusedTracks(Tracks):
 
     seen_by: Strings = column("U", "1", "views that made the position, separated by commas", optional=True)
     quality_flags: Strings = doubt_column(
-        "`one-view` (one view alone made it), `contradiction` (a view is more likely on something else than not, or "
-        "was omitted), `exchange` (the target is likely to have taken another one's identity)"
+        "`single_view` (one view alone made it), `inconsistent_views` (a view is more likely on something else "
+        "than not, or "
+        "was omitted), `possible_switch` (the target is likely to have taken another one's identity)"
     )
 
 
@@ -103,7 +104,8 @@ class TagTracks(Tracks):
     read_by: Strings = column("U", "1", "readers that detected the tag, separated by commas", optional=True)
     refined_by: Strings = column("U", "1", "cameras that refined the position, separated by commas", optional=True)
     quality_flags: Strings = doubt_column(
-        "`unmatched` (no position is in the range of just these readers), `restart` (no particle explained the reads), "
+        "`no_matching_region` (no position is in the range of just these readers), `restart` (no particle "
+        "explained the reads), "
         "`depleted` (fewer than ten effective particles: the covariance is unreliable)"
     )
 
@@ -160,14 +162,18 @@ class Diagnostics(ColumnTable):
         "1",
         "empty, `sir` (auxiliary stage skipped), `restart` (particles resampled), `gap` (the same after a long gap), "
         "`depleted` (fewer than ten effective particles: the covariance is unreliable); "
-        "of a batch method `unobservable` (the position is hardly known), `contradiction` (constraints no position "
-        "holds were omitted, with what was seen then), `wall` (no way around a wall was found), `unfinished` (the "
-        "search did not converge) or `doubted` (fewer than half of the bearings are accepted); of `fix` `pair` (two "
+        "of a batch method `unobservable` (the position is hardly known), `infeasible_constraints` (constraints "
+        "no position "
+        "holds were omitted, with what was seen then), `no_path` (no way around a wall was found), "
+        "`not_converged` (the "
+        "search did not converge) or `few_inliers` (fewer than half of the bearings are accepted); of `fix` "
+        "`two_lines` (two "
         "lines, whose spread is as stated), `stated` (the spread was not found), `ambiguous` (measurements fit several "
-        "positions), `unchecked` (two measurements fix it, and none of the others agrees) or `contested` (one "
+        "positions), `unverified` (two measurements fix it, and none of the others agrees) or `possible_outlier` (one "
         "that is accepted may be false: another position is possible, or they scatter too much); of `ekf`, `ukf` and "
-        "`iekf` `widened` (most bearings disagreed with the prediction, which was made wider), `discarded` (no sigma "
-        "point was left) or `stuck` (the search ended where cameras cannot see)",
+        "`iekf` `inflated` (most bearings disagreed with the prediction, which was made wider), "
+        "`no_sigma_points` (no sigma "
+        "point was left) or `infeasible` (the search ended where cameras cannot see)",
     )
     cameras: Strings = column("U", "1", "sensors used in the scan, separated by commas")
     n_available: Ints32 = column("i4", "1", "sensors that had a frame since the last row, asked for it or not")
@@ -187,10 +193,10 @@ class Diagnostics(ColumnTable):
     quality_flags: Strings = column(
         "U",
         "1",
-        "why the estimate is not reliable, separated by commas; empty: no reason was found. `edge` (the target "
-        "may be at the edge of the region that was guessed for a scene without a room), `one-sensor` (one sensor "
-        "alone saw the target for long, which leaves its distance unknown), `out-of-view` (half or more of the "
-        "sensors that report the target have it outside of their field of view or range), `sensor-disagrees` "
+        "why the estimate is not reliable, separated by commas; empty: no reason was found. `region_edge` (the target "
+        "may be at the edge of the region that was guessed for a scene without a room), `single_sensor` (one sensor "
+        "alone saw the target for long, which leaves its distance unknown), `out_of_view` (half or more of the "
+        "sensors that report the target have it outside of their field of view or range), `inconsistent_sensor` "
         "(two thirds or more of what one sensor measured of the target in the last second, five bearings at least, are "
         "rejected)",
         optional=True,

@@ -220,7 +220,7 @@ def reidentification_events(
 
 
 def named_tracks(tracks: PeopleTracks, doubts: Events, pieces: TrackFragments, names: FragmentNames) -> PeopleTracks:
-    """Rows under the new names; `exchange` stays where a doubt is left in `doubts`, which have the new names."""
+    """Rows under the new names; `possible_switch` stays where a doubt is left in `doubts`, which have the new names."""
     name = names.name[pieces.of(tracks.target_id, tracks.t_ns)]
     left = {(t, k) for t, k, kind in zip(*(c.tolist() for c in (doubts.t_ns, doubts.target_id, doubts.kind)),
                                          strict=True) if kind == SWITCH_EVENT}  # fmt: skip

@@ -285,7 +285,7 @@ MOT_DPM = "1,-1,10,20,30,40,96.3,-1,-1,-1\n2,-1,10,20,30,40,-12.4,-1,-1,-1\n"
 
 def test_scores_of_any_size_are_mapped_or_left_out_but_not_guessed(tmp_path: Path) -> None:
     path = saved(tmp_path / "det.txt", MOT_DPM)
-    with pytest.raises(InputError, match=r"line 1: confidence 96.3; it must be 0 to 1;.*logistic"):
+    with pytest.raises(InputError, match=r"line 1: confidence 96.3; it must be 0 to 1;.*logit"):
         read(BoxFile(path, "a"))
     boxes, _ = read(BoxFile(path, "a"), options=BoxOptions(scores="logit", confidence_scale=100.0))
     assert boxes.confidence.tolist() == pytest.approx([1 / (1 + np.exp(-0.963)), 1 / (1 + np.exp(0.124))])

@@ -93,7 +93,7 @@ def test_candidates_become_labelled_bearings(folder, capsys):
     assert {k: made.parameters[k] for k in ("gate", "max_gap_s", "keep_unassigned", "doa_labels")} == {
         "gate": 3.0,
         "max_gap_s": 1.0,
-        "keep_rest": False,
+        "keep_unassigned": False,
         "doa_labels": False,
     }
     assert describe(folder / "labelled.parquet")["length_unit"] == "unit"

@@ -99,6 +99,6 @@ def test_sight_lines_have_the_errors_of_reading_yaw_and_place():
 
 
 def test_destinations_are_half_the_sensors_extent_away_or_ten_seconds():
-    assert max_destination_distance(Scene(cameras=(camera("a", 0.0, 0.0, 0.0),)), initial_speed=1.0) == 10.0
+    assert max_destination_distance(Scene(cameras=(camera("a", 0.0, 0.0, 0.0),)), speed=1.0) == 10.0
     wide = Scene(cameras=(camera("a", 0.0, 0.0, 0.0), camera("b", 98.0, 0.0, 180.0)))
-    assert max_destination_distance(wide, initial_speed=1.0) == pytest.approx(0.5 * np.hypot(98.0 + 2 * 10.8, 2 * 10.8))
+    assert max_destination_distance(wide, speed=1.0) == pytest.approx(0.5 * np.hypot(98.0 + 2 * 10.8, 2 * 10.8))

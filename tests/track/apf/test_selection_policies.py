@@ -203,7 +203,10 @@ def test_a_large_cloud_is_thinned_without_changing_much():
         ({"camera_order": [1, 2]}, "must be a list of names"),
         ({"camera_order": None}, "must be a list of names"),
         ({"policy": ["greedy"]}, "one of greedy"),
-        ({"polcy": "greedy"}, "unknown key 'polcy'; it has: policy, count, every, model, order, patience"),
+        (
+            {"polcy": "greedy"},
+            "unknown key 'polcy'; it has: policy, n_cameras, selection_interval, model, camera_order, max_blind_scans",
+        ),
         ({"selection_interval": 0.0}, "above 0"),
         ({"selection_interval": float("nan")}, "finite and above 0"),
         ({"selection_interval": float("inf")}, "finite and above 0"),

@@ -72,10 +72,10 @@ def test_periodic_asks_for_all_at_every_period():
 
 
 def test_spread_asks_for_who_is_spread():
-    wide, report = at("request_sigma", (5, 5), (9, 9), sigma=0.6)
+    wide, report = at("spread", (5, 5), (9, 9), sigma=0.6)
     assert asked(wide, report)[0] == []  # 0.85 m
-    wide, report = at("request_sigma", (5, 5), sigma=0.8)
-    assert asked(wide, report)[0] == [(0, ("request_sigma",))]  # 1.13 m
+    wide, report = at("spread", (5, 5), sigma=0.8)
+    assert asked(wide, report)[0] == [(0, ("spread",))]  # 1.13 m
 
 
 @pytest.mark.parametrize(("bearings", "expected"), [(2, []), (1, [0, 1]), (0, [0, 1])])
@@ -140,22 +140,22 @@ def test_equation_3_16_asks_where_the_estimate_is_in_no_ellipse():
 
 def test_several_policies_and_causes_make_one_request():
     state, report = at("spread,printed", (6, 6), looks=[look(90.0)], sigma=2.0)
-    assert asked(state, report)[0] == [(0, ("bearing", "request_sigma"))]
+    assert asked(state, report)[0] == [(0, ("bearing", "spread"))]
 
 
 def test_a_request_in_vain_is_not_made_anew_at_once():
-    state, report = at("request_sigma", (6, 6), sigma=2.0, t_s=1.0)
+    state, report = at("spread", (6, 6), sigma=2.0, t_s=1.0)
     question = requests_after_scan(state, report, RequestMemory(), RNG(0))[0]
     _, _, memory = apply_answer(state, report, [CameraAnswer(question[0], None, None, -1)], RequestMemory(), RNG(0))
     for t_s, expected in ((1.2, 0), (1.5, 1)):
-        later, report = at("request_sigma", (6, 6), sigma=2.0, t_s=t_s)
+        later, report = at("spread", (6, 6), sigma=2.0, t_s=t_s)
         assert len(asked(later, report, memory)[0]) == expected
 
 
 @pytest.mark.parametrize(("fix", "tolerance"), [("replace", 0.05), ("update", 0.05)])
 def test_an_answer_moves_the_cloud_and_gives_its_label(fix, tolerance):
     config = replace(ImmConfig.in_unit("m"), camera_fix=fix)
-    state, report = at("request_sigma", (6, 6), (9, 9), sigma=2.0, config=config)
+    state, report = at("spread", (6, 6), (9, 9), sigma=2.0, config=config)
     question = requests_after_scan(state, report, RequestMemory(), RNG(0))[0][0]
     answer = CameraAnswer(question, np.array([7.0, 5.0]), 1e-4 * np.eye(2), 4)
     new, told, _ = apply_answer(state, report, [answer], RequestMemory(), RNG(0))
@@ -187,7 +187,7 @@ def test_who_is_found_and_not_known_gets_a_number():
 
 
 def test_frames_are_shared_unless_told_otherwise():
-    state, report = at("request_sigma", (6, 6), (9, 9), sigma=2.0)
+    state, report = at("spread", (6, 6), (9, 9), sigma=2.0)
     question = requests_after_scan(state, report, RequestMemory(), RNG(0))[0][:1]
     assert [(a.number, a.causes) for a in other_targets(state, report, question)] == [(1, ("shared",))]
     assert other_targets(state, report, []) == []

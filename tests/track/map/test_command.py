@@ -227,7 +227,7 @@ def test_a_fitted_motion_is_used(made: Path, capsys) -> None:
     assert track(made, "--motion", "motion.json") == ExitCode.DONE
     provenance, model = read_provenance(made / "new.parquet"), read_motion(motion)
     assert provenance.parameters["A"] == model.A.ravel().tolist()
-    assert provenance.parameters["step_s"] == model.step_s
+    assert provenance.parameters["model_step_s"] == model.step_s
     assert "motion.json" in dict(provenance.inputs)
     tracks, truth = tracks_of(made), tracks_of(made, "tracks.parquet")
     assert 0.0 < np.hypot(tracks.x - truth.x, tracks.y - truth.y).max() < 3.0

@@ -71,7 +71,9 @@ def test_not_seen_behind_occluders_leaves_the_estimate_where_it_was() -> None:
     hidden = np.array([k for k, _ in lost])
     between = [(np.array(CORNERS[c][:2]) + xy[24]) / 2 for c in (0, 2, 3)]
     crowd = people(*[tuple(p) for p in between], sigma=0.4)
-    out, silent = (solve(scene, rows, crowd, occlusion_tempering=1.0, unseen=unseen) for unseen in (True, False))
+    out, silent = (
+        solve(scene, rows, crowd, occlusion_tempering=1.0, use_missed_detections=unseen) for unseen in (True, False)
+    )
     away, without = (np.hypot(*(o.xy - xy)[hidden].T).mean() for o in (out, silent))
     assert away < 1.1 * without
     assert out.converged

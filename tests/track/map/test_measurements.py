@@ -100,7 +100,7 @@ def test_a_bearing_far_off_the_axis_counts_as_a_direction() -> None:
 
 def test_in_front_of_a_camera_that_saw_it() -> None:
     scene = place((0, -5, 90))
-    bare = MapConfig(walls=False)
+    bare = MapConfig(wall_constraints=False)
     planes, _, made = planes_of(scene, np.array([[0.5, 0.0], [9.0, -5.0]]), bare)
     assert made.rows.seen.tolist() == [True, False]
     assert planes.step.tolist() == [0]  # nothing of the state that was not seen
@@ -111,7 +111,7 @@ def test_in_front_of_a_camera_that_saw_it() -> None:
 
 def test_within_the_range_of_a_camera() -> None:
     scene = place((0, -5, 90), range=6.0)
-    planes, *_ = planes_of(scene, np.array([[0.5, 0.0]]), MapConfig(walls=False))
+    planes, *_ = planes_of(scene, np.array([[0.5, 0.0]]), MapConfig(wall_constraints=False))
     assert len(planes.step) == 2
     assert (slack(planes, states([[0.5, 0.9]])) > 0).all()
     assert slack(planes, states([[0.5, 1.1]])).min() == pytest.approx(-0.1)

@@ -64,7 +64,7 @@ class BoxAssociations(NamedTuple):
 class Event(NamedTuple):
     """Something that happened to an identity."""
 
-    kind: str  # `birth`: reported from here on; `death`: no longer; `doubt`: it may have been exchanged with `other`
+    kind: str  # `initiated`, `terminated`, or `possible_switch`: it may have been exchanged with `other`
     id: int
     other: int  # NOBODY unless the kind is `doubt`
     probability: float  # of existence at a birth or death; that the two were exchanged at a doubt

@@ -62,7 +62,11 @@ def test_tracks_come_out_and_are_as_good_as_they_say(folder, capsys):
     assert told["rows"] == told["times"] - told["not_triangulated"]["inconsistent"]
     assert (told["targets"], told["times"], told["views"]["3"]) == ([0, 1], 200, 200 - told["skipped"])
     made = read_provenance(folder / "tracks.parquet")
-    assert (made.command, made.parameters["height"], made.parameters["model_share"]) == ("ground", 0.9, 0.25)
+    assert (made.command, made.parameters["target_height"], made.parameters["centre_error_share"]) == (
+        "ground",
+        0.9,
+        0.25,
+    )
     assert describe(folder / "tracks.parquet")["length_unit"] == "m"
 
     exact = ["views.parquet", "--scene", "scene.yaml", "-o", "exact.parquet", "--set", "centre_error_share=0"]

@@ -47,7 +47,7 @@ def test_a_share_of_the_particles_is_drawn_on_the_line():
 @pytest.mark.parametrize(("likeness", "count"), [(0.7, 3), (np.nextafter(0.7, 0.0), COUNT)])
 def test_all_particles_are_drawn_on_the_line_when_the_estimate_was_not_like_the_target(likeness, count):
     state = pair(replace(CONFIG, max_similarity_to_search=0.7))
-    assert drawn(changed(state, similarity=np.array([likeness, 1.0, 1.0, 1.0]))) == [count, 3, 3, 3]
+    assert drawn(changed(state, likeness=np.array([likeness, 1.0, 1.0, 1.0]))) == [count, 3, 3, 3]
 
 
 @pytest.mark.parametrize(("radii", "count"), [(SAME_TARGET_RADII, 3), (SAME_TARGET_RADII - 1e-9, COUNT), (0.0, COUNT)])
@@ -108,7 +108,7 @@ def test_weights_are_those_of_the_colours():
 def adapted(state, likeness, here=None, estimate=None):
     """The colours after estimates on the other target."""
     t = state.trackers
-    state = changed(state, similarity=likeness, estimate=t.estimate if estimate is None else estimate)
+    state = changed(state, likeness=likeness, estimate=t.estimate if estimate is None else estimate)
     return adapt_colours(state, state.config, np.ones(len(t.view), dtype=bool) if here is None else here).colours
 
 

@@ -89,7 +89,7 @@ def test_without_the_setting_or_a_bad_counterpart_or_a_frame_nothing_restarts():
 )
 def test_a_tracker_is_wrong_on_another_one_or_on_something_of_other_colours(radii, likeness, wrong):
     state = hijacked(at=disc(80.0 - 16.0 * radii, 44.0))
-    state = changed(state, similarity=np.array([likeness, 1.0, 1.0, 1.0]))
+    state = changed(state, likeness=np.array([likeness, 1.0, 1.0, 1.0]))
     assert restarted(state)[0] == ([0] if wrong else [])
 
 
@@ -106,7 +106,7 @@ def test_a_counterpart_guides_when_it_is_clear_of_others_and_looks_right(radii, 
     state = hijacked()
     estimate = state.trackers.estimate.copy()
     estimate[3, :2] = estimate[2, :2] + [16.0 * radii, 0.0]
-    state = changed(state, estimate=estimate, similarity=np.array([1.0, 1.0, likeness, 1.0]))
+    state = changed(state, estimate=estimate, likeness=np.array([1.0, 1.0, likeness, 1.0]))
     assert restarted(state)[0] == ([0] if guides else [])
 
 

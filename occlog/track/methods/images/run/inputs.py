@@ -241,7 +241,7 @@ def independent_id_note(tracks: Path | None, own: str, asked: str | None) -> lis
         own: how it is found.
         asked: value of --assigned-target; None: not given.
     """
-    if not initiated_from_detections(tracks) or asked not in (None, "label"):
+    if not initiated_from_detections(tracks) or asked not in (None, "id"):
         return []
     how = f"--assigned-target {own} is used" if asked is None else "FR needs --assigned-target start"
     return [f"{tracks}: {FROM_DETECTIONS}; {how}"]
