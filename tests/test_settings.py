@@ -107,7 +107,7 @@ def test_the_schema_has_the_default_of_people_where_it_is_another():
         ({"diameter": 0.0}, "world: diameter is 0.0, must be above 0"),
         ({"steps": 1.5}, "world: steps is 1.5, must be a whole number"),
         ({"steps": True}, "world: steps is True, must be a whole number"),
-        ({"object_height": math.nan}, "world: z is nan, must be finite and at least 0"),
+        ({"object_height": math.nan}, "world: object_height is nan, must be finite and at least 0"),
     ],
 )
 def test_a_value_beyond_its_range_is_told_with_the_range(values, says):

@@ -264,7 +264,8 @@ def _everybody(data: ReportInput) -> list[Plot]:
     words = [f"{number(float(f'{people.mean:.3g}'))} people at a time, {number(people.most)} at most"]
     words.append(f"probability that they are there: {number(round(people.existence, 3))} on average")
     if data.events is not None:
-        words.append(", ".join(plural(data.figures.events.get(kind, 0), word) for kind, word in EVENT_WORDS.items()))
+        counts = data.figures.events
+        words.append(", ".join(plural(counts.get(kind, 0), *names) for kind, names in EVENT_WORDS.items()))
     caption = "; ".join(words) + "."
     if drawn < people.identities:
         caption += f" The {drawn} identities that are there longest are drawn, of {number(people.identities)}."

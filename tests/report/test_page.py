@@ -351,4 +351,4 @@ def test_doubtful_rows_are_counted_with_their_reasons() -> None:
     doubt[:2] = ["region_edge", "region_edge,out_of_view"]
     columns = {c.name: getattr(data.diagnostics, c.name) for c in data.diagnostics.columns()}
     doubtful = replace(data, diagnostics=type(data.diagnostics)(**(columns | {"quality_flags": doubt})))
-    assert f"Doubtful: 2 of {len(doubt)} steps (region_edge, out_of_view)." in build_page(doubtful)
+    assert f"Doubtful: 2 of {len(doubt)} steps (out_of_view, region_edge)." in build_page(doubtful)

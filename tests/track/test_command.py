@@ -244,7 +244,7 @@ def test_the_animal_of_a_field_log_is_followed_by_its_number(shared_data, tmp_pa
 def test_settings_go_to_the_method(folder):
     with_scene(folder, "--set", "process_noise_position=0.7", "--set", "detection_probability=0.9")
     parameters = read_provenance(folder / "tracks.parquet").parameters
-    assert (parameters["process_noise_position"], parameters["detection"]) == (0.7, 0.9)
+    assert (parameters["process_noise_position"], parameters["detection_probability"]) == (0.7, 0.9)
 
 
 @pytest.mark.parametrize(

@@ -258,7 +258,7 @@ Columns = tuple[np.ndarray, np.ndarray, np.ndarray, Floats, Floats, Floats]
 
 
 def _ellipses(table: ViewTracks) -> Columns:
-    good = table.take(~np.isin(table.lifecycle, ("left", "lost")))
+    good = table.take(~np.isin(table.lifecycle, ("left", "terminated")))
     reach = np.hypot(good.a_px * np.sin(good.rho), good.b_px * np.cos(good.rho))
     return good.t_ns, good.sensor, good.target_id, good.x_px, good.y_px, reach
 

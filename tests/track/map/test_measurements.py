@@ -155,13 +155,13 @@ def test_the_pocket_of_an_l_shaped_room_is_a_wall() -> None:
     at = stations(scene, ORIGIN, walls=True)
     assert at.hull is not None
     assert Polygon(at.hull).area == pytest.approx(400.0 - 50.0)  # without the corner that the room does not have
-    (pocket,) = at.wall_constraints
+    (pocket,) = at.walls
     assert Polygon(pocket).symmetric_difference(Polygon([(10, 0), (0, 10), (0, 0)])).area < 1e-9
     assert len(at.blockers[0]) == 1
     open_ = stations(scene, ORIGIN, walls=False)
-    assert (open_.hull, open_.wall_constraints, open_.blockers) == (None, (), ((),))
+    assert (open_.hull, open_.walls, open_.blockers) == (None, (), ((),))
     moved = stations(scene, np.array([100.0, 7.0]), walls=True)
-    assert_allclose(moved.wall_constraints[0], pocket - [100.0, 7.0])
+    assert_allclose(moved.walls[0], pocket - [100.0, 7.0])
     assert_allclose(moved.position, at.position - [100.0, 7.0])
 
 

@@ -191,7 +191,7 @@ def check_schema(path: Path, schema: pa.Schema, table: type[ColumnTable]) -> Non
     for field in schema:  # of another program's column there is no meaning
         if field.name not in known and {b"unit", b"doc"} & (field.metadata or {}).keys():
             hint = f"did you mean {near[0]!r}? " if (near := nearest(field.name, known)) else ""
-            raise InputError(f"{path}: {name} has no column {field.name!r}; {hint}make the file again")
+            raise InputError(f"{path}: damaged: {name} has no column {field.name!r}; {hint}make it again")
     for c in table.columns():
         if schema.get_field_index(c.name) < 0:
             if c.name in schema.names:

@@ -78,7 +78,7 @@ def test_a_new_tracker_is_at_its_ellipse_at_rest_and_looks_like_its_target():
     assert not t.velocity.any()
     assert not t.path.any()
     assert not t.weak.any()
-    assert (t.similarity == 1.0).all()
+    assert (t.likeness == 1.0).all()
     np.testing.assert_allclose(t.colours.sum(axis=1), 1.0)
 
 

@@ -94,7 +94,7 @@ def test_the_same_gallery_gives_the_same_bytes(folder):
     ("images", "gallery", "message"),
     [
         (False, "g.parquet", "there are no images, and the boxes have no colours"),
-        (True, "other.parquet", "holds support"),
+        (True, "other.parquet", "holds associations"),
         (True, "nobody.parquet", "gallery: has no rows"),
     ],
 )
