@@ -31,7 +31,7 @@ def test_texts_are_read_as_the_type_of_the_setting():
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
-        ("sigmav", "1", "no setting 'sigmav'; did you mean 'sigma_v'?"),
+        ("process_noise_positon", "1", "did you mean 'process_noise_position'?"),
         ("xyzzy", "1", "no setting 'xyzzy'; it has: smooth"),
         ("particles", "many", "setting particles: expected a whole number, got 'many'"),
         ("particles", "1.5", "setting particles: expected a whole number, got '1.5'"),
@@ -103,7 +103,7 @@ def test_the_schema_has_the_default_of_people_where_it_is_another():
 @pytest.mark.parametrize(
     ("values", "says"),
     [
-        ({"redirect_probability": 1.001}, "world: redirect is 1.001, must be at least 0 and at most 1"),
+        ({"redirect_probability": 1.001}, "world: redirect_probability is 1.001, must be at least 0 and at most 1"),
         ({"diameter": 0.0}, "world: diameter is 0.0, must be above 0"),
         ({"steps": 1.5}, "world: steps is 1.5, must be a whole number"),
         ({"steps": True}, "world: steps is True, must be a whole number"),

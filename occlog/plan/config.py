@@ -53,7 +53,7 @@ class PlanConfig(Settings):
         "process_noise_position",
         "Process noise of the true motion: position per axis, accumulated over 1 s.",
     )
-    redirect: float = like(
+    redirect_probability: float = like(
         WorldConfig,
         "redirect_probability",
         "Probability per second of a new destination before arrival.",

@@ -123,7 +123,7 @@ def simulate_crowd(scene: Scene, config: PlanConfig, dt: float, steps: int, seed
         diameter=config.person_diameter,
         speed=config.speed,
         process_noise_position=config.process_noise_position,
-        redirect_probability=config.redirect,
+        redirect_probability=config.redirect_probability,
     )
     floor, motion, rng = ground(scene, 0.0), motion_in_a_step(world), generator(seed, RandomStream.PLAN, 0)
     try:

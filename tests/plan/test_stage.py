@@ -238,7 +238,7 @@ def test_a_scene_without_room_or_sensors_is_refused(scene: Scene, words: str):
     [
         (replace(SMALL, people=300), "no free position found"),
         (replace(SMALL, density=1e3), "must be at most 1000"),
-        (replace(SMALL, samples_per_cell=5000, cells=5000), "take fewer cells or draws"),
+        (replace(SMALL, samples_per_cell=5000, cells=5000), "take fewer cells or samples"),
     ],
 )
 def test_what_does_not_fit_is_refused(config: PlanConfig, words: str):
