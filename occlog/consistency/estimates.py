@@ -39,7 +39,7 @@ REGION_EDGE, SINGLE_SENSOR, OUT_OF_VIEW, INCONSISTENT_SENSOR = (
     "out_of_view",
     "inconsistent_sensor",
 )
-"""Values of the column `doubt`, in the order of the column."""
+"""Values of the column `quality_flags`, in the order of the column."""
 EDGE_SIGMAS = 2.0
 """Distance from the edge below which an estimate is at the edge, in standard deviations."""
 VIEW_SIGMAS = 3.0

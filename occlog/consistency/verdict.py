@@ -101,7 +101,7 @@ class ConsistencyEvidence:
     Attributes:
         rows: estimates.
         fallbacks: rows by the value of `fallback`.
-        doubts: rows by the value of `doubt`.
+        doubts: rows by the value of `quality_flags`.
         targets: ids of the targets of the rows.
         seen: of these, whom a sensor saw.
         span_ns: first and last time.

@@ -4,8 +4,8 @@ Renames tracks to identities of a gallery: tables are held back until identities
 
 Pieces of tracks, which whoever is in a gallery has one or several of, and the names that they get.
 
-A track is of one person, except where it may have been exchanged with another (a `doubt`).  There it is cut, and
-each piece gets its own name, so that appearance corrects identity switches.
+A track is of one person, except where it may have been exchanged with another (`possible_switch`).  There it is cut,
+and each fragment gets its own identity, so that appearance corrects identity switches.
 """
 
 from __future__ import annotations

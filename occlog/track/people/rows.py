@@ -19,7 +19,7 @@ from .frame_detections import FrameDetectionsWithIds
 MIN_MAP_PROBABILITY = 0.5
 """A box is a person's if it is more probably of this person than not."""
 QUALITY_FLAGS = (COASTING, SINGLE_VIEW, POSSIBLE_SWITCH)
-"""Values of the column `doubt`, in the order of the column."""
+"""Values of the column `quality_flags`, in the order of the column."""
 COVARIANCES = {
     "cov_xx": (X, X),
     "cov_xy": (X, Y),

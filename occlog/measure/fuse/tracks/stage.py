@@ -109,7 +109,7 @@ COVARIANCE = (
 )
 """Columns of the state and of its covariance."""
 DOUBTS = (COASTING, SINGLE_VIEW, POSSIBLE_SWITCH, INCONSISTENT_VIEWS)
-"""Values of the column `doubt`, in their order."""
+"""Values of the column `quality_flags`, in their order."""
 NOT_THERE = "-"
 
 

@@ -66,7 +66,7 @@ class Event(NamedTuple):
 
     kind: str  # `initiated`, `terminated`, or `possible_switch`: it may have been exchanged with `other`
     id: int
-    other: int  # NOBODY unless the kind is `doubt`
+    other: int  # NO_ID unless the kind is `possible_switch`
     probability: float  # of existence at a birth or death; that the two were exchanged at a doubt
 
 

@@ -23,7 +23,7 @@ from .stage import NO_MATCHING_REGION, region_table, track_rssi, track_virtual
 MAX_FLAGGED_SHARE = 0.05
 """Share of rows with a doubt that a user must know."""
 FLAGS = {NO_MATCHING_REGION: "no-matching-region", "restart": "reads-unexplained", "depleted": "particles-depleted"}
-"""Values of `doubt`, and the ids of their messages."""
+"""Values of `quality_flags`, and the ids of their messages."""
 
 
 class ReadsSummary:

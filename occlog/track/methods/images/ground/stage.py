@@ -112,7 +112,7 @@ WHY = {TOO_FEW: "single_view", NEAR_PARALLEL: "parallel", BEHIND: "behind", DISA
 """Names in `GroundPart.counts` of the reasons why a target has no position at a time."""
 
 SINGLE_VIEW, INCONSISTENT_VIEWS, POSSIBLE_SWITCH = "single_view", "inconsistent_views", "possible_switch"
-"""Values of the column `doubt`, in the order of the column."""
+"""Values of the column `quality_flags`, in the order of the column."""
 MIN_SWITCH_PROBABILITY = 0.25
 """A target is said to be exchanged from this probability on."""
 
