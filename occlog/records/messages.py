@@ -146,7 +146,9 @@ VERDICT: dict[str, Message] = {
         "add stations off the line, or use method apf or map",
     ),
     "no-matching-region": Message(
-        W, _ROWS + "ranges are not as stated, or reads are missed", "state or fit detection and stray"
+        W,
+        _ROWS + "ranges are not as stated, or reads are missed",
+        "state or fit detection_probability and false_alarm_probability",
     ),
     "reads-unexplained": Message(
         W,
@@ -178,7 +180,7 @@ VERDICT: dict[str, Message] = {
     "process-noise-small": Message(
         W,
         "target {targets} moves {factor:.1f} times as irregularly as its settings state (allowed: {allowed:.0f} times)",
-        "state a larger acceleration",
+        "state more process noise",
     ),
     "outside-room": Message(
         W,
@@ -250,7 +252,7 @@ VERDICT: dict[str, Message] = {
     "boxes-outside-image": Message(
         W,
         "camera {sensors}: {count} of {boxes} boxes are outside the image (allowed: {allowed:.0%})",
-        "check the image size of the calibration, and whose boxes they are",
+        "check the image size of the calibration, and that the boxes are of this camera",
     ),
     "boxes-skipped": Message(
         W,
