@@ -84,7 +84,10 @@ def test_networks_find_the_boxes_of_the_command(folder: Path, tmp_path: Path) ->
     ("given", "words"),
     [
         ({"onnx": "m.onnx", "fuse": True}, "fuse is not an argument of detector onnx; .*em, outlines, components"),
-        ({"onnx": "m.onnx", "learn": False}, "learn is not an argument of detector onnx; .*em, outlines, components"),
+        (
+            {"onnx": "m.onnx", "learn_background": False},
+            "learn_background is not an argument of detector onnx; .*em, outlines, components",
+        ),
         ({"onnx": "m.onnx", "history": 3}, "history is not an argument of detector onnx; .*em, outlines, components"),
         ({"embed": "m.onnx"}, "embed is not an argument of detector em; leave it out, or choose .*: onnx"),
         ({"head": "yolo"}, "head is not an argument of detector em; leave it out, or choose .*: onnx"),

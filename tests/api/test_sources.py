@@ -92,11 +92,11 @@ def test_what_cannot_be_is_refused_by_the_name_of_the_argument(wrong: object, me
 @pytest.mark.parametrize(
     ("settings", "error", "message"),
     [
-        ({"sigma_vv": 1.0}, occlog.UsageError, "ekf has no setting 'sigma_vv'; did you mean 'sigma_v'"),
+        ({"sigma_v": 1.0}, occlog.UsageError, "ekf has no setting 'sigma_v'; did you mean 'process_noise_position'"),
         ({"sceen": 1.0}, occlog.UsageError, "did you mean 'scene'"),
         ({"process_noise_position": -1}, occlog.SettingError, "process_noise_position is -1"),
         ({"process_noise_position": "much"}, occlog.UsageError, "process_noise_position: expected a number"),
-        ({"initial": "x.csv"}, occlog.UsageError, "initial is not an argument of method ekf"),
+        ({"initial_ellipses": "x.csv"}, occlog.UsageError, "initial_ellipses is not an argument of method ekf"),
         ({"also": ("calibration",)}, occlog.UsageError, "method ekf has no table 'calibration'"),
         ({"select": {"policy": "greedy"}}, occlog.UsageError, "select is not an argument of method ekf"),
     ],

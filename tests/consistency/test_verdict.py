@@ -142,10 +142,10 @@ def test_doubts_are_a_warning_beyond_one_row_in_twenty_and_a_note_below(doubt: s
         (round(MAX_FLAGGED_SHARE * N), "note"),
         (round(MAX_FLAGGED_SHARE * N) + 1, "warning"),
     ):
-        (found,) = said(diagnostics=fared(quality_flags=(doubt, count)))
+        (found,) = said(diagnostics=fared(doubt=(doubt, count)))
         assert (found.id, found.severity) == (QUALITY_FLAGS[doubt], severity)
         assert found.text.startswith(f"{count} of {N} rows ")
-    assert codes(diagnostics=fared(quality_flags=(doubt, 0))) == []
+    assert codes(diagnostics=fared(doubt=(doubt, 0))) == []
 
 
 def test_an_honest_covariance_needs_care_and_is_plausible() -> None:

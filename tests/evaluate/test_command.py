@@ -298,8 +298,8 @@ def test_options_are_given_in_degrees_and_milliradians_and_names_with_commas(fol
     used = json.loads((folder / "m.json").read_text())["_provenance"]["parameters"]
     assert used["held_out"] == ["east", "north"]
     assert used["held_out_gate"] == pytest.approx(0.02)
-    assert used["lines_min_crossing"] == pytest.approx(math.radians(3))
-    assert used["prior_cov"] == [4.0, 1.0, 4.0]
+    assert used["triangulation_min_angle"] == pytest.approx(math.radians(3))
+    assert used["prior_covariance"] == [4.0, 1.0, 4.0]
 
 
 def test_a_prior_that_is_no_covariance_is_an_error_of_usage(capsys: pytest.CaptureFixture[str], folder: Path) -> None:

@@ -65,12 +65,12 @@ def test_defaults_of_every_unit_are_valid_and_settings_that_are_not_there_are_no
 @pytest.mark.parametrize(
     ("verb", "name", "values", "good"),
     [
-        ("simulate", "world", {"redirect": 1}, True),
-        ("simulate", "world", {"redirect": 1.001}, False),
+        ("simulate", "world", {"redirect_probability": 1}, True),
+        ("simulate", "world", {"redirect_probability": 1.001}, False),
         ("simulate", "world", {"diameter": 0}, False),
-        ("simulate", "world", {"z": None}, True),
-        ("simulate", "sound", {"silence": [4, 1]}, True),
-        ("simulate", "sound", {"silence": [4]}, False),
+        ("simulate", "world", {"object_height": None}, True),
+        ("simulate", "sound", {"sound_and_silence_s": [4, 1]}, True),
+        ("simulate", "sound", {"sound_and_silence_s": [4]}, False),
         ("simulate", "video", {"store": "jpeg"}, False),
         ("track", "map", {"loss": "huber", "lag_s": 2}, True),
         ("track", "map", {"particles": 100}, False),

@@ -104,7 +104,7 @@ def test_written_scenes_mean_the_same() -> None:
         (
             "measurement_noise_px: 2",
             "measured_noise_px: 2",
-            "line 7: unknown key 'measured_noise_px' in cameras[0].noise; did you mean 'measurement_noise_px'?",
+            "line 8: unknown key 'measured_noise_px' in cameras[0].noise; did you mean 'measurement_noise_px'?",
         ),
         ("occlog_scene: 1", "occlog_scene: 1\nocluders: []", "line 3: unknown key 'ocluders'"),
         ("occlog_scene: 1", "occlog_scene: 9", "occlog_scene"),
@@ -117,7 +117,7 @@ def test_written_scenes_mean_the_same() -> None:
         (
             "measurement_noise_px: 2",
             "measurement_noise_px: 1.0e-300",
-            "line 7: cameras[0].noise.measurement_noise_px: expected `float` >= 1e-09",
+            "line 8: cameras[0].noise.measurement_noise_px: expected `float` >= 1e-09",
         ),
         (
             "position: [0, 0],",

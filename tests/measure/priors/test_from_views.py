@@ -192,5 +192,5 @@ def test_bad_input_is_named() -> None:
         run([views], scene("abc"))
     with pytest.raises(InputError, match="sort"):
         run([replace_times(views, np.full(len(views), 5)), views], place)
-    with pytest.raises(InputError, match="dilate is -1"):
+    with pytest.raises(InputError, match="dilation is -1"):
         HullConfig(dilation=-1.0)

@@ -175,13 +175,17 @@ def test_missed_threshold_is_told_after_all_was_made(config: Path, capsys: pytes
         ("particles: 200", "particles: 0", "run.yaml: line 5: track.particles: 0: must be at least 1"),
         (
             "particles: 200",
-            "set: {sigma_v: -1}",
+            "set: {process_noise_position: -1}",
             "run.yaml: line 5: track.set.process_noise_position: -1: must be at least 0",
         ),
-        ("particles: 200", "set: {sigmav: 1}", "line 5: track.set.sigmav: apf has no setting 'sigmav'; did you mean"),
         (
             "particles: 200",
-            "sigma_v: 1",
+            "set: {sigma_v: 1}",
+            "line 5: track.set.sigma_v: apf has no setting 'sigma_v'; did you mean",
+        ),
+        (
+            "particles: 200",
+            "process_noise_position: 1",
             "line 5: track.process_noise_position: unknown key; it is a setting; give it under set",
         ),
         (

@@ -152,7 +152,7 @@ def test_a_recording_of_walkers_that_avoid_people_says_how_often_they_were_walke
     assert told["collisions"] >= 0
     made = open_recording(among).provenance
     assert made.parameters["world"]["motion"] == "field"
-    assert made.parameters["field"]["influence"] == 1.2
+    assert made.parameters["field"]["influence_distance"] == 1.2
     assert [name for name, _ in made.inputs] == ["room.yaml", "walk.mcap"]
 
 

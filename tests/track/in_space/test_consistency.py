@@ -31,7 +31,13 @@ def test_errors_are_those_that_are_stated_and_smoothing_lowers_them(method: str,
         truth = walk(START, 40, 0.1, q, rng)
         scans = [noisy_scan(scene, 0.1 * k, x[:3], sigma, rng) for k, x in enumerate(truth)]
         start = (*(START + SPREAD * rng.standard_normal(6)), *SPREAD)
-        config = settings(start=start, initial_particle_factor=1, q=q, q_z=q, outside=1.0)  # some leave the room
+        config = settings(
+            start=start,
+            initial_particle_factor=1,
+            process_noise_density=q,
+            process_noise_density_z=q,
+            out_of_room_likelihood=1.0,
+        )  # some leave the room
         found = follow(module, scene, scans, config, rng)
         assert not any(e.fallback for e in found.estimates)
         for name, own in (("filter", found.filtered), ("smoother", found.smoothed)):
@@ -81,7 +87,7 @@ def test_errors_in_the_scenarios_of_the_thesis_are_those_that_are_stated_with_10
                 initial_particle_factor=1,
                 q=0.0,
                 q_z=0.0,
-                lost_after=0,
+                track_loss_count=0,
                 acceleration=worlds.ACCELERATION,
             )
             found = follow(module, worlds.scene_of(w), worlds.scans(w, noise), config, rng)
@@ -100,7 +106,13 @@ def test_smoothed_states_of_a_nearly_linear_scene_are_those_of_the_exact_smoothe
         truth = walk(START, steps, 0.2, q, rng)
         scans = [noisy_scan(scene, 0.2 * k, x[:3], sigma, rng) for k, x in enumerate(truth)]
         mean = START + SPREAD * rng.standard_normal(6)
-        config = settings(start=(*mean, *SPREAD), initial_particle_factor=1, q=q, q_z=q, outside=1.0)
+        config = settings(
+            start=(*mean, *SPREAD),
+            initial_particle_factor=1,
+            process_noise_density=q,
+            process_noise_density_z=q,
+            out_of_room_likelihood=1.0,
+        )
         found = follow(module, scene, scans, config, rng)
         m, P = exact(scene, scans, mean, np.diag(SPREAD**2), q, 0.2)
         for k in range(steps):

@@ -264,11 +264,15 @@ def test_a_fitted_motion_is_used(made: Path, capsys) -> None:
         (["--lag", "nan"], ExitCode.USAGE, "'--lag': nan is not a finite number"),
         (["--lag", "5", "--method", "fix"], ExitCode.USAGE, "lag"),
         (["--set", "process_noise_velocity=-1"], ExitCode.USAGE, "--set process_noise_velocity=-1: must be "),
-        (["--set", "process_noise_velocity=fast"], ExitCode.USAGE, "acceleration"),
-        (["--set", "process_noise_velocity=nan"], ExitCode.USAGE, "acceleration=nan: must be finite"),
+        (["--set", "process_noise_velocity=fast"], ExitCode.USAGE, "process_noise_velocity"),
+        (["--set", "process_noise_velocity=nan"], ExitCode.USAGE, "process_noise_velocity=nan: must be finite"),
         (["--set", "loss=tukey"], ExitCode.USAGE, "loss=tukey: must be one of mixture, square, huber, cauchy"),
         (["--set", "solver=gurobi"], ExitCode.USAGE, "solver=gurobi: must be one of"),
-        (["--set", "detection_probability=1.5"], ExitCode.USAGE, "detection=1.5: must be above 0 and at most 1"),
+        (
+            ["--set", "detection_probability=1.5"],
+            ExitCode.USAGE,
+            "detection_probability=1.5: must be above 0 and at most 1",
+        ),
         (["--set", "A=1,2,3"], ExitCode.USAGE, "16 numbers"),
         (["--set", "A=" + ",".join(["1"] * 16)], ExitCode.USAGE, "given along with A"),
         (

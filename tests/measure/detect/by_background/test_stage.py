@@ -211,7 +211,7 @@ def test_16_bit_images_need_their_number_of_bits() -> None:
     ]
     refused = run(place, deep)
     assert refused.frames == 0
-    assert "state how many bits count" in refused.losses[0].what
+    assert "bit_depth" in refused.losses[0].what
     got = run(place, deep, bit_depth=12)
     plain = run(place, frames(place, N, lambda k: [walk(N)[k]]))
     assert_same(got.bearings, plain.bearings)

@@ -122,11 +122,15 @@ def test_frames_are_brought_together_as_when_they_were_tracked(folder, capsys):
         (["views.parquet"], ExitCode.USAGE, "holds no scene; give one with --scene"),
         (["views.parquet", "--scene", "unplaced.yaml"], ExitCode.BAD_INPUT, "camera c has no pose"),
         (["views.parquet", "--scene", "scene.yaml", "--cameras", "a,z"], ExitCode.USAGE, "the scene has a, b, c"),
-        (["views.parquet", "--scene", "scene.yaml", "--set", "hight=1"], ExitCode.USAGE, "did you mean 'height'"),
+        (
+            ["views.parquet", "--scene", "scene.yaml", "--set", "target_hight=1"],
+            ExitCode.USAGE,
+            "did you mean 'target_height'",
+        ),
         (
             ["views.parquet", "--scene", "scene.yaml", "--set", "false_rejection_probability=2"],
             ExitCode.USAGE,
-            "gate=2: must be above 0 and below 1",
+            "false_rejection_probability=2: must be above 0 and below 1",
         ),
         (
             ["views.parquet", "--scene", "scene.yaml", "--set", "target_height=nan"],
