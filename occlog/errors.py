@@ -106,14 +106,14 @@ class NoSceneError(UsageError):
         self.where = where
 
 
-def did_you_mean(name: str, known: Iterable[str], otherwise: str = "there are") -> str:
+def did_you_mean(name: str, known: Iterable[str], otherwise: str = "there are", owner: str = "") -> str:
     """A hint on a name that is unknown: its new name, the nearest of those that are known, or all of them."""
     names = list(known)
-    near = nearest(name, names)
+    near = nearest(name, names, owner=owner)
     return f"did you mean {' or '.join(map(repr, near))}?" if near else f"{otherwise} {', '.join(names) or 'none'}"
 
 
-def nearest(name: str, known: Iterable[str], n: int = 1, cutoff: float = 0.6) -> list[str]:
+def nearest(name: str, known: Iterable[str], n: int = 1, cutoff: float = 0.6, owner: str = "") -> list[str]:
     """Known names that an unknown one may mean, best first; empty if none is close.
 
     A name of an earlier release gives the names that replace it (`renamed.csv`), however they are spelled:
@@ -124,11 +124,14 @@ def nearest(name: str, known: Iterable[str], n: int = 1, cutoff: float = 0.6) ->
         known: the names that are valid in its place.
         n: largest number of names that are spelled alike.
         cutoff: least similarity of a close name, 0 to 1, as `difflib` defines it.
+        owner: method or command that the name was given to; its own names of the last release come first.
     """
     import difflib
 
     names = list(known)
-    successors = _renamed().get(_plain(name), ())
+    renamed = _renamed().get(_plain(name), ())
+    own = [new for of, new in renamed if owner and owner in of.split(", ")]
+    successors = own or [new for _, new in renamed]
     return (
         [each for each in names if _plain(each) in successors]
         or [each for each in names if _plain(each).startswith(f"{_plain(name)}_")][:3]
@@ -141,13 +144,13 @@ def _plain(name: str) -> str:
 
 
 @functools.cache
-def _renamed() -> Mapping[str, tuple[str, ...]]:
-    """Names that replace each public name of the last release."""
+def _renamed() -> Mapping[str, tuple[tuple[str, str], ...]]:
+    """What had each public name of the last release, and the name that replaces it."""
     import csv
     from importlib import resources
 
     text = (resources.files("occlog") / "renamed.csv").read_text("utf-8")
-    found: dict[str, tuple[str, ...]] = {}
+    found: dict[str, tuple[tuple[str, str], ...]] = {}
     for row in csv.DictReader(text.splitlines()):
-        found[_plain(row["old"])] = (*found.get(_plain(row["old"]), ()), _plain(row["new"]))
+        found[_plain(row["old"])] = (*found.get(_plain(row["old"]), ()), (row["owner"], _plain(row["new"])))
     return found

@@ -293,7 +293,7 @@ def _read(of: type[Settings], name: str, value: object) -> object:
 
 
 def _unknown(owner: str, name: str, known: Sequence[str]) -> str:
-    return f"{owner} has no setting {name!r}; {did_you_mean(name, known, 'it has:')}"
+    return f"{owner} has no setting {name!r}; {did_you_mean(name, known, 'it has:', owner)}"
 
 
 def kind_of(of: type, name: str) -> object:

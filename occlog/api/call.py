@@ -52,7 +52,7 @@ def settings_by_class(
     known = sorted(set().union(*names))
     for name in keywords:
         if name not in known:
-            near = nearest(name, [*arguments, *known])
+            near = nearest(name, [*arguments, *known], owner=verb)
             hint = f"did you mean {' or '.join(map(repr, near))}?" if near else f"it has: {', '.join(known)}"
             raise UsageError(f"{verb} has no setting {name!r}; {hint}")
     return [

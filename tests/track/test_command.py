@@ -252,7 +252,7 @@ def test_settings_go_to_the_method(folder):
     [
         (["--cameras", "cam0"], ExitCode.USAGE, "no sensor 'cam0' in the scene; did you mean 'cam"),
         (["--without", ",".join([*(f"cam{i}" for i in range(1, 9)), "array"])], ExitCode.USAGE, "no sensor is left"),
-        (["--set", "sigma_v=1"], ExitCode.USAGE, "'process_noise_position'"),
+        (["--set", "sigma_v=1"], ExitCode.USAGE, "did you mean 'process_noise_position'?"),
         (["--set", "sigma_v"], ExitCode.USAGE, "--set sigma_v: expected NAME=VALUE"),
         (["--set", "velocity_memory=2"], ExitCode.USAGE, "--set velocity_memory=2: must be at least 0 and at most 1"),
         (["--start", "1"], ExitCode.USAGE, "--start 1: want X,Y or X,Y,SIGMA"),

@@ -85,8 +85,8 @@ def test_errors_in_the_scenarios_of_the_thesis_are_those_that_are_stated_with_10
                 particles=1000,
                 start=start,
                 initial_particle_factor=1,
-                q=0.0,
-                q_z=0.0,
+                process_noise_density=0.0,
+                process_noise_density_z=0.0,
                 track_loss_count=0,
                 acceleration=worlds.ACCELERATION,
             )
