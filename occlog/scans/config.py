@@ -31,7 +31,7 @@ class DistanceMeasurementConfig(Settings):
         "Height of the targets that stations measure, above z = 0.",
         unit="length",
         option="--tag-height",
-        nothing="stations must all be in one plane, that of the targets",
+        nothing="that of the path loss model; else stations must have z = 0",
     )
     sigma_range: float | None = setting(
         None,

@@ -80,8 +80,8 @@ class SceneRequest(SimulateRequestBase):
     )
     world: Mapping[str, object] = group(lambda: WorldConfig)
     avoid: Path | None = source(
-        "People whom the objects avoid (--motion field): tracks, or a recording with truth, from their first row "
-        "on. They are not recorded.",
+        "People that the objects avoid (--motion field): tracks, or a recording with truth; its first row is the start "
+        "of the simulation. These people are not recorded.",
         metavar="FILE",
     )
     avoidance: Mapping[str, object] = group(lambda: FieldConfig)

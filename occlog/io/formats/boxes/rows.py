@@ -115,7 +115,7 @@ def check_identities(chunks: Iterator[FileBoxRows], cameras: Sequence[str], path
 
 
 def join(parts: Sequence[FileBoxRows]) -> FileBoxRows:
-    """All rows, sorted by frame and camera; rows of one frame keep their order."""
+    """All rows, sorted by frame and camera; rows of one camera in one frame keep their order."""
     whole = FileBoxRows._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
     return whole.pick(np.lexsort((whole.camera, whole.frame)))
 

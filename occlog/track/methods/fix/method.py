@@ -41,7 +41,7 @@ class FixState(NamedTuple):
 
 
 def init(scene: Scene, config: FixConfig, rng: Generator) -> FixState:  # noqa: ARG001
-    """Places of the sensors."""
+    """State before the first scan: settings, ground positions of cameras and arrays, and the room."""
     positions = [c.ground for c in scene.cameras] + [a.position[:2] for a in scene.arrays]
     return FixState(config, np.array(positions, dtype=np.float64).reshape(-1, 2), scene.room)
 
