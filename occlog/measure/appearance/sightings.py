@@ -190,7 +190,7 @@ class FrameBoxes(NamedTuple):
     sensor: str
     frame: int
     box: Ints32  # (n,)
-    identity: Ints32  # (n,) as the source states; NOBODY: none
+    identity: Ints32  # (n,) as the source states; NO_ID: none
     edges: Floats  # (n, 4) left, top, right, bottom [px]
     density: Floats  # (n, m) colours, where the table has them; (n, 0): the image is requested
     pixels: Ints  # (n,) that made them
@@ -200,7 +200,7 @@ class Sighting(NamedTuple):
     """Sightings in the n boxes of one frame."""
 
     boxes: FrameBoxes
-    track: Ints32  # (n,) NOBODY: of no track
+    track: Ints32  # (n,) NO_ID: of no track
     angle: Floats  # (n,) viewing angle [rad]; NaN: not known
     covered: Floats  # (n,) share that a nearer box covers
     density: Floats  # (n, m); NaN: no pixels
@@ -395,7 +395,7 @@ def in_ellipse(image: Image, edges: Floats) -> tuple[Bytes, Bytes]:
 def _seen_tracks(
     boxes: FrameBoxes, paths: dict[int, PersonPath], camera: Camera, config: SightingConfig, own_identity: bool
 ) -> tuple[Ints32, Floats]:
-    """(n,) track of each box, NOBODY for none, and (n,) viewing angle."""
+    """(n,) track of each box, NO_ID for none, and (n,) viewing angle."""
     n = len(boxes.box)
     if not paths or not camera.has_height:
         identity = boxes.identity if own_identity else np.full(n, NO_ID, dtype=np.int32)

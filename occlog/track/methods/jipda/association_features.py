@@ -42,7 +42,7 @@ class AssociationFeatures:
     score: Floats  # (2, 3) count, sum, sum of squares: boxes of people, clutter boxes
     likeness: Floats  # (2, 3) sums of similarities: to the same person, to others
     key: Ints  # (N,) people whom the rest is of
-    hint: Ints  # (N, C) last tracklet id in each camera; NOBODY: no id
+    hint: Ints  # (N, C) last tracklet id in each camera; NO_ID: no id
     appearance: Floats  # (N, K) running mean; NaN: none
 
 
@@ -219,7 +219,7 @@ def update_features(
 
 
 def _features_of(cues: AssociationFeatures, people: TargetSet, dimension: int) -> tuple[Ints, Floats]:
-    """Return tracklet ids (N, C) and appearance (N, K) of these people; NOBODY and NaN for new people."""
+    """Return tracklet ids (N, C) and appearance (N, K) of these people; NO_ID and NaN for new people."""
     hint = np.full((len(people.key), cues.hint.shape[1]), NO_ID, dtype=np.int64)
     appearance = np.full((len(people.key), dimension), np.nan)
     _, mine, theirs = np.intersect1d(people.key, cues.key, assume_unique=True, return_indices=True)

@@ -36,7 +36,7 @@ class FrameDetections(NamedTuple):
     camera: int  # index in the list of cameras of the filter
     boxes: Floats  # (n, 4) left, top, right, bottom [px]; left < right, top < bottom
     score: Floats  # (n,) confidence of the detector, 0 to 1; NaN: none
-    tracklet_id: Ints  # (n,) tracklet id >= 0 of a single-camera tracker; NOBODY: no id
+    tracklet_id: Ints  # (n,) tracklet id >= 0 of a single-camera tracker; NO_ID: no id
     appearance: Floats  # (n, K) histogram or embedding; NaN: none of this box; (n, 0): none at all
     row: Ints  # (n,) row of the box in its table
 

@@ -49,7 +49,7 @@ class TargetSet:
     covariance: Floats  # (N, 6, 6)
     existence: Floats  # (N,)
     key: Ints  # (N,) number of the initiation, ascending; the identity once confirmed
-    id: Ints  # (N,) NOBODY: tentative track
+    id: Ints  # (N,) NO_ID: tentative track
     seen_ns: Ints  # (N,) when a camera last showed the position
     boxes: Floats  # (N,) expected number of boxes that spoke for them
     born_ns: Ints  # (N,)

@@ -224,7 +224,7 @@ def _likeness(tracks: ChainTracks, head: Ints, node: Ints, boxes: Floats) -> Flo
 
 
 def _identities(group: Sequence[FrameDetections], snapshot: TrackSnapshot, followed: bool) -> Ints:
-    """(M, 2) identities of boxes: those of trackers in the images and, where it is `followed`, the filter's; NOBODY."""
+    """(M, 2) identities of boxes: those of trackers in the images and, where it is `followed`, the filter's; NO_ID."""
     by_tracker = np.concatenate([frame.tracklet_id for frame in group]).astype(np.int64)
     by_filter = np.full(len(by_tracker), NO_ID)
     if followed:

@@ -56,7 +56,7 @@ def possible_identity_switches(
         tracks: of the positions.
         span: the time steps.
         number: (n,) track of each position; NONE: no track.
-        identity: of each track; NOBODY: it is not reported.
+        identity: of each track; NO_ID: it is not reported.
     """
     walk = tracks.walk._replace(reach=min(tracks.walk.reach, 4))
     listed = listed_of(tracks._replace(walk=walk), span)
