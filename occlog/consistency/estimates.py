@@ -33,6 +33,8 @@ from occlog.records.scene import Camera, MicrophoneArray, Scene
 from occlog.records.tables import Diagnostics, Residuals, Tracks
 from occlog.scans.grouping import sensor_names
 
+EXCHANGED_LABELS, LABEL_JUMP = "exchanged_labels", "label_jump"
+"""Values of the column `quality_flags` of rows the labels of which are against the continuity of motion."""
 REGION_EDGE, SINGLE_SENSOR, OUT_OF_VIEW, INCONSISTENT_SENSOR = (
     "region_edge",
     "single_sensor",
@@ -251,14 +253,16 @@ class SensorDisagreement:
             for target in np.unique(diagnostics.target_id).tolist():
                 rows = diagnostics.target_id == target
                 against[rows] = _against(diagnostics.t_ns[rows], known.take(known.target_id == target))
-        if not against.any():
-            return diagnostics
-        doubt = [
-            ",".join(filter(None, (old, INCONSISTENT_SENSOR))) for old in diagnostics.quality_flags[against].tolist()
-        ]
-        every = diagnostics.quality_flags.astype(object)
-        every[against] = doubt
-        return replace(diagnostics, quality_flags=every.astype(np.str_))
+        return flagged(diagnostics, against, INCONSISTENT_SENSOR)
+
+
+def flagged(diagnostics: Diagnostics, rows: Bools, flag: str) -> Diagnostics:
+    """Diagnostics with one more flag in (N,) rows."""
+    if not rows.any():
+        return diagnostics
+    every = diagnostics.quality_flags.astype(object)
+    every[rows] = [",".join(filter(None, (old, flag))) for old in every[rows].tolist()]
+    return replace(diagnostics, quality_flags=every.astype(np.str_))
 
 
 def _against(t_ns: Ints, residuals: Residuals) -> Bools:

@@ -182,6 +182,17 @@ VERDICT: dict[str, Message] = {
         "target {targets} moves {factor:.1f} times as irregularly as its settings state (allowed: {allowed:.0f} times)",
         "state more process noise",
     ),
+    "labels-exchanged": Message(
+        W,
+        "labels of targets {targets} are exchanged from {begin_s:.4g} s to {until} {where} ({done})",
+        "check the labels; {option[keep_labels]} keeps them",
+    ),
+    "label-jump": Message(
+        W,
+        "the label of target {targets} jumps {distance:.3g} {unit} at {at_s:.4g} s, {count} jumps in all: {speed:.3g} "
+        "{unit}/s (allowed: {allowed:.3g})",
+        "check the labels and clocks",
+    ),
     "outside-room": Message(
         W,
         "the bearings meet outside the room in {count} of {rows} rows (allowed: {allowed:.0%})",

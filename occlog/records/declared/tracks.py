@@ -198,7 +198,8 @@ class Diagnostics(ColumnTable):
         "alone saw the target for long, which leaves its distance unknown), `out_of_view` (half or more of the "
         "sensors that report the target have it outside of their field of view or range), `inconsistent_sensor` "
         "(two thirds or more of what one sensor measured of the target in the last second, five bearings at least, are "
-        "rejected)",
+        "rejected), `exchanged_labels` (its labels and those of another target are exchanged here), `label_jump` (its "
+        "label continues at another position, faster than targets move)",
         optional=True,
     )
 
