@@ -275,8 +275,8 @@ VERDICT: dict[str, Message] = {
     ),
     "camera-clock-offset": Message(
         W,
-        "camera {sensors} detects {share:.0%} of the people that others detect, and agrees if {late_s:+.2g} s late",
-        "check its clock, or leave it out",
+        "camera {sensors} detects {share:.0%} of others' people; it agrees if its times are reduced by {late_s:.2g} s",
+        "correct its clock, or leave it out",
     ),
     "camera-biased": Message(
         W,

@@ -122,7 +122,10 @@ def _matches(request: EpipolarRequest, config: EpipolarConfig) -> tuple[PointMat
     kept = tuple(m for m in found if not only or (m.a in only and m.b in only))
     if not kept:
         pairs = ", ".join(f"{m.a}-{m.b}" for m in found) or "none"
-        raise InputError(f"{request.matches or request.tracks}: no matches of two of the views; pairs there: {pairs}")
+        raise InputError(
+            f"{request.matches or request.tracks}: no matches between two of the selected cameras; pairs in the "
+            f"file: {pairs}"
+        )
     return kept
 
 

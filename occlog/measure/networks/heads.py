@@ -136,7 +136,10 @@ def recognise(
         heads = [END2END]
     readings = [each for each in (_reading(outputs, name, names, more) for name in heads) if each is not None]
     if head is not None and not readings:
-        raise InputError(f"its outputs are not those of {head}: {shapes(outputs)}{_named_classes(names)}")
+        raise InputError(
+            f"its outputs are not those of head {head}: {shapes(outputs)}{_named_classes(names)}; leave the "
+            f"head out to have it recognised"
+        )
     if len(readings) != 1:
         maybe = f"may be of {', '.join(each.head for each in readings)}" if readings else "are of no head that is known"
         raise InputError(
@@ -145,7 +148,8 @@ def recognise(
         )
     if readings[0].head in LOGITS and readings[0].classes == PLAIN_DETR:
         raise InputError(
-            f"it is the first DETR, with scores that require a softmax; it cannot be used: {shapes(outputs)}"
+            f"it is DETR, with class scores that need a softmax: unsupported; export RT-DETR or YOLO instead: "
+            f"{shapes(outputs)}"
         )
     return readings[0]
 

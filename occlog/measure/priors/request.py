@@ -30,7 +30,7 @@ class KalmanRequest(Request):
 
     positions: Path = source("Truth or tracks.", argument=True)
     output: Path = output_file("Occluders (Parquet).", "occluders")
-    scene: Path | None = scene_file()
+    scene: Path | None = source("Scene (YAML or a recording), of which only the length unit is used.", scene=True)
     measured: bool = setting(
         False, "POSITIONS are real measurements: no noise is added.", option="--measured", shown=""
     )

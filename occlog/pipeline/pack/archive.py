@@ -234,12 +234,14 @@ def unpack(path: Path, folder: Path) -> Manifest:
         wanted = manifest.members()
         for name in sorted({*wanted, MANIFEST, LOCK} ^ set(members)):
             fault = "is missing" if name not in members else f"is not in {MANIFEST}"
-            raise InputError(f"{path}: {name} {fault}; it is not unpacked")
+            raise InputError(f"{path}: {name} {fault}; nothing was unpacked: copy or pack it again")
         with _guarded(path), archive.open(members[LOCK]) as source:
             wanted_lock = lock_text(manifest)
             same = source.read(len(wanted_lock) + 1) == wanted_lock
         if not same:
-            raise InputError(f"{path}: {LOCK} has other versions than {MANIFEST}; it is not unpacked")
+            raise InputError(
+                f"{path}: {LOCK} has other versions than {MANIFEST}; nothing was unpacked: copy or pack it again"
+            )
         _check_space(path, members, folder)
         for name, entry in wanted.items():
             with _guarded(path), archive.open(members[name]) as source:
@@ -251,7 +253,7 @@ def _members(path: Path, archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]
     """The members by name; InputError for any that is no plain file inside the archive."""
     infos = archive.infolist()
     if len(infos) > MAX_FILES:
-        raise InputError(f"{path}: {len(infos)} files; the limit is {MAX_FILES}")
+        raise InputError(f"{path}: {len(infos)} files; the limit is {MAX_FILES}: pack a run with fewer inputs")
     found: dict[str, zipfile.ZipInfo] = {}
     for info in infos:
         check_name(info.filename, str(path), "it is not unpacked")
@@ -268,14 +270,18 @@ def _members(path: Path, archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]
             else ""
         )
         if fault:
-            raise InputError(f"{path}: {info.filename}: is {fault}; it is not unpacked")
+            raise InputError(f"{path}: {info.filename}: is {fault}; nothing was unpacked: copy or pack it again")
         found[key_of_name(info.filename)] = info
     limit, total = FREE_BYTES + MAX_GROWTH * path.stat().st_size, sum(info.file_size for info in infos)
     if total > limit:
-        raise InputError(f"{path}: unpacks to {total} bytes; the limit of an archive of its size is {limit}")
+        raise InputError(
+            f"{path}: unpacks to {total} bytes; the limit of an archive of its size is {limit}; pack the run again"
+        )
     large = next((i for i in infos if i.filename == MANIFEST and i.file_size > MAX_MANIFEST_BYTES), None)
     if large is not None:
-        raise InputError(f"{path}: {MANIFEST}: {large.file_size} bytes; the limit is {MAX_MANIFEST_BYTES}")
+        raise InputError(
+            f"{path}: {MANIFEST}: {large.file_size} bytes; the limit is {MAX_MANIFEST_BYTES}; pack the run again"
+        )
     return {info.filename: info for info in infos}
 
 

@@ -139,7 +139,7 @@ def test_a_head_that_is_said_is_taken_where_it_fits_and_else_refused() -> None:
     out = {"output0": np.zeros((1, 300, 6), np.float32)}
     assert recognise(out, SIZE, 2, ULTRALYTICS_DETR, {}).classes == 2
     assert recognise(out, SIZE, 2, None, {"end2end": "True"}).head == END2END
-    with pytest.raises(InputError, match="not those of rtmdet: output0 1 x 300 x 6"):
+    with pytest.raises(InputError, match="not those of head rtmdet: output0 1 x 300 x 6"):
         recognise(out, SIZE, 2, RTMDET, {})
 
 
