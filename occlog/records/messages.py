@@ -385,6 +385,16 @@ VERDICT: dict[str, Message] = {
         "camera {sensors} has no detection in {frames} frames, while {other} has one in {share:.0%}",
         "check its images, its view and the expected size of people",
     ),
+    "nothing-detected": Message(
+        W,
+        "no detection in {frames} frames of camera {sensors}",
+        "check the images and the size of people, or choose another {option[method]}",
+    ),
+    "background-used": Message(
+        N,
+        "camera {sensors}: the network finds people in {found} of {frames} frames, and regions of their size move in "
+        "{moving}; background subtraction is used",
+    ),
     "static-detection": Message(
         N,
         "camera {sensors}: detection at about ({u_px:.0f}, {v_px:.0f}) px in {share:.0%} of its frames (noted from "
