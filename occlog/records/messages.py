@@ -112,6 +112,11 @@ VERDICT: dict[str, Message] = {
         _ROWS + "the target is where the sensors that report it cannot see",
         "check calibration, region and labels",
     ),
+    "undetected-in-view": Message(
+        W,
+        _ROWS + "no sensor detects the target, although cameras have a plain view of it",
+        "check labels and detector; it may be hidden",
+    ),
     "inconsistent-sensor": Message(
         W,
         _ROWS + "most measurements of one sensor in the last second are rejected",

@@ -64,7 +64,13 @@ def track(
     if measured is not None and tracking.selection is not None:
         raise UsageError("select: cameras are selected by what they see alone; leave select or the measurements out")
     started = not isinstance(method, Joint) and method.started(tracking.config)
-    doubts = QualityFlags(scene, online=not isinstance(method, Batch), started=started, distances=measured is not None)
+    doubts = QualityFlags(
+        scene,
+        online=not isinstance(method, Batch),
+        started=started,
+        distances=measured is not None,
+        occluders=occluders is not None,
+    )
     # A batch method judges its bearings itself
     witness = (
         None if isinstance(method, Batch) else BearingBuffer(scene, tracking.window_ns, unlabelled=tracking.unlabelled)
