@@ -316,6 +316,14 @@ PRIOR_POSTURE_CHANGES = 2.0
 """Weight of the prior posture-change rate, in posture changes."""
 PRIOR_TERMINATIONS = 2.0
 """Weight of the prior departure rate, in departures."""
+PRIOR_COMMON_MISSES = (1.0, 200.0)
+"""Prior counts of people missed by all cameras at once, as by a detector that fuses them, and of people."""
+MAX_COMMON_MISS = 0.3
+"""Maximum probability of a miss in all cameras at once."""
+MAX_ALL_MISSED = 0.01
+"""People are in plain view, for this count, if independent misses in all frames are less probable."""
+PRIOR_COMMON_CLUTTER = (0.2, 10.0, 100.0)
+"""Prior counts of false people with boxes in all cameras, of true arrivals, and of time steps."""
 PRIOR_PERSISTENT_CLUTTER = (1.0, 4.0)
 """Prior counts of persistent clutter in the camera's next frame, and of clutter."""
 MAX_PERSISTENT_CLUTTER = 0.95
@@ -346,6 +354,8 @@ class DetectorStatistics:
     left: Floats  # (2,) people who left, person-seconds
     turned: Floats  # (2,) manoeuvres begun, seconds of calm motion
     bent: Floats  # (2,) times that a person bent, person-seconds upright
+    false: Floats  # (3,) tracks with boxes of many cameras in one time step alone, in several, and time steps
+    missed: Floats  # (2,) people who were missed in all frames of a time step at once, all people in plain view
 
 
 def prior_statistics(cameras: int, config: JipdaConfig) -> DetectorStatistics:
@@ -361,6 +371,8 @@ def prior_statistics(cameras: int, config: JipdaConfig) -> DetectorStatistics:
         left=PRIOR_TERMINATIONS * np.array([1.0, config.mean_dwell_s]),
         turned=PRIOR_MANOEUVRES * np.array([1.0, config.manoeuvre_interval_s]),
         bent=PRIOR_POSTURE_CHANGES * np.array([1.0, config.posture_change_interval_s]),
+        missed=np.array(PRIOR_COMMON_MISSES),
+        false=np.array(PRIOR_COMMON_CLUTTER),
     )
 
 
@@ -389,8 +401,15 @@ def detector_model(
         # White noise equivalent to noise with a correlation that falls as exp(-t / LASTS_S)
         lasting=1.0 / np.tanh(0.5 * interval / NOISE_CORRELATION_S),
         merge=np.minimum(counts.merges[:, 0] / counts.merges[:, 1], MAX_MERGE_PROBABILITY),
+        common_miss=min(float(counts.missed[0] / counts.missed[1]), MAX_COMMON_MISS),
+        common_clutter=float(counts.false[0] / counts.false[2]),
         slow=correlated_noise_factor(edges, between),
     )
+
+
+def common_clutter_ratio(counts: DetectorStatistics) -> float:
+    """Return how many false people have boxes in all cameras, to one true arrival."""
+    return float(counts.false[0] / counts.false[1])
 
 
 def track_termination_rate(counts: DetectorStatistics) -> float:
@@ -484,6 +503,7 @@ def blind_frames(boxes: PackedDetections, existence: Floats, detection: Floats) 
 def update_statistics(
     counts: DetectorStatistics,
     people: TargetSet,
+    before: Floats,
     *,
     dt: float,
     config: JipdaConfig,
@@ -491,10 +511,25 @@ def update_statistics(
     rates: DetectorModel,
     result: JipdaResult,
 ) -> DetectorStatistics:
-    """Update the sums with the boxes of one time step; clutter is counted elsewhere, after track initiation."""
+    """Update the sums with the boxes of one time step; clutter is counted elsewhere, after track initiation.
+
+    Args:
+        counts: before.
+        people: N people after the update.
+        before: (N,) their existence probabilities before it.
+        dt: time since the last time step [s].
+        config: durations of manoeuvres and of posture changes.
+        boxes: of the time step.
+        rates: of the detectors.
+        result: of the update.
+    """
     detected, curve, merges = counts.detected.copy(), counts.curve.copy(), counts.merges.copy()
     sure = people.existence > MIN_EXISTENCE_TO_LEARN
     last = len(curve) - 1
+    present = 1.0 - result.missed
+    independent = np.log1p(-np.minimum(result.detection, DETECTION_RANGE[1])).sum(axis=0)
+    plain = (before > MIN_EXISTENCE_TO_LEARN) & (independent < math.log(MAX_ALL_MISSED))
+    missed = counts.missed + np.array([(result.existence * result.missed)[plain].sum(), result.existence[plain].sum()])
     blind = blind_frames(boxes, people.existence, result.detection)
     for frame, c in enumerate(boxes.camera.tolist()):
         if blind[frame]:
@@ -503,7 +538,7 @@ def update_statistics(
         here = slice(boxes.first[frame], boxes.first[frame + 1])
         hit, unmerged = result.beta[:, here].sum(axis=1), 1.0 - np.minimum(result.joint[:, here].sum(axis=1), 1.0)
         plain = sure & (visible > MIN_VISIBILITY_TO_LEARN)
-        detected[c] += (hit[plain].sum(), unmerged[plain].sum())
+        detected[c] += (hit[plain].sum(), (unmerged * present)[plain].sum())
         merges[c] += result.merges[frame]
         # The curve, with each person's weight between two of its nodes
         seen = np.flatnonzero(sure & (visible > 0.0))
@@ -511,7 +546,7 @@ def update_statistics(
         k = np.minimum(at.astype(np.int64), last - 1)
         for knot, weight in ((k, 1.0 - (at - k)), (k + 1, at - k)):
             np.add.at(curve[:, 0], knot, weight * hit[seen])
-            np.add.at(curve[:, 1], knot, weight * unmerged[seen] * rates.detection[c])
+            np.add.at(curve[:, 1], knot, weight * (unmerged * present)[seen] * rates.detection[c])
     # As many begin as end: the time spent in manoeuvres over how long one takes
     model = dt * people.model[sure].sum(axis=0)
     turned = counts.turned + np.array([model[MANOEUVRE] / config.manoeuvre_duration_s, model[CONSTANT_VELOCITY]])
@@ -527,4 +562,5 @@ def update_statistics(
         wrong=counts.wrong + result.wrong,
         turned=turned,
         bent=bent,
+        missed=missed,
     )
