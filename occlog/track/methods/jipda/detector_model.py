@@ -402,9 +402,13 @@ def detector_model(
         lasting=1.0 / np.tanh(0.5 * interval / NOISE_CORRELATION_S),
         merge=np.minimum(counts.merges[:, 0] / counts.merges[:, 1], MAX_MERGE_PROBABILITY),
         common_miss=min(float(counts.missed[0] / counts.missed[1]), MAX_COMMON_MISS),
-        common_clutter=float(counts.false[0] / counts.false[2]),
         slow=correlated_noise_factor(edges, between),
     )
+
+
+def common_clutter_rate(counts: DetectorStatistics) -> float:
+    """Return the expected number of false people in a time step with boxes in all cameras."""
+    return float(counts.false[0] / counts.false[2])
 
 
 def common_clutter_ratio(counts: DetectorStatistics) -> float:

@@ -29,7 +29,14 @@ from occlog.array_types import NS, Floats, Ints
 
 from ..association_features import appearance_of, are_histograms, feature_likelihood, log_ratio, unit_vectors
 from ..common_error import common_error, new_variance
-from ..detector_model import blind_frames, detector_model, manoeuvre_rate, posture_change_rate, track_termination_rate
+from ..detector_model import (
+    blind_frames,
+    common_clutter_rate,
+    detector_model,
+    manoeuvre_rate,
+    posture_change_rate,
+    track_termination_rate,
+)
 from ..filter import JipdaState, associations_of, pack_detections
 from ..interface import HEIGHT, NO_ID, BoxAssociations, Event, FrameDetections, TrackSnapshot
 from ..kernels.detections import DetectorModel, PackedDetections
@@ -150,6 +157,7 @@ def span_of(state: JipdaState, packed: Sequence[PackedDetections], snapshots: Se
         frame_counts=frame_counts,
         area=area,
         people=max(len(positions) / len(snapshots), 0.5),
+        false_people=common_clutter_rate(state.counts),
         stay=1.0 / track_termination_rate(state.counts),
         turning=manoeuvre_rate(state.counts),
         bending=posture_change_rate(state.counts),

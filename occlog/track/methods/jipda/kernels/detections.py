@@ -48,7 +48,6 @@ class DetectorModel(NamedTuple):
     lasting: Floats  # (C,) factor of it in an update
     merge: Floats  # (C,) probability that two people who touch in the image are detected as one box
     common_miss: float  # probability that a person is missed in all frames of a time step, in addition
-    common_clutter: float  # expected number of false people in a time step with boxes in all cameras
     slow: float  # factor of the noise in an update, since errors are correlated from frame to frame
 
 
