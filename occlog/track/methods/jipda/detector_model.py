@@ -328,6 +328,16 @@ PRIOR_PERSISTENT_CLUTTER = (1.0, 4.0)
 """Prior counts of persistent clutter in the camera's next frame, and of clutter."""
 MAX_PERSISTENT_CLUTTER = 0.95
 """Maximum probability of persistent clutter."""
+PRIOR_SOURCE_FRAMES = 2.0
+"""Weight of the rate of all clutter boxes in that of a source, in frames."""
+SOURCE_MEMORY = 0.995
+"""Factor of what is known of a source, per frame."""
+MIN_SOURCE_RATE = 0.02
+"""Sources with a smaller expected number of boxes in a frame are forgotten."""
+ESTABLISHED_FRAMES, ESTABLISHED_SHARE = 8.0, 0.6
+"""Number of frames of an established source, and the share of these with a box of no person there."""
+SAME_SOURCE_CHI2 = 25.0
+"""Maximum squared Mahalanobis distance of successive boxes of one source."""
 MAX_LOG_CLUTTER_RATIO = 50.0
 """Greatest log of a density against that of a box anywhere."""
 MIN_CLUTTER_PROBABILITY = 0.05
@@ -437,15 +447,77 @@ def clutter_rate(counts: DetectorStatistics) -> Floats:
 
 
 class Clutter(NamedTuple):
-    """Possible clutter boxes of a camera's last frame."""
+    """Sources of clutter in a camera's images, as shadows, posts and pictures; n sources."""
 
-    box: Floats  # (n, 4)
-    free: Floats  # (n,) probability that they are of no person
+    box: Floats  # (n, 4) last box [px]
+    free: Floats  # (n,) probability that it is of no person
+    hits: Floats  # (n,) later frames with a box there, by the probability that it is of no person
+    tries: Floats  # (n,) later frames
 
 
 def no_clutter() -> Clutter:
-    """No clutter box."""
-    return Clutter(np.zeros((0, 4)), np.zeros(0))
+    """No source of clutter."""
+    return Clutter(np.zeros((0, 4)), np.zeros(0), np.zeros(0), np.zeros(0))
+
+
+def source_rates(sources: Clutter, again: float) -> Floats:
+    """(n,) expected number of boxes of each source in the next frame.
+
+    Args:
+        sources: of a camera.
+        again: probability that a clutter box persists in the camera's next frame.
+    """
+    share = (PRIOR_SOURCE_FRAMES * again + sources.hits) / (PRIOR_SOURCE_FRAMES + sources.tries)
+    return np.asarray(sources.free * np.minimum(share, MAX_PERSISTENT_CLUTTER))
+
+
+def established(sources: Clutter) -> Clutter:
+    """Select the sources that were seen in most of many frames, which are clutter for confirmed people, too."""
+    sure = (sources.tries >= ESTABLISHED_FRAMES) & (sources.hits > ESTABLISHED_SHARE * sources.tries)
+    return Clutter(*(part[sure] for part in sources))
+
+
+def update_sources(
+    sources: Clutter, box: Floats, free: Floats, again: float, noise: Floats
+) -> tuple[Clutter, tuple[float, float]]:
+    """Update the sources of clutter of a camera with one frame.
+
+    Args:
+        sources: before.
+        box: (m, 4) boxes of the frame [px].
+        free: (m,) probability that a box is of no person.
+        again: probability that a clutter box persists in the camera's next frame.
+        noise: (4, 2) variances as in `DetectorModel.noise`.
+
+    Returns:
+        The sources; and of those that were new, the expected number that persisted, and their expected number.
+    """
+    n, m = len(sources.box), len(box)
+    matched, hit = np.full(n, -1), np.zeros(n)
+    if n and m:
+        distance = _squared_distances(box, sources.box, noise)
+        matched = np.where(distance.min(axis=0) < SAME_SOURCE_CHI2, distance.argmin(axis=0), -1)
+        hit = np.where(matched >= 0, free[matched], 0.0)
+    new = sources.tries == 0.0
+    counted = float((sources.free * hit)[new].sum()), float(sources.free[new].sum())
+    seen = matched >= 0
+    there = sources.box.copy()
+    there[seen] = box[matched[seen]]
+    old = Clutter(
+        there,
+        np.maximum(sources.free, hit),
+        SOURCE_MEMORY * sources.hits + hit,
+        SOURCE_MEMORY * sources.tries + 1.0,
+    )
+    keep = source_rates(old, again) > MIN_SOURCE_RATE
+    rest = np.setdiff1d(np.flatnonzero(free > MIN_CLUTTER_PROBABILITY), matched[keep & seen])
+    zeros = np.zeros(len(rest))
+    return Clutter(
+        np.concatenate([old.box[keep], box[rest]]),
+        np.concatenate([old.free[keep], free[rest]]),
+        np.concatenate([old.hits[keep], zeros]),
+        np.concatenate([old.tries[keep], zeros]),
+    ), counted
 
 
 def persistent_clutter_rate(counts: DetectorStatistics) -> Floats:
@@ -456,12 +528,12 @@ def persistent_clutter_rate(counts: DetectorStatistics) -> Floats:
 def persistent_clutter_density(
     boxes: PackedDetections, before: Sequence[Clutter], again: Floats, noise: Floats, size: Floats
 ) -> Floats:
-    """Compute persistent clutter from the camera's last frame, as of shadows and posts.
+    """Compute the density of persistent clutter, as of shadows, posts and pictures.
 
     Args:
         boxes: of the time step, M of L frames.
-        before: of each camera.
-        again: (C,) probability that a clutter box persists.
+        before: sources of each camera.
+        again: (C,) probability that a clutter box persists in the camera's next frame.
         noise: (4, 2) variances as in `Rates.noise`.
         size: (C, 2) width and height of the images [px].
 
@@ -475,15 +547,32 @@ def persistent_clutter_density(
         if not len(old) or not len(now):
             continue
         # Density of the new box about the old one, against that of a box anywhere in the image
-        width, height = (old[:, 2:] - old[:, :2]).T
-        extent = np.column_stack([height, width, height, height])
-        variance = 2.0 * NOISE_INFLATION * (noise[:, 0] + noise[:, 1] * extent**2)
-        off = _centres_and_sizes(now)[:, None] - _centres_and_sizes(old)
-        log = -0.5 * (off**2 / variance + np.log(2.0 * np.pi * variance)).sum(axis=2)
+        variance = _variances(old, noise)
+        log = -0.5 * (_squared_distances(now, old, noise) + np.log(2.0 * np.pi * variance).sum(axis=1))
         sizes = (np.log(np.maximum(now[:, 2:] - now[:, :2], 1.0)) + LOG_SIZE_RANGE).sum(axis=1)
         log += np.log(size[c]).sum() + sizes[:, None]
-        out[here] = again[c] * (np.exp(np.minimum(log, MAX_LOG_CLUTTER_RATIO)) * before[c].free).sum(axis=1)
+        rates = source_rates(before[c], float(again[c]))
+        out[here] = (np.exp(np.minimum(log, MAX_LOG_CLUTTER_RATIO)) * rates).sum(axis=1)
     return out
+
+
+def _variances(box: Floats, noise: Floats) -> Floats:
+    """(n, 4) variances of the difference of two boxes of one source [px^2], boxes (n, 4)."""
+    width, height = (box[:, 2:] - box[:, :2]).T
+    extent = np.column_stack([height, width, height, height])
+    return np.asarray(2.0 * NOISE_INFLATION * (noise[:, 0] + noise[:, 1] * extent**2))
+
+
+def _squared_distances(now: Floats, old: Floats, noise: Floats) -> Floats:
+    """(m, n) squared Mahalanobis distances of boxes (m, 4) to those of sources (n, 4)."""
+    off = _centres_and_sizes(now)[:, None] - _centres_and_sizes(old)
+    return np.asarray((off**2 / _variances(old, noise)).sum(axis=2))
+
+
+def squared_distance(now: Floats, old: Floats, noise: Floats) -> Floats:
+    """(n,) squared Mahalanobis distances of boxes (n, 4) to those of the same sources before (n, 4)."""
+    off = _centres_and_sizes(now) - _centres_and_sizes(old)
+    return np.asarray((off**2 / _variances(old, noise)).sum(axis=1))
 
 
 def _centres_and_sizes(box: Floats) -> Floats:

@@ -21,7 +21,6 @@ from .association_features import AssociationFeatures, empty_features, log_featu
 from .common_error import CommonErrorStatistics, common_error, prior_common_error, update_common_error
 from .config import JipdaConfig
 from .detector_model import (
-    MIN_CLUTTER_PROBABILITY,
     MIN_EXISTENCE_TO_LEARN,
     MIN_VISIBILITY_TO_LEARN,
     Clutter,
@@ -30,6 +29,7 @@ from .detector_model import (
     clutter_rate,
     common_clutter_ratio,
     detector_model,
+    established,
     gait_variance,
     manoeuvre_rate,
     no_clutter,
@@ -41,6 +41,7 @@ from .detector_model import (
     reliable_boxes,
     track_termination_rate,
     update_edge_errors,
+    update_sources,
     update_statistics,
 )
 from .interface import NO_ID, BoxAssociations, Event, FrameDetections, TrackSnapshot, X, Y
@@ -49,6 +50,7 @@ from .kernels.camera_disagreement import camera_disagreement
 from .kernels.detections import DetectorModel, PackedDetections
 from .kernels.joint_association import JipdaResult, update_targets
 from .kernels.track_initiation import BirthIntensity, initiate_targets
+from .static_clutter import is_a_person, update_static_clutter
 from .target_set import (
     SMOOTHING_SIGMA_M,
     BirthIntensityMap,
@@ -119,7 +121,7 @@ class JipdaState:
     last_frame_ns: Ints  # (C,) time of each camera's last frame; -1: no frame
     cues: AssociationFeatures
     birth_map: BirthIntensityMap
-    clutter: tuple[Clutter, ...]  # of each camera's last frame
+    clutter: tuple[Clutter, ...]  # sources in each camera
     exclusion_ns: int | None  # time of the last exclusion update; None: never
 
 
@@ -201,7 +203,14 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
     )
     anywhere = np.exp(boxes.clutter)
     boxes = boxes._replace(clutter=boxes.clutter - for_anybody)
-    for_people = for_people - np.log1p(before / anywhere) * (people.id == NO_ID)[:, None]
+    static = persistent_clutter_density(
+        boxes,
+        [established(c) for c in state.clutter],
+        persistent_clutter_rate(state.counts),
+        rates.noise,
+        state.views.size,
+    )
+    for_people = for_people - np.log1p(np.where(people.id[:, None] == NO_ID, before, static) / anywhere)
     N = len(people.key)
     everywhere, at = birth_intensity(
         state.birth_map, BIRTH_DENSITY_PER_M2 / state.metre**2 / BIRTH_RENEWAL_S, BIRTH_RENEWAL_S
@@ -230,6 +239,8 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         steps=people.steps + result.existence * np.minimum(explained, 1.0),
         seen_ns=np.where(np.isfinite(result.visible).any(axis=0), t_ns, people.seen_ns),
     )
+    static_camera, static_box, static = update_static_clutter(people, boxes, result, rates.noise, interval, state.metre)
+    people = replace(people, static_camera=static_camera, static_box=static_box, static_log_odds=static)
     counts = update_statistics(
         state.counts, people, before_update, dt=dt, config=config, boxes=boxes, rates=rates, result=result
     )
@@ -278,12 +289,10 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         np.concatenate([result.beta, used]),
         result.free * np.prod(1.0 - existence[:, None] * used, axis=0),
     )
-    counts = _update_clutter(counts, boxes, left_free, before / (anywhere + before), state.clutter)
-    clutter = list(state.clutter)
-    for k, c in enumerate(boxes.camera.tolist()):
-        here = slice(boxes.first[k], boxes.first[k + 1])
-        may = np.flatnonzero(left_free[here] > MIN_CLUTTER_PROBABILITY)
-        clutter[c] = Clutter(boxes.box[here][may], left_free[here][may])
+    # Sources of clutter: boxes of no person, and of tracks that are static clutter
+    phantom = 1.0 - is_a_person(people.static_log_odds)
+    unreal = np.clip(left_free + phantom @ (result.beta + 0.5 * result.joint), 0.0, 1.0)
+    counts, clutter = _update_clutter(counts, boxes, unreal, state.clutter, rates.noise)
     people = concat(
         people,
         tentative_targets(
@@ -300,10 +309,11 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         sure=people.existence > config.confirmation_threshold,
     )
     # Confirm, end
-    sure = (people.existence > config.confirmation_threshold) & (people.boxes > MIN_BOXES_TO_CONFIRM)
+    real = people.existence * is_a_person(people.static_log_odds)
+    sure = (real > config.confirmation_threshold) & (people.boxes > MIN_BOXES_TO_CONFIRM)
     ids = np.where((people.id == NO_ID) & sure, people.key, people.id)
     people, twice = duplicate_tracks(people, t_ns)
-    stays = (people.existence > config.deletion_threshold) & ~twice
+    stays = (real > config.deletion_threshold) & ~twice
     left, new = ~stays & (people.id != NO_ID), stays & (ids != NO_ID) & (people.id == NO_ID)
     counts = replace(counts, left=counts.left + np.array([left.sum(), dt * people.existence[ids != NO_ID].sum()]))
     events = [Event("initiated", int(ids[k]), NO_ID, float(people.existence[k])) for k in np.flatnonzero(new)]
@@ -323,7 +333,7 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
     counts = replace(counts, false=counts.false + np.array([fleeting.sum(), recurring.sum(), 1.0]))
     kept = select(replace(people, id=ids), rows)
     # Report
-    shown = np.flatnonzero((kept.id != NO_ID) & (kept.existence > MIN_EXISTENCE_TO_REPORT))
+    shown = np.flatnonzero((kept.id != NO_ID) & (real[rows] > MIN_EXISTENCE_TO_REPORT))
     visible = np.full((len(state.views.size), len(people.key)), np.nan)
     visible[boxes.camera, :N] = result.visible
     beta = beta[rows[shown]] * kept.existence[shown, None]
@@ -333,7 +343,7 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         ids=kept.id[shown],
         mean=kept.mean[shown],
         covariance=kept.covariance[shown],
-        existence=kept.existence[shown],
+        existence=real[rows[shown]],
         visibility=np.ascontiguousarray(visible[:, rows[shown]].T),
         support=associations_of(beta, joint, boxes, frames),
         events=tuple(events),
@@ -350,7 +360,7 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         last_frame_ns=last_frame_ns,
         cues=cues,
         birth_map=birth_map,
-        clutter=tuple(clutter),
+        clutter=clutter,
         exclusion_ns=exclusion_ns,
     ), snapshot
 
@@ -416,23 +426,25 @@ def pack_detections(state: JipdaState, frames: Sequence[FrameDetections], t_ns: 
 
 
 def _update_clutter(
-    counts: DetectorStatistics, boxes: PackedDetections, free: Floats, before: Floats, last: Sequence[Clutter]
-) -> DetectorStatistics:
-    """The sums with the boxes that neither tracked nor new people explain.
+    counts: DetectorStatistics, boxes: PackedDetections, free: Floats, sources: Sequence[Clutter], noise: Floats
+) -> tuple[DetectorStatistics, tuple[Clutter, ...]]:
+    """The sums and the sources of clutter with the boxes that neither tracked nor new people explain.
 
     Args:
         counts: before.
         boxes: of the time step.
         free: (M,) probability that a box is of no person.
-        before: (M,) probability that it was there in the camera's last frame, too.
-        last: clutter boxes of each camera's last frame.
+        sources: of each camera.
+        noise: (4, 2) variances of boxes, as in `DetectorModel.noise`.
     """
     clutter, again = counts.clutter.copy(), counts.again.copy()
+    rate, out = persistent_clutter_rate(counts), list(sources)
     for frame, c in enumerate(boxes.camera.tolist()):
         here = slice(boxes.first[frame], boxes.first[frame + 1])
         clutter[c] += (free[here].sum(), 1.0)
-        again[c] += ((free[here] * before[here]).sum(), last[c].free.sum())
-    return replace(counts, clutter=clutter, again=again)
+        out[c], counted = update_sources(sources[c], boxes.box[here], free[here], float(rate[c]), noise)
+        again[c] += counted
+    return replace(counts, clutter=clutter, again=again), tuple(out)
 
 
 def associations_of(

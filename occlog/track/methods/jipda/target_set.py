@@ -49,6 +49,8 @@ TERMINATION_RATE_OUT_OF_VIEW, OUT_OF_VIEW_AFTER_S = 0.5, 1.0
 """Time out of all camera views [s] after which people leave at this rate [1/s]."""
 DUPLICATE_DISTANCE_WIDTHS, DUPLICATE_TIME_S = 0.5, 2.0
 """Maximum distance of duplicate tracks, in widths, and minimum time [s]."""
+PRIOR_STATIC_LOG_ODDS = -4.0
+"""Log odds that a new track is static clutter of one camera."""
 DUPLICATE_EXISTENCE_RATIO = 0.5
 """Of two duplicate tracks the older one is kept, unless its existence is below this share of the other's."""
 
@@ -68,6 +70,9 @@ class TargetSet:
     boxes: Floats  # (N,) expected number of boxes that spoke for them
     steps: Floats  # (N,) expected number of time steps with a box
     strong: Bools  # (N,) initiated by boxes that independent clutter hardly explains
+    static_camera: Ints  # (N,) camera of the first box; -1: none yet
+    static_box: Floats  # (N, 4) last box in it [px]
+    static_log_odds: Floats  # (N,) log odds that the track is static clutter of this camera
     born_ns: Ints  # (N,)
     separated_ns: Ints  # (N,) when they last stood apart from all other people
     first: Floats  # (N, 2) where they were detected first
@@ -116,6 +121,9 @@ def tentative_targets(
         boxes=boxes,
         steps=np.minimum(boxes, 1.0),
         strong=strong,
+        static_camera=np.full(K, -1, dtype=np.int64),
+        static_box=np.zeros((K, 4)),
+        static_log_odds=np.full(K, PRIOR_STATIC_LOG_ODDS),
         born_ns=np.full(K, t_ns, dtype=np.int64),
         separated_ns=np.full(K, t_ns, dtype=np.int64),
         first=mean[:, :2].copy(),
