@@ -18,10 +18,10 @@ from occlog.array_types import NS, Floats, Ints
 from .config import JipdaConfig
 from .kernels.common_error import MODELS, MOMENTS, OUTLIER_VARIANCE, advance_bank
 
-SIGMAS_M = (0.02, 0.03, 0.042, 0.06, 0.085, 0.12, 0.17)
+SIGMAS_M = (0.007, 0.015, 0.025, 0.04, 0.06, 0.085, 0.12, 0.17)
 CORRELATION_TIMES_S = (0.3, 0.75, 2.0, 5.0)
 """Grid of standard deviations per axis [m] and correlation times [s]."""
-PRIOR_SIGMA_M = 0.04
+PRIOR_SIGMA_M = 0.02
 """The prior falls as exp(-s / `PRIOR_SIGMA_M`)."""
 EVIDENCE_WEIGHT = 0.2
 """Weight of the log likelihoods: errors of the motion model are common to successive positions, too."""

@@ -33,8 +33,8 @@ MIN_MISS_PROBABILITY = 1e-6
 """Least probability of a missed detection."""
 MIN_LIKELIHOOD_RATIO = 1e-12
 """Least likelihood ratio of existence."""
-MAX_LOG_RATIO = 300.0
-"""Greatest log of a likelihood ratio of existence."""
+MAX_LOG_RATIO, MIN_COMMON_MISS = 600.0, 1e-250
+"""Greatest log of a ratio, and least probability that all frames miss a person at once."""
 MIN_ASSOCIATION = 0.02
 """Least association probability of a box that updates a state."""
 ROUNDING = 1e-9
@@ -559,9 +559,10 @@ def update_targets(
     missed = np.empty(N)
     for i in range(N):
         prior = math.log(existence[i]) - math.log1p(-existence[i])
-        ratio = (1.0 - rates.common_miss) * math.exp(min(log_odds[i] - prior, MAX_LOG_RATIO))
-        log_odds[i] = prior + math.log(rates.common_miss + ratio)
-        missed[i] = rates.common_miss / (rates.common_miss + ratio)
+        independent = log_odds[i] - prior + math.log1p(-rates.common_miss)
+        common = math.log(max(rates.common_miss, MIN_COMMON_MISS))
+        missed[i] = 1.0 / (1.0 + math.exp(min(independent - common, MAX_LOG_RATIO)))
+        log_odds[i] = prior + common - math.log(missed[i])
     return JipdaResult(
         mean=m,
         covariance=P,

@@ -1,0 +1,74 @@
+"""Static clutter of one camera: pictures, statues, mirrors and screens that its detector takes for people.
+
+One camera reports the same box again and again, and cameras with a plain view of the position report none.  A person
+who does the same would be missed by each of these cameras independently, frame after frame.  The log odds of static
+clutter against a person are kept for every track, with the camera and the box.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints
+
+from .detector_model import SAME_SOURCE_CHI2, squared_distance
+from .kernels.detections import PackedDetections
+from .kernels.joint_association import JipdaResult
+from .target_set import TargetSet
+
+MIN_LOG_ODDS, MAX_LOG_ODDS = -10.0, 20.0
+"""Limits of the log odds of static clutter."""
+MIN_HIT = 0.5
+"""Association probability from which a camera supports a track."""
+MISS_INTERVAL_S = 0.5
+"""Misses last: those of a camera count once in so long."""
+MAX_MISS_EVIDENCE = 2.0
+"""Greatest evidence of one missed detection: what a camera does not see may be hidden from it by something unknown."""
+SUPPORT_EVIDENCE = 5.0
+"""Evidence for a person of a box in another camera, or of a box that moved."""
+WALKED_SIGMAS, WALKED_M = 3.0, 1.0
+"""A person has walked there who was detected farther away than this first [standard deviations, m]."""
+
+
+def update_static_clutter(
+    people: TargetSet, boxes: PackedDetections, result: JipdaResult, noise: Floats, interval: Floats, metre: float
+) -> tuple[Ints, Floats, Floats]:
+    """Update the camera (N,) of each track, its last box there (N, 4), and the log odds (N,) of static clutter.
+
+    Args:
+        people: after the update; N people.
+        boxes: of the time step, M of L frames.
+        result: of the update.
+        noise: (4, 2) variances of middles and sizes, as in `DetectorModel.noise`.
+        interval: (C,) time since each camera's last frame [s]; may be infinite.
+        metre: in the scene's unit.
+    """
+    camera, box, log_odds = people.static_camera.copy(), people.static_box.copy(), people.static_log_odds.copy()
+    share = result.beta + result.joint
+    for frame, c in enumerate(boxes.camera.tolist()):
+        here = slice(boxes.first[frame], boxes.first[frame + 1])
+        of = share[:, here]
+        best = of.argmax(axis=1) if of.shape[1] else np.zeros(len(of), dtype=np.int64)
+        hit = of.sum(axis=1) > MIN_HIT
+        there = boxes.box[here][best] if of.shape[1] else np.zeros((len(of), 4))
+        first = hit & (camera < 0)
+        own = hit & (camera == c)
+        moved = own & (squared_distance(there, box, noise) > SAME_SOURCE_CHI2)
+        log_odds[moved] -= SUPPORT_EVIDENCE
+        log_odds[hit & (camera >= 0) & (camera != c)] -= SUPPORT_EVIDENCE
+        camera[first] = c
+        box[first | own] = there[first | own]
+        # Cameras in plain view that report nothing
+        missed = ~hit & (camera >= 0) & (camera != c) & np.isfinite(result.visible[frame])
+        evidence = -np.log1p(-np.minimum(result.detection[frame], 0.999))
+        weight = min(float(interval[c]) / MISS_INTERVAL_S, 1.0)
+        log_odds += np.where(missed, weight * np.minimum(evidence, MAX_MISS_EVIDENCE), 0.0)
+    walked = np.hypot(*(people.mean[:, :2] - people.first).T) > WALKED_M * metre
+    walked &= people.steps > WALKED_SIGMAS
+    log_odds[walked & (log_odds < 0.0)] = MIN_LOG_ODDS
+    return camera, box, np.clip(log_odds, MIN_LOG_ODDS, MAX_LOG_ODDS)
+
+
+def is_a_person(log_odds: Floats) -> Floats:
+    """(N,) probability of a person and not of static clutter."""
+    return np.asarray(1.0 / (1.0 + np.exp(log_odds)))
