@@ -23,7 +23,7 @@ CORRELATION_TIMES_S = (0.3, 0.75, 2.0, 5.0)
 """Grid of standard deviations per axis [m] and correlation times [s]."""
 PRIOR_SIGMA_M = 0.02
 """The prior falls as exp(-s / `PRIOR_SIGMA_M`)."""
-EVIDENCE_WEIGHT = 0.2
+EVIDENCE_WEIGHT = 0.5
 """Weight of the log likelihoods: errors of the motion model are common to successive positions, too."""
 MODEL_RATES = np.array([[0.0, 0.1, 0.05], [0.05, 0.0, 0.05], [0.3, 0.7, 0.0]])
 """Transition rates between standing, going straight on and manoeuvring [1/s]."""

@@ -334,7 +334,7 @@ SOURCE_MEMORY = 0.995
 """Factor of what is known of a source, per frame."""
 MIN_SOURCE_RATE = 0.02
 """Sources with a smaller expected number of boxes in a frame are forgotten."""
-ESTABLISHED_FRAMES, ESTABLISHED_SHARE = 8.0, 0.6
+ESTABLISHED_FRAMES, ESTABLISHED_SHARE = 4.0, 0.6
 """Number of frames of an established source, and the share of these with a box of no person there."""
 SAME_SOURCE_CHI2 = 25.0
 """Maximum squared Mahalanobis distance of successive boxes of one source."""
@@ -507,7 +507,7 @@ def update_sources(
         there,
         np.maximum(sources.free, hit),
         SOURCE_MEMORY * sources.hits + hit,
-        SOURCE_MEMORY * sources.tries + 1.0,
+        SOURCE_MEMORY * sources.tries + np.where(seen, hit, 1.0),
     )
     keep = source_rates(old, again) > MIN_SOURCE_RATE
     rest = np.setdiff1d(np.flatnonzero(free > MIN_CLUTTER_PROBABILITY), matched[keep & seen])

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from occlog.array_types import NS, Floats, Ints
-from occlog.core.plane import pockets
+from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.core.plane import distance_to_boundary, inside_polygon, pockets
 from occlog.records.scene import Camera, Scene, box_around, sight_limit
 from occlog.settings import METRES
 
@@ -89,6 +89,8 @@ MAX_PREDICTION_S = 86_400.0
 """Maximum prediction time [s]: after a day the position is unknown, and in years covariances lose all digits."""
 MIN_BOXES_TO_CONFIRM = 1.5
 """Minimum number of boxes for confirmation."""
+ROOM_MARGIN_M = 0.5
+"""People are not initiated farther outside the room than this [m]."""
 MIN_MISS, MIN_ARRIVALS = 1e-6, 1e-12
 """Limits of the probability of a missed detection and of the density of arrivals."""
 LOG_EXCLUDED = -60.0
@@ -101,7 +103,7 @@ MIN_ASSOCIATION_PROBABILITY = 0.05
 """Minimum association probability of a reported box."""
 EXCLUSION_INTERVAL_NS = 50_000_000
 """Minimum interval between exclusion updates [ns]: successive frames of several cameras add no information."""
-UNTRACKED_TO_CLUTTER_RATIO = 1.0
+UNTRACKED_TO_CLUTTER_RATIO = 0.2
 """Prior odds that an unassigned box is of an untracked person and not clutter."""
 
 
@@ -122,6 +124,7 @@ class JipdaState:
     cues: AssociationFeatures
     birth_map: BirthIntensityMap
     clutter: tuple[Clutter, ...]  # sources in each camera
+    room: Floats | None  # (K, 2) polygon in which people are; None: anywhere
     exclusion_ns: int | None  # time of the last exclusion update; None: never
 
 
@@ -156,6 +159,7 @@ def initial_state(scene: Scene, cameras: Sequence[Camera], config: JipdaConfig) 
         cues=empty_features(len(cameras)),
         birth_map=empty_map(metre),
         clutter=(no_clutter(),) * len(cameras),
+        room=scene.room,
         exclusion_ns=None,
     )
 
@@ -239,8 +243,7 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         steps=people.steps + result.existence * np.minimum(explained, 1.0),
         seen_ns=np.where(np.isfinite(result.visible).any(axis=0), t_ns, people.seen_ns),
     )
-    static_camera, static_box, static = update_static_clutter(people, boxes, result, rates.noise, interval, state.metre)
-    people = replace(people, static_camera=static_camera, static_box=static_box, static_log_odds=static)
+    people = update_static_clutter(people, boxes, static > anywhere, result, rates.noise, interval, state.metre)
     counts = update_statistics(
         state.counts, people, before_update, dt=dt, config=config, boxes=boxes, rates=rates, result=result
     )
@@ -284,6 +287,8 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
     existence = 1.0 / (1.0 + np.exp(-odds) + common_clutter_ratio(state.counts))
     covariance[:, [X, Y], [X, Y]] += gait
     mean[:, 2:4], covariance[:, 2:4, 2:4] = birth_velocity(state.birth_map, mean[:, :2], config.sigma_initial_velocity)
+    if state.room is not None:
+        existence = np.where(_in_room(mean[:, :2], state.room, ROOM_MARGIN_M * state.metre), existence, 0.0)
     K = len(odds)
     beta, left_free = (
         np.concatenate([result.beta, used]),
@@ -363,6 +368,12 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         clutter=clutter,
         exclusion_ns=exclusion_ns,
     ), snapshot
+
+
+def _in_room(xy: Floats, room: Floats, margin: float) -> Bools:
+    """(n,) positions (n, 2) inside a polygon, or outside by less than a margin."""
+    near = [distance_to_boundary(float(x), float(y), room) < margin for x, y in xy]
+    return np.asarray(inside_polygon(xy, room) | np.array(near, dtype=np.bool_))
 
 
 def associate(

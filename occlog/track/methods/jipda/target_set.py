@@ -72,6 +72,7 @@ class TargetSet:
     strong: Bools  # (N,) initiated by boxes that independent clutter hardly explains
     static_camera: Ints  # (N,) camera of the first box; -1: none yet
     static_box: Floats  # (N, 4) last box in it [px]
+    static_known: Bools  # (N,) the box is at an established source of clutter
     static_log_odds: Floats  # (N,) log odds that the track is static clutter of this camera
     born_ns: Ints  # (N,)
     separated_ns: Ints  # (N,) when they last stood apart from all other people
@@ -89,8 +90,8 @@ def tentative_targets(
     boxes: Floats,
     first_key: int,
     t_ns: int,
-    common: float,
-    strong: Bools,
+    common: float = 0.0,
+    strong: Bools | None = None,
 ) -> TargetSet:
     """K new tracks of a time step.
 
@@ -101,7 +102,7 @@ def tentative_targets(
         boxes: (K,) numbers of their boxes.
         first_key: number of the first initiation.
         t_ns: time of the time step.
-        strong: (K,) initiated by boxes that independent clutter hardly explains.
+        strong: (K,) initiated by boxes that independent clutter hardly explains; None: none of them.
         common: variance of the common error of position, per axis; the walk is at the observed position less the error.
     """
     K = len(mean)
@@ -120,9 +121,10 @@ def tentative_targets(
         seen_ns=np.full(K, t_ns, dtype=np.int64),
         boxes=boxes,
         steps=np.minimum(boxes, 1.0),
-        strong=strong,
+        strong=np.zeros(K, dtype=np.bool_) if strong is None else strong,
         static_camera=np.full(K, -1, dtype=np.int64),
         static_box=np.zeros((K, 4)),
+        static_known=np.zeros(K, dtype=np.bool_),
         static_log_odds=np.full(K, PRIOR_STATIC_LOG_ODDS),
         born_ns=np.full(K, t_ns, dtype=np.int64),
         separated_ns=np.full(K, t_ns, dtype=np.int64),
@@ -244,15 +246,18 @@ def update(
     """
     information, vector = without_gait_variance(information, vector, gait_variance)
     information, vector = observed.T @ information @ observed, vector @ observed
-    # Each model: information filter; evidence: the ratio of the normalisations before and after
-    before = np.linalg.inv(people.covariances)
-    covariances = np.linalg.inv(before + information[:, None])
+    # Each model: post = P (1 + I P)^-1, which also holds for states that are known exactly, and the evidence: the
+    # integral of prior and factor
+    J = information[:, None]
+    inner = np.eye(FULL_SIZE) + J @ people.covariances
+    covariances = people.covariances @ np.linalg.inv(inner)
     covariances = 0.5 * (covariances + covariances.swapaxes(-1, -2))
-    first = np.einsum("naij,naj->nai", before, people.means)
-    means = np.einsum("naij,naj->nai", covariances, first + vector[:, None])
-    evidence = 0.5 * (np.linalg.slogdet(covariances)[1] + np.linalg.slogdet(before)[1])
-    evidence += 0.5 * np.einsum("nai,nai->na", means, first + vector[:, None])
-    evidence -= 0.5 * np.einsum("nai,nai->na", people.means, first)
+    Jm = np.einsum("naij,naj->nai", np.broadcast_to(J, inner.shape), people.means)
+    off = vector[:, None] - Jm
+    means = people.means + np.einsum("naij,naj->nai", covariances, off)
+    evidence = -0.5 * np.linalg.slogdet(inner)[1]
+    evidence += np.einsum("nai,nai->na", people.means, vector[:, None] - 0.5 * Jm)
+    evidence += 0.5 * np.einsum("nai,naij,naj->na", off, covariances, off)
     model = people.model * np.exp(evidence - evidence.max(axis=1, keepdims=True))
     model /= model.sum(axis=1, keepdims=True)
     for size, usual in ((HEIGHT, config.person_height), (WIDTH, config.person_width)):
@@ -261,12 +266,13 @@ def update(
 
 
 def without_gait_variance(information: Floats, vector: Floats, gait_variance: float | Floats) -> tuple[Floats, Floats]:
-    """The factors (N, 6, 6) and (N, 6) of states with positions off by a Gaussian of variance `gait_variance`, > 0.
+    """The factors (N, 6, 6) and (N, 6) of states with positions off by a Gaussian of variance `gait_variance`.
 
     A Gaussian factor convolved with W on the position, B W B': I - I B (W^-1 + B' I B)^-1 B' I (Woodbury).
     """
     across = information[:, :, :2]
-    inner = np.linalg.inv(np.eye(2) / np.reshape(gait_variance, (-1, 1, 1)) + information[:, :2, :2])
+    W = np.reshape(np.asarray(gait_variance), (-1, 1, 1))
+    inner = W * np.linalg.inv(np.eye(2) + W * information[:, :2, :2])
     gain = across @ inner
     return information - gain @ across.swapaxes(1, 2), vector - np.einsum("nij,nj->ni", gain, vector[:, :2])
 

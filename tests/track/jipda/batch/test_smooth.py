@@ -81,7 +81,17 @@ def test_one_seed_gives_one_result():
 
 def span_of_looks(time, looks):
     looked = np.concatenate([np.zeros((1, looks.shape[1])), np.cumsum(looks, axis=0)])
-    return WindowSpan(np.asarray(time), looked, area=10.0, people=1.0, stay=60.0, turning=0.05, bending=0.0, metre=1.0)
+    return WindowSpan(
+        np.asarray(time),
+        looked,
+        area=10.0,
+        people=1.0,
+        false_people=0.0,
+        stay=60.0,
+        turning=0.05,
+        bending=0.0,
+        metre=1.0,
+    )
 
 
 def test_moments_are_linked_that_are_apart_for_some_camera():

@@ -33,7 +33,11 @@ from ..detector_model import (
     blind_frames,
     common_clutter_rate,
     detector_model,
+    edge_noise_variance,
+    established,
     manoeuvre_rate,
+    persistent_clutter_density,
+    persistent_clutter_rate,
     posture_change_rate,
     track_termination_rate,
 )
@@ -138,8 +142,13 @@ def smooth(
 
 
 def _scored(state: JipdaState, group: Sequence[FrameDetections], t_ns: int) -> PackedDetections:
-    """Pack the frames of a time step for the kernels; likelihoods of scores are those of the whole recording."""
+    """Pack the frames of a time step; scores and sources of clutter are those of the whole recording."""
     boxes = pack_detections(state, group, t_ns)
+    again = persistent_clutter_rate(state.counts)
+    static = persistent_clutter_density(
+        boxes, [established(c) for c in state.clutter], again, edge_noise_variance(state.edges), state.views.size
+    )
+    boxes = boxes._replace(clutter=np.log(np.exp(boxes.clutter) + static))
     scores = np.concatenate([frame.score for frame in group])
     return boxes._replace(clutter=boxes.clutter - log_ratio(state.cues.score, scores))
 
