@@ -23,11 +23,11 @@ CORRELATION_TIMES_S = (0.3, 0.75, 2.0, 5.0)
 """Grid of standard deviations per axis [m] and correlation times [s]."""
 PRIOR_SIGMA_M = 0.02
 """The prior falls as exp(-s / `PRIOR_SIGMA_M`)."""
-EVIDENCE_WEIGHT = 0.5
+EVIDENCE_WEIGHT = 0.3
 """Weight of the log likelihoods: errors of the motion model are common to successive positions, too."""
 MODEL_RATES = np.array([[0.0, 0.1, 0.05], [0.05, 0.0, 0.05], [0.3, 0.7, 0.0]])
 """Transition rates between standing, going straight on and manoeuvring [1/s]."""
-STANDING_DENSITY_M2 = 4e-4
+STANDING_DENSITY_M2 = 2e-4
 """Density of the random walk of who stands [m^2/s]."""
 MIN_INTERVAL_S, MAX_INTERVAL_S = 0.2, 2.5
 """Positions closer in time are skipped; after a longer gap a sequence begins again."""

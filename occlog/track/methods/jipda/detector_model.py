@@ -316,7 +316,7 @@ PRIOR_POSTURE_CHANGES = 2.0
 """Weight of the prior posture-change rate, in posture changes."""
 PRIOR_TERMINATIONS = 2.0
 """Weight of the prior departure rate, in departures."""
-PRIOR_COMMON_MISSES = (1.0, 200.0)
+PRIOR_COMMON_MISSES = (0.2, 200.0)
 """Prior counts of people missed by all cameras at once, as by a detector that fuses them, and of people."""
 MAX_COMMON_MISS = 0.3
 """Maximum probability of a miss in all cameras at once."""

@@ -103,7 +103,7 @@ MIN_ASSOCIATION_PROBABILITY = 0.05
 """Minimum association probability of a reported box."""
 EXCLUSION_INTERVAL_NS = 50_000_000
 """Minimum interval between exclusion updates [ns]: successive frames of several cameras add no information."""
-UNTRACKED_TO_CLUTTER_RATIO = 0.2
+UNTRACKED_TO_CLUTTER_RATIO = 0.1
 """Prior odds that an unassigned box is of an untracked person and not clutter."""
 
 
