@@ -44,7 +44,7 @@ from .detector_model import (
     update_sources,
     update_statistics,
 )
-from .interface import NO_ID, BoxAssociations, Event, FrameDetections, TrackSnapshot, X, Y
+from .interface import NO_ID, BoxAssociations, DetectorEstimates, Event, FrameDetections, TrackSnapshot, X, Y
 from .kernels.body_box import PackedCameras, pack_views
 from .kernels.camera_disagreement import camera_disagreement
 from .kernels.detections import DetectorModel, PackedDetections
@@ -352,6 +352,9 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         visibility=np.ascontiguousarray(visible[:, rows[shown]].T),
         support=associations_of(beta, joint, boxes, frames),
         events=tuple(events),
+        detectors=DetectorEstimates(
+            math.sqrt(common[0]), common[1], np.array([len(established(c).box) for c in clutter], dtype=np.int64)
+        ),
     )
     next_key = state.next_key + K
     return replace(

@@ -410,6 +410,7 @@ def _smoothed_snapshots(
                 visibility=visible,
                 support=support,
                 events=tuple(events),
+                detectors=snapshot.detectors,
             )
         )
     return out
