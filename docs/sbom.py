@@ -9,12 +9,16 @@ from importlib.metadata import PackageNotFoundError, metadata
 from pathlib import Path
 
 from occlog import __version__
+from occlog.io.files.provenance import hash_file
+from occlog.measure.networks.shipped import shipped_network
 
 ROOT = Path(__file__).resolve().parents[1]
 SBOM = ROOT / "sbom.json"
 _PIN = re.compile(r"^([A-Za-z0-9._-]+)==([^ ;\\]+)", re.MULTILINE)
 _NAME = re.compile(r"[A-Za-z0-9._-]+")
 LICENCE = "License :: "
+NETWORK = "pkg:npm/%40vladmandic/human-models@3.0.4"
+"""Source of the network that comes with occlog."""
 LONGEST_NAME = 60
 """Some packages state the whole text of their licence instead of its name."""
 
@@ -51,6 +55,7 @@ def sbom() -> str:
     refs = {(name, version): f"pkg:pypi/{name}@{version}" for name, version in packages}
     own = f"pkg:pypi/occlog@{__version__}"
     wanted = direct()
+    network = shipped_network()
     values = {
         "bomFormat": "CycloneDX",
         "specVersion": "1.6",
@@ -75,8 +80,19 @@ def sbom() -> str:
                 **({"licenses": found} if (found := licences(name)) else {}),
             }
             for (name, version), ref in refs.items()
+        ]
+        + [
+            {
+                "type": "machine-learning-model",
+                "bom-ref": NETWORK,
+                "name": network.name,
+                "version": NETWORK.rpartition("@")[2],
+                "purl": NETWORK,
+                "hashes": [{"alg": "SHA-256", "content": hash_file(network)}],
+                "licenses": [{"expression": "MIT AND Apache-2.0"}],
+            }
         ],
-        "dependencies": [{"ref": own, "dependsOn": sorted(refs[p] for p in refs if p[0] in wanted)}],
+        "dependencies": [{"ref": own, "dependsOn": sorted([NETWORK, *(refs[p] for p in refs if p[0] in wanted)])}],
     }
     return json.dumps(values, indent=2, ensure_ascii=False) + "\n"
 

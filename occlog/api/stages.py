@@ -25,7 +25,7 @@ from occlog.ingest.plan import is_name
 from occlog.ingest.request import IngestRequest
 from occlog.io.open import open_input, scene_in
 from occlog.measure.associate.request import LabelRequest
-from occlog.measure.detect.request import NETWORK
+from occlog.measure.detect.request import ONNX
 from occlog.measure.detect.request import VERB as DETECT_VERB
 from occlog.measure.fuse.request import FuseRequest, TrackFusionRequest
 from occlog.records.scene import Scene
@@ -64,7 +64,8 @@ def detect(
 ) -> DetectResult:
     """Reduce the frames of a recording to bearings of its targets, as `occlog detect` does.
 
-    With `onnx` a network finds boxes, with `method="NAME"` a detector of a plug-in: the result has their views.
+    The network of occlog finds people, or background subtraction where that fits better; with `onnx` a network of
+    yours finds boxes, with `method="NAME"` a detector of a plug-in: the result has their views.
 
     Args:
         recording: with video, with boxes of a detector, or with simulated bearings.
@@ -78,17 +79,17 @@ def detect(
         onnx: detect with this network (ONNX).
         classes: with `onnx`: what to search for, by name or number; empty: people, or the only class.
         names: with `onnx`: file with the names of its classes, one a line.
-        embed: with `onnx`: describe who is in each box with this network (ONNX).
+        embed: describe who is in each box of a network with this network (ONNX).
         bearings: with `onnx` or a plug-in: also a candidate bearing for each box.
-        method: how regions are found before the background (em, outlines, components), or the name of a plug-in's
-            detector; None: em.
+        method: the network of occlog (network), background subtraction (background, outlines, components), a choice
+            between them (auto), or the name of a plug-in's detector; None: auto.
         workers: threads; None: one a processor. The result is the same.
         progress: show a bar on standard error, if it is a terminal.
         **settings: of detection, of networks or of the plug-in, by their names in docs/reference/settings.md, in their
             units.
 
     Returns:
-        Bearings of the targets, and every region of the size of a person; of a network or plug-in the boxes as views.
+        Bearings of the targets or candidates, and every box or region of the size of a person as views.
 
     Raises:
         UsageError: a setting that there is not, or arguments that contradict each other.
@@ -100,7 +101,7 @@ def detect(
     """
     arguments = dict(locals())
     arguments |= {"bearings": bearings or None, "fuse": fuse is not False}
-    kind = NETWORK if onnx is not None else method or DETECT_VERB.default
+    kind = ONNX if onnx is not None else method or DETECT_VERB.default
     form = DETECT_VERB.form(kind)
     own = {name: value for name, value in arguments.items() if name not in ("settings", "progress")}
     check_taken(form, {**own, "learn_background": not learn_background}, (), f"detector {kind}", DETECT_VERB, settings)
@@ -469,6 +470,7 @@ def track(
     targets: Sequence[int] = (),
     initial_positions: Sequence[Sequence[float]] = (),
     labelled_only: bool = False,
+    keep_labels: bool = False,
     use_recovered: bool = False,
     round_robin_s: float | None = None,
     measurements: Source | None = None,
@@ -503,6 +505,7 @@ def track(
         targets: track only these; empty: all.
         initial_positions: initial positions of targets, each x, y and perhaps sigma.
         labelled_only: do not use candidates that are not assigned to a target.
+        keep_labels: keep labels that two targets exchange as they are given.
         use_recovered: use what the fusion of detections recovered as if it had been measured.
         round_robin_s: use one sensor at a time, each for so long [s]; None: all at once.
         measurements: ranges, signal strengths and time differences to use too.

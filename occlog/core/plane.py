@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -451,6 +452,58 @@ def sample_floor(n: int, floor: Floor, rng: np.random.Generator) -> Floats:
     if count < n:
         raise ValueError(f"only {count} of {n} random positions were free; static occluders fill the room")
     return np.concatenate(found)[:n]
+
+
+def floor_moments(floor: Floor) -> tuple[Floats, Floats]:
+    """Mean (2,) and covariance (2, 2) of a uniform distribution over the floor, in closed form.
+
+    The floor is cut into vertical slabs at all corners and at all crossings of edges.  Within a slab no edges cross, so
+    that the floor is a set of trapezoids there, the moments of which are those of two triangles each.
+
+    Raises:
+        ValueError: no part of the room is free.
+    """
+    polygons = [floor.room, *(floor.walls[a:b] for a, b in pairwise(floor.starts.tolist()))]
+    low = floor.room.min(axis=0)
+    size = floor.room.max(axis=0) - low
+    # Edges (E, 2, 2) from left to right, in a box of size 1, so that rounding does not depend on the unit
+    edges = np.concatenate([np.stack([p, np.roll(p, -1, axis=0)], axis=1) for p in polygons])
+    edges = (edges - low) / size
+    edges = np.take_along_axis(edges, np.argsort(edges[..., :1], axis=1, kind="stable"), axis=1)
+    cuts = np.unique(np.clip(np.concatenate([edges[..., 0].ravel(), _crossings(edges)]), 0.0, 1.0))
+    area, first, second = 0.0, np.zeros(2), np.zeros((2, 2))
+    for a, b in pairwise(cuts.tolist()):
+        middle = 0.5 * (a + b)
+        over = edges[(edges[:, 0, 0] < middle) & (edges[:, 1, 0] > middle)]
+        run = over[:, 1] - over[:, 0]
+        y = over[:, :1, 1] + (np.array([a, b, middle]) - over[:, :1, 0]) * (run[:, 1:] / run[:, :1])
+        y = y[np.argsort(y[:, 2], kind="stable")]
+        inner = 0.5 * (y[:-1, 2] + y[1:, 2])
+        between = low + size * np.column_stack([np.full(len(inner), middle), inner])
+        for k in np.flatnonzero(on_floor(between, floor.room, floor.walls, floor.starts)).tolist():
+            corners = np.array([[a, y[k, 0]], [b, y[k, 1]], [b, y[k + 1, 1]], [a, y[k + 1, 0]]])
+            for triangle in (corners[[0, 1, 2]], corners[[0, 2, 3]]):
+                share, total = abs(signed_area(triangle)), triangle.sum(axis=0)
+                area += share
+                first += share * total / 3.0
+                second += share * (triangle.T @ triangle + np.outer(total, total)) / 12.0
+    if not area > FLAT:
+        raise ValueError("no position is free; static occluders fill the room")
+    mean = first / area
+    return low + size * mean, np.outer(size, size) * (second / area - np.outer(mean, mean))
+
+
+def _crossings(edges: Floats) -> Floats:
+    """Abscissas of the crossings of (E, 2, 2) edges."""
+    run = edges[:, 1] - edges[:, 0]
+    base = edges[None, :, 0] - edges[:, None, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sine = run[:, None, 0] * run[None, :, 1] - run[:, None, 1] * run[None, :, 0]
+        along = (base[..., 0] * run[None, :, 1] - base[..., 1] * run[None, :, 0]) / sine
+        across = (base[..., 0] * run[:, None, 1] - base[..., 1] * run[:, None, 0]) / sine
+        cross = (along > 0.0) & (along < 1.0) & (across > 0.0) & (across < 1.0)
+    i, j = np.nonzero(cross)
+    return np.asarray(edges[i, 0, 0] + along[i, j] * run[i, 0])
 
 
 def sample_near(xy: Floats, reach: float, floor: Floor, rng: np.random.Generator) -> Floats:

@@ -112,6 +112,11 @@ VERDICT: dict[str, Message] = {
         _ROWS + "the target is where the sensors that report it cannot see",
         "check calibration, region and labels",
     ),
+    "undetected-in-view": Message(
+        W,
+        _ROWS + "no sensor detects the target, although cameras have a plain view of it",
+        "check labels and detector; it may be hidden",
+    ),
     "inconsistent-sensor": Message(
         W,
         _ROWS + "most measurements of one sensor in the last second are rejected",
@@ -181,6 +186,17 @@ VERDICT: dict[str, Message] = {
         W,
         "target {targets} moves {factor:.1f} times as irregularly as its settings state (allowed: {allowed:.0f} times)",
         "state more process noise",
+    ),
+    "labels-exchanged": Message(
+        W,
+        "labels of targets {targets} are exchanged from {begin_s:.4g} s to {until} {where} ({done})",
+        "check the labels; {option[keep_labels]} keeps them",
+    ),
+    "label-jump": Message(
+        W,
+        "the label of target {targets} jumps {distance:.3g} {unit} at {at_s:.4g} s, {count} jumps in all: {speed:.3g} "
+        "{unit}/s (allowed: {allowed:.3g})",
+        "check the labels and clocks",
     ),
     "outside-room": Message(
         W,
@@ -384,6 +400,16 @@ VERDICT: dict[str, Message] = {
         N,
         "camera {sensors} has no detection in {frames} frames, while {other} has one in {share:.0%}",
         "check its images, its view and the expected size of people",
+    ),
+    "nothing-detected": Message(
+        W,
+        "no detection in {frames} frames of camera {sensors}",
+        "check the images and the size of people, or choose another {option[method]}",
+    ),
+    "background-used": Message(
+        N,
+        "camera {sensors}: the network finds people in {found} of {frames} frames, and regions of their size move in "
+        "{moving}; background subtraction is used",
     ),
     "static-detection": Message(
         N,

@@ -83,15 +83,23 @@ def test_networks_find_the_boxes_of_the_command(folder: Path, tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"onnx": "m.onnx", "fuse": True}, "fuse is not an argument of detector onnx; .*em, outlines, components"),
+        (
+            {"onnx": "m.onnx", "fuse": True},
+            "fuse is not an argument of detector onnx; .*background, outlines, comp.*",
+        ),
         (
             {"onnx": "m.onnx", "learn_background": False},
-            "learn_background is not an argument of detector onnx; .*em, outlines, components",
+            "learn_background is not an argument of detector onnx; .*background, outlines, comp.*",
         ),
-        ({"onnx": "m.onnx", "history": 3}, "history is not an argument of detector onnx; .*em, outlines, components"),
-        ({"embed": "m.onnx"}, "embed is not an argument of detector em; leave it out, or choose .*: onnx"),
-        ({"head": "yolo"}, "head is not an argument of detector em; leave it out, or choose .*: onnx"),
-        ({"bearings": True}, "bearings is not an argument of detector em; leave it out, or choose .*: onnx"),
+        (
+            {"onnx": "m.onnx", "history": 3},
+            "history is not an argument of detector onnx; .*background, outlines, comp.*",
+        ),
+        ({"head": "yolo"}, "head is not an argument of detector auto; leave it out, or choose .*: onnx"),
+        (
+            {"bearings": True},
+            "bearings is not an argument of detector auto; leave it out, or choose .*: onnx",
+        ),
         ({"method": "brigth"}, "no detector 'brigth'"),
     ],
 )

@@ -369,7 +369,10 @@ def test_detectors_and_trackers_that_fail_give_one_line(folder: Path, capsys: py
     code, said = failed(capsys, "detect", recording, "--method", "brigth", "-o", out)
     assert (code, "did you mean 'bright'" in said) == (2, True)
     code, said = failed(capsys, "detect", recording, "--method", "bright", "--fuse", "-o", out)
-    assert (code, "--fuse is an option of --method em, outlines, components, not of --method bright" in said) == (
+    assert (
+        code,
+        "--fuse is an option of --method auto, network, background, outlines, components, not of" in said,
+    ) == (
         2,
         True,
     )

@@ -30,7 +30,7 @@ def test_two_of_the_shipped_cameras_find_the_man_where_their_sight_lines_meet(tm
     walk, bearings, tracks, diagnostics = (str(tmp_path / name) for name in names)
     videos = [part for cam in ("cam01", "cam02") for part in ("--video", f"{cam}={data / cam}.mp4")]
     assert run(["ingest", "-o", walk, *videos, "--calibration", str(data / "Calib.qca.txt"), "-q"]) == ExitCode.DONE
-    assert run(["detect", walk, "-o", bearings, "-q"]) == ExitCode.DONE
+    assert run(["detect", walk, "--method", "background", "-o", bearings, "-q"]) == ExitCode.DONE
     assert run(["track", bearings, "--scene", walk, "-o", tracks, "--diagnostics", diagnostics]) == ExitCode.DONE
     assert "warning" not in capsys.readouterr().err
     assert set(read_table(Path(diagnostics), Diagnostics).quality_flags.tolist()) == {""}

@@ -271,6 +271,26 @@ def draw(n: int, prior: ViewPrior, rng: Generator) -> Floats:
     return np.where(box[:, None], anywhere, xy)
 
 
+def prior_moments(prior: ViewPrior) -> tuple[Floats, Floats]:
+    """Mean (2,) and covariance (2, 2) of the prior, in closed form."""
+    # A wedge: distance uniform up to `far`, azimuth uniform within the field of view
+    c, s = np.cos(prior.axis), np.sin(prior.axis)
+    once, twice = np.sinc(0.5 * prior.fov / np.pi), np.sinc(prior.fov / np.pi)
+    away = 0.5 * (prior.far * once)[:, None] * np.column_stack([c, s])
+    cos2, sin2 = twice * (c**2 - s**2), twice * 2.0 * s * c
+    square = np.stack([1.0 + cos2, sin2, sin2, 1.0 - cos2], axis=1).reshape(-1, 2, 2)
+    square *= (prior.far**2 / 6.0)[:, None, None]
+    # Second moments about 0, of wedges and box
+    centre = prior.origin
+    cross = centre[:, :, None] * away[:, None, :]
+    wedge = centre[:, :, None] * centre[:, None, :] + cross + cross.swapaxes(1, 2) + square
+    middle = 0.5 * (prior.low + prior.high)
+    box = np.outer(middle, middle) + np.diag((prior.high - prior.low) ** 2 / 12.0)
+    mean = (1.0 - AROUND_SENSORS) * (prior.share @ (centre + away)) + AROUND_SENSORS * middle
+    second = (1.0 - AROUND_SENSORS) * np.einsum("s,sij->ij", prior.share, wedge) + AROUND_SENSORS * box
+    return mean, np.asarray(second - np.outer(mean, mean))
+
+
 def log_density(xy: Floats, prior: ViewPrior) -> Floats:
     """(N,) log density of the prior at (N, 2) positions; -inf where no sensor sees and outside the box."""
     away = xy[:, None] - prior.origin

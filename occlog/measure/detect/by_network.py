@@ -59,6 +59,7 @@ def detect_by_network(
     config: DetectConfig | None = None,
     *,
     rows: int = BATCH,
+    shapes: dict[str, tuple[int, ...]] | None = None,
 ) -> Iterator[Detections]:
     """Boxes of a network as views and candidate bearings (`from_boxes`), in the order of time.
 
@@ -72,13 +73,15 @@ def detect_by_network(
         embedder: describes the appearance in the boxes.
         config: of it `bits`, `sigma_px` and `sigma_scale` are used.
         rows: frames in a part, about.
+        shapes: of each camera's first image in earlier frames; is added to. None: these are the first frames.
 
     Raises:
         InputError: a frame's camera is not in the scene, an image does not fit its calibration, times go back, or the
             network fails.
     """
     config = config or DetectConfig()
-    yield from in_parts(_detect_frames(frames, scene, detector, embedder, config), scene, config, rows=rows)
+    found = _detect_frames(frames, scene, detector, embedder, config, {} if shapes is None else shapes)
+    yield from in_parts(found, scene, config, rows=rows)
 
 
 def in_parts(
@@ -105,10 +108,14 @@ def in_parts(
 
 
 def _detect_frames(
-    frames: Iterable[Frame], scene: Scene, detector: NetworkDetector, embedder: Embedder | None, config: DetectConfig
+    frames: Iterable[Frame],
+    scene: Scene,
+    detector: NetworkDetector,
+    embedder: Embedder | None,
+    config: DetectConfig,
+    shapes: dict[str, tuple[int, ...]],
 ) -> Iterator[DetectedFrame]:
     """Frames in their order with what the network finds in them."""
-    shapes: dict[str, tuple[int, ...]] = {}
 
     def prepare(some: list[Frame]) -> list[_Ready]:
         return [_prepare(frame, scene, detector, shapes, config) for frame in some]
@@ -177,6 +184,11 @@ def decoded(frame: Frame, scene: Scene, shapes: dict[str, tuple[int, ...]], conf
     first = shapes.setdefault(frame.sensor, image.shape)
     if image.shape != first:
         return f"image is {size_in_words(image.shape)}, the camera's first was {size_in_words(first)}"
+    return in_colour(image)
+
+
+def in_colour(image: Image) -> Image:
+    """The image (height, width, 3) in BGR of one that may be grey (height, width)."""
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), dtype=np.uint8) if image.ndim == 2 else image
 
 

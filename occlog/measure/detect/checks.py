@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 
 import numpy as np
+from msgspec import structs
 
 from occlog.array_types import Floats
 from occlog.consistency.verdict import exceeds_share
@@ -13,7 +14,8 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Views
 from occlog.records.verdicts import Check, finding, outcome
 
-DETECTS, INSIDE, STAYS = "detections per camera", "detections inside the images", "static detections"
+DETECTOR, DETECTS = "detector", "detections per camera"
+INSIDE, STAYS = "detections inside the images", "static detections"
 """Names of checks."""
 FEWEST = 50
 """Minimum number of frames of a camera for a check."""
@@ -25,6 +27,13 @@ OFTEN = 0.5
 """A camera with detections in this share of its frames shows that there is something to detect."""
 OUTSIDE = 0.01
 """Share of boxes wholly outside the image that matters."""
+
+
+def with_figures(check: Check, frames: int, detections: int) -> Check:
+    """The check of the detector with the number of frames and detections."""
+    if check.name != DETECTOR or check.found:
+        return check
+    return structs.replace(check, figures={**check.figures, "frames": frames, "detections": detections})
 
 
 class Checked:
@@ -79,6 +88,9 @@ class Checked:
 
     def _none(self, frames: Mapping[str, int]) -> Iterator[Check]:
         """Cameras without detections where another one often has some."""
+        if frames and not self._boxes:
+            yield finding(DETECTS, "nothing-detected", sensors=sorted(frames), frames=sum(frames.values()))
+            return
         shares = {name: self._frames[name] / count for name, count in frames.items()}
         often = max(shares, key=lambda name: shares[name], default="")
         for name in (each for each, share in sorted(shares.items()) if not share and shares[often] >= OFTEN):

@@ -7,6 +7,23 @@ from typing import ClassVar
 
 from occlog.settings import Settings, setting
 
+AUTO, NETWORK, BACKGROUND, OUTLINES, COMPONENTS = "auto", "network", "background", "outlines", "components"
+"""Methods: the network of occlog, background subtraction with three ways to split the foreground, or a choice."""
+OF_BOXES = ("bit_depth", "sigma_px", "sigma_scale", "min_confidence")
+"""Settings of detection that apply to boxes of networks and plug-ins."""
+OF_BACKGROUND = (
+    *("background", "history", "foreground_threshold", "shadows", "warmup", "downscale", "person_height"),
+    *("person_height_px", "min_similarity", "feedback_gate"),
+)
+"""Settings of detection that apply to background subtraction alone."""
+N_PROBED = 24
+"""Frames of a camera, evenly spread, by which `auto` compares network and background."""
+MIN_MOVING = 3
+"""Minimum number of them with a moving region of the size of a person."""
+MIN_PERSON = 0.5
+"""Smallest such region, in pixels of a person in full view."""
+MIN_FOUND_RATIO = 0.1
+"""Frames with people by the network over frames with such regions, below which background subtraction is used."""
 CLEAN_PX = 5
 """Side of the median filter on the foreground [px]."""
 MAX_FOREGROUND = 0.6
@@ -38,10 +55,12 @@ class DetectConfig(Settings):
     OWNER: ClassVar[str] = "detect"
 
     method: str = setting(
-        "em",
-        "Foreground to regions: mixture of person-shaped Gaussians (`em`), the same with outlines of people where "
-        "several touch (`outlines`), or connected blobs (`components`).",
-        choices=("em", "outlines", "components"),
+        AUTO,
+        "The person network of occlog (`network`), or background subtraction with regions by a mixture of "
+        "person-shaped Gaussians (`background`), the same with outlines of people where several touch (`outlines`), or "
+        "connected blobs (`components`). `auto`: the network; background subtraction in simulated recordings, for "
+        "targets of known appearance, with an option of it, and for a camera whose moving people the network misses.",
+        choices=(AUTO, NETWORK, BACKGROUND, OUTLINES, COMPONENTS),
         option="--method",
     )
     background: str = setting("mog2", "Background model of OpenCV.", choices=("mog2", "knn"), option="--background")
@@ -132,7 +151,8 @@ class DetectConfig(Settings):
     )
     min_confidence: float = setting(
         0.3,
-        "Minimum confidence of the box of a detector. Lower values detect more people and raise the clutter rate.",
+        "Minimum confidence of the box of a detector; of the network of occlog 0.4 unless it is given. Lower values "
+        "detect more people and raise the clutter rate.",
         at_least=0,
         at_most=1,
         option="--min-confidence",

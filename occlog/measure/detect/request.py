@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from occlog.console.notes import threads_by_default
 from occlog.measure.fuse.config import FuseConfig
@@ -25,30 +25,44 @@ from occlog.request import (
 )
 from occlog.settings import declaration, declared, like, setting
 
-from .config import DetectConfig
+from .config import AUTO, BACKGROUND, COMPONENTS, NETWORK, OF_BOXES, OUTLINES, DetectConfig
 
 METHOD = next(declaration(f) for f in declared(DetectConfig) if f.name == "method")
 METHODS = METHOD.choices
-"""Ways of our own to find regions."""
-NETWORK = "onnx"
-OF_BOXES = ("bit_depth", "sigma_px", "sigma_scale", "min_confidence")
-"""Settings of detection that apply to the boxes of networks and plug-ins, too."""
+"""Detectors of our own."""
+ONNX = "onnx"
+NOT_OF_BACKGROUND = ("network", "embed")
+"""Fields of a request that background subtraction lacks."""
+NOT_OF_NETWORK = ("target", "target_boxes", "track_feedback", "learn_background")
+"""Fields of a request that detection by a network lacks."""
+
+
+OF_SHIPPED = ("runtime", "nms_iou", "tiles", "embed_pixel_scaling", "embed_size")
+"""Settings of networks that the network of occlog leaves open."""
+
+
+def _embed() -> Any:
+    """Declare the network for re-identification, `--embed`."""
+    words = "Describe the person in each box with this network (ONNX), for re-identification."
+    return source(words, metavar="REID", there=False)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Detection(Request):
-    """Detect people in RECORDING and convert the detections to bearings of its targets.
+    """Detect people in RECORDING and convert the detections to bearings.
 
-    The foreground of each camera is split into person-sized regions, and the target is identified by its appearance;
-    without an appearance it is the largest region. A frame without the target gives a row of a missed detection (not
-    detected). A recording with detector boxes instead of video gives one candidate bearing per box (target_id -1);
-    one with simulated bearings gives these.
+    The network of occlog finds the boxes of people; each is a candidate bearing (target_id -1). Background subtraction
+    (--method background, and in simulated recordings) splits the foreground of each camera into person-sized regions,
+    and identifies the target by its appearance; without an appearance it is the largest region. A frame without a box
+    or without the target gives a row of a missed detection. A recording with detector boxes instead of video gives one
+    candidate bearing per box; one with simulated bearings gives these.
 
     With --onnx a network of yours detects the boxes: YOLO, RT-DETR, RF-DETR or RTMDet. With --method NAME the
     detector of a plug-in does, see docs/how-to/plugins.md.
 
     \b
       occlog detect walk.mcap -o bearings.parquet --views views.parquet
+      occlog detect walk.mcap -o bearings.parquet --views views.parquet --method background
       occlog detect walk.mcap -o bearings.parquet --views views.parquet --fuse
       occlog detect hall.mcap -o bearings.parquet --target-box cam1:120:310,95,40,110 --background knn
       occlog detect hall.mcap --onnx yolo11n.onnx --embed osnet.onnx -o views.parquet
@@ -74,7 +88,7 @@ class Detection(Request):
 
 @dataclass(frozen=True, kw_only=True)
 class DetectRequest(Detection):
-    """Options of detection by background subtraction, or of boxes and simulated bearings that are passed on."""
+    """Options of detection by the network of occlog or background subtraction, or of boxes and bearings passed on."""
 
     RUN: ClassVar[str] = "occlog.measure.detect.run:run_detect"
 
@@ -84,7 +98,7 @@ class DetectRequest(Detection):
         f"{METHOD.help} Or a detector of a plug-in, by name.",
         metavar="|".join((*METHODS, "NAME")),
     )
-    views: Path | None = sink("Write every person-sized region of every frame (Parquet).", "views")
+    views: Path | None = sink("Write every box or person-sized region of every frame (Parquet).", "views")
     target: Path | None = source(
         "Appearance models of the targets, as attached by `occlog simulate --render`. [default: the attached]",
         metavar="JSON",
@@ -108,6 +122,8 @@ class DetectRequest(Detection):
         option="--learn-background/--no-learn-background",
     )
     settings: Mapping[str, object] = group(lambda: DetectConfig, without=("method",))
+    embed: Path | None = _embed()
+    network: Mapping[str, object] = group(lambda: NetworkConfig, only=OF_SHIPPED)
     fuse: bool = setting(
         False,
         "Fuse detections across cameras: remove false alarms, recover missed detections.",
@@ -151,9 +167,7 @@ class NetworkRequest(_BoxRequest):
         shown="",
     )
     names: Path | None = source("Names of its classes, one per line.", metavar="TEXT", there=False)
-    embed: Path | None = source(
-        "Describe the person in each box with this network (ONNX), for re-identification.", metavar="REID", there=False
-    )
+    embed: Path | None = _embed()
     network: Mapping[str, object] = group(lambda: NetworkConfig)
 
 
@@ -182,16 +196,26 @@ def _plugged() -> dict[str, VerbKind]:
     return {each.name: VerbKind(each.summary, partial(_of_plugin, each.name)) for each in installed(DETECTOR)}
 
 
+def _form(without: Collection[str], settings: Collection[str] = ()) -> Form:
+    """The form of `DetectRequest` without some fields, or with some settings of detection alone."""
+    names = {f.name for f in fields(DetectRequest)} - set(without)
+    return Form(DetectRequest, takes=(names - {"settings"}) | set(settings) if settings else names)
+
+
+_OF_BACKGROUND = partial(_form, NOT_OF_BACKGROUND)
+
 VERB = Verb(
     Detection,
     {
-        "em": VerbKind("background subtraction: mixture of person-shaped Gaussians", lambda: Form(DetectRequest)),
-        "outlines": VerbKind("as em, with outlines of people where several touch", lambda: Form(DetectRequest)),
-        "components": VerbKind("background subtraction: connected blobs", lambda: Form(DetectRequest)),
-        NETWORK: VerbKind("boxes of a network", lambda: Form(NetworkRequest), "--onnx MODEL"),
+        AUTO: VerbKind("the network, or background subtraction where that fits better", lambda: Form(DetectRequest)),
+        NETWORK: VerbKind("boxes of the network of occlog", partial(_form, NOT_OF_NETWORK, OF_BOXES)),
+        BACKGROUND: VerbKind("background subtraction: mixture of person-shaped Gaussians", _OF_BACKGROUND),
+        OUTLINES: VerbKind("as background, with outlines of people where several touch", _OF_BACKGROUND),
+        COMPONENTS: VerbKind("background subtraction: connected blobs", _OF_BACKGROUND),
+        ONNX: VerbKind("boxes of a network of yours", lambda: Form(NetworkRequest), "--onnx MODEL"),
     },
-    default="em",
-    by={NETWORK: lambda _: NETWORK, "method": str},
+    default=AUTO,
+    by={ONNX: lambda _: ONNX, "method": str},
     what="detector",
     chosen_by="--method {}",
     more=_plugged,

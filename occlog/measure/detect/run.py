@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -28,22 +29,27 @@ from occlog.measure.fuse.stage import fuse
 from occlog.measure.networks.config import NetworkConfig
 from occlog.measure.networks.detector import NetworkDetector, open_detector, open_embedder
 from occlog.measure.networks.running.runtimes import opencv_threads
-from occlog.plugins.loading import DETECTOR, Chosen, find
+from occlog.measure.networks.shipped import MIN_CONFIDENCE, shipped_config, shipped_network
+from occlog.plugins.loading import DETECTOR as DETECTOR_PLUGIN
+from occlog.plugins.loading import Chosen, find
 from occlog.records.columns import ColumnTable
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Boxes, Tracks, Views
+from occlog.records.verdicts import Check, finding
 from occlog.request import Form
 from occlog.runner import Job
 from occlog.settings import configure
 
-from .by_background.learning import TargetBox, learn
+from .by_background.learning import TargetBox, learn_from, sample_frames
 from .by_background.one_camera import Target, upright
 from .by_background.stage import Learned, detect
 from .by_network import detect_by_network
+from .by_person_network import PersonDetector, Work, check_of, described, of_boxes
 from .by_plugin import detect_by_plugin
-from .checks import Checked
-from .config import DetectConfig, parameters
+from .checks import DETECTOR, Checked, with_figures
+from .choice import Probe, probe
+from .config import AUTO, BACKGROUND, NETWORK, OF_BACKGROUND, DetectConfig, parameters
 from .from_boxes import detect_boxes, scan_labels
 from .request import Detection, DetectRequest, NetworkRequest, PluginRequest
 from .skipped_frames import SkippedFrames
@@ -60,7 +66,8 @@ def run_detect(request: DetectRequest, job: Job) -> tuple[dict[str, object], lis
     opened = open_recording(request.recording)
     scene = load_scene(request.scene, opened.scene, request.recording)
     left = SkippedFrames()
-    detections, used = _detections(request, opened, scene, left, job)
+    work = _detections(request, opened, scene, left, job)
+    detections = work.parts
     if not upright(scene):
         job.note(
             "warning: the world of the scene seems not to be upright, so that bearings are unreliable; turn it "
@@ -72,17 +79,18 @@ def run_detect(request: DetectRequest, job: Job) -> tuple[dict[str, object], lis
         config = configure(FuseConfig.in_unit(scene.length_unit), {**heights, **request.fusion})
         fused = FuseTally(scene, config)
         detections = _fused(detections, scene, config, fused)
-        used |= {"fusion": asdict(config)}
+        work.parameters |= {"fusion": asdict(config)}
     earlier = () if request.track_feedback is None else open_input(request.track_feedback).losses
     lost = dict.fromkeys((*opened.losses, *earlier))
-    whole = {"cameras": list(request.cameras), **used}
-    losses, tally = write_detections(job, detections, whole, lost, left, scene, fused=fused)
+    whole = {"cameras": list(request.cameras), **work.parameters}
+    files = list(dict.fromkeys((*request.inputs, *work.files)))
+    losses, tally = write_detections(job, detections, whole, lost, left, scene, files, fused, work.checks)
     if tally["regions"] and not any(c.placed for c in scene.cameras):
         job.note(
             "warning: no camera has a pose in space, so that there are no bearings; ingest with a calibration, or "
             f"give a scene ({option('scene')})"
         )
-    summary: dict[str, object] = {"bearings": str(request.output), **_figures(tally)}
+    summary: dict[str, object] = {"bearings": str(request.output), **work.summary, **_figures(tally)}
     if fused is not None:
         fused.warn(job.quiet)
         summary |= {"fusion": fused.summary()}
@@ -98,6 +106,7 @@ def write_detections(
     scene: Scene,
     inputs: Sequence[Path] | None = None,
     fused: FuseTally | None = None,
+    checks: Sequence[Check] = (),
 ) -> tuple[list[Loss], Counter[str]]:
     """Write the tables that were asked for.
 
@@ -110,6 +119,7 @@ def write_detections(
         scene: of the cameras.
         inputs: files that are read; None: those of the request.
         fused: counts the rows of the fusion; None: nothing is fused.
+        checks: of the choice of the detector; the figures of `DETECTOR` are added.
 
     Returns:
         All losses, and counts of frames, regions, rows and rows that are seen.
@@ -134,7 +144,8 @@ def write_detections(
         final = {**parameters, **left.parameters()}
         made = replace(provenance, losses=tuple(losses), parameters=final)
         of_fusion = () if fused is None else fused.checks()
-        tables.annotate(job.judged(made, (*checked.checks(left.frames), *of_fusion)))
+        of_detector = (with_figures(check, tally["frames"], tally["regions"]) for check in checks)
+        tables.annotate(job.judged(made, (*of_detector, *checked.checks(left.frames), *of_fusion)))
     return losses, tally
 
 
@@ -153,10 +164,8 @@ def _fused(
         yield part.detections
 
 
-def _detections(
-    request: DetectRequest, recording: McapRecording, scene: Scene, left: SkippedFrames, job: Job
-) -> tuple[Iterator[Detections], dict[str, object]]:
-    """The parts in the order of time, and the parameters on which they depend.
+def _detections(request: DetectRequest, recording: McapRecording, scene: Scene, left: SkippedFrames, job: Job) -> Work:
+    """Detections of what the recording holds.
 
     Images come first; a recording without images gives its boxes, and one without boxes its bearings.
     """
@@ -169,6 +178,8 @@ def _detections(
         )
     if recording.cameras:
         return _from_images(request, recording, scene, config, left, job)
+    if request.method == NETWORK:
+        raise InputError(f"{recording.path}: holds no images; a network detects in images")
     if recording.has(Boxes):
         if request.track_feedback is not None:
             raise UsageError(
@@ -185,15 +196,13 @@ def _detections(
         if config.label_scope is not None:
             labels = scan_labels(_rows_of(recording.tables(Boxes), only), config.label_scope, config)
             used |= {"label_scope": config.label_scope}
-        return detect_boxes(left.watch_boxes(chunks), scene, config, labels), used
+        return Work(detect_boxes(left.watch_boxes(chunks), scene, config, labels), used)
     if recording.has(Bearings):
         near, used = _near(request, config, scene.length_unit)
         positions = {c.name: c.ground for c in scene.cameras if c.placed}
         only = _sensors_of(request, [s.name for s in scene.sensors])
-        return _simulated_bearings(_rows_of(recording.tables(Bearings), only), near, positions), {
-            "input": "bearings",
-            **used,
-        }
+        rows = _rows_of(recording.tables(Bearings), only)
+        return Work(_simulated_bearings(rows, near, positions), {"input": "bearings", **used})
     hint = "" if recording.ours else f"; {FOREIGN_BAG}"
     raise InputError(
         f"{recording.path}: holds neither images, nor boxes, nor bearings; there is nothing to detect in{hint}"
@@ -248,18 +257,39 @@ def _simulated_bearings(
 
 def _from_images(
     request: DetectRequest, recording: McapRecording, scene: Scene, config: DetectConfig, left: SkippedFrames, job: Job
-) -> tuple[Iterator[Detections], dict[str, object]]:
-    """Learn from a first pass where that is asked for, then detect in a second."""
+) -> Work:
+    """Choose a detector for each camera, learn from a first pass where it needs that, then detect in a second."""
     sensors = cameras_of(request.cameras, recording)
     boxes = [_box(text) for text in request.target_boxes]
     targets = _references(request, recording)
-    learned, total = Learned(), frames_of(recording, sensors)
+    reason = _background_because(request, recording, targets) if config.method == AUTO else ""
+    if reason:
+        config = replace(config, method=BACKGROUND)
+    if config.method in (AUTO, NETWORK):
+        detector = _person_detector(request, config)
+    elif request.embed is not None:
+        why = reason or f"{option('method')} is {config.method}"
+        raise UsageError(
+            f"{option('embed')} is for boxes of a network, and background subtraction is used ({why}); leave it out"
+        )
+    else:
+        detector = None
+    total = frames_of(recording, sensors)
     near, limits = _near(request, config, scene.length_unit)
-    if request.learn_background or boxes:
+    learned, by_network = Learned(), list(sensors) if detector is not None else []
+    checks: tuple[Check, ...] = ()
+    if config.method != NETWORK and (request.learn_background or boxes):
         first = job.progress(recording.frames(sensors), "first pass", total)
-        found, boxed = learn(first, scene, config, boxes, request.threads)
+        samples = sample_frames(first, scene, config, boxes)
+        found, boxed = learn_from(samples, scene, config, boxes, request.threads)
         targets = boxed or targets
         learned = found if request.learn_background else learned
+        if detector is not None:
+            by_network, checks = _chosen(sensors, probe(samples, found, scene, config, detector.network))
+    frames = left.watch(job.progress(recording.frames(sensors), "detect", total))
+    if detector is not None and len(by_network) == len(sensors):
+        return detector.work(frames, scene, checks)
+    config = replace(config, method=BACKGROUND) if config.method == AUTO else config
     used = parameters(config) | {
         "input": "images",
         "learn_background": request.learn_background,
@@ -267,8 +297,54 @@ def _from_images(
         "targets": [t.target_id for t in targets],
         **limits,
     }
-    frames = job.progress(recording.frames(sensors), "detect", total)
-    return detect(left.watch(frames), scene, config, request.threads, learned, targets, near=near), used
+    summary: dict[str, object] = {"method": config.method, **({"reason": reason} if reason else {})}
+    if detector is None or not by_network:
+        parts = detect(frames, scene, config, request.threads, learned, targets, near=near)
+        return Work(parts, used, summary=summary, checks=checks)
+    return detector.work_with(
+        frames, scene, checks, by_network, partial(detect, scene=scene, config=config, workers=request.threads,
+                                                   learned=learned, targets=targets, near=near, states={}), used
+    )  # fmt: skip
+
+
+def _background_because(request: DetectRequest, recording: McapRecording, targets: Sequence[Target]) -> str:
+    """Why background subtraction is used without a trial of the network; empty: there is no such reason."""
+    if recording.provenance.command == "simulate":
+        return "the recording is simulated"
+    if targets or request.target_boxes or request.track_feedback is not None:
+        return "targets are given"
+    if not request.learn_background or any(name in OF_BACKGROUND for name in request.settings):
+        return "an option of it is given"
+    return ""
+
+
+def _chosen(sensors: Sequence[str], probes: Mapping[str, Probe]) -> tuple[list[str], tuple[Check, ...]]:
+    """Names of the cameras in which the network detects, and what is found of the others."""
+    others = {name: probes[name] for name in sensors if name in probes and probes[name].background}
+    checks = tuple(
+        finding(DETECTOR, "background-used", sensors=[name], found=each.found, frames=each.frames, moving=each.moving)
+        for name, each in others.items()
+    )
+    return [name for name in sensors if name not in others], checks
+
+
+def _person_detector(request: DetectRequest, config: DetectConfig) -> PersonDetector:
+    """Load the network of occlog, and that for re-identification if one is given."""
+    _check_embed(request)
+    if "min_confidence" not in request.settings:
+        config = replace(config, min_confidence=MIN_CONFIDENCE)
+    settings = shipped_config(request.network)
+    network = open_detector(shipped_network(), settings, (), None, config.min_confidence, request.threads)
+    embedder = open_embedder(request.embed, settings, request.threads) if request.embed is not None else None
+    return PersonDetector(network, embedder, config, request.threads)
+
+
+def _check_embed(request: DetectRequest | NetworkRequest) -> None:
+    """UsageError for settings of the network for re-identification without one."""
+    if request.embed is None and {"embed_pixel_scaling", "embed_size"} & set(request.network):
+        raise UsageError(
+            f"{option('embed_pixel_scaling')} and {option('embed_size')} go with {option('embed')}; add it"
+        )
 
 
 def images_of(request: Detection, detector: str) -> tuple[McapRecording, Scene, tuple[str, ...]]:
@@ -348,10 +424,7 @@ def run_network(request: NetworkRequest, job: Job) -> tuple[dict[str, object], l
     """Detect and write; the summary, and the input that was lost."""
     opened, scene, sensors = images_of(request, "a network")
     config, of_networks = configure(DetectConfig(), request.settings), configure(NetworkConfig(), request.network)
-    if request.embed is None and {"embed_pixel_scaling", "embed_size"} & set(request.network):
-        raise UsageError(
-            f"{option('embed_pixel_scaling')} and {option('embed_size')} go with {option('embed')}; add it"
-        )
+    _check_embed(request)
     with opencv_threads(request.threads):
         detector = open_detector(
             request.onnx, of_networks, request.classes, request.names, config.min_confidence, request.threads
@@ -371,16 +444,12 @@ def run_network(request: NetworkRequest, job: Job) -> tuple[dict[str, object], l
         left = SkippedFrames()
         frames = left.watch(job.progress(opened.frames(sensors), "detect", frames_of(opened, sensors)))
         parts = detect_by_network(frames, scene, detector, embedder, config)
-        losses, tally = write_detections(job, parts, parameters, opened.losses, left, scene, files)
+        stated = (check_of(detector),)
+        losses, tally = write_detections(job, parts, parameters, opened.losses, left, scene, files, checks=stated)
     names = [detector.names.names.get(k, str(k)) for k in detector.wanted.tolist()]
     details = {"head": detector.reading.head, "runtime": detector.parameters()["runtime"], "classes": names}
+    details = {**described(detector), **details}
     return figures(request, tally, **details), losses
-
-
-def of_boxes(config: DetectConfig) -> dict[str, object]:
-    """Settings of detection that external boxes use, unless they are the defaults, for the provenance."""
-    known = {name: getattr(config, name) for name in ("bit_depth", "sigma_px") if getattr(config, name) is not None}
-    return known | ({"sigma_scale": config.sigma_scale} if config.sigma_scale != 1.0 else {})
 
 
 def figures(request: NetworkRequest | PluginRequest, tally: Counter[str], **more: object) -> dict[str, object]:
@@ -402,7 +471,7 @@ def _note_assumed(detector: NetworkDetector, job: Job) -> None:
 
 def run_plugin(request: PluginRequest, job: Job) -> tuple[dict[str, object], list[Loss]]:
     """Detect and write; the summary, and the input that was lost."""
-    plugin = find(request.method, DETECTOR)
+    plugin = find(request.method, DETECTOR_PLUGIN)
     assert plugin is not None  # its settings are those of the request
     chosen = Chosen(plugin, request.own)
     opened, scene, sensors = images_of(request, "a detector")

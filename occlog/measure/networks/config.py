@@ -30,6 +30,12 @@ MAX_CROPS = 32
 """Boxes that a network describes in one batch."""
 LONGEST_VECTOR = 8192
 """Dimension of an appearance vector of a person."""
+MAX_TILES = 16
+"""Tiles of an image in a row or in a column."""
+TILE_OVERLAP = 0.2
+"""Share of its side by which a tile overlaps the next."""
+CUT_PX = 2.0
+"""Distance from an inner edge of its tile within which an object is cut off there [px of the network's image]."""
 LARGEST_SIDE = 8192
 """Longest side of a network's images [px]."""
 
@@ -56,7 +62,8 @@ class NetworkConfig(Settings):
     nms_iou: float = setting(
         0.7,
         "IoU threshold of non-maximum suppression: of two boxes of a class that overlap more, the less confident "
-        "is removed. Only for networks without their own suppression. Lower values lose close people.",
+        "is removed. Only for networks without their own suppression. Lower values lose close people. The network of "
+        "occlog has 0.5 unless it is given.",
         at_least=0,
         at_most=1,
         option="--nms-iou",
@@ -82,6 +89,14 @@ class NetworkConfig(Settings):
         option="--size",
         metavar="[WIDTHx]HEIGHT",
         nothing="the network's own",
+    )
+    tiles: str | None = setting(
+        None,
+        "Detect in COLUMNS x ROWS overlapping tiles of the image, too, for people who are small in it. Each tile costs "
+        "as much time as the whole image.",
+        option="--tiles",
+        metavar="COLUMNSxROWS",
+        nothing="the whole image alone",
     )
     batch: int = setting(
         1,

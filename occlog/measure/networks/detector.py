@@ -14,11 +14,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Floats, Floats32, Ints
+from occlog.array_types import Bools, Floats, Floats32, Ints
 from occlog.errors import InputError
 from occlog.records.frames import Image
 
-from .config import LONGEST_VECTOR, MAX_CROPS, NetworkConfig
+from .config import CUT_PX, LONGEST_VECTOR, MAX_CROPS, NetworkConfig
 from .heads import (
     HEADS,
     ClassNames,
@@ -31,7 +31,18 @@ from .heads import (
     shapes,
     wanted_classes,
 )
-from .network import ImageNetwork, ImagePlacement, crop, fill, image_placement, laid, ready, size_of
+from .network import (
+    ImageNetwork,
+    ImagePlacement,
+    crop,
+    fill,
+    image_placement,
+    laid,
+    ready,
+    size_of,
+    tile_edges,
+    tiles_of,
+)
 
 
 @dataclass(frozen=True)
@@ -129,11 +140,20 @@ def suppress(boxes: Floats, score: Floats, label: Ints, overlap: float) -> Ints:
     return np.array(kept, dtype=np.int64)
 
 
-class Prepared(NamedTuple):
-    """An image as the network requires it."""
+class PreparedTile(NamedTuple):
+    """A part of an image as the network requires it."""
 
     numbers: Floats32  # (3, H, W)
     where: ImagePlacement
+    left: int  # of its first pixel in the image
+    top: int
+    inner: tuple[bool, bool, bool, bool]  # whether the image continues at the left, top, right, bottom
+
+
+class Prepared(NamedTuple):
+    """An image as the network requires it: the whole, then its tiles."""
+
+    tiles: tuple[PreparedTile, ...]
 
 
 class Boxed(NamedTuple):
@@ -141,6 +161,20 @@ class Boxed(NamedTuple):
 
     boxes: Floats  # (n, 4) left, top, right, bottom [px]
     score: Floats  # (n,)
+
+
+def _select(found: NetworkDetections, rows: Ints) -> NetworkDetections:
+    """Some of the detections."""
+    return NetworkDetections(found.boxes[rows], found.score[rows], found.label[rows])
+
+
+def _cut(tile: PreparedTile, boxes: Floats) -> Bools:
+    """(n,) whether boxes (n, 4) in the image end at an edge of a tile beyond which the image continues."""
+    w = tile.where
+    edges = np.array([tile.left, tile.top, tile.left + w.width, tile.top + w.height]) - 0.5
+    near = np.abs(boxes - edges) <= CUT_PX / np.array([w.x_scale, w.y_scale] * 2)
+    cut: Bools = (near & np.array(tile.inner)).any(axis=1)
+    return cut
 
 
 @dataclass(frozen=True)
@@ -156,6 +190,7 @@ class NetworkDetector:
         pixels: how colours become numbers.
         least: confidence of a box.
         overlap: see `NetworkConfig`.
+        tiles: columns and rows of tiles that are searched in addition to the whole image; 1, 1: none.
     """
 
     network: ImageNetwork
@@ -166,40 +201,73 @@ class NetworkDetector:
     pixels: str
     least: float
     overlap: float
+    tiles: tuple[int, int] = (1, 1)
 
     def prepare(self, image: Image) -> Prepared:
         """Convert an image (height, width, 3) in BGR to the network's input."""
+        height, width = image.shape[:2]
+        parts = [((0, width), (0, height))]
+        if self.tiles != (1, 1):
+            columns, rows = tile_edges(width, self.tiles[0]), tile_edges(height, self.tiles[1])
+            parts += [(column, row) for row in rows for column in columns]
+        return Prepared(tuple(self._prepare_tile(image, xs, ys) for xs, ys in parts))
+
+    def _prepare_tile(self, image: Image, xs: tuple[int, int], ys: tuple[int, int]) -> PreparedTile:
         size = self.network.size
-        where = image_placement((image.shape[1], image.shape[0]), size, self.fit)
+        part = image[ys[0] : ys[1], xs[0] : xs[1]]
+        where = image_placement((part.shape[1], part.shape[0]), size, self.fit)
         numbers = np.empty((3, size[1], size[0]), dtype=np.float32)
-        fill(numbers, laid(image, size, where, HEADS[self.reading.head].smooth), self.pixels)
-        return Prepared(numbers, where)
+        fill(numbers, laid(part, size, where, HEADS[self.reading.head].smooth), self.pixels)
+        inner = (xs[0] > 0, ys[0] > 0, xs[1] < image.shape[1], ys[1] < image.shape[0])
+        return PreparedTile(numbers, where, xs[0], ys[0], inner)
 
     def find(self, images: Sequence[Prepared]) -> list[Boxed | None]:
-        """Boxes in each of at most `network.batch` images; None where the network gives numbers that are not finite.
+        """Boxes in each image; None where the network gives numbers that are not finite.
 
         The network is always given as many images as it takes, so that results do not depend on how many there are.
         """
-        numbers = [images[min(n, len(images) - 1)].numbers for n in range(self.network.batch)]
+        tiles = [tile for image in images for tile in image.tiles]
+        step = self.network.batch
+        found = iter([raw for n in range(0, len(tiles), step) for raw in self._run(tiles[n : n + step])])
+        return [self._merged(image, [next(found) for _ in image.tiles]) for image in images]
+
+    def _run(self, tiles: Sequence[PreparedTile]) -> list[NetworkDetections | None]:
+        """Raw boxes in each of at most `network.batch` tiles, in pixels of the network's image."""
+        numbers = [tiles[min(n, len(tiles) - 1)].numbers for n in range(self.network.batch)]
         outputs = self.network.run(np.stack(numbers) if len(numbers) > 1 else numbers[0][None])
-        found: list[Boxed | None] = []
-        for n, image in enumerate(images):
+        found: list[NetworkDetections | None] = []
+        for n in range(len(tiles)):
             try:
-                raw = read(self.reading, outputs, n, self.network.size, self.wanted, self.least)
+                found.append(read(self.reading, outputs, n, self.network.size, self.wanted, self.least))
             except FloatingPointError:
                 found.append(None)
-                continue
             except InputError as error:
                 raise InputError(f"{self.network.file.path}: {error}") from None
-            if HEADS[self.reading.head].repeats:
-                kept = suppress(raw.boxes, raw.score, raw.label, self.overlap)
-                raw = NetworkDetections(raw.boxes[kept], raw.score[kept], raw.label[kept])
-            boxes = image.where.to_image(raw.boxes)
-            sides = boxes[:, 2:] - boxes[:, :2]
-            order = np.argsort(-sides.prod(axis=1), kind="stable")
-            order = order[(sides[order] > 0).all(axis=1)]
-            found.append(Boxed(boxes[order], np.clip(raw.score[order], 0.0, 1.0)))
         return found
+
+    def _merged(self, image: Prepared, found: Sequence[NetworkDetections | None]) -> Boxed | None:
+        """Boxes of the tiles of an image, each object once."""
+        if any(raw is None for raw in found):
+            return None
+        repeats = HEADS[self.reading.head].repeats
+        kept: list[NetworkDetections] = []
+        for tile, raw in zip(image.tiles, found, strict=True):
+            assert raw is not None
+            if repeats:
+                raw = _select(raw, suppress(raw.boxes, raw.score, raw.label, self.overlap))
+            boxes = tile.where.to_image(raw.boxes) + np.tile([tile.left, tile.top], 2)
+            kept.append(NetworkDetections(boxes, raw.score, raw.label))
+            if any(tile.inner):
+                kept[-1] = _select(kept[-1], np.flatnonzero(~_cut(tile, boxes)))
+        if len(kept) > 1:
+            every = NetworkDetections(*(np.concatenate(values) for values in zip(*kept, strict=True)))
+            every = _select(every, suppress(every.boxes, every.score, every.label, self.overlap))
+        else:
+            (every,) = kept
+        sides = every.boxes[:, 2:] - every.boxes[:, :2]
+        order = np.argsort(-sides.prod(axis=1), kind="stable")
+        order = order[(sides[order] > 0).all(axis=1)]
+        return Boxed(every.boxes[order], np.clip(every.score[order], 0.0, 1.0))
 
     def parameters(self) -> dict[str, object]:
         """Parameters of the boxes, for the provenance."""
@@ -213,7 +281,8 @@ class NetworkDetector:
             "classes": {str(k): self.names.names.get(k, "") for k in self.wanted.tolist()},
             "names": self.names.source,
             "min_confidence": self.least,
-            **({"overlap": self.overlap} if HEADS[self.reading.head].repeats else {}),
+            **({"overlap": self.overlap} if HEADS[self.reading.head].repeats or self.tiles != (1, 1) else {}),
+            **({"tiles": "{}x{}".format(*self.tiles)} if self.tiles != (1, 1) else {}),
         }
 
 
@@ -254,4 +323,5 @@ def open_detector(
         pixels=config.pixel_scaling or HEADS[reading.head].pixels,
         least=least,
         overlap=config.nms_iou,
+        tiles=tiles_of(config.tiles),
     )

@@ -9,6 +9,7 @@ those of the program from the centre of the first pixel, so that they are half a
 from __future__ import annotations
 
 import ast
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +22,18 @@ from occlog.errors import InputError, UsageError
 from occlog.io.formats.models.onnx_file import OnnxFile, Port, read_onnx
 from occlog.records.frames import Image
 
-from .config import CORNER, IMAGENET, IMAGENET_BGR, LARGEST_SIDE, LETTERBOX, PAD, RAW, UNIT
+from .config import (
+    CORNER,
+    IMAGENET,
+    IMAGENET_BGR,
+    LARGEST_SIDE,
+    LETTERBOX,
+    MAX_TILES,
+    PAD,
+    RAW,
+    TILE_OVERLAP,
+    UNIT,
+)
 from .running.messages import Feeds
 from .running.runtimes import Runtime
 from .running.subprocess_runtime import SubprocessRuntime
@@ -152,6 +164,26 @@ def size_of(text: str | None) -> tuple[int, int] | None:
     if not all(1 <= side <= LARGEST_SIDE for side in (width, height)):
         raise UsageError(f"size {text!r}: expected sides of 1 to {LARGEST_SIDE} px")
     return width, height
+
+
+def tiles_of(text: str | None) -> tuple[int, int]:
+    """Columns and rows of tiles from `3x2`; None: 1, 1; UsageError for another text."""
+    if text is None:
+        return 1, 1
+    try:
+        columns, rows = (int(part) for part in text.lower().split("x"))
+    except ValueError:
+        raise UsageError(f"tiles {text!r}: expected 3x2 (columns x rows)") from None
+    if not (1 <= columns <= MAX_TILES and 1 <= rows <= MAX_TILES):
+        raise UsageError(f"tiles {text!r}: expected 1 to {MAX_TILES} columns and rows")
+    return columns, rows
+
+
+def tile_edges(length: int, count: int) -> list[tuple[int, int]]:
+    """First and last pixel + 1 of equal tiles that cover a side of an image and overlap by `TILE_OVERLAP`."""
+    side = min(length, math.ceil(length / (count - (count - 1) * TILE_OVERLAP)))
+    starts = [round(n * (length - side) / (count - 1)) for n in range(count)] if count > 1 else [0]
+    return [(start, start + side) for start in starts]
 
 
 def _table(mean: Sequence[float], deviation: Sequence[float], scale: float) -> Floats32:

@@ -12,6 +12,7 @@ from occlog.core.geometry.visibility import (
     draw,
     initial_positions,
     log_density,
+    prior_moments,
 )
 
 TWO = ViewPrior(
@@ -33,6 +34,15 @@ def lines(
     n = len(table)
     sensor = np.arange(n) if sensors is None else np.array(sensors)
     return ScanDirectionsInPlane(table[:, :2], table[:, 2], np.full(n, sigma), np.zeros(n), np.full(n, far), sensor)
+
+
+def test_moments_are_those_of_draws() -> None:
+    n = 200_000
+    xy, (mean, covariance) = draw(n, TWO, np.random.default_rng(4)), prior_moments(TWO)
+    away = xy - mean
+    products = away[:, :, None] * away[:, None, :]
+    assert np.all(np.abs(away.mean(axis=0)) < 4.0 * away.std(axis=0) / np.sqrt(n))  # 4 standard errors
+    assert np.all(np.abs(products.mean(axis=0) - covariance) < 4.0 * products.std(axis=0) / np.sqrt(n))
 
 
 def test_the_density_integrates_to_one_and_draws_follow_it():

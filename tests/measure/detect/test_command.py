@@ -78,7 +78,7 @@ def test_a_recording_becomes_bearings_and_views(
     assert np.abs(errors(rows)).max() < 3
     made = read_provenance(tmp_path / "b.parquet")
     assert made.command == "detect"
-    assert made.parameters["method"] == "em"
+    assert made.parameters["method"] == "background"
     assert made.parameters["targets"] == [4]
     assert describe(tmp_path / "b.parquet")["length_unit"] == "m"
 

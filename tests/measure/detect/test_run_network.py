@@ -192,17 +192,21 @@ def test_views_of_a_network_become_tracks_of_everybody(folder: Path, tmp_path: P
     [
         (
             ["--views", "x.parquet"],
-            "--views is an option of --method em, outlines, components, not of --onnx MODEL; leave it out",
+            "--views is an option of --method auto, network, background, outlines, components, not of --onnx MODEL; "
+            "leave it out",
         ),
-        (["--fuse"], "--fuse is an option of --method em, outlines, components, not of --onnx MODEL"),
-        (["--method", "em"], "--method is an option of --method em, outlines, components, not of --onnx MODEL"),
+        (["--fuse"], "--fuse is an option of --method auto, network, background, outlines, components, not of --onnx"),
+        (
+            ["--method", "auto"],
+            "--method is an option of --method auto, network, background, outlines, comp",
+        ),
         (
             ["--fuse-sigma-prediction", "0.1"],
-            "--fuse-sigma-prediction is an option of --method em, outlines, components, not of --onnx MODEL",
+            "--fuse-sigma-prediction is an option of --method auto, network, background, outlines, components, not of",
         ),
         (
             ["--no-learn-background"],
-            "--no-learn-background is an option of --method em, outlines, components, not of --onnx MODEL",
+            "--no-learn-background is an option of --method auto, background, outlines, components, not of",
         ),
         (["--class", "persn"], "did you mean 'person'"),
         (["--cameras", "c"], "no images of camera 'c'"),
@@ -221,10 +225,10 @@ def test_what_does_not_fit_is_a_usage_error(
 
 
 def test_options_of_networks_want_a_network(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for args in (["--class", "person"], ["--head", "yolo"], ["--embed", "x.onnx"], ["--bearings", "x.parquet"]):
+    for args in (["--class", "person"], ["--head", "yolo"], ["--bearings", "x.parquet"]):
         command = ["detect", str(folder / "room.mcap"), "-o", str(tmp_path / "b.parquet"), *args]
         assert run(command) == ExitCode.USAGE
-        assert f"{args[0]} is an option of --onnx MODEL, not of --method em" in capsys.readouterr().err
+        assert f"{args[0]} is an option of --onnx MODEL, not of --method auto" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

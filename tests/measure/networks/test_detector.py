@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import importlib.util
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from small_networks import colour_network, constant_network, helper, mean_networ
 from occlog.errors import InputError, UsageError
 from occlog.measure.networks.config import NetworkConfig
 from occlog.measure.networks.detector import Boxed, NetworkDetector, open_detector, open_embedder
-from occlog.measure.networks.network import size_of
+from occlog.measure.networks.network import size_of, tile_edges, tiles_of
 
 THERE = [each for each in ("opencv", "onnxruntime", "openvino") if each == "opencv" or importlib.util.find_spec(each)]
 PLACES = 84  # of an image of 64 x 64
@@ -45,7 +46,7 @@ def test_a_block_is_found_where_it_is_at_any_shape_of_image(tmp_path: Path, runt
         assert (found.score > 0.99).all()
         around = np.concatenate([found.boxes[:, :2].min(axis=0), found.boxes[:, 2:].max(axis=0)])
         # Boxes are pixels of the network's image: no edge is off by much more than one of them.
-        where = detector.prepare(picture(size, block)).where
+        where = detector.prepare(picture(size, block)).tiles[0].where
         limit = 1e-9 + 1.25 * (size != (96, 64)) / np.array([where.x_scale, where.y_scale] * 2)
         assert (np.abs(around - (np.array(block) - 0.5)) <= limit).all(), (size, around)
 
@@ -189,3 +190,45 @@ def test_a_network_without_a_vector_is_refused_and_a_vector_of_nothing_is_nan(tm
         open_embedder(constant_network(tmp_path / "a.onnx", {"output0": np.ones((1, 5, 84))}), NetworkConfig(), 1)
     nothing = open_embedder(constant_network(tmp_path / "b.onnx", {"v": np.zeros((1, 8))}), NetworkConfig(), 1)
     assert np.isnan(nothing.vectors(np.zeros((9, 9, 3), np.uint8), np.array([[0.0, 0.0, 5.0, 5.0]]))).all()
+
+
+@pytest.mark.parametrize(("length", "count"), [(768, 1), (768, 2), (577, 3), (1920, 4), (7, 16)])
+def test_tiles_cover_a_side_and_overlap(length: int, count: int) -> None:
+    edges = tile_edges(length, count)
+    assert len(edges) == count
+    assert (edges[0][0], edges[-1][1]) == (0, length)
+    sides = {last - first for first, last in edges}
+    assert len(sides) == 1
+    for (_, last), (first, _) in pairwise(edges):
+        assert last - first >= 0.2 * sides.copy().pop() - 1.5
+
+
+@pytest.mark.parametrize("text", ["2", "0x2", "axb", "17x1", "2x2x2"])
+def test_tiles_that_are_none_are_refused(text: str) -> None:
+    with pytest.raises(UsageError, match="tiles"):
+        tiles_of(text)
+
+
+def test_an_object_in_tiles_is_found_once_and_finer_than_in_the_whole_image(tmp_path: Path) -> None:
+    """Positions are 24 px apart in the whole image, and 10 to 13 px in a tile."""
+    path = colour_network(tmp_path / "red.onnx", image=(1, 3, 64, 96))
+    whole = opened(path, head="yolo", nms_iou=0.3, resize_mode="letterbox")
+    tiled = opened(path, head="yolo", nms_iou=0.3, resize_mode="letterbox", tiles="3x2")
+    assert tiled.parameters()["tiles"] == "3x2"
+    assert "tiles" not in whole.parameters()
+    image = picture((288, 192), (60, 50, 84, 74))
+    (rough,), (fine,) = find(whole, image), find(tiled, image)
+    assert len(fine.boxes) >= len(rough.boxes) > 0
+    inside = np.array([59.5, 49.5, 83.5, 73.5])
+    assert (fine.boxes[:, :2] >= inside[:2] - 13).all()
+    assert (fine.boxes[:, 2:] <= inside[2:] + 13).all()
+
+
+def test_a_box_that_ends_at_a_seam_of_tiles_is_left_to_the_next_tile(tmp_path: Path) -> None:
+    """The network gives a box that fills its image: of the tiles all are cut off, and the whole image's stays."""
+    out = np.array([[[0.0, 0.0, 96.0, 64.0, 0.9, 0.0]]])
+    path = constant_network(
+        tmp_path / "all.onnx", {"output0": out}, image=(1, 3, 64, 96), metadata={"names": "{0: 'person'}"}
+    )
+    (found,) = find(opened(path, head="end2end", resize_mode="stretch", tiles="2x2"), picture((192, 128), (0, 0, 9, 9)))
+    assert_allclose(found.boxes, [[-0.5, -0.5, 191.5, 127.5]])

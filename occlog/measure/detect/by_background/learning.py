@@ -108,7 +108,17 @@ def learn(
     Raises:
         InputError: a box's frame is not there, or no foreground is in the box.
     """
-    samples = _sample(frames, scene, boxes, config)
+    return learn_from(sample_frames(frames, scene, config, boxes), scene, config, boxes, workers)
+
+
+def learn_from(
+    samples: dict[str, LearningFrames],
+    scene: Scene,
+    config: DetectConfig,
+    boxes: Sequence[TargetBox] = (),
+    workers: int = 1,
+) -> tuple[Learned, tuple[Target, ...]]:
+    """Learn as `learn` does from the frames of each camera that `sample_frames` kept."""
 
     def study(name: str) -> _LearntCamera | None:
         return _study(samples[name], scene.camera(name), scene, config)
@@ -122,9 +132,10 @@ def learn(
     return learned, _targets(boxes, samples, learned)
 
 
-def _sample(
-    frames: Iterable[Frame], scene: Scene, boxes: Sequence[TargetBox], config: DetectConfig
+def sample_frames(
+    frames: Iterable[Frame], scene: Scene, config: DetectConfig, boxes: Sequence[TargetBox] = ()
 ) -> dict[str, LearningFrames]:
+    """Frames of each camera that are kept for learning: spread evenly over the recording, and those of boxes."""
     wanted = {(b.sensor, b.frame) for b in boxes}
     samples: dict[str, LearningFrames] = {}
     for frame in frames:

@@ -42,11 +42,13 @@ from occlog.records.tables import APPEARANCE_BINS
 
 from ..config import (
     CLEAN_PX,
+    COMPONENTS,
     CONTINUITY_BONUS,
     MAX_CLUSTER_RATIO,
     MAX_FOREGROUND,
     MEMORY_S,
     MIN_CLUSTER_RATIO,
+    OUTLINES,
     PENALTY,
     STRENGTH,
     DetectConfig,
@@ -255,11 +257,11 @@ def _regions_of_frame(
     if share > MAX_FOREGROUND:
         return f"foreground covers more than {MAX_FOREGROUND:.0%} of the image (light, or the camera moved)", None
     # Find people-sized regions
-    if c.method in ("em", "outlines"):
-        separate = state.separate if c.method == "outlines" else None
-        regions = cluster_regions(image, mask, setup.side, setup.prior, separate)
-    else:
+    if c.method == COMPONENTS:
         regions = component_regions(image, mask, setup.sizes.width_px, setup.prior)
+    else:
+        separate = state.separate if c.method == OUTLINES else None
+        regions = cluster_regions(image, mask, setup.side, setup.prior, separate)
     return "", enlarge(regions, setup.shrink)
 
 

@@ -59,6 +59,7 @@ def detect(
     *,
     near: TrackFeedback | None = None,
     batch: int = BATCH,
+    states: dict[str, CameraState] | None = None,
 ) -> Iterator[Detections]:
     """Regions (`views`) and target bearings of all cameras, in the order of time.
 
@@ -76,6 +77,7 @@ def detect(
         targets: people to search for; none: the largest region is the one target, `LONE_TARGET_ID`.
         near: where targets are thought to be; None: they are searched for everywhere.
         batch: frames read ahead at a time, 1 or more; the rows do not depend on it.
+        states: of cameras by name, from earlier frames; is brought up to date. None: these are the first frames.
 
     Yields:
         One part for each batch of frames.
@@ -88,7 +90,7 @@ def detect(
     check_targets(targets)
     config = config or DetectConfig()
     learned = learned or Learned()
-    states: dict[str, CameraState] = {}
+    states = {} if states is None else states
     last: dict[str, Future[_Part]] = {}
     waiting: deque[list[Future[_Part]]] = deque()
     with _one_thread_each(), ThreadPoolExecutor(workers) as pool:

@@ -80,7 +80,7 @@ class ObjectReports(NamedTuple):
     rows: LinearisedRows
 
 
-def init(scene: Scene, config: JointConfig, rng: Generator) -> JointState:
+def init(scene: Scene, config: JointConfig, rng: Generator) -> JointState:  # noqa: ARG001
     """State without objects; InputError for a scene without free floor."""
     world = world_of(scene)
     none = np.empty((config.particles, 0, 4))
@@ -89,7 +89,7 @@ def init(scene: Scene, config: JointConfig, rng: Generator) -> JointState:
         world,
         chances_of(scene, config),
         read_noise(scene),
-        anywhere_of(scene, world, config, rng),
+        anywhere_of(scene, world, config),
         (),
         (),
         none,

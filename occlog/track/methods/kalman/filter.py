@@ -14,8 +14,8 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.geometry.visibility import draw
-from occlog.core.plane import make_floor, sample_floor
+from occlog.core.geometry.visibility import prior_moments
+from occlog.core.plane import floor_moments, make_floor
 from occlog.errors import InputError
 from occlog.filtering.gaussian import Gaussian, PosteriorRecord, predicted, rts_smooth
 from occlog.filtering.lifecycle import advance, elapsed, is_lost, track_loss_count
@@ -41,8 +41,6 @@ from .stations import StationUpdate, extended, first_position, innovation_gating
 from .updates import Updated, gated_rows, gauss_newton, linear
 
 K = TypeVar("K", bound=KalmanConfig)
-INITIAL_SAMPLES = 500
-"""Places drawn for the mean and the covariance of where a target can be initially."""
 MAX_INITIAL_MEASUREMENTS = 40
 """Maximum number of measurements from which a filter begins, the most certain ones."""
 INFLATION_TIME_S = 1.0
@@ -66,10 +64,10 @@ class KalmanState(NamedTuple, Generic[K]):
     link: PosteriorRecord | None = None  # what the last step leaves for the way back
 
 
-def init(scene: Scene, config: K, rng: Generator) -> KalmanState[K]:
+def init(scene: Scene, config: K, rng: Generator) -> KalmanState[K]:  # noqa: ARG001
     """State before the first scan: around `config.start`, or as wide as the floor; InputError without free floor."""
     world = world_of(scene)
-    anywhere = anywhere_of(scene, world, config, rng)
+    anywhere = anywhere_of(scene, world, config)
     known = anywhere
     if config.start is not None:
         known = gaussian_of(np.array(config.start[:2]), config.start[2] ** 2 * np.eye(2), config)
@@ -83,17 +81,13 @@ def world_of(scene: Scene) -> MeasurementWorld:
     )
 
 
-def anywhere_of(scene: Scene, world: MeasurementWorld, config: WalkConfig, rng: Generator) -> Gaussian:
+def anywhere_of(scene: Scene, world: MeasurementWorld, config: WalkConfig) -> Gaussian:
     """Mean and covariance of where a target can be before anything was seen; InputError without free floor."""
     try:
-        positions = (
-            sample_floor(INITIAL_SAMPLES, world.floor, rng)
-            if scene.views is None
-            else draw(INITIAL_SAMPLES, scene.views, rng)
-        )
+        moments = floor_moments(world.floor) if scene.views is None else prior_moments(scene.views)
     except ValueError as error:
         raise InputError(f"scene: {error}; make the room larger") from error
-    return gaussian_of(positions.mean(axis=0), np.cov(positions.T), config)
+    return gaussian_of(*moments, config)
 
 
 def motion_of(config: WalkConfig) -> OrnsteinUhlenbeck:

@@ -236,15 +236,17 @@ def gauss_newton(
 ) -> tuple[Floats, float, bool]:
     """Where a search by Gauss and Newton ends, its cost, and whether the border of the feasible set ended it."""
     at, cost = start, float(map_cost(start[None], state, rows, world)[0])
-    information = np.linalg.inv(state.covariance[:2, :2])
+    whiten = np.linalg.inv(np.linalg.cholesky(state.covariance[:2, :2]))
     scale = STEP_SIGMA_TOLERANCE * math.sqrt(float(np.trace(state.covariance[:2, :2])))
     for _ in range(config.max_iterations):
         if not math.isfinite(cost):
             break
         expected, _ = measured(at[None], rows, world)
         H, R = linearised(at, rows, world)
-        gradient = information @ (at - state.mean[:2]) - H.T @ (residuals(expected[0], rows) / R)
-        step = -np.linalg.solve(information + (H.T / R) @ H, gradient)
+        # Least squares in standard deviations: next to a sensor the normal equations are singular but for rounding
+        weighted = np.vstack([whiten, H / np.sqrt(R)[:, None]])
+        off = np.concatenate([whiten @ (state.mean[:2] - at), residuals(expected[0], rows) / np.sqrt(R)])
+        step = np.linalg.lstsq(weighted, off, rcond=None)[0]
         # Line search: the longest of the halved steps that is feasible and lowers the cost
         ways = at + 0.5 ** np.arange(HALVINGS)[:, None] * step
         lower = map_cost(ways, state, rows, world)

@@ -59,7 +59,7 @@ def assert_same(a: ColumnTable, b: ColumnTable) -> None:
         np.testing.assert_array_equal(getattr(a, c.name), getattr(b, c.name))
 
 
-@pytest.mark.parametrize("method", ["em", "components"])
+@pytest.mark.parametrize("method", ["background", "components"])
 @pytest.mark.parametrize("kind", ["mog2", "knn"])
 def test_a_lone_walker_is_seen_where_it_is_by_every_camera(method: str, kind: str) -> None:
     place, items = lone_walker()

@@ -1,0 +1,139 @@
+"""Choose between a network and background subtraction for each camera, and detect with both in one recording.
+
+Rule: in frames spread evenly over the recording, count those in which the network finds somebody, and those in which a
+region of the size of a person differs from the empty scene.  Background subtraction is used where the second number is
+`MIN_MOVING` or more and the first less than `MIN_FOUND_RATIO` of it: people move, and the network does not know them
+(thermal images, views from above, drawings).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from occlog.array_types import Bytes
+from occlog.measure.clusters.person_size import SizeMap, make_prior
+from occlog.measure.clusters.stage import cell_side
+from occlog.measure.detections import Detections
+from occlog.measure.networks.detector import NetworkDetector
+from occlog.measure.regions.background import DIFFERENCE, FOREGROUND, difference
+from occlog.measure.regions.regions import cluster_regions, downscale_sizes
+from occlog.records.frames import Frame, Image
+from occlog.records.scene import Scene
+from occlog.records.tables import Bearings, Views
+
+from .by_background.learning import LearningFrames
+from .by_background.one_camera import known_sizes
+from .by_background.stage import Learned, batches
+from .by_network import in_colour
+from .config import (
+    BATCH,
+    CLEAN_PX,
+    MAX_CLUSTER_RATIO,
+    MAX_FOREGROUND,
+    MIN_CLUSTER_RATIO,
+    MIN_FOUND_RATIO,
+    MIN_MOVING,
+    MIN_PERSON,
+    N_PROBED,
+    PENALTY,
+    STRENGTH,
+    DetectConfig,
+)
+
+
+class Probe(NamedTuple):
+    """Sampled frames of a camera, and in how many of them people are found.
+
+    Attributes:
+        frames: number of frames.
+        found: number of frames in which the network finds somebody.
+        moving: number of frames with a region of the size of a person that differs from the empty scene.
+    """
+
+    frames: int
+    found: int
+    moving: int
+
+    @property
+    def background(self) -> bool:
+        """Whether background subtraction is to be used."""
+        return self.moving >= MIN_MOVING and self.found < MIN_FOUND_RATIO * self.moving
+
+
+def probe(
+    samples: Mapping[str, LearningFrames],
+    learned: Learned,
+    scene: Scene,
+    config: DetectConfig,
+    detector: NetworkDetector,
+) -> dict[str, Probe]:
+    """Frames with people by the network, and with moving regions of their size, of each camera with samples."""
+    found: dict[str, Probe] = {}
+    for name, kept in samples.items():
+        if not kept.images:
+            continue
+        numbers = np.unique(np.linspace(0, len(kept.images) - 1, N_PROBED).astype(int)).tolist()
+        images = [kept.images[n] for n in numbers]
+        boxed = (detector.find([detector.prepare(in_colour(image))])[0] for image in images)
+        seen = sum(each is not None and len(each.boxes) > 0 for each in boxed)
+        sizes = learned.sizes.get(name) or known_sizes(scene.camera(name), scene, kept.size, config)
+        moving = 0 if sizes is None else moving_frames(images, learned.empty[name], downscale_sizes(sizes, kept.shrink))
+        found[name] = Probe(len(images), seen, moving)
+    return found
+
+
+def moving_frames(images: Iterable[Image], empty: Image, sizes: SizeMap) -> int:
+    """Number of images with a region of the size of a person that differs from the empty scene.
+
+    Args:
+        images: (height, width, 3) or (height, width).
+        empty: image of the empty scene, of their shape.
+        sizes: of people in these images.
+    """
+    prior, side = make_prior(sizes, STRENGTH, PENALTY, MIN_CLUSTER_RATIO), cell_side(sizes)
+    count = 0
+    for image in images:
+        mask: Bytes = cv2.medianBlur((difference(image, empty) > DIFFERENCE).astype(np.uint8) * FOREGROUND, CLEAN_PX)
+        if np.count_nonzero(mask) <= MAX_FOREGROUND * mask.size:
+            fill = cluster_regions(image, mask, side, prior).fill
+            count += bool(((fill >= MIN_PERSON) & (fill <= MAX_CLUSTER_RATIO)).any())
+    return count
+
+
+Detect = Callable[[Iterable[Frame]], Iterator[Detections]]
+
+
+def detect_in_both(
+    frames: Iterable[Frame], cameras: Iterable[str], by_network: Detect, by_background: Detect, embedding: int
+) -> Iterator[Detections]:
+    """Detections of cameras with a network and of cameras with background subtraction, in the order of time.
+
+    Args:
+        frames: in the order of time.
+        cameras: names of those with a network.
+        by_network: detects in some more frames of these.
+        by_background: detects in some more frames of the others.
+        embedding: length of the vectors that the network's views have; those of the others are NaN.
+    """
+    names = set(cameras)
+    for some in batches(frames, BATCH):
+        own, others = [f for f in some if f.sensor in names], [f for f in some if f.sensor not in names]
+        parts = [*by_network(own), *(_widened(part, embedding) for part in by_background(others))]
+        yield Detections(
+            Views.merge(part.views for part in parts),
+            Bearings.merge(part.bearings for part in parts),
+            tuple(loss for part in parts for loss in part.losses),
+            sum(part.frames for part in parts),
+            sum(part.warmup for part in parts),
+        )
+
+
+def _widened(part: Detections, embedding: int) -> Detections:
+    """Detections with views that have vectors of that length, NaN."""
+    vectors = np.full((len(part.views), embedding), np.nan, dtype=np.float32)
+    return part._replace(views=replace(part.views, embedding=vectors))

@@ -1,0 +1,29 @@
+"""The person network that is installed with occlog: its file, and the settings that fit it.
+
+`MIN_CONFIDENCE` and `NMS_IOU` are the values of the best F1 on PETS 2009 S2.L1, view 1 (docs/how-to/detectors.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from importlib import resources
+from pathlib import Path
+
+from occlog.settings import configure
+
+from .config import NetworkConfig
+
+NAME = "nanodet.onnx"
+MIN_CONFIDENCE = 0.4
+NMS_IOU = 0.5
+
+
+def shipped_network() -> Path:
+    """The file of the network."""
+    return Path(str(resources.files("occlog") / "networks" / NAME))
+
+
+def shipped_config(given: Mapping[str, object]) -> NetworkConfig:
+    """The settings of the network, with those that the user gave by name."""
+    return configure(replace(NetworkConfig(), nms_iou=NMS_IOU), given)

@@ -1,0 +1,72 @@
+"""A target that stands next to a sensor."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from occlog.consistency.estimates import covariances
+from occlog.core.geometry.camera import wrap_angle
+from occlog.core.metrics.errors import normalised_squared_errors
+from occlog.io.formats.scenes.scene import scene_from_yaml
+from occlog.records.tables import Bearings, Tracks
+from occlog.settings import configure
+from occlog.track.catalogue import settings_of
+from occlog.track.drivers.stage import track
+from occlog.track.drivers.tracking import TrackingTask
+
+pytestmark = pytest.mark.jit
+SCENE = scene_from_yaml(
+    """occlog_scene: 1
+length_unit: m
+room: [[0, 0], [9, 0], [9, 7], [0, 7]]
+microphone_arrays:
+- {name: s0, position: [0.5, 0.5, 1.5], yaw_deg: 36.9, planar: true, sigma_deg: 4}
+- {name: s1, position: [8.5, 1, 1.5], yaw_deg: 148.0, planar: true, sigma_deg: 4}
+- {name: s2, position: [4, 6.8, 1.5], yaw_deg: -81.4, planar: true, sigma_deg: 4}
+""",
+    "three arrays",
+)
+SIGMA = np.radians(4.0)
+
+
+def standing(at: np.ndarray, rng: np.random.Generator, T: int = 40) -> Bearings:
+    """Clean bearings of all arrays at 5 Hz."""
+    t_ns = np.arange(T, dtype=np.int64) * 200_000_000
+    return Bearings.merge(
+        Bearings.of(
+            t_ns=t_ns,
+            sensor=np.full(T, a.name),
+            target_id=np.zeros(T, dtype=np.int32),
+            seen=np.ones(T, dtype=np.bool_),
+            score=np.full(T, np.nan),
+            bearing=wrap_angle(
+                np.arctan2(*(at - a.position[:2])[::-1]) + SIGMA * rng.standard_normal(T),
+            ),
+            sigma=np.full(T, SIGMA),
+            u_px=np.full(T, np.nan),
+            sigma_px=np.full(T, np.nan),
+        )
+        for a in SCENE.arrays
+    )
+
+
+def test_the_iterated_filter_goes_on_next_to_a_sensor_and_is_honest() -> None:
+    """At 7 cm from one of three arrays: any seed, the same result for any seed, and the error within its covariance."""
+    config = configure(settings_of("iekf").in_unit("m"), {})
+    squares = []
+    for seed in range(6):
+        rng = np.random.default_rng([seed, 7])
+        turn = rng.uniform(-np.pi, np.pi)
+        at = np.array([0.5, 0.5]) + 0.07 * np.array([np.cos(turn), np.sin(turn)])
+        bearings = standing(at, rng)
+        found = [
+            Tracks.concat(p.tracks for p in track([bearings], SCENE, TrackingTask(config, own, method="iekf")))
+            for own in (0, 9)
+        ]
+        np.testing.assert_array_equal(found[0].x, found[1].x)
+        away = np.column_stack([found[0].x, found[0].y]) - at
+        squares.append(normalised_squared_errors(away, covariances(found[0])).mean())
+    # Errors of one run are those of one draw for seconds: its mean square of two degrees of freedom is up to 5 or so
+    assert np.median(squares) < 3.0
+    assert np.max(squares) < 9.0
