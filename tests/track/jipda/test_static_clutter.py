@@ -121,7 +121,7 @@ def test_people_whom_all_cameras_miss_at_once_keep_their_identity():
                     tracklet_id=frame.tracklet_id[keep],
                     appearance=frame.appearance[keep],
                     row=frame.row[keep],
-                )  # fmt: skip
+                )
             )
         frames.append(out)
     state, snapshots = followed(made._replace(moments=frames))
