@@ -91,8 +91,8 @@ MIN_BOXES_TO_CONFIRM = 1.5
 """Minimum number of boxes for confirmation."""
 ROOM_MARGIN_M = 0.5
 """People are not initiated farther outside the room than this [m]."""
-MIN_MISS, MIN_ARRIVALS = 1e-6, 1e-12
-"""Limits of the probability of a missed detection and of the density of arrivals."""
+MIN_ARRIVALS = 1e-12
+"""Least density of people who are missed while others arrive."""
 LOG_EXCLUDED = -60.0
 """Log-likelihood ratio of a box that is not a person's."""
 MIN_STEPS_OF_TRUE = 1.5
@@ -410,9 +410,7 @@ def associate(
     off, P = (result.mean - mean)[:, :2], covariance[:, :2, :2]
     log = -0.5 * np.einsum("ni,ni->n", off, np.linalg.solve(P, off[..., None])[..., 0])
     log -= 0.5 * np.linalg.slogdet(P)[1] + math.log(2.0 * math.pi)
-    all_missed = np.prod(1.0 - np.minimum(result.detection, 1.0 - MIN_MISS), axis=0)
-    missed = rates.common_miss + (1.0 - rates.common_miss) * all_missed
-    far = log < np.log(missed * max(arrivals, MIN_ARRIVALS))
+    far = log < math.log(max(rates.common_miss * arrivals, MIN_ARRIVALS))
     if not far.any():
         return result
     log_features = np.where(far[:, None] & (result.beta > MIN_ASSOCIATION_PROBABILITY), LOG_EXCLUDED, log_features)
