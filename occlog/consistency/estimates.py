@@ -33,13 +33,18 @@ from occlog.records.scene import Camera, MicrophoneArray, Scene
 from occlog.records.tables import Diagnostics, Residuals, Tracks
 from occlog.scans.grouping import sensor_names
 
-REGION_EDGE, SINGLE_SENSOR, OUT_OF_VIEW, INCONSISTENT_SENSOR = (
+EXCHANGED_LABELS, LABEL_JUMP = "exchanged_labels", "label_jump"
+"""Values of the column `quality_flags` of rows the labels of which are against the continuity of motion."""
+REGION_EDGE, SINGLE_SENSOR, OUT_OF_VIEW, UNDETECTED_IN_VIEW, INCONSISTENT_SENSOR = (
     "region_edge",
     "single_sensor",
     "out_of_view",
+    "undetected_in_view",
     "inconsistent_sensor",
 )
 """Values of the column `quality_flags`, in the order of the column."""
+ROW_FLAGS = (REGION_EDGE, SINGLE_SENSOR, OUT_OF_VIEW, UNDETECTED_IN_VIEW)
+"""Flags that follow from the row, the scene and earlier detections."""
 EDGE_SIGMAS = 2.0
 """Distance from the edge below which an estimate is at the edge, in standard deviations."""
 VIEW_SIGMAS = 3.0
@@ -48,6 +53,12 @@ SINGLE_SENSOR_S = 5.0
 """Time after the last simultaneous detection by two sensors for which a single sensor suffices [s]."""
 TOGETHER_S = 1.0
 """Two sensors see a target at once if they do within this time; so long a filter waits for a second one [s]."""
+MIN_UNDETECTED_CAMERAS = 2
+"""Cameras that observe a target in plain view without detecting it, at least."""
+UNDETECTED_PROBABILITY = 1e-5
+"""Probability of so many missed detections in a row below which the target is not where the estimate has it."""
+MAX_DETECTION_PROBABILITY = 0.98
+"""Upper limit of a camera's probability of detection, as misses are not independent."""
 RESTART_FALLBACKS = ("restart", "gap")
 """Values of `fallback` of rows in which a filter has restarted."""
 
@@ -126,7 +137,9 @@ class DetectionHistory(NamedTuple):
 class QualityFlags:
     """Finds quality flags of a run's rows, chunk by chunk, with the last detections of each target."""
 
-    def __init__(self, scene: Scene, *, online: bool, started: bool, distances: bool = False) -> None:
+    def __init__(
+        self, scene: Scene, *, online: bool, started: bool, distances: bool = False, occluders: bool = False
+    ) -> None:
         """Start without rows.
 
         Args:
@@ -135,6 +148,7 @@ class QualityFlags:
                 region.
             started: the settings say where the target was initially.
             distances: stations measure distances, too, so that one sensor alone may determine a position.
+            occluders: moving occluders are known, so that misses are no doubt.
         """
         self._distances = distances
         self._scene, self._online, self._started = scene, online, started
@@ -143,6 +157,7 @@ class QualityFlags:
         self._sensors: tuple[Camera | MicrophoneArray, ...] = (*scene.cameras, *scene.arrays)
         self._position = {s.name: (float(s.position[0]), float(s.position[1])) for s in self._sensors}
         self._seen: dict[int, DetectionHistory] = {}
+        self._misses = None if occluders or distances else PlainViewMisses(scene)
 
     def judged(self, tracks: Tracks, diagnostics: Diagnostics) -> tuple[Tracks, Diagnostics]:
         """Return the rows with their flags, and with covariances that hold where the distance is not known."""
@@ -160,9 +175,12 @@ class QualityFlags:
             edge = near_edge(xy, covariance, self._scene.region)
             edge[list(lone)] = False
         outside = self._outside(xy, covariance, by)
+        denied = np.zeros(len(by), dtype=np.bool_)
+        if self._misses is not None:
+            denied = self._misses.denied(xy, diagnostics, by)
         doubt = [
-            ",".join(name for name, has in zip((REGION_EDGE, SINGLE_SENSOR, OUT_OF_VIEW), row, strict=True) if has)
-            for row in zip(edge.tolist(), alone.tolist(), outside.tolist(), strict=True)
+            ",".join(name for name, has in zip(ROW_FLAGS, row, strict=True) if has)
+            for row in zip(edge.tolist(), alone.tolist(), outside.tolist(), denied.tolist(), strict=True)
         ]
         columns = {c.name: getattr(diagnostics, c.name) for c in Diagnostics.columns()}
         return tracks, Diagnostics(**(columns | {"quality_flags": np.array(doubt, dtype=np.str_)}))
@@ -224,6 +242,67 @@ class QualityFlags:
         return alone, lone
 
 
+class PlainViewMisses:
+    """Counts how often cameras with a plain view of a target did not detect it since any sensor did."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Start without rows.
+
+        Args:
+            scene: cameras, walls and occluders; what moves hides nothing here.
+        """
+        self._cameras = [c for c in scene.cameras if c.placed]
+        self._walls = {c.name: scene.blockers(c.ground) for c in self._cameras}
+        # Of each camera: views in which another one detected the target, and in how many of these it did, too
+        self._views: dict[str, tuple[int, int]] = {}
+        self._log_odds: dict[int, tuple[float, frozenset[str]]] = {}  # of each target's misses, by which cameras
+
+    def denied(self, xy: Floats, diagnostics: Diagnostics, by: list[tuple[str, ...]]) -> Bools:
+        """(N,) rows of targets that all cameras with a plain view missed for so long that it is no chance.
+
+        Args:
+            xy: (N, 2) estimates.
+            diagnostics: of the same rows.
+            by: names of the sensors that detected the target, of each row.
+        """
+        count = np.array([len(names) for names in by], dtype=np.int64)
+        in_view: dict[str, Bools] = {}
+        for c in self._cameras:
+            looked = np.array([c.name in text.split(",") for text in diagnostics.cameras.tolist()], dtype=np.bool_)
+            in_view[c.name] = looked & self._plain(xy, c)
+            saw = np.array([c.name in names for names in by], dtype=np.bool_)
+            other = in_view[c.name] & (count - saw > 0)
+            views, detected = self._views.get(c.name, (0, 0))
+            self._views[c.name] = views + int(other.sum()), detected + int(np.count_nonzero(other & saw))
+        out = np.zeros(len(by), dtype=np.bool_)
+        if count.all():
+            self._log_odds.clear()
+            return out
+        # One view more, half of which detects: without any, the probability of detection is a half
+        miss = {
+            name: math.log(1.0 - min((detected + 0.5) / (views + 1.0), MAX_DETECTION_PROBABILITY))
+            for name, (views, detected) in self._views.items()
+        }
+        for n, target in enumerate(diagnostics.target_id.tolist()):
+            if count[n]:
+                self._log_odds.pop(target, None)
+                continue
+            names = frozenset(name for name, plain in in_view.items() if plain[n])
+            if names:
+                odds, before = self._log_odds.get(target, (0.0, frozenset()))
+                odds, names = odds + math.fsum(miss[name] for name in names), names | before
+                self._log_odds[target] = odds, names
+                out[n] = odds < math.log(UNDETECTED_PROBABILITY) and len(names) >= MIN_UNDETECTED_CAMERAS
+        return out
+
+    def _plain(self, xy: Floats, camera: Camera) -> Bools:
+        """(N,) positions within the field of view and the range of a camera that nothing static hides."""
+        away = xy - camera.ground
+        off = np.abs(wrap_angle(np.arctan2(away[:, 1], away[:, 0]) - camera.yaw))
+        seen = (off <= 0.5 * camera.fov) & (np.hypot(away[:, 0], away[:, 1]) <= camera.range)
+        return np.asarray(seen & ~behind_walls(camera.ground, xy, self._walls[camera.name]))
+
+
 WINDOW_NS = NS
 """How far back bearings count [ns]."""
 MIN_REJECTED_SHARE = 2.0 / 3.0
@@ -251,14 +330,16 @@ class SensorDisagreement:
             for target in np.unique(diagnostics.target_id).tolist():
                 rows = diagnostics.target_id == target
                 against[rows] = _against(diagnostics.t_ns[rows], known.take(known.target_id == target))
-        if not against.any():
-            return diagnostics
-        doubt = [
-            ",".join(filter(None, (old, INCONSISTENT_SENSOR))) for old in diagnostics.quality_flags[against].tolist()
-        ]
-        every = diagnostics.quality_flags.astype(object)
-        every[against] = doubt
-        return replace(diagnostics, quality_flags=every.astype(np.str_))
+        return flagged(diagnostics, against, INCONSISTENT_SENSOR)
+
+
+def flagged(diagnostics: Diagnostics, rows: Bools, flag: str) -> Diagnostics:
+    """Diagnostics with one more flag in (N,) rows."""
+    if not rows.any():
+        return diagnostics
+    every = diagnostics.quality_flags.astype(object)
+    every[rows] = [",".join(filter(None, (old, flag))) for old in every[rows].tolist()]
+    return replace(diagnostics, quality_flags=every.astype(np.str_))
 
 
 def _against(t_ns: Ints, residuals: Residuals) -> Bools:

@@ -29,6 +29,7 @@ from .estimates import (
     OUT_OF_VIEW,
     REGION_EDGE,
     SINGLE_SENSOR,
+    UNDETECTED_IN_VIEW,
     EffectiveSampleSizes,
     PositionConsistency,
 )
@@ -78,6 +79,7 @@ QUALITY_FLAGS = {
     REGION_EDGE: "region-edge",
     SINGLE_SENSOR: "single-sensor",
     OUT_OF_VIEW: "out-of-view",
+    UNDETECTED_IN_VIEW: "undetected-in-view",
     INCONSISTENT_SENSOR: "inconsistent-sensor",
 }
 """Values of `quality_flags`, and the ids of their messages."""

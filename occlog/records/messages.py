@@ -112,6 +112,11 @@ VERDICT: dict[str, Message] = {
         _ROWS + "the target is where the sensors that report it cannot see",
         "check calibration, region and labels",
     ),
+    "undetected-in-view": Message(
+        W,
+        _ROWS + "no sensor detects the target, although cameras have a plain view of it",
+        "check labels and detector; it may be hidden",
+    ),
     "inconsistent-sensor": Message(
         W,
         _ROWS + "most measurements of one sensor in the last second are rejected",
@@ -181,6 +186,17 @@ VERDICT: dict[str, Message] = {
         W,
         "target {targets} moves {factor:.1f} times as irregularly as its settings state (allowed: {allowed:.0f} times)",
         "state more process noise",
+    ),
+    "labels-exchanged": Message(
+        W,
+        "labels of targets {targets} are exchanged from {begin_s:.4g} s to {until} {where} ({done})",
+        "check the labels; {option[keep_labels]} keeps them",
+    ),
+    "label-jump": Message(
+        W,
+        "the label of target {targets} jumps {distance:.3g} {unit} at {at_s:.4g} s, {count} jumps in all: {speed:.3g} "
+        "{unit}/s (allowed: {allowed:.3g})",
+        "check the labels and clocks",
     ),
     "outside-room": Message(
         W,
@@ -298,6 +314,17 @@ VERDICT: dict[str, Message] = {
         N,
         "errors of video regions persist from frame to frame: smoothed covariances are too small at close encounters",
         "use boxes of a detector",
+    ),
+    "common-position-error": Message(
+        N,
+        "all cameras share an error of position of {sigma:.2g} per axis that lasts {time_s:.2g} s; the covariances "
+        "contain it",
+        "check body height and calibrations",
+    ),
+    "static-clutter": Message(
+        N,
+        "camera {sensors}: {count} static objects are reported as people, and are not tracked",
+        "mask pictures, statues and screens",
     ),
     "frame-numbers-sparse": Message(
         W,

@@ -177,6 +177,13 @@ class TrackRequest(_InWorld):
         metavar="SECONDS|FILE",
     )
     labelled_only: bool = setting(False, "Ignore unlabelled candidates.", option="--labelled-only", shown="")
+    keep_labels: bool = setting(
+        False,
+        "Keep labels as given where two targets exchange theirs. [default: a target keeps the identity of its first "
+        "label, and exchanged labels are exchanged back; both are reported]",
+        option="--keep-labels",
+        shown="",
+    )
     use_recovered: bool = setting(
         False,
         "Treat detections recovered by `occlog fuse` as measurements. [default: as missed]",

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from occlog import console
 from occlog.consistency.bearings import AngleConventionCheck, ComparedBearings, SmallNoiseCheck
+from occlog.consistency.labels import label_checks
 from occlog.consistency.verdict import ConsistencyEvidence
 from occlog.errors import InputError, UsageError, option
 from occlog.io.formats.models.motion_models import model_losses, read_motion, read_path_loss
@@ -23,6 +24,7 @@ from occlog.scans.config import DistanceMeasurementConfig
 from occlog.scans.distance_measurements import DistanceMeasurementFeed, Radio, SignalErrors
 from occlog.scans.grouping import checked, choose_sensors, sensor_names
 from occlog.scans.inputs import MeasurementInputs
+from occlog.scans.label_continuity import LabelEvents
 from occlog.scans.sources import only_measured, round_robin
 from occlog.settings import METRES, Settings, configure
 from occlog.track.drivers.rows import NetworkTraffic
@@ -65,12 +67,14 @@ class TrackSummary:
         self.messages = NetworkTraffic()
         self.solves: list[Solve] = []
         self.asked: Counter[str] = Counter()
+        self.labels: LabelEvents | None = None
         self.cooperated = False
         self.requests = self.answered = self.frames = self.offered = 0
 
     def add(self, part: TrackChunk) -> None:
         """Count some more rows."""
         self.targets.update(part.tracks.target_id.tolist())
+        self.labels = part.labels or self.labels
         self.evidence.fared(part.diagnostics)
         if part.residuals is not None:
             self.evidence.saw(part.tracks, ComparedBearings(part.residuals, part.frames), self.scene)
@@ -117,7 +121,8 @@ class TrackSummary:
             return (finding(NUMBER, "no-tracks"),)
         found = self.evidence.checks(one_target=not self.joint, smoothed=self.smoothed)
         number = outcome(NUMBER, (), targets=len(self.targets))
-        return (*number, *self.sharp.checks(), *self.compass.checks(), *found)
+        labels = label_checks(self.labels, self.scene.length_unit)
+        return (*number, *self.sharp.checks(), *self.compass.checks(), *labels, *found)
 
     def _particles(self) -> dict[str, Any]:
         """Mean effective number of particles, of a method that has some."""
@@ -178,6 +183,7 @@ def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Lo
         window_ns=request.window_ns or 0,
         selection=selection,
         particles=request.particle_cloud is not None,
+        repair_labels=not request.keep_labels,
     )
     joint = isinstance(tracker(request.method), Joint)
     smoothed = isinstance(config, SmoothingConfig) and config.smoothed
@@ -191,6 +197,7 @@ def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Lo
         "unlabelled": not request.labelled_only,
         "window_ns": request.window_ns or 0,
         "in_turn_s": request.round_robin_s,
+        **({"keep_labels": True} if request.keep_labels else {}),
         "doa_labels": request.doa_labels,
         "selection": None if selection is None else asdict(selection),
         **asdict(config),

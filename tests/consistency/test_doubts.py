@@ -149,5 +149,6 @@ def test_a_smoothed_track_is_not_doubted_for_one_sensor_or_the_edge(scene):
 
 
 def test_every_doubt_has_its_words_and_no_rows_no_doubts():
-    assert set(QUALITY_FLAGS) == {"region_edge", "single_sensor", "out_of_view", "inconsistent_sensor"}
+    row = {"region_edge", "single_sensor", "out_of_view", "undetected_in_view"}
+    assert set(QUALITY_FLAGS) == {*row, "inconsistent_sensor"}
     assert doubts(OPEN, (Tracks.empty(), Diagnostics.empty())) == []

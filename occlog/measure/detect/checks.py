@@ -94,7 +94,7 @@ class Checked:
             *outcome(DETECTS, self._none(enough), unless=few),
             *outcome(INSIDE, self._wide(), unless=boxes),
             *outcome(STAYS, self._staying(enough), unless=few or boxes),
-            *(outcome(TARGETS, self._never_seen()) if self._rows else ()),
+            *self._never_seen(),
         )
 
     def _none(self, frames: Mapping[str, int]) -> Iterator[Check]:

@@ -196,9 +196,12 @@ class Diagnostics(ColumnTable):
         "why the estimate is not reliable, separated by commas; empty: no reason was found. `region_edge` (the target "
         "may be at the edge of the region that was guessed for a scene without a room), `single_sensor` (one sensor "
         "alone saw the target for long, which leaves its distance unknown), `out_of_view` (half or more of the "
-        "sensors that report the target have it outside of their field of view or range), `inconsistent_sensor` "
+        "sensors that report the target have it outside of their field of view or range), `undetected_in_view` "
+        "(cameras with a plain view of the estimate missed the target too often, since it was last detected, for "
+        "chance: with a probability of 1e-5), `inconsistent_sensor` "
         "(two thirds or more of what one sensor measured of the target in the last second, five bearings at least, are "
-        "rejected)",
+        "rejected), `exchanged_labels` (its labels and those of another target are exchanged here), `label_jump` (its "
+        "label continues at another position, faster than targets move)",
         optional=True,
     )
 

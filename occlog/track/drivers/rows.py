@@ -22,6 +22,7 @@ from occlog.array_types import Floats, Ints, Ints32
 from occlog.consistency.bearings import CandidateFrames
 from occlog.filtering.particles import systematic_ancestors
 from occlog.records.tables import Calibration, Cooperation, Diagnostics, Particles, Residuals, Tracks
+from occlog.scans.label_continuity import LabelEvents
 from occlog.track.interface import BearingResiduals, Estimate, HeightEstimate, NoiseScales, ParticleSet
 
 MAX_PARTICLES = 200
@@ -77,6 +78,7 @@ class TrackChunk(NamedTuple):
     residuals: Residuals | None = None  # None: nothing was compared
     frames: tuple[CandidateFrames, ...] = ()  # what candidates without a label were left
     particles: Particles | None = None  # None: not asked for
+    labels: LabelEvents | None = None  # exchanged and jumping labels up to here; None: labels were not followed
 
 
 ROWS_PER_CHUNK = 4096

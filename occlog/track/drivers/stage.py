@@ -7,19 +7,26 @@ from typing import cast
 
 from occlog.consistency.bearings import BearingBuffer
 from occlog.consistency.estimates import QualityFlags, SensorDisagreement
+from occlog.consistency.labels import flag_labels
 from occlog.errors import UsageError
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Hulls, Occluders, Residuals
 from occlog.scans.distance_measurements import DistanceMeasurementFeed
+from occlog.scans.kernels.label_continuity import WalkingSpeed
+from occlog.scans.label_continuity import LabelContinuity
 from occlog.track.catalogue import tracker
 from occlog.track.interface import AnyMethod, Batch, Config, Joint, JointMethod, Online
 from occlog.track.methods.imm.config import ImmConfig
+from occlog.track.methods.kalman.config import EkfConfig, WalkConfig
 
 from .batch import track_batch
 from .joint import track_joint, track_joint_objects
 from .online import track_online
 from .rows import TrackChunk
 from .tracking import TrackingTask
+
+LABEL_TIME_CONSTANT_RATIO = 0.7
+"""Time constant of the velocity with which labels are followed, over that of the Kalman filters."""
 
 
 def track(
@@ -32,7 +39,8 @@ def track(
     """Tracks of all targets, chunk by chunk, in the order of time; memory does not grow with their length.
 
     Each labelled target has a filter of its own, with its own random numbers, which starts
-    with the target's first row; what one target's track is does not depend on the others.
+    with the target's first row; what one target's track is does not depend on the others, unless
+    their labels are exchanged (`occlog.scans.label_continuity`).
     Unlabelled candidates go to every filter, but not for a sensor that has a labelled row
     for that target.  If no target was met before they start a track themselves, numbered by
     the first of `tracking.targets`, or 0.
@@ -56,12 +64,24 @@ def track(
     if measured is not None and tracking.selection is not None:
         raise UsageError("select: cameras are selected by what they see alone; leave select or the measurements out")
     started = not isinstance(method, Joint) and method.started(tracking.config)
-    doubts = QualityFlags(scene, online=not isinstance(method, Batch), started=started, distances=measured is not None)
+    doubts = QualityFlags(
+        scene,
+        online=not isinstance(method, Batch),
+        started=started,
+        distances=measured is not None,
+        occluders=occluders is not None,
+    )
     # A batch method judges its bearings itself
     witness = (
         None if isinstance(method, Batch) else BearingBuffer(scene, tracking.window_ns, unlabelled=tracking.unlabelled)
     )
     disagreement = SensorDisagreement()
+    labels = None
+    if not isinstance(method, Joint):
+        # Ranges carry the same labels, and cannot be exchanged here
+        repair = tracking.repair_labels and measured is None
+        labels = label_continuity(scene, tracking, repair=repair)
+        bearings = labels.watch(bearings)
     watched = bearings if witness is None else witness.watch(bearings)
     for part in _tracked(watched, scene, method, tracking, occluders, measured):
         tracks, diagnostics = doubts.judged(part.tracks, part.diagnostics)
@@ -76,7 +96,18 @@ def track(
                 # The method checked its measurements other than directions
                 own = Residuals.merge([compared.residuals, own])
             part = part._replace(residuals=own, frames=compared.frames)
+        if labels is not None:
+            part = part._replace(diagnostics=flag_labels(part.diagnostics, labels.events), labels=labels.events)
         yield part
+
+
+def label_continuity(scene: Scene, tracking: TrackingTask[Config], *, repair: bool) -> LabelContinuity:
+    """What follows labels, with the motion of the Kalman filters, or of the settings where they have it."""
+    own = tracking.config
+    walk = own if isinstance(own, WalkConfig) else EkfConfig.in_unit(scene.length_unit)
+    rate = 1.0 / (LABEL_TIME_CONSTANT_RATIO * walk.velocity_time_constant_s)
+    motion = WalkingSpeed(0.5 * walk.rms_speed**2, rate, walk.process_noise_position**2)
+    return LabelContinuity(scene, walk.rms_speed, motion, tracking.rows(scene).sensors, repair=repair)
 
 
 def _tracked(

@@ -31,6 +31,7 @@ class TrackingTask(Generic[Config]):
         window_ns: rows at most this far apart form one scan.
         selection: how to select cameras; only those selected are used.  None: no selection.
         particles: give out where the particles of the filters are, too.
+        repair_labels: labels that two targets exchange are exchanged back.
     """
 
     config: Config
@@ -42,6 +43,7 @@ class TrackingTask(Generic[Config]):
     window_ns: int = 0
     selection: SelectConfig | None = None
     particles: bool = False
+    repair_labels: bool = True
 
     def rows(self, scene: Scene) -> BearingRows:
         """Which rows of the bearings to use."""
