@@ -184,6 +184,13 @@ class TrackRequest(_InWorld):
         option="--keep-labels",
         shown="",
     )
+    keep_outliers: bool = setting(
+        False,
+        "Give methods ekf, ukf, iekf and fix also the labelled bearings that contradict the motion of their target. "
+        "[default: such bearings are left out, and reported where they are many]",
+        option="--keep-outliers",
+        shown="",
+    )
     use_recovered: bool = setting(
         False,
         "Treat detections recovered by `occlog fuse` as measurements. [default: as missed]",
