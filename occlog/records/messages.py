@@ -411,6 +411,11 @@ VERDICT: dict[str, Message] = {
         "no detection in {frames} frames of camera {sensors}",
         "check the images and the size of people, or choose another {option[method]}",
     ),
+    "target-never-detected": Message(
+        W,
+        "never detected in {rows} frames: target {targets}",
+        "check that its appearance is from video of this kind (colour or grey), and {option[min_similarity]}",
+    ),
     "background-used": Message(
         N,
         "camera {sensors}: the network finds people in {found} of {frames} frames, and regions of their size move in "

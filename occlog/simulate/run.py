@@ -228,7 +228,9 @@ def write_recording(
         RecordingWriter(output, setup.scene, made, overwrite=overwrite, together=together) as writer,
     ):
         if setup.render is not None:
-            appearances = reference_appearances(setup.scene, _targets(setup), setup.render, seed)
+            appearances = reference_appearances(
+                setup.scene, _targets(setup), setup.render, seed, colours=not setup.store.grey
+            )
             writer.attach(APPEARANCE, "application/json", json.dumps(appearances).encode())
         chunks = _recorded(writer, setup, seed, start, counts)
         if setup.render is None:
