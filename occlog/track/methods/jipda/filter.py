@@ -392,7 +392,7 @@ def associate(
     """Update people by the frames of one time step, with new people as an explanation that all cameras share.
 
     In each image a box is a person's, or clutter.  Boxes of several cameras that agree on a position far from a person
-    are that person's only if this is more probable than a missed person and a new one there.
+    are that person's only if this is more probable than a miss of the person in all cameras at once and an arrival.
 
     Args:
         mean: (N, 6) predicted bodies.
