@@ -187,7 +187,7 @@ def _scripted(scene: Scene, request: SceneRequest, script: MotionScript) -> Worl
 
 
 def _times(defaults: WorldConfig, rate_hz: float | None, seconds: float | None) -> dict[str, object]:
-    """Step and number of steps, where they are not the defaults."""
+    """Arguments for the time step and the number of steps that the request states."""
     step_s = defaults.step_s if rate_hz is None else 1.0 / rate_hz
     steps = {} if seconds is None else {"steps": round(seconds / step_s) + 1}
     return {"step_s": step_s, **steps}

@@ -151,7 +151,7 @@ class DetectConfig(Settings):
     )
     min_confidence: float = setting(
         0.3,
-        "Minimum confidence of the box of a detector; of the network of occlog 0.4 unless it is given. Lower values "
+        "Minimum confidence of a box of a detector (0.4 by default for the network of occlog). Lower values "
         "detect more people and raise the clutter rate.",
         at_least=0,
         at_most=1,
