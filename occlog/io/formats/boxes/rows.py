@@ -245,9 +245,7 @@ def _table(
 def times_of(camera: str, times: Mapping[str, FrameTimes]) -> FrameTimes:
     """Times of a camera's frames; UsageError where nothing gives them."""
     if camera not in times:
-        raise UsageError(
-            f"camera {camera}: nothing states when its frames were taken; give {option('fps')} or {option('timestamps')}"
-        )
+        raise UsageError(f"camera {camera}: its frames have no times; give {option('fps')} or {option('timestamps')}")
     return times[camera]
 
 
