@@ -184,11 +184,12 @@ class TrackRequest(_InWorld):
         option="--keep-labels",
         shown="",
     )
-    keep_outliers: bool = setting(
+    reject_outliers: bool = setting(
         False,
-        "Give methods ekf, ukf, iekf and fix also the labelled bearings that contradict the motion of their target. "
-        "[default: such bearings are left out, and reported where they are many]",
-        option="--keep-outliers",
+        "Give methods ekf, ukf, iekf and fix no labelled bearings that contradict the motion of their target while "
+        "others of the same time agree with it. Rows with such bearings are then not flagged. [default: they are used, "
+        "and reported where they are many]",
+        option="--reject-outliers",
         shown="",
     )
     use_recovered: bool = setting(

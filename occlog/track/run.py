@@ -187,7 +187,7 @@ def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Lo
         selection=selection,
         particles=request.particle_cloud is not None,
         repair_labels=not request.keep_labels,
-        reject_outliers=not request.keep_outliers,
+        reject_outliers=request.reject_outliers,
     )
     joint = isinstance(tracker(request.method), Joint)
     smoothed = isinstance(config, SmoothingConfig) and config.smoothed
@@ -202,7 +202,7 @@ def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Lo
         "window_ns": request.window_ns or 0,
         "in_turn_s": request.round_robin_s,
         **({"keep_labels": True} if request.keep_labels else {}),
-        **({"keep_outliers": True} if request.keep_outliers else {}),
+        **({"reject_outliers": True} if request.reject_outliers else {}),
         "doa_labels": request.doa_labels,
         "selection": None if selection is None else asdict(selection),
         **asdict(config),

@@ -45,7 +45,7 @@ class TrackingTask(Generic[Config]):
     selection: SelectConfig | None = None
     particles: bool = False
     repair_labels: bool = True
-    reject_outliers: bool = True
+    reject_outliers: bool = False
 
     def rows(self, scene: Scene) -> BearingRows:
         """Which rows of the bearings to use."""
