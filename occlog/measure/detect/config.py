@@ -59,7 +59,7 @@ class DetectConfig(Settings):
         "The person network of occlog (`network`), or background subtraction with regions by a mixture of "
         "person-shaped Gaussians (`background`), the same with outlines of people where several touch (`outlines`), or "
         "connected blobs (`components`). `auto`: the network; background subtraction in simulated recordings, for "
-        "targets of known appearance, with an option of it, and for a camera whose moving people the network misses.",
+        "targets of known appearance, with an option of it, and where people move that the network misses.",
         choices=(AUTO, NETWORK, BACKGROUND, OUTLINES, COMPONENTS),
         option="--method",
     )
