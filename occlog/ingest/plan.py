@@ -152,7 +152,7 @@ CALIBRATIONS = (
     "colmap",
     "arrays",
 )
-TRUTHS = ("auto", "csv", "mot", "xml", "caliscope", "locata", "wildtrack", "vatic", "kitti")
+TRUTHS = ("auto", "csv", "mot", "cvat", "xml", "caliscope", "locata", "wildtrack", "vatic", "kitti")
 DOAS = ("auto", "csv", "frida", "telemetr", "odas")
 
 

@@ -30,6 +30,7 @@ from occlog.records.columns import MAX_NS
 from occlog.records.declared.sensors import MAX_FRAMES
 from occlog.records.tables import Boxes
 
+from .annotations import is_cvat, open_cvat
 from .columns import (
     COLUMNS,
     SHARE_HEIGHT,
@@ -386,6 +387,7 @@ BoxFormat = FileFormat[Callable[[Path, BoxReadOptions], BoxSource]]
 FORMATS: dict[str, BoxFormat] = {
     "wildtrack": BoxFormat(open_annotations, "WILDTRACK: a folder with one JSON file a frame", is_annotations),
     "yolo": BoxFormat(open_folder, "YOLO: a folder with one text file a frame, one folder a camera", is_folder),
+    "cvat": BoxFormat(open_cvat, "XML of CVAT, for video or for images, one camera", is_cvat),
     "json": BoxFormat(open_json, "JSON: COCO, or records of supervision and Ultralytics", is_json),
     "vatic": BoxFormat(open_vatic, "VATIC text (CAMPUS), one camera", by_cells(is_vatic)),
     "kitti": BoxFormat(open_kitti, "KITTI's text of tracked boxes, one camera", by_cells(is_kitti)),
