@@ -20,7 +20,7 @@ from occlog.console.summary import plausible_in_words
 from occlog.console.text import counted
 from occlog.errors import InputError
 from occlog.io.files.utc import time_words, utc
-from occlog.io.recognition import is_foreign_bag, is_one_bag
+from occlog.io.recognition import FileContent, contents_of, is_foreign_bag, is_one_bag
 from occlog.records.losses import Loss
 
 if TYPE_CHECKING:
@@ -57,12 +57,20 @@ def describe_folder(folder: Path, describe: Callable[[Path], Described]) -> Desc
     for path in entries[:MAX_ENTRIES]:
         try:
             if path.is_dir() and not is_one_bag(path):
-                others["folder"] += 1
+                if not (kinds := _kinds(path)):
+                    others["folder"] += 1
+                    continue
+                files.append({"file": path.name, "kind": kinds[0].kind.value, "format": kinds[0].words})
+                lines.append(f"{path.name:<{width}}  {kinds[0].words}")
                 continue
             values, said = describe(path)
         except InputError as error:
             if path.suffix.lower() not in (".mcap", ".parquet", ".db3"):
-                others[path.suffix.lower() or "without an ending"] += 1
+                if not (kinds := _kinds(path)):
+                    others[path.suffix.lower() or "without an ending"] += 1
+                    continue
+                files.append({"file": path.name, "kind": kinds[0].kind.value, "format": kinds[0].words})
+                lines.append(f"{path.name:<{width}}  {kinds[0].words}")
                 continue
             values, said = {"kind": "unreadable", "error": str(error)}, [f"cannot be read: {error}"]
         files.append({"file": path.name, **values})
@@ -78,6 +86,14 @@ def describe_folder(folder: Path, describe: Callable[[Path], Described]) -> Desc
         "complete": len(entries) <= MAX_ENTRIES,
     }
     return values, [head, *lines, *([f"others: {', '.join(more)}"] if more else [])]
+
+
+def _kinds(path: Path) -> list[FileContent]:
+    """Kinds that a file may be, for readers of `occlog ingest`; none for a damaged one."""
+    try:
+        return contents_of(path)
+    except InputError:
+        return []
 
 
 SHOWN_VERSIONS = ("python", "numpy", "scipy", "numba", "opencv-python-headless", "pyarrow")

@@ -137,9 +137,7 @@ def place_cameras(found: BagSurvey, plan: IngestPlan, others: Collection[str], n
 
 def _camera(name: str, found: BagSurvey, rotation: Floats, centre: Floats) -> Camera:
     """The camera of a pose; `rotation` is world-from-camera."""
-    model = intrinsics(
-        found.infos[name], rectified=_is_rectified(found, name), where=f"topic {found.map.infos[name]}"
-    )
+    model = intrinsics(found.infos[name], rectified=_is_rectified(found, name), where=f"topic {found.map.infos[name]}")
     assert model is not None
     return build_camera(
         Pose(

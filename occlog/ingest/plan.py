@@ -243,6 +243,13 @@ class IngestPlan(Settings):
         option="--first-number",
         nothing="lowest image; 0 in tables",
     )
+    truth_first_number: int | None = setting(
+        None,
+        "Number of frame 0 in tables of the ground truth, where it is another than in those of boxes.",
+        at_least=0,
+        option="--truth-first-number",
+        nothing="as in tables of boxes",
+    )
     store: str | None = setting(
         None,
         "Storage of frames; link: only their times, with a link to the video.",

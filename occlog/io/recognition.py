@@ -8,16 +8,18 @@ from __future__ import annotations
 
 import configparser
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from enum import Enum
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from occlog.errors import InputError, UsageError
 from occlog.io.files.limits import RECORDING_MAGIC, SQLITE_MAGIC, ZSTD_MAGIC, guarded, is_odas
 from occlog.io.files.texts.csv_rows import is_header
 from occlog.io.files.texts.formats import FileFormat, Probe, recognise
 from occlog.io.files.times import TIME_COLUMNS
+
+Formats = Mapping[str, FileFormat[Any]]
 
 
 class FileKind(Enum):
@@ -124,7 +126,7 @@ def _of_file(path: Path) -> Iterator[FileContent]:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
     if head.startswith((RECORDING_MAGIC, SQLITE_MAGIC, ZSTD_MAGIC)):
         bag = is_foreign_bag(path)
-        yield FileContent(FileKind.BAG if bag else FileKind.RECORDING, f"{'bag of another program' if bag else 'recording'}")
+        yield FileContent(*((FileKind.BAG, "bag of another program") if bag else (FileKind.RECORDING, "recording")))
     elif head[8:12] == b"WAVE":
         yield FileContent(FileKind.SOUND, "sound (WAV)")
     elif _is_video(path):
@@ -201,9 +203,7 @@ def _of_formats(path: Path, head: bytes) -> Iterator[FileContent]:
     yield from _of_header(path, probe, set(cells), DIRECTIONS)
 
 
-def _of_header(
-    path: Path, probe: Probe, cells: set[str], directions: Mapping[str, FileFormat[Callable[..., object]]]
-) -> Iterator[FileContent]:
+def _of_header(path: Path, probe: Probe, cells: set[str], directions: Formats) -> Iterator[FileContent]:
     """Kinds of a text table with a header line."""
     from occlog.io.formats.boxes.columns import BOX, COLUMNS
     from occlog.io.formats.scenes.stations import holds_stations
@@ -240,8 +240,8 @@ def _times() -> set[str]:
 def _without_header(
     probe: Probe,
     cells: list[str],
-    truths: Mapping[str, FileFormat[Callable[..., object]]],
-    directions: Mapping[str, FileFormat[Callable[..., object]]],
+    truths: Formats,
+    directions: Formats,
 ) -> Iterator[FileContent]:
     """Kinds of a text without a header line."""
     name = next((each for each in ("vatic", "kitti", "mot") if _is(truths, each, probe)), None)
@@ -301,7 +301,7 @@ def _cells(probe: Probe) -> list[str]:
         return []
 
 
-def _first(formats: Mapping[str, FileFormat[Callable[..., object]]], probe: Probe) -> str | None:
+def _first(formats: Formats, probe: Probe) -> str | None:
     """The format that a file shows; None for one that cannot even be read as a text."""
     try:
         with guarded(probe.path, "an input"):
@@ -311,7 +311,7 @@ def _first(formats: Mapping[str, FileFormat[Callable[..., object]]], probe: Prob
         return None
 
 
-def _is(formats: Mapping[str, FileFormat[Callable[..., object]]], name: str, probe: Probe) -> bool:
+def _is(formats: Formats, name: str, probe: Probe) -> bool:
     return _first({name: formats[name]}, probe) == name
 
 

@@ -52,7 +52,7 @@ from occlog.io.files.texts.formats import (
     read_format,
     recognise,
 )
-from occlog.io.files.times import time_column
+from occlog.io.files.times import TIME_COLUMNS, time_column
 from occlog.records.tables import Truth, TruthBoxes
 
 from .boxes.annotations import is_cvat
@@ -273,6 +273,23 @@ POSITIONS = TextFormat(
     },
     times=True,
 )
+
+
+def frames_of_positions(path: Path) -> tuple[int, int] | None:
+    """First and last frame number of a table of positions that counts frames and has no times; None for another."""
+    try:
+        head = {cell.lower() for cell in first_line(path, WHAT)}
+        times = {name for names in TIME_COLUMNS.values() for name in names}
+        if (
+            head & times
+            or not head & set(POSITIONS.columns["frame"].names)
+            or not head & set(POSITIONS.columns["x"].names)
+        ):
+            return None
+        spans = [part["frame"] for part in read_format(path, POSITIONS, ignore_extra=True) if len(part)]
+    except InputError:
+        return None
+    return (min(int(s.min()) for s in spans), max(int(s.max()) for s in spans)) if spans else None
 
 
 @dataclass(frozen=True, eq=False)

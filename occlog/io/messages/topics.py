@@ -86,7 +86,9 @@ def map_topics(topics: Mapping[str, BagTopic], asked: Sequence[tuple[str, str]],
         match = _info_of(topic, found[TopicKind.INFO])
         if camera not in infos and match is not None:
             infos[camera] = match
-    boxes = named[TopicKind.BOX] or ({} if images else _boxes_alone(found[TopicKind.BOX], topics, found[TopicKind.INFO]))
+    boxes = named[TopicKind.BOX] or (
+        {} if images else _boxes_alone(found[TopicKind.BOX], topics, found[TopicKind.INFO])
+    )
     for camera, topic in boxes.items():
         match = _info_above(topic, found[TopicKind.INFO], len(boxes))
         if camera not in infos and match is not None:

@@ -19,7 +19,7 @@ from occlog.measure.detect.request import METHODS as DETECTIONS
 from occlog.records.tables import Bearings, Boxes, Doa, Measurements, Particles, Reads, Truth, TruthBoxes
 from occlog.request import Form, Request, Verb, Verbs, load
 from occlog.simulate.request import KINDS
-from occlog.track.catalogue import BOXES, METHODS, VERB, VIEW
+from occlog.track.catalogue import BOXES, METHODS, READS, VERB, VIEW
 from occlog.track.catalogue import form_of as form_of_method
 
 from .stage import RunStage
@@ -141,7 +141,8 @@ def plan(config: Config, folder: Path) -> Iterator[RunStage]:
     else:
         recording = config.path.resolve().parent / str(config.values["recording"])
     scene = {"scene": config.values.get("scene", str(recording))}
-    if not _has_views(config, recording):
+    of_tags = method in METHODS and METHODS[method].takes_in == READS
+    if of_tags or not _has_views(config, recording):
         yield from _without_views(config, folder, recording, out, scene)
         return
     detected = {"output": out["bearings"], "views": out["views"]}
@@ -188,7 +189,8 @@ def _of_table(config: Config, folder: Path, out: dict[str, Path]) -> Iterator[Ru
             raise InputError(f"{config.at('table')}: a table holds no scene; give a key `scene` with the sensors")
     else:
         measured = folder / "doa.parquet"
-        yield _stage(config, "listen", {"output": measured}, (), {"scene": config.values.get("scene")})
+        given = {"scene": config.values["scene"]} if "scene" in config.values else None
+        yield _stage(config, "listen", {"output": measured}, (), given)
     scene = {"scene": config.values["scene"]} if "scene" in config.values else {}
     if not scene:
         if "truth_azimuths" in config.stage("evaluate"):
@@ -211,7 +213,7 @@ def _without_views(
         out: the outputs by name.
         scene: key `scene`.
     """
-    if "detect" in config.values and config.values["detect"]:
+    if config.values.get("detect"):
         raise InputError(f"{config.at('detect')}: there are no images and no boxes to detect in; remove this key")
     method = str(config.stage("track").get("method", VERB.default))
     known = [entry.key for entry in form_of_method(method).entries()]

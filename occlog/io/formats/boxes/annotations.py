@@ -22,7 +22,7 @@ from occlog.io.files.texts.documents import parse_xml
 from occlog.io.files.texts.formats import Probe
 from occlog.records.declared.sensors import MAX_FRAMES
 
-from .columns import BoxReadOptions, BoxSource, rows_of
+from .columns import BoxReadOptions, BoxSource, rows_of, stated_sizes
 
 MAX_BYTES = 2**28
 ROWS_PER_CHUNK = 16_384
@@ -53,7 +53,15 @@ def open_cvat(path: Path, wanted: BoxReadOptions) -> BoxSource:
     if not records and listed is None:
         raise InputError(f"{path}: has no <track> and no <image>; {WHAT} were expected (CVAT for video, or for images)")
     records.sort(key=lambda record: int(record[1]["frame"]))
-    return BoxSource(_chunks(path, records), "CVAT", listed, first_number=0)
+    return BoxSource(_chunks(path, records), "CVAT", listed, first_number=0, sizes=stated_sizes(_sizes(root)))
+
+
+def _sizes(root: Element) -> Iterator[tuple[str, object, object]]:
+    """Sizes of the images, which the task or each image states."""
+    for image in root.iter("image"):
+        yield "", image.get("width"), image.get("height")
+    for size in root.iter("original_size"):
+        yield "", size.findtext("width"), size.findtext("height")
 
 
 def _chunks(path: Path, records: list[Record]) -> Iterator[CsvRows]:

@@ -178,6 +178,7 @@ class BoxSurvey:
         left_out: the same of boxes of other classes.
         shares: cameras with boxes in shares of the image.
         of_files: cameras of each file; a camera is in one.
+        sizes: width and height of the images [px] by camera, where files state it.
     """
 
     cameras: tuple[str, ...]
@@ -193,6 +194,7 @@ class BoxSurvey:
     left_out: Counter[tuple[str, ...]] = field(default_factory=Counter)
     shares: frozenset[str] = frozenset()
     of_files: tuple[tuple[str, ...], ...] = ()
+    sizes: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
 
 def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOptions) -> BoxSurvey:
@@ -235,7 +237,17 @@ def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOpt
         left_out=found.left_out,
         shares=frozenset(found.shares),
         of_files=tuple(found.of_files),
+        sizes=found.sizes,
     )
+
+
+def classes_in(file: BoxFile) -> Counter[tuple[str, ...]]:
+    """Classes of the boxes of a file, and how many boxes each has; one without a name: not stated."""
+    source = _open(file, (), BoxOptions(ignore_extra=True))
+    found: Counter[tuple[str, ...]] = Counter()
+    for chunk in source.chunks:
+        found.update(class_labels(chunk))
+    return found
 
 
 @dataclass
@@ -257,6 +269,7 @@ class _BoxScan:
     listed: set[int] | None = field(default_factory=set)
     of_files: list[tuple[str, ...]] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
+    sizes: dict[str, tuple[int, int]] = field(default_factory=dict)
 
     @property
     def step(self) -> int:
@@ -282,6 +295,10 @@ def _survey_file(file: BoxFile, known: Sequence[str], options: BoxOptions, found
         found.span(source.listed - how.first_number)
         if found.listed is not None:
             found.listed |= set((source.listed - how.first_number).tolist())
+    if file.camera is not None:
+        found.sizes |= dict.fromkeys([file.camera][: len(source.sizes)], next(iter(source.sizes.values()), (0, 0)))
+    else:
+        found.sizes |= {_matched([c], known, file, options, {})[0]: size for c, size in source.sizes.items()}
     last = -1
     own = dict.fromkeys(named)
     for chunk, boxes in _read(file, source, found.cameras, known, how, found.left_out):
