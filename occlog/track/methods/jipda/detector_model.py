@@ -449,7 +449,8 @@ def persistent_clutter_density(
     for frame, c in enumerate(boxes.camera.tolist()):
         here = slice(boxes.first[frame], boxes.first[frame + 1])
         old, now = before[c].box, boxes.box[here]
-        if not len(old) or not len(now):
+        above = len(boxes.covariance) and np.isfinite(boxes.covariance[here, 0]).any()
+        if not len(old) or not len(now) or above:
             continue
         # Density of the new box about the old one, against that of a box anywhere in the image
         width, height = (old[:, 2:] - old[:, :2]).T
@@ -490,10 +491,15 @@ def update_statistics(
     boxes: PackedDetections,
     rates: DetectorModel,
     result: JipdaResult,
+    before: Floats | None = None,
 ) -> DetectorStatistics:
-    """Update the sums with the boxes of one time step; clutter is counted elsewhere, after track initiation."""
+    """Update the sums with the boxes of one time step; clutter is counted elsewhere, after track initiation.
+
+    Where positions are all there is, a missed detection lowers the existence of the person: who surely exists is then
+    judged by the existence `before` the time step (N,), or no miss would ever be counted.  None: by that after it.
+    """
     detected, curve, merges = counts.detected.copy(), counts.curve.copy(), counts.merges.copy()
-    sure = people.existence > MIN_EXISTENCE_TO_LEARN
+    sure = (people.existence if before is None else before) > MIN_EXISTENCE_TO_LEARN
     last = len(curve) - 1
     blind = blind_frames(boxes, people.existence, result.detection)
     for frame, c in enumerate(boxes.camera.tolist()):

@@ -196,9 +196,23 @@ def _without_gait_variance(information: Floats, vector: Floats, gait_variance: f
 
 def with_gait_variance(people: TargetSet, gait_variance: float) -> Floats:
     """(N, 6, 6) covariances of the states that bodies show at a time step."""
-    out = people.covariance.copy()
-    out[:, [X, Y], [X, Y]] += gait_variance
+    return with_position_variance(people.covariance, gait_variance)
+
+
+def with_position_variance(covariance: Floats, variance: float) -> Floats:
+    """(N, 6, 6) covariances with a variance added to each axis of the position."""
+    out = covariance.copy()
+    out[:, [X, Y], [X, Y]] += variance
     return out
+
+
+def with_common_error(people: TargetSet, growth: float) -> TargetSet:
+    """The people after a random step of their positions that has the variance `growth` on each axis."""
+    if growth <= 0.0:
+        return people
+    covariances = people.covariances.copy()
+    covariances[..., [X, Y], [X, Y]] += growth
+    return replace(people, covariances=covariances, covariance=with_position_variance(people.covariance, growth))
 
 
 def apply_exclusion_prior(people: TargetSet, s: float) -> TargetSet:

@@ -32,6 +32,8 @@ from ..detector_model import blind_frames, detector_model, manoeuvre_rate, postu
 from ..filter import JipdaState, associations_of, pack_detections
 from ..interface import HEIGHT, NO_ID, BoxAssociations, Event, FrameDetections, TrackSnapshot
 from ..kernels.detections import DetectorModel, PackedDetections
+from ..position_errors import common_error_variance
+from ..target_set import with_position_variance
 from .appearance import log_ratio_joined
 from .association import MIN_ASSOCIATION_PROBABILITY, AssociatedBoxes, PredictedPeople, assign_boxes, associate
 from .mcmc_association import LOG_RATIO_OTHER_TRACKLET, LOG_RATIO_SAME_TRACKLET, NO_NODE
@@ -121,7 +123,9 @@ def smooth(
         tracks = tracks_from(found, span, state.config, state.birth_map, own, free=False, law=law)
     walk = _states(tracks, span, track_extension(span))
     wide = widening(state.views, rates, packed, found, walk, span)
-    return _smoothed_snapshots(tracks, span, packed, frames, snapshots, seen, own, square, walk, wide)
+    smoothed = _smoothed_snapshots(tracks, span, packed, frames, snapshots, seen, own, square, walk, wide)
+    common = common_error_variance(state.positions)
+    return [each._replace(covariance=with_position_variance(each.covariance, common)) for each in smoothed]
 
 
 def _scored(state: JipdaState, group: Sequence[FrameDetections], t_ns: int) -> PackedDetections:
