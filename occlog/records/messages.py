@@ -315,6 +315,17 @@ VERDICT: dict[str, Message] = {
         "errors of video regions persist from frame to frame: smoothed covariances are too small at close encounters",
         "use boxes of a detector",
     ),
+    "common-position-error": Message(
+        N,
+        "all cameras share an error of position of {sigma:.2g} per axis that lasts {time_s:.2g} s; the covariances "
+        "contain it",
+        "check body height and calibrations",
+    ),
+    "static-clutter": Message(
+        N,
+        "camera {sensors}: {count} static objects are reported as people, and are not tracked",
+        "mask pictures, statues and screens",
+    ),
     "frame-numbers-sparse": Message(
         W,
         "camera {sensors}: {count} of {frames} frames follow the number before (expected: {allowed:.0%} and more)",

@@ -20,6 +20,7 @@ from .rows import MIN_MAP_PROBABILITY, detection_probability_by_camera
 
 EXPLAINED, AGREES, LEANS = "associated boxes", "detection rates of the cameras", "camera bias"
 TIMES, BOXES = "camera clocks", "camera boxes"
+COMMON, STATIC = "common position error", "static clutter"
 """Names of checks."""
 MIN_VISIBILITY = 0.8
 """A person so probably visible should be detected."""
@@ -36,6 +37,8 @@ MAX_DUPLICATE_SHARE = 0.2
 MAX_LATERAL_BIAS_HEIGHTS, MIN_BIAS_SIGNIFICANCE = 0.05, 3.3
 """Lateral bias of a camera's boxes, in heights of people, and its significance in standard errors, from which its
 pose is reported as wrong; by chance once in a thousand."""
+MAX_COMMON_SIGMA_HEIGHTS = 0.04
+"""Standard deviation of the common error of position, in heights of people, from which it is stated."""
 MAX_OUTSIDE_SHARE = 0.01
 """Share of boxes outside the image above which a warning is given."""
 MAX_UNASSOCIATED_SHARE = 0.5
@@ -45,8 +48,9 @@ MAX_UNASSOCIATED_SHARE = 0.5
 class CameraAgreement:
     """Counts, over a stream of time steps, the people that each camera sees of those that another camera sees."""
 
-    def __init__(self, views: Sequence[Camera | PositionSource]) -> None:
-        """Start all counts at 0."""
+    def __init__(self, views: Sequence[Camera | PositionSource], person_height: float = 1.7) -> None:
+        """Start all counts at 0; `person_height` in the scene's unit."""
+        self.person_height = person_height
         self.names = [c.name for c in views]
         cameras = [c for c in views if not isinstance(c, PositionSource)]
         self.heights = [float(c.position[2]) for c in cameras]
@@ -57,9 +61,14 @@ class CameraAgreement:
         self.expected = np.zeros(n)
         self.met = np.zeros(n)
         self.used = np.zeros(n)
+        self.static = np.zeros(n, dtype=np.int64)
+        self.common_sigma, self.common_time_s = float("nan"), float("nan")
 
     def add(self, snapshot: TrackSnapshot, frames: Sequence[FrameDetectionsWithIds]) -> None:
         """Count a time step."""
+        if snapshot.detectors is not None:
+            self.common_sigma, self.common_time_s = snapshot.detectors.common_sigma, snapshot.detectors.common_time_s
+            self.static = np.maximum(self.static, snapshot.detectors.static_clutter)
         # A box of two people who touch stands in the rows of both: each takes half of it
         support = snapshot.support
         np.add.at(self.used, support.camera, support.probability - 0.5 * support.joint)
@@ -109,8 +118,21 @@ class CameraAgreement:
                 self._disjoint_clocks(tally.first_ns, tally.last_ns),
                 unless="" if np.count_nonzero(tally.first_ns >= 0) > 1 else "there is one camera",
             ),
+            *outcome(COMMON, self._common(), unless="" if np.isfinite(self.common_sigma) else "it is not estimated"),
+            *outcome(STATIC, self._static()),
             *outcome(BOXES, self._boxes(tally), unless="" if whole.any() else "there are no boxes"),
         )
+
+    def _common(self) -> Iterator[Check]:
+        """State the error of position that all cameras share, if it is large."""
+        if self.common_sigma > MAX_COMMON_SIGMA_HEIGHTS * self.person_height:
+            yield finding(COMMON, "common-position-error", sigma=self.common_sigma, time_s=self.common_time_s)
+
+    def _static(self) -> Iterator[Check]:
+        """State the cameras with sources of static clutter."""
+        for name, count in zip(self.names, self.static.tolist(), strict=True):
+            if count:
+                yield finding(STATIC, "static-clutter", sensors=[name], count=count)
 
     def _boxes(self, tally: BoxStatistics) -> Iterator[Check]:
         """Cameras without boxes, with boxes twice, or outside the image."""

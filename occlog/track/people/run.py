@@ -77,7 +77,9 @@ class PeopleSummary:
         without a box of any camera.  expected_switches: the sum of the probabilities of the possible identity
         switches.  boxes: of each camera, those in use, associated and unassociated; expected numbers, where a box of
         two people who touch is one box.  detection_rates: of each camera, the share of the people seen by another
-        camera, and plainly visible to this one, that it detects.  position_sigma: of each source of positions.
+        camera, and plainly visible to this one, that it detects.  common_position_error: standard deviation per axis
+        and correlation time of the error that all cameras share.  static_clutter: number of static objects that a
+        camera reports as people.  position_sigma: of each source of positions.
         """
         tally, used = self.inputs.tally, self.agreement.used
         boxes = {
@@ -111,7 +113,18 @@ class PeopleSummary:
             "frames": dict(zip(self.inputs.names, self.inputs.tally.frames.tolist(), strict=True)),
             "boxes": boxes,
             **({"detection_rates": sees} if sees else {}),
+            **self._detectors(),
             **({"position_sigma": self._position_sigmas()} if self.positions and self.inputs.sources else {}),
+        }
+
+    def _detectors(self) -> dict[str, object]:
+        """Error of position that all cameras share, and numbers of static objects."""
+        found = self.agreement
+        static = {name: n for name, n in zip(self.inputs.names, found.static.tolist(), strict=True) if n}
+        common = {"sigma": round(found.common_sigma, 4), "correlation_time_s": round(found.common_time_s, 2)}
+        return {
+            **({"common_position_error": common} if np.isfinite(found.common_sigma) else {}),
+            **({"static_clutter": static} if static else {}),
         }
 
     def _position_sigmas(self) -> dict[str, float]:
@@ -244,7 +257,8 @@ def run_track_people(request: TrackPeopleRequest, job: Job) -> tuple[dict[str, o
     names = None if request.gallery is None else GalleryReidentification(request.gallery, inputs)
     follower: PeopleTracker[object, object] = load(METHODS[request.method].method)
     steps = job.progress(inputs.time_steps, "track")
-    tabulator = Tabulator(inputs.views, in_images=request.view_tracks is not None)
+    in_images = request.view_tracks is not None
+    tabulator = Tabulator(inputs.views, in_images=in_images, person_height=inputs.config.person_height)
     summary = PeopleSummary(inputs, tabulator.agreement)
     seen = track_people(
         steps, inputs.scene, inputs.views, inputs.config, follower, request.seed, inputs.heard(), summary.learned

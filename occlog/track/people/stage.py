@@ -176,12 +176,20 @@ def _reported(
 class Tabulator:
     """Makes tables of time steps, and counts the people that each camera sees."""
 
-    def __init__(self, cameras: Sequence[Camera | PositionSource], *, in_images: bool) -> None:
-        """Create empty counts; `in_images`: project all tracks into every image."""
+    def __init__(
+        self, cameras: Sequence[Camera | PositionSource], *, in_images: bool, person_height: float = 1.7
+    ) -> None:
+        """Create empty counts.
+
+        Args:
+            cameras: of the frames, then sources of positions.
+            in_images: project all tracks into every image.
+            person_height: mean height of people, in the scene's unit.
+        """
         self._names = [c.name for c in cameras]
         self._cameras = sum(not isinstance(c, PositionSource) for c in cameras)
         self._views = TracksInViews([c for c in cameras if not isinstance(c, PositionSource)]) if in_images else None
-        self.agreement = CameraAgreement(cameras)
+        self.agreement = CameraAgreement(cameras, person_height)
 
     def tables(self, seen: Sequence[SnapshotWithDetections]) -> SnapshotTables:
         """The rows of some time steps."""

@@ -72,7 +72,8 @@ def random_scene(seed: int, people: int = 5, cameras: int = 3) -> Scene:
     rates = DetectorModel(
         detection=np.array([d.detection for d in detectors]), curve=curve, cut=cut, wrong=wrong,
         bias=np.array([d.bias for d in detectors]), noise=noise, gait_variance=sway,
-        lasting=np.array([d.lasting for d in detectors]), merge=np.array([d.merge for d in detectors]), slow=slow,
+        lasting=np.array([d.lasting for d in detectors]), merge=np.array([d.merge for d in detectors]),
+        common_miss=0.0, slow=slow,
     )  # fmt: skip
     where = rng.uniform([1.5, 1.5], [5.5, 4.5], (people, 2))
     where[1] = where[0] + rng.normal(0.0, 0.4, 2)

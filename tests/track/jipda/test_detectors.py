@@ -58,7 +58,8 @@ def seen(visible: float, found: int) -> JipdaResult:
     share = np.eye(N)[:, :found]
     return JipdaResult(
         mean=zero, covariance=np.zeros((N, 6, 6)), information=np.zeros((N, 6, 6)), vector=zero,
-        existence=np.full(N, 0.99), visible=np.full((1, N), visible), detection=np.full((1, N), 0.8), beta=share,
+        existence=np.full(N, 0.99), missed=np.zeros(N), visible=np.full((1, N), visible),
+        detection=np.full((1, N), 0.8), beta=share,
         joint=np.zeros_like(share), free=1.0 - share.sum(axis=0), owner=np.arange(found), cuts=np.array([1.0, 1.0]),
         odd=np.zeros(found), wrong=np.array([0.0, found]), merges=np.zeros((1, 2)),
     )  # fmt: skip
@@ -71,6 +72,7 @@ def after(looks: int, visible: float, found: int) -> DetectorStatistics:
         counts = update_statistics(
             counts,
             everybody(),
+            everybody().existence,
             dt=0.5,
             config=JipdaConfig(),
             boxes=look_at(found),
@@ -135,11 +137,15 @@ def test_a_box_of_nobody_is_expected_where_it_was() -> None:
     old = np.array([[100.0, 50.0, 130.0, 120.0]])
     boxes = look_at(2)._replace(box=np.concatenate([old + 1.0, old + 60.0]))
     again, noise, size = np.array([0.5]), rates(prior_statistics(1, JipdaConfig())).noise, np.array([[480.0, 360.0]])
-    there, elsewhere = persistent_clutter_density(boxes, [Clutter(old, np.array([0.8]))], again, noise, size)
+    there, elsewhere = persistent_clutter_density(
+        boxes, [Clutter(old, np.array([0.8]), np.zeros(1), np.zeros(1))], again, noise, size
+    )
     # Against one box anywhere in the image, of any size
     assert there > 1e3
     assert elsewhere < 1e-3
-    half = persistent_clutter_density(boxes, [Clutter(old, np.array([0.4]))], again, noise, size)
+    half = persistent_clutter_density(
+        boxes, [Clutter(old, np.array([0.4]), np.zeros(1), np.zeros(1))], again, noise, size
+    )
     assert half[0] == pytest.approx(0.5 * there)
     np.testing.assert_array_equal(persistent_clutter_density(boxes, [no_clutter()], again, noise, size), [0.0, 0.0])
 

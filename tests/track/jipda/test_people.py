@@ -36,6 +36,10 @@ def covariance(n: int) -> Floats:
     return 0.01 * half @ half.swapaxes(1, 2)
 
 
+NO_ERROR = (0.0, 1.0)
+"""Variance and correlation time of no common error."""
+
+
 def some(n: int = 3):
     """People at random places."""
     mean = RNG.normal(size=(n, 6))
@@ -45,7 +49,7 @@ def some(n: int = 3):
 
 def test_people_who_walk_on_are_predicted_as_by_a_kalman_filter() -> None:
     config, people, dt = JipdaConfig(), some(), 0.4
-    after = predict(people, 0, dt=dt, leaving=np.zeros(3), turning=1e-12, bending=1e-12, config=config)
+    after = predict(people, 0, dt=dt, leaving=np.zeros(3), turning=1e-12, bending=1e-12, common=NO_ERROR, config=config)
     F, Q, q = np.eye(6), np.zeros((6, 6)), config.process_noise_density
     F[0, 2] = F[1, 3] = dt
     for a in (0, 1):
@@ -57,14 +61,18 @@ def test_people_who_walk_on_are_predicted_as_by_a_kalman_filter() -> None:
 
 def test_many_short_steps_are_one_long_one() -> None:
     config, people = JipdaConfig(), some()
-    once = predict(people, 0, dt=0.5, leaving=np.zeros(3), turning=1e-12, bending=1e-12, config=config)
+    once = predict(people, 0, dt=0.5, leaving=np.zeros(3), turning=1e-12, bending=1e-12, common=NO_ERROR, config=config)
     for _ in range(50):
-        people = predict(people, 0, dt=0.01, leaving=np.zeros(3), turning=1e-12, bending=1e-12, config=config)
+        people = predict(
+            people, 0, dt=0.01, leaving=np.zeros(3), turning=1e-12, bending=1e-12, common=NO_ERROR, config=config
+        )
     np.testing.assert_allclose(people.covariance, once.covariance, rtol=1e-6, atol=1e-9)
 
 
 def test_existence_falls_with_the_rate_of_leaving() -> None:
-    after = predict(some(1), 0, dt=3.0, leaving=np.array([0.1]), turning=0.05, bending=1e-3, config=JipdaConfig())
+    after = predict(
+        some(1), 0, dt=3.0, leaving=np.array([0.1]), turning=0.05, bending=1e-3, common=NO_ERROR, config=JipdaConfig()
+    )
     assert after.existence[0] == pytest.approx(0.9 * np.exp(-0.3))
 
 
@@ -72,7 +80,14 @@ def test_people_out_of_all_images_leave_sooner() -> None:
     people = some(2)
     people = replace(people, seen_ns=np.array([0, 1_500_000_000]))
     after = predict(
-        people, 2_000_000_000, dt=1.0, leaving=np.full(2, 0.01), turning=0.05, bending=1e-3, config=JipdaConfig()
+        people,
+        2_000_000_000,
+        dt=1.0,
+        leaving=np.full(2, 0.01),
+        turning=0.05,
+        bending=1e-3,
+        common=NO_ERROR,
+        config=JipdaConfig(),
     )
     assert after.existence[0] < 0.6 * 0.9 + 0.01
     assert after.existence[1] == pytest.approx(0.9 * np.exp(-0.01))
@@ -113,7 +128,9 @@ def test_a_turn_makes_the_manoeuvre_probable_and_is_followed() -> None:
     place, seen = np.zeros(2), []
     for k in range(20):
         place = place + 0.1 * (np.array([1.2, 0.0]) if k < 8 else np.array([0.0, 1.2]))
-        people = predict(people, 0, dt=0.1, leaving=np.zeros(1), turning=0.05, bending=1e-3, config=config)
+        people = predict(
+            people, 0, dt=0.1, leaving=np.zeros(1), turning=0.05, bending=1e-3, common=NO_ERROR, config=config
+        )
         people = update(people, (H.T @ H / 4e-4)[None], (H.T @ place / 4e-4)[None], 0.0, config)
         seen.append(people.model[0, MANOEUVRE])
     assert max(seen[:8]) < 0.2
@@ -144,7 +161,9 @@ def test_whoever_falls_is_followed_down_and_up_again() -> None:
     H[0, 4] = H[1, 5] = 1.0
     for k in range(60):
         body = np.array([1.7, 0.5] if k < 10 or k >= 45 else [0.45, 1.2])
-        people = predict(people, 0, dt=0.1, leaving=np.zeros(1), turning=0.05, bending=1e-3, config=config)
+        people = predict(
+            people, 0, dt=0.1, leaving=np.zeros(1), turning=0.05, bending=1e-3, common=NO_ERROR, config=config
+        )
         people = update(people, (H.T @ H / 4e-3)[None], (H.T @ body / 4e-3)[None], 0.0, config)
         seen.append((people.model[0, POSTURE_CHANGE], np.abs(people.mean[0, 4:] - body).max()))
     bends, off = np.array(seen).T
@@ -209,9 +228,9 @@ def test_who_would_walk_through_somebody_is_expected_to_stop_or_to_turn() -> Non
     config, people = JipdaConfig(), head_on()
     free = people
     for _ in range(4):
-        free = predict(free, 0, dt=0.1, leaving=np.zeros(2), turning=0.1, bending=1e-9, config=config)
+        free = predict(free, 0, dt=0.1, leaving=np.zeros(2), turning=0.1, bending=1e-9, common=NO_ERROR, config=config)
         people = apply_exclusion_prior(
-            predict(people, 0, dt=0.1, leaving=np.zeros(2), turning=0.1, bending=1e-9, config=config),
+            predict(people, 0, dt=0.1, leaving=np.zeros(2), turning=0.1, bending=1e-9, common=NO_ERROR, config=config),
             config.exclusion_radius,
         )
     # Where they would have met they are still before each other, and slower

@@ -206,7 +206,9 @@ def test_a_camera_that_is_turned_is_named_after_10_s_with_rough_boxes(tmp_path, 
     found = boxes(replace(scene, cameras=stood), 10.0, px=4.0, people=2, seed=seed)
     assert track(tmp_path, found, scene) == ExitCode.DONE
     summary, _ = said(capsys)
-    assert [warning["id"] for warning in summary["warnings"]] == (["camera-biased"] if degrees else [])
+    found = {warning["id"] for warning in summary["warnings"]}
+    # A camera that is turned by 6 degrees may also make exchanges of the two people likely
+    assert found - ({"identity-switches-likely"} if degrees else set()) == ({"camera-biased"} if degrees else set())
     assert not degrees or summary["warnings"][0]["figures"]["bias"] * degrees > 0.0
 
 

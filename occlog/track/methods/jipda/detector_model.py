@@ -316,10 +316,28 @@ PRIOR_POSTURE_CHANGES = 2.0
 """Weight of the prior posture-change rate, in posture changes."""
 PRIOR_TERMINATIONS = 2.0
 """Weight of the prior departure rate, in departures."""
+PRIOR_COMMON_MISSES = (0.2, 200.0)
+"""Prior counts of people missed by all cameras at once, as by a detector that fuses them, and of people."""
+MAX_COMMON_MISS = 0.3
+"""Maximum probability of a miss in all cameras at once."""
+MAX_ALL_MISSED = 0.01
+"""People are in plain view, for this count, if independent misses in all frames are less probable."""
+PRIOR_COMMON_CLUTTER = (0.2, 10.0, 100.0)
+"""Prior counts of false people with boxes in all cameras, of true arrivals, and of time steps."""
 PRIOR_PERSISTENT_CLUTTER = (1.0, 4.0)
 """Prior counts of persistent clutter in the camera's next frame, and of clutter."""
 MAX_PERSISTENT_CLUTTER = 0.95
 """Maximum probability of persistent clutter."""
+PRIOR_SOURCE_FRAMES = 2.0
+"""Weight of the rate of all clutter boxes in that of a source, in frames."""
+SOURCE_MEMORY = 0.995
+"""Factor of what is known of a source, per frame."""
+MIN_SOURCE_RATE = 0.02
+"""Sources with a smaller expected number of boxes in a frame are forgotten."""
+ESTABLISHED_FRAMES, ESTABLISHED_SHARE = 4.0, 0.6
+"""Number of frames of an established source, and the share of these with a box of no person there."""
+SAME_SOURCE_CHI2 = 25.0
+"""Maximum squared Mahalanobis distance of successive boxes of one source."""
 MAX_LOG_CLUTTER_RATIO = 50.0
 """Greatest log of a density against that of a box anywhere."""
 MIN_CLUTTER_PROBABILITY = 0.05
@@ -346,6 +364,8 @@ class DetectorStatistics:
     left: Floats  # (2,) people who left, person-seconds
     turned: Floats  # (2,) manoeuvres begun, seconds of calm motion
     bent: Floats  # (2,) times that a person bent, person-seconds upright
+    false: Floats  # (3,) tracks with boxes of many cameras in one time step alone, in several, and time steps
+    missed: Floats  # (2,) people who were missed in all frames of a time step at once, all people in plain view
 
 
 def prior_statistics(cameras: int, config: JipdaConfig) -> DetectorStatistics:
@@ -361,6 +381,8 @@ def prior_statistics(cameras: int, config: JipdaConfig) -> DetectorStatistics:
         left=PRIOR_TERMINATIONS * np.array([1.0, config.mean_dwell_s]),
         turned=PRIOR_MANOEUVRES * np.array([1.0, config.manoeuvre_interval_s]),
         bent=PRIOR_POSTURE_CHANGES * np.array([1.0, config.posture_change_interval_s]),
+        missed=np.array(PRIOR_COMMON_MISSES),
+        false=np.array(PRIOR_COMMON_CLUTTER),
     )
 
 
@@ -389,8 +411,19 @@ def detector_model(
         # White noise equivalent to noise with a correlation that falls as exp(-t / LASTS_S)
         lasting=1.0 / np.tanh(0.5 * interval / NOISE_CORRELATION_S),
         merge=np.minimum(counts.merges[:, 0] / counts.merges[:, 1], MAX_MERGE_PROBABILITY),
+        common_miss=min(float(counts.missed[0] / counts.missed[1]), MAX_COMMON_MISS),
         slow=correlated_noise_factor(edges, between),
     )
+
+
+def common_clutter_rate(counts: DetectorStatistics) -> float:
+    """Return the expected number of false people in a time step with boxes in all cameras."""
+    return float(counts.false[0] / counts.false[2])
+
+
+def common_clutter_ratio(counts: DetectorStatistics) -> float:
+    """Return how many false people have boxes in all cameras, to one true arrival."""
+    return float(counts.false[0] / counts.false[1])
 
 
 def track_termination_rate(counts: DetectorStatistics) -> float:
@@ -414,15 +447,77 @@ def clutter_rate(counts: DetectorStatistics) -> Floats:
 
 
 class Clutter(NamedTuple):
-    """Possible clutter boxes of a camera's last frame."""
+    """Sources of clutter in a camera's images, as shadows, posts and pictures; n sources."""
 
-    box: Floats  # (n, 4)
-    free: Floats  # (n,) probability that they are of no person
+    box: Floats  # (n, 4) last box [px]
+    free: Floats  # (n,) probability that it is of no person
+    hits: Floats  # (n,) later frames with a box there, by the probability that it is of no person
+    tries: Floats  # (n,) later frames
 
 
 def no_clutter() -> Clutter:
-    """No clutter box."""
-    return Clutter(np.zeros((0, 4)), np.zeros(0))
+    """No source of clutter."""
+    return Clutter(np.zeros((0, 4)), np.zeros(0), np.zeros(0), np.zeros(0))
+
+
+def source_rates(sources: Clutter, again: float) -> Floats:
+    """(n,) expected number of boxes of each source in the next frame.
+
+    Args:
+        sources: of a camera.
+        again: probability that a clutter box persists in the camera's next frame.
+    """
+    share = (PRIOR_SOURCE_FRAMES * again + sources.hits) / (PRIOR_SOURCE_FRAMES + sources.tries)
+    return np.asarray(sources.free * np.minimum(share, MAX_PERSISTENT_CLUTTER))
+
+
+def established(sources: Clutter) -> Clutter:
+    """Select the sources that were seen in most of many frames, which are clutter for confirmed people, too."""
+    sure = (sources.tries >= ESTABLISHED_FRAMES) & (sources.hits > ESTABLISHED_SHARE * sources.tries)
+    return Clutter(*(part[sure] for part in sources))
+
+
+def update_sources(
+    sources: Clutter, box: Floats, free: Floats, again: float, noise: Floats
+) -> tuple[Clutter, tuple[float, float]]:
+    """Update the sources of clutter of a camera with one frame.
+
+    Args:
+        sources: before.
+        box: (m, 4) boxes of the frame [px].
+        free: (m,) probability that a box is of no person.
+        again: probability that a clutter box persists in the camera's next frame.
+        noise: (4, 2) variances as in `DetectorModel.noise`.
+
+    Returns:
+        The sources; and of those that were new, the expected number that persisted, and their expected number.
+    """
+    n, m = len(sources.box), len(box)
+    matched, hit = np.full(n, -1), np.zeros(n)
+    if n and m:
+        distance = _squared_distances(box, sources.box, noise)
+        matched = np.where(distance.min(axis=0) < SAME_SOURCE_CHI2, distance.argmin(axis=0), -1)
+        hit = np.where(matched >= 0, free[matched], 0.0)
+    new = sources.tries == 0.0
+    counted = float((sources.free * hit)[new].sum()), float(sources.free[new].sum())
+    seen = matched >= 0
+    there = sources.box.copy()
+    there[seen] = box[matched[seen]]
+    old = Clutter(
+        there,
+        np.maximum(sources.free, hit),
+        SOURCE_MEMORY * sources.hits + hit,
+        SOURCE_MEMORY * sources.tries + np.where(seen, hit, 1.0),
+    )
+    keep = source_rates(old, again) > MIN_SOURCE_RATE
+    rest = np.setdiff1d(np.flatnonzero(free > MIN_CLUTTER_PROBABILITY), matched[keep & seen])
+    zeros = np.zeros(len(rest))
+    return Clutter(
+        np.concatenate([old.box[keep], box[rest]]),
+        np.concatenate([old.free[keep], free[rest]]),
+        np.concatenate([old.hits[keep], zeros]),
+        np.concatenate([old.tries[keep], zeros]),
+    ), counted
 
 
 def persistent_clutter_rate(counts: DetectorStatistics) -> Floats:
@@ -433,12 +528,12 @@ def persistent_clutter_rate(counts: DetectorStatistics) -> Floats:
 def persistent_clutter_density(
     boxes: PackedDetections, before: Sequence[Clutter], again: Floats, noise: Floats, size: Floats
 ) -> Floats:
-    """Compute persistent clutter from the camera's last frame, as of shadows and posts.
+    """Compute the density of persistent clutter, as of shadows, posts and pictures.
 
     Args:
         boxes: of the time step, M of L frames.
-        before: of each camera.
-        again: (C,) probability that a clutter box persists.
+        before: sources of each camera.
+        again: (C,) probability that a clutter box persists in the camera's next frame.
         noise: (4, 2) variances as in `Rates.noise`.
         size: (C, 2) width and height of the images [px].
 
@@ -453,15 +548,32 @@ def persistent_clutter_density(
         if not len(old) or not len(now) or above:
             continue
         # Density of the new box about the old one, against that of a box anywhere in the image
-        width, height = (old[:, 2:] - old[:, :2]).T
-        extent = np.column_stack([height, width, height, height])
-        variance = 2.0 * NOISE_INFLATION * (noise[:, 0] + noise[:, 1] * extent**2)
-        off = _centres_and_sizes(now)[:, None] - _centres_and_sizes(old)
-        log = -0.5 * (off**2 / variance + np.log(2.0 * np.pi * variance)).sum(axis=2)
+        variance = _variances(old, noise)
+        log = -0.5 * (_squared_distances(now, old, noise) + np.log(2.0 * np.pi * variance).sum(axis=1))
         sizes = (np.log(np.maximum(now[:, 2:] - now[:, :2], 1.0)) + LOG_SIZE_RANGE).sum(axis=1)
         log += np.log(size[c]).sum() + sizes[:, None]
-        out[here] = again[c] * (np.exp(np.minimum(log, MAX_LOG_CLUTTER_RATIO)) * before[c].free).sum(axis=1)
+        rates = source_rates(before[c], float(again[c]))
+        out[here] = (np.exp(np.minimum(log, MAX_LOG_CLUTTER_RATIO)) * rates).sum(axis=1)
     return out
+
+
+def _variances(box: Floats, noise: Floats) -> Floats:
+    """(n, 4) variances of the difference of two boxes of one source [px^2], boxes (n, 4)."""
+    width, height = (box[:, 2:] - box[:, :2]).T
+    extent = np.column_stack([height, width, height, height])
+    return np.asarray(2.0 * NOISE_INFLATION * (noise[:, 0] + noise[:, 1] * extent**2))
+
+
+def _squared_distances(now: Floats, old: Floats, noise: Floats) -> Floats:
+    """(m, n) squared Mahalanobis distances of boxes (m, 4) to those of sources (n, 4)."""
+    off = _centres_and_sizes(now)[:, None] - _centres_and_sizes(old)
+    return np.asarray((off**2 / _variances(old, noise)).sum(axis=2))
+
+
+def squared_distance(now: Floats, old: Floats, noise: Floats) -> Floats:
+    """(n,) squared Mahalanobis distances of boxes (n, 4) to those of the same sources before (n, 4)."""
+    off = _centres_and_sizes(now) - _centres_and_sizes(old)
+    return np.asarray((off**2 / _variances(old, noise)).sum(axis=1))
 
 
 def _centres_and_sizes(box: Floats) -> Floats:
@@ -485,22 +597,36 @@ def blind_frames(boxes: PackedDetections, existence: Floats, detection: Floats) 
 def update_statistics(
     counts: DetectorStatistics,
     people: TargetSet,
+    before: Floats,
     *,
     dt: float,
     config: JipdaConfig,
     boxes: PackedDetections,
     rates: DetectorModel,
     result: JipdaResult,
-    before: Floats | None = None,
+    alone: bool = False,
 ) -> DetectorStatistics:
     """Update the sums with the boxes of one time step; clutter is counted elsewhere, after track initiation.
 
-    Where positions are all there is, a missed detection lowers the existence of the person: who surely exists is then
-    judged by the existence `before` the time step (N,), or no miss would ever be counted.  None: by that after it.
+    Args:
+        counts: before.
+        people: N people after the update.
+        before: (N,) their existence probabilities before it.
+        dt: time since the last time step [s].
+        config: durations of manoeuvres and of posture changes.
+        boxes: of the time step.
+        rates: of the detectors.
+        result: of the update.
+        alone: positions are all there is: a missed detection lowers the existence of the person, so that who surely
+            exists is judged before it, or no miss would ever be counted.
     """
     detected, curve, merges = counts.detected.copy(), counts.curve.copy(), counts.merges.copy()
-    sure = (people.existence if before is None else before) > MIN_EXISTENCE_TO_LEARN
+    sure = (before if alone else people.existence) > MIN_EXISTENCE_TO_LEARN
     last = len(curve) - 1
+    present = 1.0 - result.missed
+    independent = np.log1p(-np.minimum(result.detection, DETECTION_RANGE[1])).sum(axis=0)
+    plain = (before > MIN_EXISTENCE_TO_LEARN) & (independent < math.log(MAX_ALL_MISSED))
+    missed = counts.missed + np.array([(result.existence * result.missed)[plain].sum(), result.existence[plain].sum()])
     blind = blind_frames(boxes, people.existence, result.detection)
     for frame, c in enumerate(boxes.camera.tolist()):
         if blind[frame]:
@@ -509,7 +635,7 @@ def update_statistics(
         here = slice(boxes.first[frame], boxes.first[frame + 1])
         hit, unmerged = result.beta[:, here].sum(axis=1), 1.0 - np.minimum(result.joint[:, here].sum(axis=1), 1.0)
         plain = sure & (visible > MIN_VISIBILITY_TO_LEARN)
-        detected[c] += (hit[plain].sum(), unmerged[plain].sum())
+        detected[c] += (hit[plain].sum(), (unmerged * present)[plain].sum())
         merges[c] += result.merges[frame]
         # The curve, with each person's weight between two of its nodes
         seen = np.flatnonzero(sure & (visible > 0.0))
@@ -517,7 +643,7 @@ def update_statistics(
         k = np.minimum(at.astype(np.int64), last - 1)
         for knot, weight in ((k, 1.0 - (at - k)), (k + 1, at - k)):
             np.add.at(curve[:, 0], knot, weight * hit[seen])
-            np.add.at(curve[:, 1], knot, weight * unmerged[seen] * rates.detection[c])
+            np.add.at(curve[:, 1], knot, weight * (unmerged * present)[seen] * rates.detection[c])
     # As many begin as end: the time spent in manoeuvres over how long one takes
     model = dt * people.model[sure].sum(axis=0)
     turned = counts.turned + np.array([model[MANOEUVRE] / config.manoeuvre_duration_s, model[CONSTANT_VELOCITY]])
@@ -533,4 +659,5 @@ def update_statistics(
         wrong=counts.wrong + result.wrong,
         turned=turned,
         bent=bent,
+        missed=missed,
     )

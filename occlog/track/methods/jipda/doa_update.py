@@ -19,7 +19,7 @@ from .detector_model import gait_variance
 from .filter import JipdaState
 from .interface import STATE_SIZE, VX, VY, DirectionsOfArrival, X, Y
 from .kernels.marginals import box_messages
-from .target_set import MIN_EXISTENCE_COMPLEMENT, update
+from .target_set import MIN_EXISTENCE_COMPLEMENT, WALK, update
 
 SPEECH_PROBABILITY = 0.1
 """Probability that a person speaks and is heard, at a time at which the array hears something."""
@@ -69,7 +69,7 @@ def update_by_directions(state: JipdaState, heard: DirectionsOfArrival, array: M
     strength = share / heard.sigma[None] ** 2
     information = np.einsum("nm,ni,nj->nij", strength, slope, slope)
     vector = np.einsum("nm,ni->ni", strength * residual, slope)
-    people = update(people, information, vector, gait_variance(state.edges), state.config)
+    people = update(people, information, vector, gait_variance(state.edges), state.config, WALK)
     known = share.sum(axis=1)
     existence = np.clip(
         people.existence + (1.0 - people.existence) * known, MIN_EXISTENCE_COMPLEMENT, 1.0 - MIN_EXISTENCE_COMPLEMENT

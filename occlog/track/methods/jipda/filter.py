@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from occlog.array_types import NS, Floats, Ints
-from occlog.core.plane import pockets
+from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.core.plane import distance_to_boundary, inside_polygon, pockets
 from occlog.records.scene import Camera, Scene, box_around, sight_limit
 from occlog.settings import METRES
 
@@ -24,17 +24,19 @@ from .association_features import (
     log_feature_ratios,
     update_features,
 )
+from .common_error import CommonErrorStatistics, common_error, prior_common_error, update_common_error
 from .config import JipdaConfig
 from .detector_model import (
     MIN_ASSOCIATION_TO_LEARN,
-    MIN_CLUTTER_PROBABILITY,
     MIN_EXISTENCE_TO_LEARN,
     MIN_VISIBILITY_TO_LEARN,
     Clutter,
     DetectorStatistics,
     EdgeErrorStatistics,
     clutter_rate,
+    common_clutter_ratio,
     detector_model,
+    established,
     gait_variance,
     manoeuvre_rate,
     no_clutter,
@@ -46,13 +48,24 @@ from .detector_model import (
     reliable_boxes,
     track_termination_rate,
     update_edge_errors,
+    update_sources,
     update_statistics,
 )
-from .interface import NO_ID, BoxAssociations, Event, FrameDetections, PositionSource, TrackSnapshot, X, Y
+from .interface import (
+    NO_ID,
+    BoxAssociations,
+    DetectorEstimates,
+    Event,
+    FrameDetections,
+    PositionSource,
+    TrackSnapshot,
+    X,
+    Y,
+)
 from .kernels.body_box import GROUND_PLANE, MODEL, PackedCameras, cover_positions, pack_views
 from .kernels.camera_disagreement import camera_disagreement
-from .kernels.detections import PackedDetections
-from .kernels.joint_association import update_targets
+from .kernels.detections import DetectorModel, PackedDetections
+from .kernels.joint_association import JipdaResult, update_targets
 from .kernels.track_initiation import BirthIntensity, initiate_targets
 from .position_errors import (
     WALK_RATIO,
@@ -64,6 +77,7 @@ from .position_errors import (
     prior_position_errors,
     update_position_errors,
 )
+from .static_clutter import is_a_person, update_static_clutter
 from .target_set import (
     SMOOTHING_SIGMA_M,
     BirthIntensityMap,
@@ -106,6 +120,16 @@ MIN_BOXES_TO_CONFIRM = 1.5
 """Minimum number of boxes for confirmation."""
 MIN_POSITIONS_TO_CONFIRM = 0.5
 """Minimum number of positions for confirmation, of sources of positions alone."""
+ROOM_MARGIN_M = 0.5
+"""People are not initiated farther outside the room than this [m]."""
+MIN_MISS, MIN_ARRIVALS = 1e-6, 1e-12
+"""Limits of the probability of a missed detection and of the density of arrivals."""
+LOG_EXCLUDED = -60.0
+"""Log-likelihood ratio of a box that is not a person's."""
+MIN_STEPS_OF_TRUE = 1.5
+"""Number of time steps with boxes from which a person is no common clutter."""
+STRONG_LOG_ODDS = math.log(9.0)
+"""Log odds of track initiation from which independent clutter hardly explains the boxes."""
 MIN_ASSOCIATION_PROBABILITY = 0.05
 """Minimum association probability of a reported box."""
 EXCLUSION_INTERVAL_NS = 50_000_000
@@ -125,11 +149,13 @@ class JipdaState:
     people: TargetSet
     counts: DetectorStatistics
     edges: EdgeErrorStatistics
+    common: CommonErrorStatistics
     next_key: int
     last_frame_ns: Ints  # (C,) time of each camera's last frame; -1: no frame
     cues: AssociationFeatures
     birth_map: BirthIntensityMap
-    clutter: tuple[Clutter, ...]  # of each camera's last frame
+    clutter: tuple[Clutter, ...]  # sources in each camera
+    room: Floats | None  # (K, 2) polygon in which people are; None: anywhere
     exclusion_ns: int | None  # time of the last exclusion update; None: never
     positions: PositionErrors  # of the sources of positions
     seeds: dict[int, float]  # score of the position that initiated each tentative track, of sources alone
@@ -162,11 +188,13 @@ def initial_state(scene: Scene, cameras: Sequence[Camera | PositionSource], conf
         people=no_targets(),
         counts=prior_statistics(len(cameras), config),
         edges=prior_edge_errors(len(cameras), metre, config),
+        common=prior_common_error(metre),
         next_key=0,
         last_frame_ns=np.full(len(cameras), -1),
         cues=empty_features(len(cameras)),
         birth_map=empty_map(metre),
         clutter=(no_clutter(),) * len(cameras),
+        room=scene.room,
         exclusion_ns=None,
         positions=prior_position_errors(cameras, metre, config),
         seeds={},
@@ -184,6 +212,7 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
     t_ns = max(frame.t_ns for frame in frames)
     dt = 0.0 if state.t_ns is None else min((t_ns - state.t_ns) / NS, MAX_PREDICTION_S)
     # Predict
+    common = common_error(state.common)
     people = predict(
         state.people,
         t_ns,
@@ -193,6 +222,7 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         ),
         turning=manoeuvre_rate(state.counts),
         bending=posture_change_rate(state.counts),
+        common=common,
         config=replace(config, process_noise_density=WALK_RATIO * config.process_noise_density)
         if state.positions.alone
         else config,
@@ -218,12 +248,30 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
     )
     anywhere = np.exp(boxes.clutter)
     boxes = boxes._replace(clutter=boxes.clutter - for_anybody)
-    for_people = for_people - np.log1p(before / anywhere) * (people.id == NO_ID)[:, None]
+    static = persistent_clutter_density(
+        boxes,
+        [established(c) for c in state.clutter],
+        persistent_clutter_rate(state.counts),
+        rates.noise,
+        state.views.size,
+    )
+    for_people = for_people - np.log1p(np.where(people.id[:, None] == NO_ID, before, static) / anywhere)
     N = len(people.key)
-    result = update_targets(
-        people.mean, with_gait_variance(people, gait), people.existence, state.views, boxes, rates,
-        for_people, UNTRACKED_TO_CLUTTER_RATIO, GATE_CHI2,
-    )  # fmt: skip
+    everywhere, at = birth_intensity(
+        state.birth_map, BIRTH_DENSITY_PER_M2 / state.metre**2 / BIRTH_RENEWAL_S, BIRTH_RENEWAL_S
+    )
+    since = BIRTH_RENEWAL_S if state.t_ns is None else min(dt, BIRTH_RENEWAL_S)
+    arrivals = everywhere * since * (1.0 + common_clutter_ratio(state.counts))
+    result = associate(
+        people.body_mean,
+        with_gait_variance(people, gait),
+        people.existence,
+        state.views,
+        boxes,
+        rates,
+        for_people,
+        arrivals,
+    )
     before_update = people.existence
     people = update(people, result.information, result.vector, gait, config)
     explained = (result.beta + result.joint).sum(axis=1)
@@ -233,11 +281,13 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         existence=result.existence,
         last=np.where(detected, people.mean[:, :2], people.last),
         boxes=people.boxes + explained,
+        steps=people.steps + result.existence * np.minimum(explained, 1.0),
         seen_ns=np.where(np.isfinite(result.visible).any(axis=0), t_ns, people.seen_ns),
     )
+    people = update_static_clutter(people, boxes, static > anywhere, result, rates.noise, interval, state.metre)
     counts = update_statistics(
-        state.counts, people, dt=dt, config=config, boxes=boxes, rates=rates, result=result,
-        before=before_update if state.positions.alone else None,
+        state.counts, people, before_update, dt=dt, config=config, boxes=boxes, rates=rates, result=result,
+        alone=state.positions.alone,
     )  # fmt: skip
     good = reliable_boxes(
         boxes,
@@ -251,6 +301,9 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
     found = camera_disagreement(result.mean, result.covariance, state.views, boxes, rates, result.owner, good)
     edges = update_edge_errors(state.edges, t_ns, boxes, found, key=people.key, owner=result.owner, lasts=rates.lasting)
     positions = _learned_positions(state, frames, boxes, people, result.owner, result.beta)
+    errors = update_common_error(
+        state.common, t_ns, key=people.key, position=found.position, noise=found.variance + gait, config=config
+    )
     # Track initiation from unassigned boxes
     body = np.array(
         [
@@ -261,10 +314,6 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
             config.sigma_initial_velocity,
         ]
     )
-    everywhere, at = birth_intensity(
-        state.birth_map, BIRTH_DENSITY_PER_M2 / state.metre**2 / BIRTH_RENEWAL_S, BIRTH_RENEWAL_S
-    )
-    since = BIRTH_RENEWAL_S if state.t_ns is None else min(dt, BIRTH_RENEWAL_S)
     arrival = BirthIntensity(
         everywhere * since,
         MAX_BIRTHS_PER_IMAGE * since / BIRTH_RENEWAL_S,
@@ -272,26 +321,32 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         at * since,
         SMOOTHING_SIGMA_M * state.metre,
     )
-    spread = np.sqrt(0.5 * (people.covariance[:, 0, 0] + people.covariance[:, 1, 1]))
+    spread = np.sqrt(0.5 * (people.body_covariance[:, 0, 0] + people.body_covariance[:, 1, 1]))
     mean, covariance, odds, used = initiate_targets(
-        state.views, boxes, rates, body, arrival, people.mean, spread, people.existence, result.free,
+        state.views, boxes, rates, body, arrival, people.body_mean, spread, people.existence, result.free,
         GATE_CHI2, math.log(MIN_EXISTENCE_TO_INITIATE),
     )  # fmt: skip
-    existence = 1.0 / (1.0 + np.exp(-odds))
+    # A detector that fuses the cameras finds people in all of them who are not there
+    existence = 1.0 / (1.0 + np.exp(-odds) + common_clutter_ratio(state.counts))
     covariance[:, [X, Y], [X, Y]] += gait
     mean[:, 2:4], covariance[:, 2:4, 2:4] = birth_velocity(state.birth_map, mean[:, :2], config.sigma_initial_velocity)
+    if state.room is not None:
+        existence = np.where(_in_room(mean[:, :2], state.room, ROOM_MARGIN_M * state.metre), existence, 0.0)
     K = len(odds)
     beta, left_free = (
         np.concatenate([result.beta, used]),
         result.free * np.prod(1.0 - existence[:, None] * used, axis=0),
     )
-    counts = _update_clutter(counts, boxes, left_free, before / (anywhere + before), state.clutter)
-    clutter = list(state.clutter)
-    for k, c in enumerate(boxes.camera.tolist()):
-        here = slice(boxes.first[k], boxes.first[k + 1])
-        may = np.flatnonzero(left_free[here] > MIN_CLUTTER_PROBABILITY)
-        clutter[c] = Clutter(boxes.box[here][may], left_free[here][may])
-    people = concat(people, tentative_targets(mean, covariance, existence, used.sum(axis=1), state.next_key, t_ns))
+    # Sources of clutter: boxes of no person, and of tracks that are static clutter
+    phantom = 1.0 - is_a_person(people.static_log_odds)
+    unreal = np.clip(left_free + phantom @ (result.beta + 0.5 * result.joint), 0.0, 1.0)
+    counts, clutter = _update_clutter(counts, boxes, unreal, state.clutter, rates.noise)
+    people = concat(
+        people,
+        tentative_targets(
+            mean, covariance, existence, used.sum(axis=1), state.next_key, t_ns, common[0], odds > STRONG_LOG_ODDS
+        ),
+    )
     cues = update_features(
         state.cues,
         people,
@@ -302,11 +357,12 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         sure=people.existence > config.confirmation_threshold,
     )
     # Confirm, end; a position on the ground is of a whole body, and mostly of several views
+    real = people.existence * is_a_person(people.static_log_odds)
     fewest = MIN_POSITIONS_TO_CONFIRM if positions.alone else MIN_BOXES_TO_CONFIRM
-    sure = (people.existence > config.confirmation_threshold) & (people.boxes > fewest)
+    sure = (real > config.confirmation_threshold) & (people.boxes > fewest)
     ids = np.where((people.id == NO_ID) & sure, people.key, people.id)
     people, twice = duplicate_tracks(people, t_ns)
-    stays = (people.existence > config.deletion_threshold) & ~twice
+    stays = (real > config.deletion_threshold) & ~twice
     left, new = ~stays & (people.id != NO_ID), stays & (ids != NO_ID) & (people.id == NO_ID)
     counts = replace(counts, left=counts.left + np.array([left.sum(), dt * people.existence[ids != NO_ID].sum()]))
     events = [Event("initiated", int(ids[k]), NO_ID, float(people.existence[k])) for k in np.flatnonzero(new)]
@@ -321,9 +377,13 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
     )  # fmt: skip
     seeds, cues = _false_seeds(state, frames, used, people.key[len(people.key) - K :], ids, people.key[stays], cues)
     rows = np.flatnonzero(stays)
+    recurring = people.strong & (people.steps >= MIN_STEPS_OF_TRUE)
+    fleeting = people.strong & ~recurring & ~stays & ~twice
+    people = replace(people, strong=people.strong & ~recurring)
+    counts = replace(counts, false=counts.false + np.array([fleeting.sum(), recurring.sum(), 1.0]))
     kept = select(replace(people, id=ids), rows)
     # Report
-    shown = np.flatnonzero((kept.id != NO_ID) & (kept.existence > MIN_EXISTENCE_TO_REPORT))
+    shown = np.flatnonzero((kept.id != NO_ID) & (real[rows] > MIN_EXISTENCE_TO_REPORT))
     visible = np.full((len(state.views.size), len(people.key)), np.nan)
     visible[boxes.camera, :N] = result.visible
     beta = beta[rows[shown]] * kept.existence[shown, None]
@@ -333,10 +393,13 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         ids=kept.id[shown],
         mean=kept.mean[shown],
         covariance=with_position_variance(kept.covariance[shown], common_error_variance(positions)),
-        existence=kept.existence[shown],
+        existence=real[rows[shown]],
         visibility=np.ascontiguousarray(visible[:, rows[shown]].T),
         support=associations_of(beta, joint, boxes, frames),
         events=tuple(events),
+        detectors=DetectorEstimates(
+            math.sqrt(common[0]), common[1], np.array([len(established(c).box) for c in clutter], dtype=np.int64)
+        ),
     )
     next_key = state.next_key + K
     return replace(
@@ -345,11 +408,12 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         people=kept,
         counts=counts,
         edges=edges,
+        common=errors,
         next_key=next_key,
         last_frame_ns=last_frame_ns,
         cues=cues,
         birth_map=birth_map,
-        clutter=tuple(clutter),
+        clutter=clutter,
         exclusion_ns=exclusion_ns,
         positions=positions,
         seeds=seeds,
@@ -424,6 +488,54 @@ def _learned_positions(
     return errors
 
 
+def _in_room(xy: Floats, room: Floats, margin: float) -> Bools:
+    """(n,) positions (n, 2) inside a polygon, or outside by less than a margin."""
+    near = [distance_to_boundary(float(x), float(y), room) < margin for x, y in xy]
+    return np.asarray(inside_polygon(xy, room) | np.array(near, dtype=np.bool_))
+
+
+def associate(
+    mean: Floats,
+    covariance: Floats,
+    existence: Floats,
+    views: PackedCameras,
+    boxes: PackedDetections,
+    rates: DetectorModel,
+    log_features: Floats,
+    arrivals: float,
+) -> JipdaResult:
+    """Update people by the frames of one time step, with new people as an explanation that all cameras share.
+
+    In each image a box is a person's, or clutter.  Boxes of several cameras that agree on a position far from a person
+    are that person's only if this is more probable than a missed person and a new one there.
+
+    Args:
+        mean: (N, 6) predicted bodies.
+        covariance: (N, 6, 6).
+        existence: (N,) probabilities.
+        views: cameras.
+        boxes: M boxes of L frames.
+        rates: of the detectors.
+        log_features: (N, M) log-likelihood ratios of tracklet ids, appearance and persistent clutter.
+        arrivals: expected number of new people in the time step, a unit of area.
+    """
+    result = update_targets(
+        mean, covariance, existence, views, boxes, rates, log_features, UNTRACKED_TO_CLUTTER_RATIO, GATE_CHI2
+    )
+    off, P = (result.mean - mean)[:, :2], covariance[:, :2, :2]
+    log = -0.5 * np.einsum("ni,ni->n", off, np.linalg.solve(P, off[..., None])[..., 0])
+    log -= 0.5 * np.linalg.slogdet(P)[1] + math.log(2.0 * math.pi)
+    all_missed = np.prod(1.0 - np.minimum(result.detection, 1.0 - MIN_MISS), axis=0)
+    missed = rates.common_miss + (1.0 - rates.common_miss) * all_missed
+    far = log < np.log(missed * max(arrivals, MIN_ARRIVALS))
+    if not far.any():
+        return result
+    log_features = np.where(far[:, None] & (result.beta > MIN_ASSOCIATION_PROBABILITY), LOG_EXCLUDED, log_features)
+    return update_targets(
+        mean, covariance, existence, views, boxes, rates, log_features, UNTRACKED_TO_CLUTTER_RATIO, GATE_CHI2
+    )
+
+
 def pack_detections(state: JipdaState, frames: Sequence[FrameDetections], t_ns: int) -> PackedDetections:
     """Pack the frames of a time step for the kernels."""
     box = np.concatenate([frame.boxes for frame in frames]).reshape(-1, 4).astype(np.float64)
@@ -458,23 +570,25 @@ def _covariances(state: JipdaState, frame: FrameDetections) -> Floats:
 
 
 def _update_clutter(
-    counts: DetectorStatistics, boxes: PackedDetections, free: Floats, before: Floats, last: Sequence[Clutter]
-) -> DetectorStatistics:
-    """The sums with the boxes that neither tracked nor new people explain.
+    counts: DetectorStatistics, boxes: PackedDetections, free: Floats, sources: Sequence[Clutter], noise: Floats
+) -> tuple[DetectorStatistics, tuple[Clutter, ...]]:
+    """The sums and the sources of clutter with the boxes that neither tracked nor new people explain.
 
     Args:
         counts: before.
         boxes: of the time step.
         free: (M,) probability that a box is of no person.
-        before: (M,) probability that it was there in the camera's last frame, too.
-        last: clutter boxes of each camera's last frame.
+        sources: of each camera.
+        noise: (4, 2) variances of boxes, as in `DetectorModel.noise`.
     """
     clutter, again = counts.clutter.copy(), counts.again.copy()
+    rate, out = persistent_clutter_rate(counts), list(sources)
     for frame, c in enumerate(boxes.camera.tolist()):
         here = slice(boxes.first[frame], boxes.first[frame + 1])
         clutter[c] += (free[here].sum(), 1.0)
-        again[c] += ((free[here] * before[here]).sum(), last[c].free.sum())
-    return replace(counts, clutter=clutter, again=again)
+        out[c], counted = update_sources(sources[c], boxes.box[here], free[here], float(rate[c]), noise)
+        again[c] += counted
+    return replace(counts, clutter=clutter, again=again), tuple(out)
 
 
 def associations_of(

@@ -81,6 +81,14 @@ class Event(NamedTuple):
     probability: float  # of existence at a birth or death; that the two were exchanged at a doubt
 
 
+class DetectorEstimates(NamedTuple):
+    """What was learned of the detectors and of the scene in addition to the tracks; C cameras."""
+
+    common_sigma: float  # standard deviation of the error of position that all cameras share, per axis
+    common_time_s: float  # its correlation time [s]
+    static_clutter: Ints  # (C,) number of established sources of static clutter
+
+
 class TrackSnapshot(NamedTuple):
     """All tracks after the frames of one time step; m people, C cameras."""
 
@@ -94,6 +102,7 @@ class TrackSnapshot(NamedTuple):
     )
     support: BoxAssociations
     events: tuple[Event, ...]
+    detectors: DetectorEstimates | None = None  # None: the method estimates nothing of them
 
 
 def no_associations() -> BoxAssociations:

@@ -14,6 +14,7 @@ little; no wall and no door is set by hand.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +25,17 @@ from .config import JipdaConfig
 from .interface import HEIGHT, NO_ID, STATE_SIZE, WIDTH, X, Y
 from .kernels.exclusion import apply_exclusion
 
+ERROR = STATE_SIZE, STATE_SIZE + 1
+"""Indices of the common error of position in the full state, after the person's state."""
+FULL_SIZE = STATE_SIZE + 2
+BODY = np.eye(STATE_SIZE, FULL_SIZE)
+BODY[[X, Y], ERROR] = 1.0
+WALK = np.eye(STATE_SIZE, FULL_SIZE)
+"""The state that cameras observe, and that of the walk, of the full one."""
+_COMMON_AT_FIRST = np.zeros((FULL_SIZE, FULL_SIZE))
+for _a, _e in zip((X, Y), ERROR, strict=True):
+    _COMMON_AT_FIRST[[_a, _e], [_a, _e]] = 1.0
+    _COMMON_AT_FIRST[[_a, _e], [_e, _a]] = -1.0
 CONSTANT_VELOCITY, MANOEUVRE, POSTURE_CHANGE = MODELS = 0, 1, 2
 SIZE_NOISE_PER_ROOT_S = 0.01
 """Standard deviation by which a body changes in a second, as a share of its size: how people carry themselves."""
@@ -37,6 +49,8 @@ TERMINATION_RATE_OUT_OF_VIEW, OUT_OF_VIEW_AFTER_S = 0.5, 1.0
 """Time out of all camera views [s] after which people leave at this rate [1/s]."""
 DUPLICATE_DISTANCE_WIDTHS, DUPLICATE_TIME_S = 0.5, 2.0
 """Maximum distance of duplicate tracks, in widths, and minimum time [s]."""
+PRIOR_STATIC_LOG_ODDS = -4.0
+"""Log odds that a new track is static clutter of one camera."""
 DUPLICATE_EXISTENCE_RATIO = 0.5
 """Of two duplicate tracks the older one is kept, unless its existence is below this share of the other's."""
 
@@ -45,49 +59,94 @@ DUPLICATE_EXISTENCE_RATIO = 0.5
 class TargetSet:
     """N people, confirmed or not."""
 
-    mean: Floats  # (N, 6) as `interface.Moment.mean`, of all models together
+    mean: Floats  # (N, 6) as `TrackSnapshot.mean`, of all models together
     covariance: Floats  # (N, 6, 6)
+    body_mean: Floats  # (N, 6) of the body that cameras observe: its position has the common error
+    body_covariance: Floats  # (N, 6, 6)
     existence: Floats  # (N,)
     key: Ints  # (N,) number of the initiation, ascending; the identity once confirmed
     id: Ints  # (N,) NO_ID: tentative track
     seen_ns: Ints  # (N,) when a camera last showed the position
     boxes: Floats  # (N,) expected number of boxes that spoke for them
+    steps: Floats  # (N,) expected number of time steps with a box
+    strong: Bools  # (N,) initiated by boxes that independent clutter hardly explains
+    static_camera: Ints  # (N,) camera of the first box; -1: none yet
+    static_box: Floats  # (N, 4) last box in it [px]
+    static_known: Bools  # (N,) the box is at an established source of clutter
+    static_log_odds: Floats  # (N,) log odds that the track is static clutter of this camera
     born_ns: Ints  # (N,)
     separated_ns: Ints  # (N,) when they last stood apart from all other people
     first: Floats  # (N, 2) where they were detected first
     last: Floats  # (N, 2) where they were detected last
     model: Floats  # (N, 3) probabilities of the models
-    means: Floats  # (N, 3, 6) of each model
-    covariances: Floats  # (N, 3, 6, 6)
+    means: Floats  # (N, 3, 8) of each model: the state, and the common error of the observed position
+    covariances: Floats  # (N, 3, 8, 8)
 
 
 def tentative_targets(
-    mean: Floats, covariance: Floats, existence: Floats, boxes: Floats, first_key: int, t_ns: int
+    mean: Floats,
+    covariance: Floats,
+    existence: Floats,
+    boxes: Floats,
+    first_key: int,
+    t_ns: int,
+    common: float = 0.0,
+    strong: Bools | None = None,
 ) -> TargetSet:
-    """K new tracks of a time step, with the numbers of their boxes."""
+    """K new tracks of a time step.
+
+    Args:
+        mean: (K, 6) of the observed bodies.
+        covariance: (K, 6, 6).
+        existence: (K,) probabilities.
+        boxes: (K,) numbers of their boxes.
+        first_key: number of the first initiation.
+        t_ns: time of the time step.
+        strong: (K,) initiated by boxes that independent clutter hardly explains; None: none of them.
+        common: variance of the common error of position, per axis; the walk is at the observed position less the error.
+    """
     K = len(mean)
+    full = np.zeros((K, FULL_SIZE, FULL_SIZE))
+    full[:, :STATE_SIZE, :STATE_SIZE] = covariance
+    full += common * _COMMON_AT_FIRST
+    means = np.concatenate([mean, np.zeros((K, FULL_SIZE - STATE_SIZE))], axis=1)
     return TargetSet(
         mean=mean,
-        covariance=covariance,
+        covariance=full[:, :STATE_SIZE, :STATE_SIZE],
+        body_mean=mean,
+        body_covariance=covariance,
         existence=existence,
         key=first_key + np.arange(K),
         id=np.full(K, NO_ID, dtype=np.int64),
         seen_ns=np.full(K, t_ns, dtype=np.int64),
         boxes=boxes,
+        steps=np.minimum(boxes, 1.0),
+        strong=np.zeros(K, dtype=np.bool_) if strong is None else strong,
+        static_camera=np.full(K, -1, dtype=np.int64),
+        static_box=np.zeros((K, 4)),
+        static_known=np.zeros(K, dtype=np.bool_),
+        static_log_odds=np.full(K, PRIOR_STATIC_LOG_ODDS),
         born_ns=np.full(K, t_ns, dtype=np.int64),
         separated_ns=np.full(K, t_ns, dtype=np.int64),
         first=mean[:, :2].copy(),
         last=mean[:, :2].copy(),
         model=np.tile(np.eye(len(MODELS))[CONSTANT_VELOCITY], (K, 1)),
-        means=np.repeat(mean[:, None], len(MODELS), axis=1),
-        covariances=np.repeat(covariance[:, None], len(MODELS), axis=1),
+        means=np.repeat(means[:, None], len(MODELS), axis=1),
+        covariances=np.repeat(full[:, None], len(MODELS), axis=1),
     )
 
 
 def no_targets() -> TargetSet:
     """No people."""
     return tentative_targets(
-        np.zeros((0, STATE_SIZE)), np.zeros((0, STATE_SIZE, STATE_SIZE)), np.zeros(0), np.zeros(0), 0, 0
+        np.zeros((0, STATE_SIZE)),
+        np.zeros((0, STATE_SIZE, STATE_SIZE)),
+        np.zeros(0),
+        np.zeros(0),
+        0,
+        0,
+        0.0,
+        np.zeros(0, bool),
     )
 
 
@@ -102,7 +161,15 @@ def concat(people: TargetSet, more: TargetSet) -> TargetSet:
 
 
 def predict(
-    people: TargetSet, t_ns: int, *, dt: float, leaving: Floats, turning: float, bending: float, config: JipdaConfig
+    people: TargetSet,
+    t_ns: int,
+    *,
+    dt: float,
+    leaving: Floats,
+    turning: float,
+    bending: float,
+    common: tuple[float, float],
+    config: JipdaConfig,
 ) -> TargetSet:
     """The people dt seconds later.
 
@@ -114,6 +181,7 @@ def predict(
             `TERMINATION_RATE_OUT_OF_VIEW`.
         turning: rate at which people who walk on begin to manoeuvre [1/s].
         bending: rate at which people begin to bend, fall, lie down or get up [1/s].
+        common: variance per axis and correlation time [s] of the common error of position.
         config: spectral densities of the acceleration, how long manoeuvres last.
     """
     # Mix the models: [0] after [1] before
@@ -126,7 +194,7 @@ def predict(
     covariances = np.einsum("nab,nbij->naij", weight, people.covariances)
     covariances += np.einsum("nab,nabi,nabj->naij", weight, difference, difference)
     # White acceleration, integrated (Bar-Shalom, Li and Kirubarajan 2001, Sec. 6.2.2)
-    F, Q = np.eye(STATE_SIZE), np.zeros((len(MODELS), STATE_SIZE, STATE_SIZE))
+    F, Q = np.eye(FULL_SIZE), np.zeros((len(MODELS), FULL_SIZE, FULL_SIZE))
     q = np.array([config.process_noise_density, config.manoeuvre_noise_density, config.manoeuvre_noise_density])
     for component, velocity in ((0, 2), (1, 3)):
         F[component, velocity] = dt
@@ -138,6 +206,12 @@ def predict(
     Q[:, WIDTH, WIDTH] = (
         np.array([SIZE_NOISE_PER_ROOT_S, SIZE_NOISE_PER_ROOT_S, POSTURE_WIDTH_NOISE]) * config.person_width
     ) ** 2 * dt
+    # First-order Gauss-Markov process
+    square, time = common
+    rho = math.exp(-dt / time)
+    for a in ERROR:
+        F[a, a] = rho
+        Q[:, a, a] = square * (1.0 - rho * rho)
     outside = t_ns - people.seen_ns > OUT_OF_VIEW_AFTER_S * NS
     rate = np.where(outside, np.maximum(leaving, TERMINATION_RATE_OUT_OF_VIEW), leaving)
     people = replace(
@@ -153,7 +227,12 @@ def predict(
 
 
 def update(
-    people: TargetSet, information: Floats, vector: Floats, gait_variance: float, config: JipdaConfig
+    people: TargetSet,
+    information: Floats,
+    vector: Floats,
+    gait_variance: float,
+    config: JipdaConfig,
+    observed: Floats = BODY,
 ) -> TargetSet:
     """The people after a Gaussian factor of each state, exp(-x' I x / 2 + x' v).
 
@@ -163,17 +242,22 @@ def update(
         vector: (N, 6) v.
         gait_variance: variance of the visible body about the walking position; the factor is of the visible body.
         config: how large people are: no body is smaller than the share `MIN_SIZE_RATIO` of it.
+        observed: (6, 8) part of the full state that was observed: `BODY`, by cameras, or `WALK`.
     """
-    information, vector = _without_gait_variance(information, vector, gait_variance)
-    # Each model: information filter; evidence: the ratio of the normalisations before and after
-    before = np.linalg.inv(people.covariances)
-    covariances = np.linalg.inv(before + information[:, None])
+    information, vector = without_gait_variance(information, vector, gait_variance)
+    information, vector = observed.T @ information @ observed, vector @ observed
+    # Each model: post = P (1 + I P)^-1, which also holds for states that are known exactly, and the evidence: the
+    # integral of prior and factor
+    J = information[:, None]
+    inner = np.eye(FULL_SIZE) + J @ people.covariances
+    covariances = people.covariances @ np.linalg.inv(inner)
     covariances = 0.5 * (covariances + covariances.swapaxes(-1, -2))
-    first = np.einsum("naij,naj->nai", before, people.means)
-    means = np.einsum("naij,naj->nai", covariances, first + vector[:, None])
-    evidence = 0.5 * (np.linalg.slogdet(covariances)[1] + np.linalg.slogdet(before)[1])
-    evidence += 0.5 * np.einsum("nai,nai->na", means, first + vector[:, None])
-    evidence -= 0.5 * np.einsum("nai,nai->na", people.means, first)
+    Jm = np.einsum("naij,naj->nai", np.broadcast_to(J, inner.shape), people.means)
+    off = vector[:, None] - Jm
+    means = people.means + np.einsum("naij,naj->nai", covariances, off)
+    evidence = -0.5 * np.linalg.slogdet(inner)[1]
+    evidence += np.einsum("nai,nai->na", people.means, vector[:, None] - 0.5 * Jm)
+    evidence += 0.5 * np.einsum("nai,naij,naj->na", off, covariances, off)
     model = people.model * np.exp(evidence - evidence.max(axis=1, keepdims=True))
     model /= model.sum(axis=1, keepdims=True)
     for size, usual in ((HEIGHT, config.person_height), (WIDTH, config.person_width)):
@@ -181,22 +265,21 @@ def update(
     return _mixture_moments(replace(people, model=model, means=means, covariances=covariances))
 
 
-def _without_gait_variance(information: Floats, vector: Floats, gait_variance: float) -> tuple[Floats, Floats]:
+def without_gait_variance(information: Floats, vector: Floats, gait_variance: float | Floats) -> tuple[Floats, Floats]:
     """The factors (N, 6, 6) and (N, 6) of states with positions off by a Gaussian of variance `gait_variance`.
 
     A Gaussian factor convolved with W on the position, B W B': I - I B (W^-1 + B' I B)^-1 B' I (Woodbury).
     """
-    if gait_variance <= 0.0:
-        return information, vector
     across = information[:, :, :2]
-    inner = np.linalg.inv(np.eye(2) / gait_variance + information[:, :2, :2])
+    W = np.reshape(np.asarray(gait_variance), (-1, 1, 1))
+    inner = W * np.linalg.inv(np.eye(2) + W * information[:, :2, :2])
     gain = across @ inner
     return information - gain @ across.swapaxes(1, 2), vector - np.einsum("nij,nj->ni", gain, vector[:, :2])
 
 
 def with_gait_variance(people: TargetSet, gait_variance: float) -> Floats:
     """(N, 6, 6) covariances of the states that bodies show at a time step."""
-    return with_position_variance(people.covariance, gait_variance)
+    return with_position_variance(people.body_covariance, gait_variance)
 
 
 def with_position_variance(covariance: Floats, variance: float) -> Floats:
@@ -212,7 +295,7 @@ def with_common_error(people: TargetSet, growth: float) -> TargetSet:
         return people
     covariances = people.covariances.copy()
     covariances[..., [X, Y], [X, Y]] += growth
-    return replace(people, covariances=covariances, covariance=with_position_variance(people.covariance, growth))
+    return _mixture_moments(replace(people, covariances=covariances))
 
 
 def apply_exclusion_prior(people: TargetSet, s: float) -> TargetSet:
@@ -264,7 +347,14 @@ def _mixture_moments(people: TargetSet) -> TargetSet:
     difference = people.means - mean[:, None]
     covariance = np.einsum("na,naij->nij", people.model, people.covariances)
     covariance += np.einsum("na,nai,naj->nij", people.model, difference, difference)
-    return replace(people, mean=mean, covariance=covariance)
+    n = STATE_SIZE
+    return replace(
+        people,
+        mean=mean[:, :n],
+        covariance=covariance[:, :n, :n],
+        body_mean=mean @ BODY.T,
+        body_covariance=BODY @ covariance @ BODY.T,
+    )
 
 
 def duplicate_tracks(people: TargetSet, t_ns: int) -> tuple[TargetSet, Bools]:

@@ -81,7 +81,17 @@ def test_one_seed_gives_one_result():
 
 def span_of_looks(time, looks):
     looked = np.concatenate([np.zeros((1, looks.shape[1])), np.cumsum(looks, axis=0)])
-    return WindowSpan(np.asarray(time), looked, area=10.0, people=1.0, stay=60.0, turning=0.05, bending=0.0, metre=1.0)
+    return WindowSpan(
+        np.asarray(time),
+        looked,
+        area=10.0,
+        people=1.0,
+        false_people=0.0,
+        stay=60.0,
+        turning=0.05,
+        bending=0.0,
+        metre=1.0,
+    )
 
 
 def test_moments_are_linked_that_are_apart_for_some_camera():
@@ -239,7 +249,7 @@ def paused(pause, seed, apart):
 
 @pytest.mark.parametrize("lag_ns", [None, 2_000_000_000], ids=["smooth", "lag"])
 @pytest.mark.parametrize(
-    ("pause", "seed", "apart"), [(8, 3, 79), (15, 4, 30), (60, 0, 30), (60, 4, 30), (600, 4, 30), (10800, 4, 30)]
+    ("pause", "seed", "apart"), [(8, 3, 79), (15, 4, 30), (60, 1, 30), (60, 4, 30), (600, 4, 30), (10800, 4, 30)]
 )
 def test_everybody_is_followed_up_to_a_pause_and_from_its_end_on(pause, seed, apart, lag_ns):
     steps, truth = paused(pause, seed, apart)

@@ -12,7 +12,7 @@ from occlog.track.methods.jipda.kernels.detections import DetectorModel, PackedD
 VIEWS = pack_views(cameras_around(4, 10.0, 8.0))
 RATES = DetectorModel(
     np.full(4, 0.9), np.ones(6), 0.0, 0.0, np.zeros((4, 4)), np.array([[4.5, 0.0], [18.0, 0.0]] * 2), 0.0, np.ones(4),
-    merge=np.zeros(4), slow=1.0,
+    merge=np.zeros(4), common_miss=0.0, slow=1.0,
 )  # fmt: skip
 
 

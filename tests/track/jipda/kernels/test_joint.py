@@ -39,6 +39,7 @@ def rates(detection: float = 0.9, merge: float = 0.0, wrong: float = 0.0, slow: 
         gait_variance=0.0,
         lasting=np.ones(1),
         merge=np.array([merge]),
+        common_miss=0.0,
         slow=slow,
     )
 

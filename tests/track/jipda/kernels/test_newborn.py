@@ -25,7 +25,17 @@ VIEWS = pack_views(cameras_around(4, 10.0, 8.0))._replace(range=np.full(4, 40.0)
 BODY = np.array([1.7, 0.12, 0.55, 0.12, 0.9])
 NOISE = np.array([[8.0, 1e-4], [20.0, 4e-4], [6.0, 1e-4], [15.0, 2e-4]])
 RATES = DetectorModel(
-    np.full(4, 0.9), np.ones(6), 0.0, 0.0, np.zeros((4, 4)), NOISE, 0.0, np.ones(4), merge=np.zeros(4), slow=1.0
+    np.full(4, 0.9),
+    np.ones(6),
+    0.0,
+    0.0,
+    np.zeros((4, 4)),
+    NOISE,
+    0.0,
+    np.ones(4),
+    merge=np.zeros(4),
+    common_miss=0.0,
+    slow=1.0,
 )
 PLACES = np.array([[4.0, 3.0], [6.5, 4.5]])
 

@@ -137,6 +137,23 @@ def initial_density(
 
 
 @kernel
+def log_begun(prior: Floats, at: Floats, J: Floats, h: Floats, c: Floats) -> Floats:
+    """Log marginal likelihoods (n,) of the first positions of new targets; as `initial_density` of each of n factors.
+
+    Args:
+        prior: (6,) precisions of the state of a new target; 0 for x and y.
+        at: (6,) its means.
+        J: (n, 6, 6) information.
+        h: (n, 6) vectors.
+        c: (n,) constants.
+    """
+    out, mean, covariance = np.empty(len(c)), np.empty(STATE_SIZE), np.empty((STATE_SIZE, STATE_SIZE))
+    for k in range(len(c)):
+        out[k] = initial_density(prior, at, J[k], h[k], c[k], mean, covariance)
+    return out
+
+
+@kernel
 def log_integral(mean: Floats, covariance: Floats, J: Floats, h: Floats, c: float) -> float:
     """Log of the integral of a density times a factor; as `multiply_factor`, but nothing is changed.
 

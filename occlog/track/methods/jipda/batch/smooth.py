@@ -28,7 +28,19 @@ from scipy.optimize import linear_sum_assignment
 from occlog.array_types import NS, Floats, Ints
 
 from ..association_features import appearance_of, are_histograms, feature_likelihood, log_ratio, unit_vectors
-from ..detector_model import blind_frames, detector_model, manoeuvre_rate, posture_change_rate, track_termination_rate
+from ..common_error import common_error, new_variance
+from ..detector_model import (
+    blind_frames,
+    common_clutter_rate,
+    detector_model,
+    edge_noise_variance,
+    established,
+    manoeuvre_rate,
+    persistent_clutter_density,
+    persistent_clutter_rate,
+    posture_change_rate,
+    track_termination_rate,
+)
 from ..filter import JipdaState, associations_of, pack_detections
 from ..interface import HEIGHT, NO_ID, BoxAssociations, Event, FrameDetections, TrackSnapshot
 from ..kernels.detections import DetectorModel, PackedDetections
@@ -37,6 +49,7 @@ from ..target_set import with_position_variance
 from .appearance import log_ratio_joined
 from .association import MIN_ASSOCIATION_PROBABILITY, AssociatedBoxes, PredictedPeople, assign_boxes, associate
 from .mcmc_association import LOG_RATIO_OTHER_TRACKLET, LOG_RATIO_SAME_TRACKLET, NO_NODE
+from .positions import smoothed_positions
 from .states import States, states
 from .tracklet_nodes import INITIAL_SCALE_M, gait_variances
 from .tracks import ChainTracks, WindowSpan, anneal, bridge, tracks_from
@@ -104,33 +117,42 @@ def smooth(
     appearance, law = _appearances(frames), feature_likelihood(state.cues.likeness)
     seen = {k: _filtered(packed[k], frames[k], snapshots[k]) for k in chosen.tolist()}
     square = (INITIAL_SCALE_M * state.metre) ** 2
+    common = common_error(state.common)
+    new = new_variance(common, span.step)
     for hottest, coming in zip(INITIAL_TEMPERATURES, (chosen, np.arange(len(snapshots))), strict=True):
         found = [
             assign_boxes(state, packed[k], subset_rates, hints[k], appearance[k], seen[k]) for k in chosen.tolist()
         ]
-        tracks = tracks_from(found, subset, state.config, state.birth_map, square, free=True, law=law)
+        tracks = tracks_from(
+            found, subset, state.config, state.birth_map, square + new_variance(common, subset.step), free=True, law=law
+        )
         if not (followed and rates.slow > CORRELATED_NOISE_LIMIT):
             anneal(tracks, subset, generator, hottest)
         bridge(tracks, subset)
         tracks = tracks._replace(nodes=tracks.nodes._replace(step=chosen[tracks.nodes.step]))
-        own, square = _scattered(tracks, span, square, state.metre)
-        seen = _reassociate(state, packed, rates, hints, appearance, tracks, span, own, square, coming)
+        own, square = _scattered(tracks, span, square, new, state.metre)
+        seen = _reassociate(state, packed, rates, hints, appearance, tracks, span, own + new, square + new, coming)
     # Smooth: the scatter and the walk follow from each other
     found = [assign_boxes(state, packed[k], rates, hints[k], appearance[k], seen[k]) for k in range(len(snapshots))]
-    tracks = tracks_from(found, span, state.config, state.birth_map, square, free=False, law=law)
+    tracks = tracks_from(found, span, state.config, state.birth_map, square + new, free=False, law=law)
     for _ in range(REFINEMENTS):
-        own, square = _scattered(tracks, span, square, state.metre)
-        tracks = tracks_from(found, span, state.config, state.birth_map, own, free=False, law=law)
+        own, square = _scattered(tracks, span, square, new, state.metre)
+        tracks = tracks_from(found, span, state.config, state.birth_map, own + new, free=False, law=law)
     walk = _states(tracks, span, track_extension(span))
     wide = widening(state.views, rates, packed, found, walk, span)
-    smoothed = _smoothed_snapshots(tracks, span, packed, frames, snapshots, seen, own, square, walk, wide)
-    common = common_error_variance(state.positions)
-    return [each._replace(covariance=with_position_variance(each.covariance, common)) for each in smoothed]
+    smoothed = _smoothed_snapshots(tracks, span, packed, frames, snapshots, seen, own, square, walk, common, wide)
+    lasting = common_error_variance(state.positions)
+    return [each._replace(covariance=with_position_variance(each.covariance, lasting)) for each in smoothed]
 
 
 def _scored(state: JipdaState, group: Sequence[FrameDetections], t_ns: int) -> PackedDetections:
-    """Pack the frames of a time step for the kernels; likelihoods of scores are those of the whole recording."""
+    """Pack the frames of a time step; scores and sources of clutter are those of the whole recording."""
     boxes = pack_detections(state, group, t_ns)
+    again = persistent_clutter_rate(state.counts)
+    static = persistent_clutter_density(
+        boxes, [established(c) for c in state.clutter], again, edge_noise_variance(state.edges), state.views.size
+    )
+    boxes = boxes._replace(clutter=np.log(np.exp(boxes.clutter) + static))
     scores = np.concatenate([frame.score for frame in group])
     return boxes._replace(clutter=boxes.clutter - log_ratio(state.cues.score, scores))
 
@@ -148,6 +170,7 @@ def span_of(state: JipdaState, packed: Sequence[PackedDetections], snapshots: Se
         frame_counts=frame_counts,
         area=area,
         people=max(len(positions) / len(snapshots), 0.5),
+        false_people=common_clutter_rate(state.counts),
         stay=1.0 / track_termination_rate(state.counts),
         turning=manoeuvre_rate(state.counts),
         bending=posture_change_rate(state.counts),
@@ -256,12 +279,22 @@ def _supporting(group: Sequence[FrameDetections], snapshot: TrackSnapshot) -> In
     return np.array([index_of[at] for at in rows], dtype=np.int64)
 
 
-def _scattered(tracks: ChainTracks, span: WindowSpan, square: float, metre: float) -> tuple[Floats, float]:
-    """Variance of each position (n,) about its track's walk, and its scale; without a track, the scale."""
+def _scattered(tracks: ChainTracks, span: WindowSpan, square: float, new: float, metre: float) -> tuple[Floats, float]:
+    """Variance of each position (n,) about its walk, and its scale; without a track, the scale.
+
+    Args:
+        tracks: of the positions.
+        span: the time steps.
+        square: scale before.
+        new: variance of the common error that neighbouring positions do not share.
+        metre: in the scene's unit.
+    """
     walk = _states(tracks, span, 0.0)
     rows = np.flatnonzero(walk.node != NO_NODE)
     k = walk.node[rows]
-    own, square = gait_variances(tracks.J[k], tracks.h[k], walk.mean[rows], walk.covariance[rows], square, metre)
+    covariance = walk.covariance[rows]
+    covariance[:, [0, 1], [0, 1]] += new
+    own, square = gait_variances(tracks.J[k], tracks.h[k], walk.mean[rows], covariance, square, metre)
     out = np.full(len(tracks.J), square)
     out[k] = own
     return out, square
@@ -335,11 +368,13 @@ def _smoothed_snapshots(
     own: Floats,
     square: float,
     walk: States,
+    common: tuple[float, float],
     wide: float,
 ) -> list[TrackSnapshot]:
     """Smoothed people of every time step; tracks that are less likely than clutter are omitted."""
     walk = walk.taken(np.flatnonzero(existence_at(tracks, span, walk) > MIN_PRESENCE_TO_REPORT))
-    mean, covariance = _with_places(walk, tracks, own, square, wide)
+    mean, covariance = smoothed_positions(walk, tracks, span, own, square, common, wide)
+    covariance[:, [0, 1], [0, 1]] += (SYSTEMATIC_ERROR_HEIGHTS * mean[:, HEIGHT, None]) ** 2
     # Log odds of each track against clutter
     odds = np.zeros(walk.track.max(initial=-1) + 1)
     ends = np.flatnonzero(tracks.chain.used & (tracks.chain.after == NO_NODE))
@@ -379,34 +414,10 @@ def _smoothed_snapshots(
                 visibility=visible,
                 support=support,
                 events=tuple(events),
+                detectors=snapshot.detectors,
             )
         )
     return out
-
-
-def _with_places(walk: States, tracks: ChainTracks, own: Floats, square: float, wide: float) -> tuple[Floats, Floats]:
-    """Means and covariances of people where they are: about the walk, with the position of the time step.
-
-    The means weigh walks and positions as the smoother does; the covariances are those of the walk, inflated by
-    as `wide`.
-    """
-    has = walk.node != NO_NODE
-    spread = np.where(has, own[walk.node] if len(own) else 0.0, square)
-    inverses = []
-    for times in (1.0, wide):
-        P = times * walk.covariance
-        P[:, [0, 1], [0, 1]] += spread[:, None]
-        information = np.linalg.inv(P)
-        if times == 1.0:
-            vector = np.einsum("nij,nj->ni", information, walk.mean)
-            vector[has] += tracks.h[walk.node[has]]
-        information[has] += tracks.J[walk.node[has]]
-        inverses.append(np.linalg.inv(information))
-    mean = np.einsum("nij,nj->ni", inverses[0], vector)
-    covariance = inverses[1]
-    covariance = 0.5 * (covariance + covariance.swapaxes(1, 2))
-    covariance[:, [0, 1], [0, 1]] += (SYSTEMATIC_ERROR_HEIGHTS * mean[:, HEIGHT, None]) ** 2
-    return mean, covariance
 
 
 def _seen_by(

@@ -104,6 +104,10 @@ def missed_detection_log_probabilities(views: PackedCameras, rates: DetectorMode
                     - MEAN_VISIBILITY
                     * min(rates.detection[c] * interpolate(rates.curve, share), MAX_DETECTION_PROBABILITY)
                 )
+        # All cameras may miss a person at once: the sum over cameras is that of both cases
+        total = out[i].sum()
+        if total < 0.0:
+            out[i] *= math.log(rates.common_miss + (1.0 - rates.common_miss) * math.exp(total)) / total
     return out
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -23,6 +24,7 @@ from ..target_set import (
 )
 from .appearance import AppearanceVectors, log_ratio_joined, no_sums
 from .association import AssociatedPeople
+from .gaussian_messages import log_begun
 from .mcmc_association import (
     NO_NODE,
     LinkCandidates,
@@ -59,6 +61,8 @@ TEMPERATURES = 12
 FINAL_TEMPERATURE = 0.2
 PROPOSALS = 60
 """Number of proposals per position in each run of the chain."""
+MIN_FALSE_PEOPLE = 1e-9
+"""Minimum of the expected number of false people in a time step."""
 MIN_PROCESS_NOISE_DENSITY = 1e-6
 """A walk without any noise has no inverse [m^2/s^3]."""
 
@@ -70,6 +74,7 @@ class WindowSpan(NamedTuple):
     frame_counts: Floats  # (T + 1, C) number of frames of each camera before each time step
     area: float  # of the floor on which people are
     people: float  # at a time
+    false_people: float  # expected number of false people in a time step with boxes in all cameras
     stay: float  # how long people stay on average [s]
     turning: float  # how often in a second a person begins to manoeuvre
     bending: float  # the same to bend, fall, lie down or get up
@@ -166,8 +171,12 @@ def tracks_from(
     c = np.concatenate([f.c for f in found])
     J, h, constant = np.empty_like(raw_J), np.empty_like(raw_h), np.empty_like(c)
     widen_by_gait(raw_J, raw_h, c, np.broadcast_to(scatter, c.shape).astype(np.float64), J, h, constant)
-    # Arrivals before the first position or at the beginning of the recording; departures, or presence at its end
     T = len(span.time)
+    # Arrivals before the first position or at the beginning of the recording; departures, or presence at its end
+    # Boxes of several cameras that agree may be false all at once
+    walk = walk_of(config, span, T, free)
+    alone = log_begun(walk.prior, walk.mean, J, h, constant)
+    constant -= np.logaddexp(0.0, math.log(max(span.false_people, MIN_FALSE_PEOPLE) / span.area) + alone)
     unseen = np.exp(miss @ (span.frame_counts[-1] / T))
     leaving = _leaving(known, mean[:, :2], span)
     coming, early = dwell_times(span.time, span.frame_counts, step, miss, np.full(len(step), 1.0 / span.stay), -1)
@@ -192,7 +201,7 @@ def tracks_from(
     )
     often = float(np.mean(1.0 - unseen)) if len(unseen) else 1.0
     reach = int(min(np.ceil(LINK_DETECTIONS / max(often, 1e-3)), MAX_LINK_STEPS)) if free else T
-    walk = walk_of(config, span, reach, free)
+    walk = walk._replace(reach=reach)
     label = np.concatenate([f.track for f in found])
     chain = _chain(nodes, walk, label, free)
     # Once as if all walked on calmly, then with manoeuvres where these are more probable

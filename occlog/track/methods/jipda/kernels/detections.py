@@ -49,6 +49,7 @@ class DetectorModel(NamedTuple):
     gait_variance: float  # variance of either centre also, in heights squared; its errors last
     lasting: Floats  # (C,) factor of it in an update
     merge: Floats  # (C,) probability that two people who touch in the image are detected as one box
+    common_miss: float  # probability that a person is missed in all frames of a time step, in addition
     slow: float  # factor of the noise in an update, since errors are correlated from frame to frame
 
 

@@ -41,6 +41,8 @@ MIN_MISS_PROBABILITY = 1e-6
 """Least probability of a missed detection."""
 MIN_LIKELIHOOD_RATIO = 1e-12
 """Least likelihood ratio of existence."""
+MAX_LOG_RATIO, MIN_COMMON_MISS = 600.0, 1e-250
+"""Greatest log of a ratio, and least probability that all frames miss a person at once."""
 MIN_ASSOCIATION = 0.02
 """Least association probability of a box that updates a state."""
 ROUNDING = 1e-9
@@ -101,6 +103,7 @@ class JipdaResult(NamedTuple):
     information: Floats  # (N, 6, 6) sum of all sites, in information form
     vector: Floats  # (N, 6)
     existence: Floats  # (N,)
+    missed: Floats  # (N,) probability that a person who exists is missed in all frames at once
     visible: Floats  # (L, N) visible share; NaN: outside the image
     detection: Floats  # (L, N) probability of detection that was used; 0 outside the image
     beta: Floats  # (N, M) association probability of person and box, given that they exist
@@ -580,12 +583,21 @@ def update_targets(
             if sweep == SWEEPS - 1 and not above:
                 count_edges(boxes, start, predicted, likelihoods, best, counts)
                 count_merges(predicted.existence, found, pair, counts.merges[l])
+    # All frames may miss a person at once, as a detector does that fuses the cameras
+    missed = np.empty(N)
+    for i in range(N):
+        prior = math.log(existence[i]) - math.log1p(-existence[i])
+        independent = log_odds[i] - prior + math.log1p(-rates.common_miss)
+        common = math.log(max(rates.common_miss, MIN_COMMON_MISS))
+        missed[i] = 1.0 / (1.0 + math.exp(min(independent - common, MAX_LOG_RATIO)))
+        log_odds[i] = prior + common - math.log(missed[i])
     return JipdaResult(
         mean=m,
         covariance=P,
         information=site.sum(axis=0),
         vector=site_vector.sum(axis=0),
         existence=1.0 / (1.0 + np.exp(-log_odds)),
+        missed=missed,
         visible=visible,
         detection=detection,
         beta=beta,
