@@ -477,6 +477,7 @@ def track(
     initial_positions: Sequence[Sequence[float]] = (),
     labelled_only: bool = False,
     keep_labels: bool = False,
+    reject_outliers: bool = False,
     use_recovered: bool = False,
     round_robin_s: float | None = None,
     measurements: Source | None = None,
@@ -512,6 +513,7 @@ def track(
         initial_positions: initial positions of targets, each x, y and perhaps sigma.
         labelled_only: do not use candidates that are not assigned to a target.
         keep_labels: keep labels that two targets exchange as they are given.
+        reject_outliers: give `ekf`, `ukf`, `iekf` and `fix` no bearings that contradict the motion of their target.
         use_recovered: use what the fusion of detections recovered as if it had been measured.
         round_robin_s: use one sensor at a time, each for so long [s]; None: all at once.
         measurements: ranges, signal strengths and time differences to use too.

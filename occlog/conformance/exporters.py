@@ -118,7 +118,9 @@ def check_exact_times(of: Any) -> None:
         columns = {c.name: getattr(rows, c.name) for c in rows.columns()}
         later = type(rows).of(**{**columns, "t_ns": rows.t_ns + np.int64(10**6)})  # type: ignore[attr-defined]
         if write(of, later, f"writing {rows.NAME}") == write(of, rows, f"writing {rows.NAME}"):
-            raise BrokenError(f"times of {rows.NAME} that are a millisecond later are written as equal")
+            raise BrokenError(
+                f"the exporter writes the same file for {rows.NAME} with times 1 ms later; write milliseconds"
+            )
 
 
 def check_unit(of: Any) -> None:

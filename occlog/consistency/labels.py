@@ -11,9 +11,12 @@ from occlog.records.verdicts import Check, finding, outcome
 from occlog.scans.label_continuity import LabelEvents
 
 from .estimates import EXCHANGED_LABELS, LABEL_JUMP, flagged
+from .verdict import exceeds_share
 
-CONTINUITY = "continuity of labels"
-"""Name of the check."""
+CONTINUITY, OUTLIERS = "continuity of labels", "bearings against the motion"
+"""Names of the checks."""
+MAX_CONTRADICTED_SHARE = 0.03
+"""Share of rows with a bearing that contradicts the target's motion that matters."""
 
 
 def flag_labels(diagnostics: Diagnostics, events: LabelEvents) -> Diagnostics:
@@ -24,10 +27,29 @@ def flag_labels(diagnostics: Diagnostics, events: LabelEvents) -> Diagnostics:
     return flagged(flagged(diagnostics, exchanged, EXCHANGED_LABELS), jumped, LABEL_JUMP)
 
 
-def label_checks(events: LabelEvents | None, unit: str) -> tuple[Check, ...]:
-    """What is against the continuity of labels; None: they were not followed."""
+def label_checks(events: LabelEvents | None, unit: str, rows: int = 0) -> tuple[Check, ...]:
+    """What is against the continuity of labels.
+
+    Args:
+        events: what was found; None: labels were not followed.
+        unit: of lengths.
+        rows: estimates of a method that cannot reject false bearings; 0: the method does so.
+    """
     unless = "" if events is not None and events.labels else "no bearing has a label"
-    return outcome(CONTINUITY, () if events is None else _findings(events, unit), unless=unless)
+    found = outcome(CONTINUITY, () if events is None else _findings(events, unit), unless=unless)
+    if events is None or not rows or unless:
+        return found
+    return *found, *outcome(OUTLIERS, _outliers(events, rows), rows=rows)
+
+
+def _outliers(events: LabelEvents, rows: int) -> Iterator[Check]:
+    """Bearings that contradict the motion, where the method cannot tell which are false."""
+    steps = {(target, t_ns) for target, t_ns, _ in events.contradicting}
+    if exceeds_share(len(steps), rows, MAX_CONTRADICTED_SHARE):
+        sensors = sorted({name for _, _, name in events.contradicting})
+        share = len(steps) / rows
+        allowed = MAX_CONTRADICTED_SHARE
+        yield finding(OUTLIERS, "outliers", sensors=sensors, count=len(steps), rows=rows, share=share, allowed=allowed)
 
 
 def _findings(events: LabelEvents, unit: str) -> Iterator[Check]:

@@ -192,6 +192,11 @@ VERDICT: dict[str, Message] = {
         "labels of targets {targets} are exchanged from {begin_s:.4g} s to {until} {where} ({done})",
         "check the labels; {option[keep_labels]} keeps them",
     ),
+    "outliers": Message(
+        W,
+        _ROWS + "bearings of {sensors} contradict the motion, and others may be false",
+        "use method map or apf, or check labels",
+    ),
     "label-jump": Message(
         W,
         "the label of target {targets} jumps {distance:.3g} {unit} at {at_s:.4g} s, {count} jumps in all: {speed:.3g} "
@@ -405,6 +410,11 @@ VERDICT: dict[str, Message] = {
         W,
         "no detection in {frames} frames of camera {sensors}",
         "check the images and the size of people, or choose another {option[method]}",
+    ),
+    "target-never-detected": Message(
+        W,
+        "never detected in {rows} frames: target {targets}",
+        "check that its appearance is from video of this kind (colour or grey), and {option[min_similarity]}",
     ),
     "background-used": Message(
         N,

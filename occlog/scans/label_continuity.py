@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -67,6 +67,7 @@ class LabelEvents:
         repaired: the labels of the exchanges were exchanged back.
         labels: how many were followed.
         origin_ns: time of the first bearing.
+        contradicting: targets, times and sensors of bearings that contradict the motion of their target.
     """
 
     exchanges: list[LabelExchange]
@@ -75,6 +76,17 @@ class LabelEvents:
     repaired: bool
     labels: int = 0
     origin_ns: int = 0
+    contradicting: set[tuple[int, int, str]] = field(default_factory=set)
+
+    def consistent(self, chunks: Iterable[Bearings]) -> Iterator[Bearings]:
+        """The chunks without the bearings that contradict the motion of their target."""
+        for chunk in chunks:
+            if self.contradicting:
+                keys = zip(chunk.target_id.tolist(), chunk.t_ns.tolist(), chunk.sensor.tolist(), strict=True)
+                against = np.array([key in self.contradicting for key in keys], dtype=np.bool_) & chunk.seen
+                yield chunk.take(~against) if against.any() else chunk
+            else:
+                yield chunk
 
     def at(self, t_ns: Ints, target_id: Ints32) -> tuple[Bools, Bools]:
         """(N,) rows of targets while their labels were exchanged, and while their label jumped."""
@@ -185,9 +197,11 @@ class LabelContinuity:
         )
         ids = np.array(self._labels, dtype=np.int64)
         identity = np.array([number.get(k, 0) for k in found[use].tolist()], dtype=np.int64)
-        events, open_s = follow_labels(
-            given, self._sensors, self._walk, self._state, identity, int(np.count_nonzero(use[:begun]))
-        )
+        against, old = np.zeros(len(identity), dtype=np.bool_), int(np.count_nonzero(use[:begun]))
+        events, open_s = follow_labels(given, self._sensors, self._walk, self._state, identity, against, old)
+        times, names = rows.t_ns[use][against].tolist(), rows.sensor[use][against].tolist()
+        of = found[use] if self.events.repaired else rows.target_id[use].astype(np.int64)
+        self.events.contradicting.update(zip(of[against].tolist(), times, names, strict=True))
         found[use] = ids[identity]
         self._identity = found
         for event in events.tolist():

@@ -187,7 +187,7 @@ def _scripted(scene: Scene, request: SceneRequest, script: MotionScript) -> Worl
 
 
 def _times(defaults: WorldConfig, rate_hz: float | None, seconds: float | None) -> dict[str, object]:
-    """Step and number of steps, where they are not the defaults."""
+    """Arguments for the time step and the number of steps that the request states."""
     step_s = defaults.step_s if rate_hz is None else 1.0 / rate_hz
     steps = {} if seconds is None else {"steps": round(seconds / step_s) + 1}
     return {"step_s": step_s, **steps}
@@ -228,7 +228,9 @@ def write_recording(
         RecordingWriter(output, setup.scene, made, overwrite=overwrite, together=together) as writer,
     ):
         if setup.render is not None:
-            appearances = reference_appearances(setup.scene, _targets(setup), setup.render, seed)
+            appearances = reference_appearances(
+                setup.scene, _targets(setup), setup.render, seed, colours=not setup.store.grey
+            )
             writer.attach(APPEARANCE, "application/json", json.dumps(appearances).encode())
         chunks = _recorded(writer, setup, seed, start, counts)
         if setup.render is None:

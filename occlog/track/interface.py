@@ -162,6 +162,7 @@ class Online(NamedTuple, Generic[State, Config]):
     smoothing: Smoothing[State, Config] | None = None  # None: no smoother
     measured: bool = False  # whether it takes ranges, signal strengths and time differences
     judges: bool = False  # whether the fits of its estimates are of all bearings
+    consistent: bool = False  # whether it gets no bearings that contradict the motion of their target
 
 
 class Batch(NamedTuple, Generic[State, Config]):

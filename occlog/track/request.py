@@ -185,6 +185,14 @@ class TrackRequest(_InWorld):
         option="--keep-labels",
         shown="",
     )
+    reject_outliers: bool = setting(
+        False,
+        "Give methods ekf, ukf, iekf and fix no labelled bearings that contradict the motion of their target while "
+        "others of the same time agree with it. Rows with such bearings are then not flagged. [default: they are used, "
+        "and reported where they are many]",
+        option="--reject-outliers",
+        shown="",
+    )
     use_recovered: bool = setting(
         False,
         "Treat detections recovered by `occlog fuse` as measurements. [default: as missed]",

@@ -68,6 +68,7 @@ class TrackSummary:
         self.solves: list[Solve] = []
         self.asked: Counter[str] = Counter()
         self.labels: LabelEvents | None = None
+        self.outliers_matter = False
         self.cooperated = False
         self.requests = self.answered = self.frames = self.offered = 0
 
@@ -75,6 +76,7 @@ class TrackSummary:
         """Count some more rows."""
         self.targets.update(part.tracks.target_id.tolist())
         self.labels = part.labels or self.labels
+        self.outliers_matter |= part.outliers_matter
         self.evidence.fared(part.diagnostics)
         if part.residuals is not None:
             self.evidence.saw(part.tracks, ComparedBearings(part.residuals, part.frames), self.scene)
@@ -121,7 +123,8 @@ class TrackSummary:
             return (finding(NUMBER, "no-tracks"),)
         found = self.evidence.checks(one_target=not self.joint, smoothed=self.smoothed)
         number = outcome(NUMBER, (), targets=len(self.targets))
-        labels = label_checks(self.labels, self.scene.length_unit)
+        rows = self.evidence.rows if self.outliers_matter else 0
+        labels = label_checks(self.labels, self.scene.length_unit, rows)
         return (*number, *self.sharp.checks(), *self.compass.checks(), *labels, *found)
 
     def _particles(self) -> dict[str, Any]:
@@ -184,6 +187,7 @@ def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Lo
         selection=selection,
         particles=request.particle_cloud is not None,
         repair_labels=not request.keep_labels,
+        reject_outliers=request.reject_outliers,
     )
     joint = isinstance(tracker(request.method), Joint)
     smoothed = isinstance(config, SmoothingConfig) and config.smoothed
@@ -198,6 +202,7 @@ def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Lo
         "window_ns": request.window_ns or 0,
         "in_turn_s": request.round_robin_s,
         **({"keep_labels": True} if request.keep_labels else {}),
+        **({"reject_outliers": True} if request.reject_outliers else {}),
         "doa_labels": request.doa_labels,
         "selection": None if selection is None else asdict(selection),
         **asdict(config),

@@ -444,6 +444,8 @@ def test_no_plug_in_is_looked_for_where_all_names_are_ours(folder: Path) -> None
     ]
     code = (
         "import importlib.metadata, sys\n"
+        "from numba.core.entrypoints import init_all\n"  # numba searches for its own extensions, once
+        "init_all()\n"
         "from occlog.cli.main import run\n"
         "def refuse(**given): raise AssertionError('looked for plug-ins')\n"
         "importlib.metadata.distributions = refuse\n"

@@ -66,7 +66,7 @@ class FieldSettings(Settings):
     )
     side: str = setting(
         "free",
-        "Side to which an escape turns; `free`: where obstacles are farther, else where the goal is nearer, else left.",
+        "Side to which a blocked path turns; `free`: where obstacles are farther, else nearer the goal, else left.",
         choices=("left", "right", "free"),
         option="--side",
     )

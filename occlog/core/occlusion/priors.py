@@ -45,7 +45,9 @@ def gaussian_priors(mean: Floats, covariance: Floats, diameter: float) -> Priors
     covariance = np.asarray(covariance, dtype=np.float64).reshape(M, 2, 2)
     values, vectors = np.linalg.eigh(covariance) if M else (np.empty((0, 2)), np.empty((0, 2, 2)))
     if np.any(values[:, 0] < -1e-9 * np.maximum(values[:, 1], 1e-300)):
-        raise ValueError("covariance of an occluder is not positive semi-definite")
+        raise ValueError(
+            "covariance of a moving occluder is not positive semi-definite; correct its cov_xx, cov_xy and cov_yy"
+        )
     values = np.where(values < MIN_VARIANCE_RATIO * values[:, 1:], 0.0, values)
     return Priors(
         mean=np.ascontiguousarray(mean, dtype=np.float64).reshape(M, 2),

@@ -247,7 +247,7 @@ class _Sink:
             self._message(self._second(topic), PointCloud, frame.t_ns, data)
 
     def _image(self, frame: Frame) -> tuple[bytes, str, tuple[int, int], float]:
-        """Compressed bytes, their kind, width and height, and how much smaller than recorded; JPEG if coded."""
+        """Return the compressed image (JPEG where it is encoded again), format, size and scale factor."""
         most = self._request.height
         if frame.encoded is not None:
             kind, size = image_kind(frame.encoded), shown_size(frame.encoded)

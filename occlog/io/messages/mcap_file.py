@@ -311,7 +311,7 @@ def unpack_frames(data: bytes, most: int) -> bytes:
     for frame in _frames(data):
         size = zstandard.frame_content_size(frame)  # -1: whoever packed it did not know
         if size > left or left == 0:
-            raise zstandard.ZstdError(f"it would unpack to {most - left + max(size, 1)} bytes (limit {most})")
+            raise zstandard.ZstdError(f"chunk would unpack to {most - left + max(size, 1)} bytes (limit {most})")
         parts.append(
             zstandard.ZstdDecompressor().decompress(frame, max_output_size=left, allow_extra_data=False)
             if size

@@ -182,7 +182,7 @@ class EvidenceTally:
             self._sums[track, target] = total + value, n + 1
 
     def evidence(self) -> IdentityEvidence:
-        """The sums so far."""
+        """Sums of the appearance statistics over the frames so far."""
         track, target = (np.unique(np.array([k[i] for k in self._sums], dtype=np.int32)) for i in (0, 1))
         likeness, boxes = np.zeros((len(track), len(target))), np.zeros((len(track), len(target)), dtype=np.int64)
         for (name, other), (total, n) in self._sums.items():

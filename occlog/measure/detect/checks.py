@@ -11,10 +11,11 @@ from msgspec import structs
 from occlog.array_types import Floats
 from occlog.consistency.verdict import exceeds_share
 from occlog.records.scene import Scene
-from occlog.records.tables import Views
+from occlog.records.tables import Bearings, Views
 from occlog.records.verdicts import Check, finding, outcome
 
 DETECTOR, DETECTS = "detector", "detections per camera"
+TARGETS = "detections per target"
 INSIDE, STAYS = "detections inside the images", "static detections"
 """Names of checks."""
 FEWEST = 50
@@ -47,6 +48,15 @@ class Checked:
         self._frames: Counter[str] = Counter()  # with detections
         self._every: dict[str, int] = {}
         self._kept: dict[str, list[Floats]] = {}  # of each camera the (k, 4) edges in a frame
+        self._rows: Counter[int] = Counter()  # of each target
+        self._seen: Counter[int] = Counter()
+
+    def add_bearings(self, rows: Bearings) -> None:
+        """Take in some more bearings; those of candidates are not counted."""
+        for target in np.unique(rows.target_id[rows.target_id >= 0]).tolist():
+            own = rows.target_id == target
+            self._rows[target] += int(np.count_nonzero(own))
+            self._seen[target] += int(np.count_nonzero(own & rows.seen))
 
     def add(self, views: Views) -> None:
         """Take in some more; rows that a fusion recovered have no box."""
@@ -84,6 +94,7 @@ class Checked:
             *outcome(DETECTS, self._none(enough), unless=few),
             *outcome(INSIDE, self._wide(), unless=boxes),
             *outcome(STAYS, self._staying(enough), unless=few or boxes),
+            *self._never_seen(),
         )
 
     def _none(self, frames: Mapping[str, int]) -> Iterator[Check]:
@@ -97,6 +108,12 @@ class Checked:
             yield finding(
                 DETECTS, "no-detections", sensors=[name], frames=frames[name], other=often, share=shares[often]
             )
+
+    def _never_seen(self) -> Iterator[Check]:
+        """Targets that no camera ever detects."""
+        never = [target for target, rows in sorted(self._rows.items()) if rows >= FEWEST and not self._seen[target]]
+        if never:
+            yield finding(TARGETS, "target-never-detected", targets=never, rows=max(self._rows[t] for t in never))
 
     def _wide(self) -> Iterator[Check]:
         """Cameras with boxes outside the image."""

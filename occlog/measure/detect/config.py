@@ -59,7 +59,7 @@ class DetectConfig(Settings):
         "The person network of occlog (`network`), or background subtraction with regions by a mixture of "
         "person-shaped Gaussians (`background`), the same with outlines of people where several touch (`outlines`), or "
         "connected blobs (`components`). `auto`: the network; background subtraction in simulated recordings, for "
-        "targets of known appearance, with an option of it, and for a camera whose moving people the network misses.",
+        "targets of known appearance, with an option of it, and where people move that the network misses.",
         choices=(AUTO, NETWORK, BACKGROUND, OUTLINES, COMPONENTS),
         option="--method",
     )
@@ -151,7 +151,7 @@ class DetectConfig(Settings):
     )
     min_confidence: float = setting(
         0.3,
-        "Minimum confidence of the box of a detector; of the network of occlog 0.4 unless it is given. Lower values "
+        "Minimum confidence of a box of a detector (0.4 by default for the network of occlog). Lower values "
         "detect more people and raise the clutter rate.",
         at_least=0,
         at_most=1,

@@ -132,6 +132,7 @@ def write_detections(
             found: dict[str, ColumnTable] = {Bearings.NAME: part.bearings, Views.NAME: part.views}
             tables.write(**{field: found[table] for table, field in fields.items()})
             checked.add(part.views)
+            checked.add_bearings(part.bearings)
             losses += part.losses
             left.lost(part.losses)
             tally.update(

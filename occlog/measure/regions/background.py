@@ -56,6 +56,7 @@ class Subtractor:
     model: cv2.BackgroundSubtractor
     rate: float  # learning rate; negative: OpenCV's automatic one
     seed: int
+    shadows: bool = False
 
 
 def make_subtractor(
@@ -81,17 +82,74 @@ def make_subtractor(
     make = cv2.createBackgroundSubtractorMOG2 if kind == "mog2" else cv2.createBackgroundSubtractorKNN
     model = make(history, DEFAULT_THRESHOLD[kind] if threshold is None else threshold, shadows)
     if start is None:
-        return Subtractor(model, -1.0, seed)
+        return Subtractor(model, -1.0, seed, shadows)
     cv2.setRNGSeed(seed)
     model.apply(start, learningRate=1.0)
     for _ in range(KNN_START_FRAMES if kind == "knn" else 0):
         model.apply(start, learningRate=0.5)
-    return Subtractor(model, 1.0 / history, seed)
+    return Subtractor(model, 1.0 / history, seed, shadows)
 
 
 def largest_image(kind: str) -> int:
     """Pixels that an image for a model of this kind may have."""
     return LARGEST_KNN if kind == "knn" else LARGEST_IMAGE
+
+
+MAX_SPREAD = 2
+"""Difference [grey levels] of the channels of a pixel without colour."""
+COLOURED_SHARE = 1e-3
+"""Share of pixels with colour that make an image one in colour."""
+COLOUR_STEP = 4
+"""Every so many rows and columns are searched for colours."""
+ROUGHNESS = 0.12
+"""Standard deviation over 3 x 3 pixels of the log ratio to the empty scene, above which a darker pixel is no shadow."""
+NEAR_PX, STREAK_PX = 7, 4
+"""Rough pixels count near foreground alone; lower streaks are edges of shadows, smaller gaps are filled [px]."""
+
+
+def has_colours(image: Bytes) -> bool:
+    """Return whether an image (height, width, 3) or (height, width) has colours."""
+    if image.ndim == 2:
+        return False
+    few = image[::COLOUR_STEP, ::COLOUR_STEP].astype(np.int16)
+    return bool(np.mean(few.max(axis=2) - few.min(axis=2) > MAX_SPREAD) > COLOURED_SHARE)
+
+
+def without_grey_shadows(marked: Bytes, image: Bytes, empty: Bytes) -> Bytes:
+    """(height, width) mask, 255 on the foreground, of an image without colours.
+
+    OpenCV knows a shadow by its colour, which is that of the scene: without colours it takes every pixel that is
+    darker for one.  Here a darker pixel is a shadow where its ratio to the empty scene is as smooth as the scene's
+    texture leaves it; clothes and limbs are rough.
+
+    Args:
+        marked: (height, width) of the background model: 255 foreground, 127 darker.
+        image: (height, width, 3) or (height, width).
+        empty: image of the empty scene, of its shape.
+    """
+    now, scene = (each if each.ndim == 2 else each[:, :, 0] for each in (image, empty))
+    log_ratio = np.log((now + np.float32(1.0)) / (scene + np.float32(1.0)))
+    mean, square = (cv2.blur(each, (3, 3)) for each in (log_ratio, log_ratio * log_ratio))
+    darker, sure = (marked > 0) & (marked < FOREGROUND), (marked == FOREGROUND).astype(np.uint8)
+    near = cv2.dilate(sure, np.ones((NEAR_PX, NEAR_PX), np.uint8)) > 0
+    rough = darker & (square - mean * mean > ROUGHNESS**2)
+    mask = np.where(rough & near, FOREGROUND, FOREGROUND * sure).astype(np.uint8)
+    mask = _dilated(_eroded(mask, 1, STREAK_PX), 1, STREAK_PX)
+    closed = [_eroded(_dilated(mask, *sides), *sides) for sides in ((1, STREAK_PX), (STREAK_PX, 1))]
+    filled: Bytes = np.where(darker & ((closed[0] | closed[1]) > 0), FOREGROUND, mask).astype(np.uint8)
+    return filled
+
+
+def _eroded(mask: Bytes, columns: int, rows: int) -> Bytes:
+    """Smallest value in a rectangle; with `_dilated` of the same sides nothing is shifted, also if they are even."""
+    anchor = ((columns - 1) // 2, (rows - 1) // 2)
+    return cv2.erode(mask, np.ones((rows, columns), np.uint8), anchor=anchor)  # type: ignore[no-any-return]
+
+
+def _dilated(mask: Bytes, columns: int, rows: int) -> Bytes:
+    """Largest value in a rectangle, mirrored."""
+    anchor = (columns // 2, rows // 2)
+    return cv2.dilate(mask, np.ones((rows, columns), np.uint8), anchor=anchor)  # type: ignore[no-any-return]
 
 
 def foreground(subtractor: Subtractor, image: Bytes, number: int, clean_px: int) -> Bytes:
@@ -106,11 +164,14 @@ def foreground(subtractor: Subtractor, image: Bytes, number: int, clean_px: int)
     """
     cv2.setRNGSeed((subtractor.seed + number) & 0x7FFFFFFF)
     raw = subtractor.model.apply(image, learningRate=subtractor.rate)
-    # Shadows (127) go to background.
-    _, mask = cv2.threshold(raw, FOREGROUND - 1, FOREGROUND, cv2.THRESH_BINARY)
+    if subtractor.shadows and not has_colours(image):
+        mask = without_grey_shadows(raw, image, subtractor.model.getBackgroundImage())
+    else:
+        # Shadows (127) go to background.
+        _, mask = cv2.threshold(raw, FOREGROUND - 1, FOREGROUND, cv2.THRESH_BINARY)
     if clean_px > 1:
         mask = cv2.medianBlur(mask, clean_px)
-    return mask  # type: ignore[no-any-return]
+    return mask
 
 
 CHANGE = 12.0  # grey levels between two samples that mean motion, after smoothing

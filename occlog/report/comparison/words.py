@@ -250,7 +250,7 @@ def comparison_heading(found: RunComparisonPage) -> str:
 
 
 def _of_verdicts(rows: Sequence[ComparisonRow]) -> str:
-    """Describe the figures in a line."""
+    """Describe in one line which figures of a comparison are better and which are worse."""
     decided = [f"{v} in {names}" for v in ("better", "worse") if (names := _names(r for r in rows if r.verdict == v))]
     if decided:
         return f"B is {' and '.join(decided)}"

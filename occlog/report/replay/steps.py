@@ -125,7 +125,7 @@ class ReplaySteps:
 
     @property
     def period_ns(self) -> float:
-        """The usual time between two times."""
+        """Interval between the frames of the leading camera [ns]; 1 s without one."""
         return float(NS) if self._leading is None else self._leading.step_ns
 
     @cached_property

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Floats, Ints
+from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import kernel
 
 GATE_CHI2 = 16.0
@@ -311,7 +311,13 @@ def _decide(first: int, rows: LabelledRows, state: ContinuityState, identity: In
 
 @kernel
 def follow_labels(
-    rows: LabelledRows, sensors: SensorPositions, walk: WalkingSpeed, state: ContinuityState, identity: Ints, begun: int
+    rows: LabelledRows,
+    sensors: SensorPositions,
+    walk: WalkingSpeed,
+    state: ContinuityState,
+    identity: Ints,
+    against: Bools,
+    begun: int,
 ) -> tuple[Floats, float]:
     """Find the identities of labelled bearings by the continuity of their motion.
 
@@ -321,6 +327,7 @@ def follow_labels(
         walk: how targets move.
         state: after the rows before; changed.
         identity: (N,) of each row; those of the rows from `begun` on are written, and those of earlier ones corrected.
+        against: (N,) whether a bearing contradicts the motion of its target; written from `begun` on.
         begun: first row that was not there before.
 
     Returns:
@@ -356,7 +363,7 @@ def follow_labels(
                     rows.azimuth[r],
                     rows.variance[r],
                 )
-        n += _take(first, last, rows, identity, sensors, walk, state, events[n:])
+        n += _take(first, last, rows, identity, against, sensors, walk, state, events[n:])
         first = last
     return events[:n], float(state.open_s.min()) if state.open_s.size else math.inf
 
@@ -367,6 +374,7 @@ def _take(
     last: int,
     rows: LabelledRows,
     identity: Ints,
+    against: Bools,
     sensors: SensorPositions,
     walk: WalkingSpeed,
     state: ContinuityState,
@@ -397,6 +405,16 @@ def _take(
                 )
                 state.jump[k, 5] = state.spread[k]
         state.lost[k] = max(0.0, state.lost[k] + rejected[k] - FOUND_WEIGHT * accepted[k])
+    for r in range(first, last):
+        k = identity[r]
+        # Bearings at the same time that agree with the motion say that it is right
+        sure = (
+            state.known[k] == 1
+            and state.accepted[k] >= MIN_CONFIRMED
+            and accepted[k] >= 1.0
+            and rejected[k] <= max(1.0, 0.5 * accepted[k])
+        )
+        against[r] = sure and not inside[r - first] and not math.isnan(rows.azimuth[r])
     for r in range(first, last):
         k = identity[r]
         # Where most bearings contradict, those that do not agree by chance

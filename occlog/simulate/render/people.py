@@ -33,7 +33,7 @@ from occlog.simulate.world.scripted_paths import truth_grid
 
 from .body import STATURE, WALKING, Clothes, clothes_of, dress, walking
 from .frame import Canvas, RenderedFrame, bare_canvas, canvas, draw
-from .surfaces import lamps
+from .surfaces import grey, lamps
 
 NOISE = 1 << 22
 """Numbers drawn once for the sensor noise; every row of every frame takes a section at random."""
@@ -214,7 +214,7 @@ SIDES = 8
 
 
 def reference_appearances(
-    scene: Scene, targets: Iterable[int], config: RenderConfig, seed: int
+    scene: Scene, targets: Iterable[int], config: RenderConfig, seed: int, colours: bool = True
 ) -> list[dict[str, int | list[float]]]:
     """Appearance of each target: the histogram of its body as seen from eight sides in the scene's light.
 
@@ -223,6 +223,7 @@ def reference_appearances(
         targets: numbers of the targets, rising, as in the truth that is rendered.
         config: as for `render`.
         seed: as for `render`; it decides on the clothes.
+        colours: of the video; without them the histograms are of brightness alone.
 
     Returns:
         `[{"target_id": 0, "appearance": [72 numbers that sum to 1]}, ...]`
@@ -236,7 +237,7 @@ def reference_appearances(
         appearance = dress(hue, True, generator(seed, RandomStream.RENDER_CLOTHES, model), two_sided=config.two_sided)
         counts = np.zeros(N_BINS)
         for side, view in enumerate(views):
-            _add_into(counts, view, clothes_of([appearance]), 2 * math.pi * side / SIDES)
+            _add_into(counts, view, clothes_of([appearance]), 2 * math.pi * side / SIDES, colours)
         found.append({"target_id": int(target), "appearance": normalised(counts).tolist()})
     return found
 
@@ -258,7 +259,7 @@ def _view(scene: Scene, metre: float, angle: float) -> tuple[Canvas, Floats]:
     return bare_canvas(camera, lights, metre), position
 
 
-def _add_into(counts: Floats, view: tuple[Canvas, Floats], clothes: Clothes, phase: float) -> None:
+def _add_into(counts: Floats, view: tuple[Canvas, Floats], clothes: Clothes, phase: float, colours: bool) -> None:
     """Add the pixels of one body, walking along x, to a histogram."""
     sheet, position = view
     rows = np.array([[*position, WALKING, 0.0, phase]])
@@ -266,4 +267,4 @@ def _add_into(counts: Floats, view: tuple[Canvas, Floats], clothes: Clothes, pha
         c=sheet, rows=rows, clothes=clothes, gain=1.0, sigmas=(0.0, 0.0), shadows=False, rng=np.random.default_rng(0)
     ).image
     mask = (image.max(axis=2) > 0).astype(np.uint8)
-    add_pixels_into(counts, image, mask, 0, 0, *SIZE, 1.0)
+    add_pixels_into(counts, image if colours else grey(image), mask, 0, 0, *SIZE, 1.0)

@@ -79,6 +79,7 @@ class TrackChunk(NamedTuple):
     frames: tuple[CandidateFrames, ...] = ()  # what candidates without a label were left
     particles: Particles | None = None  # None: not asked for
     labels: LabelEvents | None = None  # exchanged and jumping labels up to here; None: labels were not followed
+    outliers_matter: bool = False  # the method cannot reject bearings that contradict a target's motion
 
 
 ROWS_PER_CHUNK = 4096

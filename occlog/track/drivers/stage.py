@@ -83,6 +83,9 @@ def track(
         labels = label_continuity(scene, tracking, repair=repair)
         bearings = labels.watch(bearings)
     watched = bearings if witness is None else witness.watch(bearings)
+    unprotected = isinstance(method, Online) and method.consistent
+    if unprotected and labels is not None and tracking.reject_outliers:
+        watched = labels.events.consistent(watched)
     for part in _tracked(watched, scene, method, tracking, occluders, measured):
         tracks, diagnostics = doubts.judged(part.tracks, part.diagnostics)
         part = part._replace(tracks=tracks, diagnostics=diagnostics)
@@ -98,6 +101,7 @@ def track(
             part = part._replace(residuals=own, frames=compared.frames)
         if labels is not None:
             part = part._replace(diagnostics=flag_labels(part.diagnostics, labels.events), labels=labels.events)
+            part = part._replace(outliers_matter=unprotected)
         yield part
 
 

@@ -32,6 +32,7 @@ class TrackingTask(Generic[Config]):
         selection: how to select cameras; only those selected are used.  None: no selection.
         particles: give out where the particles of the filters are, too.
         repair_labels: labels that two targets exchange are exchanged back.
+        reject_outliers: methods that cannot reject false bearings get none that contradict their target's motion.
     """
 
     config: Config
@@ -44,6 +45,7 @@ class TrackingTask(Generic[Config]):
     selection: SelectConfig | None = None
     particles: bool = False
     repair_labels: bool = True
+    reject_outliers: bool = False
 
     def rows(self, scene: Scene) -> BearingRows:
         """Which rows of the bearings to use."""

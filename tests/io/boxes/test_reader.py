@@ -172,7 +172,7 @@ def test_without_a_camera_or_a_time_it_is_said_which_option_helps(tmp_path: Path
         survey_boxes([BoxFile(path, None)], (), BoxOptions())
     files = [BoxFile(path, "cam")]
     survey = survey_boxes(files, (), BoxOptions())
-    with pytest.raises(UsageError, match="camera cam: nothing states when its frames were taken"):
+    with pytest.raises(UsageError, match="camera cam: its frames have no times"):
         list(read_boxes(files, survey, {}, (), BoxOptions(), Boxes))
 
 

@@ -253,7 +253,11 @@ FLOOR = room_points(np.random.default_rng(5), 60) * [1, 1, 0]
             ExitCode.BAD_INPUT,
             "no camera named 'z'",
         ),
-        (["--matches", "scene.csv", "--cameras", "b,c", "-o", "x.json"], ExitCode.BAD_INPUT, "pairs there: a-b, c-a"),
+        (
+            ["--matches", "scene.csv", "--cameras", "b,c", "-o", "x.json"],
+            ExitCode.BAD_INPUT,
+            "pairs in the file: a-b, c-a",
+        ),
         (
             ["--check", "--matches", "scene.csv", "--fundamental", "bad.json"],
             ExitCode.BAD_INPUT,

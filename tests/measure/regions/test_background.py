@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from occlog.measure.regions.background import Subtractor, foreground, make_subtractor
+from occlog.measure.regions.background import Subtractor, foreground, has_colours, make_subtractor
 
 SHAPE = (60, 80)
 
@@ -65,6 +65,33 @@ def test_shadows_are_removed_only_if_asked_for() -> None:
     for shadows, want in ((True, 0.0), (False, 255.0)):
         mask = run(make_subtractor("mog2", 500, None, shadows, scene_image()), frames)[5]
         assert abs(mask[22:48, 32:43].mean() - want) < 0.2 * 255
+
+
+@pytest.mark.parametrize("kind", ["mog2", "knn"])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_in_grey_images_smooth_darkening_is_shadow_and_rough_darkening_is_not(kind: str, channels: int) -> None:
+    """A shadow is 0.7 of the scene; clothes are 0.25 to 0.95 of it from pixel to pixel."""
+    frames = video(8, 99, colour=False)
+    rng = np.random.default_rng(5)
+    frames[6][20:50, 30:45] = np.rint(0.7 * frames[6][20:50, 30:45])
+    frames[7][20:50, 30:45] = np.rint(rng.uniform(0.25, 0.95, (30, 15)) * frames[7][20:50, 30:45])
+    start = scene_image(colour=False)
+    if channels == 3:
+        frames, start = [np.repeat(f[..., None], 3, axis=2) for f in frames], np.repeat(start[..., None], 3, axis=2)
+    masks = run(make_subtractor(kind, 500, None, True, start), frames, 5)
+    assert masks[6, 22:48, 32:43].mean() < 0.05 * 255
+    assert masks[7, 22:48, 32:43].mean() > 0.7 * 255
+    assert masks[:6].mean() < 0.002 * 255
+
+
+def test_colours_are_those_of_more_than_a_thousandth_of_the_pixels() -> None:
+    image = np.full((100, 100, 3), 90, np.uint8)
+    assert not has_colours(image)
+    assert not has_colours(image[:, :, 0])
+    image[:, :, 2] += 2  # a tint of a codec
+    assert not has_colours(image)
+    image[40:60, 40:60, 2] = 200
+    assert has_colours(image)
 
 
 def test_the_median_filter_removes_speckle() -> None:

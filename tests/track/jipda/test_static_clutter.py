@@ -146,7 +146,7 @@ def test_false_people_in_all_cameras_are_counted_and_confirmed_by_a_second_time_
         frames.append(out)
     state, snapshots = followed(made._replace(moments=frames))
     # One a time step; where they stand near people, or follow each other, they are not distinguished
-    assert common_clutter_rate(state.counts) > 0.12
+    assert common_clutter_rate(state.counts) > 0.06
     shown = [
         np.hypot(*(s.mean[:, :2] - xy).T).min(initial=9.0) < 0.3 and np.hypot(*(there - xy).T).min() > 0.8
         for s, xy, there in zip(snapshots[75:], false[75:], made.truth[75:], strict=True)

@@ -14,7 +14,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints, Uints
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.texts.csv_rows import CsvRows
 from occlog.records.declared.sensors import MAX_EDGE_PX
@@ -245,9 +245,7 @@ def _table(
 def times_of(camera: str, times: Mapping[str, FrameTimes]) -> FrameTimes:
     """Times of a camera's frames; UsageError where nothing gives them."""
     if camera not in times:
-        raise UsageError(
-            f"camera {camera}: nothing states when its frames were taken; give a frame rate or time stamps"
-        )
+        raise UsageError(f"camera {camera}: its frames have no times; give {option('fps')} or {option('timestamps')}")
     return times[camera]
 
 

@@ -384,7 +384,7 @@ def _unpacked(data: bytes, head: ChunkHead) -> bytes:
     if compression not in KNOWN_COMPRESSION:
         raise ValueError(f"unknown compression {compression!r}")
     if declared > MAX_CHUNK_BYTES:
-        raise ValueError(f"unpacks to {declared} bytes; the limit is {MAX_CHUNK_BYTES}")
+        raise ValueError(f"chunk unpacks to {declared} bytes; the limit is {MAX_CHUNK_BYTES}")
     if not compression:
         return packed[:declared]
     if compression == "lz4":

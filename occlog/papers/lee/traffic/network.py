@@ -100,7 +100,7 @@ class RouterNetwork:
         return frozenset({"link " + " ".join(sorted((a, b)))})
 
     def tree(self, source: str, destinations: Iterable[str]) -> dict[str, tuple[str, ...]]:
-        """Return the next nodes of each node on the shortest ways from a node to all destinations.
+        """Return the children of each node in the tree of shortest paths from a node to all destinations.
 
         KeyError names a destination that no way leads to.
         """

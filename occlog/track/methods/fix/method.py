@@ -220,4 +220,6 @@ def _wrapped(angle: Floats) -> Floats:
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
-METHOD = Online(config=FixConfig, init=init, step=step, started=lambda _: False, measured=True, judges=True)
+METHOD = Online(
+    config=FixConfig, init=init, step=step, started=lambda _: False, measured=True, judges=True, consistent=True
+)

@@ -136,7 +136,7 @@ class ImmConfig(SmoothingConfig):
     )
     camera_fix: str = setting(
         "update",
-        "Use of a camera position: `update` as a measurement, or `replace` the particles (the thesis).",
+        "Use of a position fix from cameras: `update` as a measurement, or `replace` the particles by it, as in [Lee].",
         choices=("update", "replace"),
     )
     update_other_targets: bool = setting(True, "Also update other targets seen in the requested frames.")

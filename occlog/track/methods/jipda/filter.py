@@ -122,8 +122,8 @@ MIN_POSITIONS_TO_CONFIRM = 0.5
 """Minimum number of positions for confirmation, of sources of positions alone."""
 ROOM_MARGIN_M = 0.5
 """People are not initiated farther outside the room than this [m]."""
-MIN_MISS, MIN_ARRIVALS = 1e-6, 1e-12
-"""Limits of the probability of a missed detection and of the density of arrivals."""
+MIN_ARRIVALS = 1e-12
+"""Least density of people who are missed while others arrive."""
 LOG_EXCLUDED = -60.0
 """Log-likelihood ratio of a box that is not a person's."""
 MIN_STEPS_OF_TRUE = 1.5
@@ -507,7 +507,7 @@ def associate(
     """Update people by the frames of one time step, with new people as an explanation that all cameras share.
 
     In each image a box is a person's, or clutter.  Boxes of several cameras that agree on a position far from a person
-    are that person's only if this is more probable than a missed person and a new one there.
+    are that person's only if this is more probable than a miss of the person in all cameras at once and an arrival.
 
     Args:
         mean: (N, 6) predicted bodies.
@@ -525,9 +525,7 @@ def associate(
     off, P = (result.mean - mean)[:, :2], covariance[:, :2, :2]
     log = -0.5 * np.einsum("ni,ni->n", off, np.linalg.solve(P, off[..., None])[..., 0])
     log -= 0.5 * np.linalg.slogdet(P)[1] + math.log(2.0 * math.pi)
-    all_missed = np.prod(1.0 - np.minimum(result.detection, 1.0 - MIN_MISS), axis=0)
-    missed = rates.common_miss + (1.0 - rates.common_miss) * all_missed
-    far = log < np.log(missed * max(arrivals, MIN_ARRIVALS))
+    far = log < math.log(max(rates.common_miss * arrivals, MIN_ARRIVALS))
     if not far.any():
         return result
     log_features = np.where(far[:, None] & (result.beta > MIN_ASSOCIATION_PROBABILITY), LOG_EXCLUDED, log_features)

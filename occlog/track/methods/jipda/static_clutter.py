@@ -23,7 +23,7 @@ MIN_LOG_ODDS, MAX_LOG_ODDS = -10.0, 20.0
 MIN_HIT = 0.5
 """Association probability from which a camera supports a track."""
 MISS_INTERVAL_S = 0.5
-"""Misses last: those of a camera count once in so long."""
+"""Misses are correlated in time: those of a camera count once in this interval [s]."""
 MAX_MISS_EVIDENCE = 2.0
 """Greatest evidence of one missed detection: what a camera does not see may be hidden from it by something unknown."""
 SUPPORT_EVIDENCE = 5.0

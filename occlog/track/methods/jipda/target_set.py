@@ -137,7 +137,7 @@ def tentative_targets(
 
 
 def no_targets() -> TargetSet:
-    """No people."""
+    """Create an empty target set."""
     return tentative_targets(
         np.zeros((0, STATE_SIZE)),
         np.zeros((0, STATE_SIZE, STATE_SIZE)),

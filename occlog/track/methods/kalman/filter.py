@@ -282,6 +282,7 @@ def _method(config: type[K], update: Update[K], by_stations: StationUpdate | Non
         step=stepper(update, by_stations),
         started=lambda own: own.start is not None,
         measured=by_stations is not None,
+        consistent=True,
         smoothing=Smoothing(
             wanted=lambda own: own,
             trace=_trace,

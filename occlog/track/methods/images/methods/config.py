@@ -91,7 +91,12 @@ class MipfConfig(Settings):
         "other. Larger values assign distant regions, but fewer of those that are close together.",
         **ABOVE_0,
     )
-    region_share: float = setting(0.3, "Share of the particles of a tracker drawn at its own region.", **SHARE)
+    region_share: float = setting(
+        0.3,
+        "Share of the particles that a tracker draws around its associated foreground region. Larger values follow the "
+        "region, smaller ones the motion model.",
+        **SHARE,
+    )
     region_spread: float = setting(
         0.1, "Standard deviation of the particles drawn at the region, relative to the radius.", **ABOVE_0
     )

@@ -88,7 +88,10 @@ def _smoothed(
             node = walk.last[old]
             model = np.where(node != NO_NODE, tracks.chain.model[node], CONSTANT_VELOCITY)
             dt = span.time[t] - span.time[walk.step[ahead]]
-            F[old], Q = _transitions(dt, tracks.walk.drift[model], common)
+            kinds, kind = np.unique(np.column_stack([dt, model]), axis=0, return_inverse=True)
+            steps = [_transition(float(dt), tracks.walk.drift[int(model)], common) for dt, model in kinds]
+            kind = kind.reshape(-1)
+            F[old], Q = np.stack([s[0] for s in steps])[kind], np.stack([s[1] for s in steps])[kind]
             predicted[old] = np.einsum("kij,kj->ki", F[old], mean[ahead])
             spread[old] = F[old] @ covariance[ahead] @ F[old].swapaxes(1, 2) + Q
         prior = np.linalg.inv(spread[rows])
@@ -117,16 +120,13 @@ def _prior(tracks: ChainTracks, span: WindowSpan, common: tuple[float, float]) -
     return mean, np.diag(variance)
 
 
-def _transitions(dt: Floats, drift: Floats, common: tuple[float, float]) -> tuple[Floats, Floats]:
-    """F and Q (m, 8, 8) of steps dt (m,) with the process noise `drift` (m, 3) of `noise_of_walk`."""
-    m = len(dt)
-    F, Q = np.repeat(np.eye(FULL_SIZE)[None], m, axis=0), np.zeros((m, FULL_SIZE, FULL_SIZE))
-    F[:, 0, 2] = F[:, 1, 3] = dt
-    for k in range(m):
-        noise_of_walk(float(dt[k]), drift[k], Q[k, :STATE_SIZE, :STATE_SIZE])
+def _transition(dt: float, drift: Floats, common: tuple[float, float]) -> tuple[Floats, Floats]:
+    """F and Q (8, 8) of a step dt [s] with the process noise `drift` (3,) of `noise_of_walk`."""
+    F, Q = np.eye(FULL_SIZE), np.zeros((FULL_SIZE, FULL_SIZE))
+    F[0, 2] = F[1, 3] = dt
+    noise_of_walk(dt, drift, Q[:STATE_SIZE, :STATE_SIZE])
     square, time = common
-    for k in range(m):
-        rho = math.exp(-float(dt[k]) / time)
-        for e in ERROR:
-            F[k, e, e], Q[k, e, e] = rho, square * (1.0 - rho * rho)
+    rho = math.exp(-dt / time)
+    for e in ERROR:
+        F[e, e], Q[e, e] = rho, square * (1.0 - rho * rho)
     return F, Q

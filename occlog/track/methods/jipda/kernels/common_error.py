@@ -29,7 +29,7 @@ SMALL_VARIANCE = 1e-9
 
 @kernel
 def initial_moments(moments: Floats, z: float, noise: float, square: float, velocity: float) -> None:
-    """Write the moments (3, 10) of one grid point after the first position, both models' weights at their prior.
+    """Write the moments (3, 10) of one grid point after the first position, with the prior weights of the models.
 
     Args:
         moments: (3, 10) written.
