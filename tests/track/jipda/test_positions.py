@@ -13,8 +13,7 @@ from occlog.track.methods.jipda.detector_model import gait_variance
 from occlog.track.methods.jipda.filter import JipdaState, initial_state, step
 from occlog.track.methods.jipda.interface import FrameDetections, PositionSource, TrackSnapshot
 from occlog.track.methods.jipda.position_errors import (
-    common_error_growth,
-    common_error_variance,
+    lasting_error,
     learned_sigma,
     learned_sigma_ratio,
     position_covariances,
@@ -48,28 +47,30 @@ def test_one_target_is_followed_as_by_a_kalman_filter() -> None:
     rng = np.random.default_rng(0)
     root = np.linalg.cholesky([[0.04, 0.015], [0.015, 0.02]])
     state = initial_state(Scene(), [SOURCE], config)
-    F = np.eye(4)
+    F, Q = np.eye(6), np.zeros((6, 6))
     F[0, 2] = F[1, 3] = STEP_S
-    H, m, P = np.eye(2, 4), np.zeros(4), np.eye(4)
+    H, m, P = np.concatenate([np.eye(2), np.zeros((2, 2)), np.eye(2)], axis=1), np.zeros(6), np.eye(6)
     q = position_errors.WALK_RATIO * config.process_noise_density
-    Q = q * np.kron([[STEP_S**3 / 3, STEP_S**2 / 2], [STEP_S**2 / 2, STEP_S]], np.eye(2))
+    Q[:4, :4] = q * np.kron([[STEP_S**3 / 3, STEP_S**2 / 2], [STEP_S**2 / 2, STEP_S]], np.eye(2))
     for k in range(25):
         z = walk(k) + rng.normal(size=(1, 2)) @ root.T
-        growth, gait = common_error_growth(state.positions, STEP_S), gait_variance(state.edges)
+        (lasting, tau), gait = lasting_error(state.positions), gait_variance(state.edges)
         xx, xy, yy = position_covariances(state.positions, 0, covariance[None])[0]
         R = np.array([[xx, xy], [xy, yy]]) + gait * np.eye(2)
         state, found = step(state, [positions(k, z, covariance)])
         if k == 0:
-            m[:2], P = z[0], np.diag([0.0, 0.0, *2 * [config.sigma_initial_velocity**2]])
-            P[:2, :2] = R
+            m[:2], P = z[0], np.diag([0.0, 0.0, *2 * [config.sigma_initial_velocity**2], lasting, lasting])
+            P[:2, :2] = R + lasting * np.eye(2)
+            P[:2, 4:] = P[4:, :2] = -lasting * np.eye(2)
         else:
-            m, P = F @ m, F @ P @ F.T + Q + np.diag([growth, growth, 0.0, 0.0])
+            rho = np.exp(-STEP_S / tau)
+            F[4:, 4:], Q[4:, 4:] = rho * np.eye(2), lasting * (1.0 - rho**2) * np.eye(2)
+            m, P = F @ m, F @ P @ F.T + Q
             K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
-            m, P = m + K @ (z[0] - m[:2]), P - K @ H @ P
+            m, P = m + K @ (z[0] - H @ m), P - K @ H @ P
         assert k < 2 or len(found.ids) == 1
-    np.testing.assert_allclose(found.mean[0, :4], m, atol=5e-3)
-    reported = P[:2, :2] + common_error_variance(state.positions) * np.eye(2)
-    np.testing.assert_allclose(found.covariance[0, :2, :2], reported, rtol=0.02)
+    np.testing.assert_allclose(found.mean[0, :4], m[:4], atol=1e-3)
+    np.testing.assert_allclose(found.covariance[0, :2, :2], P[:2, :2], rtol=0.02)
     assert found.covariance[0, 0, 1] > 0.0
 
 

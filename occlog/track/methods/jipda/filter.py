@@ -70,8 +70,7 @@ from .kernels.track_initiation import BirthIntensity, initiate_targets
 from .position_errors import (
     WALK_RATIO,
     PositionErrors,
-    common_error_growth,
-    common_error_variance,
+    lasting_error,
     manoeuvre_variance,
     position_covariances,
     prior_position_errors,
@@ -95,9 +94,7 @@ from .target_set import (
     track_termination_rate_at,
     update,
     update_map,
-    with_common_error,
     with_gait_variance,
-    with_position_variance,
 )
 
 BORDER_PX = 3.0
@@ -212,7 +209,7 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
     t_ns = max(frame.t_ns for frame in frames)
     dt = 0.0 if state.t_ns is None else min((t_ns - state.t_ns) / NS, MAX_PREDICTION_S)
     # Predict
-    common = common_error(state.common)
+    common = common_error_of(state)
     people = predict(
         state.people,
         t_ns,
@@ -227,7 +224,6 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         if state.positions.alone
         else config,
     )
-    people = with_common_error(people, common_error_growth(state.positions, dt))
     exclusion_ns = state.exclusion_ns
     if config.exclusion_radius > 0.0 and (exclusion_ns is None or t_ns - exclusion_ns >= EXCLUSION_INTERVAL_NS):
         people, exclusion_ns = apply_exclusion_prior(people, config.exclusion_radius), t_ns
@@ -284,7 +280,9 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         steps=people.steps + result.existence * np.minimum(explained, 1.0),
         seen_ns=np.where(np.isfinite(result.visible).any(axis=0), t_ns, people.seen_ns),
     )
-    people = update_static_clutter(people, boxes, static > anywhere, result, rates.noise, interval, state.metre)
+    people = update_static_clutter(
+        people, boxes, static > anywhere, result, rates.noise, interval, state.metre, state.positions.first
+    )
     counts = update_statistics(
         state.counts, people, before_update, dt=dt, config=config, boxes=boxes, rates=rates, result=result,
         alone=state.positions.alone,
@@ -392,7 +390,7 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         t_ns=t_ns,
         ids=kept.id[shown],
         mean=kept.mean[shown],
-        covariance=with_position_variance(kept.covariance[shown], common_error_variance(positions)),
+        covariance=kept.covariance[shown],
         existence=real[rows[shown]],
         visibility=np.ascontiguousarray(visible[:, rows[shown]].T),
         support=associations_of(beta, joint, boxes, frames),
@@ -418,6 +416,11 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         positions=positions,
         seeds=seeds,
     ), snapshot
+
+
+def common_error_of(state: JipdaState) -> tuple[float, float]:
+    """Return the variance per axis and the correlation time [s] of the common error of position in the state."""
+    return lasting_error(state.positions) if state.positions.alone else common_error(state.common)
 
 
 def _false_seeds(

@@ -9,9 +9,8 @@ Kirubarajan 2001, Sec. 11.6).  The evidence is tempered: no combination is right
 independent from time to time.  A total variance that the source states is used as it is; its scale is estimated along,
 for the verdict.
 
-Where positions are all there is, p + b + g is tracked: it moves by the changes of b and g, and an estimate of p + g
-has the variance of b on top.  With cameras, b and g are noise of the positions instead, as if white of equal power at
-zero frequency.
+Where positions are all there is, b is the common error of the filter's state.  With cameras, b and g are noise of the
+positions instead, as if white of equal power at zero frequency.
 """
 
 from __future__ import annotations
@@ -211,20 +210,11 @@ def manoeuvre_variance(errors: PositionErrors, c: int, metre: float) -> float:
     return MANOEUVRE_DENSITY * metre**2 * min(period, MAX_MANOEUVRE_S) ** 3 / 3.0
 
 
-def common_error_variance(errors: PositionErrors) -> float:
-    """Variance per axis of what the tracked position has on top of the target's: b; 0 with cameras."""
-    if not errors.alone or not errors.banks:
-        return 0.0
-    return min(position_noise_of(errors, errors.first + k).lasting for k in range(len(errors.banks)))
-
-
-def common_error_growth(errors: PositionErrors, dt: float) -> float:
-    """Variance per axis by which b and g change the tracked position within dt seconds; 0 with cameras."""
-    if not errors.alone or not errors.banks:
-        return 0.0
+def lasting_error(errors: PositionErrors) -> tuple[float, float]:
+    """Return the variance per axis and the correlation time [s] of b, of the source for which it is least."""
     noises = [position_noise_of(errors, errors.first + k) for k in range(len(errors.banks))]
-    changes = [2.0 * each.lasting * -math.expm1(-dt / each.tau) for each in noises]
-    return min(changes) + 2.0 * errors.gait_variance * -math.expm1(-dt / GAIT_CORRELATION_S)
+    least = min(noises, key=lambda each: each.lasting)
+    return least.lasting, least.tau
 
 
 def update_position_errors(

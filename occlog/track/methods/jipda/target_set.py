@@ -279,23 +279,9 @@ def without_gait_variance(information: Floats, vector: Floats, gait_variance: fl
 
 def with_gait_variance(people: TargetSet, gait_variance: float) -> Floats:
     """(N, 6, 6) covariances of the states that bodies show at a time step."""
-    return with_position_variance(people.body_covariance, gait_variance)
-
-
-def with_position_variance(covariance: Floats, variance: float) -> Floats:
-    """(N, 6, 6) covariances with a variance added to each axis of the position."""
-    out = covariance.copy()
-    out[:, [X, Y], [X, Y]] += variance
+    out = people.body_covariance.copy()
+    out[:, [X, Y], [X, Y]] += gait_variance
     return out
-
-
-def with_common_error(people: TargetSet, growth: float) -> TargetSet:
-    """The people after a random step of their positions that has the variance `growth` on each axis."""
-    if growth <= 0.0:
-        return people
-    covariances = people.covariances.copy()
-    covariances[..., [X, Y], [X, Y]] += growth
-    return _mixture_moments(replace(people, covariances=covariances))
 
 
 def apply_exclusion_prior(people: TargetSet, s: float) -> TargetSet:

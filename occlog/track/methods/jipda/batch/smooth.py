@@ -28,7 +28,7 @@ from scipy.optimize import linear_sum_assignment
 from occlog.array_types import NS, Floats, Ints
 
 from ..association_features import appearance_of, are_histograms, feature_likelihood, log_ratio, unit_vectors
-from ..common_error import common_error, new_variance
+from ..common_error import new_variance
 from ..detector_model import (
     blind_frames,
     common_clutter_rate,
@@ -41,11 +41,9 @@ from ..detector_model import (
     posture_change_rate,
     track_termination_rate,
 )
-from ..filter import JipdaState, associations_of, pack_detections
+from ..filter import JipdaState, associations_of, common_error_of, pack_detections
 from ..interface import HEIGHT, NO_ID, BoxAssociations, Event, FrameDetections, TrackSnapshot
 from ..kernels.detections import DetectorModel, PackedDetections
-from ..position_errors import common_error_variance
-from ..target_set import with_position_variance
 from .appearance import log_ratio_joined
 from .association import MIN_ASSOCIATION_PROBABILITY, AssociatedBoxes, PredictedPeople, assign_boxes, associate
 from .mcmc_association import LOG_RATIO_OTHER_TRACKLET, LOG_RATIO_SAME_TRACKLET, NO_NODE
@@ -117,7 +115,7 @@ def smooth(
     appearance, law = _appearances(frames), feature_likelihood(state.cues.likeness)
     seen = {k: _filtered(packed[k], frames[k], snapshots[k]) for k in chosen.tolist()}
     square = (INITIAL_SCALE_M * state.metre) ** 2
-    common = common_error(state.common)
+    common = common_error_of(state)
     new = new_variance(common, span.step)
     for hottest, coming in zip(INITIAL_TEMPERATURES, (chosen, np.arange(len(snapshots))), strict=True):
         found = [
@@ -140,9 +138,7 @@ def smooth(
         tracks = tracks_from(found, span, state.config, state.birth_map, own + new, free=False, law=law)
     walk = _states(tracks, span, track_extension(span))
     wide = widening(state.views, rates, packed, found, walk, span)
-    smoothed = _smoothed_snapshots(tracks, span, packed, frames, snapshots, seen, own, square, walk, common, wide)
-    lasting = common_error_variance(state.positions)
-    return [each._replace(covariance=with_position_variance(each.covariance, lasting)) for each in smoothed]
+    return _smoothed_snapshots(tracks, span, packed, frames, snapshots, seen, own, square, walk, common, wide)
 
 
 def _scored(state: JipdaState, group: Sequence[FrameDetections], t_ns: int) -> PackedDetections:
