@@ -11,15 +11,15 @@ import re
 from collections.abc import Iterator, Mapping
 from enum import Enum
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from occlog.errors import InputError, UsageError
 from occlog.io.files.limits import RECORDING_MAGIC, SQLITE_MAGIC, ZSTD_MAGIC, guarded, is_odas
-from occlog.io.files.texts.csv_rows import is_header
-from occlog.io.files.texts.formats import FileFormat, Probe, recognise
-from occlog.io.files.times import TIME_COLUMNS
 
-Formats = Mapping[str, FileFormat[Any]]
+if TYPE_CHECKING:
+    from occlog.io.files.texts.formats import FileFormat, Probe
+
+    Formats = Mapping[str, FileFormat[Any]]
 
 
 class FileKind(Enum):
@@ -34,6 +34,7 @@ class FileKind(Enum):
     IMAGES = "images"
     SOUND = "sound"
     BOXES = "boxes"
+    POSITIONS = "positions"
     CALIBRATION = "calibration"
     TRUTH = "truth"
     DIRECTIONS = "doa"
@@ -63,6 +64,8 @@ OTHER_VIDEO = (".ts", ".mts", ".m2ts", ".mpg", ".mpeg", ".wmv", ".flv", ".m4v", 
 """Endings of videos in containers that only the decoder reads."""
 SEQUENCE_INFO = "[sequence]"
 """First line of the description of a MOTChallenge sequence, in small letters."""
+OF_POSITIONS = {"score", "confidence", "conf", "cov_xx", "sigma", "sd", "std"}
+"""Columns that positions of a detector have, and true ones have not."""
 TABLES = {
     "truth": (FileKind.TRUTH, "true positions"),
     "truth_boxes": (FileKind.TRUTH, "true boxes"),
@@ -87,6 +90,7 @@ def contents_of(path: Path) -> list[FileContent]:
 
 
 def _of_folder(path: Path) -> Iterator[FileContent]:
+    from occlog.io.files.texts.formats import Probe
     from occlog.io.formats.boxes.datasets import is_annotations, is_labels
     from occlog.io.formats.calibration import colmap, pairs
 
@@ -144,6 +148,7 @@ def _is_video(path: Path) -> bool:
 
 
 def _of_binary(path: Path) -> Iterator[FileContent]:
+    from occlog.io.files.texts.formats import Probe
     from occlog.io.formats.calibration.reader import IMPORTERS
 
     if IMPORTERS["arrays"].sniff(Probe(path, "")):
@@ -179,6 +184,8 @@ def _of_text(path: Path, head: bytes) -> Iterator[FileContent]:
 
 
 def _of_formats(path: Path, head: bytes) -> Iterator[FileContent]:
+    from occlog.io.files.texts.csv_rows import is_header
+    from occlog.io.files.texts.formats import Probe
     from occlog.io.formats.boxes.reader import FORMATS as BOXES
     from occlog.io.formats.calibration.reader import IMPORTERS
     from occlog.io.formats.sound.directions import FORMATS as DIRECTIONS
@@ -209,7 +216,7 @@ def _of_header(path: Path, probe: Probe, cells: set[str], directions: Formats) -
     from occlog.io.formats.scenes.stations import holds_stations
     from occlog.io.formats.sound.formats import MICROPHONES, looks_like_locata
 
-    timed = bool(cells & {name for names in TIME_COLUMNS.values() for name in names})
+    timed = bool(cells & _times())
     framed = bool(cells & set(COLUMNS["frame"]))
     if looks_like_locata(list(cells)):
         array = any(cell.startswith("mic1") for cell in cells)
@@ -222,6 +229,8 @@ def _of_header(path: Path, probe: Probe, cells: set[str], directions: Formats) -
     elif (name := _first(directions, probe)) is not None:
         yield FileContent(FileKind.DIRECTIONS, f"directions, {name}")
     elif (timed or framed) and {"x", "y"} & {cell.partition("_")[0] for cell in cells}:
+        if cells & OF_POSITIONS and not cells & set(COLUMNS["id"]):
+            yield FileContent(FileKind.POSITIONS, "positions of a detector, CSV")
         yield FileContent(FileKind.TRUTH, "positions, CSV")
     elif not timed and not framed and holds_stations(path):
         yield FileContent(FileKind.STATIONS, "positions of stations, CSV")
@@ -234,6 +243,9 @@ def _of_header(path: Path, probe: Probe, cells: set[str], directions: Formats) -
 
 
 def _times() -> set[str]:
+    """Names of columns of times."""
+    from occlog.io.files.times import TIME_COLUMNS
+
     return {name for names in TIME_COLUMNS.values() for name in names}
 
 
@@ -303,6 +315,8 @@ def _cells(probe: Probe) -> list[str]:
 
 def _first(formats: Formats, probe: Probe) -> str | None:
     """The format that a file shows; None for one that cannot even be read as a text."""
+    from occlog.io.files.texts.formats import recognise
+
     try:
         with guarded(probe.path, "an input"):
             kept = {name: each for name, each in formats.items() if name not in ("arrays", "odas")}

@@ -16,7 +16,17 @@ from occlog.io.files.limits import STANDARD_INPUT
 from occlog.io.files.texts.yaml import lines_of, read_yaml
 from occlog.io.recording.reader import McapRecording, open_recording
 from occlog.measure.detect.request import METHODS as DETECTIONS
-from occlog.records.tables import Bearings, Boxes, Doa, Measurements, Particles, Reads, Truth, TruthBoxes
+from occlog.records.tables import (
+    Bearings,
+    Boxes,
+    Doa,
+    Measurements,
+    Particles,
+    Positions,
+    Reads,
+    Truth,
+    TruthBoxes,
+)
 from occlog.request import Form, Request, Verb, Verbs, load
 from occlog.simulate.request import KINDS
 from occlog.track.catalogue import BOXES, METHODS, READS, VERB, VIEW
@@ -25,8 +35,8 @@ from occlog.track.catalogue import form_of as form_of_method
 from .stage import RunStage
 
 SOURCES = ("recording", "simulate", "ingest", "table", "listen")
-SEEN = {"bags", "video", "images", "boxes", "mot"}
-"""Keys of `ingest` whose inputs are images or boxes."""
+SEEN = {"bags", "video", "images", "boxes", "mot", "positions"}
+"""Keys of `ingest` with inputs in which people are seen: images, boxes, positions."""
 OVERLAY = "overlay"
 """Stage that draws tracks over the video: of all people unless it is false, of a target where it is there."""
 STAGES = ("detect", "priors", "track", "evaluate", "report", OVERLAY)
@@ -151,6 +161,10 @@ def plan(config: Config, folder: Path) -> Iterator[RunStage]:
         # Of a network or a plug-in the boxes are the first output
         detected = {"output": out["views"], "bearings": out["bearings"]}
     given = {"scene": config.values["scene"]} if "scene" in config.values else None
+    if _of_everybody(config) and _has_positions(config, recording):
+        # Boxes and positions of the recording are tracked as they are
+        yield from _everybody(config, folder, recording, {**out, "views": recording}, scene)
+        return
     yield _stage(config, "detect", detected, (str(recording),), given)
     if _of_everybody(config):
         yield from _everybody(config, folder, recording, out, scene)
@@ -236,7 +250,7 @@ def _has_views(config: Config, recording: Path) -> bool:
     """Return whether a recording holds images or boxes; without a recording the configuration decides."""
     if recording.is_file():
         opened = open_recording(recording)
-        return bool(opened.cameras) or opened.has(Boxes) or opened.has(Bearings) or not _measures(opened)
+        return bool(opened.cameras) or any(map(opened.has, (Boxes, Bearings, Positions))) or not _measures(opened)
     return "ingest" not in config.values or bool(config.stage("ingest").keys() & SEEN)
 
 
@@ -305,6 +319,21 @@ def _everybody(
     page = {"output": folder / "report.html", "png": folder / "report.png", "markdown": folder / "report.md"}
     yield _stage(config, "report", page, (str(out["tracks"]),), {**shown, "events": str(found["events"])})
     yield from _overlay(config, folder, recording, found["view_tracks"], {**scene, "ground_tracks": str(out["tracks"])})
+
+
+def _has_positions(config: Config, recording: Path) -> bool:
+    """Return whether the recording holds positions on the ground; without a recording the configuration decides.
+
+    Raises:
+        InputError: it holds images, too, in which people would have to be detected first.
+    """
+    found = open_recording(recording).has(Positions) if recording.is_file() else "positions" in config.stage("ingest")
+    if found and _has_video(config, recording):
+        raise InputError(
+            f"{config.path}: the recording holds positions and images; detect people in the images first, and ingest "
+            "their boxes with the positions"
+        )
+    return found
 
 
 def _has_video(config: Config, recording: Path) -> bool:

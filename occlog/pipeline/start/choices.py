@@ -129,7 +129,7 @@ def choose(made: Choices) -> None:
         _of_recording(made)
     elif found.of(FileKind.BAG, FileKind.DATASET):
         _of_bag(made)
-    elif found.of(FileKind.VIDEO, FileKind.IMAGES, FileKind.BOXES) or _annotated(made):
+    elif found.of(FileKind.VIDEO, FileKind.IMAGES, FileKind.BOXES, FileKind.POSITIONS) or _annotated(made):
         _of_cameras(made)
     elif found.of(FileKind.DIRECTIONS, FileKind.READS):
         _of_logs(made)
@@ -267,17 +267,40 @@ def _of_cameras(made: Choices) -> None:
                     f"{kind.value}: {made.shown(path)}, camera {name}", f"--as '{made.shown(path)}={kind.value}:NAME'"
                 )
     _put_boxes(made, boxes, opened, renamed)
-    if not (made.values.get("ingest", {}).keys() | made.given.get("ingest", {}).keys()) & {"video", "images", "boxes"}:
+    positions = _put_positions(made)
+    keys = made.values.get("ingest", {}).keys() | made.given.get("ingest", {}).keys()
+    if not keys & {"video", "images", "boxes", "positions"}:
         raise InputError(f"{', '.join(map(str, made.sources))}: no camera is left that can be used; see above")
     if calibration is not None:
         _put_calibration(made, calibration)
     _rates(made, opened, renamed)
     _put_truth(made, opened, framed=True, cameras=tuple(renamed.values()))
     _put_sound(made)
-    placed = calibration is not None or scene
+    placed = calibration is not None or scene or (positions and not names)
     if not placed:
         made.put("ingest", "allow_uncalibrated", True)
     _method(made, "boxes" if placed else "views" if boxes else "images")
+
+
+def _put_positions(made: Choices) -> bool:
+    """Positions on the ground; return whether there are any."""
+    items = made.found.of(FileKind.POSITIONS)
+    for item in items:
+        made.say(f"positions on the ground: {made.shown(item.path)}", f"--as {made.shown(item.path)}=truth")
+        if (
+            not {c.lower() for c in first_line(item.path, "positions")} & _times()
+            and made.value("ingest", "fps") is None
+        ):
+            _need_rate(made.shown(item.path))
+    if items:
+        made.put("ingest", "positions", [f"{item.name}={item.path}" for item in items])
+    return bool(items)
+
+
+def _times() -> set[str]:
+    from occlog.io.files.times import TIME_COLUMNS
+
+    return {name for names in TIME_COLUMNS.values() for name in names}
 
 
 class OpenedBoxes(NamedTuple):

@@ -48,9 +48,9 @@ def command(
     listed with the reason. Nothing is guessed that would make a wrong result: a frame rate, the height of the ground or
     a unit that no file states is asked for in one line. With a ground truth the run evaluates.
 
-    Kinds of files: recording, bag, dataset (WILDTRACK), scene, video, images, sound, boxes, calibration, truth, doa,
-    reads, table (bearings, ranges, signal strengths, time differences), stations, microphones, timestamps, sequence
-    (seqinfo.ini).
+    Kinds of files: recording, bag, dataset (WILDTRACK), scene, video, images, sound, boxes, positions, calibration,
+    truth, doa, reads, table (bearings, ranges, signal strengths, time differences), stations, microphones, timestamps,
+    sequence (seqinfo.ini).
 
     \b
       occlog start hall/ -o run/hall

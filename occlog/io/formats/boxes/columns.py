@@ -19,8 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.errors import InputError
-from occlog.io.files.texts.csv_rows import MAX_CELL, CsvRows, read_plain, read_rows
+from occlog.errors import InputError, option
+from occlog.io.files.texts.csv_rows import MAX_CELL, CsvRows, first_line, read_plain, read_rows
 from occlog.io.files.times import TIME_COLUMNS
 
 from .mot_challenge import WITH_CLASSES
@@ -168,6 +168,11 @@ def open_csv(path: Path, wanted: BoxReadOptions) -> BoxSource:
 
 def _csv(path: Path, camera: str | None, ignore_extra: bool) -> Iterator[CsvRows]:
     known = {**COLUMNS, **CLASS_KEYS, BOX: (BOX,)}
+    head = {cell.lower() for cell in first_line(path, WHAT)}
+    if {"x", "y"} <= head and not head & {BOX, *COLUMNS["left"], *COLUMNS["width"]}:
+        raise InputError(
+            f"{path}: holds positions on the ground (x, y) and no boxes; give it as positions ({option('positions')})"
+        )
     for rows in read_rows(path, known, WHAT, ignored=IGNORED, ignore_extra=ignore_extra):
         yield check_columns(_split_box(rows), camera)
 
