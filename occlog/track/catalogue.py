@@ -276,9 +276,9 @@ def method_for(path: Path | str) -> str:
     A file that cannot be opened has the default, and the method then reports what is wrong with it.
     """
     from occlog.io.open import held
-    from occlog.records.tables import Bearings, Boxes, Measurements, Reads, Views
+    from occlog.records.tables import Bearings, Boxes, Measurements, Positions, Reads, Views
 
-    tables = held(Path(path), Bearings, Measurements, Boxes, Views, Reads)
+    tables = held(Path(path), Bearings, Measurements, Boxes, Views, Positions, Reads)
     if not tables or Bearings in tables or Measurements in tables:
         return VERB.default
     return "virtual" if tables == (Reads,) else "jipda"
@@ -341,8 +341,9 @@ _TAGS = """
 """
 _ABOUT = {
     "jipda": """
-    BEARINGS is a recording with boxes, or a table of boxes or views, of calibrated cameras. No labels, initial
-    positions or target count are needed: tracks are initiated, confirmed and terminated by their existence probability.
+    BEARINGS is a recording with boxes of calibrated cameras or positions on the ground, or a table of boxes or views.
+    No labels, initial positions or target count are needed: tracks are initiated, confirmed and terminated by their
+    existence probability.
     --smooth and --lag use later measurements.
 
     \b

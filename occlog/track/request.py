@@ -23,8 +23,9 @@ class TrackRequestBase(Request):
     Without --method it follows from the input: boxes jipda, tag reads virtual, else apf. `occlog track --method NAME
     --help` describes one method. The same inputs, options and seed give the same output.
 
-    --method jipda tracks all people on the ground plane from the boxes of all calibrated cameras; BEARINGS is a
-    recording with boxes, or a table of boxes or views. No labels, initial positions or target count are needed.
+    --method jipda tracks all people on the ground plane from the boxes of all calibrated cameras and from positions on
+    the ground; BEARINGS is a recording with boxes or positions, or a table of boxes or views. No labels, initial
+    positions or target count are needed.
 
     --method apf, ekf, ukf, iekf, map, fix, direct3d, pps and joint track targets from bearings and directions of
     arrival. Each labelled target has its own filter (joint: one for all). Unlabelled candidates (target_id -1) are
