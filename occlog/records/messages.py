@@ -299,6 +299,11 @@ VERDICT: dict[str, Message] = {
         "camera {sensors} detects {share:.0%} of others' people; it agrees if its times are reduced by {late_s:.2g} s",
         "correct its clock, or leave it out",
     ),
+    "camera-late": Message(
+        W,
+        "camera {sensors}: people are where they were {late_s:.2g} s before (± {error_s:.1g} s); corrected once found",
+        "subtract it from its times (ingest --clock-offset)",
+    ),
     "camera-biased": Message(
         W,
         "camera {sensors}: people are {bias:+.2g} of their height right of where all cameras find them (allowed: "

@@ -62,6 +62,7 @@ class CameraAgreement:
         self.met = np.zeros(n)
         self.used = np.zeros(n)
         self.static = np.zeros(n, dtype=np.int64)
+        self.late, self.late_error = np.zeros(n), np.full(n, np.inf)
         self.common_sigma, self.common_time_s = float("nan"), float("nan")
 
     def add(self, snapshot: TrackSnapshot, frames: Sequence[FrameDetectionsWithIds]) -> None:
@@ -69,6 +70,7 @@ class CameraAgreement:
         if snapshot.detectors is not None:
             self.common_sigma, self.common_time_s = snapshot.detectors.common_sigma, snapshot.detectors.common_time_s
             self.static = np.maximum(self.static, snapshot.detectors.static_clutter)
+            self.late, self.late_error = snapshot.detectors.late, snapshot.detectors.late_error
         # A box of two people who touch stands in the rows of both: each takes half of it
         support = snapshot.support
         np.add.at(self.used, support.camera, support.probability - 0.5 * support.joint)
@@ -115,7 +117,7 @@ class CameraAgreement:
             ),
             *outcome(
                 TIMES,
-                self._disjoint_clocks(tally.first_ns, tally.last_ns),
+                [*self._disjoint_clocks(tally.first_ns, tally.last_ns), *self._late()],
                 unless="" if np.count_nonzero(tally.first_ns >= 0) > 1 else "there is one camera",
             ),
             *outcome(COMMON, self._common(), unless="" if np.isfinite(self.common_sigma) else "it is not estimated"),
@@ -133,6 +135,12 @@ class CameraAgreement:
         for name, count in zip(self.names, self.static.tolist(), strict=True):
             if count:
                 yield finding(STATIC, "static-clutter", sensors=[name], count=count)
+
+    def _late(self) -> Iterator[Check]:
+        """Find the cameras of which people are where they were, or will be, in the others."""
+        for name, late_s, error_s in zip(self.names, self.late.tolist(), self.late_error.tolist(), strict=True):
+            if late_s:
+                yield finding(TIMES, "camera-late", sensors=[name], late_s=late_s, error_s=error_s)
 
     def _boxes(self, tally: BoxStatistics) -> Iterator[Check]:
         """Cameras without boxes, with boxes twice, or outside the image."""

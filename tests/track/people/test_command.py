@@ -234,6 +234,17 @@ def test_by_how_much_a_camera_is_late_or_ahead_is_told(late, near, tmp_path, cap
     assert found["figures"]["late_s"] == pytest.approx(late, abs=near)
 
 
+@pytest.mark.parametrize("late", [0.0, 0.2, -0.3])
+def test_a_camera_that_is_late_by_less_than_a_gate_is_corrected(late, tmp_path, capsys):
+    """30 s of four people; standard errors are 0.005 to 0.01 s, and what velocities lag is left over."""
+    scene = hall("abcd")
+    assert track(tmp_path, boxes(scene, 30.0, late={"b": late}), scene, "--smooth") == ExitCode.DONE
+    summary, _ = said(capsys)
+    warnings = [each for each in summary["warnings"] if each["id"] == "camera-late"]
+    assert [each["sensors"] for each in warnings] == ([["b"]] if late else [])
+    assert summary.get("clock_offsets", {}) == ({"b": pytest.approx(late, abs=0.04)} if late else {})
+
+
 def test_a_camera_that_reports_everything_twice_is_named_and_counts_once(walk, tmp_path, capsys):
     again = walk.take((walk.sensor == "b") & (walk.box >= 0))
     twice = Boxes.merge([walk, replace(again, box=again.box + np.int32(50))])

@@ -24,6 +24,7 @@ from .association_features import (
     log_feature_ratios,
     update_features,
 )
+from .clock_offset import ClockStatistics, prior_clocks, update_clocks
 from .common_error import CommonErrorStatistics, common_error, prior_common_error, update_common_error
 from .config import JipdaConfig
 from .detector_model import (
@@ -64,6 +65,7 @@ from .interface import (
 )
 from .kernels.body_box import GROUND_PLANE, MODEL, PackedCameras, cover_positions, pack_views
 from .kernels.camera_disagreement import camera_disagreement
+from .kernels.clock_residuals import clock_residuals
 from .kernels.detections import DetectorModel, PackedDetections
 from .kernels.joint_association import JipdaResult, update_targets
 from .kernels.track_initiation import BirthIntensity, initiate_targets
@@ -155,6 +157,7 @@ class JipdaState:
     room: Floats | None  # (K, 2) polygon in which people are; None: anywhere
     exclusion_ns: int | None  # time of the last exclusion update; None: never
     positions: PositionErrors  # of the sources of positions
+    clocks: ClockStatistics
     seeds: dict[int, float]  # score of the position that initiated each tentative track, of sources alone
 
 
@@ -194,6 +197,7 @@ def initial_state(scene: Scene, cameras: Sequence[Camera | PositionSource], conf
         room=scene.room,
         exclusion_ns=None,
         positions=prior_position_errors(cameras, metre, config),
+        clocks=prior_clocks(len(cameras)),
         seeds={},
     )
 
@@ -268,7 +272,7 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         for_people,
         arrivals,
     )
-    before_update = people.existence
+    before_update, predicted = people.existence, people.body_mean
     people = update(people, result.information, result.vector, gait, config)
     explained = (result.beta + result.joint).sum(axis=1)
     detected = (explained > 0.5)[:, None]
@@ -296,6 +300,14 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         MIN_VISIBILITY_TO_LEARN,
     )
     good &= result.odd < 0.5
+    settled = (t_ns - people.born_ns >= VELOCITY_SETTLING_S * NS)[result.owner] if N else good
+    clocks = update_clocks(
+        state.clocks,
+        t_ns,
+        *clock_residuals(
+            predicted, state.views, boxes, result.owner, good & settled, state.clocks.late, state.clocks.centre
+        ),
+    )
     found = camera_disagreement(result.mean, result.covariance, state.views, boxes, rates, result.owner, good)
     edges = update_edge_errors(state.edges, t_ns, boxes, found, key=people.key, owner=result.owner, lasts=rates.lasting)
     positions = _learned_positions(state, frames, boxes, people, result.owner, result.beta)
@@ -396,7 +408,11 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         support=associations_of(beta, joint, boxes, frames),
         events=tuple(events),
         detectors=DetectorEstimates(
-            math.sqrt(common[0]), common[1], np.array([len(established(c).box) for c in clutter], dtype=np.int64)
+            math.sqrt(common[0]),
+            common[1],
+            np.array([len(established(c).box) for c in clutter], dtype=np.int64),
+            clocks.late,
+            clocks.error,
         ),
     )
     next_key = state.next_key + K
@@ -414,6 +430,7 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         clutter=clutter,
         exclusion_ns=exclusion_ns,
         positions=positions,
+        clocks=clocks,
         seeds=seeds,
     ), snapshot
 
@@ -553,7 +570,7 @@ def pack_detections(state: JipdaState, frames: Sequence[FrameDetections], t_ns: 
         tail = np.repeat([manoeuvre_variance(state.positions, frame.camera, state.metre) for frame in frames], count)
     return PackedDetections(
         camera=camera,
-        delay=np.array([(frame.t_ns - t_ns) / NS for frame in frames]),
+        delay=np.array([(frame.t_ns - t_ns) / NS for frame in frames]) - state.clocks.late[camera],
         first=np.concatenate([[0], np.cumsum(count)]).astype(np.int64),
         box=box,
         usable=usable,

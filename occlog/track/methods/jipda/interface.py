@@ -87,6 +87,8 @@ class DetectorEstimates(NamedTuple):
     common_sigma: float  # standard deviation of the error of position that all cameras share, per axis
     common_time_s: float  # its correlation time [s]
     static_clutter: Ints  # (C,) number of established sources of static clutter
+    late: Floats  # (C,) offsets [s] of the clocks that are corrected, positive: frames show what was earlier; 0: none
+    late_error: Floats  # (C,) their standard errors [s]; inf: not estimated
 
 
 class TrackSnapshot(NamedTuple):
