@@ -6,17 +6,11 @@ import numpy as np
 import pytest
 from people_boxes import box, hall
 
-from occlog.track.methods.jipda.clock_offset import (
-    BATCH_S,
-    MAX_BATCHES,
-    MIN_BATCHES,
-    clock_offsets,
-    prior_clocks,
-    update_clocks,
-)
+from occlog.track.methods.jipda.clock_offset import clock_offsets, prior_clocks, update_clocks
 from occlog.track.methods.jipda.kernels.body_box import pack_views
 from occlog.track.methods.jipda.kernels.clock_residuals import clock_residuals
 from occlog.track.methods.jipda.kernels.detections import PackedDetections
+from occlog.track.methods.jipda.normal_equations import BATCH_S, MAX_BATCHES, MIN_BATCHES
 
 pytestmark = pytest.mark.jit
 SCENE = hall("abcd")
@@ -90,7 +84,7 @@ def test_offsets_are_found_with_honest_errors(late: np.ndarray) -> None:
     views, rng = pack_views(SCENE.cameras), np.random.default_rng(1)
     turned = np.array([6.0, 0.0, 0.0, -4.0])
     clocks = prior_clocks(C)
-    for k in range(5 * MAX_BATCHES):
+    for k in range(round(2 * BATCH_S * MAX_BATCHES / 0.2)):
         mean, boxes, owner = time_step(rng, late, 3.0, turned)
         boxes = boxes._replace(delay=-clocks.late)
         good = np.ones(len(owner), dtype=np.bool_)
@@ -99,12 +93,12 @@ def test_offsets_are_found_with_honest_errors(late: np.ndarray) -> None:
         if k * 0.2 < MIN_BATCHES * BATCH_S:
             assert not clocks.late.any()
     assert clocks.batches.shape[0] <= MAX_BATCHES
-    assert (clocks.error < 0.01).all()
+    assert (clocks.limit < 0.05).all()
     np.testing.assert_array_equal(clocks.late != 0.0, late != 0.0)
-    np.testing.assert_allclose(clocks.late, late, atol=4.0 * clocks.error.max())
+    np.testing.assert_allclose(clocks.late, late, atol=0.5 * clocks.limit.max())
 
 
 def test_cameras_that_share_no_people_have_no_offset() -> None:
-    late, error = clock_offsets(np.zeros((20, 3, 4)))
+    late, limit = clock_offsets(np.zeros((20, 3, 4)))
     assert not late.any()
-    assert np.isinf(error).all()
+    assert np.isinf(limit).all()

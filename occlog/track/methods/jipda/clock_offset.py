@@ -12,14 +12,10 @@ import numpy as np
 
 from occlog.array_types import NS, Floats
 
-BATCH_S = 1.0
-"""Duration of a batch [s]: residuals are correlated in time, and standard errors come from batches."""
-MAX_BATCHES = 60
-"""Number of batches that count, the last ones: clocks drift."""
-MIN_BATCHES = 8
-"""Minimum number of batches of a camera for an estimate."""
-MIN_OFFSET_S, MIN_SIGNIFICANCE = 0.03, 5.0
-"""Offsets of at least this size and this number of standard errors are corrected."""
+from .normal_equations import BATCH_S, MAX_BATCHES, solve_batches
+
+MIN_OFFSET_S = 0.03
+"""Significant offsets of at least this size are corrected."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +27,7 @@ class ClockStatistics:
     since_ns: int  # its begin; -1: none
     sums: Floats  # (C, 5) counts, residuals and velocities
     late: Floats  # (C,) corrected offsets [s], positive: the frames show what was earlier; 0: none
-    error: Floats  # (C,) standard errors [s]; inf: not estimated
+    limit: Floats  # (C,) least significant offsets [s]; inf: not estimated
 
     @property
     def centre(self) -> Floats:
@@ -54,31 +50,19 @@ def update_clocks(known: ClockStatistics, t_ns: int, normal: Floats, sums: Float
     if t_ns - since < BATCH_S * NS:
         return known
     batches = np.concatenate([known.batches, known.open[None]])[-MAX_BATCHES:]
-    late, error = clock_offsets(batches)
-    return replace(known, batches=batches, open=np.zeros_like(normal), since_ns=t_ns, late=late, error=error)
+    late, limit = clock_offsets(batches)
+    return replace(known, batches=batches, open=np.zeros_like(normal), since_ns=t_ns, late=late, limit=limit)
 
 
 def clock_offsets(batches: Floats) -> tuple[Floats, Floats]:
-    """Return the offsets (C,) of the clocks that are significant, else 0, and their standard errors (C,).
+    """Return the offsets (C,) of the clocks that are significant, else 0, and the limits (C,) of significance.
 
     Args:
         batches: (B, C, C + 1) normal equations, in the order of time.
     """
-    N, b = batches[..., :-1], batches[..., -1]
-    C = b.shape[1]
-    there = (np.einsum("bcc->bc", N) > 0.0).sum(axis=0) >= MIN_BATCHES
-    late, error = np.zeros(C), np.full(C, np.inf)
+    slope, limit = solve_batches(batches)
+    there = np.isfinite(limit)
     if there.sum() < 2:
-        return late, error
-    N, b = N[:, there][:, :, there], b[:, there]
-    inverse = np.linalg.pinv(N.sum(axis=0), hermitian=True)
-    d = inverse @ b.sum(axis=0)
-    # Errors are correlated within a batch, and between neighbours
-    off = b - N @ d
-    scatter = off.T @ off
-    lagged = off[1:].T @ off[:-1]
-    covariance = inverse @ (scatter + np.maximum(np.diag(np.diag(lagged + lagged.T)), 0.0)) @ inverse
-    late[there] = d - np.median(d)
-    error[there] = np.sqrt(np.diag(covariance))
-    significant = np.abs(late) >= np.maximum(MIN_OFFSET_S, MIN_SIGNIFICANCE * error)
-    return np.where(significant, late, 0.0), error
+        return np.zeros(len(slope)), limit
+    late = np.where(there, slope - np.median(slope[there]), 0.0)
+    return np.where(np.abs(late) >= np.maximum(MIN_OFFSET_S, limit), late, 0.0), limit

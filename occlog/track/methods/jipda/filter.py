@@ -68,7 +68,9 @@ from .kernels.camera_disagreement import camera_disagreement
 from .kernels.clock_residuals import clock_residuals
 from .kernels.detections import DetectorModel, PackedDetections
 from .kernels.joint_association import JipdaResult, update_targets
+from .kernels.pose_residuals import pose_residuals
 from .kernels.track_initiation import BirthIntensity, initiate_targets
+from .pose_offset import MIN_ANGLE, PoseStatistics, corrected, prior_poses, update_poses
 from .position_errors import (
     WALK_RATIO,
     PositionErrors,
@@ -158,6 +160,7 @@ class JipdaState:
     exclusion_ns: int | None  # time of the last exclusion update; None: never
     positions: PositionErrors  # of the sources of positions
     clocks: ClockStatistics
+    poses: PoseStatistics
     seeds: dict[int, float]  # score of the position that initiated each tentative track, of sources alone
 
 
@@ -198,6 +201,7 @@ def initial_state(scene: Scene, cameras: Sequence[Camera | PositionSource], conf
         exclusion_ns=None,
         positions=prior_position_errors(cameras, metre, config),
         clocks=prior_clocks(len(cameras)),
+        poses=prior_poses(views),
         seeds={},
     )
 
@@ -310,6 +314,14 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
     )
     found = camera_disagreement(result.mean, result.covariance, state.views, boxes, rates, result.owner, good)
     edges = update_edge_errors(state.edges, t_ns, boxes, found, key=people.key, owner=result.owner, lasts=rates.lasting)
+    poses = update_poses(
+        state.poses,
+        t_ns,
+        pose_residuals(result.mean, result.covariance, state.views, boxes, rates, result.owner, good),
+    )
+    if np.abs(poses.angles - state.poses.angles).max() > MIN_ANGLE:
+        # Residuals of other orientations say nothing of the clocks
+        clocks = replace(prior_clocks(len(clocks.late)), late=clocks.late)
     positions = _learned_positions(state, frames, boxes, people, result.owner, result.beta)
     errors = update_common_error(
         state.common, t_ns, key=people.key, position=found.position, noise=found.variance + gait, config=config
@@ -412,7 +424,9 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
             common[1],
             np.array([len(established(c).box) for c in clutter], dtype=np.int64),
             clocks.late,
-            clocks.error,
+            clocks.limit,
+            poses.angles,
+            poses.limit,
         ),
     )
     next_key = state.next_key + K
@@ -431,6 +445,8 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         exclusion_ns=exclusion_ns,
         positions=positions,
         clocks=clocks,
+        poses=poses,
+        views=state.views if poses.angles is state.poses.angles else corrected(state.views, poses),
         seeds=seeds,
     ), snapshot
 

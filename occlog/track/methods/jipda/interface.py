@@ -88,7 +88,9 @@ class DetectorEstimates(NamedTuple):
     common_time_s: float  # its correlation time [s]
     static_clutter: Ints  # (C,) number of established sources of static clutter
     late: Floats  # (C,) offsets [s] of the clocks that are corrected, positive: frames show what was earlier; 0: none
-    late_error: Floats  # (C,) their standard errors [s]; inf: not estimated
+    late_limit: Floats  # (C,) least significant offsets [s]; inf: not estimated
+    angles: Floats  # (C, 2) corrected rotations [rad] about the vertical and the horizontal axis of the camera
+    angles_limit: Floats  # (C, 2) least significant angles [rad]; inf: not estimated
 
 
 class TrackSnapshot(NamedTuple):
