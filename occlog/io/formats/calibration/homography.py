@@ -93,8 +93,8 @@ def oriented(matrix: Floats, middle: Floats, where: str) -> tuple[GroundPose, bo
     if not fits or fits[0][0] > MAX_MISFIT:
         left = f"; the residual is {fits[0][0]:.2g}, and {MAX_MISFIT:g} is the limit" if fits else ""
         raise InputError(
-            f"{where}: fits no camera with square pixels and its principal point in the middle{left}; is it of images of "
-            "this size, without distortion, to positions in one unit of length?"
+            f"{where}: fits no camera with square pixels and its principal point in the middle{left}; is it of images "
+            "of this size, without distortion, to positions in one unit of length?"
         )
     if len(fits) > 1 and fits[1][0] < CLEARER * fits[0][0]:
         raise InputError(
