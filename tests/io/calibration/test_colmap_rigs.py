@@ -37,5 +37,5 @@ def test_images_of_cameras_that_stand_still_count_once(tmp_path: Path) -> None:
 
 
 def test_a_camera_that_moves_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"two images of camera 'a' have poses 0.5 m and 0 deg apart"):
+    with pytest.raises(InputError, match=r"two images of camera 'a' have poses 0.5 m and 0.00 deg apart"):
         read_calibration([doubled(tmp_path, 0.5)], "auto", CalibrationOptions("m"))

@@ -86,9 +86,11 @@ def oriented(matrix: Floats, middle: Floats, where: str) -> tuple[GroundPose, bo
     Raises:
         InputError: neither direction fits a camera above the ground, or both do.
     """
-    if not abs(np.linalg.det(matrix)) > 1e-12 * np.linalg.norm(matrix) ** 3 * 1e-6:
+    if not abs(np.linalg.det(matrix)) > 1e-18 * np.linalg.norm(matrix) ** 3:
         raise InputError(f"{where}: the homography cannot be inverted")
-    found = [(ground_pose(each, middle), to) for each, to in ((matrix, True), (np.linalg.inv(matrix), False))]
+    found = [
+        (ground_pose(each, middle), to) for each, to in ((matrix, True), (np.asarray(np.linalg.inv(matrix)), False))
+    ]
     fits = sorted((pose.misfit, to) for pose, to in found if pose is not None)
     if not fits or fits[0][0] > MAX_MISFIT:
         left = f"; the residual is {fits[0][0]:.2g}, and {MAX_MISFIT:g} is the limit" if fits else ""
