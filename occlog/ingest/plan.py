@@ -144,6 +144,7 @@ CALIBRATIONS = (
     "qualisys",
     "tsai",
     "projection",
+    "homography",
     "opencv-toml",
     "opencv-storage",
     "opencv-pairs",
@@ -152,7 +153,7 @@ CALIBRATIONS = (
     "colmap",
     "arrays",
 )
-TRUTHS = ("auto", "csv", "mot", "xml", "caliscope", "locata", "wildtrack", "vatic", "kitti")
+TRUTHS = ("auto", "csv", "mot", "cvat", "xml", "caliscope", "locata", "wildtrack", "vatic", "kitti")
 DOAS = ("auto", "csv", "frida", "telemetr", "odas")
 
 
@@ -244,6 +245,13 @@ class IngestPlan(Settings):
         at_least=0,
         option="--first-number",
         nothing="lowest image; 0 in tables",
+    )
+    truth_first_number: int | None = setting(
+        None,
+        "Number of frame 0 in tables of the ground truth, where it is another than in those of boxes.",
+        at_least=0,
+        option="--truth-first-number",
+        nothing="as in tables of boxes",
     )
     store: str | None = setting(
         None,

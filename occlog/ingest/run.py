@@ -43,7 +43,7 @@ from .boxes import box_files, box_options, inside, known_cameras, truth_options
 from .boxes import survey as survey_of
 from .plan import IngestPlan, files_in, with_offsets
 from .request import IngestRequest
-from .scene import Sized, Turn, add_bag_cameras, base_scene, fit_sizes, match_cameras
+from .scene import Sized, Turn, add_bag_cameras, base_scene, fit_sizes, match_cameras, with_stated_sizes
 from .sources import Copies, IngestFailures, clock_of, open_sources, read_sidecars, start_of, sync_times, times_of
 from .times import TimedWriter, Times, TimeSpanNs
 from .truth import check_truth_consistency, within_frames
@@ -83,7 +83,7 @@ def run_ingest(request: IngestRequest, job: Job) -> tuple[dict[str, object], lis
             raise done.failures[0]
         sizes = {s.name: Sized(s.decoder.size, s.decoder.bars) for s in sources}
         sizes |= {name: Sized(size) for name, size in (bag.found.sizes.items() if bag else ())}
-        scene = fit_sizes(scene, sizes, note)
+        scene = fit_sizes(scene, with_stated_sizes(sizes, survey), note)
         times = _all_times(plan, scene, sources, survey)
         settings = plan.parameters() | ({} if turn is None else turn.parameters())
         provenance = Provenance("ingest", settings, None, _hashes(plan))
