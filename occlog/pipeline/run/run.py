@@ -172,7 +172,7 @@ def _stages(
             else:
                 begin(stage.name)
                 with refused_in(wanted, stage.name), no_links_out_of(folder):
-                    code = _do(stage, quiet=stage.name not in told)
+                    code = stage.do(quiet=False) if stage.name in told else _do(stage)
                 step = StageStep(stage.name, "done", code, ())
                 if code in GOING_ON:
                     hashes = _hashes(stage, folder)
@@ -243,6 +243,8 @@ def _summary(folder: Path, done: dict[str, str], as_json: bool) -> dict[str, obj
     shown = headline.first_of(numbers) if own else {k: v for k, v in numbers.items() if _is_headline(k)}
     head = {k: v for k, v in shown.items() if v is not None}
     page = {} if done.get("report", WAITING) == WAITING else {"report": str(folder / "report.html")}
+    if "report" not in done and done.get("overlay", WAITING) != WAITING:
+        page = {"overlay": str(folder / "overlay.webm")}
     return {**done, **page, **head}
 
 
@@ -273,9 +275,9 @@ def inside(folder: Path) -> Iterator[None]:
         os.chdir(before)
 
 
-def _do(stage: RunStage, *, quiet: bool) -> int:
+def _do(stage: RunStage) -> int:
     """Do a stage without its own summary; the exit code."""
-    return stage.do(quiet=quiet)
+    return stage.do()
 
 
 def key_of(stage: RunStage, folder: Path, digests: Digests) -> str:

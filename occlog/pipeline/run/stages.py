@@ -29,12 +29,14 @@ from occlog.records.tables import (
 )
 from occlog.request import Form, Request, Verb, Verbs, load
 from occlog.simulate.request import KINDS
-from occlog.track.catalogue import BOXES, METHODS, READS, VERB, VIEW
+from occlog.track.catalogue import BOXES, IMAGES, METHODS, READS, VERB, VIEW
 from occlog.track.catalogue import form_of as form_of_method
 
 from .stage import RunStage
 
 SOURCES = ("recording", "simulate", "ingest", "table", "listen")
+IN_IMAGES = (IMAGES, "boxes without a calibration")
+"""What methods take in that track in the image of each camera."""
 SEEN = {"bags", "video", "images", "boxes", "mot", "positions"}
 """Keys of `ingest` with inputs in which people are seen: images, boxes, positions."""
 OVERLAY = "overlay"
@@ -161,6 +163,13 @@ def plan(config: Config, folder: Path) -> Iterator[RunStage]:
         # Of a network or a plug-in the boxes are the first output
         detected = {"output": out["views"], "bearings": out["bearings"]}
     given = {"scene": config.values["scene"]} if "scene" in config.values else None
+    if method in METHODS and METHODS[method].takes_in in IN_IMAGES:
+        if not _has_video(config, recording):
+            yield from _in_images(config, folder, recording, recording, METHODS[method].takes_in)
+            return
+        yield _stage(config, "detect", detected, (str(recording),), given)
+        yield from _in_images(config, folder, recording, out["views"], METHODS[method].takes_in)
+        return
     if _of_everybody(config) and _has_positions(config, recording):
         # Boxes and positions of the recording are tracked as they are
         yield from _everybody(config, folder, recording, {**out, "views": recording}, scene)
@@ -187,7 +196,8 @@ def plan(config: Config, folder: Path) -> Iterator[RunStage]:
     }
     yield _stage(config, "evaluate", results, (str(out["tracks"]),), compared)
     shown = {k: v for k, v in {**truth, **inputs}.items() if k in ("truth", "occluders", "scene")}
-    yield _report(config, folder, out, metrics, shown)
+    config, pictures = _images(config, recording)
+    yield _report(config, folder, out, metrics, {**shown, **pictures})
     if OVERLAY in config.values:
         yield from _overlay(config, folder, recording, out["tracks"], {**scene, "diagnostics": str(out["diagnostics"])})
 
@@ -249,7 +259,10 @@ def _without_views(
 def _has_views(config: Config, recording: Path) -> bool:
     """Return whether a recording holds images or boxes; without a recording the configuration decides."""
     if recording.is_file():
-        opened = open_recording(recording)
+        try:
+            opened = open_recording(recording)
+        except InputError:  # the next stage reports it
+            return True
         return bool(opened.cameras) or any(map(opened.has, (Boxes, Bearings, Positions))) or not _measures(opened)
     return "ingest" not in config.values or bool(config.stage("ingest").keys() & SEEN)
 
@@ -317,8 +330,35 @@ def _everybody(
             _stage(plain, "evaluate", results, (str(found["view_tracks"]),), compared), name="evaluate-in-images"
         )
     page = {"output": folder / "report.html", "png": folder / "report.png", "markdown": folder / "report.md"}
-    yield _stage(config, "report", page, (str(out["tracks"]),), {**shown, "events": str(found["events"])})
+    config, pictures = _images(config, recording)
+    seen = {} if out["views"] == recording or "table" in config.values else {"bearings": str(out["bearings"])}
+    given = {**shown, **pictures, **seen, "events": str(found["events"])}
+    yield _stage(config, "report", page, (str(out["tracks"]),), given)
     yield from _overlay(config, folder, recording, found["view_tracks"], {**scene, "ground_tracks": str(out["tracks"])})
+
+
+def _in_images(config: Config, folder: Path, recording: Path, boxes: Path, takes_in: str) -> Iterator[RunStage]:
+    """Iterate over the stages after detection if targets are tracked in the image of each camera.
+
+    Args:
+        config: the configuration.
+        folder: of the run.
+        recording: with images, boxes or both.
+        boxes: views of the stage `detect`, or the recording.
+        takes_in: what the method takes in.
+    """
+    method = str(config.stage("track").get("method"))
+    known = [entry.key for entry in form_of_method(method).entries()]
+    tracks = folder / "view_tracks.parquet"
+    tracked = {"output": tracks, **({"events": folder / "events.parquet"} if "events" in known else {})}
+    with_boxes: dict[str, object] = {"detections": str(boxes)}
+    source = recording if takes_in == IMAGES else boxes
+    yield _stage(config, "track", tracked, (str(source),), {} if source == boxes else with_boxes)
+    truth = _truth(config, recording, boxes)
+    if "views" in truth or "truth" in config.stage("evaluate"):
+        results = {"output": folder / "metrics.json"}
+        yield _stage(config, "evaluate", results, (str(tracks),), {"truth": truth["truth"]})
+    yield from _overlay(config, folder, recording, tracks, {})
 
 
 def _has_positions(config: Config, recording: Path) -> bool:
@@ -382,6 +422,18 @@ def _held(recording: Path) -> tuple[bool, bool]:
     """Return whether a recording holds true positions, and true boxes."""
     opened = open_recording(recording)
     return opened.has(Truth), opened.has(TruthBoxes)
+
+
+def _images(config: Config, recording: Path) -> tuple[Config, dict[str, str]]:
+    """The configuration, and the key of the report that shows the images of the recording where it has some.
+
+    `report: {images: false}` shows none.
+    """
+    values = config.stage("report")
+    if values.get("images") is False:
+        del values["images"]
+        return replace(config, values={**config.values, "report": values}), {}
+    return config, {"images": str(recording)} if _has_video(config, recording) else {}
 
 
 def _report(config: Config, folder: Path, out: dict[str, Path], metrics: Path, inputs: dict[str, object]) -> RunStage:

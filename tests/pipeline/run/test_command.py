@@ -471,7 +471,7 @@ def test_a_run_that_was_interrupted_in_its_first_stage_goes_on(
 ) -> None:
     out = config.parent / "out"
 
-    def interrupted(stage: RunStage, **_: bool) -> int:
+    def interrupted(stage: RunStage) -> int:
         (Path(stage.output_paths[0]).parent / "bearings.parquet").write_bytes(b"whole")
         raise KeyboardInterrupt
 
