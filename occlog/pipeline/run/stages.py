@@ -19,7 +19,7 @@ from occlog.measure.detect.request import METHODS as DETECTIONS
 from occlog.records.tables import Particles, Truth, TruthBoxes
 from occlog.request import Form, Request, Verb, Verbs, load
 from occlog.simulate.request import KINDS
-from occlog.track.catalogue import BOXES, METHODS, READS, VIEW
+from occlog.track.catalogue import BOXES, METHODS, READS, UNCALIBRATED, VIEW
 
 from .stage import RunStage
 
@@ -127,9 +127,9 @@ def plan(config: Config, folder: Path) -> Iterator[RunStage]:
             f"{config.path}: track: method {method} takes reads of tags, which no stage before it makes; call "
             "`occlog track` with the recording"
         )
-    if method in METHODS and METHODS[method].takes_in == VIEW:
+    if method in METHODS and METHODS[method].takes_in in (UNCALIBRATED, VIEW):
         raise InputError(
-            f"{config.path}: track: method {method} gives boxes with identities, of which no stage makes a "
+            f"{config.path}: track: method {method} gives tracks in images, of which no stage makes a "
             "report; call `occlog track` with boxes or views"
         )
     recording = folder / "recording.mcap"
