@@ -278,6 +278,8 @@ def ingest(
     images: Mapping[str, File] | None = None,
     boxes: Files = (),
     mot: Mapping[str, File] | None = None,
+    positions: Files = (),
+    grid: str | None = None,
     doa: Files = (),
     reads: File | Sequence[File] = (),
     truth: Files = (),
@@ -308,6 +310,8 @@ def ingest(
         images: folder of images of each camera.
         boxes: boxes of a detector.
         mot: boxes in MOTChallenge text; the same as `boxes`.
+        positions: positions on the ground of detectors, by the names of the sources.
+        grid: size of a cell and position of cell (0, 0), "SIZE,X,Y", of positions in cells.
         doa: logs of directions of arrival.
         reads: logs of tags that readers read.
         truth: true positions or boxes.
@@ -341,6 +345,7 @@ def ingest(
     if isinstance(settings.get("classes"), str | Sequence):
         settings["classes"] = names_of(settings["classes"])  # type: ignore[arg-type]
     of_sensors: dict[str, object] = {"video": video, "images": images, "boxes": boxes, "mot": mot, "doa": doa}
+    of_sensors["positions"] = positions
     of_sensors |= {"truth": truth, "timestamps": timestamps, "arrays": arrays}
     of_sensors |= {"start_time": start_time, "clock_offset": clock_offset, "fps": fps}
     of_topics = {n: [t] if isinstance(t, str) else t for n, t in (topic or {}).items()}
@@ -352,6 +357,7 @@ def ingest(
         "image_size": _pair(image_size, "image_size", image_size is None or min(image_size) > 0),
         "scene": scene,
         "readers": readers,
+        "grid": grid,
         "frames": _pair(frames, "frames", frames is None or 0 <= frames[0] < frames[1]),
         "topic": tuple(text for n, each in of_topics.items() for t in each for text in _named({n: t}, "topic")),
         **{name: _named(value, name) for name, value in of_sensors.items()},

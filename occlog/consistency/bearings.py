@@ -227,6 +227,17 @@ class ResidualAngles(NamedTuple):
 
     residual: Floats  # (N,) in standard deviations as stated
     spread: Floats  # (N,) variance of the bearing that the estimate leads one to expect, in the same units
+    sigma: Floats  # (N,) standard deviation as stated [rad]
+
+
+class StatedResiduals(NamedTuple):
+    """What N bearings of one sensor and one target leave at estimates."""
+
+    target: int
+    sensor: str
+    t_ns: Ints  # (N,) of the estimates
+    residual: Floats  # (N,) in standard deviations as stated
+    sigma: Floats  # (N,) standard deviation as stated [rad]
 
 
 class CandidateFrames(NamedTuple):
@@ -267,7 +278,8 @@ def bearing_residuals(
     g = np.column_stack([-away[:, 1], away[:, 0]]) / r2[:, None]
     expected = np.einsum("ni,nij,nj->n", g, covariance, g) / variance
     off = wrap_angle(rows.bearing - np.arctan2(away[:, 1], away[:, 0]))
-    return ResidualAngles(off / np.sqrt(variance), np.maximum(expected, 0.0))
+    sigma = np.sqrt(variance)
+    return ResidualAngles(off / sigma, np.maximum(expected, 0.0), sigma)
 
 
 class BearingConsistency:
@@ -284,6 +296,7 @@ class BearingConsistency:
         self._sensors |= {a.name: a for a in scene.arrays if a.upright}
         self._window_ns = window_ns
         self._last: dict[str, tuple[int, Floats]] = {}  # the frame before, and what was unexplained in it
+        self.stated: list[StatedResiduals] = []  # of the last comparison
 
     def compare(
         self, tracks: Tracks, bearings: Bearings, diagnostics: Diagnostics | None = None
@@ -302,6 +315,7 @@ class BearingConsistency:
         paths = list(self._paths(tracks, diagnostics))
         parts: list[Residuals] = []
         frames: list[CandidateFrames] = []
+        self.stated = []
         for name, sensor in self._sensors.items():
             own = seen.take(seen.sensor == name)
             if not len(own):
@@ -320,6 +334,8 @@ class BearingConsistency:
                 near[n] |= far <= GATE_SIGMAS
                 keep = labelled[n] | _nearest(i, np.where(labelled[n], np.inf, far))
                 parts.append(_table(path, name, i[keep], residuals, far, keep))
+                stated = (path.t_ns[i[keep]], residuals.residual[keep], residuals.sigma[keep])
+                self.stated.append(StatedResiduals(path.target, name, *stated))
             if met.any():
                 frames.append(self._left(name, own.take(met), near[met]))
         return Residuals.merge(parts), tuple(frames)
@@ -423,6 +439,7 @@ class BearingBuffer:
             unlabelled: candidates without a label are used.
         """
         self._sight, self._unlabelled = BearingConsistency(scene, window_ns), unlabelled
+        self._all = BearingConsistency(scene, window_ns)
         self._kept: list[Bearings] = []
 
     def watch(self, chunks: Iterable[Bearings]) -> Iterator[Bearings]:
@@ -438,7 +455,13 @@ class BearingBuffer:
             return ComparedBearings(Residuals.empty(), ())
         n = int(np.searchsorted(kept.t_ns, tracks.t_ns[-1], side="right"))
         self._kept = [kept.take(slice(n, None))]
+        self._all.compare(tracks, kept.take(slice(None, n)))
         return ComparedBearings(*self._sight.compare(tracks, kept.take(slice(None, n)), diagnostics))
+
+    @property
+    def stated(self) -> tuple[StatedResiduals, ...]:
+        """Residuals of the last comparison, also of bearings that the method left out."""
+        return tuple(self._all.stated)
 
 
 @dataclass

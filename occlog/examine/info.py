@@ -6,7 +6,6 @@ What a folder holds: a line for each file that occlog reads, and how many others
 from __future__ import annotations
 
 import math
-import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from itertools import islice
@@ -21,6 +20,7 @@ from occlog.console.summary import plausible_in_words
 from occlog.console.text import counted
 from occlog.errors import InputError
 from occlog.io.files.utc import time_words, utc
+from occlog.io.recognition import FileContent, contents_of, is_foreign_bag, is_one_bag
 from occlog.records.losses import Loss
 
 if TYPE_CHECKING:
@@ -32,29 +32,7 @@ if TYPE_CHECKING:
 
 MAX_ENTRIES = 1000
 """Entries of a folder that are checked."""
-PART = re.compile(r"_\d+$")
-"""Endings of file names of a split bag."""
-CONTAINERS = (".mcap", ".db3", ".zstd")
-
 Described = tuple[Mapping[str, object], list[str]]
-
-
-def is_one_bag(folder: Path) -> bool:
-    """Return whether a folder is one bag of ROS 2: it has the bag's metadata, or its files are parts of one name."""
-    from occlog.io.messages.bag import METADATA, is_bag
-    from occlog.io.recording.reader import open_recording
-
-    if (folder / METADATA).is_file():
-        return True
-    if not is_bag(folder):
-        return False
-    files = [path for path in folder.iterdir() if path.suffix in CONTAINERS]
-    if len({PART.sub("", path.name.split(".")[0]) for path in files}) != 1:
-        return False
-    try:
-        return not any(path.suffix == ".mcap" and open_recording(path).ours for path in files)
-    except InputError:
-        return True
 
 
 def describe_folder(folder: Path, describe: Callable[[Path], Described]) -> Described:
@@ -79,12 +57,20 @@ def describe_folder(folder: Path, describe: Callable[[Path], Described]) -> Desc
     for path in entries[:MAX_ENTRIES]:
         try:
             if path.is_dir() and not is_one_bag(path):
-                others["folder"] += 1
+                if not (kinds := _kinds(path)):
+                    others["folder"] += 1
+                    continue
+                files.append({"file": path.name, "kind": kinds[0].kind.value, "format": kinds[0].words})
+                lines.append(f"{path.name:<{width}}  {kinds[0].words}")
                 continue
             values, said = describe(path)
         except InputError as error:
             if path.suffix.lower() not in (".mcap", ".parquet", ".db3"):
-                others[path.suffix.lower() or "without an ending"] += 1
+                if not (kinds := _kinds(path)):
+                    others[path.suffix.lower() or "without an ending"] += 1
+                    continue
+                files.append({"file": path.name, "kind": kinds[0].kind.value, "format": kinds[0].words})
+                lines.append(f"{path.name:<{width}}  {kinds[0].words}")
                 continue
             values, said = {"kind": "unreadable", "error": str(error)}, [f"cannot be read: {error}"]
         files.append({"file": path.name, **values})
@@ -100,6 +86,14 @@ def describe_folder(folder: Path, describe: Callable[[Path], Described]) -> Desc
         "complete": len(entries) <= MAX_ENTRIES,
     }
     return values, [head, *lines, *([f"others: {', '.join(more)}"] if more else [])]
+
+
+def _kinds(path: Path) -> list[FileContent]:
+    """Kinds that a file may be, for readers of `occlog ingest`; none for a damaged one."""
+    try:
+        return contents_of(path)
+    except InputError:
+        return []
 
 
 SHOWN_VERSIONS = ("python", "numpy", "scipy", "numba", "opencv-python-headless", "pyarrow")
@@ -145,12 +139,10 @@ def describe(path: Path, rows: int) -> Description:
     from occlog.io.files.limits import describe_unsupported
     from occlog.io.open import open_if_ours, open_input
 
-    pass  # MERGED
-
     kind = path.suffix.lower()
     if path.is_dir() and not is_one_bag(path):
         return Description(*describe_folder(path, lambda file: describe(file, 0)))
-    if _is_foreign_bag(path):
+    if is_foreign_bag(path):
         return _describe_bag(path)
     opened = open_if_ours(path, "a scene (.yaml), a recording (.mcap) or a table (.parquet, .arrow, .csv)")
     if opened is None and kind in (".yaml", ".yml"):
@@ -168,34 +160,6 @@ def describe(path: Path, rows: int) -> Description:
         raise InputError(f"{path}: is {mistaken}")
     known = "scenes (.yaml), recordings (.mcap) and tables (.parquet, .arrow, .csv, .tum, .trc, .geojson)"
     raise InputError(f"{path}: occlog info knows {known}, not {kind or 'files without an ending'!r}")
-
-
-def _is_foreign_bag(path: Path) -> bool:
-    """Return whether a path is a bag of ROS 2 or an MCAP file of another program, perhaps cut off."""
-    from occlog.io.files.limits import RECORDING_MAGIC, SQLITE_MAGIC, ZSTD_MAGIC
-
-    if path.is_dir():
-        from occlog.io.messages.bag import is_bag
-
-        return is_bag(path)
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
-        head = file.read(len(SQLITE_MAGIC))
-    if not head.startswith(RECORDING_MAGIC):
-        return head.startswith((SQLITE_MAGIC, ZSTD_MAGIC))
-    from occlog.io.recording.reader import open_recording
-
-    try:
-        return not open_recording(path).ours
-    except InputError:
-        return not _names_occlog(path)
-
-
-def _names_occlog(path: Path) -> bool:
-    """Return whether the first bytes of a damaged recording name occlog as the program that wrote it."""
-    with path.open("rb") as file:
-        return b"occlog" in file.read(64)
 
 
 def _describe_bag(path: Path) -> Description:

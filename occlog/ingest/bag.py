@@ -94,22 +94,27 @@ def place_cameras(found: BagSurvey, plan: IngestPlan, others: Collection[str], n
     """
     reasons: dict[str, str] = {}
     known = {}
-    for camera in found.map.images:
+    for camera in found.map.cameras:
         if camera in others:
             note(f"camera {camera}: placed by the scene or calibration file, not by the bag")
             continue
         info = found.infos.get(camera)
         if info is None:
-            reasons[camera] = "the bag has no calibration (CameraInfo) next to its images"
+            owned = "images" if camera in found.map.images else f"boxes ({found.map.boxes[camera]})"
+            reasons[camera] = f"the bag has no calibration (CameraInfo) next to its {owned}"
             continue
-        rectified = is_rectified(found.map.images[camera])
-        model = intrinsics(info, rectified=rectified, where=f"topic {found.map.infos[camera]}")
+        model = intrinsics(info, rectified=_is_rectified(found, camera), where=f"topic {found.map.infos[camera]}")
         if model is None:
             reasons[camera] = f"{found.map.infos[camera]} states that it is not calibrated (fx is 0)"
             continue
         if model.fit_px:
             note(
                 f"camera {camera}: lens model {info.model} fitted by five coefficients, right to {model.fit_px:.2g} px"
+            )
+        if camera not in found.map.images and not _is_rectified(found, camera) and np.any(info.distortion):
+            note(
+                f"camera {camera}: boxes of {found.map.boxes[camera]} are taken to be in the raw image; where the "
+                "detector had rectified ones, give a calibration without distortion"
             )
         known[camera] = model
     world = _world(found, plan, [c for c in known if found.frames.get(c)])
@@ -132,9 +137,7 @@ def place_cameras(found: BagSurvey, plan: IngestPlan, others: Collection[str], n
 
 def _camera(name: str, found: BagSurvey, rotation: Floats, centre: Floats) -> Camera:
     """The camera of a pose; `rotation` is world-from-camera."""
-    model = intrinsics(
-        found.infos[name], rectified=is_rectified(found.map.images[name]), where=f"topic {found.map.infos[name]}"
-    )
+    model = intrinsics(found.infos[name], rectified=_is_rectified(found, name), where=f"topic {found.map.infos[name]}")
     assert model is not None
     return build_camera(
         Pose(
@@ -149,6 +152,12 @@ def _camera(name: str, found: BagSurvey, rotation: Floats, centre: Floats) -> Ca
         ),
         f"topic {found.map.infos[name]}",
     )
+
+
+def _is_rectified(found: BagSurvey, camera: str) -> bool:
+    """Return whether the topic of a camera's images, or else that of its boxes, states rectified images."""
+    boxes = found.map.boxes.get(camera, "")
+    return is_rectified(found.map.images[camera]) if camera in found.map.images else "rect" in boxes
 
 
 def _shared_frames(found: BagSurvey) -> set[str]:

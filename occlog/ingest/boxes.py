@@ -12,7 +12,8 @@ import numpy as np
 
 from occlog.array_types import Bools
 from occlog.console.text import counted
-from occlog.io.formats.boxes.datasets import camera_folders, label_files
+from occlog.io.files.texts.formats import Probe
+from occlog.io.formats.boxes.datasets import camera_folders, is_annotations, label_files
 from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, BoxSurvey, survey_boxes
 from occlog.io.formats.boxes.rows import in_words
 from occlog.io.frames.streams import are_times, list_images, numbers_of
@@ -60,7 +61,7 @@ def _first_number(plan: IngestPlan, camera: str | None, path: Path) -> int | Non
 
     None where the folder alone states which numbers there are, or the number is given.
     """
-    if plan.first_number is not None or not path.is_dir():
+    if plan.first_number is not None or not path.is_dir() or is_annotations(Probe(path, "a folder of boxes")):
         return None
     folders = [list_images(folder) for folder in plan.images.values()]
     numbered = [numbers_of(files)[0] for files in folders if not are_times(files)]
@@ -103,6 +104,8 @@ def box_options(plan: IngestPlan, scene: Scene | None = None) -> BoxOptions:
 def truth_options(plan: IngestPlan, scene: Scene) -> BoxOptions:
     """Options for reading true boxes; all classes are kept unless one is given."""
     options = replace(box_options(plan, scene), others=False)
+    if plan.truth_first_number is not None:
+        options = replace(options, first_number=plan.truth_first_number)
     return options if plan.classes else replace(options, classes=None)
 
 

@@ -152,7 +152,7 @@ CALIBRATIONS = (
     "colmap",
     "arrays",
 )
-TRUTHS = ("auto", "csv", "mot", "xml", "caliscope", "locata", "wildtrack", "vatic", "kitti")
+TRUTHS = ("auto", "csv", "mot", "cvat", "xml", "caliscope", "locata", "wildtrack", "vatic", "kitti")
 DOAS = ("auto", "csv", "frida", "telemetr", "odas")
 
 
@@ -169,6 +169,8 @@ class IngestPlan(Settings):
     video: dict[str, Path]
     images: dict[str, Path]
     boxes: tuple[tuple[str | None, Path], ...]
+    positions: tuple[tuple[str | None, Path], ...]
+    grid: str | None
     doa: tuple[tuple[str | None, Path], ...]
     truth: tuple[tuple[str | None, Path], ...]
     timestamps: tuple[tuple[str | None, Path], ...]
@@ -243,6 +245,13 @@ class IngestPlan(Settings):
         option="--first-number",
         nothing="lowest image; 0 in tables",
     )
+    truth_first_number: int | None = setting(
+        None,
+        "Number of frame 0 in tables of the ground truth, where it is another than in those of boxes.",
+        at_least=0,
+        option="--truth-first-number",
+        nothing="as in tables of boxes",
+    )
     store: str | None = setting(
         None,
         "Storage of frames; link: only their times, with a link to the video.",
@@ -311,13 +320,13 @@ class IngestPlan(Settings):
         values = expand_dataset(values)
         mot = _named("mot", values["mot"])
         own = {f.name: values[f.name] for f in declared(cls) if f.name in values}
-        plain = ("output", "bags", "topics", "calibration", "image_size", "scene", "frames", "readers", "reads")
+        plain = ("output", "bags", "topics", "calibration", "image_size", "scene", "frames", "readers", "reads", "grid")
         taken: dict[str, Any] = {
             **{key: values[key] for key in plain},
             "video": _named("video", values["video"]),
             "images": _named("images", values["images"]),
             "boxes": (*pairs(values["boxes"], Path), *mot.items()),
-            **{key: pairs(values[key], Path) for key in ("doa", "truth", "timestamps", "arrays")},
+            **{key: pairs(values[key], Path) for key in ("doa", "truth", "timestamps", "arrays", "positions")},
             **{key: pairs(values[key], str) for key in ("start_time", "fps", "topic")},
             "clock_offset": offsets_of(values["clock_offset"]),
             **{n: read_value(v, kind_of(cls, n), n) if isinstance(v, str) else v for n, v in own.items()},
@@ -331,9 +340,17 @@ class IngestPlan(Settings):
         both = next((name for name in self.video if name in self.images), None)
         if both is not None:
             raise UsageError(f"camera {both}: has both video and images; give one")
-        if not (self.bags or self.video or self.images or self.boxes or self.doa or self.reads or self.truth):
+        measured = self.boxes or self.positions or self.doa or self.reads or self.truth
+        if not (self.bags or self.video or self.images or measured):
             raise UsageError(
-                "nothing to ingest; give a bag, video, images, boxes, directions (doa), reads of tags or truth"
+                "nothing to ingest; give a bag, video, images, boxes, positions, directions (doa), reads of tags or "
+                "truth"
+            )
+        if self.grid is not None and not self.positions:
+            raise UsageError(f"{option('grid')} is the grid of positions; give positions, or leave it out")
+        if self.positions and (self.up is not None or self.ground_height is not None):
+            raise UsageError(
+                "positions are in the world of the tracks and are not turned; leave up and ground_height out"
             )
         if not self.bags and (self.topic or self.topics or self.world_frame or self.camera_axes):
             raise UsageError("topics, the world frame and the axes of cameras are those of a bag; give a bag")
@@ -353,9 +370,10 @@ class IngestPlan(Settings):
             cameras: all that the recording has.
         """
         arrays = [name for name, _ in self.doa if name is not None]
+        sources = [name for name, _ in self.positions if name is not None]
         for key, names, known in (
-            ("start_time", self.start_time, (*cameras, *arrays)),
-            ("fps", self.fps, tuple(cameras)),
+            ("start_time", self.start_time, (*cameras, *arrays, *sources)),
+            ("fps", self.fps, (*cameras, *sources)),
         ):
             for name, value in names:
                 if name is not None and name not in known:
@@ -366,6 +384,7 @@ class IngestPlan(Settings):
         """Every input that must be a file, and what it should be."""
         tables = {
             "boxes": "a table of boxes",
+            "positions": "a table of positions",
             "doa": "a log of directions",
             "truth": "ground truth",
             "timestamps": "a table of time stamps",

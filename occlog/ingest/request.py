@@ -32,6 +32,7 @@ class IngestRequest(Request):
     \b
       occlog ingest -o walk.mcap --calibration Calib.qca.txt --video cam01=cam01.mp4 --video cam02=cam02.mp4
       occlog ingest -o hall.mcap --calibration calib/ --image-size 1920x1024 --boxes detections.csv --fps 20
+      occlog ingest -o square.mcap --positions mvdet=test.txt --grid 0.025,-3,-9 --fps 10
       occlog ingest bag/ -o walk.mcap --topic front=/cam_front/image_raw/compressed
       occlog ingest -o tags.mcap --readers readers.csv --reads reads.csv --truth truth.csv
     """
@@ -62,6 +63,20 @@ class IngestRequest(Request):
         "[CAM=]PATH",
     )
     mot: tuple[str, ...] = _several("MOTChallenge detections; same as --boxes.", "--mot", "CAM=FILE")
+    positions: tuple[str, ...] = _several(
+        "Positions on the ground that a detector reports (network for the ground plane, lidar, radar): CSV, Parquet, "
+        "or the text of MVDet and MVDeTr.",
+        "--positions",
+        "[SOURCE=]FILE",
+    )
+    grid: str | None = setting(
+        None,
+        "Grid of positions that are counted in cells: size of a cell, and position of cell (0, 0); 0.025,-3,-9 is "
+        "WILDTRACK's, 0.025,0,0 MultiviewX's.",
+        option="--grid",
+        metavar="SIZE,X,Y",
+        shown="positions are lengths",
+    )
     doa: tuple[str, ...] = _several("Log of directions of arrival.", "--doa", "[ARRAY=]FILE")
     reads: tuple[Path, ...] = source("Log of tag reads of fixed readers.", there=False, metavar="FILE")
     truth: tuple[str, ...] = _several("Ground truth: positions or boxes.", "--truth", "[CAM=]FILE")
@@ -122,5 +137,5 @@ class IngestRequest(Request):
         return self.plan.inputs()
 
 
-SINGLE = ("output", "image_size", "scene", "readers", "frames")
+SINGLE = ("output", "image_size", "scene", "readers", "frames", "grid")
 """Fields of one value, which may be None."""

@@ -14,12 +14,13 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.console.text import counted
-from occlog.errors import InputError
+from occlog.errors import InputError, UsageError
 from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.inputs import hash_inputs
 from occlog.io.files.limits import check_input
 from occlog.io.files.provenance import InputDigests, Provenance, hash_file
 from occlog.io.formats.boxes.reader import BoxSurvey, read_boxes
+from occlog.io.formats.positions import PositionLog, PositionOptions, parse_grid, read_positions
 from occlog.io.formats.sound.csv_log import DoaOptions
 from occlog.io.formats.sound.directions import read_doa
 from occlog.io.formats.sound.formats import parse_hop
@@ -33,7 +34,7 @@ from occlog.io.recording.writer import RecordingWriter
 from occlog.records.columns import ColumnTable
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
-from occlog.records.tables import Boxes, Reads, Truth, TruthBoxes
+from occlog.records.tables import Boxes, Positions, Reads, Truth, TruthBoxes
 from occlog.records.verdicts import Verdict
 from occlog.runner import Job
 
@@ -42,7 +43,7 @@ from .boxes import box_files, box_options, inside, known_cameras, truth_options
 from .boxes import survey as survey_of
 from .plan import IngestPlan, files_in, with_offsets
 from .request import IngestRequest
-from .scene import Sized, Turn, add_bag_cameras, base_scene, fit_sizes, match_cameras
+from .scene import Sized, Turn, add_bag_cameras, base_scene, fit_sizes, match_cameras, with_stated_sizes
 from .sources import Copies, IngestFailures, clock_of, open_sources, read_sidecars, start_of, sync_times, times_of
 from .times import TimedWriter, Times, TimeSpanNs
 from .truth import check_truth_consistency, within_frames
@@ -82,7 +83,7 @@ def run_ingest(request: IngestRequest, job: Job) -> tuple[dict[str, object], lis
             raise done.failures[0]
         sizes = {s.name: Sized(s.decoder.size, s.decoder.bars) for s in sources}
         sizes |= {name: Sized(size) for name, size in (bag.found.sizes.items() if bag else ())}
-        scene = fit_sizes(scene, sizes, note)
+        scene = fit_sizes(scene, with_stated_sizes(sizes, survey), note)
         times = _all_times(plan, scene, sources, survey)
         settings = plan.parameters() | ({} if turn is None else turn.parameters())
         provenance = Provenance("ingest", settings, None, _hashes(plan))
@@ -90,6 +91,7 @@ def run_ingest(request: IngestRequest, job: Job) -> tuple[dict[str, object], lis
         writer.times = done.seen
         # Tables first: a fault in one is then reported before hours of video have been read.
         _write_reads(plan, scene, writer, done, note)
+        _write_positions(plan, scene, writer, done, note)
         _write_tables(plan, scene, turn, survey, times, writer, done, note)
         if sources:
             _write_frames(plan, sources, writer, done, job)
@@ -275,6 +277,61 @@ def _write_tables(
     if empty:
         rows = "row is" if empty == 1 else "rows are"
         note(f"boxes: {done.rows[Boxes.NAME] - empty}; {empty} more {rows} of frames in which a camera saw no person")
+
+
+def _write_positions(
+    plan: IngestPlan, scene: Scene, writer: RecordingWriter, done: Ingested, note: Callable[[str], None]
+) -> None:
+    """Write the positions of all files; each source is in one of them."""
+    grid = None if plan.grid is None else parse_grid(plan.grid)
+    taken = {sensor.name: f"a sensor of the scene, {sensor.name}" for sensor in scene.sensors}
+    for name, path in plan.positions:
+        sources = dict.fromkeys(["", *(source for source, _ in plan.positions if source is not None)])
+        times = {source: found for source in sources if (found := times_of(plan, source, {})) is not None}
+        log = read_positions(
+            path,
+            PositionOptions(
+                sensor=name,
+                times=times,
+                start_ns=start_of(plan, name or ""),
+                first_number=plan.first_number or 0,
+                frames=plan.frames,
+                grid=grid,
+                scale=plan.confidence_scale,
+                scores=plan.score_type,
+                ignore_extra=plan.ignore_extra_columns,
+            ),
+        )
+        for source in log.sources:
+            if source in taken:
+                raise UsageError(
+                    f"{path}: its source is called as {taken[source]}; give it another name, NAME={path.name}"
+                )
+            taken[source] = f"that of {path.name}"
+        writer.table(log.table)
+        done.rows[Positions.NAME] = done.rows.get(Positions.NAME, 0) + len(log.table)
+        note(_positions_in_words(path, log))
+
+
+def _positions_in_words(path: Path, log: PositionLog) -> str:
+    """What was read of a file of positions, in one line."""
+    table = log.table
+    there = table.detection >= 0
+    x, y = table.x[there], table.y[there]
+    stated = int(np.isfinite(table.cov_xx[there]).sum())
+    said = [
+        f"{counted(int(there.sum()), 'position')} of {', '.join(log.sources)}",
+        f"x {x.min():.4g} to {x.max():.4g}, y {y.min():.4g} to {y.max():.4g}",
+        f"{counted(int((~there).sum()), 'frame')} without any",
+    ]
+    if log.step > 1:
+        said.append(f"frames in steps of {log.step} (the frame rate counts every number)")
+    said.append("no errors stated, jipda learns them" if not stated else f"errors stated of {stated}")
+    if log.other_frames:
+        said.append(f"skipped: {log.other_frames} of other frames")
+    if log.duplicates:
+        said.append(f"warning: exact duplicates skipped: {log.duplicates}")
+    return f"positions: {path.name}: {'; '.join(said)}"
 
 
 def _write_reads(

@@ -22,6 +22,7 @@ from occlog.core.geometry.camera import is_upright, turn_upright, vertical
 from occlog.errors import InputError, UsageError, option
 from occlog.io.files.names import check_meaning, match_sensor, safe_name
 from occlog.io.files.texts.csv_rows import first_line
+from occlog.io.formats.boxes.reader import BoxSurvey
 from occlog.io.formats.calibration.common import CalibrationOptions
 from occlog.io.formats.calibration.reader import CalibrationFile, describe, read_calibration
 from occlog.io.formats.sound.formats import read_arrays
@@ -175,6 +176,22 @@ class Sized(NamedTuple):
 
     size: tuple[int, int]
     bars: Bars = (0, 0, 0, 0)
+
+
+def with_stated_sizes(frames: Mapping[str, Sized], survey: BoxSurvey | None) -> dict[str, Sized]:
+    """Sizes of frames, and those of the images that files of boxes state.
+
+    Raises:
+        InputError: a file states another size than the frames have.
+    """
+    stated = {} if survey is None else survey.sizes
+    for name, size in stated.items():
+        if name in frames and frames[name].size != size:
+            raise InputError(
+                f"camera {name}: boxes are of images of {size[0]} x {size[1]} px, but its frames have "
+                f"{frames[name].size[0]} x {frames[name].size[1]}; give boxes of these frames"
+            )
+    return {**{name: Sized(size) for name, size in stated.items()}, **frames}
 
 
 def fit_sizes(scene: Scene, frames: Mapping[str, Sized], note: Callable[[str], None]) -> Scene:

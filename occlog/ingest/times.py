@@ -9,7 +9,7 @@ from occlog.array_types import NS, Ints
 from occlog.io.files.utc import utc
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.columns import ColumnTable
-from occlog.records.tables import Boxes, Doa, Truth, TruthBoxes
+from occlog.records.tables import Boxes, Doa, Positions, Truth, TruthBoxes
 from occlog.records.verdicts import Check, finding, outcome
 
 SENSORS, FRAMES, TRUE = "sensor clocks", "frame intervals", "truth times"
@@ -80,7 +80,7 @@ class Times:
         t_ns: Ints = table.t_ns  # type: ignore[attr-defined]
         if isinstance(table, Truth | TruthBoxes):
             self.true.take(int(t_ns.min()), int(t_ns.max()))
-        elif isinstance(table, Boxes | Doa):
+        elif isinstance(table, Boxes | Doa | Positions):
             for name in dict.fromkeys(table.sensor.tolist()):
                 own = t_ns[table.sensor == name]
                 self.rows.setdefault(name, TimeSpanNs()).take(int(own.min()), int(own.max()))

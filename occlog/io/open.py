@@ -35,6 +35,7 @@ RECORDING_SUFFIX = ".mcap"
 WORDS = {
     "boxes": "boxes of a detector",
     "doa": "directions of arrival",
+    "positions": "positions on the ground",
     "reads": "reads of tags",
     "truth_boxes": "true boxes",
     "view_tracks": "tracks in images",

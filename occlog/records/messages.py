@@ -192,6 +192,17 @@ VERDICT: dict[str, Message] = {
         "labels of targets {targets} are exchanged from {begin_s:.4g} s to {until} {where} ({done})",
         "check the labels; {option[keep_labels]} keeps them",
     ),
+    "sensor-turned": Message(
+        W,
+        "bearings of {sensors} are {size:+.2g} +- {error:.1g} degrees off those of the other sensors (allowed: "
+        "{allowed:.1g}){rivals}",
+        "correct its yaw, or calibrate",
+    ),
+    "sensor-late": Message(
+        W,
+        "bearings of {sensors} agree if its clock is {size:.2g} +- {error:.1g} s late (allowed: {allowed:.1g}){rivals}",
+        "correct its clock (ingest --clock-offset)",
+    ),
     "outliers": Message(
         W,
         _ROWS + "bearings of {sensors} contradict the motion, and others may be false",

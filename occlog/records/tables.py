@@ -26,7 +26,18 @@ from occlog.errors import InputError
 
 from .columns import ColumnTable
 from .declared.people import AppearanceMatches, Associations, Events, Gallery, JoinedTracks, PeopleTracks, PeopleViews
-from .declared.sensors import APPEARANCE_BINS, UNLABELLED, Bearings, Boxes, Doa, Measurements, Reads, TruthBoxes, Views
+from .declared.sensors import (
+    APPEARANCE_BINS,
+    UNLABELLED,
+    Bearings,
+    Boxes,
+    Doa,
+    Measurements,
+    Positions,
+    Reads,
+    TruthBoxes,
+    Views,
+)
 from .declared.tracks import (
     Bound,
     Calibration,
@@ -51,6 +62,7 @@ TABLES: dict[str, type[ColumnTable]] = {
         Boxes,
         TruthBoxes,
         Doa,
+        Positions,
         Reads,
         Measurements,
         Occluders,
@@ -131,6 +143,7 @@ __all__ = [
     "Particles",
     "PeopleTracks",
     "PeopleViews",
+    "Positions",
     "Reads",
     "Residuals",
     "RobotPath",

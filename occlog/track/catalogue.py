@@ -298,14 +298,15 @@ def method_for(path: Path | str, scene: Path | str | None = None) -> str:
         scene: file of a scene that is given with it.
     """
     from occlog.io.open import held
-    from occlog.records.tables import Bearings, Boxes, Measurements, Reads, Views
+    from occlog.records.tables import Bearings, Boxes, Measurements, Positions, Reads, Views
 
-    tables = held(Path(path), Bearings, Measurements, Boxes, Views, Reads)
+    tables = held(Path(path), Bearings, Measurements, Boxes, Views, Positions, Reads)
     if not tables or Bearings in tables or Measurements in tables:
         return VERB.default
     if tables == (Reads,):
         return "virtual"
-    return "jipda" if _calibrated(Path(path), None if scene is None else Path(scene)) else "sort"
+    calibrated = Positions in tables or _calibrated(Path(path), None if scene is None else Path(scene))
+    return "jipda" if calibrated else "sort"
 
 
 def _calibrated(path: Path, scene: Path | None) -> bool:
@@ -385,8 +386,9 @@ _TAGS = """
 """
 _ABOUT = {
     "jipda": """
-    BEARINGS is a recording with boxes, or a table of boxes or views, of calibrated cameras. No labels, initial
-    positions or target count are needed: tracks are initiated, confirmed and terminated by their existence probability.
+    BEARINGS is a recording with boxes of calibrated cameras or positions on the ground, or a table of boxes or views.
+    No labels, initial positions or target count are needed: tracks are initiated, confirmed and terminated by their
+    existence probability.
     --smooth and --lag use later measurements.
 
     \b

@@ -24,8 +24,9 @@ class TrackRequestBase(Request):
     else apf. `occlog track --method NAME --help` describes one method. The same inputs, options and seed give the same
     output.
 
-    --method jipda tracks all people on the ground plane from the boxes of all calibrated cameras; BEARINGS is a
-    recording with boxes, or a table of boxes or views. No labels, initial positions or target count are needed.
+    --method jipda tracks all people on the ground plane from the boxes of all calibrated cameras and from positions on
+    the ground; BEARINGS is a recording with boxes or positions, or a table of boxes or views. No labels, initial
+    positions or target count are needed.
 
     --method sort tracks people in the image of each camera, which needs no calibration: MOTChallenge text, YOLO, COCO,
     or what `occlog detect` finds in a video. It writes `view_tracks`; an identity is of one camera alone.

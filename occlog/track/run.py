@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from occlog import console
 from occlog.consistency.bearings import AngleConventionCheck, ComparedBearings, SmallNoiseCheck
 from occlog.consistency.labels import label_checks
+from occlog.consistency.systematic_errors import SystematicErrors
 from occlog.consistency.verdict import ConsistencyEvidence
 from occlog.errors import InputError, UsageError, option
 from occlog.io.formats.models.motion_models import model_losses, read_motion, read_path_loss
@@ -63,6 +64,7 @@ class TrackSummary:
         self.scene, self.joint, self.smoothed = scene, joint, smoothed
         self.targets: set[int] = set()
         self.evidence = ConsistencyEvidence(distances=distances)
+        self.sensors = SystematicErrors(scene)
         self.compass, self.sharp = AngleConventionCheck(scene), SmallNoiseCheck()
         self.messages = NetworkTraffic()
         self.solves: list[Solve] = []
@@ -80,6 +82,8 @@ class TrackSummary:
         self.evidence.fared(part.diagnostics)
         if part.residuals is not None:
             self.evidence.saw(part.tracks, ComparedBearings(part.residuals, part.frames), self.scene)
+        if not self.joint:
+            self.sensors.add(part.tracks, part.stated)
         for solve in part.solves:
             if solve.noise is not None:
                 self.evidence.agreements.moves(solve.target, solve.noise.motion)
@@ -125,7 +129,8 @@ class TrackSummary:
         number = outcome(NUMBER, (), targets=len(self.targets))
         rows = self.evidence.rows if self.outliers_matter else 0
         labels = label_checks(self.labels, self.scene.length_unit, rows)
-        return (*number, *self.sharp.checks(), *self.compass.checks(), *labels, *found)
+        sensors = () if self.joint else self.sensors.checks()
+        return (*number, *self.sharp.checks(), *self.compass.checks(), *labels, *sensors, *found)
 
     def _particles(self) -> dict[str, Any]:
         """Mean effective number of particles, of a method that has some."""

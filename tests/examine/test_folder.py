@@ -11,9 +11,10 @@ from places import ROOT
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.examine.info import MAX_ENTRIES, is_one_bag
+from occlog.examine.info import MAX_ENTRIES
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
+from occlog.io.recognition import is_one_bag
 from occlog.records.losses import Loss
 from occlog.records.tables import Tracks
 

@@ -482,7 +482,7 @@ def test_methods_and_metrics_of_others_go_through_a_run(folder: Path, capsys: py
     assert "gaps_longest_s" in json.loads((folder / "out/metrics.json").read_text(encoding="utf-8"))
     for old, new, words in (
         ("sigma_a: 0.5", "sigma_b: 0.5", "track.sigma_b: unknown key; did you mean 'sigma_a'?"),
-        ("method: own, sigma_a: 0.5", "method: overlap", "method overlap gives tracks in images"),
+        ("method: own, sigma_a: 0.5", "method: overlap", "method overlap gives boxes with identities"),
         ("metric: gaps", "metric: gap", "evaluate.metric: 'gap': no such metric; did you mean 'gaps'?"),
     ):
         config.write_text(RUN.replace(old, new), encoding="utf-8")

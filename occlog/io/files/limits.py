@@ -117,11 +117,16 @@ def is_zstd(head: bytes) -> bool:
     return head.startswith(ZSTD_MAGIC) or is_skipped_zstd(head)
 
 
+def is_odas(head: bytes) -> bool:
+    """Return whether the first bytes of a file are those of a stream of ODAS."""
+    return head.lstrip().startswith(b"{") and all(mark in head for mark in ODAS)
+
+
 def describe_unsupported(path: Path) -> str | None:
     """Describe a file that is neither a recording nor a table, with the remedy; None: unknown."""
     with path.open("rb") as file:
         head = file.read(ODAS_BYTES)
-    if head.lstrip().startswith(b"{") and all(mark in head for mark in ODAS):
+    if is_odas(head):
         return ODAS_BY_INGEST.format(name=path.name)
     found = next((words for offset, mark, words in _OTHERS if head[offset:].startswith(mark)), None)
     return None if found is None else found.replace("{name}", path.name)

@@ -24,7 +24,7 @@ from occlog.array_types import Ints, Strings
 from occlog.errors import InputError
 from occlog.io.files.frame_times import to_world_time
 from occlog.io.files.names import natural_sorted, safe_name
-from occlog.io.files.texts.csv_rows import CsvRows
+from occlog.io.files.texts.csv_rows import CsvRows, first_line
 from occlog.io.files.texts.formats import LENGTH, TEXT, FormatColumn, TextFormat, read_format
 from occlog.records.scene import TagReader
 from occlog.records.tables import Reads
@@ -76,6 +76,14 @@ TAG_READS = TextFormat(
     },
     times=True,
 )
+
+
+def read_tag_columns(path: Path) -> set[str]:
+    """Columns of a log of reads, as the program calls them."""
+    head = {cell.lower() for cell in first_line(path, TAG_READS.what)}
+    return {name for name, column in TAG_READS.columns.items() if head & set(column.names)}
+
+
 _NUMBER = re.compile(r"^[0-9]{1,9}$")
 
 

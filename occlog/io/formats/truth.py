@@ -10,6 +10,7 @@ Formats (`FORMATS`), found out from the content:
                frame; or with left, top, ... as for detector boxes
     mot        MOTChallenge text: boxes, and positions where the last three columns are not -1
     kitti      KITTI's text of tracks: boxes of one view
+    cvat       XML of the annotation tool CVAT: boxes of one view
     xml        frames with objects and their boxes (xc, yc, w, h), as for the PETS data sets
     wildtrack  a folder with one JSON file a frame: positions of people, and their boxes in each view
     vatic      text of the annotation tool VATIC, as of CAMPUS: boxes of one view
@@ -51,9 +52,10 @@ from occlog.io.files.texts.formats import (
     read_format,
     recognise,
 )
-from occlog.io.files.times import time_column
+from occlog.io.files.times import TIME_COLUMNS, time_column
 from occlog.records.tables import Truth, TruthBoxes
 
+from .boxes.annotations import is_cvat
 from .boxes.columns import COLUMNS as BOX_COLUMNS
 from .boxes.datasets import frame_files, grid_places, is_annotations, is_kitti, is_vatic, read_people
 from .boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
@@ -271,6 +273,23 @@ POSITIONS = TextFormat(
     },
     times=True,
 )
+
+
+def frames_of_positions(path: Path) -> tuple[int, int] | None:
+    """First and last frame number of a table of positions that counts frames and has no times; None for another."""
+    try:
+        head = {cell.lower() for cell in first_line(path, WHAT)}
+        times = {name for names in TIME_COLUMNS.values() for name in names}
+        if (
+            head & times
+            or not head & set(POSITIONS.columns["frame"].names)
+            or not head & set(POSITIONS.columns["x"].names)
+        ):
+            return None
+        spans = [part["frame"] for part in read_format(path, POSITIONS, ignore_extra=True) if len(part)]
+    except InputError:
+        return None
+    return (min(int(s.min()) for s in spans), max(int(s.max()) for s in spans)) if spans else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -519,6 +538,7 @@ FORMATS: dict[str, TruthFormat] = {
     "locata": TruthFormat(_read_locata, "a source of LOCATA", by_cells(looks_like_locata)),
     "vatic": TruthFormat(_read_boxes_of_one, "VATIC text (CAMPUS)", by_cells(is_vatic)),
     "kitti": TruthFormat(_read_boxes_of_one, "KITTI's text of tracks", by_cells(is_kitti)),
+    "cvat": TruthFormat(_read_boxes_of_one, "XML of CVAT", is_cvat),
     "xml": TruthFormat(_read_xml, "frames of boxes (PETS)", by_cells(_is_xml)),
     "caliscope": TruthFormat(
         _read_caliscope, "board corners", by_cells(lambda head: {"sync_index", "x_coord"} <= set(head))

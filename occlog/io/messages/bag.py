@@ -447,7 +447,9 @@ def topic_lines(found: BagSurvey) -> list[str]:
         info = f", calibration {chosen.infos[camera]}" if camera in chosen.infos else ", no calibration"
         frame = f", frame {found.frames[camera]}" if found.frames.get(camera) else ""
         lines.append(f"camera {camera}: {topic}{info}{frame}")
-    lines += [f"camera {camera}: boxes {topic}" for camera, topic in chosen.boxes.items()]
+    for camera, topic in chosen.boxes.items():
+        info = f", calibration {chosen.infos[camera]}" if camera in chosen.infos else ", no calibration"
+        lines.append(f"camera {camera}: boxes {topic}" + ("" if camera in chosen.images else info))
     lines += [f"array {array}: directions {topic}" for array, topic in chosen.directions.items()]
     lines += [f"target {target}: true positions {topic}" for target, topic in chosen.poses.items()]
     if chosen.others:

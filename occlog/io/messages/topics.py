@@ -17,7 +17,7 @@ from .mcap_file import BagTopic
 TRANSPORTS = ("compressed", "theora", "compressedDepth", "ffmpeg", "h264", "zstd")
 PLAIN = (
     "image", "image_raw", "image_rect", "image_color", "image_mono", "image_rect_color", "image_rect_raw",
-    "image_raw_color", "video", "camera_info", "compressed",
+    "image_raw_color", "video", "camera_info", "compressed", "detections", "detections_2d", "boxes", "yolo",
 )  # fmt: skip
 """Last parts of topics that contain nothing about the camera's name."""
 
@@ -86,7 +86,13 @@ def map_topics(topics: Mapping[str, BagTopic], asked: Sequence[tuple[str, str]],
         match = _info_of(topic, found[TopicKind.INFO])
         if camera not in infos and match is not None:
             infos[camera] = match
-    boxes = named[TopicKind.BOX]
+    boxes = named[TopicKind.BOX] or (
+        {} if images else _boxes_alone(found[TopicKind.BOX], topics, found[TopicKind.INFO])
+    )
+    for camera, topic in boxes.items():
+        match = _info_above(topic, found[TopicKind.INFO], len(boxes))
+        if camera not in infos and match is not None:
+            infos[camera] = match
     directions = named[TopicKind.DIRECTION] or _named_by_path(found[TopicKind.DIRECTION])
     taken = {*images.values(), *infos.values(), *boxes.values(), *directions.values(), *named[TopicKind.POSE].values()}
     others: dict[str, TopicKind] = {
@@ -185,6 +191,27 @@ def _info_of(image: str, infos: Sequence[str]) -> str | None:
     same_namespace = [t for t in infos if t.rpartition("/")[0] == space]
     exact = [t for t in same_namespace if t.rpartition("/")[2] == "camera_info"]
     return exact[0] if exact else (same_namespace[0] if len(same_namespace) == 1 else None)
+
+
+def _info_above(boxes: str, infos: Sequence[str], cameras: int) -> str | None:
+    """The calibration of the nearest namespace that a topic of boxes is in: `/cam/camera_info` of `/cam/yolo/boxes`.
+
+    One calibration and one topic of boxes belong together, wherever they are.
+    """
+    spaces = {t.rpartition("/")[0]: t for t in sorted(infos, reverse=True)}
+    parts = boxes.split("/")
+    above = ("/".join(parts[:n]) for n in range(len(parts) - 1, 1, -1))
+    found = next((spaces[space] for space in above if space in spaces), None)
+    return infos[0] if found is None and len(infos) == cameras == 1 else found
+
+
+def _boxes_alone(boxes: Sequence[str], topics: Mapping[str, BagTopic], infos: Sequence[str]) -> dict[str, str]:
+    """Topics of boxes of a bag without images, by camera: one for each calibration, that with most messages."""
+    groups: dict[str, list[str]] = {}
+    for topic in boxes:
+        groups.setdefault(_info_above(topic, infos, len(boxes)) or topic, []).append(topic)
+    best = {owner: min(group, key=lambda t: (-(topics[t].messages or 0), t)) for owner, group in groups.items()}
+    return {name: best[owner] for name, owner in name_cameras(sorted(best)).items()}
 
 
 def _named_by_path(topics: Sequence[str]) -> dict[str, str]:

@@ -116,6 +116,10 @@ class McapRecording:
         """Return whether the recording holds rows of a table."""
         return any(t.schema == schema_of(table) for t in self.topics)
 
+    def sensors_of(self, table: type[ColumnTable]) -> tuple[str, ...]:
+        """Names of the sensors with rows of a table, in the order of the alphabet."""
+        return tuple(sorted(t.name.rsplit("/", 1)[-1] for t in self.topics if t.schema == schema_of(table)))
+
     def messages(self, table: type[ColumnTable]) -> int:
         """Number of messages with rows of a table; a message has the rows of a sensor at a time."""
         return sum(t.messages for t in self.topics if t.schema == schema_of(table))

@@ -15,11 +15,11 @@ from occlog.array_types import Ints, Strings
 from occlog.errors import InputError
 from occlog.io.files.limits import check_texts
 from occlog.records.columns import Column, ColumnTable, check_copies
-from occlog.records.tables import Bearings, Boxes, Doa, Occluders, Reads, Truth, TruthBoxes, has_all_columns
+from occlog.records.tables import Bearings, Boxes, Doa, Occluders, Positions, Reads, Truth, TruthBoxes, has_all_columns
 
 T = TypeVar("T", bound=ColumnTable)
 
-RECORDED: tuple[type[ColumnTable], ...] = (Truth, TruthBoxes, Boxes, Bearings, Doa, Reads, Occluders)
+RECORDED: tuple[type[ColumnTable], ...] = (Truth, TruthBoxes, Boxes, Bearings, Doa, Positions, Reads, Occluders)
 """Tables that a recording can hold."""
 
 MAX_MESSAGE_BYTES, MAX_ROWS_AT_ONCE = 32_000_000, 1_000_000

@@ -10,6 +10,17 @@ from occlog.errors import InputError
 from .container import Container
 
 
+def is_container(path: Path) -> bool:
+    """Return whether a file is MP4, AVI or Matroska by its content, damaged or not."""
+    from . import avi, mkv, mp4
+
+    try:
+        with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            return any(each.recognised(data) for each in (mp4, avi, mkv))
+    except (OSError, ValueError):
+        return False
+
+
 def read_container(path: Path) -> Container | None:
     """Return what the file states about its frames; None for a container that is neither MP4, AVI nor Matroska.
 

@@ -29,6 +29,8 @@ from .stage import RunStage, files_of, name_of, places_of
 from .stages import Config, check_settings, plan, read_config, refused_in
 
 STATE = "run.json"
+CONFIGURATION = "run.yaml"
+"""Name of a configuration that `occlog start` writes into the run folder."""
 GOING_ON = (ExitCode.DONE, ExitCode.LOSSY, ExitCode.THRESHOLD)
 """Exit codes of a stage after which the next stage runs."""
 UP_TO_DATE = "up to date"
@@ -73,7 +75,15 @@ class Digests:
 
 
 def run_stages(
-    config: Path, output: Path, *, force: bool, dry_run: bool, strict: bool, quiet: bool, as_json: bool
+    config: Path,
+    output: Path,
+    *,
+    force: bool,
+    dry_run: bool,
+    strict: bool,
+    quiet: bool,
+    as_json: bool,
+    told: Collection[str] = (),
 ) -> int:
     """Run all stages of a configuration that are not up to date; return the exit code.
 
@@ -85,13 +95,17 @@ def run_stages(
         strict: true: exit code 6 if a stage states that its results are not plausible.
         quiet: true: no notes.
         as_json: true: print the summary as JSON.
+        told: stages with notes that are printed: what they took their inputs for.
     """
     wanted = read_config(config)
     for stage in plan(wanted, output.resolve()):  # checks every key and value before any stage runs
         check_settings(wanted, stage)
     folder = _folder(output, dry_run)
     steps: list[StageStep] = []
-    for step in do_stages(wanted, folder, force=force, dry_run=dry_run, begin=lambda name: _note_begin(name, quiet)):
+    told = () if quiet else told
+    for step in do_stages(
+        wanted, folder, force=force, dry_run=dry_run, begin=lambda name: _note_begin(name, quiet), told=told
+    ):
         steps.append(step)
     if steps and steps[-1].code not in GOING_ON:
         return steps[-1].code
@@ -111,7 +125,13 @@ def run_stages(
 
 
 def do_stages(
-    wanted: Config, output: Path, *, force: bool, dry_run: bool, begin: Callable[[str], None]
+    wanted: Config,
+    output: Path,
+    *,
+    force: bool,
+    dry_run: bool,
+    begin: Callable[[str], None],
+    told: Collection[str] = (),
 ) -> Iterator[StageStep]:
     """Do the stages of a configuration that are not up to date, in order, until one fails.
 
@@ -121,17 +141,18 @@ def do_stages(
         force: true: do every stage.
         dry_run: true: only report which stages would run.
         begin: called with the name of each stage that is done, before it is.
+        told: stages with notes that are printed.
 
     Raises:
         OcclogError, click.ClickException: what a stage refuses, or another command does stages in that folder.
     """
     folder = _folder(output, dry_run)
     with nullcontext() if dry_run else alone_with(folder, "run", PATIENCE):
-        yield from _stages(wanted, folder, force=force, dry_run=dry_run, begin=begin)
+        yield from _stages(wanted, folder, force=force, dry_run=dry_run, begin=begin, told=told)
 
 
 def _stages(
-    wanted: Config, folder: Path, *, force: bool, dry_run: bool, begin: Callable[[str], None]
+    wanted: Config, folder: Path, *, force: bool, dry_run: bool, begin: Callable[[str], None], told: Collection[str]
 ) -> Iterator[StageStep]:
     """`do_stages` in a folder that is there."""
     state = outcomes(folder)
@@ -151,7 +172,7 @@ def _stages(
             else:
                 begin(stage.name)
                 with refused_in(wanted, stage.name), no_links_out_of(folder):
-                    code = _do(stage)
+                    code = stage.do(quiet=False) if stage.name in told else _do(stage)
                 step = StageStep(stage.name, "done", code, ())
                 if code in GOING_ON:
                     hashes = _hashes(stage, folder)
@@ -221,7 +242,9 @@ def _summary(folder: Path, done: dict[str, str], as_json: bool) -> dict[str, obj
     own = headline.independent_ids(numbers)
     shown = headline.first_of(numbers) if own else {k: v for k, v in numbers.items() if _is_headline(k)}
     head = {k: v for k, v in shown.items() if v is not None}
-    page = {} if done.get("report") == WAITING else {"report": str(folder / "report.html")}
+    page = {} if done.get("report", WAITING) == WAITING else {"report": str(folder / "report.html")}
+    if "report" not in done and done.get("overlay", WAITING) != WAITING:
+        page = {"overlay": str(folder / "overlay.webm")}
     return {**done, **page, **head}
 
 
@@ -296,7 +319,9 @@ def outcomes(folder: Path) -> dict[str, StageOutcome]:
     """
     path = folder / STATE
     if not path.exists():
-        if folder.is_dir() and any(not each.name.endswith(PARTIAL) for each in folder.iterdir()):
+        if folder.is_dir() and any(
+            not each.name.endswith(PARTIAL) and each.name != CONFIGURATION for each in folder.iterdir()
+        ):
             raise UsageError(
                 f"{folder}: holds files but no {STATE}, so it is not a run folder; name a new or empty one"
             )

@@ -83,14 +83,14 @@ class RunStage:
         self._chosen_reader()
         self._request()
 
-    def do(self) -> int:
-        """Do the request without a word of its summary; the exit code."""
+    def do(self, *, quiet: bool = True) -> int:
+        """Do the request without a word of its summary; the exit code. `quiet`: no notes either."""
         with ExitStack() as stack:
             kept = stack.enter_context(standard_input()) if STANDARD_INPUT in self.texts() else None
             request, chosen = self._request(kept), self._chosen_reader()
             reader: NamedReader | None = None if chosen is None else stack.enter_context(named_reader(chosen))
             with self._keys_in_errors():
-                done = run(request, overwrite=True, quiet=True)
+                done = run(request, overwrite=True, quiet=quiet)
             if reader is not None:
                 reader.check_used()
         console.note_losses(done.losses)

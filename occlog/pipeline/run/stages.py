@@ -14,16 +14,31 @@ from occlog.cli.main import COMMANDS
 from occlog.errors import SPELLING, InputError, NoSceneError, UsageError, nearest, option
 from occlog.io.files.limits import STANDARD_INPUT
 from occlog.io.files.texts.yaml import lines_of, read_yaml
-from occlog.io.recording.reader import open_recording
+from occlog.io.recording.reader import McapRecording, open_recording
 from occlog.measure.detect.request import METHODS as DETECTIONS
-from occlog.records.tables import Particles, Truth, TruthBoxes
+from occlog.records.tables import (
+    Bearings,
+    Boxes,
+    Doa,
+    Measurements,
+    Particles,
+    Positions,
+    Reads,
+    Truth,
+    TruthBoxes,
+)
 from occlog.request import Form, Request, Verb, Verbs, load
 from occlog.simulate.request import KINDS
-from occlog.track.catalogue import BOXES, METHODS, READS, UNCALIBRATED, VIEW
+from occlog.track.catalogue import BOXES, IMAGES, METHODS, READS, UNCALIBRATED, VERB, VIEW
+from occlog.track.catalogue import form_of as form_of_method
 
 from .stage import RunStage
 
-SOURCES = ("recording", "simulate", "ingest")
+SOURCES = ("recording", "simulate", "ingest", "table", "listen")
+IN_IMAGES = (IMAGES, UNCALIBRATED)
+"""What methods take in that track in the image of each camera."""
+SEEN = {"bags", "video", "images", "boxes", "mot", "positions"}
+"""Keys of `ingest` with inputs in which people are seen: images, boxes, positions."""
 OVERLAY = "overlay"
 """Stage that draws tracks over the video: of all people unless it is false, of a target where it is there."""
 STAGES = ("detect", "priors", "track", "evaluate", "report", OVERLAY)
@@ -75,7 +90,7 @@ def read_config(path: Path, sources: tuple[str, ...] = SOURCES) -> Config:
         raise InputError(f"{path}: {given[0]}: a batch has its recordings from the command line; remove this key")
     if sources and len(given) != 1:
         raise InputError(f"{path}: give exactly one of {', '.join(sources)}; got {', '.join(given) or 'none'}")
-    for name in ("simulate", "ingest", *STAGES):
+    for name in ("simulate", "ingest", "listen", *STAGES):
         if not isinstance(values.get(name) or {}, dict):
             raise InputError(f"{path}: {name}: expected keys and values, got {values[name]!r}")
     return Config(path, values, lines_of(path))
@@ -122,30 +137,43 @@ def plan(config: Config, folder: Path) -> Iterator[RunStage]:
     run when the iteration goes on; without a recording the configuration determines what it will hold.
     """
     method = str(config.stage("track").get("method"))
-    if method in METHODS and METHODS[method].takes_in == READS:
+    if method in METHODS and METHODS[method].takes_in == VIEW:
         raise InputError(
-            f"{config.path}: track: method {method} takes reads of tags, which no stage before it makes; call "
-            "`occlog track` with the recording"
-        )
-    if method in METHODS and METHODS[method].takes_in in (UNCALIBRATED, VIEW):
-        raise InputError(
-            f"{config.path}: track: method {method} gives tracks in images, of which no stage makes a "
+            f"{config.path}: track: method {method} gives boxes with identities, of which no stage makes a "
             "report; call `occlog track` with boxes or views"
         )
     recording = folder / "recording.mcap"
+    out = {n: folder / f"{n}.parquet" for n in ("bearings", "views", "tracks", "diagnostics", "errors", "bound")}
+    if "table" in config.values or "listen" in config.values:
+        yield from _of_table(config, folder, out)
+        return
     if "simulate" in config.values or "ingest" in config.values:
         name = "simulate" if "simulate" in config.values else "ingest"
         yield _stage(config, name, {"output": recording}, ())
     else:
         recording = config.path.resolve().parent / str(config.values["recording"])
-    out = {n: folder / f"{n}.parquet" for n in ("bearings", "views", "tracks", "diagnostics", "errors", "bound")}
     scene = {"scene": config.values.get("scene", str(recording))}
+    of_tags = method in METHODS and METHODS[method].takes_in == READS
+    if of_tags or not _has_views(config, recording):
+        yield from _without_views(config, folder, recording, out, scene)
+        return
     detected = {"output": out["bearings"], "views": out["views"]}
     how = config.stage("detect")
     if "onnx" in how or how.get("method", DETECTIONS[0]) not in DETECTIONS:
         # Of a network or a plug-in the boxes are the first output
         detected = {"output": out["views"], "bearings": out["bearings"]}
     given = {"scene": config.values["scene"]} if "scene" in config.values else None
+    if method in METHODS and METHODS[method].takes_in in IN_IMAGES:
+        if not _has_video(config, recording):
+            yield from _in_images(config, folder, recording, recording, METHODS[method].takes_in)
+            return
+        yield _stage(config, "detect", detected, (str(recording),), given)
+        yield from _in_images(config, folder, recording, out["views"], METHODS[method].takes_in)
+        return
+    if _of_everybody(config) and _has_positions(config, recording):
+        # Boxes and positions of the recording are tracked as they are
+        yield from _everybody(config, folder, recording, {**out, "views": recording}, scene)
+        return
     yield _stage(config, "detect", detected, (str(recording),), given)
     if _of_everybody(config):
         yield from _everybody(config, folder, recording, out, scene)
@@ -168,9 +196,80 @@ def plan(config: Config, folder: Path) -> Iterator[RunStage]:
     }
     yield _stage(config, "evaluate", results, (str(out["tracks"]),), compared)
     shown = {k: v for k, v in {**truth, **inputs}.items() if k in ("truth", "occluders", "scene")}
-    yield _report(config, folder, out, metrics, shown)
+    config, pictures = _images(config, recording)
+    yield _report(config, folder, out, metrics, {**shown, **pictures})
     if OVERLAY in config.values:
         yield from _overlay(config, folder, recording, out["tracks"], {**scene, "diagnostics": str(out["diagnostics"])})
+
+
+def _of_table(config: Config, folder: Path, out: dict[str, Path]) -> Iterator[RunStage]:
+    """Iterate over the stages of measurements in a table, or of directions in sound: nothing is to be detected.
+
+    Without a scene the positions of arrays are unknown: their directions are the result.
+    """
+    if "table" in config.values:
+        measured = config.path.resolve().parent / str(config.values["table"])
+        if "scene" not in config.values:
+            raise InputError(f"{config.at('table')}: a table holds no scene; give a key `scene` with the sensors")
+    else:
+        measured = folder / "doa.parquet"
+        given = {"scene": config.values["scene"]} if "scene" in config.values else None
+        yield _stage(config, "listen", {"output": measured}, (), given)
+    scene = {"scene": config.values["scene"]} if "scene" in config.values else {}
+    if not scene:
+        if "truth_azimuths" in config.stage("evaluate"):
+            yield _stage(config, "evaluate", {"output": folder / "metrics.json"}, (), {"doa": str(measured)})
+    elif _of_everybody(config):
+        yield from _everybody(config, folder, measured, {**out, "views": measured}, scene)
+    else:
+        yield from _without_views(config, folder, measured, out, scene)
+
+
+def _without_views(
+    config: Config, folder: Path, measured: Path, out: dict[str, Path], scene: dict[str, object]
+) -> Iterator[RunStage]:
+    """Iterate over the stages after measurements without images and boxes: bearings, directions, ranges, reads of tags.
+
+    Args:
+        config: the configuration.
+        folder: of the run.
+        measured: the recording, or the table of measurements.
+        out: the outputs by name.
+        scene: key `scene`.
+    """
+    if config.values.get("detect"):
+        raise InputError(f"{config.at('detect')}: there are no images and no boxes to detect in; remove this key")
+    method = str(config.stage("track").get("method", VERB.default))
+    known = [entry.key for entry in form_of_method(method).entries()]
+    config, tracked = _with_particles(config, folder, {"output": out["tracks"]})
+    tracked |= {"diagnostics": out["diagnostics"]} if "diagnostics" in known else {}
+    yield _stage(config, "track", tracked, (str(measured),), scene)
+    diagnosed = {"diagnostics": str(out["diagnostics"])} if "diagnostics" in known else {}
+    recording = measured if "table" not in config.values and "listen" not in config.values else None
+    truth = {} if recording is None and "truth" not in config.stage("evaluate") else _truth(config, measured, measured)
+    shown = {key: value for key, value in {**truth, **scene}.items() if key in ("truth", "scene")}
+    if truth:
+        results = {"output": folder / "metrics.json", "errors": out["errors"]}
+        yield _stage(config, "evaluate", results, (str(out["tracks"]),), {**shown, **diagnosed})
+        shown |= {"errors": str(out["errors"]), "metrics": str(folder / "metrics.json")}
+    page = {"output": folder / "report.html", "png": folder / "report.png", "markdown": folder / "report.md"}
+    yield _stage(config, "report", page, (str(out["tracks"]),), {**shown, **diagnosed})
+
+
+def _has_views(config: Config, recording: Path) -> bool:
+    """Return whether a recording holds images or boxes; without a recording the configuration decides."""
+    if recording.is_file():
+        try:
+            opened = open_recording(recording)
+        except InputError:  # the next stage reports it
+            return True
+        return bool(opened.cameras) or any(map(opened.has, (Boxes, Bearings, Positions))) or not _measures(opened)
+    return "ingest" not in config.values or bool(config.stage("ingest").keys() & SEEN)
+
+
+def _measures(recording: McapRecording) -> bool:
+    """Return whether a recording holds measurements of sensors other than cameras."""
+    return any(recording.has(table) for table in (Doa, Reads, Measurements))
 
 
 def _with_particles(config: Config, folder: Path, tracked: dict[str, Path]) -> tuple[Config, dict[str, Path]]:
@@ -231,8 +330,50 @@ def _everybody(
             _stage(plain, "evaluate", results, (str(found["view_tracks"]),), compared), name="evaluate-in-images"
         )
     page = {"output": folder / "report.html", "png": folder / "report.png", "markdown": folder / "report.md"}
-    yield _stage(config, "report", page, (str(out["tracks"]),), {**shown, "events": str(found["events"])})
+    config, pictures = _images(config, recording)
+    seen = {} if out["views"] == recording or "table" in config.values else {"bearings": str(out["bearings"])}
+    given = {**shown, **pictures, **seen, "events": str(found["events"])}
+    yield _stage(config, "report", page, (str(out["tracks"]),), given)
     yield from _overlay(config, folder, recording, found["view_tracks"], {**scene, "ground_tracks": str(out["tracks"])})
+
+
+def _in_images(config: Config, folder: Path, recording: Path, boxes: Path, takes_in: str) -> Iterator[RunStage]:
+    """Iterate over the stages after detection if targets are tracked in the image of each camera.
+
+    Args:
+        config: the configuration.
+        folder: of the run.
+        recording: with images, boxes or both.
+        boxes: views of the stage `detect`, or the recording.
+        takes_in: what the method takes in.
+    """
+    method = str(config.stage("track").get("method"))
+    known = [entry.key for entry in form_of_method(method).entries()]
+    tracks = folder / "view_tracks.parquet"
+    tracked = {"output": tracks, **({"events": folder / "events.parquet"} if "events" in known else {})}
+    with_boxes: dict[str, object] = {"detections": str(boxes)}
+    source = recording if takes_in == IMAGES else boxes
+    yield _stage(config, "track", tracked, (str(source),), {} if source == boxes else with_boxes)
+    truth = _truth(config, recording, boxes)
+    if "views" in truth or "truth" in config.stage("evaluate"):
+        results = {"output": folder / "metrics.json"}
+        yield _stage(config, "evaluate", results, (str(tracks),), {"truth": truth["truth"]})
+    yield from _overlay(config, folder, recording, tracks, {})
+
+
+def _has_positions(config: Config, recording: Path) -> bool:
+    """Return whether the recording holds positions on the ground; without a recording the configuration decides.
+
+    Raises:
+        InputError: it holds images, too, in which people would have to be detected first.
+    """
+    found = open_recording(recording).has(Positions) if recording.is_file() else "positions" in config.stage("ingest")
+    if found and _has_video(config, recording):
+        raise InputError(
+            f"{config.path}: the recording holds positions and images; detect people in the images first, and ingest "
+            "their boxes with the positions"
+        )
+    return found
 
 
 def _has_video(config: Config, recording: Path) -> bool:
@@ -281,6 +422,18 @@ def _held(recording: Path) -> tuple[bool, bool]:
     """Return whether a recording holds true positions, and true boxes."""
     opened = open_recording(recording)
     return opened.has(Truth), opened.has(TruthBoxes)
+
+
+def _images(config: Config, recording: Path) -> tuple[Config, dict[str, str]]:
+    """The configuration, and the key of the report that shows the images of the recording where it has some.
+
+    `report: {images: false}` shows none.
+    """
+    values = config.stage("report")
+    if values.get("images") is False:
+        del values["images"]
+        return replace(config, values={**config.values, "report": values}), {}
+    return config, {"images": str(recording)} if _has_video(config, recording) else {}
 
 
 def _report(config: Config, folder: Path, out: dict[str, Path], metrics: Path, inputs: dict[str, object]) -> RunStage:

@@ -299,6 +299,50 @@ class Doa(ColumnTable):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Positions(ColumnTable):
+    """Positions on the ground that a detector reports: a network for the ground plane, lidar, radar, ultra-wideband.
+
+    A frame without any target is one row with `detection` = -1 and NaN elsewhere, as in `boxes`.  The source need not
+    be a sensor of the scene.
+    """
+
+    NAME: ClassVar[str] = "positions"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "sensor", "detection")
+
+    t_ns: Ints = column("i8", "ns", "time of the frame since the Unix epoch")
+    sensor: Strings = column("U", "1", "name of the source; it need not be in the scene")
+    frame: Ints = column("i8", "1", "number of the frame of the source, from 0")
+    detection: Ints32 = column("i4", "1", "number of the position in the frame, from 0; -1 = the frame has none")
+    target_id: Ints32 = column("i4", "1", "identity given by the source; -1 = none")
+    x: Floats = column("f8", "m", "position in the world", nan="the frame has no position")
+    y: Floats = column("f8", "m", "position in the world", nan="the frame has no position")
+    cov_xx: Floats = column("f8", "m^2", "covariance of the position, > 0", nan="not stated")
+    cov_xy: Floats = column("f8", "m^2", "covariance of the position", nan="not stated")
+    cov_yy: Floats = column("f8", "m^2", "covariance of the position, > 0", nan="not stated")
+    confidence: Floats = column("f8", "1", "the detector's confidence, 0 to 1", nan="not given")
+
+    def check(self) -> None:
+        """Times in order, identities and frames that there are, positions in frames that have one."""
+        check_order(self)
+        check_frames(self.frame, "Positions")
+        for key in ("detection", "target_id"):
+            check_ids(getattr(self, key), key, "Positions")
+        there = np.isfinite(self.x) & np.isfinite(self.y)
+        if (bad := there != (self.detection >= 0)).any():
+            row = first_row(bad)
+            raise InputError(
+                f"Positions: row {row}: detection {self.detection[row]} at ({self.x[row]:g}, {self.y[row]:g}); a "
+                "detection has a position, and a frame without any (-1) has none"
+            )
+        stated = np.isfinite(self.cov_xx)
+        with np.errstate(invalid="ignore"):
+            positive = (self.cov_xx > 0.0) & (self.cov_xx * self.cov_yy > self.cov_xy**2)
+        if (bad := (stated | np.isfinite(self.cov_yy)) & ~positive).any():
+            row = first_row(bad)
+            raise InputError(f"Positions: row {row}: its covariance is not positive definite")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Reads(ColumnTable):
     """Tags that readers detected: a row for each read; a reader that detects no tag has no row."""
 

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats, Ints, Ints32
-from occlog.consistency.bearings import CandidateFrames
+from occlog.consistency.bearings import CandidateFrames, StatedResiduals
 from occlog.filtering.particles import systematic_ancestors
 from occlog.records.tables import Calibration, Cooperation, Diagnostics, Particles, Residuals, Tracks
 from occlog.scans.label_continuity import LabelEvents
@@ -79,6 +79,7 @@ class TrackChunk(NamedTuple):
     frames: tuple[CandidateFrames, ...] = ()  # what candidates without a label were left
     particles: Particles | None = None  # None: not asked for
     labels: LabelEvents | None = None  # exchanged and jumping labels up to here; None: labels were not followed
+    stated: tuple[StatedResiduals, ...] = ()  # of all bearings at the estimates
     outliers_matter: bool = False  # the method cannot reject bearings that contradict a target's motion
 
 

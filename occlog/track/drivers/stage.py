@@ -71,10 +71,7 @@ def track(
         distances=measured is not None,
         occluders=occluders is not None,
     )
-    # A batch method judges its bearings itself
-    witness = (
-        None if isinstance(method, Batch) else BearingBuffer(scene, tracking.window_ns, unlabelled=tracking.unlabelled)
-    )
+    witness = BearingBuffer(scene, tracking.window_ns, unlabelled=tracking.unlabelled)
     disagreement = SensorDisagreement()
     labels = None
     if not isinstance(method, Joint):
@@ -82,15 +79,17 @@ def track(
         repair = tracking.repair_labels and measured is None
         labels = label_continuity(scene, tracking, repair=repair)
         bearings = labels.watch(bearings)
-    watched = bearings if witness is None else witness.watch(bearings)
+    watched = witness.watch(bearings)
     unprotected = isinstance(method, Online) and method.consistent
     if unprotected and labels is not None and tracking.reject_outliers:
         watched = labels.events.consistent(watched)
     for part in _tracked(watched, scene, method, tracking, occluders, measured):
         tracks, diagnostics = doubts.judged(part.tracks, part.diagnostics)
         part = part._replace(tracks=tracks, diagnostics=diagnostics)
-        if witness is not None:
-            compared = witness.compare(tracks, diagnostics)
+        compared = witness.compare(tracks, diagnostics)
+        part = part._replace(stated=witness.stated)
+        # A batch method judges its bearings itself
+        if not isinstance(method, Batch):
             part = part._replace(diagnostics=disagreement.judged(diagnostics, compared.residuals))
             own = part.residuals
             if own is None:

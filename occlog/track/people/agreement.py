@@ -11,7 +11,7 @@ from occlog.consistency.verdict import MIN_SAMPLES as FEWEST_BOXES
 from occlog.consistency.verdict import exceeds_share
 from occlog.records.scene import Camera
 from occlog.records.verdicts import Check, finding, outcome
-from occlog.track.methods.jipda.interface import TrackSnapshot
+from occlog.track.methods.jipda.interface import PositionSource, TrackSnapshot
 
 from .clock_offset import ClockOffsetSearch
 from .frame_detections import BoxStatistics, FrameDetectionsWithIds
@@ -48,13 +48,14 @@ MAX_UNASSOCIATED_SHARE = 0.5
 class CameraAgreement:
     """Counts, over a stream of time steps, the people that each camera sees of those that another camera sees."""
 
-    def __init__(self, cameras: Sequence[Camera], person_height: float = 1.7) -> None:
+    def __init__(self, views: Sequence[Camera | PositionSource], person_height: float = 1.7) -> None:
         """Start all counts at 0; `person_height` in the scene's unit."""
         self.person_height = person_height
-        self.names = [c.name for c in cameras]
+        self.names = [c.name for c in views]
+        cameras = [c for c in views if not isinstance(c, PositionSource)]
         self.heights = [float(c.position[2]) for c in cameras]
         self._delays, self._leans = ClockOffsetSearch(cameras), LateralBias(cameras)
-        n = len(self.names)
+        n, self.cameras = len(self.names), len(cameras)
         # What one odd camera alone sees is not expected of the others, where these are enough
         self.fewest = 2 if n > 3 else 1
         self.expected = np.zeros(n)
@@ -72,14 +73,15 @@ class CameraAgreement:
         support = snapshot.support
         np.add.at(self.used, support.camera, support.probability - 0.5 * support.joint)
         by = detection_probability_by_camera(snapshot, len(self.names)) >= MIN_MAP_PROBABILITY
-        self._delays.add(snapshot, frames, by)
+        in_images = [each for each in frames if each.detections.covariance is None]
+        self._delays.add(snapshot, in_images, by[:, : self.cameras])
         if not len(snapshot.ids):
             return
         cameras = [each.detections.camera for each in frames]
         others = by.sum(axis=1)[:, None] - by >= self.fewest
         with np.errstate(invalid="ignore"):
             due = (snapshot.visibility >= MIN_VISIBILITY) & others
-        self._leans.add(snapshot, frames, due & by)
+        self._leans.add(snapshot, in_images, due & by)
         for c in cameras:
             self.expected[c] += np.count_nonzero(due[:, c])
             self.met[c] += np.count_nonzero(due[:, c] & by[:, c])
@@ -151,7 +153,7 @@ class CameraAgreement:
             return
         share = unassociated / boxes
         yield finding(EXPLAINED, "boxes-unassociated", share=share, boxes=boxes, allowed=MAX_UNASSOCIATED_SHARE)
-        if buried := [name for name, height in zip(self.names, self.heights, strict=True) if height < 0.0]:
+        if buried := [name for name, height in zip(self.names, self.heights, strict=False) if height < 0.0]:
             yield finding(EXPLAINED, "camera-below-ground", sensors=buried)
 
     def _odd(self, tally: BoxStatistics) -> Iterator[Check]:
@@ -166,7 +168,7 @@ class CameraAgreement:
             usual = float(np.median(others)) if len(others) else 0.0
             late = (
                 self._delays.late(c, self.fewest)
-                if shares[c] < max(limit, CLOCK_CHECK_RELATIVE_RATE * usual)
+                if c < self.cameras and shares[c] < max(limit, CLOCK_CHECK_RELATIVE_RATE * usual)
                 else float("nan")
             )
             if shares[c] < limit or np.isfinite(late):
@@ -183,6 +185,8 @@ class CameraAgreement:
     def _leaning(self) -> Iterator[Check]:
         """Find the camera with the most biased boxes, if the bias is large: tracks are pulled towards it."""
         leans, errors = self._leans.medians()
+        if not len(leans):
+            return
         significant = np.where(np.abs(errors) > MIN_BIAS_SIGNIFICANCE, np.abs(leans), 0.0)  # of NaN: false
         c = int(np.argmax(significant))
         if significant[c] <= MAX_LATERAL_BIAS_HEIGHTS:

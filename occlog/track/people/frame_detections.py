@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from heapq import heappop, heappush, merge
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -15,7 +15,7 @@ from occlog.array_types import NS, Bools, Floats, Ints, Ints32, Strings
 from occlog.errors import InputError
 from occlog.records.columns import ColumnTable, column
 from occlog.records.scene import Camera
-from occlog.records.tables import APPEARANCE_BINS, Boxes, Views
+from occlog.records.tables import APPEARANCE_BINS, Boxes, Positions, Views
 from occlog.scans.grouping import nearest
 from occlog.track.methods.jipda.interface import FrameDetections
 
@@ -67,9 +67,17 @@ def rows_of_boxes(chunks: Iterable[Boxes]) -> Iterator[DetectionFrameRows]:
         )
 
 
-def rows_of_views(chunks: Iterable[Views]) -> Iterator[DetectionFrameRows]:
-    """Read regions of images; those that the fusion of detections put in or took out are none."""
+def rows_of_views(chunks: Iterable[Views], colours_of_boxes: bool = True) -> Iterator[DetectionFrameRows]:
+    """Read regions of images; those that the fusion of detections put in or took out are none.
+
+    Args:
+        chunks: in the order of time.
+        colours_of_boxes: take the colours of boxes with a confidence, too; embeddings are always taken.
+    """
     for c in chunks:
+        colours = c.appearance
+        if not colours_of_boxes:
+            colours = np.where(np.isnan(c.confidence)[:, None], colours, np.float32(np.nan))
         yield DetectionFrameRows(
             t_ns=c.t_ns,
             sensor=c.sensor,
@@ -79,7 +87,7 @@ def rows_of_views(chunks: Iterable[Views]) -> Iterator[DetectionFrameRows]:
             score=c.confidence,
             tracklet_id=c.tracklet_id,
             # Network embeddings are more informative than colours.
-            appearance=(c.embedding if c.embedding.shape[1] else c.appearance).astype(np.float64),
+            appearance=(c.embedding if c.embedding.shape[1] else colours).astype(np.float64),
         )
 
 
@@ -283,6 +291,49 @@ def frame_detections(
                 yield _detections_of_frame(
                     rows.take(slice(first, stop)), int(camera[first]), row[first:stop], cameras, tally
                 )
+
+
+def frames_of_positions(
+    chunks: Iterable[Positions], index_of: Mapping[str, int], tally: BoxStatistics
+) -> Iterator[FrameDetectionsWithIds]:
+    """Generate the frames of sources of positions, in the order of time, then of sources.
+
+    Args:
+        chunks: in the order of time.
+        index_of: index of each source in use among the views; rows of others are passed over.
+        tally: brought up to date.
+    """
+    held: list[Positions] = []
+    seen = 0
+    for chunk in chain(chunks, [None]):
+        if chunk is not None:
+            held.append(chunk)
+            rows = Positions.concat(held)
+            # The last time may go on in the next chunk
+            cut = int(np.searchsorted(rows.t_ns, rows.t_ns[-1])) if len(rows) else 0
+            whole, held = rows.take(slice(0, cut)), [rows.take(slice(cut, None))]
+        else:
+            whole = Positions.concat(held) if held else Positions.empty()
+        starts = np.flatnonzero(np.append(True, (np.diff(whole.t_ns) != 0) | (whole.sensor[1:] != whole.sensor[:-1])))
+        for first, stop in pairwise([*starts.tolist(), len(whole)] if len(whole) else []):
+            c = index_of.get(str(whole.sensor[first]))
+            if c is not None:
+                rows = whole.take(slice(first, stop))
+                kept = np.flatnonzero(rows.detection >= 0)
+                position = np.column_stack([rows.x, rows.y])[kept]
+                frame = FrameDetections(
+                    t_ns=int(rows.t_ns[0]),
+                    camera=c,
+                    boxes=np.concatenate([position, position], axis=1),
+                    score=rows.confidence[kept],
+                    tracklet_id=rows.target_id[kept].astype(np.int64),
+                    appearance=np.zeros((len(kept), 0)),
+                    row=seen + first + kept,
+                    covariance=np.column_stack([rows.cov_xx, rows.cov_xy, rows.cov_yy])[kept],
+                )
+                tally.saw(frame)
+                yield FrameDetectionsWithIds(frame, int(rows.frame[0]), rows.detection[kept].astype(np.int64))
+        seen += len(whole)
 
 
 def _whole_times(chunks: Iterable[DetectionFrameRows]) -> Iterator[DetectionFrameRows]:

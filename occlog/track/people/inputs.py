@@ -5,10 +5,11 @@ How tall people are by their boxes and the cameras' poses: the unit of a scene, 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, islice, pairwise
-from typing import TypeVar
+from pathlib import Path
+from typing import ClassVar, TypeVar
 
 import numpy as np
 
@@ -18,12 +19,12 @@ from occlog.io.open import Opened, check_unit, input_losses, load_scene, open_in
 from occlog.records.frames import gaps_of, inside
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Scene
-from occlog.records.tables import Bearings, Boxes, Doa, Views
+from occlog.records.tables import Bearings, Boxes, Doa, Positions, Views
 from occlog.scans.grouping import nearest
 from occlog.scans.sources import bearings_of_doa
 from occlog.settings import LENGTH_POWER, METRES, Settings, configure, declaration, declared
 from occlog.track.methods.jipda.config import JipdaConfig
-from occlog.track.methods.jipda.interface import DirectionsOfArrival
+from occlog.track.methods.jipda.interface import DirectionsOfArrival, PositionSource
 from occlog.track.request import TrackInImagesRequest, TrackPeopleRequest
 
 from .frame_detections import (
@@ -32,6 +33,7 @@ from .frame_detections import (
     FrameNumbers,
     RegionFrameTimes,
     frame_detections,
+    frames_of_positions,
     frames_without_boxes,
     group_time_steps,
     in_order,
@@ -136,24 +138,32 @@ class PeopleInput:
         regions_smoothed: the future of regions of video, which split and merge for many frames at a time, is wanted.
     """
 
+    COLOURS_OF_BOXES: ClassVar[bool] = False
+    """Whether colours in boxes of a detector are used, which have pixels of the background."""
     request: TrackPeopleRequest | TrackInImagesRequest
     _doa: Opened | None
 
     def __init__(self, request: TrackPeopleRequest) -> None:
         """Open the boxes and read the first ones."""
         self.request = request
-        self.opened = open_input(request.bearings)
-        self.opened.require(Boxes, Views, remedy=_remedy(self.opened))
+        try:
+            self.opened = open_input(request.bearings)
+        except InputError:
+            _refuse_positions(request.bearings)
+            raise
+        self._require_detections()
         self.scene: Scene = load_scene(request.scene, self.opened.scene, request.bearings)
         if self.opened.made_in_a_scene:
             check_unit(self.opened, self.scene.length_unit)
         self.notes: list[str] = []
         self._doa = self._directions()
+        self.sources = self._sources()
         self.cameras = self._cameras()
-        self.tally = BoxStatistics.of(len(self.cameras))
+        self.views: tuple[Camera | PositionSource, ...] = (*self.cameras, *map(PositionSource, self.sources))
+        self.tally = BoxStatistics.of(len(self.views))
         self.numbers: dict[str, FrameNumbers] = {}
         frames = self._frames()
-        first = list(islice(frames, FIRST_FRAMES * len(self.cameras)))
+        first = list(islice(frames, FIRST_FRAMES * len(self.views)))
         self.heights = person_heights(first, self.cameras)
         self.metre, self.config = self._config(any(len(each.detections.boxes) for each in first))
         scores = np.concatenate([np.zeros(0), *(each.detections.score for each in first)])
@@ -169,15 +179,36 @@ class PeopleInput:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the cameras in use."""
-        return tuple(c.name for c in self.cameras)
+        """Names of the cameras and sources of positions in use."""
+        return tuple(c.name for c in self.views)
+
+    def _require_detections(self) -> None:
+        """InputError where the input has neither boxes nor positions; a table of positions goes into a recording."""
+        opened = self.opened
+        if opened.recording is None and not any(opened.has(table) for table in (Boxes, Views)):
+            _refuse_positions(self.request.bearings)
+        opened.require(Boxes, Views, Positions, remedy=_remedy(opened))
+
+    def _sources(self) -> tuple[str, ...]:
+        """Names of the sources of positions in use, in the order of the alphabet."""
+        if self.opened.recording is None or not self.opened.has(Positions):
+            return ()
+        names = self.opened.recording.sensors_of(Positions)
+        used = [n for n in sorted(names) if not self.request.cameras or n in self.request.cameras]
+        return tuple(n for n in used if n not in self.request.without)
 
     def _cameras(self) -> tuple[Camera, ...]:
         """Cameras to use; UsageError for a name that there is not, InputError where none has a pose."""
-        chosen = self._chosen()
+        positions = self.opened.recording is not None and self.opened.has(Positions)
+        sources = self.opened.recording.sensors_of(Positions) if positions and self.opened.recording else ()
+        chosen = self._chosen(sources)
+        if not any(self.opened.has(table) for table in (Boxes, Views)) and self.sources:
+            return ()
         used = [c for c in chosen if c.has_height]
         low = [c.name for c in chosen if c.placed and not c.has_height]
         left = [c.name for c in chosen if not c.placed]
+        if not used and self.sources:
+            return ()
         if not used:
             remedy = "give a scene with calibrated cameras, or a calibration to ingest"
             if low:
@@ -205,9 +236,9 @@ class PeopleInput:
             )
         return tuple(used)
 
-    def _chosen(self) -> list[Camera]:
-        """Cameras that the request names; UsageError for a name that there is not."""
-        known = tuple(c.name for c in self.scene.cameras)
+    def _chosen(self, others: Iterable[str] = ()) -> list[Camera]:
+        """Cameras that the request names; UsageError for a name that is neither one of the scene nor of `others`."""
+        known = (*(c.name for c in self.scene.cameras), *others)
         for name in (*self.request.cameras, *self.request.without):
             if name not in known:
                 raise UsageError(f"no camera {name!r} in the scene; {nearest(name, known)}")
@@ -218,10 +249,19 @@ class PeopleInput:
         ]
 
     def _frames(self) -> Iterator[FrameDetectionsWithIds]:
+        """Generate the frames of all cameras and sources of positions, in the order of time."""
+        if not self.sources:
+            return self._camera_frames()
+        index_of = {name: len(self.cameras) + k for k, name in enumerate(self.sources)}
+        found = frames_of_positions(self.opened.rows(Positions), index_of, self.tally)
+        return in_order(self._camera_frames(), found) if self.cameras else found
+
+    def _camera_frames(self) -> Iterator[FrameDetectionsWithIds]:
         """Generate the frames of all cameras; a table of regions has no rows for frames without detections."""
         known = [c.name for c in self.scene.cameras]
         boxes, foreign = self.opened.has(Boxes), self.opened.foreign
-        chunks = rows_of_boxes(self.opened.rows(Boxes)) if boxes else rows_of_views(self.opened.rows(Views))
+        views = () if boxes else self.opened.rows(Views)
+        chunks = rows_of_boxes(self.opened.rows(Boxes)) if boxes else rows_of_views(views, self.COLOURS_OF_BOXES)
         found = frame_detections(chunks, self.cameras, known, self.tally)
         # Our boxes have a row for each frame without any; others tell of such frames by leaving numbers out
         if boxes and (foreign is None or not foreign.fits(RegionFrameTimes)):
@@ -306,6 +346,11 @@ class PeopleInput:
             )
         elif not anybody:
             metre = 1.0
+        elif not self.cameras:
+            raise InputError(
+                f"{self.request.bearings}: the scene does not state its unit of length ({unit}), and positions do not "
+                "determine how tall people are; state their height in the setting person_height"
+            )
         else:
             raise InputError(
                 f"{self.request.bearings}: the scene does not state its unit of length ({unit}), and the boxes do not "
@@ -316,6 +361,8 @@ class PeopleInput:
 
 class ImageInput(PeopleInput):
     """The boxes of cameras that need no pose, as a stream of frames, and what must be known beforehand."""
+
+    COLOURS_OF_BOXES: ClassVar[bool] = True
 
     def __init__(self, request: TrackInImagesRequest) -> None:
         """Open the boxes; without a scene the cameras are those that the rows name."""
@@ -330,6 +377,7 @@ class ImageInput(PeopleInput):
         self.cameras = tuple(self._chosen())
         if not self.cameras:
             raise UsageError("no camera is left to track in; use at least one")
+        self.sources, self.views = (), self.cameras
         self.tally = BoxStatistics.of(len(self.cameras))
         self.numbers = {}
         self.frames = self._frames()
@@ -355,6 +403,19 @@ def _by_array(rows: Bearings, index_of: Mapping[str, int]) -> Iterator[Direction
             bearing=table.bearing[first:stop],
             sigma=table.sigma[first:stop],
             row=np.arange(first, stop),
+        )
+
+
+def _refuse_positions(path: Path) -> None:
+    """InputError for a table with columns x and y: positions go into a recording first."""
+    from occlog.io.external.source import find_source
+
+    source = find_source(path)
+    names = () if source is None else tuple(name.lower() for name in source.names)
+    if {"x", "y"} <= set(names) and not {"left", "x1", "width"} & set(names):
+        raise InputError(
+            f"{path}: holds positions on the ground; make a recording of them by `occlog ingest --positions "
+            f"{path.name}`, and track that"
         )
 
 

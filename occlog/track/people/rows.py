@@ -58,8 +58,8 @@ def detection_probability_by_camera(snapshot: TrackSnapshot, cameras: int) -> Fl
     return np.minimum(seen, 1.0)
 
 
-def tracks_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str]) -> PeopleTracks:
-    """A row for each person at each time step."""
+def tracks_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str], cameras: int | None = None) -> PeopleTracks:
+    """A row for each person and time step; `names` of `cameras` cameras (None: all), then of sources of positions."""
     snapshots = [each.snapshot for each in seen if len(each.snapshot.ids)]
     if not snapshots:
         return PeopleTracks.empty()
@@ -68,7 +68,7 @@ def tracks_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str]) -> P
     covariance = np.concatenate([m.covariance for m in snapshots])
     exchanged = [np.isin(m.ids, [e.id for e in m.events if e.kind == "possible_switch"]) for m in snapshots]
     # With one camera there is no other that could see them
-    alone = (by.sum(axis=1) == 1) & (len(names) > 1)
+    alone = (by.sum(axis=1) == 1) & (len(names) > 1) & by[:, :cameras].any(axis=1)
     return PeopleTracks.of(
         t_ns=np.repeat([m.t_ns for m in snapshots], [len(m.ids) for m in snapshots]),
         target_id=np.concatenate([m.ids for m in snapshots]).astype(np.int32),
@@ -144,7 +144,11 @@ class TracksInViews:
     def table(self, seen: Sequence[SnapshotWithDetections]) -> PeopleViews:
         """A row for each person and frame of the time steps, where the person's position is in the image."""
         parts = [
-            self._in_frame(each.snapshot, frame) for each in seen if len(each.snapshot.ids) for frame in each.frames
+            self._in_frame(each.snapshot, frame)
+            for each in seen
+            if len(each.snapshot.ids)
+            for frame in each.frames
+            if frame.detections.covariance is None
         ]
         if not parts:
             return PeopleViews.empty()

@@ -18,6 +18,8 @@ from occlog.request import load
 from occlog.runner import Job
 from occlog.settings import configure
 from occlog.track.catalogue import METHODS
+from occlog.track.methods.jipda.filter import JipdaState
+from occlog.track.methods.jipda.position_errors import PositionErrors, learned_sigma, learned_sigma_ratio
 from occlog.track.methods.sort.config import SortConfig
 from occlog.track.request import TrackInImagesRequest, TrackPeopleRequest
 
@@ -31,6 +33,10 @@ from .stage import PeopleTracker, Tabulator, track_people
 OUTSIDE, SIZES, IDENTITIES = "boxes skipped at ingest", "person heights per camera", "expected identity switches"
 FRAMES, SMOOTHED, FOUND = "frame numbering", "region error correlation", "number of people"
 """Names of checks."""
+POSITION_NOISE = "position noise"
+MAX_SIGMA_RATIO = 1.6
+"""Maximum ratio of the learned standard deviation of positions to the stated one, or its inverse: two steps of the
+bank."""
 UNSIZED = "too few boxes are whole to compare cameras"
 SWITCHES_PER_TARGET_NOTE, SWITCHES_PER_TARGET_WARNING = 0.2, 0.5
 """Expected identity switches per person that cause a note, and that cause a warning."""
@@ -138,6 +144,11 @@ class PeopleSummary(_Counts):
         """Begin with all counts at 0."""
         super().__init__(inputs)
         self.agreement = agreement
+        self.positions: PositionErrors | None = None
+
+    def learned(self, state: object) -> None:
+        """Take what the filter has learned of positions by the last time step."""
+        self.positions = state.positions if isinstance(state, JipdaState) else None
 
     def add(self, part: SnapshotTables) -> None:
         """Count some time steps."""
@@ -157,7 +168,7 @@ class PeopleSummary(_Counts):
         two people who touch is one box.  detection_rates: of each camera, the share of the people seen by another
         camera, and plainly visible to this one, that it detects.  common_position_error: standard deviation per axis
         and correlation time of the error that all cameras share.  static_clutter: number of static objects that a
-        camera reports as people.
+        camera reports as people.  position_sigma: of each source of positions.
         """
         tally, used = self.inputs.tally, self.agreement.used
         boxes = {
@@ -192,6 +203,7 @@ class PeopleSummary(_Counts):
             "boxes": boxes,
             **({"detection_rates": sees} if sees else {}),
             **self._detectors(),
+            **({"position_sigma": self._position_sigmas()} if self.positions and self.inputs.sources else {}),
         }
 
     def _detectors(self) -> dict[str, object]:
@@ -203,6 +215,13 @@ class PeopleSummary(_Counts):
             **({"common_position_error": common} if np.isfinite(found.common_sigma) else {}),
             **({"static_clutter": static} if static else {}),
         }
+
+    def _position_sigmas(self) -> dict[str, float]:
+        """Standard deviation per axis of the positions of each source, stated or learned."""
+        first, errors = len(self.inputs.cameras), self.positions
+        if errors is None:
+            return {}
+        return {name: round(learned_sigma(errors, first + k), 4) for k, name in enumerate(self.inputs.sources)}
 
     def checks(self) -> tuple[Check, ...]:
         """Checks of the tracks with their findings."""
@@ -216,7 +235,35 @@ class PeopleSummary(_Counts):
             *self.numbering(),
             *outcome(SMOOTHED, self._smoothed()),
             *self.found(),
+            *outcome(
+                POSITION_NOISE, self._position_noise(), unless="" if self._sigma_ratios() else "no noise is stated"
+            ),
         )
+
+    def _sigma_ratios(self) -> dict[str, float]:
+        """Learned standard deviation of positions relative to the stated one, of sources that state it."""
+        errors = self.positions
+        if errors is None:
+            return {}
+        first = len(self.inputs.cameras)
+        found = {name: learned_sigma_ratio(errors, first + k) for k, name in enumerate(self.inputs.sources)}
+        return {name: ratio for name, ratio in found.items() if np.isfinite(ratio)}
+
+    def _position_noise(self) -> Iterator[Check]:
+        """Sources with innovations that contradict the errors that they state."""
+        for name, ratio in self._sigma_ratios().items():
+            if ratio > MAX_SIGMA_RATIO:
+                what = f"positions of {name}"
+                yield finding(
+                    POSITION_NOISE, "nis-large", sensors=[name], what=what, factor=ratio, nis=ratio**2,
+                    allowed=MAX_SIGMA_RATIO**2,
+                )  # fmt: skip
+            elif ratio < 1.0 / MAX_SIGMA_RATIO:
+                what = f"positions of {name}"
+                yield finding(
+                    POSITION_NOISE, "nis-small", sensors=[name], what=what, factor=1.0 / ratio, nis=ratio**2,
+                    allowed=1.0 / MAX_SIGMA_RATIO**2,
+                )  # fmt: skip
 
     def _smoothed(self) -> Iterator[Check]:
         """Errors that go on from frame to frame, smoothed."""
@@ -296,9 +343,12 @@ def run_track_people(request: TrackPeopleRequest, job: Job) -> tuple[dict[str, o
     names = None if request.gallery is None else GalleryReidentification(request.gallery, inputs)
     follower: PeopleTracker[object, object] = load(METHODS[request.method].method)
     steps = job.progress(inputs.time_steps, "track")
-    seen = track_people(steps, inputs.scene, inputs.cameras, inputs.config, follower, request.seed, inputs.heard())
     in_images = request.view_tracks is not None
-    tabulator = Tabulator(inputs.cameras, in_images=in_images, person_height=inputs.config.person_height)
+    tabulator = Tabulator(inputs.views, in_images=in_images, person_height=inputs.config.person_height)
+    summary = PeopleSummary(inputs, tabulator.agreement)
+    seen = track_people(
+        steps, inputs.scene, inputs.views, inputs.config, follower, request.seed, inputs.heard(), summary.learned
+    )
     parameters = {
         "method": request.method,
         "births": "detections",
@@ -308,7 +358,6 @@ def run_track_people(request: TrackPeopleRequest, job: Job) -> tuple[dict[str, o
         **({} if names is None else names.parameters),
     }
     provenance = job.provenance(parameters, inputs.losses, request.seed)
-    summary = PeopleSummary(inputs, tabulator.agreement)
     wider = {"output": PeopleTracks, "view_tracks": PeopleViews}
     with job.tables(provenance, inputs.scene.length_unit, wider) as tables:
         parts = ((some, tabulator.tables(some)) for some in seen)

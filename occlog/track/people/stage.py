@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import chain
 from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.random import Generator
 
+from occlog.array_types import Floats
 from occlog.core.numerics.seeds import RandomStream, generator
-from occlog.records.scene import Camera, MicrophoneArray, Scene, camera_from, map_origin, scene_from
+from occlog.records.scene import SIDE, Camera, MicrophoneArray, Scene, camera_from, map_origin, scene_from
 from occlog.track.methods.jipda import filter as joint_filter
 from occlog.track.methods.jipda.batch import smooth as window
 from occlog.track.methods.jipda.config import JipdaConfig
 from occlog.track.methods.jipda.doa_update import update_by_directions
-from occlog.track.methods.jipda.interface import DirectionsOfArrival, FrameDetections, TrackSnapshot
+from occlog.track.methods.jipda.interface import DirectionsOfArrival, FrameDetections, PositionSource, TrackSnapshot
 
 from .agreement import CameraAgreement
 from .close_encounters import CloseEncounters
@@ -43,7 +45,7 @@ class FixedLagSmoother(NamedTuple, Generic[State, Window]):
 class PeopleTracker(NamedTuple, Generic[State, Window]):
     """Multi-person method: `initial_state` makes its state, `step` adds the frames of one time step."""
 
-    begin: Callable[[Scene, Sequence[Camera], JipdaConfig], State]
+    begin: Callable[[Scene, Sequence[Camera | PositionSource], JipdaConfig], State]
     step: Callable[[State, Sequence[FrameDetections]], tuple[State, TrackSnapshot]]
     hear: Callable[[State, DirectionsOfArrival, MicrophoneArray], State] | None = None  # None: it is deaf
     future: FixedLagSmoother[State, Window] | None = None  # None: no smoother
@@ -61,30 +63,36 @@ JIPDA: PeopleTracker[joint_filter.JipdaState, window.SmoothingWindow] = PeopleTr
 def track_people(
     time_steps: Iterable[Sequence[FrameDetectionsWithIds]],
     scene: Scene,
-    cameras: Sequence[Camera],
+    cameras: Sequence[Camera | PositionSource],
     config: JipdaConfig,
     follower: PeopleTracker[State, Window],
     seed: int = 0,
     heard: Iterable[DirectionsOfArrival] = (),
+    at_end: Callable[[State], None] | None = None,
 ) -> Iterator[list[SnapshotWithDetections]]:
     """Track all people, in chunks of time steps with few rows, so that memory does not grow.
 
     Args:
         time_steps: in the order of time; none is empty.
         scene: where.
-        cameras: those with frames, in the order of their indices in the frames.
+        cameras: those with frames, then sources of positions, in the order of their indices in the frames.
         config: settings; with `smooth` or a lag time steps wait for what comes after them.
         follower: the method.
         seed: of the random numbers that the future is searched with.
         heard: directions of the scene's arrays, in the order of time.
+        at_end: receives the state after the last time step.
     """
     held: list[SnapshotWithDetections] = []
     rows = 0
     meetings = CloseEncounters(config)
-    origin = map_origin(cameras)
+    time_steps = iter(time_steps)
+    first = next(time_steps, None)
+    origin = _origin(cameras, first)
     near = scene_from(scene, origin)
-    state = follower.begin(near, [camera_from(c, origin) for c in cameras], config)
-    steps = _steps(time_steps, near, state, follower, heard)
+    views = [c if isinstance(c, PositionSource) else camera_from(c, origin) for c in cameras]
+    state = follower.begin(near, views, config)
+    coming = (_shifted(frames, origin) for frames in chain([] if first is None else [first], time_steps))
+    steps = _steps(coming, near, state, follower, heard, at_end)
     for said in _reported(steps, follower, config, seed):
         doubts = meetings.add(said.snapshot)
         snapshot = said.snapshot._replace(events=(*said.snapshot.events, *doubts))
@@ -99,12 +107,35 @@ def track_people(
         yield held
 
 
+def _origin(cameras: Sequence[Camera | PositionSource], first: Sequence[FrameDetectionsWithIds] | None) -> Floats:
+    """(2,) origin near the cameras, or, without any, near the first positions."""
+    placed = [c for c in cameras if not isinstance(c, PositionSource)]
+    if placed:
+        return map_origin(placed)
+    positions = np.concatenate([np.zeros((0, 2)), *(each.detections.boxes[:, :2] for each in first or ())])
+    return np.round(positions.mean(axis=0) / SIDE) * SIDE if len(positions) else np.zeros(2)
+
+
+def _shifted(frames: Sequence[FrameDetectionsWithIds], origin: Floats) -> Sequence[FrameDetectionsWithIds]:
+    """The frames, with positions on the ground as seen from the origin."""
+    if not origin.any():
+        return frames
+    by = np.tile(origin, 2)
+    return [
+        each
+        if each.detections.covariance is None
+        else each._replace(detections=each.detections._replace(boxes=each.detections.boxes - by))
+        for each in frames
+    ]
+
+
 def _steps(
     steps: Iterable[Sequence[FrameDetectionsWithIds]],
     scene: Scene,
     state: State,
     follower: PeopleTracker[State, Window],
     heard: Iterable[DirectionsOfArrival],
+    at_end: Callable[[State], None] | None = None,
 ) -> Iterator[tuple[State, SnapshotWithDetections]]:
     """Filter each time step, after the directions heard since the previous one."""
     sounds = iter(heard)
@@ -116,6 +147,8 @@ def _steps(
             sound = next(sounds, None)
         state, snapshot = follower.step(state, [each.detections for each in frames])
         yield state, SnapshotWithDetections(snapshot, frames)
+    if at_end is not None:
+        at_end(state)
 
 
 def _reported(
@@ -143,16 +176,19 @@ def _reported(
 class Tabulator:
     """Makes tables of time steps, and counts the people that each camera sees."""
 
-    def __init__(self, cameras: Sequence[Camera], *, in_images: bool, person_height: float = 1.7) -> None:
+    def __init__(
+        self, cameras: Sequence[Camera | PositionSource], *, in_images: bool, person_height: float = 1.7
+    ) -> None:
         """Create empty counts.
 
         Args:
-            cameras: of the frames.
+            cameras: of the frames, then sources of positions.
             in_images: project all tracks into every image.
             person_height: mean height of people, in the scene's unit.
         """
         self._names = [c.name for c in cameras]
-        self._views = TracksInViews(cameras) if in_images else None
+        self._cameras = sum(not isinstance(c, PositionSource) for c in cameras)
+        self._views = TracksInViews([c for c in cameras if not isinstance(c, PositionSource)]) if in_images else None
         self.agreement = CameraAgreement(cameras, person_height)
 
     def tables(self, seen: Sequence[SnapshotWithDetections]) -> SnapshotTables:
@@ -160,7 +196,7 @@ class Tabulator:
         for each in seen:
             self.agreement.add(each.snapshot, each.frames)
         return SnapshotTables(
-            tracks=tracks_of(seen, self._names),
+            tracks=tracks_of(seen, self._names, self._cameras),
             support=associations_of(seen, self._names),
             events=events_of(seen),
             views=None if self._views is None else self._views.table(seen),

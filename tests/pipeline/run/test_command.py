@@ -308,11 +308,18 @@ def test_everybody_wants_no_priors(tmp_path: Path, capsys: pytest.CaptureFixture
     assert "priors: method jipda takes none" in capsys.readouterr().err
 
 
-def test_reads_of_tags_are_not_for_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_reads_of_tags_need_no_detection(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     config = tmp_path / "run.yaml"
-    config.write_text("occlog_run: 1\nrecording: tags.mcap\ntrack: {method: rssi}\n")
+    config.write_text("occlog_run: 1\nrecording: tags.mcap\ntrack: {method: rssi}\ndetect: {history: 50}\n")
     assert run(["run", str(config), "-o", str(tmp_path / "out"), "--dry-run"]) == ExitCode.BAD_INPUT
-    assert "method rssi takes reads of tags" in capsys.readouterr().err
+    assert "line 4: detect: there are no images and no boxes to detect in; remove this key" in capsys.readouterr().err
+
+
+def test_a_table_needs_a_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    config = tmp_path / "run.yaml"
+    config.write_text("occlog_run: 1\ntable: ranges.csv\n")
+    assert run(["run", str(config), "-o", str(tmp_path / "out"), "--dry-run"]) == ExitCode.BAD_INPUT
+    assert "line 2: table: a table holds no scene; give a key `scene` with the sensors" in capsys.readouterr().err
 
 
 def recording_with_video(folder: Path) -> Path:

@@ -10,16 +10,17 @@ not known.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.errors import InputError
-from occlog.io.files.texts.csv_rows import MAX_CELL, CsvRows, read_plain, read_rows
+from occlog.errors import InputError, option
+from occlog.io.files.texts.csv_rows import MAX_CELL, CsvRows, first_line, read_plain, read_rows
 from occlog.io.files.times import TIME_COLUMNS
 
 from .mot_challenge import WITH_CLASSES
@@ -76,6 +77,8 @@ class BoxSource(NamedTuple):
         listed: numbers of frames that it names, also those without a box; None: it names those with boxes only.
         cameras: labels of cameras that it names, also those without a box.
         first_number: number of frame 0, where the format states it; None: it does not.
+        sizes: width and height [px] of the images that boxes are of, by label of the camera, where the format states
+            it; "" where the camera was stated.
     """
 
     chunks: Iterator[CsvRows]
@@ -83,6 +86,20 @@ class BoxSource(NamedTuple):
     listed: Ints | None = None
     cameras: tuple[str, ...] = ()
     first_number: int | None = None
+    sizes: Mapping[str, tuple[int, int]] = MappingProxyType({})
+
+
+def stated_sizes(found: Iterable[tuple[str, object, object]]) -> dict[str, tuple[int, int]]:
+    """Sizes of images by camera, of camera, width and height of each; a camera with several sizes has none."""
+    sizes: dict[str, set[tuple[int, int]]] = {}
+    for camera, width, height in found:
+        try:
+            size = (int(str(width)), int(str(height)))
+        except ValueError:
+            continue
+        if min(size) > 0:
+            sizes.setdefault(camera, set()).add(size)
+    return {camera: next(iter(each)) for camera, each in sizes.items() if len(each) == 1}
 
 
 def disagree(size: Floats, near: Floats, far: Floats) -> Bools:
@@ -151,6 +168,11 @@ def open_csv(path: Path, wanted: BoxReadOptions) -> BoxSource:
 
 def _csv(path: Path, camera: str | None, ignore_extra: bool) -> Iterator[CsvRows]:
     known = {**COLUMNS, **CLASS_KEYS, BOX: (BOX,)}
+    head = {cell.lower() for cell in first_line(path, WHAT)}
+    if {"x", "y"} <= head and not head & {BOX, *COLUMNS["left"], *COLUMNS["width"]}:
+        raise InputError(
+            f"{path}: holds positions on the ground (x, y) and no boxes; give it as positions ({option('positions')})"
+        )
     for rows in read_rows(path, known, WHAT, ignored=IGNORED, ignore_extra=ignore_extra):
         yield check_columns(_split_box(rows), camera)
 

@@ -256,6 +256,8 @@ def grid_places(position: Floats) -> tuple[Floats, Floats]:
 MAX_LABEL_BYTES = 4 * 2**20
 CLASS_NAMES = "classes.txt"
 LABELS = "labels"
+LABELS_TRIED = 3
+"""Files by which a folder of labels is recognised."""
 POSE = 51
 """Numbers of the 17 key points of a person, each with x, y and how visible it is."""
 SLACK = 1e-3
@@ -289,6 +291,24 @@ def label_files(folder: Path) -> list[Path]:
     """Files of labels in natural order."""
     names = [p.name for p in folder.iterdir() if p.suffix.lower() == ".txt" and p.name.lower() != CLASS_NAMES]
     return [folder / name for name in natural_sorted(n for n in names if last_number(Path(n).stem))]
+
+
+def is_labels(folder: Path) -> bool:
+    """Return whether a folder itself holds files of labels, by the lines of the first few that are not empty."""
+    files = [file for file in label_files(folder) if file.stat().st_size][:LABELS_TRIED]
+    try:
+        lines = [line for file in files for line in _read(file, 0)]
+        return bool(lines) and all(_is_label(numbers) for *_, numbers in lines)
+    except InputError:
+        return False
+
+
+def _is_label(numbers: Sequence[str]) -> bool:
+    """Return whether a line is a class and a box in shares of the image."""
+    try:
+        return numbers[0].isdigit() and all(-SLACK <= float(number) <= 1 + SLACK for number in numbers[1:5])
+    except ValueError:
+        return False
 
 
 def open_folder(path: Path, wanted: BoxReadOptions) -> BoxSource:

@@ -22,7 +22,19 @@ from occlog.io.files.texts.csv_rows import CsvRows
 from occlog.io.files.texts.documents import check_number, parse_json
 from occlog.records.declared.sensors import MAX_FRAMES
 
-from .columns import BOX, CLASS_KEYS, COLUMNS, EDGES, IGNORED, WHAT, BoxReadOptions, BoxSource, check_columns, rows_of
+from .columns import (
+    BOX,
+    CLASS_KEYS,
+    COLUMNS,
+    EDGES,
+    IGNORED,
+    WHAT,
+    BoxReadOptions,
+    BoxSource,
+    check_columns,
+    rows_of,
+    stated_sizes,
+)
 
 ROWS_PER_CHUNK = 16_384
 MAX_BYTES = 2**31
@@ -189,7 +201,10 @@ def _coco(path: Path, value: Record, camera: str | None) -> BoxSource:
         records.append((n, _annotation(path, n, annotation, names) | images[owner]))
     listed: Ints = np.unique(np.array([int(cells["frame"]) for cells in images.values()], dtype=np.int64))
     cameras = tuple(dict.fromkeys(cells["camera"] for cells in images.values() if "camera" in cells))
-    return BoxSource(_chunks(path, records), "COCO", listed if len(listed) else None, cameras)
+    sizes = stated_sizes(
+        (images[image["id"]].get("camera", ""), image.get("width"), image.get("height")) for image in value["images"]
+    )
+    return BoxSource(_chunks(path, records), "COCO", listed if len(listed) else None, cameras, sizes=sizes)
 
 
 def _categories(path: Path, categories: object) -> dict[object, str]:

@@ -30,6 +30,7 @@ from occlog.records.columns import MAX_NS
 from occlog.records.declared.sensors import MAX_FRAMES
 from occlog.records.tables import Boxes
 
+from .annotations import is_cvat, open_cvat
 from .columns import (
     COLUMNS,
     SHARE_HEIGHT,
@@ -177,6 +178,7 @@ class BoxSurvey:
         left_out: the same of boxes of other classes.
         shares: cameras with boxes in shares of the image.
         of_files: cameras of each file; a camera is in one.
+        sizes: width and height of the images [px] by camera, where files state it.
     """
 
     cameras: tuple[str, ...]
@@ -192,6 +194,7 @@ class BoxSurvey:
     left_out: Counter[tuple[str, ...]] = field(default_factory=Counter)
     shares: frozenset[str] = frozenset()
     of_files: tuple[tuple[str, ...], ...] = ()
+    sizes: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
 
 def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOptions) -> BoxSurvey:
@@ -234,7 +237,17 @@ def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOpt
         left_out=found.left_out,
         shares=frozenset(found.shares),
         of_files=tuple(found.of_files),
+        sizes=found.sizes,
     )
+
+
+def classes_in(file: BoxFile) -> Counter[tuple[str, ...]]:
+    """Classes of the boxes of a file, and how many boxes each has; one without a name: not stated."""
+    source = _open(file, (), BoxOptions(ignore_extra=True))
+    found: Counter[tuple[str, ...]] = Counter()
+    for chunk in source.chunks:
+        found.update(class_labels(chunk))
+    return found
 
 
 @dataclass
@@ -256,6 +269,7 @@ class _BoxScan:
     listed: set[int] | None = field(default_factory=set)
     of_files: list[tuple[str, ...]] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
+    sizes: dict[str, tuple[int, int]] = field(default_factory=dict)
 
     @property
     def step(self) -> int:
@@ -281,6 +295,10 @@ def _survey_file(file: BoxFile, known: Sequence[str], options: BoxOptions, found
         found.span(source.listed - how.first_number)
         if found.listed is not None:
             found.listed |= set((source.listed - how.first_number).tolist())
+    if file.camera is not None:
+        found.sizes |= dict.fromkeys([file.camera][: len(source.sizes)], next(iter(source.sizes.values()), (0, 0)))
+    else:
+        found.sizes |= {_matched([c], known, file, options, {})[0]: size for c, size in source.sizes.items()}
     last = -1
     own = dict.fromkeys(named)
     for chunk, boxes in _read(file, source, found.cameras, known, how, found.left_out):
@@ -386,6 +404,7 @@ BoxFormat = FileFormat[Callable[[Path, BoxReadOptions], BoxSource]]
 FORMATS: dict[str, BoxFormat] = {
     "wildtrack": BoxFormat(open_annotations, "WILDTRACK: a folder with one JSON file a frame", is_annotations),
     "yolo": BoxFormat(open_folder, "YOLO: a folder with one text file a frame, one folder a camera", is_folder),
+    "cvat": BoxFormat(open_cvat, "XML of CVAT, for video or for images, one camera", is_cvat),
     "json": BoxFormat(open_json, "JSON: COCO, or records of supervision and Ultralytics", is_json),
     "vatic": BoxFormat(open_vatic, "VATIC text (CAMPUS), one camera", by_cells(is_vatic)),
     "kitti": BoxFormat(open_kitti, "KITTI's text of tracked boxes, one camera", by_cells(is_kitti)),

@@ -18,7 +18,7 @@ from occlog.records.scene import MAX_COORDINATE, MAX_SIGMA_DEG, MIN_SIGMA_DEG, M
 from occlog.settings import METRES
 
 WHAT = "a table of stations"
-NAMES = ("name", "station", "sensor", "array", "tower", "camera", "node", "id")
+NAMES = ("name", "station", "sensor", "array", "tower", "camera", "node", "anchor", "reader", "gateway", "id")
 COLUMNS: dict[str, Sequence[str]] = {
     "name": NAMES,
     **{axis + ending: (axis + ending,) for axis in "xyz" for ending in ("", *(f"_{unit}" for unit in METRES))},

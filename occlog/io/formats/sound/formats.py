@@ -35,6 +35,7 @@ from occlog.io.files.limits import naming
 from occlog.io.files.names import safe_name
 from occlog.io.files.texts.csv_rows import first_line, is_header, read_plain
 from occlog.io.files.texts.formats import RAW, WHOLE, FormatColumn, TextFormat, TextPart, read_format
+from occlog.io.formats.scenes.stations import holds_stations, read_stations
 from occlog.records.losses import Loss
 from occlog.records.scene import MicrophoneArray
 from occlog.records.tables import Truth
@@ -275,12 +276,17 @@ def read_arrays(path: Path, name: str | None = None) -> tuple[MicrophoneArray, .
     """Arrays of a scene from a table of positions.
 
     A table of LOCATA is one array with its pose.  With a header x, y, z the rows are the microphones
-    of one array at the origin, called `name` or after the file; without a header, rows x, y are
-    direction finders 1, 2, ... called tower1, tower2, ...
+    of one array at the origin, called `name` or after the file; with names as well they are arrays with their
+    positions; without a header, rows x, y are direction finders 1, 2, ... called tower1, tower2, ...
     """
     head = first_line(path, ARRAY_POSITIONS)
     if looks_like_locata(head):
         return (read_array(path, name),)
+    if name is None and holds_stations(path):
+        scene = read_stations(path)
+        if scene.length_unit != "m":
+            raise InputError(f"{path}: positions of arrays are in {scene.length_unit}; convert them to m")
+        return scene.arrays
     if is_header(head):
         parts = [np.column_stack([part[axis] for axis in "xyz"]) for part in read_format(path, MICROPHONES)]
         if not parts:

@@ -218,6 +218,13 @@ def update_features(
     return replace(cues, score=score, likeness=alike, key=people.key, hint=hint, appearance=gallery)
 
 
+def count_clutter_scores(cues: AssociationFeatures, scores: Floats) -> AssociationFeatures:
+    """The features with the scores of detections that turned out to be clutter; NaN is none."""
+    score = cues.score.copy()
+    _add(score[OTHER_TARGET], scores)
+    return replace(cues, score=score)
+
+
 def _features_of(cues: AssociationFeatures, people: TargetSet, dimension: int) -> tuple[Ints, Floats]:
     """Return tracklet ids (N, C) and appearance (N, K) of these people; NO_ID and NaN for new people."""
     hint = np.full((len(people.key), cues.hint.shape[1]), NO_ID, dtype=np.int64)

@@ -109,6 +109,15 @@ class JipdaConfig(LagConfig):
         at_least=0,
     )
 
+    # Positions on the ground
+    position_sigma: float = setting(
+        0.1,
+        "Initial standard deviation, per axis, of positions on the ground that state none; adapted online. Larger "
+        "values trust positions less at first. Typical 0.1 m for ground-plane networks and lidar, 0.3 m for radar.",
+        unit="length",
+        above=0,
+    )
+
     # Detection
     detection_probability: float = setting(
         0.8,

@@ -544,7 +544,8 @@ def persistent_clutter_density(
     for frame, c in enumerate(boxes.camera.tolist()):
         here = slice(boxes.first[frame], boxes.first[frame + 1])
         old, now = before[c].box, boxes.box[here]
-        if not len(old) or not len(now):
+        above = len(boxes.covariance) and np.isfinite(boxes.covariance[here, 0]).any()
+        if not len(old) or not len(now) or above:
             continue
         # Density of the new box about the old one, against that of a box anywhere in the image
         variance = _variances(old, noise)
@@ -603,6 +604,7 @@ def update_statistics(
     boxes: PackedDetections,
     rates: DetectorModel,
     result: JipdaResult,
+    alone: bool = False,
 ) -> DetectorStatistics:
     """Update the sums with the boxes of one time step; clutter is counted elsewhere, after track initiation.
 
@@ -615,9 +617,11 @@ def update_statistics(
         boxes: of the time step.
         rates: of the detectors.
         result: of the update.
+        alone: positions are all there is: a missed detection lowers the existence of the person, so that who surely
+            exists is judged before it, or no miss would ever be counted.
     """
     detected, curve, merges = counts.detected.copy(), counts.curve.copy(), counts.merges.copy()
-    sure = people.existence > MIN_EXISTENCE_TO_LEARN
+    sure = (before if alone else people.existence) > MIN_EXISTENCE_TO_LEARN
     last = len(curve) - 1
     present = 1.0 - result.missed
     independent = np.log1p(-np.minimum(result.detection, DETECTION_RANGE[1])).sum(axis=0)

@@ -17,10 +17,17 @@ from occlog.core.plane import distance_to_boundary, inside_polygon, pockets
 from occlog.records.scene import Camera, Scene, box_around, sight_limit
 from occlog.settings import METRES
 
-from .association_features import AssociationFeatures, empty_features, log_feature_ratios, update_features
+from .association_features import (
+    AssociationFeatures,
+    count_clutter_scores,
+    empty_features,
+    log_feature_ratios,
+    update_features,
+)
 from .common_error import CommonErrorStatistics, common_error, prior_common_error, update_common_error
 from .config import JipdaConfig
 from .detector_model import (
+    MIN_ASSOCIATION_TO_LEARN,
     MIN_EXISTENCE_TO_LEARN,
     MIN_VISIBILITY_TO_LEARN,
     Clutter,
@@ -44,12 +51,31 @@ from .detector_model import (
     update_sources,
     update_statistics,
 )
-from .interface import NO_ID, BoxAssociations, DetectorEstimates, Event, FrameDetections, TrackSnapshot, X, Y
-from .kernels.body_box import PackedCameras, pack_views
+from .interface import (
+    NO_ID,
+    BoxAssociations,
+    DetectorEstimates,
+    Event,
+    FrameDetections,
+    PositionSource,
+    TrackSnapshot,
+    X,
+    Y,
+)
+from .kernels.body_box import GROUND_PLANE, MODEL, PackedCameras, cover_positions, pack_views
 from .kernels.camera_disagreement import camera_disagreement
 from .kernels.detections import DetectorModel, PackedDetections
 from .kernels.joint_association import JipdaResult, update_targets
 from .kernels.track_initiation import BirthIntensity, initiate_targets
+from .position_errors import (
+    WALK_RATIO,
+    PositionErrors,
+    lasting_error,
+    manoeuvre_variance,
+    position_covariances,
+    prior_position_errors,
+    update_position_errors,
+)
 from .static_clutter import is_a_person, update_static_clutter
 from .target_set import (
     SMOOTHING_SIGMA_M,
@@ -89,6 +115,8 @@ MAX_PREDICTION_S = 86_400.0
 """Maximum prediction time [s]: after a day the position is unknown, and in years covariances lose all digits."""
 MIN_BOXES_TO_CONFIRM = 1.5
 """Minimum number of boxes for confirmation."""
+MIN_POSITIONS_TO_CONFIRM = 0.5
+"""Minimum number of positions for confirmation, of sources of positions alone."""
 ROOM_MARGIN_M = 0.5
 """People are not initiated farther outside the room than this [m]."""
 MIN_ARRIVALS = 1e-12
@@ -126,25 +154,29 @@ class JipdaState:
     clutter: tuple[Clutter, ...]  # sources in each camera
     room: Floats | None  # (K, 2) polygon in which people are; None: anywhere
     exclusion_ns: int | None  # time of the last exclusion update; None: never
+    positions: PositionErrors  # of the sources of positions
+    seeds: dict[int, float]  # score of the position that initiated each tentative track, of sources alone
 
 
-def initial_state(scene: Scene, cameras: Sequence[Camera], config: JipdaConfig) -> JipdaState:
+def initial_state(scene: Scene, cameras: Sequence[Camera | PositionSource], config: JipdaConfig) -> JipdaState:
     """Create the initial filter state without tracks.
 
     Args:
         scene: static scene.
-        cameras: cameras in use, with poses in space; frames refer to them by their index here.
+        cameras: cameras in use, with poses in space, then sources of positions; frames refer to them by their index.
         config: settings in the scene's unit.
     """
     # In a scene-specific unit the settings define the metre: people are 1.7 m tall
     own = config.person_height / JipdaConfig().person_height
     metre = 1.0 / METRES[scene.length_unit] if scene.length_unit in METRES else own
-    low, high = box_around(scene)
-    least = 2.0 * float(np.hypot(*(high - low)))
-    far = [sight_limit(c, least, metre) for c in cameras]
+    far = np.full(len(cameras), math.inf)
+    for k, c in enumerate(cameras):
+        if not isinstance(c, PositionSource):
+            low, high = box_around(scene)
+            far[k] = sight_limit(c, 2.0 * float(np.hypot(*(high - low))), metre)
     walls = () if scene.room is None else pockets(scene.room)
     solid = [(o.polygon, o.height) for o in scene.occluders] + [(w, math.inf) for w in walls]
-    views = pack_views(cameras, solid)._replace(range=np.array(far))
+    views = pack_views(cameras, solid)._replace(range=far)
     return JipdaState(
         views=views,
         config=config,
@@ -161,6 +193,8 @@ def initial_state(scene: Scene, cameras: Sequence[Camera], config: JipdaConfig) 
         clutter=(no_clutter(),) * len(cameras),
         room=scene.room,
         exclusion_ns=None,
+        positions=prior_position_errors(cameras, metre, config),
+        seeds={},
     )
 
 
@@ -175,7 +209,7 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
     t_ns = max(frame.t_ns for frame in frames)
     dt = 0.0 if state.t_ns is None else min((t_ns - state.t_ns) / NS, MAX_PREDICTION_S)
     # Predict
-    common = common_error(state.common)
+    common = common_error_of(state)
     people = predict(
         state.people,
         t_ns,
@@ -186,12 +220,15 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         turning=manoeuvre_rate(state.counts),
         bending=posture_change_rate(state.counts),
         common=common,
-        config=config,
+        config=replace(config, process_noise_density=WALK_RATIO * config.process_noise_density)
+        if state.positions.alone
+        else config,
     )
     exclusion_ns = state.exclusion_ns
     if config.exclusion_radius > 0.0 and (exclusion_ns is None or t_ns - exclusion_ns >= EXCLUSION_INTERVAL_NS):
         people, exclusion_ns = apply_exclusion_prior(people, config.exclusion_radius), t_ns
     # Associate and update
+    state = replace(state, views=_covered(state, frames))
     boxes = pack_detections(state, frames, t_ns)
     last_frame_ns, interval = state.last_frame_ns.copy(), np.full(len(state.last_frame_ns), np.inf)
     for frame in frames:
@@ -243,10 +280,13 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         steps=people.steps + result.existence * np.minimum(explained, 1.0),
         seen_ns=np.where(np.isfinite(result.visible).any(axis=0), t_ns, people.seen_ns),
     )
-    people = update_static_clutter(people, boxes, static > anywhere, result, rates.noise, interval, state.metre)
-    counts = update_statistics(
-        state.counts, people, before_update, dt=dt, config=config, boxes=boxes, rates=rates, result=result
+    people = update_static_clutter(
+        people, boxes, static > anywhere, result, rates.noise, interval, state.metre, state.positions.first
     )
+    counts = update_statistics(
+        state.counts, people, before_update, dt=dt, config=config, boxes=boxes, rates=rates, result=result,
+        alone=state.positions.alone,
+    )  # fmt: skip
     good = reliable_boxes(
         boxes,
         result.owner,
@@ -258,6 +298,7 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
     good &= result.odd < 0.5
     found = camera_disagreement(result.mean, result.covariance, state.views, boxes, rates, result.owner, good)
     edges = update_edge_errors(state.edges, t_ns, boxes, found, key=people.key, owner=result.owner, lasts=rates.lasting)
+    positions = _learned_positions(state, frames, boxes, people, result.owner, result.beta)
     errors = update_common_error(
         state.common, t_ns, key=people.key, position=found.position, noise=found.variance + gait, config=config
     )
@@ -313,9 +354,10 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         free=left_free,
         sure=people.existence > config.confirmation_threshold,
     )
-    # Confirm, end
+    # Confirm, end; a position on the ground is of a whole body, and mostly of several views
     real = people.existence * is_a_person(people.static_log_odds)
-    sure = (real > config.confirmation_threshold) & (people.boxes > MIN_BOXES_TO_CONFIRM)
+    fewest = MIN_POSITIONS_TO_CONFIRM if positions.alone else MIN_BOXES_TO_CONFIRM
+    sure = (real > config.confirmation_threshold) & (people.boxes > fewest)
     ids = np.where((people.id == NO_ID) & sure, people.key, people.id)
     people, twice = duplicate_tracks(people, t_ns)
     stays = (real > config.deletion_threshold) & ~twice
@@ -331,6 +373,7 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         state.birth_map, dt, people=people.mean[sure, :2], existence=people.existence[sure], left=people.last[left],
         came=people.first[grown], velocity=people.mean[grown, 2:4],
     )  # fmt: skip
+    seeds, cues = _false_seeds(state, frames, used, people.key[len(people.key) - K :], ids, people.key[stays], cues)
     rows = np.flatnonzero(stays)
     recurring = people.strong & (people.steps >= MIN_STEPS_OF_TRUE)
     fleeting = people.strong & ~recurring & ~stays & ~twice
@@ -370,7 +413,82 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         birth_map=birth_map,
         clutter=clutter,
         exclusion_ns=exclusion_ns,
+        positions=positions,
+        seeds=seeds,
     ), snapshot
+
+
+def common_error_of(state: JipdaState) -> tuple[float, float]:
+    """Return the variance per axis and the correlation time [s] of the common error of position in the state."""
+    return lasting_error(state.positions) if state.positions.alone else common_error(state.common)
+
+
+def _false_seeds(
+    state: JipdaState,
+    frames: Sequence[FrameDetections],
+    used: Floats,
+    new: Ints,
+    ids: Ints,
+    stay: Ints,
+    cues: AssociationFeatures,
+) -> tuple[dict[int, float], AssociationFeatures]:
+    """Scores of the positions that initiated tentative tracks, and the features with those of tracks that came to none.
+
+    A source alone has no other that denies a position at once: what it was is known when the track ends.
+
+    Args:
+        state: before the time step.
+        frames: of the time step.
+        used: (K, M) shares of the detections in new tracks.
+        new: (K,) their keys.
+        ids: of all tracks, NO_ID of tentative ones.
+        stay: keys of the tracks that go on.
+        cues: association features so far.
+    """
+    if not state.positions.alone:
+        return {}, cues
+    confirmed, going = set(ids[ids != NO_ID].tolist()), set(stay.tolist())
+    ended = [score for key, score in state.seeds.items() if key not in going and key not in confirmed]
+    seeds = {key: score for key, score in state.seeds.items() if key in going and key not in confirmed}
+    score = np.concatenate([frame.score for frame in frames])
+    for key, row in zip(new.tolist(), used, strict=True):
+        if key in going and key not in confirmed and len(row):
+            seeds[key] = float(score[int(np.argmax(row))])
+    return seeds, count_clutter_scores(cues, np.array(ended))
+
+
+def _covered(state: JipdaState, frames: Sequence[FrameDetections]) -> PackedCameras:
+    """Return the views, with the ground that the sources of the frames cover."""
+    views = state.views
+    for frame in frames:
+        if views.lens[frame.camera, MODEL] == GROUND_PLANE:
+            views = cover_positions(views, frame.camera, frame.boxes[:, :2], state.metre)
+    return views
+
+
+def _learned_positions(
+    state: JipdaState,
+    frames: Sequence[FrameDetections],
+    boxes: PackedDetections,
+    people: TargetSet,
+    owner: Ints,
+    beta: Floats,
+) -> PositionErrors:
+    """Learn the errors of positions from those that are surely of a person who surely exists."""
+    errors = state.positions
+    for k, frame in enumerate(frames):
+        if frame.covariance is None:
+            continue
+        at = np.arange(boxes.first[k], boxes.first[k + 1])
+        at = at[owner[at] >= 0]
+        sure = (beta[owner[at], at] > MIN_ASSOCIATION_TO_LEARN) & (people.existence[owner[at]] > MIN_EXISTENCE_TO_LEARN)
+        at = at[sure]
+        inside = at - boxes.first[k]
+        errors = update_position_errors(
+            errors, frame.camera, frame.t_ns, frame.boxes[inside, :2], frame.covariance[inside], people.key[owner[at]],
+            people.key,
+        )  # fmt: skip
+    return errors
 
 
 def _in_room(xy: Floats, room: Floats, margin: float) -> Bools:
@@ -427,14 +545,29 @@ def pack_detections(state: JipdaState, frames: Sequence[FrameDetections], t_ns: 
     each = np.repeat(camera, count)
     w, h = state.views.size[each].T
     border = np.column_stack([np.zeros_like(w), np.zeros_like(h), w - 1.0, h - 1.0])
+    usable, covariance, tail = np.abs(box - border) > BORDER_PX, np.full((0, 3), np.nan), np.zeros(0)
+    if state.positions.banks:
+        above = state.views.lens[each, MODEL] == GROUND_PLANE
+        usable[above] = [True, True, False, False]
+        covariance = np.concatenate([_covariances(state, frame) for frame in frames])
+        tail = np.repeat([manoeuvre_variance(state.positions, frame.camera, state.metre) for frame in frames], count)
     return PackedDetections(
         camera=camera,
         delay=np.array([(frame.t_ns - t_ns) / NS for frame in frames]),
         first=np.concatenate([[0], np.cumsum(count)]).astype(np.int64),
         box=box,
-        usable=np.abs(box - border) > BORDER_PX,
+        usable=usable,
         clutter=np.log(clutter_rate(state.counts)[each]),
+        covariance=covariance,
+        tail=tail,
     )
+
+
+def _covariances(state: JipdaState, frame: FrameDetections) -> Floats:
+    """(n, 3) covariances of the positions of a frame; NaN of boxes."""
+    if frame.covariance is None:
+        return np.full((len(frame.boxes), 3), np.nan)
+    return position_covariances(state.positions, frame.camera, frame.covariance)
 
 
 def _update_clutter(

@@ -39,6 +39,17 @@ class FrameDetections(NamedTuple):
     tracklet_id: Ints  # (n,) tracklet id >= 0 of a single-camera tracker; NO_ID: no id
     appearance: Floats  # (n, K) histogram or embedding; NaN: none of this box; (n, 0): none at all
     row: Ints  # (n,) row of the box in its table
+    covariance: Floats | None = None  # (n, 3) xx, xy, yy of positions on the ground, NaN: not stated; None: boxes
+
+
+class PositionSource(NamedTuple):
+    """A source of positions on the ground: a network for the ground plane, lidar, radar, ultra-wideband.
+
+    It stands among the cameras of the filter as a view from above: its detections are `FrameDetections` with `boxes`
+    (x, y, x, y) in the scene's unit instead of pixels, and `covariance`.
+    """
+
+    name: str
 
 
 class DirectionsOfArrival(NamedTuple):

@@ -40,6 +40,7 @@ def update_static_clutter(
     noise: Floats,
     interval: Floats,
     metre: float,
+    cameras: int,
 ) -> TargetSet:
     """Update the log odds of static clutter of each track, with the camera and the box.
 
@@ -54,6 +55,7 @@ def update_static_clutter(
         noise: (4, 2) variances of middles and sizes, as in `DetectorModel.noise`.
         interval: (C,) time since each camera's last frame [s]; may be infinite.
         metre: in the scene's unit.
+        cameras: number of views that are cameras; sources of positions come after them, and only confirm or deny.
     """
     known, denying = people.static_known.copy(), np.zeros(len(people.key), dtype=np.int64)
     camera, box, log_odds = people.static_camera.copy(), people.static_box.copy(), people.static_log_odds.copy()
@@ -64,7 +66,7 @@ def update_static_clutter(
         best = of.argmax(axis=1) if of.shape[1] else np.zeros(len(of), dtype=np.int64)
         hit = of.sum(axis=1) > MIN_HIT
         there = boxes.box[here][best] if of.shape[1] else np.zeros((len(of), 4))
-        first = hit & ((camera < 0) | ((camera != c) & (log_odds <= MIN_LOG_ODDS)))
+        first = hit & ((camera < 0) | ((camera != c) & (log_odds <= MIN_LOG_ODDS))) & (c < cameras)
         own = hit & (camera == c)
         moved = own & (squared_distance(there, box, noise) > SAME_SOURCE_CHI2)
         log_odds[moved] -= SUPPORT_EVIDENCE

@@ -98,6 +98,8 @@ def residuals_and_noise_scales(
     noise = NoiseScales(
         residual_evidence.lines_scale * sought.scales[0], residual_evidence.steps_scale * sought.scales[1]
     )
+    # Of the bearing against the estimate, as those of a line are the other way round
+    off[~behind] *= -1.0
     return BearingResiduals(stated.step, record.rows.sensor[record.rows.seen], off, expected, inlier), noise
 
 

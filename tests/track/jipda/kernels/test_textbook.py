@@ -11,6 +11,7 @@ from random_frames import Scene, plain, random_scene
 
 from occlog.array_types import Floats, Ints
 from occlog.track.methods.jipda.kernels import joint_association as joint
+from occlog.track.methods.jipda.kernels.detections import PackedDetections
 from occlog.track.methods.jipda.kernels.likelihood import association_likelihood_ratios
 from occlog.track.methods.jipda.kernels.merged_detections import overlapping_pairs, pair_likelihoods
 
@@ -227,7 +228,10 @@ def test_the_site_of_boxes_has_the_moments_of_the_mixture_over_all_hypotheses(fr
                     mine = own[k] if s == 0 else 1.0 - own[k]
                     hypotheses.append(textbook.of_two(use[j], mine, both[k, s, j], z[j]))
         J, h = np.empty((6, 6)), np.empty(6)
-        plain(joint.expectation_propagation_site)(p, i, z, use, whole, outlier, beta, pair, both, own, J, h)
+        boxes = PackedDetections(
+            np.zeros(1, dtype=np.int64), np.zeros(1), np.array([0, n]), z, use, np.zeros(n), np.full((0, 3), np.nan)
+        )
+        plain(joint.expectation_propagation_site)(p, i, boxes, 0, n, whole, outlier, beta, pair, both, own, J, h)
         m, P = textbook.mixture(p.mean[i], p.covariance[i], seen, hypotheses)
         wanted_J, wanted_h = textbook.quotient(m, P, p.mean[i], p.covariance[i])
         size = np.sqrt(np.outer(np.diag(p.covariance[i]), np.diag(p.covariance[i])))

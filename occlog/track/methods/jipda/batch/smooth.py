@@ -28,7 +28,7 @@ from scipy.optimize import linear_sum_assignment
 from occlog.array_types import NS, Floats, Ints
 
 from ..association_features import appearance_of, are_histograms, feature_likelihood, log_ratio, unit_vectors
-from ..common_error import common_error, new_variance
+from ..common_error import new_variance
 from ..detector_model import (
     blind_frames,
     common_clutter_rate,
@@ -41,7 +41,7 @@ from ..detector_model import (
     posture_change_rate,
     track_termination_rate,
 )
-from ..filter import JipdaState, associations_of, pack_detections
+from ..filter import JipdaState, associations_of, common_error_of, pack_detections
 from ..interface import HEIGHT, NO_ID, BoxAssociations, Event, FrameDetections, TrackSnapshot
 from ..kernels.detections import DetectorModel, PackedDetections
 from .appearance import log_ratio_joined
@@ -115,7 +115,7 @@ def smooth(
     appearance, law = _appearances(frames), feature_likelihood(state.cues.likeness)
     seen = {k: _filtered(packed[k], frames[k], snapshots[k]) for k in chosen.tolist()}
     square = (INITIAL_SCALE_M * state.metre) ** 2
-    common = common_error(state.common)
+    common = common_error_of(state)
     new = new_variance(common, span.step)
     for hottest, coming in zip(INITIAL_TEMPERATURES, (chosen, np.arange(len(snapshots))), strict=True):
         found = [

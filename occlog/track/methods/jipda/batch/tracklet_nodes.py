@@ -31,6 +31,7 @@ from ..kernels.detections import (
     edge_noise,
     interpolate,
     log_clutter,
+    position_noise,
 )
 from ..kernels.likelihood import outlier_density
 from ..kernels.visibility import COLUMNS, ROWS, centre_deviation, in_view, occlude_by_static, visibility, visible_feet
@@ -148,6 +149,8 @@ def factors(
             edge_noise(drawn, rates, 1.0, noise)
             edge_noise(drawn, rates, rates.lasting[camera] / rates.slow, lasting)
             lasting *= rates.slow
+            if position_noise(boxes, j, 1.0, noise):
+                lasting[:] = noise
             off = boxes.box[j] - drawn
             use[:] = boxes.usable[j]
             clutter = log_clutter(boxes.box[j], use, views.size[camera, 0], views.size[camera, 1]) + boxes.clutter[j]
@@ -188,6 +191,10 @@ def log_of(off: Floats, use: Bools, noise: Floats, W: Floats) -> float:
     W[:] = 0.0
     add_precision(noise, use, 1.0, W)
     value = 0.0
+    if noise[0, 1] != 0.0 and use[0] and use[1]:
+        # Correlation of the axes of a position
+        ratio = noise[0, 1] * noise[0, 1] / (noise[0, 0] * noise[1, 1])
+        value -= 0.5 * math.log(1.0 - ratio)
     for axis in range(2):
         a, b = axis, axis + 2
         if use[a] and use[b]:

@@ -21,6 +21,8 @@ from occlog.core.geometry.camera import undistort
 from occlog.core.numerics.jit import kernel
 from occlog.records.scene import Camera
 
+from ..interface import PositionSource
+
 LEFT, TOP, RIGHT, BOTTOM = range(4)
 UNOBSERVED_SIZE_PX = 1e9
 """Width and height [px] of an image of unspecified size: no border cuts its boxes."""
@@ -33,9 +35,15 @@ MIN_DEPTH_HEIGHTS = 0.05
 """Minimum depth of a person's nearest point, in heights."""
 LENS = 23
 """Numbers of a row of `Views.lens`."""
-STRAIGHT, BENT, BENT_BACK, FISHEYE = 0.0, 1.0, 2.0, 3.0
+STRAIGHT, BENT, BENT_BACK, FISHEYE, GROUND_PLANE = 0.0, 1.0, 2.0, 3.0, 4.0
 """Lenses: no distortion; ideal points to distorted ones by a polynomial; distorted points to ideal ones by it; by a
-polynomial of the angle to the optical axis."""
+polynomial of the angle to the optical axis.  The last one is none: positions on the ground, seen from above.  A "box"
+there is (x, y, x, y) in the scene's unit, of which the first two edges are used, and the row of the lens begins with
+the limits of the area that the source covers: least x, least y, greatest x, greatest y."""
+MODEL = 21
+"""Index of the model in a row of `PackedCameras.lens`."""
+COVERAGE_MARGIN_M = 1.0
+"""Margin about the positions that a source has reported within which it is taken to cover the ground [m]."""
 MODELS = {"brown": BENT, "tsai": BENT_BACK, "equidistant": FISHEYE}
 """Lens of each model of distortion."""
 
@@ -55,8 +63,49 @@ class PackedCameras(NamedTuple):
     top: Floats  # (W,) height; may be infinite
 
 
-def pack_views(cameras: Sequence[Camera], occluders: Sequence[tuple[Floats, float]] = ()) -> PackedCameras:
-    """Pack cameras with known poses in space, and static occluders: polygon (K, 2) and height of each."""
+def pack_views(
+    views: Sequence[Camera | PositionSource], occluders: Sequence[tuple[Floats, float]] = ()
+) -> PackedCameras:
+    """Pack cameras with known poses in space, then sources of positions, and static occluders.
+
+    Args:
+        views: cameras, then sources of positions.
+        occluders: polygon (K, 2) and height of each.
+    """
+    cameras = [each for each in views if not isinstance(each, PositionSource)]
+    packed = _pack_cameras(cameras, occluders)
+    n = len(views) - len(cameras)
+    if not n:
+        return packed
+    if any(isinstance(each, PositionSource) for each in views[: len(cameras)]):
+        raise ValueError("sources of positions must follow the cameras")
+    lens = np.zeros((n, LENS))
+    lens[:, :4] = [math.inf, math.inf, -math.inf, -math.inf]
+    lens[:, MODEL] = GROUND_PLANE
+    return packed._replace(
+        position=np.concatenate([packed.position, np.zeros((n, 3))]),
+        rotation=np.concatenate([packed.rotation, np.tile(np.eye(3), (n, 1, 1))]),
+        focal=np.concatenate([packed.focal, np.ones((n, 2))]),
+        principal=np.concatenate([packed.principal, np.zeros((n, 2))]),
+        lens=np.concatenate([packed.lens, lens]),
+        size=np.concatenate([packed.size, np.ones((n, 2))]),
+        range=np.concatenate([packed.range, np.full(n, math.inf)]),
+    )
+
+
+def cover_positions(views: PackedCameras, c: int, positions: Floats, metre: float) -> PackedCameras:
+    """Extend the area that source c covers to the positions (n, 2) and a margin; `metre`: in the scene's unit."""
+    if not len(positions):
+        return views
+    lens, size = views.lens.copy(), views.size.copy()
+    margin = COVERAGE_MARGIN_M * metre
+    lens[c, :2] = np.minimum(lens[c, :2], positions.min(axis=0) - margin)
+    lens[c, 2:4] = np.maximum(lens[c, 2:4], positions.max(axis=0) + margin)
+    size[c] = lens[c, 2:4] - lens[c, :2]
+    return views._replace(lens=lens, size=size)
+
+
+def _pack_cameras(cameras: Sequence[Camera], occluders: Sequence[tuple[Floats, float]]) -> PackedCameras:
     size = [c.image_size if c.image_size is not None else (UNOBSERVED_SIZE_PX, UNOBSERVED_SIZE_PX) for c in cameras]
     return PackedCameras(
         position=np.array([c.position for c in cameras], dtype=np.float64).reshape(-1, 3),
@@ -141,6 +190,9 @@ def expected_box(lens: Floats, x: float, y: float, height: float, width: float, 
         Depth > 0; -1, and no box, where part of the person is behind the camera or closer than `MIN_DEPTH_HEIGHTS`
         heights.
     """
+    if lens[MODEL] == GROUND_PLANE:
+        box[0], box[1], box[2], box[3] = x, y, x, y
+        return 1.0
     dx, dy, dz = x - lens[0], y - lens[1], 0.5 * height - lens[2]
     a2, b2 = 0.25 * width * width, 0.25 * height * height
     # Centre and shape in the camera's frame: p = R' (m - c), A = R' diag(a^2, a^2, b^2) R
@@ -186,6 +238,11 @@ def box_and_slope(lens: Floats, state: Floats, delay: float, box: Floats, slope:
     height, width = state[4], state[5]
     depth = expected_box(lens, x, y, height, width, box)
     if depth < 0.0:
+        return depth
+    if lens[MODEL] == GROUND_PLANE:
+        slope[:] = 0.0
+        for e in range(4):
+            slope[e, e % 2], slope[e, 2 + e % 2] = 1.0, delay
         return depth
     step = DIFFERENCE_STEP_HEIGHTS * height
     high, low = np.empty(4), np.empty(4)

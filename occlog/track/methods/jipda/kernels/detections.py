@@ -33,6 +33,8 @@ class PackedDetections(NamedTuple):
     box: Floats  # (M, 4) left, top, right, bottom [px]
     usable: Bools  # (M, 4) edges that the border of the image does not cut
     clutter: Floats  # (M,) log of the expected number of false alarms like it in score, in the frame
+    covariance: Floats = np.full((0, 3), np.nan)  # (M, 3) xx, xy, yy of positions, NaN of boxes; (0, 3): boxes only
+    tail: Floats = np.zeros(0)  # (M,) variance per axis of the positions of a target that manoeuvres; (0,): boxes only
 
 
 class DetectorModel(NamedTuple):
@@ -89,6 +91,19 @@ def edge_noise(box: Floats, rates: DetectorModel, lasting: float, noise: Floats)
         a, b = axis, axis + 2
         noise[a, a] = noise[b, b] = centre + 0.25 * size
         noise[a, b] = noise[b, a] = centre - 0.25 * size
+
+
+@kernel
+def position_noise(boxes: PackedDetections, j: int, factor: float, noise: Floats) -> bool:
+    """Write the covariance (4, 4) of a position on the ground, times a factor; False, and no change, for a box."""
+    if boxes.covariance.shape[0] == 0 or math.isnan(boxes.covariance[j, 0]):
+        return False
+    noise[:] = 0.0
+    noise[0, 0], noise[1, 1] = factor * boxes.covariance[j, 0], factor * boxes.covariance[j, 2]
+    noise[0, 1] = noise[1, 0] = factor * boxes.covariance[j, 1]
+    # Not observed
+    noise[2, 2] = noise[3, 3] = UNOBSERVED_VARIANCE
+    return True
 
 
 @kernel
@@ -173,6 +188,16 @@ def add_axis_precision(
 
 @kernel
 def add_precision(noise: Floats, use: Bools, weight: float, out: Floats) -> None:
-    """Add `weight` times the inverse of the covariance of the edges in use to (4, 4) `out`."""
+    """Add `weight` times the inverse of the covariance of the edges in use to (4, 4) `out`.
+
+    The axes are independent, but of positions on the ground, of which the first two edges are used.
+    """
+    if noise[0, 1] != 0.0 and use[0] and use[1]:
+        det = noise[0, 0] * noise[1, 1] - noise[0, 1] * noise[0, 1]
+        out[0, 0] += weight * noise[1, 1] / det
+        out[1, 1] += weight * noise[0, 0] / det
+        out[0, 1] -= weight * noise[0, 1] / det
+        out[1, 0] -= weight * noise[0, 1] / det
+        return
     for axis in range(2):
         add_axis_precision(noise, axis, use[axis], use[axis + 2], weight, weight, weight, out)

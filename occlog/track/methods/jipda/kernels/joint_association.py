@@ -13,12 +13,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Bools, Floats, Ints
+from occlog.array_types import Floats, Ints
 from occlog.core.numerics.jit import kernel, kernel_part
 
-from .body_box import BOTTOM, PackedCameras, box_and_slope
-from .detections import DetectorModel, PackedDetections, add_precision, biased, edge_noise, interpolate
-from .likelihood import Likelihoods, association_likelihood_ratios
+from .body_box import BOTTOM, GROUND_PLANE, MODEL, PackedCameras, box_and_slope
+from .detections import (
+    DetectorModel,
+    PackedDetections,
+    add_precision,
+    biased,
+    edge_noise,
+    interpolate,
+    position_noise,
+)
+from .likelihood import Likelihoods, association_likelihood_ratios, position_likelihood_ratios
 from .linear import cholesky, eigen, invert
 from .merged_detections import add_edges_of_one, overlapping_pairs, pair_likelihoods, pair_messages
 from .visibility import COLUMNS, ROWS, centre_deviation, in_view, visibility, visible_feet
@@ -130,6 +138,11 @@ def predict_boxes(views: PackedCameras, c: int, delay: float, rates: DetectorMod
         predicted.depth[i] = depth
         predicted.spread[i] = slope @ P[i] @ slope.T
         predicted.across[i] = centre_deviation(predicted.spread[i])
+        if views.lens[c, MODEL] == GROUND_PLANE:
+            # The noise is that of each position
+            predicted.deep[i], predicted.noise[i], predicted.update_noise[i] = 1.0, 0.0, 0.0
+            box[:] = outline
+            continue
         # Depth of the position on the ground along the optical axis
         fx, fy = views.rotation[c, 0, 2], views.rotation[c, 1, 2]
         predicted.deep[i] = math.sqrt(
@@ -344,8 +357,9 @@ def without_negative(information: Floats, P: Floats, precision: Floats) -> None:
 def expectation_propagation_site(
     predicted: PredictedBoxes,
     i: int,
-    box: Floats,
-    usable: Bools,
+    boxes: PackedDetections,
+    start: int,
+    stop: int,
     whole: Floats,
     outlier: Ints,
     beta: Floats,
@@ -364,8 +378,9 @@ def expectation_propagation_site(
     Args:
         predicted: people in the frame, from the cavity.
         i: person.
-        box: (m, 4) [px].
-        usable: (m, 4) edges that are observed.
+        boxes: of the time step.
+        start: first box of the frame.
+        stop: one after its last box; m boxes.
         whole: (m,) probability that no edge of a box is an outlier.
         outlier: (m,) the edge that may be one.
         beta: (m,) association probabilities of boxes of the person alone, given existence.
@@ -375,7 +390,8 @@ def expectation_propagation_site(
         information: (6, 6) written.
         vector: (6,) written.
     """
-    noise, H, P, m = predicted.update_noise[i], predicted.slope[i], predicted.covariance[i], predicted.mean[i]
+    box, usable = boxes.box[start:stop], boxes.usable[start:stop]
+    noise, H, P, m = predicted.update_noise[i].copy(), predicted.slope[i], predicted.covariance[i], predicted.mean[i]
     precision = np.empty((6, 6))
     invert(P, precision)
     d, second, missed, W = np.zeros(6), np.zeros((6, 6)), 1.0, np.empty((4, 4))
@@ -383,6 +399,7 @@ def expectation_propagation_site(
         off = box[j] - predicted.box[i]
         if beta[j] > MIN_ASSOCIATION:
             missed -= beta[j]
+            position_noise(boxes, start + j, 1.0, noise)
             W[:] = 0.0
             add_precision(noise, usable[j], 1.0, W)
             add_hypothesis(precision, H, W, off, beta[j] * whole[j], d, second)
@@ -514,7 +531,12 @@ def update_targets(
             # Predicted boxes, and probabilities of detection by the expected occlusion
             predict_boxes(views, c, boxes.delay[l], rates, predicted)
             detection_probabilities(views, c, rates, predicted, visible[l], detection[l])
-            pair = overlapping_pairs(predicted.outline, predicted.depth, predicted.across, predicted.existence)
+            above = views.lens[c, MODEL] == GROUND_PLANE
+            pair = (
+                np.empty((0, 2), dtype=np.int64)
+                if above
+                else overlapping_pairs(predicted.outline, predicted.depth, predicted.across, predicted.existence)
+            )
             unmerged_detection_probability(pair, rates.merge[c], predicted.existence, detection[l])
             if stop == start:
                 odds = missed_detection_ratio(predicted.existence, detection[l], 1 if M > 0 else L)
@@ -523,10 +545,16 @@ def update_targets(
                     site_odds[l, i] = odds[i]
                 continue
             # Association
-            likelihoods = association_likelihood_ratios(
-                predicted.box, predicted.noise, predicted.spread, predicted.covered, detection[l],
-                boxes, start, stop, rates, width, height, log_features, gate,
-            )  # fmt: skip
+            if above:
+                likelihoods = position_likelihood_ratios(
+                    predicted.box, predicted.spread, detection[l], boxes, start, stop, width * height, log_features,
+                    gate, NOISE_INFLATION,
+                )  # fmt: skip
+            else:
+                likelihoods = association_likelihood_ratios(
+                    predicted.box, predicted.noise, predicted.spread, predicted.covered, detection[l],
+                    boxes, start, stop, rates, width, height, log_features, gate,
+                )  # fmt: skip
             pair_ratio, own = pair_likelihoods(
                 pair, predicted.box, predicted.noise, predicted.spread, visible[l],
                 boxes, start, stop, rates, c, width, height, new, gate,
@@ -545,14 +573,14 @@ def update_targets(
                 information[i] -= site[l, i]
                 vector[i] -= site_vector[l, i]
                 expectation_propagation_site(
-                    predicted, i, boxes.box[start:stop], boxes.usable[start:stop], likelihoods.whole[i],
+                    predicted, i, boxes, start, stop, likelihoods.whole[i],
                     likelihoods.outlier[i], found.beta[i], pair, found.joint, own, site[l, i], site_vector[l, i],
                 )  # fmt: skip
                 information[i] += site[l, i]
                 vector[i] += site_vector[l, i]
                 invert(information[i], P[i])
                 m[i] = P[i] @ vector[i]
-            if sweep == SWEEPS - 1:
+            if sweep == SWEEPS - 1 and not above:
                 count_edges(boxes, start, predicted, likelihoods, best, counts)
                 count_merges(predicted.existence, found, pair, counts.merges[l])
     # All frames may miss a person at once, as a detector does that fuses the cameras

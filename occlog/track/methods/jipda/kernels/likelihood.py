@@ -26,6 +26,8 @@ TRUNCATED_EXTENT, OUTLIER_EXTENT = 0.8, 2.0
 """Range of the lower edge of a box that ends early, and of an outlier, in sizes of the box."""
 OUTLIER_CHI2 = 4.0
 """An edge may be an outlier beyond this squared number of standard deviations."""
+MANOEUVRE_SHARE = 0.1
+"""Share of positions that a manoeuvre moves farther than the prediction expects."""
 EDGE_GATE = 2.0
 """One edge is gated at this multiple of the gate of all four."""
 
@@ -50,6 +52,8 @@ def outlier_density(edge: int, box: Floats, below: float, cut: float, wrong: flo
         wrong: probability that one of the four edges is something else's.
     """
     size = box[2 + edge % 2] - box[edge % 2]
+    if size <= 0.0:  # a position on the ground
+        return 0.0
     if edge == BOTTOM and cut > MIN_COVERED_SHARE and below < 0.0:
         return float(cut / (TRUNCATED_EXTENT * size))
     return float(0.25 * wrong / (OUTLIER_EXTENT * size))
@@ -126,4 +130,58 @@ def association_likelihood_ratios(
             ratio[i, j - start] = full + most
             if most > 0.0:
                 whole[i, j - start] = full / (full + most)
+    return Likelihoods(ratio, whole, outlier)
+
+
+@kernel_part
+def position_likelihood_ratios(
+    box: Floats,
+    spread: Floats,
+    detection: Floats,
+    boxes: PackedDetections,
+    start: int,
+    stop: int,
+    area: float,
+    log_features: Floats,
+    gate: float,
+    inflation: float,
+) -> Likelihoods:
+    """Likelihood ratios of the positions of a frame, for N people: a Gaussian with a tail of manoeuvres.
+
+    The mixture of the motion models is merged to one Gaussian before association, in which a turn has no weight, so
+    that who turns would be denied the position.  A share `MANOEUVRE_SHARE` of the innovations has the variance
+    `PackedDetections.tail` on top.
+
+    Args:
+        box: (N, 4) expected positions x, y in the first two columns.
+        spread: (N, 4, 4) covariances of them.
+        detection: (N,) probabilities of detection.
+        boxes: of the time step.
+        start: first position of the frame.
+        stop: one after its last position.
+        area: that false positions are uniform in.
+        log_features: (N, M) log-likelihood ratios of identities and appearance.
+        gate: greatest squared Mahalanobis distance.
+        inflation: factor of the covariance of positions.
+    """
+    N, count = box.shape[0], stop - start
+    ratio, whole, outlier = np.zeros((N, count)), np.ones((N, count)), np.full((N, count), -1)
+    for i in range(N):
+        if detection[i] < MIN_DETECTION:
+            continue
+        for j in range(start, stop):
+            dx, dy = boxes.box[j, 0] - box[i, 0], boxes.box[j, 1] - box[i, 1]
+            total, near = 0.0, False
+            for k in range(2):
+                more = boxes.tail[j] if k == 1 else 0.0
+                xx = spread[i, 0, 0] + inflation * boxes.covariance[j, 0] + more
+                xy = spread[i, 0, 1] + inflation * boxes.covariance[j, 1]
+                yy = spread[i, 1, 1] + inflation * boxes.covariance[j, 2] + more
+                det = xx * yy - xy * xy
+                distance = (yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / det
+                near = near or distance < gate
+                share = MANOEUVRE_SHARE if k == 1 else 1.0 - MANOEUVRE_SHARE
+                total += share * math.exp(-0.5 * distance) / (2.0 * math.pi * math.sqrt(det))
+            if near:
+                ratio[i, j - start] = total * area * math.exp(log_features[i, j] - boxes.clutter[j])
     return Likelihoods(ratio, whole, outlier)

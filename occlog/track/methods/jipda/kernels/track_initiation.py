@@ -16,7 +16,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.core.numerics.jit import kernel
 
-from .body_box import PackedCameras, box_and_slope
+from .body_box import GROUND_PLANE, MODEL, PackedCameras, box_and_slope
 from .detections import (
     LOG_2PI,
     DetectorModel,
@@ -27,6 +27,7 @@ from .detections import (
     interpolate,
     log_clutter,
     log_density,
+    position_noise,
 )
 from .linear import invert
 from .visibility import COLUMNS, ROWS, centre_deviation, in_view, visibility
@@ -79,6 +80,18 @@ def ground_plane_point(views: PackedCameras, c: int, u: float, v: float, z: floa
 
 
 @kernel
+def arrivals_at(arrival: BirthIntensity, mean: Floats) -> float:
+    """Expected number of new people a unit of area at the position of a state (6,)."""
+    expected_new = arrival.everywhere
+    for g in range(arrival.centre.shape[0]):
+        dx, dy = mean[0] - arrival.centre[g, 0], mean[1] - arrival.centre[g, 1]
+        distance2 = (dx * dx + dy * dy) / (arrival.smooth * arrival.smooth)
+        if arrival.at[g] > 0.0 and distance2 < 16.0:
+            expected_new += arrival.at[g] * math.exp(-0.5 * distance2)
+    return float(expected_new)
+
+
+@kernel
 def state_from_box(
     views: PackedCameras,
     boxes: PackedDetections,
@@ -95,6 +108,16 @@ def state_from_box(
     The density is that of the box and the number of new people; NaN: no person can make it.
     """
     box, usable = boxes.box[j], boxes.usable[j]
+    if views.lens[c, MODEL] == GROUND_PLANE:
+        noise = np.empty((4, 4))
+        position_noise(boxes, j, 1.0, noise)
+        mean[0], mean[1], mean[2], mean[3], mean[4], mean[5] = box[0], box[1], 0.0, 0.0, body[0], body[2]
+        covariance[:] = 0.0
+        covariance[:2, :2] = noise[:2, :2]
+        covariance[2, 2] = covariance[3, 3] = body[4] ** 2
+        covariance[4, 4], covariance[5, 5] = body[1] ** 2, body[3] ** 2
+        share = 1.0 / (views.size[c, 0] * views.size[c, 1])
+        return math.log(min(arrivals_at(arrival, mean), arrival.in_image * share) + 1e-300)
     position = np.empty(2)
     middle = 0.5 * (box[0] + box[2])
     found = False
@@ -141,13 +164,7 @@ def state_from_box(
     # Where a square unit is small in the image, fewer people are expected on it
     across, down = 0.5 * (slope[0] + slope[2]), slope[3]
     area = abs(across[0] * down[1] - across[1] * down[0]) / (views.size[c, 0] * views.size[c, 1])
-    expected_new = arrival.everywhere
-    for g in range(arrival.centre.shape[0]):
-        dx, dy = mean[0] - arrival.centre[g, 0], mean[1] - arrival.centre[g, 1]
-        distance2 = (dx * dx + dy * dy) / (arrival.smooth * arrival.smooth)
-        if arrival.at[g] > 0.0 and distance2 < 16.0:
-            expected_new += arrival.at[g] * math.exp(-0.5 * distance2)
-    return total + math.log(min(expected_new, arrival.in_image * area) + 1e-300)
+    return total + math.log(min(arrivals_at(arrival, mean), arrival.in_image * area) + 1e-300)
 
 
 @kernel
@@ -237,6 +254,7 @@ def propose_track(
         for j in range(boxes.first[l], boxes.first[l + 1]):
             if free[j] < 0.05:
                 continue
+            position_noise(boxes, j, 1.0, noise)
             off = boxes.box[j] - drawn
             if abs(off[0] + off[2]) > 4.0 * math.sqrt(gate * (across[N] * across[N] + noise[0, 0])):
                 continue
@@ -253,6 +271,7 @@ def propose_track(
             p = detection * best / (1.0 - detection + detection * summed)
             used[best_j] = p
             if p > 0.5:
+                position_noise(boxes, best_j, 1.0, noise)
                 W[:] = 0.0
                 add_precision(noise, boxes.usable[best_j], p, W)
                 HW = slope.T @ W

@@ -16,7 +16,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.core.numerics.jit import kernel
 
-from .body_box import PackedCameras
+from .body_box import GROUND_PLANE, MODEL, PackedCameras
 
 COLUMNS, ROWS = 5, 6
 ROOT_HALF = math.sqrt(0.5)
@@ -36,7 +36,14 @@ def normal_cdf(z: float) -> float:
 
 @kernel
 def in_view(views: PackedCameras, c: int, x: float, y: float, box: Floats, cells: Floats) -> bool:
-    """Whether a person at (x, y) is in range of camera c and a cell of the box (4,) in its image; cells are written."""
+    """Whether a person at (x, y) is in range of camera c and a cell of the box (4,) in its image; cells are written.
+
+    A source of positions covers an area of the ground, and sees all of whom is in it.
+    """
+    if views.lens[c, MODEL] == GROUND_PLANE:
+        cells[:] = 1.0
+        low, high = views.lens[c, :2], views.lens[c, 2:4]
+        return bool(low[0] <= x <= high[0] and low[1] <= y <= high[1])
     if inside_image(box, views.size[c, 0], views.size[c, 1], cells) == 0.0:
         return False
     return bool(math.hypot(x - views.position[c, 0], y - views.position[c, 1]) <= views.range[c])
@@ -69,6 +76,9 @@ def visibility(
         existence: (N,)
         cells: (ROWS, COLUMNS) written: probability that a cell is seen.
     """
+    if views.lens[c, MODEL] == GROUND_PLANE:
+        cells[:] = 1.0
+        return 1.0
     inside_image(box[i], views.size[c, 0], views.size[c, 1], cells)
     occlude_by_static(views, c, state[0], state[1], state[4], state[5], cells)
     cells_unoccluded_by(i, box, depth, spread_px, spread_depth, existence, cells)
@@ -167,7 +177,7 @@ def occlude_by_static(
         width: of the person.
         cells: from the top and from the left.
     """
-    if views.top.shape[0] == 0:
+    if views.top.shape[0] == 0 or views.lens[c, MODEL] == GROUND_PLANE:
         return
     cx, cy, cz = views.position[c]
     away = math.hypot(x - cx, y - cy)

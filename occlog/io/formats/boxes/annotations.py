@@ -1,0 +1,105 @@
+"""Boxes of the annotation tool CVAT: XML "for video" (tracks) and "for images", of one camera.
+
+`<track id="3" label="person"><box frame="0" outside="0" xtl="1" ytl="2" xbr="3" ybr="4"/>...</track>` has the boxes of
+one identity; those that are `outside` are not in the image. `<image id="0" name="f_000.png"><box label="person"
+.../></image>` has the boxes of one image, without identities. Frames count from 0. `start_frame` and `stop_frame` of
+the task, or the images, state which frames were annotated; the others have no statement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from occlog.array_types import Ints
+from occlog.errors import InputError
+from occlog.io.files.limits import guarded
+from occlog.io.files.texts.csv_rows import CsvRows
+from occlog.io.files.texts.documents import parse_xml
+from occlog.io.files.texts.formats import Probe
+from occlog.records.declared.sensors import MAX_FRAMES
+
+from .columns import BoxReadOptions, BoxSource, rows_of, stated_sizes
+
+MAX_BYTES = 2**28
+ROWS_PER_CHUNK = 16_384
+EDGES = {"xtl": "left", "ytl": "top", "xbr": "right", "ybr": "bottom"}
+WHAT = "annotations of CVAT"
+Record = tuple[int, dict[str, str]]
+
+
+def is_cvat(probe: Probe) -> bool:
+    """Return whether a text is a file of annotations of CVAT."""
+    return b"<annotations" in probe.start and b"<?xml" in probe.start[:5] and probe.path.suffix.lower() == ".xml"
+
+
+def open_cvat(path: Path, wanted: BoxReadOptions) -> BoxSource:
+    """Boxes of one camera.
+
+    Raises:
+        InputError: the camera is not named, or the file is no such XML.
+    """
+    if wanted.camera is None:
+        raise InputError(f"{path}: annotations of CVAT are of one camera and do not name it; give CAMERA={path.name}")
+    if path.stat().st_size > MAX_BYTES:
+        raise InputError(f"{path}: {path.stat().st_size} bytes; {WHAT} of at most {MAX_BYTES} can be read; split it")
+    with guarded(path, WHAT):
+        root = parse_xml(path.read_text(encoding="utf-8-sig"), path)
+    records = [*_of_tracks(path, root), *_of_images(path, root)]
+    listed = _listed(root)
+    if not records and listed is None:
+        raise InputError(f"{path}: has no <track> and no <image>; {WHAT} were expected (CVAT for video, or for images)")
+    records.sort(key=lambda record: int(record[1]["frame"]))
+    return BoxSource(_chunks(path, records), "CVAT", listed, first_number=0, sizes=stated_sizes(_sizes(root)))
+
+
+def _sizes(root: Element) -> Iterator[tuple[str, object, object]]:
+    """Sizes of the images, which the task or each image states."""
+    for image in root.iter("image"):
+        yield "", image.get("width"), image.get("height")
+    for size in root.iter("original_size"):
+        yield "", size.findtext("width"), size.findtext("height")
+
+
+def _chunks(path: Path, records: list[Record]) -> Iterator[CsvRows]:
+    for start in range(0, len(records), ROWS_PER_CHUNK):
+        yield rows_of(path, records[start : start + ROWS_PER_CHUNK], "box", ())
+
+
+def _of_tracks(path: Path, root: Element) -> Iterator[Record]:
+    for track in root.iter("track"):
+        identity, label = track.get("id", ""), track.get("label", "")
+        for n, box in enumerate(track.iter("box"), start=1):
+            if box.get("outside") != "1":
+                where = f"{path}: track {identity}: box {n}"
+                yield n, {"id": identity, "frame": box.get("frame", ""), "class:label": label, **_edges(box, where)}
+
+
+def _of_images(path: Path, root: Element) -> Iterator[Record]:
+    for image in root.iter("image"):
+        for n, box in enumerate(image.iter("box"), start=1):
+            where = f"{path}: image {image.get('id', '')}: box {n}"
+            yield n, {"frame": image.get("id", ""), "class:label": box.get("label", ""), **_edges(box, where)}
+
+
+def _edges(box: Element, where: str) -> dict[str, str]:
+    missing = [name for name in EDGES if box.get(name) is None]
+    if missing:
+        raise InputError(f"{where}: has no {missing[0]}; {', '.join(EDGES)} were expected")
+    if float(box.get("rotation", "0") or "0"):
+        raise InputError(f"{where}: is rotated; turned boxes cannot be used: export upright ones")
+    return {name: str(box.get(key)) for key, name in EDGES.items()}
+
+
+def _listed(root: Element) -> Ints | None:
+    """Numbers of the annotated frames; None: not stated."""
+    images = [image.get("id", "") for image in root.iter("image")]
+    if images and all(number.isdigit() for number in images):
+        return np.unique(np.array([min(int(number), MAX_FRAMES) for number in images], dtype=np.int64))
+    first, last = (next((e.text or "" for e in root.iter(name)), "") for name in ("start_frame", "stop_frame"))
+    if not (first.isdigit() and last.isdigit() and int(first) <= int(last) < MAX_FRAMES):
+        return None
+    return np.arange(int(first), int(last) + 1, dtype=np.int64)

@@ -1,0 +1,239 @@
+"""The files and folders that a start is given: what each may be, and the name of its camera or array."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+from typing import NamedTuple
+
+from occlog.errors import InputError, UsageError, did_you_mean
+from occlog.ingest.plan import is_wildtrack
+from occlog.io.files.names import natural_key, safe_name
+from occlog.io.frames.streams import SUFFIXES
+from occlog.io.messages.bag import METADATA
+from occlog.io.recognition import CONTAINERS, FileContent, FileKind, contents_of
+
+UNUSED = "unused"
+"""Word for a file that is not to be used."""
+MAX_ENTRIES = 1000
+"""Entries of a folder that are looked at; images and labels of frames do not count."""
+DEEPEST = 5
+"""Folders within folders that are looked into."""
+GENERIC = {
+    *("det", "gt", "detection", "detections", "boxes", "labels", "label", "yolo", "video", "videos", "images", "image"),
+    *("img", "img1", "frames", "color", "rgb", "annotation", "annotations", "data", "predictions", "results", "truth"),
+    *("ground_truth", "groundtruth", "sst", "ssl", "odas", "doa", "obj_train_data", "train", "instances"),
+}
+"""Names of files and folders that state no camera; that of the folder above is taken."""
+_ENDING = re.compile(
+    r"[ ._-]+(detections?|det|boxes|labels|gt|truth|annotations?|sst|ssl|odas|microphones?|mics?)$", re.IGNORECASE
+)
+THUMBNAILS = re.compile(r"thumb|preview|icon|screenshot|snapshot", re.IGNORECASE)
+TRUE = re.compile(r"(^|[^a-z])(gt|truth|true|ground|annot|groundtruth|reference|mocap)", re.IGNORECASE)
+"""Names of files that hold a ground truth."""
+
+
+class Stated(NamedTuple):
+    """What the user states about a file: its kind (None: not to be used), and the name of its sensor or ""."""
+
+    kind: FileKind | None
+    name: str
+
+
+class Item(NamedTuple):
+    """A file or folder that is of use.
+
+    Attributes:
+        path: where it is.
+        kind: what it is taken for.
+        words: its format.
+        name: of its camera or array, as far as its path states one.
+        others: other kinds that it may be.
+        stated: the user states its kind.
+        named: the user states its name.
+    """
+
+    path: Path
+    kind: FileKind
+    words: str
+    name: str
+    others: tuple[FileKind, ...] = ()
+    stated: bool = False
+    named: bool = False
+
+
+@dataclass
+class Survey:
+    """What there is: items by kind, and what is not used with the reason."""
+
+    items: list[Item] = field(default_factory=list)
+    unused: list[tuple[Path, str]] = field(default_factory=list)
+
+    def of(self, *kinds: FileKind) -> list[Item]:
+        """Items of some kinds, in natural order of their paths."""
+        return [item for item in self.items if item.kind in kinds]
+
+    def drop(self, item: Item, reason: str) -> None:
+        """Leave an item out."""
+        self.items.remove(item)
+        self.unused.append((item.path, reason))
+
+    def replace(self, item: Item, kind: FileKind) -> None:
+        """Take an item for another of its kinds."""
+        others = tuple(dict.fromkeys((item.kind, *(other for other in item.others if other is not kind))))
+        self.items[self.items.index(item)] = item._replace(kind=kind, others=others)
+
+
+def read_stated(texts: Sequence[str], sources: Sequence[Path]) -> dict[Path, Stated]:
+    """Statements `PATH=KIND[:NAME]` of the user; the path as it is, or below a source.
+
+    Raises:
+        UsageError: a path is not there, or a kind is unknown.
+    """
+    out: dict[Path, Stated] = {}
+    words = [kind.value for kind in FileKind] + [UNUSED]
+    for text in texts:
+        where, _, what = text.rpartition("=")
+        word, _, name = what.partition(":")
+        places = [Path(where), *(source / where for source in sources if source.is_dir())]
+        path = next((place for place in places if where and place.exists()), None)
+        if path is None:
+            raise UsageError(f"--as {text}: no such file; expected PATH=KIND or PATH=KIND:NAME")
+        if word not in words:
+            raise UsageError(f"--as {text}: no kind {word!r}; {did_you_mean(word, words)}")
+        if name and safe_name(name) != name:
+            raise UsageError(f"--as {text}: {name!r} cannot be the name of a sensor; try {safe_name(name)!r}")
+        out[path.resolve()] = Stated(None if word == UNUSED else FileKind(word), name)
+    return out
+
+
+def survey(sources: Sequence[Path], stated: Mapping[Path, Stated]) -> Survey:
+    """Look at files and folders.
+
+    Args:
+        sources: given by the user.
+        stated: what the user states, by resolved path.
+
+    Raises:
+        InputError: a source is not there.
+    """
+    found = Survey()
+    seen: set[Path] = set()
+    for source in sources:
+        if not source.exists():
+            raise InputError(f"{source}: no such file or folder; give a folder, a bag, or files")
+        _look(source, source, 0, stated, found, seen)
+    return found
+
+
+def _look(path: Path, root: Path, depth: int, stated: Mapping[Path, Stated], found: Survey, seen: set[Path]) -> None:
+    """Add what a path is to what is found; folders within it, too."""
+    own = path.resolve()
+    if own in seen or (depth and path.name.startswith(".")):
+        return
+    seen.add(own)
+    said = stated.get(own)
+    if said is not None and said.kind is None:
+        found.unused.append((path, "as stated"))
+        return
+    if path.is_dir() and said is None and (path / "run.json").is_file():
+        found.unused.append((path, "a run folder"))
+        return
+    if path.is_dir() and said is None and is_wildtrack(path):
+        found.items.append(Item(path, FileKind.DATASET, "WILDTRACK as it ships", ""))
+        return
+    try:
+        contents = contents_of(path)
+    except InputError as error:
+        found.unused.append((path, str(error).removeprefix(f"{path}: ")))
+        return
+    if said is not None or contents:
+        found.items.append(_item(path, root, contents, said))
+    elif not path.is_dir():
+        found.unused.append((path, "no format that is known" if path.stat().st_size else "empty"))
+    if path.is_dir() and not (found.items and found.items[-1].path == path and found.items[-1].kind in CLOSED):
+        _look_into(path, root, depth, stated, found, seen)
+
+
+CLOSED = (FileKind.CALIBRATION, FileKind.TRUTH)
+"""Kinds of folders that are one input with all that is in them."""
+
+
+def _look_into(
+    path: Path, root: Path, depth: int, stated: Mapping[Path, Stated], found: Survey, seen: set[Path]
+) -> None:
+    """Look at the entries of a folder; pictures and labels of frames are those of the folder."""
+    if depth >= DEEPEST:
+        found.unused.append((path, f"more than {DEEPEST} folders deep"))
+        return
+    kind = found.items[-1].kind if found.items and found.items[-1].path == path else None
+    entries = sorted(path.iterdir(), key=lambda each: natural_key(each.name))
+    pictures = [e for e in entries if e.suffix.lower() in SUFFIXES and e.is_file() and e.resolve() not in stated]
+    skipped = set(pictures)
+    if kind is FileKind.BOXES:
+        skipped |= {e for e in entries if e.suffix.lower() == ".txt"}
+    if kind is FileKind.BAG:
+        skipped |= {e for e in entries if e.suffix in CONTAINERS or e.name == METADATA}
+    if pictures and kind is not FileKind.IMAGES:
+        names = f"{pictures[0].name}, ..." if len(pictures) > 1 else pictures[0].name
+        found.unused.append((path / names, "pictures that are no sequence of frames"))
+    rest = (entry for entry in entries if entry not in skipped)
+    for entry in islice(rest, MAX_ENTRIES):
+        _look(entry, root, depth + 1, stated, found, seen)
+    if next(rest, None) is not None:
+        found.unused.append((path, f"entries after the first {MAX_ENTRIES}"))
+
+
+def _item(path: Path, root: Path, contents: Sequence[FileContent], said: Stated | None) -> Item:
+    name = said.name if said is not None and said.name else name_of(path, root)
+    kinds = tuple(content.kind for content in contents)
+    if said is not None and said.kind is not None:
+        words = next((c.words for c in contents if c.kind is said.kind), "as stated")
+        return Item(path, said.kind, words, name, tuple(k for k in kinds if k is not said.kind), True, bool(said.name))
+    kind = kinds[0]
+    if FileKind.TRUTH in kinds and FileKind.BOXES in kinds:
+        # Boxes with identities are those of a tracker, or the truth: the name decides, and is stated
+        within = "/".join((*path.relative_to(root).parts[-2:],)) if path != root else path.name
+        kind = FileKind.TRUTH if TRUE.search(within) else FileKind.BOXES
+    words = next(c.words for c in contents if c.kind is kind)
+    return Item(path, kind, words, name, tuple(k for k in kinds if k is not kind))
+
+
+def name_of(path: Path, root: Path) -> str:
+    """The name of a sensor that a path states: of the file, or of the nearest folder with one that says something."""
+    for each in (path, *path.parents):
+        stem = each.name if each.is_dir() else each.name.split(".")[0]
+        stem = _ENDING.sub("", stem)
+        if stem and stem.lower() not in GENERIC:
+            return safe_name(stem)
+        if each == root.parent:
+            break
+    stem = path.resolve().name.split(".")[0] or "camera"
+    return safe_name(stem)
+
+
+def shown(path: Path, sources: Sequence[Path]) -> str:
+    """A path as the user knows it: below a source that is a folder, else as it was given."""
+    for source in sources:
+        if source.is_dir() and path != source and path.is_relative_to(source):
+            return path.relative_to(source).as_posix()
+    return str(path)
+
+
+def unused_lines(found: Survey, sources: Sequence[Path]) -> Iterator[str]:
+    """A line for each reason, with the first paths that it holds for."""
+    reasons: dict[str, list[str]] = {}
+    for path, reason in found.unused:
+        reasons.setdefault(reason, []).append(shown(path, sources))
+    for reason, paths in reasons.items():
+        more = f" and {len(paths) - 3} more" if len(paths) > 3 else ""
+        yield f"not used: {', '.join(paths[:3])}{more}: {reason}"
+
+
+def counts(found: Survey) -> Counter[FileKind]:
+    """How many items there are of each kind."""
+    return Counter(item.kind for item in found.items)

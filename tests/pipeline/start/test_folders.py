@@ -1,0 +1,316 @@
+"""`occlog start` on folders as people have them: what it takes each file for, and the result against the truth."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import folders as make
+import numpy as np
+import pytest
+import yaml
+from people_boxes import SIZE, hall
+
+from occlog.cli.main import run
+from occlog.errors import ExitCode
+from occlog.io.files.tables.parquet import read_table
+from occlog.io.recording.reader import open_recording
+from occlog.records.tables import Doa, PeopleTracks, Truth
+from occlog.report import drawing as plot
+
+CAMERAS = ("a", "b", "c")
+FPS = ("--set", f"ingest.fps={make.RATE}")
+PAGE = {"report.html", "tracks.parquet", "run.yaml", "run.json"}
+
+
+@pytest.fixture(autouse=True)
+def without_svg(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are drawn, but not as SVG, which takes most of the time of a short run."""
+    monkeypatch.setattr(plot, "raw_svg", lambda _: "<svg></svg>")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A folder with blanks in its name."""
+    path = tmp_path / "my recordings" / "hall 1"
+    path.mkdir(parents=True)
+    return path
+
+
+Start = Callable[..., tuple[int, str]]
+
+
+@pytest.fixture
+def start(folder: Path, capsys: pytest.CaptureFixture[str]) -> Start:
+    """Start on the folder; the exit code and what was said."""
+
+    def call(*options: str, source: Path | None = None, out: str = "out") -> tuple[int, str]:
+        capsys.readouterr()
+        code = run(["start", str(source or folder), "-o", str(folder.parent / out), *options])
+        return code, capsys.readouterr().err
+
+    return call
+
+
+def metrics(folder: Path, out: str = "out") -> dict[str, float]:
+    values: dict[str, float] = json.loads((folder.parent / out / "metrics.json").read_text())
+    return values
+
+
+def all_found(folder: Path, out: str = "out") -> None:
+    """Every person has one identity throughout, and errors are those of the boxes (1.5 px at some 7 m)."""
+    found = metrics(folder, out)
+    assert (found["mota"], found["idf1"], found["id_switches"]) == (1.0, 1.0, 0)
+    assert found["matched_rmse_m"] < 0.06
+
+
+# The commented number is that of the list in docs/how-to/start.md.
+
+
+@pytest.mark.jit
+def test_yolo_text_with_opencv_and_a_truth_that_counts_from_another_frame(folder: Path, start: Start) -> None:  # 1
+    for camera in CAMERAS:
+        make.yolo(folder / "yolo" / camera / "labels", camera, classes=True)
+    make.opencv(folder / "calib", hall("abc"))
+    make.truth_csv(folder / "truth.csv", framed=True)
+    make.litter(folder)
+    code, said = start()
+    assert code == ExitCode.BAD_INPUT
+    assert said.splitlines()[-1].endswith("no file states their rate or times; give it: --set ingest.fps=RATE")
+    assert not (folder.parent / "out").exists()
+    code, said = start(*FPS)
+    assert code == ExitCode.DONE
+    assert "boxes of class 0, person in COCO, of 0 (407), 56 (150)  [--set ingest.class=...]" in said
+    assert "boxes count frames from 1, the truth from 0  [--set ingest.first_number=...]" in said
+    assert "not used: README.txt, costs.csv, notes.md: no format that is known" in said
+    assert "not used: thumbnails: pictures that by their name are no camera's" in said
+    assert ".git" not in said
+    all_found(folder)
+    assert {file.name for file in (folder.parent / "out").iterdir()} >= PAGE
+    # The configuration has the choices as comments, and runs as it is, from any folder
+    text = (folder.parent / "out" / "run.yaml").read_text()
+    assert "# boxes of class 0, person in COCO" in text
+    assert "../hall 1/calib/a.yaml" in text
+    # The same command goes on with what is there; another choice needs a word
+    assert start(*FPS)[0] == ExitCode.DONE
+    assert start(*FPS, "--set", "report.title=Hall")[0] == ExitCode.EXISTS
+    assert start(*FPS, "--set", "report.title=Hall", "--overwrite")[0] == ExitCode.DONE
+
+
+@pytest.mark.jit
+def test_a_bag_of_boxes_without_images(folder: Path, start: Start) -> None:  # 3
+    pytest.importorskip("rosbags")
+    make.bag(folder / "walk.mcap", hall("abc"))
+    lines = ["t_ns,id,x,y"]
+    for frame in range(round(make.SECONDS * make.RATE)):
+        for person in range(make.PEOPLE):
+            x, y = make.place(person, frame / make.RATE)
+            lines.append(f"{make.START + frame * make.STEP_NS},{person},{x:.4f},{y:.4f}")
+    (folder / "truth.csv").write_text("\n".join(lines) + "\n")
+    code, said = start()
+    assert code == ExitCode.DONE, said
+    assert "camera cam_a: boxes /cam_a/yolo/detections, calibration /cam_a/camera_info" in said
+    all_found(folder)
+
+
+@pytest.mark.jit
+def test_kalibr_and_videos_want_the_height_of_the_ground(folder: Path, start: Start, tmp_path: Path) -> None:  # 4
+    source = make.rendered(tmp_path / "room.mcap", 30)
+    names = {"view1": "cam0.mp4", "view2": "cam1.mp4", "view3": "cam2.mp4"}
+    scene = make.videos(folder, source, names)
+    make.kalibr(folder / "camchain.yaml", scene)
+    cv2.imwrite(str(folder / "plan_2.png"), np.zeros((24, 32, 3), np.uint8))
+    code, said = start()
+    assert code == ExitCode.BAD_INPUT
+    assert "the height of the ground is unknown" in said
+    assert "--set ingest.ground_height=-2.5" in said
+    code, said = start("--set", f"ingest.ground_height={-scene.cameras[0].position[2]:g}")
+    assert code == ExitCode.DONE, said
+    assert "the calibration's world is not upright: turned by the cameras' horizons  [--set ingest.up=...]" in said
+    # The world is turned about the vertical: distances between the two people are those of the truth
+    tracks = read_table(folder.parent / "out" / "tracks.parquet", PeopleTracks)
+    true = open_recording(source).read(Truth)
+    apart, right = (_apart(table.t_ns - table.t_ns[0], np.column_stack([table.x, table.y])) for table in (tracks, true))
+    common = sorted(apart.keys() & right.keys())[5:]
+    assert len(common) >= 12
+    assert np.median(np.abs([apart[t] - right[t] for t in common])) < 0.25
+    assert (folder.parent / "out" / "overlay.webm").is_file()
+    # COLMAP has no unit of lengths, images no rate: each is asked for in one line
+    shutil.rmtree(folder)
+    folder.mkdir()
+    make.videos(folder, source, {name: f"{name}.mp4" for name in names})  # 6
+    make.colmap(folder / "sparse" / "0", scene)
+    code, said = start(out="colmap")
+    assert (code, "--set ingest.calibration_unit=m" in said) == (ExitCode.BAD_INPUT, True)
+    code, said = start("--set", "ingest.calibration_unit=m", "--write-only", out="colmap")
+    assert code == ExitCode.DONE
+    assert "times of view1.mp4: container time stamps" in said
+    shutil.rmtree(folder)
+    make.pictures(folder / "images", source)  # 8
+    make.opencv(folder / "calib", scene)
+    code, said = start(out="pictures")
+    assert (code, "--set ingest.fps=RATE" in said) == (ExitCode.BAD_INPUT, True)
+    code, said = start(*FPS, "--write-only", out="pictures")
+    assert code == ExitCode.DONE, said
+    written = yaml.safe_load((folder.parent / "pictures" / "run.yaml").read_text())
+    assert written["ingest"]["images"] == {name: f"../{folder.name}/images/{name}" for name in names}
+    assert written["track"] == {"method": "jipda"}
+
+
+def _apart(t_ns: np.ndarray, xy: np.ndarray) -> dict[int, float]:
+    """Distance of two people at each time at which there are two."""
+    found = {t: xy[t_ns == t] for t in np.unique(t_ns).tolist()}
+    return {t: float(np.linalg.norm(at[0] - at[1])) for t, at in found.items() if len(at) == 2}
+
+
+@pytest.mark.jit
+def test_coco_of_scaled_images(folder: Path, start: Start) -> None:  # 5
+    for camera in CAMERAS:
+        make.coco(folder / f"{camera}.json", camera, (SIZE[0] // 2, SIZE[1] // 2))
+    make.opencv(folder / "calib", hall("abc"))
+    make.kalibr(folder / "old.yaml", hall("abc"))
+    make.truth_csv(folder / "gt.csv")
+    code, said = start(*FPS)
+    assert code == ExitCode.DONE, said
+    assert "camera a: frames of 320 x 240 px, calibrated for 640 x 480: taken for scaled by 0.5" in said
+    assert "calib/c.yaml, not old.yaml: it has 3 of 3 cameras, the other 0  [--as old.yaml=calibration]" in said
+    all_found(folder)
+
+
+@pytest.mark.jit
+def test_annotations_of_wildtrack_are_boxes_and_truth(folder: Path, start: Start) -> None:  # 9
+    make.wildtrack(folder / "annotations", hall("abc"))
+    make.pairs(folder / "calibrations", hall("abc"))
+    code, said = start("--set", "ingest.fps=10")
+    assert code == ExitCode.DONE, said
+    assert "annotated boxes stand for those of a detector, without errors of one" in said
+    all_found(folder)
+
+
+@pytest.mark.jit
+def test_cvat_with_a_camera_that_has_no_calibration(folder: Path, start: Start) -> None:  # 10
+    for camera in CAMERAS:
+        make.cvat(folder / f"{camera}.xml", camera)
+    make.cvat(folder / "stairs.xml", "a")
+    make.opencv(folder / "calib", hall("abc"))
+    make.truth_csv(folder / "truth.csv")
+    code, said = start(*FPS)
+    assert code == ExitCode.DONE, said
+    assert (
+        "camera stairs: not used, it has no calibration (calibrated: a, b, c)  [--as 'stairs.xml=boxes:NAME']" in said
+    )
+    assert "boxes of class person, of person (407), chair (150)  [--set ingest.class=...]" in said
+    all_found(folder)
+
+
+@pytest.mark.jit
+def test_bearings_and_ranges_with_stations(folder: Path, start: Start) -> None:  # 11, 14
+    rng = np.random.default_rng(5)
+    make.stations(folder / "stations.csv")
+    make.walk_csv(folder / "truth.csv")
+
+    def azimuth(x: float, y: float) -> str:
+        return f"{np.degrees(np.arctan2(y, x)) + 1.5 * rng.standard_normal():.3f}"
+
+    make.measured(folder / "bearings.csv", "time,station,azimuth_deg", azimuth)
+    assert start()[0] == ExitCode.DONE
+    assert metrics(folder)["rmse_m"] < 0.25
+    (folder / "bearings.csv").unlink()
+    make.stations(folder / "stations.csv", "anchor")
+    make.measured(
+        folder / "ranges.csv", "time,anchor,range_m", lambda x, y: f"{np.hypot(x, y) + 0.1 * rng.standard_normal():.3f}"
+    )
+    code, said = start(out="ranges")
+    assert code == ExitCode.BAD_INPUT
+    assert "--set track.sigma_range=NUMBER" in said
+    assert start("--set", "track.sigma_range=0.1", out="ranges")[0] == ExitCode.DONE
+    assert metrics(folder, "ranges")["rmse_m"] < 0.2
+
+
+@pytest.mark.jit
+def test_odas_and_signal_strengths(folder: Path, start: Start) -> None:  # 12, 14
+    make.stations(folder / "arrays.csv", "array")
+    make.walk_csv(folder / "truth.csv")
+    make.odas(folder)
+    code, said = start()
+    assert (code, "--set ingest.odas_hop=0.008" in said) == (ExitCode.BAD_INPUT, True)
+    assert start("--set", "ingest.odas_hop=0.008")[0] == ExitCode.DONE
+    assert metrics(folder)["rmse_m"] < 0.25
+    shutil.rmtree(folder)
+    folder.mkdir()
+    rng = np.random.default_rng(6)
+    make.stations(folder / "anchors.csv", "anchor")
+    make.walk_csv(folder / "truth.csv")
+
+    def strength(x: float, y: float) -> str:
+        return f"0,{-50 - 20 * np.log10(np.hypot(x, y)) + rng.standard_normal():.2f}"
+
+    make.measured(folder / "rssi.csv", "time,anchor,tag,rssi", strength)
+    code, said = start(out="rssi")
+    assert code == ExitCode.DONE, said
+    assert "method rssi: tags by signal strengths, since the ranges of readers are unknown" in said
+    assert metrics(folder, "rssi")["rmse_m"] < 2.0
+
+
+@pytest.mark.jit
+def test_sound_gives_directions(folder: Path, start: Start) -> None:  # 13
+    pytest.importorskip("pyroomacoustics")
+    make.sound(folder)
+    code, said = start()
+    assert code == ExitCode.DONE, said
+    assert "the result is directions (doa.parquet), no tracks" in said
+    found = read_table(folder.parent / "out" / "doa.parquet", Doa)
+    assert np.degrees(np.median(found.azimuth)) == pytest.approx(60.0, abs=2.0)
+
+
+@pytest.mark.jit
+def test_a_recording_with_a_truth(folder: Path, start: Start) -> None:  # 15
+    make.recording(folder / "walk.mcap")
+    make.truth_parquet(folder / "truth.parquet")
+    code, said = start()
+    assert code == ExitCode.DONE, said
+    assert "recording walk.mcap: boxes" in said
+    assert "ground truth: truth.parquet (true positions, table of occlog)  [--set evaluate.truth=...]" in said
+    all_found(folder)
+
+
+def test_what_cannot_be_used_is_one_line(folder: Path, start: Start) -> None:
+    code, said = start()
+    assert (code, said.count("\n")) == (ExitCode.BAD_INPUT, 1)
+    assert "nothing to track: empty" in said
+    make.litter(folder)
+    code, said = start()
+    assert code == ExitCode.BAD_INPUT
+    assert "nothing to track: 5 files or folders of no known format; give videos" in said
+    assert start(source=folder / "nothing")[0] == ExitCode.BAD_INPUT
+    assert start("--set", "fps=25")[0] == ExitCode.USAGE
+    assert start("--as", "README.txt=movie")[0] == ExitCode.USAGE
+    assert start("--as", "other.txt=boxes")[0] == ExitCode.USAGE
+
+
+def test_cameras_of_other_names_are_not_guessed(folder: Path, start: Start) -> None:
+    for camera in CAMERAS:
+        make.coco(folder / f"{camera}.json", camera)
+    make.opencv(folder / "calib", hall("abc"), names={"a": "left", "b": "right", "c": "middle"})
+    code, said = start(*FPS)
+    assert code == ExitCode.BAD_INPUT
+    assert "cameras a, b, c are none of the calibration's (left, middle, right); name each" in said
+    named = [f"{camera}.json=boxes:{name}" for camera, name in zip(CAMERAS, ("left", "right", "middle"), strict=True)]
+    code, said = start(*FPS, *(word for each in named for word in ("--as", each)), "--write-only")
+    assert code == ExitCode.DONE, said
+    assert "boxes: b.json (COCO), 134 of right" in said
+    code, said = start(*FPS, "--as", "a.json=boxes:left", "--as", "b.json=unused", "--write-only", "--overwrite")
+    assert code == ExitCode.DONE, said
+    assert "camera c: not used, it has no calibration" in said
+    assert "not used: b.json: as stated" in said
+
+
+def test_a_sequence_of_another_size_than_the_calibration_is_refused(folder: Path, start: Start) -> None:
+    make.mot(folder, "a", "a")
+    make.opencv(folder / "calib", hall("a"), scale=2.0)
+    code, said = start()
+    assert code == ExitCode.BAD_INPUT
+    assert "images of 640 x 480 px, but camera a is calibrated for 1280 x 960" in said
