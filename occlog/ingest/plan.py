@@ -144,6 +144,7 @@ CALIBRATIONS = (
     "qualisys",
     "tsai",
     "projection",
+    "homography",
     "opencv-toml",
     "opencv-storage",
     "opencv-pairs",

@@ -194,7 +194,8 @@ def _of_formats(path: Path, head: bytes) -> Iterator[FileContent]:
     probe = Probe(path, "an input")
     marked = head[:1] in b"<{[" or path.suffix.lower() in (".yaml", ".yml", ".toml", ".json", ".xml")
     name = _first(IMPORTERS, probe)
-    if name is not None:
+    positions = name == "homography" and re.search("mic|array|tower|station", path.stem.lower())
+    if name is not None and not positions:
         yield FileContent(FileKind.CALIBRATION, f"calibration, {name}")
         return
     if marked:

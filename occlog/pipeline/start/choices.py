@@ -33,6 +33,8 @@ from .survey import THUMBNAILS, Item, Survey, shown
 
 PEOPLE = ("person", "pedestrian", "people", "human", "0")
 """Classes of boxes that are people, the likeliest first; 0 is that of COCO for networks that write numbers."""
+WITHOUT_SIZE = ("homography", "projection", "arrays", "opencv-pairs")
+"""Formats of calibrations that need not state the size of the images."""
 ONE_FILE = ("kalibr", "colmap", "qualisys", "opencv-toml")
 """Formats of calibrations of which one file has all cameras: two files are two calibrations."""
 
@@ -252,6 +254,7 @@ def _of_cameras(made: Choices) -> None:
     """Videos, images and boxes with their calibration."""
     found = made.found
     boxes, opened = _opened_boxes(made)
+    _guess_size(made, opened)
     groups = _calibrations(made)
     names = list(dict.fromkeys([*(i.name for i in found.of(FileKind.VIDEO, FileKind.IMAGES)), *opened.cameras]))
     _check_doubles(made)
@@ -301,6 +304,21 @@ def _times() -> set[str]:
     from occlog.io.files.times import TIME_COLUMNS
 
     return {name for names in TIME_COLUMNS.values() for name in names}
+
+
+def _guess_size(made: Choices, opened: OpenedBoxes) -> None:
+    """The size of the images of calibrations that do not state it: that of all boxes, if it is one."""
+    if made.has("ingest", "image_size") or not any(
+        item.words.removeprefix("calibration, ") in WITHOUT_SIZE for item in made.found.of(FileKind.CALIBRATION)
+    ):
+        return
+    sizes = {size for survey in opened.files.values() for size in survey.sizes.values()}
+    infos = (read_sequence_info(item.path) for item in made.found.of(FileKind.SEQUENCE))
+    sizes |= {info.size for info in infos if info.size is not None}
+    if len(sizes) == 1:
+        width, height = sizes.pop()
+        text = f"calibration: of images of {width} x {height} px, as the boxes are"
+        made.guess("ingest", "image_size", f"{width}x{height}", text)
 
 
 class OpenedBoxes(NamedTuple):

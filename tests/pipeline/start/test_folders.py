@@ -178,6 +178,17 @@ def test_coco_of_scaled_images(folder: Path, start: Start) -> None:  # 5
     assert "camera a: frames of 320 x 240 px, calibrated for 640 x 480: taken for scaled by 0.5" in said
     assert "calib/c.yaml, not old.yaml: it has 3 of 3 cameras, the other 0  [--as old.yaml=calibration]" in said
     all_found(folder)
+    # Homographies of the ground in the place of the calibrations: the size of the images is that of COCO
+    shutil.rmtree(folder / "calib")
+    (folder / "old.yaml").unlink()
+    for camera in CAMERAS:
+        make.coco(folder / f"{camera}.json", camera)
+    make.homographies(folder / "homographies", hall("abc"))
+    code, said = start(*FPS, out="homographies")
+    assert code == ExitCode.DONE, said
+    assert "calibration: of images of 640 x 480 px, as the boxes are  [--set ingest.image_size=...]" in said
+    assert "of a homography (image to ground), with square pixels, the principal point in the middle" in said
+    all_found(folder, "homographies")
 
 
 @pytest.mark.jit

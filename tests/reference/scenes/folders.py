@@ -123,6 +123,15 @@ def colmap(folder: Path, scene: Scene) -> None:
     (folder / "images.txt").write_text("\n".join(images) + "\n")
 
 
+def homographies(folder: Path, scene: Scene) -> None:
+    """The homography from the image to the ground of each camera, as text."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for camera in scene.cameras:
+        turn = camera.rotation.T
+        to_image = intrinsic(camera) @ np.column_stack([turn[:, 0], turn[:, 1], -turn @ camera.position])
+        np.savetxt(folder / f"{camera.name}_H.txt", np.linalg.inv(to_image))
+
+
 def pairs(folder: Path, scene: Scene) -> None:
     """Two files a camera, as in WILDTRACK, in cm, with the world 4 m to the right."""
     for part in ("intrinsic_zero", "extrinsic"):

@@ -1,13 +1,14 @@
 """COLMAP's text model: `cameras.txt` with lenses, `images.txt` with positions.
 
-Each image is a camera of the rig, named after the image's folder, or else after the image.  Xc = R Xw + t; pixels count
+Each image is a camera of the rig, named after the image's folder, or else after the image; several images of a camera
+that stands still are one.  Xc = R Xw + t; pixels count
 from the corner of the image, half a pixel before the centre of the first one.  A model from images alone has no unit:
 it must be stated after the model was scaled.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
@@ -40,6 +41,10 @@ class _Lens(NamedTuple):
     focal: Floats
     principal: Floats
     lens: Lens
+
+
+SAME_SHARE, SAME_RAD = 0.01, np.radians(0.5)
+"""Images of one camera may be apart by this share of the distance between cameras, and be turned by this angle."""
 
 
 def folder_files(path: Path) -> list[Path] | None:
@@ -103,7 +108,32 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
             where=where,
         )
         cameras.append(build_camera(pose, where))
-    return tuple(cameras)
+    return _each_once(cameras, files["images.txt"], options)
+
+
+def _each_once(cameras: Sequence[Camera], path: Path, options: CalibrationOptions) -> tuple[Camera, ...]:
+    """The cameras; of several images of a camera that stands still the first one.
+
+    Raises:
+        InputError: images of one camera have different poses.
+    """
+    centres = np.array([camera.position for camera in cameras]).reshape(-1, 3)
+    apart = float(np.linalg.norm(centres.max(axis=0) - centres.min(axis=0))) if len(cameras) else 0.0
+    first: dict[str, Camera] = {}
+    for camera in cameras:
+        other = first.setdefault(camera.name, camera)
+        turned = np.arccos(np.clip((np.trace(other.rotation.T @ camera.rotation) - 1) / 2, -1.0, 1.0))
+        shift = float(np.linalg.norm(camera.position - other.position))
+        if shift > SAME_SHARE * apart or turned > SAME_RAD:
+            raise InputError(
+                f"{path}: two images of camera {camera.name!r} have poses {shift:.3g} m and {np.degrees(turned):.2f} "
+                "deg apart: a camera that moves cannot be used; give a model with one image of each camera"
+            )
+    if len(first) < len(cameras):
+        options.notes.append(
+            f"{len(cameras)} images of {len(first)} cameras that stand still; the first of each counts"
+        )
+    return tuple(first.values())
 
 
 def _lenses(path: Path, options: CalibrationOptions) -> Iterator[tuple[str, _Lens]]:

@@ -20,7 +20,7 @@ from occlog.io.files.texts.formats import FileFormat, Probe, by_text, recognise
 from occlog.records.names import first_double
 from occlog.records.scene import Camera
 
-from . import arrays, colmap, kalibr, opencv_storage, opencv_toml, pairs, projection, qualisys, ros, tsai
+from . import arrays, colmap, homography, kalibr, opencv_storage, opencv_toml, pairs, projection, qualisys, ros, tsai
 from .common import WHAT, CalibrationOptions
 
 Importer = FileFormat[Callable[[list[Path], CalibrationOptions], tuple[Camera, ...]]]
@@ -44,6 +44,9 @@ IMPORTERS: dict[str, Importer] = {
     ),
     "ros": Importer(ros.read, "ROS camera_info with static transforms (YAML)", by_text(ros.detect), "m"),
     "colmap": Importer(colmap.read, "COLMAP's text model (cameras.txt, images.txt)", by_text(colmap.detect), "m"),
+    "homography": Importer(
+        homography.read, "homographies of the ground, 3 x 3 (text, one file a camera)", by_text(homography.detect), "m"
+    ),
     "projection": Importer(
         projection.read, "3 x 4 projection matrices (text, one file a camera)", by_text(projection.detect), "m"
     ),
