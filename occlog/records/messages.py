@@ -310,11 +310,16 @@ VERDICT: dict[str, Message] = {
         "camera {sensors} detects {share:.0%} of others' people; it agrees if its times are reduced by {late_s:.2g} s",
         "correct its clock, or leave it out",
     ),
-    "camera-biased": Message(
+    "camera-late": Message(
         W,
-        "camera {sensors}: people are {bias:+.2g} of their height right of where all cameras find them (allowed: "
-        "{allowed:g})",
-        "check its yaw and principal point",
+        "camera {sensors}: people are where they were {late_s:.2g} s before (allowed: {allowed:.1g}); corrected",
+        "subtract it from its times (ingest --clock-offset)",
+    ),
+    "camera-rotated": Message(
+        W,
+        "camera {sensors} is rotated from its calibration by {yaw_deg:+.1f} deg about the vertical and "
+        "{pitch_deg:+.1f} deg about its horizontal axis; corrected once found",
+        "calibrate it again",
     ),
     "camera-times-disjoint": Message(
         W,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 import shlex
 
@@ -88,3 +89,17 @@ def test_every_picture_is_made_by_a_command_and_shown() -> None:
     shown = "".join(path.read_text(encoding="utf-8") for path in TEXTS)
     assert there == set(PICTURES), "python -m docs.pictures makes what is there, and what it makes is there"
     assert not [name for name in there if f"pictures/{name})" not in shown]
+
+
+def test_findings_have_their_present_ids() -> None:
+    """Old ids of several words; single words also name columns and settings."""
+    rows = csv.DictReader((ROOT / "occlog" / "renamed.csv").read_text("utf-8").splitlines())
+    old = {row["old"] for row in rows if row["kind"] == "message" and "-" in row["old"]}
+    found = [
+        f"{page.relative_to(ROOT)}: {word}"
+        for page in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+        if page.name != "renamed.md"
+        for word in re.findall(r"`([a-z]+(?:-[a-z]+)+)`", page.read_text())
+        if word in old
+    ]
+    assert not found

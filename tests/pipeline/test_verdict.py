@@ -72,7 +72,7 @@ def done(folder: Path) -> Path:
 
 
 def leans(stages_and_checks: Any) -> list[tuple[str, tuple[str, ...]]]:
-    return [(stage, check.sensors) for stage, check in stages_and_checks if check.id == "camera-biased"]
+    return [(stage, check.sensors) for stage, check in stages_and_checks if check.id == "camera-rotated"]
 
 
 def test_track_stores_what_it_checked_with_its_tracks(done: Path) -> None:
@@ -80,7 +80,7 @@ def test_track_stores_what_it_checked_with_its_tracks(done: Path) -> None:
     assert all(each.plausible for each in before)
     assert (verdict.stage, verdict.plausible) == ("track", False)
     status = {check.name: check.status for check in verdict.checks}
-    assert status["camera bias"] == "failed"
+    assert status["camera orientations"] == "failed"
     assert status["camera clocks"] == "passed"
     metadata = pq.read_metadata(done / "tracks.parquet").metadata
     jsonschema.validate(json.loads(metadata[b"occlog.provenance"])["verdicts"][-1], verdict_schema())
@@ -90,11 +90,11 @@ def test_a_strict_run_names_the_stage_the_finding_and_the_camera(done: Path, fol
     args = ["run", str(folder / "plain.yaml"), "-o", str(done), "--strict"]
     assert run(args) == ExitCode.THRESHOLD
     told = capsys.readouterr()
-    assert f"plausible: no (track: camera-biased {CROOKED}" in " ".join(told.out.split())
-    assert f"warning: track: camera {CROOKED}: " in told.err
+    assert f"plausible: no (track: camera-rotated {CROOKED}" in " ".join(told.out.split())
+    assert f"warning: track: camera {CROOKED} is rotated " in told.err
     assert run([*args, "--json"]) == ExitCode.THRESHOLD
     summary = json.loads(capsys.readouterr().out)
-    warning = next(each for each in summary["warnings"] if each["id"] == "camera-biased")
+    warning = next(each for each in summary["warnings"] if each["id"] == "camera-rotated")
     assert (warning["stage"], warning["sensors"]) == ("track", [CROOKED])
 
 
@@ -102,8 +102,8 @@ def test_the_page_has_the_verdict_at_its_top_and_says_what_was_checked(done: Pat
     page = (done / "report.html").read_text()
     verdict = page[page.index('<section class="lost" aria-labelledby="verdict">') :]
     verdict = verdict[: verdict.index("</section>")]
-    assert f"<strong>camera-biased</strong> (track): camera {CROOKED}: " in verdict
-    assert "camera bias" in verdict
+    assert f"<strong>camera-rotated</strong> (track): camera {CROOKED} is rotated " in verdict
+    assert "camera orientations" in verdict
     assert "particles" not in verdict, "what was not checked is not said to have been"
     assert page.index('id="verdict"') < page.index("<figure")
 
@@ -111,12 +111,12 @@ def test_the_page_has_the_verdict_at_its_top_and_says_what_was_checked(done: Pat
 def test_with_a_truth_the_camera_is_named_too(folder: Path, capsys: Any) -> None:
     args = ["run", str(folder / "truth.yaml"), "-o", str(folder / "with"), "--strict"]
     assert run(args) == ExitCode.THRESHOLD
-    assert f"warning: track: camera {CROOKED}: " in capsys.readouterr().err
+    assert f"warning: track: camera {CROOKED} is rotated " in capsys.readouterr().err
     for name in ("tracks.parquet", "errors.parquet", "metrics.json"):
         assert ("track", (CROOKED,)) in leans(found_by_stage(verdicts_of_file(folder / "with" / name)))
     figures = json.loads((folder / "with/metrics.json").read_text())
     assert figures["plausible"] is False
-    assert "camera-biased" in {each["id"] for each in figures["warnings"]}
+    assert "camera-rotated" in {each["id"] for each in figures["warnings"]}
 
 
 def test_a_batch_names_it_and_its_tables_carry_it(done: Path, folder: Path, capsys: Any) -> None:
@@ -125,10 +125,10 @@ def test_a_batch_names_it_and_its_tables_carry_it(done: Path, folder: Path, caps
     assert run([*args, "--strict", "--workers", "1"]) == ExitCode.THRESHOLD
     told = capsys.readouterr()
     assert "not plausible: 1" in " ".join(told.out.split())
-    assert f"plausible: no (track: camera-biased {CROOKED}" in told.err
+    assert f"plausible: no (track: camera-rotated {CROOKED}" in told.err
     (row,) = pq.read_table(out / "runs.parquet").to_pylist()
     assert row["plausible"] is False
-    assert any(text.startswith(f"track: camera-biased: camera {CROOKED}: ") for text in row["warnings"])
+    assert any(text.startswith(f"track: camera-rotated: camera {CROOKED} is rotated ") for text in row["warnings"])
     assert all_plausible(verdicts_of_file(out / "tracks.parquet")) is False
     assert all_plausible(verdicts_of_file(out / "runs.parquet")) is False
 
@@ -136,7 +136,7 @@ def test_a_batch_names_it_and_its_tables_carry_it(done: Path, folder: Path, caps
 def test_info_says_that_tracks_are_not_plausible(done: Path, capfd: pytest.CaptureFixture[str]) -> None:
     assert run(["info", str(done / "tracks.parquet")]) == ExitCode.DONE
     said = capfd.readouterr().out
-    assert "plausible no (track: camera-biased b" in said
+    assert "plausible no (track: camera-rotated b" in said
     assert "warning: track: " in said
 
 
@@ -173,10 +173,10 @@ def test_diff_and_export_say_that_tracks_are_not_plausible(done: Path, tmp_path:
     assert run(["diff", str(tracks), str(other)]) == ExitCode.DIFFERENT
     said = capsys.readouterr().out
     assert "different  tracks.parquet: verdict" in said
-    assert f"'camera-biased {CROOKED}' in A, '' in B" in said
+    assert f"'camera-rotated {CROOKED}' in A, '' in B" in said
     for name in ("tracks.csv", "view.mcap"):
         assert run(["export", str(tracks), "-o", str(tmp_path / name)]) == ExitCode.DONE
-        assert f"warning: track: camera {CROOKED}: " in capsys.readouterr().err
+        assert f"warning: track: camera {CROOKED} is rotated " in capsys.readouterr().err
 
 
 def test_compare_says_of_which_method_the_tracks_are_not_plausible(

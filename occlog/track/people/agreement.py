@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -12,13 +13,13 @@ from occlog.consistency.verdict import exceeds_share
 from occlog.records.scene import Camera
 from occlog.records.verdicts import Check, finding, outcome
 from occlog.track.methods.jipda.interface import PositionSource, TrackSnapshot
+from occlog.track.methods.jipda.pose_offset import MIN_ANGLE
 
 from .clock_offset import ClockOffsetSearch
 from .frame_detections import BoxStatistics, FrameDetectionsWithIds
-from .lateral_bias import LateralBias
 from .rows import MIN_MAP_PROBABILITY, detection_probability_by_camera
 
-EXPLAINED, AGREES, LEANS = "associated boxes", "detection rates of the cameras", "camera bias"
+EXPLAINED, AGREES, ROTATED = "associated boxes", "detection rates of the cameras", "camera orientations"
 TIMES, BOXES = "camera clocks", "camera boxes"
 COMMON, STATIC = "common position error", "static clutter"
 """Names of checks."""
@@ -34,9 +35,6 @@ MIN_DETECTION_RATE = 0.25
 """Minimum detection rate of a camera if no third camera allows a comparison."""
 MAX_DUPLICATE_SHARE = 0.2
 """Share of duplicate boxes above which a warning is given."""
-MAX_LATERAL_BIAS_HEIGHTS, MIN_BIAS_SIGNIFICANCE = 0.05, 3.3
-"""Lateral bias of a camera's boxes, in heights of people, and its significance in standard errors, from which its
-pose is reported as wrong; by chance once in a thousand."""
 MAX_COMMON_SIGMA_HEIGHTS = 0.04
 """Standard deviation of the common error of position, in heights of people, from which it is stated."""
 MAX_OUTSIDE_SHARE = 0.01
@@ -54,7 +52,7 @@ class CameraAgreement:
         self.names = [c.name for c in views]
         cameras = [c for c in views if not isinstance(c, PositionSource)]
         self.heights = [float(c.position[2]) for c in cameras]
-        self._delays, self._leans = ClockOffsetSearch(cameras), LateralBias(cameras)
+        self._delays = ClockOffsetSearch(cameras)
         n, self.cameras = len(self.names), len(cameras)
         # What one odd camera alone sees is not expected of the others, where these are enough
         self.fewest = 2 if n > 3 else 1
@@ -62,6 +60,8 @@ class CameraAgreement:
         self.met = np.zeros(n)
         self.used = np.zeros(n)
         self.static = np.zeros(n, dtype=np.int64)
+        self.late, self.late_limit = np.zeros(n), np.full(n, np.inf)
+        self.angles, self.angles_limit = np.zeros((n, 2)), np.full((n, 2), np.inf)
         self.common_sigma, self.common_time_s = float("nan"), float("nan")
 
     def add(self, snapshot: TrackSnapshot, frames: Sequence[FrameDetectionsWithIds]) -> None:
@@ -69,6 +69,8 @@ class CameraAgreement:
         if snapshot.detectors is not None:
             self.common_sigma, self.common_time_s = snapshot.detectors.common_sigma, snapshot.detectors.common_time_s
             self.static = np.maximum(self.static, snapshot.detectors.static_clutter)
+            self.late, self.late_limit = snapshot.detectors.late, snapshot.detectors.late_limit
+            self.angles, self.angles_limit = snapshot.detectors.angles, snapshot.detectors.angles_limit
         # A box of two people who touch stands in the rows of both: each takes half of it
         support = snapshot.support
         np.add.at(self.used, support.camera, support.probability - 0.5 * support.joint)
@@ -81,7 +83,6 @@ class CameraAgreement:
         others = by.sum(axis=1)[:, None] - by >= self.fewest
         with np.errstate(invalid="ignore"):
             due = (snapshot.visibility >= MIN_VISIBILITY) & others
-        self._leans.add(snapshot, in_images, due & by)
         for c in cameras:
             self.expected[c] += np.count_nonzero(due[:, c])
             self.met[c] += np.count_nonzero(due[:, c] & by[:, c])
@@ -95,9 +96,8 @@ class CameraAgreement:
     def checks(self, tally: BoxStatistics) -> tuple[Check, ...]:
         """Checks of the cameras with their findings."""
         boxes, whole = int(tally.boxes.sum()), tally.boxes + tally.outside + tally.twice
-        known, leans = np.isfinite(self.shares), self._leans.medians()[0]
+        known, angles = np.isfinite(self.shares), np.abs(self.angles[np.isfinite(self.angles_limit)])
         few = f"fewer than {MIN_EXPECTED_DETECTIONS} people seen elsewhere should be seen plainly in each camera"
-        far = float(np.nanmax(np.abs(leans))) if np.isfinite(leans).any() else float("nan")
         return (
             *outcome(
                 EXPLAINED,
@@ -107,15 +107,15 @@ class CameraAgreement:
             ),
             *outcome(AGREES, self._odd(tally), unless="" if known.any() else few),
             *outcome(
-                LEANS,
-                self._leaning(),
-                unless="too few boxes" if np.isnan(far) else "",
-                bias=far,
-                allowed=MAX_LATERAL_BIAS_HEIGHTS,
+                ROTATED,
+                self._rotated(),
+                unless="" if len(angles) else "no two cameras see the same people for 5 s",
+                largest_deg=float(np.degrees(angles.max(initial=0.0))),
+                allowed=math.degrees(MIN_ANGLE),
             ),
             *outcome(
                 TIMES,
-                self._disjoint_clocks(tally.first_ns, tally.last_ns),
+                [*self._disjoint_clocks(tally.first_ns, tally.last_ns), *self._late()],
                 unless="" if np.count_nonzero(tally.first_ns >= 0) > 1 else "there is one camera",
             ),
             *outcome(COMMON, self._common(), unless="" if np.isfinite(self.common_sigma) else "it is not estimated"),
@@ -133,6 +133,12 @@ class CameraAgreement:
         for name, count in zip(self.names, self.static.tolist(), strict=True):
             if count:
                 yield finding(STATIC, "static-clutter", sensors=[name], count=count)
+
+    def _late(self) -> Iterator[Check]:
+        """Find the cameras of which people are where they were, or will be, in the others."""
+        for name, late_s, limit_s in zip(self.names, self.late.tolist(), self.late_limit.tolist(), strict=True):
+            if late_s:
+                yield finding(TIMES, "camera-late", sensors=[name], late_s=late_s, allowed=limit_s)
 
     def _boxes(self, tally: BoxStatistics) -> Iterator[Check]:
         """Cameras without boxes, with boxes twice, or outside the image."""
@@ -182,23 +188,12 @@ class CameraAgreement:
                     late_s=late,
                 )
 
-    def _leaning(self) -> Iterator[Check]:
-        """Find the camera with the most biased boxes, if the bias is large: tracks are pulled towards it."""
-        leans, errors = self._leans.medians()
-        if not len(leans):
-            return
-        significant = np.where(np.abs(errors) > MIN_BIAS_SIGNIFICANCE, np.abs(leans), 0.0)  # of NaN: false
-        c = int(np.argmax(significant))
-        if significant[c] <= MAX_LATERAL_BIAS_HEIGHTS:
-            return
-        yield finding(
-            LEANS,
-            "camera-biased",
-            sensors=[self.names[c]],
-            bias=float(leans[c]),
-            standard_errors=float(errors[c]),
-            allowed=MAX_LATERAL_BIAS_HEIGHTS,
-        )
+    def _rotated(self) -> Iterator[Check]:
+        """Find the cameras with an orientation that is not that of the calibration."""
+        for name, angles, limit in zip(self.names, np.degrees(self.angles), np.degrees(self.angles_limit), strict=True):
+            if (np.abs(angles) >= np.maximum(limit, math.degrees(MIN_ANGLE))).any():
+                yaw, pitch = angles.tolist()
+                yield finding(ROTATED, "camera-rotated", sensors=[name], yaw_deg=yaw, pitch_deg=pitch)
 
     def _disjoint_clocks(self, first_ns: Ints, last_ns: Ints) -> Iterator[Check]:
         """Find cameras without a time in common with another camera."""

@@ -168,7 +168,8 @@ class PeopleSummary(_Counts):
         two people who touch is one box.  detection_rates: of each camera, the share of the people seen by another
         camera, and plainly visible to this one, that it detects.  common_position_error: standard deviation per axis
         and correlation time of the error that all cameras share.  static_clutter: number of static objects that a
-        camera reports as people.  position_sigma: of each source of positions.
+        camera reports as people.  clock_offsets: by how many seconds a camera shows what was
+        earlier.  position_sigma: of each source of positions.
         """
         tally, used = self.inputs.tally, self.agreement.used
         boxes = {
@@ -207,13 +208,15 @@ class PeopleSummary(_Counts):
         }
 
     def _detectors(self) -> dict[str, object]:
-        """Error of position that all cameras share, and numbers of static objects."""
+        """Error of position that all cameras share, numbers of static objects, and offsets of clocks."""
         found = self.agreement
         static = {name: n for name, n in zip(self.inputs.names, found.static.tolist(), strict=True) if n}
+        late = {name: round(s, 3) for name, s in zip(self.inputs.names, found.late.tolist(), strict=True) if s}
         common = {"sigma": round(found.common_sigma, 4), "correlation_time_s": round(found.common_time_s, 2)}
         return {
             **({"common_position_error": common} if np.isfinite(found.common_sigma) else {}),
             **({"static_clutter": static} if static else {}),
+            **({"clock_offsets": late} if late else {}),
         }
 
     def _position_sigmas(self) -> dict[str, float]:

@@ -192,14 +192,17 @@ def test_a_camera_that_is_turned_is_named(tmp_path, capsys, px, args):
     moved = replace(found, left_px=found.left_px + np.where(found.sensor == "b", px, 0.0))
     assert track(tmp_path, moved, SCENE, *args) == ExitCode.DONE
     summary, noted = said(capsys)
-    assert [warning["id"] for warning in summary["warnings"]] == (["camera-biased"] if px else [])
-    assert not px or re.search(r"camera b: people are -0\.\d+ of their height right of where", noted)
+    # A shift of the image is not quite a rotation: another camera may seem to be rotated a little
+    assert {warning["id"] for warning in summary["warnings"]} == ({"camera-rotated"} if px else set())
+    largest = max(summary["warnings"], key=lambda each: abs(each["figures"]["yaw_deg"]), default=None)
+    assert (largest["sensors"] if largest else []) == (["b"] if px else [])
+    assert not px or re.search(r"camera b is rotated from its calibration by -2\.\d deg about the vertical", noted)
 
 
 @pytest.mark.parametrize("seed", [10, 11])
 @pytest.mark.parametrize("degrees", [-6.0, 0.0, 6.0])
 def test_a_camera_that_is_turned_is_named_after_10_s_with_rough_boxes(tmp_path, capsys, degrees, seed):
-    """Two people, edges with 4 px: the boxes are 0.07 to 0.09 heights to one side, by 6 to 9 standard errors."""
+    """Two people, edges with 4 px: standard errors of 0.1 deg, and the other cameras take a part of the rotation."""
     turned = rotation_from_angles(np.radians(CORNERS["b"][2] + degrees), np.radians(-20.0), 0.0)
     scene = hall("abc")
     stood = tuple(replace(c, rotation=turned) if c.name == "b" else c for c in scene.cameras)
@@ -208,8 +211,8 @@ def test_a_camera_that_is_turned_is_named_after_10_s_with_rough_boxes(tmp_path, 
     summary, _ = said(capsys)
     found = {warning["id"] for warning in summary["warnings"]}
     # A camera that is turned by 6 degrees may also make exchanges of the two people likely
-    assert found - ({"identity-switches-likely"} if degrees else set()) == ({"camera-biased"} if degrees else set())
-    assert not degrees or summary["warnings"][0]["figures"]["bias"] * degrees > 0.0
+    assert found - ({"identity-switches-likely"} if degrees else set()) == ({"camera-rotated"} if degrees else set())
+    assert not degrees or summary["warnings"][0]["figures"]["yaw_deg"] == pytest.approx(degrees, abs=0.6)
 
 
 def test_a_camera_that_is_late_is_named(tmp_path, capsys):
@@ -232,6 +235,17 @@ def test_by_how_much_a_camera_is_late_or_ahead_is_told(late, near, tmp_path, cap
     (found,) = (each for each in summary["warnings"] if each["id"] == "camera-clock-offset")
     assert found["sensors"] == ["b"]
     assert found["figures"]["late_s"] == pytest.approx(late, abs=near)
+
+
+@pytest.mark.parametrize("late", [0.0, 0.2, -0.3])
+def test_a_camera_that_is_late_by_less_than_a_gate_is_corrected(late, tmp_path, capsys):
+    """30 s of four people; standard errors are 0.005 to 0.01 s, and what velocities lag is left over."""
+    scene = hall("abcd")
+    assert track(tmp_path, boxes(scene, 30.0, late={"b": late}), scene, "--smooth") == ExitCode.DONE
+    summary, _ = said(capsys)
+    warnings = [each for each in summary["warnings"] if each["id"] == "camera-late"]
+    assert [each["sensors"] for each in warnings] == ([["b"]] if late else [])
+    assert summary.get("clock_offsets", {}) == ({"b": pytest.approx(late, abs=0.04)} if late else {})
 
 
 def test_a_camera_that_reports_everything_twice_is_named_and_counts_once(walk, tmp_path, capsys):

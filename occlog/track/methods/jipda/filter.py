@@ -24,6 +24,7 @@ from .association_features import (
     log_feature_ratios,
     update_features,
 )
+from .clock_offset import ClockStatistics, prior_clocks, update_clocks
 from .common_error import CommonErrorStatistics, common_error, prior_common_error, update_common_error
 from .config import JipdaConfig
 from .detector_model import (
@@ -64,9 +65,12 @@ from .interface import (
 )
 from .kernels.body_box import GROUND_PLANE, MODEL, PackedCameras, cover_positions, pack_views
 from .kernels.camera_disagreement import camera_disagreement
+from .kernels.clock_residuals import clock_residuals
 from .kernels.detections import DetectorModel, PackedDetections
 from .kernels.joint_association import JipdaResult, update_targets
+from .kernels.pose_residuals import pose_residuals
 from .kernels.track_initiation import BirthIntensity, initiate_targets
+from .pose_offset import MIN_ANGLE, PoseStatistics, corrected, prior_poses, update_poses
 from .position_errors import (
     WALK_RATIO,
     PositionErrors,
@@ -155,6 +159,8 @@ class JipdaState:
     room: Floats | None  # (K, 2) polygon in which people are; None: anywhere
     exclusion_ns: int | None  # time of the last exclusion update; None: never
     positions: PositionErrors  # of the sources of positions
+    clocks: ClockStatistics
+    poses: PoseStatistics
     seeds: dict[int, float]  # score of the position that initiated each tentative track, of sources alone
 
 
@@ -194,6 +200,8 @@ def initial_state(scene: Scene, cameras: Sequence[Camera | PositionSource], conf
         room=scene.room,
         exclusion_ns=None,
         positions=prior_position_errors(cameras, metre, config),
+        clocks=prior_clocks(len(cameras)),
+        poses=prior_poses(views),
         seeds={},
     )
 
@@ -268,7 +276,7 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         for_people,
         arrivals,
     )
-    before_update = people.existence
+    before_update, predicted = people.existence, people.body_mean
     people = update(people, result.information, result.vector, gait, config)
     explained = (result.beta + result.joint).sum(axis=1)
     detected = (explained > 0.5)[:, None]
@@ -296,8 +304,24 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         MIN_VISIBILITY_TO_LEARN,
     )
     good &= result.odd < 0.5
+    settled = (t_ns - people.born_ns >= VELOCITY_SETTLING_S * NS)[result.owner] if N else good
+    clocks = update_clocks(
+        state.clocks,
+        t_ns,
+        *clock_residuals(
+            predicted, state.views, boxes, result.owner, good & settled, state.clocks.late, state.clocks.centre
+        ),
+    )
     found = camera_disagreement(result.mean, result.covariance, state.views, boxes, rates, result.owner, good)
     edges = update_edge_errors(state.edges, t_ns, boxes, found, key=people.key, owner=result.owner, lasts=rates.lasting)
+    poses = update_poses(
+        state.poses,
+        t_ns,
+        pose_residuals(result.mean, result.covariance, state.views, boxes, rates, result.owner, good),
+    )
+    if np.abs(poses.angles - state.poses.angles).max() > MIN_ANGLE:
+        # Residuals of other orientations say nothing of the clocks
+        clocks = replace(prior_clocks(len(clocks.late)), late=clocks.late)
     positions = _learned_positions(state, frames, boxes, people, result.owner, result.beta)
     errors = update_common_error(
         state.common, t_ns, key=people.key, position=found.position, noise=found.variance + gait, config=config
@@ -396,7 +420,13 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         support=associations_of(beta, joint, boxes, frames),
         events=tuple(events),
         detectors=DetectorEstimates(
-            math.sqrt(common[0]), common[1], np.array([len(established(c).box) for c in clutter], dtype=np.int64)
+            math.sqrt(common[0]),
+            common[1],
+            np.array([len(established(c).box) for c in clutter], dtype=np.int64),
+            clocks.late,
+            clocks.limit,
+            poses.angles,
+            poses.limit,
         ),
     )
     next_key = state.next_key + K
@@ -414,6 +444,9 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         clutter=clutter,
         exclusion_ns=exclusion_ns,
         positions=positions,
+        clocks=clocks,
+        poses=poses,
+        views=state.views if poses.angles is state.poses.angles else corrected(state.views, poses),
         seeds=seeds,
     ), snapshot
 
@@ -553,7 +586,7 @@ def pack_detections(state: JipdaState, frames: Sequence[FrameDetections], t_ns: 
         tail = np.repeat([manoeuvre_variance(state.positions, frame.camera, state.metre) for frame in frames], count)
     return PackedDetections(
         camera=camera,
-        delay=np.array([(frame.t_ns - t_ns) / NS for frame in frames]),
+        delay=np.array([(frame.t_ns - t_ns) / NS for frame in frames]) - state.clocks.late[camera],
         first=np.concatenate([[0], np.cumsum(count)]).astype(np.int64),
         box=box,
         usable=usable,

@@ -87,6 +87,10 @@ class DetectorEstimates(NamedTuple):
     common_sigma: float  # standard deviation of the error of position that all cameras share, per axis
     common_time_s: float  # its correlation time [s]
     static_clutter: Ints  # (C,) number of established sources of static clutter
+    late: Floats  # (C,) offsets [s] of the clocks that are corrected, positive: frames show what was earlier; 0: none
+    late_limit: Floats  # (C,) least significant offsets [s]; inf: not estimated
+    angles: Floats  # (C, 2) corrected rotations [rad] about the vertical and the horizontal axis of the camera
+    angles_limit: Floats  # (C, 2) least significant angles [rad]; inf: not estimated
 
 
 class TrackSnapshot(NamedTuple):

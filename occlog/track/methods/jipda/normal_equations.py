@@ -1,0 +1,54 @@
+"""Least squares with errors that last: a solution of normal equations in batches of time, and what it is worth."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import stdtrit
+
+from occlog.array_types import Floats
+
+BATCH_S = 0.5
+"""Duration of a batch [s]."""
+MAX_BATCHES = 120
+"""Number of batches that count, the last ones: clocks drift, and cameras are touched."""
+MIN_BATCHES = 8
+"""Minimum number of batches that say something of a parameter, for an estimate."""
+LAG_SHARE = 0.25
+"""Share of the batches over which errors are correlated."""
+FALSE_PROBABILITY = 1e-6
+"""Probability of a significant parameter by chance."""
+
+
+def solve_batches(batches: Floats, prior_precision: float = 0.0) -> tuple[Floats, Floats]:
+    """Solve normal equations N p = b that are sums of batches, with the errors of means of correlated batches.
+
+    The covariance is that of Newey and West (1987): errors of batches up to a quarter of all batches apart are
+    correlated, with Bartlett's weights.
+
+    Args:
+        batches: (B, K, K + 1) N and b of each batch, in the order of time.
+        prior_precision: of each parameter about 0.
+
+    Returns:
+        (K,) parameters, by the pseudo-inverse; (K,) what each would have to be to differ from 0 with the probability
+        `FALSE_PROBABILITY`, by Student's t; inf: fewer than `MIN_BATCHES` batches say anything of it.
+    """
+    N, b = batches[..., :-1], batches[..., -1]
+    K, B = b.shape[1], len(b)
+    seen = (np.einsum("bkk->bk", N) > 0.0).sum(axis=0) >= MIN_BATCHES
+    p, limit = np.zeros(K), np.full(K, np.inf)
+    if not seen.any():
+        return p, limit
+    N, b = N[:, seen][:, :, seen], b[:, seen]
+    inverse = np.linalg.pinv(N.sum(axis=0) + prior_precision * np.eye(len(N[0])), hermitian=True)
+    solution = inverse @ b.sum(axis=0)
+    off = (b - N @ solution) @ inverse
+    variance = (off**2).sum(axis=0)
+    lags = max(round(LAG_SHARE * B), 1)
+    for lag in range(1, min(lags + 1, B)):
+        weight = 1.0 - lag / (lags + 1.0)
+        variance += 2.0 * weight * (off[lag:] * off[:-lag]).sum(axis=0)
+    variance = np.maximum(variance, (off**2).sum(axis=0))
+    p[seen] = solution
+    limit[seen] = -float(stdtrit(B - 1.0, 0.5 * FALSE_PROBABILITY)) * np.sqrt(variance * B / (B - 1.0))
+    return p, limit

@@ -1,0 +1,86 @@
+"""Online estimate of the errors of the cameras' orientations, from boxes of the same people in several cameras.
+
+Two angles of each camera, about the vertical and about its horizontal axis, by least squares with the positions of the
+people eliminated, as in a bundle adjustment (Triggs, McLauchlan, Hartley and Fitzgibbon 2000).  The positions of the
+cameras are taken as right, so that the angles are absolute.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from occlog.array_types import NS, Floats
+
+from .kernels.body_box import PackedCameras
+from .kernels.pose_residuals import ANGLES
+from .normal_equations import BATCH_S, MAX_BATCHES, solve_batches
+
+PRIOR_SIGMA = 0.05
+"""Standard deviation of an error of orientation before any box [rad]."""
+MIN_ANGLE = 0.005
+"""Significant errors of at least this size [rad] make all angles be corrected."""
+
+
+@dataclass(frozen=True)
+class PoseStatistics:
+    """Normal equations of C cameras in batches of time, and the rotations that follow."""
+
+    rotation: Floats  # (C, 3, 3) world-from-camera of the calibration
+    batches: Floats  # (B, 2 C, 2 C + 1) sums of `pose_residuals`, as without correction
+    open: Floats  # (2 C, 2 C + 1) of the batch that is not complete
+    since_ns: int  # its begin; -1: none
+    angles: Floats  # (C, 2) corrections [rad] about the vertical and the horizontal axis of the camera
+    limit: Floats  # (C, 2) least significant angles [rad]; inf: not estimated
+
+
+def prior_poses(views: PackedCameras) -> PoseStatistics:
+    """Create the statistics of C cameras without data."""
+    C = len(views.lens)
+    none = np.zeros((ANGLES * C, ANGLES * C + 1))
+    angles = np.zeros((C, ANGLES))
+    return PoseStatistics(views.rotation, none[None][:0], none, -1, angles, angles + np.inf)
+
+
+def update_poses(known: PoseStatistics, t_ns: int, normal: Floats) -> PoseStatistics:
+    """Update the statistics with a time step (`pose_residuals`); angles follow when a batch is complete."""
+    since = t_ns if known.since_ns < 0 else known.since_ns
+    normal = normal.copy()
+    # As without correction
+    normal[:, -1] += normal[:, :-1] @ known.angles.ravel()
+    known = replace(known, open=known.open + normal, since_ns=since)
+    if t_ns - since < BATCH_S * NS:
+        return known
+    batches = np.concatenate([known.batches, known.open[None]])[-MAX_BATCHES:]
+    angles, limit = pose_angles(batches)
+    return replace(known, batches=batches, open=np.zeros_like(normal), since_ns=t_ns, angles=angles, limit=limit)
+
+
+def pose_angles(batches: Floats) -> tuple[Floats, Floats]:
+    """Return the errors of orientation (C, 2), 0 unless one is significant, and the limits (C, 2) of significance.
+
+    Args:
+        batches: (B, 2 C, 2 C + 1) normal equations, in the order of time.
+    """
+    d, limit = solve_batches(batches, 1.0 / PRIOR_SIGMA**2)
+    # Bodies that are unlike the model move the boxes of all cameras down or up
+    tilted = np.flatnonzero(np.isfinite(limit))
+    tilted = tilted[tilted % ANGLES == 1]
+    d[tilted] -= np.median(d[tilted]) if len(tilted) else 0.0
+    if not (np.abs(d) >= np.maximum(MIN_ANGLE, limit)).any():
+        d[:] = 0.0
+    return d.reshape(-1, ANGLES), limit.reshape(-1, ANGLES)
+
+
+def corrected(views: PackedCameras, known: PoseStatistics) -> PackedCameras:
+    """Return the views with the corrected orientations."""
+    rotation, lens = known.rotation.copy(), views.lens.copy()
+    for c in np.flatnonzero(known.angles.any(axis=1)).tolist():
+        yaw, pitch = known.angles[c]
+        vertical = np.array([[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
+        about_x = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(pitch), -np.sin(pitch)], [0.0, np.sin(pitch), np.cos(pitch)]])
+        rotation[c] = vertical @ rotation[c] @ about_x
+    cameras = known.angles.any(axis=1) | (rotation != views.rotation).any(axis=(1, 2))
+    lens[cameras, 3:12] = rotation[cameras].reshape(-1, 9)
+    return views._replace(rotation=rotation, lens=lens)
