@@ -23,7 +23,7 @@ from occlog.io.files.texts.csv_rows import first_line
 from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, BoxSurvey, classes_in, survey_boxes
 from occlog.io.formats.calibration.common import CalibrationOptions
 from occlog.io.formats.calibration.reader import CalibrationFile, read_calibration
-from occlog.io.formats.tags import read_readers, read_tag_columns
+from occlog.io.formats.tags import columns_of_reads, read_readers
 from occlog.io.formats.truth import frames_of_positions
 from occlog.io.frames.streams import are_times, list_images, video_times
 from occlog.io.recognition import FileKind, read_sequence_info
@@ -718,7 +718,7 @@ def _of_logs(made: Choices) -> None:
         if stations:
             item = made.only(stations, "table of readers")
             made.guess("ingest", "readers", item.path, f"readers: {made.shown(item.path)}")
-            strengths = any("rssi" in read_tag_columns(each.path) for each in reads)
+            strengths = any("rssi" in columns_of_reads(each.path) for each in reads)
             if strengths and any(math.isinf(reader.range) for reader in read_readers(item.path)):
                 what = "rssi"
     _put_scene(made, "ingest")
