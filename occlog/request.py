@@ -376,8 +376,8 @@ class Verb:
         by: keys of the values that choose, the first that is given before the others, and which kind a text of the
             value chooses; empty: none.
         counted: kinds that this many arguments choose where no value does; more choose that of the largest number.
-        fits: module and name of a function from the name of the first input to the kind that fits its content, where
-            no value chooses one; empty: the default.
+        fits: module and name of a function from the name of the first input, and that of a scene or None, to the kind
+            that fits their content, where no value chooses one; empty: the default.
         what: how a kind is called, for example `method`.
         chosen_by: how a kind is chosen on the command line, with {} for its name.
         more: makes kinds of plug-ins.

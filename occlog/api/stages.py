@@ -502,8 +502,8 @@ def track(
     Args:
         bearings: bearings, or what else the method takes: boxes, reads of tags, a recording with video.
         scene: where the sensors are; None: the recording holds it.
-        method: name of the tracking method; None: by the input, `jipda` for boxes, `virtual` for reads of tags, else
-            `apf`.
+        method: name of the tracking method; None: by the input, `jipda` for boxes (`sort` without a calibration),
+            `virtual` for reads of tags, else `apf`.
         seed: of all random numbers; the same inputs, settings and seed give the same tracks.
         cameras: use only these sensors; empty: all.
         without: leave these sensors out.
@@ -548,17 +548,19 @@ def track(
     """
     arguments = dict(locals())
     if method is None:
-        method = arguments["method"] = _method_for(bearings)
+        method = arguments["method"] = _method_for(bearings, scene)
     form = form_of(method)
     own = {name: value for name, value in arguments.items() if name not in ("settings", "also", "progress")}
     check_taken(form, own, also, f"method {method}")
     return call(form, arguments, TrackResult, scene=_scene_of)
 
 
-def _method_for(source: Source) -> str:
+def _method_for(source: Source, scene: object) -> str:
     """The method that fits what is in a file, a table or a recording; the default for other values."""
-    path = source.source if isinstance(source, Table | Recording) else source
-    return method_for(path) if isinstance(path, str | Path) else TRACK_VERB.default
+    path, place = (each.source if isinstance(each, Table | Recording) else each for each in (source, scene))
+    if not isinstance(path, str | Path):
+        return TRACK_VERB.default
+    return method_for(path, place if isinstance(place, str | Path) else None)
 
 
 def _scene_of(request: Request) -> Scene | None:

@@ -63,7 +63,7 @@ def _several(verb: Verb, name: str, short_help: str) -> VariantCommand:
             return chosen
         words = _arguments(args, [*command.params, *(p for each in command.variants.values() for p in each.params())])
         if verb.fits and words and Path(words[0]).is_file():
-            return str(load(verb.fits)(words[0]))
+            return str(load(verb.fits)(words[0], value_after(args, "--scene")))
         return next((kind for least, kind in sorted(verb.counted.items(), reverse=True) if len(words) >= least), None)
 
     command = VariantCommand(

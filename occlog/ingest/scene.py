@@ -19,7 +19,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.core.geometry.camera import is_upright, turn_upright, vertical
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.files.names import check_meaning, match_sensor, safe_name
 from occlog.io.files.texts.csv_rows import first_line
 from occlog.io.formats.boxes.reader import BoxSurvey
@@ -354,7 +354,8 @@ def match_cameras(scene: Scene, wanted: Sequence[str], plan: IngestPlan, reasons
             known = ", ".join(kept) or "none"
             raise InputError(
                 f"camera {name}: has no calibration ({reasons.get(name, f'calibrated: {known}')}); add it to the "
-                "calibration or the scene, or allow uncalibrated cameras (they give no bearings)"
+                "calibration or the scene, or allow uncalibrated cameras "
+                f"({option('allow_uncalibrated')}: they give no bearings, and people are tracked in their images)"
             )
         out.append(replace(kept.pop(found), name=name) if found is not None else _unplaced(name, plan))
     if plan.scene is not None:

@@ -15,7 +15,15 @@ from occlog.errors import UsageError, did_you_mean
 from occlog.request import Form, Request, Verb, VerbKind, load
 from occlog.settings import Settings
 
-from .request import ReadsRequest, SingleViewRequest, TrackPeopleRequest, TrackRequest, TrackRequestBase, ViewsRequest
+from .request import (
+    ReadsRequest,
+    SingleViewRequest,
+    TrackInImagesRequest,
+    TrackPeopleRequest,
+    TrackRequest,
+    TrackRequestBase,
+    ViewsRequest,
+)
 
 if TYPE_CHECKING:
     from occlog.plugins.loading import Plugin
@@ -56,6 +64,7 @@ OF_EVERYBODY = ("associations", "events", "view_tracks", "doa", "gallery")
 OF_TAGS = ("targets", "path_loss", "refine_bearings")
 """Options of all methods that take reads of tags."""
 BEARINGS, IMAGES, BOXES, READS, VIEW = "bearings", "images", "boxes", "reads", "boxes of one camera"
+UNCALIBRATED = "boxes without a calibration"
 """What a method takes in."""
 
 
@@ -70,7 +79,8 @@ class MethodEntry:
         settings: module and name of the class of its settings.
         takes: names of the options that it takes in addition to the shared ones and its settings.
         takes_in: `BEARINGS`; `IMAGES`: it tracks in the images of a recording; `BOXES`: it follows all people by them;
-            `READS`: reads of tags; `VIEW`: it follows each camera's boxes on their own.
+            `READS`: reads of tags; `UNCALIBRATED`, `VIEW`: it follows each camera's boxes on
+            their own, as one of ours and as a plug-in.
         plugin: that the method is from; None: it is one of ours.
     """
 
@@ -188,6 +198,13 @@ OURS: dict[str, MethodEntry] = {
         OF_EVERYBODY,
         takes_in=BOXES,
     ),
+    "sort": MethodEntry(
+        "in the image of each camera, from boxes, without a calibration (SORT, ByteTrack, OC-SORT; Bewley et al. 2016)",
+        "occlog.track.people.image_tracks:track_in_images",
+        "occlog.track.methods.sort.config:SortConfig",
+        ("events",),
+        takes_in=UNCALIBRATED,
+    ),
     "virtual": MethodEntry(
         "tags in intersections of reader coverages, the virtual sensors (Lee 2009)",
         "occlog.track.methods.readers.stage:track_virtual",
@@ -270,10 +287,15 @@ def tracker(name: str) -> AnyMethod:
     return method
 
 
-def method_for(path: Path | str) -> str:
-    """The method that fits what a file holds: bearings and measurements `apf`, boxes `jipda`, reads of tags `virtual`.
+def method_for(path: Path | str, scene: Path | str | None = None) -> str:
+    """The method that fits what a file holds: bearings and measurements `apf`, reads of tags `virtual`, boxes `jipda`.
 
+    For boxes of cameras without a calibration it is `sort`.
     A file that cannot be opened has the default, and the method then reports what is wrong with it.
+
+    Args:
+        path: the file.
+        scene: file of a scene that is given with it.
     """
     from occlog.io.open import held
     from occlog.records.tables import Bearings, Boxes, Measurements, Positions, Reads, Views
@@ -281,7 +303,29 @@ def method_for(path: Path | str) -> str:
     tables = held(Path(path), Bearings, Measurements, Boxes, Views, Positions, Reads)
     if not tables or Bearings in tables or Measurements in tables:
         return VERB.default
-    return "virtual" if tables == (Reads,) else "jipda"
+    if tables == (Reads,):
+        return "virtual"
+    calibrated = Positions in tables or _calibrated(Path(path), None if scene is None else Path(scene))
+    return "jipda" if calibrated else "sort"
+
+
+def _calibrated(path: Path, scene: Path | None) -> bool:
+    """Whether boxes are of cameras with a pose: by the scene, or by the bearings of views without one."""
+    from occlog.errors import OcclogError
+    from occlog.io.open import open_input, scene_in
+    from occlog.records.tables import Boxes, Views
+
+    try:
+        opened = open_input(path)
+        found = opened.scene if scene is None else scene_in(scene)
+        if found is not None and found.cameras:
+            return any(camera.has_height or camera.placed for camera in found.cameras)
+        if scene is not None or opened.recording is not None or opened.has(Boxes):
+            return False
+        first = next(iter(opened.rows(Views)), None)
+        return first is not None and bool((first.bearing == first.bearing).any())
+    except (OcclogError, OSError):
+        return True
 
 
 def smooths(command: str, parameters: Mapping[str, object]) -> bool:
@@ -300,6 +344,7 @@ REQUESTS: Mapping[str, type[Request]] = {
     BEARINGS: TrackRequest,
     BOXES: TrackPeopleRequest,
     READS: ReadsRequest,
+    UNCALIBRATED: TrackInImagesRequest,
     VIEW: SingleViewRequest,
     IMAGES: ViewsRequest,
 }
@@ -348,6 +393,14 @@ _ABOUT = {
 
     \b
       occlog track views.parquet --scene hall.mcap --method jipda -o tracks.parquet --view-tracks in_images.parquet
+    """,
+    "sort": """
+    BEARINGS is a recording with boxes, or a table of boxes or views: of `occlog detect`, MOTChallenge text, YOLO, COCO.
+    Each camera is tracked in its own image; nothing is known of its pose, and an identity is of one camera alone.
+    Tracks are `view_tracks`, which `occlog export --to mot`, `occlog evaluate` and `occlog report --recording` take.
+
+    \b
+      occlog track views.parquet --method sort -o view_tracks.parquet --events events.parquet
     """,
     "imm": """
     Targets are tracked from the bearings of microphone arrays, labelled or not; their number is estimated. With

@@ -20,12 +20,16 @@ NS_PER_S = 1e9
 class TrackRequestBase(Request):
     """Track targets from BEARINGS: a recording, or a table of bearings, boxes or tag reads.
 
-    Without --method it follows from the input: boxes jipda, tag reads virtual, else apf. `occlog track --method NAME
-    --help` describes one method. The same inputs, options and seed give the same output.
+    Without --method it follows from the input: boxes of calibrated cameras jipda, other boxes sort, tag reads virtual,
+    else apf. `occlog track --method NAME --help` describes one method. The same inputs, options and seed give the same
+    output.
 
     --method jipda tracks all people on the ground plane from the boxes of all calibrated cameras and from positions on
     the ground; BEARINGS is a recording with boxes or positions, or a table of boxes or views. No labels, initial
     positions or target count are needed.
+
+    --method sort tracks people in the image of each camera, which needs no calibration: MOTChallenge text, YOLO, COCO,
+    or what `occlog detect` finds in a video. It writes `view_tracks`; an identity is of one camera alone.
 
     --method apf, ekf, ukf, iekf, map, fix, direct3d, pps and joint track targets from bearings and directions of
     arrival. Each labelled target has its own filter (joint: one for all). Unlabelled candidates (target_id -1) are
@@ -43,6 +47,7 @@ class TrackRequestBase(Request):
 
     \b
       occlog track views.parquet --scene hall.mcap --method jipda -o tracks.parquet
+      occlog track views.parquet --method sort -o view_tracks.parquet
       occlog track bearings.parquet --scene scene.yaml -o tracks.parquet --diagnostics diagnostics.parquet
       occlog track bearings.parquet --scene hall.mcap --without cam4 --start 4,1.5,0.5 -o without4.parquet
       occlog track bearings.parquet --scene scene.yaml --select greedy --n-cameras 3 -o selected.parquet
@@ -62,7 +67,8 @@ class TrackRequestBase(Request):
     scene: Path | None = scene_file()
     method: str = setting(
         "apf",
-        "Tracking method. [default: by the input: boxes jipda, tag reads virtual, else apf; in a configuration apf]",
+        "Tracking method. [default: by the input: boxes jipda, without a calibration sort, tag reads virtual, else "
+        "apf; in a configuration apf]",
         option="--method",
         metavar="NAME",
         shown="",
@@ -240,6 +246,19 @@ class TrackPeopleRequest(TrackRequestBase):
     )
     view_tracks: Path | None = sink(
         "Write all tracks projected into every image, occluded ones too (Parquet).", "view_tracks", asked="also"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackInImagesRequest(TrackRequestBase):
+    """Boxes of cameras without a calibration, from which people are tracked in the image of each."""
+
+    RUN: ClassVar[str] = "occlog.track.people.run:run_track_in_images"
+    JUDGED: ClassVar[bool] = True
+
+    output: Path = output_file("Tracks in the images (Parquet).", "view_tracks", result="tracks")
+    events: Path | None = sink(
+        "Write track initiations and terminations and possible identity switches (Parquet).", "events"
     )
 
 

@@ -1,4 +1,4 @@
-"""Detect people in frames with a network: frames in, views with embeddings, and candidate bearings, out.
+"""Detect people in frames with a network: frames in, views with colours and embeddings, and candidate bearings, out.
 
 One thread decodes the frames, in their order, and brings them to the network's size; the network, which has threads of
 its own, runs next to it.  Frames of one time are written together, so that the rows depend neither on the number of
@@ -21,10 +21,11 @@ from occlog.array_types import Floats32
 from occlog.errors import InputError
 from occlog.measure.detections import Detections
 from occlog.measure.networks.detector import Boxed, Embedder, NetworkDetector, Prepared
+from occlog.measure.regions.box_appearance import box_appearance
 from occlog.records.frames import Frame, Image
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
-from occlog.records.tables import Bearings, Boxes, Views
+from occlog.records.tables import APPEARANCE_BINS, Bearings, Boxes, Views
 
 from .by_background.one_camera import check_size, plain_image, size_in_words, stretches
 from .config import BATCH, DetectConfig
@@ -49,6 +50,7 @@ class DetectedFrame(NamedTuple):
     lost: str
     boxed: Boxed | None
     embedding: Floats32  # (n, D), by box
+    appearance: Floats32  # (n, 72), by box
 
 
 def detect_by_network(
@@ -123,6 +125,7 @@ def _detect_frames(
     source = iter(frames)
     waiting: deque[Future[list[_Ready]]] = deque()
     empty = np.zeros((0, embedder.length if embedder else 0), dtype=np.float32)
+    no_colours = np.zeros((0, APPEARANCE_BINS), dtype=np.float32)
     pool = ThreadPoolExecutor(1)
     try:
         while True:
@@ -138,14 +141,15 @@ def _detect_frames(
             found = iter(detector.find(wanted) if wanted else [])
             for each in batch:
                 if each.prepared is None or each.image is None:
-                    yield DetectedFrame(each.frame, each.lost, None, empty)
+                    yield DetectedFrame(each.frame, each.lost, None, empty, no_colours)
                     continue
                 boxed = next(found)
-                vectors = empty
+                vectors, colours = empty, no_colours
                 if boxed is not None:
                     n = len(boxed.boxes)
                     vectors = embedder.vectors(each.image, boxed.boxes) if embedder else np.zeros((n, 0), np.float32)
-                yield DetectedFrame(each.frame, "" if boxed is not None else NOT_FINITE, boxed, vectors)
+                    colours = box_appearance(each.image, boxed.boxes, boxed.score)
+                yield DetectedFrame(each.frame, "" if boxed is not None else NOT_FINITE, boxed, vectors, colours)
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
 
@@ -205,7 +209,9 @@ def _part(seen: list[DetectedFrame], scene: Scene, config: DetectConfig) -> Dete
     numbers = np.flatnonzero(boxes.box >= 0)
     order = np.lexsort([getattr(boxes, name)[numbers] for name in reversed(Boxes.KEY)])
     (found,) = detect_boxes([boxes.sorted()], scene, replace(config, min_confidence=0.0))
-    return found._replace(views=replace(found.views, embedding=vectors[order]), losses=losses)
+    colours = np.concatenate([each.appearance for each in good])
+    views = replace(found.views, embedding=vectors[order], appearance=colours[order])
+    return found._replace(views=views, losses=losses)
 
 
 def _boxes(frame: Frame, boxed: Boxed) -> Boxes:

@@ -9,10 +9,12 @@ import numpy as np
 from occlog.errors import PluginError
 from occlog.measure.detections import Detections
 from occlog.measure.networks.detector import Boxed
+from occlog.measure.regions.box_appearance import box_appearance
 from occlog.plugins.interface import Detected, Detector
 from occlog.plugins.loading import Chosen, plugin_errors
 from occlog.records.frames import Frame
 from occlog.records.scene import Scene
+from occlog.records.tables import APPEARANCE_BINS
 
 from .by_network import DetectedFrame, decoded, in_parts
 from .config import DetectConfig
@@ -47,7 +49,8 @@ def _detect_frames(
     for frame in frames:
         image = decoded(frame, scene, shapes, config)
         if isinstance(image, str):
-            yield DetectedFrame(frame, image, None, np.zeros((0, length or 0), dtype=np.float32))
+            nothing = np.zeros((0, length or 0), dtype=np.float32)
+            yield DetectedFrame(frame, image, None, nothing, np.zeros((0, APPEARANCE_BINS), dtype=np.float32))
             continue
         if frame.sensor not in own:
             rng = np.random.default_rng(names.index(frame.sensor))
@@ -69,7 +72,8 @@ def _detect_frames(
         order = np.argsort(-boxes[:, 2] * boxes[:, 3], kind="stable")
         edges = np.column_stack([boxes[:, :2], boxes[:, :2] + boxes[:, 2:]])[order]
         scores = np.asarray(found.scores, dtype=np.float64)[kept][order]
-        yield DetectedFrame(frame, "", Boxed(edges, scores), vectors[kept][order])
+        colours = box_appearance(image, edges, scores)
+        yield DetectedFrame(frame, "", Boxed(edges, scores), vectors[kept][order], colours)
 
 
 def vectors_of(found: Detected) -> np.ndarray[tuple[int, int], np.dtype[np.float32]]:

@@ -87,8 +87,8 @@ def run_detect(request: DetectRequest, job: Job) -> tuple[dict[str, object], lis
     losses, tally = write_detections(job, detections, whole, lost, left, scene, files, fused, work.checks)
     if tally["regions"] and not any(c.placed for c in scene.cameras):
         job.note(
-            "warning: no camera has a pose in space, so that there are no bearings; ingest with a calibration, or "
-            f"give a scene ({option('scene')})"
+            "warning: no camera has a pose in space, so that there are no bearings; ingest with a calibration, give "
+            f"a scene ({option('scene')}), or track the boxes in the images (`occlog track` with method sort)"
         )
     summary: dict[str, object] = {"bearings": str(request.output), **work.summary, **_figures(tally)}
     if fused is not None:

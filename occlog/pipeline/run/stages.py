@@ -29,13 +29,13 @@ from occlog.records.tables import (
 )
 from occlog.request import Form, Request, Verb, Verbs, load
 from occlog.simulate.request import KINDS
-from occlog.track.catalogue import BOXES, IMAGES, METHODS, READS, VERB, VIEW
+from occlog.track.catalogue import BOXES, IMAGES, METHODS, READS, UNCALIBRATED, VERB, VIEW
 from occlog.track.catalogue import form_of as form_of_method
 
 from .stage import RunStage
 
 SOURCES = ("recording", "simulate", "ingest", "table", "listen")
-IN_IMAGES = (IMAGES, "boxes without a calibration")
+IN_IMAGES = (IMAGES, UNCALIBRATED)
 """What methods take in that track in the image of each camera."""
 SEEN = {"bags", "video", "images", "boxes", "mot", "positions"}
 """Keys of `ingest` with inputs in which people are seen: images, boxes, positions."""

@@ -24,9 +24,9 @@ from .views import ViewTracks
 
 KINDS = ("initiated", "terminated", "possible_switch", "reidentified")
 """`kind` of an event."""
-BOX, GROUND = "box", "ground"
+BOX, GROUND, PREDICTED = "box", "ground", "predicted"
 """`likelihood_mode` of a row of all people in the images: the camera has a box of the person, or the position on the
-ground alone."""
+ground alone; without a calibration: the boxes of other frames alone."""
 COASTING, SINGLE_VIEW, POSSIBLE_SWITCH, INCONSISTENT_VIEWS = (
     "coasting",
     "single_view",
@@ -93,9 +93,10 @@ class JoinedTracks(PeopleTracks):
 class PeopleViews(ViewTracks):
     """All tracks projected into every image, including occluded ones; every command reads them as `ViewTracks`.
 
-    `mode` is `box` where the camera has a box of the person: the ellipse is inscribed in the mean of it and of the box
-    that the position on the floor lets expect, weighted by the visibility.  It is `floor` where there is the latter
-    alone.
+    `likelihood_mode` is `box` where the camera has a box of the person: the ellipse is inscribed in the mean of it and
+    of the box that the position on the floor lets expect, weighted by the visibility.  It is `ground` where there is
+    the latter alone.  Without a calibration (method `sort`) the ellipse is inscribed in the estimated box, and the mode
+    is `predicted` where the frame has no box of the person.
     """
 
     visibility: Floats = column(

@@ -58,7 +58,8 @@ class ViewTracks(ColumnTable):
         "U",
         "1",
         "what the tracker did in the frame: `mipf` (alone), `idmot` (repulsion by its neighbours), `bmct` "
-        "(other views too), `cmct`, `mcmc`; empty in the row where it starts",
+        "(other views too), `cmct`, `mcmc`; empty in the row where it starts. Of trackers of boxes: `box` (the frame "
+        "has a box of the target), `ground` (the position on the ground alone), `predicted` (boxes of other frames)",
     )
     counterpart: Strings = column(
         "U", "1", "the target in other views by the loop check: `good`, `bad`, `none`; empty: not checked"

@@ -67,9 +67,17 @@ def rows_of_boxes(chunks: Iterable[Boxes]) -> Iterator[DetectionFrameRows]:
         )
 
 
-def rows_of_views(chunks: Iterable[Views]) -> Iterator[DetectionFrameRows]:
-    """Read regions of images; those that the fusion of detections put in or took out are none."""
+def rows_of_views(chunks: Iterable[Views], colours_of_boxes: bool = True) -> Iterator[DetectionFrameRows]:
+    """Read regions of images; those that the fusion of detections put in or took out are none.
+
+    Args:
+        chunks: in the order of time.
+        colours_of_boxes: take the colours of boxes with a confidence, too; embeddings are always taken.
+    """
     for c in chunks:
+        colours = c.appearance
+        if not colours_of_boxes:
+            colours = np.where(np.isnan(c.confidence)[:, None], colours, np.float32(np.nan))
         yield DetectionFrameRows(
             t_ns=c.t_ns,
             sensor=c.sensor,
@@ -79,7 +87,7 @@ def rows_of_views(chunks: Iterable[Views]) -> Iterator[DetectionFrameRows]:
             score=c.confidence,
             tracklet_id=c.tracklet_id,
             # Network embeddings are more informative than colours.
-            appearance=(c.embedding if c.embedding.shape[1] else c.appearance).astype(np.float64),
+            appearance=(c.embedding if c.embedding.shape[1] else colours).astype(np.float64),
         )
 
 

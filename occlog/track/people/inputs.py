@@ -5,11 +5,11 @@ How tall people are by their boxes and the cameras' poses: the unit of a scene, 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, islice, pairwise
 from pathlib import Path
-from typing import TypeVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from occlog.scans.sources import bearings_of_doa
 from occlog.settings import LENGTH_POWER, METRES, Settings, configure, declaration, declared
 from occlog.track.methods.jipda.config import JipdaConfig
 from occlog.track.methods.jipda.interface import DirectionsOfArrival, PositionSource
-from occlog.track.request import TrackPeopleRequest
+from occlog.track.request import TrackInImagesRequest, TrackPeopleRequest
 
 from .frame_detections import (
     BoxStatistics,
@@ -138,6 +138,11 @@ class PeopleInput:
         regions_smoothed: the future of regions of video, which split and merge for many frames at a time, is wanted.
     """
 
+    COLOURS_OF_BOXES: ClassVar[bool] = False
+    """Whether colours in boxes of a detector are used, which have pixels of the background."""
+    request: TrackPeopleRequest | TrackInImagesRequest
+    _doa: Opened | None
+
     def __init__(self, request: TrackPeopleRequest) -> None:
         """Open the boxes and read the first ones."""
         self.request = request
@@ -194,19 +199,11 @@ class PeopleInput:
 
     def _cameras(self) -> tuple[Camera, ...]:
         """Cameras to use; UsageError for a name that there is not, InputError where none has a pose."""
-        known = tuple(c.name for c in self.scene.cameras)
         positions = self.opened.recording is not None and self.opened.has(Positions)
         sources = self.opened.recording.sensors_of(Positions) if positions and self.opened.recording else ()
-        for name in (*self.request.cameras, *self.request.without):
-            if name not in (*known, *sources):
-                raise UsageError(f"no camera {name!r} in the scene; {nearest(name, (*known, *sources))}")
+        chosen = self._chosen(sources)
         if not any(self.opened.has(table) for table in (Boxes, Views)) and self.sources:
             return ()
-        chosen = [
-            c
-            for c in self.scene.cameras
-            if (not self.request.cameras or c.name in self.request.cameras) and c.name not in self.request.without
-        ]
         used = [c for c in chosen if c.has_height]
         low = [c.name for c in chosen if c.placed and not c.has_height]
         left = [c.name for c in chosen if not c.placed]
@@ -223,7 +220,7 @@ class PeopleInput:
                 which += " a pose in space"
             recording = self.opened.recording
             seen = recording is not None and recording.cameras
-            images = ", or track people in the images (method bmct)" if seen else ""
+            images = ", or track people in the images (method sort)" if seen else ""
             raise InputError(
                 f"{self.request.bearings}: {which}, so no position on the floor can be found; {remedy}{images}"
             )
@@ -239,6 +236,18 @@ class PeopleInput:
             )
         return tuple(used)
 
+    def _chosen(self, others: Iterable[str] = ()) -> list[Camera]:
+        """Cameras that the request names; UsageError for a name that is neither one of the scene nor of `others`."""
+        known = (*(c.name for c in self.scene.cameras), *others)
+        for name in (*self.request.cameras, *self.request.without):
+            if name not in known:
+                raise UsageError(f"no camera {name!r} in the scene; {nearest(name, known)}")
+        return [
+            c
+            for c in self.scene.cameras
+            if (not self.request.cameras or c.name in self.request.cameras) and c.name not in self.request.without
+        ]
+
     def _frames(self) -> Iterator[FrameDetectionsWithIds]:
         """Generate the frames of all cameras and sources of positions, in the order of time."""
         if not self.sources:
@@ -251,7 +260,8 @@ class PeopleInput:
         """Generate the frames of all cameras; a table of regions has no rows for frames without detections."""
         known = [c.name for c in self.scene.cameras]
         boxes, foreign = self.opened.has(Boxes), self.opened.foreign
-        chunks = rows_of_boxes(self.opened.rows(Boxes)) if boxes else rows_of_views(self.opened.rows(Views))
+        views = () if boxes else self.opened.rows(Views)
+        chunks = rows_of_boxes(self.opened.rows(Boxes)) if boxes else rows_of_views(views, self.COLOURS_OF_BOXES)
         found = frame_detections(chunks, self.cameras, known, self.tally)
         # Our boxes have a row for each frame without any; others tell of such frames by leaving numbers out
         if boxes and (foreign is None or not foreign.fits(RegionFrameTimes)):
@@ -271,7 +281,7 @@ class PeopleInput:
 
     def _directions(self) -> Opened | None:
         """The input with directions of arrival; None: missing."""
-        if self.request.doa is not None:
+        if isinstance(self.request, TrackPeopleRequest) and self.request.doa is not None:
             opened = open_input(self.request.doa, Doa)
             if opened.made_in_a_scene:
                 check_unit(opened, self.scene.length_unit)
@@ -347,6 +357,39 @@ class PeopleInput:
                 "determine how tall people are; state it in the setting person_height"
             )
         return metre, configure(in_units_of(JipdaConfig(), metre), given)
+
+
+class ImageInput(PeopleInput):
+    """The boxes of cameras that need no pose, as a stream of frames, and what must be known beforehand."""
+
+    COLOURS_OF_BOXES: ClassVar[bool] = True
+
+    def __init__(self, request: TrackInImagesRequest) -> None:
+        """Open the boxes; without a scene the cameras are those that the rows name."""
+        self.request = request
+        self.opened = open_input(request.bearings)
+        self.opened.require(Boxes, Views, remedy=_remedy(self.opened))
+        stated = self.opened.scene
+        has_scene = request.scene is not None or (stated is not None and stated.cameras)
+        self.scene = load_scene(request.scene, stated, request.bearings) if has_scene else self._named()
+        self.notes = []
+        self._doa = None
+        self.cameras = tuple(self._chosen())
+        if not self.cameras:
+            raise UsageError("no camera is left to track in; use at least one")
+        self.sources, self.views = (), self.cameras
+        self.tally = BoxStatistics.of(len(self.cameras))
+        self.numbers = {}
+        self.frames = self._frames()
+
+    def _named(self) -> Scene:
+        """A scene of cameras without a pose, of the names that rows have."""
+        rows = self.opened.rows(Boxes) if self.opened.has(Boxes) else self.opened.rows(Views)
+        names = sorted({name for part in rows for name in np.unique(part.sensor).tolist()})
+        if not names:
+            raise InputError(f"{self.request.bearings}: holds no boxes")
+        pose = np.zeros(3), np.eye(3), np.ones(2), np.zeros(2)
+        return Scene(tuple(Camera(name, *pose, placed=False) for name in names))
 
 
 def _by_array(rows: Bearings, index_of: Mapping[str, int]) -> Iterator[DirectionsOfArrival]:

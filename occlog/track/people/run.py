@@ -9,19 +9,23 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from occlog import console
-from occlog.records.declared.people import COASTING
+from occlog.errors import UsageError, option
+from occlog.records.declared.people import COASTING, PREDICTED
 from occlog.records.losses import OUTSIDE_IMAGE, Loss
-from occlog.records.tables import PeopleTracks, PeopleViews
+from occlog.records.tables import Events, PeopleTracks, PeopleViews
 from occlog.records.verdicts import Check, finding, outcome, summary_of, texts_of
 from occlog.request import load
 from occlog.runner import Job
+from occlog.settings import configure
 from occlog.track.catalogue import METHODS
 from occlog.track.methods.jipda.filter import JipdaState
 from occlog.track.methods.jipda.position_errors import PositionErrors, learned_sigma, learned_sigma_ratio
-from occlog.track.request import TrackPeopleRequest
+from occlog.track.methods.sort.config import SortConfig
+from occlog.track.request import TrackInImagesRequest, TrackPeopleRequest
 
 from .agreement import CameraAgreement
-from .inputs import PeopleInput, inconsistent_cameras
+from .image_tracks import ImageTracksPart, track_in_images
+from .inputs import ImageInput, PeopleInput, inconsistent_cameras
 from .reidentification import GalleryReidentification
 from .rows import SnapshotTables
 from .stage import PeopleTracker, Tabulator, track_people
@@ -42,18 +46,105 @@ MAX_SKIPPED_SHARE = 0.2
 """Share of a camera's boxes that were omitted before, as they lie outside its image, that matters."""
 
 
-class PeopleSummary:
-    """Figures of the summary, counted over a stream of tables."""
+class _Counts:
+    """What the summaries of tracks on the ground and of tracks in the images count, and check."""
 
-    def __init__(self, inputs: PeopleInput, agreement: CameraAgreement) -> None:
+    def __init__(self, inputs: PeopleInput) -> None:
         """Begin with all counts at 0."""
-        self.inputs, self.agreement = inputs, agreement
-        self.positions: PositionErrors | None = None
+        self.inputs = inputs
         self.people: set[int] = set()
         self.rows = self.unseen = 0
         self.existence = self.exchanges = 0.0
         self.times = 0
         self.events: Counter[str] = Counter()
+
+    def identities(self) -> tuple[Check, ...]:
+        """Check of the expected identity switches."""
+        each = self.exchanges / (self.rows / self.times) if self.rows else 0.0
+        return outcome(
+            IDENTITIES,
+            self._doubtful(),
+            unless="" if self.rows else "no person was found",
+            switches=round(self.exchanges, 1),
+            per_person=each,
+            allowed=SWITCHES_PER_TARGET_WARNING,
+        )
+
+    def numbering(self) -> tuple[Check, ...]:
+        """Check of the numbers of frames."""
+        return outcome(FRAMES, self._numbers(), unless="" if self.inputs.numbers else "frames are not numbered")
+
+    def found(self) -> tuple[Check, ...]:
+        """Check that there are tracks."""
+        return outcome(FOUND, self._no_tracks(), people=len(self.people), rows=self.rows)
+
+    def count_events(self, events: Events) -> None:
+        """Count events."""
+        self.events.update(events.kind.tolist())
+        # Both of the two have a row
+        self.exchanges += 0.5 * float(np.nansum(events.probability[events.kind == "possible_switch"]))
+
+    def _no_tracks(self) -> Iterator[Check]:
+        """No tracks at all."""
+        if not self.rows:
+            yield finding(FOUND, "no-tracks")
+
+    def _lost(self) -> Iterator[Check]:
+        """Cameras of which many boxes were omitted when the recording was made."""
+        tally = self.inputs.tally
+        kept = tally.boxes + tally.outside + tally.twice
+        for c, name in enumerate(self.inputs.names):
+            gone = (each for each in self.inputs.losses if each.source == name)
+            lost = sum(each.count for each in gone if each.what.startswith(OUTSIDE_IMAGE))
+            whole = int(kept[c]) + lost
+            if lost > MAX_SKIPPED_SHARE * whole:
+                yield finding(
+                    OUTSIDE,
+                    "boxes-skipped",
+                    sensors=[name],
+                    count=lost,
+                    boxes=whole,
+                    share=lost / whole,
+                    allowed=MAX_SKIPPED_SHARE,
+                )
+
+    def _numbers(self) -> Iterator[Check]:
+        """Cameras with frame numbers that are hardly ever successive, so that most frames would have no box."""
+        for name, each in sorted(self.inputs.numbers.items()):
+            successive = each.pairs - each.left_out
+            if each.pairs >= MIN_PAIRS and successive < MIN_SUCCESSIVE_SHARE * each.pairs:
+                yield finding(
+                    FRAMES,
+                    "frame-numbers-sparse",
+                    sensors=[name],
+                    count=successive,
+                    frames=each.pairs,
+                    share=successive / each.pairs,
+                    allowed=MIN_SUCCESSIVE_SHARE,
+                )
+
+    def _doubtful(self) -> Iterator[Check]:
+        """Identities that may have been exchanged where people met."""
+        each = self.exchanges / (self.rows / self.times) if self.rows else 0.0
+        if each >= SWITCHES_PER_TARGET_NOTE:
+            yield finding(
+                IDENTITIES,
+                "identity-switches-likely",
+                "warning" if each >= SWITCHES_PER_TARGET_WARNING else "note",
+                switches=round(self.exchanges, 1),
+                per_person=each,
+                allowed=SWITCHES_PER_TARGET_WARNING,
+            )
+
+
+class PeopleSummary(_Counts):
+    """Figures of the summary of tracks on the ground, counted over a stream of tables."""
+
+    def __init__(self, inputs: PeopleInput, agreement: CameraAgreement) -> None:
+        """Begin with all counts at 0."""
+        super().__init__(inputs)
+        self.agreement = agreement
+        self.positions: PositionErrors | None = None
 
     def learned(self, state: object) -> None:
         """Take what the filter has learned of positions by the last time step."""
@@ -66,9 +157,7 @@ class PeopleSummary:
         self.times += len(np.unique(part.tracks.t_ns))
         self.unseen += int(np.count_nonzero(np.char.startswith(part.tracks.quality_flags, COASTING)))
         self.existence += float(part.tracks.existence_probability.sum())
-        self.events.update(part.events.kind.tolist())
-        # Both of the two have a row
-        self.exchanges += 0.5 * float(np.nansum(part.events.probability[part.events.kind == "possible_switch"]))
+        self.count_events(part.events)
 
     def figures(self) -> dict[str, object]:
         """The figures.
@@ -140,23 +229,15 @@ class PeopleSummary:
     def checks(self) -> tuple[Check, ...]:
         """Checks of the tracks with their findings."""
         tally, heights = self.inputs.tally, self.inputs.heights
-        each = self.exchanges / (self.rows / self.times) if self.rows else 0.0
         compared = np.count_nonzero(np.isfinite(heights)) > 1
         return (
             *self.agreement.checks(tally),
             *outcome(OUTSIDE, self._lost()),
             *outcome(SIZES, self._tall(), unless="" if compared else UNSIZED),
-            *outcome(
-                IDENTITIES,
-                self._doubtful(),
-                unless="" if self.rows else "no person was found",
-                switches=round(self.exchanges, 1),
-                per_person=each,
-                allowed=SWITCHES_PER_TARGET_WARNING,
-            ),
-            *outcome(FRAMES, self._numbers(), unless="" if self.inputs.numbers else "frames are not numbered"),
+            *self.identities(),
+            *self.numbering(),
             *outcome(SMOOTHED, self._smoothed()),
-            *outcome(FOUND, self._no_tracks(), people=len(self.people), rows=self.rows),
+            *self.found(),
             *outcome(
                 POSITION_NOISE, self._position_noise(), unless="" if self._sigma_ratios() else "no noise is stated"
             ),
@@ -192,64 +273,69 @@ class PeopleSummary:
         if self.inputs.regions_smoothed and self.rows:
             yield finding(SMOOTHED, "correlated-region-errors")
 
-    def _no_tracks(self) -> Iterator[Check]:
-        """No tracks at all."""
-        if not self.rows:
-            yield finding(FOUND, "no-tracks")
-
-    def _lost(self) -> Iterator[Check]:
-        """Cameras of which many boxes were omitted when the recording was made."""
-        tally = self.inputs.tally
-        kept = tally.boxes + tally.outside + tally.twice
-        for c, name in enumerate(self.inputs.names):
-            gone = (each for each in self.inputs.losses if each.source == name)
-            lost = sum(each.count for each in gone if each.what.startswith(OUTSIDE_IMAGE))
-            whole = int(kept[c]) + lost
-            if lost > MAX_SKIPPED_SHARE * whole:
-                yield finding(
-                    OUTSIDE,
-                    "boxes-skipped",
-                    sensors=[name],
-                    count=lost,
-                    boxes=whole,
-                    share=lost / whole,
-                    allowed=MAX_SKIPPED_SHARE,
-                )
-
-    def _numbers(self) -> Iterator[Check]:
-        """Cameras with frame numbers that are hardly ever successive, so that most frames would have no box."""
-        for name, each in sorted(self.inputs.numbers.items()):
-            successive = each.pairs - each.left_out
-            if each.pairs >= MIN_PAIRS and successive < MIN_SUCCESSIVE_SHARE * each.pairs:
-                yield finding(
-                    FRAMES,
-                    "frame-numbers-sparse",
-                    sensors=[name],
-                    count=successive,
-                    frames=each.pairs,
-                    share=successive / each.pairs,
-                    allowed=MIN_SUCCESSIVE_SHARE,
-                )
-
-    def _doubtful(self) -> Iterator[Check]:
-        """Identities that may have been exchanged where people met."""
-        each = self.exchanges / (self.rows / self.times) if self.rows else 0.0
-        if each >= SWITCHES_PER_TARGET_NOTE:
-            yield finding(
-                IDENTITIES,
-                "identity-switches-likely",
-                "warning" if each >= SWITCHES_PER_TARGET_WARNING else "note",
-                switches=round(self.exchanges, 1),
-                per_person=each,
-                allowed=SWITCHES_PER_TARGET_WARNING,
-            )
-
     def _tall(self) -> Iterator[Check]:
         """Cameras in which people are taller or shorter than in the others."""
         unit = self.inputs.scene.length_unit
         for c, height in inconsistent_cameras(self.inputs.heights).items():
             name = self.inputs.names[c]
             yield finding(SIZES, "calibration-inconsistent", sensors=[name], height=height, unit=unit)
+
+
+class ImageSummary(_Counts):
+    """Figures of the summary of tracks in the images, counted over a stream of tables."""
+
+    def add(self, part: ImageTracksPart) -> None:
+        """Count some rows."""
+        self.people.update(part.tracks.target_id.tolist())
+        self.rows += len(part.tracks)
+        keys = np.rec.fromarrays([part.tracks.t_ns, part.tracks.sensor])
+        self.times += len(np.unique(keys)) if len(keys) else 0
+        self.unseen += int(np.count_nonzero(part.tracks.likelihood_mode == PREDICTED))
+        self.count_events(part.events)
+
+    def figures(self) -> dict[str, object]:
+        """The figures.
+
+        identities, rows: of the tracks.  mean_people: in the frames that have any.  predicted_share: share of the
+        rows without a box of their frame.  expected_switches: the sum of the probabilities of the possible identity
+        switches.  frames, boxes: of each camera, those that were read.
+        """
+        names, tally = self.inputs.names, self.inputs.tally
+        return {
+            "identities": len(self.people),
+            "rows": self.rows,
+            **({"mean_people": self.rows / self.times} if self.times else {}),
+            **({"predicted_share": self.unseen / self.rows} if self.rows else {}),
+            "possible_switches": self.events["possible_switch"],
+            "expected_switches": round(self.exchanges, 1),
+            "frames": dict(zip(names, tally.frames.tolist(), strict=True)),
+            "boxes": dict(zip(names, tally.boxes.tolist(), strict=True)),
+        }
+
+    def checks(self) -> tuple[Check, ...]:
+        """Checks of the tracks with their findings."""
+        return (*outcome(OUTSIDE, self._lost()), *self.identities(), *self.numbering(), *self.found())
+
+
+def run_track_in_images(request: TrackInImagesRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
+    """Track in the image of each camera and write; return the summary, and previous losses."""
+    if request.window is not None:
+        raise UsageError(f"{option('window')}: method {request.method} takes each frame of a camera by itself")
+    inputs = ImageInput(request)
+    config = configure(SortConfig(), request.settings)
+    parameters = {"method": request.method, "births": "detections", "cameras": list(inputs.names), **asdict(config)}
+    made = job.provenance(parameters, inputs.losses, request.seed)
+    summary = ImageSummary(inputs)
+    with job.tables(made, inputs.scene.length_unit, {"output": PeopleViews}) as tables:
+        for part in track_in_images(job.progress(inputs.frames, "track"), inputs.cameras, config):
+            tables.write(output=part.tracks, events=part.events)
+            summary.add(part)
+        made = made.with_checks(summary.checks())
+        tables.annotate(made)
+    console.note_findings(texts_of(made.judged, "track"), job.quiet)
+    names_of = {"output": "tracks"}
+    written = {names_of.get(name, name): str(path) for name, path in request.files(output=True).items()}
+    return {**written, "method": request.method, **summary.figures(), **summary_of(made.judged)}, inputs.losses
 
 
 def run_track_people(request: TrackPeopleRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:

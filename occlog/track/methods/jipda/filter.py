@@ -127,6 +127,8 @@ MIN_ARRIVALS = 1e-12
 """Least density of people who are missed while others arrive."""
 LOG_EXCLUDED = -60.0
 """Log-likelihood ratio of a box that is not a person's."""
+STATIC_S = 3.0
+"""Age from which a source of clutter is reported as a static object [s]."""
 MIN_STEPS_OF_TRUE = 1.5
 """Number of time steps with boxes from which a person is no common clutter."""
 STRONG_LOG_ODDS = math.log(9.0)
@@ -362,7 +364,7 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
     # Sources of clutter: boxes of no person, and of tracks that are static clutter
     phantom = 1.0 - is_a_person(people.static_log_odds)
     unreal = np.clip(left_free + phantom @ (result.beta + 0.5 * result.joint), 0.0, 1.0)
-    counts, clutter = _update_clutter(counts, boxes, unreal, state.clutter, rates.noise)
+    counts, clutter = _update_clutter(counts, boxes, unreal, state.clutter, rates.noise, interval)
     people = concat(
         people,
         tentative_targets(
@@ -422,7 +424,7 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         detectors=DetectorEstimates(
             math.sqrt(common[0]),
             common[1],
-            np.array([len(established(c).box) for c in clutter], dtype=np.int64),
+            np.array([np.count_nonzero(established(c).age >= STATIC_S) for c in clutter], dtype=np.int64),
             clocks.late,
             clocks.limit,
             poses.angles,
@@ -604,7 +606,12 @@ def _covariances(state: JipdaState, frame: FrameDetections) -> Floats:
 
 
 def _update_clutter(
-    counts: DetectorStatistics, boxes: PackedDetections, free: Floats, sources: Sequence[Clutter], noise: Floats
+    counts: DetectorStatistics,
+    boxes: PackedDetections,
+    free: Floats,
+    sources: Sequence[Clutter],
+    noise: Floats,
+    interval: Floats,
 ) -> tuple[DetectorStatistics, tuple[Clutter, ...]]:
     """The sums and the sources of clutter with the boxes that neither tracked nor new people explain.
 
@@ -614,13 +621,16 @@ def _update_clutter(
         free: (M,) probability that a box is of no person.
         sources: of each camera.
         noise: (4, 2) variances of boxes, as in `DetectorModel.noise`.
+        interval: (C,) time since each camera's last frame [s]; may be infinite.
     """
     clutter, again = counts.clutter.copy(), counts.again.copy()
     rate, out = persistent_clutter_rate(counts), list(sources)
     for frame, c in enumerate(boxes.camera.tolist()):
         here = slice(boxes.first[frame], boxes.first[frame + 1])
         clutter[c] += (free[here].sum(), 1.0)
-        out[c], counted = update_sources(sources[c], boxes.box[here], free[here], float(rate[c]), noise)
+        out[c], counted = update_sources(
+            sources[c], boxes.box[here], free[here], float(rate[c]), noise, float(interval[c])
+        )
         again[c] += counted
     return replace(counts, clutter=clutter, again=again), tuple(out)
 

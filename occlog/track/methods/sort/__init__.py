@@ -1,0 +1,1 @@
+"""Method `sort`: boxes of one camera tracked in its image, without a calibration."""

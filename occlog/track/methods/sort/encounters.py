@@ -1,0 +1,78 @@
+"""Where two people may have been exchanged: the assignment of boxes the other way round is nearly as likely."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from occlog.array_types import NS, Floats, Ints
+from occlog.track.methods.jipda.interface import Event
+
+MIN_PROBABILITY = 0.2
+"""Less probable exchanges are not named."""
+NEAR_PROBABILITY = 0.02
+"""Two people are at an encounter while an exchange is more probable than this."""
+OVER_S = 1.0
+"""An encounter is over when no exchange was possible for this long [s]."""
+
+
+class Encounters:
+    """Encounters that go on; memory is bounded by the pairs of people who are near each other."""
+
+    def __init__(self) -> None:
+        """Begin without any."""
+        self._going_on: dict[tuple[int, int], list[float]] = {}
+
+    def add(self, t_ns: int, ids: Ints, ratio: Floats, target: Ints, box: Ints) -> Iterator[Event]:
+        """Add a frame; events of the encounters that are over.
+
+        Args:
+            t_ns: time of the frame.
+            ids: (N,) identities of the tracks; -1: none.
+            ratio: (N, M) log likelihood ratios of tracks and boxes.
+            target: (k,) tracks with a box.
+            box: (k,) their boxes.
+        """
+        for a, b, probability in exchanges(ids, ratio, target, box):
+            pair = (min(a, b), max(a, b))
+            largest = self._going_on.get(pair, [0.0, 0.0])[0]
+            self._going_on[pair] = [max(largest, probability), float(t_ns)]
+        over = [pair for pair, (_, last) in self._going_on.items() if t_ns - last > OVER_S * NS]
+        for pair in over:
+            yield from _events(pair, self._going_on.pop(pair)[0])
+
+    def finish(self) -> Iterator[Event]:
+        """Events of all that still go on."""
+        for pair, (probability, _) in self._going_on.items():
+            yield from _events(pair, probability)
+        self._going_on = {}
+
+
+def exchanges(ids: Ints, ratio: Floats, target: Ints, box: Ints) -> list[tuple[int, int, float]]:
+    """Pairs of identities, and the probability that their boxes are exchanged, of those above `NEAR_PROBABILITY`.
+
+    One of the two may have no box: then the other's may be its own.
+    """
+    assigned = np.full(len(ids), -1, dtype=np.int64)
+    assigned[target] = box
+    known = np.flatnonzero(ids >= 0)
+    mine = assigned[known]
+    own = np.where(mine >= 0, ratio[known, mine] if ratio.shape[1] else 0.0, 0.0)
+    crossed = np.where(mine[None, :] >= 0, ratio[np.ix_(known, mine)] if ratio.shape[1] else 0.0, 0.0)
+    with np.errstate(invalid="ignore", over="ignore"):
+        loss = own[:, None] + own[None, :] - crossed - crossed.T
+        probability = 1.0 / (1.0 + np.exp(loss))
+    some = (mine[:, None] >= 0) | (mine[None, :] >= 0)
+    first, second = np.nonzero(np.triu(some & (probability > NEAR_PROBABILITY), 1))
+    return [
+        (int(ids[known[i]]), int(ids[known[j]]), float(probability[i, j]))
+        for i, j in zip(first.tolist(), second.tolist(), strict=True)
+    ]
+
+
+def _events(pair: tuple[int, int], probability: float) -> list[Event]:
+    """Return the possible identity switch of either person, if it is likely enough to report."""
+    if probability < MIN_PROBABILITY:
+        return []
+    return [Event("possible_switch", a, b, probability) for a, b in (pair, pair[::-1])]

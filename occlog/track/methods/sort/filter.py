@@ -1,0 +1,406 @@
+"""Filter of boxes in the image of one camera: one Kalman filter per person, one assignment per frame.
+
+The family of SORT (Bewley et al. 2016).  Boxes of all confidences are assigned at once, by likelihood ratios in which
+a box of low confidence counts less (ByteTrack, Zhang et al. 2022, has two stages for this).  A miss counts by the share
+of the person that nobody nearer covers, and by whether the frame before was a miss, too, so that people live on while
+they are hidden.  After a gap a person may also have stopped: the last observation competes with the prediction
+(observation-centric recovery, OC-SORT, Cao et al. 2023).  Existence is that of integrated PDA (Musicki et al. 1994).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.special import erf
+
+from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.track.methods.jipda.association_features import OTHER_TARGET, SAME_TARGET, log_ratio, similarity
+from occlog.track.methods.jipda.interface import NO_ID, Event, FrameDetections
+
+from .config import SortConfig
+from .encounters import Encounters
+from .kernels.boxes import (
+    ASPECT,
+    LOG_HEIGHT,
+    MIN_ASPECT,
+    X,
+    boxes_of,
+    inside_shares,
+    intersections,
+    overlaps,
+    states_of,
+    visible_shares,
+)
+from .kernels.motion import predicted, updated
+from .learned import DetectorStatistics
+
+SIZE_NOISE_DENSITY = 5e-4
+"""Spectral density of the acceleration of the logarithm of a height and of the ratio of width to height [1/s^3]."""
+SIGMA_SIZE_RATE = 0.05
+"""Standard deviation of the rates of both at the begin of a track [1/s]."""
+TAIL = 20.0
+"""Degrees of freedom of the t distribution of innovations, heavier in its tails than the normal one."""
+GATE = 25.0
+"""Largest squared Mahalanobis distance of a box and a track (four degrees of freedom)."""
+STOPPED = 0.1
+"""Probability that a person without a box has left the predicted path since the last box."""
+SIGMA_STROLL = 0.5
+"""Standard deviation of where such a person is after one second, in heights; it grows with the root of the time."""
+MAX_BIRTH_OVERLAP = 0.7
+"""A box that overlaps a track by more (intersection over union) begins none: it is the same person twice."""
+MIN_BOXES = 2
+"""Boxes that confirm a track, at least."""
+MIN_TENTATIVE, MIN_CONFIRMED = 0.02, 1e-3
+"""Existence probabilities below which a track ends."""
+MIN_INSIDE = 0.3
+"""Share of a box in the image below which the person has left, without a detection."""
+MIN_VISIBLE_TO_LEARN = 0.8
+"""Visible share from which the appearance of a person is learned."""
+APPEARANCE_RATE = 0.1
+"""Weight of a new box in a person's appearance."""
+MAX_EXISTENCE = 1.0 - 1e-4
+"""Largest existence probability."""
+
+
+@dataclass
+class Targets:
+    """N tracks, tentative ones too.
+
+    Attributes:
+        key: number of each track since the begin.
+        id: identity; -1: not confirmed.
+        mean: (N, 4, 2) values and rates of the states of `kernels.boxes`.
+        cov: (N, 4, 3) covariances, as in `kernels.motion`.
+        last: (N, 4) state after the last box.
+        last_var: (N, 4) its variances.
+        existence: probability that the person is there.
+        boxes: boxes so far.
+        coasting_s: time since the last box.
+        appearance: (N, K) running mean; NaN: none.
+    """
+
+    key: Ints
+    id: Ints
+    mean: Floats
+    cov: Floats
+    last: Floats
+    last_var: Floats
+    existence: Floats
+    boxes: Ints
+    coasting_s: Floats
+    appearance: Floats
+
+    def take(self, rows: Bools | Ints) -> Targets:
+        """The tracks selected by a mask or by indices."""
+        return Targets(*(getattr(self, f.name)[rows] for f in fields(self)))
+
+    def and_(self, others: Targets) -> Targets:
+        """These tracks and others."""
+        return Targets(*(np.concatenate([getattr(self, f.name), getattr(others, f.name)]) for f in fields(self)))
+
+
+def no_targets(length: int) -> Targets:
+    """No tracks, with appearances of a length."""
+    none, some = np.zeros(0, dtype=np.int64), np.zeros(0)
+    wide = np.zeros((0, 4))
+    return Targets(
+        none, none.copy(), np.zeros((0, 4, 2)), np.zeros((0, 4, 3)), wide, wide.copy(), some, none.copy(), some.copy(),
+        np.zeros((0, length)),
+    )  # fmt: skip
+
+
+class FrameTracks(NamedTuple):
+    """Confirmed tracks after a frame; m rows, and h boxes of tracks that may be confirmed later."""
+
+    t_ns: int
+    frame: int
+    id: Ints  # (m,)
+    boxes: Floats  # (m, 4) left, top, right, bottom
+    variance: Floats  # (m, 2) of the centre, x and y
+    detected: Bools  # (m,) whether a box of this frame is assigned
+    visibility: Floats  # (m,) share that nobody nearer covers, by the prediction
+    existence: Floats  # (m,)
+    events: tuple[Event, ...]
+    keys: Ints  # (h,) keys of tracks with a box in this frame
+    of_keys: Ints  # (h,) index of the box in the frame
+
+
+class _Scored(NamedTuple):
+    """Pairs of N tracks and M boxes."""
+
+    ratio: Floats  # (N, M) log likelihood ratio of the pair to a miss and a box of nobody; -inf: beyond the gate
+    likeness: Floats  # (N, M) similarity of appearance; NaN: not known
+    stopped: Bools  # (N, M) the box is near the last one, and off the predicted path
+    missed: Bools  # (N,) the track had no box in the frame before
+    detection: Floats  # (N,) probability of detection
+
+
+class SortFilter:
+    """The filter of one camera."""
+
+    def __init__(self, config: SortConfig, size: tuple[int, int] | None = None) -> None:
+        """Begin without tracks.
+
+        Args:
+            config: settings.
+            size: width and height of the image [px]; None: the reach of the boxes so far.
+        """
+        self.config = config
+        self.targets = no_targets(0)
+        self.learned = DetectorStatistics(config.detection_probability)
+        self.confirmed: dict[int, int] = {}
+        self._size = None if size is None else (float(size[0]), float(size[1]))
+        self._reach = (1.0, 1.0)
+        self._t_ns: int | None = None
+        self._keys = self._ids = 0
+        self._encounters = Encounters()
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height of the image [px]."""
+        return self._reach if self._size is None else self._size
+
+    def step(self, found: FrameDetections, frame: int) -> FrameTracks:
+        """Take in a frame; frames come in the order of time, those without boxes too."""
+        rows = np.flatnonzero((found.boxes[:, 2] - found.boxes[:, 0] > 0) & (found.boxes[:, 3] - found.boxes[:, 1] > 0))
+        boxes, score, appearance = found.boxes[rows], found.score[rows], found.appearance[rows]
+        self._widen(boxes, appearance)
+        dt = 0.0 if self._t_ns is None else (found.t_ns - self._t_ns) / NS
+        self._t_ns = found.t_ns
+        self._predict(dt)
+        z, noise = states_of(boxes), self._noise(boxes)
+        visible = visible_shares(boxes_of(self.targets.mean[..., 0]), self._weights())
+        scored = self._score(z, noise, score, appearance, visible, dt)
+        target, box = _assigned(scored.ratio)
+        events = [*self._encounters.add(found.t_ns, self.targets.id, scored.ratio, target, box)]
+        self._learn(scored, score, visible, target, box)
+        self._update(z, noise, appearance, scored, visible, target, box, dt)
+        detected = np.zeros(len(self.targets.id), dtype=np.bool_)
+        detected[target] = True
+        events += self._confirm()
+        free = np.setdiff1d(np.arange(len(rows)), box)
+        born = self._begin(free, boxes, z, noise, score, appearance)
+        keys = np.concatenate([self.targets.key[target], self.targets.key[len(detected) :]])
+        detected, visible = (
+            np.append(detected, np.ones(len(born), dtype=np.bool_)),
+            np.append(visible, np.ones(len(born))),
+        )
+        shown = self._shown(detected)
+        out = self._rows(found.t_ns, frame, shown, detected, visible)
+        events += self._end(detected)
+        return out._replace(events=tuple(events), keys=keys, of_keys=rows[np.concatenate([box, born])])
+
+    def finish(self) -> tuple[Event, ...]:
+        """Events that wait for later frames, of which there are none."""
+        return tuple(self._encounters.finish())
+
+    def _widen(self, boxes: Floats, appearance: Floats) -> None:
+        """Take in how far boxes reach, and how long descriptions of appearance are."""
+        if len(boxes):
+            self._reach = (max(self._reach[0], boxes[:, 2].max()), max(self._reach[1], boxes[:, 3].max()))
+        if appearance.shape[1] and not self.targets.appearance.shape[1]:
+            nothing = np.full((len(self.targets.id), appearance.shape[1]), np.nan)
+            self.targets = replace(self.targets, appearance=nothing)
+
+    def _weights(self) -> Floats:
+        """(N,) probability that a track hides what is behind it: confirmed and there."""
+        return np.where(self.targets.id >= 0, self.targets.existence, 0.0)
+
+    def _noise(self, boxes: Floats) -> Floats:
+        """(M, 4) variances of the states of boxes."""
+        position = (self.config.sigma_position * (boxes[:, 3] - boxes[:, 1])) ** 2
+        size = np.full(len(boxes), self.config.sigma_size**2)
+        return np.column_stack([position, position, size, size])
+
+    def _predict(self, dt: float) -> None:
+        """Move all tracks on."""
+        at, config = self.targets, self.config
+        density = np.full((len(at.id), 4), SIZE_NOISE_DENSITY)
+        density[:, :2] = (config.process_noise_density * np.exp(2.0 * at.mean[:, LOG_HEIGHT, 0]))[:, None]
+        at.mean[..., 0] += dt * at.mean[..., 1]
+        at.cov = predicted(at.cov, density, dt)
+        at.existence = at.existence * np.exp(-dt / config.mean_dwell_s)
+        at.coasting_s = at.coasting_s + dt
+
+    def _score(
+        self, z: Floats, noise: Floats, score: Floats, appearance: Floats, visible: Floats, dt: float
+    ) -> _Scored:
+        """Log likelihood ratios of all pairs."""
+        at = self.targets
+        inside = inside_shares(boxes_of(at.mean[..., 0]), self.size)
+        # Who was missed in the frame before is missed again, unless the run of misses has ended since
+        again = 1.0 - np.exp(-dt / self.config.miss_duration_s)
+        missed = at.coasting_s > 1.5 * dt
+        detection = self.learned.detection(visible * inside) * np.where(missed, again, 1.0)
+        detection = np.clip(detection, 0.01, 0.99)
+        ahead, distance = _likelihood(at.mean[..., 0], at.cov[..., 0], z, noise)
+        last, away = _likelihood(at.last, self._strolled(), z, noise)
+        coasts = missed[:, None]
+        here, there = ahead + np.log(1.0 - STOPPED), last + np.log(STOPPED)
+        ratio = np.where(coasts, np.logaddexp(here, there), ahead)
+        near = np.where(coasts, np.minimum(distance, away), distance) < GATE
+        area = self.size[0] * self.size[1]
+        ratio += (np.log(detection) - np.log1p(-detection))[:, None] + self.learned.log_score_ratio(score, area)[
+            None, :
+        ]
+        likeness = similarity(at.appearance, appearance) if appearance.shape[1] else np.full(ratio.shape, np.nan)
+        ratio += log_ratio(self.learned.likeness, np.where((at.boxes > 1)[:, None], likeness, np.nan))
+        return _Scored(np.where(near, ratio, -np.inf), likeness, coasts & (there > here), missed, detection)
+
+    def _strolled(self) -> Floats:
+        """(N, 4) variances of where people are who left the predicted path after their last box."""
+        at = self.targets
+        spread = (SIGMA_STROLL * np.exp(at.last[:, LOG_HEIGHT])) ** 2 * at.coasting_s
+        size = SIGMA_SIZE_RATE**2 * (1.0 + at.coasting_s)
+        return np.asarray(at.last_var + np.column_stack([spread, spread, size, size]))
+
+    def _learn(self, scored: _Scored, score: Floats, visible: Floats, target: Ints, box: Ints) -> None:
+        """Learn how the detector does, from tracks that are sure."""
+        at, learned = self.targets, self.learned
+        hit = np.zeros(len(at.id), dtype=np.bool_)
+        hit[target] = True
+        inside = inside_shares(boxes_of(at.mean[..., 0]), self.size) > 0.95
+        sure = (at.id >= 0) & (at.existence > 0.9) & inside
+        # After a hit only: misses come in runs
+        fresh = sure & ~scored.missed
+        learned.add_detections(visible[fresh], hit[fresh])
+        confirmed = at.id[target] >= 0
+        learned.add_scores(score, box[confirmed], np.setdiff1d(np.arange(len(score)), box))
+        plain = confirmed & sure[target] & (visible[target] > MIN_VISIBLE_TO_LEARN) & (at.boxes[target] > 2)
+        learned.add_likeness(SAME_TARGET, scored.likeness[target[plain], box[plain]])
+        if plain.sum() > 1:
+            cross = scored.likeness[np.ix_(target[plain], box[plain])]
+            learned.add_likeness(OTHER_TARGET, cross[~np.eye(len(cross), dtype=np.bool_)])
+
+    def _update(
+        self, z: Floats, noise: Floats, appearance: Floats, scored: _Scored, visible: Floats,
+        target: Ints, box: Ints, dt: float,
+    ) -> None:  # fmt: skip
+        """Kalman updates and existence probabilities."""
+        at = self.targets
+        stopped = scored.stopped[target, box]
+        mean, cov = updated(at.mean[target], at.cov[target], z[box], noise[box])
+        if stopped.any():
+            since = np.maximum(at.coasting_s[target[stopped]], max(dt, 1e-9))[:, None]
+            again = _born(z[box[stopped]], noise[box[stopped]], 0.5 * self.config.sigma_speed)
+            again[0][:, :2, 1] = ((z[box[stopped]] - at.last[target[stopped]]) / since)[:, :2]
+            mean[stopped], cov[stopped] = again
+        at.mean[target], at.cov[target] = mean, cov
+        at.last[target], at.last_var[target] = mean[..., 0], cov[..., 0]
+        at.boxes[target] += 1
+        at.coasting_s[target] = 0.0
+        odds = at.existence / (1.0 - at.existence) * (1.0 - scored.detection)
+        odds[target] *= np.exp(np.clip(scored.ratio[target, box], -30.0, 30.0))
+        at.existence = np.minimum(odds / (1.0 + odds), MAX_EXISTENCE)
+        if appearance.shape[1]:
+            plain = (visible[target] > MIN_VISIBLE_TO_LEARN) | np.isnan(at.appearance[target, 0])
+            plain &= ~np.isnan(appearance[box]).any(axis=1)
+            who, of = target[plain], box[plain]
+            old = np.where(np.isnan(at.appearance[who]), appearance[of], at.appearance[who])
+            at.appearance[who] = old + APPEARANCE_RATE * (appearance[of] - old)
+
+    def _confirm(self) -> list[Event]:
+        """Give identities to tracks that exist by their evidence."""
+        at = self.targets
+        new = np.flatnonzero(
+            (at.id < 0) & (at.existence > self.config.confirmation_threshold) & (at.boxes >= MIN_BOXES)
+        )
+        events = []
+        for k in new.tolist():
+            at.id[k] = self._ids
+            self.confirmed[int(at.key[k])] = self._ids
+            events.append(Event("initiated", self._ids, NO_ID, float(at.existence[k])))
+            self._ids += 1
+        return events
+
+    def _begin(self, free: Ints, boxes: Floats, z: Floats, noise: Floats, score: Floats, appearance: Floats) -> Ints:
+        """Begin tentative tracks with boxes that are of nobody; return the indices of these boxes."""
+        at = self.targets
+        born = free[~(score[free] < self.config.birth_score)]
+        prior = self.learned.birth_probability(score[born])
+        if len(at.id) and len(born):
+            tracked = boxes_of(at.mean[..., 0])
+            apart = overlaps(boxes[born], tracked).max(axis=1) < MAX_BIRTH_OVERLAP
+            born, prior = born[apart], prior[apart]
+            # A box on a person is rather a second box of that person than somebody else
+            area = np.prod(boxes[born, 2:] - boxes[born, :2], axis=1)
+            covered = (intersections(boxes[born], tracked) / area[:, None]).max(axis=1, initial=0.0)
+            prior = prior * (1.0 - 0.9 * np.clip(covered, 0.0, 1.0))
+        mean, cov = _born(z[born], noise[born], self.config.sigma_speed)
+        n = len(born)
+        self.targets = at.and_(
+            Targets(
+                key=self._keys + np.arange(n), id=np.full(n, -1, dtype=np.int64), mean=mean, cov=cov,
+                last=z[born].copy(), last_var=noise[born].copy(), existence=prior,
+                boxes=np.ones(n, dtype=np.int64), coasting_s=np.zeros(n), appearance=appearance[born].copy()
+                if appearance.shape[1] else np.full((n, at.appearance.shape[1]), np.nan),
+            )
+        )  # fmt: skip
+        self._keys += n
+        return born
+
+    def _shown(self, detected: Bools) -> Bools:
+        """(N,) tracks with a row: those with a box, and those that are there, and where they are, probably enough."""
+        at = self.targets
+        width = np.exp(at.mean[:, LOG_HEIGHT, 0]) * np.maximum(at.mean[:, ASPECT, 0], MIN_ASPECT)
+        found = match_probability(width, at.cov[:, X, 0]) * at.existence
+        inside = inside_shares(boxes_of(at.mean[..., 0]), self.size) > MIN_INSIDE
+        shown: Bools = (at.id >= 0) & (detected | (inside & (found > self.config.min_match_probability)))
+        return shown
+
+    def _rows(self, t_ns: int, frame: int, shown: Bools, detected: Bools, visible: Floats) -> FrameTracks:
+        """Rows of tracks, by identity."""
+        at = self.targets
+        rows = np.flatnonzero(shown)
+        rows = rows[np.argsort(at.id[rows])]
+        none = np.zeros(0, dtype=np.int64)
+        return FrameTracks(
+            t_ns, frame, at.id[rows], boxes_of(at.mean[rows, :, 0]), at.cov[rows, :2, 0], detected[rows],
+            visible[rows], at.existence[rows], (), none, none,
+        )  # fmt: skip
+
+    def _end(self, detected: Bools) -> list[Event]:
+        """End tracks that have left, that do not exist, or whose position is lost."""
+        at = self.targets
+        least = np.where(at.id >= 0, MIN_CONFIRMED, MIN_TENTATIVE)
+        left = inside_shares(boxes_of(at.mean[..., 0]), self.size) < MIN_INSIDE
+        over = (at.existence < least) | (at.coasting_s > self.config.max_coasting_s) | (left & ~detected)
+        ended = np.flatnonzero(over & (at.id >= 0))
+        events = [Event("terminated", int(at.id[k]), NO_ID, float(at.existence[k])) for k in ended]
+        self.targets = at.take(~over)
+        return events
+
+
+def match_probability(width: Floats, variance: Floats) -> Floats:
+    """(N,) probability that positions with variances (N,) are within a third of widths (N,)."""
+    out: Floats = erf(width / 3.0 / np.sqrt(2.0 * variance))
+    return out
+
+
+def _born(z: Floats, noise: Floats, sigma_speed: float) -> tuple[Floats, Floats]:
+    """Means (n, 4, 2) and covariances (n, 4, 3) of tracks of one box."""
+    mean, cov = np.zeros((len(z), 4, 2)), np.zeros((len(z), 4, 3))
+    mean[..., 0], cov[..., 0] = z, noise
+    cov[:, :2, 2] = (sigma_speed**2 * np.exp(2.0 * z[:, LOG_HEIGHT]))[:, None]
+    cov[:, 2:, 2] = SIGMA_SIZE_RATE**2
+    return mean, cov
+
+
+def _likelihood(mean: Floats, variance: Floats, z: Floats, noise: Floats) -> tuple[Floats, Floats]:
+    """(N, M) log likelihoods of boxes (M, 4) for tracks (N, 4), and squared Mahalanobis distances."""
+    spread = variance[:, None, :] + noise[None]
+    off = mean[:, None, :] - z[None]
+    distance = (off * off / spread).sum(axis=2)
+    log = -0.5 * (TAIL + 4.0) * np.log1p(distance / TAIL) - 0.5 * np.log(spread).sum(axis=2) - 2.0 * np.log(2.0 * np.pi)
+    return log, distance
+
+
+def _assigned(ratio: Floats) -> tuple[Ints, Ints]:
+    """Pairs of tracks and boxes with the greatest sum of log likelihood ratios; those below 0 are not made."""
+    gain = np.where(ratio > 0.0, ratio, 0.0)
+    rows, columns = linear_sum_assignment(gain, maximize=True)
+    made = gain[rows, columns] > 0.0
+    return rows[made].astype(np.int64), columns[made].astype(np.int64)

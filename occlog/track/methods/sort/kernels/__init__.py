@@ -1,0 +1,1 @@
+"""Arrays in, arrays out: boxes and how they overlap, motion of boxes, smoothing."""

@@ -1,0 +1,97 @@
+"""What is learned of a detector while tracking: rates of detection, confidences of boxes, likeness of people."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+
+VISIBILITY_BINS = 5
+"""Equal intervals of the visible share, in which the probability of detection is learned."""
+HIDDEN = (0.1, 0.35, 0.65, 0.92, 1.0)
+"""Prior of the probability of detection in each, relative to that in plain view."""
+PRIOR_FRAMES = 10.0
+"""Frames that the prior counts as."""
+SCORE_BINS = 10
+"""Equal intervals of confidence; one more is for boxes without any."""
+TRUE_SHARES = (0.01, 0.02, 0.05, 0.10, 0.14, 0.14, 0.14, 0.14, 0.13, 0.13)
+"""Prior shares of the confidences of people's boxes."""
+CLUTTER_RATES = (30.0, 10.0, 3.0, 1.0, 0.4, 0.2, 0.15, 0.1, 0.1, 0.1, 0.3)
+"""Prior of the boxes of nobody in a frame, by confidence; the last: without."""
+PRIOR_BOXES = 20.0
+"""Boxes of people that the prior counts as."""
+MEMORY_FRAMES = 200.0
+"""Frames for which clutter counts."""
+BIRTHS_PER_FRAME = 0.03
+"""People who appear in a frame, expected."""
+MIN_BIRTH, MAX_BIRTH = 0.05, 0.5
+"""Limits of the existence probability that a track begins with."""
+STATE_VOLUME = 0.5
+"""Range of the logarithm of heights times that of ratios of width to height, over which boxes of nobody spread."""
+
+
+class DetectorStatistics:
+    """Counts of one camera, with their priors."""
+
+    def __init__(self, detection_probability: float) -> None:
+        """Begin with the prior; `detection_probability` is that in plain view."""
+        self._detected = PRIOR_FRAMES * detection_probability * np.array(HIDDEN)
+        self._frames = np.full(VISIBILITY_BINS, PRIOR_FRAMES)
+        shares = np.array(TRUE_SHARES)
+        self._true = PRIOR_BOXES * shares / shares.sum()
+        self._false = 10.0 * np.array(CLUTTER_RATES)
+        self._looks = 10.0
+        self.likeness = np.zeros((2, 3))
+
+    def detection(self, visible: Floats) -> Floats:
+        """(N,) probability of detection of people by their visible share (N,)."""
+        return np.asarray((self._detected / self._frames)[_interval(visible, VISIBILITY_BINS)])
+
+    def add_detections(self, visible: Floats, hit: Bools) -> None:
+        """Count people with visible shares (n,) who were there, and whether they were detected."""
+        interval = _interval(visible, VISIBILITY_BINS)
+        self._frames += np.bincount(interval, minlength=VISIBILITY_BINS)
+        self._detected += np.bincount(interval, hit, VISIBILITY_BINS)
+
+    def _shares(self, score: Floats) -> Floats:
+        """(M,) share of people's boxes in the interval of each confidence."""
+        shares = np.append(self._true / self._true.sum(), 1.0)
+        return np.asarray(shares[_scores(score)])
+
+    def log_score_ratio(self, score: Floats, area: float) -> Floats:
+        """(M,) log of the share of people's boxes of such a confidence over the density of clutter.
+
+        Args:
+            score: (M,) confidences; NaN: none.
+            area: of the image [px^2].
+        """
+        density = (self._false / self._looks)[_scores(score)] / (area * STATE_VOLUME)
+        return np.asarray(np.log(self._shares(score)) - np.log(density))
+
+    def birth_probability(self, score: Floats) -> Floats:
+        """(n,) probability that a box of nobody so far is of a person."""
+        born = BIRTHS_PER_FRAME * self._shares(score)
+        return np.clip(born / (born + (self._false / self._looks)[_scores(score)]), MIN_BIRTH, MAX_BIRTH)
+
+    def add_scores(self, score: Floats, people: Ints, nobody: Ints) -> None:
+        """Count a frame: confidences (M,), indices of boxes of confirmed tracks, and of boxes of no track."""
+        kept = 1.0 - 1.0 / MEMORY_FRAMES
+        self._false = kept * self._false + np.bincount(_scores(score[nobody]), minlength=SCORE_BINS + 1)
+        self._looks = kept * self._looks + 1.0
+        self._true += np.bincount(_scores(score[people]), minlength=SCORE_BINS + 1)[:SCORE_BINS]
+
+    def add_likeness(self, kind: int, values: Floats) -> None:
+        """Count similarities of appearance to the same person or to others; NaN: not known."""
+        known = values[np.isfinite(values)]
+        self.likeness[kind] += [len(known), known.sum(), (known**2).sum()]
+
+
+def _interval(share: Floats, count: int) -> Ints:
+    """Index of the interval, of `count` equal ones, of shares 0 to 1."""
+    return np.clip((np.asarray(share) * count).astype(np.int64), 0, count - 1)
+
+
+def _scores(score: Floats) -> Ints:
+    """Index of the interval of confidences; the one after the last: NaN."""
+    known = np.where(np.isnan(score), 0.0, score)
+    return np.where(np.isnan(score), SCORE_BINS, _interval(known, SCORE_BINS))

@@ -1,0 +1,308 @@
+"""Tracks of the whole recording: cut where they are doubtful, linked again, smoothed and interpolated.
+
+Tracks are cut into tracklets where two people overlap most and at long gaps.  Each tracklet then continues at most one
+other, such that the sum of the log likelihood ratios of the links is greatest: the tracks of least cost, found by one
+assignment of ends to begins.  A link is weighed by motion, by appearance and by the length of the gap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.numerics.assignment import maximum_weight_matching
+from occlog.track.methods.jipda.association_features import log_ratio, similarity
+
+from .config import SortConfig
+from .encounters import MIN_PROBABILITY
+from .filter import SIGMA_SIZE_RATE, SIGMA_STROLL, SIZE_NOISE_DENSITY, TAIL, match_probability
+from .kernels.boxes import ASPECT, LOG_HEIGHT, MIN_ASPECT, X, boxes_of, overlaps, states_of
+from .kernels.motion import smooth
+
+CUT_OVERLAP = 0.3
+"""Intersection over union of two people from which their identities are doubtful; both are cut at its maximum."""
+PARTED_S = 0.5
+"""Overlaps this far apart [s] are two encounters, and a gap of this length cuts a track."""
+STROLLED = 0.3
+"""Probability that a person has stopped or turned in a gap."""
+GAP_S = 1.5
+"""Time constant of the probability that a person is not detected for the length of a gap [s]."""
+BIRTH_RATE = 0.3
+"""People who appear, in the image, per second."""
+TRUSTED_BOXES = 3.0
+"""Appearance counts half for a tracklet of this many boxes."""
+ROUNDS = 3
+"""Linking is repeated with the longer tracks, at most."""
+
+
+@dataclass
+class Boxes:
+    """Boxes of one track in the order of time.
+
+    Attributes:
+        frame: (k,) index of the frame among all of the camera.
+        boxes: (k, 4) left, top, right, bottom [px].
+        appearance: (k, K) NaN: none.
+        row: (k,) number of each box, no other box of the camera has it.
+    """
+
+    frame: Ints
+    boxes: Floats
+    appearance: Floats
+    row: Ints
+
+    def take(self, rows: slice) -> Boxes:
+        """Some of the boxes."""
+        return Boxes(self.frame[rows], self.boxes[rows], self.appearance[rows], self.row[rows])
+
+
+class Doubt(NamedTuple):
+    """Two links that may be the other way round: the boxes that follow them, and how probable that is."""
+
+    row: int
+    other: int
+    frame: int
+    probability: float
+
+
+class SmoothedTrack(NamedTuple):
+    """A track in all frames from its first to its last box; n frames."""
+
+    frame: Ints  # (n,) index of the frame
+    boxes: Floats  # (n, 4)
+    variance: Floats  # (n, 2) of the centre
+    detected: Bools  # (n,) whether there is a box
+    shown: Bools  # (n,) whether the position is good enough for a row
+
+
+class Ends(NamedTuple):
+    """Smoothed begins and ends of T tracklets, and their mean appearance."""
+
+    start: Floats  # (T,) [s]
+    end: Floats  # (T,)
+    first: tuple[Floats, Floats]  # (T, 4, 2) means and (T, 4, 3) covariances
+    last: tuple[Floats, Floats]
+    height: Floats  # (T,) median [px]
+    appearance: Floats  # (T, K)
+    boxes: Ints  # (T,) number of boxes
+
+
+def linked(
+    tracks: Sequence[Boxes], times: Floats, config: SortConfig, likeness: Floats, area: float
+) -> tuple[list[Boxes], list[Doubt]]:
+    """Tracks cut where they are doubtful and linked again, by their first frames, and the links that are doubtful.
+
+    Args:
+        tracks: of the filter.
+        times: (F,) of the frames [s].
+        config: settings.
+        likeness: (2, 3) sums of similarities to the same person and to others.
+        area: of the image [px^2].
+    """
+    parts = cut(tracks, times)
+    doubts: list[Doubt] = []
+    for _ in range(ROUNDS):
+        joined, found = _joined(parts, times, config, likeness, area)
+        doubts += found
+        if len(joined) == len(parts):
+            break
+        parts = joined
+    return [each for each in parts if len(each.frame) >= config.min_boxes], doubts
+
+
+def cut(tracks: Sequence[Boxes], times: Floats) -> list[Boxes]:
+    """Tracklets, by their first frames: tracks are cut where two overlap most, and at gaps."""
+    at: list[set[int]] = [set() for _ in tracks]
+    for (a, b), seen in _encounters(tracks).items():
+        frames = np.array(sorted(seen))
+        for run in np.split(frames, np.flatnonzero(np.diff(times[frames]) > PARTED_S) + 1):
+            nearest = max(run.tolist(), key=lambda f: seen[f])
+            at[a].add(nearest)
+            at[b].add(nearest)
+    out: list[Boxes] = []
+    for track, cuts in zip(tracks, at, strict=True):
+        long = np.diff(times[track.frame]) > PARTED_S
+        long &= np.diff(track.frame) > 2
+        met = np.zeros(len(long), dtype=np.bool_)
+        for f in cuts:
+            met |= (track.frame[:-1] <= f) & (track.frame[1:] > f)
+        bounds = [0, *(np.flatnonzero(long | met) + 1).tolist(), len(track.frame)]
+        out += [track.take(slice(first, stop)) for first, stop in pairwise(bounds)]
+    return sorted(out, key=lambda each: int(each.frame[0]))
+
+
+def _encounters(tracks: Sequence[Boxes]) -> dict[tuple[int, int], dict[int, float]]:
+    """Overlaps of pairs of tracks, by frame; boxes are interpolated in gaps."""
+    frames = [np.arange(each.frame[0], each.frame[-1] + 1) for each in tracks]
+    if not frames:
+        return {}
+    filled = [
+        np.column_stack([np.interp(f, each.frame, each.boxes[:, c]) for c in range(4)])
+        for f, each in zip(frames, tracks, strict=True)
+    ]
+    who = np.repeat(np.arange(len(tracks)), [len(f) for f in frames])
+    frame, box = np.concatenate(frames), np.concatenate(filled)
+    order = np.argsort(frame, kind="stable")
+    who, frame, box = who[order], frame[order], box[order]
+    starts = [0, *(np.flatnonzero(np.diff(frame)) + 1).tolist(), len(frame)]
+    found: dict[tuple[int, int], dict[int, float]] = {}
+    for first, stop in pairwise(starts):
+        shared = np.triu(overlaps(box[first:stop], box[first:stop]), 1)
+        for i, j in zip(*np.nonzero(shared > CUT_OVERLAP), strict=True):
+            pair = (int(who[first + i]), int(who[first + j]))
+            found.setdefault(pair, {})[int(frame[first])] = float(shared[i, j])
+    return found
+
+
+def _smoothed(track: Boxes, times: Floats, config: SortConfig, frames: Ints) -> tuple[Floats, Floats]:
+    """Means (n, 4, 2) and covariances (n, 4, 3) of a track in frames, among them those of its boxes."""
+    states = states_of(track.boxes)
+    seen = np.isin(frames, track.frame)
+    z, noise = np.zeros((len(frames), 4)), np.ones((len(frames), 4))
+    z[seen] = states
+    height = np.exp(states[:, LOG_HEIGHT])
+    position = (config.sigma_position * height) ** 2
+    size = np.full(len(height), config.sigma_size**2)
+    noise[seen] = np.column_stack([position, position, size, size])
+    scale = float(np.median(height)) ** 2
+    density = np.array([config.process_noise_density * scale] * 2 + [SIZE_NOISE_DENSITY] * 2)
+    speed = np.array([config.sigma_speed**2 * scale] * 2 + [SIGMA_SIZE_RATE**2] * 2)
+    found: tuple[Floats, Floats] = smooth(times[frames], seen, z, noise, density, speed)
+    return found
+
+
+def _ends(parts: Sequence[Boxes], times: Floats, config: SortConfig) -> Ends:
+    """Begins and ends of tracklets."""
+    states = [_smoothed(each, times, config, each.frame) for each in parts]
+    appearance = np.array([_mean(each.appearance) for each in parts])
+    return Ends(
+        start=np.array([times[each.frame[0]] for each in parts]),
+        end=np.array([times[each.frame[-1]] for each in parts]),
+        first=(np.array([mean[0] for mean, _ in states]), np.array([cov[0] for _, cov in states])),
+        last=(np.array([mean[-1] for mean, _ in states]), np.array([cov[-1] for _, cov in states])),
+        height=np.array([np.median(each.boxes[:, 3] - each.boxes[:, 1]) for each in parts]),
+        appearance=appearance,
+        boxes=np.array([len(each.frame) for each in parts]),
+    )
+
+
+def _mean(appearance: Floats) -> Floats:
+    """(K,) mean of the rows that are known; NaN: none is."""
+    known = appearance[~np.isnan(appearance).any(axis=1)]
+    return known.mean(axis=0) if len(known) else np.full(appearance.shape[1], np.nan)
+
+
+def _joined(
+    parts: Sequence[Boxes], times: Floats, config: SortConfig, likeness: Floats, area: float
+) -> tuple[list[Boxes], list[Doubt]]:
+    """Tracklets after the links of greatest likelihood, and which of these are doubtful."""
+    if len(parts) < 2:
+        return list(parts), []
+    ends = _ends(parts, times, config)
+    order = np.argsort(ends.start, kind="stable")
+    rows, columns, weights = [], [], []
+    for i in range(len(parts)):
+        low, high = np.searchsorted(ends.start[order], [ends.end[i] + 1e-9, ends.end[i] + config.max_gap_s])
+        after = order[low:high]
+        if not len(after):
+            continue
+        weight = link_ratios(ends, i, after, config, likeness, area)
+        good = weight > 0.0
+        rows.append(np.full(int(good.sum()), i))
+        columns.append(after[good])
+        weights.append(weight[good])
+    if not rows:
+        return list(parts), []
+    row, column, weight = np.concatenate(rows), np.concatenate(columns), np.concatenate(weights)
+    made = maximum_weight_matching(row, column, weight)
+    following = dict(zip(row[made].tolist(), column[made].tolist(), strict=True))
+    ratios = dict(zip(zip(row.tolist(), column.tolist(), strict=True), weight.tolist(), strict=True))
+    return _chains(parts, following), list(_doubts(parts, following, ratios))
+
+
+def _doubts(parts: Sequence[Boxes], following: dict[int, int], ratios: dict[tuple[int, int], float]) -> Iterator[Doubt]:
+    """Pairs of links that the exchanged ones are nearly as likely as."""
+    before = {after: first for first, after in following.items()}
+    for first, after in following.items():
+        others = (c for c in before if c > after and (first, c) in ratios)
+        for other in others:
+            crossed = ratios[first, other] + ratios.get((before[other], after), -np.inf)
+            loss = ratios[first, after] + ratios[before[other], other] - crossed
+            probability = float(1.0 / (1.0 + np.exp(min(loss, 700.0))))
+            if probability >= MIN_PROBABILITY:
+                rows = int(parts[after].row[0]), int(parts[other].row[0])
+                yield Doubt(*rows, max(int(parts[after].frame[0]), int(parts[other].frame[0])), probability)
+
+
+def _chains(parts: Sequence[Boxes], following: dict[int, int]) -> list[Boxes]:
+    """Tracklets that follow one another in one, by their first frames."""
+    continued = set(following.values())
+    out = []
+    for first in range(len(parts)):
+        if first in continued:
+            continue
+        chain = [first]
+        while chain[-1] in following:
+            chain.append(following[chain[-1]])
+        out.append(_one(parts[k] for k in chain))
+    return sorted(out, key=lambda each: int(each.frame[0]))
+
+
+def _one(parts: Iterable[Boxes]) -> Boxes:
+    """The boxes of several tracklets, one after the other."""
+    some = list(parts)
+    return Boxes(
+        *(np.concatenate([getattr(each, name) for each in some]) for name in ("frame", "boxes", "appearance", "row"))
+    )
+
+
+def link_ratios(ends: Ends, i: int, after: Ints, config: SortConfig, likeness: Floats, area: float) -> Floats:
+    """(n,) log likelihood ratios that tracklets `after` continue tracklet i, to that they are of new people.
+
+    The person went on along the predicted path, or has stopped or turned in the gap.
+    """
+    gap = (ends.start[after] - ends.end[i])[:, None]
+    mean, cov = ends.last[0][i], ends.last[1][i]
+    to, to_cov = ends.first[0][after], ends.first[1][after]
+    height = ends.height[i]
+    density = np.array([config.process_noise_density * height**2] * 2 + [SIZE_NOISE_DENSITY])
+    ahead = mean[:3, 0] + gap * mean[:3, 1]
+    spread = cov[:3, 0] + 2.0 * gap * cov[:3, 1] + gap**2 * cov[:3, 2] + density * gap**3 / 3.0 + to_cov[:, :3, 0]
+    went = _log_t(to[:, :3, 0] - ahead, spread)
+    # Velocities agree better than those of anybody
+    drift = cov[:2, 2] + to_cov[:, :2, 2] + density[:2] * gap
+    anybody = 2.0 * (config.sigma_speed * height) ** 2
+    off = to[:, :2, 1] - mean[:2, 1]
+    went += (-0.5 * off**2 / drift - 0.5 * np.log(drift / anybody)).sum(axis=1)
+    stroll = np.column_stack([(SIGMA_STROLL * height) ** 2 * gap] * 2 + [np.full(len(after), SIGMA_SIZE_RATE**2)])
+    turned = _log_t(to[:, :3, 0] - mean[:3, 0], stroll + cov[:3, 0] + to_cov[:, :3, 0])
+    out = np.logaddexp(went + np.log(1.0 - STROLLED), turned + np.log(STROLLED))
+    if ends.appearance.shape[1]:
+        like = similarity(ends.appearance[i : i + 1], ends.appearance[after])[0]
+        boxes = np.minimum(ends.boxes[i], ends.boxes[after])
+        out += log_ratio(likeness, like) * boxes / (boxes + TRUSTED_BOXES) * 2.0
+    out += -gap[:, 0] / GAP_S - np.log(BIRTH_RATE / area)
+    return np.asarray(out)
+
+
+def _log_t(off: Floats, spread: Floats) -> Floats:
+    """(n,) log densities of differences (n, 3) with variances; that of the size counts by its agreement only."""
+    distance = (off * off / spread).sum(axis=1)
+    return np.asarray(
+        -0.5 * (TAIL + 3.0) * np.log1p(distance / TAIL) - 0.5 * np.log(spread[:, :2]).sum(axis=1) - np.log(2.0 * np.pi)
+    )
+
+
+def smoothed_track(track: Boxes, times: Floats, config: SortConfig) -> SmoothedTrack:
+    """A track in all frames from its first to its last box."""
+    frames = np.arange(track.frame[0], track.frame[-1] + 1)
+    mean, cov = _smoothed(track, times, config, frames)
+    detected = np.isin(frames, track.frame)
+    width = np.exp(mean[:, LOG_HEIGHT, 0]) * np.maximum(mean[:, ASPECT, 0], MIN_ASPECT)
+    sure = match_probability(width, cov[:, X, 0]) > config.min_match_probability
+    return SmoothedTrack(frames, boxes_of(mean[..., 0]), cov[:, :2, 0], detected, detected | sure)
