@@ -282,7 +282,7 @@ def _of_cameras(made: Choices) -> None:
     placed = calibration is not None or scene or (positions and not names)
     if not placed:
         made.put("ingest", "allow_uncalibrated", True)
-    _method(made, "boxes" if placed else "views" if boxes else "images")
+    _method(made, "boxes" if placed else "views")
 
 
 def _put_positions(made: Choices) -> bool:
@@ -869,8 +869,7 @@ def _need_deviations(made: Choices, item: Item) -> None:
 
 METHODS = {
     "boxes": ("jipda", "all people on the ground, from the boxes of calibrated cameras"),
-    "views": ("idmot", "targets in the images of each camera, since no pose is known"),
-    "images": ("idmot", "targets in the images of each camera, since no pose is known"),
+    "views": ("sort", "people in the image of each camera, since no pose is known"),
     "reads": ("virtual", "tags by the reads of readers"),
     "rssi": ("rssi", "tags by signal strengths, since the ranges of readers are unknown"),
     "bearings": ("apf", "one target from directions or ranges"),
