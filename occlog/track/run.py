@@ -37,7 +37,7 @@ from occlog.track.request import TrackRequest
 
 from .catalogue import METHODS, settings_of, tracker
 from .interface import AnyMethod, Batch, Joint, Online
-from .smoothing_and_lag import SmoothingConfig
+from .smoothing_and_lag import LagConfig
 
 if TYPE_CHECKING:
     from occlog.records.losses import Loss
@@ -201,7 +201,7 @@ def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Lo
         reject_outliers=request.reject_outliers,
     )
     joint = isinstance(tracker(request.method), Joint)
-    smoothed = isinstance(config, SmoothingConfig) and config.smoothed
+    smoothed = isinstance(config, LagConfig) and config.smoothed
     summary = TrackSummary(inputs.scene, joint=joint, smoothed=smoothed, distances=measured is not None)
     chunks = summary.sharp.watch(summary.compass.watch(chunks))
     tracked = track(chunks, inputs.scene, tracking, inputs.occluders, measured)
