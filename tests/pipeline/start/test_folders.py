@@ -349,6 +349,20 @@ def test_cameras_of_other_names_are_not_guessed(folder: Path, start: Start) -> N
     assert "not used: b.json: as stated" in said
 
 
+def test_ingest_notes_frames_that_count_from_another_number(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    make.yolo(tmp_path / "yolo" / "a", "a")
+    make.opencv(tmp_path / "calib", hall("a"))
+    make.truth_csv(tmp_path / "truth.csv", framed=True)
+    given = ["--boxes", str(tmp_path / "yolo"), "--calibration", str(tmp_path / "calib" / "a.yaml"), "--fps", "10"]
+    given += ["--truth", str(tmp_path / "truth.csv"), "--overwrite", "-o", str(tmp_path / "walk.mcap")]
+    told = "boxes begin at frame 1, true positions (truth.csv) at frame 0; where both mean the first frame, state it: "
+    assert run(["ingest", *given]) == ExitCode.DONE
+    assert f"{told}--first-number 1, --truth-first-number 0" in capsys.readouterr().err
+    assert run(["ingest", *given, "--first-number", "1", "--truth-first-number", "0"]) == ExitCode.DONE
+    assert "boxes begin at" not in capsys.readouterr().err
+    assert int(open_recording(tmp_path / "walk.mcap").read(Truth).t_ns.min()) == 0
+
+
 def test_a_sequence_of_another_size_than_the_calibration_is_refused(folder: Path, start: Start) -> None:
     make.mot(folder, "a", "a")
     make.opencv(folder / "calib", hall("a"), scale=2.0)
