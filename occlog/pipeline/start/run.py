@@ -57,7 +57,7 @@ def start(
             console.note(line, quiet)
     path = output / CONFIGURATION
     text = as_text(made, list(unused_lines(found, sources)), output)
-    if not path.is_file() or path.read_text(encoding="utf-8") != text:
+    if not path.is_file() or _without_comments(path.read_text(encoding="utf-8")) != _without_comments(text):
         if path.exists() and not overwrite:
             raise OutputExistsError(f"{path}: exists, and is another configuration")
         output.mkdir(parents=True, exist_ok=True)
@@ -76,6 +76,11 @@ def start(
         as_json=as_json,
         told=("ingest", "listen"),
     )
+
+
+def _without_comments(text: str) -> list[str]:
+    """Lines of a configuration but for its choices, which name files as the user does."""
+    return [line for line in text.splitlines() if not line.startswith("#")]
 
 
 def _summary(made: Choices) -> dict[str, object]:

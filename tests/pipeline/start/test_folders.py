@@ -96,7 +96,7 @@ def test_yolo_text_with_opencv_and_a_truth_that_counts_from_another_frame(folder
     assert "# boxes of class 0, person in COCO" in text
     assert "../hall 1/calib/a.yaml" in text
     # The same command goes on with what is there; another choice needs a word
-    assert start(*FPS)[0] == ExitCode.DONE
+    assert start(*FPS, source=folder / ".." / folder.name)[0] == ExitCode.DONE
     assert start(*FPS, "--set", "report.title=Hall")[0] == ExitCode.EXISTS
     assert start(*FPS, "--set", "report.title=Hall", "--overwrite")[0] == ExitCode.DONE
 
