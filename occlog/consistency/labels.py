@@ -4,19 +4,68 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import NamedTuple
 
 from occlog.array_types import NS
 from occlog.records.tables import Diagnostics
-from occlog.records.verdicts import Check, finding, outcome
+from occlog.records.verdicts import Check, Severity, finding, outcome
 from occlog.scans.label_continuity import LabelEvents
 
 from .estimates import EXCHANGED_LABELS, LABEL_JUMP, flagged
-from .verdict import exceeds_share
+from .verdict import MOTION, exceeds_share
 
 CONTINUITY, OUTLIERS = "continuity of labels", "bearings against the motion"
 """Names of the checks."""
 MAX_CONTRADICTED_SHARE = 0.03
 """Share of rows with a bearing that contradicts the target's motion that matters."""
+
+
+MAX_MOTION_FACTOR = 1.45
+"""Factor of the motion's variance that matters, the mean over all bearings of a target."""
+
+
+class MotionCheck(NamedTuple):
+    """How a method's motion compares with that by which labels are followed."""
+
+    setting: str  # that states how irregularly targets move
+    ratio: float  # variance of the method's motion, over that of the labels
+    severity: Severity
+
+
+def motion_checks(
+    events: LabelEvents | None, motion: MotionCheck | None, rows: int, unless: str = ""
+) -> tuple[Check, ...]:
+    """Whether targets move as the motion of a method states, by the innovations of their labels.
+
+    Args:
+        events: what was found of the labels; None: they were not followed.
+        motion: the method's; None: it has none, or judges it itself.
+        rows: estimates.
+        unless: why nothing can be said; empty: it can.
+    """
+    if motion is None:
+        return ()
+    if events is None or not events.motion:
+        unless = unless or "no target has enough labelled bearings"
+        return outcome(MOTION, (), unless=unless)
+    against = len({(target, t_ns) for target, t_ns, _ in events.contradicting})
+    if events.exchanges or events.jumps or exceeds_share(against, rows, MAX_CONTRADICTED_SHARE):
+        unless = unless or "bearings contradict the motion"
+    limit = MAX_MOTION_FACTOR * motion.ratio
+    found = [
+        finding(
+            MOTION,
+            "process-noise-small",
+            motion.severity,
+            targets=[target],
+            factor=math.sqrt(factor / motion.ratio),
+            allowed=math.sqrt(MAX_MOTION_FACTOR),
+            setting=motion.setting,
+        )
+        for target, factor in sorted(events.motion.items())
+        if factor > limit and not unless
+    ]
+    return outcome(MOTION, found, unless=unless, factor=math.sqrt(max(events.motion.values()) / motion.ratio))
 
 
 def flag_labels(diagnostics: Diagnostics, events: LabelEvents) -> Diagnostics:

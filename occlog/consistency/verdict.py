@@ -348,6 +348,7 @@ class ConsistencyEvidence:
                     targets=[target],
                     factor=math.sqrt(factor),
                     allowed=math.sqrt(MAX_MOTION_VARIANCE_FACTOR),
+                    setting="process_noise_velocity",
                 )
 
     def _outside(self) -> Iterator[Check]:

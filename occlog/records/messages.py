@@ -184,8 +184,8 @@ VERDICT: dict[str, Message] = {
     ),
     "process-noise-small": Message(
         W,
-        "target {targets} moves {factor:.1f} times as irregularly as its settings state (allowed: {allowed:.0f} times)",
-        "state more process noise",
+        "target {targets} moves {factor:.1f} times as irregularly as its settings state (allowed: {allowed:.1f} times)",
+        "state a larger {setting}",
     ),
     "labels-exchanged": Message(
         W,

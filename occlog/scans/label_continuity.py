@@ -33,6 +33,8 @@ FAST = 2.0
 """Speed of a fast target, over the usual speed."""
 MAX_SPEED_RATIO = 5.0
 """Speed of a jump from which it is reported, over the usual speed that is stated and over that of the target."""
+MIN_BEARINGS = 100
+"""Bearings of a target from which its motion is judged."""
 MAX_LABELS = 200
 """Labels that are followed at the same time; of further labels nothing is found."""
 
@@ -68,6 +70,8 @@ class LabelEvents:
         labels: how many were followed.
         origin_ns: time of the first bearing.
         contradicting: targets, times and sensors of bearings that contradict the motion of their target.
+        motion: of each target the geometric mean of the factor by which its motion's variance exceeds what is stated,
+            of `MIN_BEARINGS` bearings or more.
     """
 
     exchanges: list[LabelExchange]
@@ -77,6 +81,7 @@ class LabelEvents:
     labels: int = 0
     origin_ns: int = 0
     contradicting: set[tuple[int, int, str]] = field(default_factory=set)
+    motion: dict[int, float] = field(default_factory=dict)
 
     def consistent(self, chunks: Iterable[Bearings]) -> Iterator[Bearings]:
         """The chunks without the bearings that contradict the motion of their target."""
@@ -206,6 +211,9 @@ class LabelContinuity:
         self._identity = found
         for event in events.tolist():
             self._add(event)
+        for k, (total, count) in enumerate(self._state.factors.tolist()):
+            if count >= MIN_BEARINGS:
+                self.events.motion[self._labels[k]] = math.exp(total / count)
         return int(rows.t_ns[-1]) + 1 if math.isinf(open_s) else self._time(open_s)
 
     def _time(self, seconds: float) -> int:
@@ -249,6 +257,7 @@ def _empty(labels: int, sensors: int) -> ContinuityState:
         last=np.zeros((labels, 2)),
         spread=np.zeros(labels),
         scale=np.ones(labels),
+        factors=np.zeros((labels, 2)),
         lost=np.zeros(labels),
         lost_s=np.zeros(labels),
         accepted=np.zeros(labels, dtype=np.int64),

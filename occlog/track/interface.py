@@ -197,6 +197,7 @@ class JointMethod(NamedTuple, Generic[State, Config]):
     init: Callable[[Scene, Config, Generator], State]
     step: Callable[[State, Scan, Generator], tuple[State, list[tuple[int, Estimate]]]]  # estimates by object
     started: Callable[[Config], bool] = lambda _: False
+    smoothing: Smoothing[tuple[State, int], Config] | None = None  # of one object of a state; None: no smoother
 
 
 AnyMethod = Online[Any, Any] | Batch[Any, Any] | Joint[Any, Any, Any] | JointMethod[Any, Any]

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from occlog import console
 from occlog.consistency.bearings import AngleConventionCheck, ComparedBearings, SmallNoiseCheck
-from occlog.consistency.labels import label_checks
+from occlog.consistency.labels import MotionCheck, label_checks, motion_checks
 from occlog.consistency.systematic_errors import SystematicErrors
-from occlog.consistency.verdict import ConsistencyEvidence
+from occlog.consistency.verdict import MOTION, ConsistencyEvidence
 from occlog.errors import InputError, UsageError, option
 from occlog.io.formats.models.motion_models import model_losses, read_motion, read_path_loss
 from occlog.io.open import open_input
@@ -37,7 +37,7 @@ from occlog.track.request import TrackRequest
 
 from .catalogue import METHODS, settings_of, tracker
 from .interface import AnyMethod, Batch, Joint, Online
-from .smoothing_and_lag import SmoothingConfig
+from .smoothing_and_lag import LagConfig
 
 if TYPE_CHECKING:
     from occlog.records.losses import Loss
@@ -70,6 +70,7 @@ class TrackSummary:
         self.solves: list[Solve] = []
         self.asked: Counter[str] = Counter()
         self.labels: LabelEvents | None = None
+        self.motion: MotionCheck | None = None
         self.outliers_matter = False
         self.cooperated = False
         self.requests = self.answered = self.frames = self.offered = 0
@@ -78,6 +79,7 @@ class TrackSummary:
         """Count some more rows."""
         self.targets.update(part.tracks.target_id.tolist())
         self.labels = part.labels or self.labels
+        self.motion = part.motion or self.motion
         self.outliers_matter |= part.outliers_matter
         self.evidence.fared(part.diagnostics)
         if part.residuals is not None:
@@ -130,7 +132,11 @@ class TrackSummary:
         rows = self.evidence.rows if self.outliers_matter else 0
         labels = label_checks(self.labels, self.scene.length_unit, rows)
         sensors = () if self.joint else self.sensors.checks()
-        return (*number, *self.sharp.checks(), *self.compass.checks(), *labels, *sensors, *found)
+        off = "a sensor is off" if any(check.found for check in sensors) else ""
+        motion = motion_checks(self.labels, self.motion, self.evidence.rows, off)
+        if motion:
+            found = tuple(check for check in found if check.name != MOTION)
+        return (*number, *self.sharp.checks(), *self.compass.checks(), *labels, *sensors, *motion, *found)
 
     def _particles(self) -> dict[str, Any]:
         """Mean effective number of particles, of a method that has some."""
@@ -195,7 +201,7 @@ def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Lo
         reject_outliers=request.reject_outliers,
     )
     joint = isinstance(tracker(request.method), Joint)
-    smoothed = isinstance(config, SmoothingConfig) and config.smoothed
+    smoothed = isinstance(config, LagConfig) and config.smoothed
     summary = TrackSummary(inputs.scene, joint=joint, smoothed=smoothed, distances=measured is not None)
     chunks = summary.sharp.watch(summary.compass.watch(chunks))
     tracked = track(chunks, inputs.scene, tracking, inputs.occluders, measured)

@@ -75,6 +75,7 @@ class ContinuityState(NamedTuple):
     last: Floats  # (K, 2) position then
     spread: Floats  # (K,) trace of its covariance
     scale: Floats  # (K,) factor of the motion's variances
+    factors: Floats  # (K, 2) sum of the logarithms of this factor after each bearing inside the gate, and their number
     lost: Floats  # (K,) bearings outside the gate, less those inside by `FOUND_WEIGHT`, since they last were even
     lost_s: Floats  # (K,) time of the first of them
     accepted: Ints  # (K,) bearings inside the gate since the filter began
@@ -426,6 +427,8 @@ def _take(
         # Variance of the motion: squared innovations are 1 on average, as far as the motion makes them
         gain = LEARNING_RATE * (1.0 - noise / spread) * (min(off * off / spread, MAX_LEARNED_CHI2) - 1.0)
         state.scale[k] = min(max(state.scale[k] * math.exp(gain), MIN_SCALE), MAX_SCALE)
+        state.factors[k, 0] += math.log(state.scale[k])
+        state.factors[k, 1] += 1.0
         _update(k, r, rows, sensors, state)
         state.updated_s[k] = now
         state.last[k, 0], state.last[k, 1] = state.mean[k, 0], state.mean[k, 1]

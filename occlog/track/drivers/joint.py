@@ -138,12 +138,23 @@ def track_joint_objects(
         raise UsageError(f"select: method {tracking.method} cannot predict where one target will be; leave it out")
     names, rng = sensor_names(scene), generator(tracking.seed, RandomStream.TRACK, 0)
     state, rows = method.init(scene, tracking.config, rng), list[EstimateRow]()
+    later = backward_smoother(method.smoothing, tracking.config, tracking.seed)
     for scan in scans_of(bearings, scene, tracking.rows(scene), tracking.window_ns):
         offered = len(np.unique(scan.sensor))
         state, estimates = method.step(state, scan.take(scan.labelled), rng)
-        rows += [EstimateRow(target, scan.t_ns, estimate, offered) for target, estimate in estimates]
+        for target, estimate in estimates:
+            row = EstimateRow(target, scan.t_ns, estimate, offered)
+            if later is None:
+                rows.append(row)
+            else:
+                later.add(row, (state, target))
+        # Smooth: rows that have seen enough of what comes after them
+        if later is not None:
+            rows += later.settled(scan.t_ns)
         if len(rows) >= ROWS_PER_CHUNK:
             yield tables(rows, names)
             rows = []
+    if later is not None:
+        rows += later.rest()
     if rows:
         yield tables(rows, names)

@@ -20,6 +20,7 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints, Ints32
 from occlog.consistency.bearings import CandidateFrames, StatedResiduals
+from occlog.consistency.labels import MotionCheck
 from occlog.filtering.particles import systematic_ancestors
 from occlog.records.tables import Calibration, Cooperation, Diagnostics, Particles, Residuals, Tracks
 from occlog.scans.label_continuity import LabelEvents
@@ -80,6 +81,7 @@ class TrackChunk(NamedTuple):
     particles: Particles | None = None  # None: not asked for
     labels: LabelEvents | None = None  # exchanged and jumping labels up to here; None: labels were not followed
     stated: tuple[StatedResiduals, ...] = ()  # of all bearings at the estimates
+    motion: MotionCheck | None = None  # None: the method has no motion of its own, or judges it itself
     outliers_matter: bool = False  # the method cannot reject bearings that contradict a target's motion
 
 

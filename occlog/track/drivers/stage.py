@@ -7,7 +7,7 @@ from typing import cast
 
 from occlog.consistency.bearings import BearingBuffer
 from occlog.consistency.estimates import QualityFlags, SensorDisagreement
-from occlog.consistency.labels import flag_labels
+from occlog.consistency.labels import MotionCheck, flag_labels
 from occlog.errors import UsageError
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Hulls, Occluders, Residuals
@@ -16,6 +16,8 @@ from occlog.scans.kernels.label_continuity import WalkingSpeed
 from occlog.scans.label_continuity import LabelContinuity
 from occlog.track.catalogue import tracker
 from occlog.track.interface import AnyMethod, Batch, Config, Joint, JointMethod, Online
+from occlog.track.methods.apf.config import ApfConfig
+from occlog.track.methods.fix.config import FixConfig
 from occlog.track.methods.imm.config import ImmConfig
 from occlog.track.methods.kalman.config import EkfConfig, WalkConfig
 
@@ -83,6 +85,7 @@ def track(
     unprotected = isinstance(method, Online) and method.consistent
     if unprotected and labels is not None and tracking.reject_outliers:
         watched = labels.events.consistent(watched)
+    motion = motion_check(scene, tracking.config)
     for part in _tracked(watched, scene, method, tracking, occluders, measured):
         tracks, diagnostics = doubts.judged(part.tracks, part.diagnostics)
         part = part._replace(tracks=tracks, diagnostics=diagnostics)
@@ -100,7 +103,7 @@ def track(
             part = part._replace(residuals=own, frames=compared.frames)
         if labels is not None:
             part = part._replace(diagnostics=flag_labels(part.diagnostics, labels.events), labels=labels.events)
-            part = part._replace(outliers_matter=unprotected)
+            part = part._replace(outliers_matter=unprotected, motion=motion)
         yield part
 
 
@@ -111,6 +114,20 @@ def label_continuity(scene: Scene, tracking: TrackingTask[Config], *, repair: bo
     rate = 1.0 / (LABEL_TIME_CONSTANT_RATIO * walk.velocity_time_constant_s)
     motion = WalkingSpeed(0.5 * walk.rms_speed**2, rate, walk.process_noise_position**2)
     return LabelContinuity(scene, walk.rms_speed, motion, tracking.rows(scene).sensors, repair=repair)
+
+
+def motion_check(scene: Scene, config: object) -> MotionCheck | None:
+    """How the motion of a method's settings compares with that by which labels are followed; None: not at all."""
+    if isinstance(config, FixConfig):
+        return None
+    if isinstance(config, WalkConfig):
+        return MotionCheck("rms_speed", 1.0, "warning")
+    if isinstance(config, ApfConfig):
+        usual = ApfConfig.in_unit(scene.length_unit).process_noise_velocity
+        ratio = max(config.process_noise_velocity / usual, 1.0) ** 2 if usual > 0.0 else 1.0
+        # Its filter allows for targets that turn at any time; trajectories through its particles less so
+        return MotionCheck("process_noise_velocity", ratio, "warning" if config.smoothed else "note")
+    return None
 
 
 def _tracked(

@@ -138,14 +138,12 @@ def test_a_box_of_nobody_is_expected_where_it_was() -> None:
     boxes = look_at(2)._replace(box=np.concatenate([old + 1.0, old + 60.0]))
     again, noise, size = np.array([0.5]), rates(prior_statistics(1, JipdaConfig())).noise, np.array([[480.0, 360.0]])
     there, elsewhere = persistent_clutter_density(
-        boxes, [Clutter(old, np.array([0.8]), np.zeros(1), np.zeros(1))], again, noise, size
+        boxes, [Clutter(old, np.array([0.8]), *np.zeros((3, 1)))], again, noise, size
     )
     # Against one box anywhere in the image, of any size
     assert there > 1e3
     assert elsewhere < 1e-3
-    half = persistent_clutter_density(
-        boxes, [Clutter(old, np.array([0.4]), np.zeros(1), np.zeros(1))], again, noise, size
-    )
+    half = persistent_clutter_density(boxes, [Clutter(old, np.array([0.4]), *np.zeros((3, 1)))], again, noise, size)
     assert half[0] == pytest.approx(0.5 * there)
     np.testing.assert_array_equal(persistent_clutter_density(boxes, [no_clutter()], again, noise, size), [0.0, 0.0])
 

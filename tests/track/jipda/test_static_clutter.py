@@ -156,23 +156,31 @@ def test_false_people_in_all_cameras_are_counted_and_confirmed_by_a_second_time_
 
 
 def test_sources_are_matched_counted_forgotten_and_established():
-    sources, _ = update_sources(no_clutter(), BOX, np.array([0.9]), 0.25, NOISE)
+    sources, _ = update_sources(no_clutter(), BOX, np.array([0.9]), 0.25, NOISE, 0.25)
     assert source_rates(sources, 0.25) == pytest.approx([0.9 * 0.25])
     assert not len(established(sources).box)
     counted = (0.0, 0.0)
     for k in range(10):
-        sources, counted = update_sources(sources, BOX + 0.5 * (-1) ** k, np.ones(1), 0.25, NOISE)
+        sources, counted = update_sources(sources, BOX + 0.5 * (-1) ** k, np.ones(1), 0.25, NOISE, 0.25)
         if k == 0:
             assert counted == pytest.approx((0.9, 0.9))
     assert counted == (0.0, 0.0)
     assert len(established(sources).box) == 1
     assert source_rates(sources, 0.25)[0] > 0.8
     # A box that a person claims is no evidence against the source; frames without one are
-    claimed, _ = update_sources(sources, BOX, np.zeros(1), 0.25, NOISE)
+    claimed, _ = update_sources(sources, BOX, np.zeros(1), 0.25, NOISE, 0.25)
     assert source_rates(claimed, 0.25)[0] == pytest.approx(source_rates(sources, 0.25)[0], abs=0.01)
     for _ in range(200):
-        sources, _ = update_sources(sources, np.zeros((0, 4)), np.zeros(0), 0.25, NOISE)
+        sources, _ = update_sources(sources, np.zeros((0, 4)), np.zeros(0), 0.25, NOISE, 0.25)
     assert isinstance(sources, Clutter)
     assert not len(established(sources).box)
-    away, _ = update_sources(claimed, BOX + 40.0, np.ones(1), 0.25, NOISE)
+    away, _ = update_sources(claimed, BOX + 40.0, np.ones(1), 0.25, NOISE, 0.25)
     assert len(away.box) == 2
+
+
+def test_boxes_that_move_are_no_static_object():
+    """40 frames in 1.6 s, 4 px each: more than a box's noise from the mean of the boxes before."""
+    sources, across = no_clutter(), np.array([4.0, 0.0, 4.0, 0.0])
+    for k in range(40):
+        sources, _ = update_sources(sources, BOX + k * across, np.ones(1), 0.25, NOISE, 0.04)
+        assert not len(established(sources).box)

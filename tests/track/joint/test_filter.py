@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 from tracker_scenes import observe, room100, scan, true_u, walk
 
+from benchmarks.track._metric_rooms import record
 from occlog.cli.main import run
+from occlog.consistency.estimates import covariances
 from occlog.core.geometry.visibility import behind_objects
+from occlog.core.metrics.errors import normalised_squared_errors
 from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.errors import ExitCode, UsageError
 from occlog.filtering.likelihood.measurement_model import rows_of
@@ -20,6 +23,8 @@ from occlog.io.files.tables.table_writer import write_table
 from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Occluders, Tracks
+from occlog.settings import configure
+from occlog.track.catalogue import settings_of
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.methods.apf.config import SelectConfig
@@ -133,7 +138,7 @@ def test_the_command_tracks_and_refuses_what_others_have(tmp_path: Path, capsys)
     command = ["track", seen, "--scene", scene, "--method", "joint", "-o", out, "-q"]
     assert run([*command, "--occluders", seen]) == ExitCode.USAGE
     assert "--occluders is an option of" in capsys.readouterr().err
-    for option in (["--smooth"], ["--lag", "2"], ["--start", "1,1"], ["--select", "greedy"]):
+    for option in (["--start", "1,1"], ["--select", "greedy"]):
         assert run([*command, *option]) == ExitCode.USAGE
         (line,) = capsys.readouterr().err.splitlines()
         assert f"{option[0]} is an option of" in line
@@ -149,3 +154,33 @@ def test_priors_of_occluders_and_a_selection_are_refused() -> None:
         list(track([SEEN], SCENE, tracking, [Occluders.empty()]))
     with pytest.raises(UsageError, match="select"):
         list(track([SEEN], SCENE, replace(tracking, selection=SelectConfig(policy="greedy"))))
+
+
+@pytest.mark.parametrize("lag_s", [None, 3.0])
+def test_smoothed_tracks_are_nearer_to_the_truth_and_their_covariances_hold(lag_s: float | None) -> None:
+    """Of one walking person in 3 recordings: RMSE below 0.8 of the filter's, NEES 2 within 4 standard errors."""
+    squares, normalised = {False: 0.0, True: 0.0}, []
+    for seed in range(3):
+        made = record("walk", 4, seed=830 + seed)
+        for smooth in (False, True):
+            own = {"smooth": lag_s is None, "lag_s": lag_s} if smooth else {}
+            config = configure(settings_of("joint").in_unit("m"), own)
+            parts = track([made.bearings], made.scene, TrackingTask(config, 0, method="joint"))
+            tracks = Tracks.concat(p.tracks for p in parts)
+            away = np.column_stack([tracks.x, tracks.y]) - made.xy[np.searchsorted(made.t_ns, tracks.t_ns)]
+            squares[smooth] += float(np.mean(away**2))
+            if smooth:
+                normalised.append(normalised_squared_errors(away, covariances(tracks)).mean())
+    assert squares[True] < 0.64 * squares[False]
+    # 200 rows, correlated over about 5
+    assert abs(float(np.mean(normalised)) - 2.0) < 4.0 * np.sqrt(4.0 * 5.0 / 600.0)
+
+
+def test_few_effective_particles_leave_the_proposal_open() -> None:
+    states, weights = np.zeros((100, 4)), np.zeros(100)
+    weights[0] = 1.0
+    found = joint._moments(states, weights, 0.04 * np.eye(2))
+    np.testing.assert_allclose(found.covariance[:2, :2], 0.04 * np.eye(2))
+    states = np.random.default_rng(0).standard_normal((100, 4))
+    even = np.full(100, 0.01)
+    np.testing.assert_allclose(joint._moments(states, even, 0.04 * np.eye(2)).covariance, np.cov(states.T, bias=True))

@@ -334,10 +334,12 @@ SOURCE_MEMORY = 0.995
 """Factor of what is known of a source, per frame."""
 MIN_SOURCE_RATE = 0.02
 """Sources with a smaller expected number of boxes in a frame are forgotten."""
-ESTABLISHED_FRAMES, ESTABLISHED_SHARE = 4.0, 0.6
-"""Number of frames of an established source, and the share of these with a box of no person there."""
+ESTABLISHED_FRAMES, ESTABLISHED_S, ESTABLISHED_SHARE = 4.0, 1.0, 0.6
+"""Number of frames and age [s] of an established source, and the share of frames with a box of no person there."""
 SAME_SOURCE_CHI2 = 25.0
-"""Maximum squared Mahalanobis distance of successive boxes of one source."""
+"""Maximum squared Mahalanobis distance of a box from the mean of the boxes of its source."""
+MAX_SOURCE_BOXES = 50.0
+"""Number of boxes above which the mean of a source is a moving one."""
 MAX_LOG_CLUTTER_RATIO = 50.0
 """Greatest log of a density against that of a box anywhere."""
 MIN_CLUTTER_PROBABILITY = 0.05
@@ -449,15 +451,16 @@ def clutter_rate(counts: DetectorStatistics) -> Floats:
 class Clutter(NamedTuple):
     """Sources of clutter in a camera's images, as shadows, posts and pictures; n sources."""
 
-    box: Floats  # (n, 4) last box [px]
+    box: Floats  # (n, 4) mean of its boxes [px]
     free: Floats  # (n,) probability that it is of no person
     hits: Floats  # (n,) later frames with a box there, by the probability that it is of no person
     tries: Floats  # (n,) later frames
+    age: Floats  # (n,) since the first box [s]
 
 
 def no_clutter() -> Clutter:
     """No source of clutter."""
-    return Clutter(np.zeros((0, 4)), np.zeros(0), np.zeros(0), np.zeros(0))
+    return Clutter(np.zeros((0, 4)), *np.zeros((4, 0)))
 
 
 def source_rates(sources: Clutter, again: float) -> Floats:
@@ -473,12 +476,13 @@ def source_rates(sources: Clutter, again: float) -> Floats:
 
 def established(sources: Clutter) -> Clutter:
     """Select the sources that were seen in most of many frames, which are clutter for confirmed people, too."""
-    sure = (sources.tries >= ESTABLISHED_FRAMES) & (sources.hits > ESTABLISHED_SHARE * sources.tries)
+    sure = (sources.tries >= ESTABLISHED_FRAMES) & (sources.age >= ESTABLISHED_S)
+    sure &= sources.hits > ESTABLISHED_SHARE * sources.tries
     return Clutter(*(part[sure] for part in sources))
 
 
 def update_sources(
-    sources: Clutter, box: Floats, free: Floats, again: float, noise: Floats
+    sources: Clutter, box: Floats, free: Floats, again: float, noise: Floats, interval: float
 ) -> tuple[Clutter, tuple[float, float]]:
     """Update the sources of clutter of a camera with one frame.
 
@@ -488,6 +492,7 @@ def update_sources(
         free: (m,) probability that a box is of no person.
         again: probability that a clutter box persists in the camera's next frame.
         noise: (4, 2) variances as in `DetectorModel.noise`.
+        interval: time since the camera's last frame [s]; infinite in the first one.
 
     Returns:
         The sources; and of those that were new, the expected number that persisted, and their expected number.
@@ -502,12 +507,14 @@ def update_sources(
     counted = float((sources.free * hit)[new].sum()), float(sources.free[new].sum())
     seen = matched >= 0
     there = sources.box.copy()
-    there[seen] = box[matched[seen]]
+    weight = np.minimum(sources.hits[seen] + 2.0, MAX_SOURCE_BOXES)
+    there[seen] += (box[matched[seen]] - there[seen]) / weight[:, None]
     old = Clutter(
         there,
         np.maximum(sources.free, hit),
         SOURCE_MEMORY * sources.hits + hit,
         SOURCE_MEMORY * sources.tries + np.where(seen, hit, 1.0),
+        sources.age + interval,
     )
     keep = source_rates(old, again) > MIN_SOURCE_RATE
     rest = np.setdiff1d(np.flatnonzero(free > MIN_CLUTTER_PROBABILITY), matched[keep & seen])
@@ -517,6 +524,7 @@ def update_sources(
         np.concatenate([old.free[keep], free[rest]]),
         np.concatenate([old.hits[keep], zeros]),
         np.concatenate([old.tries[keep], zeros]),
+        np.concatenate([old.age[keep], zeros]),
     ), counted
 
 

@@ -7,10 +7,11 @@ from typing import ClassVar
 
 from occlog.settings import setting
 from occlog.track.methods.kalman.config import WalkConfig
+from occlog.track.smoothing_and_lag import LagConfig
 
 
 @dataclass(frozen=True)
-class JointConfig(WalkConfig):
+class JointConfig(LagConfig, WalkConfig):
     """Settings of method `joint`; lengths in the scene's unit, times in seconds."""
 
     OWNER: ClassVar[str] = "joint"

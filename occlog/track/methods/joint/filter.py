@@ -12,6 +12,7 @@ over that.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from numpy.random import Generator
 from occlog.array_types import Bools, Floats
 from occlog.consistency.estimates import MIN_EFFECTIVE_SAMPLE_SIZE
 from occlog.core.geometry.visibility import seen_from
-from occlog.filtering.gaussian import Gaussian, predicted
+from occlog.filtering.gaussian import Gaussian, PosteriorRecord, predicted, rts_smooth
 from occlog.filtering.lifecycle import elapsed, is_lost, track_loss_count
 from occlog.filtering.likelihood.directions import PackedScan
 from occlog.filtering.likelihood.measurement_model import (
@@ -39,7 +40,7 @@ from occlog.filtering.particles import (
 )
 from occlog.records.scene import Scene
 from occlog.scans.grouping import Scan
-from occlog.track.interface import Estimate, JointMethod
+from occlog.track.interface import Estimate, JointMethod, SmoothedState, Smoothing
 from occlog.track.methods.apf.model import pack_scan, read_noise
 from occlog.track.methods.kalman.filter import anywhere_of, initial_position, motion_of, world_of
 from occlog.track.methods.kalman.updates import gated_rows
@@ -71,6 +72,7 @@ class JointState(NamedTuple):
     astray: tuple[int, ...]  # of each, rows outside the gate more than inside
     particles: Floats  # (L, M, 4) x, y, vx, vy of each object
     t_ns: int | None = None
+    links: tuple[PosteriorRecord, ...] = ()  # of each object, what the last step leaves for the way back
 
 
 class ObjectReports(NamedTuple):
@@ -124,6 +126,7 @@ def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, lis
     ]
     # Propose object by object, and weigh by what was linearised
     particles, log_weights = np.empty((L, len(objects), 4)), np.zeros(L)
+    drawn = np.zeros((len(objects), 2, 2))  # covariances of the positions' proposals
     gap = dt > config.max_gap_s
     restarted = dict.fromkeys(lost, "restart") | dict.fromkeys(begun, "")
     if gap:
@@ -132,7 +135,7 @@ def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, lis
     for j, target in enumerate(objects):
         rows = reports[target].rows
         if target in restarted:
-            particles[:, j], corrected = _placed(rows, state, rng)
+            particles[:, j], corrected, drawn[j] = _placed(rows, state, rng)
             log_weights += corrected
             astray[target] = 0
             continue
@@ -140,7 +143,7 @@ def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, lis
         known = Gaussian(*mean_and_covariance(np.full(L, 1.0 / L), before))
         inside = gated_rows(predicted(known, *motion_of(config).transition(dt)), rows, state.world, config.gate)
         astray[target] = track_loss_count(astray[target], int(np.count_nonzero(~inside)), len(inside))
-        particles[:, j], corrected = _proposed(before, rows.take(inside), dt, state, rng)
+        particles[:, j], corrected, drawn[j] = _proposed(before, rows.take(inside), dt, state, rng)
         log_weights += corrected
     # Weigh: who hides whom is certain in a particle ([Ercan] Fig. 3)
     log_weights += log_factors(particles[:, :, :2], [reports[t] for t in objects], state.world, state.chances, config)
@@ -148,23 +151,40 @@ def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, lis
         return state._replace(t_ns=scan.t_ns), []
     weights, log_likelihood = normalise_log_weights(log_weights)
     estimates = [
-        (t, _estimate(particles[:, j], weights, reports[t], restarted.get(t, ""), log_likelihood))
+        (t, _estimate(particles[:, j], weights, drawn[j], reports[t], restarted.get(t, ""), log_likelihood))
         for j, t in enumerate(objects)
     ]
+    # Moments of each object, for the way back
+    links = (
+        tuple(
+            PosteriorRecord(
+                _moments(particles[:, j], weights, drawn[j]),
+                0.0 if restarted.get(t, "") else dt,
+                begun=t in restarted,
+            )
+            for j, t in enumerate(objects)
+        )
+        if config.smoothed
+        else ()
+    )
     # Resample: systematic
     particles = particles[systematic_ancestors(weights, L, rng.random())]
     after = state._replace(
-        objects=objects, astray=tuple(astray[t] for t in objects), particles=particles, t_ns=scan.t_ns
+        objects=objects, astray=tuple(astray[t] for t in objects), particles=particles, t_ns=scan.t_ns, links=links
     )
     return after, estimates
 
 
-def _placed(rows: LinearisedRows, state: JointState, rng: Generator) -> tuple[Floats, Floats]:
-    """(L, 4) states of an object drawn where its first rows say, and (L,) logarithms of anywhere over proposal."""
+def _placed(rows: LinearisedRows, state: JointState, rng: Generator) -> tuple[Floats, Floats, Floats]:
+    """(L, 4) states of an object drawn where its first rows say, and (L,) logarithms of anywhere over proposal.
+
+    The third is the (2, 2) covariance of the proposal's positions.
+    """
     first, _ = initial_position(state.anywhere, rows, state.world, state.config.gate)
     drawn = Gaussian(first.state.mean, PROPOSAL_INFLATION**2 * first.state.covariance)
     states = rng.multivariate_normal(drawn.mean, drawn.covariance, state.config.particles, method="cholesky")
-    return states, _log_density(states, state.anywhere) - _log_density(states, drawn)
+    log_ratio = _log_density(states, state.anywhere) - _log_density(states, drawn)
+    return states, log_ratio, drawn.covariance[:2, :2]
 
 
 def _log_density(states: Floats, of: Gaussian) -> Floats:
@@ -176,8 +196,10 @@ def _log_density(states: Floats, of: Gaussian) -> Floats:
 
 def _proposed(
     before: Floats, rows: LinearisedRows, dt: float, state: JointState, rng: Generator
-) -> tuple[Floats, Floats]:
+) -> tuple[Floats, Floats, Floats]:
     """(L, 4) states of an object drawn by the motion and its rows, and (L,) logarithms of motion over proposal.
+
+    The third is the mean (2, 2) covariance of the proposals of positions.
 
     Args:
         before: (L, 4) states at the scan before.
@@ -214,7 +236,7 @@ def _proposed(
     log_drawn = (
         -0.5 * (noise**2).sum(axis=1) - 2.0 * math.log(PROPOSAL_INFLATION) - np.log(root[:, 0, 0] * root[:, 1, 1])
     )
-    return np.hstack([xy, velocity]), log_motion - log_drawn
+    return np.hstack([xy, velocity]), log_motion - log_drawn, PROPOSAL_INFLATION**2 * covariance.mean(axis=0)
 
 
 def occlusion_by_others(xy: Floats, camera: Floats, diameter: float) -> Bools:
@@ -268,8 +290,23 @@ def log_factors(
     return total
 
 
-def _estimate(own: Floats, weights: Floats, report: ObjectReports, fallback: str, log_likelihood: float) -> Estimate:
+def _moments(own: Floats, weights: Floats, drawn: Floats) -> Gaussian:
+    """Mean and covariance of (L, 4) states; a few particles look more certain than they are.
+
+    Where there are few, at least what their positions were drawn from is open, too.
+    """
     mean, covariance = mean_and_covariance(weights, own)
+    size = effective_sample_size(weights)
+    if size < MIN_EFFECTIVE_SAMPLE_SIZE:
+        covariance = covariance * (size / (size - 1.0) if size > 1.5 else 3.0)
+        covariance[:2, :2] += drawn
+    return Gaussian(mean, covariance)
+
+
+def _estimate(
+    own: Floats, weights: Floats, drawn: Floats, report: ObjectReports, fallback: str, log_likelihood: float
+) -> Estimate:
+    mean, covariance = _moments(own, weights, drawn)
     size = effective_sample_size(weights)
     seen = np.diff(report.packed.first) > 0
     return Estimate(
@@ -286,4 +323,24 @@ def _estimate(own: Floats, weights: Floats, report: ObjectReports, fallback: str
     )
 
 
-METHOD = JointMethod(config=JointConfig, init=init, step=step)
+def _trace(state: tuple[JointState, int]) -> PosteriorRecord:
+    own, target = state
+    return own.links[own.objects.index(target)]
+
+
+def _smoothed(traces: Sequence[PosteriorRecord], config: JointConfig) -> list[SmoothedState]:
+    """Smoothed states of one object: its motion is Gaussian, and its posteriors nearly so."""
+    found = rts_smooth(traces, motion_of(config).transition)
+    return [SmoothedState(one.mean[:2], one.mean[2:], one.covariance[:2, :2]) for one in found]
+
+
+METHOD = JointMethod(
+    config=JointConfig,
+    init=init,
+    step=step,
+    smoothing=Smoothing(
+        wanted=lambda own: own,
+        trace=_trace,
+        back=lambda traces, own, rng: _smoothed(traces, own),  # noqa: ARG005
+    ),
+)
