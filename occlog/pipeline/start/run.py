@@ -11,6 +11,7 @@ import yaml
 from occlog import console
 from occlog.errors import ExitCode, OutputExistsError, UsageError
 from occlog.io.files.atomic import open_output
+from occlog.io.files.texts.yaml import parse_yaml
 from occlog.pipeline.run.run import CONFIGURATION, run_stages
 
 from .choices import Choices, choose
@@ -96,10 +97,7 @@ def read_settings(texts: Sequence[str]) -> dict[str, dict[str, object]]:
                 f"--set {text}: expected STAGE.KEY=VALUE, such as ingest.fps=25; stages: {', '.join(STAGES)}, and "
                 f"{', '.join(WHOLE)} alone"
             )
-        try:
-            read: object = yaml.safe_load(value)
-        except yaml.YAMLError:
-            read = value
+        read = parse_yaml(f"value: {value}", f"--set {key}", dict)["value"]
         out.setdefault(stage if dot else "", {})[name if dot else stage] = read
     return out
 
