@@ -21,7 +21,8 @@ demo: $(VENV)/installed
 	$(BIN)/occlog run sample_data/pose2sim/run.yaml -o $(RUN)/pose2sim
 	$(BIN)/occlog run sample_data/room/run.yaml -o $(RUN)/room
 	$(BIN)/occlog run examples/people.yaml -o $(RUN)/people
-	@echo "Look at $(RUN)/people/report.html and overlay.webm beside it, $(RUN)/room/report.html and $(RUN)/pose2sim/report.html"
+	$(BIN)/occlog start sample_data/people -o $(RUN)/walk
+	@echo "Look at $(RUN)/people/report.html and overlay.webm beside it, $(RUN)/room/report.html and $(RUN)/pose2sim/report.html; the video is $(RUN)/walk/overlay.webm"
 
 # Comparisons with TrackEval and py-motmetrics install these; without a network they are skipped, or fail with
 # OCCLOG_PEERS_REQUIRED=1. OCCLOG_PEERS=/path/to/python names an environment that has them.

@@ -137,6 +137,15 @@ def overlay(work: Path, to: Path) -> None:
     )  # fmt: skip
 
 
+def video(work: Path, to: Path) -> None:
+    """A frame of the real video of people, with the person who is tracked."""
+    occlog(work, "start", "sample_data/people", "-o", "walk")
+    occlog(
+        work, "report", "walk/view_tracks.parquet", "--recording", "walk/recording.mcap", "--frame", "110",
+        "--png", str(to), "--scale", "0.75", "--overwrite",
+    )  # fmt: skip
+
+
 def navigation(work: Path, to: Path) -> None:
     """A robot among people."""
     occlog(
@@ -198,6 +207,7 @@ PICTURES: dict[str, Callable[[Path, Path], None]] = {
     "moments.png": moments,
     "beside.png": beside,
     "overlay.png": overlay,
+    "video.png": video,
     "navigation.png": navigation,
     "plan.png": plan,
 }

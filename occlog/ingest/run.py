@@ -46,7 +46,7 @@ from .request import IngestRequest
 from .scene import Sized, Turn, add_bag_cameras, base_scene, fit_sizes, match_cameras, with_stated_sizes
 from .sources import Copies, IngestFailures, clock_of, open_sources, read_sidecars, start_of, sync_times, times_of
 from .times import TimedWriter, Times, TimeSpanNs
-from .truth import check_truth_consistency, within_frames
+from .truth import check_truth_consistency, note_first_frames, within_frames
 
 
 @dataclass
@@ -254,6 +254,7 @@ def _write_tables(
         clocks = {a.name: c for a in scene.arrays if (c := clock_of(scene, a.name)) is not None}
         heard = read_doa(path, scene.arrays, _doa_options(plan, sensor), clocks, done.losses)
         tables.append(copies.once(heard, path, note, "direction"))
+    note_first_frames(plan, survey, note)
     sync = sync_times(plan) if plan.truth else None
     seen: dict[int | str, list[tuple[Path, TimeSpanNs]]] = {}
     for camera, path in plan.truth:

@@ -12,9 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from occlog.array_types import NS, Floats
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.io.files.frame_times import FrameTimes
 from occlog.io.formats.boxes.reader import BoxSurvey
+from occlog.io.formats.truth import frames_of_positions
 from occlog.records.scene import Scene
 from occlog.records.tables import Truth, TruthBoxes
 
@@ -78,6 +79,20 @@ def _off(truth: Truth, boxes: TruthBoxes, project: Callable[[Floats], Floats]) -
 
 MIN_REPORTED_S = 1.0
 """True positions that begin so long before the first frame, or end so long after the last one, are reported."""
+
+
+def note_first_frames(plan: IngestPlan, survey: BoxSurvey | None, note: Callable[[str], None]) -> None:
+    """Note where boxes count frames from 1 and true positions from 0, or the other way about."""
+    if survey is None or plan.first_number is not None or plan.truth_first_number is not None:
+        return
+    for _, path in plan.truth:
+        span = frames_of_positions(path) if path.is_file() else None
+        if span is not None and {survey.first, span[0]} == {0, 1}:
+            first, true = survey.first, span[0]
+            note(
+                f"boxes begin at frame {first}, true positions ({path.name}) at frame {true}; where both mean the "
+                f"first frame, state it: {option('first_number')} {first}, {option('truth_first_number')} {true}"
+            )
 
 
 def span_of(frames: tuple[int, int], times: Mapping[str, FrameTimes]) -> tuple[int, int] | None:

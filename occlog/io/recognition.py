@@ -267,7 +267,7 @@ def _without_header(
         yield FileContent(FileKind.TRUTH, f"boxes, {name}")
     elif _numbers(cells) and len(cells) == 1 and re.search("time|stamp", probe.path.stem.lower()):
         yield FileContent(FileKind.TIMES, "time stamps, one a line")
-    elif _numbers(cells) and len(cells) in (2, 3) and re.search("tower|array|station", probe.path.stem.lower()):
+    elif _numbers(cells) and len(cells) in (2, 3) and re.search("mic|tower|array|station", probe.path.stem.lower()):
         yield FileContent(FileKind.MICROPHONES, "positions of direction finders, without a header")
     elif not _is(truths, "mot", probe) or name is None:
         yield from _of_trajectories(probe)

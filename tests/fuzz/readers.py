@@ -28,6 +28,7 @@ from occlog.io.formats.models.fundamental_matrices import read_epipolar, read_ma
 from occlog.io.formats.models.motion_models import read_motion, read_path_loss
 from occlog.io.formats.models.networks import read_network
 from occlog.io.formats.models.onnx_file import read_onnx
+from occlog.io.formats.positions import PositionOptions, parse_grid, read_positions
 from occlog.io.formats.scenes.paths import read_paths
 from occlog.io.formats.sound.csv_log import DoaOptions
 from occlog.io.formats.sound.directions import read_doa
@@ -50,6 +51,7 @@ from occlog.io.messages.contents import (
 from occlog.io.messages.kinds import BoxMessage, DirectionMessage, ImageMessage, InfoMessage, PoseMessage
 from occlog.io.messages.topics import read_topic_map
 from occlog.io.open import open_input, scene_in
+from occlog.io.recognition import contents_of, read_sequence_info
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.rows import RECORDED
 from occlog.io.recording.salvage.recover import recover_recording
@@ -184,6 +186,10 @@ def _boxes(camera: str | None, folder: bool, path: Path) -> None:
     _drain(read_boxes(given, found, times, (), options, Boxes))
 
 
+def _positions(path: Path) -> None:
+    read_positions(path, PositionOptions(times={"": RATE}, grid=parse_grid("0.025,-3,-9")))
+
+
 def _truth(path: Path) -> None:
     options = TruthOptions(
         cameras=("a", "b"), camera="a", times={"a": RATE, "b": RATE}, sync_ns=dict.fromkeys(range(9), 7),
@@ -251,6 +257,7 @@ READERS = {
         Reader("boxes (CSV)", "b.csv", partial(_boxes, None, False), seeds.text(seeds.BOXES)),
         Reader("boxes (MOT)", "b.txt", partial(_boxes, "a", False), seeds.text(seeds.MOT)),
         Reader("boxes (KITTI)", "b.txt", partial(_boxes, "a", False), seeds.text(seeds.KITTI)),
+        Reader("boxes (CVAT)", "b.xml", partial(_boxes, "a", False), seeds.text(*seeds.CVAT)),
         Reader("boxes (VATIC)", "b.txt", partial(_boxes, "a", False), seeds.text(seeds.VATIC)),
         Reader(
             "boxes (JSON)", "b.json", partial(_boxes, "a", False), seeds.text(seeds.COCO, seeds.GIVEN, seeds.DETECTIONS)
@@ -266,6 +273,10 @@ READERS = {
         Reader("truth (board)", "xyz.csv", _truth, seeds.text(seeds.BOARD)),
         Reader("truth (LOCATA)", "position_source_talker3.txt", _truth, seeds.text(seeds.LOCATA_SOURCE)),
         Reader("truth (WILDTRACK)", "w/00000000.json", lambda p: _truth(p.parent), seeds.text(seeds.WILDTRACK)),
+        Reader("sequence", "seqinfo.ini", read_sequence_info, seeds.text(seeds.SEQUENCE)),
+        Reader("recognition", "f.txt", contents_of, seeds.text(seeds.MOT, seeds.BOXES, seeds.DOA, seeds.SEQUENCE)),
+        Reader("recognition (XML)", "f.xml", contents_of, seeds.text(*seeds.CVAT, seeds.TSAI)),
+        Reader("positions", "p.csv", _positions, seeds.text(seeds.POSITIONS)),
         Reader("synchronisation", "timestamps.csv", read_sync_times, seeds.text(seeds.SYNC)),
         Reader("time stamps", "t.csv", lambda path: read_sidecar(path, ("a", "b")), seeds.text(*seeds.TIMES)),
         Reader("directions (CSV)", "d.csv", lambda path: _doa(path, None), seeds.text(seeds.DOA)),
@@ -296,6 +307,7 @@ READERS = {
             lambda: [seeds.storage(".xml", place=False)], beside={"c/extr_a.xml": seeds.storage(".xml", lens=False)},
         ),
         Reader("calibration (TOML)", "c.toml", partial(_calibration, False), seeds.text(seeds.TOML)),
+        Reader("calibration (homography)", "cam1_H.txt", partial(_calibration, False), seeds.text(seeds.HOMOGRAPHY)),
         Reader("calibration (projection)", "cam1_P.txt", partial(_calibration, False), seeds.text(seeds.PROJECTION)),
         Reader(
             "calibration (Qualisys)", "c.qca.txt", partial(_calibration, False),

@@ -197,6 +197,14 @@ KITTI = (
     "-1 0.5\n"
 )
 VATIC = '0 10 20 30 60 0 0 0 0 "Person"\n0 11 20 31 60 1 0 1 0 "Person"\n1 5 5 9 9 1 1 0 0 "Car"\n'
+CVAT = (
+    '<?xml version="1.0"?><annotations><meta><start_frame>0</start_frame><stop_frame>2</stop_frame></meta>'
+    '<track id="1" label="person"><box frame="1" outside="0" xtl="1" ytl="2" xbr="5" ybr="9"/></track></annotations>',
+    '<?xml version="1.0"?><annotations><image id="0" width="64" height="48">'
+    '<box label="person" xtl="1" ytl="2" xbr="5" ybr="9"/></image></annotations>',
+)
+SEQUENCE = "[Sequence]\nname=HALL-01\nframeRate=10\nseqLength=50\nimWidth=64\nimHeight=48\n"
+POSITIONS = "frame,x,y,score\n0,1.5,2,0.9\n1,2,2.5,0.8\n"
 COCO = json.dumps(
     [{"image_id": n, "category_id": 1, "bbox": [1.5, 2, 3, 4], "score": 0.5, "track_id": n} for n in range(3)]
 )
@@ -335,6 +343,7 @@ METADATA = (
     "  topics_with_message_count:\n    - topic_metadata: {name: /p, type: x}\n      message_count: 1\n"
     '  compression_mode: ""\n'
 )
+HOMOGRAPHY = "509.28 -84.689 327.83\n57.564 57.564 1429.75\n0.664463 0.664463 1.02606\n"
 PROJECTION = "500 0 320 100\n0 505 238.5 20\n0 0 1 4\n"
 TOML = (
     '[cam_0]\nname = "cam_0"\nsize = [640, 480]\nmatrix = [[500.0, 0.0, 320.0], [0.0, 505.0, 238.5], [0.0, 0.0, 1.0]]\n'

@@ -78,7 +78,7 @@ TAG_READS = TextFormat(
 )
 
 
-def read_tag_columns(path: Path) -> set[str]:
+def columns_of_reads(path: Path) -> set[str]:
     """Columns of a log of reads, as the program calls them."""
     head = {cell.lower() for cell in first_line(path, TAG_READS.what)}
     return {name for name, column in TAG_READS.columns.items() if head & set(column.names)}

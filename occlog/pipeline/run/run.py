@@ -239,7 +239,8 @@ def _summary(folder: Path, done: dict[str, str], as_json: bool) -> dict[str, obj
     numbers = {k: v for k, v in values.items() if not k.startswith("_") and k not in ("plausible", "warnings")}
     if as_json:
         return {"stages": done, "folder": str(folder), "metrics": numbers}
-    own = headline.independent_ids(numbers)
+    # Tracks in images have identities of their own, and no errors of position
+    own = headline.independent_ids(numbers) or ("idf1" in numbers and not any(map(_is_headline, numbers)))
     shown = headline.first_of(numbers) if own else {k: v for k, v in numbers.items() if _is_headline(k)}
     head = {k: v for k, v in shown.items() if v is not None}
     page = {} if done.get("report", WAITING) == WAITING else {"report": str(folder / "report.html")}

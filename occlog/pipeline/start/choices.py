@@ -23,7 +23,7 @@ from occlog.io.files.texts.csv_rows import first_line
 from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, BoxSurvey, classes_in, survey_boxes
 from occlog.io.formats.calibration.common import CalibrationOptions
 from occlog.io.formats.calibration.reader import CalibrationFile, read_calibration
-from occlog.io.formats.tags import read_readers, read_tag_columns
+from occlog.io.formats.tags import columns_of_reads, read_readers
 from occlog.io.formats.truth import frames_of_positions
 from occlog.io.frames.streams import are_times, list_images, video_times
 from occlog.io.recognition import FileKind, read_sequence_info
@@ -282,7 +282,7 @@ def _of_cameras(made: Choices) -> None:
     placed = calibration is not None or scene or (positions and not names)
     if not placed:
         made.put("ingest", "allow_uncalibrated", True)
-    _method(made, "boxes" if placed else "views" if boxes else "images")
+    _method(made, "boxes" if placed else "views")
 
 
 def _put_positions(made: Choices) -> bool:
@@ -718,7 +718,7 @@ def _of_logs(made: Choices) -> None:
         if stations:
             item = made.only(stations, "table of readers")
             made.guess("ingest", "readers", item.path, f"readers: {made.shown(item.path)}")
-            strengths = any("rssi" in read_tag_columns(each.path) for each in reads)
+            strengths = any("rssi" in columns_of_reads(each.path) for each in reads)
             if strengths and any(math.isinf(reader.range) for reader in read_readers(item.path)):
                 what = "rssi"
     _put_scene(made, "ingest")
@@ -869,8 +869,7 @@ def _need_deviations(made: Choices, item: Item) -> None:
 
 METHODS = {
     "boxes": ("jipda", "all people on the ground, from the boxes of calibrated cameras"),
-    "views": ("idmot", "targets in the images of each camera, since no pose is known"),
-    "images": ("idmot", "targets in the images of each camera, since no pose is known"),
+    "views": ("sort", "people in the image of each camera, since no pose is known"),
     "reads": ("virtual", "tags by the reads of readers"),
     "rssi": ("rssi", "tags by signal strengths, since the ranges of readers are unknown"),
     "bearings": ("apf", "one target from directions or ranges"),

@@ -11,6 +11,7 @@ import yaml
 from occlog import console
 from occlog.errors import ExitCode, OutputExistsError, UsageError
 from occlog.io.files.atomic import open_output
+from occlog.io.files.texts.yaml import parse_yaml
 from occlog.pipeline.run.run import CONFIGURATION, run_stages
 
 from .choices import Choices, choose
@@ -56,7 +57,7 @@ def start(
             console.note(line, quiet)
     path = output / CONFIGURATION
     text = as_text(made, list(unused_lines(found, sources)), output)
-    if not path.is_file() or path.read_text(encoding="utf-8") != text:
+    if not path.is_file() or _without_comments(path.read_text(encoding="utf-8")) != _without_comments(text):
         if path.exists() and not overwrite:
             raise OutputExistsError(f"{path}: exists, and is another configuration")
         output.mkdir(parents=True, exist_ok=True)
@@ -75,6 +76,11 @@ def start(
         as_json=as_json,
         told=("ingest", "listen"),
     )
+
+
+def _without_comments(text: str) -> list[str]:
+    """Lines of a configuration but for its choices, which name files as the user does."""
+    return [line for line in text.splitlines() if not line.startswith("#")]
 
 
 def _summary(made: Choices) -> dict[str, object]:
@@ -96,10 +102,7 @@ def read_settings(texts: Sequence[str]) -> dict[str, dict[str, object]]:
                 f"--set {text}: expected STAGE.KEY=VALUE, such as ingest.fps=25; stages: {', '.join(STAGES)}, and "
                 f"{', '.join(WHOLE)} alone"
             )
-        try:
-            read: object = yaml.safe_load(value)
-        except yaml.YAMLError:
-            read = value
+        read = parse_yaml(f"value: {value}", f"--set {key}", dict)["value"]
         out.setdefault(stage if dot else "", {})[name if dot else stage] = read
     return out
 

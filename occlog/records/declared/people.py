@@ -151,7 +151,9 @@ class Events(ColumnTable):
         "`initiated`, `terminated`, `possible_switch` (the identity may have been exchanged with another one) or "
         "`reidentified` (this person of the gallery from here on)",
     )
-    other_id: Ints32 = column("i4", "1", "possible_switch: the other identity; else -1")
+    other_id: Ints32 = column(
+        "i4", "1", "possible_switch: the other identity, -1: of a person who has no track; else -1"
+    )
     probability: Floats = column(
         "f8",
         "1",

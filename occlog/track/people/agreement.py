@@ -190,9 +190,8 @@ class CameraAgreement:
 
     def _rotated(self) -> Iterator[Check]:
         """Find the cameras with an orientation that is not that of the calibration."""
-        for name, angles, limit in zip(self.names, np.degrees(self.angles), np.degrees(self.angles_limit), strict=True):
-            if (np.abs(angles) >= np.maximum(limit, math.degrees(MIN_ANGLE))).any():
-                yaw, pitch = angles.tolist()
+        for name, (yaw, pitch) in zip(self.names, np.degrees(self.angles).tolist(), strict=True):
+            if yaw or pitch:
                 yield finding(ROTATED, "camera-rotated", sensors=[name], yaw_deg=yaw, pitch_deg=pitch)
 
     def _disjoint_clocks(self, first_ns: Ints, last_ns: Ints) -> Iterator[Check]:

@@ -185,7 +185,10 @@ def _smoothed(trackers: Sequence[CameraTracks], numbers: Identities) -> ImageTra
             events += [(int(times[at[-1]]), "terminated", who, NO_ID, np.nan)]
         for doubt in doubts:
             pair = (of_row.get(doubt.row, NO_ID), of_row.get(doubt.other, NO_ID))
-            if NO_ID not in pair and pair[0] != pair[1]:
+            if doubt.other < 0 and pair[0] != NO_ID:
+                who = int(numbers.of(camera, pair[:1])[0])
+                events.append((int(times[doubt.frame]), "possible_switch", who, NO_ID, doubt.probability))
+            elif NO_ID not in pair and pair[0] != pair[1]:
                 a, b = numbers.of(camera, pair).tolist()
                 at_ns, p = int(times[doubt.frame]), doubt.probability
                 events += [(at_ns, "possible_switch", a, b, p), (at_ns, "possible_switch", b, a, p)]

@@ -19,6 +19,7 @@ from occlog.runner import Job
 from occlog.settings import configure
 from occlog.track.catalogue import METHODS
 from occlog.track.methods.jipda.filter import JipdaState
+from occlog.track.methods.jipda.interface import NO_ID
 from occlog.track.methods.jipda.position_errors import PositionErrors, learned_sigma, learned_sigma_ratio
 from occlog.track.methods.sort.config import SortConfig
 from occlog.track.request import TrackInImagesRequest, TrackPeopleRequest
@@ -81,8 +82,9 @@ class _Counts:
     def count_events(self, events: Events) -> None:
         """Count events."""
         self.events.update(events.kind.tolist())
-        # Both of the two have a row
-        self.exchanges += 0.5 * float(np.nansum(events.probability[events.kind == "possible_switch"]))
+        # Both of the two have a row; a link to nobody else has one
+        share = np.where(events.other_id == NO_ID, 1.0, 0.5)
+        self.exchanges += float(np.nansum((share * events.probability)[events.kind == "possible_switch"]))
 
     def _no_tracks(self) -> Iterator[Check]:
         """No tracks at all."""

@@ -51,6 +51,12 @@ def test_numbers_are_read_as_people_mean_them(text: str, value: float) -> None:
     assert parse_yaml(f"a: {text}", "x", dict) == {"a": value}
 
 
+def test_numbers_with_colons_are_texts() -> None:
+    text = "frames: 20:30\nlong: 0:100\nseconds: 20:30.5\nsigned: -1:30\n"
+    wanted = {"frames": "20:30", "long": "0:100", "seconds": "20:30.5", "signed": "-1:30"}
+    assert parse_yaml(text, "a.yaml", dict) == wanted
+
+
 @pytest.mark.parametrize("text", [".nan", ".inf", "-.inf", "1e999"])
 def test_numbers_are_finite(text: str) -> None:
     with pytest.raises(InputError, match=r"x: line 1: a: .* is not a finite number"):

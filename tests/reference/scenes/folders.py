@@ -28,14 +28,16 @@ START = 1_700_000_000_000_000_000
 
 
 @cache
-def found(names: str = "abc") -> Boxes:
-    """Boxes of a detector in the hall."""
-    return boxes(hall(names), SECONDS, people=PEOPLE)
+def found(names: str = "abc", *, true: bool = False) -> Boxes:
+    """Boxes of a detector in the hall, or the true ones."""
+    return boxes(hall(names), SECONDS, people=PEOPLE, **({"miss": 0.0, "px": 0.0} if true else {}))
 
 
-def rows_of(camera: str, names: str = "abc") -> list[tuple[int, int, float, float, float, float]]:
+def rows_of(
+    camera: str, names: str = "abc", *, true: bool = False
+) -> list[tuple[int, int, float, float, float, float]]:
     """Frame, person, left, top, width and height of the boxes of a camera."""
-    own = found(names)
+    own = found(names, true=true)
     own = own.take((own.sensor == camera) & (own.box >= 0))
     columns = (own.frame, own.target_id, own.left_px, own.top_px, own.width_px, own.height_px)
     return list(zip(*(column.tolist() for column in columns), strict=True))
@@ -154,6 +156,7 @@ def mot(folder: Path, camera: str, name: str) -> None:
     rows = rows_of(camera)
     lines = [f"{f + 1},-1,{left:.2f},{top:.2f},{w:.2f},{h:.2f},0.9,-1,-1,-1" for f, _, left, top, w, h in rows]
     (folder / name / "det" / "det.txt").write_text("\n".join(lines) + "\n")
+    rows = rows_of(camera, true=True)
     lines = [f"{f + 1},{k + 1},{left:.2f},{top:.2f},{w:.2f},{h:.2f},1,1,1" for f, k, left, top, w, h in rows]
     (folder / name / "gt" / "gt.txt").write_text("\n".join(lines) + "\n")
     (folder / name / "seqinfo.ini").write_text(

@@ -11,7 +11,7 @@ from occlog.records.declared.people import KINDS, MAX_BINS, OTHER, AppearanceMat
 from occlog.records.declared.sensors import Measurements
 from occlog.records.declared.views import COUNTERPARTS, EVENTS, Failures, ViewTracks
 from occlog.records.declared.world import PATH_STATES, RobotPath
-from occlog.records.tables import Hulls, Occluders, Tracks
+from occlog.records.tables import Hulls, Occluders, Positions, Tracks
 
 WORDS = {
     (ViewTracks, "lifecycle"): EVENTS,
@@ -52,7 +52,7 @@ def random_table(table: type, rows: int, seed: int = 0):
         else:
             values[c.name] = rng.uniform(0.1, 1.0, rows)
     values["t_ns"] = 1_700_000_000_000_000_789 + np.cumsum(rng.integers(0, 10**9, rows))
-    if issubclass(table, Tracks | Occluders):
+    if issubclass(table, Tracks | Occluders | Positions):
         values["cov_xy"] = np.zeros(rows)
     if table is Hulls and rows % 4 == 0:
         values["t_ns"], values["occluder_id"] = np.repeat(values["t_ns"][::4], 4), np.zeros(rows, np.int32)

@@ -180,8 +180,7 @@ def test_sources_are_matched_counted_forgotten_and_established():
 
 def test_boxes_that_move_are_no_static_object():
     """40 frames in 1.6 s, 4 px each: more than a box's noise from the mean of the boxes before."""
-    sources = no_clutter()
+    sources, across = no_clutter(), np.array([4.0, 0.0, 4.0, 0.0])
     for k in range(40):
-        moved = BOX + 4.0 * k * np.array([1.0, 0.0, 1.0, 0.0])
-        sources, _ = update_sources(sources, moved, np.ones(1), 0.25, NOISE, 0.04)
+        sources, _ = update_sources(sources, BOX + k * across, np.ones(1), 0.25, NOISE, 0.04)
         assert not len(established(sources).box)

@@ -121,7 +121,7 @@ def test_an_exchange_is_said_where_both_assignments_are_alike() -> None:
     assert exchanges(ids, np.array([[9.0, 1.0], [1.0, 9.0]]), *pair) == []
     # One box for two people
     assert exchanges(ids, np.array([[3.0], [2.0]]), np.array([0]), np.array([0])) == [
-        (4, 7, pytest.approx(1.0 / (1.0 + np.e)))
+        (4, 7, pytest.approx(1.0 / (1.0 + np.sqrt(np.e))))
     ]
 
 

@@ -163,9 +163,19 @@ Upgrade: TypeAlias = Callable[[dict[str, Any]], dict[str, Any]]
 
 
 class _Loader(BoundedLoader):
-    """Safe loader that reads 1e-3 as a number, as people mean it."""
+    """Safe loader that reads 1e-3 as a number and 20:30 as a text, as people mean them, and not to the base of 60."""
 
 
+def _number(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> float | str:
+    """A number, or the text of one with colons."""
+    if ":" in node.value:
+        return str(node.value)
+    whole = node.tag.endswith(":int")
+    return loader.construct_yaml_int(node) if whole else loader.construct_yaml_float(node)
+
+
+_Loader.add_constructor("tag:yaml.org,2002:int", _number)
+_Loader.add_constructor("tag:yaml.org,2002:float", _number)
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float",
     re.compile(r"^[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)$"),

@@ -24,6 +24,7 @@ from .association_features import (
     log_feature_ratios,
     update_features,
 )
+from .body_bias import bias_information, with_body_bias
 from .clock_offset import ClockStatistics, prior_clocks, update_clocks
 from .common_error import CommonErrorStatistics, common_error, prior_common_error, update_common_error
 from .config import JipdaConfig
@@ -63,6 +64,7 @@ from .interface import (
     X,
     Y,
 )
+from .kernels.body_bias import body_bias_shift
 from .kernels.body_box import GROUND_PLANE, MODEL, PackedCameras, cover_positions, pack_views
 from .kernels.camera_disagreement import camera_disagreement
 from .kernels.clock_residuals import clock_residuals
@@ -127,6 +129,8 @@ MIN_ARRIVALS = 1e-12
 """Least density of people who are missed while others arrive."""
 LOG_EXCLUDED = -60.0
 """Log-likelihood ratio of a box that is not a person's."""
+MAX_PREDICTION_TO_LEARN_S = 1.0
+"""Maximum time that a time step counts for what is learned of the body model [s]."""
 STATIC_S = 3.0
 """Age from which a source of clutter is reported as a static object [s]."""
 MIN_STEPS_OF_TRUE = 1.5
@@ -163,6 +167,7 @@ class JipdaState:
     positions: PositionErrors  # of the sources of positions
     clocks: ClockStatistics
     poses: PoseStatistics
+    body_bias: float  # information on it
     seeds: dict[int, float]  # score of the position that initiated each tentative track, of sources alone
 
 
@@ -204,6 +209,7 @@ def initial_state(scene: Scene, cameras: Sequence[Camera | PositionSource], conf
         positions=prior_position_errors(cameras, metre, config),
         clocks=prior_clocks(len(cameras)),
         poses=prior_poses(views),
+        body_bias=0.0,
         seeds={},
     )
 
@@ -412,11 +418,13 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
     visible[boxes.camera, :N] = result.visible
     beta = beta[rows[shown]] * kept.existence[shown, None]
     joint = np.concatenate([result.joint, np.zeros_like(used)])[rows[shown]] * kept.existence[shown, None]
+    shift, share = body_bias_shift(kept.mean[shown], kept.covariance[shown], state.views, rates)
+    body_bias = state.body_bias + bias_information(share, min(dt, MAX_PREDICTION_TO_LEARN_S))
     snapshot = TrackSnapshot(
         t_ns=t_ns,
         ids=kept.id[shown],
         mean=kept.mean[shown],
-        covariance=kept.covariance[shown],
+        covariance=with_body_bias(kept.covariance[shown], shift, body_bias),
         existence=real[rows[shown]],
         visibility=np.ascontiguousarray(visible[:, rows[shown]].T),
         support=associations_of(beta, joint, boxes, frames),
@@ -448,6 +456,7 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         positions=positions,
         clocks=clocks,
         poses=poses,
+        body_bias=body_bias,
         views=state.views if poses.angles is state.poses.angles else corrected(state.views, poses),
         seeds=seeds,
     ), snapshot

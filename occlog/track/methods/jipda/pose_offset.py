@@ -19,8 +19,8 @@ from .normal_equations import BATCH_S, MAX_BATCHES, solve_batches
 
 PRIOR_SIGMA = 0.05
 """Standard deviation of an error of orientation before any box [rad]."""
-MIN_ANGLE = 0.005
-"""Significant errors of at least this size [rad] make all angles be corrected."""
+MIN_ANGLE = 0.007
+"""Cameras with a significant error of at least this size [rad] are corrected."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def update_poses(known: PoseStatistics, t_ns: int, normal: Floats) -> PoseStatis
 
 
 def pose_angles(batches: Floats) -> tuple[Floats, Floats]:
-    """Return the errors of orientation (C, 2), 0 unless one is significant, and the limits (C, 2) of significance.
+    """Return the errors of orientation (C, 2), 0 of cameras without a significant one, and the limits (C, 2) of that.
 
     Args:
         batches: (B, 2 C, 2 C + 1) normal equations, in the order of time.
@@ -68,9 +68,9 @@ def pose_angles(batches: Floats) -> tuple[Floats, Floats]:
     tilted = np.flatnonzero(np.isfinite(limit))
     tilted = tilted[tilted % ANGLES == 1]
     d[tilted] -= np.median(d[tilted]) if len(tilted) else 0.0
-    if not (np.abs(d) >= np.maximum(MIN_ANGLE, limit)).any():
-        d[:] = 0.0
-    return d.reshape(-1, ANGLES), limit.reshape(-1, ANGLES)
+    d, limit = d.reshape(-1, ANGLES), limit.reshape(-1, ANGLES)
+    d[(np.abs(d) < np.maximum(MIN_ANGLE, limit)).all(axis=1)] = 0.0
+    return d, limit
 
 
 def corrected(views: PackedCameras, known: PoseStatistics) -> PackedCameras:

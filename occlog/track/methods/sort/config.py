@@ -23,7 +23,7 @@ class SortConfig(Settings):
 
     # Measurements
     sigma_position: float = setting(
-        0.045,
+        0.055,
         "Standard deviation of the centre of a box, in box heights. Larger values smooth more and associate more "
         "loosely.",
         above=0,

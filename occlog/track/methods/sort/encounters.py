@@ -13,6 +13,9 @@ MIN_PROBABILITY = 0.2
 """Less probable exchanges are not named."""
 NEAR_PROBABILITY = 0.02
 """Two people are at an encounter while an exchange is more probable than this."""
+TEMPER = 0.5
+"""Power of likelihood ratios in probabilities: errors of boxes and of colours last from frame to frame, so that sums of
+logarithms over frames state too much.  Fitted to simulated walkers and WILDTRACK (docs/explanation/trackers)."""
 OVER_S = 1.0
 """An encounter is over when no exchange was possible for this long [s]."""
 
@@ -62,13 +65,19 @@ def exchanges(ids: Ints, ratio: Floats, target: Ints, box: Ints) -> list[tuple[i
     crossed = np.where(mine[None, :] >= 0, ratio[np.ix_(known, mine)] if ratio.shape[1] else 0.0, 0.0)
     with np.errstate(invalid="ignore", over="ignore"):
         loss = own[:, None] + own[None, :] - crossed - crossed.T
-        probability = 1.0 / (1.0 + np.exp(loss))
+        probability = tempered(loss)
     some = (mine[:, None] >= 0) | (mine[None, :] >= 0)
     first, second = np.nonzero(np.triu(some & (probability > NEAR_PROBABILITY), 1))
     return [
         (int(ids[known[i]]), int(ids[known[j]]), float(probability[i, j]))
         for i, j in zip(first.tolist(), second.tolist(), strict=True)
     ]
+
+
+def tempered(loss: Floats) -> Floats:
+    """Probability of the alternative, of the logs of likelihood ratios to it."""
+    with np.errstate(over="ignore"):
+        return np.asarray(1.0 / (1.0 + np.exp(TEMPER * loss)))
 
 
 def _events(pair: tuple[int, int], probability: float) -> list[Event]:

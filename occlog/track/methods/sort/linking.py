@@ -19,7 +19,7 @@ from occlog.core.numerics.assignment import maximum_weight_matching
 from occlog.track.methods.jipda.association_features import log_ratio, similarity
 
 from .config import SortConfig
-from .encounters import MIN_PROBABILITY
+from .encounters import MIN_PROBABILITY, tempered
 from .filter import SIGMA_SIZE_RATE, SIGMA_STROLL, SIZE_NOISE_DENSITY, TAIL, match_probability
 from .kernels.boxes import ASPECT, LOG_HEIGHT, MIN_ASPECT, X, boxes_of, overlaps, states_of
 from .kernels.motion import smooth
@@ -32,8 +32,6 @@ STROLLED = 0.3
 """Probability that a person has stopped or turned in a gap."""
 GAP_S = 1.5
 """Time constant of the probability that a person is not detected for the length of a gap [s]."""
-BIRTH_RATE = 0.3
-"""People who appear, in the image, per second."""
 TRUSTED_BOXES = 3.0
 """Appearance counts half for a tracklet of this many boxes."""
 ROUNDS = 3
@@ -62,7 +60,10 @@ class Boxes:
 
 
 class Doubt(NamedTuple):
-    """Two links that may be the other way round: the boxes that follow them, and how probable that is."""
+    """Two links that may be the other way round: the boxes that follow them, and how probable that is.
+
+    `other` is -1 where one link may be wrong, as a new person may have come instead.
+    """
 
     row: int
     other: int
@@ -106,8 +107,10 @@ def linked(
     """
     parts = cut(tracks, times)
     doubts: list[Doubt] = []
+    # Density of people who appear: as many as the filter has found, over the image and the time
+    births = len(tracks) / (area * max(float(times[-1] - times[0]), 1.0)) if len(times) else 1.0
     for _ in range(ROUNDS):
-        joined, found = _joined(parts, times, config, likeness, area)
+        joined, found = _joined(parts, times, config, likeness, births)
         doubts += found
         if len(joined) == len(parts):
             break
@@ -198,7 +201,7 @@ def _mean(appearance: Floats) -> Floats:
 
 
 def _joined(
-    parts: Sequence[Boxes], times: Floats, config: SortConfig, likeness: Floats, area: float
+    parts: Sequence[Boxes], times: Floats, config: SortConfig, likeness: Floats, births: float
 ) -> tuple[list[Boxes], list[Doubt]]:
     """Tracklets after the links of greatest likelihood, and which of these are doubtful."""
     if len(parts) < 2:
@@ -211,7 +214,7 @@ def _joined(
         after = order[low:high]
         if not len(after):
             continue
-        weight = link_ratios(ends, i, after, config, likeness, area)
+        weight = link_ratios(ends, i, after, config, likeness, births)
         good = weight > 0.0
         rows.append(np.full(int(good.sum()), i))
         columns.append(after[good])
@@ -228,15 +231,27 @@ def _joined(
 def _doubts(parts: Sequence[Boxes], following: dict[int, int], ratios: dict[tuple[int, int], float]) -> Iterator[Doubt]:
     """Pairs of links that the exchanged ones are nearly as likely as."""
     before = {after: first for first, after in following.items()}
+    rivals: dict[int, list[int]] = {}
+    for first, after in ratios:
+        if after in before and following.get(first, after) != after:
+            rivals.setdefault(first, []).append(after)
     for first, after in following.items():
-        others = (c for c in before if c > after and (first, c) in ratios)
-        for other in others:
-            crossed = ratios[first, other] + ratios.get((before[other], after), -np.inf)
-            loss = ratios[first, after] + ratios[before[other], other] - crossed
-            probability = float(1.0 / (1.0 + np.exp(min(loss, 700.0))))
-            if probability >= MIN_PROBABILITY:
-                rows = int(parts[after].row[0]), int(parts[other].row[0])
-                yield Doubt(*rows, max(int(parts[after].frame[0]), int(parts[other].frame[0])), probability)
+        ratio = ratios[first, after]
+        yield from _doubt(parts, after, None, ratio)
+        for other in rivals.get(first, []):
+            crossed = ratios.get((before[other], after))
+            if other > after or crossed is None:
+                # Where the other way round leaves one without a link, that one is of a new person
+                loss = ratio + ratios[before[other], other] - ratios[first, other] - (crossed or 0.0)
+                yield from _doubt(parts, after, other, loss)
+
+
+def _doubt(parts: Sequence[Boxes], after: int, other: int | None, loss: float) -> Iterator[Doubt]:
+    """The doubt about a link, or a pair of links, if the alternative is probable enough."""
+    probability = float(tempered(np.asarray(loss)))
+    if probability >= MIN_PROBABILITY:
+        frame = max(int(parts[k].frame[0]) for k in (after, after if other is None else other))
+        yield Doubt(int(parts[after].row[0]), -1 if other is None else int(parts[other].row[0]), frame, probability)
 
 
 def _chains(parts: Sequence[Boxes], following: dict[int, int]) -> list[Boxes]:
@@ -261,10 +276,11 @@ def _one(parts: Iterable[Boxes]) -> Boxes:
     )
 
 
-def link_ratios(ends: Ends, i: int, after: Ints, config: SortConfig, likeness: Floats, area: float) -> Floats:
+def link_ratios(ends: Ends, i: int, after: Ints, config: SortConfig, likeness: Floats, births: float) -> Floats:
     """(n,) log likelihood ratios that tracklets `after` continue tracklet i, to that they are of new people.
 
-    The person went on along the predicted path, or has stopped or turned in the gap.
+    The person went on along the predicted path, or has stopped or turned in the gap.  `births` is the number of people
+    who appear per second and px^2.
     """
     gap = (ends.start[after] - ends.end[i])[:, None]
     mean, cov = ends.last[0][i], ends.last[1][i]
@@ -286,7 +302,7 @@ def link_ratios(ends: Ends, i: int, after: Ints, config: SortConfig, likeness: F
         like = similarity(ends.appearance[i : i + 1], ends.appearance[after])[0]
         boxes = np.minimum(ends.boxes[i], ends.boxes[after])
         out += log_ratio(likeness, like) * boxes / (boxes + TRUSTED_BOXES) * 2.0
-    out += -gap[:, 0] / GAP_S - np.log(BIRTH_RATE / area)
+    out += -gap[:, 0] / GAP_S - np.log(births)
     return np.asarray(out)
 
 

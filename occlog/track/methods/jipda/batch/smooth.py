@@ -28,6 +28,7 @@ from scipy.optimize import linear_sum_assignment
 from occlog.array_types import NS, Floats, Ints
 
 from ..association_features import appearance_of, are_histograms, feature_likelihood, log_ratio, unit_vectors
+from ..body_bias import with_body_bias
 from ..common_error import new_variance
 from ..detector_model import (
     blind_frames,
@@ -43,6 +44,7 @@ from ..detector_model import (
 )
 from ..filter import JipdaState, associations_of, common_error_of, pack_detections
 from ..interface import HEIGHT, NO_ID, BoxAssociations, Event, FrameDetections, TrackSnapshot
+from ..kernels.body_bias import body_bias_shift
 from ..kernels.detections import DetectorModel, PackedDetections
 from .appearance import log_ratio_joined
 from .association import MIN_ASSOCIATION_PROBABILITY, AssociatedBoxes, PredictedPeople, assign_boxes, associate
@@ -138,7 +140,15 @@ def smooth(
         tracks = tracks_from(found, span, state.config, state.birth_map, own + new, free=False, law=law)
     walk = _states(tracks, span, track_extension(span))
     wide = widening(state.views, rates, packed, found, walk, span)
-    return _smoothed_snapshots(tracks, span, packed, frames, snapshots, seen, own, square, walk, common, wide)
+    out = _smoothed_snapshots(tracks, span, packed, frames, snapshots, seen, own, square, walk, common, wide)
+    return [
+        each._replace(
+            covariance=with_body_bias(
+                each.covariance, body_bias_shift(each.mean, each.covariance, state.views, rates)[0], state.body_bias
+            )
+        )
+        for each in out
+    ]
 
 
 def _scored(state: JipdaState, group: Sequence[FrameDetections], t_ns: int) -> PackedDetections:
