@@ -22,7 +22,7 @@ demo: $(VENV)/installed
 	$(BIN)/occlog run sample_data/room/run.yaml -o $(RUN)/room
 	$(BIN)/occlog run examples/people.yaml -o $(RUN)/people
 	$(BIN)/occlog start sample_data/people -o $(RUN)/walk
-	@echo "Look at $(RUN)/people/report.html and overlay.webm beside it, $(RUN)/room/report.html and $(RUN)/pose2sim/report.html; the video is $(RUN)/walk/overlay.webm"
+	@echo "Look at $(RUN)/people/report.html and overlay.webm beside it, $(RUN)/room/report.html, $(RUN)/pose2sim/report.html and $(RUN)/walk/report.html; the video is $(RUN)/walk/overlay.webm"
 
 # Comparisons with TrackEval and py-motmetrics install these; without a network they are skipped, or fail with
 # OCCLOG_PEERS_REQUIRED=1. OCCLOG_PEERS=/path/to/python names an environment that has them.

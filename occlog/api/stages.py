@@ -586,6 +586,7 @@ def report(
     occluders: Source | None = None,
     metrics: str | os.PathLike[str] | None = None,
     images: Source | None = None,
+    recording: Source | None = None,
     images_limit: float = 5.0,
     title: str = "Tracking report",
     png: bool = False,
@@ -596,7 +597,8 @@ def report(
     """Show tracks and what else is given as one page, as `occlog report` does.
 
     Args:
-        tracks: tracks; a result of `track` brings diagnostics and events along. None: the scene alone is drawn.
+        tracks: tracks; a result of `track` brings diagnostics and events along. None: the scene alone is drawn. Of
+            tracks in images the page has no floor plan.
         scene: room and sensors; None: that of the recording with the truth or the bearings.
         truth: true positions.
         bearings: what each sensor saw.
@@ -607,6 +609,7 @@ def report(
         occluders: moving occluders as the tracker was given.
         metrics: figures written by `occlog evaluate` (JSON).
         images: a recording with images that are shown small next to the plan, with the tracks drawn over them.
+        recording: the same as `images`.
         images_limit: how much of the page they may take [MB]; more of them are skipped.
         title: heading of the page.
         png: also make the picture of the main figures.
@@ -624,7 +627,7 @@ def report(
     if isinstance(tracks, TrackResult):
         diagnostics = tracks.tables.get("diagnostics") if diagnostics is None else diagnostics
         events = tracks.tables.get("events") if events is None else events
-        scene = tracks.scene if scene is None else scene
+        scene = tracks.scene if scene is None and tracks.tracks.name == "tracks" else scene
         tracks = tracks.tracks
     arguments: dict[str, Any] = dict(locals())
     if output is not None:

@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -30,6 +31,8 @@ from occlog.io.files.spill import Blocks, Spool
 from occlog.io.files.tables.parquet import describe
 from occlog.io.open import open_in_unit
 from occlog.records.columns import ColumnTable
+from occlog.records.declared.people import COASTING, GROUND, PREDICTED
+from occlog.records.declared.views import ViewTracks
 from occlog.records.scene import Scene
 from occlog.records.tables import (
     LAST,
@@ -401,8 +404,58 @@ def in_files(paths: Mapping[str, Path], unit: str | None, scene: Scene | None) -
     return opened
 
 
+def in_pixels(given: Given) -> Given:
+    """The same tables with tracks in images as positions in pixels, for tables of tracks in images."""
+
+    def opened(name: str, *kinds: type[ColumnTable]) -> StreamedTable[Any] | None:
+        if name != "tracks":
+            return given(name, *kinds)
+        found: StreamedTable[ViewTracks] | None = given(name, ViewTracks)
+        if found is None:
+            return None
+        return StreamedTable(PeopleTracks, lambda: map(pixel_positions, whole_times(found.chunks())))
+
+    return opened
+
+
+def pixel_positions(tracks: ViewTracks) -> PeopleTracks:
+    """A row for each target and time: its centre in the first camera that has it [px], and the cameras that see it.
+
+    Args:
+        tracks: whole times, in order.
+    """
+    seen = ~np.isin(tracks.likelihood_mode, (GROUND, PREDICTED))
+    order = np.lexsort((tracks.sensor, ~seen, tracks.target_id, tracks.t_ns))
+    t_ns, target = tracks.t_ns[order], tracks.target_id[order]
+    first = np.append(True, (np.diff(t_ns) != 0) | (np.diff(target) != 0))[: len(order)]
+    names = np.where(seen, tracks.sensor, "")[order].tolist()
+    begins = np.flatnonzero(first)
+    joined = [",".join(filter(None, names[begin:end])) for begin, end in pairwise([*begins.tolist(), len(order)])]
+    rows = order[begins]
+    unknown = np.full(len(rows), np.nan)
+    return PeopleTracks.of(
+        t_ns=tracks.t_ns[rows],
+        target_id=tracks.target_id[rows],
+        x=tracks.x_px[rows],
+        y=tracks.y_px[rows],
+        vx=unknown,
+        vy=unknown,
+        cov_xx=tracks.cov_xx_px[rows],
+        cov_xy=tracks.cov_xy_px[rows],
+        cov_yy=tracks.cov_yy_px[rows],
+        seen_by=np.array(joined, dtype=np.str_),
+        quality_flags=np.where(seen[rows], "", COASTING),
+    )
+
+
 def gather(
-    given: Given, made: TrackProvenance, scene: Scene | None, metrics: Mapping[str, object], whole: Collection[str] = ()
+    given: Given,
+    made: TrackProvenance,
+    scene: Scene | None,
+    metrics: Mapping[str, object],
+    whole: Collection[str] = (),
+    *,
+    in_images: bool = False,
 ) -> tuple[dict[str, Any], ReportFigures]:
     """The part of each table that is drawn, by its name, and figures of all rows.
 
@@ -412,15 +465,19 @@ def gather(
         scene: of the run.
         metrics: figures of the evaluation.
         whole: names of tables that are drawn whole, however long they are.
+        in_images: true: positions are in pixels, of targets in images.
     """
-    return _Reading(given, made, scene, whole).all(metrics)
+    return _Reading(given, made, scene, whole, in_images).all(metrics)
 
 
 class _Reading:
     """Reads the tables, and collects the drawings and figures."""
 
-    def __init__(self, given: Given, made: TrackProvenance, scene: Scene | None, unthinned: Collection[str]) -> None:
+    def __init__(
+        self, given: Given, made: TrackProvenance, scene: Scene | None, unthinned: Collection[str], in_images: bool
+    ) -> None:
         self._open, self._made, self._scene, self._unthinned = given, made, scene, unthinned
+        self._in_images = in_images
         self._tables: dict[str, Any] = {}
         self._whole: dict[str, TableTotals] = {}
         self._figures: dict[str, Any] = {}
@@ -474,7 +531,7 @@ class _Reading:
         people, spread = PeopleStreams(), Spool()
         bearings = self._open("bearings", Bearings) is not None and self._scene is not None
         fared = self._open("diagnostics", Diagnostics) is not None
-        existence = given.may_have("existence_probability")
+        existence = given.may_have("existence_probability") or self._in_images
 
         def watched() -> Iterator[Tracks]:
             for piece in whole_times(given.chunks()):
@@ -491,7 +548,7 @@ class _Reading:
         self._evidence.rows = whole.rows
         if not self._unknown:
             self._figures["deviation"] = median_of(spread)
-        if people.any:
+        if people.any or (self._in_images and whole.rows):
             people.begin_cells(whole.span_ns, whole.step_ns)
             for piece in given.chunks():
                 assert isinstance(piece, PeopleTracks)

@@ -9,13 +9,16 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from occlog.array_types import NS
 from occlog.console.text import noun
 from occlog.evaluate.mot.figures import independent_ids
+from occlog.records.declared.people import POSSIBLE_SWITCH
 from occlog.records.tables import UNLABELLED
 from occlog.records.verdicts import Check, Verdict, all_plausible, counts_of, made_checks
 
@@ -80,7 +83,7 @@ def _people(people: PeopleStatistics) -> list[Figure]:
 
 def _headline_accuracy(data: ReportInput) -> list[Figure]:
     """RMSE, bound and their ratio over all targets; without truth, the distance from the lines of sight."""
-    if independent_ids(data.metrics):
+    if data.in_images or independent_ids(data.metrics):
         return _pairs(data)
     if data.errors is None or not len(data.errors):
         return _headline_sight(data)
@@ -192,6 +195,71 @@ def _figures(check: Check) -> str:
     return ", ".join(f"{words[name]} {number(value)}" for name, value in check.figures.items())
 
 
+MAX_LIVES, MAX_SWITCHES = 300, 100
+"""Rows of the tables of tracks, and of possible identity switches."""
+
+
+class LifeRow(NamedTuple):
+    """A row of the table of tracks; times in seconds since the start."""
+
+    target: int
+    cameras: str
+    begin: float
+    end: float
+    length: str
+    rows: str
+    predicted: str
+    switches: str
+
+
+class SwitchRow(NamedTuple):
+    """A row of the table of possible identity switches."""
+
+    seconds: float
+    target: int
+    other: str
+    probability: str
+
+
+def life_rows(data: ReportInput) -> list[LifeRow]:
+    """Begin, end and share of predicted rows of each track in images, the longest ones, in the order of their begin."""
+    if not data.in_images or data.people is None:
+        return []
+    lives = sorted(data.people.lives.items(), key=lambda item: -item[1].rows)[:MAX_LIVES]
+    counts = Counter[int]()
+    if (events := data.events) is not None:
+        doubts = events.take(events.kind == POSSIBLE_SWITCH)
+        counts.update(doubts.target_id.tolist())
+        counts.update(doubts.other_id[doubts.other_id >= 0].tolist())
+    known = events is not None and data.whole["events"].every == 1
+    out = []
+    for target, life in sorted(lives, key=lambda item: (item[1].span_ns[0], item[0])):
+        begin, end = ((t_ns - data.time.start_ns) / NS for t_ns in life.span_ns)
+        share = number(round(100.0 * life.unseen / life.rows, 1))
+        switches = number(counts[target]) if known else "–"
+        cameras = ", ".join(sorted(life.cameras)) or "–"
+        out.append(LifeRow(target, cameras, begin, end, f"{end - begin:.2f}", number(life.rows), share, switches))
+    return out
+
+
+def switch_rows(data: ReportInput) -> list[SwitchRow]:
+    """The most probable identity switches of tracks in images, in the order of time."""
+    events = data.events
+    if not data.in_images or events is None:
+        return []
+    doubts = np.flatnonzero(events.kind == POSSIBLE_SWITCH)
+    doubts = np.sort(doubts[np.argsort(-np.nan_to_num(events.probability[doubts]), kind="stable")[:MAX_SWITCHES]])
+    return [
+        SwitchRow(
+            float((events.t_ns[k] - data.time.start_ns) / NS),
+            int(events.target_id[k]),
+            "a person without a track" if events.other_id[k] < 0 else str(events.other_id[k]),
+            number(round(float(events.probability[k]), 3)),
+        )
+        for k in doubts.tolist()
+    ]
+
+
 WIDTH = 8.4
 SCRIPTS = ("plan.js", "time.js", "replay.js")
 
@@ -209,7 +277,7 @@ def build_page(data: ReportInput, images: Thumbnails | None = None) -> str:
 
 
 def _plots(data: ReportInput) -> list[Plot]:
-    out = [floorplan(data), *_everybody(data)]
+    out = [*([] if data.in_images else [floorplan(data)]), *_everybody(data)]
     if data.relabelled:
         for target in data.compared[:MAX_TARGETS]:
             out += _accuracy(data, target)
@@ -262,7 +330,8 @@ def _everybody(data: ReportInput) -> list[Plot]:
         return []
     drawn = len(people.drawn)
     words = [f"{number(float(f'{people.mean:.3g}'))} people at a time, {number(people.most)} at most"]
-    words.append(f"probability that they are there: {number(round(people.existence, 3))} on average")
+    if not math.isnan(people.existence):
+        words.append(f"probability that they are there: {number(round(people.existence, 3))} on average")
     if data.events is not None:
         counts = data.figures.events
         words.append(", ".join(plural(counts.get(kind, 0), *names) for kind, names in EVENT_WORDS.items()))
@@ -273,7 +342,7 @@ def _everybody(data: ReportInput) -> list[Plot]:
     size = (WIDTH, 2.4 + 0.16 * drawn)
     who = plot("people", "Who was there", caption, size, lambda f: draw_crowd(f, data, tracks, people))
     names = people.cameras
-    if not names:
+    if not names or (data.in_images and len(names) == 1):
         return [who]
     caption = f"In {number(round(100.0 * people.several, 1))} % of the estimates several cameras see the person."
     if len(names) > MAX_SENSORS:
@@ -402,7 +471,10 @@ def _render(data: ReportInput, plots: list[Plot], replay: Replay | None) -> str:
         rows=row_counts(data),
         sensors=sensor_rows(data),
         plots=plots,
-        left_out=data.targets[MAX_TARGETS:],
+        left_out=() if data.in_images else data.targets[MAX_TARGETS:],
+        lives=life_rows(data),
+        more_lives=0 if data.people is None else len(data.people.lives) - MAX_LIVES,
+        switches=switch_rows(data),
         losses=data.losses,
         provenance=_provenance(data.provenance),
         replay=replay,

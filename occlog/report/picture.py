@@ -11,7 +11,15 @@ from matplotlib.figure import FigureBase, SubFigure
 from occlog.report.content.model import ReportInput
 from occlog.report.drawing import COLOURS, house_style, label, new_figure, to_png
 from occlog.report.plots.floorplan import draw_floorplan
-from occlog.report.plots.over_time import axes_of, draw_accuracy, draw_sight, draw_visibility, sensors, watched
+from occlog.report.plots.over_time import (
+    axes_of,
+    draw_accuracy,
+    draw_crowd,
+    draw_sight,
+    draw_visibility,
+    sensors,
+    watched,
+)
 
 from .page import headline
 
@@ -43,6 +51,10 @@ def build_picture(data: ReportInput) -> bytes:
 
 def _arrange(figure: SubFigure, data: ReportInput, panels: list[PicturePanel]) -> None:
     """Floor plan on the left, the other panels on the right."""
+    if data.in_images:
+        if data.everybody is not None and data.people is not None:
+            draw_crowd(figure, data, data.everybody, data.people)
+        return
     if not panels:
         draw_floorplan(figure, data)
         return

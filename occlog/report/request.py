@@ -23,14 +23,16 @@ class ReportRequestBase(Request):
     """Show TRACKS or a run folder as one HTML page: floor plan, errors and bound, observation coverage.
 
     Of a run folder everything is shown that is not named otherwise. Without TRACKS only the scene is drawn. Two runs
-    are shown side by side, with their differences. With --recording no page is made: TRACKS, in images or on the
-    ground, and true boxes are drawn over the frames of the video.
+    are shown side by side, with their differences. Of tracks in images the page has no floor plan. With --video or
+    --frame no page is made: TRACKS, in images or on the ground, and true boxes are drawn over the frames of the video
+    of --recording.
 
     \b
       occlog report run/ -o report.html --png report.png
       occlog report run/old run/new -o comparison.html --markdown comparison.md
       occlog report tracks.parquet --scene scene.yaml --bearings bearings.parquet -o report.html
       occlog report --scene scene.yaml -o scene.html
+      occlog report view_tracks.parquet --recording walk.mcap -o report.html
       occlog report view_tracks.parquet --recording balls.mcap --truth balls.mcap --video balls.webm
     """
 
@@ -65,6 +67,7 @@ class PageRequest(ReportRequestBase):
     occluders: Path | None = source("Occluder priors used by the tracker (hulls or occluders).")
     metrics: Path | None = source("Metrics of `occlog evaluate` (JSON).")
     images: Path | None = source("Recording with images, shown small next to the plan with the tracks drawn over them.")
+    recording: Path | None = source("The same as --images, or what --video and --frame draw over.")
     images_limit: float = setting(
         5.0,
         "Maximum size of the images in the page; further images are omitted.",
@@ -82,12 +85,18 @@ class PageRequest(ReportRequestBase):
         found: PageRequest = load("occlog.report.run:from_folder")(self)
         return found
 
+    @cached_property
+    def in_images(self) -> bool:
+        """True if the tracks are in images, so that there is no floor plan."""
+        found: bool = load("occlog.report.run:has_tracks_in_images")(self.found.tracks)
+        return found
+
     @property
     def inputs(self) -> list[Path]:
         """Every file that is read, each once, those of a run folder too."""
         own = self.found
         first = (own.tracks, own.scene, own.truth, own.bearings, own.errors, own.bound, own.diagnostics)
-        files = (*first, own.events, own.occluders, own.metrics, own.images)
+        files = (*first, own.events, own.occluders, own.metrics, own.images, own.recording)
         return list(dict.fromkeys(path for path in files if path is not None))
 
 
@@ -103,7 +112,7 @@ class OverlayRequest(ReportRequestBase):
         suffix=".png",
         asked="frame",
     )
-    recording: Path = source("Draw over the video of this recording instead of making a page.", required=True)
+    recording: Path = source("Recording with the video to draw over.", required=True)
     video: Path | None = sink(
         "Video to write: .webm (VP8) for browsers; .mp4 (MPEG-4), which they may not play; .avi (Motion JPEG, "
         "larger, no smears).",
@@ -209,7 +218,7 @@ VERB = Verb(
         OVERLAY: VerbKind(
             "Tracks and true boxes drawn over the video of a recording.",
             lambda: Form(OverlayRequest),
-            "--recording (tracks drawn over its video)",
+            "--recording with --video or --frame (tracks drawn over its video)",
         ),
         BESIDE: VerbKind(
             "Two runs side by side: differences, divergences, identity switches.",
@@ -218,7 +227,7 @@ VERB = Verb(
         ),
     },
     default=PAGE,
-    by={"recording": lambda _: OVERLAY},
+    by={"video": lambda _: OVERLAY, "frame": lambda _: OVERLAY},
     counted={2: BESIDE},
-    chosen_by="report [--recording PATH]",
+    chosen_by="report [--recording PATH --video FILE]",
 )

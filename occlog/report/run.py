@@ -15,6 +15,9 @@ from occlog.console.text import as_bytes
 from occlog.errors import InputError, UsageError, option
 from occlog.io.files.atomic import OutputGroup, open_output
 from occlog.io.files.limits import Content, content_of
+from occlog.io.recording.reader import open_recording
+from occlog.records.declared.views import ViewTracks
+from occlog.records.tables import Tracks
 from occlog.records.verdicts import summary_of, texts_of
 from occlog.runner import Job, JobResult
 
@@ -23,7 +26,7 @@ from .gather import TABLES
 from .overlay.plan import OverlayTables
 from .page import build_markdown, build_page
 from .picture import build_picture
-from .replay.thumbnails import Thumbnails, thumbnails
+from .replay.thumbnails import ImageTables, Thumbnails, thumbnails
 from .request import PageRequest
 
 if TYPE_CHECKING:
@@ -33,6 +36,10 @@ if TYPE_CHECKING:
     from occlog.records.verdicts import Verdict
 
     from .content.model import ReportInput
+
+
+PIXELS = "px"
+"""Unit of lengths of tracks in images."""
 
 
 def from_folder(request: PageRequest) -> PageRequest:
@@ -45,18 +52,41 @@ def from_folder(request: PageRequest) -> PageRequest:
     names["occluders"] = "hulls.parquet" if (folder / "hulls.parquet").is_file() else "occluders.parquet"
     found = {n: folder / file for n, file in names.items() if (folder / file).is_file()}
     if "tracks" not in found:
-        raise InputError(f"{folder}: holds no tracks.parquet, so it is not the folder of a finished run")
+        return _in_images(request, folder, found)
     if "scene" in found and _has_truth(found["scene"]):
         found["truth"] = found["scene"]
     unnamed: dict[str, Any] = {n: p for n, p in found.items() if n == "tracks" or getattr(request, n) is None}
     return replace(request, **unnamed)
 
 
+def _in_images(request: PageRequest, folder: Path, found: Mapping[str, Path]) -> PageRequest:
+    """The same for a run whose tracks are in images, with the images themselves."""
+    tracks = folder / "view_tracks.parquet"
+    if not tracks.is_file():
+        raise InputError(
+            f"{folder}: holds no tracks.parquet and no view_tracks.parquet, so it is not the folder of a finished run"
+        )
+    files = {name: path for name, path in found.items() if name in ("events", "metrics")}
+    if "scene" in found and request.recording is None and open_recording(found["scene"]).cameras:
+        files["images"] = found["scene"]
+    unnamed: dict[str, Any] = {name: path for name, path in files.items() if getattr(request, name) is None}
+    return replace(request, tracks=tracks, **unnamed)
+
+
 def _has_truth(recording: Path) -> bool:
-    from occlog.io.recording.reader import open_recording
     from occlog.records.tables import Truth
 
     return open_recording(recording).has(Truth)
+
+
+def has_tracks_in_images(tracks: Path | None) -> bool:
+    """Return whether a table is of tracks in images; a recording is none."""
+    from occlog.io.open import open_input
+
+    if tracks is None or content_of(tracks) is Content.RECORDING:
+        return False
+    opened = open_input(tracks)
+    return opened.has(ViewTracks) and not opened.has(Tracks)
 
 
 def read_input(request: PageRequest, whole: Collection[str] = ()) -> ReportInput:
@@ -69,16 +99,18 @@ def read_input(request: PageRequest, whole: Collection[str] = ()) -> ReportInput
     from occlog.io.files.texts.documents import read_json
 
     from .content.model import ReportInput
-    from .gather import TABLES, gather, in_files
+    from .gather import TABLES, gather, in_files, in_pixels
 
     paths, title = request.found, request.title
-    scene = _scene(paths)
-    unit = _unit(paths, scene)
+    in_images = paths.in_images
+    scene = None if in_images else _scene(paths)
+    unit = PIXELS if in_images else _unit(paths, scene)
     provenance, losses, verdicts = _made(paths, title)
     metrics = read_json(paths.metrics) if paths.metrics is not None else {}
     made = _made_tracks(paths.tracks)
     named = {name: path for name in TABLES if (path := getattr(paths, name)) is not None}
-    tables, figures = gather(in_files(named, unit, scene), made, scene, metrics, whole)
+    given = in_files(named, None if in_images else unit, scene)
+    tables, figures = gather(in_pixels(given) if in_images else given, made, scene, metrics, whole, in_images=in_images)
     return ReportInput(
         title=title,
         scene=scene,
@@ -88,6 +120,7 @@ def read_input(request: PageRequest, whole: Collection[str] = ()) -> ReportInput
         earlier=verdicts,
         made=made,
         length_unit=unit,
+        in_images=in_images,
         gathered=figures,
         **tables,
     )
@@ -153,6 +186,8 @@ def run_report(request: PageRequest, job: Job) -> JobResult:
         raise UsageError(
             f"{paths.tracks}: is a recording, not tracks; show it by {option('scene')}, with tracks or alone"
         )
+    if paths.in_images:
+        _check_in_images(paths)
     data = read_input(request)
     begin_work()
     images = _images(paths, data)
@@ -178,6 +213,14 @@ def run_report(request: PageRequest, job: Job) -> JobResult:
     return JobResult(summary | summary_of(data.verdicts), unseen, [loss for loss in earlier if loss not in unseen])
 
 
+def _check_in_images(paths: PageRequest) -> None:
+    """UsageError for inputs that belong to tracks on the ground."""
+    others = ("scene", "bearings", "errors", "bound", "diagnostics", "occluders")
+    for name in others:
+        if getattr(paths, name) is not None:
+            raise UsageError(f"{option(name)}: {paths.tracks} has tracks in images; the page takes none, leave it out")
+
+
 def write(made: Mapping[Path, bytes], *, overwrite: bool) -> None:
     """Write files that appear together."""
     with OutputGroup() as together:
@@ -188,9 +231,12 @@ def write(made: Mapping[Path, bytes], *, overwrite: bool) -> None:
 
 def _images(paths: PageRequest, data: ReportInput) -> Thumbnails | None:
     """Small images of the recording that is named, with the tracks drawn over them."""
-    if paths.images is None:
+    images = paths.images or paths.recording
+    if images is None:
         return None
-    drawn = None
-    if data.tracks is not None and paths.tracks is not None:
+    drawn: OverlayTables | ImageTables | None = None
+    if data.in_images and paths.tracks is not None:
+        drawn = ImageTables(paths.tracks, paths.truth)
+    elif data.tracks is not None and paths.tracks is not None:
         drawn = OverlayTables(paths.tracks, paths.diagnostics)
-    return thumbnails(paths.images, drawn, data.targets, round(paths.images_limit * 1e6))
+    return thumbnails(images, drawn, data.targets, round(paths.images_limit * 1e6))

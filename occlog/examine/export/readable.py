@@ -20,7 +20,7 @@ from occlog.io.external.names import MAY_BE_EMPTY
 from occlog.io.files.utc import utc
 from occlog.records.columns import ColumnTable
 from occlog.records.declared.views import ViewTracks
-from occlog.records.tables import Boxes, Tracks, Truth
+from occlog.records.tables import Boxes, Tracks, Truth, TruthBoxes
 
 T = TypeVar("T", bound=ColumnTable)
 BREAKS = ("\n", "\r", "\0")
@@ -97,7 +97,9 @@ class UnrepresentableColumns:
         self._name, self._table, self._unit, self._chosen, self._camera = name, table, length_unit, chosen, camera
         held = (PLACES | BOXES)[name]
         if issubclass(table, ViewTracks):
-            held = (*held, *ELLIPSE, *(("target_id",) if name == "mot" else ()))
+            held = (*held, *ELLIPSE)
+        if name == "mot" and issubclass(table, ViewTracks | TruthBoxes):
+            held = (*held, "target_id")
         self._open = [c for c in table.columns() if c.name not in held and c.name not in SILENT]
         self._known: dict[str, None] = {}
         self._first: int | None = None

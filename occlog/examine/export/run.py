@@ -20,7 +20,7 @@ from occlog import console
 from occlog.console.notes import begin_work
 from occlog.errors import InputError, PluginError, UsageError
 from occlog.io.files.atomic import OutputGroup, check_outputs, open_output
-from occlog.io.formats.boxes.mot_challenge import SEQUENCE_INFO, mot_text
+from occlog.io.formats.boxes.mot_challenge import SEQUENCE_INFO, Kind, mot_text
 from occlog.io.formats.trajectories import FARTHEST, Origin
 from occlog.io.open import Opened, load_scene, open_input
 from occlog.plugins.interface import ExportContext, Exporter
@@ -29,7 +29,7 @@ from occlog.records.columns import ColumnTable
 from occlog.records.declared.views import ViewTracks
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
-from occlog.records.tables import TABLES, Boxes, Tracks, Truth, Views, whole_times
+from occlog.records.tables import TABLES, Boxes, Tracks, Truth, TruthBoxes, Views, whole_times
 from occlog.records.verdicts import texts_of
 
 from .formats import FORMATS, ExportFormat, format_of
@@ -324,22 +324,24 @@ def _write_boxes(
     wanted = set(found.boxed) if camera is None else {camera}
     streams = name == "kitti" or wanted <= found.rising
     count = 0
+    kind: Kind = "tracks" if issubclass(table, ViewTracks) else "detections"
+    kind = "truth" if issubclass(table, TruthBoxes) else kind
 
-    def pieces() -> Iterator[tuple[Boxes, bool]]:
+    def pieces() -> Iterator[tuple[Boxes, Kind]]:
         nonlocal count
         count = 0
         for piece in whole_times(opened.rows(table)) if streams else [opened.read(table)]:
             boxes = boxes_of(piece)
             boxes = boxes if camera is None else boxes.take(boxes.sensor == camera)
             count += len(boxes)
-            yield boxes, isinstance(piece, ViewTracks)
+            yield boxes, kind
 
     if name == "coco":
         texts = coco_texts(lambda: (boxes for boxes, _ in pieces()), scene)
     elif name == "kitti":
         texts = (kitti_text(boxes) for boxes, _ in pieces())
     else:
-        texts = (mot_text(request.output, boxes, "tracks" if own else "detections") for boxes, own in pieces())
+        texts = (mot_text(request.output, boxes, kind) for boxes, kind in pieces())
     for text in texts:
         file.write(text.encode())
     return count, found

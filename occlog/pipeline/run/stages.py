@@ -354,10 +354,15 @@ def _in_images(config: Config, folder: Path, recording: Path, boxes: Path, takes
     with_boxes: dict[str, object] = {"detections": str(boxes)}
     source = recording if takes_in == IMAGES else boxes
     yield _stage(config, "track", tracked, (str(source),), {} if source == boxes else with_boxes)
+    shown: dict[str, object] = {name: str(path) for name, path in tracked.items() if name == "events"}
     truth = _truth(config, recording, boxes)
     if "views" in truth or "truth" in config.stage("evaluate"):
         results = {"output": folder / "metrics.json"}
         yield _stage(config, "evaluate", results, (str(tracks),), {"truth": truth["truth"]})
+        shown["metrics"] = str(results["output"])
+    config, pictures = _images(config, recording)
+    page = {"output": folder / "report.html", "png": folder / "report.png", "markdown": folder / "report.md"}
+    yield _stage(config, "report", page, (str(tracks),), {**shown, **pictures})
     yield from _overlay(config, folder, recording, tracks, {})
 
 

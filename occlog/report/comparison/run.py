@@ -73,7 +73,7 @@ def names_of(a: Path, b: Path) -> tuple[str, str]:
 
 
 def files_of(run: Path, shared: PageRequest) -> PageRequest:
-    """The files of a run; UsageError where a recording is named.
+    """The files of a run; UsageError where a recording is named, InputError where tracks are in images.
 
     Args:
         run: a run folder or a table of tracks.
@@ -82,6 +82,8 @@ def files_of(run: Path, shared: PageRequest) -> PageRequest:
     found = replace(shared, tracks=run).found
     if found.tracks is not None and content_of(found.tracks) is Content.RECORDING:
         raise UsageError(f"{run}: is a recording, not tracks; name run folders or tables of tracks")
+    if found.in_images:
+        raise InputError(f"{run}: has tracks in images; two runs are shown side by side where tracks are on the ground")
     return found
 
 

@@ -106,6 +106,7 @@ class ReportInput:
         made: how the tracks were made.
         length_unit: unit of lengths where there is no scene to state it.
         earlier: verdicts of the stages that made the inputs.
+        in_images: whether tracks are in images, with positions in pixels, so that there is no floor plan.
         gathered: figures of all rows, of which the tables may be a part; None: the tables are whole.
     """
 
@@ -125,6 +126,7 @@ class ReportInput:
     made: TrackProvenance = field(default_factory=TrackProvenance)
     length_unit: str = "m"
     earlier: tuple[Verdict, ...] = ()
+    in_images: bool = False
     gathered: ReportFigures | None = None
 
     def __post_init__(self) -> None:
@@ -138,7 +140,8 @@ class ReportInput:
         if self.gathered is not None:
             return self.gathered
         tables = {name: table for name in TABLES if (table := getattr(self, name)) is not None}
-        return gather(in_memory(tables), self.made, self.scene, self.metrics, whole=TABLES)[1]
+        given = in_memory(tables)
+        return gather(given, self.made, self.scene, self.metrics, whole=TABLES, in_images=self.in_images)[1]
 
     @property
     def whole(self) -> Mapping[str, TableTotals]:

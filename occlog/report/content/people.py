@@ -93,6 +93,25 @@ class _VisibilityCells:
         return SensorSightings(name, self._edges, self._observed, self._seen[name])
 
 
+@dataclass
+class TrackLife:
+    """When a track was there, and who saw it.
+
+    Attributes:
+        begin: number of its first row among all.
+        span_ns: its first and last time.
+        rows: how many it has.
+        unseen: those of which no camera has a box.
+        cameras: those that saw it.
+    """
+
+    begin: int
+    span_ns: tuple[int, int]
+    rows: int = 0
+    unseen: int = 0
+    cameras: set[str] = field(default_factory=set)
+
+
 @dataclass(frozen=True, eq=False)
 class PeopleStatistics:
     """Summary of all estimates of all people.
@@ -109,6 +128,7 @@ class PeopleStatistics:
         cameras: names of those that have a box of any person.
         crowd: how many there are at each time, or at those that are drawn.
         found: sightings of each camera.
+        lives: of each identity, ascending.
     """
 
     rows: int
@@ -122,6 +142,7 @@ class PeopleStatistics:
     cameras: tuple[str, ...]
     crowd: PeopleCount
     found: Mapping[str, SensorSightings] = field(default_factory=dict)
+    lives: Mapping[int, TrackLife] = field(default_factory=dict)
 
     def sightings(self, name: str) -> SensorSightings:
         """People there, and those of them of whom a camera has a box, in cells of equal time."""
@@ -135,7 +156,7 @@ class PeopleStreams:
         """Create an empty summary of people."""
         self._rows = self._times = self._people = self._most = self._seen = self._several = self._with_existence = 0
         self._existence = Sum()
-        self._identities: dict[int, list[int]] = {}  # first row, rows
+        self._lives: dict[int, TrackLife] = {}
         self._cameras: set[str] = set()
         self._cells: _VisibilityCells | None = None
 
@@ -154,9 +175,20 @@ class PeopleStreams:
         self._several += int(np.count_nonzero(np.char.find(tracks.seen_by, ",") >= 0))
         self._with_existence += int(np.count_nonzero(~np.isnan(tracks.existence_probability)))
         self._existence.add(float(np.nansum(tracks.existence_probability)))
-        ids, first, rows = np.unique(tracks.target_id, return_index=True, return_counts=True)
-        for name, begin, count in zip(ids.tolist(), first.tolist(), rows.tolist(), strict=True):
-            self._identities.setdefault(name, [self._rows + begin, 0])[1] += count
+        ids, first, row, counts = np.unique(
+            tracks.target_id, return_index=True, return_inverse=True, return_counts=True
+        )
+        unseen = np.bincount(row, tracks.seen_by == "", len(ids)).astype(np.int64)
+        last = np.zeros(len(ids), np.int64)
+        last[row] = tracks.t_ns  # in the order of time
+        begins = tracks.t_ns[first]
+        for k, name in enumerate(ids.tolist()):
+            life = self._lives.setdefault(name, TrackLife(self._rows + int(first[k]), (int(begins[k]), 0)))
+            life.rows, life.unseen = life.rows + int(counts[k]), life.unseen + int(unseen[k])
+            life.span_ns = life.span_ns[0], int(last[k])
+        texts, text = np.unique(tracks.seen_by, return_inverse=True)
+        for name, k in np.unique(np.column_stack([tracks.target_id, text]), axis=0).tolist():
+            self._lives[name].cameras.update(filter(None, str(texts[k]).split(",")))
         self._cameras |= _names(tracks)
         self._rows += len(tracks)
 
@@ -172,8 +204,10 @@ class PeopleStreams:
 
     def finish(self, drawn: PeopleCount) -> PeopleStatistics:
         """All that was collected; `drawn`: at the times that are drawn."""
-        names = np.array(sorted(self._identities), dtype=np.int64)
-        first, rows = (np.array([self._identities[n][k] for n in names.tolist()], dtype=np.int64) for k in (0, 1))
+        lives = {name: self._lives[name] for name in sorted(self._lives)}
+        names = np.array(list(lives), dtype=np.int64)
+        first = np.array([life.begin for life in lives.values()], dtype=np.int64)
+        rows = np.array([life.rows for life in lives.values()], dtype=np.int64)
         cameras = tuple(sorted(self._cameras))
         cells = self._cells
         return PeopleStatistics(
@@ -188,4 +222,5 @@ class PeopleStreams:
             cameras=cameras,
             crowd=drawn,
             found={} if cells is None else {n: cells.sightings(n) for n in cameras if n in cells.names},
+            lives=lives,
         )

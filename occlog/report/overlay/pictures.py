@@ -111,6 +111,25 @@ class FrameRowReader(Generic[T]):
         return times
 
 
+class FrameOverlay:
+    """What tables in images have over single frames, which are asked for in the order of time."""
+
+    def __init__(self, tracks: Path, truth: Path | None, trail_s: float) -> None:
+        """Read tracks in images, and true boxes if there are some, with trails of some seconds."""
+        self._tracks, self._truth = _rows(tracks, ViewTracks), _rows(truth, TruthBoxes)
+        self._trails: dict[str, Trails] = {}
+        self._trail_s = trail_s
+
+    def shot(self, frame: Frame) -> FrameDrawing:
+        """Drawings over a frame: estimates and their trails, and crosses at true positions."""
+        rows = OverlayFrameRows(_at(self._tracks, frame), _at(self._truth, frame), None)
+        # Without epipolar lines the size of a view is of no account
+        rig = OverlayRig([TrackedView(frame.sensor, 1, 1)], [None], None, numbered=False)
+        trails = self._trails.setdefault(frame.sensor, Trails(self._trail_s))
+        ways = [] if rows.tracks is None else trails.ways(rows.tracks, frame.t_ns)
+        return frame_shot(0, frame.index, [rows], rig)._replace(ways=ways)
+
+
 class Pictures:
     """Iterable of (number of the first camera's frame, picture of all views), one each time round.
 

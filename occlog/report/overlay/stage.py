@@ -12,7 +12,7 @@ from occlog.core.geometry.camera import distort
 from occlog.core.geometry.fundamental import epipolar_lines
 from occlog.measure.epipolar.from_scene import ideal_pixels
 from occlog.measure.epipolar.views import TrackedView, ViewGeometry
-from occlog.records.declared.people import GROUND
+from occlog.records.declared.people import GROUND, PREDICTED
 from occlog.records.declared.views import Failures, ViewTracks
 from occlog.records.scene import Camera
 from occlog.records.tables import TruthBoxes
@@ -96,7 +96,7 @@ def _missed(failures: Failures | None) -> set[int]:
 def _outlines(tracks: ViewTracks, labels: Mapping[int, int]) -> list[Outline]:
     ellipses = np.column_stack([tracks.x_px, tracks.y_px, tracks.a_px, tracks.b_px, tracks.rho])
     helped = tracks.assisting_views != ""
-    dashed = ((tracks.neighbours != "") & ~helped) | (tracks.likelihood_mode == GROUND)
+    dashed = ((tracks.neighbours != "") & ~helped) | np.isin(tracks.likelihood_mode, (GROUND, PREDICTED))
     return [
         Outline(
             ellipses[k], target, bool(dashed[k]), bool(helped[k]), f"on {labels[target]}" if target in labels else ""

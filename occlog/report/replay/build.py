@@ -54,6 +54,7 @@ class Replay:
         layers: names of layers, with their labels and initial visibility.
         peaks: the largest errors, the largest first.
         cameras: names of the cameras that have images.
+        plan: whether there is a floor plan.
     """
 
     json: str
@@ -62,12 +63,14 @@ class Replay:
     layers: list[Layer]
     peaks: list[Peak]
     cameras: list[str]
+    plan: bool = True
 
 
 def replay(data: ReportInput, images: Thumbnails | None = None) -> Replay | None:
     """The time steps of a run; None where nothing moves."""
     limits = plan_limits(data)
-    steps = ReplaySteps(data, limits)
+    # In images it is seen that there is no target
+    steps = ReplaySteps(data, limits, imaged=images.times) if data.in_images and images else ReplaySteps(data, limits)
     if len(steps.kept) < 2:
         return None
     tables, every, layers = plan_values(data, steps)
@@ -81,10 +84,11 @@ def replay(data: ReportInput, images: Thumbnails | None = None) -> Replay | None
     return Replay(
         safe_json(values),
         _words(steps, every, images),
-        [(target, k) for k, target in enumerate(data.targets[:MAX_BOXES])],
-        layers,
+        [] if data.in_images else [(target, k) for k, target in enumerate(data.targets[:MAX_BOXES])],
+        [] if data.in_images else layers,
         _peaks(data),
         [] if images is None else list(images.cameras),
+        plan=not data.in_images,
     )
 
 
@@ -198,16 +202,20 @@ def _layers(truth: object, sight: object, priors: object, sensors: list[dict[str
 
 
 def _words(steps: ReplaySteps, sight_every: int, images: Thumbnails | None) -> str:
-    count, all_of = len(steps.kept), steps.count
+    count, all_of = len(steps.data.figures.times), steps.count
     said = [
         f"{count:,} of {all_of:,} time steps: every {steps.every}-th." if steps.every > 1 else f"{count:,} time steps."
     ]
     if sight_every > 1:
         said.append(f"Lines of sight are those of every {sight_every}-th of them.")
-    said.append("A dashed ring is a target that no sensor sees, or of which something is uncertain.")
+    if steps.data.in_images:
+        said.append("Positions are those of the centres of targets in the image, to the right and down.")
+        said += ["A dashed outline is of a target without a box in the frame."] if images is not None else []
+    else:
+        said.append("A dashed ring is a target that no sensor sees, or of which something is uncertain.")
     said += ["A cross is where one truly is."] if steps.truth() else []
     said.append(f"Positions are rounded to {steps.step:.1g} {steps.data.unit}.")
-    if not steps.same:
+    if not steps.same and not steps.data.in_images:
         said.append("Identities are the tracker's own, not those of the truth.")
         said += ["Errors are from the true target that a track is paired with."] if steps.pairs else []
     if images is not None:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -98,10 +98,12 @@ class ReplaySteps:
     Attributes:
         data: the run.
         limits: (2, 2) lower and upper corner of the plan.
+        imaged: times of images, which are kept, too, within those of the run [ns].
     """
 
     data: ReportInput
     limits: Floats
+    imaged: Ints = field(kw_only=True, default_factory=lambda: np.zeros(0, np.int64))
 
     @property
     def _leading(self) -> TableTotals | None:
@@ -121,7 +123,9 @@ class ReplaySteps:
     @cached_property
     def kept(self) -> Ints:
         """(M,) the times that are kept."""
-        return self.data.figures.times
+        times, time = self.data.figures.times, self.data.time
+        inside = (self.imaged >= time.start_ns) & (self.imaged <= time.end_ns)
+        return np.union1d(times, self.imaged[inside]) if inside.any() else times
 
     @property
     def period_ns(self) -> float:
@@ -213,7 +217,8 @@ class ReplaySteps:
         """Sensors that saw each row's target, whether these are known, and quality flags, by tracks or filter."""
         if self.data.everybody is not None:
             people = self.data.everybody
-            return people.seen_by[rows], np.isfinite(people.existence_probability[rows]), people.quality_flags[rows]
+            known = np.isfinite(people.existence_probability[rows]) | self.data.in_images
+            return people.seen_by[rows], known, people.quality_flags[rows]
         count, diagnostics = len(rows), self.data.diagnostics
         names, known, doubt = np.full(count, "", object), np.zeros(count, np.bool_), np.full(count, "", object)
         if isinstance(tracks, PeopleTracks):

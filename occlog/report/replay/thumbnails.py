@@ -10,7 +10,7 @@ import base64
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,14 +20,14 @@ from occlog.io.frames.codec import encode_image
 from occlog.io.recording.reader import McapRecording, open_recording
 from occlog.records.losses import Loss
 from occlog.report.overlay.draw import FrameDrawing, LineDrawing, draw_shot
-from occlog.report.overlay.pictures import NO_IMAGE, LostFrames
+from occlog.report.overlay.pictures import NO_IMAGE, FrameOverlay, LostFrames
 from occlog.report.overlay.plan import GroundTrackPositions, OverlayTables
 from occlog.settings import METRES
 
 from .steps import packed
 
-WIDTH = 240
-"""Width of a thumbnail [px]."""
+WIDTH, WIDTH_ALONE = 240, 480
+"""Width of a thumbnail next to a plan, and of one without a plan [px]."""
 QUALITY = 70
 MAX_TIME_STEPS = 2000
 MARGIN = 0.85
@@ -35,6 +35,13 @@ MARGIN = 0.85
 BASE64 = 4 / 3
 TRAIL_S = 2.0
 """Length of the trail behind each target."""
+
+
+class ImageTables(NamedTuple):
+    """Tables of rows in images that are drawn over them: tracks, and true boxes."""
+
+    tracks: Path
+    truth: Path | None = None
 
 
 @dataclass
@@ -58,6 +65,11 @@ class Thumbnails:
         """Description of the images in a sentence."""
         return f"Images: {self.n_steps:,} of {self.of:,} time steps." if self.of > self.n_steps else ""
 
+    @property
+    def times(self) -> Ints:
+        """(N,) times of all images, each once [ns]."""
+        return np.unique(np.array([t for images in self.cameras.values() for t, _ in images], dtype=np.int64))
+
     def packed(self, start_ns: int) -> list[dict[str, Any]]:
         """Return the data of the script."""
         return [
@@ -71,8 +83,12 @@ class Thumbnails:
         ]
 
 
-def thumbnails(recording: Path, sources: OverlayTables | None, targets: Sequence[int], limit: int) -> Thumbnails:
-    """Images of a recording, with tracks of the world drawn over those of cameras that are in it, in its unit.
+def thumbnails(
+    recording: Path, sources: OverlayTables | ImageTables | None, targets: Sequence[int], limit: int
+) -> Thumbnails:
+    """Images of a recording, with tracks drawn over them.
+
+    Tracks of the world are drawn over the images of cameras that are in it, in its unit.
 
     Args:
         recording: with images or videos.
@@ -84,7 +100,7 @@ def thumbnails(recording: Path, sources: OverlayTables | None, targets: Sequence
         InputError: there are no images, or a table of ours has another unit of lengths than the recording's scene.
     """
     opened = open_recording(recording)
-    if sources is not None and opened.scene is not None:
+    if isinstance(sources, OverlayTables) and opened.scene is not None:
         sources = sources._replace(unit=opened.scene.length_unit)
     known: dict[str, list[int]] = {}
     for frame in opened.frames():
@@ -107,7 +123,10 @@ def thumbnails(recording: Path, sources: OverlayTables | None, targets: Sequence
 
 
 def _size(
-    opened: McapRecording, known: Mapping[str, Sequence[int]], sources: OverlayTables | None, targets: Sequence[int]
+    opened: McapRecording,
+    known: Mapping[str, Sequence[int]],
+    sources: OverlayTables | ImageTables | None,
+    targets: Sequence[int],
 ) -> int:
     """Bytes of the first image of each camera that can be decoded."""
     wanted = {name: set(own) for name, own in known.items()}
@@ -129,7 +148,7 @@ def _before(times: Ints, chosen_ns: Ints) -> set[int]:
 def _drawn(
     opened: McapRecording,
     chosen: Mapping[str, set[int]],
-    sources: OverlayTables | None,
+    sources: OverlayTables | ImageTables | None,
     targets: Sequence[int],
     lost: LostFrames,
 ) -> Iterator[tuple[str, int, bytes]]:
@@ -137,10 +156,13 @@ def _drawn(
     scene = opened.scene
     metres = 1.0 if scene is None else METRES.get(scene.length_unit, 1.0)
     ranks = {target: rank for rank, target in enumerate(targets)}
-    world = None if sources is None else GroundTrackPositions(sources, metres, ranks, TRAIL_S)
+    world = GroundTrackPositions(sources, metres, ranks, TRAIL_S) if isinstance(sources, OverlayTables) else None
+    drawn = FrameOverlay(sources.tracks, sources.truth, TRAIL_S) if isinstance(sources, ImageTables) else None
+    width = WIDTH if drawn is None else WIDTH_ALONE
     placed = {} if scene is None else {c.name: c for c in scene.cameras if c.placed}
     shapes: dict[str, tuple[int, ...]] = {}
     for frame in opened.frames():
+        over = None if drawn is None else drawn.shot(frame)
         if frame.t_ns not in chosen[frame.sensor]:
             continue
         ways: list[LineDrawing] = []
@@ -155,5 +177,7 @@ def _drawn(
             image, notes = np.zeros(shapes[frame.sensor], dtype=np.uint8), [NO_IMAGE]
         shapes[frame.sensor] = image.shape
         shot = FrameDrawing(frame.sensor, ways=ways, ranks=ranks, notes=notes)
-        picture = draw_shot(image, shot, WIDTH / image.shape[1])
+        if over is not None:
+            shot = over._replace(ranks=ranks, notes=notes)
+        picture = draw_shot(image, shot, width / image.shape[1])
         yield frame.sensor, frame.t_ns, encode_image(picture, "jpeg", QUALITY)

@@ -22,7 +22,7 @@ const unpackTable = (packed) => {
 };
 const number = (value) => (Math.abs(value) >= 1000 ? value.toFixed(0) : value.toPrecision(3));
 
-// ---- a plan of a run on a canvas; `times` are the time steps [s], `hiddenTargets` those that are not drawn
+// ---- a plan of a run on a canvas (null: nothing is drawn); `times` are the time steps [s], `hiddenTargets` those that are not drawn
 const makePlan = (canvas, data, times, hiddenTargets) => {
   const tracks = unpackTable(data.tracks), truth = unpackTable(data.truth);
   const sight = unpackTable(data.sight), hulls = unpackTable(data.hulls);
@@ -33,11 +33,12 @@ const makePlan = (canvas, data, times, hiddenTargets) => {
   // Colours are those of the targets' numbers, unless the data name others; -1: of no particular target
   const colourNumber = (index) => (data.colours ? data.colours[index] : index % 6);
   const colourOf = (style, index) => style.getPropertyValue(colourNumber(index) < 0 ? "--muted" : `--t${colourNumber(index)}`).trim();
-  const pen = canvas.getContext("2d");
+  const pen = canvas && canvas.getContext("2d");
   let width = 0, height = 0, scale = 1, now = 0, hovered = null;
   const px = ([x, y]) => [(x - low[0]) * scale, (high[1] - y) * scale];
 
   const fit = () => {
+    if (!canvas) return;
     const ratio = window.devicePixelRatio || 1;
     const size = [high[0] - low[0], high[1] - low[1]];
     width = canvas.parentElement.clientWidth;

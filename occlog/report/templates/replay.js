@@ -36,8 +36,11 @@
       String(data.targets[person.target]),
       plan.placeWords(person),
       person.known ? number(1.0 * Math.hypot(person.sx, person.sy)) : "–",
-      at ? number(Math.hypot(at[0] - person.at[0], at[1] - person.at[1])) : "–",
-      person.existence === null ? "–" : person.existence.toFixed(2),
+      // Without a plan the table has no columns for these
+      ...(plan.canvas ? [
+        at ? number(Math.hypot(at[0] - person.at[0], at[1] - person.at[1])) : "–",
+        person.existence === null ? "–" : person.existence.toFixed(2),
+      ] : []),
       plan.seenWords(person),
       plan.remarks(person, people),
     ];
@@ -52,7 +55,7 @@
           cell.scope = "row";
           cell.append(plan.dot(person.target));
         }
-        if (k && k < 5) cell.className = "n";
+        if (k && k < (plan.canvas ? 5 : 3)) cell.className = "n";
         cell.append(text);
         row.append(cell);
       });
@@ -80,14 +83,14 @@
   };
 
   // ---- together
-  const time = makeTime(root, times, data.second, strip, [plan.canvas], (now, playing) => {
+  const time = makeTime(root, times, data.second, strip, [plan.canvas || strip.strip], (now, playing) => {
     at = now;
     plan.draw(now);
     writeRows(now, playing);
     showPictures(now);
   });
   const names = ["target", `x, y [${data.unit}]`, `σ [${data.unit}]`, `error [${data.unit}]`, "existence", "seen by", "remarks"];
-  tellWhatIsThere(plan, $("replay-tip"), (person) => (
+  if (plan.canvas) tellWhatIsThere(plan, $("replay-tip"), (person) => (
     wordsOf(person, peopleAt(at), truthAt(at)).map((text, k) => `${names[k]}: ${text}`)
   ));
   switchTargets(root, hiddenTargets);
@@ -95,7 +98,7 @@
   new ResizeObserver(() => {
     plan.fit();
     time.plan();
-  }).observe(plan.canvas.parentElement);
+  }).observe(plan.canvas ? plan.canvas.parentElement : root);
   plan.fit();
   time.begin();
 })();

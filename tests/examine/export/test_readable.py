@@ -14,8 +14,9 @@ from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, survey_boxes
 from occlog.io.open import open_input
+from occlog.io.recording.writer import RecordingWriter
 from occlog.records.columns import MAX_NS
-from occlog.records.tables import Boxes, Doa, Failures
+from occlog.records.tables import Boxes, Doa, Failures, TruthBoxes
 
 
 def directions(path: Path, sensor: str, t_ns: int = 0) -> Path:
@@ -78,3 +79,18 @@ def test_failures_on_the_ground_have_no_camera(tmp_path: Path) -> None:
     write_table(tmp_path / "t.parquet", Failures.of(**values), Provenance("test"))
     assert run(["export", str(tmp_path / "t.parquet"), "-o", str(tmp_path / "o.csv")]) == ExitCode.DONE
     assert open_input(tmp_path / "o.csv", Failures).read(Failures).sensor.tolist() == [""]
+
+
+def test_true_boxes_have_their_identities_in_mot_text(tmp_path: Path, capsys: Any) -> None:
+    """Each was written as a detection, with identity -1."""
+    box = {"left_px": [1.5] * 3, "top_px": [2.0] * 3, "width_px": [10.0] * 3, "height_px": [20.0] * 3}
+    times = {"t_ns": [0, 0, 10**9], "sensor": ["a"] * 3, "frame": [0, 0, 1], "confidence": [np.nan] * 3}
+    truth = TruthBoxes.of(**times, **box, box=[0, 1, 0], target_id=[4, 9, 9], visible=[1.0, 0.5, 1.0])
+    with RecordingWriter(tmp_path / "r.mcap", None, Provenance("test")) as out:
+        out.table(truth)
+    args = ["export", str(tmp_path / "r.mcap"), "--table", "truth_boxes", "--to", "mot", "-o", str(tmp_path / "gt.txt")]
+    assert run(args) == ExitCode.DONE
+    assert "visible" in capsys.readouterr().err
+    assert (tmp_path / "gt.txt").read_text().splitlines() == [
+        "1,4,1.5,2.0,10.0,20.0,1,1,1", "1,9,1.5,2.0,10.0,20.0,1,1,1", "2,9,1.5,2.0,10.0,20.0,1,1,1",
+    ]  # fmt: skip

@@ -322,7 +322,9 @@ def test_names_are_the_ends_of_paths_that_tell_runs_apart(tmp_path: Path) -> Non
         (["a", "--bearings", "b"], None),
         (["a", "--", "b"], "beside"),
         (["a", "-"], "beside"),
-        (["a", "b", "--recording", "c"], "overlay"),
+        (["a", "--recording", "b"], None),
+        (["a", "--recording", "b", "--video", "c"], "overlay"),
+        (["a", "--recording", "b", "--frame", "1"], "overlay"),
     ],
 )
 def test_two_runs_are_told_from_a_run_with_options(args: list[str], kind: str | None) -> None:

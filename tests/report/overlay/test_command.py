@@ -263,18 +263,19 @@ def test_an_image_that_is_damaged_is_lost_and_the_others_are_drawn(
 @pytest.mark.parametrize(
     ("args", "code", "words"),
     [
-        (["t", "--video", "o.avi"], ExitCode.USAGE, "--video is an option of --recording"),
+        (["t", "--video", "o.avi"], ExitCode.USAGE, "--recording is missing; give it"),
         (["t"], ExitCode.USAGE, "no output: give -o (the page), or --recording with --video or --frame"),
         (["R", "--video", "o.avi"], ExitCode.USAGE, "nothing to draw"),
         (["t", "R", "--frame", "1", "--png", "o.png", "--scale", "nan"], ExitCode.USAGE, "nan is not a finite number"),
         (["t", "R", "--video", "o.avi", "--fps", "nan"], ExitCode.USAGE, "nan is not a finite number"),
-        (["t", "R"], ExitCode.USAGE, "no output: give --video, or --png with --frame"),
+        (["t", "R"], ExitCode.USAGE, "no output: give -o (the page), or --recording with --video or --frame"),
+        (["t", "R", "-o", "p.html", "--errors", "t.parquet"], ExitCode.USAGE, "the page takes none, leave it out"),
         (["t", "R", "--frame", "1"], ExitCode.USAGE, "--png and --frame belong together"),
         (["t", "R", "--video", "o.mov"], ExitCode.USAGE, "o.mov: video can be .avi or .mp4"),
         (
             ["t", "R", "--video", "o.avi", "-o", "p.html"],
             ExitCode.USAGE,
-            "-o is an option of a page, TRACKS OTHER (two runs side by side), not of --recording",
+            "-o is an option of a page, TRACKS OTHER (two runs side by side), not of --recording with --video",
         ),
         (["t", "R", "--video", "o.avi", "--camera", "view9"], ExitCode.BAD_INPUT, "no video of camera 'view9'"),
         (["t", "R", "--video", "o.avi", "--frames", "50:60"], ExitCode.BAD_INPUT, "has no frame in 50:60"),
