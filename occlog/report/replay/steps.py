@@ -87,6 +87,8 @@ MAX_OBSERVATIONS = 30_000
 MAX_PRIORS = 20_000
 CORNERS = 12
 """Number of corners of the drawn ellipse of a Gaussian prior."""
+LONGEST_GAP = 2.5
+"""Intervals between time steps longer than this many usual ones are gaps without targets."""
 TRUE_FROM = 40_000
 """Numbers of true targets that are not tracked by their own identity begin here."""
 
@@ -98,7 +100,7 @@ class ReplaySteps:
     Attributes:
         data: the run.
         limits: (2, 2) lower and upper corner of the plan.
-        imaged: times of images, which are kept, too, within those of the run [ns].
+        imaged: times of images, which are kept, too, within those of a run in images [ns].
     """
 
     data: ReportInput
@@ -124,8 +126,13 @@ class ReplaySteps:
     def kept(self) -> Ints:
         """(M,) the times that are kept."""
         times, time = self.data.figures.times, self.data.time
+        if not self.data.in_images or not len(times):
+            return times
         inside = (self.imaged >= time.start_ns) & (self.imaged <= time.end_ns)
-        return np.union1d(times, self.imaged[inside]) if inside.any() else times
+        # Gaps without targets have a time step at both ends, so that nothing is drawn across them
+        step = round(self.period_ns * self.every)
+        gaps = np.flatnonzero(np.diff(times) > LONGEST_GAP * step)
+        return np.unique(np.concatenate([times, self.imaged[inside], times[gaps] + step, times[gaps + 1] - step]))
 
     @property
     def period_ns(self) -> float:

@@ -15,11 +15,14 @@ from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.frames.codec import encode_image
 from occlog.io.recording.writer import RecordingWriter
+from occlog.measure.epipolar.views import TrackedView
 from occlog.records.declared.people import BOX, PREDICTED, Events
 from occlog.records.declared.views import ViewTracks
 from occlog.report.content.model import ReportInput
 from occlog.report.gather import pixel_positions
+from occlog.report.overlay.stage import OverlayFrameRows, OverlayRig, frame_shot
 from occlog.report.page import build_page, life_rows, switch_rows
+from occlog.report.replay.steps import ReplaySteps
 from occlog.report.replay.thumbnails import Thumbnails
 
 STEP = 100_000_000
@@ -73,6 +76,16 @@ def test_each_track_has_its_span_and_its_share_of_predicted_rows() -> None:
     assert [(row.seconds, row.target, row.other, row.probability) for row in switch_rows(data)] == [
         (3.4, 7, "0", "0.25")
     ]
+
+
+def test_predicted_rows_are_dashed_and_nothing_is_shown_across_a_gap() -> None:
+    table = walk("hall")
+    of = [OverlayFrameRows(table.take(table.frame == k), None, None) for k in (11, 12)]
+    rig = OverlayRig([TrackedView("hall", 200, 120)], [None], None)
+    assert [frame_shot(0, 0, [one], rig).outlines[0].dashed for one in of] == [False, True]
+    data = ReportInput(tracks=pixel_positions(table), length_unit="px", in_images=True)
+    kept = ReplaySteps(data, np.array([[0.0, 0.0], [1.0, 1.0]])).kept
+    assert (kept // STEP).tolist() == [*range(17), *range(29, FRAMES)]
 
 
 @pytest.fixture(scope="module")
