@@ -43,7 +43,7 @@ SPECIAL = "Special sensors and papers"
 OTHERS = "Others"
 COMMANDS = {
     "start": Command(
-        "occlog.pipeline.start.command", "Look at files, write a configuration for them, and run it.", PIPELINE
+        "occlog.pipeline.start.command", "Inspect files, write a configuration for them, and run it.", PIPELINE
     ),
     "simulate": Command(
         "occlog.simulate.request:VERB", "Simulate a recording with ground truth from a scene.", PIPELINE

@@ -1,6 +1,6 @@
 """Appearance of people in the boxes of a detector: colour histograms of the ellipse in each box.
 
-Pixels in a more confident box with lower feet, of somebody nearer, do not count.
+Pixels in a more confident box with lower feet, of a nearer person, do not count.
 """
 
 from __future__ import annotations

@@ -83,7 +83,7 @@ def run_stages(
     strict: bool,
     quiet: bool,
     as_json: bool,
-    told: Collection[str] = (),
+    noted: Collection[str] = (),
 ) -> int:
     """Run all stages of a configuration that are not up to date; return the exit code.
 
@@ -95,16 +95,16 @@ def run_stages(
         strict: true: exit code 6 if a stage states that its results are not plausible.
         quiet: true: no notes.
         as_json: true: print the summary as JSON.
-        told: stages with notes that are printed: what they took their inputs for.
+        noted: stages with notes that are printed: what they took their inputs for.
     """
     wanted = read_config(config)
     for stage in plan(wanted, output.resolve()):  # checks every key and value before any stage runs
         check_settings(wanted, stage)
     folder = _folder(output, dry_run)
     steps: list[StageStep] = []
-    told = () if quiet else told
+    noted = () if quiet else noted
     for step in do_stages(
-        wanted, folder, force=force, dry_run=dry_run, begin=lambda name: _note_begin(name, quiet), told=told
+        wanted, folder, force=force, dry_run=dry_run, begin=lambda name: _note_begin(name, quiet), noted=noted
     ):
         steps.append(step)
     if steps and steps[-1].code not in GOING_ON:
@@ -131,7 +131,7 @@ def do_stages(
     force: bool,
     dry_run: bool,
     begin: Callable[[str], None],
-    told: Collection[str] = (),
+    noted: Collection[str] = (),
 ) -> Iterator[StageStep]:
     """Do the stages of a configuration that are not up to date, in order, until one fails.
 
@@ -141,18 +141,18 @@ def do_stages(
         force: true: do every stage.
         dry_run: true: only report which stages would run.
         begin: called with the name of each stage that is done, before it is.
-        told: stages with notes that are printed.
+        noted: stages with notes that are printed.
 
     Raises:
         OcclogError, click.ClickException: what a stage refuses, or another command does stages in that folder.
     """
     folder = _folder(output, dry_run)
     with nullcontext() if dry_run else alone_with(folder, "run", PATIENCE):
-        yield from _stages(wanted, folder, force=force, dry_run=dry_run, begin=begin, told=told)
+        yield from _stages(wanted, folder, force=force, dry_run=dry_run, begin=begin, noted=noted)
 
 
 def _stages(
-    wanted: Config, folder: Path, *, force: bool, dry_run: bool, begin: Callable[[str], None], told: Collection[str]
+    wanted: Config, folder: Path, *, force: bool, dry_run: bool, begin: Callable[[str], None], noted: Collection[str]
 ) -> Iterator[StageStep]:
     """`do_stages` in a folder that is there."""
     state = outcomes(folder)
@@ -172,7 +172,7 @@ def _stages(
             else:
                 begin(stage.name)
                 with refused_in(wanted, stage.name), no_links_out_of(folder):
-                    code = stage.do(quiet=False) if stage.name in told else _do(stage)
+                    code = stage.do(quiet=False) if stage.name in noted else _do(stage)
                 step = StageStep(stage.name, "done", code, ())
                 if code in GOING_ON:
                     hashes = _hashes(stage, folder)

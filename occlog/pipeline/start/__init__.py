@@ -1,1 +1,1 @@
-"""Looks at files as people have them, and writes and runs a configuration for them."""
+"""Inspects files as people have them, and writes and runs a configuration for them."""

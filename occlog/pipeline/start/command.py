@@ -9,7 +9,7 @@ import click
 from occlog.cli import options
 
 
-@click.command(name="start", short_help="Look at files, write a configuration for them, and run it.")
+@click.command(name="start", short_help="Inspect files, write a configuration for them, and run it.")
 @click.argument("sources", type=options.PATH, nargs=-1, required=True, metavar="FOLDER|BAG|FILE...")
 @click.option("-o", "--output", type=options.PATH, required=True, help="Run folder; created if missing.")
 @click.option(
@@ -42,7 +42,7 @@ def command(
     quiet: bool,
     as_json: bool,
 ) -> int:
-    """Look at folders, bags and files, choose what they are, write `run.yaml` into the run folder, and run it.
+    """Inspect folders, bags and files, choose what they are, write `run.yaml` into the run folder, and run it.
 
     Each choice is printed with the option that changes it, and stands in `run.yaml` as a comment; what is not used is
     listed with the reason. Nothing is guessed that would make a wrong result: a frame rate, the height of the ground or

@@ -1,4 +1,4 @@
-"""Work of `occlog start`: look, choose, write the configuration, and run it."""
+"""Work of `occlog start`: inspect, choose, write the configuration, and run it."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def start(
         strict=strict,
         quiet=quiet,
         as_json=as_json,
-        told=("ingest", "listen"),
+        noted=("ingest", "listen"),
     )
 
 

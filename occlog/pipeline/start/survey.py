@@ -112,7 +112,7 @@ def read_stated(texts: Sequence[str], sources: Sequence[Path]) -> dict[Path, Sta
 
 
 def survey(sources: Sequence[Path], stated: Mapping[Path, Stated]) -> Survey:
-    """Look at files and folders.
+    """Inspect files and folders.
 
     Args:
         sources: given by the user.
@@ -166,7 +166,7 @@ CLOSED = (FileKind.CALIBRATION, FileKind.TRUTH)
 def _look_into(
     path: Path, root: Path, depth: int, stated: Mapping[Path, Stated], found: Survey, seen: set[Path]
 ) -> None:
-    """Look at the entries of a folder; pictures and labels of frames are those of the folder."""
+    """Inspect the entries of a folder; pictures and labels of frames are those of the folder."""
     if depth >= DEEPEST:
         found.unused.append((path, f"more than {DEEPEST} folders deep"))
         return

@@ -2,7 +2,7 @@
 
 The family of SORT (Bewley et al. 2016).  Boxes of all confidences are assigned at once, by likelihood ratios in which
 a box of low confidence counts less (ByteTrack, Zhang et al. 2022, has two stages for this).  A miss counts by the share
-of the person that nobody nearer covers, and by whether the frame before was a miss, too, so that people live on while
+of the person that is not hidden, and by whether the frame before was a miss, too, so that people live on while
 they are hidden.  After a gap a person may also have stopped: the last observation competes with the prediction
 (observation-centric recovery, OC-SORT, Cao et al. 2023).  Existence is that of integrated PDA (Musicki et al. 1994).
 """
@@ -121,7 +121,7 @@ class FrameTracks(NamedTuple):
     boxes: Floats  # (m, 4) left, top, right, bottom
     variance: Floats  # (m, 2) of the centre, x and y
     detected: Bools  # (m,) whether a box of this frame is assigned
-    visibility: Floats  # (m,) share that nobody nearer covers, by the prediction
+    visibility: Floats  # (m,) share that is not hidden by nearer people, by the prediction
     existence: Floats  # (m,)
     events: tuple[Event, ...]
     keys: Ints  # (h,) keys of tracks with a box in this frame
@@ -131,7 +131,7 @@ class FrameTracks(NamedTuple):
 class _Scored(NamedTuple):
     """Pairs of N tracks and M boxes."""
 
-    ratio: Floats  # (N, M) log likelihood ratio of the pair to a miss and a box of nobody; -inf: beyond the gate
+    ratio: Floats  # (N, M) log likelihood ratio of the pair to a miss and clutter; -inf: beyond the gate
     likeness: Floats  # (N, M) similarity of appearance; NaN: not known
     stopped: Bools  # (N, M) the box is near the last one, and off the predicted path
     missed: Bools  # (N,) the track had no box in the frame before
@@ -317,7 +317,7 @@ class SortFilter:
         return events
 
     def _begin(self, free: Ints, boxes: Floats, z: Floats, noise: Floats, score: Floats, appearance: Floats) -> Ints:
-        """Begin tentative tracks with boxes that are of nobody; return the indices of these boxes."""
+        """Begin tentative tracks with boxes of no track; return the indices of these boxes."""
         at = self.targets
         born = free[~(score[free] < self.config.birth_score)]
         prior = self.learned.birth_probability(score[born])
@@ -325,7 +325,7 @@ class SortFilter:
             tracked = boxes_of(at.mean[..., 0])
             apart = overlaps(boxes[born], tracked).max(axis=1) < MAX_BIRTH_OVERLAP
             born, prior = born[apart], prior[apart]
-            # A box on a person is rather a second box of that person than somebody else
+            # A box on a person is rather a second box of that person than another person
             area = np.prod(boxes[born, 2:] - boxes[born, :2], axis=1)
             covered = (intersections(boxes[born], tracked) / area[:, None]).max(axis=1, initial=0.0)
             prior = prior * (1.0 - 0.9 * np.clip(covered, 0.0, 1.0))

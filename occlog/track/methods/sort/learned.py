@@ -17,7 +17,7 @@ SCORE_BINS = 10
 TRUE_SHARES = (0.01, 0.02, 0.05, 0.10, 0.14, 0.14, 0.14, 0.14, 0.13, 0.13)
 """Prior shares of the confidences of people's boxes."""
 CLUTTER_RATES = (30.0, 10.0, 3.0, 1.0, 0.4, 0.2, 0.15, 0.1, 0.1, 0.1, 0.3)
-"""Prior of the boxes of nobody in a frame, by confidence; the last: without."""
+"""Prior of the clutter in a frame, by confidence; the last: without."""
 PRIOR_BOXES = 20.0
 """Boxes of people that the prior counts as."""
 MEMORY_FRAMES = 200.0
@@ -27,7 +27,7 @@ BIRTHS_PER_FRAME = 0.03
 MIN_BIRTH, MAX_BIRTH = 0.05, 0.5
 """Limits of the existence probability that a track begins with."""
 STATE_VOLUME = 0.5
-"""Range of the logarithm of heights times that of ratios of width to height, over which boxes of nobody spread."""
+"""Range of the logarithm of heights times that of ratios of width to height, over which clutter spreads."""
 
 
 class DetectorStatistics:
@@ -69,7 +69,7 @@ class DetectorStatistics:
         return np.asarray(np.log(self._shares(score)) - np.log(density))
 
     def birth_probability(self, score: Floats) -> Floats:
-        """(n,) probability that a box of nobody so far is of a person."""
+        """(n,) probability that a box without a track is of a person."""
         born = BIRTHS_PER_FRAME * self._shares(score)
         return np.clip(born / (born + (self._false / self._looks)[_scores(score)]), MIN_BIRTH, MAX_BIRTH)
 
