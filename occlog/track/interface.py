@@ -85,7 +85,7 @@ class SmoothedState(NamedTuple):
 
     xy: Floats  # (2,)
     velocity: Floats  # (2,) per second
-    covariance: Floats  # (2, 2) of xy
+    covariance: Floats  # (2, 2) of xy; of a tag (4, 4) of x, y, vx, vy
     height: HeightEstimate | None = None
 
 

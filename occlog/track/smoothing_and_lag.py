@@ -1,6 +1,6 @@
 """Settings of methods that can smooth: whether estimates use what was recorded after them.
 
-Particle filters smooth in `occlog.track.drivers.online`, `map` in `occlog.track.methods.map.method`, `jipda` in
+Filters smooth in `occlog.track.backward_smoother`, `map` in `occlog.track.methods.map.method`, `jipda` in
 `occlog.track.methods.jipda.batch`.
 """
 

@@ -238,10 +238,11 @@ def test_as_many_arrays_as_may_be(watch: Watch) -> None:
 
 
 def test_as_many_images_of_a_model_as_may_be(watch: Watch, monkeypatch: pytest.MonkeyPatch) -> None:
-    """They come to the check of names, which is behind that of their number."""
+    """They come to the check of poses, which is behind that of their number."""
     monkeypatch.setattr(colmap, "MAX_IMAGES", 3)
-    found = watch.outcome(READERS["calibration (COLMAP, images)"], b"1 1 0 0 0 0 0 2 1 a.jpg\n\n" * 3)
-    assert "two cameras are named 'a'" in found.detail
+    images = b"1 1 0 0 0 0 0 2 1 a.jpg\n\n" * 2 + b"1 1 0 0 0 5 0 2 1 a.jpg\n\n"
+    found = watch.outcome(READERS["calibration (COLMAP, images)"], images)
+    assert "two images of camera 'a'" in found.detail
 
 
 def test_many_times_of_one_moment_take_no_time_in_proportion_to_their_square(tmp_path: Path) -> None:

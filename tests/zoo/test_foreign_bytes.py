@@ -332,12 +332,13 @@ LIBRARIES = {
     "import sqlite3": {"io/messages/sqlite_file.py"},
     "import tomllib": {"io/files/texts/documents.py"},
     "import wave": set(),
-    "import yaml": {"io/files/texts/yaml.py", "io/formats/scenes/scene.py"},
+    "import yaml": {"io/files/texts/yaml.py", "io/formats/scenes/scene.py"} | {"pipeline/start/run.py"},  # which write
     "import zipfile": {"io/formats/calibration/arrays.py", "pipeline/pack/archive.py"},
     "import tarfile": set(),
     "import zstandard": {f"io/recording/{name}.py" for name in ("chunks", "mcap_errors", "salvage/records")}
     | {"io/messages/bag.py", "io/messages/mcap_file.py"},
-    "from xml": {"io/formats/calibration/qualisys.py", "io/files/texts/documents.py", "io/formats/truth.py"},
+    "from xml": {"io/formats/calibration/qualisys.py", "io/files/texts/documents.py", "io/formats/truth.py"}
+    | {"io/formats/boxes/annotations.py"},  # the kind of what is read
     "from scipy.io": set(),
     "from google.protobuf": {"io/messages/kinds.py", "io/recording/reader.py", "examine/viewers/series.py"},
     "np.load(": {"io/formats/calibration/arrays.py"},

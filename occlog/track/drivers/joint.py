@@ -14,13 +14,13 @@ from occlog.errors import InputError, UsageError
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Cooperation, Hulls, Occluders
 from occlog.scans.grouping import scans_of, sensor_names
+from occlog.track.backward_smoother import BackwardSmoother, backward_smoother
 from occlog.track.interface import Config, Joint, JointMethod, State
 from occlog.track.methods.imm import camera_requests as when_to_ask
 from occlog.track.methods.imm.camera_requests import CameraRequest, CameraRequests
 from occlog.track.methods.imm.config import ImmConfig
 from occlog.track.methods.imm.filter import ArrayScans, ImmState, ImmStepResult
 
-from .online import backward_smoother
 from .rows import ROWS_PER_CHUNK, EstimateRow, TrackChunk, tables
 from .tracking import TrackingTask
 
@@ -50,6 +50,7 @@ def track_joint(
     rng, helping = generator(tracking.seed, RandomStream.TRACK, 0), generator(tracking.seed, RandomStream.COOPERATE, 0)
     state, memory = method.init(scene, config, rng), when_to_ask.RequestMemory()
     listener, cameras = ArrayScans(scene, config.max_coasting_s), CameraRequests(scene, config)
+    later: BackwardSmoother[tuple[ImmState, int], ImmConfig, EstimateRow] | None
     later = backward_smoother(method.smoothing, config, tracking.seed)
     rows: list[EstimateRow] = []
     requests: list[tuple[int, CameraRequest]] = []
@@ -138,6 +139,7 @@ def track_joint_objects(
         raise UsageError(f"select: method {tracking.method} cannot predict where one target will be; leave it out")
     names, rng = sensor_names(scene), generator(tracking.seed, RandomStream.TRACK, 0)
     state, rows = method.init(scene, tracking.config, rng), list[EstimateRow]()
+    later: BackwardSmoother[tuple[State, int], Config, EstimateRow] | None
     later = backward_smoother(method.smoothing, tracking.config, tracking.seed)
     for scan in scans_of(bearings, scene, tracking.rows(scene), tracking.window_ns):
         offered = len(np.unique(scan.sensor))

@@ -24,7 +24,7 @@ from occlog.consistency.labels import MotionCheck
 from occlog.filtering.particles import systematic_ancestors
 from occlog.records.tables import Calibration, Cooperation, Diagnostics, Particles, Residuals, Tracks
 from occlog.scans.label_continuity import LabelEvents
-from occlog.track.interface import BearingResiduals, Estimate, HeightEstimate, NoiseScales, ParticleSet
+from occlog.track.interface import BearingResiduals, Estimate, HeightEstimate, NoiseScales, ParticleSet, SmoothedState
 
 MAX_PARTICLES = 200
 """Particles of one cloud."""
@@ -99,6 +99,13 @@ class EstimateRow(NamedTuple):
     selected: tuple[int, ...] = ()
     mse: float = math.nan  # NaN: nothing was reselected
     cloud: ParticleSet | None = None  # None: not asked for
+
+    def smoothed(self, past: SmoothedState) -> EstimateRow:
+        """The row with a state that was estimated with later measurements."""
+        better = self.estimate._replace(
+            xy=past.xy, velocity=past.velocity, covariance=past.covariance, height=past.height
+        )
+        return self._replace(estimate=better)
 
 
 def tables(rows: Sequence[EstimateRow], names: tuple[str, ...]) -> TrackChunk:

@@ -201,20 +201,20 @@ def test_recorded_detections_with_virtual_occluders(
 ) -> None:
     """The shipped folder through the command line: tables with the share of hidden detections, plots and verdicts.
 
-    Of its 261 frames the first 80.
+    Of its 261 frames the first 48.
     """
     given, made = shared_data / "cmc_detections", tmp_path / "first"
     (made / "calibration").mkdir(parents=True)
     for path in given.joinpath("calibration").iterdir():
         (made / "calibration" / path.name).write_bytes(path.read_bytes())
     head, *found = (given / "CMC1_detections.csv").read_text().splitlines(keepends=True)
-    early = [row for row in found if int(row.split(",")[0]) < 80]
+    early = [row for row in found if int(row.split(",")[0]) < 48]
     (made / "CMC1_detections.csv").write_text("".join([head, *early]))
     args = ["--data", str(made), "--quick", "--steps", "13", "--json", "-q"]
     assert run(["reproduce", "ercan", *ITEMS, *args, "-o", str(tmp_path / "out")]) == ExitCode.DONE
     items = json.loads(capsys.readouterr().out)["items"]
     assert [i["item"] for i in items] == list(ITEMS)
-    assert all(i["full"] == {"runs": 20, "steps": 80} for i in items)
+    assert all(i["full"] == {"runs": 20, "steps": 48} for i in items)
     page = (tmp_path / "out" / "reproduce.html").read_text()
     assert all(v["id"] in page for i in items for v in i["verdicts"])
     lines = (tmp_path / "out" / f"{ITEMS[0]}.csv").read_text().splitlines()

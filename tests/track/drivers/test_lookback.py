@@ -10,7 +10,8 @@ import pytest
 from tracker_scenes import SECOND, observe, room100, walk
 
 from occlog.records.tables import Bearings, Diagnostics, Tracks
-from occlog.track.drivers.online import BackwardSmoother, backward_smoother, track_online
+from occlog.track.backward_smoother import BackwardSmoother, backward_smoother
+from occlog.track.drivers.online import track_online
 from occlog.track.drivers.rows import ROWS_PER_CHUNK, EstimateRow
 from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.interface import Estimate, HeightEstimate, Online, SmoothedState, Smoothing

@@ -87,6 +87,23 @@ def test_signals_locate_better_than_virtual_sensors_and_both_know_how_well(folde
     assert 0.8 < found["virtual"]["nees_mean"] < 3.5
 
 
+def test_later_reads_make_tracks_better_and_a_lag_gives_nearly_the_same(folder: Path) -> None:
+    tables, found = {}, {}
+    for name, how in (("filter", []), ("smooth", ["--smooth"]), ("lag", ["--lag", "8"])):
+        out = folder / f"{name}.parquet"
+        options = ["--method", "rssi", "--path-loss", str(folder / "loss.json"), "--set", "particles=2000", "-q", *how]
+        assert run(["track", str(folder / "b.mcap"), "-o", str(out), *options]) == ExitCode.DONE
+        tables[name], found[name] = read_table(out, TagTracks), errors(folder, out)
+    assert found["smooth"]["rmse_m"] < 0.85 * found["filter"]["rmse_m"]
+    assert 0.8 < found["smooth"]["nees_mean"] < 3.5
+    # The same rows in the same order, and the filter's flags
+    for name in ("smooth", "lag"):
+        for column in ("t_ns", "target_id", "read_by", "quality_flags"):
+            assert getattr(tables[name], column).tolist() == getattr(tables["filter"], column).tolist()
+    apart = np.hypot(tables["smooth"].x - tables["lag"].x, tables["smooth"].y - tables["lag"].y)
+    assert 0.0 < apart.max() < 0.2
+
+
 @pytest.mark.parametrize("method", ["virtual", "rssi", "map"])
 def test_what_was_lost_of_the_reads_of_a_path_loss_is_lost_for_tracks_too(folder: Path, method: str) -> None:
     loss, tracks = json.loads((folder / "loss.json").read_text()), folder / "lossy.parquet"

@@ -8,6 +8,10 @@ from typing import ClassVar
 
 from occlog.core.geometry.radio_defaults import EXPONENT, NOISE_DB, POWER_DBM, SHADOW_DB, SHADOW_S
 from occlog.settings import Settings, setting
+from occlog.track.smoothing_and_lag import LagConfig
+
+PARTICLES, SMOOTHED_PARTICLES = 1000, 5000
+"""Default numbers of particles of a tag: of the filter, and where it is smoothed."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,7 @@ class VirtualConfig(RefineConfig):
 
 
 @dataclass(frozen=True)
-class RssiConfig(RefineConfig):
+class RssiConfig(LagConfig, RefineConfig):
     """Settings of method `rssi`: a particle filter on the strength of the signals.
 
     A read at a distance of d metres has the strength power - 10 exponent log10(d), plus the reader's shadowing, which
@@ -79,11 +83,13 @@ class RssiConfig(RefineConfig):
 
     OWNER: ClassVar[str] = "rssi"
 
-    particles: int = setting(
-        1000,
-        "Particles per tag. More reduce the Monte Carlo error and take time in proportion.",
+    particles: int | None = setting(
+        None,
+        "Particles per tag. More reduce the Monte Carlo error, of which smoothed covariances hold nothing, and take "
+        "time in proportion.",
         at_least=10,
         at_most=1_000_000,
+        nothing=f"{PARTICLES}, or {SMOOTHED_PARTICLES} with --smooth or --lag",
     )
     power: float = setting(
         POWER_DBM,
@@ -112,6 +118,13 @@ class RssiConfig(RefineConfig):
     false_alarm_probability: float = setting(
         0.01, "Probability that a reader of known range reads a tag out of it in a window.", above=0, below=1
     )
+
+    @property
+    def n_particles(self) -> int:
+        """Number of particles, given or by default."""
+        if self.particles is not None:
+            return self.particles
+        return SMOOTHED_PARTICLES if self.smoothed else PARTICLES
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
         """A reader reads tags in its range more often than others."""

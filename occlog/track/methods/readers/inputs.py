@@ -218,6 +218,7 @@ class ReadsInput:
         """Settings of method `rssi`, and its rules."""
         given = dict(self.request.settings)
         config = configure(RssiConfig.in_unit(self.scene.length_unit), given)
+        config = configure(config, {"particles": config.n_particles})
         if self._known is not None:
             spec = self._known
             refuse_twice(given, ("power", *FITTED.values()))
@@ -239,7 +240,7 @@ class ReadsInput:
             model=model,
             ranges=np.array([r.range for r in self.readers]),
             room=self.scene.surroundings,
-            particles=config.particles,
+            particles=config.n_particles,
             speed=config.sigma_velocity,
             turn_s=config.velocity_time_constant_s,
             detection=config.detection_probability,

@@ -4,12 +4,15 @@ Particles are positions and velocities; the shadowing of each reader, given a pa
 Gaussian, and is integrated out by a Kalman filter.  Without it errors that last for seconds would be counted as new
 evidence in every window, and the covariance would be too small.
 
+With smoothing, the moments of a window's particles and of their shadowing are smoothed as Gaussians.
+
 Strength of a tag's signal at a reader: path loss with distance, shadowing, noise.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +21,7 @@ from numpy.random import Generator
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.geometry.path_loss import received_power
 from occlog.core.plane import inside_polygon
+from occlog.filtering.gaussian import Gaussian, PosteriorRecord, rts_smooth
 from occlog.filtering.lifecycle import advance, elapsed
 from occlog.filtering.particles import (
     effective_sample_size,
@@ -26,6 +30,7 @@ from occlog.filtering.particles import (
     normalise_log_weights,
     systematic_ancestors,
 )
+from occlog.track.interface import SmoothedState
 
 
 class PathLoss(NamedTuple):
@@ -106,6 +111,11 @@ EDGE = 0.1
 TRIES = 20
 """Draws of a position in the room; what is then still outside is at the corner of the room."""
 
+MIN_EFFECTIVE_SAMPLE_SIZE = 10.0
+"""Fewer effective particles are too few for a covariance."""
+TEMPERING_STEPS, MIN_LOG_WEIGHT = 30, -700.0
+"""Bisections of the power of weights, and the logarithm that the smallest of them have."""
+
 
 class TagFilterModel(NamedTuple):
     """What does not change while a tag is tracked."""
@@ -146,6 +156,7 @@ class TagEstimate(NamedTuple):
     covariance: Floats  # (4, 4) of x, y, vx, vy
     effective: float  # number of particles
     restarted: bool  # no particle explained the window, and all were resampled
+    cloud: TagParticles  # weighted, before resampling
 
 
 def begin(rules: TagFilterModel, t_ns: int, rng: Generator) -> TagParticles:
@@ -190,9 +201,10 @@ def step(
     )
     weights = after.weights
     # Estimate
-    mean, covariance = mean_and_covariance(weights, np.column_stack([after.xy, after.velocity]))
     effective = effective_sample_size(weights)
-    found = TagEstimate(mean[:2], mean[2:], covariance, effective, restarted)
+    told = tempered(weights, inside_polygon(after.xy, rules.room), MIN_EFFECTIVE_SAMPLE_SIZE)
+    mean, covariance = mean_and_covariance(told, np.column_stack([after.xy, after.velocity]))
+    found = TagEstimate(mean[:2], mean[2:], covariance, effective, restarted, after._replace(weights=told))
     # Resample: systematic, where fewer than half of the particles count
     if effective < 0.5 * rules.particles:
         rows = systematic_ancestors(weights, rules.particles, float(rng.random()))
@@ -204,6 +216,81 @@ def step(
             ShadowingState(after.shadowing.mean[rows], after.shadowing.variance),
         )
     return after, found
+
+
+def tempered(weights: Floats, possible: Bools, least: float) -> Floats:
+    """Weights as they are, or raised to the power at which so many particles are effective, where fewer are.
+
+    One or two particles have no spread: it would state millimetres where metres are open.
+
+    Args:
+        weights: (N,) with sum 1.
+        possible: (N,) which particles may have a weight: those in the room.
+        least: effective particles that are wanted; of fewer possible ones a third.
+    """
+    least = min(least, np.count_nonzero(possible) / 3.0)
+    if effective_sample_size(weights) >= least:
+        return weights
+    log_weights = np.where(possible, np.maximum(log_of(weights), MIN_LOG_WEIGHT), -np.inf)
+    low, high = 1e-9, 1.0
+    for _ in range(TEMPERING_STEPS):
+        power = 0.5 * (low + high)
+        found, _ = normalise_log_weights(power * log_weights)
+        low, high = (power, high) if effective_sample_size(found) >= least else (low, power)
+    found, _ = normalise_log_weights(low * log_weights)
+    return found
+
+
+MIN_RELATIVE_SPREAD = 1e-4
+"""Standard deviations of a trace of few particles are at least such a share of the stationary ones."""
+
+
+def trace_of(rules: TagFilterModel, found: TagEstimate, before_ns: int) -> PosteriorRecord:
+    """Position, velocity and the shadowing of R readers after a window, as a Gaussian of 4 + R dimensions.
+
+    The shadowing belongs to the state, as it lasts: without it later reads would count as independent of earlier ones.
+
+    Args:
+        rules: model and settings.
+        found: the estimate of the window.
+        before_ns: time of the tag's window before.
+    """
+    cloud = found.cloud
+    states = np.column_stack([cloud.xy, cloud.velocity, cloud.shadowing.mean])
+    mean, covariance = mean_and_covariance(cloud.weights, states)
+    scale = np.full(len(mean), rules.model.shadow_db)
+    scale[:2], scale[2:4] = rules.speed * rules.turn_s, rules.speed
+    own = np.concatenate([np.zeros(4), cloud.shadowing.variance])
+    covariance = covariance + np.diag(own + (MIN_RELATIVE_SPREAD * scale) ** 2)
+    if not rules.model.shadow_db:
+        mean, covariance = mean[:4], covariance[:4, :4]
+    return PosteriorRecord(Gaussian(mean, covariance), elapsed(before_ns, cloud.t_ns), found.restarted)
+
+
+def smoothed_states(rules: TagFilterModel, traces: Sequence[PosteriorRecord]) -> list[SmoothedState]:
+    """States given all windows of a tag, by the recursion of Rauch, Tung and Striebel; walls count in the filter alone.
+
+    Backward simulation is no alternative: with the shadowing integrated out, a particle's past is a part of its state.
+
+    Args:
+        rules: model and settings.
+        traces: of a tag's windows in order.
+    """
+    readers = len(traces[0].after.mean) - 4
+
+    def transition(dt_s: float) -> tuple[Floats, Floats]:
+        """Matrices of `_predict`'s motion, and of the shadowing."""
+        forgets = np.repeat([rules.turn_s, rules.model.shadow_s], [2, readers])
+        stationary = np.repeat([rules.speed**2, rules.model.shadow_db**2], [2, readers])
+        decay = np.exp(-dt_s / forgets)
+        F, G = np.eye(4 + readers), np.zeros((4 + readers, 2 + readers))
+        F[2:, 2:], G[2:] = np.diag(decay), np.eye(2 + readers)
+        F[:2, 2:4] = 0.5 * dt_s * np.diag(1.0 + decay[:2])
+        G[:2, :2] = 0.5 * dt_s * np.eye(2)
+        return F, (G * (stationary * (1.0 - decay**2))) @ G.T
+
+    found = rts_smooth(traces, transition)
+    return [SmoothedState(one.mean[:2], one.mean[2:4], one.covariance[:4, :4]) for one in found]
 
 
 def _predict(rules: TagFilterModel, cloud: TagParticles, t_ns: int, dt_s: float, rng: Generator) -> TagParticles:

@@ -96,7 +96,7 @@ def run_track_reads(request: ReadsRequest, job: Job) -> tuple[dict[str, object],
         if request.virtual_sensors is not None:
             raise UsageError(f"method {request.method} has no virtual sensors to write")
         rssi, rules = inputs.rssi()
-        tracked = track_rssi(windows, rules, inputs.names, request.seed)
+        tracked = track_rssi(windows, rules, inputs.names, request.seed, rssi)
         parameters, lines, form = inputs.parameters(rssi), inputs.sight_lines(rssi), rssi.refine_method
     if lines is not None:
         tracked = (refined_positions(part, lines, form) for part in tracked)

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.seeds import RandomStream, generator
+from occlog.filtering.gaussian import PosteriorRecord
 from occlog.records.tables import TagTracks, VirtualSensors
+from occlog.track.backward_smoother import BackwardSmoother, backward_smoother
+from occlog.track.interface import SmoothedState, Smoothing
+from occlog.track.smoothing_and_lag import LagConfig
 
 from .inputs import Windows
-from .rssi import TagFilterModel, TagParticles, begin, step
+from .rssi import MIN_EFFECTIVE_SAMPLE_SIZE, TagFilterModel, TagParticles, begin, smoothed_states, step, trace_of
 from .virtual_sensors import ReaderRegions as Regions
 from .virtual_sensors import locate
 
-MIN_EFFECTIVE_SAMPLE_SIZE = 10.0
-"""Fewer effective particles are too few for a covariance."""
 NO_MATCHING_REGION, RESTART, DEPLETED = "no_matching_region", "restart", "depleted"
 
 
@@ -49,8 +52,22 @@ def track_virtual(
         yield _tracks(rows.t_ns, rows.target_id, found.xy, unknown, found.covariance, _names(seen, names), doubt)
 
 
+class TagRow(NamedTuple):
+    """The estimate of one window of one tag."""
+
+    target: int
+    t_ns: int
+    state: SmoothedState  # covariance (4, 4); of the filter until it is smoothed
+    read: Bools  # (R,) readers that read the tag
+    doubt: str
+
+    def smoothed(self, past: SmoothedState) -> TagRow:
+        """The row with a state that was estimated with later reads."""
+        return self._replace(state=past)
+
+
 def track_rssi(
-    windows: Iterable[Windows], rules: TagFilterModel, names: Sequence[str], seed: int
+    windows: Iterable[Windows], rules: TagFilterModel, names: Sequence[str], seed: int, lag: LagConfig
 ) -> Iterator[TagTracks]:
     """Filter each tag's reads; each tag has its own particles and random numbers.
 
@@ -59,26 +76,53 @@ def track_rssi(
         rules: model and settings.
         names: (R,) of the readers.
         seed: of all random numbers.
+        lag: whether estimates use later reads.
     """
     clouds: dict[int, TagParticles] = {}
     draws: dict[int, np.random.Generator] = {}
+    smoothing: Smoothing[PosteriorRecord, TagFilterModel] = Smoothing(
+        wanted=lambda _: lag,
+        trace=lambda trace: trace,
+        back=lambda traces, own, rng: smoothed_states(own, traces),  # noqa: ARG005
+    )
+    later: BackwardSmoother[PosteriorRecord, TagFilterModel, TagRow] | None
+    later = backward_smoother(smoothing, rules, seed)
     for part in windows:
-        xy, velocity = np.zeros((len(part), 2)), np.zeros((len(part), 2))
-        covariance, doubt = np.zeros((len(part), 4, 4)), []
+        rows: list[TagRow] = []
         for row in range(len(part)):
             target, t_ns = int(part.target_id[row]), int(part.t_ns[row])
             if target not in clouds:
                 draws[target] = generator(seed, RandomStream.TRACK, target)
                 clouds[target] = begin(rules, t_ns, draws[target])
+            before_ns = clouds[target].t_ns
             clouds[target], found = step(
                 rules, clouds[target], t_ns, part.count[row], part.rssi[row], rng=draws[target]
             )
-            xy[row], velocity[row], covariance[row] = found.xy, found.velocity, found.covariance
             reasons = {RESTART: found.restarted, DEPLETED: found.effective < MIN_EFFECTIVE_SAMPLE_SIZE}
-            doubt.append(",".join(name for name, holds in reasons.items() if holds))
-        yield _tracks(
-            part.t_ns, part.target_id, xy, velocity, covariance, _names(part.count > 0, names), np.array(doubt, np.str_)
-        )
+            doubt = ",".join(name for name, holds in reasons.items() if holds)
+            state = SmoothedState(found.xy, found.velocity, found.covariance)
+            own = TagRow(target, t_ns, state, part.count[row] > 0, doubt)
+            if later is None:
+                rows.append(own)
+            else:
+                later.add(own, trace_of(rules, found, before_ns))
+                rows += later.settled(t_ns)
+        yield _tag_table(rows, names)
+    if later is not None:
+        yield _tag_table(later.rest(), names)
+
+
+def _tag_table(rows: Sequence[TagRow], names: Sequence[str]) -> TagTracks:
+    """Tabulate rows in order."""
+    return _tracks(
+        np.array([row.t_ns for row in rows], dtype=np.int64),
+        np.array([row.target for row in rows], dtype=np.int64),
+        np.array([row.state.xy for row in rows]).reshape(-1, 2),
+        np.array([row.state.velocity for row in rows]).reshape(-1, 2),
+        np.array([row.state.covariance for row in rows]).reshape(-1, 4, 4),
+        _names(np.array([row.read for row in rows], dtype=np.bool_).reshape(-1, len(names)), names),
+        np.array([row.doubt for row in rows], dtype=np.str_),
+    )
 
 
 def region_table(regions: Regions, names: Sequence[str], t_ns: int) -> VirtualSensors:
