@@ -58,7 +58,7 @@ def headline(data: ReportInput) -> list[Figure]:
     if data.time.length > 0:
         out.append(Figure("recorded time", number(float(f"{data.time.length:.4g}")), data.time.unit))
     if data.people is not None:
-        out += _people(data.people)
+        out += _people(data.people)[: 2 if data.boxes_stated else 1]
     elif data.tracks is not None:
         out.append(Figure("estimates", number(data.rows("tracks")), "", f"of {plural(len(data.targets), 'target')}"))
     coverage = data.coverage
@@ -235,7 +235,7 @@ def life_rows(data: ReportInput) -> list[LifeRow]:
     out = []
     for target, life in sorted(lives, key=lambda item: (item[1].span_ns[0], item[0])):
         begin, end = ((t_ns - data.time.start_ns) / NS for t_ns in life.span_ns)
-        share = number(round(100.0 * life.unseen / life.rows, 1))
+        share = number(round(100.0 * life.unseen / life.rows, 1)) if data.boxes_stated else "–"
         switches = number(counts[target]) if known else "–"
         cameras = ", ".join(sorted(life.cameras)) or "–"
         out.append(LifeRow(target, cameras, begin, end, f"{end - begin:.2f}", number(life.rows), share, switches))

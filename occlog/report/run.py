@@ -10,12 +10,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from occlog.console.notes import begin_work
 from occlog.console.text import as_bytes
 from occlog.errors import InputError, UsageError, option
 from occlog.io.files.atomic import OutputGroup, open_output
 from occlog.io.files.limits import Content, content_of
 from occlog.io.recording.reader import open_recording
+from occlog.records.declared.people import BOX, GROUND, PREDICTED
 from occlog.records.declared.views import ViewTracks
 from occlog.records.tables import Tracks
 from occlog.records.verdicts import summary_of, texts_of
@@ -121,9 +124,18 @@ def read_input(request: PageRequest, whole: Collection[str] = ()) -> ReportInput
         made=made,
         length_unit=unit,
         in_images=in_images,
+        boxes_stated=not in_images or paths.tracks is None or _states_boxes(paths.tracks),
         gathered=figures,
         **tables,
     )
+
+
+def _states_boxes(tracks: Path) -> bool:
+    """Return whether a table of tracks in images states in which frames there is a box of a target."""
+    from occlog.io.open import open_input
+
+    modes = (BOX, GROUND, PREDICTED)
+    return any(np.isin(rows.likelihood_mode, modes).any() for rows in open_input(tracks).rows(ViewTracks))
 
 
 def _made_tracks(tracks: Path | None) -> TrackProvenance:

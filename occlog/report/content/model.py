@@ -107,6 +107,7 @@ class ReportInput:
         length_unit: unit of lengths where there is no scene to state it.
         earlier: verdicts of the stages that made the inputs.
         in_images: whether tracks are in images, with positions in pixels, so that there is no floor plan.
+        boxes_stated: whether tracks in images state in which frames there is a box of the target.
         gathered: figures of all rows, of which the tables may be a part; None: the tables are whole.
     """
 
@@ -127,6 +128,7 @@ class ReportInput:
     length_unit: str = "m"
     earlier: tuple[Verdict, ...] = ()
     in_images: bool = False
+    boxes_stated: bool = True
     gathered: ReportFigures | None = None
 
     def __post_init__(self) -> None:

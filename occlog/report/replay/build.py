@@ -210,7 +210,8 @@ def _words(steps: ReplaySteps, sight_every: int, images: Thumbnails | None) -> s
         said.append(f"Lines of sight are those of every {sight_every}-th of them.")
     if steps.data.in_images:
         said.append("Positions are those of the centres of targets in the image, to the right and down.")
-        said += ["A dashed outline is of a target without a box in the frame."] if images is not None else []
+        dashed = "without a box in the frame" if steps.data.boxes_stated else "on which its neighbours alone act"
+        said += [f"A dashed outline is of a target {dashed}."] if images is not None else []
     else:
         said.append("A dashed ring is a target that no sensor sees, or of which something is uncertain.")
     said += ["A cross is where one truly is."] if steps.truth() else []

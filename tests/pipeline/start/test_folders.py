@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -128,7 +127,6 @@ def test_a_video_alone_gives_its_people(folder: Path, start: Start) -> None:  # 
     assert [(int(s.min()) <= 22, int(s.max()) >= 108) for s in spans] == [(True, False), (False, True)]
     assert all(len(s) >= 10 for s in spans)
     assert (folder.parent / "out" / "overlay.webm").stat().st_size > 10_000
-    assert re.search(r"report: +\S+report.html", said)
     assert "replay-image-0" in (folder.parent / "out" / "report.html").read_text(encoding="utf-8")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -73,6 +74,7 @@ def test_each_track_has_its_span_and_its_share_of_predicted_rows() -> None:
     assert (first.target, first.begin, first.end, first.length, first.rows) == (0, 0.0, 1.5, "1.50", "16")
     assert (first.predicted, first.cameras, first.switches) == ("25", "hall", "1")
     assert (second.target, second.begin, second.end, second.predicted) == (7, 3.0, 3.9, "0")
+    assert life_rows(replace(data, boxes_stated=False))[0].predicted == "–"
     assert [(row.seconds, row.target, row.other, row.probability) for row in switch_rows(data)] == [
         (3.4, 7, "0", "0.25")
     ]
