@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from occlog.cli.main import run
+from occlog.errors import ExitCode
 from occlog.filtering.likelihood.distances import DIFFERENCE, LOGARITHM, RANGE, RangeMeasurements, log_likelihood
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.scans.grouping import Scan, ScanMeasurements
@@ -15,7 +20,7 @@ from occlog.track.methods.map.kernels.problem import TrajectoryProblem
 from occlog.track.methods.map.lines_and_distances import local, mixed_search, terms
 from occlog.track.methods.map.record import after, fill, join, record_of
 from occlog.track.methods.map.search.problem_of_record import begin, problem_of
-from occlog.track.methods.map.search.start import filtered_start
+from occlog.track.methods.map.search.start import filtered_starts
 
 NS = 1_000_000_000
 PLACES = np.array([[0.0, 0.0], [10.0, 0.0], [0.0, 8.0]])
@@ -69,7 +74,7 @@ def test_a_search_begins_near_the_path_although_ranges_fit_other_places_at_first
     record = record_of([*blind, *given[10:]])
     pending = begin(scene, MapConfig())
     found = local(record.measured, pending.origin)
-    X = filtered_start(problem_of(pending, record), record, pending, found)
+    X = filtered_starts(problem_of(pending, record), record, pending, found)[0]
     assert np.hypot(*(X[:, ::2] + pending.origin - path).T).max() < 0.2
 
 
@@ -126,12 +131,53 @@ def test_late_signals_that_are_expected_do_less_harm_and_none_where_there_are_no
 def test_a_path_that_the_filter_lost_is_found_again(monkeypatch: pytest.MonkeyPatch) -> None:
     given, path = walk(3, late=0.1, told=0.05)
 
-    def astray(problem: TrajectoryProblem, *_: object) -> np.ndarray:
+    def astray(problem: TrajectoryProblem, *_: object) -> list[np.ndarray]:
         X = np.zeros((len(path), 4))
         X[:, ::2] = path - np.array([5.0, 4.0])
         X[35:, ::2] += np.linspace(0.0, 4.0, len(path) - 35)[:, None] * [0.8, -0.6]
-        return X
+        return [X]
 
-    monkeypatch.setattr(mixed, "filtered_start", astray)
+    monkeypatch.setattr(mixed, "filtered_starts", astray)
     found, _ = solved(given)
     assert np.hypot(*(found - path).T).max() < 0.4
+
+
+@pytest.mark.jit
+def test_of_a_camera_and_a_range_station_the_room_tells_the_two_crossings_apart(tmp_path: Path) -> None:
+    """Each line of sight crosses the circle of a range twice; the mirrored path leaves the room later on."""
+    (tmp_path / "s.yaml").write_text(
+        "occlog_scene: 1\nroom: [[-0.5, -0.5], [12.5, -0.5], [12.5, 11.5], [-0.5, 11.5]]\n"
+        "cameras: [{name: cam, position: [0, 0], yaw_deg: 42, focal_px: 600, fov_deg: 100}]\n"
+        "readers: [{name: st, position: [6, 10.5, 0]}]\n"
+    )
+    t = np.arange(0.0, 30.0, 0.2)
+    squares, nees = [], []
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        ends = rng.uniform([1.5, 1.5], [10.5, 9.5], (2, 2))
+        while np.linalg.norm(ends[1] - ends[0]) < 4.0:
+            ends[1] = rng.uniform([1.5, 1.5], [10.5, 9.5])
+        xy = ends[0] + (ends[1] - ends[0]) * t[:, None] / 30.0
+        bearing = np.arctan2(xy[:, 1], xy[:, 0]) + 0.005 * rng.standard_normal(len(t))
+        distance = np.hypot(*(xy - [6.0, 10.5]).T) + 0.15 * rng.standard_normal(len(t))
+        columns = {
+            "b": ("time,sensor,target_id,bearing_rad,sigma_rad", "cam,0", bearing, 0.005),
+            "r": ("time,sensor,range_m,sigma_range_m", "st", distance, 0.15),
+        }
+        for name, (head, sensor, values, sigma) in columns.items():
+            kept = np.flatnonzero(rng.random(len(t)) > 0.3)
+            rows = [f"{t[k]:.1f},{sensor},{values[k]},{sigma}" for k in kept]
+            (tmp_path / f"{name}.csv").write_text("\n".join([head, *rows]) + "\n")
+        truth = [f"{s:.1f},0,{x},{y}" for s, (x, y) in zip(t, xy, strict=True)]
+        (tmp_path / "truth.csv").write_text("\n".join(["time,target_id,x,y", *truth]) + "\n")
+        at = {name: str(tmp_path / name) for name in ("b.csv", "r.csv", "s.yaml", "truth.csv", "t.parquet", "e.json")}
+        given = [at["b.csv"], "--measurements", at["r.csv"], "--scene", at["s.yaml"], "--method", "map"]
+        assert run(["track", *given, "-o", at["t.parquet"], "--overwrite", "-q"]) == ExitCode.DONE
+        made = [at["t.parquet"], "--truth", at["truth.csv"], "-o", at["e.json"], "--overwrite", "-q"]
+        assert run(["evaluate", *made]) == ExitCode.DONE
+        found = json.loads((tmp_path / "e.json").read_text())
+        squares.append(found["rmse_m"] ** 2)
+        nees.append(found["nees_mean"])
+    # The mirrored path is 5 to 9 m off; crossings are nearly tangent for much of the time
+    assert np.sqrt(np.mean(squares)) < 0.8
+    assert np.mean(nees) < 3.5

@@ -37,7 +37,7 @@ from .occlusion import OccluderHints
 from .record import TargetRecord
 from .search.problem_of_record import Pending, problem_of
 from .search.robust import RobustSearchResult, Watch, has_converged, inlier_weights, search_from
-from .search.start import ConsensusPath, filtered_start
+from .search.start import ConsensusPath, filtered_starts
 
 ROUNDS = 15
 """How often the search is repeated at most."""
@@ -65,13 +65,17 @@ def mixed_search(
     problem = problem_of(pending, record)
     here = local(record.measured, pending.origin)
     # Start
-    X = filtered_start(problem, record, pending, here)
-    trust = inlier_weights(config, 1.0)
-    lines = problem.lines
-    inlier = np.ones(len(lines.step), dtype=np.bool_)
-    if config.loss != "square" and len(lines.step):
-        inlier = line_beliefs(lines, X, trust) >= 0.5
-    found = _settled(here, ConsensusPath(X, inlier, 0.0), pending, record, around, watch)
+    trust, lines = inlier_weights(config, 1.0), problem.lines
+    found: RobustSearchResult | None = None
+    # Search from each of the most probable paths: room, walls and depths tell modes apart that filters do not
+    for X in filtered_starts(problem, record, pending, here):
+        inlier = np.ones(len(lines.step), dtype=np.bool_)
+        if config.loss != "square" and len(lines.step):
+            inlier = line_beliefs(lines, X, trust) >= 0.5
+        other = _settled(here, ConsensusPath(X, inlier, 0.0), pending, record, around, watch)
+        if found is None or _total(here, record, other) < _total(here, record, found):
+            found = other
+    assert found is not None
     if config.loss == "square" or not _lost(here, found.mode.solution.X[record.measured_state]):
         return found
     # Where a filter went astray nothing pulls it back: again, with measurements that reach as far as it may be
@@ -79,7 +83,12 @@ def mixed_search(
     for share in WIDE:
         blurred = _once(here, _path(blurred), pending, record, around, watch, share * pending.extent)
     other = _settled(here, _path(blurred), pending, record, around, watch)
-    return min(found, other, key=lambda sought: _cost(here, record.measured_state, sought))
+    return min(found, other, key=lambda sought: _total(here, record, sought))
+
+
+def _total(rows: RangeMeasurements, record: TargetRecord, found: RobustSearchResult) -> float:
+    """Cost of a search with that of the lines of sight that its problem omits."""
+    return _cost(rows, record.measured_state, found) + found.score - found.mode.solution.cost
 
 
 def _settled(

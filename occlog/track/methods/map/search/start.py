@@ -15,6 +15,7 @@ import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.filtering.likelihood.distances import (
+    RANGE,
     DistanceErrors,
     RangeMeasurements,
     inlier_probability,
@@ -87,6 +88,8 @@ MAX_LOG_GAP, MERGE_DISTANCE_EXTENTS = 20.0, 1e-3
 """Filters that are less probable by so much in the logarithm end, and those nearer to a better one, by the extent."""
 MAX_RELATIVE_START_SIGMA = 0.05
 """A start that is known to a smaller share of the extent is the only one."""
+MAX_STARTS = 4
+"""Number of filters whose paths are searched from."""
 MAX_STATES = 1000
 """Number of states after which the best filter is chosen."""
 
@@ -108,10 +111,10 @@ class FilterBank(NamedTuple):
     log: Floats  # (H,) log-likelihood so far
 
 
-def filtered_start(
+def filtered_starts(
     problem: TrajectoryProblem, record: TargetRecord, pending: Pending, distances: RangeMeasurements
-) -> Floats:
-    """(T, 4) states of the most probable filter, smoothed.
+) -> list[Floats]:
+    """(T, 4) states of the most probable filters, smoothed, the most probable one first.
 
     Args:
         problem: of T states.
@@ -127,17 +130,24 @@ def filtered_start(
     rows = SearchMeasurements(lines, np.searchsorted(rays.step, every), distances, np.searchsorted(state, every))
     bank = _begun(rows, record, pending)
     # Choose: run all filters until one is left
-    first, bank = np.arange(len(bank.log)), _updated(bank, rows, 0)
-    starts = bank
+    hull = pending.at.hull
+    first, starts = np.arange(len(bank.log)), _updated(bank, rows, 0)
+    bank = _in_room(starts, hull)
     for t in range(1, min(T, MAX_STATES)):
         kept = _kept(bank, pending.extent)
         bank, first = FilterBank(*(column[kept] for column in bank)), first[kept]
         if len(first) == 1:
             break
         bank = _updated(_predicted(bank, steps.A[steps.kind[t - 1]], steps.sigma[steps.kind[t - 1]]), rows, t)
-    best = first[np.argmax(bank.log)]
-    one = FilterBank(*(column[[best]] for column in starts))
-    # Smooth (Rauch, Tung and Striebel)
+        bank = _in_room(bank, hull)
+    order = np.argsort(-bank.log, kind="stable")
+    chosen = [first[k] for k in order.tolist() if bank.log[k] >= bank.log[order[0]] - MAX_LOG_GAP][:MAX_STARTS]
+    return [_smoothed(FilterBank(*(column[[k]] for column in starts)), rows, problem) for k in chosen]
+
+
+def _smoothed(one: FilterBank, rows: SearchMeasurements, problem: TrajectoryProblem) -> Floats:
+    """(T, 4) states of a filter, given as it is at the first state, by the recursion of Rauch, Tung and Striebel."""
+    T, steps = len(rows.line_first) - 1, problem.steps
     found, spread = [one.x[0]], [one.P[0]]
     ahead: list[tuple[Floats, Floats]] = []
     for t in range(1, T):
@@ -181,10 +191,29 @@ def _begun(rows: SearchMeasurements, record: TargetRecord, pending: Pending) -> 
     around = np.min([padded[i : i + GRID, j : j + GRID] for i, j in neighbours], axis=0).reshape(-1)
     low_ones = np.flatnonzero(cost <= around)
     chosen = low_ones[np.argsort(cost[low_ones], kind="stable")][:MAX_FILTERS]
-    x = np.zeros((len(chosen), 4))
-    x[:, ::2] = grid[chosen]
+    places = np.concatenate([grid[chosen], _crossings(rows)])
+    x = np.zeros((len(places), 4))
+    x[:, ::2] = places
     spread = np.diag([cell**2, before.spread[1, 1], cell**2, before.spread[3, 3]])
-    return FilterBank(x, np.tile(spread, (len(chosen), 1, 1)), np.zeros(len(chosen)))
+    return FilterBank(x, np.tile(spread, (len(places), 1, 1)), np.zeros(len(places)))
+
+
+def _crossings(rows: SearchMeasurements) -> Floats:
+    """(n, 2) positions at which the first line of sight crosses the circle of the first range: none to two.
+
+    They may be nearer to each other than a cell of the grid, of which only the better one is a minimum.
+    """
+    ranges = np.flatnonzero(rows.distances.kind == RANGE)
+    if not len(ranges) or not len(rows.lines):
+        return np.empty((0, 2))
+    k, (position, direction) = ranges[0], rows.lines[0, :4].reshape(2, 2)
+    towards = rows.distances.position[k] - position
+    along = float(towards @ direction)
+    across2 = float(towards @ towards) - along**2
+    half2 = float(rows.distances.value[k]) ** 2 - float(rows.distances.rise2[k]) - across2
+    half = float(np.sqrt(max(half2, 0.0)))
+    depth = np.array([along - half, along + half])
+    return np.asarray(position + depth[depth > 0.0, None] * direction)
 
 
 def _seen(rows: SearchMeasurements, t: int, xy: Floats) -> tuple[Floats, Floats, DistanceErrors]:
@@ -229,6 +258,23 @@ def _updated(bank: FilterBank, rows: SearchMeasurements, t: int) -> FilterBank:
     x = bank.x + (gain @ (used * residual)[..., None])[..., 0]
     P = bank.P - gain @ cross
     return FilterBank(x, 0.5 * (P + P.transpose(0, 2, 1)), log)
+
+
+def _in_room(bank: FilterBank, hull: Floats | None) -> FilterBank:
+    """The filters, less probable where they are outside the room: by as much as a false measurement at most.
+
+    Args:
+        bank: H filters.
+        hull: (K, 2) convex, counter-clockwise; None: no room.
+    """
+    if hull is None:
+        return bank
+    edge = np.roll(hull, -1, axis=0) - hull
+    outward = np.column_stack([edge[:, 1], -edge[:, 0]]) / np.hypot(edge[:, 0], edge[:, 1])[:, None]
+    beyond = np.einsum("hkj,kj->hk", bank.x[:, None, ::2] - hull, outward)
+    variance = np.einsum("kj,hji,ki->hk", outward, bank.P[:, ::2, ::2], outward)
+    off = np.clip(beyond / np.sqrt(np.maximum(variance, 1e-300)), 0.0, BEND["mixture"]).max(axis=1)
+    return bank._replace(log=bank.log - 0.5 * off**2)
 
 
 def _kept(bank: FilterBank, extent: float) -> Ints:
