@@ -312,8 +312,8 @@ VERDICT: dict[str, Message] = {
     ),
     "camera-late": Message(
         W,
-        "camera {sensors}: people are where they were {late_s:.2g} s before (allowed: {allowed:.1g}); corrected",
-        "subtract it from its times (ingest --clock-offset)",
+        "camera {sensors}: people are where they were {late_s:.2g} s before (significant: {allowed:.1g}); corrected",
+        "subtract it from its times (ingest --clock-offset) and track again",
     ),
     "camera-rotated": Message(
         W,

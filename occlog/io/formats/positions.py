@@ -352,7 +352,9 @@ def _timed(path: Path, rows: _Rows, options: PositionOptions) -> _Rows:
 def _times_of(path: Path, source: str, options: PositionOptions) -> FrameTimes:
     times = options.times.get(source, options.times.get(""))
     if times is None:
-        raise UsageError(f"{path}: counts frames, and nothing states when they were taken; give the frame rate")
+        raise UsageError(
+            f"{path}: counts frames, and no file states their times; give the frame rate ({option('fps')})"
+        )
     return times
 
 

@@ -32,7 +32,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from occlog.array_types import Floats, Ints, Strings
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.limits import check_input, guarded, naming
 from occlog.io.files.texts.csv_rows import CsvRows, first_line, is_header, read_plain
@@ -317,7 +317,9 @@ class TruthOptions:
         if self.camera is not None and self.camera in self.times:
             return self.times[self.camera]
         if not self.times:
-            raise UsageError(f"{where}: counts frames, and nothing states when they were taken; give the frame rate")
+            raise UsageError(
+                f"{where}: counts frames, and no file states their times; give the frame rate ({option('fps')})"
+            )
         first, *others = self.times.values()
         if not all(times.same_as(first) for times in others):
             raise UsageError(f"{where}: counts frames, but the cameras' frames differ in time; give CAMERA={where}")
@@ -484,7 +486,9 @@ def _has_places_alone(path: Path) -> bool:
 def _read_xml(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
     camera = _one_camera(path, options)
     if camera not in options.times:
-        raise UsageError(f"{path}: counts frames, and nothing states when they were taken; give the frame rate")
+        raise UsageError(
+            f"{path}: counts frames, and no file states their times; give the frame rate ({option('fps')})"
+        )
     return read_xml_boxes(path, camera, options.times, options.boxes)
 
 

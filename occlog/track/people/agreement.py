@@ -20,6 +20,8 @@ from .frame_detections import BoxStatistics, FrameDetectionsWithIds
 from .rows import MIN_MAP_PROBABILITY, detection_probability_by_camera
 
 EXPLAINED, AGREES, ROTATED = "associated boxes", "detection rates of the cameras", "camera orientations"
+MAX_LIMIT_DEG = 1.0
+"""Least significant rotation [deg] up to which the check of orientations applies."""
 TIMES, BOXES = "camera clocks", "camera boxes"
 COMMON, STATIC = "common position error", "static clutter"
 """Names of checks."""
@@ -109,7 +111,7 @@ class CameraAgreement:
             *outcome(
                 ROTATED,
                 self._rotated(),
-                unless="" if len(angles) else "no two cameras see the same people for 5 s",
+                unless=self._unknown_rotations(),
                 largest_deg=float(np.degrees(angles.max(initial=0.0))),
                 allowed=math.degrees(MIN_ANGLE),
             ),
@@ -187,6 +189,14 @@ class CameraAgreement:
                     allowed=limit,
                     late_s=late,
                 )
+
+    def _unknown_rotations(self) -> str:
+        """Why rotations cannot be found; empty: those of `MAX_LIMIT_DEG` and more would be."""
+        limits = np.degrees(self.angles_limit[: self.cameras, 0])
+        known = limits[np.isfinite(limits)]
+        if not len(known):
+            return "no two cameras see the same people for 4 s"
+        return f"only rotations above {known.max():.2g} deg would be found" if known.max() > MAX_LIMIT_DEG else ""
 
     def _rotated(self) -> Iterator[Check]:
         """Find the cameras with an orientation that is not that of the calibration."""
