@@ -350,7 +350,6 @@ def test_tables_are_shown_and_compared(folder: Path, capsys: pytest.CaptureFixtu
         (["evaluate", "twice.txt", "--truth", "recording.mcap"], 2, "--camera"),
         (["evaluate", "late.txt", "--truth", "recording.mcap", "--camera", "east"], 4, "frames (99 to 99) are none"),
         (["evaluate", "far.txt", "--truth", "recording.mcap", "--camera", "east"], 4, "far.txt: frame 90000000"),
-        (["report", "view_tracks.parquet", "-o", "page.html"], 4, "view_tracks.parquet: holds view_tracks; expected"),
         (["evaluate", "other.parquet", "--truth", "recording.mcap"], 4, "other.parquet: their cameras (west)"),
         (["evaluate", "away.parquet", "--truth", "recording.mcap"], 4, "away.parquet: the time of no frame"),
         (
