@@ -28,7 +28,7 @@ SYSTEMATIC = "sensor errors"
 WINDOW_S = 1.0
 """Time in which the error of a track is linear [s]."""
 HALF_STEP_S = 0.5
-"""Velocities are differences of positions so long before and after [s]."""
+"""Velocities are differences of positions this time before and after [s]."""
 EPSILON_S = 1e-6
 """Least time between two positions [s]."""
 MAX_RESIDUAL = 12.0

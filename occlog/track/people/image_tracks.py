@@ -22,6 +22,7 @@ from occlog.track.methods.sort.kernels.boxes import visible_shares
 from occlog.track.methods.sort.linking import Boxes, Doubt, SmoothedTrack, linked, smoothed_track
 
 from .frame_detections import FrameDetectionsWithIds
+from .rows import image_rows
 
 ROWS_PER_PART = 8192
 """Rows of a part, about."""
@@ -228,28 +229,8 @@ def _table(parts: Sequence[Rows]) -> PeopleViews:
     whole = Rows._make(np.concatenate(columns) for columns in zip(*some, strict=True))
     order = np.lexsort((whole.id, whole.sensor, whole.t_ns))
     rows = Rows._make(values[order] for values in whole)
-    n = len(rows.id)
-    nothing, unknown = np.full(n, ""), np.full(n, np.nan)
-    left, top, right, bottom = rows.boxes.T
-    return PeopleViews.of(
-        t_ns=rows.t_ns,
-        sensor=rows.sensor,
-        frame=rows.frame,
-        target_id=rows.id.astype(np.int32),
-        x_px=0.5 * (left + right),
-        y_px=0.5 * (top + bottom),
-        a_px=0.5 * (right - left),
-        b_px=0.5 * (bottom - top),
-        rho=np.zeros(n),
-        cov_xx_px=rows.variance[:, 0],
-        cov_xy_px=np.zeros(n),
-        cov_yy_px=rows.variance[:, 1],
-        similarity=unknown,
-        ess=unknown,
-        likelihood_mode=np.where(rows.detected, BOX, PREDICTED),
-        counterpart=nothing,
-        neighbours=nothing,
-        assisting_views=nothing,
-        lifecycle=np.where(rows.first, "start", ""),
-        visibility=np.clip(rows.visibility, 0.0, 1.0),
-    )
+    covariance = np.column_stack([rows.variance[:, 0], np.zeros(len(rows.id)), rows.variance[:, 1]])
+    return image_rows(
+        rows.t_ns, rows.sensor, rows.frame, rows.id, rows.boxes, covariance, np.where(rows.detected, BOX, PREDICTED),
+        np.clip(rows.visibility, 0.0, 1.0), np.where(rows.first, "start", ""),
+    )  # fmt: skip

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.array_types import NS, Bools, Floats, Ints, Strings
 from occlog.records.declared.people import BOX, COASTING, GROUND, POSSIBLE_SWITCH, SINGLE_VIEW, words_of
 from occlog.records.scene import Camera
 from occlog.records.tables import Associations, Events, PeopleTracks, PeopleViews
@@ -133,6 +133,57 @@ class ViewRows(NamedTuple):
     visibility: Floats  # (n,)
 
 
+def image_rows(
+    t_ns: Ints,
+    sensor: Strings,
+    frame: Ints,
+    id: Ints,
+    box: Floats,
+    covariance: Floats,
+    mode: Strings,
+    visibility: Floats,
+    lifecycle: Strings | None = None,
+) -> PeopleViews:
+    """The table of n people in images, as ellipses that are inscribed in their boxes.
+
+    Args:
+        t_ns: (n,) times.
+        sensor: (n,) cameras.
+        frame: (n,) numbers of the frames.
+        id: (n,) identities.
+        box: (n, 4) left, top, right, bottom [px].
+        covariance: (n, 3) xx, xy, yy of the centre of the box [px^2].
+        mode: (n,) `likelihood_mode`.
+        visibility: (n,) visible share.
+        lifecycle: (n,) as in the table; None: empty.
+    """
+    n = len(id)
+    nothing, unknown = np.full(n, ""), np.full(n, np.nan)
+    left, top, right, bottom = box.T
+    return PeopleViews.of(
+        t_ns=t_ns,
+        sensor=sensor,
+        frame=frame,
+        target_id=id.astype(np.int32),
+        x_px=0.5 * (left + right),
+        y_px=0.5 * (top + bottom),
+        a_px=0.5 * (right - left),
+        b_px=0.5 * (bottom - top),
+        rho=np.zeros(n),
+        cov_xx_px=covariance[:, 0],
+        cov_xy_px=covariance[:, 1],
+        cov_yy_px=covariance[:, 2],
+        similarity=unknown,
+        ess=unknown,
+        likelihood_mode=mode,
+        counterpart=nothing,
+        neighbours=nothing,
+        assisting_views=nothing,
+        lifecycle=nothing if lifecycle is None else lifecycle,
+        visibility=visibility,
+    )
+
+
 class TracksInViews:
     """Tracks in the images: weighted means of the detected box and the projection from the ground plane."""
 
@@ -153,31 +204,10 @@ class TracksInViews:
         if not parts:
             return PeopleViews.empty()
         rows = ViewRows._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
-        n = len(rows.id)
-        nothing, unknown = np.full(n, ""), np.full(n, np.nan)
-        left, top, right, bottom = rows.box.T
-        table = PeopleViews.of(
-            t_ns=rows.t_ns,
-            sensor=self._names[rows.camera],
-            frame=rows.frame,
-            target_id=rows.id.astype(np.int32),
-            x_px=0.5 * (left + right),
-            y_px=0.5 * (top + bottom),
-            a_px=0.5 * (right - left),
-            b_px=0.5 * (bottom - top),
-            rho=np.zeros(n),
-            cov_xx_px=rows.spread[:, 0],
-            cov_xy_px=rows.spread[:, 1],
-            cov_yy_px=rows.spread[:, 2],
-            similarity=unknown,
-            ess=unknown,
-            likelihood_mode=np.where(rows.own, BOX, GROUND),
-            counterpart=nothing,
-            neighbours=nothing,
-            assisting_views=nothing,
-            lifecycle=nothing,
-            visibility=rows.visibility,
-        )
+        table = image_rows(
+            rows.t_ns, self._names[rows.camera], rows.frame, rows.id, rows.box, rows.spread,
+            np.where(rows.own, BOX, GROUND), rows.visibility,
+        )  # fmt: skip
         return table.sorted()
 
     def _in_frame(self, snapshot: TrackSnapshot, each: FrameDetectionsWithIds) -> ViewRows:

@@ -82,7 +82,7 @@ class _Counts:
     def count_events(self, events: Events) -> None:
         """Count events."""
         self.events.update(events.kind.tolist())
-        # Both of the two have a row; a link to nobody else has one
+        # Both of the two have a row; a link to no other track has one
         share = np.where(events.other_id == NO_ID, 1.0, 0.5)
         self.exchanges += float(np.nansum((share * events.probability)[events.kind == "possible_switch"]))
 

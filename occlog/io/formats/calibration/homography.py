@@ -19,12 +19,12 @@ from occlog.errors import InputError
 from occlog.records.scene import MAX_FOCAL_PX, MIN_FOCAL_PX, Camera
 
 from .common import CalibrationOptions, read_text
-from .projection import camera_of_parts
+from .projection import camera_of_parts, matrix_of
 
 MAX_MISFIT = 0.1
 """Largest relative residual of the two equations; points that are clicked by hand leave some hundredths."""
 CLEARER = 3.0
-"""The other direction of the matrix has at least so many times the residual, or the direction is not known."""
+"""Least ratio of the residuals of both directions of the matrix; below it the direction is not known."""
 
 
 class GroundPose(NamedTuple):
@@ -39,7 +39,7 @@ class GroundPose(NamedTuple):
 def detect(text: str) -> bool:
     """Return whether a text is a 3 x 3 matrix."""
     try:
-        return _matrix(text).shape == (3, 3)
+        return matrix_of(text).shape == (3, 3)
     except ValueError:
         return False
 
@@ -49,11 +49,6 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
     return tuple(_camera(path, options) for path in paths)
 
 
-def _matrix(text: str) -> Floats:
-    rows = [line.replace(",", " ").split() for line in text.splitlines() if line.strip() and line.strip()[0] != "#"]
-    return np.array([[float(cell) for cell in row] for row in rows], dtype=np.float64)
-
-
 def _camera(path: Path, options: CalibrationOptions) -> Camera:
     stem = path.stem
     name = next((stem.removesuffix(end) for end in ("_H", "-H", ".H", "_homography") if stem.endswith(end)), stem)
@@ -61,7 +56,7 @@ def _camera(path: Path, options: CalibrationOptions) -> Camera:
     size = options.image_size
     if size is None:
         raise InputError(f"{where}: a homography does not state the size of the images; give it, WIDTHxHEIGHT")
-    matrix = _matrix(read_text(path))
+    matrix = matrix_of(read_text(path))
     if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
         raise InputError(f"{where}: {matrix.shape} numbers; three rows of three finite ones were expected")
     middle = 0.5 * (np.array(size, dtype=np.float64) - 1.0)

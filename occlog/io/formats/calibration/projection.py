@@ -25,7 +25,7 @@ _SUFFIX = re.compile(r"[_-]?(P|proj|projection|matrix|calib|calibration)$", re.I
 def detect(text: str) -> bool:
     """Return whether a text is a projection matrix."""
     try:
-        return _matrix(text).shape == (3, 4)
+        return matrix_of(text).shape == (3, 4)
     except ValueError:
         return False
 
@@ -35,7 +35,8 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
     return tuple(_camera(path, options) for path in paths)
 
 
-def _matrix(text: str) -> Floats:
+def matrix_of(text: str) -> Floats:
+    """Read a matrix of numbers that spaces or commas separate; ValueError where the text is none."""
     rows = [line.replace(",", " ").split() for line in text.splitlines() if line.strip() and line.strip()[0] != "#"]
     return np.array([[float(cell) for cell in row] for row in rows], dtype=np.float64)
 
@@ -44,7 +45,7 @@ def _camera(path: Path, options: CalibrationOptions) -> Camera:
     name = _SUFFIX.sub("", path.stem) or path.stem
     where = f"{path}: camera {name}"
     try:
-        matrix = _matrix(read_text(path))
+        matrix = matrix_of(read_text(path))
     except ValueError as error:
         raise InputError(f"{where}: not a matrix of numbers ({error}); three rows of four were expected") from None
     if matrix.shape != (3, 4) or not np.isfinite(matrix).all():

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from occlog.array_types import NS, Floats
+from occlog.array_types import Floats
 
-from .normal_equations import BATCH_S, MAX_BATCHES, solve_batches
+from .normal_equations import Batches, solve_batches
 
 MIN_OFFSET_S = 0.03
 """Significant offsets of at least this size are corrected."""
@@ -22,9 +22,7 @@ MIN_OFFSET_S = 0.03
 class ClockStatistics:
     """Normal equations of C cameras in batches of time, and the offsets that follow."""
 
-    batches: Floats  # (B, C, C + 1) sums of `clock_residuals`
-    open: Floats  # (C, C + 1) of the batch that is not complete
-    since_ns: int  # its begin; -1: none
+    batches: Batches  # sums of `clock_residuals`
     sums: Floats  # (C, 5) counts, residuals and velocities
     late: Floats  # (C,) corrected offsets [s], positive: the frames show what was earlier; 0: none
     limit: Floats  # (C,) least significant offsets [s]; inf: not estimated
@@ -37,21 +35,17 @@ class ClockStatistics:
 
 def prior_clocks(cameras: int) -> ClockStatistics:
     """Create the statistics of C cameras without data."""
-    none = np.zeros((cameras, cameras + 1))
-    return ClockStatistics(
-        none[None][:0], none, -1, np.zeros((cameras, 5)), np.zeros(cameras), np.full(cameras, np.inf)
-    )
+    return ClockStatistics(Batches.of(cameras), np.zeros((cameras, 5)), np.zeros(cameras), np.full(cameras, np.inf))
 
 
 def update_clocks(known: ClockStatistics, t_ns: int, normal: Floats, sums: Floats) -> ClockStatistics:
     """Update the statistics with a time step (`clock_residuals`); offsets follow when a batch is complete."""
-    since = t_ns if known.since_ns < 0 else known.since_ns
-    known = replace(known, open=known.open + normal, sums=known.sums + sums, since_ns=since)
-    if t_ns - since < BATCH_S * NS:
+    batches = known.batches.add(t_ns, normal)
+    known = replace(known, sums=known.sums + sums, batches=batches)
+    if batches.since_ns != t_ns or not len(batches.kept):
         return known
-    batches = np.concatenate([known.batches, known.open[None]])[-MAX_BATCHES:]
-    late, limit = clock_offsets(batches)
-    return replace(known, batches=batches, open=np.zeros_like(normal), since_ns=t_ns, late=late, limit=limit)
+    late, limit = clock_offsets(batches.kept)
+    return replace(known, late=late, limit=limit)
 
 
 def clock_offsets(batches: Floats) -> tuple[Floats, Floats]:

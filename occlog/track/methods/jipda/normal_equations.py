@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.special import stdtrit
 
-from occlog.array_types import Floats
+from occlog.array_types import NS, Floats
 
 BATCH_S = 0.5
 """Duration of a batch [s]."""
@@ -17,6 +19,29 @@ LAG_SHARE = 0.25
 """Share of the batches over which errors are correlated."""
 FALSE_PROBABILITY = 1e-6
 """Probability of a significant parameter by chance."""
+
+
+@dataclass(frozen=True)
+class Batches:
+    """Sums of normal equations in batches of time."""
+
+    kept: Floats  # (B, K, K + 1) complete batches, in the order of time
+    open: Floats  # (K, K + 1) of the batch that is not complete
+    since_ns: int = -1  # its begin; -1: none
+
+    @classmethod
+    def of(cls, parameters: int) -> Batches:
+        """Create sums of K parameters without data."""
+        none = np.zeros((parameters, parameters + 1))
+        return cls(none[None][:0], none)
+
+    def add(self, t_ns: int, normal: Floats) -> Batches:
+        """The batches with the normal equations (K, K + 1) of a time step."""
+        since = t_ns if self.since_ns < 0 else self.since_ns
+        total = self.open + normal
+        if t_ns - since < BATCH_S * NS:
+            return Batches(self.kept, total, since)
+        return Batches(np.concatenate([self.kept, total[None]])[-MAX_BATCHES:], np.zeros_like(total), t_ns)
 
 
 def solve_batches(batches: Floats, prior_precision: float = 0.0) -> tuple[Floats, Floats]:

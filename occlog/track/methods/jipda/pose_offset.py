@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from occlog.array_types import NS, Floats
+from occlog.array_types import Floats
 
 from .kernels.body_box import PackedCameras
 from .kernels.pose_residuals import ANGLES
-from .normal_equations import BATCH_S, MAX_BATCHES, solve_batches
+from .normal_equations import Batches, solve_batches
 
 PRIOR_SIGMA = 0.05
 """Standard deviation of an error of orientation before any box [rad]."""
@@ -28,9 +28,7 @@ class PoseStatistics:
     """Normal equations of C cameras in batches of time, and the rotations that follow."""
 
     rotation: Floats  # (C, 3, 3) world-from-camera of the calibration
-    batches: Floats  # (B, 2 C, 2 C + 1) sums of `pose_residuals`, as without correction
-    open: Floats  # (2 C, 2 C + 1) of the batch that is not complete
-    since_ns: int  # its begin; -1: none
+    batches: Batches  # sums of `pose_residuals`, as without correction
     angles: Floats  # (C, 2) corrections [rad] about the vertical and the horizontal axis of the camera
     limit: Floats  # (C, 2) least significant angles [rad]; inf: not estimated
 
@@ -38,23 +36,21 @@ class PoseStatistics:
 def prior_poses(views: PackedCameras) -> PoseStatistics:
     """Create the statistics of C cameras without data."""
     C = len(views.lens)
-    none = np.zeros((ANGLES * C, ANGLES * C + 1))
     angles = np.zeros((C, ANGLES))
-    return PoseStatistics(views.rotation, none[None][:0], none, -1, angles, angles + np.inf)
+    return PoseStatistics(views.rotation, Batches.of(ANGLES * C), angles, angles + np.inf)
 
 
 def update_poses(known: PoseStatistics, t_ns: int, normal: Floats) -> PoseStatistics:
     """Update the statistics with a time step (`pose_residuals`); angles follow when a batch is complete."""
-    since = t_ns if known.since_ns < 0 else known.since_ns
     normal = normal.copy()
     # As without correction
     normal[:, -1] += normal[:, :-1] @ known.angles.ravel()
-    known = replace(known, open=known.open + normal, since_ns=since)
-    if t_ns - since < BATCH_S * NS:
+    batches = known.batches.add(t_ns, normal)
+    known = replace(known, batches=batches)
+    if batches.since_ns != t_ns or not len(batches.kept):
         return known
-    batches = np.concatenate([known.batches, known.open[None]])[-MAX_BATCHES:]
-    angles, limit = pose_angles(batches)
-    return replace(known, batches=batches, open=np.zeros_like(normal), since_ns=t_ns, angles=angles, limit=limit)
+    angles, limit = pose_angles(batches.kept)
+    return replace(known, angles=angles, limit=limit)
 
 
 def pose_angles(batches: Floats) -> tuple[Floats, Floats]:

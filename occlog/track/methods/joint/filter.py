@@ -291,7 +291,7 @@ def log_factors(
 
 
 def _moments(own: Floats, weights: Floats, drawn: Floats) -> Gaussian:
-    """Mean and covariance of (L, 4) states; a few particles look more certain than they are.
+    """Mean and covariance of (L, 4) states; few particles understate the covariance.
 
     Where there are few, at least what their positions were drawn from is open, too.
     """

@@ -202,9 +202,9 @@ def step(
     weights = after.weights
     # Estimate
     effective = effective_sample_size(weights)
-    told = tempered(weights, inside_polygon(after.xy, rules.room), MIN_EFFECTIVE_SAMPLE_SIZE)
-    mean, covariance = mean_and_covariance(told, np.column_stack([after.xy, after.velocity]))
-    found = TagEstimate(mean[:2], mean[2:], covariance, effective, restarted, after._replace(weights=told))
+    usable = tempered(weights, inside_polygon(after.xy, rules.room), MIN_EFFECTIVE_SAMPLE_SIZE)
+    mean, covariance = mean_and_covariance(usable, np.column_stack([after.xy, after.velocity]))
+    found = TagEstimate(mean[:2], mean[2:], covariance, effective, restarted, after._replace(weights=usable))
     # Resample: systematic, where fewer than half of the particles count
     if effective < 0.5 * rules.particles:
         rows = systematic_ancestors(weights, rules.particles, float(rng.random()))

@@ -73,10 +73,10 @@ class DetectorStatistics:
         born = BIRTHS_PER_FRAME * self._shares(score)
         return np.clip(born / (born + (self._false / self._looks)[_scores(score)]), MIN_BIRTH, MAX_BIRTH)
 
-    def add_scores(self, score: Floats, people: Ints, nobody: Ints) -> None:
+    def add_scores(self, score: Floats, people: Ints, clutter: Ints) -> None:
         """Count a frame: confidences (M,), indices of boxes of confirmed tracks, and of boxes of no track."""
         kept = 1.0 - 1.0 / MEMORY_FRAMES
-        self._false = kept * self._false + np.bincount(_scores(score[nobody]), minlength=SCORE_BINS + 1)
+        self._false = kept * self._false + np.bincount(_scores(score[clutter]), minlength=SCORE_BINS + 1)
         self._looks = kept * self._looks + 1.0
         self._true += np.bincount(_scores(score[people]), minlength=SCORE_BINS + 1)[:SCORE_BINS]
 

@@ -89,7 +89,7 @@ MAX_LOG_GAP, MERGE_DISTANCE_EXTENTS = 20.0, 1e-3
 MAX_RELATIVE_START_SIGMA = 0.05
 """A start that is known to a smaller share of the extent is the only one."""
 MAX_STARTS = 4
-"""Number of filters whose paths are searched from."""
+"""Number of filters that give initial paths of the search."""
 MAX_STATES = 1000
 """Number of states after which the best filter is chosen."""
 
