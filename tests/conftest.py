@@ -39,6 +39,12 @@ def shared_data() -> Path:
 
 
 @pytest.fixture(scope="session")
+def shared_cases(shared_data: Path) -> Path:
+    """Folder of small inputs that were once read wrongly; each has a README with its source and its right value."""
+    return shared_data.parent / "cases"
+
+
+@pytest.fixture(scope="session")
 def peers(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Python of an environment with TrackEval and py-motmetrics; OCCLOG_PEERS names one that exists.
 

@@ -66,6 +66,9 @@ def _listed(names: Sequence[object]) -> str:
 _OPTIONS = _Options()
 E, W, N = Severity.ERROR, Severity.WARNING, Severity.NOTE
 _ROWS = "{count} of {rows} rows (allowed: {allowed:.0%}): "
+_MEET = (
+    "{now:.0%} of estimates and targets meet within {gate:g} {unit}, and {met:.0%} with {change} (of the tracks)"
+)
 VERDICT: dict[str, Message] = {
     # Estimates of one target, or of labelled targets
     "no-tracks": Message(
@@ -247,6 +250,17 @@ VERDICT: dict[str, Message] = {
         "{allowed:.0f})",
         "compare with the truth of this target and clock",
     ),
+    "tracks-delayed": Message(
+        W,
+        "tracks are {delay_s:.2g} s (standard error {sigma_s:.1g} s) {side} the truth: RMSE {rmse:.3g} {unit}, and "
+        "{without:.3g} {unit} without it",
+        "check first frame numbers, rates and clocks; a filter with too little process noise lags, too",
+    ),
+    "time-unit-differs": Message(W, _MEET, "state the unit of the times, for instance as t_ms, t_us or t_ns"),
+    "times-shifted": Message(W, _MEET, "check first frame numbers, start times and clocks"),
+    "frame-rate-differs": Message(W, _MEET, "check the frame rates of both"),
+    "length-unit-differs": Message(W, _MEET, "state the unit of lengths, for instance as x_mm or x_cm"),
+    "axes-differ": Message(W, _MEET, "put the truth into the world of the scene"),
     "covariances-singular": Message(
         W,
         "{count} of {rows} estimates have a singular covariance (allowed: {allowed:.0%})",
