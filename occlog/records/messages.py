@@ -66,9 +66,7 @@ def _listed(names: Sequence[object]) -> str:
 _OPTIONS = _Options()
 E, W, N = Severity.ERROR, Severity.WARNING, Severity.NOTE
 _ROWS = "{count} of {rows} rows (allowed: {allowed:.0%}): "
-_MEET = (
-    "{now:.0%} of estimates and targets meet within {gate:g} {unit}, and {met:.0%} with {change} (of the tracks)"
-)
+_MEET = "{now:.0%} of estimates and targets meet within {gate:g} {unit}, and {met:.0%} with {change} (of the tracks)"
 VERDICT: dict[str, Message] = {
     # Estimates of one target, or of labelled targets
     "no-tracks": Message(
@@ -309,6 +307,21 @@ VERDICT: dict[str, Message] = {
         W,
         "{share:.0%} of {boxes} boxes are associated with no track (allowed: {allowed:.0%})",
         "check poses, ground and unit of the calibration, and the class of the boxes",
+    ),
+    "camera-unassociated": Message(
+        W,
+        "camera {sensors}: {count} of {boxes} moving boxes are associated with no track (allowed: {allowed:.0%})",
+        "check that its extrinsics are world-to-camera, its image size, and that the boxes are of this camera",
+    ),
+    "camera-alone": Message(
+        N,
+        "camera {sensors} shares no person with another camera, in {count} rows that it alone supports",
+        "check its pose if its view overlaps with others",
+    ),
+    "people-outside-room": Message(
+        W,
+        "people are outside the room in {count} of {rows} rows (allowed: {allowed:.0%}), seen by {sensors}",
+        "check the poses of these cameras, and the room of the scene",
     ),
     "camera-below-ground": Message(
         W, "camera {sensors} is below the ground (z < 0)", "check which way is up, and where the ground is"
