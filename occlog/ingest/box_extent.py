@@ -24,6 +24,9 @@ MIN_BORDERS = 2
 """Borders, of any cameras, that must agree on a scale."""
 SAME_SCALE = 0.005
 """Relative difference of scales that agree."""
+BEYOND_PX, MIN_BEYOND = 16, 0.3
+"""Boxes that end so far beyond the image, and the share of them from which the image is larger: detectors complete
+people whom the border cuts, but of a third of them."""
 MAX_PX = 2**16
 
 
@@ -66,10 +69,10 @@ class BoxExtents:
         borders = [self._border(name, axis) for name, axis in self._counts if name in self._sizes]
         piles = [border for border in borders if border is not None]
         if len(piles) < MIN_BORDERS:
-            return None
+            return self._beyond()
         scale = float(np.median([border.scale for border in piles]))
         if abs(scale - 1.0) < 0.02 or any(abs(border.scale / scale - 1.0) > SAME_SCALE for border in piles):
-            return None
+            return self._beyond()
         if any(self._farthest(name, axis) > scale * self._sizes[name][axis] + 1.0 for name, axis in self._counts):
             return None
         name = next(iter(self._counts))[0]
@@ -81,6 +84,18 @@ class BoxExtents:
         return (
             f"warning: boxes of every camera end at {width} x {height} px, not at {stated[0]} x {stated[1]} (factor "
             f"{max(scale, 1.0 / scale):.4g}): {remedy}"
+        )
+
+    def _beyond(self) -> str | None:
+        """A warning where many boxes end beyond the images; None: they do not."""
+        ends = [(count, self._sizes[name][axis]) for (name, axis), count in self._counts.items() if name in self._sizes]
+        beyond = [float(count[min(size + BEYOND_PX, MAX_PX) :].sum() / count.sum()) for count, size in ends]
+        if not beyond or max(beyond) < MIN_BEYOND:
+            return None
+        far = [max(self._farthest(*key) for key in self._counts if key[1] == axis) for axis in (0, 1)]
+        return (
+            f"warning: {max(beyond):.0%} of a camera's boxes end beyond its images, at up to {far[0]} x {far[1]} px; "
+            f"the images are larger than stated, or boxes are of others ({option('image_size')})"
         )
 
     def _farthest(self, name: str, axis: int) -> int:

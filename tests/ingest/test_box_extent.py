@@ -60,6 +60,13 @@ def test_boxes_that_end_at_another_size_are_told_with_the_factor(true: tuple[int
     assert "give boxes in pixels of these images" in known
 
 
+def test_boxes_of_larger_images_are_told_where_no_border_ends_them() -> None:
+    rng = np.random.default_rng(4)
+    said = warning({"a": (960, 540)}, [boxes("a", rng, SIZE)])
+    assert said is not None
+    assert "of a camera's boxes end beyond its images" in said
+
+
 def test_a_single_camera_is_told_where_both_borders_agree() -> None:
     rng = np.random.default_rng(4)
     assert warning({"a": SIZE}, [boxes("a", rng, (1280, 720), (1280, 720))]) is not None

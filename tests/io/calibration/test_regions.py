@@ -141,3 +141,13 @@ def test_images_of_caliscope_that_are_turned_are_noted(tmp_path: Path) -> None:
     (tmp_path / "a.toml").write_text(f"{text}translation = [0.0, 0.0, 3.0]\nrotation_count = 1\n")
     (said,) = read_calibration([tmp_path / "a.toml"], options=CalibrationOptions("m")).notes
     assert said.startswith("warning: camera cam1: rotation_count 1")
+
+
+@pytest.mark.parametrize(("size", "said"), [((1280, 720), False), ((1920, 1080), True), ((640, 360), True)])
+def test_a_matrix_of_images_of_another_size_than_stated_is_told(
+    tmp_path: Path, size: tuple[int, int], said: bool
+) -> None:
+    text = f"[cam1]\nsize = {list(size)}\nmatrix = [[900.0, 0, 640], [0, 905.0, 355], [0, 0, 1]]\n"
+    (tmp_path / "a.toml").write_text(f"{text}rotation = [1.2, 0, 0]\ntranslation = [0.0, 0.0, 3.0]\n")
+    notes = read_calibration([tmp_path / "a.toml"]).notes
+    assert any("the matrix may be of another size" in note for note in notes) == said

@@ -21,6 +21,9 @@ from .lenses import Lens, checked_lens, read_lens
 WHAT = "a camera calibration"
 MAX_BYTES = 16 * 2**20
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+OTHER_SIZE, SAME_RATIO = 0.2, 0.03
+"""A principal point that is off the middle by this share of it or more, and by the same across and down to that, is the
+middle of images of another size."""
 MAX_ROUNDING = 1e-6
 MAX_SKEW_PX = 1.0
 """A larger skew would shift bearings by more than the noise of a reading; `Camera` has none."""
@@ -171,6 +174,13 @@ def build_camera(pose: Pose, where: str, options: CalibrationOptions) -> Camera:
         fov = camera_fov(size, focal, principal, coefficients, model, rotation)
     if said:
         options.notes.append(f"camera {pose.name}: {said}")
+    ratio = (principal + 0.5) / (0.5 * np.array(size))
+    if np.abs(ratio - 1.0).min() > OTHER_SIZE and abs(ratio[0] / ratio[1] - 1.0) < SAME_RATIO and ratio.min() > 0.0:
+        width, height = np.round(2.0 * principal + 1.0).astype(int).tolist()
+        options.notes.append(
+            f"warning: camera {pose.name}: its principal point is the middle of images of {width} x {height} px, but "
+            f"these have {size[0]} x {size[1]} (factor {ratio.mean():.3g}): the matrix may be of another size"
+        )
     return Camera(
         name=safe_name(pose.name),
         position=centre,

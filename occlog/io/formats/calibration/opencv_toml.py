@@ -95,7 +95,8 @@ def _camera(key: str, table: dict[str, object], path: Path, options: Calibration
         raise InputError(f"{where}: rotation and translation must have 9 (or 3) and 3 numbers")
     given = _array(table, "distortions", where) if "distortions" in table else np.zeros(0)
     model: str | None = "equidistant" if table.get("fisheye") else "brown"
-    if "fisheye" not in table and options.lens_model is not None:
+    column = given.ndim == 2 and given.shape[1] == 1  # as of cv2.fisheye
+    if "fisheye" not in table and (options.lens_model is not None or column):
         model = None
     elif "fisheye" not in table and given.size == 4 and given.any():
         # In this format a lens that is not stated to be a fisheye is none
