@@ -192,4 +192,4 @@ def without(table: B, gone: Bools) -> B:
     columns = {c.name: getattr(empty, c.name) for c in table.columns()}
     columns |= dict.fromkeys(("left_px", "top_px", "width_px", "height_px", "confidence"), nothing)
     columns |= dict.fromkeys(("box", "target_id"), np.full(len(empty), -1, dtype=np.int64))
-    return type(table).concat([kept, type(table).of(**columns)]).sorted()
+    return type(table).merge([kept, type(table).of(**columns)])

@@ -136,3 +136,20 @@ def test_boxes_beyond_80_degrees_of_a_fisheye_are_lost_and_counted(
     table = open_recording(tmp_path / "r.mcap").read(Boxes)
     assert [int(((table.frame == k) & (table.box >= 0)).sum()) for k in range(3)] == [2, 0, 1]
     assert sorted(set(table.frame.tolist())) == [0, 1, 2]  # a frame without the box is one without a detection
+
+
+def test_boxes_of_larger_images_are_lost_in_the_order_of_time_and_the_size_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Frames that lose their only box stand between frames that keep theirs."""
+    (tmp_path / "c.toml").write_text(TOML.format(name="a", x=0.0))
+    lines = [f"{k},a,{100 + 2500 * (k % 2)},200,{140 + 2500 * (k % 2)},300" for k in range(40)]
+    (tmp_path / "boxes.csv").write_text("\n".join(["frame,camera,left,top,right,bottom", *lines]) + "\n")
+    command = ["ingest", "-o", str(tmp_path / "r.mcap"), "--calibration", str(tmp_path / "c.toml"), "--fps", "10"]
+    assert run([*command, "--boxes", str(tmp_path / "boxes.csv")]) == ExitCode.LOSSY
+    said = capsys.readouterr().err
+    assert "wholly outside the image of 1920 x 1080 px (20 lost)" in said
+    assert "50% of a camera's boxes end beyond its images" in said
+    table = open_recording(tmp_path / "r.mcap").read(Boxes)
+    assert table.frame.tolist() == list(range(40))
+    assert (table.box >= 0).tolist() == [k % 2 == 0 for k in range(40)]
