@@ -418,7 +418,7 @@ class Taking:
 
     def finish(self, note: Note) -> list[Loss]:
         """Report which clock was used, and list the losses."""
-        losses = lens_losses(self._beyond_lens)
+        losses = lens_losses(self._beyond_lens, self.rows.get(Boxes.NAME, 0))
         if (said := self._extents.warning(self._cameras.values(), given=self.plan.image_size is not None)) is not None:
             note(said)
         for topic, remark in self.bag.remarks.items():

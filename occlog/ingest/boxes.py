@@ -100,12 +100,13 @@ def box_options(plan: IngestPlan, scene: Scene | None = None) -> BoxOptions:
         classes=plan.classes,
         sizes=sizes,
         others=plan.allow_uncalibrated and not _named_cameras(plan),
+        lenient=True,
     )
 
 
 def truth_options(plan: IngestPlan, scene: Scene) -> BoxOptions:
     """Options for reading true boxes; all classes are kept unless one is given."""
-    options = replace(box_options(plan, scene), others=False)
+    options = replace(box_options(plan, scene), others=False, lenient=False)
     if plan.truth_first_number is not None:
         options = replace(options, first_number=plan.truth_first_number)
     return options if plan.classes else replace(options, classes=None)
@@ -127,7 +128,7 @@ def inside(
     `given`: the user gives it.
     """
     sizes = {c.name: c.image_size for c in scene.cameras if c.image_size is not None}
-    extents = BoxExtents(sizes)
+    extents, total = BoxExtents(sizes), 0
     outside: Counter[str] = Counter()
     askew: Counter[str] = Counter()
     over: Counter[str] = Counter()
@@ -141,6 +142,7 @@ def inside(
         beyond = np.maximum(-edges, far - size)
         gone: Bools = np.asarray(((far <= 0) | (edges >= size)).any(axis=1))
         extents.add(table)
+        total += int(np.count_nonzero(table.box >= 0))
         unseen = beyond_lens(table, scene) & ~gone
         askew.update(table.sensor[unseen].tolist())
         out = (beyond > 1.0).any(axis=1) & ~gone & ~unseen & np.isfinite(width)
@@ -150,8 +152,8 @@ def inside(
         lost = gone | unseen
         yield without(table, lost) if lost.any() else table
     for name, count in sorted(outside.items()):
-        losses.append(Loss(name, "boxes", f"{OUTSIDE_IMAGE} of {sizes[name][0]} x {sizes[name][1]} px", count))
-    losses.extend(lens_losses(askew))
+        losses.append(Loss(name, "boxes", f"{OUTSIDE_IMAGE} of {sizes[name][0]} x {sizes[name][1]} px", count, total))
+    losses.extend(lens_losses(askew, total))
     if (said := extents.warning(known, given=given)) is not None:
         note(said)
     if over:
@@ -171,10 +173,10 @@ def beyond_lens(table: Boxes, scene: Scene) -> Bools:
     return gone
 
 
-def lens_losses(counts: Mapping[str, int]) -> list[Loss]:
-    """The losses of boxes where a lens is not used, by cameras."""
+def lens_losses(counts: Mapping[str, int], total: int) -> list[Loss]:
+    """The losses of boxes where a lens is not used, by cameras, of `total` boxes of all."""
     what = f"more than {MAX_FISHEYE_DEG:.0f} degrees off the axis of a fisheye lens"
-    return [Loss(name, "boxes", what, count) for name, count in sorted(counts.items())]
+    return [Loss(name, "boxes", what, count, total) for name, count in sorted(counts.items())]
 
 
 def without(table: B, gone: Bools) -> B:
