@@ -81,7 +81,7 @@ def run_ingest(request: IngestRequest, job: Job) -> tuple[dict[str, object], lis
             raise done.failures[0]
         sizes = {s.name: Sized(s.decoder.size, s.decoder.bars) for s in sources}
         sizes |= {name: Sized(size) for name, size in (bag.found.sizes.items() if bag else ())}
-        scene = fit_sizes(scene, with_stated_sizes(sizes, survey), note)
+        scene = fit_sizes(scene, with_stated_sizes(sizes, survey, scene, plan.image_size), note)
         times = _all_times(plan, scene, sources, survey)
         settings = plan.parameters() | ({} if turn is None else turn.parameters())
         provenance = Provenance("ingest", settings, None, hash_inputs(plan.paths()))
@@ -231,7 +231,8 @@ def _write_tables(
     if survey is not None:
         known = known_cameras(plan, scene)
         read = read_boxes(box_files(plan), survey, times, known, box_options(plan, scene), Boxes, done.losses)
-        tables.append(inside(read, scene, done.losses, note))
+        sized = {*survey.sizes, *plan.video, *plan.images}
+        tables.append(inside(read, scene, done.losses, note, sized, given=plan.image_size is not None))
     copies = Copies(several=len(plan.doa) > 1)
     for sensor, path in plan.doa:
         clocks = {a.name: c for a in scene.arrays if (c := clock_of(scene, a.name)) is not None}
