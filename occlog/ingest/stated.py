@@ -16,7 +16,7 @@ PICTURES, STARTS, SIDECARS, ENDS = "picture metadata", "video start times", "uni
 """Names of checks."""
 UNIT_FACTORS, UNIT_TOLERANCE = (1e3, 1e6, 1e9), 1.5
 """Ratios of units of time, and how much a ratio of durations may differ from one that states a wrong unit."""
-MIN_START_S = 0.05
+MIN_START_S = 0.1
 """Time stamp of a first frame [s] from which it is noted; a container may count from the first packet."""
 MAX_BOXLESS_SHARE = 0.1
 """Share of frames after a camera's last box above which the numbering of the boxes is doubtful."""
