@@ -412,6 +412,7 @@ def _table(rows: _Rows, options: PositionOptions, step: int) -> Positions:
 def _empty_frames(rows: _Rows, source: str, options: PositionOptions, step: int) -> Positions:
     """A row for each frame of a source between its first and last one in which it found no target."""
     there = np.unique(rows.frame[rows.sensor == source])
+    step = _frame_step(there) if len(there) > MIN_FRAME_STEPS else step
     missing = np.setdiff1d(np.arange(there[0], there[-1] + 1, step), there)
     n = len(missing)
     nothing = np.full(n, np.nan)

@@ -319,9 +319,9 @@ def _describe(
 def _remedied(path: Path, what: str) -> str:
     """What the decoder did not convert, with a command that does."""
     interlaced = "interlaced" in what.lower()
-    made = shlex.quote(f"{path.stem}-converted.mp4")
+    made = shlex.quote(str(path.with_name(f"{path.stem}-converted.mp4")))
     deinterlace = "-vf bwdif=send_frame " if interlaced else ""
-    command = f"ffmpeg -i {shlex.quote(path.name)} {deinterlace}-an -c:v libx264 -crf 12 {made}"
+    command = f"ffmpeg -i {shlex.quote(str(path))} {deinterlace}-an -c:v libx264 -crf 12 {made}"
     if interlaced:
         return f"it is interlaced, of which OpenCV makes no pictures; deinterlace it: {command}"
     return f"OpenCV makes no pictures of it ({what}); convert it: {command}"

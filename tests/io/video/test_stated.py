@@ -110,11 +110,12 @@ def test_the_stamp_of_the_first_frame_is_stated(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["inter.mp4", "m2inter.mkv"])
 def test_interlaced_video_gives_pictures_or_a_refusal_with_the_remedy(shared_cases: Path, name: str) -> None:
     """OpenCV returns a buffer that nothing filled where FFmpeg does not convert an interlaced frame."""
+    path = shared_cases / "v10-interlaced" / name
     try:
-        _, images = decoded(shared_cases / "v10-interlaced" / name)
+        _, images = decoded(path)
     except InputError as error:
         assert "interlaced" in str(error)
-        assert f"ffmpeg -i {name} -vf bwdif=send_frame" in str(error)
+        assert f"ffmpeg -i {path} -vf bwdif=send_frame" in str(error)
         return
     assert len(images) == 100
     assert np.mean([image.mean() for image in images]) == pytest.approx(88, abs=3)
