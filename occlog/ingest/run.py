@@ -85,6 +85,9 @@ def run_ingest(request: IngestRequest, job: Job) -> tuple[dict[str, object], lis
         sizes = {s.name: Sized(s.decoder.size, s.decoder.bars) for s in sources}
         sizes |= {name: Sized(size) for name, size in (bag.found.sizes.items() if bag else ())}
         scene = fit_sizes(scene, with_stated_sizes(sizes, survey), note)
+        if survey is not None:
+            recorded = {s.name: s.decoder.frames for s in sources if s.name in plan.video and s.decoder.frames}
+            survey = replace(survey, recorded=recorded)
         times = _all_times(plan, scene, sources, survey)
         settings = plan.parameters() | ({} if turn is None else turn.parameters())
         provenance = Provenance("ingest", settings, None, _hashes(plan))

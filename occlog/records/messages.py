@@ -361,9 +361,8 @@ VERDICT: dict[str, Message] = {
     ),
     "speeds-high": Message(
         W,
-        "people who move have a median speed of {speed:.3g} {unit}/s (allowed: {allowed:.2g}), in tracks of "
-        "{life_s:.2g} s; {births_per_s:.2g} begin each second",
-        "check the frame rate (ingest --fps) and the unit of times",
+        "people move at {speed:.2g} {unit}/s (median; allowed: {allowed:.2g}); {births_per_s:.2g} tracks a second begin",
+        "check frame rate (ingest --fps) and unit of times",
     ),
     "speeds-low": Message(
         W,
@@ -452,8 +451,8 @@ VERDICT: dict[str, Message] = {
     ),
     "pictures-not-turned": Message(
         N,
-        "camera {sensors}: the metadata of its file ask for pictures that are {how}; they are stored as they are coded",
-        "a calibration of turned pictures does not fit them",
+        "camera {sensors}: its pictures are stored as coded, and not {how} as the metadata of the file state",
+        "a calibration of turned pictures does not fit",
     ),
     "pixels-not-square": Message(
         N,
@@ -473,7 +472,7 @@ VERDICT: dict[str, Message] = {
     "camera-frozen": Message(
         N,
         "camera {sensors}: {count} identical frames in {duration_s:.3g} s from {time}, while others go on",
-        "leave its frames of this time out if its stream had stopped",
+        "omit them if its stream had stopped",
     ),
     "boxes-end-early": Message(
         N, "camera {sensors}: its boxes end at frame {last} of {frames} of its pictures; {hint}"

@@ -147,7 +147,7 @@ class PeopleSummary(_Counts):
         """Begin with all counts at 0."""
         super().__init__(inputs)
         self.agreement = agreement
-        self.speeds = PeopleSpeeds(inputs.config.person_height)
+        self.speeds = PeopleSpeeds(agreement.person_height)
         self.positions: PositionErrors | None = None
 
     def learned(self, state: object) -> None:

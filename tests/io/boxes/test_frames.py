@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -173,3 +174,12 @@ def test_the_cases_of_shared_recordings(shared_cases: Path) -> None:
     case = shared_cases / "v06-time-column-in-ms"
     with pytest.raises(InputError, match="column time: 100 s from frame to frame"):
         survey_boxes([BoxFile(case / "left.csv", "left")], (), BoxOptions())
+
+
+def test_a_camera_has_no_more_frames_than_were_recorded(tmp_path: Path) -> None:
+    left, right = table(tmp_path / "l.csv", list(range(50))), table(tmp_path / "r.csv", list(range(20)))
+    survey = survey_boxes([BoxFile(left, "l"), BoxFile(right, "r")], (), BoxOptions())
+    clocks = dict.fromkeys("lr", at(10))
+    assert survey.frames(clocks)["r"] == range(50)
+    assert replace(survey, recorded={"r": 30}).frames(clocks) == {"l": range(50), "r": range(30)}
+    assert replace(survey, recorded={"r": 10}).frames(clocks)["r"] == range(20)

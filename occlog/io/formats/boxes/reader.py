@@ -122,9 +122,9 @@ def table_times(found: dict[int, int], first: int, stop: int, where: str) -> Fra
 B = TypeVar("B", bound=Boxes)
 NORMALISED_PX = 1.5
 """Largest coordinate up to which many boxes are taken to be given in shares of the image, not in pixels."""
-STOPPED_BOXES, STOPPED_FRAMES = 2, 10
-"""Boxes in the first or last frame with boxes that show that the camera did not run beyond it, for people come and go
-one by one, where it had no box in so many more frames."""
+STOPPED_BOXES, STOPPED_FRAMES, END_FRAMES = 2, 10, 3
+"""Boxes in one of the first or last `END_FRAMES` frames with boxes that show that the camera did not run beyond them,
+for people come and go one by one, where it would have no box in so many more frames."""
 MIN_LISTED_FRAMES, MIN_BOX_FRAMES = 3, 20
 """Frames of a camera from which those between are none where all are multiples of a step: where the file lists its
 frames, and where it has those with boxes alone."""
@@ -188,6 +188,7 @@ class BoxSurvey:
         beyond: number of boxes in other frames.
         given: the range is stated, so that every camera has all frames of it.
         reach: how many frames without a box a camera may have had before its range and after it.
+        recorded: number of frames of cameras of which it is known.
         kinds: formats of the files, in words.
         classes: classes of the boxes that are kept, and how many boxes each has; one without a name: not stated.
         left_out: the same of boxes of other classes.
@@ -204,6 +205,7 @@ class BoxSurvey:
     beyond: int = 0
     given: bool = False
     reach: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    recorded: Mapping[str, int] = field(default_factory=dict)
     kinds: tuple[str, ...] = ()
     classes: Counter[tuple[str, ...]] = field(default_factory=Counter)
     left_out: Counter[tuple[str, ...]] = field(default_factory=Counter)
@@ -238,10 +240,11 @@ class BoxSurvey:
         slack = slack if math.isfinite(slack) else 0.0
         begin = min(clock.elapsed_ns(each[0]) for each, clock in there) - slack
         end = max(clock.elapsed_ns(each[-1]) for each, clock in there) + slack
-        return {
-            name: _extended(each, clock.until(begin), clock.until(end), self.reach.get(name, (math.inf, math.inf)))
-            for name, (each, clock) in own.items()
-        }
+        frames = {}
+        for name, (each, clock) in own.items():
+            last = min(clock.until(end), self.recorded.get(name, MAX_FRAMES) - 1)
+            frames[name] = _extended(each, clock.until(begin), last, self.reach.get(name, (math.inf, math.inf)))
+        return frames
 
 
 def _extended(own: range, before: int, last: int, reach: tuple[float, float]) -> range:
@@ -318,8 +321,7 @@ def classes_in(file: BoxFile) -> Counter[tuple[str, ...]]:
 class _CameraFrames:
     """Frames of one camera: lowest and highest number, and step in which all can be counted.
 
-    `listed` are frames that the file lists, `boxed` those with boxes, `first` and `last` the boxes in the lowest and
-    the highest one.
+    `listed` are frames that the file lists, `boxed` those with boxes, `ends` the boxes of the lowest and highest ones.
     """
 
     low: int = 0
@@ -327,8 +329,7 @@ class _CameraFrames:
     step: int = 0
     listed: int = 0
     boxed: int = 0
-    first: int = 0
-    last: int = 0
+    ends: dict[int, int] = field(default_factory=dict)
 
     @property
     def count(self) -> int:
@@ -343,15 +344,16 @@ class _CameraFrames:
         if not self.count:
             self.low, self.high = low, high
         self.step = math.gcd(self.step, int(np.gcd.reduce(frames - self.low)))
-        self.first, self.last = self.first * (low >= self.low), self.last * (high <= self.high)
         self.low, self.high = min(low, self.low), max(high, self.high)
-        number = len(np.unique(frames))
+        numbers, counts = np.unique(frames, return_counts=True)
         if listed:
-            self.listed += number
+            self.listed += len(numbers)
             return
-        self.boxed += number
-        self.first += int(np.count_nonzero(frames == self.low))
-        self.last += int(np.count_nonzero(frames == self.high))
+        self.boxed += len(numbers)
+        for k in {*range(len(numbers))[:END_FRAMES], *range(len(numbers))[-END_FRAMES:]}:
+            self.ends[int(numbers[k])] = self.ends.get(int(numbers[k]), 0) + int(counts[k])
+        order = sorted(self.ends)
+        self.ends = {n: self.ends[n] for n in {*order[:END_FRAMES], *order[-END_FRAMES:]}}
 
     @property
     def range(self) -> range:
@@ -363,10 +365,14 @@ class _CameraFrames:
     @property
     def reach(self) -> tuple[float, float]:
         """How many frames without a box there may have been before the range and after it."""
-        if self.listed > self.boxed:
+        if self.listed > self.boxed and self.listed >= MIN_LISTED_FRAMES:
             return 0.0, 0.0
-        few, many = (math.inf if boxes < STOPPED_BOXES else STOPPED_FRAMES for boxes in (self.first, self.last))
-        return few, many
+        order = sorted(self.ends)
+        first, last = (
+            max((self.ends[n] for n in part), default=0) for part in (order[:END_FRAMES], order[-END_FRAMES:])
+        )
+        before, after = (math.inf if boxes < STOPPED_BOXES else STOPPED_FRAMES for boxes in (first, last))
+        return before, after
 
 
 def _column_times(found: _BoxScan, first: int, stop: int, where: str) -> dict[str, FrameTimes]:
