@@ -47,7 +47,7 @@ def survey(plan: IngestPlan, scene: Scene, note: Note) -> BoxSurvey | None:
         said.append(f"skipped: class {in_words(found.left_out)}")
     frames = f"frames {found.first} to {found.stop - 1}"
     steps = {name: each.step for name, each in found.ranges.items()}
-    if max(steps.values()) > 1:
+    if max(steps.values(), default=1) > 1:
         alike = len(set(steps.values())) == 1
         text = str(max(steps.values())) if alike else ", ".join(f"{step} ({name})" for name, step in steps.items())
         frames += f" in steps of {text} (the frame rate counts every number)"

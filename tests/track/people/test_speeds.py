@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from occlog.array_types import NS, Floats
+from occlog.cli.main import run
+from occlog.errors import ExitCode
 from occlog.records.tables import PeopleTracks
 from occlog.track.people.rows import COVARIANCES
 from occlog.track.people.speeds import PeopleSpeeds
@@ -98,3 +102,19 @@ def test_rows_in_parts_give_what_they_give_at_once() -> None:
         many.add(whole.take(rows))
     assert one.checks("m") == many.checks("m")
     assert one.median == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.slow
+def test_a_frame_rate_ten_times_too_high_is_in_the_verdict_of_track(
+    shared_cases: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Three people at 0.7 m/s, whom two cameras see at 10 frames a second."""
+    case, recording = shared_cases / "v06-time-column-in-ms", tmp_path / "w.mcap"
+    args = ["ingest", "-o", str(recording), "--fps", "100"]
+    for name in ("left", "right"):
+        lines = (case / f"{name}.csv").read_text().splitlines()
+        (tmp_path / f"{name}.csv").write_text("\n".join(line.partition(",")[2] for line in lines))
+        args += ["--boxes", f"{name}={tmp_path / name}.csv", "--calibration", str(case / f"{name}.yaml")]
+    assert run(args) == ExitCode.DONE
+    assert run(["track", str(recording), "--method", "jipda", "-o", str(tmp_path / "t.parquet")]) == ExitCode.DONE
+    assert "no (track: speeds-high)" in capsys.readouterr().out

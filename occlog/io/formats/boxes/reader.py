@@ -216,12 +216,12 @@ class BoxSurvey:
     @property
     def first(self) -> int:
         """First frame of all cameras."""
-        return min(each[0] for each in self.ranges.values() if each)
+        return min((each[0] for each in self.ranges.values() if each), default=0)
 
     @property
     def stop(self) -> int:
         """Frame after the last one of all cameras."""
-        return max(each[-1] for each in self.ranges.values() if each) + 1
+        return max((each[-1] for each in self.ranges.values() if each), default=-1) + 1
 
     def frames(self, times: Mapping[str, FrameTimes]) -> dict[str, range]:
         """Frames of each camera from the first to the last time at which any camera has a box.
