@@ -186,7 +186,7 @@ class BoxSurvey:
         times: times of frames, from the files' own column of times.
         rows: number of boxes in these frames.
         beyond: number of boxes in other frames.
-        given: the range is stated, so that every camera has all frames of it.
+        given: first frame and the one after the last, where they are stated: every camera has them.
         reach: how many frames without a box a camera may have had before its range and after it.
         recorded: number of frames of cameras of which it is known.
         kinds: formats of the files, in words.
@@ -203,7 +203,7 @@ class BoxSurvey:
     times: Mapping[str, FrameTimes]
     rows: int
     beyond: int = 0
-    given: bool = False
+    given: tuple[int, int] | None = None
     reach: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     recorded: Mapping[str, int] = field(default_factory=dict)
     kinds: tuple[str, ...] = ()
@@ -216,12 +216,12 @@ class BoxSurvey:
     @property
     def first(self) -> int:
         """First frame of all cameras."""
-        return min((each[0] for each in self.ranges.values() if each), default=0)
+        return self.given[0] if self.given else min(each[0] for each in self.ranges.values() if each)
 
     @property
     def stop(self) -> int:
         """Frame after the last one of all cameras."""
-        return max((each[-1] for each in self.ranges.values() if each), default=-1) + 1
+        return self.given[1] if self.given else max(each[-1] for each in self.ranges.values() if each) + 1
 
     def frames(self, times: Mapping[str, FrameTimes]) -> dict[str, range]:
         """Frames of each camera from the first to the last time at which any camera has a box.
@@ -297,7 +297,7 @@ def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOpt
         times=_column_times(found, first, stop, where),
         rows=found.rows - found.beyond,
         beyond=found.beyond,
-        given=options.frames is not None,
+        given=options.frames,
         reach={name: each.reach for name, each in found.frames.items()},
         kinds=tuple(dict.fromkeys(found.kinds)),
         classes=found.classes,
