@@ -110,12 +110,13 @@ def box_options(plan: IngestPlan, scene: Scene | None = None) -> BoxOptions:
         classes=plan.classes,
         sizes=sizes,
         others=plan.allow_uncalibrated and not _named_cameras(plan),
+        lenient=True,
     )
 
 
 def truth_options(plan: IngestPlan, scene: Scene) -> BoxOptions:
     """Options for reading true boxes; all classes are kept unless one is given."""
-    options = replace(box_options(plan, scene), others=False)
+    options = replace(box_options(plan, scene), others=False, lenient=False)
     if plan.truth_first_number is not None:
         options = replace(options, first_number=plan.truth_first_number)
     return options if plan.classes else replace(options, classes=None)
@@ -128,6 +129,7 @@ def inside(tables: Iterator[B], scene: Scene, losses: list[Loss], note: Note) ->
     are is noted, since many of them are a sign of another size of the images.
     """
     sizes = {c.name: c.image_size for c in scene.cameras if c.image_size is not None}
+    total = 0
     outside: Counter[str] = Counter()
     over: Counter[str] = Counter()
     farthest = 0.0
@@ -140,12 +142,13 @@ def inside(tables: Iterator[B], scene: Scene, losses: list[Loss], note: Note) ->
         beyond = np.maximum(-edges, far - size)
         gone: Bools = np.asarray(((far <= 0) | (edges >= size)).any(axis=1))
         out = (beyond > 1.0).any(axis=1) & ~gone & np.isfinite(width)
+        total += int(np.count_nonzero(table.box >= 0))
         outside.update(table.sensor[gone].tolist())
         over.update(table.sensor[out].tolist())
         farthest = max(farthest, float(beyond[out].max(initial=0.0)))
         yield _without(table, gone) if gone.any() else table
     for name, count in sorted(outside.items()):
-        losses.append(Loss(name, "boxes", f"{OUTSIDE_IMAGE} of {sizes[name][0]} x {sizes[name][1]} px", count))
+        losses.append(Loss(name, "boxes", f"{OUTSIDE_IMAGE} of {sizes[name][0]} x {sizes[name][1]} px", count, total))
     if over:
         text = ", ".join(f"{name} {count}" for name, count in sorted(over.items()))
         note(f"boxes over the border of the image, by up to {farthest:.0f} px: {text}; kept as they are")

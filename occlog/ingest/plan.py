@@ -404,6 +404,8 @@ class IngestPlan(Settings):
 
     def inputs(self) -> list[Path]:
         """Every file that is read; a folder represents the files in it."""
+        from occlog.io.files.provenance import files_in
+
         return [file for path in self.paths() for file in (files_in(path) if path.is_dir() else [path])]
 
     def folders(self) -> list[Path]:
@@ -418,11 +420,6 @@ class IngestPlan(Settings):
                 continue
             shown[key] = _plain(value)
         return shown
-
-
-def files_in(folder: Path) -> list[Path]:
-    """All files in a folder and its subfolders, in order."""
-    return sorted(path for path in folder.rglob("*") if path.is_file())
 
 
 def _plain(value: object) -> object:

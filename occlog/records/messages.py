@@ -308,6 +308,21 @@ VERDICT: dict[str, Message] = {
         "{share:.0%} of {boxes} boxes are associated with no track (allowed: {allowed:.0%})",
         "check poses, ground and unit of the calibration, and the class of the boxes",
     ),
+    "camera-unassociated": Message(
+        W,
+        "camera {sensors}: {count} of {boxes} moving boxes are associated with no track (allowed: {allowed:.0%})",
+        "check that its extrinsics are world-to-camera, its image size, and that the boxes are of this camera",
+    ),
+    "camera-alone": Message(
+        N,
+        "camera {sensors} shares no person with another camera, in {count} rows that it alone supports",
+        "check its pose if its view overlaps with others",
+    ),
+    "people-outside-room": Message(
+        W,
+        "people are outside the room in {count} of {rows} rows (allowed: {allowed:.0%}), seen by {sensors}",
+        "check the poses of these cameras, and the room of the scene",
+    ),
     "camera-below-ground": Message(
         W, "camera {sensors} is below the ground (z < 0)", "check which way is up, and where the ground is"
     ),
@@ -361,7 +376,7 @@ VERDICT: dict[str, Message] = {
     ),
     "speeds-high": Message(
         W,
-        "people move at {speed:.2g} {unit}/s (median; allowed: {allowed:.2g}); {births_per_s:.2g} tracks a second begin",
+        "people move at {speed:.2g} {unit}/s (median; limit {allowed:.2g}); {births_per_s:.2g} tracks a second begin",
         "check frame rate (ingest --fps) and unit of times",
     ),
     "speeds-low": Message(
