@@ -100,3 +100,25 @@ def test_info_lists_what_a_video_states(shared_cases: Path, tmp_path: Path, caps
     assert set(found) == {"pictures-turned"}
     assert run(["info", str(tmp_path / "w.mcap")]) == ExitCode.DONE
     assert "note: ingest: camera cam1: its pictures are rotated by 180 deg" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("bits", "ids"), [(14, {"values-dim"}), (16, set())])
+def test_images_of_16_bits_that_use_14_are_stated_to_be_dark(tmp_path: Path, bits: int, ids: set[str]) -> None:
+    folder = tmp_path / "a"
+    folder.mkdir()
+    for n in range(3):
+        grey = cv2.cvtColor(numbered(n), cv2.COLOR_BGR2GRAY).astype(np.float64)
+        cv2.imwrite(str(folder / f"{n}.png"), np.round(grey * (2**bits - 1) / grey.max()).astype(np.uint16))
+    assert set(ingest(tmp_path, "--images", f"a={folder}", "--fps", "10")) == ids
+
+
+def test_images_that_are_turned_by_their_exif_data_say_so(tmp_path: Path) -> None:
+    folder = tmp_path / "a"
+    folder.mkdir()
+    exif = b"Exif\0\0II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0"
+    for n in range(3):
+        data = cv2.imencode(".jpg", numbered(n))[1].tobytes()
+        (folder / f"{n}.jpg").write_bytes(data[:2] + b"\xff\xe1" + (len(exif) + 2).to_bytes(2, "big") + exif + data[2:])
+    found = ingest(tmp_path, "--images", f"a={folder}", "--fps", "10")
+    assert set(found) == {"pictures-turned"}
+    assert "rotated by 90 deg" in found["pictures-turned"].text
