@@ -39,6 +39,10 @@ class IngestRequest(Request):
 
     OWNER: ClassVar[str] = "ingest"
     RUN: ClassVar[str] = "occlog.ingest.run:run_ingest"
+    JUDGED: ClassVar[bool] = True
+    STRICT: ClassVar[str] = (
+        "if a consistency check fails, and with code 3 if any box is faulty. The recording is written anyway."
+    )
 
     bags: tuple[Path, ...] = source(
         "ROS 2 bags, external MCAP files, or the WILDTRACK folder.",

@@ -34,6 +34,7 @@ from occlog.records.columns import ColumnTable
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, Positions, Reads, Truth, TruthBoxes
+from occlog.records.verdicts import summary_of
 from occlog.runner import Job
 
 from .bag import BagCameraPoses, Taking, check_plan, check_truth_frames, look_into, place_cameras
@@ -105,8 +106,9 @@ def run_ingest(request: IngestRequest, job: Job) -> tuple[dict[str, object], lis
             note(f"camera {name}: {count}times from {source}")
         parameters = {**settings, "time_sources": dict(sorted(done.times.items()))}
         made = replace(provenance, parameters=parameters, losses=tuple(done.losses))
-        writer.annotate(job.judged(made, (*done.seen.checks(), *source_checks(plan, sources, survey))))
-    return _summary(plan, done), done.losses
+        judged = job.judged(made, (*done.seen.checks(), *source_checks(plan, sources, survey)))
+        writer.annotate(judged)
+    return {**_summary(plan, done), **summary_of(judged.judged)}, done.losses
 
 
 class _OpenBag(NamedTuple):
