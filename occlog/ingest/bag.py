@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.errors import InputError, OcclogError, UsageError
+from occlog.errors import InputError, OcclogError, UsageError, option
 from occlog.io.files.frame_times import FrameTimes, to_world_time
 from occlog.io.files.utc import utc
 from occlog.io.formats.calibration.common import CalibrationOptions, Pose, build_camera
@@ -55,6 +55,8 @@ BODY = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """(3, 3) body-from-optical: x forward, y left, z up from x right, y down, z forward (REP 103)."""
 ROUNDED = 1e-6
 """Calibrations that differ by less than this are the same."""
+VIDEO = "CompressedVideo"
+"""Ending of the types of messages with a stream of video."""
 STEEP = math.cos(math.radians(30))
 """An optical axis this near to straight up is that of a frame with z up, and not forward."""
 
@@ -77,6 +79,11 @@ def look_into(bag: Bag, plan: IngestPlan, note: Note) -> BagSurvey:
         held = ", ".join(f"{t.name} ({t.kind or 'no type'})" for t in found.topics.values()) or "no topic"
         named = any(kind_of(t.kind) is not None for t in found.topics.values())
         remedy = "name boxes and true positions by their topics" if named else "no topic is of a type that is known"
+        if any(t.kind.endswith(VIDEO) for t in found.topics.values()):
+            remedy = (
+                f"video in messages ({VIDEO}) is not read: write each stream to a video file, times to a sidecar, and "
+                f"give {option('video')} and {option('timestamps')}"
+            )
         raise InputError(f"{bag.paths[0]}: holds no images, boxes or directions that can be taken: {held}; {remedy}")
     for line in topic_lines(found):
         note(f"bag: {line}")
