@@ -20,6 +20,8 @@ MIN_PILE = 5
 PILE_RATIO = 3.0
 """Least ratio of the boxes at that pixel to those at any of the `NEIGHBOURS` before it."""
 NEIGHBOURS = 8
+MIN_SPREAD = 0.02
+"""Least spread of the boxes along a border, in sides of the image; those of an object that does not move have none."""
 MIN_BORDERS = 2
 """Borders, of any cameras, that must agree on a scale."""
 SAME_SCALE = 0.005
@@ -48,16 +50,22 @@ class BoxExtents:
         """Begin with the widths and heights [px] of the images of the cameras."""
         self._sizes = sizes
         self._counts: dict[tuple[str, int], Ints] = {}
+        self._along: dict[tuple[str, int], Floats] = {}  # (MAX_PX, 2) least and greatest middle of the boxes along it
 
     def add(self, table: Boxes) -> None:
         """Count the boxes of a table."""
         far = np.column_stack([table.left_px + table.width_px, table.top_px + table.height_px])
+        middle = far - 0.5 * np.column_stack([table.width_px, table.height_px])
         for name in np.unique(table.sensor[table.box >= 0]).tolist():
-            own = far[(table.sensor == name) & (table.box >= 0)]
+            mine = (table.sensor == name) & (table.box >= 0)
+            own = far[mine]
             for axis in (0, 1):
                 pixels = np.clip(np.round(own[:, axis]), 0, MAX_PX - 1).astype(np.int64)
                 before = self._counts.setdefault((name, axis), np.zeros(MAX_PX, dtype=np.int64))
                 before += np.bincount(pixels, minlength=MAX_PX)
+                along = self._along.setdefault((name, axis), np.tile([np.inf, -np.inf], (MAX_PX, 1)))
+                np.minimum.at(along[:, 0], pixels, middle[mine, 1 - axis])
+                np.maximum.at(along[:, 1], pixels, middle[mine, 1 - axis])
 
     def warning(self, known: Collection[str], *, given: bool = False) -> str | None:
         """A warning where the images seem to have another size than stated; None: they do not.
@@ -108,6 +116,8 @@ class BoxExtents:
         before = count[max(last - NEIGHBOURS, 0) : last]
         if pile < MIN_PILE or pile < PILE_RATIO * float(before.max(initial=0)):
             return None
+        if np.ptp(self._along[name, axis][last]) < MIN_SPREAD * self._sizes[name][1 - axis]:
+            return None  # one object that does not move
         # Boxes end at the last pixel or at the edge behind it: at that which gives whole pixels on the other side
         stated, other = self._sizes[name][axis], self._sizes[name][1 - axis]
         odd: Floats = np.array([abs(other * n / stated - round(other * n / stated)) for n in (last, last + 1)])

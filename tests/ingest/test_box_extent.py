@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -70,6 +71,17 @@ def test_boxes_of_larger_images_are_told_where_no_border_ends_them() -> None:
 def test_a_single_camera_is_told_where_both_borders_agree() -> None:
     rng = np.random.default_rng(4)
     assert warning({"a": SIZE}, [boxes("a", rng, (1280, 720), (1280, 720))]) is not None
+
+
+def test_an_object_that_does_not_move_is_no_border() -> None:
+    still = boxes("a", np.random.default_rng(4), SIZE)
+    same = {
+        name: np.full(len(still), value)
+        for name, value in zip(
+            ("left_px", "top_px", "width_px", "height_px"), (1200.0, 600.0, 79.0, 119.0), strict=True
+        )
+    }
+    assert warning({"a": SIZE}, [replace(still, **same)]) is None
 
 
 def test_a_hundred_rigs_of_the_stated_size_are_not_told() -> None:
