@@ -40,8 +40,11 @@ def shared_data() -> Path:
 
 @pytest.fixture(scope="session")
 def shared_cases(shared_data: Path) -> Path:
-    """Folder of small inputs that were once read wrongly; each has a README with its source and its right value."""
-    return shared_data.parent / "cases"
+    """Folder of inputs that went wrong once, beside the recorded data; the test is skipped where it is missing."""
+    path = shared_data.parent / "cases"
+    if not path.is_dir():
+        pytest.skip(f"cases not found at {path}")
+    return path
 
 
 @pytest.fixture(scope="session")

@@ -82,7 +82,7 @@ def run_ingest(request: IngestRequest, job: Job) -> tuple[dict[str, object], lis
             raise done.failures[0]
         sizes = {s.name: Sized(s.decoder.size, s.decoder.bars) for s in sources}
         sizes |= {name: Sized(size) for name, size in (bag.found.sizes.items() if bag else ())}
-        scene = fit_sizes(scene, with_stated_sizes(sizes, survey), note)
+        scene = fit_sizes(scene, with_stated_sizes(sizes, survey, scene, plan.image_size), note)
         if survey is not None:
             recorded = {s.name: s.decoder.frames for s in sources if s.name in plan.video and s.decoder.frames}
             survey = replace(survey, recorded=recorded)
@@ -236,7 +236,8 @@ def _write_tables(
         known = known_cameras(plan, scene)
         note_frames(survey, times, note)
         read = read_boxes(box_files(plan), survey, times, known, box_options(plan, scene), Boxes, done.losses)
-        tables.append(inside(read, scene, done.losses, note))
+        sized = {*survey.sizes, *plan.video, *plan.images}
+        tables.append(inside(read, scene, done.losses, note, sized, given=plan.image_size is not None))
     copies = Copies(several=len(plan.doa) > 1)
     for sensor, path in plan.doa:
         clocks = {a.name: c for a in scene.arrays if (c := clock_of(scene, a.name)) is not None}

@@ -308,6 +308,11 @@ VERDICT: dict[str, Message] = {
         "{share:.0%} of {boxes} boxes are associated with no track (allowed: {allowed:.0%})",
         "check poses, ground and unit of the calibration, and the class of the boxes",
     ),
+    "camera-fits-if": Message(
+        W,
+        "{fit:.0%} of the boxes of camera {sensors} fit the tracks if {change}, and {now:.0%} as they are",
+        "correct the calibration or the files of boxes",
+    ),
     "camera-unassociated": Message(
         W,
         "camera {sensors}: {count} of {boxes} moving boxes are associated with no track (allowed: {allowed:.0%})",

@@ -17,12 +17,13 @@ from occlog.records.verdicts import Check, finding, outcome
 from occlog.track.methods.jipda.interface import PositionSource, TrackSnapshot
 from occlog.track.methods.jipda.pose_offset import MIN_ANGLE
 
+from .camera_faults import CameraFaults
 from .clock_offset import ClockOffsetSearch
 from .frame_detections import BoxStatistics, FrameDetectionsWithIds
 from .rows import MIN_MAP_PROBABILITY, detection_probability_by_camera
 
 EXPLAINED, AGREES, ROTATED = "associated boxes", "detection rates of the cameras", "camera orientations"
-CONFIRMED, IN_ROOM = "people seen by other cameras", "people in the room"
+CONFIRMED, IN_ROOM, FITS = "people seen by other cameras", "people in the room", "calibrations and files of boxes"
 MAX_LIMIT_DEG = 1.0
 """Least significant rotation [deg] up to which the check of orientations applies."""
 TIMES, BOXES = "camera clocks", "camera boxes"
@@ -68,7 +69,7 @@ class CameraAgreement:
         self.names = [c.name for c in views]
         cameras = [c for c in views if not isinstance(c, PositionSource)]
         self.heights = [float(c.position[2]) for c in cameras]
-        self._delays = ClockOffsetSearch(cameras)
+        self._delays, self._faults = ClockOffsetSearch(cameras), CameraFaults(cameras)
         n, self.cameras = len(self.names), len(cameras)
         # What one odd camera alone sees is not expected of the others, where these are enough
         self.fewest = 2 if n > 3 else 1
@@ -95,6 +96,7 @@ class CameraAgreement:
         by = detection_probability_by_camera(snapshot, len(self.names)) >= MIN_MAP_PROBABILITY
         in_images = [each for each in frames if each.detections.covariance is None]
         self._delays.add(snapshot, in_images, by[:, : self.cameras])
+        self._faults.add(snapshot, by[:, : self.cameras], in_images)
         for each in in_images:
             self._spots[each.detections.camera].update(_spots(each.detections.boxes))
         if not len(snapshot.ids):
@@ -125,7 +127,7 @@ class CameraAgreement:
         boxes, whole = int(tally.boxes.sum()), tally.boxes + tally.outside + tally.twice
         known, angles = np.isfinite(self.shares), np.abs(self.angles[np.isfinite(self.angles_limit)])
         few = f"fewer than {MIN_EXPECTED_DETECTIONS} people seen elsewhere should be seen plainly in each camera"
-        return (
+        found = (
             *outcome(
                 EXPLAINED,
                 self._unexplained(tally),
@@ -151,6 +153,7 @@ class CameraAgreement:
             *outcome(STATIC, self._static()),
             *outcome(BOXES, self._boxes(tally), unless="" if whole.any() else "there are no boxes"),
         )
+        return (*outcome(FITS, self._causes(found)), *found)
 
     def _common(self) -> Iterator[Check]:
         """State the error of position that all cameras share, if it is large."""
@@ -206,6 +209,16 @@ class CameraAgreement:
                     boxes=moving,
                     allowed=1.0 - MIN_ASSOCIATED_SHARE,
                 )
+
+    def _causes(self, checks: Sequence[Check]) -> Iterator[Check]:
+        """State the mistakes that explain the boxes of cameras, where a check failed."""
+        if any(check.status == "failed" for check in checks):
+            for c, name in enumerate(self.names[: self.cameras]):
+                found = self._faults.fitting(c)
+                if found is not None:
+                    yield finding(
+                        FITS, "camera-fits-if", sensors=[name], fit=found.fit, now=found.now, change=found.words
+                    )
 
     def _moving(self, camera: int) -> int:
         """Number of boxes of a camera that are not always at the same few spots."""
