@@ -252,6 +252,7 @@ def _empty(labels: int, sensors: int) -> ContinuityState:
         factors=np.zeros((labels, 2)),
         accepted=np.zeros(labels, dtype=np.int64),
         agreed=np.zeros(labels, dtype=np.int64),
+        confirmed=np.zeros(labels, dtype=np.int64),
         before=np.tile([-np.inf, 0.0, 0.0, 0.0], (labels, 1)),
         contradicted=np.tile([np.inf, 1.0, *2 * [-np.inf, 0.0, 0.0, 0.0]], (labels, 1)),
         rival_mean=np.zeros((labels, 4)),

@@ -159,6 +159,17 @@ def test_a_target_with_bearings_that_jump_is_named_with_time_and_distance(
     assert found >= least
 
 
+def test_a_track_that_began_at_a_false_bearing_does_not_jump() -> None:
+    """One camera sees the target for 3 s, and another has a false bearing at the begin of that time."""
+    for seed in SEEDS:
+        made = record("walk", 2, miss=0.0, seed=seed)
+        late = (made.bearings.t_ns - made.t_ns[0]) / NS
+        own = made.bearings.take((made.bearings.sensor == "cam1") | (late >= 3.0) | (late == 0.0))
+        first = (own.t_ns == made.t_ns[0]) & (own.sensor == "cam2")
+        _, events = follow(made, [replace(own, bearing=own.bearing + np.where(first, 0.2, 0.0))])
+        assert not events.jumps
+
+
 @pytest.mark.parametrize("motion", ["zig-zag", "walk"])
 @pytest.mark.parametrize("cameras", [2, 4])
 def test_targets_that_turn_quickly_do_not_jump(motion: str, cameras: int) -> None:

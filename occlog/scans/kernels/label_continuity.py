@@ -83,6 +83,7 @@ class ContinuityState(NamedTuple):
     factors: Floats  # (K, 2) sum of the logarithms of this factor after each bearing inside the gate, and their number
     accepted: Ints  # (K,) bearings inside the gate since the filter began
     agreed: Ints  # (K,) of these, since the last time step with a bearing outside
+    confirmed: Ints  # (K,) bearings beyond the first one in time steps in which all agree, since the filter began
     before: Floats  # (K, 4) time, position and trace of its covariance after the update before the last one
     contradicted: Floats  # (K, 10) time of the first bearing that contradicts the filter (inf: none), the factor of the
     # motion's variance, and time (-inf: none), position and trace of the last two updates when it was confirmed
@@ -412,13 +413,15 @@ def _take(
     for k in range(K):
         if rejected[k] > 0.0 and state.contradicted[k, 0] == math.inf:
             state.contradicted[k, 0] = now
-            if state.agreed[k] >= MIN_CONFIRMED:
+            if min(state.agreed[k], state.confirmed[k]) >= MIN_CONFIRMED:
                 state.contradicted[k, 1] = state.scale[k]
                 state.contradicted[k, 2:6], state.contradicted[k, 6:] = state.last[k], state.before[k]
         elif accepted[k] > 0.0 and rejected[k] == 0.0 and state.rival[k, 0] == math.inf:
             state.contradicted[k, 0] = math.inf
         state.agreed[k] = 0 if rejected[k] > 0.0 else state.agreed[k] + int(accepted[k])
         if accepted[k] > 0.0 and rejected[k] == 0.0:
+            # Bearings of one sensor alone agree with a wrong position, too
+            state.confirmed[k] += int(accepted[k]) - 1
             state.before[k] = state.last[k]
     for r in range(first, last):
         k = identity[r]
@@ -451,7 +454,7 @@ def _take(
         variance = walk.variance * state.scale[k]
         if not state.known[k]:
             if _meet(state.recent[k], -math.inf, now, variance, sensors, state.mean[k], state.covariance[k]):
-                state.known[k], state.accepted[k], state.at_s[k] = 1, 0, now
+                state.known[k], state.accepted[k], state.confirmed[k], state.at_s[k] = 1, 0, 0, now
                 state.last[k] = state.before[k] = _position(now, state.mean[k], state.covariance[k])
             continue
         since, m, P = state.contradicted[k, 0], state.rival_mean[k], state.rival_covariance[k]
@@ -494,7 +497,7 @@ def _replace(k: int, now: float, state: ContinuityState, events: Floats) -> int:
             n = 1
         state.mean[k], state.covariance[k] = state.rival_mean[k], state.rival_covariance[k]
         state.last[k] = state.before[k] = _position(now, state.mean[k], state.covariance[k])
-        state.accepted[k], state.agreed[k] = int(rival[5]), 0
+        state.accepted[k], state.agreed[k], state.confirmed[k] = int(rival[5]), 0, 0
         rival[0] = old[0] = math.inf
         old[2] = -math.inf
         return n
