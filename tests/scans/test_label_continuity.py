@@ -147,7 +147,7 @@ def displaced(made: Recording, begin: float, distance: float) -> Bearings:
 def test_a_target_with_bearings_that_jump_is_named_with_time_and_distance(
     cameras: int, distance: float, least: int
 ) -> None:
-    """Of 240 jumps of 1 to 5 m of other recordings 94 % are found (docs/explanation/believe.md)."""
+    """Of 160 jumps of 1 to 5 m of other recordings 95 % are found (docs/explanation/believe.md)."""
     found = 0
     for seed in SEEDS:
         made = record("walk", cameras, seed=seed)
@@ -173,7 +173,7 @@ def test_a_track_that_began_at_a_false_bearing_does_not_jump() -> None:
 @pytest.mark.parametrize("motion", ["zig-zag", "walk"])
 @pytest.mark.parametrize("cameras", [2, 4])
 def test_targets_that_turn_quickly_do_not_jump(motion: str, cameras: int) -> None:
-    """In 600 other clean recordings, a third of them zig-zags, 4 seem to jump: two of 24 are one chance in 80."""
+    """In 300 other clean recordings, a third of them zig-zags, 3 seem to jump: two of 24 are one chance in 40."""
     jumped = 0
     for seed in range(330, 354):
         made = record(motion, cameras, miss=(0.05, 0.3, 0.5)[seed % 3], seed=seed)
