@@ -345,16 +345,16 @@ def _provenance_lines(p: Mapping[str, Any]) -> list[str]:
 
 
 def _verdict_lines(path: Path) -> list[str]:
-    """Return the verdicts of the stages that made a file: plausible or not, numbers of checks, and warnings."""
+    """Return the verdicts of the stages that made a file: plausible or not, numbers of checks, and findings."""
     from occlog.io.files.inputs import verdicts_of_file
-    from occlog.records.verdicts import counts_of, summary_of, texts_of
+    from occlog.records.verdicts import counts_of, found_by_stage, summary_of
 
     verdicts = verdicts_of_file(path)
     if not verdicts:
         return []
     lines = [f"plausible {plausible_in_words(summary_of(verdicts))}"]
     lines += [f"checked   {verdict.stage}: {counts_of(verdict.checks)}" for verdict in verdicts]
-    return lines + [f"          {text}" for text in texts_of(verdicts, "info")]
+    return lines + [f"          {check.severity}: {stage}: {check.text}" for stage, check in found_by_stage(verdicts)]
 
 
 def _describe_table(path: Path, rows: int) -> Description:

@@ -271,7 +271,8 @@ class Taking:
         self._changed: dict[str, list[str]] = {}
         scale = plan.confidence_scale
         self._boxes = {t: MessageBoxRows(name, plan.classes, scale) for name, t in chosen.boxes.items()}
-        self._span = None if plan.frames is None or not self._targets else span_of(plan.frames, self._frame_times())
+        frames = self._frame_times() if plan.frames is not None and self._targets else {}
+        self._span = span_of(dict.fromkeys(frames, range(*plan.frames or (0, 0))), frames)
         self._of_other_times = 0
         self._extents = BoxExtents({c.name: c.image_size for c in scene.cameras if c.image_size is not None})
         self._beyond_lens: Counter[str] = Counter()

@@ -12,6 +12,7 @@ import numpy as np
 
 from occlog.array_types import Bools
 from occlog.console.text import counted
+from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.texts.formats import Probe
 from occlog.io.formats.boxes.datasets import camera_folders, is_annotations, label_files
 from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, BoxSurvey, survey_boxes
@@ -47,10 +48,21 @@ def survey(plan: IngestPlan, scene: Scene, note: Note) -> BoxSurvey | None:
     if found.left_out:
         said.append(f"skipped: class {in_words(found.left_out)}")
     frames = f"frames {found.first} to {found.stop - 1}"
-    if found.step > 1:
-        frames += f" in steps of {found.step} (the frame rate counts every number)"
+    steps = {name: each.step for name, each in found.ranges.items()}
+    if max(steps.values(), default=1) > 1:
+        alike = len(set(steps.values())) == 1
+        text = str(max(steps.values())) if alike else ", ".join(f"{step} ({name})" for name, step in steps.items())
+        frames += f" in steps of {text} (the frame rate counts every number)"
     note(f"boxes: {', '.join(said)}; {frames}; a frame without a box is one without a detection")
     return found
+
+
+def note_frames(found: BoxSurvey, times: Mapping[str, FrameTimes], note: Note) -> None:
+    """Note the frames of each camera where their numbers differ at one time, as those of unequal frame rates do."""
+    frames = found.frames(times)
+    if len({(each.start, each.stop) for each in frames.values()}) > 1:
+        text = ", ".join(f"{name} {each[0]} to {each[-1]}" for name, each in frames.items() if each)
+        note(f"boxes: frames by camera: {text}")
 
 
 def box_files(plan: IngestPlan) -> list[BoxFile]:

@@ -37,12 +37,13 @@ from occlog.records.tables import Boxes, Positions, Reads, Truth, TruthBoxes
 from occlog.runner import Job
 
 from .bag import BagCameraPoses, Taking, check_plan, check_truth_frames, look_into, place_cameras
-from .boxes import box_files, box_options, inside, known_cameras, truth_options
+from .boxes import box_files, box_options, inside, known_cameras, note_frames, truth_options
 from .boxes import survey as survey_of
 from .plan import IngestPlan, with_offsets
 from .request import IngestRequest
 from .scene import Sized, Turn, add_bag_cameras, base_scene, fit_sizes, match_cameras, with_stated_sizes
 from .sources import Copies, IngestFailures, clock_of, open_sources, read_sidecars, start_of, sync_times, times_of
+from .stated import source_checks
 from .times import TimedWriter, Times, TimeSpanNs
 from .truth import check_truth_consistency, note_first_frames, within_frames
 
@@ -82,6 +83,9 @@ def run_ingest(request: IngestRequest, job: Job) -> tuple[dict[str, object], lis
         sizes = {s.name: Sized(s.decoder.size, s.decoder.bars) for s in sources}
         sizes |= {name: Sized(size) for name, size in (bag.found.sizes.items() if bag else ())}
         scene = fit_sizes(scene, with_stated_sizes(sizes, survey, scene, plan.image_size), note)
+        if survey is not None:
+            recorded = {s.name: s.decoder.frames for s in sources if s.name in plan.video and s.decoder.frames}
+            survey = replace(survey, recorded=recorded)
         times = _all_times(plan, scene, sources, survey)
         settings = plan.parameters() | ({} if turn is None else turn.parameters())
         provenance = Provenance("ingest", settings, None, hash_inputs(plan.paths()))
@@ -101,7 +105,7 @@ def run_ingest(request: IngestRequest, job: Job) -> tuple[dict[str, object], lis
             note(f"camera {name}: {count}times from {source}")
         parameters = {**settings, "time_sources": dict(sorted(done.times.items()))}
         made = replace(provenance, parameters=parameters, losses=tuple(done.losses))
-        writer.annotate(job.judged(made, done.seen.checks()))
+        writer.annotate(job.judged(made, (*done.seen.checks(), *source_checks(plan, sources, survey))))
     return _summary(plan, done), done.losses
 
 
@@ -230,6 +234,7 @@ def _write_tables(
     tables: list[Iterator[ColumnTable]] = []
     if survey is not None:
         known = known_cameras(plan, scene)
+        note_frames(survey, times, note)
         read = read_boxes(box_files(plan), survey, times, known, box_options(plan, scene), Boxes, done.losses)
         sized = {*survey.sizes, *plan.video, *plan.images}
         tables.append(inside(read, scene, done.losses, note, sized, given=plan.image_size is not None))

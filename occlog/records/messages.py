@@ -379,6 +379,16 @@ VERDICT: dict[str, Message] = {
         "camera {sensors}: {count} static objects are reported as people, and are not tracked",
         "mask pictures, statues and screens",
     ),
+    "speeds-high": Message(
+        W,
+        "people move at {speed:.2g} {unit}/s (median; limit {allowed:.2g}); {births_per_s:.2g} tracks a second begin",
+        "check frame rate (ingest --fps) and unit of times",
+    ),
+    "speeds-low": Message(
+        W,
+        "{count} of {of} people who cover a distance are never faster than {allowed:.2g} {unit}/s",
+        "check the frame rate (ingest --fps) and the unit of times",
+    ),
     "frame-numbers-sparse": Message(
         W,
         "camera {sensors}: {count} of {frames} frames follow the number before (expected: {allowed:.0%} and more)",
@@ -443,6 +453,49 @@ VERDICT: dict[str, Message] = {
         N,
         "camera {sensors}: its times jump by {jump_s:.6g} s at {time}",
         "check whether its clock was set, or the recording interrupted",
+    ),
+    "rate-implausible": Message(
+        W,
+        "{sensors}: {rate_hz:.3g} frames a second (expected: {least:g} to {most:g})",
+        "check the unit of its times (columns t_ms, t_s) or {option[fps]}",
+    ),
+    "time-stamps-unit": Message(
+        W,
+        "camera {sensors}: its time stamps last {ratio:.3g} times as long as its video",
+        "name their column after its unit (t_ms, t_s)",
+    ),
+    "pictures-turned": Message(
+        N,
+        "camera {sensors}: its pictures are {how}, as the metadata of the file state",
+        "a calibration of the unturned pictures does not fit them",
+    ),
+    "pictures-not-turned": Message(
+        N,
+        "camera {sensors}: its pictures are stored as coded, and not {how} as the metadata of the file state",
+        "a calibration of turned pictures does not fit",
+    ),
+    "pixels-not-square": Message(
+        N,
+        "camera {sensors}: its pixels are {across:g} wide to {down:g} high; the pictures are not stretched",
+        "a calibration of stretched pictures does not fit them",
+    ),
+    "values-dim": Message(
+        N,
+        "camera {sensors}: values of 16 bits up to about {most:.0f} of 65535 in its first picture, stored dark",
+        "scale them to the whole range",
+    ),
+    "video-start": Message(
+        N,
+        "camera {sensors}: the first frame of its video is stamped {start_s:.6g} s, and counts as 0",
+        "if the videos have one clock, give {option[start_time]} {sensors}={start_s:.6g}",
+    ),
+    "camera-frozen": Message(
+        N,
+        "camera {sensors}: {count} identical frames in {duration_s:.3g} s from {time}, while others go on",
+        "omit them if its stream had stopped",
+    ),
+    "boxes-end-early": Message(
+        N, "camera {sensors}: its boxes end at frame {last} of {frames} of its pictures; {hint}"
     ),
     "truth-times-disjoint": Message(
         W,
@@ -578,6 +631,11 @@ DOCTOR: dict[str, Message] = {
         "starts and ends later than the others by the same time (earlier, if negative)",
         "if its clock is off, give an offset (ingest --clock-offset)",
         f"{GAP_INTERVALS:g} usual intervals",
+    ),
+    "frozen-camera": Message(
+        W,
+        "identical frames of a camera, while others go on",
+        "leave its frames of this time out if its stream had stopped",
     ),
     "two-clocks": Message(
         W, "recorded at other times than its header stamps state", "choose one: ingest --timestamp-source"

@@ -277,7 +277,7 @@ def _read_text(
     """
     times: dict[str, FrameTimes] = {camera: frame_times(config)}
     if has_no_rows(path):
-        empty = fill_frames(iter(()), table, [camera], 0, 0 if last is None else last + 1, times)
+        empty = fill_frames(iter(()), table, [camera], [range(0 if last is None else last + 1)], times)
         return table.concat(empty) if last is not None else table.empty()
     head = first_line(path, "MOTChallenge text")
     if is_kitti(head):
@@ -291,7 +291,7 @@ def _read_text(
     if survey.stop > MAX_FRAMES:
         raise InputError(f"{path}: frame {survey.stop}; text may have {MAX_FRAMES} frames; correct the number")
     if last is not None:
-        survey = replace(survey, first=0, stop=max(survey.stop, last + 1))
+        survey = replace(survey, ranges={camera: range(max(survey.stop, last + 1))})
     rows = read_boxes(file, survey, times, (), how, table)
     return table.concat(rows if last is not None else (part.take(part.box >= 0) for part in rows))
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from occlog.array_types import Floats, Ints
+from occlog.array_types import NS, Floats, Ints
 from occlog.errors import InputError
 from occlog.records.columns import MAX_NS
 
@@ -34,6 +34,11 @@ TIME_COLUMNS = {
 }
 """Accepted names of time columns; the ending states the unit, seconds without one."""
 
+UNITLESS = ("time", "t", "timestamp", "frame_time")
+"""Names of columns of seconds that do not state so."""
+MAX_INTERVAL_S, MIN_INTERVALS = 2.0, 10
+"""Time from frame to frame [s] above which the unit of such a column is asked for, and the number of intervals from
+which it is."""
 _FRAME = ("frame", "frame_index", "frame_number", "index")
 _CAMERA = ("camera", "cam_id", "cam", "sensor", "port")
 _COLUMNS = {**TIME_COLUMNS, "frame": _FRAME, "camera": _CAMERA}
@@ -184,6 +189,29 @@ def time_column(rows: CsvRows) -> str | None:
     return found[0] if found else None
 
 
+def check_unit(rows: CsvRows, interval_s: Floats) -> None:
+    """Ask for the unit of a column of times that states none, where it would not be seconds.
+
+    Args:
+        rows: some of the table.
+        interval_s: (n,) time from each frame to the next [s], by seconds.
+
+    Raises:
+        InputError: frames are too far apart for people to be tracked from one to the next.
+    """
+    if len(interval_s) < MIN_INTERVALS or not (usual := float(np.median(interval_s))) > MAX_INTERVAL_S:
+        return
+    head = [cell.lower() for cell in first_line(rows.path, WHAT)]
+    named = is_header_line(rows.path)
+    if not rows.has("s") or _ISO.match(str(rows.cells["s"][0])) or (named and not set(head) & set(UNITLESS)):
+        return
+    column = next((f"column {name}" for name in UNITLESS if named and name in head), "times without a header")
+    raise InputError(
+        f"{rows.path}: {column}: {usual:g} s from frame to frame if these are seconds; name the column after its unit: "
+        "t_ms, t_us or t_ns, or t_s if they are"
+    )
+
+
 def read_sidecar(path: Path, cameras: Sequence[str]) -> dict[str, Ints]:
     """Times [ns] of frames 0, 1, ... of each camera in the file.
 
@@ -286,4 +314,5 @@ def _in_order(rows: CsvRows, t_ns: Ints, picked: Ints) -> Ints:
         raise rows.fail(
             int(picked[row]), f"time stamp {verb} ({t_ns[row]} ns after {t_ns[row - 1]} ns); correct the file"
         )
+    check_unit(rows, np.diff(t_ns) / NS)
     return t_ns

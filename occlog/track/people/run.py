@@ -29,6 +29,7 @@ from .image_tracks import ImageTracksPart, track_in_images
 from .inputs import ImageInput, PeopleInput, inconsistent_cameras
 from .reidentification import GalleryReidentification
 from .rows import SnapshotTables
+from .speeds import PeopleSpeeds
 from .stage import PeopleTracker, Tabulator, track_people
 
 OUTSIDE, SIZES, IDENTITIES = "boxes skipped at ingest", "person heights per camera", "expected identity switches"
@@ -146,6 +147,7 @@ class PeopleSummary(_Counts):
         """Begin with all counts at 0."""
         super().__init__(inputs)
         self.agreement = agreement
+        self.speeds = PeopleSpeeds(agreement.person_height)
         self.positions: PositionErrors | None = None
 
     def learned(self, state: object) -> None:
@@ -159,6 +161,7 @@ class PeopleSummary(_Counts):
         self.times += len(np.unique(part.tracks.t_ns))
         self.unseen += int(np.count_nonzero(np.char.startswith(part.tracks.quality_flags, COASTING)))
         self.existence += float(part.tracks.existence_probability.sum())
+        self.speeds.add(part.tracks)
         self.count_events(part.events)
 
     def figures(self) -> dict[str, object]:
@@ -239,6 +242,7 @@ class PeopleSummary(_Counts):
             *outcome(SIZES, self._tall(), unless="" if compared else UNSIZED),
             *self.identities(),
             *self.numbering(),
+            *self.speeds.checks(self.inputs.scene.length_unit),
             *outcome(SMOOTHED, self._smoothed()),
             *self.found(),
             *outcome(

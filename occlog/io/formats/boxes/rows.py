@@ -54,14 +54,14 @@ class UnusableBoxes:
     """Boxes of files that cannot be used, by camera and kind.
 
     Detectors write some: without a width, with NaN, twice.  Where they are more than `MAX_UNUSABLE` of a file, its
-    columns mean something else, and the first of them is an error.  `frames` has first and last ones of them.
+    columns mean something else, and the first of them is an error.  `frames` has first and last ones of each camera.
     """
 
     counts: Counter[tuple[str, str]] = field(default_factory=Counter)
     first: dict[tuple[str, str], str] = field(default_factory=dict)
     error: InputError | None = None
     rows: int = 0
-    frames: list[int] = field(default_factory=list)
+    frames: dict[str, list[int]] = field(default_factory=dict)
 
     def add(self, camera: str, kind: str, count: int, place: str) -> None:
         """Count boxes of a camera; `place`: of the first of them."""
@@ -108,7 +108,8 @@ def usable(
             own = np.flatnonzero(bad & (boxes.camera == camera))
             place = f"{rows.location} {int(rows.lines[own[0]])}"
             unusable.add(cameras[camera], NO_SIZE, len(own), place)
-        unusable.frames += [int(boxes.frame[bad].min()), int(boxes.frame[bad].max())]
+            ends = [int(boxes.frame[own].min()), int(boxes.frame[own].max())]
+            unusable.frames.setdefault(cameras[camera], []).extend(ends)
     if unusable is not None:
         unusable.rows += len(boxes.frame)
     good = np.flatnonzero(~bad)
@@ -223,12 +224,10 @@ def fill_frames(
     chunks: Iterator[FileBoxRows],
     table: type[B],
     cameras: Sequence[str],
-    first: int,
-    stop: int,
+    ranges: Sequence[range],
     times: Mapping[str, FrameTimes],
-    step: int = 1,
 ) -> Iterator[B]:
-    """Tables of boxes in which every frame first <= frame < stop of every camera has at least one row.
+    """Tables of boxes in which every frame of every camera has at least one row.
 
     A frame without a box gets a row with `box` = -1: the frame has no detection.
 
@@ -236,16 +235,13 @@ def fill_frames(
         chunks: rows in order of frames, whole frames each (`in_frames`).
         table: `Boxes` or `TruthBoxes`.
         cameras: names by number.
-        first: first frame.
-        stop: frame after the last one.
+        ranges: frames of each camera.
         times: times of the frames of each camera.
-        step: only first, first + step, ... are frames that were processed.
     """
-    origin = first
-    done = first
+    done = min((each.start for each in ranges), default=0)
     for chunk in chunks:
         end = int(chunk.frame[-1]) + 1
-        yield from _blocks(chunk, table, cameras, done, end, times, (origin, step))
+        yield from _blocks(chunk, table, cameras, done, end, times, ranges)
         done = end
     none, nothing = np.zeros(0, dtype=np.int64), np.zeros(0)
     empty = FileBoxRows(
@@ -258,7 +254,7 @@ def fill_frames(
         height=nothing,
         confidence=nothing,
     )
-    yield from _blocks(empty, table, cameras, done, stop, times, (origin, step))
+    yield from _blocks(empty, table, cameras, done, max((each.stop for each in ranges), default=0), times, ranges)
 
 
 def _blocks(
@@ -268,12 +264,12 @@ def _blocks(
     first: int,
     stop: int,
     times: Mapping[str, FrameTimes],
-    size: tuple[int, int],
+    ranges: Sequence[range],
 ) -> Iterator[B]:
     for start in range(first, stop, FRAMES_PER_CHUNK):
         end = min(start + FRAMES_PER_CHUNK, stop)
         low, high = np.searchsorted(rows.frame, [start, end])
-        yield _table(rows.pick(np.arange(low, high)), table, cameras, start, end, times, size)
+        yield _table(rows.pick(np.arange(low, high)), table, cameras, start, end, times, ranges)
 
 
 def _table(
@@ -283,13 +279,15 @@ def _table(
     first: int,
     stop: int,
     times: Mapping[str, FrameTimes],
-    size: tuple[int, int],
+    ranges: Sequence[range],
 ) -> B:
-    """One table of the frames first <= frame < stop; `size` is a processed frame, and the step to the next."""
+    """One table of the frames first <= frame < stop that are in the cameras' ranges."""
     cell = (rows.frame - first) * len(cameras) + rows.camera
     counts = np.bincount(cell, minlength=(stop - first) * len(cameras))
-    empty = np.flatnonzero(counts == 0)
-    empty = empty[(first + empty // len(cameras) - size[0]) % size[1] == 0]
+    start, end, step = np.array([(each.start, each.stop, each.step) for each in ranges]).T
+    numbers = np.arange(first, stop)[:, None]
+    is_frame = (numbers >= start) & (numbers < end) & ((numbers - start) % step == 0)
+    empty = np.flatnonzero((counts == 0) & is_frame.ravel())
     frame = np.concatenate([rows.frame, first + empty // len(cameras)])
     camera = np.concatenate([rows.camera, empty % len(cameras)])
     # Rows are sorted by cell, so the position within a cell is the distance from its first row.
