@@ -513,7 +513,7 @@ def track(
         initial_positions: initial positions of targets, each x, y and perhaps sigma.
         labelled_only: do not use candidates that are not assigned to a target.
         keep_labels: keep labels that two targets exchange as they are given.
-        reject_outliers: give `ekf`, `ukf`, `iekf` and `fix` no bearings that contradict the motion of their target.
+        reject_outliers: give `fix` no bearings that contradict the motion of their target.
         use_recovered: use what the fusion of detections recovered as if it had been measured.
         round_robin_s: use one sensor at a time, each for so long [s]; None: all at once.
         measurements: ranges, signal strengths and time differences to use too.

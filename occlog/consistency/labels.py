@@ -129,5 +129,5 @@ def _findings(events: LabelEvents, unit: str) -> Iterator[Check]:
             speed=worst.speed,
             unit=unit,
             at_s=(worst.begin_ns - events.origin_ns) / NS,
-            allowed=events.allowed_speed,
+            allowed=worst.allowed,
         )

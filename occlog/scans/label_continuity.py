@@ -27,12 +27,9 @@ from .kernels.label_continuity import (
     follow_labels,
 )
 
-JUMP_SIGMAS = 4.0
-"""A jump is longer than that many standard deviations of its distance."""
-FAST = 2.0
-"""Speed of a fast target, over the usual speed."""
-MAX_SPEED_RATIO = 5.0
-"""Speed of a jump from which it is reported, over the usual speed that is stated and over that of the target."""
+MAX_SPEED_RATIO = 1.5
+"""Speed of a jump from which it is reported, over the usual speed that is stated, or that of the target if it is more
+irregular."""
 MIN_BEARINGS = 100
 """Bearings of a target from which its motion is judged."""
 MAX_LABELS = 200
@@ -56,6 +53,7 @@ class LabelJump(NamedTuple):
     end_ns: int  # the new position is known from here on
     distance: float
     speed: float  # that the distance implies, less its uncertainty
+    allowed: float  # limit of the speed
 
 
 @dataclass
@@ -65,7 +63,6 @@ class LabelEvents:
     Attributes:
         exchanges: in the order of time.
         jumps: in the order of time.
-        allowed_speed: limit of the speed of a jump, at least.
         repaired: the labels of the exchanges were exchanged back.
         labels: how many were followed.
         origin_ns: time of the first bearing.
@@ -76,7 +73,6 @@ class LabelEvents:
 
     exchanges: list[LabelExchange]
     jumps: list[LabelJump]
-    allowed_speed: float
     repaired: bool
     labels: int = 0
     origin_ns: int = 0
@@ -131,7 +127,7 @@ class LabelContinuity:
         )
         self._yaw_variance = np.array([yaw**2 for *_, yaw in sensors], dtype=np.float64)
         self._walk, self._usual_speed = walk, usual_speed
-        self.events = LabelEvents([], [], MAX_SPEED_RATIO * usual_speed, repair)
+        self.events = LabelEvents([], [], repair)
         self._labels: list[int] = []
         self._state = _empty(0, len(sensors))
         self._origin_ns: int | None = None
@@ -223,18 +219,16 @@ class LabelContinuity:
 
     def _add(self, event: list[float]) -> None:
         """Note an event of the kernel."""
-        kind, at_s, before_s, first, second, third, distance, deviation = event
+        kind, at_s, speed, first, second, third, distance = event
         if kind == EXCHANGED:
             names = {s: name for name, s in self._number.items()}
             a, b = sorted((self._labels[int(first)], self._labels[int(second)]))
             self._exchange((a, b), names.get(int(third), ""), self._time(at_s))
             return
-        # What is left of the distance without its uncertainty, and without what the target went meanwhile
-        clear = distance - JUMP_SIGMAS * deviation - FAST * self._usual_speed * (second - at_s)
-        speed = clear / max(at_s - before_s, 1e-9)
-        if speed > self.events.allowed_speed:
+        allowed = MAX_SPEED_RATIO * self._usual_speed * math.sqrt(second)
+        if speed > allowed:
             target = self._labels[int(first)]
-            self.events.jumps.append(LabelJump(target, self._time(at_s), self._time(third), distance, speed))
+            self.events.jumps.append(LabelJump(target, self._time(at_s), self._time(third), distance, speed, allowed))
 
     def _exchange(self, targets: tuple[int, int], sensor: str, t_ns: int) -> None:
         """Begin an exchange, or end the one that holds."""
@@ -253,15 +247,17 @@ def _empty(labels: int, sensors: int) -> ContinuityState:
         covariance=np.zeros((labels, 4, 4)),
         known=np.zeros(labels, dtype=np.int64),
         at_s=np.full(labels, -np.inf),
-        updated_s=np.full(labels, -np.inf),
-        last=np.zeros((labels, 2)),
-        spread=np.zeros(labels),
+        last=np.tile([-np.inf, 0.0, 0.0, 0.0], (labels, 1)),
         scale=np.ones(labels),
         factors=np.zeros((labels, 2)),
-        lost=np.zeros(labels),
-        lost_s=np.zeros(labels),
         accepted=np.zeros(labels, dtype=np.int64),
-        jump=np.tile([np.inf, -np.inf, 0.0, 0.0, 0.0, 0.0, 0.0], (labels, 1)),
+        agreed=np.zeros(labels, dtype=np.int64),
+        confirmed=np.zeros(labels, dtype=np.int64),
+        before=np.tile([-np.inf, 0.0, 0.0, 0.0], (labels, 1)),
+        contradicted=np.tile([np.inf, 1.0, *2 * [-np.inf, 0.0, 0.0, 0.0]], (labels, 1)),
+        rival_mean=np.zeros((labels, 4)),
+        rival_covariance=np.zeros((labels, 4, 4)),
+        rival=np.tile([np.inf, 0.0, 0.0, 0.0, 0.0, 0.0], (labels, 1)),
         recent=np.full((labels, sensors, 3), -np.inf),
         identity=np.tile(np.arange(labels, dtype=np.int64), (sensors, 1)),
         odds=np.zeros((sensors + 1, labels, labels)),

@@ -193,7 +193,7 @@ class TrackRequest(_InWorld):
     )
     reject_outliers: bool = setting(
         False,
-        "Give methods ekf, ukf, iekf and fix no labelled bearings that contradict the motion of their target while "
+        "Give method fix no labelled bearings that contradict the motion of their target while "
         "others of the same time agree with it. Rows with such bearings are then not flagged. [default: they are used, "
         "and reported where they are many]",
         option="--reject-outliers",

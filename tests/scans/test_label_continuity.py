@@ -46,14 +46,26 @@ def same(one: Bearings, other: Bearings) -> bool:
     )
 
 
-@pytest.mark.parametrize(("motion", "false"), [("walk", 0.0), ("walk", 0.1), ("stop-and-go", 0.0), ("still", 0.0)])
-def test_clean_labels_pass_as_they_are(motion: str, false: float) -> None:
+@pytest.mark.parametrize("motion", ["walk", "stop-and-go", "still"])
+def test_clean_labels_pass_as_they_are(motion: str) -> None:
     for seed in SEEDS:
-        bearings, made = two(seed, motion, false=false)
+        bearings, made = two(seed, motion)
         found, events = follow(made, [bearings])
         assert not events.exchanges
         assert not events.jumps
         assert same(found, bearings)
+
+
+def test_false_bearings_are_no_exchange_and_rarely_a_jump() -> None:
+    """One bearing in ten is false: of 300 other targets 4 seem to jump; three of 24 are one chance in 300."""
+    jumped = 0
+    for seed in SEEDS:
+        bearings, made = two(seed, false=0.1)
+        found, events = follow(made, [bearings])
+        assert not events.exchanges
+        assert same(found, bearings)
+        jumped += len({jump.target for jump in events.jumps})
+    assert jumped <= 2
 
 
 def test_labels_exchanged_in_all_cameras_are_named_and_exchanged_back() -> None:
@@ -113,6 +125,61 @@ def test_a_label_that_continues_with_another_person_jumps() -> None:
         assert all(abs(jump.begin_ns - cut) <= NS for jump in events.jumps)
         said += bool(events.jumps) or far < 2.0
     assert said >= 11
+
+
+def displaced(made: Recording, begin: float, distance: float) -> Bearings:
+    """Bearings of the same noise and misses, from a time [s] on of a position at a distance towards the middle."""
+    at = made.xy[np.searchsorted(made.t_ns, made.bearings.t_ns)]
+    first = at[np.searchsorted(made.bearings.t_ns, made.t_ns[0] + round(begin * NS))]
+    to_middle = np.array([5.0, 4.0]) - first
+    moved = at + distance * to_middle / np.hypot(*to_middle)
+    moved[made.bearings.t_ns < made.t_ns[0] + round(begin * NS)] = 0.0
+    origin = {c.name: c.ground for c in made.scene.cameras}
+    away = np.array([origin[name] for name in made.bearings.sensor.tolist()])
+    before, after = at - away, moved - away
+    turn = np.arctan2(after[:, 1], after[:, 0]) - np.arctan2(before[:, 1], before[:, 0])
+    late = made.bearings.t_ns >= made.t_ns[0] + round(begin * NS)
+    bearing = made.bearings.bearing + np.where(late, turn, 0.0)
+    return replace(made.bearings, bearing=(bearing + np.pi) % (2.0 * np.pi) - np.pi)
+
+
+@pytest.mark.parametrize(("cameras", "distance", "least"), [(4, 1.5, 11), (4, 3.0, 12), (2, 3.0, 8)])
+def test_a_target_with_bearings_that_jump_is_named_with_time_and_distance(
+    cameras: int, distance: float, least: int
+) -> None:
+    """Of 160 jumps of 1 to 5 m of other recordings 95 % are found (docs/explanation/believe.md)."""
+    found = 0
+    for seed in SEEDS:
+        made = record("walk", cameras, seed=seed)
+        _, events = follow(made, [displaced(made, 12.0, distance)])
+        begin = made.t_ns[0] + 12 * NS
+        right = [jump for jump in events.jumps if abs(jump.begin_ns - begin) <= NS]
+        assert all(jump.distance == pytest.approx(distance, abs=1.0) for jump in right)
+        found += bool(right)
+    assert found >= least
+
+
+def test_a_track_that_began_at_a_false_bearing_does_not_jump() -> None:
+    """One camera sees the target for 3 s, and another has a false bearing at the begin of that time."""
+    for seed in SEEDS:
+        made = record("walk", 2, miss=0.0, seed=seed)
+        late = (made.bearings.t_ns - made.t_ns[0]) / NS
+        own = made.bearings.take((made.bearings.sensor == "cam1") | (late >= 3.0) | (late == 0.0))
+        first = (own.t_ns == made.t_ns[0]) & (own.sensor == "cam2")
+        _, events = follow(made, [replace(own, bearing=own.bearing + np.where(first, 0.2, 0.0))])
+        assert not events.jumps
+
+
+@pytest.mark.parametrize("motion", ["zig-zag", "walk"])
+@pytest.mark.parametrize("cameras", [2, 4])
+def test_targets_that_turn_quickly_do_not_jump(motion: str, cameras: int) -> None:
+    """In 300 other clean recordings, a third of them zig-zags, 3 seem to jump: two of 24 are one chance in 40."""
+    jumped = 0
+    for seed in range(330, 354):
+        made = record(motion, cameras, miss=(0.05, 0.3, 0.5)[seed % 3], seed=seed)
+        _, events = follow(made, [made.bearings])
+        jumped += bool(events.jumps)
+    assert jumped <= 1
 
 
 def test_a_label_that_returns_after_a_pause_does_not_jump() -> None:

@@ -100,6 +100,31 @@ def linearised(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> tup
     )
 
 
+class Linearisation(NamedTuple):
+    """R measurements as linear functions of a position, next to `at`."""
+
+    at: Floats  # (2,)
+    residual: Floats  # (R,) what was measured less what is expected there
+    ahead: Bools  # (R,) the sensor could measure it
+    H: Floats  # (R, 2) derivatives
+    R: Floats  # (R,) variances
+
+    def take(self, which: Bools | Ints) -> Linearisation:
+        """Select rows by a mask or indices."""
+        own = self.residual[which], self.ahead[which], self.H[which], self.R[which]
+        return Linearisation(self.at, *own)
+
+    def innovation(self, mean: Floats) -> Floats:
+        """(R,) what was measured less what a state with this mean (n,) of position and more expects."""
+        return np.asarray(self.residual - self.H @ (mean[:2] - self.at))
+
+
+def linearise(at: Floats, rows: LinearisedRows, world: MeasurementWorld) -> Linearisation:
+    """Measurements as linear functions next to a position (2,)."""
+    expected, ahead = measured(at[None], rows, world)
+    return Linearisation(at, residuals(expected[0], rows), ahead[0], *linearised(at, rows, world))
+
+
 def visible(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> Bools:
     """(L, R) visibility of (L, 2) positions from sensors: on the floor, in view, not behind walls or occluders."""
     xy = np.ascontiguousarray(xy)

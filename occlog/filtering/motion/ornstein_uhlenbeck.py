@@ -41,8 +41,8 @@ class OrnsteinUhlenbeck(NamedTuple):
         e, lost = math.exp(-u), -math.expm1(-u)
         series = u**3 * (2.0 / 3.0 - u / 2.0 + 7.0 * u**2 / 30.0)
         variance = series if u < SMALL else 2.0 * u - 3.0 + 4.0 * e - e * e
-        F1 = np.array([[1.0, tau * lost], [0.0, e]])
-        across = V * tau * lost**2
-        Q1 = np.array([[V * tau**2 * variance + self.sigma_v**2 * dt, across], [across, -V * math.expm1(-2.0 * u)]])
-        both = np.eye(2)
-        return np.kron(F1, both), np.kron(Q1, both)
+        move = tau * lost
+        F = np.array([[1.0, 0.0, move, 0.0], [0.0, 1.0, 0.0, move], [0.0, 0.0, e, 0.0], [0.0, 0.0, 0.0, e]])
+        x, v = V * tau**2 * variance + self.sigma_v**2 * dt, -V * math.expm1(-2.0 * u)
+        c = V * tau * lost**2
+        return F, np.array([[x, 0.0, c, 0.0], [0.0, x, 0.0, c], [c, 0.0, v, 0.0], [0.0, c, 0.0, v]])

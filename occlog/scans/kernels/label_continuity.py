@@ -2,6 +2,11 @@
 
 Every label has an extended Kalman filter with its bearings of all sensors.  Where bearings of label a are improbable
 at the prediction of a and probable at that of b, and those of b the other way round, the labels have been exchanged.
+
+From the first bearing that contradicts a filter, a second one, the rival, follows the bearings since then alone.  It
+replaces the filter where bearings after its first position are clearly more probable with it.  If that position is
+farther from the confirmed track than the target can go, the label jumped.  The distance is from the last two positions
+of the track, since the last one may follow a false bearing.
 """
 
 from __future__ import annotations
@@ -20,6 +25,8 @@ FALSE_PROBABILITY = 0.05
 """Probability that a bearing is of nothing; it bounds what one bearing can say."""
 MIN_LOG_ODDS, MIN_LOG_ODDS_SENSOR, MIN_LOG_ODDS_BACK = 20.0, 30.0, 12.0
 """Log odds from which an exchange is accepted: of all sensors, of one sensor, and back to the labels as given."""
+MIN_LOG_ODDS_RIVAL = 6.0
+"""Log odds from which a rival replaces the filter of a label, and at minus which it is dropped."""
 MIN_SHARE_EACH = 0.25
 """Minimum share of each of both labels in the log odds."""
 LEARNING_RATE, MIN_SCALE, MAX_SCALE, MAX_LEARNED_CHI2 = 0.05, 1.0, 30.0, 9.0
@@ -30,10 +37,8 @@ MAX_AGE_S = 2.0
 """A prediction that is older [s] says nothing of identities."""
 TOGETHER_S = 0.5
 """Bearings within this time [s] determine a position."""
-MIN_LOST, FOUND_WEIGHT = 4.0, 0.5
-"""Count of bearings outside the gate from which a filter begins again; weight of those inside, which count against."""
 MIN_CONFIRMED = 5
-"""Bearings inside the gate from which a filter that began again is right."""
+"""Bearings inside the gate from which a filter is confirmed."""
 RESTART_CHI2 = 9.0
 """Squared normalised residual up to which bearings meet in one position."""
 MIN_DETERMINANT = 1e-3
@@ -42,6 +47,8 @@ MAX_RELATIVE_DEVIATION = 0.25
 """Largest standard deviation of a position from which a filter begins, over the distance of the nearest sensor."""
 GAUSS_NEWTON_STEPS = 3
 """Steps of the search of a position."""
+JUMP_SIGMAS = 2.0
+"""A jump is longer than that many standard deviations of its distance."""
 EXCHANGED, JUMPED = 0.0, 1.0
 """Kinds of events."""
 
@@ -71,16 +78,19 @@ class ContinuityState(NamedTuple):
     covariance: Floats  # (K, 4, 4)
     known: Ints  # (K,) 1: it has a prediction
     at_s: Floats  # (K,) time of the prediction
-    updated_s: Floats  # (K,) time of the last bearing inside the gate
-    last: Floats  # (K, 2) position then
-    spread: Floats  # (K,) trace of its covariance
+    last: Floats  # (K, 4) time of the last bearing inside the gate, position then, and trace of its covariance
     scale: Floats  # (K,) factor of the motion's variances
     factors: Floats  # (K, 2) sum of the logarithms of this factor after each bearing inside the gate, and their number
-    lost: Floats  # (K,) bearings outside the gate, less those inside by `FOUND_WEIGHT`, since they last were even
-    lost_s: Floats  # (K,) time of the first of them
     accepted: Ints  # (K,) bearings inside the gate since the filter began
-    jump: Floats  # (K, 7) a jump that waits: begin (inf: none), time (-inf: none) and position
-    # before, distance, deviation, time of the new position
+    agreed: Ints  # (K,) of these, since the last time step with a bearing outside
+    confirmed: Ints  # (K,) bearings beyond the first one in time steps in which all agree, since the filter began
+    before: Floats  # (K, 4) time, position and trace of its covariance after the update before the last one
+    contradicted: Floats  # (K, 10) time of the first bearing that contradicts the filter (inf: none), the factor of the
+    # motion's variance, and time (-inf: none), position and trace of the last two updates when it was confirmed
+    rival_mean: Floats  # (K, 4) the rival
+    rival_covariance: Floats  # (K, 4, 4)
+    rival: Floats  # (K, 6) when it began (inf: none), where, the trace of its covariance there, log odds for it,
+    # and its bearings inside the gate
     recent: Floats  # (K, S, 3) last bearing of each sensor: time, azimuth, variance
     identity: Ints  # (S, K) identity of each sensor's labels
     odds: Floats  # (S + 1, K, K) log odds of bearings of a for b; the last: of all sensors
@@ -117,44 +127,45 @@ def _log_density(off: float, spread: float) -> float:
 
 
 @kernel
-def _predict(k: int, now: float, state: ContinuityState, walk: WalkingSpeed) -> None:
-    """Move one filter to a time."""
-    dt = now - state.at_s[k]
-    if not dt > 0.0:
-        return
+def _predict(mean: Floats, covariance: Floats, dt: float, scale: float, walk: WalkingSpeed) -> None:
+    """Move a filter by a time, with so many times the variance of the velocity."""
     keep = math.exp(-walk.rate * dt)
     move = (1.0 - keep) / walk.rate
-    V = walk.variance * state.scale[k]
+    V = walk.variance * scale
     vv = V * (1.0 - keep * keep)
     xv = V * walk.rate * move * move
     xx = V / walk.rate**2 * (2.0 * walk.rate * dt - 3.0 + 4.0 * keep - keep * keep) + walk.noise * dt
-    P = state.covariance[k]
     for a in range(2):
-        state.mean[k, a] += move * state.mean[k, 2 + a]
-        state.mean[k, 2 + a] *= keep
+        mean[a] += move * mean[2 + a]
+        mean[2 + a] *= keep
     F = np.eye(4)
     F[0, 2] = F[1, 3] = move
     F[2, 2] = F[3, 3] = keep
-    P = F @ P @ F.T
+    P = F @ covariance @ F.T
     for a in range(2):
         P[a, a] += xx
         P[2 + a, 2 + a] += vv
         P[a, 2 + a] += xv
         P[2 + a, a] += xv
-    state.covariance[k] = P
-    state.at_s[k] = now
+    covariance[:] = P
 
 
 @kernel
 def _meet(
-    k: int, since: float, now: float, state: ContinuityState, sensors: SensorPositions, walk: WalkingSpeed
+    recent: Floats,
+    since: float,
+    now: float,
+    variance: float,
+    sensors: SensorPositions,
+    mean: Floats,
+    covariance: Floats,
 ) -> bool:
-    """Begin a filter where the bearings of two sensors or more since a time meet; False where they do not."""
+    """Begin a filter where the last bearings (S, 3) of two sensors or more since a time meet; False if they do not."""
     S = len(sensors.x)
     use = np.empty(S, dtype=np.int64)
     n = 0
     for s in range(S):
-        if now - state.recent[k, s, 0] <= TOGETHER_S and state.recent[k, s, 0] >= since:
+        if now - recent[s, 0] <= TOGETHER_S and recent[s, 0] >= since:
             use[n] = s
             n += 1
     if n < 2:
@@ -163,7 +174,7 @@ def _meet(
     a = b = c = e = f = 0.0
     for i in range(n):
         s = use[i]
-        nx, ny = -math.sin(state.recent[k, s, 1]), math.cos(state.recent[k, s, 1])
+        nx, ny = -math.sin(recent[s, 1]), math.cos(recent[s, 1])
         off = nx * sensors.x[s] + ny * sensors.y[s]
         a, b, c, e, f = a + nx * nx, b + nx * ny, c + ny * ny, e + nx * off, f + ny * off
     det = a * c - b * b
@@ -176,9 +187,9 @@ def _meet(
         a = b = c = e = f = worst = 0.0
         for i in range(n):
             s = use[i]
-            late = now - state.recent[k, s, 0]
-            off, spread, _, gx, gy = _innovation(at, none, sensors, s, state.recent[k, s, 1], state.recent[k, s, 2])
-            spread += (gx * gx + gy * gy) * walk.variance * late * late
+            late = now - recent[s, 0]
+            off, spread, _, gx, gy = _innovation(at, none, sensors, s, recent[s, 1], recent[s, 2])
+            spread += (gx * gx + gy * gy) * variance * late * late
             a, b, c = a + gx * gx / spread, b + gx * gy / spread, c + gy * gy / spread
             e, f = e + gx * off / spread, f + gy * off / spread
             worst = max(worst, off * off / spread)
@@ -195,27 +206,26 @@ def _meet(
         return False
     P = np.zeros((4, 4))
     P[0, 0], P[0, 1], P[1, 0], P[1, 1] = c / det, -b / det, -b / det, a / det
-    P[2, 2] = P[3, 3] = walk.variance
-    state.mean[k, :2], state.mean[k, 2:], state.covariance[k] = at, 0.0, P
-    state.known[k], state.lost[k] = 1, 0.0
-    state.at_s[k] = state.updated_s[k] = now
+    P[2, 2] = P[3, 3] = variance
+    mean[:2], mean[2:] = at, 0.0
+    covariance[:] = P
     return True
 
 
 @kernel
-def _update(k: int, r: int, rows: LabelledRows, sensors: SensorPositions, state: ContinuityState) -> None:
-    """Update one filter by a bearing inside the gate, in Joseph's form."""
+def _update(mean: Floats, covariance: Floats, r: int, rows: LabelledRows, sensors: SensorPositions) -> None:
+    """Update a filter by a bearing inside the gate, in Joseph's form."""
     off, spread, noise, gx, gy = _innovation(
-        state.mean[k], state.covariance[k], sensors, rows.sensor[r], rows.azimuth[r], rows.variance[r]
+        mean, covariance, sensors, rows.sensor[r], rows.azimuth[r], rows.variance[r]
     )
-    P = state.covariance[k]
+    P = covariance.copy()
     gain = (P[:, 0] * gx + P[:, 1] * gy) / spread
     L = np.eye(4)
     for a in range(4):
-        state.mean[k, a] += gain[a] * off
+        mean[a] += gain[a] * off
         L[a, 0] -= gain[a] * gx
         L[a, 1] -= gain[a] * gy
-    state.covariance[k] = L @ P @ L.T + noise * np.outer(gain, gain)
+    covariance[:] = L @ P @ L.T + noise * np.outer(gain, gain)
 
 
 @kernel
@@ -240,7 +250,7 @@ def _compare(first: int, last: int, rows: LabelledRows, sensors: SensorPositions
             for s in range(S + 1):
                 opened |= state.open_s[s, a, b] < math.inf
             fresh = state.known[a] and state.known[b]
-            fresh = fresh and now - state.updated_s[a] <= MAX_AGE_S and now - state.updated_s[b] <= MAX_AGE_S
+            fresh = fresh and now - state.last[a, 0] <= MAX_AGE_S and now - state.last[b, 0] <= MAX_AGE_S
             if not opened and not (fresh and (suspect[a] or suspect[b])):
                 continue
             for r in range(first, last):
@@ -301,11 +311,13 @@ def _decide(first: int, rows: LabelledRows, state: ContinuityState, identity: In
                     if exchanged[rows.sensor[r]] and (identity[r] == a or identity[r] == b):
                         identity[r] = a + b - identity[r]
                     r -= 1
+                state.contradicted[a, 0] = state.contradicted[b, 0] = math.inf
+                state.rival[a, 0] = state.rival[b, 0] = math.inf
                 for t in range(S + 1):
                     if s == S or t in (s, S):
                         state.odds[t, a, b] = state.odds[t, b, a] = 0.0
                         state.open_s[t, a, b] = math.inf
-                events[n] = np.array([EXCHANGED, since, 0.0, float(a), float(b), float(s), 0.0, 0.0])
+                events[n] = np.array([EXCHANGED, since, 0.0, float(a), float(b), float(s), 0.0])
                 n += 1
     return n
 
@@ -332,12 +344,13 @@ def follow_labels(
         begun: first row that was not there before.
 
     Returns:
-        (E, 8) events: kind, time; of an exchange 0, both identities, the sensor (their number: all of them), 0 and 0;
-        of a jump the time before, the identity, the times at which the new position is found and sure, the distance and
-        its standard deviation.  The time of the earliest bearing that may still change its identity, inf without any.
+        (E, 7) events: kind, time; of an exchange 0, both identities, the sensor (their number: all of them) and 0; of a
+        jump its speed, the identity, the factor of the motion's variance, the time at which the new position is
+        confirmed, and the distance.  The time of the earliest bearing that may still change its identity, inf without
+        any.
     """
     N, n = len(rows.seconds), 0
-    events = np.zeros((N + len(state.known) ** 2 * (len(sensors.x) + 1), 8))
+    events = np.zeros((N + len(state.known) ** 2 * (len(sensors.x) + 1), 7))
     first = begun
     while first < N:
         last = first + 1
@@ -347,10 +360,13 @@ def follow_labels(
         for k in range(len(state.known)):
             if state.known[k] and now - state.recent[k, :, 0].max() > MAX_AGE_S:
                 # After a pause a label begins again
-                state.known[k], state.lost[k] = 0, 0.0
-                state.jump[k, 0], state.jump[k, 1] = math.inf, -math.inf
-            elif state.known[k]:
-                _predict(k, now, state, walk)
+                state.known[k], state.contradicted[k, 0], state.rival[k, 0] = 0, math.inf, math.inf
+                state.contradicted[k, 2], state.agreed[k] = -math.inf, 0
+            elif state.known[k] and now > state.at_s[k]:
+                dt, state.at_s[k] = now - state.at_s[k], now
+                _predict(state.mean[k], state.covariance[k], dt, state.scale[k], walk)
+                if state.rival[k, 0] < math.inf:
+                    _predict(state.rival_mean[k], state.rival_covariance[k], dt, state.scale[k], walk)
         pending = _compare(first, last, rows, sensors, state)
         if pending:
             n += _decide(first, rows, state, identity, events[n:])
@@ -395,17 +411,18 @@ def _take(
             accepted[k] += inside[r - first]
             rejected[k] += not inside[r - first]
     for k in range(K):
-        if rejected[k] > 0.0 and state.lost[k] == 0.0:
-            state.lost_s[k] = now
-            if state.jump[k, 0] == math.inf and state.accepted[k] >= MIN_CONFIRMED:
-                # The position before; it stays until a new one is sure
-                state.jump[k, 1], state.jump[k, 2], state.jump[k, 3] = (
-                    state.updated_s[k],
-                    state.last[k, 0],
-                    state.last[k, 1],
-                )
-                state.jump[k, 5] = state.spread[k]
-        state.lost[k] = max(0.0, state.lost[k] + rejected[k] - FOUND_WEIGHT * accepted[k])
+        if rejected[k] > 0.0 and state.contradicted[k, 0] == math.inf:
+            state.contradicted[k, 0] = now
+            if min(state.agreed[k], state.confirmed[k]) >= MIN_CONFIRMED:
+                state.contradicted[k, 1] = state.scale[k]
+                state.contradicted[k, 2:6], state.contradicted[k, 6:] = state.last[k], state.before[k]
+        elif accepted[k] > 0.0 and rejected[k] == 0.0 and state.rival[k, 0] == math.inf:
+            state.contradicted[k, 0] = math.inf
+        state.agreed[k] = 0 if rejected[k] > 0.0 else state.agreed[k] + int(accepted[k])
+        if accepted[k] > 0.0 and rejected[k] == 0.0:
+            # Bearings of one sensor alone agree with a wrong position, too
+            state.confirmed[k] += int(accepted[k]) - 1
+            state.before[k] = state.last[k]
     for r in range(first, last):
         k = identity[r]
         # Bearings at the same time that agree with the motion say that it is right
@@ -416,6 +433,7 @@ def _take(
             and rejected[k] <= max(1.0, 0.5 * accepted[k])
         )
         against[r] = sure and not inside[r - first] and not math.isnan(rows.azimuth[r])
+    _take_rivals(first, last, rows, identity, sensors, state)
     for r in range(first, last):
         k = identity[r]
         # Where most bearings contradict, those that do not agree by chance
@@ -429,30 +447,73 @@ def _take(
         state.scale[k] = min(max(state.scale[k] * math.exp(gain), MIN_SCALE), MAX_SCALE)
         state.factors[k, 0] += math.log(state.scale[k])
         state.factors[k, 1] += 1.0
-        _update(k, r, rows, sensors, state)
-        state.updated_s[k] = now
-        state.last[k, 0], state.last[k, 1] = state.mean[k, 0], state.mean[k, 1]
-        state.spread[k] = state.covariance[k, 0, 0] + state.covariance[k, 1, 1]
+        _update(state.mean[k], state.covariance[k], r, rows, sensors)
+        state.last[k] = _position(now, state.mean[k], state.covariance[k])
         state.accepted[k] += 1
-        if state.accepted[k] == MIN_CONFIRMED and state.jump[k, 0] < math.inf:
-            begin, before, away, wide = state.jump[k, 0], state.jump[k, 1], state.jump[k, 4], state.jump[k, 5]
-            events[n] = np.array([JUMPED, begin, before, float(k), state.jump[k, 6], now, away, wide])
-            n += 1
-            state.jump[k, 0], state.jump[k, 1] = math.inf, -math.inf
+    for k in range(K):
+        variance = walk.variance * state.scale[k]
+        if not state.known[k]:
+            if _meet(state.recent[k], -math.inf, now, variance, sensors, state.mean[k], state.covariance[k]):
+                state.known[k], state.accepted[k], state.confirmed[k], state.at_s[k] = 1, 0, 0, now
+                state.last[k] = state.before[k] = _position(now, state.mean[k], state.covariance[k])
+            continue
+        since, m, P = state.contradicted[k, 0], state.rival_mean[k], state.rival_covariance[k]
+        if state.rival[k, 0] < math.inf:
+            n += _replace(k, now, state, events[n:])
+        elif since < math.inf and _meet(state.recent[k], since, now, variance, sensors, m, P):
+            state.rival[k, :4], state.rival[k, 4:] = _position(now, m, P), 0.0
+    return n
+
+
+@kernel
+def _take_rivals(
+    first: int, last: int, rows: LabelledRows, identity: Ints, sensors: SensorPositions, state: ContinuityState
+) -> None:
+    """Update the rivals by the bearings of one time step, and their log odds, before the filters themselves are."""
     for r in range(first, last):
         k = identity[r]
-        lost = state.known[k] == 1 and state.lost[k] >= MIN_LOST
-        lost = lost and min(state.open_s[:, k].min(), state.open_s[:, :, k].min()) == math.inf
-        if (state.known[k] and not lost) or not _meet(
-            k, state.lost_s[k] if lost else -math.inf, now, state, sensors, walk
-        ):
+        if state.rival[k, 0] == math.inf or math.isnan(rows.azimuth[r]):
             continue
-        own = state.covariance[k, 0, 0] + state.covariance[k, 1, 1]
-        if lost and state.jump[k, 1] > -math.inf:
-            if state.jump[k, 0] == math.inf:
-                state.jump[k, 0], state.jump[k, 5] = state.lost_s[k], math.sqrt(state.jump[k, 5] + own)
-            state.jump[k, 6] = now
-            state.jump[k, 4] = math.hypot(state.mean[k, 0] - state.jump[k, 2], state.mean[k, 1] - state.jump[k, 3])
-        state.accepted[k] = 0
-        state.last[k, 0], state.last[k, 1], state.spread[k] = state.mean[k, 0], state.mean[k, 1], own
-    return n
+        s, azimuth, variance = rows.sensor[r], rows.azimuth[r], rows.variance[r]
+        off, spread, _, _, _ = _innovation(state.mean[k], state.covariance[k], sensors, s, azimuth, variance)
+        own, wide, _, _, _ = _innovation(state.rival_mean[k], state.rival_covariance[k], sensors, s, azimuth, variance)
+        state.rival[k, 4] += _log_density(own, wide) - _log_density(off, spread)
+        if own * own <= GATE_CHI2 * wide:
+            state.rival[k, 5] += 1.0
+            _update(state.rival_mean[k], state.rival_covariance[k], r, rows, sensors)
+
+
+@kernel
+def _replace(k: int, now: float, state: ContinuityState, events: Floats) -> int:
+    """Replace the filter of a label by the rival, or drop the rival, if the odds suffice; the number of events."""
+    rival, old = state.rival[k], state.contradicted[k]
+    opened = min(state.open_s[:, k].min(), state.open_s[:, :, k].min()) < math.inf
+    if rival[4] >= MIN_LOG_ODDS_RIVAL and rival[5] >= MIN_CONFIRMED and not opened:
+        n = 0
+        if old[2] > -math.inf:
+            speed = min(_speed(old[2:6], rival), _speed(old[6:], rival))
+            away = math.hypot(rival[1] - old[3], rival[2] - old[4])
+            events[0] = np.array([JUMPED, old[0], speed, float(k), old[1], now, away])
+            n = 1
+        state.mean[k], state.covariance[k] = state.rival_mean[k], state.rival_covariance[k]
+        state.last[k] = state.before[k] = _position(now, state.mean[k], state.covariance[k])
+        state.accepted[k], state.agreed[k], state.confirmed[k] = int(rival[5]), 0, 0
+        rival[0] = old[0] = math.inf
+        old[2] = -math.inf
+        return n
+    if rival[4] <= -MIN_LOG_ODDS_RIVAL or now - rival[0] > MAX_AGE_S:
+        rival[0] = old[0] = math.inf
+    return 0
+
+
+@kernel
+def _position(now: float, mean: Floats, covariance: Floats) -> Floats:
+    """Time, position and trace of the position's covariance of a filter."""
+    return np.array([now, mean[0], mean[1], covariance[0, 0] + covariance[1, 1]])
+
+
+@kernel
+def _speed(one: Floats, other: Floats) -> float:
+    """Speed from one position to a later one, less the uncertainty of their distance."""
+    away = math.hypot(other[1] - one[1], other[2] - one[2])
+    return float((away - JUMP_SIGMAS * math.sqrt(one[3] + other[3])) / max(other[0] - one[0], 1e-9))

@@ -40,6 +40,13 @@ class FixConfig(Settings):
         "or `stated` noise alone.",
         choices=("pooled", "residuals", "stated"),
     )
+    false_bearing_probability: float = setting(
+        0.01,
+        "With mixture: initial probability that a bearing is false, where two alone agree; it is learned from time "
+        "steps with more. 0: two that agree are true.",
+        at_least=0,
+        at_most=0.5,
+    )
     candidates: str = setting(
         "consensus",
         "Unlabelled candidates: use those on which most sensors agree (`consensus`), or `ignore` them.",

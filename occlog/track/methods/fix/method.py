@@ -3,8 +3,8 @@
 By a mixture of true and false bearings (`occlog.track.methods.fix.estimators`), with ranges and their like as well
 (`occlog.track.methods.fix.lines_and_distances`), or by [Lenth] 1981 (`occlog.track.methods.fix.estimators`).
 
-Nothing is carried from one scan to the next.  A scan that tells no position (one bearing,
-parallel lines, lines that meet behind the sensors) gives no row.
+Nothing is carried from one scan to the next but how many bearings were false.  A scan that tells no position (one
+bearing, parallel lines, lines that meet behind the sensors) gives no row.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from numpy.random import Generator
 
 from occlog.array_types import Floats, Ints
 from occlog.errors import UsageError
+from occlog.filtering.false_bearings import FalseBearings
 from occlog.filtering.likelihood.distances import RangeMeasurements
 from occlog.records.scene import Scene
 from occlog.scans.grouping import Scan
@@ -24,7 +25,15 @@ from occlog.track.interface import BearingResiduals, Estimate, Online
 
 from .config import BENDS, MIXTURE, FixConfig
 from .estimators import Fix, Modes, crossings, fix, modes, pooled_factor, spread_of
-from .lines_and_distances import MIN_SECOND_MODE_PROBABILITY, BearingLines, has_rival_mode, measured_at, modes_of
+from .false_lines import FalseLines, Region, depends_on_one, false_line_moment
+from .lines_and_distances import (
+    GRID_REACH_EXTENTS,
+    MIN_SECOND_MODE_PROBABILITY,
+    BearingLines,
+    has_rival_mode,
+    measured_at,
+    modes_of,
+)
 
 MAX_PAIRS = 40_000
 """Pairs of candidates that are tried; beyond, the least certain candidates are omitted."""
@@ -33,17 +42,25 @@ UNVERIFIED, POSSIBLE_OUTLIER = "unverified", "possible_outlier"
 
 
 class FixState(NamedTuple):
-    """Settings and positions of the sensors; nothing is carried from scan to scan."""
+    """Settings and sensors; how many bearings were false is all that is carried from scan to scan."""
 
     config: FixConfig
     positions: Floats  # (S, 2), as in `sensor_names`
+    width: Floats  # (S,) fields of view [rad]
     room: Floats | None  # (K, 2) corners
+    region: Region
+    false: FalseBearings = FalseBearings()
 
 
 def init(scene: Scene, config: FixConfig, rng: Generator) -> FixState:  # noqa: ARG001
     """State before the first scan: settings, ground positions of cameras and arrays, and the room."""
-    positions = [c.ground for c in scene.cameras] + [a.position[:2] for a in scene.arrays]
-    return FixState(config, np.array(positions, dtype=np.float64).reshape(-1, 2), scene.room)
+    found = [c.ground for c in scene.cameras] + [a.position[:2] for a in scene.arrays]
+    positions = np.array(found, dtype=np.float64).reshape(-1, 2)
+    width = np.array([c.fov for c in scene.cameras] + [2.0 * math.pi] * len(scene.arrays))
+    around = positions if scene.room is None else scene.room
+    low, high = (around.min(axis=0), around.max(axis=0)) if len(around) else (np.zeros(2), np.zeros(2))
+    reach = GRID_REACH_EXTENTS * float((high - low).max()) if scene.room is None else 0.0
+    return FixState(config, positions, width, scene.room, Region(low - reach, high + reach))
 
 
 def step(state: FixState, scan: Scan, rng: Generator) -> tuple[FixState, Estimate | None]:  # noqa: ARG001
@@ -57,7 +74,10 @@ def step(state: FixState, scan: Scan, rng: Generator) -> tuple[FixState, Estimat
         return state, None
     # Estimate ([Lenth] 1981)
     positions, bearings, sigma = state.positions[scan.sensor[rows]], scan.bearing[rows], scan.sigma[rows]
-    found = _estimated(config, positions, bearings, sigma)
+    if config.estimator == MIXTURE:
+        state, found = _mixture(state, scan.sensor[rows], bearings, sigma)
+    else:
+        found = _estimated(config, positions, bearings, sigma)
     if found is None:
         return state, None
     # Score: log-likelihood of the bearings at the estimate
@@ -149,14 +169,27 @@ def _fallback(found: Modes, spread: str) -> str:
     return POSSIBLE_OUTLIER if has_rival_mode(found) else ""
 
 
+def _mixture(state: FixState, sensor: Ints, bearings: Floats, sigma: Floats) -> tuple[FixState, Fix | None]:
+    """The position by a mixture of true and false bearings; its weights are the probabilities that they are true."""
+    config, positions = state.config, state.positions[sensor]
+    found = modes(positions, bearings, sigma, config.bent)
+    if found is None:
+        return state, None
+    spread, false = spread_of(found, pooled=config.covariance == "pooled"), state.false
+    epsilon = false.probability(config.false_bearing_probability)
+    if epsilon > 0.0 and depends_on_one(found, positions, sigma):
+        lines = FalseLines(state.width[sensor], epsilon, config.bent, epsilon > config.false_bearing_probability)
+        probability, moment = false_line_moment(found, positions, bearings, sigma, lines, state.region)
+        spread = (1.0 - probability) * spread + probability * moment
+    if len(sensor) > 2:
+        # Two bearings alone always agree
+        false = false.counted(found.probability @ found.inlier_probability)
+    weights, kappa = found.inlier_probability[0], float((1.0 / sigma**2).mean())
+    return state._replace(false=false), Fix(found.xy[0], spread, weights, kappa, estimated=False)
+
+
 def _estimated(config: FixConfig, positions: Floats, bearings: Floats, sigma: Floats) -> Fix | None:
-    """The position by the estimator of the settings; its weights are those of the bearings."""
-    if config.estimator == MIXTURE:
-        found = modes(positions, bearings, sigma, config.bent)
-        if found is None:
-            return None
-        spread = spread_of(found, pooled=config.covariance == "pooled")
-        return Fix(found.xy[0], spread, found.inlier_probability[0], float((1.0 / sigma**2).mean()), estimated=False)
+    """The position by an estimator of [Lenth]; its weights are those of the bearings."""
     pooled, median = config.covariance == "pooled", config.estimator in ("rmr", "jrmr")
     learned = config.covariance == "residuals" or (pooled and not median)
     fixed = fix(positions, bearings, sigma, config.estimator, config.bent, learned)

@@ -27,6 +27,7 @@ from occlog.filtering.likelihood.directions import PackedScan
 from occlog.filtering.likelihood.measurement_model import (
     LinearisedRows,
     MeasurementWorld,
+    linearise,
     linearised,
     measured,
     residuals,
@@ -43,7 +44,7 @@ from occlog.scans.grouping import Scan
 from occlog.track.interface import Estimate, JointMethod, SmoothedState, Smoothing
 from occlog.track.methods.apf.model import pack_scan, read_noise
 from occlog.track.methods.kalman.filter import anywhere_of, initial_position, motion_of, world_of
-from occlog.track.methods.kalman.updates import gated_rows
+from occlog.track.methods.kalman.updates import gated_rows, linear
 
 from .config import JointConfig
 
@@ -141,7 +142,8 @@ def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, lis
             continue
         before = state.particles[:, j]
         known = Gaussian(*mean_and_covariance(np.full(L, 1.0 / L), before))
-        inside = gated_rows(predicted(known, *motion_of(config).transition(dt)), rows, state.world, config.gate)
+        known = predicted(known, *motion_of(config).transition(dt))
+        inside = gated_rows(known, rows, linearise(known.mean[:2], rows, state.world), config.gate)
         astray[target] = track_loss_count(astray[target], int(np.count_nonzero(~inside)), len(inside))
         particles[:, j], corrected, drawn[j] = _proposed(before, rows.take(inside), dt, state, rng)
         log_weights += corrected
@@ -180,8 +182,9 @@ def _placed(rows: LinearisedRows, state: JointState, rng: Generator) -> tuple[Fl
 
     The third is the (2, 2) covariance of the proposal's positions.
     """
-    first, _ = initial_position(state.anywhere, rows, state.world, state.config.gate)
-    drawn = Gaussian(first.state.mean, PROPOSAL_INFLATION**2 * first.state.covariance)
+    position, kept = initial_position(state.anywhere, rows, state.world, state.config.gate)
+    first = linear(state.anywhere, position, rows.take(kept), state.world).state if len(kept) else state.anywhere
+    drawn = Gaussian(first.mean, PROPOSAL_INFLATION**2 * first.covariance)
     states = rng.multivariate_normal(drawn.mean, drawn.covariance, state.config.particles, method="cholesky")
     log_ratio = _log_density(states, state.anywhere) - _log_density(states, drawn)
     return states, log_ratio, drawn.covariance[:2, :2]

@@ -66,6 +66,12 @@ class KalmanConfig(LagConfig, WalkConfig):
         counts=(3,),
         nothing="triangulated from the first bearings",
     )
+    false_bearing_probability: float = setting(
+        0.01,
+        "Initial probability that a labelled bearing is false; it is learned. 0: all within the gate are true.",
+        at_least=0,
+        at_most=0.5,
+    )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
         """A spread is above 0: a Gaussian of no width takes nothing in."""

@@ -17,13 +17,16 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.core.geometry.visibility import prior_moments
 from occlog.core.plane import floor_moments, make_floor
 from occlog.errors import InputError
+from occlog.filtering.false_bearings import FalseBearings
 from occlog.filtering.gaussian import Gaussian, PosteriorRecord, predicted, rts_smooth
 from occlog.filtering.lifecycle import advance, elapsed, is_lost, track_loss_count
 from occlog.filtering.likelihood.directions import PackedScan
 from occlog.filtering.likelihood.measurement_model import (
+    Linearisation,
     LinearisedRows,
     MeasurementWorld,
     azimuths,
+    linearise,
     linearised,
     measured,
     residuals,
@@ -37,14 +40,17 @@ from occlog.track.methods.apf.model import pack_noise, pack_scan, pack_sensors, 
 
 from . import updates
 from .config import NONE, EkfConfig, IekfConfig, KalmanConfig, UkfConfig, WalkConfig
+from .outliers import RowsUpdate, log_false_density, mixture_update, moment_matched
 from .stations import StationUpdate, extended, first_position, innovation_gating, unscented
-from .updates import Updated, gated_rows, gauss_newton, linear
+from .updates import Updated, by_linearisation, gated_rows, gauss_newton
 
 K = TypeVar("K", bound=KalmanConfig)
 MAX_INITIAL_MEASUREMENTS = 40
 """Maximum number of measurements from which a filter begins, the most certain ones."""
 INFLATION_TIME_S = 1.0
 """A target of which most reports disagree with the prediction is as far from it as it goes in about this time [s]."""
+MANOEUVRE_PROBABILITY = 0.01
+"""Probability that a target is not where it was predicted, in a scan of which most reports disagree."""
 INFLATED = "inflated"
 """Value of `fallback`: most reports disagreed with the prediction, which was made wider."""
 INITIAL_SEARCH_CONFIG = IekfConfig(visibility_constraint=NONE)
@@ -61,6 +67,7 @@ class KalmanState(NamedTuple, Generic[K]):
     known: Gaussian
     t_ns: int | None
     astray: int  # reports outside the gate more than inside, since they last were even
+    false: FalseBearings = FalseBearings()
     link: PosteriorRecord | None = None  # what the last step leaves for the way back
 
 
@@ -102,7 +109,7 @@ def gaussian_of(xy: Floats, covariance: Floats, config: WalkConfig) -> Gaussian:
     return Gaussian(np.array([*xy, 0.0, 0.0]), whole)
 
 
-Update = Callable[[Gaussian, LinearisedRows, MeasurementWorld, K], Updated]
+Update = Callable[[Gaussian, LinearisedRows, Linearisation, MeasurementWorld, K], Updated]
 
 
 def stepper(
@@ -118,12 +125,20 @@ def stepper(
         distances = None if scan.measured is None or by_stations is None else scan.measured.distances
         stations = 0 if distances is None else len(distances.kind)
 
+        epsilon = state.false.probability(config.false_bearing_probability)
+
+        def of_true(known: Gaussian, own: LinearisedRows, near: Linearisation) -> Updated:
+            return update(known, own, near, world, config)
+
+        def linear(known: Gaussian, own: LinearisedRows, near: Linearisation) -> Updated:
+            return by_linearisation(known, own, near, world)
+
         def initiate(reason: str) -> KalmanUpdate:
             if distances is not None:
                 first, used = first_position(state.anywhere, rows, distances, world, config.gate)
-                return KalmanUpdate(Updated(first, math.nan, reason), used, begun=True, restarted=True)
-            done, used = initial_position(state.anywhere, rows, world, config.gate)
-            return KalmanUpdate(done._replace(fallback=reason), used, begun=True, restarted=True)
+                return KalmanUpdate(Updated(first, math.nan, reason), used, state.false, begun=True, restarted=True)
+            taken = initial_update(state.anywhere)
+            return taken._replace(done=taken.done._replace(fallback=reason), restarted=True)
 
         def predict_and_update(dt: float) -> KalmanUpdate:
             known = predicted(state.known, *motion_of(config).transition(dt))
@@ -135,16 +150,43 @@ def stepper(
             done = Updated(after, taken.done.score + score, taken.done.fallback)
             return taken._replace(done=done, against=int(np.count_nonzero(~inside)))
 
+        def of_mixture(known: Gaussian, near: Linearisation, inside: Bools, by: RowsUpdate) -> KalmanUpdate:
+            """Rows inside are true or false, labelled ones outside are false."""
+            own, outside = rows, ~inside & rows.labelled
+            if not inside.all():
+                own, near = rows.take(inside), near.take(inside)
+            done, inlier = mixture_update(known, own, near, world, epsilon, by)
+            false = state.false.counted(inlier)
+            if outside.any():
+                false = false.counted(np.zeros(np.count_nonzero(outside)))
+                log_false = math.log(max(epsilon, 1e-300)) + log_false_density(rows.take(outside), world)
+                done = done._replace(score=done.score + float(log_false.sum()))
+            return KalmanUpdate(done, own.sensor[inlier >= 0.5], false, begun=state.t_ns is None)
+
+        def initial_update(anywhere: Gaussian) -> KalmanUpdate:
+            position, kept = initial_position(anywhere, rows, world, config.gate)
+            inside = np.zeros(len(rows.sensor), dtype=np.bool_)
+            inside[kept] = True
+            taken = of_mixture(anywhere, linearise(position, rows, world), inside, linear)
+            return taken._replace(begun=True)
+
         def by_directions(known: Gaussian) -> KalmanUpdate:
-            inside = gated_rows(known, rows, world, config.gate)
-            used, begun = rows.sensor[inside], state.t_ns is None
-            if _most_outside_gate(rows, inside):
-                # Most reports disagree, as of a target that has turned: where they meet, not far from the prediction
-                done, used = initial_position(_inflated(known, config), rows, world, config.gate)
-                return KalmanUpdate(done._replace(fallback=INFLATED), used, begun=True)
-            if inside.any():
-                return KalmanUpdate(update(known, rows.take(inside), world, config), used, begun)
-            return KalmanUpdate(Updated(known, 0.0), used, begun)
+            near = linearise(known.mean[:2], rows, world)
+            inside = gated_rows(known, rows, near, config.gate)
+            taken = of_mixture(known, near, inside, of_true)
+            if not _most_outside_gate(rows, inside):
+                return taken
+            # Most reports disagree, as of a target that has turned: where they meet, not far from the prediction
+            turned = initial_update(_inflated(known, config))
+            turned = turned._replace(done=turned.done._replace(fallback=INFLATED))
+            if not epsilon > 0.0:
+                return turned
+            odds = math.log(MANOEUVRE_PROBABILITY) + turned.done.score - taken.done.score
+            odds -= math.log1p(-MANOEUVRE_PROBABILITY)
+            share = 1.0 / (1.0 + math.exp(-min(max(odds, -700.0), 700.0)))
+            both = moment_matched(np.array([share, 1.0 - share]), [turned.done.state, taken.done.state])
+            probable = turned if share >= 0.5 else taken
+            return probable._replace(done=probable.done._replace(state=both))
 
         def loss(taken: KalmanUpdate) -> tuple[int, bool]:
             count = 0 if taken.restarted else _track_loss(state.astray, packed, taken, stations)
@@ -154,11 +196,11 @@ def stepper(
             return (0, True) if lost else (count, False)
 
         known = state.t_ns is not None or config.start is not None
-        (done, used, begun, restarted, _), astray = advance(
+        (done, used, false, begun, restarted, _), astray = advance(
             dt, config.max_gap_s, known=known, initiate=initiate, update=predict_and_update, loss=loss
         )
         link = PosteriorRecord(done.state, 0.0 if restarted else dt, begun=begun)
-        state = state._replace(known=done.state, t_ns=scan.t_ns, astray=astray, link=link)
+        state = state._replace(known=done.state, t_ns=scan.t_ns, astray=astray, false=false, link=link)
         estimate = _estimate(done, packed, used)
         return state, estimate if distances is None else with_distances(estimate, distances)
 
@@ -170,6 +212,7 @@ class KalmanUpdate(NamedTuple):
 
     done: Updated
     used: Ints
+    false: FalseBearings
     begun: bool
     restarted: bool = False  # from the scan alone
     against: int = 0  # measurements of stations outside the gate
@@ -196,20 +239,21 @@ def left_scene(known: Gaussian, world: MeasurementWorld) -> bool:
 
 def initial_position(
     anywhere: Gaussian, rows: LinearisedRows, world: MeasurementWorld, gate: float
-) -> tuple[Updated, Ints]:
-    """The most probable position by the rows of one scan, and the sensors that it is from.
+) -> tuple[Floats, Ints]:
+    """(2,) most probable position by the rows of one scan, and the indices of the rows that it is from.
 
     Of each sensor the nearest row counts, up to the gate, so that candidates of others and false bearings do not.
     """
-    rows = rows.take(np.sort(np.argsort(rows.variance, kind="stable")[:MAX_INITIAL_MEASUREMENTS]))
+    order = np.sort(np.argsort(rows.variance, kind="stable")[:MAX_INITIAL_MEASUREMENTS])
+    rows = rows.take(order)
     starts = np.vstack([anywhere.mean[None, :2], bearing_intersections(rows, world)])
     _, costs = zip(*(_gated_rows(position, anywhere, rows, world, gate) for position in starts), strict=True)
-    kept, _ = _gated_rows(starts[int(np.argmin(costs))], anywhere, rows, world, gate)
-    rows = rows.take(kept)
-    if not len(rows.sensor):
-        return Updated(anywhere, 0.0), rows.sensor
-    position, _, _ = gauss_newton(starts[int(np.argmin(costs))], anywhere, rows, world, INITIAL_SEARCH_CONFIG)
-    return linear(anywhere, position, rows, world), rows.sensor
+    start = starts[int(np.argmin(costs))]
+    kept, _ = _gated_rows(start, anywhere, rows, world, gate)
+    if not len(kept):
+        return anywhere.mean[:2], kept
+    position, _, _ = gauss_newton(start, anywhere, rows.take(kept), world, INITIAL_SEARCH_CONFIG)
+    return position, order[kept]
 
 
 def _gated_rows(
@@ -244,13 +288,18 @@ def bearing_intersections(rows: LinearisedRows, world: MeasurementWorld) -> Floa
 def _track_loss(before: int, packed: PackedScan, taken: KalmanUpdate, measured: int) -> int:
     """The track-loss counter after a scan with so many measurements of stations also its labelled reports."""
     reports = packed.sensor[packed.labelled & (np.diff(packed.first) > 0)]
-    against = int(np.count_nonzero(~np.isin(reports, taken.used))) + taken.against
+    against = int(np.count_nonzero(~_among(reports, taken.used))) + taken.against
     return track_loss_count(before, against, len(reports) + measured)
+
+
+def _among(numbers: Ints, some: Ints) -> Bools:
+    """(n,) which of a few numbers are among others; `np.isin` takes ten times as long."""
+    return np.asarray((numbers[:, None] == some).any(axis=1))
 
 
 def _estimate(done: Updated, packed: PackedScan, agree: Ints) -> Estimate:
     seen = np.diff(packed.first) > 0
-    seen &= packed.labelled | np.isin(packed.sensor, agree)
+    seen &= packed.labelled | _among(packed.sensor, agree)
     return Estimate(
         xy=done.state.mean[:2],
         velocity=done.state.mean[2:],
@@ -282,7 +331,6 @@ def _method(config: type[K], update: Update[K], by_stations: StationUpdate | Non
         step=stepper(update, by_stations),
         started=lambda own: own.start is not None,
         measured=by_stations is not None,
-        consistent=True,
         smoothing=Smoothing(
             wanted=lambda own: own,
             trace=_trace,
@@ -292,11 +340,13 @@ def _method(config: type[K], update: Update[K], by_stations: StationUpdate | Non
 
 
 EKF: Online[KalmanState[EkfConfig], EkfConfig] = _method(
-    EkfConfig, lambda known, rows, world, _: updates.ekf(known, rows, world), extended
+    EkfConfig, lambda known, rows, near, world, _: by_linearisation(known, rows, near, world), extended
 )
-UKF: Online[KalmanState[UkfConfig], UkfConfig] = _method(UkfConfig, updates.ukf, unscented)
+UKF: Online[KalmanState[UkfConfig], UkfConfig] = _method(
+    UkfConfig, lambda known, rows, _, world, config: updates.ukf(known, rows, world, config), unscented
+)
 IEKF: Online[KalmanState[IekfConfig], IekfConfig] = _method(
     IekfConfig,
-    lambda known, rows, world, config: updates.iekf(known, rows, world, config, bearing_intersections(rows, world)),
+    lambda known, rows, _, world, config: updates.iekf(known, rows, world, config, bearing_intersections(rows, world)),
     None,
 )

@@ -24,9 +24,11 @@ from occlog.core.geometry.camera import wrap_angle
 from occlog.filtering.gaussian import Gaussian, log_normal, symmetric, updated
 from occlog.filtering.likelihood.directions import MIN_DEPTH
 from occlog.filtering.likelihood.measurement_model import (
+    Linearisation,
     LinearisedRows,
     MeasurementWorld,
     azimuths,
+    linearise,
     linearised,
     measured,
     residuals,
@@ -98,18 +100,24 @@ class Updated(NamedTuple):
     fallback: str = ""
 
 
-def gated_rows(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, gate: float) -> Bools:
-    """(R,) mask of the rows with a normalised innovation within the gate; only the nearest of a sensor's candidates."""
-    at = state.mean[:2]
-    expected, ahead = measured(at[None], rows, world)
-    H, R = linearised(at, rows, world)
-    spread = np.einsum("ri,ij,rj->r", H, state.covariance[:2, :2], H) + R
-    squared = np.where(ahead[0], residuals(expected[0], rows) ** 2 / spread, np.inf)
+def gated_rows(state: Gaussian, rows: LinearisedRows, near: Linearisation, gate: float) -> Bools:
+    """(R,) mask of the rows with a normalised innovation within the gate; only the nearest of a sensor's candidates.
+
+    Args:
+        state: the prediction.
+        rows: what was measured.
+        near: the rows at its mean.
+        gate: in standard deviations.
+    """
+    spread = np.einsum("ri,ij,rj->r", near.H, state.covariance[:2, :2], near.H) + near.R
+    squared = np.where(near.ahead, near.residual**2 / spread, np.inf)
     inside = squared <= gate**2
+    if rows.labelled.all():
+        return np.asarray(inside)
     for sensor in np.unique(rows.sensor[~rows.labelled]):
         own = np.flatnonzero((rows.sensor == sensor) & ~rows.labelled)
         inside[np.delete(own, np.argmin(squared[own]))] = False
-    return inside
+    return np.asarray(inside)
 
 
 def ekf(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld) -> Updated:
@@ -119,14 +127,17 @@ def ekf(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld) -> Updat
 
 def linear(state: Gaussian, at: Floats, rows: LinearisedRows, world: MeasurementWorld) -> Updated:
     """Update by measurements linearised at a position (2,); the covariance in Joseph's form."""
-    expected, _ = measured(at[None], rows, world)
-    H2, R = linearised(at, rows, world)
-    H = np.hstack([H2, np.zeros_like(H2)])
-    # Innovation of the measurement that is linear about `at`
-    off = residuals(expected[0], rows) - H2 @ (state.mean[:2] - at)
-    found = updated(state, H, off, R)
-    wedge = _near_sensor_inflation(at, rows, world, found[0].covariance[:2, :2])
-    return Updated(*(found if (wedge == 1.0).all() else updated(state, H, off, R * wedge)))
+    return by_linearisation(state, rows, linearise(at, rows, world), world)
+
+
+def by_linearisation(state: Gaussian, rows: LinearisedRows, near: Linearisation, world: MeasurementWorld) -> Updated:
+    """Update by measurements that are linearised; the covariance in Joseph's form."""
+    H = np.zeros((len(near.R), 4))
+    H[:, :2] = near.H
+    off = near.innovation(state.mean)
+    found = updated(state, H, off, near.R)
+    wedge = _near_sensor_inflation(near.at, rows, world, found[0].covariance[:2, :2])
+    return Updated(*(found if (wedge == 1.0).all() else updated(state, H, off, near.R * wedge)))
 
 
 def _near_sensor_inflation(at: Floats, rows: LinearisedRows, world: MeasurementWorld, covariance: Floats) -> Floats:
