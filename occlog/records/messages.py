@@ -150,6 +150,12 @@ VERDICT: dict[str, Message] = {
         _ROWS + "measurements fit several positions, which the covariance holds",
         "add stations off the line, or use method apf or map",
     ),
+    "rival-mode": Message(
+        W,
+        "target {targets}: another trajectory is nearly as probable (odds 1 to {odds:.2g}), and up to {distance:.3g} "
+        "{unit} away in {count} of {rows} rows, from {first_s:.4g} to {last_s:.4g} s",
+        "add a sensor, or give start",
+    ),
     "no-matching-region": Message(
         W,
         _ROWS + "ranges are not as stated, or reads are missed",

@@ -17,6 +17,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 from numpy.random import Generator
 
 from occlog.array_types import Floats, Ints
+from occlog.consistency.estimates import RivalTrajectory
 from occlog.records.scene import Scene
 from occlog.scans.grouping import Scan
 
@@ -106,6 +107,7 @@ class SmoothedTrajectory(NamedTuple):
     converged: bool
     fit: BearingResiduals | None = None  # None: the method does not judge bearings
     noise: NoiseScales | None = None  # None: the method takes it as stated
+    rivals: tuple[RivalTrajectory, ...] | None = None  # None: none were sought
 
 
 State = TypeVar("State")

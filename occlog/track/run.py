@@ -63,7 +63,7 @@ class TrackSummary:
         """
         self.scene, self.joint, self.smoothed = scene, joint, smoothed
         self.targets: set[int] = set()
-        self.evidence = ConsistencyEvidence(distances=distances)
+        self.evidence = ConsistencyEvidence(distances=distances, unit=scene.length_unit)
         self.sensors = SystematicErrors(scene)
         self.compass, self.sharp = AngleConventionCheck(scene), SmallNoiseCheck()
         self.messages = NetworkTraffic()
@@ -89,6 +89,8 @@ class TrackSummary:
         for solve in part.solves:
             if solve.noise is not None:
                 self.evidence.agreements.moves(solve.target, solve.noise.motion)
+            if solve.rivals is not None:
+                self.evidence.competes(solve.target, solve.rivals)
         self.messages.add(part.diagnostics)
         self.solves += part.solves
         self.offered += part.offered

@@ -20,7 +20,8 @@ from occlog.track.methods.map.kernels.problem import TrajectoryProblem
 from occlog.track.methods.map.lines_and_distances import local, mixed_search, terms
 from occlog.track.methods.map.record import after, fill, join, record_of
 from occlog.track.methods.map.search.problem_of_record import begin, problem_of
-from occlog.track.methods.map.search.start import filtered_starts
+from occlog.track.methods.map.search.start import ConsensusPath
+from occlog.track.methods.map.search.window_modes import mode_starts
 
 NS = 1_000_000_000
 PLACES = np.array([[0.0, 0.0], [10.0, 0.0], [0.0, 8.0]])
@@ -74,7 +75,7 @@ def test_a_search_begins_near_the_path_although_ranges_fit_other_places_at_first
     record = record_of([*blind, *given[10:]])
     pending = begin(scene, MapConfig())
     found = local(record.measured, pending.origin)
-    X = filtered_starts(problem_of(pending, record), record, pending, found)[0]
+    X = mode_starts(problem_of(pending, record), record, pending, found)[0].X
     assert np.hypot(*(X[:, ::2] + pending.origin - path).T).max() < 0.2
 
 
@@ -131,13 +132,13 @@ def test_late_signals_that_are_expected_do_less_harm_and_none_where_there_are_no
 def test_a_path_that_the_filter_lost_is_found_again(monkeypatch: pytest.MonkeyPatch) -> None:
     given, path = walk(3, late=0.1, told=0.05)
 
-    def astray(problem: TrajectoryProblem, *_: object) -> list[np.ndarray]:
+    def astray(problem: TrajectoryProblem, *_: object) -> list[ConsensusPath]:
         X = np.zeros((len(path), 4))
         X[:, ::2] = path - np.array([5.0, 4.0])
         X[35:, ::2] += np.linspace(0.0, 4.0, len(path) - 35)[:, None] * [0.8, -0.6]
-        return [X]
+        return [ConsensusPath(X, np.ones(0, dtype=np.bool_), 0.0)]
 
-    monkeypatch.setattr(mixed, "filtered_starts", astray)
+    monkeypatch.setattr(mixed, "mode_starts", astray)
     found, _ = solved(given)
     assert np.hypot(*(found - path).T).max() < 0.4
 

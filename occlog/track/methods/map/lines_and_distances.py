@@ -1,8 +1,8 @@
 """Ranges, signal strengths and differences in a trajectory's cost, with or without lines of sight.
 
-1. *Start.* Extended Kalman filters run along the record, one from each position that the first measurements fit best;
-they
-   pass over what is false.  The most probable one is smoothed (Rauch, Tung and Striebel 1965).
+1. *Start.*  Paths through the modes that the measurements of a second have, those that turn least
+(`occlog.track.methods.map.search.window_modes`).  The search begins from each, and the cheapest trajectory is taken.
+One that is nearly as cheap and significantly elsewhere is a rival: covariances hold both, by their posterior odds.
 2. *Search.* Each measurement of a distance is replaced by the quadratic term of Gauss and Newton about the trajectory
    found so far, with the slope and the weight that it has there
    (`occlog.filtering.likelihood.distances.score_and_information`, iteratively reweighted least squares); the search
@@ -15,9 +15,11 @@ Noises are those that are stated: residuals do not change them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from occlog.array_types import Floats, Ints
+from occlog.array_types import Bools, Floats, Ints
 from occlog.errors import UsageError
 from occlog.filtering.likelihood.distances import (
     RangeMeasurements,
@@ -29,20 +31,25 @@ from occlog.filtering.likelihood.distances import (
 from occlog.track.interface import BearingResiduals, SmoothedTrajectory
 
 from .kernels.interior_point import covariance
+from .kernels.invariant import second_moment
 from .kernels.paths_around_obstacles import Obstacle, PathsAroundObstacles
 from .kernels.problem import QuadraticPriors
 from .kernels.terms import hints_cost
-from .kernels.terms import inlier_probabilities as line_beliefs
 from .occlusion import OccluderHints
 from .record import TargetRecord
 from .search.problem_of_record import Pending, problem_of
-from .search.robust import RobustSearchResult, Watch, has_converged, inlier_weights, search_from
-from .search.start import ConsensusPath, filtered_starts
+from .search.robust import RivalMode, RobustSearchResult, Watch, has_converged, search_from
+from .search.start import ConsensusPath
+from .search.window_modes import mode_starts
 
 ROUNDS = 15
 """How often the search is repeated at most."""
 WIDE = (0.3, 0.1, 0.1, 0.03, 0.03, 0.01)
 """Shares of the extent by which measurements are blunter while a lost path is sought."""
+RIVAL_LOG_ODDS = 4.6
+"""A mode of which the negative log posterior is higher by at most this (odds of 1 to 100) is a rival."""
+RIVAL_SIGMAS = 3.0
+"""Distance from a mode, in its standard deviations, at which another one is elsewhere."""
 IN_A_ROW = 12
 """A path is lost where most of this number of successive measurements are rejected."""
 
@@ -62,28 +69,59 @@ def mixed_search(
     if config.solver != "newton":
         raise UsageError(f"map: solver {config.solver} takes bearings alone; use newton with measurements of distances")
     assert record.measured is not None
-    problem = problem_of(pending, record)
     here = local(record.measured, pending.origin)
-    # Start
-    trust, lines = inlier_weights(config, 1.0), problem.lines
-    found: RobustSearchResult | None = None
-    # Search from each of the most probable paths: room, walls and depths tell modes apart that filters do not
-    for X in filtered_starts(problem, record, pending, here):
-        inlier = np.ones(len(lines.step), dtype=np.bool_)
-        if config.loss != "square" and len(lines.step):
-            inlier = line_beliefs(lines, X, trust) >= 0.5
-        other = _settled(here, ConsensusPath(X, inlier, 0.0), pending, record, around, watch)
-        if found is None or _total(here, record, other) < _total(here, record, found):
-            found = other
-    assert found is not None
-    if config.loss == "square" or not _lost(here, found.mode.solution.X[record.measured_state]):
-        return found
-    # Where a filter went astray nothing pulls it back: again, with measurements that reach as far as it may be
-    blurred = found
-    for share in WIDE:
-        blurred = _once(here, _path(blurred), pending, record, around, watch, share * pending.extent)
-    other = _settled(here, _path(blurred), pending, record, around, watch)
-    return min(found, other, key=lambda sought: _total(here, record, sought))
+    # Search from each of the most probable paths: room, walls and the motion in full tell modes apart
+    paths = mode_starts(problem_of(pending, record), record, pending, here)
+    modes = [_settled(here, path, pending, record, around, watch) for path in paths]
+    costs = [_total(here, record, mode) for mode in modes]
+    blurred = modes[int(np.argmin(costs))]
+    if config.loss != "square" and _lost(here, blurred.mode.solution.X[record.measured_state]):
+        # Nothing pulls a lost path back: again, with measurements that reach as far as it may be
+        for share in WIDE:
+            blurred = _once(here, _path(blurred), pending, record, around, watch, share * pending.extent)
+        modes.append(_settled(here, _path(blurred), pending, record, around, watch))
+        costs.append(_total(here, record, modes[-1]))
+    return _with_rivals_of(modes, costs)
+
+
+def _with_rivals_of(modes: list[RobustSearchResult], costs: list[float]) -> RobustSearchResult:
+    """The cheapest mode, with those that are nearly as cheap and significantly elsewhere."""
+    order = np.argsort(costs, kind="stable").tolist()
+    best, X = modes[order[0]], modes[order[0]].mode.solution.X
+    rivals: list[RivalMode] = []
+    taken = [(X, covariance(best.mode.problem, X))] if len(modes) > 1 else []
+    for k in order[1:]:
+        if costs[k] > costs[order[0]] + RIVAL_LOG_ODDS:
+            break
+        other = modes[k].mode.solution.X
+        elsewhere = [_significantly_away(other, *one) for one in taken]
+        if all(away.any() for away in elsewhere):
+            taken.append((other, covariance(modes[k].mode.problem, other)))
+            rivals.append(RivalMode(*taken[-1], costs[k] - costs[order[0]], elsewhere[0]))
+    with_them: RobustSearchResult = best._replace(rivals=tuple(rivals))
+    return with_them
+
+
+def _significantly_away(other: Floats, X: Floats, spread: Floats) -> Bools:
+    """(T,) whether positions of states (T, 4) are away from those of others with covariances (T, 4, 4)."""
+    away = (other - X)[:, ::2]
+    away2 = np.einsum("ti,tij,tj->t", away, np.linalg.inv(spread[:, ::2, ::2]), away)
+    return np.asarray(away2 > RIVAL_SIGMAS**2)
+
+
+def with_rivals(X: Floats, spread: Floats, rivals: Sequence[RivalMode]) -> Floats:
+    """(T, 4, 4) second moments about states X (T, 4) of a mixture of a mode and its rivals, by their posterior odds.
+
+    Modes have the same volume here: where the motion is smoother than stated, as it usually is, volumes prefer those
+    that the measurements leave more room, and are wrong.
+    """
+    if not rivals:
+        return spread
+    weight = np.exp([-rival.excess for rival in rivals])
+    total, out = 1.0 + weight.sum(), spread.copy()
+    for w, rival in zip(weight / total, rivals, strict=True):
+        out += w * (second_moment(X, rival.X, rival.spread) - spread)
+    return out
 
 
 def _total(rows: RangeMeasurements, record: TargetRecord, found: RobustSearchResult) -> float:

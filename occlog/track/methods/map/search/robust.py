@@ -175,6 +175,15 @@ Scales = tuple[float, float]
 """Factors of the stated variances of lines of sight and of steps."""
 
 
+class RivalMode(NamedTuple):
+    """Another mode that is nearly as probable."""
+
+    X: Floats  # (T, 4) states
+    spread: Floats  # (T, 4, 4) covariances
+    excess: float  # by how much its cost is higher
+    elsewhere: Bools  # (T,) states at which its position is significantly away from that of the mode
+
+
 class RobustSearchResult(NamedTuple):
     """What a search found."""
 
@@ -188,6 +197,7 @@ class RobustSearchResult(NamedTuple):
     chance: Bools | None = None  # (N,) of these, met by chance alone; None: none
     careful: PathsAroundObstacles | None = None  # the minimum without those; None: missing
     hints: OccluderHints | None = None  # what moving occluders say; None: nothing
+    rivals: tuple[RivalMode, ...] = ()  # by rising cost
 
 
 def plain_search(
