@@ -422,6 +422,7 @@ def pack(
         other = reference[own] if name in DIFFERENCES else station[own]
         parts.append(
             RangeMeasurements(
+                bias=config.range_bias,
                 kind=np.full(len(own), kind, dtype=np.int64),
                 value=value,
                 sigma=sigma,

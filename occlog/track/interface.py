@@ -63,6 +63,14 @@ class NoiseScales(NamedTuple):
     motion: float
 
 
+class StationBias(NamedTuple):
+    """A constant error of the ranges of a station."""
+
+    station: int
+    bias: float  # by how much they are too long
+    error: float  # its standard error
+
+
 class Estimate(NamedTuple):
     """What a filter knows after a scan, and how it fared."""
 
@@ -108,6 +116,7 @@ class SmoothedTrajectory(NamedTuple):
     fit: BearingResiduals | None = None  # None: the method does not judge bearings
     noise: NoiseScales | None = None  # None: the method takes it as stated
     rivals: tuple[RivalTrajectory, ...] | None = None  # None: none were sought
+    biases: tuple[StationBias, ...] = ()
 
 
 State = TypeVar("State")
@@ -180,6 +189,7 @@ class Batch(NamedTuple, Generic[State, Config]):
     forgets_ns: Callable[[Scene, Config], int | None] = lambda *_: None  # after such a pause a target restarts
     occluders: Callable[[Config], OccluderTerms] | None = None  # None: it knows nothing of moving occluders
     measured: bool = False  # whether it takes ranges, signal strengths and time differences
+    biases: bool = False  # whether it estimates constant errors of ranges
 
 
 class Joint(NamedTuple, Generic[State, Config, Report]):

@@ -154,6 +154,15 @@ class TrackSummary:
             "iterations": {str(k): n for k, n in sorted(iterations.items())},
             "searches": len(self.solves),
             "not_converged": sum(not s.converged for s in self.solves),
+            **({"range_biases": biases} if (biases := self._biases()) else {}),
+        }
+
+    def _biases(self) -> dict[str, dict[str, dict[str, float]]]:
+        """Constant errors of the ranges of stations with their standard errors, by target."""
+        return {
+            str(solve.target): {name: {"bias": bias, "standard_error": error} for name, bias, error in solve.biases}
+            for solve in self.solves
+            if solve.biases
         }
 
 
@@ -273,6 +282,9 @@ def distance_measurements(
             )
         return None, {}
     config = configure(DistanceMeasurementConfig.in_unit(inputs.scene.length_unit), dict(request.measured))
+    method = tracker(request.method)
+    if config.range_bias and not (isinstance(method, Batch) and method.biases):
+        raise UsageError("range-bias: method map alone estimates constant errors of ranges; choose it")
     radio = None if request.path_loss is None else radio_of(request, inputs.scene)
     name = None if request.path_loss is None else request.path_loss.name
     said = {

@@ -67,6 +67,7 @@ class Solve(NamedTuple):
     converged: bool
     noise: NoiseScales | None = None  # None: taken as stated
     rivals: tuple[RivalTrajectory, ...] | None = None  # None: none were sought
+    biases: tuple[tuple[str, float, float], ...] = ()  # station, constant error of its ranges, standard error
 
 
 class TrackChunk(NamedTuple):

@@ -41,6 +41,7 @@ from .search.problem_of_record import Pending, problem_of
 from .search.robust import RivalMode, RobustSearchResult, Watch, has_converged, search_from
 from .search.start import ConsensusPath
 from .search.window_modes import mode_starts
+from .station_biases import StationBiases, begin_biases
 
 ROUNDS = 15
 """How often the search is repeated at most."""
@@ -71,14 +72,19 @@ def mixed_search(
     assert record.measured is not None
     here = local(record.measured, pending.origin)
     # Search from each of the most probable paths: room, walls and the motion in full tell modes apart
-    paths = mode_starts(problem_of(pending, record), record, pending, here)
+    biases = begin_biases(here, len(record.t_ns))
+    if biases is not None and config.lag_s is not None:
+        raise UsageError("map: biases of ranges are estimated from whole records; leave lag or range_bias out")
+    seen = here if biases is None else biases.corrected(here)
+    paths = mode_starts(problem_of(pending, record), record, pending, seen)
     modes = [_settled(here, path, pending, record, around, watch) for path in paths]
     costs = [_total(here, record, mode) for mode in modes]
     blurred = modes[int(np.argmin(costs))]
-    if config.loss != "square" and _lost(here, blurred.mode.solution.X[record.measured_state]):
+    seen = here if blurred.biases is None else blurred.biases.corrected(here)
+    if config.loss != "square" and _lost(seen, blurred.mode.solution.X[record.measured_state]):
         # Nothing pulls a lost path back: again, with measurements that reach as far as it may be
         for share in WIDE:
-            blurred = _once(here, _path(blurred), pending, record, around, watch, share * pending.extent)
+            blurred = _once(seen, _path(blurred), pending, record, around, watch, share * pending.extent)
         modes.append(_settled(here, _path(blurred), pending, record, around, watch))
         costs.append(_total(here, record, modes[-1]))
     return _with_rivals_of(modes, costs)
@@ -137,13 +143,18 @@ def _settled(
     around: tuple[Obstacle, ...],
     watch: Watch,
 ) -> RobustSearchResult:
-    """Search from a path until nothing moves."""
+    """Search from a path until nothing moves, biases of stations included."""
+    biases = begin_biases(rows, len(record.t_ns))
     for _ in range(ROUNDS):
-        found = _once(rows, path, pending, record, around, watch)
-        if has_converged(path.X, found.mode):
+        found = _once(rows if biases is None else biases.corrected(rows), path, pending, record, around, watch)
+        settled = has_converged(path.X, found.mode)
+        if biases is not None:
+            biases = biases.updated(rows, record.measured_state, found.mode.problem, path.X, found.mode.solution.X)
+            settled &= biases.settled
+        if settled:
             break
         path = _path(found)
-    return found
+    return found._replace(biases=biases)
 
 
 def _once(
@@ -178,8 +189,11 @@ def _cost(rows: RangeMeasurements, state: Ints, found: RobustSearchResult) -> fl
     assert found.hints is not None
     assert found.hints.hints is not None
     X = found.mode.solution.X
+    prior = 0.0
+    if found.biases is not None:
+        rows, prior = found.biases.corrected(rows), found.biases.cost(rows)
     own = log_density(residuals_at_own_position(rows, X[state][:, ::2])[0], rows.errors)
-    return float(found.mode.solution.cost - hints_cost(found.hints.hints, X) - own.sum())
+    return float(found.mode.solution.cost - hints_cost(found.hints.hints, X) - own.sum() + prior)
 
 
 def local(rows: RangeMeasurements, origin: Floats) -> RangeMeasurements:
@@ -207,7 +221,11 @@ def terms(rows: RangeMeasurements, state: Ints, X: Floats, *, square: bool, wide
 
 
 def with_distances(
-    out: SmoothedTrajectory, pending: Pending, record: TargetRecord, found: PathsAroundObstacles
+    out: SmoothedTrajectory,
+    pending: Pending,
+    record: TargetRecord,
+    found: PathsAroundObstacles,
+    biases: StationBiases | None,
 ) -> SmoothedTrajectory:
     """The states with what they say of measurements of distances, which stand in no row of the record.
 
@@ -216,14 +234,20 @@ def with_distances(
         pending: the target.
         record: its record.
         found: the estimate.
+        biases: of the ranges of stations; None: none are estimated.
     """
     assert record.measured is not None
     keep, X = len(out.t_ns), found.solution.X
     own = record.measured_state < keep
     rows, state = local(record.measured, pending.origin).take(own), record.measured_state[own]
+    if biases is not None:
+        rows = biases.corrected(rows)
     residual, gradient = residuals_at_own_position(rows, X[state][:, ::2])
     # Residuals, and their variance: 1 less the leverage
-    spread = covariance(found.problem, X)[:keep][:, ::2, ::2][state]
+    spread = covariance(found.problem, X)[:keep]
+    if biases is not None:
+        spread = spread + biases.spread(keep)
+    spread = spread[:, ::2, ::2][state]
     inlier = inlier_probability(residual, rows.errors)
     leverage = inlier * np.einsum("ni,nij,nj->n", gradient, spread, gradient)
     fit = BearingResiduals(state, rows.station, residual, np.clip(1.0 - leverage, 0.0, 1.0), inlier)
@@ -246,4 +270,5 @@ def with_distances(
         seen_by=tuple(tuple(sorted(s)) for s in saw),
         fit=fit,
         noise=None,
+        biases=() if biases is None else biases.stated(),
     )

@@ -144,6 +144,8 @@ def advance(
         sought = search(pending, whole, around, watch)
         # Estimate, with covariances
         found, spread = _estimate(sought, around, pending, stated=whole.measured is not None)
+        if sought.biases is not None:
+            spread = spread + sought.biases.spread(T)
         spread = with_rivals(found.solution.X, spread, sought.rivals)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
         raise InputError(
@@ -157,7 +159,7 @@ def advance(
     judged = residuals_and_noise_scales(pending, whole, sought, found)
     out = _smoothed(pending, problem, solution, spread[:keep], whole, stuck, through, judged, sought.rivals)
     if whole.measured is not None:
-        out = with_distances(out, pending, whole, found)
+        out = with_distances(out, pending, whole, found, sought.biases)
     if last:
         return pending._replace(record=EMPTY, X=np.empty((0, 4))), out
     # Marginalise what is given out: it becomes a Gaussian of the first state that is left
@@ -288,4 +290,5 @@ METHOD = Batch(
     forgets_ns=memory_ns,
     occluders=lambda config: OccluderTerms(config.occluder_diameter, config.prior_max_age_s),
     measured=True,
+    biases=True,
 )

@@ -53,6 +53,7 @@ from occlog.track.methods.map.kernels.windows import minimise_windows
 from occlog.track.methods.map.occlusion import OccluderHints, occlusion_terms
 from occlog.track.methods.map.qp_solvers import program_solver
 from occlog.track.methods.map.record import TargetRecord
+from occlog.track.methods.map.station_biases import StationBiases
 
 from .problem_of_record import BEND, START, Pending, bend_of, problem_of, start_of
 from .start import ConsensusPath, ransac_path
@@ -198,6 +199,7 @@ class RobustSearchResult(NamedTuple):
     careful: PathsAroundObstacles | None = None  # the minimum without those; None: missing
     hints: OccluderHints | None = None  # what moving occluders say; None: nothing
     rivals: tuple[RivalMode, ...] = ()  # by rising cost
+    biases: StationBiases | None = None  # of ranges; None: none are estimated
 
 
 def plain_search(
