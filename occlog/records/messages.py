@@ -209,6 +209,11 @@ VERDICT: dict[str, Message] = {
         "bearings of {sensors} agree if its clock is {size:.2g} +- {error:.1g} s late (allowed: {allowed:.1g}){rivals}",
         "correct its clock (ingest --clock-offset)",
     ),
+    "range-bias": Message(
+        W,
+        "ranges of {sensors} are {size:.2g} +- {error:.1g} {unit} too {sense} (allowed: {allowed:.1g})",
+        "use --range-bias with method map, or correct the ranges",
+    ),
     "outliers": Message(
         W,
         _ROWS + "bearings of {sensors} contradict the motion, and others may be false",

@@ -102,7 +102,9 @@ def test_a_step_and_its_covariance_are_those_of_the_whole_system() -> None:
         np.testing.assert_allclose(found.spread(T)[t], whole[own, own] - apart[own, own], rtol=1e-5, atol=1e-9)
 
 
-def tracked(seed: int, bias: np.ndarray, prior: float, **settings: float) -> tuple[SmoothedTrajectory, np.ndarray]:
+def tracked(
+    seed: int, bias: np.ndarray, prior: float, lag_s: float | None = None
+) -> tuple[SmoothedTrajectory, np.ndarray]:
     """The trajectory, and the errors of its positions."""
     zero, path = np.zeros(4, dtype=np.int32), path_of(120, seed)
     given = [
@@ -111,7 +113,7 @@ def tracked(seed: int, bias: np.ndarray, prior: float, **settings: float) -> tup
     ]
     arrays = tuple(MicrophoneArray(f"s{i}", np.append(p, 0.0)) for i, p in enumerate(CORNERS))
     room = np.array([[-5.0, -5.0], [15.0, -5.0], [15.0, 13.0], [-5.0, 13.0]])
-    config = MapConfig(process_noise_velocity=0.3, sigma_initial_velocity=0.7, **settings)
+    config = MapConfig(process_noise_velocity=0.3, sigma_initial_velocity=0.7, lag_s=lag_s)
     pending = METHOD.begin(Scene(arrays=arrays, room=room), config, False)
     _, out = METHOD.advance(pending, given, True)
     return out, out.xy - path
