@@ -180,8 +180,15 @@ class RangeBiases:
         figures = [column.tolist() for column in (size, error, limit)]
         return [RangeBias(names[s], *(column[s] for column in figures)) for s in sorted(names) if large[s]]
 
-    def checks(self, unit: str) -> tuple[Check, ...]:
-        """Whether ranges of a station are too long or too short; lengths are in a unit."""
+    def checks(self, unit: str, *, estimated: bool = False) -> tuple[Check, ...]:
+        """Whether ranges of a station are too long or too short.
+
+        Args:
+            unit: of lengths.
+            estimated: the method has estimated and removed these errors.
+        """
+        if estimated:
+            return outcome(RANGE_BIASES, (), unless="the method estimates them")
         few = "too few ranges of several stations at one time" if self._freedom < MIN_FREEDOM else ""
         return outcome(RANGE_BIASES, self._findings(unit), unless=few)
 

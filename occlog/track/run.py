@@ -141,7 +141,7 @@ class TrackSummary:
         labels = label_checks(self.labels, self.scene.length_unit, rows)
         sensors = () if self.joint else self.sensors.checks()
         if self.ranges is not None:
-            sensors = (*sensors, *self.ranges.checks(self.scene.length_unit))
+            sensors = (*sensors, *self.ranges.checks(self.scene.length_unit, estimated=bool(self._biases())))
         off = "a sensor is off" if any(check.found for check in sensors) else ""
         motion = motion_checks(self.labels, self.motion, self.evidence.rows, off)
         if motion:
