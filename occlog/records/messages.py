@@ -152,7 +152,7 @@ VERDICT: dict[str, Message] = {
     ),
     "rival-mode": Message(
         W,
-        "target {targets}: another trajectory is nearly as probable (odds 1 to {odds:.2g}), and up to {distance:.3g} "
+        "target {targets}: another trajectory is nearly as probable (1 to {odds:.2g}), up to {distance:.3g} "
         "{unit} away in {count} of {rows} rows, from {first_s:.4g} to {last_s:.4g} s",
         "add a sensor, or give start",
     ),

@@ -84,6 +84,9 @@ def mode_starts(
         distances: the record's measurements in the coordinates of the search.
     """
     rows, steps = _windows(problem, record, pending, distances), problem.steps
+    if not len(rows.state):
+        nothing = WindowModes(rows.state, np.empty((0, 4)), np.empty((0, 2, 2)), np.empty(0))
+        return [_along(problem, rows, nothing, rows.state)]
     modes, seconds = _modes(rows, pending), (record.t_ns[rows.state] - record.t_ns[0]) / NS
     # Prior of the first position
     first = modes.window == 0
@@ -157,7 +160,7 @@ def _modes(rows: WindowMeasurements, pending: Pending) -> WindowModes:
     """The modes of all windows: minima of a grid, and mirror images of the best, climbed by Gauss and Newton."""
     grid, cell = _grid(rows, pending)
     W = len(rows.state)
-    speed = min(float(np.sqrt(pending.before.spread[1, 1])), pending.config.sigma_initial_velocity)
+    speed = max(pending.config.sigma_initial_velocity, pending.config.process_noise_velocity)
     scale = ClimbScale(cell, speed, max(float(np.ptp(grid[:, 0])), pending.extent), pending.at.hull)
     parts = [_grid_minima(rows, grid, cell, speed, slice(w, min(w + BATCH, W))) for w in range(0, W, BATCH)]
     found = _climbed(rows, scale, *(np.concatenate(column) for column in zip(*parts, strict=True)))
