@@ -137,10 +137,10 @@ class Description(NamedTuple):
 def describe(path: Path, rows: int) -> Description:
     """Describe a file by its content; of a table also the first rows."""
     from occlog.io.files.limits import describe_unsupported
-    from occlog.io.open import open_if_ours, open_input
+    from occlog.io.open import is_table_in_parts, open_if_ours, open_input
 
     kind = path.suffix.lower()
-    if path.is_dir() and not is_one_bag(path):
+    if path.is_dir() and not is_one_bag(path) and not is_table_in_parts(path):
         return Description(*describe_folder(path, lambda file: describe(file, 0)))
     if is_foreign_bag(path):
         return _describe_bag(path)
@@ -379,7 +379,10 @@ def _describe_foreign(table: ForeignTable) -> Description:
     used = {s.name: s for s in layout.columns}
     checked = {s.far: s.name for s in layout.columns if s.far}
     unit = table.length_unit or "the unit of the scene"
-    lines = [f"{source.kind} of another program, read as {layout.table.NAME}, lengths in {unit}"]
+    rows = source.rows
+    parts = f"{len(source.parts)} parts, " if source.parts else ""
+    many = "" if rows is None else f"{parts}{rows} rows, "
+    lines = [f"{source.kind} of another program, {many}read as {layout.table.NAME}, lengths in {unit}"]
     for name in source.names:
         spelled = used.get(name)
         unit = "" if spelled is None or not spelled.unit else f" [{_unit_of(spelled)}]"
@@ -390,6 +393,7 @@ def _describe_foreign(table: ForeignTable) -> Description:
         "format": source.kind,
         "table": layout.table.NAME,
         "length_unit": table.length_unit,
+        **({} if rows is None else {"rows": rows}),
         "columns": {name: used[name].column.name if name in used else None for name in source.names},
     }
     return Description(values, lines)

@@ -66,6 +66,7 @@ def _listed(names: Sequence[object]) -> str:
 _OPTIONS = _Options()
 E, W, N = Severity.ERROR, Severity.WARNING, Severity.NOTE
 _ROWS = "{count} of {rows} rows (allowed: {allowed:.0%}): "
+_MEET = "{now:.0%} of estimates and targets meet within {gate:g} {unit}, and {met:.0%} with {change} (of the tracks)"
 VERDICT: dict[str, Message] = {
     # Estimates of one target, or of labelled targets
     "no-tracks": Message(
@@ -258,6 +259,17 @@ VERDICT: dict[str, Message] = {
         "{allowed:.0f})",
         "compare with the truth of this target and clock",
     ),
+    "tracks-delayed": Message(
+        W,
+        "tracks are {delay_s:.2g} s (standard error {sigma_s:.1g} s) {side} the truth: RMSE {rmse:.3g} {unit}, and "
+        "{without:.3g} {unit} without it",
+        "check first frame numbers, rates and clocks; a filter with too little process noise lags, too",
+    ),
+    "time-unit-differs": Message(W, _MEET, "state the unit of the times, for instance as t_ms, t_us or t_ns"),
+    "times-shifted": Message(W, _MEET, "check first frame numbers, start times and clocks"),
+    "frame-rate-differs": Message(W, _MEET, "check the frame rates of both"),
+    "length-unit-differs": Message(W, _MEET, "state the unit of lengths, for instance as x_mm or x_cm"),
+    "axes-differ": Message(W, _MEET, "put the truth into the world of the scene"),
     "covariances-singular": Message(
         W,
         "{count} of {rows} estimates have a singular covariance (allowed: {allowed:.0%})",
@@ -306,6 +318,26 @@ VERDICT: dict[str, Message] = {
         W,
         "{share:.0%} of {boxes} boxes are associated with no track (allowed: {allowed:.0%})",
         "check poses, ground and unit of the calibration, and the class of the boxes",
+    ),
+    "camera-fits-if": Message(
+        W,
+        "{fit:.0%} of the boxes of camera {sensors} fit the tracks if {change}, and {now:.0%} as they are",
+        "correct the calibration or the files of boxes",
+    ),
+    "camera-unassociated": Message(
+        W,
+        "camera {sensors}: {count} of {boxes} moving boxes are associated with no track (allowed: {allowed:.0%})",
+        "check that its extrinsics are world-to-camera, its image size, and that the boxes are of this camera",
+    ),
+    "camera-alone": Message(
+        N,
+        "camera {sensors} shares no person with another camera, in {count} rows that it alone supports",
+        "check its pose if its view overlaps with others",
+    ),
+    "people-outside-room": Message(
+        W,
+        "people are outside the room in {count} of {rows} rows (allowed: {allowed:.0%}), seen by {sensors}",
+        "check the poses of these cameras, and the room of the scene",
     ),
     "camera-below-ground": Message(
         W, "camera {sensors} is below the ground (z < 0)", "check which way is up, and where the ground is"

@@ -165,13 +165,13 @@ class PeopleSummary(_Counts):
         """The figures.
 
         people, rows: of the tracks.  mean_people: at the times that have any.  coasting_share: share of the rows
-        without a box of any camera.  expected_switches: the sum of the probabilities of the possible identity
-        switches.  boxes: of each camera, those in use, associated and unassociated; expected numbers, where a box of
-        two people who touch is one box.  detection_rates: of each camera, the share of the people seen by another
-        camera, and plainly visible to this one, that it detects.  common_position_error: standard deviation per axis
-        and correlation time of the error that all cameras share.  static_clutter: number of static objects that a
-        camera reports as people.  clock_offsets: by how many seconds a camera shows what was
-        earlier.  position_sigma: of each source of positions.
+        without a box of any camera. expected_switches: the sum of the probabilities of the possible identity switches.
+        boxes: of each camera, those in use, associated and unassociated; expected numbers, where a box of two people
+        who touch is one box; confirmed: people whom another camera sees at the same time. detection_rates: of each
+        camera, the share of the people seen by another camera, and plainly visible to this one, that it detects.
+        common_position_error: standard deviation per axis and correlation time of the error that all cameras share.
+        static_clutter: number of static objects that a camera reports as people. clock_offsets: by how many seconds a
+        camera shows what was earlier. position_sigma: of each source of positions.
         """
         tally, used = self.inputs.tally, self.agreement.used
         boxes = {
@@ -179,6 +179,7 @@ class PeopleSummary(_Counts):
                 "boxes": int(tally.boxes[c]),
                 "associated": round(float(used[c]), 1),
                 "unassociated": round(float(tally.boxes[c] - used[c]), 1),
+                **({"confirmed": int(self.agreement.confirmed[c])} if len(self.inputs.names) > 1 else {}),
                 **({"outside_image": int(tally.outside[c])} if tally.outside[c] else {}),
                 **({"duplicates": int(tally.twice[c])} if tally.twice[c] else {}),
             }
@@ -349,7 +350,8 @@ def run_track_people(request: TrackPeopleRequest, job: Job) -> tuple[dict[str, o
     follower: PeopleTracker[object, object] = load(METHODS[request.method].method)
     steps = job.progress(inputs.time_steps, "track")
     in_images = request.view_tracks is not None
-    tabulator = Tabulator(inputs.views, in_images=in_images, person_height=inputs.config.person_height)
+    height, room = inputs.config.person_height, inputs.scene.room
+    tabulator = Tabulator(inputs.views, in_images=in_images, person_height=height, room=room)
     summary = PeopleSummary(inputs, tabulator.agreement)
     seen = track_people(
         steps, inputs.scene, inputs.views, inputs.config, follower, request.seed, inputs.heard(), summary.learned

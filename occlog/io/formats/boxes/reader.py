@@ -28,6 +28,7 @@ from occlog.io.files.texts.formats import FileFormat, Probe, by_cells, is_folder
 from occlog.io.files.times import parse_times, time_column
 from occlog.records.columns import MAX_NS
 from occlog.records.declared.sensors import MAX_FRAMES
+from occlog.records.losses import Loss
 from occlog.records.tables import Boxes
 
 from .annotations import is_cvat, open_cvat
@@ -49,16 +50,17 @@ from .datasets import is_annotations, is_kitti, is_vatic, open_annotations, open
 from .objects import open_json
 from .rows import (
     FileBoxRows,
-    check_boxes,
+    UnusableBoxes,
     check_classes,
-    check_copies,
     check_identities,
     check_range,
     class_labels,
     fill_frames,
     in_frames,
     join,
+    usable,
     wanted_rows,
+    without_copies,
 )
 
 
@@ -132,6 +134,7 @@ class BoxOptions:
             are ignored.
         sizes: width and height of each camera's images [px], for boxes in shares of them; None: not known yet.
         others: cameras that are none of those known are taken under their own names.
+        lenient: boxes without a size, and copies, are left out and counted; otherwise the first one is an error.
     """
 
     frames: tuple[int, int] | None = None
@@ -144,6 +147,7 @@ class BoxOptions:
     classes: tuple[str, ...] | None = None
     sizes: Mapping[str, tuple[int, int]] | None = None
     others: bool = False
+    lenient: bool = False
 
 
 class BoxFile(NamedTuple):
@@ -301,7 +305,8 @@ def _survey_file(file: BoxFile, known: Sequence[str], options: BoxOptions, found
         found.sizes |= {_matched([c], known, file, options, {})[0]: size for c, size in source.sizes.items()}
     last = -1
     own = dict.fromkeys(named)
-    for chunk, boxes in _read(file, source, found.cameras, known, how, found.left_out):
+    unusable = UnusableBoxes() if how.lenient else None
+    for chunk, boxes in _read(file, source, found.cameras, known, how, found.left_out, unusable):
         own |= dict.fromkeys(found.cameras[n] for n in np.unique(boxes.camera).tolist())
         found.span(boxes.frame)
         ordered = last <= boxes.frame[0] and bool((np.diff(boxes.frame) >= 0).all())
@@ -314,6 +319,9 @@ def _survey_file(file: BoxFile, known: Sequence[str], options: BoxOptions, found
             found.shares |= {found.cameras[n] for n in np.unique(boxes.camera).tolist()}
             found.farthest = math.inf
         found.farthest = max(found.farthest, float((boxes.left + boxes.width).max()))
+    if unusable is not None:
+        unusable.check()
+        found.span(np.array(unusable.frames, dtype=np.int64))
     found.cameras += [name for name in named if name not in found.cameras]
     for before, other in zip(found.files, found.of_files, strict=False):
         double = next((name for name in own if name in other), None)
@@ -333,6 +341,7 @@ def read_boxes(
     known: Sequence[str],
     options: BoxOptions,
     table: type[B],
+    losses: list[Loss] | None = None,
 ) -> Iterator[B]:
     """Tables of boxes with a row for every frame of every camera.
 
@@ -345,22 +354,28 @@ def read_boxes(
         known: as for `survey_boxes`.
         options: how to read the files.
         table: `Boxes` or `TruthBoxes`.
+        losses: gets the boxes that are left out, after the last table, if the options are `lenient`.
     """
+    unusable = UnusableBoxes() if options.lenient else None
     for file, own in zip(files, survey.of_files, strict=True):
         source = _open(file, known, options)
         how = _numbering(file, source, options)
         # In files without any box no camera detected anything
         cameras = list(own) if any(survey.of_files) else list(survey.cameras if file is files[0] else ())
-        chunks: Iterator[FileBoxRows] = (boxes for _, boxes in _read(file, source, cameras, known, how, Counter()))
+        chunks: Iterator[FileBoxRows] = (
+            boxes for _, boxes in _read(file, source, cameras, known, how, Counter(), unusable)
+        )
         if not survey.ordered:
             chunks = iter([join(parts)] if (parts := list(chunks)) else [])
         whole = in_frames(chunks, survey.first, survey.stop)
         # A detector may give one box to several classes, which the rows no longer show
         if options.classes is None or len(options.classes) < 2:
-            whole = check_copies(whole, cameras, file.path)
+            whole = without_copies(whole, cameras, file.path, unusable)
         if options.classes is not None:
             whole = check_identities(whole, cameras, file.path)
         yield from fill_frames(whole, table, cameras, survey.first, survey.stop, times, survey.step)
+    if unusable is not None and losses is not None:
+        losses += unusable.losses()
 
 
 def box_source(path: Path) -> BoxSource:
@@ -392,7 +407,7 @@ def box_rows(rows: CsvRows, cameras: list[str], first_number: int = 0) -> FileBo
     labels = rows.cells["camera"] if rows.has("camera") else None
     file = BoxFile(rows.path, rows.path.stem if labels is None else None)
     camera = _number_cameras(file, rows, labels, cameras, (), options, {})
-    return check_boxes(rows, _numbers(rows, camera, cameras, options))
+    return usable(rows, _numbers(rows, camera, cameras, options), cameras, None)[1]
 
 
 def is_json(probe: Probe) -> bool:
@@ -446,6 +461,7 @@ def _read(
     known: Sequence[str],
     options: BoxOptions,
     left_out: Counter[tuple[str, ...]],
+    unusable: UnusableBoxes | None = None,
 ) -> Iterator[tuple[CsvRows, FileBoxRows]]:
     """Rows of a file as text and as numbers; cameras and classes that are not requested are added to the lists."""
     meant: dict[str, str] = {}
@@ -461,7 +477,7 @@ def _read(
             rows = rows.pick(np.flatnonzero(wanted))
         labels = rows.cells["camera"] if rows.has("camera") and file.camera is None else None
         camera = _number_cameras(file, rows, labels, cameras, known, options, meant)
-        boxes = check_boxes(rows, _numbers(rows, camera, cameras, options))
+        rows, boxes = usable(rows, _numbers(rows, camera, cameras, options), cameras, unusable)
         if options.drop_zero and (boxes.confidence == 0).any():
             kept = np.flatnonzero(boxes.confidence != 0)
             rows, boxes = rows.pick(kept), boxes.pick(kept)
@@ -526,7 +542,7 @@ def _numbers(rows: CsvRows, camera: Ints, cameras: Sequence[str], options: BoxOp
     if (frame >= MAX_FRAMES).any():
         row = int(np.flatnonzero(frame >= MAX_FRAMES)[0])
         raise rows.fail(row, f"frame {rows.cells['frame'][row]}; it must be below {MAX_FRAMES}; correct or remove it")
-    left, top, width, height = _edges(rows, camera, cameras, options.sizes)
+    left, top, width, height = _edges(rows, camera, cameras, options)
     return FileBoxRows(
         frame=frame,
         camera=camera,
@@ -540,14 +556,18 @@ def _numbers(rows: CsvRows, camera: Ints, cameras: Sequence[str], options: BoxOp
 
 
 def _edges(
-    rows: CsvRows, camera: Ints, cameras: Sequence[str], sizes: Mapping[str, tuple[int, int]] | None
+    rows: CsvRows, camera: Ints, cameras: Sequence[str], options: BoxOptions
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Left, top, width and height [px]; in shares of the image where these are given and sizes are not known yet."""
+    """Left, top, width and height [px]; in shares of the image where these are given and sizes are not known yet.
+
+    Empty cells and NaN are NaN where the options are `lenient`, else an error.
+    """
+    blank, sizes = options.lenient, options.sizes
     if not rows.has(SHARE_X):
-        left, top = rows.floats("left"), rows.floats("top")
+        left, top = rows.floats("left", blank=blank), rows.floats("top", blank=blank)
         with np.errstate(over="ignore"):  # the caller checks their sizes
-            width = _size(rows, "width", "right", left)
-            height = _size(rows, "height", "bottom", top)
+            width = _size(rows, "width", "right", left, blank)
+            height = _size(rows, "height", "bottom", top, blank)
         return left, top, width, height
     size = np.ones((len(cameras), 2))
     for n in np.unique(camera).tolist() if sizes is not None else ():
@@ -558,15 +578,16 @@ def _edges(
             )
         size[n] = sizes[cameras[n]]
     across, down = size[camera].T
-    width, height = rows.floats(SHARE_WIDTH) * across, rows.floats(SHARE_HEIGHT) * down
-    return rows.floats(SHARE_X) * across - width / 2, rows.floats(SHARE_Y) * down - height / 2, width, height
+    width, height = rows.floats(SHARE_WIDTH, blank=blank) * across, rows.floats(SHARE_HEIGHT, blank=blank) * down
+    left, top = rows.floats(SHARE_X, blank=blank) * across, rows.floats(SHARE_Y, blank=blank) * down
+    return left - width / 2, top - height / 2, width, height
 
 
-def _size(rows: CsvRows, size: str, far: str, near: Floats) -> Floats:
+def _size(rows: CsvRows, size: str, far: str, near: Floats, blank: bool) -> Floats:
     """(n,) widths or heights [px]; InputError where a far edge that is there as well contradicts one."""
     if not rows.has(size):
-        return rows.floats(far) - near
-    sizes = rows.floats(size)
+        return rows.floats(far, blank=blank) - near
+    sizes = rows.floats(size, blank=blank)
     if rows.has(far):
         disagreement = disagree(sizes, near, rows.floats(far, blank=True))
         if disagreement.any():
