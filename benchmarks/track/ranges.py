@@ -104,7 +104,15 @@ class Outcome(NamedTuple):
 
 def follow(recording: Recording, method: str) -> Outcome:
     """Track by the code of `occlog track`, with the motion that the target has where the method has such a motion."""
-    known = {"acceleration": ACCELERATION, "jitter": 1e-4, "speed": SPEED} if method == "map" else {}
+    known = (
+        {
+            "process_noise_velocity": ACCELERATION,
+            "process_noise_position": 1e-4,
+            "sigma_initial_velocity": SPEED,
+        }
+        if method == "map"
+        else {}
+    )
     config = configure(settings_of(method).in_unit("m"), known)
     measured = DistanceMeasurementConfig(propagation_speed="sound")
     feed = DistanceMeasurementFeed([recording.table], recording.scene, measured)

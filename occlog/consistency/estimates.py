@@ -126,6 +126,17 @@ def covariances(tracks: Tracks) -> Floats:
     return np.stack([tracks.cov_xx, tracks.cov_xy, tracks.cov_xy, tracks.cov_yy], axis=1).reshape(-1, 2, 2)
 
 
+class RivalTrajectory(NamedTuple):
+    """Another trajectory that is nearly as probable as the one that is given out."""
+
+    excess: float  # by how much its negative log posterior is higher
+    rows: int  # states at which it is significantly elsewhere
+    of: int  # states in all
+    distance: float  # largest distance
+    first_ns: int  # first of these states
+    last_ns: int  # last of them
+
+
 class DetectionHistory(NamedTuple):
     """When a target was seen, and by which sensors."""
 

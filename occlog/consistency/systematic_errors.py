@@ -119,14 +119,13 @@ class SystematicErrors:
         xy, first = np.column_stack([tracks.x, tracks.y]), tracks.t_ns[0]
         seconds = (tracks.t_ns - first) / NS
         # Errors of estimates follow the bearings; those of lines through neighbours are smoother
-        path = _local_lines(seconds, xy)
+        path = local_lines(seconds, xy)
         found = [np.empty((0, 8))]
         for one in parts:
             at, n = np.searchsorted(tracks.t_ns, one.t_ns), self._number[one.sensor]
-            away = xy[at] - self._sensors[one.sensor].position[:2]
-            r2 = np.maximum(np.sum(away**2, axis=1), 1e-24)
-            gradient = np.column_stack([-away[:, 1], away[:, 0]]) / r2[:, None] / one.sigma[:, None]
-            residual = one.residual + np.sum(gradient * (xy[at] - path[at]), axis=1)
+            origin = self._sensors[one.sensor].position[:2]
+            residual, gradient = linearised_bearings(one, origin, xy[at], path[at])
+            r2 = np.maximum(np.sum((xy[at] - origin) ** 2, axis=1), 1e-24)
             turn = np.sum(gradient * _velocities(seconds, path, seconds[at]), axis=1)
             sensor = np.full(len(at), float(n))
             found.append(np.column_stack([seconds[at], sensor, residual, gradient, -turn, one.sigma, 1.0 / r2]))
@@ -242,7 +241,22 @@ class SystematicErrors:
             )
 
 
-def _local_lines(seconds: Floats, xy: Floats) -> Floats:
+def linearised_bearings(one: StatedResiduals, origin: Floats, xy: Floats, path: Floats) -> tuple[Floats, Floats]:
+    """Residuals (N,) of bearings at a path, and gradients (N, 2), in standard deviations.
+
+    Args:
+        one: N bearings of one sensor at estimates.
+        origin: (2,) where the sensor stands.
+        xy: (N, 2) the estimates.
+        path: (N, 2) positions of the path at the same times.
+    """
+    away = xy - origin
+    r2 = np.maximum(np.sum(away**2, axis=1), 1e-24)
+    gradient = np.column_stack([-away[:, 1], away[:, 0]]) / r2[:, None] / one.sigma[:, None]
+    return one.residual + np.sum(gradient * (xy - path), axis=1), gradient
+
+
+def local_lines(seconds: Floats, xy: Floats) -> Floats:
     """(T, 2) positions on lines, each fitted to the (T, 2) positions within `HALF_STEP_S` of it.
 
     Args:

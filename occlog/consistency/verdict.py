@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -32,6 +32,7 @@ from .estimates import (
     UNDETECTED_IN_VIEW,
     EffectiveSampleSizes,
     PositionConsistency,
+    RivalTrajectory,
 )
 
 SIGNIFICANCE = 1e-3
@@ -73,7 +74,7 @@ REJECTED_MEASUREMENTS, CONFIRMED, NIS = (
     "residuals (NIS)",
 )
 MOTION, ROOM, WALLS = "process noise", "positions outside the room", "detections through walls"
-UNASSOCIATED_CANDIDATES = "unassociated candidates"
+UNASSOCIATED_CANDIDATES, RIVALS = "unassociated candidates", "rival trajectories"
 """Names of checks."""
 QUALITY_FLAGS = {
     REGION_EDGE: "region-edge",
@@ -115,6 +116,8 @@ class ConsistencyEvidence:
         crowd: candidates that are left.
         positions: where the bearings of a time step meet.
         distances: residuals are also of measurements that are no directions, so that nothing is said of `positions`.
+        rivals: by target, other trajectories that are nearly as probable; None: the method does not seek any.
+        unit: of lengths.
         diagnosed: there are diagnostics.
     """
 
@@ -132,6 +135,8 @@ class ConsistencyEvidence:
     crowd: UnassociatedCandidates = field(default_factory=UnassociatedCandidates)
     positions: PositionConsistency = field(default_factory=PositionConsistency)
     distances: bool = False
+    rivals: dict[int, list[RivalTrajectory]] | None = None
+    unit: str = ""
     diagnosed: bool = False
 
     def fared(self, part: Diagnostics) -> None:
@@ -158,6 +163,11 @@ class ConsistencyEvidence:
         self.crowd.add(compared.frames)
         if not self.distances:
             self.positions.add(tracks, compared.residuals, scene)
+
+    def competes(self, target: int, rivals: Sequence[RivalTrajectory]) -> None:
+        """Add what a search found of a target."""
+        self.rivals = {} if self.rivals is None else self.rivals
+        self.rivals.setdefault(target, []).extend(rivals)
 
     def figures(self) -> dict[str, object]:
         """Figures of a summary."""
@@ -214,6 +224,7 @@ class ConsistencyEvidence:
                 nis=self.agreements.nis.value,
                 allowed=NIS_HIGH,
             ),
+            *outcome(RIVALS, self._rivals(), unless="" if self.rivals is not None else "the method does not seek them"),
             *outcome(MOTION, self._motion(), unless="" if self.agreements.noise else "the method does not estimate it"),
             *outcome(
                 ROOM,
@@ -293,6 +304,30 @@ class ConsistencyEvidence:
                 share = count / self.rows
                 severity: Severity | None = "note" if rare else None
                 yield finding(FLAGGED, id, severity, count=count, rows=self.rows, share=share, allowed=allowed)
+
+    def _rivals(self) -> Iterator[Check]:
+        """Targets with another trajectory that is nearly as probable; where they hardly differ it is a note."""
+        origin_ns = 0 if self.span_ns is None else self.span_ns[0]
+        for target, found in sorted((self.rivals or {}).items()):
+            if not found:
+                continue
+            worst = max(found, key=lambda rival: rival.rows / rival.of)
+            share = worst.rows / worst.of
+            yield finding(
+                RIVALS,
+                "rival-mode",
+                None if share > MAX_FLAGGED_SHARE else "note",
+                targets=[target],
+                odds=math.exp(min(rival.excess for rival in found)),
+                distance=max(rival.distance for rival in found),
+                unit=self.unit,
+                count=worst.rows,
+                rows=worst.of,
+                first_s=(min(rival.first_ns for rival in found) - origin_ns) / NS,
+                last_s=(max(rival.last_ns for rival in found) - origin_ns) / NS,
+                share=share,
+                allowed=MAX_FLAGGED_SHARE,
+            )
 
     def _rejected(self) -> Iterator[Check]:
         """Sensors with rejected bearings."""

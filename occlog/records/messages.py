@@ -151,6 +151,12 @@ VERDICT: dict[str, Message] = {
         _ROWS + "measurements fit several positions, which the covariance holds",
         "add stations off the line, or use method apf or map",
     ),
+    "rival-mode": Message(
+        W,
+        "target {targets}: another trajectory is nearly as probable (1 to {odds:.2g}), up to {distance:.3g} "
+        "{unit} away in {count} of {rows} rows, from {first_s:.4g} to {last_s:.4g} s",
+        "add a sensor, or give start",
+    ),
     "no-matching-region": Message(
         W,
         _ROWS + "ranges are not as stated, or reads are missed",
@@ -203,6 +209,11 @@ VERDICT: dict[str, Message] = {
         W,
         "bearings of {sensors} agree if its clock is {size:.2g} +- {error:.1g} s late (allowed: {allowed:.1g}){rivals}",
         "correct its clock (ingest --clock-offset)",
+    ),
+    "range-bias": Message(
+        W,
+        "ranges of {sensors} are {size:.2g} +- {error:.1g} {unit} too {sense} (allowed: {allowed:.1g})",
+        "use --range-bias with method map, or correct the ranges",
     ),
     "outliers": Message(
         W,

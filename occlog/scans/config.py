@@ -87,6 +87,15 @@ class DistanceMeasurementConfig(Settings):
         nothing=f"{NLOS_BIAS_SIGMAS:g} standard deviations of each measurement",
     )
 
+    range_bias: float = setting(
+        0.0,
+        "Prior standard deviation of a constant error of the ranges of each station, which is estimated with the "
+        "trajectory (map). Use when a warning says that ranges are too long or too short; 0: none is estimated.",
+        unit="length",
+        at_least=0,
+        option="--range-bias",
+    )
+
     def rules(self) -> Iterable[tuple[str, bool, str]]:
         """A speed is a number above 0, or has a name."""
         yield (

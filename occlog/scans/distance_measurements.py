@@ -278,6 +278,7 @@ class DistanceMeasurementFeed:
         self._stations = make_stations(scene, config, radio)
         self.names = self._stations.names
         """Names of the stations, as `Distances.station` counts them."""
+        self._passed: list[tuple[int, ScanMeasurements]] = []
 
     def joined(
         self,
@@ -348,7 +349,14 @@ class DistanceMeasurementFeed:
         for first, last in pairwise(starts):
             own = (row >= first) & (row < last)
             measured = ScanMeasurements(table.target_id[row[own]], distances.take(own))
+            self._passed.append((int(table.t_ns[last - 1]), measured))
             yield Scan.of(int(table.t_ns[last - 1]), [])._replace(measured=measured)
+
+    def passed(self, until_ns: int) -> list[tuple[int, ScanMeasurements]]:
+        """Times [ns] and measurements that have passed up to a time, since the last call."""
+        n = sum(t_ns <= until_ns for t_ns, _ in self._passed)
+        out, self._passed = self._passed[:n], self._passed[n:]
+        return out
 
 
 def with_strengths(
@@ -422,6 +430,7 @@ def pack(
         other = reference[own] if name in DIFFERENCES else station[own]
         parts.append(
             RangeMeasurements(
+                bias=config.range_bias,
                 kind=np.full(len(own), kind, dtype=np.int64),
                 value=value,
                 sigma=sigma,

@@ -55,6 +55,7 @@ MEASURED = (
     "measured_loss_threshold",
     "nlos_probability",
     "nlos_bias",
+    "range_bias",
 )
 """Options of methods that take ranges, signal strengths and time differences."""
 IN_IMAGES = ("initial_ellipses", "detections", "fundamental", "ground_tracks")

@@ -17,6 +17,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 from numpy.random import Generator
 
 from occlog.array_types import Floats, Ints
+from occlog.consistency.estimates import RivalTrajectory
 from occlog.records.scene import Scene
 from occlog.scans.grouping import Scan
 
@@ -60,6 +61,14 @@ class NoiseScales(NamedTuple):
 
     bearings: float
     motion: float
+
+
+class StationBias(NamedTuple):
+    """A constant error of the ranges of a station."""
+
+    station: int
+    bias: float  # by how much they are too long
+    error: float  # its standard error
 
 
 class Estimate(NamedTuple):
@@ -106,6 +115,8 @@ class SmoothedTrajectory(NamedTuple):
     converged: bool
     fit: BearingResiduals | None = None  # None: the method does not judge bearings
     noise: NoiseScales | None = None  # None: the method takes it as stated
+    rivals: tuple[RivalTrajectory, ...] | None = None  # None: none were sought
+    biases: tuple[StationBias, ...] = ()
 
 
 State = TypeVar("State")
@@ -178,6 +189,7 @@ class Batch(NamedTuple, Generic[State, Config]):
     forgets_ns: Callable[[Scene, Config], int | None] = lambda *_: None  # after such a pause a target restarts
     occluders: Callable[[Config], OccluderTerms] | None = None  # None: it knows nothing of moving occluders
     measured: bool = False  # whether it takes ranges, signal strengths and time differences
+    biases: bool = False  # whether it estimates constant errors of ranges
 
 
 class Joint(NamedTuple, Generic[State, Config, Report]):

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from occlog import console
 from occlog.consistency.bearings import AngleConventionCheck, ComparedBearings, SmallNoiseCheck
 from occlog.consistency.labels import MotionCheck, label_checks, motion_checks
+from occlog.consistency.range_biases import RangeBiases
 from occlog.consistency.systematic_errors import SystematicErrors
 from occlog.consistency.verdict import MOTION, ConsistencyEvidence
 from occlog.errors import InputError, UsageError, option
@@ -52,19 +53,22 @@ NUMBER = "number of targets"
 class TrackSummary:
     """Figures of the whole run, gathered while tables stream by."""
 
-    def __init__(self, scene: Scene, *, joint: bool, smoothed: bool = False, distances: bool = False) -> None:
+    def __init__(
+        self, scene: Scene, *, joint: bool, smoothed: bool = False, measured: DistanceMeasurementFeed | None = None
+    ) -> None:
         """Start without rows.
 
         Args:
             scene: the sensors.
             joint: the method associates measurements with targets itself.
             smoothed: its particles are smoothed.
-            distances: residuals are also of measurements that are no directions.
+            measured: measurements that are no directions, of which residuals are also; None: missing.
         """
         self.scene, self.joint, self.smoothed = scene, joint, smoothed
         self.targets: set[int] = set()
-        self.evidence = ConsistencyEvidence(distances=distances)
-        self.sensors = SystematicErrors(scene)
+        self.evidence = ConsistencyEvidence(distances=measured is not None, unit=scene.length_unit)
+        self.sensors, self.measured = SystematicErrors(scene), measured
+        self.ranges = None if measured is None else RangeBiases(scene, measured.names)
         self.compass, self.sharp = AngleConventionCheck(scene), SmallNoiseCheck()
         self.messages = NetworkTraffic()
         self.solves: list[Solve] = []
@@ -86,9 +90,13 @@ class TrackSummary:
             self.evidence.saw(part.tracks, ComparedBearings(part.residuals, part.frames), self.scene)
         if not self.joint:
             self.sensors.add(part.tracks, part.stated)
+        if self.ranges is not None and self.measured is not None and len(part.tracks):
+            self.ranges.add(part.tracks, part.stated, self.measured.passed(int(part.tracks.t_ns[-1])))
         for solve in part.solves:
             if solve.noise is not None:
                 self.evidence.agreements.moves(solve.target, solve.noise.motion)
+            if solve.rivals is not None:
+                self.evidence.competes(solve.target, solve.rivals)
         self.messages.add(part.diagnostics)
         self.solves += part.solves
         self.offered += part.offered
@@ -132,6 +140,8 @@ class TrackSummary:
         rows = self.evidence.rows if self.outliers_matter else 0
         labels = label_checks(self.labels, self.scene.length_unit, rows)
         sensors = () if self.joint else self.sensors.checks()
+        if self.ranges is not None:
+            sensors = (*sensors, *self.ranges.checks(self.scene.length_unit, estimated=bool(self._biases())))
         off = "a sensor is off" if any(check.found for check in sensors) else ""
         motion = motion_checks(self.labels, self.motion, self.evidence.rows, off)
         if motion:
@@ -152,6 +162,15 @@ class TrackSummary:
             "iterations": {str(k): n for k, n in sorted(iterations.items())},
             "searches": len(self.solves),
             "not_converged": sum(not s.converged for s in self.solves),
+            **({"range_biases": biases} if (biases := self._biases()) else {}),
+        }
+
+    def _biases(self) -> dict[str, dict[str, dict[str, float]]]:
+        """Constant errors of the ranges of stations with their standard errors, by target."""
+        return {
+            str(solve.target): {name: {"bias": bias, "standard_error": error} for name, bias, error in solve.biases}
+            for solve in self.solves
+            if solve.biases
         }
 
 
@@ -202,7 +221,7 @@ def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Lo
     )
     joint = isinstance(tracker(request.method), Joint)
     smoothed = isinstance(config, LagConfig) and config.smoothed
-    summary = TrackSummary(inputs.scene, joint=joint, smoothed=smoothed, distances=measured is not None)
+    summary = TrackSummary(inputs.scene, joint=joint, smoothed=smoothed, measured=measured)
     chunks = summary.sharp.watch(summary.compass.watch(chunks))
     tracked = track(chunks, inputs.scene, tracking, inputs.occluders, measured)
     parameters = {
@@ -271,6 +290,9 @@ def distance_measurements(
             )
         return None, {}
     config = configure(DistanceMeasurementConfig.in_unit(inputs.scene.length_unit), dict(request.measured))
+    method = tracker(request.method)
+    if config.range_bias and not (isinstance(method, Batch) and method.biases):
+        raise UsageError("range-bias: method map alone estimates constant errors of ranges; choose it")
     radio = None if request.path_loss is None else radio_of(request, inputs.scene)
     name = None if request.path_loss is None else request.path_loss.name
     said = {

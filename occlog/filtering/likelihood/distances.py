@@ -172,6 +172,9 @@ class RangeMeasurements(NamedTuple):
     bend: float = 3.7  # standard deviations at which a measurement is as likely false as true
     late: float = 0.0  # share of signals that come by a detour, 0 to 1
     detour: float = math.nan  # mean length of detours; NaN: `NLOS_BIAS_SIGMAS` standard deviations of each measurement
+    bias: float = (
+        0.0  # standard deviation of a constant error of each station's ranges, to be estimated; 0: there is none
+    )
 
     def take(self, rows: Bools | Ints | slice) -> RangeMeasurements:
         """Select measurements by a mask or indices."""

@@ -203,6 +203,7 @@ FALLBACKS = {
     "no_path": ("t1", "s", "no way around a wall"),
     "not_converged": ("ink", "x", "search did not converge"),
     "few_inliers": ("t2", "v", "fewer than half of the bearings accepted"),
+    "rival_mode": ("t2", "d", "another trajectory nearly as probable"),
 }
 
 

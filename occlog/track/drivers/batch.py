@@ -184,6 +184,7 @@ def as_tables(found: SmoothedTrajectory, target: int, names: tuple[str, ...]) ->
         predicted_mse=nothing,
         seen_by=np.array([",".join(names[i] for i in sorted(set(by))) for by in found.seen_by], dtype=np.str_),
     )
-    solve = Solve(target, found.iterations, found.converged, found.noise)
+    biases = tuple((names[one.station], one.bias, one.error) for one in found.biases)
+    solve = Solve(target, found.iterations, found.converged, found.noise, found.rivals, biases)
     residuals = None if found.fit is None else residual_rows(found.fit, found.t_ns, target, names)
     return TrackChunk(tracks, diagnostics, Calibration.empty(), (solve,), residuals=residuals)

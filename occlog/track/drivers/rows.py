@@ -20,6 +20,7 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints, Ints32
 from occlog.consistency.bearings import CandidateFrames, StatedResiduals
+from occlog.consistency.estimates import RivalTrajectory
 from occlog.consistency.labels import MotionCheck
 from occlog.filtering.particles import systematic_ancestors
 from occlog.records.tables import Calibration, Cooperation, Diagnostics, Particles, Residuals, Tracks
@@ -65,6 +66,8 @@ class Solve(NamedTuple):
     iterations: int
     converged: bool
     noise: NoiseScales | None = None  # None: taken as stated
+    rivals: tuple[RivalTrajectory, ...] | None = None  # None: none were sought
+    biases: tuple[tuple[str, float, float], ...] = ()  # station, constant error of its ranges, standard error
 
 
 class TrackChunk(NamedTuple):

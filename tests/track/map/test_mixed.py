@@ -18,9 +18,11 @@ from occlog.track.methods.map.config import MapConfig
 from occlog.track.methods.map.kernels.interior_point import covariance
 from occlog.track.methods.map.kernels.problem import TrajectoryProblem
 from occlog.track.methods.map.lines_and_distances import local, mixed_search, terms
+from occlog.track.methods.map.method import METHOD
 from occlog.track.methods.map.record import after, fill, join, record_of
 from occlog.track.methods.map.search.problem_of_record import begin, problem_of
-from occlog.track.methods.map.search.start import filtered_starts
+from occlog.track.methods.map.search.start import ConsensusPath
+from occlog.track.methods.map.search.window_modes import mode_starts
 
 NS = 1_000_000_000
 PLACES = np.array([[0.0, 0.0], [10.0, 0.0], [0.0, 8.0]])
@@ -74,7 +76,7 @@ def test_a_search_begins_near_the_path_although_ranges_fit_other_places_at_first
     record = record_of([*blind, *given[10:]])
     pending = begin(scene, MapConfig())
     found = local(record.measured, pending.origin)
-    X = filtered_starts(problem_of(pending, record), record, pending, found)[0]
+    X = mode_starts(problem_of(pending, record), record, pending, found)[0].X
     assert np.hypot(*(X[:, ::2] + pending.origin - path).T).max() < 0.2
 
 
@@ -131,13 +133,13 @@ def test_late_signals_that_are_expected_do_less_harm_and_none_where_there_are_no
 def test_a_path_that_the_filter_lost_is_found_again(monkeypatch: pytest.MonkeyPatch) -> None:
     given, path = walk(3, late=0.1, told=0.05)
 
-    def astray(problem: TrajectoryProblem, *_: object) -> list[np.ndarray]:
+    def astray(problem: TrajectoryProblem, *_: object) -> list[ConsensusPath]:
         X = np.zeros((len(path), 4))
         X[:, ::2] = path - np.array([5.0, 4.0])
         X[35:, ::2] += np.linspace(0.0, 4.0, len(path) - 35)[:, None] * [0.8, -0.6]
-        return [X]
+        return [ConsensusPath(X, np.ones(0, dtype=np.bool_), 0.0)]
 
-    monkeypatch.setattr(mixed, "filtered_starts", astray)
+    monkeypatch.setattr(mixed, "mode_starts", astray)
     found, _ = solved(given)
     assert np.hypot(*(found - path).T).max() < 0.4
 
@@ -181,3 +183,23 @@ def test_of_a_camera_and_a_range_station_the_room_tells_the_two_crossings_apart(
     # The mirrored path is 5 to 9 m off; crossings are nearly tangent for much of the time
     assert np.sqrt(np.mean(squares)) < 0.8
     assert np.mean(nees) < 3.5
+
+
+@pytest.mark.jit
+def test_states_without_any_measurement_that_are_left_of_a_lag_follow_the_motion() -> None:
+    """Ranges end, and a camera goes on that does not see the target."""
+    room = np.array([[-10.0, -10.0], [20.0, -10.0], [20.0, 20.0], [-10.0, 20.0]])
+    scene = Scene(arrays=tuple(MicrophoneArray(f"s{i}", np.append(p, 0.0)) for i, p in enumerate(PLACES)), room=room)
+    path = np.column_stack([np.linspace(2.0, 4.0, 12), np.linspace(5.0, 4.0, 12)])
+    given = scans(path)
+    none = [
+        s._replace(measured=ScanMeasurements(np.zeros(0, dtype=np.int32), s.measured.distances.take(np.arange(0))))
+        for s in given
+    ]
+    pending, first = METHOD.advance(METHOD.begin(scene, MapConfig(lag_s=1.0), False), given[:4], False)
+    pending, second = METHOD.advance(pending, none[4:8], False)
+    pending, third = METHOD.advance(pending, none[8:], True)
+    xy = np.concatenate([first.xy, second.xy, third.xy])
+    assert len(xy) == 12
+    # At constant velocity, which is known to 0.1 m/s after 3 s
+    assert np.hypot(*(xy - path).T).max() < 1.5

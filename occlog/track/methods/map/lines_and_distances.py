@@ -1,8 +1,8 @@
 """Ranges, signal strengths and differences in a trajectory's cost, with or without lines of sight.
 
-1. *Start.* Extended Kalman filters run along the record, one from each position that the first measurements fit best;
-they
-   pass over what is false.  The most probable one is smoothed (Rauch, Tung and Striebel 1965).
+1. *Start.*  Paths through the modes that the measurements of a second have, those that turn least
+(`occlog.track.methods.map.search.window_modes`).  The search begins from each, and the cheapest trajectory is taken.
+One that is nearly as cheap and significantly elsewhere is a rival: covariances hold both, by their posterior odds.
 2. *Search.* Each measurement of a distance is replaced by the quadratic term of Gauss and Newton about the trajectory
    found so far, with the slope and the weight that it has there
    (`occlog.filtering.likelihood.distances.score_and_information`, iteratively reweighted least squares); the search
@@ -15,9 +15,11 @@ Noises are those that are stated: residuals do not change them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from occlog.array_types import Floats, Ints
+from occlog.array_types import Bools, Floats, Ints
 from occlog.errors import UsageError
 from occlog.filtering.likelihood.distances import (
     RangeMeasurements,
@@ -29,20 +31,26 @@ from occlog.filtering.likelihood.distances import (
 from occlog.track.interface import BearingResiduals, SmoothedTrajectory
 
 from .kernels.interior_point import covariance
+from .kernels.invariant import second_moment
 from .kernels.paths_around_obstacles import Obstacle, PathsAroundObstacles
 from .kernels.problem import QuadraticPriors
 from .kernels.terms import hints_cost
-from .kernels.terms import inlier_probabilities as line_beliefs
 from .occlusion import OccluderHints
 from .record import TargetRecord
 from .search.problem_of_record import Pending, problem_of
-from .search.robust import RobustSearchResult, Watch, has_converged, inlier_weights, search_from
-from .search.start import ConsensusPath, filtered_starts
+from .search.robust import RivalMode, RobustSearchResult, Watch, has_converged, search_from
+from .search.start import ConsensusPath
+from .search.window_modes import mode_starts
+from .station_biases import StationBiases, begin_biases
 
 ROUNDS = 15
 """How often the search is repeated at most."""
 WIDE = (0.3, 0.1, 0.1, 0.03, 0.03, 0.01)
 """Shares of the extent by which measurements are blunter while a lost path is sought."""
+RIVAL_LOG_ODDS = 4.6
+"""A mode of which the negative log posterior is higher by at most this (odds of 1 to 100) is a rival."""
+RIVAL_SIGMAS = 3.0
+"""Distance from a mode, in its standard deviations, at which another one is elsewhere."""
 IN_A_ROW = 12
 """A path is lost where most of this number of successive measurements are rejected."""
 
@@ -62,28 +70,64 @@ def mixed_search(
     if config.solver != "newton":
         raise UsageError(f"map: solver {config.solver} takes bearings alone; use newton with measurements of distances")
     assert record.measured is not None
-    problem = problem_of(pending, record)
     here = local(record.measured, pending.origin)
-    # Start
-    trust, lines = inlier_weights(config, 1.0), problem.lines
-    found: RobustSearchResult | None = None
-    # Search from each of the most probable paths: room, walls and depths tell modes apart that filters do not
-    for X in filtered_starts(problem, record, pending, here):
-        inlier = np.ones(len(lines.step), dtype=np.bool_)
-        if config.loss != "square" and len(lines.step):
-            inlier = line_beliefs(lines, X, trust) >= 0.5
-        other = _settled(here, ConsensusPath(X, inlier, 0.0), pending, record, around, watch)
-        if found is None or _total(here, record, other) < _total(here, record, found):
-            found = other
-    assert found is not None
-    if config.loss == "square" or not _lost(here, found.mode.solution.X[record.measured_state]):
-        return found
-    # Where a filter went astray nothing pulls it back: again, with measurements that reach as far as it may be
-    blurred = found
-    for share in WIDE:
-        blurred = _once(here, _path(blurred), pending, record, around, watch, share * pending.extent)
-    other = _settled(here, _path(blurred), pending, record, around, watch)
-    return min(found, other, key=lambda sought: _total(here, record, sought))
+    # Search from each of the most probable paths: room, walls and the motion in full tell modes apart
+    biases = begin_biases(here, len(record.t_ns))
+    if biases is not None and config.lag_s is not None:
+        raise UsageError("map: biases of ranges are estimated from whole records; leave lag or range_bias out")
+    seen = here if biases is None else biases.corrected(here)
+    paths = mode_starts(problem_of(pending, record), record, pending, seen)
+    modes = [_settled(here, path, pending, record, around, watch) for path in paths]
+    costs = [_total(here, record, mode) for mode in modes]
+    blurred = modes[int(np.argmin(costs))]
+    seen = here if blurred.biases is None else blurred.biases.corrected(here)
+    if config.loss != "square" and _lost(seen, blurred.mode.solution.X[record.measured_state]):
+        # Nothing pulls a lost path back: again, with measurements that reach as far as it may be
+        for share in WIDE:
+            blurred = _once(seen, _path(blurred), pending, record, around, watch, share * pending.extent)
+        modes.append(_settled(here, _path(blurred), pending, record, around, watch))
+        costs.append(_total(here, record, modes[-1]))
+    return _with_rivals_of(modes, costs)
+
+
+def _with_rivals_of(modes: list[RobustSearchResult], costs: list[float]) -> RobustSearchResult:
+    """The cheapest mode, with those that are nearly as cheap and significantly elsewhere."""
+    order = np.argsort(costs, kind="stable").tolist()
+    best, X = modes[order[0]], modes[order[0]].mode.solution.X
+    rivals: list[RivalMode] = []
+    taken = [(X, covariance(best.mode.problem, X))] if len(modes) > 1 else []
+    for k in order[1:]:
+        if costs[k] > costs[order[0]] + RIVAL_LOG_ODDS:
+            break
+        other = modes[k].mode.solution.X
+        elsewhere = [_significantly_away(other, *one) for one in taken]
+        if all(away.any() for away in elsewhere):
+            taken.append((other, covariance(modes[k].mode.problem, other)))
+            rivals.append(RivalMode(*taken[-1], costs[k] - costs[order[0]], elsewhere[0]))
+    with_them: RobustSearchResult = best._replace(rivals=tuple(rivals))
+    return with_them
+
+
+def _significantly_away(other: Floats, X: Floats, spread: Floats) -> Bools:
+    """(T,) whether positions of states (T, 4) are away from those of others with covariances (T, 4, 4)."""
+    away = (other - X)[:, ::2]
+    away2 = np.einsum("ti,tij,tj->t", away, np.linalg.inv(spread[:, ::2, ::2]), away)
+    return np.asarray(away2 > RIVAL_SIGMAS**2)
+
+
+def with_rivals(X: Floats, spread: Floats, rivals: Sequence[RivalMode]) -> Floats:
+    """(T, 4, 4) second moments about states X (T, 4) of a mixture of a mode and its rivals, by their posterior odds.
+
+    Modes have the same volume here: where the motion is smoother than stated, as it usually is, volumes prefer those
+    that the measurements leave more room, and are wrong.
+    """
+    if not rivals:
+        return spread
+    weight = np.exp([-rival.excess for rival in rivals])
+    total, out = 1.0 + weight.sum(), spread.copy()
+    for w, rival in zip(weight / total, rivals, strict=True):
+        out += w * (second_moment(X, rival.X, rival.spread) - spread)
+    return out
 
 
 def _total(rows: RangeMeasurements, record: TargetRecord, found: RobustSearchResult) -> float:
@@ -99,13 +143,18 @@ def _settled(
     around: tuple[Obstacle, ...],
     watch: Watch,
 ) -> RobustSearchResult:
-    """Search from a path until nothing moves."""
+    """Search from a path until nothing moves, biases of stations included."""
+    biases = begin_biases(rows, len(record.t_ns))
     for _ in range(ROUNDS):
-        found = _once(rows, path, pending, record, around, watch)
-        if has_converged(path.X, found.mode):
+        found = _once(rows if biases is None else biases.corrected(rows), path, pending, record, around, watch)
+        settled = has_converged(path.X, found.mode)
+        if biases is not None:
+            biases = biases.updated(rows, record.measured_state, found.mode.problem, path.X, found.mode.solution.X)
+            settled &= biases.settled
+        if settled:
             break
         path = _path(found)
-    return found
+    return found._replace(biases=biases)
 
 
 def _once(
@@ -140,8 +189,11 @@ def _cost(rows: RangeMeasurements, state: Ints, found: RobustSearchResult) -> fl
     assert found.hints is not None
     assert found.hints.hints is not None
     X = found.mode.solution.X
+    prior = 0.0
+    if found.biases is not None:
+        rows, prior = found.biases.corrected(rows), found.biases.cost(rows)
     own = log_density(residuals_at_own_position(rows, X[state][:, ::2])[0], rows.errors)
-    return float(found.mode.solution.cost - hints_cost(found.hints.hints, X) - own.sum())
+    return float(found.mode.solution.cost - hints_cost(found.hints.hints, X) - own.sum() + prior)
 
 
 def local(rows: RangeMeasurements, origin: Floats) -> RangeMeasurements:
@@ -169,7 +221,11 @@ def terms(rows: RangeMeasurements, state: Ints, X: Floats, *, square: bool, wide
 
 
 def with_distances(
-    out: SmoothedTrajectory, pending: Pending, record: TargetRecord, found: PathsAroundObstacles
+    out: SmoothedTrajectory,
+    pending: Pending,
+    record: TargetRecord,
+    found: PathsAroundObstacles,
+    biases: StationBiases | None,
 ) -> SmoothedTrajectory:
     """The states with what they say of measurements of distances, which stand in no row of the record.
 
@@ -178,14 +234,20 @@ def with_distances(
         pending: the target.
         record: its record.
         found: the estimate.
+        biases: of the ranges of stations; None: none are estimated.
     """
     assert record.measured is not None
     keep, X = len(out.t_ns), found.solution.X
     own = record.measured_state < keep
     rows, state = local(record.measured, pending.origin).take(own), record.measured_state[own]
+    if biases is not None:
+        rows = biases.corrected(rows)
     residual, gradient = residuals_at_own_position(rows, X[state][:, ::2])
     # Residuals, and their variance: 1 less the leverage
-    spread = covariance(found.problem, X)[:keep][:, ::2, ::2][state]
+    spread = covariance(found.problem, X)[:keep]
+    if biases is not None:
+        spread = spread + biases.spread(keep)
+    spread = spread[:, ::2, ::2][state]
     inlier = inlier_probability(residual, rows.errors)
     leverage = inlier * np.einsum("ni,nij,nj->n", gradient, spread, gradient)
     fit = BearingResiduals(state, rows.station, residual, np.clip(1.0 - leverage, 0.0, 1.0), inlier)
@@ -208,4 +270,5 @@ def with_distances(
         seen_by=tuple(tuple(sorted(s)) for s in saw),
         fit=fit,
         noise=None,
+        biases=() if biases is None else biases.stated(),
     )

@@ -27,6 +27,7 @@ from itertools import pairwise
 import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.consistency.estimates import RivalTrajectory
 from occlog.core.geometry.camera import wrap_angle
 from occlog.errors import InputError
 from occlog.scans.grouping import Scan
@@ -41,11 +42,11 @@ from .kernels.paths_around_obstacles import Obstacle, PathsAroundObstacles, find
 from .kernels.problem import BearingLinesByStep, TrajectoryProblem
 from .kernels.terms import depths, inlier_probabilities, leverages, losses, residuals
 from .kernels.windows import summary
-from .lines_and_distances import mixed_search, with_distances
+from .lines_and_distances import mixed_search, with_distances, with_rivals
 from .measurements import sight_lines
 from .record import EMPTY, TargetRecord, after, fill, join, record_of
 from .search.problem_of_record import Pending, begin, memory_ns
-from .search.robust import RobustSearchResult, Watch, inlier_weights, plain_search, robust_search
+from .search.robust import RivalMode, RobustSearchResult, Watch, inlier_weights, plain_search, robust_search
 from .search.start import rays_of
 
 
@@ -113,7 +114,7 @@ def _angles(lines: BearingLinesByStep, record: TargetRecord, pending: Pending, X
 
 
 UNOBSERVABLE, INFEASIBLE_CONSTRAINTS, NO_PATH = "unobservable", "infeasible_constraints", "no_path"
-NOT_CONVERGED, FEW_INLIERS = "not_converged", "few_inliers"
+NOT_CONVERGED, FEW_INLIERS, RIVAL_MODE = "not_converged", "few_inliers", "rival_mode"
 
 
 def advance(
@@ -143,6 +144,9 @@ def advance(
         sought = search(pending, whole, around, watch)
         # Estimate, with covariances
         found, spread = _estimate(sought, around, pending, stated=whole.measured is not None)
+        if sought.biases is not None:
+            spread = spread + sought.biases.spread(T)
+        spread = with_rivals(found.solution.X, spread, sought.rivals)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
         raise InputError(
             f"map: numbers too large or too small to compute with ({error}); look at sigma_px, u_px and sigma of the "
@@ -153,9 +157,9 @@ def advance(
     walls = np.array([o.seen_through is None for o in around], dtype=np.bool_)
     through = np.asarray(found.left_alone[walls].any(axis=0), dtype=np.bool_)
     judged = residuals_and_noise_scales(pending, whole, sought, found)
-    out = _smoothed(pending, problem, solution, spread[:keep], whole, stuck, through, judged)
+    out = _smoothed(pending, problem, solution, spread[:keep], whole, stuck, through, judged, sought.rivals)
     if whole.measured is not None:
-        out = with_distances(out, pending, whole, found)
+        out = with_distances(out, pending, whole, found, sought.biases)
     if last:
         return pending._replace(record=EMPTY, X=np.empty((0, 4))), out
     # Marginalise what is given out: it becomes a Gaussian of the first state that is left
@@ -211,6 +215,7 @@ def _smoothed(
     stuck: Bools,
     through: Bools,
     judged: tuple[BearingResiduals, NoiseScales],
+    rivals: tuple[RivalMode, ...],
 ) -> SmoothedTrajectory:
     """The first states, as many as there are covariances, as they are given out."""
     X = solution.X
@@ -220,9 +225,10 @@ def _smoothed(
     vague = sigma > pending.config.max_position_sigma * pending.extent
     fit, noise = judged
     doubted = np.bincount(fit.row, weights=fit.inlier_probability >= 0.5, minlength=T) < 0.5 * seen
+    elsewhere = np.any([rival.elsewhere[:keep] for rival in rivals], axis=0) if rivals else np.zeros_like(vague)
     flags = np.select(
-        [stuck[:keep], through[:keep], vague, doubted[:keep]],
-        [INFEASIBLE_CONSTRAINTS, NO_PATH, UNOBSERVABLE, FEW_INLIERS],
+        [stuck[:keep], through[:keep], elsewhere, vague, doubted[:keep]],
+        [INFEASIBLE_CONSTRAINTS, NO_PATH, RIVAL_MODE, UNOBSERVABLE, FEW_INLIERS],
         "",
     )
     if not solution.converged:
@@ -250,7 +256,18 @@ def _smoothed(
         converged=solution.converged,
         fit=BearingResiduals._make(column[fit.row < keep] for column in fit),
         noise=noise,
+        rivals=None
+        if record.measured is None
+        else tuple(_rival(rival, X, record, keep) for rival in rivals if rival.elsewhere[:keep].any()),
     )
+
+
+def _rival(rival: RivalMode, X: Floats, record: TargetRecord, keep: int) -> RivalTrajectory:
+    """Where another mode differs from the states (T, 4) of the trajectory, of which the first are given out."""
+    rows = np.flatnonzero(rival.elsewhere[:keep])
+    away = np.hypot(*(rival.X - X)[rows, ::2].T)
+    first, last = record.t_ns[rows[[0, -1]]].tolist()
+    return RivalTrajectory(rival.excess, len(rows), keep, float(away.max()), first, last)
 
 
 def _scores(problem: TrajectoryProblem, X: Floats) -> Floats:
@@ -273,4 +290,5 @@ METHOD = Batch(
     forgets_ns=memory_ns,
     occluders=lambda config: OccluderTerms(config.occluder_diameter, config.prior_max_age_s),
     measured=True,
+    biases=True,
 )

@@ -53,6 +53,7 @@ from occlog.track.methods.map.kernels.windows import minimise_windows
 from occlog.track.methods.map.occlusion import OccluderHints, occlusion_terms
 from occlog.track.methods.map.qp_solvers import program_solver
 from occlog.track.methods.map.record import TargetRecord
+from occlog.track.methods.map.station_biases import StationBiases
 
 from .problem_of_record import BEND, START, Pending, bend_of, problem_of, start_of
 from .start import ConsensusPath, ransac_path
@@ -175,6 +176,15 @@ Scales = tuple[float, float]
 """Factors of the stated variances of lines of sight and of steps."""
 
 
+class RivalMode(NamedTuple):
+    """Another mode that is nearly as probable."""
+
+    X: Floats  # (T, 4) states
+    spread: Floats  # (T, 4, 4) covariances
+    excess: float  # by how much its cost is higher
+    elsewhere: Bools  # (T,) states at which its position is significantly away from that of the mode
+
+
 class RobustSearchResult(NamedTuple):
     """What a search found."""
 
@@ -188,6 +198,8 @@ class RobustSearchResult(NamedTuple):
     chance: Bools | None = None  # (N,) of these, met by chance alone; None: none
     careful: PathsAroundObstacles | None = None  # the minimum without those; None: missing
     hints: OccluderHints | None = None  # what moving occluders say; None: nothing
+    rivals: tuple[RivalMode, ...] = ()  # by rising cost
+    biases: StationBiases | None = None  # of ranges; None: none are estimated
 
 
 def plain_search(

@@ -1,0 +1,216 @@
+"""Constant errors of the ranges of stations: antenna delays, offsets of cables and clocks.
+
+As in `occlog.consistency.systematic_errors` the error of a track, a position and a velocity within a short time, is
+eliminated from the residuals of ranges, and of the bearings at the same time.  What is left of a station's ranges is
+noise and its constant error.  Unlike yaws and clocks, these errors often are alike in all stations, so that all are
+found at once.  Their standard errors are the larger ones of what the noise says and of how much the blocks of the
+recording scatter (White 1980, A heteroskedasticity-consistent covariance matrix estimator, Econometrica 48(4)).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.filtering.likelihood.distances import DELAYED, DIFFERENCE, concat, residuals_at_own_position
+from occlog.records.scene import Scene
+from occlog.records.tables import Tracks
+from occlog.records.verdicts import Check, finding, outcome
+from occlog.scans.grouping import ScanMeasurements
+
+from .bearings import StatedResiduals
+from .estimates import MAX_SIGMA_RAD
+from .systematic_errors import MEDIAN, MIN_FREEDOM, MIN_RANK, MIN_SHARE_OF_NOISE, linearised_bearings, local_lines
+
+RANGE_BIASES = "errors of ranges"
+"""Name of the check."""
+WINDOW_S = 2.0
+"""Time in which the error of a track is linear [s]."""
+MAX_RESIDUAL = 4.0
+"""Residuals farther from the median of their station by that many of their median deviations are of false ranges."""
+MIN_SIGMAS = 5.0
+"""Errors are found from so many standard errors on."""
+PRIOR_SIGMAS = 100.0
+"""Prior standard deviation of errors, in standard deviations of the ranges."""
+MAX_BLOCKS = 256
+"""Sums of windows that are kept; neighbours are added where there are more."""
+MIN_BLOCKS = 8
+"""Windows that are needed."""
+MAX_STATIONS = 40
+"""Stations that are judged, the first ones that measure."""
+
+
+class RangeBias(NamedTuple):
+    """A constant error of the ranges of a station."""
+
+    station: str
+    size: float  # by how much they are too long
+    error: float  # its standard error
+    limit: float  # size that matters
+
+
+class BlockSums(NamedTuple):
+    """Normal equations of some windows."""
+
+    normal: Floats  # (S, S)
+    right: Floats  # (S,)
+
+    def plus(self, other: BlockSums) -> BlockSums:
+        """Return the sums of both."""
+        return BlockSums(self.normal + other.normal, self.right + other.right)
+
+
+class RangeBiases:
+    """Accumulates normal equations of the errors of all stations, chunk by chunk."""
+
+    def __init__(self, scene: Scene, names: Sequence[str]) -> None:
+        """Start without residuals.
+
+        Args:
+            scene: its cameras and arrays.
+            names: of the stations, as measurements number them.
+        """
+        self._names = names
+        self._origin = {c.name: c.position[:2] for c in scene.cameras}
+        self._origin |= {a.name: a.position[:2] for a in scene.arrays}
+        self._column: dict[int, int] = {}
+        self._blocks: list[BlockSums] = []
+        self._square = self._freedom = 0.0
+        self._counts, self._weights = np.zeros(MAX_STATIONS), np.zeros(MAX_STATIONS)  # sums of 1 and of 1 / sigma^2
+
+    def add(
+        self, tracks: Tracks, stated: Sequence[StatedResiduals], measured: Sequence[tuple[int, ScanMeasurements]]
+    ) -> None:
+        """Take in the residuals at some more estimates, in the order of time.
+
+        Args:
+            tracks: estimates.
+            stated: residuals of bearings at them.
+            measured: times [ns] and measurements up to the last of them.
+        """
+        if not measured:
+            return
+        t_ns = np.repeat([t for t, _ in measured], [len(one.target_id) for _, one in measured])
+        target = np.concatenate([one.target_id for _, one in measured])
+        rows = concat([one.distances for _, one in measured])
+        ranges = DELAYED[rows.kind] & (rows.kind != DIFFERENCE)
+        for number in np.unique(target[ranges]).tolist():
+            own, of = np.flatnonzero(ranges & (target == number)), np.flatnonzero(tracks.target_id == number)
+            if len(of) < 3:
+                continue
+            track = tracks.take(of)
+            inside = (t_ns[own] >= track.t_ns[0]) & (t_ns[own] <= track.t_ns[-1])
+            own = own[inside]
+            seconds = (track.t_ns - track.t_ns[0]) / NS
+            xy = np.column_stack([track.x, track.y])
+            path, at = local_lines(seconds, xy), (t_ns[own] - track.t_ns[0]) / NS
+            there = np.column_stack([np.interp(at, seconds, column) for column in path.T])
+            residual, gradient = residuals_at_own_position(rows.take(own), there)
+            station, sigma = rows.station[own], rows.sigma[own]
+            found = [
+                np.column_stack([at, residual, gradient, sigma, self._columns_of(station)])[_usable(station, residual)]
+            ]
+            for one in stated:
+                if one.target == number and one.sensor in self._origin and len(one.residual):
+                    index = np.searchsorted(track.t_ns, one.t_ns)
+                    off, slope = linearised_bearings(one, self._origin[one.sensor], xy[index], path[index])
+                    columns = [seconds[index], off, slope, one.sigma, np.full(len(off), -1.0)]
+                    keep = (one.sigma <= MAX_SIGMA_RAD) & _usable(np.zeros(len(off), dtype=np.int64), off)
+                    found.append(np.column_stack(columns)[keep])
+            everything = np.concatenate(found)
+            everything = everything[np.argsort(everything[:, 0], kind="stable")]
+            for window in np.split(everything, np.flatnonzero(np.diff(everything[:, 0] // WINDOW_S)) + 1):
+                self._add_window(window)
+
+    def _columns_of(self, station: Ints) -> Floats:
+        """(N,) columns of stations; -1: too many."""
+        for number in np.unique(station).tolist():
+            if number not in self._column and len(self._column) < MAX_STATIONS:
+                self._column[number] = len(self._column)
+        return np.array([float(self._column.get(number, -1)) for number in station.tolist()])
+
+    def _add_window(self, rows: Floats) -> None:
+        """Take in N measurements of one target in one window.
+
+        Args:
+            rows: (N, 6) seconds, residual and its gradient by x and y in standard deviations, the standard deviation,
+                and the column of the station; -1: not a range.
+        """
+        column = rows[:, 5].astype(np.int64)
+        own = np.flatnonzero(column >= 0)
+        if not len(own):
+            return
+        # Eliminate position and velocity
+        G, after = rows[:, 2:4], rows[:, 0] - rows[:, 0].mean()
+        u, s, _ = np.linalg.svd(np.column_stack([G, G * after[:, None]]), full_matrices=False)
+        u = u[:, s > MIN_RANK * s[0]]
+        if u.shape[1] >= len(rows):
+            return
+        X = np.zeros((len(rows), MAX_STATIONS))
+        X[own, column[own]] = 1.0 / rows[own, 4]
+        np.add.at(self._counts, column[own], 1.0)
+        np.add.at(self._weights, column[own], rows[own, 4] ** -2)
+        X, y = X - u @ (u.T @ X), rows[:, 1] - u @ (u.T @ rows[:, 1])
+        self._blocks.append(BlockSums(X.T @ X, X.T @ y))
+        self._square += float(y @ y)
+        self._freedom += len(rows) - u.shape[1]
+        if len(self._blocks) == MAX_BLOCKS:
+            self._blocks = [a.plus(b) for a, b in zip(self._blocks[::2], self._blocks[1::2], strict=True)]
+
+    def found(self) -> list[RangeBias]:
+        """The errors that are significant and matter, in the order of the stations."""
+        S, K = len(self._column), len(self._blocks)
+        if max(MIN_BLOCKS, S + 2) > K or self._freedom - S < MIN_FREEDOM:
+            return []
+        noise = np.sqrt(self._counts[:S] / np.maximum(self._weights[:S], 1e-300))
+        normals = np.array([block.normal[:S, :S] for block in self._blocks])
+        rights = np.array([block.right[:S] for block in self._blocks])
+        P = np.linalg.inv(normals.sum(axis=0) + np.diag((PRIOR_SIGMAS * noise) ** -2.0))
+        size = P @ rights.sum(axis=0)
+        left = max((self._square - float(size @ rights.sum(axis=0))) / (self._freedom - S), 1.0)
+        scores = rights - normals @ size
+        scatter = K / (K - S) * P @ (scores.T @ scores) @ P
+        error = np.sqrt(np.maximum(left * np.diag(P), np.diag(scatter)))
+        limit = MIN_SHARE_OF_NOISE * noise
+        large = (np.abs(size) > MIN_SIGMAS * error) & (np.abs(size) > limit)
+        names = {column: self._names[number] for number, column in self._column.items()}
+        figures = [column.tolist() for column in (size, error, limit)]
+        return [RangeBias(names[s], *(column[s] for column in figures)) for s in sorted(names) if large[s]]
+
+    def checks(self, unit: str, *, estimated: bool = False) -> tuple[Check, ...]:
+        """Whether ranges of a station are too long or too short.
+
+        Args:
+            unit: of lengths.
+            estimated: the method has estimated and removed these errors.
+        """
+        if estimated:
+            return outcome(RANGE_BIASES, (), unless="the method estimates them")
+        few = "too few ranges of several stations at one time" if self._freedom < MIN_FREEDOM else ""
+        return outcome(RANGE_BIASES, self._findings(unit), unless=few)
+
+    def _findings(self, unit: str) -> Iterator[Check]:
+        for one in self.found():
+            yield finding(
+                RANGE_BIASES,
+                "range-bias",
+                sensors=[one.station],
+                size=abs(one.size),
+                sense="long" if one.size > 0.0 else "short",
+                error=one.error,
+                allowed=one.limit,
+                unit=unit,
+            )
+
+
+def _usable(station: Ints, residual: Floats) -> Bools:
+    """(N,) whether residuals are near the median of their station."""
+    keep = np.ones(len(residual), dtype=np.bool_)
+    for number in np.unique(station).tolist():
+        own = station == number
+        away = np.abs(residual[own] - np.median(residual[own]))
+        keep[own] = away <= MAX_RESIDUAL * max(float(np.median(away)) / MEDIAN, 1.0)
+    return keep
