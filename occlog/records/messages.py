@@ -261,9 +261,8 @@ VERDICT: dict[str, Message] = {
     ),
     "tracks-delayed": Message(
         W,
-        "tracks are {delay_s:.2g} s (standard error {sigma_s:.1g} s) {side} the truth: RMSE {rmse:.3g} {unit}, and "
-        "{without:.3g} {unit} without it",
-        "check first frame numbers, rates and clocks; a filter with too little process noise lags, too",
+        "tracks are {delay_s:.2g} s (+- {sigma_s:.1g}) {side} the truth: RMSE {rmse:.3g}, {without:.3g} {unit} without",
+        "check frame numbers and clocks, or process noise",
     ),
     "time-unit-differs": Message(W, _MEET, "state the unit of the times, for instance as t_ms, t_us or t_ns"),
     "times-shifted": Message(W, _MEET, "check first frame numbers, start times and clocks"),
@@ -327,7 +326,7 @@ VERDICT: dict[str, Message] = {
     "camera-unassociated": Message(
         W,
         "camera {sensors}: {count} of {boxes} moving boxes are associated with no track (allowed: {allowed:.0%})",
-        "check that its extrinsics are world-to-camera, its image size, and that the boxes are of this camera",
+        "check its extrinsics, image size and boxes",
     ),
     "camera-alone": Message(
         N,

@@ -43,7 +43,7 @@ class TableCells(Protocol):
         """(n,) yes or no."""
 
     def times(self, name: str, unit: str) -> Ints:
-        """(n,) times [ns since the Unix epoch]."""
+        """(n,) times [ns since the Unix epoch]; of numbers with an empty `unit` it is that of their size."""
 
     def steps(self, name: str) -> Floats:
         """(n,) what the last digit, or bit, of each number represents, where that may be much; else 0."""

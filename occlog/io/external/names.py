@@ -141,6 +141,12 @@ class Spelling(NamedTuple):
     unit: str  # that the name ends in: `ns`, `deg`, `cm`, ...; empty: the table's own
     edge: bool = False  # the column has the far edge of a box instead of its size
     far: str = ""  # name of a column with the far edge, in addition to that of the size
+    stated: bool = False  # the unit is stated, by the name or by the user
+
+    @property
+    def time_unit(self) -> str:
+        """Unit of times; empty: it is not stated, and that of the size of the numbers."""
+        return self.unit if self.stated else ""
 
     @property
     def compass(self) -> bool:
@@ -199,8 +205,8 @@ def lay_out(names: Sequence[str], table: type[ColumnTable]) -> TableLayout:
         spelled = _find(column, there, known) if number in named else None
         if spelled is not None:
             said = unit_in_name(table, column, spelled.name)
-            unit = STATED.get().unit_of(spelled.name, kind_of(column), said) or spelled.unit
-            found.append(spelled._replace(unit=unit))
+            stated = STATED.get().unit_of(spelled.name, kind_of(column), said)
+            found.append(spelled._replace(unit=stated or spelled.unit, stated=bool(stated)))
         elif wanted:
             missing.append(column.name)
     one_of = ONE_OF.get(table.NAME, ())

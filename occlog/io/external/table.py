@@ -153,7 +153,7 @@ class ForeignTable:
         time = next(s for s in layout.columns if s.column.name == TIME)
         last = None
         for cells in self.source.cells([time.name]):
-            t_ns = cells.times(time.name, time.unit)
+            t_ns = cells.times(time.name, time.time_unit)
             if len(t_ns) and ((last is not None and t_ns[0] < last) or (t_ns[1:] < t_ns[:-1]).any()):
                 return False
             last = t_ns[-1] if len(t_ns) else last
@@ -197,7 +197,7 @@ class ForeignTable:
     def times_of(self, cells: TableCells) -> Ints:
         """(n,) times of some cells, in the order of the file."""
         time = next(s for s in self.layout.columns if s.column.name == TIME)
-        return cells.times(time.name, time.unit)
+        return cells.times(time.name, time.time_unit)
 
     def owners(self, cells: TableCells) -> list[tuple[object, ...]]:
         """(n,) sensor and identity of some cells, in the order of the file, if it has them."""
@@ -209,7 +209,7 @@ class ForeignTable:
         """The values of a column in the table's unit."""
         c = s.column
         if c.name == TIME:
-            return cells.times(s.name, s.unit)
+            return cells.times(s.name, s.time_unit)
         if c.width:
             return cells.lists(s.name, c.width).astype(c.dtype)
         if c.kind == "U":

@@ -109,19 +109,22 @@ def unit_by_size(largest: float) -> str:
 
 
 def column_unit(values: Floats, unit: str, fail: Callable[[int, str], InputError]) -> str:
-    """Unit of a column of times in seconds, or in another unit where they are too large for seconds.
+    """Unit of a column of times: the stated one, else seconds, or another one where they are too large for seconds.
 
     Args:
         values: (n,) times.
-        unit: stated unit; `s` also where none is stated.
+        unit: stated unit; empty: none is stated.
         fail: makes an error of a row and a message.
 
     Raises:
-        InputError: the column has times in several units by their size.
+        InputError: times are too large for stated seconds, or in several units by their size.
     """
     sizes = np.abs(values)
-    if unit != "s" or not len(sizes) or sizes.max() <= LATEST_S:
-        return unit
+    if unit not in ("", "s") or not len(sizes) or sizes.max() <= LATEST_S:
+        return unit or "s"
+    if unit:
+        row = int(np.argmax(sizes))
+        raise fail(row, f"time {values[row]:.12g}: too large for seconds; name the column t_ms, t_us or t_ns")
     found = unit_by_size(float(sizes.max()))
     least, most = (int(np.argmin(np.where(sizes > 0.0, sizes, np.inf))), int(np.argmax(sizes)))
     if unit_by_size(float(sizes[least])) != found:
@@ -142,12 +145,12 @@ def _number(text: str) -> float:
 def parse_column(texts: Sequence[str], unit: str, fail: Callable[[int, str], InputError]) -> Ints:
     """(n,) times [ns] of texts; see `parse_time`.
 
-    Numbers that are too large for seconds are in the unit of their size.  A column has dates with a zone, or without
+    Numbers without a stated unit that are too large for seconds are in the unit of their size.  A column has dates with a zone, or without
     one, which are in UTC, but not both.
 
     Args:
         texts: cells.
-        unit: unit of numbers; `s` also where none is stated.
+        unit: unit of numbers; empty: it is not stated.
         fail: makes an error of a row and a message.
 
     Raises:
@@ -155,7 +158,7 @@ def parse_column(texts: Sequence[str], unit: str, fail: Callable[[int, str], Inp
     """
     out = np.empty(len(texts), dtype=np.int64)
     zoned: bool | None = None
-    if unit == "s":
+    if unit in ("", "s"):
         unit = column_unit(np.array([_number(text) for text in texts]), unit, fail)
     for row, text in enumerate(texts):
         iso = _ISO.match(text.strip())
