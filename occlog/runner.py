@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, TypeVar
 from occlog import console
 from occlog.errors import ExitCode
 from occlog.io.files.atomic import OutputGroup, check_outputs, open_output
-from occlog.io.files.inputs import hash_inputs
+from occlog.io.files.inputs import hash_inputs, previous_losses
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import TableWriter
 from occlog.records.columns import ColumnTable
@@ -57,14 +57,24 @@ def run(request: Request, *, overwrite: bool = False, quiet: bool = False) -> Jo
     kind = request.kind_of_input()
     request.check_kind(kind)
     check_outputs(request.inputs, request.outputs, overwrite)
-    return JobResult(*load(request.RUN)(request, Job(request, overwrite, quiet, kind)))
+    return _with_earlier(JobResult(*load(request.RUN)(request, Job(request, overwrite, quiet, kind))), request.inputs)
+
+
+def _with_earlier(done: JobResult, inputs: Iterable[Path]) -> JobResult:
+    """The result with what its inputs list as lost apart from what was lost on the way."""
+    if not done.losses:
+        return done
+    known = set(previous_losses(inputs))
+    before = [loss for loss in done.losses if loss in known and loss not in done.earlier]
+    return done._replace(losses=[loss for loss in done.losses if loss not in known], earlier=[*done.earlier, *before])
 
 
 def exit_code(request: Request, done: JobResult, *, strict: bool) -> int:
-    """The exit code of a request that was done; `strict`: results that are not plausible count."""
+    """The exit code of a request that was done; `strict`: results that are not plausible count, and minor losses."""
     if done.failed:
         return ExitCode.THRESHOLD
-    code = ExitCode.LOSSY if done.losses else ExitCode.DONE
+    lost = any(strict or not loss.minor for loss in done.losses)
+    code = ExitCode.LOSSY if lost else ExitCode.DONE
     always = request.JUDGED and not request.STRICT
     return console.strict_code(code, done.summary.get(request.VERDICT), strict or always)
 

@@ -39,6 +39,15 @@ def shared_data() -> Path:
 
 
 @pytest.fixture(scope="session")
+def shared_cases(shared_data: Path) -> Path:
+    """Folder of inputs that went wrong once, beside the recorded data; the test is skipped where it is missing."""
+    path = shared_data.parent / "cases"
+    if not path.is_dir():
+        pytest.skip(f"cases not found at {path}")
+    return path
+
+
+@pytest.fixture(scope="session")
 def peers(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Python of an environment with TrackEval and py-motmetrics; OCCLOG_PEERS names one that exists.
 

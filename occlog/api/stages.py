@@ -317,7 +317,7 @@ def ingest(
         truth: true positions or boxes.
         timestamps: times of the frames.
         calibration: calibration of the cameras.
-        image_size: width and height [px], for calibrations that do not state it.
+        image_size: width and height [px] of the images; a calibration that states another size is scaled.
         scene: room, occluders, arrays, and cameras that the calibration lacks.
         arrays: positions of direction finders, or microphones of one array.
         readers: positions and ranges of the readers of tags.

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from occlog.errors import InputError, UsageError
 from occlog.io.files.spill import SpilledTable
-from occlog.io.open import Opened, check_unit, common_unit, input_losses, load_scene, open_if_ours, open_input
+from occlog.io.open import Opened, check_unit, common_unit, load_scene, open_input
 from occlog.records.columns import ColumnTable
 from occlog.records.declared.people import PeopleTracks
 from occlog.records.declared.sensors import Measurements
-from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, Cooperation, Diagnostics, Reads, Tracks, Truth, TruthBoxes, Views
 from occlog.scans.config import DistanceMeasurementConfig
@@ -115,8 +114,3 @@ def _scene(request: EvaluateRequest, tracks: Opened | None, truth: Opened | None
         if recorded is None and request.scene is None and path is not None:
             recorded = open_input(path).scene
     return load_scene(request.scene, recorded, request.truth or request.inputs[0])
-
-
-def previous_losses(paths: Iterable[Path]) -> tuple[Loss, ...]:
-    """Losses in making the inputs."""
-    return input_losses(open_if_ours(path) for path in paths)

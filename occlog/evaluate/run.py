@@ -24,6 +24,7 @@ from occlog.console.notes import begin_work
 from occlog.console.summary import plausible_in_words
 from occlog.errors import InputError, UsageError, option
 from occlog.io.files.atomic import write_bytes
+from occlog.io.files.inputs import previous_losses
 from occlog.io.files.texts.documents import write_json
 from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.io.formats.sound.csv_log import DoaOptions
@@ -41,7 +42,7 @@ from occlog.track.methods.images.run.inputs import independent_id_note, initiate
 
 from .bearings.detections import doa_metrics
 from .bearings.noise import MeasuredNoise, noise_comment, scene_with
-from .inputs import open_sources, previous_losses
+from .inputs import open_sources
 from .matching.config import AZIMUTHS, GROUND, IMAGES, OTHERS, EvaluateConfig
 from .metric_names import unknown_metric_hint
 from .mot import figures as headline
@@ -132,7 +133,7 @@ def _in_images(sides: Sequence[EvaluateRequest]) -> tuple[list[Metrics], Metrics
     each, whole = list[Metrics](), None
     views, counts = list[int](), Counter[str]()
     for side in sides:
-        compared, _, _ = compared_boxes(side)
+        compared, *_ = compared_boxes(side)
         figures = compared.figures()
         each.append(figures.result(compared.frames, compared.counts))
         views += compared.frames

@@ -51,7 +51,8 @@ from .bearings.detections import RegionFigures
 from .bearings.held_out import held_out_box_metrics
 from .bearings.noise import MeasuredNoise, figures_of, notes_of
 from .bearings.residuals import AgainstBearings
-from .errors.on_ground import PairSums, TrackErrors, no_targets, pairs_by_number
+from .errors.misalignment import TruthAlignment
+from .errors.on_ground import NoCommonTimeError, PairSums, TrackErrors, no_targets, pairs_by_number
 from .errors.survey import EvaluationChunk, EvaluationSurvey, StretchTables, chunks_in_time, survey
 from .matching.config import EvaluateConfig
 from .matching.path_outline import TruthOutlines
@@ -252,6 +253,8 @@ class Evaluator:
         ground = None if many is None or not self._compares else GroundFigures.of(known, many, unit)
         pairs = self._prepare(ground, many)
         errors = TrackErrors(known, pairs, config, unit)
+        gate = (many or MultiTargetConfig.in_unit(unit)).match_distance or math.inf
+        aligned = TruthAlignment(lambda: (rows_of(sources.tracks), rows_of(sources.truth)), gate, unit)
         seen, companion = None, None
         if self._sees:
             seen = AgainstBearings(sources, known, self._outlines, self._scene, config, with_positions=with_positions)
@@ -267,11 +270,16 @@ class Evaluator:
                 take(table)
             if not own:
                 against.update(found)
+                aligned.update(found, part.targets, config.limit_ns)
             elif ground is not None and frames is not None:
-                against.update_pairs(*ground.pair_nees)
+                against.update_pairs(ground.own_pairs.target, ground.own_pairs.nees)
+                aligned.update_pairs(*ground.own_pairs[:3], part.targets, config.limit_ns)
         if seen is not None:
             seen.finish(take)
-        metrics, notes = self._figures(errors, seen)
+        try:
+            metrics, notes = self._figures(errors, seen)
+        except NoCommonTimeError as error:
+            raise InputError("; ".join([str(error), *(each.text for each in aligned.found())])) from error
         if ground is not None:
             metrics = {**metrics, **{name: v for name, v in ground.result().items() if name not in metrics}}
             metrics = headline.first({**metrics, headline.INDEPENDENT_IDS: 1.0}, unit) if own else metrics
@@ -284,6 +292,7 @@ class Evaluator:
         asked = errors.rows or (seen is not None and seen.rows) or (sources.diagnostics is not None and evidence.rows)
         if sources.tracks is not None and asked:
             checks = checks_with_truth(evidence, sources.made, against, unknown=known.unknown, metrics=metrics)
+            checks = (*aligned.checks(metrics), *checks) if self._compares and len(known.targets) else checks
         if sources.made.measured and sources.measured is None and seen is not None and seen.bound_rows:
             notes.append(BOUND_WITHOUT_DISTANCES)
         return Evaluation({name: float(v) for name, v in metrics.items()}, notes=tuple(notes), checks=checks)

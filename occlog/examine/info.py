@@ -137,10 +137,10 @@ class Description(NamedTuple):
 def describe(path: Path, rows: int) -> Description:
     """Describe a file by its content; of a table also the first rows."""
     from occlog.io.files.limits import describe_unsupported
-    from occlog.io.open import open_if_ours, open_input
+    from occlog.io.open import is_table_in_parts, open_if_ours, open_input
 
     kind = path.suffix.lower()
-    if path.is_dir() and not is_one_bag(path):
+    if path.is_dir() and not is_one_bag(path) and not is_table_in_parts(path):
         return Description(*describe_folder(path, lambda file: describe(file, 0)))
     if is_foreign_bag(path):
         return _describe_bag(path)
@@ -345,16 +345,16 @@ def _provenance_lines(p: Mapping[str, Any]) -> list[str]:
 
 
 def _verdict_lines(path: Path) -> list[str]:
-    """Return the verdicts of the stages that made a file: plausible or not, numbers of checks, and warnings."""
+    """Return the verdicts of the stages that made a file: plausible or not, numbers of checks, and findings."""
     from occlog.io.files.inputs import verdicts_of_file
-    from occlog.records.verdicts import counts_of, summary_of, texts_of
+    from occlog.records.verdicts import counts_of, found_by_stage, summary_of
 
     verdicts = verdicts_of_file(path)
     if not verdicts:
         return []
     lines = [f"plausible {plausible_in_words(summary_of(verdicts))}"]
     lines += [f"checked   {verdict.stage}: {counts_of(verdict.checks)}" for verdict in verdicts]
-    return lines + [f"          {text}" for text in texts_of(verdicts, "info")]
+    return lines + [f"          {check.severity}: {stage}: {check.text}" for stage, check in found_by_stage(verdicts)]
 
 
 def _describe_table(path: Path, rows: int) -> Description:
@@ -379,7 +379,10 @@ def _describe_foreign(table: ForeignTable) -> Description:
     used = {s.name: s for s in layout.columns}
     checked = {s.far: s.name for s in layout.columns if s.far}
     unit = table.length_unit or "the unit of the scene"
-    lines = [f"{source.kind} of another program, read as {layout.table.NAME}, lengths in {unit}"]
+    rows = source.rows
+    parts = f"{len(source.parts)} parts, " if source.parts else ""
+    many = "" if rows is None else f"{parts}{rows} rows, "
+    lines = [f"{source.kind} of another program, {many}read as {layout.table.NAME}, lengths in {unit}"]
     for name in source.names:
         spelled = used.get(name)
         unit = "" if spelled is None or not spelled.unit else f" [{_unit_of(spelled)}]"
@@ -390,6 +393,7 @@ def _describe_foreign(table: ForeignTable) -> Description:
         "format": source.kind,
         "table": layout.table.NAME,
         "length_unit": table.length_unit,
+        **({} if rows is None else {"rows": rows}),
         "columns": {name: used[name].column.name if name in used else None for name in source.names},
     }
     return Description(values, lines)

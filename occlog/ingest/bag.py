@@ -12,13 +12,15 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.errors import InputError, OcclogError, UsageError
+from occlog.errors import InputError, OcclogError, UsageError, option
 from occlog.io.files.frame_times import FrameTimes, to_world_time
 from occlog.io.files.utc import utc
-from occlog.io.formats.calibration.common import Pose, build_camera
+from occlog.io.formats.calibration.common import CalibrationOptions, Pose, build_camera
+from occlog.io.formats.calibration.ros import region_of, region_text
 from occlog.io.messages.bag import CLOCKS_APART_S, Bag, BagDecoder, BagSurvey, survey, topic_lines
 from occlog.io.messages.contents import (
     FramePose,
+    Intrinsics,
     MessageBoxRows,
     Transforms,
     direction_rows,
@@ -42,6 +44,8 @@ from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Clock, Scene
 from occlog.records.tables import Boxes, Doa, Truth
 
+from .box_extent import BoxExtents
+from .boxes import beyond_lens, lens_losses, without
 from .plan import IngestPlan
 from .scene import Turn
 from .truth import note_skipped, span_of
@@ -51,6 +55,8 @@ BODY = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """(3, 3) body-from-optical: x forward, y left, z up from x right, y down, z forward (REP 103)."""
 ROUNDED = 1e-6
 """Calibrations that differ by less than this are the same."""
+VIDEO = "CompressedVideo"
+"""Ending of the types of messages with a stream of video."""
 STEEP = math.cos(math.radians(30))
 """An optical axis this near to straight up is that of a frame with z up, and not forward."""
 
@@ -73,6 +79,11 @@ def look_into(bag: Bag, plan: IngestPlan, note: Note) -> BagSurvey:
         held = ", ".join(f"{t.name} ({t.kind or 'no type'})" for t in found.topics.values()) or "no topic"
         named = any(kind_of(t.kind) is not None for t in found.topics.values())
         remedy = "name boxes and true positions by their topics" if named else "no topic is of a type that is known"
+        if any(t.kind.endswith(VIDEO) for t in found.topics.values()):
+            remedy = (
+                f"video in messages ({VIDEO}) is not read: write each stream to a video file, times to a sidecar, and "
+                f"give {option('video')} and {option('timestamps')}"
+            )
         raise InputError(f"{bag.paths[0]}: holds no images, boxes or directions that can be taken: {held}; {remedy}")
     for line in topic_lines(found):
         note(f"bag: {line}")
@@ -107,16 +118,16 @@ def place_cameras(found: BagSurvey, plan: IngestPlan, others: Collection[str], n
         if model is None:
             reasons[camera] = f"{found.map.infos[camera]} states that it is not calibrated (fx is 0)"
             continue
-        if model.fit_px:
-            note(
-                f"camera {camera}: lens model {info.model} fitted by five coefficients, right to {model.fit_px:.2g} px"
-            )
+        if model.size != info.size:
+            _check_region(camera, found, model.size)
+            note(region_text(camera, region_of(info.size, info.binning, info.roi, camera), info.size))
         if camera not in found.map.images and not _is_rectified(found, camera) and np.any(info.distortion):
             note(
                 f"camera {camera}: boxes of {found.map.boxes[camera]} are taken to be in the raw image; where the "
                 "detector had rectified ones, give a calibration without distortion"
             )
         known[camera] = model
+    options = plan.calibration_options()
     world = _world(found, plan, [c for c in known if found.frames.get(c)])
     shared = _shared_frames(found)
     cameras = []
@@ -131,27 +142,36 @@ def place_cameras(found: BagSurvey, plan: IngestPlan, others: Collection[str], n
         rotation = pose.rotation @ model.turn.T
         shift = model.shift if frame in shared else 0.0
         centre = pose.translation + rotation[:, 0] * shift
-        cameras.append(_camera(camera, found, rotation, centre))
+        cameras.append(_camera(camera, model, rotation, centre, f"topic {found.map.infos[camera]}", options))
+    for said in options.notes:
+        note(f"calibration: {said}")
     return BagCameraPoses(tuple(cameras), reasons, world)
 
 
-def _camera(name: str, found: BagSurvey, rotation: Floats, centre: Floats) -> Camera:
+def _check_region(camera: str, found: BagSurvey, stated: tuple[int, int]) -> None:
+    """InputError where images are of the whole sensor, and the calibration states that they are a part of it."""
+    info, size = found.infos[camera], found.sizes.get(camera)
+    if size is not None and size != stated and size == info.size:
+        raise InputError(
+            f"topic {found.map.infos[camera]}: states binning {info.binning} and roi {info.roi}, so images of "
+            f"{stated[0]} x {stated[1]} px, but they have {size[0]} x {size[1]}; give a calibration file or a scene"
+        )
+
+
+def _camera(
+    name: str, model: Intrinsics, rotation: Floats, centre: Floats, where: str, options: CalibrationOptions
+) -> Camera:
     """The camera of a pose; `rotation` is world-from-camera."""
-    model = intrinsics(found.infos[name], rectified=_is_rectified(found, name), where=f"topic {found.map.infos[name]}")
-    assert model is not None
-    return build_camera(
-        Pose(
-            name=name,
-            focal_px=model.focal_px.tolist(),
-            principal_px=model.principal_px.tolist(),
-            rotation=rotation.T,
-            centre=centre,
-            image_size=model.size,
-            distortion=model.distortion.tolist(),
-            model=model.model,
-        ),
-        f"topic {found.map.infos[name]}",
+    pose = Pose(
+        name=name,
+        focal_px=model.focal_px,
+        principal_px=model.principal_px,
+        rotation=rotation.T,
+        centre=centre,
+        image_size=model.size,
+        lens=model.lens,
     )
+    return build_camera(pose, where, options)
 
 
 def _is_rectified(found: BagSurvey, camera: str) -> bool:
@@ -251,8 +271,11 @@ class Taking:
         self._changed: dict[str, list[str]] = {}
         scale = plan.confidence_scale
         self._boxes = {t: MessageBoxRows(name, plan.classes, scale) for name, t in chosen.boxes.items()}
-        self._span = None if plan.frames is None or not self._targets else span_of(plan.frames, self._frame_times())
+        frames = self._frame_times() if plan.frames is not None and self._targets else {}
+        self._span = span_of(dict.fromkeys(frames, range(*plan.frames or (0, 0))), frames)
         self._of_other_times = 0
+        self._extents = BoxExtents({c.name: c.image_size for c in scene.cameras if c.image_size is not None})
+        self._beyond_lens: Counter[str] = Counter()
 
     @property
     def count(self) -> int | None:
@@ -363,6 +386,11 @@ class Taking:
             table = self._boxes[topic].rows(read, t_ns)
             if not self._is_chosen(number):
                 return
+            self._extents.add(table)
+            unseen = beyond_lens(table, self.scene)
+            if unseen.any():
+                self._beyond_lens.update(table.sensor[unseen].tolist())
+                table = without(table, unseen)
         else:
             name = self._arrays[topic]
             table = direction_rows(read, t_ns, next(a for a in self.scene.arrays if a.name == name))
@@ -398,7 +426,9 @@ class Taking:
 
     def finish(self, note: Note) -> list[Loss]:
         """Report which clock was used, and list the losses."""
-        losses = []
+        losses = lens_losses(self._beyond_lens, self.rows.get(Boxes.NAME, 0))
+        if (said := self._extents.warning(self._cameras.values(), given=self.plan.image_size is not None)) is not None:
+            note(said)
         for topic, remark in self.bag.remarks.items():
             note(f"warning: {topic}: {remark}")
         if self._of_other_times and self.plan.frames is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
@@ -12,15 +12,18 @@ import numpy as np
 
 from occlog.array_types import Bools
 from occlog.console.text import counted
+from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.texts.formats import Probe
 from occlog.io.formats.boxes.datasets import camera_folders, is_annotations, label_files
 from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, BoxSurvey, survey_boxes
 from occlog.io.formats.boxes.rows import in_words
 from occlog.io.frames.streams import are_times, list_images, numbers_of
+from occlog.records.lens import MAX_FISHEYE_DEG
 from occlog.records.losses import OUTSIDE_IMAGE, Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes
 
+from .box_extent import BoxExtents
 from .plan import IngestPlan
 
 B = TypeVar("B", bound=Boxes)
@@ -45,10 +48,21 @@ def survey(plan: IngestPlan, scene: Scene, note: Note) -> BoxSurvey | None:
     if found.left_out:
         said.append(f"skipped: class {in_words(found.left_out)}")
     frames = f"frames {found.first} to {found.stop - 1}"
-    if found.step > 1:
-        frames += f" in steps of {found.step} (the frame rate counts every number)"
+    steps = {name: each.step for name, each in found.ranges.items()}
+    if max(steps.values(), default=1) > 1:
+        alike = len(set(steps.values())) == 1
+        text = str(max(steps.values())) if alike else ", ".join(f"{step} ({name})" for name, step in steps.items())
+        frames += f" in steps of {text} (the frame rate counts every number)"
     note(f"boxes: {', '.join(said)}; {frames}; a frame without a box is one without a detection")
     return found
+
+
+def note_frames(found: BoxSurvey, times: Mapping[str, FrameTimes], note: Note) -> None:
+    """Note the frames of each camera where their numbers differ at one time, as those of unequal frame rates do."""
+    frames = found.frames(times)
+    if len({(each.start, each.stop) for each in frames.values()}) > 1:
+        text = ", ".join(f"{name} {each[0]} to {each[-1]}" for name, each in frames.items() if each)
+        note(f"boxes: frames by camera: {text}")
 
 
 def box_files(plan: IngestPlan) -> list[BoxFile]:
@@ -98,25 +112,37 @@ def box_options(plan: IngestPlan, scene: Scene | None = None) -> BoxOptions:
         classes=plan.classes,
         sizes=sizes,
         others=plan.allow_uncalibrated and not _named_cameras(plan),
+        lenient=True,
     )
 
 
 def truth_options(plan: IngestPlan, scene: Scene) -> BoxOptions:
     """Options for reading true boxes; all classes are kept unless one is given."""
-    options = replace(box_options(plan, scene), others=False)
+    options = replace(box_options(plan, scene), others=False, lenient=False)
     if plan.truth_first_number is not None:
         options = replace(options, first_number=plan.truth_first_number)
     return options if plan.classes else replace(options, classes=None)
 
 
-def inside(tables: Iterator[B], scene: Scene, losses: list[Loss], note: Note) -> Iterator[B]:
-    """The tables without boxes that are wholly outside the image; these are listed as lost.
+def inside(
+    tables: Iterator[B],
+    scene: Scene,
+    losses: list[Loss],
+    note: Note,
+    known: Collection[str] = (),
+    *,
+    given: bool = False,
+) -> Iterator[B]:
+    """The tables without boxes that are wholly outside the image, or where its lens is not used; these are lost.
 
     Boxes that reach over the border are kept as they are, for detectors complete people whom it cuts; how many there
-    are is noted, since many of them are a sign of another size of the images.
+    are is noted. `known` are the cameras with images of which the size is known, and not only that of the calibration;
+    `given`: the user gives it.
     """
     sizes = {c.name: c.image_size for c in scene.cameras if c.image_size is not None}
+    extents, total = BoxExtents(sizes), 0
     outside: Counter[str] = Counter()
+    askew: Counter[str] = Counter()
     over: Counter[str] = Counter()
     farthest = 0.0
     for table in tables:
@@ -127,19 +153,45 @@ def inside(tables: Iterator[B], scene: Scene, losses: list[Loss], note: Note) ->
         size = np.column_stack([width, height])
         beyond = np.maximum(-edges, far - size)
         gone: Bools = np.asarray(((far <= 0) | (edges >= size)).any(axis=1))
-        out = (beyond > 1.0).any(axis=1) & ~gone & np.isfinite(width)
+        extents.add(table)
+        total += int(np.count_nonzero(table.box >= 0))
+        unseen = beyond_lens(table, scene) & ~gone
+        askew.update(table.sensor[unseen].tolist())
+        out = (beyond > 1.0).any(axis=1) & ~gone & ~unseen & np.isfinite(width)
         outside.update(table.sensor[gone].tolist())
         over.update(table.sensor[out].tolist())
         farthest = max(farthest, float(beyond[out].max(initial=0.0)))
-        yield _without(table, gone) if gone.any() else table
+        lost = gone | unseen
+        yield without(table, lost) if lost.any() else table
     for name, count in sorted(outside.items()):
-        losses.append(Loss(name, "boxes", f"{OUTSIDE_IMAGE} of {sizes[name][0]} x {sizes[name][1]} px", count))
+        losses.append(Loss(name, "boxes", f"{OUTSIDE_IMAGE} of {sizes[name][0]} x {sizes[name][1]} px", count, total))
+    losses.extend(lens_losses(askew, total))
+    if (said := extents.warning(known, given=given)) is not None:
+        note(said)
     if over:
         text = ", ".join(f"{name} {count}" for name, count in sorted(over.items()))
         note(f"boxes over the border of the image, by up to {farthest:.0f} px: {text}; kept as they are")
 
 
-def _without(table: B, gone: Bools) -> B:
+def beyond_lens(table: Boxes, scene: Scene) -> Bools:
+    """(N,) boxes with the middle of an edge where a wide fisheye lens is not used."""
+    gone = np.zeros(len(table), dtype=np.bool_)
+    right, bottom = table.left_px + table.width_px, table.top_px + table.height_px
+    across, down = 0.5 * (table.left_px + right), 0.5 * (table.top_px + bottom)
+    for camera in (c for c in scene.cameras if c.distortion_model == "equidistant"):
+        own = np.flatnonzero((table.sensor == camera.name) & (table.box >= 0))
+        for u, v in ((table.left_px, down), (right, down), (across, table.top_px), (across, bottom)):
+            gone[own] |= ~camera.usable(np.column_stack([u[own], v[own]]))
+    return gone
+
+
+def lens_losses(counts: Mapping[str, int], total: int) -> list[Loss]:
+    """The losses of boxes where a lens is not used, by cameras, of `total` boxes of all."""
+    what = f"more than {MAX_FISHEYE_DEG:.0f} degrees off the axis of a fisheye lens"
+    return [Loss(name, "boxes", what, count, total) for name, count in sorted(counts.items())]
+
+
+def without(table: B, gone: Bools) -> B:
     """The table without some boxes; a frame that has no other keeps a row that states that nothing was detected."""
     kept = table.take(~gone)
     pairs = set(zip(kept.sensor.tolist(), kept.frame.tolist(), strict=True))
@@ -154,4 +206,4 @@ def _without(table: B, gone: Bools) -> B:
     columns = {c.name: getattr(empty, c.name) for c in table.columns()}
     columns |= dict.fromkeys(("left_px", "top_px", "width_px", "height_px", "confidence"), nothing)
     columns |= dict.fromkeys(("box", "target_id"), np.full(len(empty), -1, dtype=np.int64))
-    return type(table).concat([kept, type(table).of(**columns)]).sorted()
+    return type(table).merge([kept, type(table).of(**columns)])

@@ -22,6 +22,7 @@ from occlog.records.names import first_double
 from occlog.settings import Settings, declared, kind_of, read_value, setting
 
 if TYPE_CHECKING:
+    from occlog.io.formats.calibration.common import CalibrationOptions
     from occlog.records.scene import Scene
 
 
@@ -224,6 +225,22 @@ class IngestPlan(Settings):
         metavar="DIRECTION",
         nothing="z; a warning if it seems wrong",
     )
+    mirror: str | None = setting(
+        None,
+        "Axis of the calibration's world that changes its sign, with the true positions: of a left-handed world, as of "
+        "Unity and MultiviewX. `up` and `ground` are those of the calibration.",
+        choices=("x", "y", "z"),
+        option="--mirror",
+        nothing="the world is right-handed",
+    )
+    lens_model: str | None = setting(
+        None,
+        "Lens of calibrations that have four coefficients and do not state the model: fisheye (k1 to k4, of "
+        "cv2.fisheye) or brown (k1, k2, p1, p2).",
+        choices=("brown", "fisheye"),
+        option="--lens-model",
+        nothing="as stated",
+    )
     ground_height: float | None = setting(
         None,
         "Height of the ground along `up`, in the calibration's world; it becomes z = 0. A wrong value shifts all "
@@ -349,20 +366,29 @@ class IngestPlan(Settings):
             )
         if self.grid is not None and not self.positions:
             raise UsageError(f"{option('grid')} is the grid of positions; give positions, or leave it out")
-        if self.positions and (self.up is not None or self.ground_height is not None):
+        turned = self.up is not None or self.ground_height is not None or self.mirror is not None
+        if self.positions and turned:
             raise UsageError(
-                "positions are in the world of the tracks and are not turned; leave up and ground_height out"
+                "positions are in the world of the tracks and are not turned; leave up, ground_height and mirror out"
             )
         if not self.bags and (self.topic or self.topics or self.world_frame or self.camera_axes):
             raise UsageError("topics, the world frame and the axes of cameras are those of a bag; give a bag")
-        if not self.calibration and not self.bags and (self.up is not None or self.ground_height is not None):
-            raise UsageError("up and ground turn the world of a calibration; give calibration or a bag")
+        if not self.calibration and not self.bags and turned:
+            raise UsageError("up, ground and mirror turn the world of a calibration; give calibration or a bag")
+        if not self.calibration and not self.bags and self.lens_model is not None:
+            raise UsageError("lens_model is that of a calibration; give calibration or a bag")
         for key, value in (("start_time", self.start_time), ("fps", self.fps)):
             names = [name or "" for name, _ in value]
             if (double := first_double(names)) is not None:
                 raise UsageError(f"{option(key)} is given twice{f' for {double}' if double else ''}; keep one")
         if self.store == "link" and self.images:
             raise UsageError("store link: only videos can be linked to; give png or jpeg for images")
+
+    def calibration_options(self) -> CalibrationOptions:
+        """What a calibration does not state itself."""
+        from occlog.io.formats.calibration.common import CalibrationOptions
+
+        return CalibrationOptions(self.calibration_unit, self.image_size, self.lens_model, self.mirror)
 
     def check_names(self, cameras: Sequence[str]) -> None:
         """Raise UsageError for a start time or frame rate of a sensor that takes none.
@@ -404,6 +430,8 @@ class IngestPlan(Settings):
 
     def inputs(self) -> list[Path]:
         """Every file that is read; a folder represents the files in it."""
+        from occlog.io.files.provenance import files_in
+
         return [file for path in self.paths() for file in (files_in(path) if path.is_dir() else [path])]
 
     def folders(self) -> list[Path]:
@@ -418,11 +446,6 @@ class IngestPlan(Settings):
                 continue
             shown[key] = _plain(value)
         return shown
-
-
-def files_in(folder: Path) -> list[Path]:
-    """All files in a folder and its subfolders, in order."""
-    return sorted(path for path in folder.rglob("*") if path.is_file())
 
 
 def _plain(value: object) -> object:

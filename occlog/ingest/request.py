@@ -91,7 +91,7 @@ class IngestRequest(Request):
     )
     image_size: tuple[int, int] | None = setting(
         None,
-        "Size of the images, for calibrations that do not state it.",
+        "Size of the images: of the calibration, where it states none; a calibration that states another is scaled.",
         option="--image-size",
         metavar="WxH",
         size=True,

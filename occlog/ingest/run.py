@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import heapq
 import os
 from collections.abc import Callable, Iterator, Mapping
@@ -18,7 +17,7 @@ from occlog.errors import InputError, UsageError
 from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.inputs import hash_inputs
 from occlog.io.files.limits import check_input
-from occlog.io.files.provenance import InputDigests, Provenance, hash_file
+from occlog.io.files.provenance import Provenance, hash_file
 from occlog.io.formats.boxes.reader import BoxSurvey, read_boxes
 from occlog.io.formats.positions import PositionLog, PositionOptions, parse_grid, read_positions
 from occlog.io.formats.sound.csv_log import DoaOptions
@@ -35,16 +34,16 @@ from occlog.records.columns import ColumnTable
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, Positions, Reads, Truth, TruthBoxes
-from occlog.records.verdicts import Verdict
 from occlog.runner import Job
 
 from .bag import BagCameraPoses, Taking, check_plan, check_truth_frames, look_into, place_cameras
-from .boxes import box_files, box_options, inside, known_cameras, truth_options
+from .boxes import box_files, box_options, inside, known_cameras, note_frames, truth_options
 from .boxes import survey as survey_of
-from .plan import IngestPlan, files_in, with_offsets
+from .plan import IngestPlan, with_offsets
 from .request import IngestRequest
 from .scene import Sized, Turn, add_bag_cameras, base_scene, fit_sizes, match_cameras, with_stated_sizes
 from .sources import Copies, IngestFailures, clock_of, open_sources, read_sidecars, start_of, sync_times, times_of
+from .stated import source_checks
 from .times import TimedWriter, Times, TimeSpanNs
 from .truth import check_truth_consistency, note_first_frames, within_frames
 
@@ -83,10 +82,13 @@ def run_ingest(request: IngestRequest, job: Job) -> tuple[dict[str, object], lis
             raise done.failures[0]
         sizes = {s.name: Sized(s.decoder.size, s.decoder.bars) for s in sources}
         sizes |= {name: Sized(size) for name, size in (bag.found.sizes.items() if bag else ())}
-        scene = fit_sizes(scene, with_stated_sizes(sizes, survey), note)
+        scene = fit_sizes(scene, with_stated_sizes(sizes, survey, scene, plan.image_size), note)
+        if survey is not None:
+            recorded = {s.name: s.decoder.frames for s in sources if s.name in plan.video and s.decoder.frames}
+            survey = replace(survey, recorded=recorded)
         times = _all_times(plan, scene, sources, survey)
         settings = plan.parameters() | ({} if turn is None else turn.parameters())
-        provenance = Provenance("ingest", settings, None, _hashes(plan))
+        provenance = Provenance("ingest", settings, None, hash_inputs(plan.paths()))
         writer = stack.enter_context(TimedWriter(plan.output, scene, provenance, overwrite=job.overwrite))
         writer.times = done.seen
         # Tables first: a fault in one is then reported before hours of video have been read.
@@ -103,7 +105,7 @@ def run_ingest(request: IngestRequest, job: Job) -> tuple[dict[str, object], lis
             note(f"camera {name}: {count}times from {source}")
         parameters = {**settings, "time_sources": dict(sorted(done.times.items()))}
         made = replace(provenance, parameters=parameters, losses=tuple(done.losses))
-        writer.annotate(job.judged(made, done.seen.checks()))
+        writer.annotate(job.judged(made, (*done.seen.checks(), *source_checks(plan, sources, survey))))
     return _summary(plan, done), done.losses
 
 
@@ -163,21 +165,6 @@ def _summary(plan: IngestPlan, done: Ingested) -> dict[str, object]:
         "times": dict(sorted(done.times.items())),
         **({"tags": done.tags} if done.tags else {}),
     }
-
-
-def _hashes(plan: IngestPlan) -> InputDigests:
-    """Name and SHA-256 of every input; a folder has the hash of the names and hashes of its files."""
-    out: list[tuple[str, str]] = []
-    verdicts: list[Verdict] = []
-    for path in plan.paths():
-        if path.is_dir():
-            held = tuple((file.relative_to(path).as_posix(), hash_file(file)) for file in files_in(path))
-            out.append((path.name, hashlib.sha256(repr(held).encode()).hexdigest()))
-        else:
-            hashed = hash_inputs([path])
-            out += hashed
-            verdicts += hashed.verdicts
-    return InputDigests.of(out, verdicts)
 
 
 def _all_times(
@@ -247,8 +234,10 @@ def _write_tables(
     tables: list[Iterator[ColumnTable]] = []
     if survey is not None:
         known = known_cameras(plan, scene)
-        read = read_boxes(box_files(plan), survey, times, known, box_options(plan, scene), Boxes)
-        tables.append(inside(read, scene, done.losses, note))
+        note_frames(survey, times, note)
+        read = read_boxes(box_files(plan), survey, times, known, box_options(plan, scene), Boxes, done.losses)
+        sized = {*survey.sizes, *plan.video, *plan.images}
+        tables.append(inside(read, scene, done.losses, note, sized, given=plan.image_size is not None))
     copies = Copies(several=len(plan.doa) > 1)
     for sensor, path in plan.doa:
         clocks = {a.name: c for a in scene.arrays if (c := clock_of(scene, a.name)) is not None}

@@ -18,13 +18,13 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.core.geometry.camera import is_upright, turn_upright, vertical
+from occlog.core.geometry.camera import is_upright, looks_away, turn_upright, vertical
 from occlog.errors import InputError, UsageError, option
 from occlog.io.files.names import check_meaning, match_sensor, safe_name
 from occlog.io.files.texts.csv_rows import first_line
 from occlog.io.formats.boxes.reader import BoxSurvey
-from occlog.io.formats.calibration.common import CalibrationOptions
-from occlog.io.formats.calibration.reader import CalibrationFile, describe, read_calibration
+from occlog.io.formats.calibration.common import mirror_matrix
+from occlog.io.formats.calibration.reader import CalibrationFile, read_calibration
 from occlog.io.formats.sound.formats import read_arrays
 from occlog.io.formats.tags import read_readers
 from occlog.io.open import load_scene
@@ -33,15 +33,16 @@ from occlog.records.scene import HEIGHT_SLACK, Camera, MicrophoneArray, Scene, c
 from occlog.records.tables import Truth
 
 from .plan import IngestPlan
+from .rig import describe
 
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 AUTO = "auto"
 
 
 class Turn(NamedTuple):
-    """Rotation of a calibration's world: p becomes R p - (0, 0, ground)."""
+    """Rotation of a calibration's world, after a reflection where it is left-handed: p becomes R p - (0, 0, ground)."""
 
-    rotation: Floats  # (3, 3)
+    rotation: Floats  # (3, 3), of determinant -1 with a reflection
     ground: float  # height of the ground after the rotation
 
     def positions(self, xyz: Floats) -> Floats:
@@ -50,7 +51,8 @@ class Turn(NamedTuple):
 
     def camera(self, camera: Camera) -> Camera:
         """The camera in the upright world."""
-        rotation = self.rotation @ camera.rotation
+        # A camera of a left-handed world has behind it what it sees: its axes are turned round
+        rotation = np.sign(np.linalg.det(self.rotation)) * self.rotation @ camera.rotation
         fov = camera.fov
         if camera.image_size is not None:
             fov = camera_fov(
@@ -69,9 +71,11 @@ class Turn(NamedTuple):
 
     def truth(self, truth: Truth, path: Path) -> Truth:
         """True positions in the upright world; InputError for one without a height, which could be anywhere there."""
-        if np.isnan(truth.z).any():
+        unknown = np.isnan(truth.z)
+        if unknown.any() and self.rotation[:2, 2].any():
             raise InputError(f"{path}: has no heights, without which true positions cannot be turned upright; add z")
-        x, y, z = self.positions(np.column_stack([truth.x, truth.y, truth.z])).T
+        x, y, z = self.positions(np.column_stack([truth.x, truth.y, np.where(unknown, 0.0, truth.z)])).T
+        z = np.where(unknown, np.nan, z)
         columns = {c.name: getattr(truth, c.name) for c in Truth.columns()}
         return Truth(**(columns | {"x": x.copy(), "y": y.copy(), "z": z.copy()}))
 
@@ -81,22 +85,36 @@ class Turn(NamedTuple):
 
 
 def find_turn(
-    cameras: Sequence[Camera], up: str | None, ground: float | None, note: Callable[[str], None]
+    cameras: Sequence[Camera],
+    up: str | None,
+    ground: float | None,
+    note: Callable[[str], None],
+    mirror: str | None = None,
 ) -> Turn | None:
-    """Find the rotation of the calibrated cameras' world; None: none.
+    """Find the rotation, and the reflection, of the calibrated cameras' world; None: none.
 
     Args:
         cameras: as calibrated.
         up: `auto`, an axis with its sign, three numbers, or None: it stays, with a warning if it seems not upright.
         ground: height of the ground along up, in the calibration's world; None: 0.
         note: receives notes on changes.
+        mirror: axis `x`, `y` or `z` that changes its sign, of a left-handed world.
 
     Raises:
         UsageError: `up` is nothing of that.
     """
+    if mirror is not None:
+        axes = mirror_matrix(mirror)
+        note(f"world mirrored: {mirror} has the other sign, in tracks and true positions, too")
+        mirrored = [Turn(axes, 0.0).camera(c) for c in cameras]
+        turned = up if up in (None, AUTO) else ",".join(map(repr, (axes @ read_up(str(up))).tolist()))
+        after = find_turn(mirrored, turned, ground, note)
+        return Turn(axes, 0.0) if after is None else Turn(after.rotation @ axes, after.ground)
     rotations = np.array([c.rotation for c in cameras]).reshape(-1, 3, 3)
     if up is None:
         upright = is_upright(rotations)
+        if _warn_of_left_hand(cameras, note):
+            return None if ground is None else Turn(np.eye(3), ground)
         if not upright:
             note(
                 f"warning: the world of the calibration seems not to be upright: {_horizons(rotations)}. "
@@ -117,8 +135,21 @@ def find_turn(
     text = ", ".join(f"{v:.3f}" for v in direction / np.linalg.norm(direction))
     zero = "at the calibration's origin" if ground is None else f"{ground:g} m along it"
     note(f"world turned upright: up was ({text}), the ground is {zero}")
-    _warn_of_low(cameras, turn, ground, note)
+    if not _warn_of_left_hand([turn.camera(c) for c in cameras], note):
+        _warn_of_low(cameras, turn, ground, note)
     return turn
+
+
+def _warn_of_left_hand(cameras: Sequence[Camera], note: Callable[[str], None]) -> bool:
+    """Warn where all that cameras see is behind them, as in a left-handed world; return whether it is so."""
+    placed = [c for c in cameras if c.placed]
+    if not placed or not looks_away(np.array([c.position for c in placed]), np.array([c.rotation for c in placed])):
+        return False
+    note(
+        "warning: the ground and people are behind every camera: the world seems to be left-handed (Unity, "
+        f"MultiviewX); mirror it ({option('mirror')} y)"
+    )
+    return True
 
 
 def _warn_of_low(cameras: Sequence[Camera], turn: Turn, ground: float | None, note: Callable[[str], None]) -> None:
@@ -178,11 +209,13 @@ class Sized(NamedTuple):
     bars: Bars = (0, 0, 0, 0)
 
 
-def with_stated_sizes(frames: Mapping[str, Sized], survey: BoxSurvey | None) -> dict[str, Sized]:
-    """Sizes of frames, and those of the images that files of boxes state.
+def with_stated_sizes(
+    frames: Mapping[str, Sized], survey: BoxSurvey | None, scene: Scene, given: tuple[int, int] | None
+) -> dict[str, Sized]:
+    """Sizes of frames, those of the images that files of boxes state, and for other cameras the one that is given.
 
     Raises:
-        InputError: a file states another size than the frames have.
+        InputError: a file states another size than the frames have, or the given one is that of neither.
     """
     stated = {} if survey is None else survey.sizes
     for name, size in stated.items():
@@ -191,7 +224,19 @@ def with_stated_sizes(frames: Mapping[str, Sized], survey: BoxSurvey | None) -> 
                 f"camera {name}: boxes are of images of {size[0]} x {size[1]} px, but its frames have "
                 f"{frames[name].size[0]} x {frames[name].size[1]}; give boxes of these frames"
             )
-    return {**{name: Sized(size) for name, size in stated.items()}, **frames}
+    known = {**{name: Sized(size) for name, size in stated.items()}, **frames}
+    if given is None:
+        return known
+    for camera in scene.cameras:
+        found = known.setdefault(camera.name, Sized(given))
+        # A calibration that states no size is for images of the given one, and scaled to those that there are
+        if found.size != given and camera.placed and camera.image_size != given:
+            what = "boxes are of images" if camera.name not in frames else "frames"
+            raise InputError(
+                f"camera {camera.name}: {what} of {found.size[0]} x {found.size[1]} px, but {option('image_size')} is "
+                f"{given[0]}x{given[1]}; leave it out"
+            )
+    return known
 
 
 def fit_sizes(scene: Scene, frames: Mapping[str, Sized], note: Callable[[str], None]) -> Scene:
@@ -265,7 +310,7 @@ def add_bag_cameras(
     if scene.length_unit != "m":
         raise InputError(f"{plan.scene}: lengths are in {scene.length_unit}, but those of the bag in m")
     note(describe(CalibrationFile(cameras, f"camera_info and transforms of the bag, world {world!r}", "m")))
-    turn = find_turn(cameras, plan.up, plan.ground_height, note)
+    turn = find_turn(cameras, plan.up, plan.ground_height, note, plan.mirror)
     placed = cameras if turn is None else tuple(turn.camera(c) for c in cameras)
     return replace(scene, cameras=(*scene.cameras, *placed)), turn
 
@@ -279,7 +324,7 @@ def base_scene(plan: IngestPlan, note: Note) -> tuple[Scene, Turn | None]:
     scene = load_scene(plan.scene, None, plan.output) if plan.scene is not None else Scene()
     cameras = list(scene.cameras)
     if plan.calibration:
-        options = CalibrationOptions(plan.calibration_unit, plan.image_size)
+        options = plan.calibration_options()
         calibration = read_calibration(plan.calibration, plan.calibration_format, options)
         note(describe(calibration))
         for said in calibration.notes:
@@ -289,7 +334,7 @@ def base_scene(plan: IngestPlan, note: Note) -> tuple[Scene, Turn | None]:
         double = next((c.name for c in calibration.cameras if c.name in {k.name for k in cameras}), None)
         if double is not None:
             raise UsageError(f"camera {double}: is both in {plan.scene} and in the calibration; keep one")
-        turn = find_turn(calibration.cameras, plan.up, plan.ground_height, note)
+        turn = find_turn(calibration.cameras, plan.up, plan.ground_height, note, plan.mirror)
         cameras += calibration.cameras if turn is None else [turn.camera(c) for c in calibration.cameras]
     check_metres(plan, scene.length_unit)
     arrays = [*scene.arrays, *(a for name, path in plan.arrays for a in _arrays(path, name, note))]

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from occlog.array_types import NS, Ints
+from occlog.consistency.frozen import FrozenCameras
 from occlog.io.files.utc import utc
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.columns import ColumnTable
 from occlog.records.tables import Boxes, Doa, Positions, Truth, TruthBoxes
 from occlog.records.verdicts import Check, finding, outcome
 
-SENSORS, FRAMES, TRUE = "sensor clocks", "frame intervals", "truth times"
+SENSORS, FRAMES, TRUE, RATES = "sensor clocks", "frame intervals", "truth times", "frame rates"
+FROZEN = "repeated frames"
 """Names of checks."""
 FRAMES_APART_NS, ROWS_APART_NS = 60 * NS, 3600 * NS
 """Gap above which a sensor's times count as disjoint, if also above the others' duration; rows are only where
 something was detected."""
+MIN_RATE_HZ, MAX_RATE_HZ = 0.5, 240.0
+"""Frame rates [Hz] at which people can be tracked, and which cameras have."""
 FEWEST, JUMP, JUMP_NS = 20, 0.5, 60 * NS
 """Minimum number of frames for a check; share of the duration and minimum length [ns] of an interval that is a jump."""
 
@@ -38,7 +44,24 @@ class TimeSpanNs:
 
 
 @dataclass
-class IngestFrameTimes(TimeSpanNs):
+class RowTimes(TimeSpanNs):
+    """Times of rows, `count` different ones."""
+
+    count: int = 0
+
+    def add_rows(self, t_ns: Ints) -> None:
+        """Take in times, rising, of which the first may be the last one."""
+        self.count += len(t_ns) - int(t_ns[0] == self.last)
+        self.take(int(t_ns[0]), int(t_ns[-1]))
+
+    @property
+    def rate_hz(self) -> float:
+        """Number of times per second."""
+        return (self.count - 1) * NS / max(self.last - self.first, 1)
+
+
+@dataclass
+class IngestFrameTimes(RowTimes):
     """Times of a camera's frames.
 
     Attributes:
@@ -47,7 +70,6 @@ class IngestFrameTimes(TimeSpanNs):
         before: time before it.
     """
 
-    count: int = 0
     longest: int = 0
     before: int = 0
 
@@ -58,6 +80,11 @@ class IngestFrameTimes(TimeSpanNs):
         self.count += 1
         self.take(t_ns, t_ns)
 
+    @property
+    def rate_hz(self) -> float:
+        """Number of frames per second, without the longest interval."""
+        return (self.count - 2) * NS / max(self.last - self.first - self.longest, 1)
+
 
 @dataclass
 class Times:
@@ -65,13 +92,18 @@ class Times:
 
     Attributes:
         frames: of each camera.
-        rows: of boxes and directions of each sensor.
+        rows: of boxes, positions and directions of each sensor.
+        rates: sensors with rows of each of their frames.
         true: of the truth.
+        pictures, boxes: frames of cameras that repeat.
     """
 
     frames: dict[str, IngestFrameTimes] = field(default_factory=dict)
-    rows: dict[str, TimeSpanNs] = field(default_factory=dict)
+    rows: dict[str, RowTimes] = field(default_factory=dict)
+    rates: set[str] = field(default_factory=set)
     true: TimeSpanNs = field(default_factory=TimeSpanNs)
+    pictures: FrozenCameras = field(default_factory=FrozenCameras)
+    boxes: FrozenCameras = field(default_factory=FrozenCameras)
 
     def table(self, table: ColumnTable) -> None:
         """Take in rows."""
@@ -82,12 +114,17 @@ class Times:
             self.true.take(int(t_ns.min()), int(t_ns.max()))
         elif isinstance(table, Boxes | Doa | Positions):
             for name in dict.fromkeys(table.sensor.tolist()):
-                own = t_ns[table.sensor == name]
-                self.rows.setdefault(name, TimeSpanNs()).take(int(own.min()), int(own.max()))
+                own = np.unique(t_ns[table.sensor == name])
+                self.rows.setdefault(name, RowTimes()).add_rows(own)
+                if not isinstance(table, Doa):
+                    self.rates.add(name)
+            if isinstance(table, Boxes):
+                self.boxes.add_boxes(table)
 
     def checks(self) -> tuple[Check, ...]:
         """Checks with their findings."""
         several = "" if max(len(self.frames), len(self.rows)) > 1 else "there is one sensor"
+        rated = any(each.count >= FEWEST for each in (*self.frames.values(), *(self.rows[n] for n in self.rates)))
         long = any(own.count >= FEWEST for own in self.frames.values())
         truth = "" if self.true.first <= self.true.last and (self.frames or self.rows) else "there is no truth"
         disjoint = (*_apart(self.frames, FRAMES_APART_NS), *_apart(self.rows, ROWS_APART_NS))
@@ -95,7 +132,28 @@ class Times:
             *outcome(SENSORS, disjoint, unless=several),
             *outcome(FRAMES, self._jumps(), unless="" if long else f"no camera has {FEWEST} frames"),
             *outcome(TRUE, () if truth else self._of_truth(), unless=truth),
+            *outcome(RATES, self._rates(), unless="" if rated else f"no sensor has {FEWEST} frames"),
+            *outcome(FROZEN, self._frozen(), unless=several),
         )
+
+    def _rates(self) -> Iterator[Check]:
+        """Sensors with so few or so many frames a second that the unit of their times may be another."""
+        for name, own in sorted({**{n: self.rows[n] for n in self.rates}, **self.frames}.items()):
+            if own.count >= FEWEST and not MIN_RATE_HZ <= own.rate_hz <= MAX_RATE_HZ:
+                rate_hz, least, most = own.rate_hz, MIN_RATE_HZ, MAX_RATE_HZ
+                yield finding(RATES, "rate-implausible", sensors=[name], rate_hz=rate_hz, least=least, most=most)
+
+    def _frozen(self) -> Iterator[Check]:
+        """Cameras that repeat one frame."""
+        for run in (*self.pictures.found(), *self.boxes.found()):
+            yield finding(
+                FROZEN,
+                "camera-frozen",
+                sensors=[run.camera],
+                count=run.frames,
+                duration_s=(run.last_ns - run.first_ns) / NS,
+                time=utc(run.first_ns),
+            )
 
     def _jumps(self) -> Iterator[Check]:
         """Cameras of which one interval is longer than all others together."""
@@ -128,6 +186,7 @@ class TimedWriter(RecordingWriter):
     def image(self, sensor: str, t_ns: int, index: int, data: bytes, kind: str) -> None:
         """Add a compressed image."""
         self.times.frames.setdefault(sensor, IngestFrameTimes()).add(t_ns)
+        self.times.pictures.add(sensor, t_ns, hash(data))
         super().image(sensor, t_ns, index, data, kind)
 
     def video_frame(self, sensor: str, t_ns: int, index: int) -> None:
@@ -141,7 +200,7 @@ class TimedWriter(RecordingWriter):
         super().table(table)
 
 
-def _apart(times: dict[str, IngestFrameTimes] | dict[str, TimeSpanNs], least: int) -> Iterator[Check]:
+def _apart(times: Mapping[str, TimeSpanNs], least: int) -> Iterator[Check]:
     """Sensors with times far from those of all others."""
     for name, own in sorted(times.items()):
         others = [each for other, each in times.items() if other != name]

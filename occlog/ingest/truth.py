@@ -95,17 +95,18 @@ def note_first_frames(plan: IngestPlan, survey: BoxSurvey | None, note: Callable
             )
 
 
-def span_of(frames: tuple[int, int], times: Mapping[str, FrameTimes]) -> tuple[int, int] | None:
-    """First and last time [ns] of the frames first <= number < stop of all cameras, half a frame wider at both ends.
+def span_of(frames: Mapping[str, range], times: Mapping[str, FrameTimes]) -> tuple[int, int] | None:
+    """First and last time [ns] of the frames of each camera, half a frame wider at both ends.
 
     None where no camera has such a frame.
     """
     ends: list[tuple[int, int]] = []
-    for each in times.values():
-        stop = frames[1] if each.count is None else min(frames[1], each.count)
-        if frames[0] >= stop:
+    for name, own in frames.items():
+        each = times[name]
+        own = own if each.count is None else own[: len(range(own.start, each.count, own.step))]
+        if not own:
             continue
-        first, last = each.at(np.array([frames[0], stop - 1], dtype=np.int64)).tolist()
+        first, last = each.at(np.array([own[0], own[-1]], dtype=np.int64)).tolist()
         step = each.interval_ns()
         half = int(step / 2) if math.isfinite(step) else 0
         ends.append((first - half, last + half))
@@ -123,8 +124,9 @@ def within_frames(
 
     Without a choice all are kept, and a note states by how much they go beyond the frames of a detector.
     """
-    observed = None if survey is None or plan.video or plan.images else (survey.first, survey.stop)
-    frames = plan.frames or observed
+    frames = None if plan.frames is None else dict.fromkeys(times, range(*plan.frames))
+    if frames is None and survey is not None and not (plan.video or plan.images):
+        frames = survey.frames(times)
     span = None if frames is None else span_of(frames, times)
     rows = out = 0
     early = late = 0.0

@@ -194,11 +194,12 @@ def open_if_ours(path: Path, what: str = EXPECTED) -> Opened | None:
     """
     if path.suffix.lower() in TEXT and path.is_file() and not path.stat().st_size:
         return None
-    content = content_of(path, what)
-    if content is Content.RECORDING:
-        return _recording(path)
-    if content is Content.TABLE and is_ours(path):
-        return _table(path)
+    if not (path.is_dir() and is_table_in_parts(path)):
+        content = content_of(path, what)
+        if content is Content.RECORDING:
+            return _recording(path)
+        if content is Content.TABLE and is_ours(path):
+            return _table(path)
     source = _source(path)
     try:
         return None if source is None else _external_table(source)
@@ -229,6 +230,13 @@ def _refuse_stations(path: Path) -> None:
 
     if content_of(path) is Content.OTHER and holds_stations(path):
         raise InputError(f"{path}: is a table of stations, not of what they measured; give it as the scene")
+
+
+def is_table_in_parts(folder: Path) -> bool:
+    """Return whether a folder is one table, of Parquet files alone."""
+    from occlog.io.external.source import parquet_parts
+
+    return bool(parquet_parts(folder))
 
 
 def _source(path: Path) -> ColumnSource | None:

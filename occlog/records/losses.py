@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
+MINOR_SHARE = 0.001
+"""Share of detections that may be lost with exit code 0."""
 OUTSIDE_IMAGE = "wholly outside the image"
 """Prefix of messages on boxes of a camera outside its image."""
 
@@ -17,12 +19,19 @@ class Loss:
         place: where in it (frame, byte offset, row, time).
         what: what is missing and why.
         count: how many items (frames, messages, rows) were lost; 0 when that cannot be known.
+        total: of so many items of a detector, which makes some faulty ones; 0: of recorded data.
     """
 
     source: str
     place: str
     what: str
     count: int = 0
+    total: int = 0
+
+    @property
+    def minor(self) -> bool:
+        """Whether so few detections of many were lost that the exit code stays 0; they are listed all the same."""
+        return 0 < self.count <= MINOR_SHARE * self.total
 
     def __str__(self) -> str:
         lost = f" ({self.count} lost)" if self.count else ""
@@ -30,4 +39,4 @@ class Loss:
 
     def as_dict(self) -> dict[str, str | int]:
         """The loss as JSON-ready values."""
-        return asdict(self)
+        return {name: value for name, value in asdict(self).items() if value or name != "total"}

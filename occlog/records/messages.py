@@ -66,6 +66,7 @@ def _listed(names: Sequence[object]) -> str:
 _OPTIONS = _Options()
 E, W, N = Severity.ERROR, Severity.WARNING, Severity.NOTE
 _ROWS = "{count} of {rows} rows (allowed: {allowed:.0%}): "
+_MEET = "{now:.0%} of estimates and targets meet within {gate:g} {unit}, and {met:.0%} with {change} (of the tracks)"
 VERDICT: dict[str, Message] = {
     # Estimates of one target, or of labelled targets
     "no-tracks": Message(
@@ -247,6 +248,17 @@ VERDICT: dict[str, Message] = {
         "{allowed:.0f})",
         "compare with the truth of this target and clock",
     ),
+    "tracks-delayed": Message(
+        W,
+        "tracks are {delay_s:.2g} s (standard error {sigma_s:.1g} s) {side} the truth: RMSE {rmse:.3g} {unit}, and "
+        "{without:.3g} {unit} without it",
+        "check first frame numbers, rates and clocks; a filter with too little process noise lags, too",
+    ),
+    "time-unit-differs": Message(W, _MEET, "state the unit of the times, for instance as t_ms, t_us or t_ns"),
+    "times-shifted": Message(W, _MEET, "check first frame numbers, start times and clocks"),
+    "frame-rate-differs": Message(W, _MEET, "check the frame rates of both"),
+    "length-unit-differs": Message(W, _MEET, "state the unit of lengths, for instance as x_mm or x_cm"),
+    "axes-differ": Message(W, _MEET, "put the truth into the world of the scene"),
     "covariances-singular": Message(
         W,
         "{count} of {rows} estimates have a singular covariance (allowed: {allowed:.0%})",
@@ -295,6 +307,26 @@ VERDICT: dict[str, Message] = {
         W,
         "{share:.0%} of {boxes} boxes are associated with no track (allowed: {allowed:.0%})",
         "check poses, ground and unit of the calibration, and the class of the boxes",
+    ),
+    "camera-fits-if": Message(
+        W,
+        "{fit:.0%} of the boxes of camera {sensors} fit the tracks if {change}, and {now:.0%} as they are",
+        "correct the calibration or the files of boxes",
+    ),
+    "camera-unassociated": Message(
+        W,
+        "camera {sensors}: {count} of {boxes} moving boxes are associated with no track (allowed: {allowed:.0%})",
+        "check that its extrinsics are world-to-camera, its image size, and that the boxes are of this camera",
+    ),
+    "camera-alone": Message(
+        N,
+        "camera {sensors} shares no person with another camera, in {count} rows that it alone supports",
+        "check its pose if its view overlaps with others",
+    ),
+    "people-outside-room": Message(
+        W,
+        "people are outside the room in {count} of {rows} rows (allowed: {allowed:.0%}), seen by {sensors}",
+        "check the poses of these cameras, and the room of the scene",
     ),
     "camera-below-ground": Message(
         W, "camera {sensors} is below the ground (z < 0)", "check which way is up, and where the ground is"
@@ -346,6 +378,16 @@ VERDICT: dict[str, Message] = {
         N,
         "camera {sensors}: {count} static objects are reported as people, and are not tracked",
         "mask pictures, statues and screens",
+    ),
+    "speeds-high": Message(
+        W,
+        "people move at {speed:.2g} {unit}/s (median; limit {allowed:.2g}); {births_per_s:.2g} tracks a second begin",
+        "check frame rate (ingest --fps) and unit of times",
+    ),
+    "speeds-low": Message(
+        W,
+        "{count} of {of} people who cover a distance are never faster than {allowed:.2g} {unit}/s",
+        "check the frame rate (ingest --fps) and the unit of times",
     ),
     "frame-numbers-sparse": Message(
         W,
@@ -411,6 +453,49 @@ VERDICT: dict[str, Message] = {
         N,
         "camera {sensors}: its times jump by {jump_s:.6g} s at {time}",
         "check whether its clock was set, or the recording interrupted",
+    ),
+    "rate-implausible": Message(
+        W,
+        "{sensors}: {rate_hz:.3g} frames a second (expected: {least:g} to {most:g})",
+        "check the unit of its times (columns t_ms, t_s) or {option[fps]}",
+    ),
+    "time-stamps-unit": Message(
+        W,
+        "camera {sensors}: its time stamps last {ratio:.3g} times as long as its video",
+        "name their column after its unit (t_ms, t_s)",
+    ),
+    "pictures-turned": Message(
+        N,
+        "camera {sensors}: its pictures are {how}, as the metadata of the file state",
+        "a calibration of the unturned pictures does not fit them",
+    ),
+    "pictures-not-turned": Message(
+        N,
+        "camera {sensors}: its pictures are stored as coded, and not {how} as the metadata of the file state",
+        "a calibration of turned pictures does not fit",
+    ),
+    "pixels-not-square": Message(
+        N,
+        "camera {sensors}: its pixels are {across:g} wide to {down:g} high; the pictures are not stretched",
+        "a calibration of stretched pictures does not fit them",
+    ),
+    "values-dim": Message(
+        N,
+        "camera {sensors}: values of 16 bits up to about {most:.0f} of 65535 in its first picture, stored dark",
+        "scale them to the whole range",
+    ),
+    "video-start": Message(
+        N,
+        "camera {sensors}: the first frame of its video is stamped {start_s:.6g} s, and counts as 0",
+        "if the videos have one clock, give {option[start_time]} {sensors}={start_s:.6g}",
+    ),
+    "camera-frozen": Message(
+        N,
+        "camera {sensors}: {count} identical frames in {duration_s:.3g} s from {time}, while others go on",
+        "omit them if its stream had stopped",
+    ),
+    "boxes-end-early": Message(
+        N, "camera {sensors}: its boxes end at frame {last} of {frames} of its pictures; {hint}"
     ),
     "truth-times-disjoint": Message(
         W,
@@ -546,6 +631,11 @@ DOCTOR: dict[str, Message] = {
         "starts and ends later than the others by the same time (earlier, if negative)",
         "if its clock is off, give an offset (ingest --clock-offset)",
         f"{GAP_INTERVALS:g} usual intervals",
+    ),
+    "frozen-camera": Message(
+        W,
+        "identical frames of a camera, while others go on",
+        "leave its frames of this time out if its stream had stopped",
     ),
     "two-clocks": Message(
         W, "recorded at other times than its header stamps state", "choose one: ingest --timestamp-source"

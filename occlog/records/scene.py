@@ -30,9 +30,9 @@ from typing import Literal
 import numpy as np
 import shapely
 
-from occlog.array_types import Floats
+from occlog.array_types import Bools, Floats
 from occlog.core.geometry import camera as cam
-from occlog.core.geometry.camera import pixels_to_rays
+from occlog.core.geometry.lens import is_straight, is_usable, to_usable
 from occlog.core.geometry.visibility import ViewPrior
 from occlog.core.plane import inside_polygon, pockets
 from occlog.errors import InputError
@@ -135,6 +135,22 @@ class Camera:
         return cam.angles_from_rotation(self.rotation)[0]
 
     @property
+    def straight(self) -> bool:
+        """Whether the lens has no distortion."""
+        return is_straight(self.distortion, self.distortion_model)
+
+    def usable(self, pixels: Floats) -> Bools:
+        """(N,) whether recorded pixels (N, 2) have a line of sight: in a wide fisheye image those within 80 degrees."""
+        return is_usable((pixels - self.principal_px) / self.focal_px, self.distortion, self.distortion_model)
+
+    def to_usable(self, pixels: Floats) -> Floats:
+        """(N, 2) recorded pixels, those without a line of sight moved to the edge of the usable disc."""
+        if self.distortion_model != "equidistant":
+            return pixels
+        moved = to_usable((pixels - self.principal_px) / self.focal_px, self.distortion, self.distortion_model)
+        return moved * self.focal_px + self.principal_px
+
+    @property
     def ground(self) -> Floats:
         """(2,) centre projected to the ground."""
         return self.position[:2]
@@ -150,7 +166,7 @@ class Camera:
         return bool(self.position[2] > HEIGHT_SLACK)
 
     def rays(self, pixels: Floats) -> Floats:
-        """(N, 3) world directions of the lines of sight through (N, 2) recorded pixels."""
+        """(N, 3) world directions of the lines of sight through (N, 2) recorded pixels; NaN where none is usable."""
         return cam.pixels_to_rays(
             pixels, self.focal_px, self.principal_px, self.distortion, self.distortion_model, self.rotation
         )
@@ -309,6 +325,20 @@ def camera_rotation(yaw: float, pitch: float, roll: float) -> Floats:
     return cam.rotation_from_angles(yaw, pitch, roll)
 
 
+def _border_rays(
+    size: tuple[int, int], focal_px: Floats, principal_px: Floats, distortion: Floats, model: str, rotation: Floats
+) -> Floats:
+    """(132, 3) rays of the image's border, or of the edge of the usable disc where the border is outside of it."""
+    w, h = size
+    across, down = np.linspace(-0.5, w - 0.5, 33), np.linspace(-0.5, h - 0.5, 33)
+    sides = [np.column_stack([np.full(33, x), down]) for x in (-0.5, w - 0.5)]
+    ends = [np.column_stack([across, np.full(33, y)]) for y in (-0.5, h - 0.5)]
+    border = np.vstack(sides + ends)
+    if model == "equidistant":
+        border = to_usable((border - principal_px) / focal_px, distortion, model) * focal_px + principal_px
+    return cam.pixels_to_rays(border, focal_px, principal_px, distortion, model, rotation)
+
+
 def camera_fov(
     size: tuple[int, int], focal_px: Floats, principal_px: Floats, distortion: Floats, model: str, rotation: Floats
 ) -> float:
@@ -317,11 +347,7 @@ def camera_fov(
     A pitched camera sees a wider range of azimuths at the near edge of the floor;
     lines of sight steeper than 75 degrees are omitted, where azimuth loses its meaning.
     """
-    w, h = size
-    across, down = np.linspace(-0.5, w - 0.5, 33), np.linspace(-0.5, h - 0.5, 33)
-    sides = [np.column_stack([np.full(33, x), down]) for x in (-0.5, w - 0.5)]
-    ends = [np.column_stack([across, np.full(33, y)]) for y in (-0.5, h - 0.5)]
-    rays = cam.pixels_to_rays(np.vstack(sides + ends), focal_px, principal_px, distortion, model, rotation)
+    rays = _border_rays(size, focal_px, principal_px, distortion, model, rotation)
     flat = np.hypot(rays[:, 0], rays[:, 1])
     rays = rays[flat > np.tan(np.radians(15.0)) * np.abs(rays[:, 2])]
     if not len(rays):
@@ -428,13 +454,13 @@ def highest_elevation(camera: Camera) -> float | None:
     """Highest elevation [rad] of a line of sight through the image's border; None: the image's size is not known."""
     if camera.image_size is None:
         return None
-    w, h = camera.image_size
-    across, down = np.linspace(-0.5, w - 0.5, 33), np.linspace(-0.5, h - 0.5, 33)
-    sides = [np.column_stack([np.full(33, x), down]) for x in (-0.5, w - 0.5)]
-    ends = [np.column_stack([across, np.full(33, y)]) for y in (-0.5, h - 0.5)]
-    border = np.vstack(sides + ends)
-    rays = pixels_to_rays(
-        border, camera.focal_px, camera.principal_px, camera.distortion, camera.distortion_model, camera.rotation
+    rays = _border_rays(
+        camera.image_size,
+        camera.focal_px,
+        camera.principal_px,
+        camera.distortion,
+        camera.distortion_model,
+        camera.rotation,
     )
     return float(np.arctan2(rays[:, 2], np.hypot(rays[:, 0], rays[:, 1])).max())
 

@@ -15,13 +15,13 @@ from pathlib import Path
 import numpy as np
 
 from occlog.errors import OcclogError
+from occlog.ingest.rig import describe as describe_calibration
 from occlog.io.files.tables.parquet import describe, first_rows, read_header, read_provenance, read_table
 from occlog.io.files.texts.documents import read_json
 from occlog.io.files.times import read_sidecar
 from occlog.io.formats.boxes.mot_challenge import has_classes, read_marks
 from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from occlog.io.formats.calibration.common import CalibrationOptions
-from occlog.io.formats.calibration.reader import describe as describe_calibration
 from occlog.io.formats.calibration.reader import read_calibration
 from occlog.io.formats.models.ellipses import read_ellipses
 from occlog.io.formats.models.fundamental_matrices import read_epipolar, read_matches

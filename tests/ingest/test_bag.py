@@ -324,15 +324,16 @@ def test_the_right_camera_of_a_stereo_pair_in_the_frame_of_the_left_one_is_shift
     ("model", "coefficients"),
     [
         ("rational_polynomial", [0.2, -0.1, 0.001, 0.0005, 0.01, 0.25, -0.09, 0.02]),
+        (
+            "rational_polynomial",
+            [0.2, -0.1, 0.001, 0.0005, 0.01, 0.25, -0.09, 0.02, 0.003, -0.001, 0.002, 0.001, 0.02, 0.01],
+        ),
         ("equidistant", [-0.02, 0.01, 0.0, 0.0]),
     ],
 )
-def test_other_lens_models_are_those_of_opencv_to_half_a_pixel(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], model: str, coefficients: list[float]
-) -> None:
+def test_other_lens_models_are_those_of_opencv(tmp_path: Path, model: str, coefficients: list[float]) -> None:
     info = ros.camera_info(START, "cam_optical", distortion_model=model, d=np.array(coefficients))
     scene = made(ros.write_mcap(tmp_path / "b.mcap", rig(info=info))).scene
-    assert ("fitted by five coefficients, right to" in capsys.readouterr().err) == (model == "rational_polynomial")
     assert scene is not None
     (camera,) = scene.cameras
     k = np.array([[50.0, 0, 31.5], [0, 50.0, 23.5], [0, 0, 1]])
@@ -342,13 +343,30 @@ def test_other_lens_models_are_those_of_opencv_to_half_a_pixel(
     else:
         wanted = cv2.projectPoints(points, np.zeros(3), np.zeros(3), k, np.array(coefficients))[0]
     found = camera.project(points @ camera.rotation.T + camera.position)
-    assert np.abs(found - wanted.reshape(-1, 2)).max() < (0.5 if model == "rational_polynomial" else 1e-6)
+    assert np.abs(found - wanted.reshape(-1, 2)).max() < 1e-6
+
+
+def test_binning_of_a_bag_scales_the_camera_and_images_of_the_whole_sensor_contradict_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Images of 64 x 48 px of a sensor of 128 x 96, and a CameraInfo of 64 x 48 with binning and images of 64 x 48."""
+    k = np.array([100.0, 0, 63.5, 0, 100.0, 47.5, 0, 0, 1])
+    info = ros.camera_info(START, "cam_optical", width=128, height=96, k=k, binning_x=2, binning_y=2)
+    scene = made(ros.write_mcap(tmp_path / "b.mcap", rig(info=info))).scene
+    assert "images of 64 x 48 px of a sensor of 128 x 96 (binning 2 x 2" in capsys.readouterr().err
+    assert scene is not None
+    (camera,) = scene.cameras
+    assert camera.image_size == (64, 48)
+    assert np.allclose([*camera.focal_px, *camera.principal_px], [50, 50, 31.5, 23.5])
+    other = ros.camera_info(START, "cam_optical", binning_x=2, binning_y=2)
+    text = refused(capsys, ros.write_mcap(tmp_path / "c.mcap", rig(info=other)), code=ExitCode.BAD_INPUT)
+    assert "states binning (2, 2) and roi (0, 0, 0, 0), so images of 32 x 24 px, but they have 64 x 48" in text
 
 
 def test_lens_models_that_are_not_known_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     other = ros.camera_info(START, "cam_optical", distortion_model="fov", d=np.array([0.9]))
     text = refused(capsys, ros.write_mcap(tmp_path / "c.mcap", rig(info=other)), code=ExitCode.BAD_INPUT)
-    assert "lens model 'fov' with 1 coefficients is not known" in text
+    assert "distortion model fov; only plumb_bob, " in text
 
 
 def test_true_positions_boxes_and_sounds_are_taken_as_they_are_named(

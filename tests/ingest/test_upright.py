@@ -12,6 +12,8 @@ import pytest
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError, UsageError
 from occlog.ingest.scene import find_turn, read_up
+from occlog.io.formats.calibration.common import CalibrationOptions, mirror_matrix
+from occlog.io.formats.calibration.reader import read_calibration
 from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.io.open import open_input
 from occlog.io.recording.reader import open_recording
@@ -171,11 +173,89 @@ def test_up_without_a_calibration_is_refused(folder, capsys):
 
 
 def test_truth_turns_only_with_heights(tmp_path):
-    turn = find_turn(CAMERAS, "z", None, lambda _: None)
+    turn, same = (find_turn(CAMERAS, up, None, lambda _: None) for up in ("0.1,0,1", "z"))
     assert turn is not None
+    assert same is not None
     truth = Truth.of(t_ns=[0], target_id=[0], role=["target"], x=[1.0], y=[2.0], z=[np.nan])
     with pytest.raises(InputError, match="add z"):
         turn.truth(truth, tmp_path / "t.csv")
+    kept = same.truth(truth, tmp_path / "t.csv")
+    assert (kept.x[0], kept.y[0], np.isnan(kept.z[0])) == (1.0, 2.0, True)
+
+
+def projections(cameras: tuple[Camera, ...], axes: np.ndarray) -> dict[str, np.ndarray]:
+    """3 x 4 matrices in the world with mirrored axes."""
+    out = {}
+    for c in cameras:
+        k = np.array([[c.focal_px[0], 0, c.principal_px[0]], [0, c.focal_px[1], c.principal_px[1]], [0, 0, 1]])
+        out[c.name] = k @ np.column_stack([c.rotation.T @ axes, -c.rotation.T @ c.position])
+    return out
+
+
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+def test_a_left_handed_world_is_told_and_mirrored_with_the_truth(tmp_path, capsys, axis):
+    """Matrices of a mirrored world: the cameras of the right-handed one come back, and so do true positions."""
+    axes = mirror_matrix(axis)
+    folder = tmp_path / "P"
+    folder.mkdir()
+    for name, matrix in projections(CAMERAS, axes).items():
+        np.savetxt(folder / f"{name}.txt", matrix)
+    left = TRUTH @ axes
+    lines = [f"{k},0,{x},{y},{z}" for k, (x, y, z) in enumerate(left.tolist())]
+    (tmp_path / "truth.csv").write_text("\n".join(["frame,id,x,y,z", *lines]) + "\n")
+    for name in "abc":
+        (tmp_path / f"{name}.csv").write_text("frame,left,top,width,height\n0,300,200,40,90\n")
+    command = ["ingest", "-o", str(tmp_path / "r.mcap"), "--overwrite", "--calibration", str(folder), "--fps", "10"]
+    command += ["--image-size", "640x480", "--truth", str(tmp_path / "truth.csv")]
+    command += [part for name in "abc" for part in ("--boxes", f"{name}={tmp_path / name}.csv")]
+    assert run(command) == ExitCode.DONE
+    said = capsys.readouterr().err
+    assert "the world seems to be left-handed" in said
+    assert "--mirror y" in said
+    assert "axes do not meet in front of any camera" in said
+    assert "meet near" not in said
+    assert run([*command, "--mirror", axis]) == ExitCode.DONE
+    said = capsys.readouterr().err
+    assert f"left-handed ({axis} is mirrored)" in said
+    assert "warning" not in said
+    recording = open_recording(tmp_path / "r.mcap")
+    scene, truth = recording.scene, recording.read(Truth)
+    assert scene is not None
+    for found, true in zip(scene.cameras, CAMERAS, strict=True):
+        np.testing.assert_allclose(found.position, true.position, atol=1e-9)
+        np.testing.assert_allclose(found.rotation, true.rotation, atol=1e-9)
+    np.testing.assert_allclose(np.column_stack([truth.x, truth.y, truth.z]), TRUTH, atol=1e-9)
+
+
+def test_rotations_of_a_left_handed_world_are_refused_and_mirrored(tmp_path):
+    """Unity: y up, z to the back; files with matrices of the determinant -1."""
+    axes = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, 1.0, 0]])  # x, z, y: of determinant -1
+    moved = tuple(
+        Camera(c.name, axes @ c.position, axes @ c.rotation, c.focal_px, c.principal_px, c.image_size) for c in CAMERAS
+    )
+    (tmp_path / "c.toml").write_text(toml(moved))
+    with pytest.raises(InputError, match=r"determinant -1.*left-handed"):
+        read_calibration([tmp_path / "c.toml"])
+    found = read_calibration([tmp_path / "c.toml"], options=CalibrationOptions(mirror="z")).cameras
+    said: list[str] = []
+    turn = find_turn(found, "y", None, said.append, "z")
+    assert turn is not None
+    assert not any(line.startswith("warning") for line in said)
+    heights = [turn.camera(c).position[2] for c in found]
+    np.testing.assert_allclose(heights, [c.position[2] for c in CAMERAS], atol=1e-9)
+    for camera, true in zip(found, CAMERAS, strict=True):
+        upright = turn.camera(camera)
+        world = turn.positions(TRUTH @ axes.T)
+        np.testing.assert_allclose(upright.project(world), true.project(TRUTH), atol=1e-6)
+
+
+def test_a_rig_that_faces_outwards_is_not_left_handed():
+    outwards = tuple(
+        camera(n, np.cos(a), np.sin(a), 2.0, np.degrees(a), -10.0) for n, a in zip("abc", (0, 2, 4), strict=True)
+    )
+    said: list[str] = []
+    assert find_turn(outwards, None, None, said.append) is None
+    assert not said
 
 
 @pytest.mark.parametrize("up", ["auto", None])

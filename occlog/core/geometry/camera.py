@@ -4,11 +4,7 @@ Camera frame: x to the right, y down, z forward.  A rotation `R` is world-from-c
 its columns are the camera's axes in world coordinates.  World: x, y on the ground, z up;
 yaw from +x towards +y, pitch up, roll clockwise as seen from behind the camera.
 
-Distortion coefficients are (k1, k2, p1, p2, k3) on normalised image coordinates:
-`brown` maps ideal to distorted (OpenCV's direction), `tsai` uses k1 only and maps
-distorted to ideal, x_ideal = x (1 + k1 r^2).  `equidistant` is the fisheye of Kannala and
-Brandt 2006 as in OpenCV and Kalibr, with coefficients (k1, k2, k3, k4, 0): a ray at the angle
-theta to the optical axis falls at the radius theta (1 + k1 theta^2 + ... + k4 theta^8).
+Distortion coefficients and models are those of `occlog.core.geometry.lens`.
 
 Which way is up, from how cameras are turned.
 
@@ -25,6 +21,8 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
+
+from .lens import distort, undistort
 
 
 def wrap_angle(angle: Floats | float) -> Floats:
@@ -61,78 +59,6 @@ def angles_from_rotation(rotation: Floats) -> tuple[float, float, float]:
     return yaw, pitch, roll
 
 
-def distort(xy: Floats, coefficients: Floats, model: str) -> Floats:
-    """Ideal normalised image coordinates (N, 2) to distorted ones."""
-    if model == "equidistant":
-        radius = np.hypot(xy[:, 0], xy[:, 1])
-        theta = np.arctan(radius)
-        return xy * np.where(radius > 0, _bent(theta, coefficients) / np.where(radius > 0, radius, 1.0), 1.0)[:, None]
-    if not np.any(coefficients):
-        return xy
-    if model == "tsai":
-        return _invert(xy, coefficients, "tsai")
-    return _polynomial(xy, coefficients, "brown")
-
-
-def undistort(xy: Floats, coefficients: Floats, model: str) -> Floats:
-    """Distorted normalised image coordinates (N, 2) to ideal ones; NaN where an equidistant lens sees 90 degrees."""
-    if model == "equidistant":
-        return _straight(xy, coefficients)
-    if not np.any(coefficients):
-        return xy
-    if model == "tsai":
-        return _polynomial(xy, coefficients, "tsai")
-    return _invert(xy, coefficients, "brown")
-
-
-def _bent(theta: Floats, coefficients: Floats) -> Floats:
-    """Radii of rays at angles theta [rad] to the axis of an equidistant lens."""
-    t2 = theta * theta
-    k1, k2, k3, k4, _ = coefficients
-    return np.asarray(theta * (1.0 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4)))))
-
-
-def _straight(xy: Floats, coefficients: Floats) -> Floats:
-    """Ideal image coordinates of an equidistant lens, by Newton's method for the angle of each radius."""
-    radius = np.hypot(xy[:, 0], xy[:, 1])
-    k1, k2, k3, k4, _ = coefficients
-    theta = np.minimum(radius, 1.5)
-    for _ in range(50):
-        t2 = theta * theta
-        slope = 1.0 + t2 * (3 * k1 + t2 * (5 * k2 + t2 * (7 * k3 + t2 * 9 * k4)))
-        step = (_bent(theta, coefficients) - radius) / np.where(np.abs(slope) < 1e-3, 1e-3, slope)
-        theta = np.clip(theta - step, 0.0, np.pi)
-        if np.abs(step).max(initial=0.0) < 1e-13:
-            break
-    good = (theta < 0.5 * np.pi) & (np.abs(_bent(theta, coefficients) - radius) < 1e-9)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        scale = np.where(radius > 0, np.tan(theta) / radius, 1.0)
-    return np.asarray(xy * np.where(good, scale, np.nan)[:, None])
-
-
-def _polynomial(xy: Floats, coefficients: Floats, model: str) -> Floats:
-    k1, k2, p1, p2, k3 = coefficients
-    x, y = xy[:, 0], xy[:, 1]
-    r2 = x * x + y * y
-    if model == "tsai":
-        return np.asarray(xy * (1.0 + k1 * r2)[:, None])
-    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    dx = 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
-    dy = p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
-    return np.column_stack([x * radial + dx, y * radial + dy])
-
-
-def _invert(xy: Floats, coefficients: Floats, model: str) -> Floats:
-    """Fixed-point inverse of `_polynomial`; converges for the distortions of real lenses inside the image."""
-    guess = xy.copy()
-    for _ in range(50):
-        step = xy - _polynomial(guess, coefficients, model)
-        guess = guess + step
-        if np.abs(step).max(initial=0.0) < 1e-13:
-            break
-    return guess
-
-
 def pixels_to_rays(
     pixels: Floats, focal_px: Floats, principal_px: Floats, coefficients: Floats, model: str, rotation: Floats
 ) -> Floats:
@@ -142,12 +68,12 @@ def pixels_to_rays(
         pixels: (N, 2) image points as recorded (distorted) [px].
         focal_px: (2,) focal lengths [px].
         principal_px: (2,) principal point [px].
-        coefficients: (5,) distortion.
-        model: `brown`, `tsai` or `equidistant`.
+        coefficients: distortion.
+        model: of the lens.
         rotation: (3, 3) world-from-camera.
 
     Returns:
-        (N, 3) direction vectors, not normalised, with unit forward component.
+        (N, 3) direction vectors, not normalised, with unit forward component; NaN where the lens is not used.
     """
     ideal = undistort((pixels - principal_px) / focal_px, coefficients, model)
     return np.column_stack([ideal, np.ones(len(ideal))]) @ rotation.T
@@ -221,6 +147,25 @@ def noise_variance(
     return np.asarray(calibration + np.asarray(sigma_read_px) ** 2)
 
 
+def meeting_point(centres: Floats, axes: Floats) -> tuple[Floats, Floats]:
+    """The point nearest to all optical axes (least squares), and where each axis is nearest to it.
+
+    Args:
+        centres: (C, 3) of cameras.
+        axes: (C, 3) unit vectors along the optical axes.
+
+    Returns:
+        (3,) point, and (C,) signed distances along the axes, negative behind the camera; NaN for parallel axes.
+    """
+    # Projectors onto the planes across the axes: the distance of X to axis i is |A_i (X - c_i)|.
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    normal = across.sum(axis=0)
+    if np.linalg.cond(normal) > 1e9:
+        return np.full(3, np.nan), np.full(len(centres), np.nan)
+    point = np.linalg.solve(normal, (across @ centres[:, :, None]).sum(axis=0)[:, 0])
+    return point, np.asarray(((point - centres) * axes).sum(axis=1))
+
+
 MIN_AXIS_SPREAD = 0.03
 """x axes determine the vertical if the second smallest eigenvalue of their mean square is above this (10 degrees
 apart)."""
@@ -279,6 +224,25 @@ def is_upright(rotations: Floats) -> bool:
     off = float(np.arccos(np.clip(abs(found.up[2]), 0.0, 1.0)))
     # Two horizons agree on a vertical in any case
     return not (len(rotations) > 2 and found.certain and found.roll < LEVEL and off > TILTED)
+
+
+def looks_away(centres: Floats, rotations: Floats) -> bool:
+    """Whether cameras have behind them what they see, as those of a left-handed world do.
+
+    Optical axes of two or more meet behind every camera.  One camera, or several that look the same way, are upside
+    down, look up and are above the ground z = 0.  Rigs that face outwards are upright and above the ground, and do not
+    count.
+
+    Args:
+        centres: (C, 3) of cameras, C >= 1.
+        rotations: (C, 3, 3) world-from-camera.
+    """
+    if is_upright(rotations) and (centres[:, 2] >= 0.0).any():
+        return False
+    _, along = meeting_point(centres, rotations[:, :, 2])
+    if len(centres) > 1 and np.isfinite(along).all():
+        return bool((along < 0.0).all())
+    return bool(((rotations[:, 2, 1] > 0.0) & (rotations[:, 2, 2] > 0.0) & (centres[:, 2] > 0.0)).all())
 
 
 def turn_upright(up: Floats) -> Floats:

@@ -110,15 +110,19 @@ class Gaps:
         )
 
 
-def errors_of_pairs(tracks_ns: tuple[int, int], truth_ns: tuple[int, int], config: EvaluateConfig) -> InputError:
+class NoCommonTimeError(InputError):
+    """The truth covers the time of no estimate."""
+
+
+def errors_of_pairs(tracks_ns: tuple[int, int], truth_ns: tuple[int, int], config: EvaluateConfig) -> NoCommonTimeError:
     """Message if the truth covers the time of no estimate; first and last times of both."""
     tracks, truth = (f"{first} to {last} ns" for first, last in (tracks_ns, truth_ns))
     if config.match == "id" and tracks_ns[0] <= truth_ns[1] and truth_ns[0] <= tracks_ns[1]:
-        return InputError(
+        return NoCommonTimeError(
             f"tracks: no track overlaps in time with the target of its number (tracks {tracks}, truth {truth}, "
             f"max_gap_s {config.bridge_s:g}); match by position (match optimal), check the clocks, or raise max_gap_s"
         )
-    return InputError(
+    return NoCommonTimeError(
         f"tracks: the truth covers the time of no estimate: tracks {tracks}, truth {truth}, "
         f"gaps of at most {config.bridge_s:g} s are bridged; check the clocks or raise max_gap_s"
     )

@@ -80,6 +80,15 @@ class EvaluatedPart(NamedTuple):
     over: tuple[Bools, Bools] | None = None  # of each target and track whether no row is to come; None: not known
 
 
+class OwnPairs(NamedTuple):
+    """Pairs of each frame alone with a track that has its own row at the time."""
+
+    target: Ints  # (n,) its identity
+    t_ns: Ints  # (n,)
+    error: Floats  # (n, 2) estimate minus truth
+    nees: Floats  # (n,)
+
+
 class GroundFigures:
     """Every figure of many targets on the ground, of parts of a recording that come twice: to `prepare`, to `update`.
 
@@ -132,8 +141,8 @@ class GroundFigures:
         )
         self._each_matcher, self._pairs = Matcher(g, EACH_FRAME), PairErrors(unit, in_memory)
         self._counts = CountSums()
-        self.pair_nees: tuple[Ints, Floats] = (none, np.zeros(0))
-        """Target and NEES of each pair of the last part with a track that has its own row."""
+        self.own_pairs = OwnPairs(none, none, np.zeros((0, 2)), np.zeros(0))
+        """Pairs of the last part."""
 
     @classmethod
     def of(cls, known: EvaluationSurvey, config: MultiTargetConfig, unit: str) -> GroundFigures:
@@ -167,7 +176,7 @@ class GroundFigures:
             for each in self._windows.update(frames, ends):
                 self._window_sum.add(each.ospa2)
         self._trajectories.update(frames, part.begin, part.over)
-        self.pair_nees = self._pairs.update(frames, self._each_matcher.update(frames), points, part.rows)
+        self.own_pairs = self._pairs.update(frames, self._each_matcher.update(frames), points, part.rows)
         counts = counts_over_time(frames, made, points, part.begin)
         self._counts.update(counts)
         found = find_failures(points, self._owners)
@@ -251,10 +260,8 @@ class PairErrors:
         self._distances, self._squares = Spread(in_memory), Sum()
         self._nees, self._pairs = Consistency(CHI2_95_2D), 0
 
-    def update(
-        self, frames: MatchedFrames, made: MatchedPairs, points: PointTracks, tracks: Tracks
-    ) -> tuple[Ints, Floats]:
-        """Pairs of some more frames; (n,) target and (n,) NEES of those with a track that has a row at the time.
+    def update(self, frames: MatchedFrames, made: MatchedPairs, points: PointTracks, tracks: Tracks) -> OwnPairs:
+        """Pairs of some more frames; those with a track that has a row at the time.
 
         Args:
             frames: truth and tracks.
@@ -275,7 +282,7 @@ class PairErrors:
         self._distances.update(distance)
         self._squares.add(float(np.sum(np.square(distance))))
         self._pairs += len(distance)
-        return points.truth.label[true[own]], nees
+        return OwnPairs(points.truth.label[true[own]], times[own], error[own], nees)
 
     def merge(self, other: PairErrors) -> None:
         """Take in the pairs of another recording."""

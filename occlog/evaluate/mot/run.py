@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from functools import partial
@@ -13,17 +14,19 @@ import numpy as np
 
 from occlog.console.notes import begin_work
 from occlog.errors import InputError, UsageError, option
-from occlog.evaluate.inputs import previous_losses
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.request import EvaluateRequest
 from occlog.evaluate.results import Evaluation
 from occlog.evaluate.sources import opened_rows, rows_of
 from occlog.io.files.frame_times import FrameTimes
+from occlog.io.files.inputs import previous_losses
 from occlog.io.files.texts.csv_rows import first_line, is_header
 from occlog.io.files.texts.documents import write_json
 from occlog.io.formats.boxes.datasets import is_kitti
 from occlog.io.formats.boxes.mot_challenge import (
     DISTRACTORS,
+    PEDESTRIAN,
+    Marks,
     MotSequence,
     SequenceInfo,
     has_classes,
@@ -73,13 +76,13 @@ def in_images(path: Path | None) -> bool:
 
 def evaluate_in_images(request: EvaluateRequest, job: Job) -> Evaluation:
     """Read, compare, write; the result."""
-    compared, config, scene = compared_boxes(request)
+    compared, config, scene, uncounted = compared_boxes(request)
     begin_work()
     provenance = job.provenance(asdict(config), previous_losses(request.inputs))
     with job.tables(provenance, "m") as tables:
         result = compared.evaluate(None if request.failures is None else lambda rows: tables.write(failures=rows))
     note = independent_id_note(request.tracks, config.assigned_target, _asked(request.multi_target))
-    notes = (*result.notes, *note, *other_video(request.tracks, [request.truth]))
+    notes = (*uncounted, *result.notes, *note, *other_video(request.tracks, [request.truth]))
     result = replace(result, notes=notes, verdicts=provenance.judged)
     if request.mot is not None and request.tracks is not None:
         whole = joined([part for _, part in compared.parts()])
@@ -107,8 +110,10 @@ def _configured(request: EvaluateRequest, ours: Opened | None) -> MultiTargetCon
     return config
 
 
-def compared_boxes(request: EvaluateRequest) -> tuple[ComparedBoxes, MultiTargetConfig, Scene | None]:
-    """Open tracks and truth and lay them against each other; with the settings, and the scene of the truth."""
+def compared_boxes(
+    request: EvaluateRequest,
+) -> tuple[ComparedBoxes, MultiTargetConfig, Scene | None, tuple[str, ...]]:
+    """Open tracks and truth and lay them against each other; with the settings, the scene of the truth, and notes."""
     if request.tracks is None or request.truth is None:
         raise UsageError(
             f"tracks in images need {option('truth')}: a recording or a table with true boxes, or MOTChallenge text"
@@ -124,17 +129,34 @@ def compared_boxes(request: EvaluateRequest) -> tuple[ComparedBoxes, MultiTarget
         if ours is not None and counted is None and not in_text:
             theirs = open_input(request.truth)
             theirs.require(TruthBoxes)
-            return ComparedBoxes(_timed(ours, theirs), config, cameras=cameras), config, theirs.scene
+            return ComparedBoxes(_timed(ours, theirs), config, cameras=cameras), config, theirs.scene, ()
         if counted is None:
             tracks, truth, scene = _read_both(request.tracks, request.truth, config, rule)
         else:
             (tracks, truth), scene = _read_annotated(request.tracks, request.truth, config, counted), None
-        adjust = None
+        adjust: Callable[[TruthAndTracks], TruthAndTracks] | None = None
+        notes: tuple[str, ...] = ()
         if rule in DISTRACTORS:
-            adjust = partial(pedestrians, marks=read_marks(request.truth), distractors=DISTRACTORS[rule])
+            marks = read_marks(request.truth)
+            adjust = partial(pedestrians, marks=marks, distractors=DISTRACTORS[rule])
+            notes = _uncounted(request.truth, marks, rule)
         sides: Sides = lambda: iter([(tracks, truth)])  # noqa: E731
         compared = ComparedBoxes(sides, config, cameras=cameras, by_number=True, adjust=adjust)
-    return compared, config, scene
+    return compared, config, scene, notes
+
+
+def _uncounted(path: Path, marks: Marks, rule: str) -> tuple[str, ...]:
+    """A line on true boxes that do not count by the rules of a benchmark; InputError where none counts."""
+    skipped = ~(marks.counts & (marks.kind == PEDESTRIAN))
+    if not skipped.any():
+        return ()
+    kinds = Counter(marks.kind[skipped].tolist())
+    classes = ", ".join(f"class {kind}: {count}" for kind, count in sorted(kinds.items()))
+    how = f"{option('benchmark')} mot15"
+    said = f"{int(skipped.sum())} of {len(skipped)} true boxes do not count by the rules of {rule} ({classes})"
+    if skipped.all():
+        raise InputError(f"{path}: {said}; where class {min(kinds)} is of people, count all boxes: {how}")
+    return (f"{path}: {said}; {how} counts all boxes",)
 
 
 def _timed(ours: Opened, theirs: Opened) -> Sides:
@@ -255,7 +277,7 @@ def _read_text(
     """
     times: dict[str, FrameTimes] = {camera: frame_times(config)}
     if has_no_rows(path):
-        empty = fill_frames(iter(()), table, [camera], 0, 0 if last is None else last + 1, times)
+        empty = fill_frames(iter(()), table, [camera], [range(0 if last is None else last + 1)], times)
         return table.concat(empty) if last is not None else table.empty()
     head = first_line(path, "MOTChallenge text")
     if is_kitti(head):
@@ -269,7 +291,7 @@ def _read_text(
     if survey.stop > MAX_FRAMES:
         raise InputError(f"{path}: frame {survey.stop}; text may have {MAX_FRAMES} frames; correct the number")
     if last is not None:
-        survey = replace(survey, first=0, stop=max(survey.stop, last + 1))
+        survey = replace(survey, ranges={camera: range(max(survey.stop, last + 1))})
     rows = read_boxes(file, survey, times, (), how, table)
     return table.concat(rows if last is not None else (part.take(part.box >= 0) for part in rows))
 

@@ -19,6 +19,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 
 from occlog.array_types import NS
+from occlog.consistency.frozen import FrozenCameras
 from occlog.errors import InputError, UsageError
 from occlog.io.files.limits import check_input
 from occlog.io.formats.models.fundamental_matrices import attached_epipolar
@@ -48,7 +49,7 @@ from occlog.records.tables import Truth, TruthBoxes
 
 from .clock import SensorTimes, check_clocks, check_truth_times
 from .findings import Findings
-from .tables import TableWatch, drop_bad_rows, note_losses
+from .tables import TableWatch, drop_bad_rows, note_frozen, note_losses
 
 TIMED = (TopicKind.IMAGE, TopicKind.BOX, TopicKind.POSE, TopicKind.DIRECTION)
 """Messages with times that ingest uses."""
@@ -303,6 +304,7 @@ class _RecordingScan:
         self._watches: dict[type[ColumnTable], TableWatch] = {}
         self._clocks: dict[str, SensorTimes] = {}
         self._times: dict[str, list[tuple[int, int]]] = {}  # of frames, with their numbers
+        self._frozen = FrozenCameras()
 
     def take(self, message: _Message) -> None:
         """Check a message."""
@@ -324,6 +326,7 @@ class _RecordingScan:
             watch.finish()
         for sensor in self._times:
             self._tell_clock(sensor)
+        note_frozen(self._frozen, self._findings)
         check_clocks(list(self._clocks.values()), self._findings)
         truth = [(f"/{t.NAME}, {c.name}", c) for t, watch in self._watches.items() if t in TRUE for c in watch.clocks]
         sensors = [c for table, watch in self._watches.items() if table not in TRUE for c in watch.clocks]
@@ -356,6 +359,7 @@ class _RecordingScan:
             where = f"camera {sensor}: frame {message.number}"
             stamp, image = parse_image(message.encoding, message.data, where)
             t_ns = stamp or t_ns
+            self._frozen.add(sensor, t_ns, hash(image))
             try:
                 decode_apart(image, where)
             except InputError as error:

@@ -14,7 +14,8 @@ from typing import TypeVar
 import numpy as np
 import pyarrow as pa
 
-from occlog.array_types import Ints
+from occlog.array_types import NS, Ints
+from occlog.consistency.frozen import FrozenCameras
 from occlog.errors import InputError
 from occlog.io.dataset import GATHERED
 from occlog.io.external.cells import TableCells
@@ -47,6 +48,7 @@ class TableWatch:
         """Start without rows."""
         self.table, self.findings = table, findings
         self._clocks: dict[str, SensorTimes] = {}
+        self._frozen = FrozenCameras()
         self._held: ColumnTable | None = None
         self._last: int | None = None
 
@@ -81,6 +83,7 @@ class TableWatch:
         if self._held is not None:
             self._settle(self._held)
         check_clocks(self.clocks, self.findings)
+        note_frozen(self._frozen, self.findings)
 
     def _settle(self, table: ColumnTable) -> None:
         if not len(table):
@@ -88,6 +91,8 @@ class TableWatch:
         copies, double = repeated_rows(table)
         if isinstance(table, Boxes):  # with numbers that may be those that they got on reading
             copies |= repeated_rows(table, "box")[0]
+            if table.NAME == Boxes.NAME:
+                self._frozen.add_boxes(table)
         for kind, rows in (
             ("duplicate-row", copies),
             ("two-positions" if table.ONCE else "duplicate-key", double & ~copies),
@@ -106,6 +111,13 @@ class TableWatch:
 
     def _clock(self, name: str) -> SensorTimes:
         return self._clocks.setdefault(name, SensorTimes(name, sorted=True, sporadic=self.table.NAME not in COMPLETE))
+
+
+def note_frozen(cameras: FrozenCameras, findings: Findings) -> None:
+    """Note cameras that repeat one frame while others go on."""
+    for run in cameras.found():
+        value = f"{run.frames} identical frames, {(run.last_ns - run.first_ns) / NS:.3g} s"
+        findings.add("frozen-camera", f"sensor {run.camera}, from {utc(run.first_ns)}", value)
 
 
 def bisect_bad_rows(

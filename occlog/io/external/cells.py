@@ -13,7 +13,7 @@ from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.errors import InputError
 from occlog.io.files.tables.arrow import to_numpy, to_texts
 from occlog.io.files.texts.csv_rows import MAX_CELL, CsvRows, plain_text
-from occlog.io.files.times import COARSEST_NS, LATEST_S, UNITS, coarse, parse_time, parse_times
+from occlog.io.files.times import COARSEST_NS, UNITS, coarse, column_unit, parse_column, parse_times
 from occlog.records.columns import ANY_WIDTH, MAX_NS
 
 YES, NO = ("true", "1", "1.0", "yes"), ("false", "0", "0.0", "no")
@@ -259,38 +259,27 @@ class ArrowCells:
             raise self.fail(_first_null(column), f"{name} is null; a time was expected")
         if pa.types.is_timestamp(column.type):
             try:
-                whole = pc.cast(column, pa.timestamp("ns", tz=column.type.tz))
+                stamps = pc.cast(column, pa.timestamp("ns", tz=column.type.tz))
             except ValueError as error:  # Arrow's own is one, and that of a time zone with a name that is no text
                 raise InputError(f"{self._path}: column {name}: {error}") from None
-            return np.asarray(to_numpy(pc.cast(whole, pa.int64())), dtype=np.int64)
+            return np.asarray(to_numpy(pc.cast(stamps, pa.int64())), dtype=np.int64)
         if pa.types.is_integer(column.type):
-            return self._scaled(name, self.ints(name, blank=None), unit)
+            whole = self.ints(name, blank=None)
+            return self._scaled(name, whole, column_unit(whole.astype(np.float64), unit, self.fail))
         if pa.types.is_decimal(column.type):  # exact, as a text is
-            return self._of_texts([str(value) for value in column.to_pylist()], unit)
+            return parse_column([str(value) for value in column.to_pylist()], unit, self.fail)
         if _is_number(column.type):
             values = self.floats(name, blank=False)
-            if unit == "s" and (np.abs(values) > LATEST_S).any():
-                raise self._too_large(name, values)
+            unit = column_unit(values, unit, self.fail)
             self._check_range(name, values, unit)
             self._check_steps(name, unit)
             # The whole part and the rest separately, since float64 cannot hold ns since 1970
-            whole = np.floor(values)
-            rest = np.round((values - whole) * UNITS[unit]).astype(np.int64)
-            return np.asarray(self._scaled(name, whole.astype(np.int64), unit) + rest, dtype=np.int64)
-        return self._of_texts(self.texts(name, blank=False).tolist(), unit)
-
-    def _of_texts(self, texts: list[str], unit: str) -> Ints:
-        out = np.empty(len(texts), dtype=np.int64)
-        for row, text in enumerate(texts):
-            try:
-                out[row] = parse_time(text, unit)
-            except InputError as error:
-                raise self.fail(row, str(error)) from None
-        return out
+            floor = np.floor(values)
+            rest = np.round((values - floor) * UNITS[unit]).astype(np.int64)
+            return np.asarray(self._scaled(name, floor.astype(np.int64), unit) + rest, dtype=np.int64)
+        return parse_column(self.texts(name, blank=False).tolist(), unit, self.fail)
 
     def _scaled(self, name: str, values: Ints, unit: str) -> Ints:
-        if unit == "s" and (np.abs(values) > LATEST_S).any():
-            raise self._too_large(name, values)
         self._check_range(name, values, unit)
         return values * UNITS[unit]
 
@@ -308,10 +297,6 @@ class ArrowCells:
             raise self.fail(
                 row, f"{name} is {value:.12g} in {kind}: {coarse(steps[row])}; write it in float64, or t_ns in int64"
             )
-
-    def _too_large(self, name: str, values: Floats | Ints) -> InputError:
-        row = int(np.argmax(np.abs(values)))
-        return self.fail(row, f"{name} is {values[row]}; too large for seconds; name the column t_ms, t_us or t_ns")
 
     def _unfit(self, name: str, kind: pa.DataType, wanted: str) -> InputError:
         return InputError(f"{self._path}: column {name} holds {_plain(kind)}; {wanted}")

@@ -8,6 +8,7 @@ An angle `compass_deg` is clockwise from north (+y); all others are from +x towa
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from functools import cache
@@ -65,9 +66,9 @@ ALIASES: Mapping[str, Sequence[str]] = {
     "sigma_tdoa": ("tdoa_sigma", "tdoa_std"),
     "range_difference": ("distance_difference", "path_difference"),
     "sigma_range_difference": ("range_difference_sigma", "range_difference_std"),
-    "x": ("pos_x",),
-    "y": ("pos_y",),
-    "z": ("pos_z",),
+    "x": ("pos_x", "p_rs_r_x"),
+    "y": ("pos_y", "p_rs_r_y"),
+    "z": ("pos_z", "p_rs_r_z"),
 }
 """Names of columns in external tables, without endings of units; a column's own name is accepted, too."""
 OWN_ALIASES: Mapping[str, Mapping[str, Sequence[str]]] = {
@@ -116,6 +117,22 @@ COMPARED = 200
 """Names that no table has, of a file, that are compared with those that tables have, at most: each takes its time."""
 
 
+_BRACKETS = re.compile(r"(.*?)\s*[\[(]([^\])]*)[\])]")
+
+
+def plain_name(name: str) -> str:
+    """A file's name of a column in lower case, with a unit in brackets as an ending.
+
+    `#timestamp [ns]` is `timestamp_ns`, `pos x [m]` is `pos_x_m`, and `vx (m/s)` is `vx_m_s`.
+    """
+    low = name.strip().removeprefix("#").strip().lower()
+    found = _BRACKETS.fullmatch(low)
+    if found is None:
+        return low
+    base, unit = found[1].replace(" ", "_"), found[2].strip().replace("/", "_").replace("^", "")
+    return f"{base}_{unit}" if unit else base
+
+
 class Spelling(NamedTuple):
     """One column of a table as a file has it."""
 
@@ -128,7 +145,7 @@ class Spelling(NamedTuple):
     @property
     def compass(self) -> bool:
         """True if it is an angle clockwise from north, not from +x towards +y."""
-        return self.column.unit == "rad" and self.name.strip().lower().startswith(COMPASS)
+        return self.column.unit == "rad" and plain_name(self.name).startswith(COMPASS)
 
 
 class TableLayout(NamedTuple):
@@ -173,7 +190,7 @@ def lay_out(names: Sequence[str], table: type[ColumnTable]) -> TableLayout:
         InputError: two columns have one meaning, an angle does not state its unit, lengths are in several units, or a
             stated unit contradicts the name of its column.
     """
-    there = {name.strip().lower(): name for name in reversed(names)}
+    there = {plain_name(name): name for name in reversed(names)}
     found, missing = [], []
     # Most columns are in most files under no name
     columns = _columns_by_name(table)  # type: ignore[arg-type]  # a type is hashable
@@ -208,7 +225,7 @@ def kind_of(column: Column) -> str:
 
 def unit_in_name(table: type[ColumnTable], column: Column, name: str) -> str:
     """The unit that a file's name of a column states; empty for none, also for times that are in seconds by default."""
-    low = name.strip().lower()
+    low = plain_name(name)
     unit = spellings(column, table).get(low, "")
     return "" if column.name == TIME and not (low.endswith(f"_{unit}") or low in IN_SECONDS) else unit
 
@@ -257,7 +274,7 @@ def describe_missing(layout: TableLayout, names: Sequence[str]) -> str:
     for column in layout.table.columns():
         if column.name in layout.missing and column.name not in one_of:
             known = list(spellings(column, layout.table))
-            near = next((n for n in left if get_close_matches(n.strip().lower(), known, n=1, cutoff=0.6)), None)
+            near = next((n for n in left if get_close_matches(plain_name(n), known, n=1, cutoff=0.6)), None)
             units = [f"{column.name}_deg", f"{column.name}_rad"] if column.unit == "rad" else []
             also = f" (or {', '.join(units)})" if units else ""
             words.append(f"{column.name}{also}" + (f", is it {near!r}?" if near is not None else ""))
@@ -271,8 +288,8 @@ def misspelled(layout: TableLayout, names: Sequence[str]) -> str | None:
     known = {name: c.name for c in absent for name in spellings(c, layout.table) if len(name) > 3}
     used = {s.name for s in layout.columns}
     for name in [name for name in names if name not in used][:COMPARED]:
-        if name.strip().lower() not in known:
-            near = get_close_matches(name.strip().lower(), list(known), n=1, cutoff=0.85)
+        if plain_name(name) not in known:
+            near = get_close_matches(plain_name(name), list(known), n=1, cutoff=0.85)
             if near:
                 return f"unknown column {name!r}; did you mean {near[0]!r}? Rename it, or leave it out"
     return None
@@ -299,7 +316,7 @@ def _find(column: Column, there: Mapping[str, str], known: Mapping[str, str]) ->
     found = [Spelling(column, there[name], unit) for name, unit in known.items() if name in there]
     if len(found) > 1:
         # The table's own name states it, whatever else could
-        own = [s for s in found if s.name.strip().lower() == column.name]
+        own = [s for s in found if plain_name(s.name) == column.name]
         if not own:
             raise InputError(f"columns {' and '.join(s.name for s in found)} both state {column.name}; keep one")
         found = own
@@ -322,10 +339,10 @@ def _is_wanted(column: Column, table: str) -> bool:
 
 def _check_case(layout: TableLayout, names: Sequence[str]) -> None:
     """InputError for a name that another column has in other letters: which of them is meant is not known."""
-    used = {name.strip().lower() for name in layout.names}
+    used = {plain_name(name) for name in layout.names}
     first: dict[str, str] = {}
     for name in names:
-        low = name.strip().lower()
+        low = plain_name(name)
         if low in used and low in first:
             raise InputError(f"columns {first[low]!r} and {name!r} have one name; keep one")
         first.setdefault(low, name)

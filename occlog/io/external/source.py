@@ -1,4 +1,4 @@
-"""Files that may hold an external table: text with a header (also gzip), Parquet, Arrow, trajectories.
+"""Files that may hold an external table: text with a header (also gzip), Parquet (or a folder), Arrow, trajectories.
 
 Messages of an Arrow file or stream by their headers: declared rows and decompressed size.
 
@@ -10,11 +10,14 @@ read.
 from __future__ import annotations
 
 import os
+import re
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
+from urllib.parse import unquote
 
 import pyarrow as pa
 
@@ -24,11 +27,12 @@ from occlog.io.files.names import utf8_name
 from occlog.io.files.tables.arrow import SCHEMA_KEY
 from occlog.io.files.tables.parquet import batches, in_parts, open_parquet
 from occlog.io.files.texts.by_reader import table_of
-from occlog.io.files.texts.csv_rows import GZIP_MAGIC, first_line, is_header, read_rows
+from occlog.io.files.texts.csv_rows import GZIP_MAGIC, commented_header, first_line, is_header, read_rows
 from occlog.io.files.times import TIME_COLUMNS
 from occlog.io.formats.trajectories import Trajectories, find_trajectories
 
 from .cells import ArrowCells, TableCells, TextCells
+from .names import plain_name
 
 FILE_MAGIC, STREAM_MAGIC = b"ARROW1", b"\xff\xff\xff\xff"
 DICTIONARY, BATCH = 2, 3
@@ -173,6 +177,10 @@ def _message(file: _Bytes, at: int) -> ArrowMessageHeader:
 TABULAR = (".csv", ".tsv", ".csv.gz", ".tsv.gz")
 """Endings of names by which a file requires to be a table, whatever it holds."""
 ROWS = 65_536
+MAX_PARTS = 10_000
+"""Files of a table that is a folder of Parquet, at most."""
+PART_SUFFIXES = (".parquet", ".pq", ".parq")
+_WHOLE = re.compile(r"-?\d{1,18}")
 MAX_COLUMNS = 10_000
 """Columns of a table at most: each of their names is compared with those of ours."""
 WHAT = "a table"
@@ -187,6 +195,8 @@ class ColumnSource(NamedTuple):
         names: of its columns.
         trajectories: how to read a format of trajectories; None: the file is of another kind.
         table: name of the table that a plug-in states it holds; empty: it is known by its columns.
+        commented: names of columns are in a first line that begins with `#`.
+        parts: files of a table that is a folder of Parquet, in order; else none.
     """
 
     path: Path
@@ -194,6 +204,24 @@ class ColumnSource(NamedTuple):
     names: tuple[str, ...]
     trajectories: Trajectories | None = None
     table: str = ""
+    commented: bool = False
+    parts: tuple[Path, ...] = ()
+
+    @property
+    def size(self) -> int:
+        """Bytes of the file, or of all parts together."""
+        return sum(part.stat().st_size for part in self.parts or (self.path,))
+
+    @property
+    def rows(self) -> int | None:
+        """Number of rows of Parquet; None: other files do not state it."""
+        if self.kind != "Parquet":
+            return None
+        total = 0
+        for part in self.parts or (self.path,):
+            with _translated(part, self.kind), open_parquet(part) as file:
+                total += int(file.metadata.num_rows)
+        return total
 
     def cells(self, names: Sequence[str]) -> Iterator[TableCells]:
         """The cells of some columns, in parts, in the order of the file."""
@@ -202,13 +230,17 @@ class ColumnSource(NamedTuple):
             return
         if self.kind == "CSV":
             columns = {name: (name.lower(),) for name in names}
-            yield from (TextCells(rows) for rows in read_rows(self.path, columns, WHAT, ignore_extra=True))
+            rows = read_rows(self.path, columns, WHAT, ignore_extra=True, commented=self.commented)
+            yield from map(TextCells, rows)
             return
-        with _translated(self.path, self.kind):
-            first = 0
-            for batch in _batches(self.path, self.kind, list(names)):
-                yield ArrowCells(self.path, batch, first)
-                first += batch.num_rows
+        for part in self.parts or (self.path,):
+            with _translated(part, self.kind):
+                first, of_folders = 0, _values_of_folders(self.path, part)
+                for batch in _batches(part, self.kind, [name for name in names if name not in of_folders]):
+                    yield ArrowCells(
+                        part, _with_constants(batch, {n: of_folders[n] for n in names if n in of_folders}), first
+                    )
+                    first += batch.num_rows
 
 
 def find_source(path: Path) -> ColumnSource | None:
@@ -225,7 +257,58 @@ def find_source(path: Path) -> ColumnSource | None:
     return found
 
 
+def parquet_parts(folder: Path) -> tuple[Path, ...]:
+    """Parquet files of a folder that is one table, by their paths; none: the folder holds anything else.
+
+    Spark, Dask, DuckDB and pandas write such folders, in which a folder `id=3` holds the rows of that value.  Files
+    with names that begin with `_` or `.` are notes of these programs.
+    """
+    found = []
+    for path in sorted(islice(folder.rglob("*"), MAX_PARTS + 1)):
+        if path.is_dir() or path.name.startswith(("_", ".")):
+            continue
+        if path.suffix.lower() not in PART_SUFFIXES:
+            return ()
+        found.append(path)
+    if len(found) > MAX_PARTS:
+        raise InputError(f"{folder}: more than {MAX_PARTS} files; write the table in fewer parts")
+    return tuple(found)
+
+
+def _values_of_folders(folder: Path, part: Path) -> dict[str, str]:
+    """Columns with one value in a part, from names of folders such as `id=3`."""
+    names = part.relative_to(folder).parts[:-1] if part != folder else ()
+    pairs = (name.partition("=") for name in names)
+    return {key: unquote(value) for key, mark, value in pairs if key and mark}
+
+
+def _with_constants(batch: pa.RecordBatch, values: Mapping[str, str]) -> pa.RecordBatch:
+    """A batch with columns of one value each; whole numbers where the value is one."""
+    for name, text in values.items():
+        value: int | str = int(text) if _WHOLE.fullmatch(text) else text
+        batch = batch.append_column(name, pa.array([value] * batch.num_rows))
+    return batch
+
+
+def _find_parts(folder: Path) -> ColumnSource | None:
+    """The columns of a folder of Parquet; InputError where a part has others than the first."""
+    parts, first = parquet_parts(folder), None
+    for part in parts:
+        of_folders = list(_values_of_folders(folder, part))
+        with _translated(part, "Parquet"), open_parquet(part) as file:
+            names = (*(n for n in file.schema_arrow.names if n not in of_folders), *of_folders)
+        if first is not None and set(names) != set(first):
+            others = sorted(set(names) ^ set(first))
+            raise InputError(
+                f"{part}: its columns are not those of {parts[0].name}: {', '.join(others[:5])}; name one file"
+            )
+        first = first or names
+    return None if first is None else ColumnSource(folder, "Parquet", first, parts=parts)
+
+
 def _find_source(path: Path) -> ColumnSource | None:
+    if path.is_dir():
+        return _find_parts(path)
     check_input(path, WHAT)
     table = table_of(path)
     if table:
@@ -243,6 +326,8 @@ def _find_source(path: Path) -> ColumnSource | None:
     if head.startswith(FILE_MAGIC) or head.startswith(STREAM_MAGIC):
         with _translated(path, "Arrow"):
             return ColumnSource(path, "Arrow", tuple(_open_arrow(path).schema.names))
+    if head.startswith(b"#") and _names_times(names := commented_header(path, WHAT)):
+        return ColumnSource(path, "CSV", tuple(names), commented=True)
     if _may_be_text(head) and (found := find_trajectories(path)) is not None:
         return ColumnSource(path, found.kind, found.names, found)
     named = path.name.lower().endswith(TABULAR) or path.name == STANDARD_INPUT
@@ -254,10 +339,14 @@ def _find_source(path: Path) -> ColumnSource | None:
         if named:
             raise
         return None
-    times = {name for names in TIME_COLUMNS.values() for name in names}
-    if is_header(line) and (named or (len(line) > 1 and times & {cell.lower() for cell in line})):
+    if is_header(line) and (named or (len(line) > 1 and _names_times(line))):
         return ColumnSource(path, "CSV", tuple(line))
     return None
+
+
+def _names_times(names: Sequence[str]) -> bool:
+    """Return whether one of these names of columns is of times."""
+    return any(plain_name(name) in spelled for name in names for spelled in TIME_COLUMNS.values())
 
 
 def _may_be_text(head: bytes) -> bool:

@@ -31,6 +31,7 @@ from .names import (
     describe_missing,
     lay_out,
     misspelled,
+    plain_name,
 )
 from .source import ColumnSource
 
@@ -140,7 +141,7 @@ class ForeignTable:
 
     def _check_held(self, parts: Iterable[Values]) -> None:
         """InputError for rows that take more memory together than those of a file of its size may."""
-        size, held = self.source.path.stat().st_size, sum(c.nbytes for part in parts for c in part.values())
+        size, held = self.source.size, sum(c.nbytes for part in parts for c in part.values())
         if held > max(FREE_BYTES, HELD_PER_BYTE * size):
             raise InputError(
                 f"{self.source.path}: unsorted rows or rows of one time need {held} bytes in a file of {size}; "
@@ -298,7 +299,7 @@ def _lay_out(source: ColumnSource, table: type[ColumnTable]) -> TableLayout:
 
 def _is_vague(layout: TableLayout, names: Sequence[str]) -> bool:
     """Return whether no used name refers to readers or tags, and columns are left over."""
-    used = {s.name.strip().lower() for s in layout.columns}
+    used = {plain_name(s.name) for s in layout.columns}
     return len(names) > len(used) and not used & OF_READS
 
 

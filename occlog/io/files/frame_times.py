@@ -61,6 +61,18 @@ class FrameTimes:
             raise InputError(f"no times of frames are known ({self.source}); give the frame rate")
         return self.world(self.start_ns + frames_to_ns(frames, self.rate))
 
+    def elapsed_ns(self, frame: int) -> float:
+        """Time [ns] from frame 0 to a frame, by the camera's clock; without a time, that of the last one with one."""
+        if self.table_ns is None:
+            return frame * NS / float(self.rate or math.nan)
+        return float(self.table_ns[min(frame, len(self.table_ns) - 1)] - self.table_ns[0])
+
+    def until(self, elapsed_ns: float) -> int:
+        """The last frame, at most so long [ns] after frame 0, by the camera's clock; -1: none."""
+        if self.table_ns is None:
+            return max(math.floor(elapsed_ns / NS * float(self.rate or math.nan)), -1)
+        return int(np.searchsorted(self.table_ns - self.table_ns[0], elapsed_ns, side="right")) - 1
+
     def world(self, t_ns: Ints) -> Ints:
         """World times [ns] of times of the camera's clock."""
         first = 0 if self.table_ns is None or not len(self.table_ns) else int(self.table_ns[0])

@@ -7,9 +7,10 @@ from pathlib import Path
 
 from occlog.errors import InputError
 from occlog.io.files.limits import Content, content_of
-from occlog.io.files.provenance import InputDigests, hash_file, verdicts_in
+from occlog.io.files.provenance import InputDigests, Provenance, hash_file, verdicts_in
 from occlog.io.files.tables.parquet import is_ours, read_provenance
 from occlog.io.files.texts.documents import read_json
+from occlog.records.losses import Loss
 from occlog.records.verdicts import Verdict
 
 
@@ -23,8 +24,17 @@ def hash_inputs(paths: Iterable[Path]) -> InputDigests:
     return InputDigests.of(found, (each for path in dict.fromkeys(files) for each in verdicts_of_file(path)))
 
 
-def verdicts_of_file(path: Path) -> tuple[Verdict, ...]:
-    """Verdicts that a table, a recording or a JSON file carries; none where it is of another kind or is damaged.
+def previous_losses(paths: Iterable[Path]) -> tuple[Loss, ...]:
+    """Input that was lost in making tables and recordings, each once."""
+    found: dict[Loss, None] = {}
+    for path in paths:
+        made = provenance_of_file(path)
+        found |= dict.fromkeys(() if made is None else made.losses)
+    return tuple(found)
+
+
+def provenance_of_file(path: Path) -> Provenance | None:
+    """Provenance of a table or a recording; None where the file is of another kind or is damaged.
 
     A stage that opens a damaged file refuses it itself.
     """
@@ -33,12 +43,21 @@ def verdicts_of_file(path: Path) -> tuple[Verdict, ...]:
         if content is Content.RECORDING:
             from occlog.io.recording.reader import open_recording
 
-            return open_recording(path).provenance.judged
-        if content is Content.TABLE:
-            return read_provenance(path).judged if is_ours(path) else ()
-        if path.suffix.lower() == ".json":
-            made = read_json(path).get("_provenance")
-            return verdicts_in(made) if isinstance(made, dict) else ()
+            return open_recording(path).provenance
+        return read_provenance(path) if content is Content.TABLE and is_ours(path) else None
+    except InputError:
+        return None
+
+
+def verdicts_of_file(path: Path) -> tuple[Verdict, ...]:
+    """Verdicts that a table, a recording or a JSON file carries; none where it is of another kind or is damaged."""
+    made = provenance_of_file(path)
+    if made is not None:
+        return made.judged
+    try:
+        if path.suffix.lower() == ".json" and path.is_file():
+            values = read_json(path).get("_provenance")
+            return verdicts_in(values) if isinstance(values, dict) else ()
     except (InputError, ValueError):
         pass
     return ()

@@ -185,8 +185,16 @@ def verdicts_in(raw: Mapping[str, object]) -> tuple[Verdict, ...]:
     return msgspec.convert(raw.get("verdicts", []), tuple[Verdict, ...])
 
 
+def files_in(folder: Path) -> list[Path]:
+    """All files in a folder and its subfolders, in order."""
+    return sorted(path for path in folder.rglob("*") if path.is_file())
+
+
 def hash_file(path: Path) -> str:
-    """SHA-256 of a file's bytes, in hexadecimal."""
+    """SHA-256 of a file's bytes, in hexadecimal; of a folder that of the names and hashes of its files."""
+    if path.is_dir():
+        held = tuple((file.relative_to(path).as_posix(), hash_file(file)) for file in files_in(path))
+        return hashlib.sha256(repr(held).encode()).hexdigest()
     try:
         with Path(path).open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()

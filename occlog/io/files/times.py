@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from datetime import UTC, datetime
 from decimal import Decimal, InvalidOperation
@@ -11,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from occlog.array_types import Ints, Strings
+from occlog.array_types import NS, Floats, Ints
 from occlog.errors import InputError
 from occlog.records.columns import MAX_NS
 
@@ -21,7 +22,7 @@ from .texts.csv_rows import CsvRows, first_line, is_header, last_place, read_pla
 WHAT = "a table of time stamps"
 UNITS = {"ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9}
 LATEST_S = 10**11
-"""A larger number of seconds (year 5138) is taken for another unit."""
+"""A larger number of seconds (year 5138) is in another unit."""
 COARSEST_NS = 10**6
 """Times that are held or written to less than this (1 ms) have been rounded by whoever wrote them."""
 
@@ -33,11 +34,16 @@ TIME_COLUMNS = {
 }
 """Accepted names of time columns; the ending states the unit, seconds without one."""
 
+UNITLESS = ("time", "t", "timestamp", "frame_time")
+"""Names of columns of seconds that do not state so."""
+MAX_INTERVAL_S, MIN_INTERVALS = 2.0, 10
+"""Time from frame to frame [s] above which the unit of such a column is asked for, and the number of intervals from
+which it is."""
 _FRAME = ("frame", "frame_index", "frame_number", "index")
 _CAMERA = ("camera", "cam_id", "cam", "sensor", "port")
 _COLUMNS = {**TIME_COLUMNS, "frame": _FRAME, "camera": _CAMERA}
 _BESIDE = ("sync_index",)
-_ISO = re.compile(r"^(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d(?::\d\d)?)(?:[.,](\d{1,9}))?\s*(Z|[+-]\d\d:?\d\d)?$")
+_ISO = re.compile(r"^(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d(?::\d\d)?)(?:[.,](\d{1,9}))?\s*(Z|[+-]\d\d(?::?\d\d)?)?$")
 
 
 def parse_time(text: str, unit: str = "s") -> int:
@@ -78,6 +84,8 @@ def coarse(ns: float) -> str:
 
 def _iso_ns(iso: re.Match[str], text: str) -> int:
     day, clock, fraction, zone = iso.groups()
+    if clock.endswith(":60"):
+        raise InputError(f"time {text!r}: a leap second, which these times do not have; write it as :59.999")
     try:
         instant = datetime.fromisoformat(f"{day}T{clock}" + (zone or "+00:00").replace("Z", "+00:00"))
     except ValueError as error:
@@ -89,22 +97,88 @@ def _iso_ns(iso: re.Match[str], text: str) -> int:
     return ns
 
 
+def unit_by_size(largest: float) -> str:
+    """Unit of a time since 1970 that states none: s, ms, us or ns, so that the year is 1973 to 5138.
+
+    Each is a thousand times the other, so that a time of these years has one unit only.
+    """
+    for unit, scale in (("s", 1), ("ms", 10**3), ("us", 10**6)):
+        if largest <= LATEST_S * scale:
+            return unit
+    return "ns"
+
+
+def column_unit(values: Floats, unit: str, fail: Callable[[int, str], InputError]) -> str:
+    """Unit of a column of times in seconds, or in another unit where they are too large for seconds.
+
+    Args:
+        values: (n,) times.
+        unit: stated unit; `s` also where none is stated.
+        fail: makes an error of a row and a message.
+
+    Raises:
+        InputError: the column has times in several units by their size.
+    """
+    sizes = np.abs(values)
+    if unit != "s" or not len(sizes) or sizes.max() <= LATEST_S:
+        return unit
+    found = unit_by_size(float(sizes.max()))
+    least, most = (int(np.argmin(np.where(sizes > 0.0, sizes, np.inf))), int(np.argmax(sizes)))
+    if unit_by_size(float(sizes[least])) != found:
+        several = f"times {values[least]:.12g} and {values[most]:.12g} are in several units"
+        raise fail(least, f"{several}; give all one, in a column t_s, t_ms, t_us or t_ns")
+    return found
+
+
+def _number(text: str) -> float:
+    """A number; 0 for any other text."""
+    try:
+        value = float(text)
+    except ValueError:
+        return 0.0
+    return value if math.isfinite(value) else 0.0
+
+
+def parse_column(texts: Sequence[str], unit: str, fail: Callable[[int, str], InputError]) -> Ints:
+    """(n,) times [ns] of texts; see `parse_time`.
+
+    Numbers that are too large for seconds are in the unit of their size.  A column has dates with a zone, or without
+    one, which are in UTC, but not both.
+
+    Args:
+        texts: cells.
+        unit: unit of numbers; `s` also where none is stated.
+        fail: makes an error of a row and a message.
+
+    Raises:
+        InputError: see above.
+    """
+    out = np.empty(len(texts), dtype=np.int64)
+    zoned: bool | None = None
+    if unit == "s":
+        unit = column_unit(np.array([_number(text) for text in texts]), unit, fail)
+    for row, text in enumerate(texts):
+        iso = _ISO.match(text.strip())
+        if iso is not None:
+            if zoned not in (None, iso[4] is not None):
+                raise fail(row, f"time {text!r}: of one column some have a time zone and some do not; give all one")
+            zoned = iso[4] is not None
+        try:
+            out[row] = parse_time(text, unit)
+        except InputError as error:
+            raise fail(row, str(error)) from None
+    return out
+
+
 def parse_times(rows: CsvRows, name: str, unit: str) -> Ints:
     """(n,) times [ns] of a column; InputError names the line."""
-    cells: Strings = rows.cells[name]
     if unit == "ns":
         t_ns = rows.ints(name)
         far = np.flatnonzero((t_ns > MAX_NS) | (t_ns < -MAX_NS))
         if len(far):
             raise rows.fail(int(far[0]), f"time {t_ns[far[0]]} ns: out of range; times from 1824 to 2115 can be held")
         return t_ns
-    out = np.empty(len(cells), dtype=np.int64)
-    for row, cell in enumerate(cells.tolist()):
-        try:
-            out[row] = parse_time(cell, unit)
-        except InputError as error:
-            raise rows.fail(row, str(error)) from None
-    return out
+    return parse_column(rows.cells[name].tolist(), unit, rows.fail)
 
 
 def time_column(rows: CsvRows) -> str | None:
@@ -113,6 +187,29 @@ def time_column(rows: CsvRows) -> str | None:
     if len(found) > 1:
         raise InputError(f"{rows.path}: two columns of times ({' and '.join(found)}); keep one")
     return found[0] if found else None
+
+
+def check_unit(rows: CsvRows, interval_s: Floats) -> None:
+    """Ask for the unit of a column of times that states none, where it would not be seconds.
+
+    Args:
+        rows: some of the table.
+        interval_s: (n,) time from each frame to the next [s], by seconds.
+
+    Raises:
+        InputError: frames are too far apart for people to be tracked from one to the next.
+    """
+    if len(interval_s) < MIN_INTERVALS or not (usual := float(np.median(interval_s))) > MAX_INTERVAL_S:
+        return
+    head = [cell.lower() for cell in first_line(rows.path, WHAT)]
+    named = is_header_line(rows.path)
+    if not rows.has("s") or _ISO.match(str(rows.cells["s"][0])) or (named and not set(head) & set(UNITLESS)):
+        return
+    column = next((f"column {name}" for name in UNITLESS if named and name in head), "times without a header")
+    raise InputError(
+        f"{rows.path}: {column}: {usual:g} s from frame to frame if these are seconds; name the column after its unit: "
+        "t_ms, t_us or t_ns, or t_s if they are"
+    )
 
 
 def read_sidecar(path: Path, cameras: Sequence[str]) -> dict[str, Ints]:
@@ -217,4 +314,5 @@ def _in_order(rows: CsvRows, t_ns: Ints, picked: Ints) -> Ints:
         raise rows.fail(
             int(picked[row]), f"time stamp {verb} ({t_ns[row]} ns after {t_ns[row - 1]} ns); correct the file"
         )
+    check_unit(rows, np.diff(t_ns) / NS)
     return t_ns

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Bools, Floats, Ints, Strings
+from occlog.array_types import NS, Bools, Floats, Ints, Strings
 from occlog.errors import InputError, UsageError, option
 from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.limits import check_input, naming
@@ -32,7 +32,7 @@ from occlog.io.files.texts.formats import (
     TextPart,
     read_format,
 )
-from occlog.io.files.times import time_column
+from occlog.io.files.times import check_unit, time_column
 from occlog.records.tables import Positions
 
 WHAT = "a table of positions"
@@ -131,8 +131,13 @@ def read_positions(path: Path, options: PositionOptions) -> PositionLog:
         UsageError: frames are counted and no frame rate is given, or cells and no grid.
     """
     check_input(path, WHAT)
-    headed = _has_header(path)
-    parts = [_with_header(p, options) for p in _parts(path, options)] if headed else [*_without_header(path, options)]
+    parts, head = [], None
+    if _has_header(path):
+        for part in _parts(path, options):
+            head = head or part.rows
+            parts.append(_with_header(part, options))
+    else:
+        parts = [*_without_header(path, options)]
     if not parts or not sum(len(part.line) for part in parts):
         raise InputError(f"{path}: holds no positions; {WHAT} was expected")
     rows = _Rows._make(np.concatenate(column) for column in zip(*parts, strict=True))
@@ -144,6 +149,8 @@ def read_positions(path: Path, options: PositionOptions) -> PositionLog:
     if counted:
         rows = _timed(path, rows, options)
     else:
+        if head is not None and _is_text(path):
+            check_unit(head, np.diff(np.unique(rows.t_ns).astype(np.float64)) / NS)
         rows = rows._replace(t_ns=rows.t_ns + options.start_ns, frame=_numbers(rows))
     rows, duplicates = _without_duplicates(rows)
     sources = tuple(dict.fromkeys(rows.sensor.tolist()))
@@ -405,6 +412,7 @@ def _table(rows: _Rows, options: PositionOptions, step: int) -> Positions:
 def _empty_frames(rows: _Rows, source: str, options: PositionOptions, step: int) -> Positions:
     """A row for each frame of a source between its first and last one in which it found no target."""
     there = np.unique(rows.frame[rows.sensor == source])
+    step = _frame_step(there) if len(there) > MIN_FRAME_STEPS else step
     missing = np.setdiff1d(np.arange(there[0], there[-1] + 1, step), there)
     n = len(missing)
     nothing = np.full(n, np.nan)

@@ -199,7 +199,9 @@ def _tables(
         confidence=unknown,
     )
     try:
-        yield from fill_frames(iter([boxes] if len(rows) else []), TruthBoxes, [camera], run[0], run[-1] + 1, times)
+        yield from fill_frames(
+            iter([boxes] if len(rows) else []), TruthBoxes, [camera], [range(run[0], run[-1] + 1)], times
+        )
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 

@@ -12,6 +12,7 @@ codec's data state the size (motion JPEG, PNG, VP8, H.264), it is read from them
 
 from __future__ import annotations
 
+import math
 import re
 import struct
 import zlib
@@ -182,8 +183,16 @@ EXIF_BYTES = 1 << 16
 """Bytes of a JPEG image among which its Exif data begin."""
 DEEP_MARKS = (b"II*\0", b"MM\0*", b"P2", b"P3", b"P5", b"P6")
 """First bytes of TIFF, PGM and PPM files with values that may have 16 bits; of PNG a byte states it."""
-DARK_16 = 4095
-"""Largest of values of 16 bits up to which they are taken for values of 12 bits or fewer, which state it nowhere."""
+DARK_16, DIM_16 = 4095, 16383
+"""Largest of values of 16 bits up to which they are taken for values of 12 bits or fewer, which state it nowhere, and
+up to which they may be values of 14 bits."""
+DARK = (
+    "values of 16 bits up to {most} of 65535, which as 8 bits would be nearly black; scale them to the whole range, or "
+    "write 8 bits"
+)
+"""Fault of pictures of which `is_dark` holds."""
+Facts = list[tuple[str, dict[str, str | float]]]
+"""Ids of findings (`occlog.records.messages.VERDICT`) of what a file states of its pictures, with their values."""
 BLACK = 24
 """Mean of the brightest channel up to which a row or column is a black bar; codecs leave some noise in it."""
 
@@ -309,14 +318,45 @@ def decode_image(data: bytes, where: str) -> Image:
 
 def _check_depth(data: bytes, where: str) -> None:
     """InputError for values of 16 bits that use the lowest of them alone: the upper 8 bits are decoded."""
-    if not (data[24:25] == b"\x10" if image_kind(data) == "png" else data.startswith(DEEP_MARKS)):
+    if not _is_deep(data):
         return
     deep = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
-    if deep is not None and deep.dtype == np.uint16 and 0 < (most := int(deep.max())) <= DARK_16:
-        raise InputError(
-            f"{where}: values of 16 bits up to {most} of 65535, which as 8 bits would be nearly black; scale them to "
-            "the whole range, or write 8 bits"
-        )
+    if deep is not None and deep.dtype == np.uint16 and is_dark(int(deep.max()), FULL_16):
+        raise InputError(f"{where}: {DARK.format(most=int(deep.max()))}")
+
+
+def is_dark(most: int, full: int) -> bool:
+    """Whether a picture of values of 16 bits uses the lowest 12 alone, where `most` of `full` is its largest value."""
+    return 0 < most <= math.ceil(DARK_16 * full / FULL_16)
+
+
+def dim_values(most: int, full: int) -> Facts:
+    """State that a picture of values of 16 bits uses the lowest 14 alone; `most` and `full` as of `is_dark`."""
+    value = most * FULL_16 // full
+    return [("values-dim", {"most": value})] if DARK_16 < value <= math.ceil(DIM_16 / 257) * 257 else []
+
+
+EXIF = {
+    2: "mirrored",
+    3: "rotated by 180 deg",
+    4: "flipped upside down",
+    5: "transposed",
+    6: "rotated by 90 deg",
+    7: "transposed about the other diagonal",
+    8: "rotated by 270 deg",
+}
+"""What decoders do to an image by its Exif orientation."""
+
+
+def image_facts(data: bytes, image: Image) -> Facts:
+    """What an image file states of its picture, `image`: how it is turned, and how many of 16 bits it uses."""
+    facts: Facts = [("pictures-turned", {"how": EXIF[turn]})] if (turn := _orientation(data)) in EXIF else []
+    return [*facts, *(dim_values(int(image.max()), FULL) if _is_deep(data) else ())]
+
+
+def _is_deep(data: bytes) -> bool:
+    """Whether values of an image may have 16 bits."""
+    return data[24:25] == b"\x10" if image_kind(data) == "png" else data.startswith(DEEP_MARKS)
 
 
 def dark_bars(image: Image) -> tuple[int, int, int, int]:

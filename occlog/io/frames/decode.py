@@ -9,6 +9,8 @@ Bookkeeping of a video's frames: which were delivered, which should have been, a
 from __future__ import annotations
 
 import math
+import shlex
+import struct
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import chain, pairwise
@@ -26,7 +28,7 @@ from occlog.io.video.reader import read_container
 from occlog.records.frames import Image
 from occlog.records.losses import Loss
 
-from .codec import Changes, dark_bars, size_at
+from .codec import DARK, DARK_16, FULL, Changes, Facts, dark_bars, dim_values, is_dark, size_at
 from .limits import MAX_PIXELS
 
 MAX_STRETCHES = 20
@@ -57,6 +59,7 @@ class FrameLedger:
         self._unplaced = 0
         self._complaints: list[tuple[int, str]] = []
         self._odd: list[tuple[int, tuple[int, int]]] = []
+        self._refused: dict[str, list[int]] = {}
 
     def accept(self, index: int) -> bool:
         """Return whether a picture is used: numbered, in the range, later than the last one, and complete."""
@@ -74,11 +77,19 @@ class FrameLedger:
         if complaint:
             self._complaints.append((index, complaint))
 
+    def refuse(self, index: int, why: str) -> None:
+        """Note a picture that is not used."""
+        self._refused.setdefault(why, []).append(index)
+        self._see(index)
+
+    def _see(self, index: int) -> None:
+        if self._seen is not None and index < len(self._seen):
+            self._seen[index] = True
+
     def fits(self, index: int, size: tuple[int, int]) -> bool:
         """Note a picture that was decoded; false if it has another size than the others."""
         self.met += 1
-        if self._seen is not None and index < len(self._seen):
-            self._seen[index] = True
+        self._see(index)
         if size == self._size:
             return True
         self._odd.append((index, size))
@@ -97,6 +108,8 @@ class FrameLedger:
         """Raise InputError unless a frame of the range was delivered."""
         if self.met:
             return
+        if self._refused:
+            raise InputError(f"{self._path}: {next(iter(self._refused))}")
         if self._frames is not None and self._start >= self._frames:
             raise InputError(
                 f"{self._path}: frames from {self._start} on are requested, but the video has only {self._frames}"
@@ -109,6 +122,8 @@ class FrameLedger:
     def report(self, lost: Callable[[Loss], None]) -> None:
         """Report everything that is missing from the range, and possible faults in it."""
         losses = [*self._missing(), *self._odd_sizes(), *self._reported()]
+        for why, frames in self._refused.items():
+            losses += _stretches(self._path.name, np.array(frames, dtype=np.int64), why)
         if self._misplaced:
             what = "pictures are stored in another order than shown, and some were dropped: times near these may be off"
             losses.append(Loss(self._path.name, "dropped frames", what))
@@ -134,9 +149,10 @@ class FrameLedger:
         if self._frames is None:
             return
         wanted = (self._frames if self._stop is None else min(self._frames, self._stop)) - self._start
-        if self.met < wanted * (1 - ESTIMATE_SLACK) - 1:
-            what = f"{self.met} frames decoded where the file announces about {wanted}"
-            yield Loss(self._path.name, f"after frame {self._last}", what, wanted - self.met)
+        met = self.met + sum(map(len, self._refused.values()))
+        if met < wanted * (1 - ESTIMATE_SLACK) - 1:
+            what = f"{met} frames decoded where the file announces about {wanted}"
+            yield Loss(self._path.name, f"after frame {self._last}", what, wanted - met)
 
     def _odd_sizes(self) -> Iterator[Loss]:
         for size in dict.fromkeys(s for _, s in self._odd):
@@ -179,6 +195,10 @@ CAPTURE_OPTIONS = (
 """Protocols that FFmpeg may open: files, and no play lists."""
 
 
+DEEP_CODES = ("RGB0", "BGR0", "RBA@", "BRA@")
+"""Codes of pixel formats of 16 bits that do not end with the number of bits."""
+
+
 @dataclass(frozen=True, slots=True)
 class Picture:
     """A decoded frame: its number, its time after the start of the file (NaN if not known), the image."""
@@ -198,6 +218,9 @@ class VideoFile:
     rate_hz: float | None
     container: Container | None
     bars: tuple[int, int, int, int]  # black, at the left, top, right and lower edge [px]
+    deep: bool  # values of 16 bits, of which the decoder gives the upper 8
+    facts: Facts  # what the file states of its pictures
+    start_s: float  # time stamp of the first frame in the file, which counts as 0; NaN: not known
     capture: cv2.VideoCapture = field(repr=False)
     raw: Iterator[_Raw] = field(repr=False)
 
@@ -227,6 +250,9 @@ def _open(path: Path, container: Container | None) -> cv2.VideoCapture:
     with utf8_name(path.resolve()) as name:
         capture = cv2.VideoCapture(name, cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
     if capture.isOpened():
+        if container is not None and container.mirrored:
+            # OpenCV would take the matrix of a mirror for that of a rotation
+            capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
         return capture
     if container is None:
         raise InputError(f"{path}: not a video file that can be read (MP4, MKV and AVI are, and what FFmpeg knows)")
@@ -261,13 +287,67 @@ def _describe(
 
     pictures = _raw_pictures(there, capture, said)
     first = next(pictures, None)
-    ok, image = first.fetch(None) if first is not None else (False, None)
-    if first is None or not ok or image is None:
+    image, unconverted = first.fetch(None) if first is not None else (None, "")
+    if unconverted:
+        raise InputError(f"{path}: {_remedied(path, unconverted)}")
+    if first is None or image is None:
         decoder = f"; the decoder states: {heard[0]}" if heard else ""
         raise InputError(f"{path}: not one frame can be decoded{_faults(container)}{decoder}; copy or repair the file")
     size = (image.shape[1], image.shape[0])
     rate_hz = rate if 1e-6 < rate <= 1e6 else None
-    return VideoFile(path, size, frames, rate_hz, container, dark_bars(image), capture, chain([first], pictures))
+    code = struct.pack("<I", int(capture.get(cv2.CAP_PROP_CODEC_PIXEL_FORMAT)) & 0xFFFFFFFF)
+    deep = code.decode("latin-1") in DEEP_CODES or code[::-1].decode("latin-1") in DEEP_CODES or 16 in code[::3]
+    return VideoFile(
+        path=path,
+        size=size,
+        frames=frames,
+        rate_hz=rate_hz,
+        container=container,
+        bars=dark_bars(image),
+        deep=deep,
+        facts=[
+            *_orientation(capture, container),
+            *_aspect(capture),
+            *(dim_values(int(image.max()), FULL) if deep else ()),
+        ],
+        start_s=_start_s(capture, first),
+        capture=capture,
+        raw=chain([first], pictures),
+    )
+
+
+def _remedied(path: Path, what: str) -> str:
+    """What the decoder did not convert, with a command that does."""
+    interlaced = "interlaced" in what.lower()
+    made = shlex.quote(str(path.with_name(f"{path.stem}-converted.mp4")))
+    deinterlace = "-vf bwdif=send_frame " if interlaced else ""
+    command = f"ffmpeg -i {shlex.quote(str(path))} {deinterlace}-an -c:v libx264 -crf 12 {made}"
+    if interlaced:
+        return f"it is interlaced, of which OpenCV makes no pictures; deinterlace it: {command}"
+    return f"OpenCV makes no pictures of it ({what}); convert it: {command}"
+
+
+def _orientation(capture: cv2.VideoCapture, container: Container | None) -> Facts:
+    """The rotation that the file states; only whole right angles are applied, and no mirrors."""
+    angle = float(capture.get(cv2.CAP_PROP_ORIENTATION_META))
+    if container is not None and container.mirrored:
+        return [("pictures-not-turned", {"how": "mirrored"})]
+    if not angle:
+        return []
+    how = f"rotated by {angle:g} deg"
+    return [("pictures-turned" if angle in (90.0, 180.0, 270.0) else "pictures-not-turned", {"how": how})]
+
+
+def _aspect(capture: cv2.VideoCapture) -> Facts:
+    """The shape of pixels, unless they are square."""
+    across, down = capture.get(cv2.CAP_PROP_SAR_NUM), capture.get(cv2.CAP_PROP_SAR_DEN)
+    return [("pixels-not-square", {"across": across, "down": down})] if min(across, down) > 0 and across != down else []
+
+
+def _start_s(capture: cv2.VideoCapture, first: _Raw) -> float:
+    """Time by which the stamp of the first frame [s] is later than the decoder's time of it."""
+    stamp, rate = getattr(cv2, "CAP_PROP_PTS", None), capture.get(cv2.CAP_PROP_FPS)
+    return capture.get(stamp) / rate - first.pos_ns / NS if stamp is not None and rate > 0 else math.nan
 
 
 def _faults(container: Container | None) -> str:
@@ -302,9 +382,16 @@ def decode(
                 break
             if not ledger.accept(raw.index):
                 continue
-            ok, image = raw.fetch(None if target is None else target())
+            image, unconverted = raw.fetch(None if target is None else target())
+            if unconverted:
+                ledger.refuse(raw.index, _remedied(video.path, unconverted))
+                continue
             ledger.note(raw.index, raw.complaint)
-            if ok and ledger.fits(raw.index, size_at(sizes or [], raw.pos_ns) or (image.shape[1], image.shape[0])):
+            if image is None:
+                continue
+            if video.deep and is_dark(max(int(image.max()), 1), FULL):  # a range of studio levels cuts them to 0
+                ledger.refuse(raw.index, DARK.format(most=DARK_16))
+            elif ledger.fits(raw.index, size_at(sizes or [], raw.pos_ns) or (image.shape[1], image.shape[0])):
                 yield Picture(raw.index, raw.pos_ns, image)
     finally:
         video.capture.release()
@@ -317,7 +404,7 @@ class _Raw:
     index: int  # -1: cannot be placed
     pos_ns: float
     complaint: str
-    fetch: Callable[[Image | None], tuple[bool, Image]]
+    fetch: Callable[[Image | None], tuple[Image | None, str]]  # the image, and why it is none; see `_retrieve`
 
 
 def _raw_pictures(frames: int | None, capture: cv2.VideoCapture, complaint: Callable[[], str]) -> Iterator[_Raw]:
@@ -331,23 +418,31 @@ def _raw_pictures(frames: int | None, capture: cv2.VideoCapture, complaint: Call
             continue
         missed, misses = missed + misses, 0
         pos = capture.get(cv2.CAP_PROP_POS_MSEC)
-        image: list[tuple[bool, Image]] = []
+        image: list[tuple[Image | None, str]] = []
 
-        def fetch(target: Image | None, image: list[tuple[bool, Image]] = image) -> tuple[bool, Image]:
+        def fetch(target: Image | None, image: list[tuple[Image | None, str]] = image) -> tuple[Image | None, str]:
             if not image:
-                image.append(_retrieve(capture, target))
+                image.append(_retrieve(capture, target, complaint))
             return image[0]
 
         yield _Raw(ordinal + missed, pos * 1e6 if math.isfinite(pos) else math.nan, said, fetch)
         ordinal += 1
 
 
-def _retrieve(capture: cv2.VideoCapture, target: Image | None) -> tuple[bool, Image]:
+def _retrieve(
+    capture: cv2.VideoCapture, target: Image | None, complaint: Callable[[], str]
+) -> tuple[Image | None, str]:
+    """The picture that was decoded last, None if there is none, and why it was not converted.
+
+    OpenCV returns a buffer that nothing filled, as if it were the picture, where FFmpeg refuses the conversion; FFmpeg
+    writes of it.
+    """
     try:
         ok, image = capture.retrieve(target)
     except cv2.error:
-        return False, np.zeros((0, 0), np.uint8)
-    return bool(ok) and image is not None and image.size > 0, image
+        return None, ""
+    said = complaint()
+    return (image, said) if ok and image is not None and image.size > 0 else (None, said)
 
 
 def _trusted(container: Container | None, pictures: Iterator[_Raw], misplaced: Callable[[], None]) -> Iterator[_Raw]:

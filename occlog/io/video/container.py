@@ -44,6 +44,7 @@ class Container:
         steps: AVI only: (n,) how many frame intervals after the first packet each frame is; None: frame k is after k.
         first_ns: time in `pts_ns` of the first frame that is still in the file.
         largest: AVI only: bytes of the largest frame as the header states them, and of the largest one that is there.
+        mirrored: the metadata ask players to mirror the pictures.
     """
 
     kind: str
@@ -57,6 +58,7 @@ class Container:
     steps: Ints | None = None
     first_ns: int = 0
     largest: tuple[int, int] | None = None
+    mirrored: bool = False
 
     @property
     def frames(self) -> int | None:

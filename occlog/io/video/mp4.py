@@ -229,7 +229,7 @@ def parse(data: mmap.mmap) -> Container:
 
 
 def _container(data: mmap.mmap, moov: ByteRange, moofs: list[ByteRange], problems: list[tuple[str, str]]) -> Container:
-    trak, track_id = _video_track(data, moov)
+    trak, track_id, mirrored = _video_track(data, moov)
     samples = _sample_table(data, trak, problems)
     if moofs:
         samples = _join(samples, read_fragments(data, moov, moofs, track_id, samples.scale))
@@ -254,16 +254,18 @@ def _container(data: mmap.mmap, moov: ByteRange, moofs: list[ByteRange], problem
     lasting = samples.duration[samples.duration > 0]
     step = int(np.median(lasting)) if len(lasting) else 0
     rate = Fraction(samples.scale, step).limit_denominator(1001) if step else None
-    return Container("mp4", pts, broken, True, rate, tuple(problems))
+    return Container("mp4", pts, broken, True, rate, tuple(problems), mirrored=mirrored)
 
 
-def _video_track(data: mmap.mmap, moov: ByteRange) -> tuple[ByteRange, int]:
+def _video_track(data: mmap.mmap, moov: ByteRange) -> tuple[ByteRange, int, bool]:
+    """The video track, its number, and whether its display matrix mirrors (ISO/IEC 14496-12 sec. 8.3.2)."""
     for trak in (b for b in boxes(data, moov.start, moov.stop) if b.kind == b"trak"):
         hdlr = find_box(data, trak, b"mdia", b"hdlr")
         if hdlr is not None and data[hdlr.start + 8 : hdlr.start + 12] == b"vide":
             tkhd = need_box(data, trak, b"tkhd")
             version = data[tkhd.start]
-            return trak, unpack(data, ">I", tkhd.start + (20 if version else 12))[0]
+            a, b, _, c, d = unpack(data, ">5i", tkhd.start + (52 if version else 40))
+            return trak, unpack(data, ">I", tkhd.start + (20 if version else 12))[0], a * d < b * c
     raise BrokenContainerError(moov.start, "it names no video track")
 
 

@@ -205,6 +205,10 @@ def _ranks(boxes: Boxes, area: Floats) -> np.ndarray[tuple[int], np.dtype[np.int
 def _bearings(camera: Camera, boxes: Boxes, good: Boxes, seen: RegionBearings, target: Ints32) -> Bearings:
     if not camera.placed:
         return Bearings.empty()
+    if camera.distortion_model == "equidistant":  # boxes where a wide fisheye is not used give no bearings
+        kept = np.isfinite(seen.sigma)
+        good, target = good.take(kept), target[kept]
+        seen = RegionBearings(*(column[kept] for column in seen))
     if np.isnan(seen.bearing).any():
         row = int(np.flatnonzero(np.isnan(seen.bearing))[0])
         raise InputError(f"camera {camera.name}: frame {good.frame[row]}: the box's line of sight cannot be computed")

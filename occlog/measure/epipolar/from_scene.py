@@ -15,8 +15,8 @@ import numpy as np
 from scipy.special import fdtrc
 
 from occlog.array_types import Bools, Floats
-from occlog.core.geometry.camera import undistort
 from occlog.core.geometry.fundamental import fundamental_from_poses
+from occlog.core.geometry.lens import undistort
 from occlog.records.scene import Camera
 
 from .config import EpipolarConfig
@@ -69,7 +69,7 @@ def ideal_pixels_anywhere(camera: Camera, pixels: Floats) -> Floats:
     A lens model states nothing outside the image, and may not even have a solution.
     """
     p = np.asarray(pixels, dtype=np.float64)
-    if camera.image_size is None or not np.any(camera.distortion):
+    if camera.image_size is None or camera.straight:
         return ideal_pixels(camera, p)
     inside = np.clip(p, -0.5, np.array(camera.image_size) - 0.5)
     return ideal_pixels(camera, inside) + (p - inside)

@@ -47,7 +47,7 @@ def view_geometry(
 
 def bends(camera: Camera | None) -> bool:
     """Return whether a camera's lens distorts, if known."""
-    return camera is not None and bool(np.any(camera.distortion))
+    return camera is not None and not camera.straight
 
 
 def _camera(name: str, scene: Scene | None) -> Camera | None:

@@ -16,12 +16,13 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.console.text import counted
-from occlog.core.geometry.camera import is_upright
+from occlog.core.geometry.camera import is_upright, looks_away
 from occlog.errors import InputError, OcclogError
+from occlog.ingest.scene import Turn
 from occlog.io.files.names import match_sensor
 from occlog.io.files.texts.csv_rows import first_line
 from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, BoxSurvey, classes_in, survey_boxes
-from occlog.io.formats.calibration.common import CalibrationOptions
+from occlog.io.formats.calibration.common import CalibrationOptions, mirror_matrix
 from occlog.io.formats.calibration.reader import CalibrationFile, read_calibration
 from occlog.io.formats.tags import columns_of_reads, read_readers
 from occlog.io.formats.truth import frames_of_positions
@@ -42,6 +43,8 @@ ONE_FILE = ("kalibr", "colmap", "qualisys", "opencv-toml")
 ASKED = {
     "unit of the calibration": "ingest.calibration_unit=m",
     "size of the images": "ingest.image_size=WIDTHxHEIGHT",
+    "of a fisheye lens or": "ingest.lens_model=fisheye",
+    "world is left-handed": "ingest.mirror=y",
 }
 """Words of errors of calibrations that lack something, and the key that gives it."""
 
@@ -411,8 +414,14 @@ def _calibrations(made: Choices) -> list[OpenedCalibration]:
         groups.setdefault(key, []).append(item)
     out: list[OpenedCalibration] = []
     unit, size = made.value("ingest", "calibration_unit"), made.value("ingest", "image_size")
-    options = CalibrationOptions(None if unit is None else str(unit), _size(size))
+    lens, mirror = made.value("ingest", "lens_model"), made.value("ingest", "mirror")
     for items in groups.values():
+        options = CalibrationOptions(
+            None if unit is None else str(unit),
+            _size(size),
+            None if lens is None else str(lens),
+            None if mirror is None else str(mirror),
+        )
         try:
             out.append(OpenedCalibration(tuple(items), read_calibration([i.path for i in items], "auto", options)))
         except OcclogError as error:
@@ -560,6 +569,13 @@ def _put_calibration(made: Choices, calibration: OpenedCalibration) -> None:
         f"{calibration.file.unit}",
         "--set ingest.calibration_unit=...",
     )
+    positions, rotations = np.array([c.position for c in cameras]), np.array([c.rotation for c in cameras])
+    mirror = made.value("ingest", "mirror")
+    if mirror is None and looks_away(positions, rotations):
+        mirror = "y"
+        made.guess("ingest", "mirror", mirror, "all that the cameras see is behind them: a left-handed world, mirrored")
+    if mirror is not None:
+        cameras = tuple(Turn(mirror_matrix(str(mirror)), 0.0).camera(c) for c in cameras)
     upright = is_upright(np.array([c.rotation for c in cameras]).reshape(-1, 3, 3))
     if not upright and not made.has("ingest", "up"):
         made.guess("ingest", "up", "auto", "the calibration's world is not upright: turned by the cameras' horizons")

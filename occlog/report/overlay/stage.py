@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.core.geometry.camera import distort
 from occlog.core.geometry.fundamental import epipolar_lines
+from occlog.core.geometry.lens import distort
 from occlog.measure.epipolar.from_scene import ideal_pixels
 from occlog.measure.epipolar.views import TrackedView, ViewGeometry
 from occlog.records.declared.people import GROUND, PREDICTED

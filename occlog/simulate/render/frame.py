@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from occlog.array_types import Bytes, Floats, Floats32, Ints
-from occlog.core.geometry.camera import distort
+from occlog.core.geometry.lens import distort
 from occlog.records.scene import Camera, Scene
 
 from .body import STATURE, Clothes, poses, solids
@@ -31,7 +31,7 @@ def ideal_limits(camera: Camera) -> Floats:
     across, down = np.linspace(-0.5, width - 0.5, 65), np.linspace(-0.5, height - 0.5, 65)
     sides = [np.column_stack([np.full(65, x), down]) for x in (-0.5, width - 0.5)]
     ends = [np.column_stack([across, np.full(65, y)]) for y in (-0.5, height - 0.5)]
-    local = camera.rays(np.vstack(sides + ends)) @ camera.rotation
+    local = camera.rays(camera.to_usable(np.vstack(sides + ends))) @ camera.rotation
     return np.concatenate([local[:, :2].min(axis=0), local[:, :2].max(axis=0)])
 
 
@@ -72,7 +72,7 @@ def _to_pixels(camera: Camera, low: Floats, high: Floats) -> tuple[Floats, Float
     border = low[:, None] + (high - low)[:, None] * np.stack([u, v], axis=-1)
     bent = distort(border.reshape(-1, 2), camera.distortion, camera.distortion_model).reshape(border.shape)
     pixels = bent * camera.focal_px + camera.principal_px
-    slack = 0.0 if not np.any(camera.distortion) else 2.0
+    slack = 0.0 if camera.straight else 2.0
     return pixels.min(axis=1) - slack, pixels.max(axis=1) + slack
 
 

@@ -170,7 +170,7 @@ def _sight_lines(camera: Camera, top: int, bottom: int, width: int) -> Floats:
     """(rows * width * 4, 3) lines of sight through the pixels of some rows."""
     v, u = np.mgrid[top:bottom, 0:width].astype(np.float64)
     pixels = np.stack([np.stack([u + du, v + dv], axis=-1) for du, dv in SAMPLES], axis=2)
-    return camera.rays(pixels.reshape(-1, 2))
+    return camera.rays(camera.to_usable(pixels.reshape(-1, 2)))
 
 
 def _band_into(out: Background, camera: Camera, solid: Solid, top: int, bottom: int) -> None:

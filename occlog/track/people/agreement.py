@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -10,16 +11,19 @@ import numpy as np
 from occlog.array_types import Floats, Ints
 from occlog.consistency.verdict import MIN_SAMPLES as FEWEST_BOXES
 from occlog.consistency.verdict import exceeds_share
+from occlog.core.plane import inside_polygon
 from occlog.records.scene import Camera
 from occlog.records.verdicts import Check, finding, outcome
 from occlog.track.methods.jipda.interface import PositionSource, TrackSnapshot
 from occlog.track.methods.jipda.pose_offset import MIN_ANGLE
 
+from .camera_faults import CameraFaults
 from .clock_offset import ClockOffsetSearch
 from .frame_detections import BoxStatistics, FrameDetectionsWithIds
 from .rows import MIN_MAP_PROBABILITY, detection_probability_by_camera
 
 EXPLAINED, AGREES, ROTATED = "associated boxes", "detection rates of the cameras", "camera orientations"
+CONFIRMED, IN_ROOM, FITS = "people seen by other cameras", "people in the room", "calibrations and files of boxes"
 MAX_LIMIT_DEG = 1.0
 """Least significant rotation [deg] up to which the check of orientations applies."""
 TIMES, BOXES = "camera clocks", "camera boxes"
@@ -43,24 +47,37 @@ MAX_OUTSIDE_SHARE = 0.01
 """Share of boxes outside the image above which a warning is given."""
 MAX_UNASSOCIATED_SHARE = 0.5
 """Maximum share of boxes without an associated track."""
+MIN_ASSOCIATED_SHARE = 0.1
+"""Minimum share of the boxes of one camera that move, and have an associated track, if those of others have."""
+MAX_SHARE_OF_A_SPOT = 0.1
+"""Boxes at a spot of the image that has a larger share of a camera's boxes do not move."""
+SPOT = 0.5
+"""Size of such a spot, in widths and heights of the box."""
+MAX_ROOM_MARGIN_HEIGHTS, MAX_OUTSIDE_ROOM_SHARE = 0.5, 0.05
+"""Distance from the room, in heights of people, beyond which a person is outside, and the share of rows that may be."""
 
 
 class CameraAgreement:
     """Counts, over a stream of time steps, the people that each camera sees of those that another camera sees."""
 
-    def __init__(self, views: Sequence[Camera | PositionSource], person_height: float = 1.7) -> None:
-        """Start all counts at 0; `person_height` in the scene's unit."""
+    def __init__(
+        self, views: Sequence[Camera | PositionSource], person_height: float = 1.7, room: Floats | None = None
+    ) -> None:
+        """Start all counts at 0; `person_height` in the scene's unit, `room` (K, 2) where people can be."""
+        self._room, self._spots = room, [Counter[tuple[int, int]]() for _ in views]
         self.person_height = person_height
         self.names = [c.name for c in views]
         cameras = [c for c in views if not isinstance(c, PositionSource)]
         self.heights = [float(c.position[2]) for c in cameras]
-        self._delays = ClockOffsetSearch(cameras)
+        self._delays, self._faults = ClockOffsetSearch(cameras), CameraFaults(cameras)
         n, self.cameras = len(self.names), len(cameras)
         # What one odd camera alone sees is not expected of the others, where these are enough
         self.fewest = 2 if n > 3 else 1
         self.expected = np.zeros(n)
         self.met = np.zeros(n)
         self.used = np.zeros(n)
+        self.confirmed, self.alone = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
+        self.outside_room, self.rows, self.outside_by = 0, 0, np.zeros(n, dtype=np.int64)
         self.static = np.zeros(n, dtype=np.int64)
         self.late, self.late_limit = np.zeros(n), np.full(n, np.inf)
         self.angles, self.angles_limit = np.zeros((n, 2)), np.full((n, 2), np.inf)
@@ -79,8 +96,18 @@ class CameraAgreement:
         by = detection_probability_by_camera(snapshot, len(self.names)) >= MIN_MAP_PROBABILITY
         in_images = [each for each in frames if each.detections.covariance is None]
         self._delays.add(snapshot, in_images, by[:, : self.cameras])
+        self._faults.add(snapshot, by[:, : self.cameras], in_images)
+        for each in in_images:
+            self._spots[each.detections.camera].update(_spots(each.detections.boxes))
         if not len(snapshot.ids):
             return
+        together = by.sum(axis=1) > 1
+        self.confirmed += by[together].sum(axis=0)
+        self.alone += by[~together].sum(axis=0)
+        if self._room is not None:
+            away = distance_outside(snapshot.mean[:, :2], self._room) > MAX_ROOM_MARGIN_HEIGHTS * self.person_height
+            self.rows, self.outside_room = self.rows + len(away), self.outside_room + int(away.sum())
+            self.outside_by += by[away].sum(axis=0)
         cameras = [each.detections.camera for each in frames]
         others = by.sum(axis=1)[:, None] - by >= self.fewest
         with np.errstate(invalid="ignore"):
@@ -100,7 +127,7 @@ class CameraAgreement:
         boxes, whole = int(tally.boxes.sum()), tally.boxes + tally.outside + tally.twice
         known, angles = np.isfinite(self.shares), np.abs(self.angles[np.isfinite(self.angles_limit)])
         few = f"fewer than {MIN_EXPECTED_DETECTIONS} people seen elsewhere should be seen plainly in each camera"
-        return (
+        found = (
             *outcome(
                 EXPLAINED,
                 self._unexplained(tally),
@@ -108,6 +135,8 @@ class CameraAgreement:
                 boxes=boxes,
             ),
             *outcome(AGREES, self._odd(tally), unless="" if known.any() else few),
+            *outcome(CONFIRMED, self._unconfirmed(), unless="" if self.cameras > 1 else "there is one camera"),
+            *outcome(IN_ROOM, self._outside(), unless="the scene has no room" if self._room is None else ""),
             *outcome(
                 ROTATED,
                 self._rotated(),
@@ -124,6 +153,7 @@ class CameraAgreement:
             *outcome(STATIC, self._static()),
             *outcome(BOXES, self._boxes(tally), unless="" if whole.any() else "there are no boxes"),
         )
+        return (*outcome(FITS, self._causes(found)), *found)
 
     def _common(self) -> Iterator[Check]:
         """State the error of position that all cameras share, if it is large."""
@@ -154,15 +184,68 @@ class CameraAgreement:
                 yield _of_boxes(name, "boxes-outside-image", tally.outside[c], whole[c], MAX_OUTSIDE_SHARE)
 
     def _unexplained(self, tally: BoxStatistics) -> Iterator[Check]:
-        """Find whether most boxes are clutter: the extrinsics are wrong, or the boxes are of other objects."""
+        """Find whether most boxes of all cameras, or nearly all of one, are clutter.
+
+        Then extrinsics are wrong, or the boxes are of other objects.
+        """
         boxes = int(tally.boxes.sum())
         unassociated = boxes - round(float(self.used.sum()))
-        if boxes < FEWEST_BOXES or not exceeds_share(unassociated, boxes, MAX_UNASSOCIATED_SHARE):
-            return
-        share = unassociated / boxes
-        yield finding(EXPLAINED, "boxes-unassociated", share=share, boxes=boxes, allowed=MAX_UNASSOCIATED_SHARE)
-        if buried := [name for name, height in zip(self.names, self.heights, strict=False) if height < 0.0]:
-            yield finding(EXPLAINED, "camera-below-ground", sensors=buried)
+        if boxes >= FEWEST_BOXES and exceeds_share(unassociated, boxes, MAX_UNASSOCIATED_SHARE):
+            share = unassociated / boxes
+            yield finding(EXPLAINED, "boxes-unassociated", share=share, boxes=boxes, allowed=MAX_UNASSOCIATED_SHARE)
+            if buried := [name for name, height in zip(self.names, self.heights, strict=False) if height < 0.0]:
+                yield finding(EXPLAINED, "camera-below-ground", sensors=buried)
+        share_of = self.used / np.maximum(tally.boxes, 1)
+        for c, name in enumerate(self.names[: self.cameras]):
+            moving = self._moving(c)
+            others = np.delete(share_of, c)[np.delete(tally.boxes, c) >= FEWEST_BOXES]
+            trusted = len(others) and float(np.median(others)) > MAX_UNASSOCIATED_SHARE
+            if trusted and moving >= FEWEST_BOXES and self.used[c] < MIN_ASSOCIATED_SHARE * moving:
+                yield finding(
+                    EXPLAINED,
+                    "camera-unassociated",
+                    sensors=[name],
+                    count=moving - int(min(self.used[c], moving)),
+                    boxes=moving,
+                    allowed=1.0 - MIN_ASSOCIATED_SHARE,
+                )
+
+    def _causes(self, checks: Sequence[Check]) -> Iterator[Check]:
+        """State the mistakes that explain the boxes of cameras, where a check failed."""
+        if any(check.status == "failed" for check in checks):
+            for c, name in enumerate(self.names[: self.cameras]):
+                found = self._faults.fitting(c)
+                if found is not None:
+                    yield finding(
+                        FITS, "camera-fits-if", sensors=[name], fit=found.fit, now=found.now, change=found.words
+                    )
+
+    def _moving(self, camera: int) -> int:
+        """Number of boxes of a camera that are not always at the same few spots."""
+        counts = self._spots[camera]
+        most = MAX_SHARE_OF_A_SPOT * counts.total()
+        return sum(count for count in counts.values() if count <= most)
+
+    def _unconfirmed(self) -> Iterator[Check]:
+        """Find cameras of which no person is ever seen by another camera, where others do see the same people."""
+        for c, name in enumerate(self.names[: self.cameras]):
+            others = np.delete(self.confirmed, c)
+            if self.alone[c] >= FEWEST_BOXES and not self.confirmed[c] and others.max(initial=0) >= FEWEST_BOXES:
+                yield finding(CONFIRMED, "camera-alone", sensors=[name], count=int(self.alone[c]))
+
+    def _outside(self) -> Iterator[Check]:
+        """Find whether people are outside the room, and the cameras that see them there."""
+        if exceeds_share(self.outside_room, self.rows, MAX_OUTSIDE_ROOM_SHARE):
+            order = np.argsort(-self.outside_by, kind="stable")
+            seen_by = [self.names[c] for c in order.tolist() if self.outside_by[c] > 0.5 * self.outside_by[order[0]]]
+            yield finding(
+                IN_ROOM,
+                "people-outside-room",
+                sensors=seen_by,
+                count=self.outside_room,
+                rows=self.rows,
+                allowed=MAX_OUTSIDE_ROOM_SHARE,
+            )
 
     def _odd(self, tally: BoxStatistics) -> Iterator[Check]:
         """Find cameras that do not see the people the others see, unless their boxes are omitted."""
@@ -212,6 +295,24 @@ class CameraAgreement:
             if len(others) and ((first_ns[others] > last_ns[c]) | (last_ns[others] < first_ns[c])).all():
                 offset_s = (first_ns[c] - first_ns[others].min()) / 1e9
                 yield finding(TIMES, "camera-times-disjoint", sensors=[self.names[c]], offset_s=float(offset_s))
+
+
+def _spots(boxes: Floats) -> list[tuple[int, int]]:
+    """Spots of the image in which boxes (n, 4: left, top, right, bottom) [px] are, by their middles and sizes."""
+    middle = 0.5 * (boxes[:, :2] + boxes[:, 2:])
+    size = np.maximum(boxes[:, 2:] - boxes[:, :2], 1.0)
+    # Sizes in steps, so that spots are the same for boxes of about one size
+    step = SPOT * np.exp2(np.round(np.log2(size)))
+    return [(x, y) for x, y in np.floor(middle / step).astype(np.int64).tolist()]
+
+
+def distance_outside(xy: Floats, room: Floats) -> Floats:
+    """(n,) distance of points (n, 2) from the polygon (K, 2); 0 inside."""
+    start, along = room, np.roll(room, -1, axis=0) - room
+    to = xy[:, None] - start
+    share = np.clip(np.sum(to * along, axis=-1) / np.maximum(np.sum(along**2, axis=-1), 1e-30), 0.0, 1.0)
+    distance = np.hypot(*np.moveaxis(to - share[..., None] * along, -1, 0)).min(axis=1)
+    return np.where(inside_polygon(np.ascontiguousarray(xy), room), 0.0, distance)
 
 
 def _of_boxes(name: str, id: str, count: int, boxes: int, allowed: float) -> Check:

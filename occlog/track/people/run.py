@@ -29,6 +29,7 @@ from .image_tracks import ImageTracksPart, track_in_images
 from .inputs import ImageInput, PeopleInput, inconsistent_cameras
 from .reidentification import GalleryReidentification
 from .rows import SnapshotTables
+from .speeds import PeopleSpeeds
 from .stage import PeopleTracker, Tabulator, track_people
 
 OUTSIDE, SIZES, IDENTITIES = "boxes skipped at ingest", "person heights per camera", "expected identity switches"
@@ -146,6 +147,7 @@ class PeopleSummary(_Counts):
         """Begin with all counts at 0."""
         super().__init__(inputs)
         self.agreement = agreement
+        self.speeds = PeopleSpeeds(agreement.person_height)
         self.positions: PositionErrors | None = None
 
     def learned(self, state: object) -> None:
@@ -159,19 +161,20 @@ class PeopleSummary(_Counts):
         self.times += len(np.unique(part.tracks.t_ns))
         self.unseen += int(np.count_nonzero(np.char.startswith(part.tracks.quality_flags, COASTING)))
         self.existence += float(part.tracks.existence_probability.sum())
+        self.speeds.add(part.tracks)
         self.count_events(part.events)
 
     def figures(self) -> dict[str, object]:
         """The figures.
 
         people, rows: of the tracks.  mean_people: at the times that have any.  coasting_share: share of the rows
-        without a box of any camera.  expected_switches: the sum of the probabilities of the possible identity
-        switches.  boxes: of each camera, those in use, associated and unassociated; expected numbers, where a box of
-        two people who touch is one box.  detection_rates: of each camera, the share of the people seen by another
-        camera, and plainly visible to this one, that it detects.  common_position_error: standard deviation per axis
-        and correlation time of the error that all cameras share.  static_clutter: number of static objects that a
-        camera reports as people.  clock_offsets: by how many seconds a camera shows what was
-        earlier.  position_sigma: of each source of positions.
+        without a box of any camera. expected_switches: the sum of the probabilities of the possible identity switches.
+        boxes: of each camera, those in use, associated and unassociated; expected numbers, where a box of two people
+        who touch is one box; confirmed: people whom another camera sees at the same time. detection_rates: of each
+        camera, the share of the people seen by another camera, and plainly visible to this one, that it detects.
+        common_position_error: standard deviation per axis and correlation time of the error that all cameras share.
+        static_clutter: number of static objects that a camera reports as people. clock_offsets: by how many seconds a
+        camera shows what was earlier. position_sigma: of each source of positions.
         """
         tally, used = self.inputs.tally, self.agreement.used
         boxes = {
@@ -179,6 +182,7 @@ class PeopleSummary(_Counts):
                 "boxes": int(tally.boxes[c]),
                 "associated": round(float(used[c]), 1),
                 "unassociated": round(float(tally.boxes[c] - used[c]), 1),
+                **({"confirmed": int(self.agreement.confirmed[c])} if len(self.inputs.names) > 1 else {}),
                 **({"outside_image": int(tally.outside[c])} if tally.outside[c] else {}),
                 **({"duplicates": int(tally.twice[c])} if tally.twice[c] else {}),
             }
@@ -238,6 +242,7 @@ class PeopleSummary(_Counts):
             *outcome(SIZES, self._tall(), unless="" if compared else UNSIZED),
             *self.identities(),
             *self.numbering(),
+            *self.speeds.checks(self.inputs.scene.length_unit),
             *outcome(SMOOTHED, self._smoothed()),
             *self.found(),
             *outcome(
@@ -349,7 +354,8 @@ def run_track_people(request: TrackPeopleRequest, job: Job) -> tuple[dict[str, o
     follower: PeopleTracker[object, object] = load(METHODS[request.method].method)
     steps = job.progress(inputs.time_steps, "track")
     in_images = request.view_tracks is not None
-    tabulator = Tabulator(inputs.views, in_images=in_images, person_height=inputs.config.person_height)
+    height, room = inputs.config.person_height, inputs.scene.room
+    tabulator = Tabulator(inputs.views, in_images=in_images, person_height=height, room=room)
     summary = PeopleSummary(inputs, tabulator.agreement)
     seen = track_people(
         steps, inputs.scene, inputs.views, inputs.config, follower, request.seed, inputs.heard(), summary.learned

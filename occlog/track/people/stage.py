@@ -177,7 +177,12 @@ class Tabulator:
     """Makes tables of time steps, and counts the people that each camera sees."""
 
     def __init__(
-        self, cameras: Sequence[Camera | PositionSource], *, in_images: bool, person_height: float = 1.7
+        self,
+        cameras: Sequence[Camera | PositionSource],
+        *,
+        in_images: bool,
+        person_height: float = 1.7,
+        room: Floats | None = None,
     ) -> None:
         """Create empty counts.
 
@@ -185,11 +190,12 @@ class Tabulator:
             cameras: of the frames, then sources of positions.
             in_images: project all tracks into every image.
             person_height: mean height of people, in the scene's unit.
+            room: (K, 2) where people can be; None: not stated.
         """
         self._names = [c.name for c in cameras]
         self._cameras = sum(not isinstance(c, PositionSource) for c in cameras)
         self._views = TracksInViews([c for c in cameras if not isinstance(c, PositionSource)]) if in_images else None
-        self.agreement = CameraAgreement(cameras, person_height)
+        self.agreement = CameraAgreement(cameras, person_height, room)
 
     def tables(self, seen: Sequence[SnapshotWithDetections]) -> SnapshotTables:
         """The rows of some time steps."""

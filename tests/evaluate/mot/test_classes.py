@@ -133,3 +133,39 @@ def test_a_truth_without_a_row_makes_every_track_false(capsys: pytest.CaptureFix
 def test_an_empty_result_can_be_written_for_other_programs(capsys: pytest.CaptureFixture[str]) -> None:
     figures(capsys, [f"1,1,{BOX},1,1,1.0"], [], "--mot", "mot", "-o", "m.json", "--failures", "f.parquet")
     assert Path("mot/trackers/MOT17-train/ours/data/view.txt").read_text() == ""
+
+
+def test_boxes_that_do_not_count_are_stated_by_class(capsys: pytest.CaptureFixture[str]) -> None:
+    truth = [f"1,1,{BOX},1,1,1.0", f"1,2,{BESIDE},1,2,1.0", "1,3,5,5,9,9,1,2,1.0", "1,4,50,5,9,9,0,7,1.0"]
+    Path("gt.txt").write_text("".join(f"{line}\n" for line in truth))
+    Path("ours.txt").write_text(f"1,1,{BOX},1,-1,-1,-1\n")
+    assert run(["evaluate", "ours.txt", "--truth", "gt.txt"]) == ExitCode.DONE
+    said = capsys.readouterr().err
+    assert "3 of 4 true boxes do not count by the rules of mot17 (class 2: 2, class 7: 1)" in said
+    assert "--benchmark mot15 counts all boxes" in said
+
+
+def test_a_truth_in_which_no_box_counts_is_refused_with_its_class(capsys: pytest.CaptureFixture[str]) -> None:
+    said = error(capsys, [f"1,1,{BOX},1,2,1.0", f"2,1,{BOX},1,2,1.0"])
+    assert "2 of 2 true boxes do not count by the rules of mot17 (class 2: 2)" in said
+    assert "count all boxes: --benchmark mot15" in said
+
+
+@pytest.mark.parametrize(("truth", "rows"), [("gt_mixed.txt", 300), ("gt_class2.txt", 300)])
+def test_classes_of_annotation_tools_count_by_the_rules_without_classes(
+    truth: str, rows: int, shared_cases: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = shared_cases / "v09-mot-classes-of-cvat"
+    words = [
+        "evaluate",
+        str(files / "tracks.txt"),
+        "--truth",
+        str(files / truth),
+        "--benchmark",
+        "mot15",
+        "--json",
+        "-q",
+    ]
+    assert run(words) == ExitCode.DONE
+    got = json.loads(capsys.readouterr().out)
+    assert (got["mota"], got["objects"]) == (1.0, rows)

@@ -22,7 +22,7 @@ from occlog.examine.doctor.run import check_files
 from occlog.io.files.provenance import Provenance
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.messages import DOCTOR
-from occlog.records.tables import Truth
+from occlog.records.tables import Boxes, Truth
 
 POSE = "geometry_msgs/msg/PoseStamped"
 
@@ -142,3 +142,28 @@ def test_folders_with_more_files_than_are_looked_at(tmp_path: Path, monkeypatch:
 def test_every_kind_of_finding_has_a_test() -> None:
     tests = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "tests/examine/doctor").glob("*.py"))
     assert [kind for kind in DOCTOR if f'"{kind}"' not in tests] == []
+
+
+@pytest.mark.parametrize(("moves", "kinds"), [(True, ["frozen-camera"]), (False, [])])
+def test_a_camera_that_repeats_its_boxes(tmp_path: Path, *, moves: bool, kinds: list[str]) -> None:
+    """Two boxes of camera b are the same from 6 s on, while those of a go on, or stand still as well."""
+    path, frames = tmp_path / "r.mcap", np.arange(100)
+    columns = {"left_px": 0.0, "top_px": 30.0, "width_px": 20.0, "height_px": 50.0, "confidence": 0.9}
+    with RecordingWriter(path, None, Provenance("test")) as out:
+        for name, stop in (("a", 100 if moves else 60), ("b", 60)):
+            shift = np.repeat(np.minimum(frames, stop), 2)
+            box = np.tile([0, 1], 100)
+            rows = {key: np.full(200, value) for key, value in columns.items()} | {"left_px": 100.0 * box + shift}
+            out.table(
+                Boxes.of(
+                    t_ns=np.repeat(frames, 2) * 10**8,
+                    sensor=np.full(200, name),
+                    frame=np.repeat(frames, 2),
+                    box=box,
+                    target_id=np.full(200, -1),
+                    **rows,
+                )
+            )
+    found = found_in(path)
+    assert [f.kind for f in found] == kinds
+    assert all("sensor b, from 1970-01-01T00:00:06" in f.location and "40 identical" in f.value for f in found)

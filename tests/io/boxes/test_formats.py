@@ -125,7 +125,7 @@ def test_a_share_may_pass_1_by_the_rounding_of_labels(tmp_path: Path) -> None:
 def test_numbers_in_steps_are_frames_and_those_between_are_none(tmp_path: Path) -> None:
     folder = yolo(tmp_path / "l", {f"{n:08d}.txt": "0 .5 .5 .1 .1\n" for n in (0, 5, 15)})
     boxes, survey = read(BoxFile(folder, "a"))
-    assert survey.step == 5
+    assert survey.ranges["a"].step == 5
     assert boxes.frame.tolist() == [0, 5, 10, 15]
     assert boxes.box.tolist() == [0, 0, -1, 0]
 

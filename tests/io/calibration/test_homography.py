@@ -10,7 +10,8 @@ from people_boxes import SIZE, hall
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
-from occlog.io.formats.calibration.common import CalibrationOptions
+from occlog.ingest.scene import find_turn
+from occlog.io.formats.calibration.common import CalibrationOptions, mirror_matrix
 from occlog.io.formats.calibration.reader import read_calibration
 from occlog.records.scene import Camera
 
@@ -79,3 +80,24 @@ def test_what_is_no_camera_above_the_ground_is_refused(tmp_path: Path) -> None:
     np.savetxt(tmp_path / "a_H.txt", matrix)
     with pytest.raises(InputError, match="does not state the size of the images"):
         read_calibration([tmp_path / "a_H.txt"], "auto", CalibrationOptions())
+
+
+@pytest.mark.parametrize("inverse", [False, True])
+@pytest.mark.parametrize("axis", ["x", "y"])
+def test_a_left_handed_ground_is_mirrored(tmp_path: Path, axis: str, inverse: bool) -> None:
+    true, axes = hall("abcd").cameras, mirror_matrix(axis)
+    matrices = {c.name: homography(c) @ axes for c in true}
+    for name, matrix in matrices.items():
+        np.savetxt(tmp_path / f"{name}_H.txt", np.linalg.inv(matrix) if inverse else matrix)
+    paths = [tmp_path / f"{name}_H.txt" for name in matrices]
+    with pytest.raises(InputError, match="its camera is below the ground: the axes of the ground are left-handed"):
+        read_calibration(paths, "auto", CalibrationOptions(None, SIZE))
+    found = read_calibration(paths, "auto", CalibrationOptions(None, SIZE, mirror=axis)).cameras
+    turn = find_turn(found, None, None, lambda _: None, axis)
+    assert turn is not None
+    for camera, left in zip(true, found, strict=True):
+        right = turn.camera(left)
+        assert right.position == pytest.approx(camera.position, abs=1e-6)
+        assert right.rotation == pytest.approx(camera.rotation, abs=1e-8)
+    with pytest.raises(InputError, match="a homography states no z"):
+        read_calibration(paths, "auto", CalibrationOptions(None, SIZE, mirror="z"))

@@ -115,3 +115,17 @@ def test_grid_is_three_numbers() -> None:
     for text in ("0.025", "0,-3,-9", "a,b,c", "0.025,nan,0"):
         with pytest.raises(UsageError, match="SIZE,X,Y"):
             parse_grid(text)
+
+
+def test_sources_of_unequal_steps_keep_their_own_frames(tmp_path: Path) -> None:
+    rows = [f"{n},1,{n % 7},lidar" for n in range(60)] + [f"{n},2,{n % 5},radar" for n in range(0, 60, 5) if n != 20]
+    table = read_positions(written(tmp_path, "\n".join(["frame,x,y,sensor", *rows])), PositionOptions(times=TEN)).table
+    assert table.frame[table.sensor == "radar"].tolist() == list(range(0, 60, 5))
+    assert table.frame[table.sensor == "lidar"].tolist() == list(range(60))
+
+
+def test_times_of_positions_in_another_unit_are_asked_for(tmp_path: Path) -> None:
+    rows = "".join(f"{100 * n},1,2\n" for n in range(30))
+    with pytest.raises(InputError, match="column time: 100 s from frame to frame"):
+        read_positions(written(tmp_path, "time,x,y\n" + rows), PositionOptions())
+    assert len(read_positions(written(tmp_path, "t_ms,x,y\n" + rows), PositionOptions()).table) == 30

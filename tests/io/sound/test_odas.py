@@ -129,3 +129,12 @@ def test_ingest_takes_a_stream_and_says_what_the_end_cut_off(tmp_path: Path) -> 
     recording = open_recording(out)
     assert recording.read(Doa).t_ns.tolist() == [800_000_000]
     assert len(recording.losses) == 1
+
+
+def test_a_log_of_two_runs_is_named_with_the_line_of_the_second(
+    shared_cases: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    case = shared_cases / "c02_odas_two"
+    words = ["--scene", str(case / "arr.yaml"), "--doa", f"table={case / 'odas_two.json'}", "--odas-hop", "128/16000"]
+    assert run(["ingest", "-o", str(tmp_path / "x.mcap"), *words, "--start-time", "2024-05-01T12:00:00Z"]) == 4
+    assert "line 2701: time of table goes back by 2.39 s; it starts again there" in capsys.readouterr().err

@@ -10,7 +10,7 @@ from people_boxes import camera
 
 from occlog.records.verdicts import findings
 from occlog.track.methods.jipda.interface import BoxAssociations, FrameDetections, TrackSnapshot
-from occlog.track.people.agreement import MIN_EXPECTED_DETECTIONS, CameraAgreement
+from occlog.track.people.agreement import MIN_EXPECTED_DETECTIONS, CameraAgreement, distance_outside
 from occlog.track.people.frame_detections import BoxStatistics, FrameDetectionsWithIds
 
 
@@ -117,3 +117,52 @@ def test_cameras_that_look_at_other_times_are_named() -> None:
     assert found[1].figures == {"offset_s": 10.0}
     tally.first_ns[1] = 9_000_000_000
     assert list(findings(CameraAgreement([camera(name) for name in "ab"]).checks(tally))) == []
+
+
+def with_boxes(frames: int, still: bool, used: int) -> list[str]:
+    """Findings of two cameras of which people explain the boxes, and a third with boxes that move, or do not."""
+    agreement, tally = CameraAgreement([camera(name) for name in "abc"]), BoxStatistics.of(3)
+    for k in range(frames):
+        left = 100.0 + (0.0 if still else 3.0 * k)
+        each = looks(3)
+        each[2] = each[2]._replace(
+            detections=each[2].detections._replace(boxes=np.array([[left, 50.0, left + 40.0, 150.0]]))
+        )
+        agreement.add(moment([[True, True, False]], visible=0.0), each)
+    tally.boxes[:] = frames
+    agreement.used[2] = used
+    return [f"{found.id}: {found.text.split()[1]}" for found in findings(agreement.checks(tally))]
+
+
+def test_a_camera_with_moving_boxes_that_no_track_explains_is_named() -> None:
+    assert with_boxes(200, still=False, used=0) == ["camera-unassociated: c:"]
+    assert with_boxes(200, still=False, used=30) == []
+    # A picture on the wall is static clutter, which has a message of its own
+    assert with_boxes(200, still=True, used=0) == []
+
+
+def test_a_camera_that_shares_no_person_with_others_is_noted() -> None:
+    agreement = CameraAgreement([camera(name) for name in "abc"])
+    for _ in range(100):
+        agreement.add(moment([[True, True, False], [False, False, True]], visible=0.0), looks(3))
+    said = list(findings(agreement.checks(BoxStatistics.of(3))))
+    assert [(found.id, found.sensors, found.severity) for found in said] == [("camera-alone", ("c",), "note")]
+    assert (agreement.confirmed.tolist(), agreement.alone.tolist()) == ([100, 100, 0], [0, 0, 100])
+
+
+def test_people_outside_the_room_are_said_with_the_cameras_that_see_them() -> None:
+    room = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 3.0], [0.0, 3.0]])
+    for x, expected in ((4.8, []), (5.0, [("people-outside-room", ("b",))])):
+        agreement = CameraAgreement([camera(name) for name in "ab"], 1.7, room)
+        for _ in range(100):
+            at = moment([[True, True], [False, True]], visible=0.0)
+            at.mean[:, :2] = [[2.0, 1.0], [x, 1.0]]
+            agreement.add(at, looks(2))
+        said = list(findings(agreement.checks(BoxStatistics.of(2))))
+        assert [(found.id, found.sensors) for found in said] == expected
+
+
+def test_the_distance_from_a_room_is_that_to_its_nearest_wall() -> None:
+    room = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 3.0], [0.0, 3.0]])
+    points = np.array([[1.0, 1.0], [5.0, 1.0], [7.0, 7.0], [2.0, -0.5]])
+    np.testing.assert_allclose(distance_outside(points, room), [0.0, 1.0, 5.0, 0.5])

@@ -16,5 +16,5 @@ from occlog.track.people.run import MIN_PAIRS, PeopleSummary
 )
 def test_numbers_that_are_hardly_ever_successive_are_said(pairs: int, left_out: int, said: int) -> None:
     inputs = SimpleNamespace(numbers={"a": FrameNumbers(1, pairs, left_out)})
-    found = list(PeopleSummary(inputs, None)._numbers())
+    found = list(PeopleSummary(inputs, SimpleNamespace(person_height=1.7))._numbers())
     assert [f.id for f in found] == ["frame-numbers-sparse"] * said

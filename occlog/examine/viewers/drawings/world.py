@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 
 WORLD = "world"
-MODELS = {"brown": ("plumb_bob", 5), "equidistant": ("kannala_brandt", 4)}
+MODELS = {"brown": ("plumb_bob", 5), "opencv": ("rational_polynomial", 8), "equidistant": ("kannala_brandt", 4)}
 """Models of distortion by our names: the viewers' name, and how many coefficients it has."""
 
 
@@ -76,12 +76,14 @@ def frame_transforms(scene: Scene, t_ns: int, metres: float) -> bytes:
 def camera_calibration(camera: Camera, size: tuple[int, int], t_ns: int) -> bytes:
     """A `foxglove.CameraCalibration` for images of `size` (width, height).
 
-    The model of distortion that viewers do not know (`tsai`) is skipped: what they project themselves is then
-    off towards the edges of images.
+    Models of distortion that viewers do not know (`tsai`, thin prisms and tilted sensors) are skipped: what they
+    project themselves is then off towards the edges of images.
     """
     fx, fy = camera.focal_px.tolist()
     cx, cy = camera.principal_px.tolist()
     model, count = MODELS.get(camera.distortion_model, ("", 0))
+    if camera.distortion[8:].any():
+        model, count = "", 0
     message = CameraCalibration(
         frame_id=camera.name,
         width=size[0],

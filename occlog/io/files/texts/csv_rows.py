@@ -226,6 +226,7 @@ def read_rows(
     *,
     ignored: Sequence[str] = (),
     ignore_extra: bool = False,
+    commented: bool = False,
     rows: int = ROWS_PER_CHUNK,
 ) -> Generator[CsvRows, None, None]:
     """Chunks of a text table with a first line that names the columns, or of a file that a plug-in reads as one.
@@ -239,10 +240,11 @@ def read_rows(
         what: what the file should be, for messages.
         ignored: names of columns that may be there and are not used.
         ignore_extra: skip unknown columns instead of refusing them.
+        commented: the first line, which begins with `#`, names the columns; see `commented_header`.
         rows: rows of a chunk.
     """
     with _open_text(path, what) as file:
-        lines = _split(path, file)
+        lines = _split(path, file, commented=commented)
         line, header = next(lines, (0, []))
         if not header:
             raise InputError(f"{path}: has no line with data; {what} was expected")
@@ -273,6 +275,20 @@ def first_line(path: Path, what: str) -> list[str]:
     """Cells of the first line that is neither empty nor a comment."""
     with _open_text(path, what) as file:
         return next(_split(path, file), (0, []))[1]
+
+
+def commented_header(path: Path, what: str) -> list[str]:
+    """Names of columns in a first line that begins with `#`, as many as the first line with data has cells; else none.
+
+    Cells are separated by commas, semicolons or tabs, and data by the same mark: a comment of words is no header.
+    """
+    with _open_text(path, what) as file:
+        if not file.readline(LONGEST_LINE).startswith("#"):
+            return []
+    with _open_text(path, what) as file:
+        lines = _split(path, file, commented=True)
+        names, data = next(lines, (0, []))[1], next(lines, (0, []))[1]
+    return names if 1 < len(names) == len(data) and not is_header(data) else []
 
 
 def is_header(cells: Sequence[str]) -> bool:
@@ -318,14 +334,14 @@ def text_lines(path: Path, file: TextIO) -> Iterator[tuple[int, str]]:
         yield number, line
 
 
-def _split(path: Path, file: TextIO) -> Iterator[tuple[int, list[str]]]:
-    """(line number, cells) of every line with data."""
+def _split(path: Path, file: TextIO, *, commented: bool = False) -> Iterator[tuple[int, list[str]]]:
+    """(line number, cells) of every line with data, and of a first one that begins with `#` if `commented`."""
     reader = None
     number = width = 0
     try:
         for number, line in text_lines(path, file):
             text = line.strip()
-            if not text or text.startswith("#"):
+            if not text or (text.startswith("#") and not (commented and number == 1)):
                 continue
             if "\0" in line:
                 _refuse(InputError(f"{path}: line {number}: not text; a text table was expected"))

@@ -53,7 +53,13 @@ def open_cvat(path: Path, wanted: BoxReadOptions) -> BoxSource:
     if not records and listed is None:
         raise InputError(f"{path}: has no <track> and no <image>; {WHAT} were expected (CVAT for video, or for images)")
     records.sort(key=lambda record: int(record[1]["frame"]))
-    return BoxSource(_chunks(path, records), "CVAT", listed, first_number=0, sizes=stated_sizes(_sizes(root)))
+    return BoxSource(
+        _chunks(path, records),
+        "CVAT",
+        {} if listed is None else {"": listed},
+        first_number=0,
+        sizes=stated_sizes(_sizes(root)),
+    )
 
 
 def _sizes(root: Element) -> Iterator[tuple[str, object, object]]:

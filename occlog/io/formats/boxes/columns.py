@@ -74,7 +74,8 @@ class BoxSource(NamedTuple):
     Attributes:
         chunks: its rows, with columns named as in `COLUMNS`, `CLASS_KEYS` and `share_x`, ...
         kind: the format, in words.
-        listed: numbers of frames that it names, also those without a box; None: it names those with boxes only.
+        listed: numbers of the frames that it names, also those without a box, by label of the camera, "" where the
+            camera was stated; empty: it names those with boxes only.
         cameras: labels of cameras that it names, also those without a box.
         first_number: number of frame 0, where the format states it; None: it does not.
         sizes: width and height [px] of the images that boxes are of, by label of the camera, where the format states
@@ -83,7 +84,7 @@ class BoxSource(NamedTuple):
 
     chunks: Iterator[CsvRows]
     kind: str
-    listed: Ints | None = None
+    listed: Mapping[str, Ints] = MappingProxyType({})
     cameras: tuple[str, ...] = ()
     first_number: int | None = None
     sizes: Mapping[str, tuple[int, int]] = MappingProxyType({})

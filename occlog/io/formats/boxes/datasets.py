@@ -181,7 +181,8 @@ def open_annotations(path: Path, wanted: BoxReadOptions) -> BoxSource:
     named = {view: f"C{view + 1}" for view in sorted({view for person in first for view in person.views})}
     cameras = {view: name for view, name in named.items() if not known or _is_known(name, known)}
     kind = "WILDTRACK's annotations"
-    return BoxSource(_wildtrack_chunks(path, files, cameras), kind, listed, tuple(cameras.values()))
+    names = tuple(cameras.values())
+    return BoxSource(_wildtrack_chunks(path, files, cameras), kind, dict.fromkeys(names, listed), names)
 
 
 def _is_known(name: str, known: Sequence[str]) -> bool:
@@ -321,7 +322,7 @@ def open_folder(path: Path, wanted: BoxReadOptions) -> BoxSource:
         names = ", ".join(str(name) for name in folders)
         raise InputError(f"{path}: holds the labels of several cameras ({names}); give it without a camera")
     numbers = {name: _numbered(folder) for name, folder in folders.items()}
-    listed = np.unique(np.array([n for files in numbers.values() for n in files], dtype=np.int64))
+    listed = {str(name or ""): np.array(list(files), dtype=np.int64) for name, files in numbers.items()}
     named = tuple(str(name) for name in folders if name is not None)
     chunks = (rows for name, files in numbers.items() for rows in _camera(folders[name], name, files))
     return BoxSource(chunks, "YOLO text", listed, named)

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from occlog.array_types import Ints
 from occlog.errors import InputError
 from occlog.io.files.names import last_number
 from occlog.io.files.texts.csv_rows import CsvRows
@@ -60,7 +59,7 @@ def open_json(path: Path, wanted: BoxReadOptions) -> BoxSource:
         records = [(n, record) for n, part in enumerate(value) for record in part]
         listed = np.arange(len(value), dtype=np.int64)
         rows = _rows(path, [(record, {"frame": str(n)}) for n, record in records], camera, ignore_extra)
-        return BoxSource(rows, "JSON by frames", listed)
+        return BoxSource(rows, "JSON by frames", {"": listed})
     for n, record in enumerate(value, start=1):
         if not isinstance(record, dict):
             raise _no_object(path, n, record)
@@ -199,12 +198,15 @@ def _coco(path: Path, value: Record, camera: str | None) -> BoxSource:
         if annotation.get("iscrowd"):
             continue
         records.append((n, _annotation(path, n, annotation, names) | images[owner]))
-    listed: Ints = np.unique(np.array([int(cells["frame"]) for cells in images.values()], dtype=np.int64))
+    listed: dict[str, list[int]] = {}
+    for cells in images.values():
+        listed.setdefault(cells.get("camera", ""), []).append(int(cells["frame"]))
     cameras = tuple(dict.fromkeys(cells["camera"] for cells in images.values() if "camera" in cells))
     sizes = stated_sizes(
         (images[image["id"]].get("camera", ""), image.get("width"), image.get("height")) for image in value["images"]
     )
-    return BoxSource(_chunks(path, records), "COCO", listed if len(listed) else None, cameras, sizes=sizes)
+    numbers = {label: np.array(sorted(each), dtype=np.int64) for label, each in listed.items()}
+    return BoxSource(_chunks(path, records), "COCO", numbers, cameras, sizes=sizes)
 
 
 def _categories(path: Path, categories: object) -> dict[object, str]:

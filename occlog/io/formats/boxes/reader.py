@@ -1,8 +1,8 @@
 """Boxes of a person detector, in any format that is known (`FORMATS`).
 
-Every frame from the first to the last one in the files is taken for a frame of each
-camera: where it has no row, the frame has no detection.  `frames` states another range.
-A format that lists its frames (YOLO, COCO) may count them in steps: then those between are none.
+From the first to the last time with a box in the files each camera has frames, at its own rate: where one has no
+row, the frame has no detection.  `frames` states another range of numbers for all cameras.
+A camera may count its frames in steps: then those between are none.
 Where rows carry times, the times of all frames are made from these.
 """
 
@@ -25,9 +25,10 @@ from occlog.io.files.names import check_meaning, match_sensor, means_none
 from occlog.io.files.texts.by_reader import reader_of
 from occlog.io.files.texts.csv_rows import CsvRows, check_one_sensor, is_header
 from occlog.io.files.texts.formats import FileFormat, Probe, by_cells, is_folder, recognise
-from occlog.io.files.times import parse_times, time_column
+from occlog.io.files.times import check_unit, parse_times, time_column
 from occlog.records.columns import MAX_NS
 from occlog.records.declared.sensors import MAX_FRAMES
+from occlog.records.losses import Loss
 from occlog.records.tables import Boxes
 
 from .annotations import is_cvat, open_cvat
@@ -49,28 +50,39 @@ from .datasets import is_annotations, is_kitti, is_vatic, open_annotations, open
 from .objects import open_json
 from .rows import (
     FileBoxRows,
-    check_boxes,
+    UnusableBoxes,
     check_classes,
-    check_copies,
     check_identities,
     check_range,
     class_labels,
     fill_frames,
     in_frames,
     join,
+    times_of,
+    usable,
     wanted_rows,
+    without_copies,
 )
 
 
-def note_times(rows: CsvRows, boxes: FileBoxRows, cameras: list[str], stamps: dict[str, dict[int, int]]) -> None:
-    """Remember the time of every frame of every camera; InputError where one frame has two."""
+def note_times(
+    rows: CsvRows,
+    boxes: FileBoxRows,
+    cameras: list[str],
+    stamps: dict[str, dict[int, int]],
+    heads: dict[str, CsvRows] | None = None,
+) -> None:
+    """Remember the time of every frame of every camera, and rows of it; InputError where one frame has two."""
     unit = time_column(rows)
     if unit is None:
         return
     t_ns = parse_times(rows, unit, unit)
     for n, name in enumerate(cameras):
+        mine = np.flatnonzero(boxes.camera == n)
         found = stamps.setdefault(name, {})
-        for row in np.flatnonzero(boxes.camera == n).tolist():
+        if heads is not None and len(mine):
+            heads.setdefault(name, rows.pick(mine[:1]))
+        for row in mine.tolist():
             frame, t = int(boxes.frame[row]), int(t_ns[row])
             if found.setdefault(frame, t) != t:
                 raise rows.fail(row, f"frame {frame} of camera {name} has two times ({found[frame]} and {t} ns)")
@@ -112,7 +124,12 @@ def table_times(found: dict[int, int], first: int, stop: int, where: str) -> Fra
 B = TypeVar("B", bound=Boxes)
 NORMALISED_PX = 1.5
 """Largest coordinate up to which many boxes are taken to be given in shares of the image, not in pixels."""
-MIN_FRAMES_OF_STEPS = 3
+STOPPED_BOXES, STOPPED_FRAMES, END_FRAMES = 2, 10, 3
+"""Boxes in one of the first or last `END_FRAMES` frames with boxes that show that the camera did not run beyond them,
+for people come and go one by one, where it would have no box in so many more frames."""
+MIN_LISTED_FRAMES, MIN_BOX_FRAMES = 3, 20
+"""Frames of a camera from which those between are none where all are multiples of a step: where the file lists its
+frames, and where it has those with boxes alone."""
 
 
 @dataclass(frozen=True)
@@ -132,6 +149,7 @@ class BoxOptions:
             are ignored.
         sizes: width and height of each camera's images [px], for boxes in shares of them; None: not known yet.
         others: cameras that are none of those known are taken under their own names.
+        lenient: boxes without a size, and copies, are left out and counted; otherwise the first one is an error.
     """
 
     frames: tuple[int, int] | None = None
@@ -144,6 +162,7 @@ class BoxOptions:
     classes: tuple[str, ...] | None = None
     sizes: Mapping[str, tuple[int, int]] | None = None
     others: bool = False
+    lenient: bool = False
 
 
 class BoxFile(NamedTuple):
@@ -166,13 +185,14 @@ class BoxSurvey:
 
     Attributes:
         cameras: names of the cameras.
-        first: first frame.
-        stop: frame after the last one.
+        ranges: frames of each camera: from its first to its last box, in its step; empty without any box.
         ordered: frames do not go back in any file.
         times: times of frames, from the files' own column of times.
         rows: number of boxes in these frames.
         beyond: number of boxes in other frames.
-        step: frames are first, first + step, ...
+        given: first frame and the one after the last, where they are stated: every camera has them.
+        reach: how many frames without a box a camera may have had before its range and after it.
+        recorded: number of frames of cameras of which it is known.
         kinds: formats of the files, in words.
         classes: classes of the boxes that are kept, and how many boxes each has; one without a name: not stated.
         left_out: the same of boxes of other classes.
@@ -182,19 +202,66 @@ class BoxSurvey:
     """
 
     cameras: tuple[str, ...]
-    first: int
-    stop: int
+    ranges: Mapping[str, range]
     ordered: bool
     times: Mapping[str, FrameTimes]
     rows: int
     beyond: int = 0
-    step: int = 1
+    given: tuple[int, int] | None = None
+    reach: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    recorded: Mapping[str, int] = field(default_factory=dict)
     kinds: tuple[str, ...] = ()
     classes: Counter[tuple[str, ...]] = field(default_factory=Counter)
     left_out: Counter[tuple[str, ...]] = field(default_factory=Counter)
     shares: frozenset[str] = frozenset()
     of_files: tuple[tuple[str, ...], ...] = ()
     sizes: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+
+    @property
+    def first(self) -> int:
+        """First frame of all cameras."""
+        return self.given[0] if self.given else min(each[0] for each in self.ranges.values() if each)
+
+    @property
+    def stop(self) -> int:
+        """Frame after the last one of all cameras."""
+        return self.given[1] if self.given else max(each[-1] for each in self.ranges.values() if each) + 1
+
+    def frames(self, times: Mapping[str, FrameTimes]) -> dict[str, range]:
+        """Frames of each camera from the first to the last time at which any camera has a box.
+
+        Times count from frame 0 of each camera, so that clocks with other origins do not matter.  A camera that did not
+        run all the time has the frames of its range.
+
+        Raises:
+            UsageError: a camera has no times.
+        """
+        own = {name: (each, times_of(name, times)) for name, each in self.ranges.items()}
+        if self.given or any(clock.table_ns is None and clock.rate is None for _, clock in own.values()):
+            return dict(self.ranges)
+        there = [(each, clock) for each, clock in own.values() if each]
+        slack = 0.5 * min(clock.interval_ns() * each.step for each, clock in there)
+        slack = slack if math.isfinite(slack) else 0.0
+        begin = min(clock.elapsed_ns(each[0]) for each, clock in there) - slack
+        end = max(clock.elapsed_ns(each[-1]) for each, clock in there) + slack
+        frames = {}
+        for name, (each, clock) in own.items():
+            last = min(clock.until(end), self.recorded.get(name, MAX_FRAMES) - 1)
+            frames[name] = _extended(each, clock.until(begin), last, self.reach.get(name, (math.inf, math.inf)))
+        return frames
+
+
+def _extended(own: range, before: int, last: int, reach: tuple[float, float]) -> range:
+    """A range of frames in its steps, from the first one after `before` on, and at least to `last`; it may be empty.
+
+    It stays as it is at an end where more than `reach` frames would be added.
+    """
+    if not own:
+        return range(max(before + 1, 0), last + 1)
+    earlier = max((own.start - max(before + 1, 0)) // own.step, 0)
+    later = max((last - own[-1]) // own.step, 0)
+    earlier, later = (0 if count > most else count for count, most in zip((earlier, later), reach, strict=True))
+    return range(own.start - earlier * own.step, own.stop + later * own.step, own.step)
 
 
 def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOptions) -> BoxSurvey:
@@ -212,26 +279,30 @@ def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOpt
     where = ", ".join(str(f.path) for f in files)
     if options.classes is not None:
         check_classes(where, options.classes, found.classes, found.classes + found.left_out)
-    if math.isinf(found.low) and options.frames is None:
+    spans = [each for each in found.frames.values() if each.count]
+    if not spans and options.frames is None:
         raise InputError(f"{where}: no row with a box; if nothing was detected in all frames, give the range of frames")
     if found.farthest <= NORMALISED_PX and found.rows > 1:
         raise InputError(
             f"{where}: no box reaches beyond {found.farthest:.3g} px; these seem to be shares of the image: "
             "write pixels"
         )
-    first, stop = options.frames or (int(found.low), int(found.high) + 1)
+    first, stop = options.frames or (min(s.low for s in spans), max(s.high for s in spans) + 1)
     check_range(first, stop, where)
-    times = {name: table_times(stamps, first, stop, where) for name, stamps in found.stamps.items()}
+    # Files without any box name no camera: no camera detected anything
+    cameras = tuple(found.cameras or known)
+    ranges = dict.fromkeys(cameras, range(*options.frames) if options.frames is not None else range(0))
+    if options.frames is None:
+        ranges |= {name: each.range for name, each in found.frames.items() if each.count}
     return BoxSurvey(
-        # Files without any box name no camera: no camera detected anything
-        cameras=tuple(found.cameras or known),
-        first=first,
-        stop=stop,
+        cameras=cameras,
+        ranges=ranges,
         ordered=found.ordered,
-        times=times,
+        times=_column_times(found, first, stop, where),
         rows=found.rows - found.beyond,
         beyond=found.beyond,
-        step=found.step if options.frames is None else 1,
+        given=options.frames,
+        reach={name: each.reach for name, each in found.frames.items()},
         kinds=tuple(dict.fromkeys(found.kinds)),
         classes=found.classes,
         left_out=found.left_out,
@@ -251,13 +322,90 @@ def classes_in(file: BoxFile) -> Counter[tuple[str, ...]]:
 
 
 @dataclass
+class _CameraFrames:
+    """Frames of one camera: lowest and highest number, and step in which all can be counted.
+
+    `listed` are frames that the file lists, `boxed` those with boxes, `ends` the boxes of the lowest and highest ones.
+    """
+
+    low: int = 0
+    high: int = 0
+    step: int = 0
+    listed: int = 0
+    boxed: int = 0
+    ends: dict[int, int] = field(default_factory=dict)
+
+    @property
+    def count(self) -> int:
+        """Number of frames."""
+        return max(self.listed, self.boxed)
+
+    def take(self, frames: Ints, *, listed: bool = False) -> None:
+        """Take frames into the range: those that the file lists, or the frame of each of some boxes."""
+        if not len(frames):
+            return
+        low, high = int(frames.min()), int(frames.max())
+        if not self.count:
+            self.low, self.high = low, high
+        self.step = math.gcd(self.step, int(np.gcd.reduce(frames - self.low)))
+        self.low, self.high = min(low, self.low), max(high, self.high)
+        numbers, counts = np.unique(frames, return_counts=True)
+        if listed:
+            self.listed += len(numbers)
+            return
+        self.boxed += len(numbers)
+        for k in {*range(len(numbers))[:END_FRAMES], *range(len(numbers))[-END_FRAMES:]}:
+            self.ends[int(numbers[k])] = self.ends.get(int(numbers[k]), 0) + int(counts[k])
+        order = sorted(self.ends)
+        self.ends = {n: self.ends[n] for n in {*order[:END_FRAMES], *order[-END_FRAMES:]}}
+
+    @property
+    def range(self) -> range:
+        """The frames from the lowest to the highest, in their step."""
+        enough = self.count >= (MIN_LISTED_FRAMES if self.listed else MIN_BOX_FRAMES)
+        step = self.step if enough and self.step else 1
+        return range(self.low, self.high + step, step)
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """How many frames without a box there may have been before the range and after it."""
+        if self.listed > self.boxed and self.listed >= MIN_LISTED_FRAMES:
+            return 0.0, 0.0
+        order = sorted(self.ends)
+        first, last = (
+            max((self.ends[n] for n in part), default=0) for part in (order[:END_FRAMES], order[-END_FRAMES:])
+        )
+        before, after = (math.inf if boxes < STOPPED_BOXES else STOPPED_FRAMES for boxes in (first, last))
+        return before, after
+
+
+def _column_times(found: _BoxScan, first: int, stop: int, where: str) -> dict[str, FrameTimes]:
+    """Times of the frames of each camera with a column of times, as far as any of them has a box."""
+    ends: dict[str, float] = {}  # of each camera: time from frame 0 to its last one, and from frame to frame [ns]
+    steps: dict[str, float] = {}
+    for name, stamps in found.stamps.items():
+        frames = np.array(sorted(stamps), dtype=np.int64)
+        t_ns = np.array([stamps[int(f)] for f in frames], dtype=np.float64)
+        if len(frames) > 1:
+            check_unit(found.heads[name], np.diff(t_ns) / np.diff(frames) / NS)
+            steps[name] = float(t_ns[-1] - t_ns[0]) / float(frames[-1] - frames[0])
+            ends[name] = steps[name] * float(frames[-1])
+    out = {}
+    for name, stamps in found.stamps.items():
+        step = steps.get(name, 0.0)
+        needed = min(math.ceil(max(ends.values()) / step) + 2, MAX_FRAMES) if step > 0 else 0
+        out[name] = table_times(stamps, first, max(stop, needed), where)
+    return out
+
+
+@dataclass
 class _BoxScan:
-    """State of a survey; `listed` is None once a file does not list its frames."""
+    """State of a survey."""
 
     cameras: list[str] = field(default_factory=list)
     stamps: dict[str, dict[int, int]] = field(default_factory=dict)
-    low: float = math.inf
-    high: float = -math.inf
+    heads: dict[str, CsvRows] = field(default_factory=dict)
+    frames: dict[str, _CameraFrames] = field(default_factory=dict)
     rows: int = 0
     beyond: int = 0
     ordered: bool = True
@@ -266,22 +414,13 @@ class _BoxScan:
     left_out: Counter[tuple[str, ...]] = field(default_factory=Counter)
     shares: set[str] = field(default_factory=set)
     farthest: float = -math.inf
-    listed: set[int] | None = field(default_factory=set)
     of_files: list[tuple[str, ...]] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
     sizes: dict[str, tuple[int, int]] = field(default_factory=dict)
 
-    @property
-    def step(self) -> int:
-        """The largest step in which all listed frames can be counted; 1 where not all files list theirs."""
-        if self.listed is None or len(self.listed) < MIN_FRAMES_OF_STEPS:
-            return 1
-        return int(np.gcd.reduce(np.diff(np.array(sorted(self.listed), dtype=np.int64))))
-
-    def span(self, frames: Ints) -> None:
-        """Take frames into the range."""
-        if len(frames):
-            self.low, self.high = min(self.low, int(frames.min())), max(self.high, int(frames.max()))
+    def take(self, name: str, frames: Ints, *, listed: bool = False) -> None:
+        """Take frames of a camera into its range."""
+        self.frames.setdefault(name, _CameraFrames()).take(frames, listed=listed)
 
 
 def _survey_file(file: BoxFile, known: Sequence[str], options: BoxOptions, found: _BoxScan) -> None:
@@ -289,31 +428,35 @@ def _survey_file(file: BoxFile, known: Sequence[str], options: BoxOptions, found
     how = _numbering(file, source, options)
     found.kinds.append(source.kind)
     named = (file.camera,) if file.camera is not None else _matched(source.cameras, known, file, options, {})
-    if source.listed is None:
-        found.listed = None
-    else:
-        found.span(source.listed - how.first_number)
-        if found.listed is not None:
-            found.listed |= set((source.listed - how.first_number).tolist())
+    for label, numbers in source.listed.items():
+        stated = [file.camera] if file.camera is not None else _matched([label], known, file, options, {})
+        for name in stated:
+            found.take(name, numbers - how.first_number, listed=True)
     if file.camera is not None:
         found.sizes |= dict.fromkeys([file.camera][: len(source.sizes)], next(iter(source.sizes.values()), (0, 0)))
     else:
         found.sizes |= {_matched([c], known, file, options, {})[0]: size for c, size in source.sizes.items()}
     last = -1
     own = dict.fromkeys(named)
-    for chunk, boxes in _read(file, source, found.cameras, known, how, found.left_out):
-        own |= dict.fromkeys(found.cameras[n] for n in np.unique(boxes.camera).tolist())
-        found.span(boxes.frame)
+    unusable = UnusableBoxes() if how.lenient else None
+    for chunk, boxes in _read(file, source, found.cameras, known, how, found.left_out, unusable):
+        for n in np.unique(boxes.camera).tolist():
+            own.setdefault(found.cameras[n])
+            found.take(found.cameras[n], boxes.frame[boxes.camera == n])
         ordered = last <= boxes.frame[0] and bool((np.diff(boxes.frame) >= 0).all())
         last, found.rows, found.ordered = int(boxes.frame[-1]), found.rows + len(boxes.frame), found.ordered and ordered
         if how.frames is not None:
             found.beyond += int(((boxes.frame < how.frames[0]) | (boxes.frame >= how.frames[1])).sum())
-        note_times(chunk, boxes, found.cameras, found.stamps)
+        note_times(chunk, boxes, found.cameras, found.stamps, found.heads)
         found.classes.update(class_labels(chunk) if options.classes is not None else ())
         if chunk.has(SHARE_X):
             found.shares |= {found.cameras[n] for n in np.unique(boxes.camera).tolist()}
             found.farthest = math.inf
         found.farthest = max(found.farthest, float((boxes.left + boxes.width).max()))
+    if unusable is not None:
+        unusable.check()
+        for name, ends in unusable.frames.items():
+            found.take(name, np.array(ends, dtype=np.int64))
     found.cameras += [name for name in named if name not in found.cameras]
     for before, other in zip(found.files, found.of_files, strict=False):
         double = next((name for name in own if name in other), None)
@@ -333,6 +476,7 @@ def read_boxes(
     known: Sequence[str],
     options: BoxOptions,
     table: type[B],
+    losses: list[Loss] | None = None,
 ) -> Iterator[B]:
     """Tables of boxes with a row for every frame of every camera.
 
@@ -345,22 +489,29 @@ def read_boxes(
         known: as for `survey_boxes`.
         options: how to read the files.
         table: `Boxes` or `TruthBoxes`.
+        losses: gets the boxes that are left out, after the last table, if the options are `lenient`.
     """
+    ranges = survey.frames(times)
+    unusable = UnusableBoxes() if options.lenient else None
     for file, own in zip(files, survey.of_files, strict=True):
         source = _open(file, known, options)
         how = _numbering(file, source, options)
         # In files without any box no camera detected anything
         cameras = list(own) if any(survey.of_files) else list(survey.cameras if file is files[0] else ())
-        chunks: Iterator[FileBoxRows] = (boxes for _, boxes in _read(file, source, cameras, known, how, Counter()))
+        chunks: Iterator[FileBoxRows] = (
+            boxes for _, boxes in _read(file, source, cameras, known, how, Counter(), unusable)
+        )
         if not survey.ordered:
             chunks = iter([join(parts)] if (parts := list(chunks)) else [])
         whole = in_frames(chunks, survey.first, survey.stop)
         # A detector may give one box to several classes, which the rows no longer show
         if options.classes is None or len(options.classes) < 2:
-            whole = check_copies(whole, cameras, file.path)
+            whole = without_copies(whole, cameras, file.path, unusable)
         if options.classes is not None:
             whole = check_identities(whole, cameras, file.path)
-        yield from fill_frames(whole, table, cameras, survey.first, survey.stop, times, survey.step)
+        yield from fill_frames(whole, table, cameras, [ranges[name] for name in cameras], times)
+    if unusable is not None and losses is not None:
+        losses += unusable.losses()
 
 
 def box_source(path: Path) -> BoxSource:
@@ -392,7 +543,7 @@ def box_rows(rows: CsvRows, cameras: list[str], first_number: int = 0) -> FileBo
     labels = rows.cells["camera"] if rows.has("camera") else None
     file = BoxFile(rows.path, rows.path.stem if labels is None else None)
     camera = _number_cameras(file, rows, labels, cameras, (), options, {})
-    return check_boxes(rows, _numbers(rows, camera, cameras, options))
+    return usable(rows, _numbers(rows, camera, cameras, options), cameras, None)[1]
 
 
 def is_json(probe: Probe) -> bool:
@@ -446,6 +597,7 @@ def _read(
     known: Sequence[str],
     options: BoxOptions,
     left_out: Counter[tuple[str, ...]],
+    unusable: UnusableBoxes | None = None,
 ) -> Iterator[tuple[CsvRows, FileBoxRows]]:
     """Rows of a file as text and as numbers; cameras and classes that are not requested are added to the lists."""
     meant: dict[str, str] = {}
@@ -461,7 +613,7 @@ def _read(
             rows = rows.pick(np.flatnonzero(wanted))
         labels = rows.cells["camera"] if rows.has("camera") and file.camera is None else None
         camera = _number_cameras(file, rows, labels, cameras, known, options, meant)
-        boxes = check_boxes(rows, _numbers(rows, camera, cameras, options))
+        rows, boxes = usable(rows, _numbers(rows, camera, cameras, options), cameras, unusable)
         if options.drop_zero and (boxes.confidence == 0).any():
             kept = np.flatnonzero(boxes.confidence != 0)
             rows, boxes = rows.pick(kept), boxes.pick(kept)
@@ -526,7 +678,7 @@ def _numbers(rows: CsvRows, camera: Ints, cameras: Sequence[str], options: BoxOp
     if (frame >= MAX_FRAMES).any():
         row = int(np.flatnonzero(frame >= MAX_FRAMES)[0])
         raise rows.fail(row, f"frame {rows.cells['frame'][row]}; it must be below {MAX_FRAMES}; correct or remove it")
-    left, top, width, height = _edges(rows, camera, cameras, options.sizes)
+    left, top, width, height = _edges(rows, camera, cameras, options)
     return FileBoxRows(
         frame=frame,
         camera=camera,
@@ -540,14 +692,18 @@ def _numbers(rows: CsvRows, camera: Ints, cameras: Sequence[str], options: BoxOp
 
 
 def _edges(
-    rows: CsvRows, camera: Ints, cameras: Sequence[str], sizes: Mapping[str, tuple[int, int]] | None
+    rows: CsvRows, camera: Ints, cameras: Sequence[str], options: BoxOptions
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Left, top, width and height [px]; in shares of the image where these are given and sizes are not known yet."""
+    """Left, top, width and height [px]; in shares of the image where these are given and sizes are not known yet.
+
+    Empty cells and NaN are NaN where the options are `lenient`, else an error.
+    """
+    blank, sizes = options.lenient, options.sizes
     if not rows.has(SHARE_X):
-        left, top = rows.floats("left"), rows.floats("top")
+        left, top = rows.floats("left", blank=blank), rows.floats("top", blank=blank)
         with np.errstate(over="ignore"):  # the caller checks their sizes
-            width = _size(rows, "width", "right", left)
-            height = _size(rows, "height", "bottom", top)
+            width = _size(rows, "width", "right", left, blank)
+            height = _size(rows, "height", "bottom", top, blank)
         return left, top, width, height
     size = np.ones((len(cameras), 2))
     for n in np.unique(camera).tolist() if sizes is not None else ():
@@ -558,15 +714,16 @@ def _edges(
             )
         size[n] = sizes[cameras[n]]
     across, down = size[camera].T
-    width, height = rows.floats(SHARE_WIDTH) * across, rows.floats(SHARE_HEIGHT) * down
-    return rows.floats(SHARE_X) * across - width / 2, rows.floats(SHARE_Y) * down - height / 2, width, height
+    width, height = rows.floats(SHARE_WIDTH, blank=blank) * across, rows.floats(SHARE_HEIGHT, blank=blank) * down
+    left, top = rows.floats(SHARE_X, blank=blank) * across, rows.floats(SHARE_Y, blank=blank) * down
+    return left - width / 2, top - height / 2, width, height
 
 
-def _size(rows: CsvRows, size: str, far: str, near: Floats) -> Floats:
+def _size(rows: CsvRows, size: str, far: str, near: Floats, blank: bool) -> Floats:
     """(n,) widths or heights [px]; InputError where a far edge that is there as well contradicts one."""
     if not rows.has(size):
-        return rows.floats(far) - near
-    sizes = rows.floats(size)
+        return rows.floats(far, blank=blank) - near
+    sizes = rows.floats(size, blank=blank)
     if rows.has(far):
         disagreement = disagree(sizes, near, rows.floats(far, blank=True))
         if disagreement.any():

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
@@ -18,12 +19,17 @@ from occlog.errors import InputError, UsageError, option
 from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.texts.csv_rows import CsvRows
 from occlog.records.declared.sensors import MAX_EDGE_PX
+from occlog.records.losses import Loss
 from occlog.records.tables import Boxes
 
 from .columns import CLASS_KEYS
 
 B = TypeVar("B", bound=Boxes)
 FRAMES_PER_CHUNK = 4096
+NO_SIZE, COPIES = "boxes without a size", "copies of another box of the frame"
+"""Kinds of boxes that cannot be used."""
+MAX_UNUSABLE = 0.5
+"""Share of boxes without a size in a file, from which its columns are no edges of boxes."""
 
 
 class FileBoxRows(NamedTuple):
@@ -43,14 +49,76 @@ class FileBoxRows(NamedTuple):
         return FileBoxRows._make(column[rows] for column in self)
 
 
-def check_boxes(rows: CsvRows, boxes: FileBoxRows) -> FileBoxRows:
-    """The boxes; InputError with the line of one with an impossible size, identity or confidence (0 to 1)."""
-    bad = ~((boxes.width > 0) & (boxes.height > 0))
+@dataclass
+class UnusableBoxes:
+    """Boxes of files that cannot be used, by camera and kind.
+
+    Detectors write some: without a width, with NaN, twice.  Where they are more than `MAX_UNUSABLE` of a file, its
+    columns mean something else, and the first of them is an error.  `frames` has first and last ones of each camera.
+    """
+
+    counts: Counter[tuple[str, str]] = field(default_factory=Counter)
+    first: dict[tuple[str, str], str] = field(default_factory=dict)
+    error: InputError | None = None
+    rows: int = 0
+    frames: dict[str, list[int]] = field(default_factory=dict)
+
+    def add(self, camera: str, kind: str, count: int, place: str) -> None:
+        """Count boxes of a camera; `place`: of the first of them."""
+        self.counts[camera, kind] += count
+        self.first.setdefault((camera, kind), place)
+
+    def check(self) -> None:
+        """Raise the error of the first box that has no size, if there are too many of them."""
+        if self.error is not None and self.counts.total() > MAX_UNUSABLE * self.rows:
+            raise self.error
+
+    def losses(self) -> list[Loss]:
+        """One loss for each camera and kind."""
+        return [
+            Loss(camera, f"boxes, first {self.first[camera, kind]}", kind, count, self.rows)
+            for (camera, kind), count in sorted(self.counts.items())
+        ]
+
+
+def usable(
+    rows: CsvRows, boxes: FileBoxRows, cameras: Sequence[str], unusable: UnusableBoxes | None
+) -> tuple[CsvRows, FileBoxRows]:
+    """The boxes with a size, and their rows.
+
+    Args:
+        rows: of a file.
+        boxes: the same as numbers.
+        cameras: names by number.
+        unusable: gets the others; None: the first of them is an error.
+
+    Raises:
+        InputError: with the line, of an impossible size, identity or confidence (0 to 1).
+    """
+    bad = ~((boxes.width > 0) & (boxes.height > 0) & np.isfinite(boxes.left) & np.isfinite(boxes.top))
     if bad.any():
         row = int(np.flatnonzero(bad)[0])
-        raise rows.fail(
+        error = rows.fail(
             row, f"box of {boxes.width[row]:g} x {boxes.height[row]:g} px; both must be above 0; correct or remove it"
         )
+        if unusable is None:
+            raise error
+        unusable.error = unusable.error or error
+        for camera in np.unique(boxes.camera[bad]).tolist():
+            own = np.flatnonzero(bad & (boxes.camera == camera))
+            place = f"{rows.location} {int(rows.lines[own[0]])}"
+            unusable.add(cameras[camera], NO_SIZE, len(own), place)
+            ends = [int(boxes.frame[own].min()), int(boxes.frame[own].max())]
+            unusable.frames.setdefault(cameras[camera], []).extend(ends)
+    if unusable is not None:
+        unusable.rows += len(boxes.frame)
+    good = np.flatnonzero(~bad)
+    rows, boxes = (rows.pick(good), boxes.pick(good)) if bad.any() else (rows, boxes)
+    return rows, check_boxes(rows, boxes)
+
+
+def check_boxes(rows: CsvRows, boxes: FileBoxRows) -> FileBoxRows:
+    """The boxes; InputError with the line of one with an impossible edge, identity or confidence (0 to 1)."""
     far = np.max(np.abs([boxes.left, boxes.top, boxes.width, boxes.height]), axis=0)
     if (far > MAX_EDGE_PX).any():
         row = int(np.flatnonzero(far > MAX_EDGE_PX)[0])
@@ -86,17 +154,25 @@ def fingerprints(columns: Sequence[Floats | Ints]) -> Uints:
     return out
 
 
-def check_copies(chunks: Iterator[FileBoxRows], cameras: Sequence[str], path: Path) -> Iterator[FileBoxRows]:
-    """The chunks, whole frames each; InputError for a duplicate box."""
+def without_copies(
+    chunks: Iterator[FileBoxRows], cameras: Sequence[str], path: Path, unusable: UnusableBoxes | None
+) -> Iterator[FileBoxRows]:
+    """The chunks, whole frames each, with each box once; `unusable` gets the copies, None: the first is an error."""
     for rows in chunks:
-        marks, first = np.unique(fingerprints(rows), return_index=True)
-        if len(marks) < len(rows.frame):
-            row = int(np.setdiff1d(np.arange(len(rows.frame)), first)[0])
-            raise InputError(
-                f"{path}: camera {cameras[rows.camera[row]]}, frame {rows.frame[row]} (from 0): the box at "
-                f"({rows.left[row]:g}, {rows.top[row]:g}) px is a duplicate; remove the copies"
-            )
-        yield rows
+        _, first = np.unique(fingerprints(rows), return_index=True)
+        if len(first) == len(rows.frame):
+            yield rows
+            continue
+        copies = np.setdiff1d(np.arange(len(rows.frame)), first)
+        for row in copies.tolist():
+            camera, place = cameras[rows.camera[row]], f"frame {rows.frame[row]}"
+            if unusable is None:
+                raise InputError(
+                    f"{path}: camera {camera}, {place} (from 0): the box at ({rows.left[row]:g}, {rows.top[row]:g}) px "
+                    "is a duplicate; remove the copies"
+                )
+            unusable.add(camera, COPIES, 1, place)
+        yield rows.pick(np.sort(first))
 
 
 def check_identities(chunks: Iterator[FileBoxRows], cameras: Sequence[str], path: Path) -> Iterator[FileBoxRows]:
@@ -148,12 +224,10 @@ def fill_frames(
     chunks: Iterator[FileBoxRows],
     table: type[B],
     cameras: Sequence[str],
-    first: int,
-    stop: int,
+    ranges: Sequence[range],
     times: Mapping[str, FrameTimes],
-    step: int = 1,
 ) -> Iterator[B]:
-    """Tables of boxes in which every frame first <= frame < stop of every camera has at least one row.
+    """Tables of boxes in which every frame of every camera has at least one row.
 
     A frame without a box gets a row with `box` = -1: the frame has no detection.
 
@@ -161,16 +235,13 @@ def fill_frames(
         chunks: rows in order of frames, whole frames each (`in_frames`).
         table: `Boxes` or `TruthBoxes`.
         cameras: names by number.
-        first: first frame.
-        stop: frame after the last one.
+        ranges: frames of each camera.
         times: times of the frames of each camera.
-        step: only first, first + step, ... are frames that were processed.
     """
-    origin = first
-    done = first
+    done = min((each.start for each in ranges), default=0)
     for chunk in chunks:
         end = int(chunk.frame[-1]) + 1
-        yield from _blocks(chunk, table, cameras, done, end, times, (origin, step))
+        yield from _blocks(chunk, table, cameras, done, end, times, ranges)
         done = end
     none, nothing = np.zeros(0, dtype=np.int64), np.zeros(0)
     empty = FileBoxRows(
@@ -183,7 +254,7 @@ def fill_frames(
         height=nothing,
         confidence=nothing,
     )
-    yield from _blocks(empty, table, cameras, done, stop, times, (origin, step))
+    yield from _blocks(empty, table, cameras, done, max((each.stop for each in ranges), default=0), times, ranges)
 
 
 def _blocks(
@@ -193,12 +264,12 @@ def _blocks(
     first: int,
     stop: int,
     times: Mapping[str, FrameTimes],
-    size: tuple[int, int],
+    ranges: Sequence[range],
 ) -> Iterator[B]:
     for start in range(first, stop, FRAMES_PER_CHUNK):
         end = min(start + FRAMES_PER_CHUNK, stop)
         low, high = np.searchsorted(rows.frame, [start, end])
-        yield _table(rows.pick(np.arange(low, high)), table, cameras, start, end, times, size)
+        yield _table(rows.pick(np.arange(low, high)), table, cameras, start, end, times, ranges)
 
 
 def _table(
@@ -208,13 +279,15 @@ def _table(
     first: int,
     stop: int,
     times: Mapping[str, FrameTimes],
-    size: tuple[int, int],
+    ranges: Sequence[range],
 ) -> B:
-    """One table of the frames first <= frame < stop; `size` is a processed frame, and the step to the next."""
+    """One table of the frames first <= frame < stop that are in the cameras' ranges."""
     cell = (rows.frame - first) * len(cameras) + rows.camera
     counts = np.bincount(cell, minlength=(stop - first) * len(cameras))
-    empty = np.flatnonzero(counts == 0)
-    empty = empty[(first + empty // len(cameras) - size[0]) % size[1] == 0]
+    start, end, step = np.array([(each.start, each.stop, each.step) for each in ranges]).T
+    numbers = np.arange(first, stop)[:, None]
+    is_frame = (numbers >= start) & (numbers < end) & ((numbers - start) % step == 0)
+    empty = np.flatnonzero((counts == 0) & is_frame.ravel())
     frame = np.concatenate([rows.frame, first + empty // len(cameras)])
     camera = np.concatenate([rows.camera, empty % len(cameras)])
     # Rows are sorted by cell, so the position within a cell is the distance from its first row.

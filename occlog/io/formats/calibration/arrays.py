@@ -2,7 +2,8 @@
 
     P              (3, 4), (n, 3, 4) or (3, 4, n): projection matrices; or one (3, 4) array a camera, under its name
     K, R, t        (3, 3) each, (n, 3, 3) or (3, 3, n); t (3,), (n, 3) or (3, n), with Xc = R Xw + t
-    dist           (5,), (n, 5): k1, k2, p1, p2, k3; perhaps
+    dist           (5,), (n, 5): OpenCV's 4, 5, 8, 12 or 14 coefficients; perhaps
+    fisheye        1 for a fisheye lens, 0 for none, one for all or (n,); perhaps
     image_size     width and height [px], one for all or (n, 2); perhaps
 
 A file with one camera gives it its own name; cameras of a stack are cam1, cam2, ...
@@ -34,9 +35,10 @@ from occlog.io.files.limits import FAILURES, check_input
 from occlog.io.files.texts.formats import Probe
 from occlog.records.scene import Camera
 
-from .common import MAX_BYTES, CalibrationOptions
+from .common import MAX_BYTES, CalibrationOptions, keys_of
+from .lenses import Lens
 from .opencv_toml import rotation_from_vector
-from .projection import camera_of_parts, take_apart
+from .projection import STRAIGHT, camera_of_parts, take_apart
 
 HEAD = 128
 """Bytes before the first element of a file from version 5 on."""
@@ -165,9 +167,12 @@ PARTS = {
     "R": ("r", "rotation", "rvec", "rvecs"),
     "t": ("t", "tvec", "tvecs", "translation"),
     "dist": ("dist", "distortion", "dist_coeffs", "d"),
-    "size": ("image_size", "size", "resolution", "imsize"),
+    "size": ("image_size", "size", "resolution", "imsize", "img_size", "imagesize"),
+    "fisheye": ("fisheye", "fisheye_model"),
 }
 """Accepted names of arrays, in small letters."""
+WITHOUT_EFFECT = keys_of("ret rms error errors reprojection_error mean_error objpoints imgpoints date time")
+"""Names of arrays that change no camera: how it was calibrated, and how well."""
 _FAILURES = (
     *(*FAILURES, OSError, EOFError, MemoryError, NotImplementedError, RuntimeError),
     *(zipfile.BadZipFile, zlib.error, struct.error, tokenize.TokenError, SyntaxError),
@@ -246,6 +251,8 @@ def _cameras(path: Path, options: CalibrationOptions) -> list[Camera]:
         for key in ("R", "t"):
             if key not in parts:
                 raise InputError(f"{path}: has K, but no {key}; expected K, R and t, or P")
+    unused = [key for key in arrays if not any(arrays[key] is value for value in parts.values())]
+    options.check_keys(path.name, unused, WITHOUT_EFFECT)
     columns = {key: _per_camera(value, key, n, path) for key, value in parts.items()}
     names = [path.stem] if n == 1 else [f"cam{k + 1}" for k in range(n)]
     return [_camera(path, names[k], {key: value[k] for key, value in columns.items()}, options) for k in range(n)]
@@ -275,6 +282,8 @@ def _per_camera(value: Floats, key: str, n: int, path: Path) -> Floats:
     flat = np.squeeze(value) if value.ndim > 2 else value
     if n == 1:
         return flat.reshape(1, -1)
+    if key == "fisheye" and flat.size == 1:
+        return np.tile(flat.reshape(1, 1), (n, 1))
     if key == "size" and flat.size == 2:
         return np.tile(flat.reshape(1, 2), (n, 1))
     if flat.ndim == 2 and flat.shape[0] == n and flat.shape[0] != flat.shape[1]:
@@ -288,6 +297,11 @@ def _per_camera(value: Floats, key: str, n: int, path: Path) -> Floats:
     )
 
 
+def _model(part: Mapping[str, Floats]) -> str | None:
+    """Model of a lens; None where nothing states it."""
+    return None if "fisheye" not in part else "equidistant" if part["fisheye"].any() else "brown"
+
+
 def _camera(path: Path, label: str, part: Mapping[str, Floats], options: CalibrationOptions) -> Camera:
     name = re.sub(r"[_-]?(P|proj|projection)$", "", label) or label
     where = f"{path}: camera {name}"
@@ -299,6 +313,6 @@ def _camera(path: Path, label: str, part: Mapping[str, Floats], options: Calibra
         k = part["K"]
         rotation = rotation_from_vector(part["R"].reshape(3)) if part["R"].size == 3 else part["R"].reshape(3, 3)
         centre = -rotation.T @ part["t"].reshape(3)
-    size = options.image_size or ((int(part["size"][0]), int(part["size"][1])) if "size" in part else None)
-    distortion = part["dist"].reshape(-1).tolist() if "dist" in part else ()
-    return camera_of_parts(k, rotation, centre, size, options, name=name, where=where, distortion=distortion)
+    size = (int(part["size"][0]), int(part["size"][1])) if "size" in part else None
+    lens = Lens(_model(part), part["dist"]) if "dist" in part else STRAIGHT
+    return camera_of_parts(k, rotation, centre, size, options, name=name, where=where, lens=lens)

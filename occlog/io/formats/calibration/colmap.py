@@ -18,7 +18,8 @@ from occlog.array_types import Floats
 from occlog.errors import InputError, UsageError
 from occlog.records.scene import Camera
 
-from .common import CalibrationOptions, Lens, build_camera, lens_pose, read_text, scale_of
+from .common import CalibrationOptions, Pose, build_camera, read_text, scale_of
+from .lenses import Lens
 from .ros import quaternion_rotation
 
 NAMES = ("cameras.txt", "images.txt")
@@ -30,8 +31,10 @@ MODELS = {
     "SIMPLE_RADIAL": ("f cx cy k1", "brown", "k1"),
     "RADIAL": ("f cx cy k1 k2", "brown", "k1 k2"),
     "OPENCV": ("fx fy cx cy k1 k2 p1 p2", "brown", "k1 k2 p1 p2"),
+    "SIMPLE_RADIAL_FISHEYE": ("f cx cy k1", "equidistant", "k1"),
+    "RADIAL_FISHEYE": ("f cx cy k1 k2", "equidistant", "k1 k2"),
     "OPENCV_FISHEYE": ("fx fy cx cy k1 k2 k3 k4", "equidistant", "k1 k2 k3 k4"),
-    "FULL_OPENCV": ("fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6", "rational", "k1 k2 p1 p2 k3 k4 k5 k6"),
+    "FULL_OPENCV": ("fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6", "brown", "k1 k2 p1 p2 k3 k4 k5 k6"),
 }
 """Parameters of each model, our lens, and its coefficients."""
 
@@ -75,7 +78,7 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
             f"{files['images.txt']}: COLMAP's lengths have no unit; scale the model (colmap model_aligner) and "
             "state the unit of the calibration"
         )
-    lenses = dict(_lenses(files["cameras.txt"], options))
+    lenses = dict(_lenses(files["cameras.txt"]))
     cameras = []
     # Every second line has the points of an image; it may be empty, but is there.
     lines = [text.strip() for text in read_text(files["images.txt"]).splitlines() if not text.startswith("#")]
@@ -96,18 +99,17 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
             raise InputError(f"{where}: {values[:4].tolist()} is no unit quaternion")
         name = PurePosixPath(cells[9].replace("\\", "/"))
         size, focal, principal, lens = lenses[cells[8]]
-        pose = lens_pose(
+        rotation = quaternion_rotation(*values[:4])
+        pose = Pose(
             name=name.parent.name or name.stem,
-            focal=focal,
-            principal=principal,
-            size=size,
+            focal_px=focal,
+            principal_px=principal,
+            rotation=rotation,
+            centre=-rotation.T @ values[4:] * scale_of(options, "m"),
+            image_size=size,
             lens=lens,
-            rotation=quaternion_rotation(*values[:4]),
-            translation=values[4:] * scale_of(options, "m"),
-            options=options,
-            where=where,
         )
-        cameras.append(build_camera(pose, where))
+        cameras.append(build_camera(pose, where, options))
     return _each_once(cameras, files["images.txt"], options)
 
 
@@ -136,7 +138,7 @@ def _each_once(cameras: Sequence[Camera], path: Path, options: CalibrationOption
     return tuple(first.values())
 
 
-def _lenses(path: Path, options: CalibrationOptions) -> Iterator[tuple[str, _Lens]]:
+def _lenses(path: Path) -> Iterator[tuple[str, _Lens]]:
     for line in read_text(path).splitlines():
         cells = line.split()
         if not cells or line.startswith("#"):
@@ -151,7 +153,7 @@ def _lenses(path: Path, options: CalibrationOptions) -> Iterator[tuple[str, _Len
         values = dict(zip(names.split(), _numbers(cells[4:], where).tolist(), strict=True))
         focal = np.array([values.get("fx", values.get("f")), values.get("fy", values.get("f"))], dtype=np.float64)
         principal = np.array([values["cx"], values["cy"]]) - 0.5
-        size = options.image_size or (int(cells[2]), int(cells[3]))
+        size = (int(cells[2]), int(cells[3]))
         lens = Lens(kind, np.array([values[name] for name in coefficients.split()]))
         yield cells[0], _Lens(size, focal, principal, lens)
 

@@ -1,13 +1,8 @@
-"""Shared parts of calibration importers: checked matrices to a `Camera`.
-
-OpenCV's rational lens, fitted by Brown's, which has fewer coefficients.
-
-The fit is by least squares over the image, and the lens is refused where it is not close enough for measurements.
-"""
+"""Shared parts of calibration importers: options, poses and lenses as files state them, and the `Camera` of them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -15,79 +10,20 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.io.files.names import safe_name
 from occlog.io.files.texts.formats import Probe
 from occlog.io.files.texts.yaml import yaml_documents
 from occlog.records.scene import MAX_COORDINATE, MAX_FOCAL_PX, MIN_FOCAL_PX, Camera, camera_fov
 
-MAX_ERROR_PX = 0.5
-"""Largest difference [px] between a lens and its fit anywhere in the image."""
-GRID = 41
-ITERATIONS = 200
-
-
-def fit_rational(
-    coefficients: Floats, size: tuple[int, int], focal: Floats, principal: Floats, where: str
-) -> tuple[Floats, float]:
-    """Brown's coefficients (5,) for OpenCV's rational lens k1, k2, p1, p2, k3, k4, k5, k6, and the difference [px].
-
-    Raises:
-        InputError: the lens cannot be undone in the image, or the fit is not close.
-    """
-    distorted = _grid(size, focal, principal)
-    ideal = distorted.copy()
-    with np.errstate(all="ignore"):
-        for _ in range(ITERATIONS):
-            ideal = ideal + distorted - _rational(ideal, coefficients)
-        off = np.abs(_rational(ideal, coefficients) - distorted).max()
-    if not off < 1e-6:
-        raise InputError(
-            f"{where}: the rational lens {coefficients.tolist()} cannot be undone at the edge of the image"
-        )
-    return _fit(ideal, distorted, focal, where)
-
-
-def _rational(xy: Floats, coefficients: Floats) -> Floats:
-    k1, k2, p1, p2, k3, k4, k5, k6 = coefficients
-    x, y = xy.T
-    r2 = x * x + y * y
-    radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
-    along = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-    return np.column_stack([along, y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y])
-
-
-def _grid(size: tuple[int, int], focal: Floats, principal: Floats) -> Floats:
-    """(N, 2) normalised image coordinates of a grid over the image."""
-    u, v = np.meshgrid(np.linspace(0, size[0] - 1, GRID), np.linspace(0, size[1] - 1, GRID))
-    return np.asarray((np.column_stack([u.ravel(), v.ravel()]) - principal) / focal)
-
-
-def _fit(ideal: Floats, distorted: Floats, focal: Floats, where: str) -> tuple[Floats, float]:
-    """Brown's coefficients by least squares; InputError where they differ by more than `MAX_ERROR_PX`."""
-    x, y = ideal.T
-    r2 = x * x + y * y
-    across = np.column_stack([x * r2, x * r2**2, 2 * x * y, r2 + 2 * x * x, x * r2**3])
-    down = np.column_stack([y * r2, y * r2**2, r2 + 2 * y * y, 2 * x * y, y * r2**3])
-    terms = np.concatenate([across * focal[0], down * focal[1]])
-    wanted = ((distorted - ideal) * focal).T.ravel()
-    scale = np.abs(terms).max(axis=0)
-    found = np.linalg.lstsq(terms / scale, wanted, rcond=None)[0] / scale
-    worst = float(np.abs(terms @ found - wanted).max())
-    if not worst <= MAX_ERROR_PX:
-        raise InputError(
-            f"{where}: Brown's lens differs from its rational one by {worst:.2g} px; the limit is {MAX_ERROR_PX:g}: "
-            "undistort the images first"
-        )
-    return found, worst
-
+from .lenses import Lens, checked_lens, read_lens
 
 WHAT = "a camera calibration"
 MAX_BYTES = 16 * 2**20
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-MAX_ROUND_TRIP_PX = 0.5
-MAX_FISHEYE_DEG = 80.0
-"""Beyond, the ideal image that all methods work in becomes too large."""
+OTHER_SIZE, SAME_RATIO = 0.2, 0.03
+"""A principal point that is off the middle by this share of it or more, and by the same across and down to that, is the
+middle of images of another size."""
 MAX_ROUNDING = 1e-6
 MAX_SKEW_PX = 1.0
 """A larger skew would shift bearings by more than the noise of a reading; `Camera` has none."""
@@ -99,13 +35,25 @@ class CalibrationOptions:
 
     Attributes:
         unit: length unit of the file, `m`, `cm` or `mm`; None: the format's own, else metres.
-        image_size: width and height [px]; None: as stated in the file.
+        image_size: width and height [px] of the images, for files that do not state it; None: not given.
+        lens_model: a key of `LENS_MODELS`, for files that have 4 coefficients and do not state of which model.
+        mirror: axis `x`, `y` or `z` of a left-handed world; rotations may then be mirrored.
         notes: importers add their assumptions, as notes for users.
+        unused: importers add the keys that they do not use, each with the cameras that have it.
     """
 
     unit: str | None = None
     image_size: tuple[int, int] | None = None
+    lens_model: str | None = None
+    mirror: str | None = None
     notes: list[str] = field(default_factory=list)
+    unused: dict[str, list[str]] = field(default_factory=dict)
+
+    def check_keys(self, name: str, keys: Iterable[str], known: Collection[str]) -> None:
+        """Remember the keys of camera `name` that are not among the known ones, which are used or without effect."""
+        for key in keys:
+            if key.lower() not in known:
+                self.unused.setdefault(key, []).append(name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,62 +67,38 @@ class Pose:
         rotation: (3, 3) camera-from-world, rows x right, y down, z forward.
         centre: (3,) camera centre [m].
         image_size: width and height [px], None if not stated.
-        distortion: k1, k2, p1, p2, k3 (shorter lists are filled with zeros).
-        model: `brown`, `tsai` or `equidistant`.
+        lens: the distortion.
     """
 
     name: str
-    focal_px: Sequence[float]
-    principal_px: Sequence[float]
+    focal_px: Sequence[float] | Floats
+    principal_px: Sequence[float] | Floats
     rotation: Floats
     centre: Floats
     image_size: tuple[int, int] | None
-    distortion: Sequence[float] = ()
-    model: str = "brown"
+    lens: Lens = Lens()
 
 
-class Lens(NamedTuple):
-    """A lens as a file states it.
-
-    `brown` has k1, k2, p1, p2, k3; `rational` k4, k5, k6 also; `equidistant` k1 to k4.
-    """
-
-    model: str
-    coefficients: Floats
+def keys_of(*texts: str) -> frozenset[str]:
+    """Names of keys, in texts with spaces between them."""
+    return frozenset(key for text in texts for key in text.split())
 
 
-def lens_pose(
-    *,
-    name: str,
-    focal: Floats,
-    principal: Floats,
-    size: tuple[int, int],
-    lens: Lens,
-    rotation: Floats,
-    translation: Floats,
-    options: CalibrationOptions,
-    where: str,
-) -> Pose:
-    """The pose of a camera with Xc = R Xw + t [m], with a lens that is fitted by Brown's where it is rational.
+def mirror_matrix(axis: str | None) -> Floats:
+    """(3, 3) reflection that changes the sign of axis `x`, `y` or `z`; the identity for None."""
+    return np.diag([-1.0 if each == axis else 1.0 for each in "xyz"])
 
-    Raises:
-        InputError: the lens cannot be fitted closely.
-    """
-    coefficients, model = np.asarray(lens.coefficients, dtype=np.float64), lens.model
-    if model == "rational" and (focal > 0).all():
-        coefficients, off = fit_rational(coefficients, size, focal, principal, where)
-        options.notes.append(f"{name}: rational lens, fitted by Brown's within {off:.2g} px")
-        model = "brown"
-    return Pose(
-        name=name,
-        focal_px=focal.tolist(),
-        principal_px=principal.tolist(),
-        rotation=rotation,
-        centre=-rotation.T @ translation,
-        image_size=size,
-        distortion=coefficients.tolist(),
-        model=model,
-    )
+
+class ImageRegion(NamedTuple):
+    """The part of a sensor that the images show, and how much they are scaled."""
+
+    size: tuple[int, int]  # of the images [px]
+    offset: Floats  # (2,) first pixel, in pixels of the sensor
+    scale: Floats  # (2,) pixels of the image in one of the sensor
+
+    def intrinsics(self, focal: Floats, principal: Floats) -> tuple[Floats, Floats]:
+        """Focal lengths and principal point of the images by those of the sensor; a pixel's centre is at its number."""
+        return focal * self.scale, (principal - self.offset + 0.5) * self.scale - 0.5
 
 
 def numbers(value: object, what: str) -> Floats:
@@ -225,7 +149,7 @@ def scale_of(options: CalibrationOptions, own: str) -> float:
     return UNITS[options.unit or own]
 
 
-def build_camera(pose: Pose, where: str) -> Camera:
+def build_camera(pose: Pose, where: str, options: CalibrationOptions) -> Camera:
     """The camera of a pose; InputError where its numbers cannot be those of a camera."""
     if not pose.name.strip():
         raise InputError(f"{where}: a camera has no name; give it one")
@@ -238,57 +162,25 @@ def build_camera(pose: Pose, where: str) -> Camera:
         )
     if (far := np.abs(centre).max()) > MAX_COORDINATE:
         raise InputError(f"{where}: a camera centre {far:g} away; it must be within {MAX_COORDINATE:g}")
-    size = pose.image_size
+    size = pose.image_size or options.image_size
     if size is None:
         raise InputError(f"{where}: does not state the size of the images; give the image size, WIDTHxHEIGHT")
     if not (0 < size[0] < 65536 and 0 < size[1] < 65536):
         raise InputError(f"{where}: images of {size[0]} x {size[1]} px; that cannot be")
-    coefficients = np.zeros(5)
-    given = _vector(pose.distortion, len(pose.distortion), "distortion", where)
-    if len(given) > 5 and given[5:].any():
-        raise InputError(f"{where}: {len(given)} distortion coefficients; only k1, k2, p1, p2, k3 can be used")
-    coefficients[: min(len(given), 5)] = given[:5]
-    rotation = _rotation(pose.rotation, where).T
+    rotation = _rotation(pose.rotation, options.mirror is not None, where).T
+    lens = read_lens(pose.lens, options.lens_model, where)
     with np.errstate(all="ignore"):
-        fov = camera_fov(size, focal, principal, coefficients, pose.model, rotation)
-        camera = _camera(pose, centre, rotation, focal, principal, size, coefficients, fov)
-        off = _round_trip(camera, size)
-    if pose.model == "equidistant":
-        _check_fisheye(camera, size, where)
-    # Tsai's model gives the line of sight of a pixel directly; only the way back has to be solved.
-    if pose.model == "brown" and not off < MAX_ROUND_TRIP_PX:
-        raise InputError(f"{where}: the distortion {given.tolist()} cannot be undone at the edge of the image")
-    return camera
-
-
-def _round_trip(camera: Camera, size: tuple[int, int]) -> float:
-    """Return the largest error of border pixels after undistortion and distortion [px]."""
-    u, v = np.meshgrid(np.linspace(0, size[0] - 1, 9), np.linspace(0, size[1] - 1, 9))
-    pixels = np.column_stack([u.ravel(), v.ravel()])
-    return float(np.abs(camera.project(camera.position + camera.rays(pixels)) - pixels).max())
-
-
-def _check_fisheye(camera: Camera, size: tuple[int, int], where: str) -> None:
-    """InputError where a border pixel of a fisheye is so far off the axis that its ray cannot be used."""
-    u, v = np.meshgrid(np.linspace(0, size[0] - 1, 9), np.linspace(0, size[1] - 1, 9))
-    rays = camera.rays(np.column_stack([u.ravel(), v.ravel()])) @ camera.rotation
-    if not np.hypot(rays[:, 0], rays[:, 1]).max() < np.tan(np.radians(MAX_FISHEYE_DEG)):
-        raise InputError(
-            f"{where}: an equidistant (fisheye) lens that sees more than {MAX_FISHEYE_DEG:g} degrees off its axis; "
-            "undistort the images first"
+        model, coefficients, said = checked_lens(lens, size, focal, principal, where)
+        fov = camera_fov(size, focal, principal, coefficients, model, rotation)
+    if said:
+        options.notes.append(f"camera {pose.name}: {said}")
+    ratio = (principal + 0.5) / (0.5 * np.array(size))
+    if np.abs(ratio - 1.0).min() > OTHER_SIZE and abs(ratio[0] / ratio[1] - 1.0) < SAME_RATIO and ratio.min() > 0.0:
+        width, height = np.round(2.0 * principal + 1.0).astype(int).tolist()
+        options.notes.append(
+            f"warning: camera {pose.name}: its principal point is the middle of images of {width} x {height} px, but "
+            f"these have {size[0]} x {size[1]} (factor {ratio.mean():.3g}): the matrix may be of another size"
         )
-
-
-def _camera(
-    pose: Pose,
-    centre: Floats,
-    rotation: Floats,
-    focal: Floats,
-    principal: Floats,
-    size: tuple[int, int],
-    coefficients: Floats,
-    fov: float,
-) -> Camera:
     return Camera(
         name=safe_name(pose.name),
         position=centre,
@@ -297,7 +189,7 @@ def _camera(
         principal_px=principal,
         image_size=size,
         distortion=coefficients,
-        distortion_model=pose.model,
+        distortion_model=model,
         fov=fov,
     )
 
@@ -309,15 +201,22 @@ def _vector(values: Sequence[float] | Floats, n: int, what: str, where: str) -> 
     return array
 
 
-def _rotation(matrix: Floats, where: str) -> Floats:
-    """The nearest rotation; InputError for a matrix that is none, or is mirrored."""
+def _rotation(matrix: Floats, mirrored: bool, where: str) -> Floats:
+    """The nearest rotation; InputError for a matrix that is none, or has the determinant -1.
+
+    `mirrored`: the world is left-handed, and the negative of a matrix with the determinant -1 is given: it shows the
+    same image, of points behind the camera.
+    """
     r = np.asarray(matrix, dtype=np.float64)
     if r.shape != (3, 3) or not np.isfinite(r).all():
         raise InputError(f"{where}: the rotation is not a matrix of 3 x 3 finite numbers")
     off = float(np.abs(r @ r.T - np.eye(3)).max())
     if not off <= 1e-3:
         raise InputError(f"{where}: the rotation matrix is not orthonormal (off by {off:.2g}, limit 0.001)")
-    if np.linalg.det(r) < 0:
-        raise InputError(f"{where}: the rotation matrix is mirrored (determinant -1); an axis has the wrong sign")
-    u, _, vt = np.linalg.svd(r)
+    if np.linalg.det(r) < 0 and not mirrored:
+        raise InputError(
+            f"{where}: the rotation matrix is mirrored (determinant -1); an axis has the wrong sign, or the world is "
+            f"left-handed (Unity): mirror it, {option('mirror')} y"
+        )
+    u, _, vt = np.linalg.svd(r * np.sign(np.linalg.det(r)))
     return np.asarray(u @ vt)

@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.records.scene import MAX_FOCAL_PX, MIN_FOCAL_PX, Camera
 
-from .common import CalibrationOptions, read_text
+from .common import CalibrationOptions, mirror_matrix, read_text
 from .projection import camera_of_parts, matrix_of
 
 MAX_MISFIT = 0.1
@@ -60,23 +60,30 @@ def _camera(path: Path, options: CalibrationOptions) -> Camera:
     if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
         raise InputError(f"{where}: {matrix.shape} numbers; three rows of three finite ones were expected")
     middle = 0.5 * (np.array(size, dtype=np.float64) - 1.0)
-    pose, to_image = oriented(matrix, middle, where)
+    if options.mirror == "z":
+        raise InputError(f"{where}: a homography states no z; mirror x or y ({option('mirror')} y)")
+    axes = mirror_matrix(options.mirror)
+    pose, to_image = oriented(matrix, middle, where, axes)
     direction = "ground to image" if to_image else "image to ground"
     options.notes.append(
         f"camera {name}: of a homography ({direction}), with square pixels, the principal point in the middle and no "
         f"distortion: f {pose.focal:.4g} px, height {pose.centre[2]:.3g}, residual {pose.misfit:.2g}"
     )
     k = np.array([[pose.focal, 0.0, middle[0]], [0.0, pose.focal, middle[1]], [0.0, 0.0, 1.0]])
-    return camera_of_parts(k, pose.rotation, pose.centre, size, options, name=name or stem, where=where)
+    rotation, centre = pose.rotation, pose.centre
+    if options.mirror is not None:  # in the left-handed world, where it has all behind it
+        rotation, centre = -rotation @ axes, axes @ centre
+    return camera_of_parts(k, rotation, centre, size, options, name=name or stem, where=where)
 
 
-def oriented(matrix: Floats, middle: Floats, where: str) -> tuple[GroundPose, bool]:
+def oriented(matrix: Floats, middle: Floats, where: str, axes: Floats) -> tuple[GroundPose, bool]:
     """The pose of a homography of either direction, and whether it maps the ground to the image.
 
     Args:
         matrix: (3, 3), up to scale.
         middle: (2,) the principal point [px].
         where: for messages.
+        axes: (3, 3) diagonal, the signs of the axes of the ground in the world.
 
     Raises:
         InputError: neither direction fits a camera above the ground, or both do.
@@ -84,7 +91,8 @@ def oriented(matrix: Floats, middle: Floats, where: str) -> tuple[GroundPose, bo
     if not abs(np.linalg.det(matrix)) > 1e-18 * np.linalg.norm(matrix) ** 3:
         raise InputError(f"{where}: the homography cannot be inverted")
     found = [
-        (ground_pose(each, middle), to) for each, to in ((matrix, True), (np.asarray(np.linalg.inv(matrix)), False))
+        (ground_pose(each @ axes, middle), to)
+        for each, to in ((matrix, True), (np.asarray(np.linalg.inv(matrix)), False))
     ]
     fits = sorted((pose.misfit, to) for pose, to in found if pose is not None)
     if not fits or fits[0][0] > MAX_MISFIT:
@@ -103,7 +111,7 @@ def oriented(matrix: Floats, middle: Floats, where: str) -> tuple[GroundPose, bo
     if pose.centre[2] <= 0:
         raise InputError(
             f"{where}: its camera is below the ground: the axes of the ground are left-handed, as those of a map in "
-            "pixels with y down; turn the sign of y"
+            f"pixels with y down; mirror it ({option('mirror')} y)"
         )
     return pose, fits[0][1]
 

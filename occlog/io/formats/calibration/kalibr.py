@@ -15,19 +15,26 @@ from pathlib import Path
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.records.scene import Camera
 
 from .common import (
     CalibrationOptions,
-    Lens,
+    Pose,
     build_camera,
-    lens_pose,
+    keys_of,
     numbers,
     read_text,
     scale_of,
     yaml_values,
 )
+from .lenses import Lens
+
+KEYS = keys_of(
+    "camera_model distortion_model distortion_coeffs intrinsics resolution t_cn_cnm1 t_cam_imu timeshift_cam_imu",
+    "cam_overlaps rostopic",  # without effect: which cameras see the same, and where the images came from
+)
+"""Keys of a camera that are used or noted, or known to be without effect, in small letters."""
 
 _CAMERA = re.compile(r"^cam\d+$")
 
@@ -44,7 +51,25 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
     values = yaml_values(read_text(paths[0]), paths[0])
     cameras = {key: table for key, table in values.items() if _CAMERA.match(key) and isinstance(table, dict)}
     positions = _places(paths[0], cameras, options)
+    options.check_keys(paths[0].name, (key for key in values if key not in cameras), ())
+    _note_clocks(cameras, options)
     return tuple(_camera(paths[0], key, table, positions[key], options) for key, table in cameras.items())
+
+
+def _note_clocks(cameras: Mapping[str, Mapping[str, object]], options: CalibrationOptions) -> None:
+    """Note clocks of cameras that differ: `timeshift_cam_imu` is added to the times of images."""
+    shifts = {
+        name: float(numbers(t.get("timeshift_cam_imu", 0.0), f"{name}: timeshift_cam_imu"))
+        for name, t in cameras.items()
+    }
+    first = next(iter(shifts.values()), 0.0)
+    others = [
+        f"{option('clock_offset')} {name}={shift - first:.6g}s" for name, shift in shifts.items() if shift != first
+    ]
+    if others:
+        options.notes.append(
+            f"warning: timeshift_cam_imu differs between the cameras and is not used; give {' '.join(others)}"
+        )
 
 
 def _places(path: Path, cameras: Mapping[str, Mapping[str, object]], options: CalibrationOptions) -> dict[str, Floats]:
@@ -78,6 +103,7 @@ def _camera(
     path: Path, name: str, table: Mapping[str, object], position: Floats, options: CalibrationOptions
 ) -> Camera:
     where = f"{path}: camera {name}"
+    options.check_keys(name, table, KEYS)
     model, lens = str(table.get("camera_model")), str(table.get("distortion_model", "none"))
     if model != "pinhole":
         raise InputError(f"{where}: camera model {model}; only pinhole can be used: calibrate again with pinhole")
@@ -92,15 +118,15 @@ def _camera(
     given = numbers(table.get("distortion_coeffs", []), f"{where}: distortion_coeffs").reshape(-1)
     if count and len(given) != count:
         raise InputError(f"{where}: {len(given)} distortion_coeffs; {lens} has {count}")
-    pose = lens_pose(
+    if not count and given.any():
+        raise InputError(f"{where}: distortion model none with distortion_coeffs {given.tolist()}; state their model")
+    pose = Pose(
         name=name,
-        focal=intrinsics[:2],
-        principal=intrinsics[2:],
-        size=options.image_size or (int(size[0]), int(size[1])),
-        lens=Lens(kind, given[:count]),
+        focal_px=intrinsics[:2],
+        principal_px=intrinsics[2:],
         rotation=position[:3, :3],
-        translation=position[:3, 3] * scale_of(options, "m"),
-        options=options,
-        where=where,
+        centre=-position[:3, :3].T @ position[:3, 3] * scale_of(options, "m"),
+        image_size=(int(size[0]), int(size[1])),
+        lens=Lens(kind, given),
     )
-    return build_camera(pose, where)
+    return build_camera(pose, where, options)

@@ -7,7 +7,7 @@ known.  Xc = R Xw + t; the unit is not stated: metres unless stated otherwise.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,22 +23,35 @@ from .common import (
     Pose,
     build_camera,
     check_camera_matrix,
+    keys_of,
     read_text,
     scale_of,
     yaml_values,
 )
+from .lenses import Lens
 from .opencv_toml import rotation_from_vector
 
 PLAIN_MATRIX = ("camera_matrix", "cameramatrix", "intrinsic_matrix", "k", "mtx")
 """Names that state what the matrix is, also in a text of which nothing else is known."""
 MATRIX = (*PLAIN_MATRIX, "m", "matrix")
-DISTORTION = ("distortion_coefficients", "distcoeffs", "dist_coeffs", "distortion", "dist", "d")
+DISTORTION = ("distortion_coefficients", "distcoeffs", "dist_coeffs", "distortion", "dist", "d", "distortion_coeffs")
 ROTATION = ("r", "rotation", "rotation_matrix", "rvec", "rotation_vector")
 TRANSLATION = ("t", "tvec", "translation", "translation_vector")
 SIZE = (("image_width", "image_height"), ("width", "height"))
-YES, NO = ("1", "true"), ("0", "false", "none", "")
+SIZES = ("image_size", "imagesize", "img_size", "resolution", "size")
+LENS = ("fisheye_model", "fisheye", "distortion_model")
+WITHOUT_EFFECT = keys_of(
+    "calibration_time calibration_date date time camera_name name comment description opencv_version",
+    "nframes nr_of_frames n_frames num_images board_width board_height square_size marker_size flags flagvalue",
+    "calibrate_flags aspectratio fix_k1 fix_k2 fix_k3 avg_reprojection_error reprojection_error rms rms_error",
+    "avg_reproj_error error per_view_reprojection_errors per_view_errors extrinsic_parameters image_points",
+    "grid_points write_extrinsics std_deviations_intrinsics standard_deviations_intrinsics",
+)
+"""Keys that change no camera: names, dates, how it was calibrated and how well, in small letters."""
+YES, NO = ("1", "true"), ("0", "false", "none")
 """Values of `fisheye_model`, as written by OpenCV's calibration program."""
-BROWN, FISHEYE = ("", "plumb_bob", "radtan", "brown", "rational_polynomial"), ("fisheye", "equidistant")
+BROWN = ("plumb_bob", "radtan", "brown", "rational_polynomial", "thin_prism", "tilted", "opencv", "none", "pinhole")
+FISHEYE = ("fisheye", "equidistant", "kannala_brandt", "opencv_fisheye")
 """Names of `distortion_model`."""
 MAX_NUMBERS = 10_000
 DIGITS = 9
@@ -61,9 +74,9 @@ def _camera(path: Path, options: CalibrationOptions) -> Camera:
     values = storage_values(read_text(path), path)
     matrix = matrix_of(values, MATRIX, where)
     rotation, translation = extrinsics_of(values, where)
-    size = options.image_size or size_of(values)
-    check_camera_matrix(matrix, size[1] if size else 1080, where)
-    found = [key for key in DISTORTION if key in values]
+    size = size_of(values)
+    check_camera_matrix(matrix, (size or options.image_size or (0, 1080))[1], where)
+    options.check_keys(path.stem, unused_keys(values, (MATRIX, DISTORTION, ROTATION, TRANSLATION)), WITHOUT_EFFECT)
     pose = Pose(
         name=path.stem,
         focal_px=[matrix[0, 0], matrix[1, 1]],
@@ -71,20 +84,31 @@ def _camera(path: Path, options: CalibrationOptions) -> Camera:
         rotation=rotation,
         centre=-rotation.T @ translation * scale_of(options, "m"),
         image_size=size,
-        distortion=matrix_of(values, DISTORTION, where).reshape(-1).tolist() if found else (),
-        model="equidistant" if is_fisheye(values, where) else "brown",
+        lens=lens_of(values, where),
     )
-    return build_camera(pose, where)
+    return build_camera(pose, where, options)
 
 
-def is_fisheye(values: Mapping[str, object], where: str) -> bool:
-    """Return whether a calibration has OpenCV's fisheye lens model; InputError for an unknown model."""
-    flag = str(values.get("fisheye_model", values.get("fisheye", 0))).strip().lower()
-    named = str(values.get("distortion_model", "")).strip().lower()
-    if flag not in (*NO, *YES) or named not in (*BROWN, *FISHEYE):
-        what = f"fisheye_model {flag}" if flag not in (*NO, *YES) else f"distortion_model {named}"
-        raise InputError(f"{where}: {what} is not known; undistort the images, or leave it out")
-    return flag in YES or named in FISHEYE
+def lens_of(values: dict[str, object], where: str) -> Lens:
+    """The lens of a calibration; InputError for an unknown model, and for two that contradict each other."""
+    stated: set[str] = set()
+    for key, brown, fisheye in ((LENS[0], NO, YES), (LENS[1], NO, YES), (LENS[2], BROWN, FISHEYE)):
+        said = str(values.get(key, "")).strip().lower()
+        if said and said not in (*brown, *fisheye):
+            raise InputError(f"{where}: {key} {said} is not known; undistort the images, or leave it out")
+        stated |= {"equidistant" if said in fisheye else "brown"} if said else set()
+    if len(stated) > 1:
+        raise InputError(f"{where}: {' and '.join(k for k in LENS if k in values)} contradict each other; keep one")
+    given = matrix_of(values, DISTORTION, where) if any(key in values for key in DISTORTION) else np.zeros(0)
+    return Lens(next(iter(stated), None), given)
+
+
+def unused_keys(values: Mapping[str, object], parts: Sequence[tuple[str, ...]]) -> list[str]:
+    """Keys that are none of those used: the first of each part's names, sizes of the images, and lens models."""
+    used = {next((name for name in names if name in values), "") for names in parts}
+    size = next((pair for pair in SIZE if all(key in values for key in pair)), None)
+    used |= set(size or [next((key for key in SIZES if key in values), "")])
+    return [key for key in values if key not in used and key not in LENS]
 
 
 def extrinsics_of(values: dict[str, object], where: str) -> tuple[Floats, Floats]:
@@ -170,6 +194,14 @@ def size_of(values: Mapping[str, Any]) -> tuple[int, int] | None:
         if width in values and height in values:
             try:
                 return int(values[width]), int(values[height])
+            except (TypeError, ValueError, OverflowError):
+                return None
+    for key in SIZES:
+        cells = values.get(key)
+        cells = cells.get("data") if isinstance(cells, dict) else cells
+        if isinstance(cells, list) and len(cells) == 2:
+            try:
+                return int(cells[0]), int(cells[1])
             except (TypeError, ValueError, OverflowError):
                 return None
     return None

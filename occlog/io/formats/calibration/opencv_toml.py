@@ -1,7 +1,6 @@
 """TOML calibrations in OpenCV's convention (caliscope, anipose, Pose2Sim).
 
-Each table with `matrix` is a camera: `size`, `distortions` (k1, k2, p1, p2, k3; k1 to k4
-with `fisheye`),
+Each table with `matrix` is a camera: `size`, `distortions` (OpenCV's 4, 5, 8, 12 or 14; 4 with `fisheye`),
 `rotation` as a 3 x 3 matrix or a rotation vector, and `translation`, with Xc = R Xw + t.
 The files do not state their unit: metres unless stated otherwise.
 """
@@ -14,11 +13,21 @@ from pathlib import Path
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.io.files.texts.documents import toml_values
 from occlog.records.scene import Camera
 
-from .common import WHAT, CalibrationOptions, Pose, build_camera, read_text, scale_of
+from .common import WHAT, CalibrationOptions, Pose, build_camera, keys_of, read_text, scale_of
+from .lenses import Lens
+
+KEYS = keys_of(
+    "matrix size distortions fisheye rotation translation name ignore rotation_count",
+    # Without effect: numbers of the camera, how well it was calibrated, how it was recorded
+    "port cam_id error exposure grid_count verified_resolutions",
+)
+"""Keys of a camera's table that are used, or known to be without effect."""
+TABLES = frozenset(("metadata", "adjusted", "error"))
+"""Other keys of a file that are without effect."""
 
 
 def detect(text: str) -> bool:
@@ -34,6 +43,7 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
     cameras = []
     for path in paths:
         root = toml_values(read_text(path), path, WHAT)
+        options.check_keys(path.name, _others(root), TABLES)
         cameras += [_camera(key, table, path, options) for key, table in _tables(root) if not table.get("ignore")]
     return tuple(cameras)
 
@@ -52,9 +62,26 @@ def _tables(root: Mapping[str, object]) -> Iterator[tuple[str, dict[str, object]
                 yield (f"cam_{inner}" if inner.isdigit() else inner), table
 
 
+def _others(root: Mapping[str, object]) -> Iterator[str]:
+    """Keys of a file that are not of a camera."""
+    cameras = {id(table) for _, table in _tables(root)}
+    for key, value in root.items():
+        inner = value if isinstance(value, dict) else {}
+        if id(value) not in cameras and not any(id(table) in cameras for table in inner.values()):
+            yield key
+            yield from inner if key == "metadata" else ()
+
+
 def _camera(key: str, table: dict[str, object], path: Path, options: CalibrationOptions) -> Camera:
     name = str(table.get("name", key))
     where = f"{path}: camera {name}"
+    options.check_keys(name, table, KEYS)
+    turns = table.get("rotation_count") or 0
+    if turns:
+        options.notes.append(
+            f"warning: camera {name}: rotation_count {turns}: the calibration is of the images before they are turned "
+            "by 90 degrees so many times; give those, or boxes of them"
+        )
     if table.get("rotation") is None or table.get("translation") is None:
         raise InputError(f"{where}: has no rotation and translation; calibrate its pose")
     matrix = _array(table, "matrix", where)
@@ -66,20 +93,26 @@ def _camera(key: str, table: dict[str, object], path: Path, options: Calibration
     translation = _array(table, "translation", where).reshape(-1)
     if rotation.shape != (3, 3) or translation.shape != (3,):
         raise InputError(f"{where}: rotation and translation must have 9 (or 3) and 3 numbers")
-    lens = _array(table, "distortions", where).reshape(-1).tolist() if "distortions" in table else []
-    if table.get("fisheye") and any(lens[4:]):
-        raise InputError(f"{where}: {len(lens)} distortions; a fisheye lens has 4")
+    given = _array(table, "distortions", where) if "distortions" in table else np.zeros(0)
+    model: str | None = "equidistant" if table.get("fisheye") else "brown"
+    column = given.ndim == 2 and given.shape[1] == 1  # as of cv2.fisheye
+    if "fisheye" not in table and (options.lens_model is not None or column):
+        model = None
+    elif "fisheye" not in table and given.size == 4 and given.any():
+        # In this format a lens that is not stated to be a fisheye is none
+        options.notes.append(
+            f"camera {name}: k1, k2, p1, p2 are assumed, as fisheye is not stated ({option('lens_model')})"
+        )
     pose = Pose(
         name=name,
         focal_px=[matrix[0, 0], matrix[1, 1]],
         principal_px=[matrix[0, 2], matrix[1, 2]],
         rotation=rotation,
         centre=-rotation.T @ translation * scale_of(options, "m"),
-        image_size=options.image_size or _size(table, where),
-        distortion=lens,
-        model="equidistant" if table.get("fisheye") else "brown",
+        image_size=_size(table, where),
+        lens=Lens(model, given),
     )
-    return build_camera(pose, where)
+    return build_camera(pose, where, options)
 
 
 def _array(table: dict[str, object], key: str, where: str) -> Floats:

@@ -21,11 +21,13 @@ from .opencv_storage import (
     PLAIN_MATRIX,
     ROTATION,
     TRANSLATION,
+    WITHOUT_EFFECT,
     extrinsics_of,
-    is_fisheye,
+    lens_of,
     matrix_of,
     size_of,
     storage_values,
+    unused_keys,
 )
 
 WILDTRACK = {**{f"CVLab{n}": f"C{n}" for n in range(1, 5)}, **{f"IDIAP{n}": f"C{n + 4}" for n in range(1, 4)}}
@@ -97,9 +99,11 @@ def _camera(name: str, lens: Path, path: Path, wildtrack: bool, options: Calibra
     values, of_place = storage_values(read_text(lens), lens), storage_values(read_text(path), path)
     matrix = matrix_of(values, MATRIX, f"{lens}: camera {name}")
     rotation, translation = extrinsics_of(of_place, where)
-    size = options.image_size or size_of(values) or (WILDTRACK_SIZE if wildtrack else None)
+    size = size_of(values) or options.image_size or (WILDTRACK_SIZE if wildtrack else None)
     check_camera_matrix(matrix, size[1] if size else 1080, f"{lens}: camera {name}")
-    found = any(key in values for key in DISTORTION)
+    parts = (MATRIX, DISTORTION), (ROTATION, TRANSLATION)
+    for held, used in zip((values, of_place), parts, strict=True):
+        options.check_keys(name, unused_keys(held, used), WITHOUT_EFFECT)
     pose = Pose(
         name=WILDTRACK[name] if wildtrack else name,
         focal_px=[matrix[0, 0], matrix[1, 1]],
@@ -107,7 +111,6 @@ def _camera(name: str, lens: Path, path: Path, wildtrack: bool, options: Calibra
         rotation=rotation,
         centre=-rotation.T @ translation * scale_of(options, "cm" if wildtrack else "m"),
         image_size=size,
-        distortion=matrix_of(values, DISTORTION, where).reshape(-1).tolist() if found else (),
-        model="equidistant" if is_fisheye(values, f"{lens}: camera {name}") else "brown",
+        lens=lens_of(values, f"{lens}: camera {name}"),
     )
-    return build_camera(pose, where)
+    return build_camera(pose, where, options)

@@ -8,7 +8,6 @@ file states neither the unit (metres unless stated otherwise) nor the size of th
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +17,9 @@ from occlog.errors import InputError
 from occlog.records.scene import Camera
 
 from .common import CalibrationOptions, Pose, build_camera, check_camera_matrix, read_text, scale_of
+from .lenses import Lens
+
+STRAIGHT = Lens()
 
 _SUFFIX = re.compile(r"[_-]?(P|proj|projection|matrix|calib|calibration)$", re.IGNORECASE)
 
@@ -63,14 +65,14 @@ def camera_of_parts(
     *,
     name: str,
     where: str,
-    distortion: Sequence[float] = (),
+    lens: Lens = STRAIGHT,
 ) -> Camera:
     """The camera of an intrinsic matrix, a camera-from-world rotation and a centre in the unit of `options`.
 
     A scene has no skew: InputError where it moves a point at the upper or lower edge of the image by more than
     `MAX_SKEW_PX`.
     """
-    check_camera_matrix(k, image_size[1] if image_size else 1080, where)
+    check_camera_matrix(k, (image_size or options.image_size or (0, 1080))[1], where)
     pose = Pose(
         name=name,
         focal_px=[k[0, 0], k[1, 1]],
@@ -78,9 +80,9 @@ def camera_of_parts(
         rotation=rotation,
         centre=centre * scale_of(options, "m"),
         image_size=image_size,
-        distortion=distortion,
+        lens=lens,
     )
-    return build_camera(pose, where)
+    return build_camera(pose, where, options)
 
 
 def take_apart(matrix: Floats, where: str = "matrix") -> tuple[Floats, Floats, Floats]:

@@ -1,7 +1,6 @@
 """Camera calibrations of other programs to cameras of a scene.
 
-One module a format; `IMPORTERS` lists them.  `describe` states what an importer understood: units, centres, and where
-the optical axes meet, so that a wrong convention is seen at once.
+One module a format; `IMPORTERS` lists them.
 """
 
 from __future__ import annotations
@@ -12,8 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Floats
-from occlog.console.text import counted
 from occlog.errors import InputError, UsageError
 from occlog.io.files.limits import guarded
 from occlog.io.files.texts.formats import FileFormat, Probe, by_text, recognise
@@ -57,12 +54,13 @@ FAR_M, NEAR_M = 500.0, 0.05
 
 
 class CalibrationFile(NamedTuple):
-    """Cameras, the format they were read as, the unit of its lengths, and the assumptions made."""
+    """Cameras, the format they were read as, the unit of its lengths, the assumptions, and the axis to be mirrored."""
 
     cameras: tuple[Camera, ...]
     format: str
     unit: str
     notes: tuple[str, ...] = ()
+    mirror: str | None = None
 
 
 def read_calibration(
@@ -95,7 +93,15 @@ def read_calibration(
     if (double := first_double([c.name for c in cameras])) is not None:
         raise InputError(f"{files[0]}: two cameras are named {double!r}; their names must differ")
     unit = options.unit or (pairs.unit_of(files) if name == "opencv-pairs" else IMPORTERS[name].assumed)
-    return CalibrationFile(cameras, name, unit, (*options.notes, *_doubts(cameras)))
+    return CalibrationFile(cameras, name, unit, (*options.notes, *_unused(options), *_doubts(cameras)), options.mirror)
+
+
+def _unused(options: CalibrationOptions) -> list[str]:
+    """What the files state and nothing uses, in words."""
+    if not options.unused:
+        return []
+    keys = "; ".join(f"{key} ({', '.join(dict.fromkeys(names))})" for key, names in options.unused.items())
+    return [f"warning: keys that are not used: {keys}; where one changes the cameras, state it in another way"]
 
 
 def _doubts(cameras: Sequence[Camera]) -> list[str]:
@@ -115,38 +121,3 @@ def _files(path: Path) -> list[Path]:
                 return files
         return sorted(p for p in path.iterdir() if p.is_file() and not p.name.startswith("."))
     return [path]
-
-
-def describe(calibration: CalibrationFile) -> str:
-    """One line: format, unit, handedness, cameras with their centres in metres, and where their optical axes meet.
-
-    Importers refuse mirrored rotations, so that the world is right-handed, as the frames of cameras are.
-    """
-    cameras = calibration.cameras
-    centres = ", ".join(f"{c.name} ({c.position[0]:.2f}, {c.position[1]:.2f}, {c.position[2]:.2f})" for c in cameras)
-    unit = calibration.unit if calibration.unit == "m" else f"{calibration.unit} -> m"
-    text = f"calibration: {calibration.format}, {unit}, right-handed, {counted(len(cameras), 'camera')} at {centres}"
-    if len(cameras) < 2:
-        return text
-    point, distance = meeting_point(cameras)
-    return text + (
-        f"; optical axes meet near ({point[0]:.2f}, {point[1]:.2f}, {point[2]:.2f}) and pass it at "
-        f"{distance.mean():.2f} m on average"
-    )
-
-
-def meeting_point(cameras: Sequence[Camera]) -> tuple[Floats, Floats]:
-    """The point (3,) nearest to all optical axes (least squares), and how far each axis (n,) passes it.
-
-    NaN where the axes are parallel.
-    """
-    centres = np.array([c.position for c in cameras])
-    axes = np.array([c.rotation[:, 2] for c in cameras])
-    # Projectors onto the planes across the axes: the distance of X to axis i is |A_i (X - c_i)|.
-    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    normal = across.sum(axis=0)
-    if np.linalg.cond(normal) > 1e9:
-        return np.full(3, np.nan), np.full(len(centres), np.nan)
-    point = np.linalg.solve(normal, (across @ centres[:, :, None]).sum(axis=0)[:, 0])
-    off = (across @ (point - centres)[:, :, None])[:, :, 0]
-    return point, np.linalg.norm(off, axis=1)

@@ -4,7 +4,7 @@ A lens is the YAML of `camera_calibration` (`image_width`, `camera_matrix`, ...)
 `sensor_msgs/CameraInfo` (`width`, `k`, `d`, ...).  Positions are what it prints of `/tf_static`, or a list of
 transforms with `frame_id`, `child_frame_id` (also in `header`), `translation` and `rotation` (x, y, z, w).  The frame
 of a camera is its optical one (x right, y down, z forward: REP 103); the world is the frame that all others hang from.
-Lengths are metres, and the lens is that of the raw images.
+Lengths are metres, and the lens is that of the raw images; `binning` and `roi` scale and shift it (REP 104).
 """
 
 from __future__ import annotations
@@ -24,17 +24,37 @@ from occlog.records.scene import Camera
 from .common import (
     WHAT,
     CalibrationOptions,
-    Lens,
+    ImageRegion,
+    Pose,
     build_camera,
     check_camera_matrix,
-    lens_pose,
+    keys_of,
     numbers,
     read_text,
     scale_of,
 )
+from .lenses import Lens
 
-LENSES = {"plumb_bob": "brown", "rational_polynomial": "rational", "equidistant": "equidistant", "": "brown"}
+LENSES = {
+    "plumb_bob": "brown",
+    "radtan": "brown",
+    "rational_polynomial": "brown",
+    "thin_prism": "brown",
+    "equidistant": "equidistant",
+    "fisheye": "equidistant",
+    "kannala_brandt": "equidistant",
+    "": None,
+}
 """Models of lenses by their names in ROS."""
+PLUMB_BOB = ("plumb_bob", "radtan")
+"""Names of lenses with at most five coefficients."""
+KEYS = keys_of(
+    "image_width image_height width height camera_name camera_matrix k distortion_model distortion_coefficients d",
+    "header binning_x binning_y roi",
+    "rectification_matrix projection_matrix r p",  # without effect: of rectified images, and the lens is of raw ones
+)
+"""Keys of a `camera_info` that are used, or known to be without effect."""
+ROI_KEYS = keys_of("x_offset y_offset width height do_rectify")
 _INFO = re.compile(r"^[ \t]*(distortion_model|camera_matrix)[ \t]*:", re.MULTILINE)
 _TRANSFORM = re.compile(r"^[ \t]*(-[ \t]*)?child_frame_id[ \t]*:", re.MULTILINE)
 _OPTICAL = re.compile(r"_?optical(_frame)?$")
@@ -150,6 +170,7 @@ def _camera(
     name: str, path: Path, part: Mapping[str, object], tree: Mapping[str, Transform], options: CalibrationOptions
 ) -> Camera:
     where = f"{path}: camera {name}"
+    options.check_keys(name, part, KEYS)
     header = part.get("header")
     stated = str(header.get("frame_id", "")).lstrip("/") if isinstance(header, dict) else ""
     names = [stated] if stated in tree else [f for f in tree if _OPTICAL.sub("", f) == name and f != name]
@@ -167,32 +188,101 @@ def _camera(
     matrix = _matrix(part, ("camera_matrix", "k", "K"), f"{where}: camera matrix")
     if matrix.size != 9:
         raise InputError(f"{where}: the camera matrix has {matrix.size} numbers, not 9")
-    model = str(part.get("distortion_model", ""))
-    if model not in LENSES:
-        raise InputError(f"{where}: distortion model {model}; only {', '.join(m for m in LENSES if m)} can be used")
     given = _matrix(part, ("distortion_coefficients", "d", "D"), f"{where}: distortion").reshape(-1)
-    count = {"brown": 5, "rational": 8, "equidistant": 4}[LENSES[model]]
-    if len(given) > count or (LENSES[model] != "brown" and len(given) != count):
-        raise InputError(f"{where}: {len(given)} distortion coefficients; {model} has {count}")
-    size = [
-        part.get(key) for key in (("image_width", "image_height") if "image_width" in part else ("width", "height"))
-    ]
-    if options.image_size is None and not all(isinstance(n, int) for n in size):
-        raise InputError(f"{where}: does not state the size of the images; give the image size, WIDTHxHEIGHT")
+    lens = lens_of(str(part.get("distortion_model", "")), given, where)
+    keys = ("image_width", "image_height") if "image_width" in part else ("width", "height")
+    size = [part.get(key) for key in keys]
+    if not all(isinstance(n, int) for n in size):
+        raise InputError(f"{where}: does not state the size of the images ({', '.join(keys)})")
     matrix = matrix.reshape(3, 3)
-    check_camera_matrix(matrix, options.image_size[1] if options.image_size else int(str(size[1])), where)
-    pose = lens_pose(
+    whole = (int(str(size[0])), int(str(size[1])))
+    check_camera_matrix(matrix, whole[1], where)
+    region = region_of(whole, _binning(part, where), _roi(part, name, options, where), where)
+    if region.size != whole:
+        options.notes.append(region_text(name, region, whole))
+    focal, principal = region.intrinsics(np.array([matrix[0, 0], matrix[1, 1]]), matrix[:2, 2])
+    pose = Pose(
         name=name,
-        focal=np.array([matrix[0, 0], matrix[1, 1]]),
-        principal=matrix[:2, 2],
-        size=options.image_size or (int(str(size[0])), int(str(size[1]))),
-        lens=Lens(LENSES[model], given),
+        focal_px=focal,
+        principal_px=principal,
         rotation=rotation.T,
-        translation=-rotation.T @ position * scale_of(options, "m"),
-        options=options,
-        where=where,
+        centre=position * scale_of(options, "m"),
+        image_size=region.size,
+        lens=lens,
     )
-    return build_camera(pose, where)
+    return build_camera(pose, where, options)
+
+
+def lens_of(model: str, given: Floats, where: str) -> Lens:
+    """The lens of a `camera_info` by the name of its model and its coefficients.
+
+    Raises:
+        InputError: the model is unknown, or has another number of coefficients.
+    """
+    kind = model.lower()
+    if kind not in LENSES:
+        raise InputError(f"{where}: distortion model {model}; only {', '.join(m for m in LENSES if m)} can be used")
+    count = 4 if LENSES[kind] == "equidistant" else 5 if kind in PLUMB_BOB else 14
+    if given[count:].any() or (count == 4 and len(given) not in (0, 4)):
+        raise InputError(f"{where}: {len(given)} distortion coefficients; {model} has {count}")
+    return Lens(LENSES[kind], given)
+
+
+def region_of(
+    whole: tuple[int, int], binning: tuple[int, int], roi: tuple[int, int, int, int], where: str
+) -> ImageRegion:
+    """The images of a `camera_info`, of which all else is of the whole sensor (REP 104).
+
+    Args:
+        whole: width and height [px] at full resolution.
+        binning: pixels in one of the image, across and down; 0 is 1.
+        roi: x, y, width and height [px] at full resolution; no width and height: all that there is.
+        where: for messages.
+
+    Raises:
+        InputError: the region is not one of the sensor.
+    """
+    x, y, width, height = roi
+    bins = [max(n, 1) for n in binning]
+    wide, high = width or whole[0] - x, height or whole[1] - y
+    if min(*roi, *binning) < 0 or x + wide > whole[0] or y + high > whole[1] or wide < bins[0] or high < bins[1]:
+        raise InputError(
+            f"{where}: binning {binning} and roi {roi} are no part of {whole[0]} x {whole[1]} px; correct them"
+        )
+    return ImageRegion((wide // bins[0], high // bins[1]), np.array([x, y], dtype=np.float64), 1.0 / np.array(bins))
+
+
+def region_text(name: str, region: ImageRegion, whole: tuple[int, int]) -> str:
+    """A note on a region of a sensor."""
+    bins = np.round(1.0 / region.scale).astype(int).tolist()
+    x, y = region.offset.astype(int).tolist()
+    return (
+        f"camera {name}: images of {region.size[0]} x {region.size[1]} px of a sensor of {whole[0]} x {whole[1]} "
+        f"(binning {bins[0]} x {bins[1]}, region from {x}, {y})"
+    )
+
+
+def _binning(part: Mapping[str, object], where: str) -> tuple[int, int]:
+    return _whole(part.get("binning_x"), f"{where}: binning_x"), _whole(part.get("binning_y"), f"{where}: binning_y")
+
+
+def _roi(part: Mapping[str, object], name: str, options: CalibrationOptions, where: str) -> tuple[int, int, int, int]:
+    """Offsets and size of the region of interest; all 0 where it is not stated."""
+    roi = part.get("roi") or {}
+    if not isinstance(roi, dict):
+        raise InputError(f"{where}: roi {str(roi)[:40]!r}; x_offset, y_offset, width and height were expected")
+    options.check_keys(name, (f"roi.{key}" for key in roi if key not in ROI_KEYS), ())
+    x, y, width, height = (_whole(roi.get(k), f"{where}: roi.{k}") for k in ("x_offset", "y_offset", "width", "height"))
+    return x, y, width, height
+
+
+def _whole(value: object, where: str) -> int:
+    """A whole number; 0 where it is not stated."""
+    if value is None:
+        return 0
+    if not isinstance(value, int) or isinstance(value, bool):
+        raise InputError(f"{where} {str(value)[:40]!r}; a whole number was expected")
+    return value
 
 
 def _matrix(part: Mapping[str, object], names: tuple[str, ...], where: str) -> Floats:

@@ -20,6 +20,7 @@ from occlog.array_types import Floats
 from occlog.errors import InputError
 from occlog.io.files.texts.yaml import parse_yaml, read_yaml
 from occlog.records.declared.sensors import MIN_SIGMA_PX, MIN_SIGMA_RAD
+from occlog.records.lens import COEFFICIENTS
 from occlog.records.names import first_double
 from occlog.records.scene import (
     MAX_COORDINATE,
@@ -86,8 +87,14 @@ class NoiseSpec(SceneFileSpec, kw_only=True):
 class DistortionSpec(SceneFileSpec, kw_only=True):
     """Lens distortion on normalised image coordinates."""
 
-    model: Literal["brown", "tsai", "equidistant"] = "brown"
-    coefficients: Annotated[list[float], Meta(max_length=5, description="k1, k2, p1, p2, k3; k1 to k4 of equidistant")]
+    model: Literal["brown", "opencv", "tsai", "equidistant"] = "brown"
+    coefficients: Annotated[
+        list[float],
+        Meta(
+            max_length=14,
+            description="k1, k2, p1, p2, k3; opencv: and k4, k5, k6, s1 to s4, tau_x, tau_y; k1 to k4 of equidistant",
+        ),
+    ]
 
 
 class CameraSpec(SceneFileSpec, kw_only=True):
@@ -313,7 +320,7 @@ def _camera(spec: CameraSpec, where: str) -> Camera:
     rotation, placed = _rotation(spec, where)
     middle = ((size[0] - 1) / 2, (size[1] - 1) / 2) if size else (0.0, 0.0)
     principal = np.asarray(spec.principal_point_px or middle, dtype=np.float64)
-    distortion, model = _distortion(spec.distortion)
+    distortion, model = _distortion(spec.distortion, where)
     fov = _angle(spec.fov, spec.fov_deg, "fov", where)
     if fov is None:
         if size is None:
@@ -341,10 +348,14 @@ def _camera(spec: CameraSpec, where: str) -> Camera:
     )
 
 
-def _distortion(spec: DistortionSpec | None) -> tuple[Floats, str]:
-    coefficients = np.zeros(5)
+def _distortion(spec: DistortionSpec | None, where: str) -> tuple[Floats, str]:
     if spec is None:
-        return coefficients, "brown"
+        return np.zeros(5), "brown"
+    coefficients = np.zeros(COEFFICIENTS[spec.model])
+    if len(spec.coefficients) > len(coefficients):
+        raise InputError(
+            f"{where}: {len(spec.coefficients)} distortion coefficients; model {spec.model} has {len(coefficients)}"
+        )
     coefficients[: len(spec.coefficients)] = spec.coefficients
     return coefficients, spec.model
 
@@ -428,7 +439,7 @@ def _camera_spec(c: Camera) -> CameraSpec:
         focal_px=_floats(c.focal_px),
         principal_point_px=(float(c.principal_px[0]), float(c.principal_px[1])),
         image_size_px=list(c.image_size) if c.image_size else None,
-        distortion=distortion if np.any(c.distortion) else None,
+        distortion=None if c.straight else distortion,
         fov=c.fov,
         range=None if math.isinf(c.range) else c.range,
         noise=NoiseSpec(

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from occlog.array_types import Floats, Ints, Strings
+from occlog.array_types import NS, Floats, Ints, Strings
 from occlog.errors import InputError
 from occlog.io.files.frame_times import to_world_time
 from occlog.io.files.limits import check_input
@@ -73,7 +73,7 @@ def read_doa(
     entry = FORMATS[_format(path, options)]
     convention = options.convention or entry.assumed
     names = [a.name for a in arrays]
-    last: dict[str, int] = {}
+    spans: dict[str, tuple[int, int]] = {}
     first: dict[str, int] = {}
     meant: dict[str, str] = {}
     collected: list[Loss] = [] if losses is None else losses
@@ -84,7 +84,7 @@ def read_doa(
         for label, name in zip(unique.tolist(), matched, strict=True):
             check_meaning(meant, label, name, str(path), what="array")
         sensor = np.array(matched, dtype=np.str_)[inverse]
-        _check_times(path, rows, sensor, last)
+        _check_times(path, rows, sensor, spans)
         rows = _by_clocks(rows, sensor, clocks or {}, first)
         yaw = {a.name: a.yaw for a in arrays}
         offset = np.array([yaw[name] for name in matched])[inverse]
@@ -134,20 +134,34 @@ def _untilted(
     return azimuth, rows._replace(elevation=elevation)
 
 
-def _check_times(path: Path, rows: DoaRows, sensor: Strings, last: dict[str, int]) -> None:
-    """Raise InputError where the times of one array go back; several directions at one time are a set."""
-    for name in np.unique(sensor):
+MAX_RESTART_SHARE = 0.1
+"""Times that go back to this share of those so far, or less, are those of another run."""
+
+
+def _check_times(path: Path, rows: DoaRows, sensor: Strings, spans: dict[str, tuple[int, int]]) -> None:
+    """Raise InputError where the times of one array go back; several directions at one time are a set.
+
+    `spans`: first and last time of each array so far.
+    """
+    for name in np.unique(sensor).tolist():
         mine = np.flatnonzero(sensor == name)
         t_ns: Ints = rows.t_ns[mine]
-        before = np.concatenate([[last.get(str(name), t_ns[0])], t_ns[:-1]])
+        first, last = spans.get(name, (int(t_ns[0]), int(t_ns[0])))
+        before = np.concatenate([[last], t_ns[:-1]])
         back = np.flatnonzero(t_ns < before)
         if len(back):
             k = int(back[0])
-            raise InputError(
-                f"{path}: line {int(rows.line[mine[k]])}: time of {name} goes back ({t_ns[k]} ns after "
-                f"{before[k]} ns); sort the log by time"
+            began = t_ns[k] - first < MAX_RESTART_SHARE * (before[k] - first)
+            remedy = (
+                "it starts again there: these are two runs in one file; split it at this line"
+                if began
+                else "sort the log by time"
             )
-        last[str(name)] = int(t_ns[-1])
+            raise InputError(
+                f"{path}: line {int(rows.line[mine[k]])}: time of {name} goes back by "
+                f"{(before[k] - t_ns[k]) / NS:.3g} s; {remedy}"
+            )
+        spans[name] = first, int(t_ns[-1])
 
 
 def _by_clocks(rows: DoaRows, sensor: Strings, clocks: Mapping[str, Clock], first: dict[str, int]) -> DoaRows:

@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Literal, Required, Self, TypedDict
+from typing import IO, TYPE_CHECKING, Any, Literal, Required, Self, TypedDict
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from occlog.records.losses import Loss
 from ..limits import MAX_PIXELS, SECONDS
 from .fork_server import FORKS, NURSERY, ForkedProcess
 from .memory import SHARED, SharedImages, slot_size
+
+if TYPE_CHECKING:
+    from ..codec import Facts
 
 
 class DecodingJob(TypedDict, total=False):
@@ -47,6 +50,8 @@ class DecoderMessage(TypedDict, total=False):
     frames: int | None
     rate: float | None
     bars: tuple[int, int, int, int]
+    facts: Facts
+    start: float | None  # time stamp of the first frame [s]; None: not known
     i: int  # number of the frame
     p: float | None  # its time in the file [ns]
     k: str  # how its data are stored
@@ -83,6 +88,8 @@ class Decoder:
         frames: number of frames announced, None if unknown.
         rate_hz: frame rate as stated, None if not.
         bars: width of black bars at the left, top, right and lower edge [px].
+        facts: what the file states of its pictures, as findings with their values.
+        start_s: time stamp of the first frame in the file [s], which counts as 0; None: not known.
         losses: the losses; complete when all frames have been read.
     """
 
@@ -92,6 +99,8 @@ class Decoder:
     frames: int | None = None
     rate_hz: float | None = None
     bars: tuple[int, int, int, int] = (0, 0, 0, 0)
+    facts: Facts = field(default_factory=list)
+    start_s: float | None = None
     losses: list[Loss] = field(default_factory=list)
     death: str = ""
     shared: SharedImages | None = field(default=None, repr=False)
@@ -145,6 +154,7 @@ class Decoder:
         left, top, right, bottom = header["bars"]
         self.size, self.bars = (width, height), (left, top, right, bottom)
         self.frames, self.rate_hz = header["frames"], header["rate"]
+        self.facts, self.start_s = [(id, values) for id, values in header["facts"]], header.get("start")
         return self
 
     def __exit__(

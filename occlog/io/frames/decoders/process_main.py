@@ -9,6 +9,7 @@ The job comes as JSON on standard input; messages go to standard output.
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 import signal
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
 
 _ADDRESS = re.compile(r"\[([^\]@]+) @ 0x[0-9a-f]+\] ?")
 MAX_TEXT = 90
+SILENCERS = ("OPENCV_FFMPEG_LOGLEVEL", "OPENCV_FFMPEG_DEBUG")
+"""Variables that change what FFmpeg writes, which alone shows damage and pictures that were not converted."""
 
 
 class Log:
@@ -114,6 +117,8 @@ def _video(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss], memory
     from ..decode import CAPTURE_OPTIONS, decode, examine
 
     os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = CAPTURE_OPTIONS
+    for name in SILENCERS:
+        os.environ.pop(name, None)
     clock = CpuTimeLimit(Path(job["path"]))
 
     def news() -> str:
@@ -121,7 +126,9 @@ def _video(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss], memory
         return log.news()
 
     video = examine(Path(job["path"]), allow_pixels, news)
-    send(out, {"size": video.size, "frames": video.frames, "rate": video.rate_hz, "bars": video.bars})
+    start_s = video.start_s if math.isfinite(video.start_s) else None
+    header: DecoderMessage = {"size": video.size, "frames": video.frames, "rate": video.rate_hz, "bars": video.bars}
+    send(out, {**header, "facts": video.facts, "start": start_s})
     if job.get("waits"):
         line = sys.stdin.buffer.readline()
         if not line:
@@ -187,7 +194,7 @@ def _send_image(out: BinaryIO, header: DecoderMessage, image: Image, slots: Slot
 
 
 def _images(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> None:
-    from ..codec import dark_bars, image_kind
+    from ..codec import dark_bars, image_facts, image_kind
     from ..streams import load
 
     files = [(int(index), Path(path)) for index, path in job["files"]]
@@ -197,10 +204,11 @@ def _images(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> No
         clock.go_on()
         return log.news()
 
-    first = _first_image(job, files)
+    first, data = _first_image(job, files)
     size = (first.shape[1], first.shape[0])
-    send(out, {"size": size, "frames": len(files), "rate": None, "bars": dark_bars(first)})
-    del first  # it will be decoded again, and may be as large as is allowed
+    facts = image_facts(data, first)
+    send(out, {"size": size, "frames": len(files), "rate": None, "bars": dark_bars(first), "facts": facts})
+    del first, data  # it will be decoded again, and may be as large as is allowed
     log.news()
     delivered = 0
     for picture, data in load(files, size, losses.append, news):
@@ -222,14 +230,15 @@ def bytes_of(image: Image) -> memoryview:
     return np.ascontiguousarray(image).reshape(-1).data
 
 
-def _first_image(job: DecodingJob, files: list[tuple[int, Path]]) -> Image:
-    """The first image that can be decoded."""
+def _first_image(job: DecodingJob, files: list[tuple[int, Path]]) -> tuple[Image, bytes]:
+    """The first image that can be decoded, and the content of its file."""
     from ..codec import decode_image
 
     reason = ""
     for _, file in files:
         try:
-            return decode_image(file.read_bytes(), file.name)
+            data = file.read_bytes()
+            return decode_image(data, file.name), data
         except (OSError, InputError) as error:
             reason = reason or str(error)
     raise InputError(f"{job['path']}: not one image can be decoded ({reason})")

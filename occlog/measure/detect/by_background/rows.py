@@ -68,7 +68,11 @@ def _choose(state: CameraState, frames: _RegionFrames, like: Floats, seen: Regio
         may = None if may_be is None else may_be[a:b]
         one = choose(t_ns, mine, like[a:b], state.memory, state.config.min_similarity, may)
         chosen.append(np.where(one >= 0, one + a, -1))
-    return np.array(chosen)
+    rows = np.array(chosen)
+    if state.camera.distortion_model == "equidistant" and state.camera.placed:
+        # Regions where a wide fisheye is not used give no bearings
+        rows = np.where((rows >= 0) & np.isfinite(np.append(seen.sigma, np.nan))[rows], rows, -1)
+    return rows
 
 
 def _near(state: CameraState, frames: _RegionFrames, seen: RegionBearings) -> Bools | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from jipda_reference import outline_of
@@ -21,6 +23,10 @@ LENSES = {
     "brown": (np.array([-0.25, 0.08, 0.001, -0.002, 0.01]), "brown"),
     "tsai": (np.array([0.06, 0.0, 0.0, 0.0, 0.0]), "tsai"),
     "fisheye": (np.array([-0.02, 0.03, -0.02, 0.004, 0.0]), "equidistant"),
+    "opencv": (
+        np.array([0.5, -0.3, 0.001, -0.002, 0.02, 0.75, -0.35, 0.01, 0.01, -0.002, -0.008, 0.003, 0.04, -0.03]),
+        "opencv",
+    ),
 }
 
 
@@ -60,7 +66,7 @@ def test_the_box_of_an_ideal_lens_is_that_of_the_ellipsoids_points(place: tuple[
     np.testing.assert_allclose(box, sampled(view, *place, 1.7, 0.5), atol=0.05)
 
 
-@pytest.mark.parametrize("lens", ["brown", "tsai", "fisheye"])
+@pytest.mark.parametrize("lens", ["brown", "tsai", "fisheye", "opencv"])
 def test_a_lens_moves_the_points_of_contact(lens: str) -> None:
     view, box = camera(lens), np.empty(4)
     expected_box(pack_views([view]).lens[0], 1.0, 1.0, 1.7, 0.5, box)
@@ -76,6 +82,18 @@ def test_a_lens_does_not_turn_back_outside_the_image() -> None:
         expected_box(views.lens[0], x, 1.0, 1.7, 0.5, box)
         assert box[0] > last
         last = box[0]
+
+
+def test_a_lens_is_continued_by_a_straight_line_from_where_it_folds() -> None:
+    """k1 alone folds at the radius 1 / sqrt(-3 k1), here between the corner of the image and 1.2 times as far."""
+    folding = replace(camera("brown"), distortion=np.array([-0.22, 0.0, 0.0, 0.0, 0.0]))
+    limit = pack_views([folding]).lens[0, 22]
+    assert limit == pytest.approx(1.0 / np.sqrt(3 * 0.22), rel=0.01)
+
+
+def test_a_wide_fisheye_is_continued_by_a_straight_line_from_80_degrees() -> None:
+    wide = replace(camera("fisheye"), focal_px=np.full(2, 420.0))
+    assert pack_views([wide]).lens[0, 22] == pytest.approx(np.tan(np.radians(80.0)), rel=1e-6)
 
 
 def test_the_slope_is_the_derivative_of_the_box() -> None:

@@ -321,7 +321,7 @@ def _shapes(table: ViewTracks) -> Floats:
 def _ideal(camera: Camera, centres: Floats) -> tuple[Floats, Floats]:
     """(R, 2) centres without lens distortion, and (R, 2, 2) their derivatives by the recorded ones."""
     ideal = ideal_pixels_anywhere(camera, centres)
-    if not np.any(camera.distortion):
+    if camera.straight:
         return ideal, np.broadcast_to(np.eye(2), (len(centres), 2, 2))
     # Central differences over one pixel
     steps = [0.5 * np.eye(2)[axis] for axis in range(2)]

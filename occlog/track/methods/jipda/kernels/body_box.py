@@ -17,7 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats, Ints
-from occlog.core.geometry.camera import undistort
+from occlog.core.geometry.lens import fold_radius, to_usable, undistort
+from occlog.core.geometry.lens import tilt as sensor_tilt
 from occlog.core.numerics.jit import kernel
 from occlog.records.scene import Camera
 
@@ -33,18 +34,19 @@ DIFFERENCE_STEP_HEIGHTS = 1e-4
 """Step of the difference quotients, in heights of the person."""
 MIN_DEPTH_HEIGHTS = 0.05
 """Minimum depth of a person's nearest point, in heights."""
-LENS = 23
+LENS = 38
 """Numbers of a row of `Views.lens`."""
-STRAIGHT, BENT, BENT_BACK, FISHEYE, GROUND_PLANE = 0.0, 1.0, 2.0, 3.0, 4.0
+STRAIGHT, BENT, BENT_BACK, FISHEYE, GROUND_PLANE, COMPLETE = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0
 """Lenses: no distortion; ideal points to distorted ones by a polynomial; distorted points to ideal ones by it; by a
 polynomial of the angle to the optical axis.  The last one is none: positions on the ground, seen from above.  A "box"
 there is (x, y, x, y) in the scene's unit, of which the first two edges are used, and the row of the lens begins with
-the limits of the area that the source covers: least x, least y, greatest x, greatest y."""
+the limits of the area that the source covers: least x, least y, greatest x, greatest y.  `COMPLETE` is OpenCV's
+complete model."""
 MODEL = 21
 """Index of the model in a row of `PackedCameras.lens`."""
 COVERAGE_MARGIN_M = 1.0
 """Margin about the positions that a source has reported within which it is taken to cover the ground [m]."""
-MODELS = {"brown": BENT, "tsai": BENT_BACK, "equidistant": FISHEYE}
+MODELS = {"brown": BENT, "opencv": COMPLETE, "tsai": BENT_BACK, "equidistant": FISHEYE}
 """Lens of each model of distortion."""
 
 
@@ -122,25 +124,35 @@ def _pack_cameras(cameras: Sequence[Camera], occluders: Sequence[tuple[Floats, f
 
 
 def _lens(camera: Camera) -> Floats:
-    """(LENS,) position (3,), rotation (9,), focal lengths (2,), principal point (2,), distortion (5,), and two numbers.
+    """(LENS,) intrinsics, extrinsics and distortion of a camera.
 
-    They are the model of the lens, and the normalised radius to which it is valid.
+    Position (3,), rotation (9,), focal lengths (2,), principal point (2,), the first five coefficients of the
+    distortion, the model of the lens, the normalised radius to which it is valid; then k4, k5, k6, s1 to s4 and the
+    first eight numbers of the tilt's homography by rows, over the ninth, of OpenCV's complete model.
     """
-    bent = bool(np.any(camera.distortion)) or camera.distortion_model == "equidistant"
-    model = MODELS[camera.distortion_model] if bent else STRAIGHT
-    parts = (camera.position, camera.rotation, camera.focal_px, camera.principal_px, camera.distortion)
-    return np.concatenate([*(np.ravel(part) for part in parts), [model, _limit(camera)]])
+    model = STRAIGHT if camera.straight else MODELS[camera.distortion_model]
+    parts = (camera.position, camera.rotation, camera.focal_px, camera.principal_px, camera.distortion[:5])
+    rest = np.zeros(LENS - MODEL - 2)
+    if model == COMPLETE:
+        plane = sensor_tilt(*camera.distortion[12:14].tolist())
+        rest = np.concatenate([camera.distortion[5:12], (plane / plane[2, 2]).ravel()[:8]])
+    return np.concatenate([*(np.ravel(part) for part in parts), [model, _limit(camera)], rest])
 
 
 def _limit(camera: Camera) -> float:
     """Normalised radius of the ideal image to which the lens model is valid."""
-    straight = not np.any(camera.distortion) and camera.distortion_model != "equidistant"
-    if camera.image_size is None or straight:
+    if camera.image_size is None or camera.straight:
         return math.inf
     w, h = camera.image_size
     corners = np.array([[u, v] for u in (-0.5, w - 0.5) for v in (-0.5, h - 0.5)])
-    ideal = undistort((corners - camera.principal_px) / camera.focal_px, camera.distortion, camera.distortion_model)
-    return LENS_LIMIT_RATIO * float(np.hypot(ideal[:, 0], ideal[:, 1]).max())
+    bent, model = (corners - camera.principal_px) / camera.focal_px, camera.distortion_model
+    usable = to_usable(bent, camera.distortion, model)
+    ideal = undistort(usable, camera.distortion, model)
+    radius = float(np.hypot(ideal[:, 0], ideal[:, 1]).max())
+    if (usable != bent).any():  # the lens is not used beyond
+        return radius
+    far = LENS_LIMIT_RATIO * radius
+    return min(far, fold_radius(camera.distortion, model, far))
 
 
 @kernel
@@ -167,10 +179,19 @@ def distorted(lens: Floats, x: float, y: float) -> tuple[float, float]:
     else:
         r2 = x * x + y * y
         radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        if lens[21] == COMPLETE:
+            radial /= 1.0 + r2 * (lens[23] + r2 * (lens[24] + r2 * lens[25]))
         x, y = (
             x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
             y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
         )
+        if lens[21] == COMPLETE:
+            x, y = x + r2 * (lens[26] + r2 * lens[27]), y + r2 * (lens[28] + r2 * lens[29])
+            scale = lens[36] * x + lens[37] * y + 1.0
+            x, y = (
+                (lens[30] * x + lens[31] * y + lens[32]) / scale,
+                (lens[33] * x + lens[34] * y + lens[35]) / scale,
+            )
     return x + out_x, y + out_y
 
 

@@ -1,0 +1,206 @@
+"""Lens distortion: ideal normalised image coordinates to distorted ones and back.
+
+Normalised coordinates are pixels minus the principal point, over the focal length.  Models and coefficients:
+
+* `brown`: (k1, k2, p1, p2, k3), ideal to distorted, Brown's polynomial in OpenCV's order.
+* `opencv`: the complete model of OpenCV, (k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, tau_x, tau_y), ideal to
+  distorted: rational radial terms, tangential ones, thin prism, tilted sensor (OpenCV, `calib3d`).
+* `tsai`: (k1, 0, 0, 0, 0), distorted to ideal, x_ideal = x (1 + k1 r^2).
+* `equidistant`: (k1, k2, k3, k4, 0), the fisheye of Kannala and Brandt 2006 as in OpenCV and Kalibr: a ray at the angle
+  theta to the optical axis falls at the radius theta (1 + k1 theta^2 + ... + k4 theta^8).  It is used up to
+  `MAX_ANGLE`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats
+
+MAX_ANGLE = np.radians(80.0)
+"""Angle to the optical axis up to which an equidistant lens is used: beyond, the ideal image becomes too large."""
+ANGLES = 801
+"""Steps of the angle in which the fold of an equidistant lens is sought."""
+RAYS, RADII = 48, 200
+"""Directions, and steps along each, in which the fold of a polynomial lens is sought."""
+HOMOTOPY_STEPS, NEWTON_STEPS = 10, 6
+"""Steps from the principal point to a distorted point, and of Newton's method at each."""
+DIFFERENCE = 1e-6
+"""Step of difference quotients in normalised coordinates."""
+MIN_DETERMINANT = 1e-4
+"""Least determinant of the Jacobian with which Newton's method goes on."""
+
+
+def is_straight(coefficients: Floats, model: str) -> bool:
+    """Return whether a lens has no distortion; an equidistant one always has."""
+    return model != "equidistant" and not np.any(coefficients)
+
+
+def distort(xy: Floats, coefficients: Floats, model: str) -> Floats:
+    """Ideal normalised image coordinates (N, 2) to distorted ones."""
+    if model == "equidistant":
+        radius = np.hypot(xy[:, 0], xy[:, 1])
+        theta = np.arctan(radius)
+        return xy * np.where(radius > 0, _bent(theta, coefficients) / np.where(radius > 0, radius, 1.0), 1.0)[:, None]
+    if not np.any(coefficients):
+        return xy
+    if model == "tsai":
+        return _invert(xy, coefficients, "tsai")
+    return _polynomial(xy, coefficients, model)
+
+
+def undistort(xy: Floats, coefficients: Floats, model: str) -> Floats:
+    """Distorted normalised image coordinates (N, 2) to ideal ones; NaN beyond `MAX_ANGLE` of an equidistant lens."""
+    if model == "equidistant":
+        return _straight(xy, coefficients)
+    if not np.any(coefficients):
+        return xy
+    if model == "tsai":
+        return _polynomial(xy, coefficients, "tsai")
+    return _follow(xy, coefficients) if model == "opencv" else _invert(xy, coefficients, "brown")
+
+
+class UsableDisc(NamedTuple):
+    """The part of the distorted normalised image that an equidistant lens is used in."""
+
+    angle: float  # greatest angle to the optical axis [rad]: `MAX_ANGLE`, or where the lens folds
+    radius: float  # of the disc around the principal point, normalised
+
+
+def usable_disc(coefficients: Floats) -> UsableDisc:
+    """The disc of an equidistant lens with (5,) coefficients."""
+    theta = np.linspace(0.0, MAX_ANGLE, ANGLES)
+    falling = np.flatnonzero(np.diff(_bent(theta, coefficients)) <= 0.0)
+    angle = float(theta[falling[0]]) if len(falling) else float(MAX_ANGLE)
+    return UsableDisc(angle, float(_bent(np.array([angle]), coefficients)[0]))
+
+
+def is_usable(xy: Floats, coefficients: Floats, model: str) -> Bools:
+    """(N,) whether distorted normalised points (N, 2) are in the part of the image that a lens is used in."""
+    if model != "equidistant":
+        return np.ones(len(xy), dtype=np.bool_)
+    return np.asarray(np.hypot(xy[:, 0], xy[:, 1]) <= usable_disc(coefficients).radius)
+
+
+def to_usable(xy: Floats, coefficients: Floats, model: str) -> Floats:
+    """Distorted normalised points (N, 2), those that no ray is known of moved to the edge of the usable disc."""
+    if model != "equidistant":
+        return xy
+    limit = usable_disc(coefficients).radius * (1.0 - 1e-9)
+    radius = np.hypot(xy[:, 0], xy[:, 1])
+    return np.asarray(xy * np.minimum(1.0, limit / np.maximum(radius, 1e-300))[:, None])
+
+
+def fold_radius(coefficients: Floats, model: str, far: float) -> float:
+    """Ideal normalised radius within which a polynomial lens is one-to-one; infinity if it is up to `far`.
+
+    Beyond, the image of what lies farther out turns back over itself (OpenCV issue 20736), which the determinant of
+    the Jacobian shows: it is not positive.
+    """
+    if model not in ("brown", "opencv") or not np.any(coefficients):
+        return np.inf
+    radius = np.linspace(far / RADII, far, RADII)
+    turn = np.linspace(0.0, 2.0 * np.pi, RAYS, endpoint=False)
+    xy = (radius[:, None, None] * np.column_stack([np.cos(turn), np.sin(turn)])).reshape(-1, 2)
+    with np.errstate(all="ignore"):
+        whole = (np.linalg.det(jacobian(xy, coefficients, model)).reshape(RADII, RAYS) > 0.0).all(axis=1)
+    return np.inf if whole.all() else float(radius[max(int(np.argmin(whole)) - 1, 0)])
+
+
+def _bent(theta: Floats, coefficients: Floats) -> Floats:
+    """Radii of rays at angles theta [rad] to the axis of an equidistant lens."""
+    t2 = theta * theta
+    k1, k2, k3, k4, _ = coefficients
+    return np.asarray(theta * (1.0 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4)))))
+
+
+def _straight(xy: Floats, coefficients: Floats) -> Floats:
+    """Ideal image coordinates of an equidistant lens, by Newton's method for the angle of each radius."""
+    radius = np.hypot(xy[:, 0], xy[:, 1])
+    k1, k2, k3, k4, _ = coefficients
+    usable = is_usable(xy, coefficients, "equidistant")
+    theta = np.minimum(radius, 1.5)
+    for _ in range(50):
+        t2 = theta * theta
+        slope = 1.0 + t2 * (3 * k1 + t2 * (5 * k2 + t2 * (7 * k3 + t2 * 9 * k4)))
+        step = (_bent(theta, coefficients) - radius) / np.where(np.abs(slope) < 1e-3, 1e-3, slope)
+        theta = np.clip(theta - step, 0.0, np.pi)
+        if np.abs(step[usable]).max(initial=0.0) < 1e-13:
+            break
+    good = usable & (theta < 0.5 * np.pi) & (np.abs(_bent(theta, coefficients) - radius) < 1e-9)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scale = np.where(radius > 0, np.tan(theta) / radius, 1.0)
+    return np.asarray(xy * np.where(good, scale, np.nan)[:, None])
+
+
+def _polynomial(xy: Floats, coefficients: Floats, model: str) -> Floats:
+    x, y = xy[:, 0], xy[:, 1]
+    r2 = x * x + y * y
+    k1, k2, p1, p2, k3 = coefficients[:5]
+    if model == "tsai":
+        return np.asarray(xy * (1.0 + k1 * r2)[:, None])
+    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    dx = 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
+    dy = p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
+    if model == "brown":
+        return np.column_stack([x * radial + dx, y * radial + dy])
+    k4, k5, k6, s1, s2, s3, s4, tau_x, tau_y = coefficients[5:]
+    radial = radial / (1.0 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+    dx, dy = dx + r2 * (s1 + r2 * s2), dy + r2 * (s3 + r2 * s4)
+    plane = np.column_stack([x * radial + dx, y * radial + dy, np.ones(len(xy))]) @ tilt(tau_x, tau_y).T
+    return np.asarray(plane[:, :2] / plane[:, 2:])
+
+
+def tilt(tau_x: float, tau_y: float) -> Floats:
+    """(3, 3) homography of a sensor that is tilted by angles [rad] about x and y; the identity for angles of 0.
+
+    As OpenCV's `computeTiltProjectionMatrix`.
+    """
+    (cx, sx), (cy, sy) = ((np.cos(a), np.sin(a)) for a in (tau_x, tau_y))
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, cx, sx], [0.0, -sx, cx]])
+    about_y = np.array([[cy, 0.0, -sy], [0.0, 1.0, 0.0], [sy, 0.0, cy]])
+    turn = about_y @ about_x
+    onto = np.array([[turn[2, 2], 0.0, -turn[0, 2]], [0.0, turn[2, 2], -turn[1, 2]], [0.0, 0.0, 1.0]])
+    return np.asarray(onto @ turn)
+
+
+def jacobian(xy: Floats, coefficients: Floats, model: str) -> Floats:
+    """(N, 2, 2) derivatives of distorted coordinates by ideal ones (N, 2), by central differences."""
+    columns = [
+        (_polynomial(xy + step, coefficients, model) - _polynomial(xy - step, coefficients, model)) / (2.0 * DIFFERENCE)
+        for step in np.eye(2) * DIFFERENCE
+    ]
+    return np.stack(columns, axis=-1)
+
+
+def _invert(xy: Floats, coefficients: Floats, model: str) -> Floats:
+    """Fixed-point inverse of `_polynomial`; converges for the distortions of real lenses inside the image."""
+    guess = xy.copy()
+    for _ in range(50):
+        step = xy - _polynomial(guess, coefficients, model)
+        guess = guess + step
+        if np.abs(step).max(initial=0.0) < 1e-13:
+            break
+    return guess
+
+
+def _follow(xy: Floats, coefficients: Floats) -> Floats:
+    """Inverse of OpenCV's complete model: the branch that leads from the principal point to distorted points (N, 2).
+
+    Newton's method at points farther and farther out, so that it stays on this branch up to where the lens folds.
+    """
+    centre = _polynomial(np.zeros((1, 2)), coefficients, "opencv")
+    guess = np.zeros_like(xy)
+    for share in np.linspace(0.0, 1.0, HOMOTOPY_STEPS + 1)[1:]:
+        wanted = centre + share * (xy - centre)
+        for _ in range(NEWTON_STEPS):
+            off = wanted - _polynomial(guess, coefficients, "opencv")
+            if np.abs(off).max(initial=0.0) < 1e-14:
+                break
+            slopes = jacobian(guess, coefficients, "opencv")
+            regular = np.abs(np.linalg.det(slopes)) > MIN_DETERMINANT
+            slopes[~regular] = np.eye(2)
+            guess = guess + np.linalg.solve(slopes, off[:, :, None])[:, :, 0]
+    return guess

@@ -1,0 +1,419 @@
+"""Whether tracks and truth have the same times, unit and axes: a constant delay, and what would make them meet.
+
+The delay is estimated from the errors of pairs, by regression on the velocity of the target.  Where hardly any target
+has an estimate near it, other units and origins of time, units of length, axes, rotations and translations are tried on
+a sample of both tables, and the first one that makes them meet is stated.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.special import stdtrit
+
+from occlog.array_types import NS, Floats, Ints, Ints32
+from occlog.evaluate.matching.paths import ObjectPath
+from occlog.records.columns import rows_by_label
+from occlog.records.tables import Errors, Tracks, Truth
+from occlog.records.verdicts import Check, finding, outcome
+
+DELAY, ALIGNMENT = "delay against the truth", "times, unit and axes of the truth"
+"""Names of checks."""
+WINDOW_NS = 2 * NS
+"""Errors of a time interval are one sample of the delay: errors last."""
+MAX_WINDOWS = 4096
+"""More windows are joined in pairs."""
+MIN_WINDOWS = 6
+"""Windows from which a delay can be told from errors that last."""
+FALSE_PROBABILITY = 1e-4
+"""Probability with which errors without a delay are taken for one."""
+MIN_GAIN = 0.25
+"""Share of the squared errors that a delay must explain to matter."""
+HALF_STEP_NS = NS // 10
+"""Velocities of targets are differences of positions this time before and after."""
+
+
+class Delay(NamedTuple):
+    """A constant delay of the tracks.
+
+    Attributes:
+        seconds: positive: estimates are those of an earlier time.
+        sigma: its standard error [s].
+        gain: share of the squared errors, without their mean, that it explains.
+        limit: multiple of the standard error that errors without a delay exceed with `FALSE_PROBABILITY`.
+    """
+
+    seconds: float
+    sigma: float
+    gain: float
+    limit: float
+
+
+class DelaySums:
+    """Sums over pairs of estimate and target, by intervals of time, from which the delay is estimated.
+
+    An estimate that is late by tau is off by -tau v on a target with velocity v.  The regression of errors on
+    velocities has a constant term, as a translation of the truth is no delay.  Its standard error is that of clusters:
+    errors of an interval may be as correlated as they like (Liang & Zeger 1986).
+    """
+
+    def __init__(self) -> None:
+        """Start without pairs."""
+        self._width = WINDOW_NS
+        # Of each window: n, sums of v (2), e (2), v v, e v, e e
+        self._windows: dict[int, Floats] = {}
+
+    def update(self, t_ns: Ints, error: Floats, velocity: Floats) -> None:
+        """Add pairs.
+
+        Args:
+            t_ns: (n,) times.
+            error: (n, 2) estimate minus truth.
+            velocity: (n, 2) of the targets [1/s]; pairs with NaN are left out.
+        """
+        good = np.isfinite(velocity).all(axis=1) & np.isfinite(error).all(axis=1)
+        e, v = error[good], velocity[good]
+        columns = (np.ones(len(e)), *v.T, *e.T, np.sum(v * v, axis=1), np.sum(e * v, axis=1), np.sum(e * e, axis=1))
+        windows, number = np.unique(t_ns[good] // self._width, return_inverse=True)
+        sums = np.stack([np.bincount(number, column, len(windows)) for column in columns], axis=1)
+        for window, row in zip(windows.tolist(), sums, strict=True):
+            self._windows[window] = self._windows.get(window, 0.0) + row
+        while len(self._windows) > MAX_WINDOWS:
+            self._width *= 2
+            before, self._windows = self._windows, {}
+            for window, row in before.items():
+                self._windows[window // 2] = self._windows.get(window // 2, 0.0) + row
+
+    def estimate(self) -> Delay | None:
+        """The delay; None: fewer than `MIN_WINDOWS` windows, or targets that do not change their velocity."""
+        sums = np.array([self._windows[k] for k in sorted(self._windows)]).reshape(-1, 8)
+        if len(sums) < MIN_WINDOWS:
+            return None
+        n, v, e, vv, ev, ee = _parts(sums.sum(axis=0))
+        v_mean, e_mean = v / n, e / n
+        spread, left = vv - n * v_mean @ v_mean, ee - n * e_mean @ e_mean
+        if not (spread > 1e-9 * max(vv, 1e-30) and left > 0.0):
+            return None
+        slope = (ev - n * e_mean @ v_mean) / spread
+        # Scores of the windows: sum of (v - v_mean) (e - e_mean - slope (v - v_mean))
+        counts, vs, es = sums[:, 0], sums[:, 1:3], sums[:, 3:5]
+        ve = sums[:, 6] - vs @ e_mean - es @ v_mean + counts * (v_mean @ e_mean)
+        v2 = sums[:, 5] - 2.0 * vs @ v_mean + counts * (v_mean @ v_mean)
+        windows = len(sums)
+        variance = np.sum((ve - slope * v2) ** 2) / spread**2 * windows / (windows - 1)
+        limit = -float(stdtrit(windows - 1.0, 0.5 * FALSE_PROBABILITY))
+        return Delay(-float(slope), math.sqrt(variance), float(slope**2 * spread / left), limit)
+
+    def checks(self, unit: str) -> tuple[Check, ...]:
+        """Whether tracks are late or early; unit of lengths."""
+        found = self.estimate()
+        if found is None:
+            return outcome(DELAY, (), unless="too few pairs with a target that moves")
+        matters = abs(found.seconds) > found.limit * found.sigma and found.gain > MIN_GAIN
+        said = [_delayed(found, *self._rmse(found), unit)] if matters else []
+        return outcome(DELAY, said, delay_s=found.seconds, sigma_s=found.sigma)
+
+    def _rmse(self, found: Delay) -> tuple[float, float]:
+        """RMSE of the pairs, and that without the delay."""
+        n, _, _, vv, ev, ee = _parts(np.sum(list(self._windows.values()), axis=0))
+        without = ee + 2.0 * found.seconds * ev + found.seconds**2 * vv
+        return math.sqrt(ee / n), math.sqrt(max(without, 0.0) / n)
+
+
+def _delayed(found: Delay, rmse: float, without: float, unit: str) -> Check:
+    return finding(
+        DELAY,
+        "tracks-delayed",
+        delay_s=abs(found.seconds),
+        sigma_s=found.sigma,
+        side="behind" if found.seconds > 0.0 else "ahead of",
+        rmse=rmse,
+        without=without,
+        unit=unit,
+    )
+
+
+def _parts(total: Floats) -> tuple[float, Floats, Floats, float, float, float]:
+    return float(total[0]), total[1:3], total[3:5], float(total[5]), float(total[6]), float(total[7])
+
+
+def velocities(paths: Mapping[int, ObjectPath], labels: Ints | Ints32, t_ns: Ints, limit_ns: int | None) -> Floats:
+    """(n, 2) velocity of each target at each time [1/s]; NaN where the truth is not known before and after."""
+    out = np.full((len(t_ns), 2), np.nan)
+    for label, rows in rows_by_label(labels):
+        if label in paths:
+            after, before = (paths[label].at(t_ns[rows] + step, limit_ns)[0] for step in (HALF_STEP_NS, -HALF_STEP_NS))
+            out[rows] = (after - before) / (2.0 * HALF_STEP_NS / NS)
+    return out
+
+
+MAX_SAMPLE = 20_000
+"""Rows of each table, from its begin, that are compared."""
+MAX_TOLERANCE_S = 1.0
+"""Largest time between two positions that are compared."""
+QUERIES = 300
+"""Positions of each side that are looked up in the other."""
+MIN_MET, MIN_MORE = 0.5, 0.3
+"""Share of positions that meet with a change of times or axes, and how much more that is than without it."""
+MIN_OVERLAP = 0.2
+"""Time that both tables must share, over the shorter one."""
+TIME_UNITS = (1e-3, 1e3, 1e-6, 1e6, 1e-9, 1e9, 60.0, 1.0 / 60.0)
+LENGTH_UNITS = (1e-3, 1e3, 1e-2, 1e2, 0.1, 10.0, 0.3048, 1.0 / 0.3048, 0.0254, 1.0 / 0.0254)
+MAX_STEPS = 600
+"""Shifts to each side that are tried."""
+MAX_RATE, MIN_RATE = 10.0, 0.02
+"""Largest ratio of frame rates, and smallest relative difference of them, that is tried."""
+ANGLES = 360
+"""Rotations that are tried."""
+AXES = {
+    "": ((1, 0), (0, 1)),
+    "x negated": ((-1, 0), (0, 1)),
+    "y negated": ((1, 0), (0, -1)),
+    "x and y exchanged": ((0, 1), (1, 0)),
+    "x and y negated": ((-1, 0), (0, -1)),
+    "x and y exchanged and negated": ((0, -1), (-1, 0)),
+    "(x, y) as (y, -x)": ((0, 1), (-1, 0)),
+    "(x, y) as (-y, x)": ((0, -1), (1, 0)),
+}
+"""Changes of axes, simplest first, with their matrices."""
+
+
+class Positions(NamedTuple):
+    """Positions over time, by rising time; t: (n,) [s], xy: (n, 2)."""
+
+    t: Floats
+    xy: Floats
+
+    @property
+    def step(self) -> float:
+        """Median time between one scan and the next [s]; 0 with a single scan."""
+        times = np.unique(self.t)
+        return float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+
+
+class Alternative(NamedTuple):
+    """A change of the tracks that makes them meet the truth: id of the message, words, and the share that meets."""
+
+    id: str
+    change: str
+    met: float
+
+
+def sample_of(chunks: Iterable[Tracks] | Iterable[Truth]) -> Positions:
+    """The first `MAX_SAMPLE` rows; of the truth those of targets."""
+    parts, count = [(np.zeros(0, np.int64), np.zeros((0, 2)))], 0
+    for rows in chunks:
+        own = rows.role == "target" if isinstance(rows, Truth) else np.ones(len(rows), dtype=np.bool_)
+        parts.append((rows.t_ns[own], np.column_stack([rows.x, rows.y])[own]))
+        count += int(own.sum())
+        if count >= MAX_SAMPLE:
+            break
+    t_ns, xy = (np.concatenate(column)[:MAX_SAMPLE] for column in zip(*parts, strict=True))
+    good = np.isfinite(xy).all(axis=1)
+    return Positions(t_ns[good] / NS, xy[good])
+
+
+def alternative(tracks: Positions, truth: Positions, gate: float) -> tuple[Alternative, float] | None:
+    """The simplest change of the tracks that makes them meet the truth, and the share that meets without it.
+
+    Args:
+        tracks: estimates.
+        truth: true positions.
+        gate: largest distance of a pair.
+    """
+    if not (len(tracks.t) and len(truth.t)):
+        return None
+    now, best = _met(tracks, truth, gate), None
+    for each in _changes(tracks, truth, gate):
+        if each.met >= max(MIN_MET, now + MIN_MORE) and (best is None or each.met > best.met + 0.1):
+            best = each
+    return None if best is None else (best, _met(tracks, truth, gate, whole=True))
+
+
+def _changes(tracks: Positions, truth: Positions, gate: float) -> Iterator[Alternative]:
+    """Changes with the share that meets, simplest first."""
+    yield from _changes_of_time(tracks, truth, gate)
+    for scale, (name, matrix) in product((1.0, *LENGTH_UNITS), AXES.items()):
+        met = _met(Positions(tracks.t, scale * tracks.xy @ np.array(matrix, dtype=np.float64).T), truth, gate)
+        words = [f"lengths times {scale:.6g}"] if scale != 1.0 else []
+        id = "length-unit-differs" if scale != 1.0 else "axes-differ"
+        yield Alternative(id, " and ".join([*words, *([name] if name else [])]), met)
+    yield from _rotations(tracks, truth, gate)
+
+
+def _changes_of_time(tracks: Positions, truth: Positions, gate: float) -> Iterator[Alternative]:
+    ours, theirs = tracks.step, truth.step
+    first, begin = tracks.t[0], truth.t[0]
+    for factor in (1.0, *TIME_UNITS):
+        if factor != 1.0 and not (ours and theirs and 1.0 / 3.0 < factor * ours / theirs < 3.0):
+            continue
+        id, words = "time-unit-differs", f"times multiplied by {factor:g}"
+        if factor != 1.0:
+            # Times count from 0, or from the first one
+            for start in (0.0, first):
+                yield Alternative(id, words, _met(_timed(tracks, factor, start, start), truth, gate))
+        shift, met = _best_shift(_timed(tracks, factor, first, begin), truth, gate)
+        if factor == 1.0:
+            shift += begin - first
+            id, words = "times-shifted", f"times shifted by {shift:+.4g} s"
+        yield Alternative(id, words, met)
+    spans = [each.t[-1] - each.t[0] for each in (tracks, truth)]
+    ratio = spans[1] / spans[0] if min(spans) > 0.0 else 1.0
+    if 1.0 / MAX_RATE < ratio < MAX_RATE and abs(ratio - 1.0) > MIN_RATE:
+        words = f"times multiplied by {ratio:.4g} from the first one on"
+        yield Alternative("frame-rate-differs", words, _met(_timed(tracks, ratio, first, begin), truth, gate))
+
+
+def _timed(tracks: Positions, factor: float, start: float, begin: float) -> Positions:
+    """Tracks with times multiplied from `start` on, which becomes `begin`."""
+    return Positions(begin + factor * (tracks.t - start), tracks.xy)
+
+
+def _tolerance(tracks: Positions, truth: Positions) -> float:
+    """Largest time between an estimate and a true position that are compared [s]."""
+    return min(0.51 * max(tracks.step, truth.step, 1e-6), MAX_TOLERANCE_S)
+
+
+def _spread(rows: Ints, count: int = QUERIES) -> Ints:
+    """At most `count` of the rows, evenly spaced."""
+    return rows if len(rows) <= count else rows[np.linspace(0, len(rows) - 1, count).round().astype(np.int64)]
+
+
+def _met(tracks: Positions, truth: Positions, gate: float, *, whole: bool = False) -> float:
+    """F1 of positions that have one of the other side within the gate, in the time that both cover, or of the whole."""
+    tolerance = _tolerance(tracks, truth)
+    rows = _common(tracks, truth, tolerance)
+    if rows is None:
+        return 0.0
+    if whole:
+        rows = [np.arange(len(each.t)) for each in (tracks, truth)]
+    scale = np.array([1.0 / tolerance, 1.0 / gate, 1.0 / gate])
+    ours, theirs = (
+        np.column_stack([each.t, each.xy])[own] * scale for each, own in zip((tracks, truth), rows, strict=True)
+    )
+    shares = [
+        float(np.mean(np.isfinite(_distance(cKDTree(there), here[_spread(np.arange(len(here)))]))))
+        for here, there in ((ours, theirs), (theirs, ours))
+    ]
+    return 2.0 * shares[0] * shares[1] / max(sum(shares), 1e-9)
+
+
+def _common(tracks: Positions, truth: Positions, tolerance: float) -> list[Ints] | None:
+    """Rows of both sides in the time that both cover; None: it is too short."""
+    first, last = max(tracks.t[0], truth.t[0]) - tolerance, min(tracks.t[-1], truth.t[-1]) + tolerance
+    shorter = min(each.t[-1] - each.t[0] for each in (tracks, truth))
+    if last - first < MIN_OVERLAP * shorter + 2.0 * tolerance * (shorter > 0.0) or last < first:
+        return None
+    rows = [np.arange(*np.searchsorted(each.t, [first, last])) for each in (tracks, truth)]
+    return rows if all(len(own) for own in rows) else None
+
+
+def _best_shift(tracks: Positions, truth: Positions, gate: float) -> tuple[float, float]:
+    """Shift of times with the largest share that meets, and that share."""
+    step = max(tracks.step, truth.step)
+    if not step:
+        return 0.0, _met(tracks, truth, gate)
+    scale = np.array([1.0 / _tolerance(tracks, truth), 1.0 / gate, 1.0 / gate])
+    tree = cKDTree(np.column_stack([tracks.t, tracks.xy]) * scale)
+    rows = _spread(np.arange(len(truth.t)), 60)
+    points = np.column_stack([truth.t, truth.xy])[rows] * scale
+    shifts = sorted((step * np.arange(-MAX_STEPS, MAX_STEPS + 1)).tolist(), key=abs)
+    counts = [np.count_nonzero(np.isfinite(_distance(tree, points - [shift * scale[0], 0.0, 0.0]))) for shift in shifts]
+    best = shifts[int(np.argmax(counts))]
+    met = {shift: _met(Positions(tracks.t + shift, tracks.xy), truth, gate) for shift in (0.0, best)}
+    shift = max(met, key=met.__getitem__)
+    return shift, met[shift]
+
+
+def _distance(tree: cKDTree, points: Floats) -> Floats:
+    """(n,) distance to the nearest position, the largest one of all axes; inf: above 1."""
+    return np.asarray(tree.query(points, p=np.inf, distance_upper_bound=1.0)[0], dtype=np.float64)
+
+
+def _rotations(tracks: Positions, truth: Positions, gate: float) -> Iterator[Alternative]:
+    """The rotation, with or without a mirror, and translation with most pairs of one time that then meet (Hough)."""
+    tolerance = _tolerance(tracks, truth)
+    rows = _common(tracks, truth, tolerance)
+    if rows is None:
+        return
+    chosen = _spread(rows[1])
+    low, high = (np.searchsorted(tracks.t, truth.t[chosen] + side) for side in (-tolerance, tolerance))
+    pairs = [(n, m) for n, a, b in zip(chosen, low, high, strict=True) for m in range(a, min(b, a + 40))]
+    if not pairs:
+        return
+    theirs, ours = np.array(pairs, dtype=np.int64).T
+    q, p = truth.xy[theirs], tracks.xy[ours]
+    most, angle, mirror, shift = 0, 0.0, 1.0, np.zeros(2)
+    for sign, degrees in product((1.0, -1.0), range(ANGLES)):
+        apart: Floats = q - p @ _turn(math.radians(degrees), sign).T
+        cells = np.round(apart / gate).astype(np.int64) @ [1 << 20, 1]
+        values, counts = np.unique(cells, return_counts=True)
+        if counts.max() > most:
+            most, angle, mirror = int(counts.max()), math.radians(degrees), sign
+            shift = np.median(apart[cells == values[counts.argmax()]], axis=0)
+    met = _met(Positions(tracks.t, tracks.xy @ _turn(angle, mirror).T + shift), truth, gate)
+    mirrored = "y negated, " if mirror < 0.0 else ""
+    turned = f"turned by {math.degrees(angle):.0f} degrees and " if angle else ""
+    words = f"{mirrored}{turned}moved by ({shift[0]:.3g}, {shift[1]:.3g})"
+    yield Alternative("axes-differ", words, met)
+
+
+def _turn(angle: float, mirror: float) -> Floats:
+    """Matrix that negates y where `mirror` is -1, then rotates."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s * mirror], [s, c * mirror]])
+
+
+MIN_MOTA = 0.2
+"""MOTA below which another time, unit or frame is looked for."""
+
+
+class TruthAlignment:
+    """Whether tracks and truth have the same times, unit and axes."""
+
+    def __init__(self, sources: Callable[[], tuple[Iterable[Tracks], Iterable[Truth]]], gate: float, unit: str) -> None:
+        """Start without pairs.
+
+        Args:
+            sources: gives chunks of tracks and truth, in the order of time.
+            gate: largest distance of a pair.
+            unit: of lengths.
+        """
+        self._sources, self._gate, self._unit = sources, gate, unit
+        self._delay = DelaySums()
+
+    def update(self, errors: Errors, paths: Mapping[int, ObjectPath], limit_ns: int | None) -> None:
+        """Add errors, and the paths of the targets at these times and about them."""
+        error = np.column_stack([errors.error_x, errors.error_y])
+        self.update_pairs(errors.target_id, errors.t_ns, error, paths, limit_ns)
+
+    def update_pairs(
+        self, targets: Ints | Ints32, t_ns: Ints, error: Floats, paths: Mapping[int, ObjectPath], limit_ns: int | None
+    ) -> None:
+        """Add pairs: targets, times, errors (n, 2), and the paths of the targets; gaps up to `limit_ns` are bridged."""
+        self._delay.update(t_ns, error, velocities(paths, targets, t_ns, limit_ns))
+
+    def checks(self, metrics: Mapping[str, float]) -> tuple[Check, ...]:
+        """Whether a delay makes up much of the errors, or another time, unit or frame makes tracks and truth meet."""
+        return (*self._delay.checks(self._unit), *outcome(ALIGNMENT, self._elsewhere(metrics)))
+
+    def _elsewhere(self, metrics: Mapping[str, float]) -> Iterator[Check]:
+        mota = metrics.get("mota", math.nan)
+        far = mota < MIN_MOTA if math.isfinite(mota) else metrics.get(f"error_median_{self._unit}", 0.0) > self._gate
+        if far:
+            yield from self.found()
+
+    def found(self) -> Iterator[Check]:
+        """The simplest change of times, unit or frame with which tracks and truth meet."""
+        tracks, truth = (sample_of(each) for each in self._sources())
+        found = alternative(tracks, truth, self._gate)
+        if found is not None:
+            best, now = found
+            yield finding(
+                ALIGNMENT, best.id, met=best.met, now=now, change=best.change, gate=self._gate, unit=self._unit
+            )

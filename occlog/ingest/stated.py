@@ -1,0 +1,80 @@
+"""Checks of what the files of an ingest state beside their pictures and boxes, and of how these fit each other."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+from occlog.array_types import NS
+from occlog.io.formats.boxes.reader import BoxSurvey
+from occlog.io.frames.camera_source import CameraSource
+from occlog.records.verdicts import Check, finding, outcome
+
+from .plan import IngestPlan
+
+PICTURES, STARTS, SIDECARS, ENDS = "picture metadata", "video start times", "unit of time stamps", "frames with boxes"
+"""Names of checks."""
+UNIT_FACTORS, UNIT_TOLERANCE = (1e3, 1e6, 1e9), 1.5
+"""Ratios of units of time, and how much a ratio of durations may differ from one that states a wrong unit."""
+MIN_START_S = 0.1
+"""Time stamp of a first frame [s] from which it is noted; a container may count from the first packet."""
+MAX_BOXLESS_SHARE = 0.1
+"""Share of frames after a camera's last box above which the numbering of the boxes is doubtful."""
+STRIDE_TOLERANCE = 0.05
+"""Relative difference of a ratio of frames to a whole number that may be a stride."""
+
+
+def source_checks(plan: IngestPlan, sources: Sequence[CameraSource], survey: BoxSurvey | None) -> tuple[Check, ...]:
+    """Checks of the videos and images of cameras, and of boxes of the same frames."""
+    no_video = "" if plan.video else "there is no video"
+    no_sidecar = "" if plan.video and plan.timestamps else "no video has time stamps in a file"
+    both = [s for s in sources if survey is not None and s.name in survey.ranges and s.decoder.frames]
+    return (
+        *outcome(PICTURES, _facts(sources), unless="" if sources else "there are no pictures"),
+        *outcome(STARTS, _starts(plan, sources), unless=no_video),
+        *outcome(SIDECARS, _units(sources), unless=no_sidecar),
+        *outcome(ENDS, _ends(plan, both, survey), unless="" if both else "no camera has pictures and boxes"),
+    )
+
+
+def _facts(sources: Sequence[CameraSource]) -> Iterator[Check]:
+    """What files state of their pictures."""
+    for source in sources:
+        for id, values in source.decoder.facts:
+            yield finding(PICTURES, id, None, sensors=[source.name], targets=(), **values)
+
+
+def _starts(plan: IngestPlan, sources: Sequence[CameraSource]) -> Iterator[Check]:
+    """Videos of which the first frame has another time stamp than 0, unless all have the same or it is given."""
+    given = {name for name, _ in (*plan.start_time, *plan.timestamps)}
+    starts = {
+        s.name: s.decoder.start_s
+        for s in sources
+        if s.name in plan.video and s.decoder.start_s is not None and not s.times.source.startswith("sidecar")
+    }
+    alike = len(starts) > 1 and max(starts.values()) - min(starts.values()) < MIN_START_S
+    for name, start_s in starts.items():
+        if abs(start_s) >= MIN_START_S and not alike and name not in given:
+            yield finding(STARTS, "video-start", sensors=[name], start_s=start_s)
+
+
+def _units(sources: Sequence[CameraSource]) -> Iterator[Check]:
+    """Time stamps in a file that last as much longer or shorter than the video as another unit would make them."""
+    for source in sources:
+        table, rate, frames = source.times.table_ns, source.decoder.rate_hz, source.decoder.frames
+        if table is None or len(table) < 2 or not rate or not frames or not source.times.source.startswith("sidecar"):
+            continue
+        ratio = float(table[-1] - table[0]) / (len(table) - 1) * rate / NS
+        if any(abs(math.log(max(ratio, 1 / ratio) / factor)) < math.log(UNIT_TOLERANCE) for factor in UNIT_FACTORS):
+            yield finding(SIDECARS, "time-stamps-unit", sensors=[source.name], ratio=ratio)
+
+
+def _ends(plan: IngestPlan, sources: Sequence[CameraSource], survey: BoxSurvey | None) -> Iterator[Check]:
+    """Cameras of which the boxes end long before the pictures, as those of every third frame do that count from 0."""
+    for source in sources if survey is not None and plan.frames is None else ():
+        frames, stop = source.decoder.frames or 0, survey.ranges[source.name].stop if survey is not None else 0
+        if frames - stop > MAX_BOXLESS_SHARE * frames:
+            stride = round(frames / stop)
+            is_stride = stride > 1 and abs(frames / stop / stride - 1) < STRIDE_TOLERANCE
+            hint = f"if they are of every frame in {stride}, number them so" if is_stride else "check their numbers"
+            yield finding(ENDS, "boxes-end-early", sensors=[source.name], last=stop - 1, frames=frames, hint=hint)

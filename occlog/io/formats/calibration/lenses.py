@@ -1,0 +1,104 @@
+"""Lenses as files state them, to the models that a `Camera` has, checked in the image.
+
+`OpenCV` writes 4 (fisheye), 5, 8 (rational), 12 (thin prism) or 14 (tilted sensor) coefficients, and most files do not
+state which model they are of: four may be k1, k2, p1, p2 or those of a fisheye, which has to be stated.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.errors import InputError, option
+from occlog.records.lens import COEFFICIENTS, MAX_FISHEYE_DEG, check_lens
+
+COUNTS = (0, 1, 2, 3, 4, 5, 8, 12, 14)
+"""Numbers of coefficients that a polynomial lens may have."""
+LENS_MODELS = {"brown": "brown", "fisheye": "equidistant"}
+"""Values of the setting `lens_model`, and the models."""
+
+
+class Lens(NamedTuple):
+    """A lens as a file states it.
+
+    Attributes:
+        model: `brown`, with OpenCV's 0 to 5, 8, 12 or 14 coefficients; `equidistant`, with 4; `tsai`, with 1; None: the
+            file does not state it.
+        coefficients: in OpenCV's order.
+    """
+
+    model: str | None = "brown"
+    coefficients: Floats = np.zeros(0)
+
+
+def read_lens(lens: Lens, wanted: str | None, where: str) -> Lens:
+    """The lens with a model of `COEFFICIENTS` and as many coefficients as it has.
+
+    Args:
+        lens: as stated.
+        wanted: the user's model for files that do not state theirs, a key of `LENS_MODELS`; None: not given.
+        where: for messages.
+
+    Raises:
+        InputError: the model is unknown, or has another number of coefficients.
+    """
+    given = np.asarray(lens.coefficients, dtype=np.float64).reshape(-1)
+    if not np.isfinite(given).all():
+        raise InputError(f"{where}: distortion {given.tolist()}; finite numbers were expected")
+    model = lens.model
+    if model is None and wanted is not None:
+        model = LENS_MODELS[wanted]
+    if model is None and len(given) == 4 and given.any():
+        raise InputError(
+            f"{where}: 4 distortion coefficients, of a fisheye lens or k1, k2, p1, p2; state which: "
+            f"{option('lens_model')} fisheye or brown, or fisheye_model: 1 or 0 in the file"
+        )
+    model = model or "brown"
+    if wanted is not None and model in LENS_MODELS.values() and LENS_MODELS[wanted] != model:
+        raise InputError(f"{where}: states another lens than {option('lens_model')} {wanted}; leave the option out")
+    if model == "brown" and len(given) not in COUNTS and given[5:].any():
+        raise InputError(f"{where}: {len(given)} distortion coefficients; OpenCV's lenses have 4, 5, 8, 12 or 14")
+    if model == "equidistant" and given[4:].any():
+        raise InputError(f"{where}: {len(given)} distortion coefficients; a fisheye lens has 4")
+    if model == "brown" and given[5:].any():
+        model = "opencv"
+    coefficients = np.zeros(COEFFICIENTS[model])
+    n = min(len(given), len(coefficients))
+    coefficients[:n] = given[:n]
+    return Lens(model, coefficients)
+
+
+def checked_lens(
+    lens: Lens, size: tuple[int, int], focal: Floats, principal: Floats, where: str
+) -> tuple[str, Floats, str]:
+    """Model and coefficients of a lens that can be undone in the image, and what to note about it; '' for nothing.
+
+    A Brown lens that a fixed point does not undo, as of strong pincushion distortion, becomes one of OpenCV's
+    complete model, which Newton's method does.
+
+    Raises:
+        InputError: the lens folds inside the image.
+    """
+    model, coefficients = str(lens.model), lens.coefficients
+    found = check_lens(model, coefficients, size, focal, principal)
+    if model == "brown" and not found.undone:
+        model, coefficients = "opencv", np.concatenate([coefficients, np.zeros(9)])
+        found = check_lens(model, coefficients, size, focal, principal)
+    if not found.undone:
+        at = f" {found.fold_deg:.0f} degrees off its axis," if np.isfinite(found.fold_deg) else ""
+        raise InputError(
+            f"{where}: the lens folds{at} inside the image, and cannot be undone at its edge; calibrate with fewer "
+            "coefficients, or undistort the images"
+        )
+    if not found.unused:
+        return model, coefficients, ""
+    return (
+        model,
+        coefficients,
+        (
+            f"the fisheye lens sees more than {MAX_FISHEYE_DEG:.0f} degrees off its axis; what lies beyond, "
+            f"{found.unused:.0%} of the image, is not used"
+        ),
+    )

@@ -1,0 +1,131 @@
+"""What a video states of its pictures: turned, mirrored, of oblong pixels, of few bits, interlaced."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from video_samples import HEIGHT, WIDTH, numbered, write_video
+
+from occlog.errors import InputError
+from occlog.io.frames.decoders.process import Decoder, start_decoder
+from occlog.io.video.reader import read_container
+
+ONE = 1 << 16
+MATRICES = {0: (ONE, 0, 0, ONE), 90: (0, ONE, -ONE, 0), 180: (-ONE, 0, 0, -ONE), 270: (0, -ONE, ONE, 0)}
+"""a, b, c, d of the display matrix by degrees clockwise."""
+
+
+def decoded(path: Path) -> tuple[Decoder, list[np.ndarray]]:
+    job = {"kind": "video", "path": str(path), "start": 0, "stop": None, "store": "raw", "quality": 95}
+    with start_decoder(job) as running:
+        return running, [frame.image.copy() for frame in running.delivered()]
+
+
+def with_matrix(path: Path, a: int, b: int, c: int, d: int) -> Path:
+    """A video with this display matrix."""
+    data = bytearray(write_video(path, frames=3).read_bytes())
+    at = data.find(b"tkhd") + 4 + 40
+    data[at : at + 36] = struct.pack(">9i", a, b, 0, c, d, 0, 0, 0, 1 << 30)
+    path.write_bytes(bytes(data))
+    return path
+
+
+@pytest.mark.parametrize("degrees", [90, 180, 270])
+def test_a_rotation_by_the_display_matrix_is_applied_and_stated(tmp_path: Path, degrees: int) -> None:
+    upright = decoded(with_matrix(tmp_path / "mp4v.mp4", *MATRICES[0]))
+    assert upright[0].facts == []
+    turned = decoded(with_matrix(tmp_path / "mp4v.mp4", *MATRICES[degrees]))
+    assert turned[0].facts == [("pictures-turned", {"how": f"rotated by {degrees} deg"})]
+    assert turned[0].size == ((HEIGHT, WIDTH) if degrees % 180 else (WIDTH, HEIGHT))
+    assert np.array_equal(turned[1][0], np.rot90(upright[1][0], -degrees // 90))
+
+
+@pytest.mark.parametrize("matrix", [(-ONE, 0, 0, ONE), (ONE, 0, 0, -ONE), (0, ONE, ONE, 0)])
+def test_a_mirror_in_the_display_matrix_is_stated_and_not_taken_for_a_rotation(
+    tmp_path: Path, matrix: tuple[int, int, int, int]
+) -> None:
+    _, coded = decoded(with_matrix(tmp_path / "mp4v.mp4", *MATRICES[0]))
+    path = with_matrix(tmp_path / "mp4v.mp4", *matrix)
+    container = read_container(path)
+    assert container is not None
+    assert container.mirrored
+    running, images = decoded(path)
+    assert running.facts == [("pictures-not-turned", {"how": "mirrored"})]
+    assert all(np.array_equal(a, b) for a, b in zip(images, coded, strict=True))
+
+
+@pytest.mark.parametrize(("across", "down"), [(5, 4), (2, 1)])
+def test_oblong_pixels_are_stated(tmp_path: Path, across: int, down: int) -> None:
+    """A track header with another shape than the coded pictures."""
+    path = with_matrix(tmp_path / "mp4v.mp4", *MATRICES[0])
+    data = bytearray(path.read_bytes())
+    at = data.find(b"tkhd") + 4 + 76
+    data[at : at + 4] = struct.pack(">I", WIDTH * across // down << 16)
+    path.write_bytes(bytes(data))
+    running, images = decoded(path)
+    assert running.facts == [("pixels-not-square", {"across": across, "down": down})]
+    assert images[0].shape == (HEIGHT, WIDTH, 3)
+
+
+def write_grey(path: Path, most: int, frames: int = 4) -> Path:
+    """A video of 16 bits with values from 0 to `most`."""
+    depth = [cv2.VIDEOWRITER_PROP_DEPTH, cv2.CV_16U, cv2.VIDEOWRITER_PROP_IS_COLOR, 0]
+    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter_fourcc(*"FFV1"), 10.0, (WIDTH, HEIGHT), depth)
+    for index in range(frames):
+        grey = cv2.cvtColor(numbered(index), cv2.COLOR_BGR2GRAY).astype(np.float64)
+        writer.write(np.round(grey * most / grey.max()).astype(np.uint16))
+    writer.release()
+    return path
+
+
+@pytest.mark.parametrize("bits", [8, 10, 12])
+def test_a_video_that_uses_few_of_16_bits_is_refused_as_images_are(tmp_path: Path, bits: int) -> None:
+    with pytest.raises(InputError, match="values of 16 bits up to 4095 of 65535, which as 8 bits would be nearly"):
+        decoded(write_grey(tmp_path / "g.mkv", 2**bits - 1))
+
+
+def test_a_video_that_uses_14_of_16_bits_is_stated_to_be_dark(tmp_path: Path) -> None:
+    running, _ = decoded(write_grey(tmp_path / "g.mkv", 2**14 - 1))
+    ((id, values),) = running.facts
+    assert id == "values-dim"
+    assert values["most"] == pytest.approx(2**14, rel=0.02)
+
+
+def test_a_video_of_all_16_bits_is_taken(tmp_path: Path) -> None:
+    running, images = decoded(write_grey(tmp_path / "g.mkv", 2**16 - 1))
+    assert running.facts == []
+    assert max(int(image.max()) for image in images) >= 254
+
+
+def test_the_stamp_of_the_first_frame_is_stated(tmp_path: Path) -> None:
+    """FFmpeg begins MPEG-TS at a delay of 1.4 s; other containers begin at 0."""
+    assert decoded(write_video(tmp_path / "a.ts", 5, "MPG2"))[0].start_s == pytest.approx(1.44, abs=0.06)
+    assert decoded(write_video(tmp_path / "mp4v.mp4", 5))[0].start_s == pytest.approx(0.0, abs=0.02)
+
+
+@pytest.mark.parametrize("name", ["inter.mp4", "m2inter.mkv"])
+def test_interlaced_video_gives_pictures_or_a_refusal_with_the_remedy(shared_cases: Path, name: str) -> None:
+    """OpenCV returns a buffer that nothing filled where FFmpeg does not convert an interlaced frame."""
+    path = shared_cases / "v10-interlaced" / name
+    try:
+        _, images = decoded(path)
+    except InputError as error:
+        assert "interlaced" in str(error)
+        assert f"ffmpeg -i {path} -vf bwdif=send_frame" in str(error)
+        return
+    assert len(images) == 100
+    assert np.mean([image.mean() for image in images]) == pytest.approx(88, abs=3)
+
+
+def test_a_16_bit_video_of_12_bits_is_refused(shared_cases: Path) -> None:
+    with pytest.raises(InputError, match="values of 16 bits"):
+        decoded(shared_cases / "v11-12-bit-video" / "g12_10.mkv")
+
+
+def test_a_turned_video_says_so(shared_cases: Path) -> None:
+    running, _ = decoded(shared_cases / "v23-turned-by-metadata" / "rot180.mp4")
+    assert running.facts == [("pictures-turned", {"how": "rotated by 180 deg"})]
