@@ -61,7 +61,7 @@ TOO_FAR = 50.0
 def density_on_segment(x: float, y: float, wx: float, wy: float, variance: float) -> float:
     """The mean of N(x; u w, variance I) over u from 0 to 1, over its largest value at w = 0.
 
-    Along w it is a difference of two normal distribution functions, across w a normal density.
+    Along w it is a difference of two normal distribution functions, across w a normal density; 0 beyond `TOO_FAR`.
 
     Args:
         x: offset from the beginning of the segment w, and
@@ -72,8 +72,12 @@ def density_on_segment(x: float, y: float, wx: float, wy: float, variance: float
     """
     length, sigma = math.hypot(wx, wy), math.sqrt(variance)
     if length < MIN_SEGMENT_SIGMAS * sigma:
-        return math.exp(-0.5 * (x * x + y * y) / variance)
+        half = 0.5 * (x * x + y * y) / variance
+        return math.exp(-half) if half < TOO_FAR else 0.0
     along, across = (x * wx + y * wy) / length, (x * wy - y * wx) / length
+    beyond = max(-along, along - length, 0.0)
+    if 0.5 * (across * across + beyond * beyond) > TOO_FAR * variance:
+        return 0.0
     inside = math.erf((length - along) / (ROOT_2 * sigma)) + math.erf(along / (ROOT_2 * sigma))
     return math.exp(-0.5 * across * across / variance) * ROOT_HALF_PI * sigma / length * inside
 
