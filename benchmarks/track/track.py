@@ -76,7 +76,7 @@ def baseline_step(ref: ModuleType, scene: Scene, state: apf.ApfState, scan: Scan
         if not looks:
             draws = ref.Draws(first, second, noise, places)
             return ref.step(particles, reading, read_px, plain, ref.RefConfig(), 1.0, draws)
-        more = ref.ScanDraws(places, first, second, noise, rng.standard_normal((PARTICLES, 2)))
+        more = ref.ScanDraws(places, np.zeros(len(places)), first, second, noise, rng.standard_normal((PARTICLES, 2)))
         return ref.scan_step(particles, reading, read_px, plain, ref.RefConfig(), 1.0, more)
 
     return step
@@ -90,7 +90,7 @@ def parts_of(state: apf.ApfState, scan: Scan, rng: np.random.Generator) -> dict[
     arrived = waypoint.reached(particles, model.motion, model.floor)
     packed = model.sensors, model.noise, model.detection
     places = destinations(model, particles.xy, rng)
-    chance, mean, variance = waypoint.hypotheses(particles, arrived, places, 1.0, model.motion)
+    chance, mean, variance = waypoint.hypotheses(particles, arrived, places, np.zeros(len(places)), 1.0, model.motion)
     given = mean.reshape(-1, 2), variance.reshape(-1), (chance * state.weights).reshape(-1) > 0.0
     rows = importance.measurements(looks, *packed)
     return {

@@ -10,6 +10,7 @@ from occlog.filtering.motion.waypoint import CHANGE, TOWARDS, WAIT, WaypointMode
 ROOM = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 100.0], [0.0, 100.0]])
 PILLAR = np.array([[40.0, 40.0], [60.0, 40.0], [60.0, 60.0], [40.0, 60.0]])
 PAPER = WaypointModel(1.0, 0.33, 0.7, 0.9, 0.05, 0.05, 0.9)
+AT_ONCE = np.zeros(100_000)  # all changes are at the beginning of the step
 FLOOR = make_floor(ROOM, [PILLAR])
 
 
@@ -31,7 +32,7 @@ def run(n, motion, dt, steps, rng, waiting=0.0, **start):
         arrived = waypoint.reached(p, motion, FLOOR)
         regime = waypoint.choose_regimes(p, arrived, dt, motion, rng.random(n))
         places = rng.uniform(0, 100, (int(np.sum(regime == CHANGE)), 2))
-        p = waypoint.move(p, regime, places, rng.standard_normal((n, 2)), dt, motion)
+        p = waypoint.move(p, regime, places, AT_ONCE, rng.standard_normal((n, 2)), dt, motion)
     return p
 
 
@@ -40,7 +41,13 @@ def test_a_step_towards_the_destination_has_the_moments_of_equation_5():
     n = 200_000
     rng = np.random.default_rng(0)
     p = waypoint.move(
-        particles(n, speed=2.0), np.zeros(n, dtype=np.int64), np.empty((0, 2)), rng.standard_normal((n, 2)), 1.0, PAPER
+        particles(n, speed=2.0),
+        np.zeros(n, dtype=np.int64),
+        np.empty((0, 2)),
+        AT_ONCE,
+        rng.standard_normal((n, 2)),
+        1.0,
+        PAPER,
     )
     error = 4 * 0.33 / np.sqrt(n)  # 4 standard errors
     np.testing.assert_allclose(p.xy.mean(axis=0), [22.0, 20.0], atol=error)
@@ -54,7 +61,7 @@ def test_a_step_towards_the_destination_has_the_moments_of_equation_5():
 def test_a_waiting_particle_stays_and_a_changing_one_goes_to_its_new_destination():
     p = particles(3)
     regime = np.array([WAIT, CHANGE, CHANGE])
-    after = waypoint.move(p, regime, np.array([[20.0, 90.0], [0.0, 20.0]]), np.zeros((3, 2)), 1.0, PAPER)
+    after = waypoint.move(p, regime, np.array([[20.0, 90.0], [0.0, 20.0]]), AT_ONCE, np.zeros((3, 2)), 1.0, PAPER)
     np.testing.assert_allclose(after.xy, [[20.0, 20.0], [20.0, 21.0], [19.0, 20.0]])
     np.testing.assert_array_equal(after.destination, [[80.0, 20.0], [20.0, 90.0], [0.0, 20.0]])
     np.testing.assert_array_equal(after.regime, regime)
@@ -128,7 +135,7 @@ def test_the_expected_position_is_the_mean_of_the_particles_that_keep_their_dest
 def test_a_particle_at_its_destination_has_no_direction():
     p = particles(1, destination=(20.0, 20.0))
     np.testing.assert_array_equal(waypoint.expected_xy(p, np.array([True]), 1.0, PAPER), p.xy)
-    after = waypoint.move(p, np.array([TOWARDS]), np.empty((0, 2)), np.zeros((1, 2)), 1.0, PAPER)
+    after = waypoint.move(p, np.array([TOWARDS]), np.empty((0, 2)), AT_ONCE, np.zeros((1, 2)), 1.0, PAPER)
     np.testing.assert_array_equal(after.xy, p.xy)
     np.testing.assert_array_equal(waypoint.velocities(p), [[0.0, 0.0]])
 
@@ -151,7 +158,7 @@ def test_each_particle_that_changes_takes_the_next_destination():
     p = particles(4)
     regime = np.array([CHANGE, WAIT, CHANGE, CHANGE])
     new = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
-    moved = waypoint.move(p, regime, new, np.zeros((4, 2)), 1.0, PAPER)
+    moved = waypoint.move(p, regime, new, AT_ONCE, np.zeros((4, 2)), 1.0, PAPER)
     assert moved.destination.tolist() == [[1.0, 2.0], [80.0, 20.0], [3.0, 4.0], [5.0, 6.0]]
 
 
@@ -159,7 +166,7 @@ def test_the_new_speed_is_that_of_a_reference_step():
     """s' = (1 - phi) s + phi |s T e + v| / T, with T = 0.5 s and noise of the step across the way."""
     motion = PAPER._replace(reference_s=0.5)
     noise = np.array([[0.0, 3.0]])
-    moved = waypoint.move(particles(1, speed=2.0), np.array([TOWARDS]), np.empty((0, 2)), noise, 0.25, motion)
+    moved = waypoint.move(particles(1, speed=2.0), np.array([TOWARDS]), np.empty((0, 2)), AT_ONCE, noise, 0.25, motion)
     across = 0.33 * np.sqrt(0.25) * 3.0
     assert moved.speed[0] == pytest.approx(0.3 * 2.0 + 0.7 * np.hypot(2.0 * 0.5, across) / 0.5)
     np.testing.assert_allclose(moved.xy, [[20.0 + 2.0 * 0.25, 20.0 + across]])

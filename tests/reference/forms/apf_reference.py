@@ -45,6 +45,7 @@ class RefConfig:
     process_noise_creep: float = 0.0
     mean_wait_s: float = 0.0
     velocity_memory: float = 0.03
+    change_time: str = "beginning"
     beta1: float = 0.88
     lambda1: float = 0.1
     beta2: float = 0.05
@@ -249,6 +250,7 @@ class ScanDraws:
     """Random numbers of one step that looks at the scan, in the order in which the filter uses them."""
 
     destinations: np.ndarray  # (L, 2)
+    before: np.ndarray  # (L,) share of the step before a change of the destination
     resample: float
     which: np.ndarray  # (n,) uniform: defensive or not
     noise: np.ndarray  # (n, 2) of the place
@@ -369,7 +371,10 @@ def scan_step(particles, z, sigma_read, scene, config, dt, draws):
     new, _ = direction(RefParticles(particles.xy, draws.destinations, None, None, None))
     way = (particles.speed * dt)[:, None]
     creep = stood[:, None] * (particles.destination - particles.xy) / 10.0
-    mean = np.concatenate([particles.xy + way * old, particles.xy + way * new, particles.xy + dt * creep])
+    # A change is at the beginning of the step, or after a share of it
+    share = draws.before[:, None] if config.change_time == "uniform" else 0.0
+    held = share * np.where((particles.regime == W)[:, None], dt * creep, way * old) + (1 - share) * way * new
+    mean = np.concatenate([particles.xy + way * old, particles.xy + held, particles.xy + dt * creep])
     place, _gain, _left = gathered(dt, config)
     p0 = np.maximum(np.concatenate([np.full(2 * L, place), standing(dt, stood, config)[0]]), 1e-18)
     prior = (chances * particles.weights).ravel()

@@ -17,6 +17,7 @@ from occlog.track.methods.apf.proposal import auxiliary_step
 
 PEOPLE = {"process_noise_velocity": 0.5, "process_noise_waiting": 0.1, "velocity_memory": 0.0}
 STAND = {**PEOPLE, "mean_wait_s": 4.0, "process_noise_creep": 0.3}
+TURN = {"change_time": "uniform"}
 
 
 def rows_of(scene, seed=0):
@@ -35,7 +36,7 @@ def likelihoods(state, looks, dt, runs=60):
     return relative.mean(), relative.std() / np.sqrt(runs), logs[0]
 
 
-@pytest.mark.parametrize("noises", [{}, PEOPLE, STAND])
+@pytest.mark.parametrize("noises", [{}, PEOPLE, STAND, TURN, {**STAND, **TURN}])
 @pytest.mark.parametrize("dt", [1.0, 0.3])
 @pytest.mark.parametrize(("seed", "seen"), [(0, True), (1, True), (2, True), (3, True), (0, False), (1, False)])
 def test_a_step_is_that_of_the_plain_form(seed, seen, dt, noises):
@@ -57,6 +58,7 @@ def test_a_step_is_that_of_the_plain_form(seed, seen, dt, noises):
     rng = np.random.default_rng(seed + 100)
     draws = ref.ScanDraws(
         sample_floor(L, state.model.floor, rng),
+        rng.random(L) if config.change_time == "uniform" else np.zeros(L),
         rng.random(),
         rng.random(L),
         rng.standard_normal((L, 2)),
@@ -85,7 +87,7 @@ def test_a_step_is_that_of_the_plain_form(seed, seen, dt, noises):
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize("noises", [{}, PEOPLE])
+@pytest.mark.parametrize("noises", [{}, PEOPLE, {**PEOPLE, **TURN}])
 @pytest.mark.parametrize(("dt", "focal"), [(1.0, 70.0), (0.3, 70.0), (0.3, 300.0)])
 def test_the_log_likelihood_is_that_of_the_motion_alone(dt, focal, noises):
     """Importance sampling estimates the likelihood without bias, whatever the density."""

@@ -51,6 +51,14 @@ def test_who_hides_whom_is_the_simulators() -> None:
     assert 0.1 < found.mean() < 0.9
 
 
+def factors(xy, reports, state, config, unperceivable=1e-12):
+    """(L, M) likelihoods, and probabilities that objects are not perceivable."""
+    seen = joint.in_plain_view(xy, reports, state.world, config)
+    before = np.full(xy.shape[:2], unperceivable)
+    found, after = joint.log_factors(xy, reports, seen, before, state.world, state.chances)
+    return np.exp(found), after
+
+
 def test_factors_of_an_object_in_plain_view_and_behind_another() -> None:
     """Camera 2 at (50, 0) looks up at an object at (50, 50): the other one is beside the sight line, or on it."""
     config = JointConfig(detection_probability=0.9, false_alarm_probability=0.01)
@@ -60,15 +68,9 @@ def test_factors_of_an_object_in_plain_view_and_behind_another() -> None:
         joint.pack_scan(scan(0.0, [(1, u)]), state.read_px, False) for u in (None, true_u(SCENE, (50, 50))[1])
     )
     nothing = joint.ObjectReports(missed._replace(sensor=missed.sensor[:0], first=missed.first[:1]), rows_of(missed))
-    plain, hidden = np.exp(
-        joint.log_factors(
-            xy, [joint.ObjectReports(missed, rows_of(missed)), nothing], state.world, state.chances, config
-        )
-    )
+    plain, hidden = factors(xy, [joint.ObjectReports(missed, rows_of(missed)), nothing], state, config)[0].prod(axis=1)
     assert (plain, hidden) == (pytest.approx(0.1), pytest.approx(0.99))
-    plain, hidden = np.exp(
-        joint.log_factors(xy, [joint.ObjectReports(seen, rows_of(seen)), nothing], state.world, state.chances, config)
-    )
+    plain, hidden = factors(xy, [joint.ObjectReports(seen, rows_of(seen)), nothing], state, config)[0].prod(axis=1)
     sigma = np.sqrt(4900 * (1e-4 + 1 / 2500) + 4.0)  # [Ercan] Eq. 2 on the axis, 50 away
     floor = 0.01 / 140.0
     assert plain == pytest.approx(0.9 / (np.sqrt(2 * np.pi) * sigma) + 0.1 * floor)
@@ -105,7 +107,52 @@ def test_what_the_scene_says_of_a_camera_comes_before_the_settings() -> None:
     state = joint.init(sure, config, generator(0, RandomStream.TRACK, 0))
     missed = joint.pack_scan(scan(0.0, [(0, None)]), state.read_px, False)
     look = joint.ObjectReports(missed, rows_of(missed))
-    assert np.isfinite(joint.log_factors(np.array([[[50.0, 50.0]]]), [look], state.world, state.chances, config)).all()
+    found, _ = factors(np.array([[[50.0, 50.0]]]), [look], state, config)
+    assert found[0, 0] > 0.0
+
+
+def test_misses_and_detections_are_those_of_a_hidden_markov_chain() -> None:
+    """One object in plain view of one camera and hidden from it, by the forward algorithm of two states."""
+    config = JointConfig(detection_probability=0.9, false_alarm_probability=0.01)
+    state = joint.init(SCENE, config, generator(0, RandomStream.TRACK, 0))
+    missed, seen = (
+        joint.pack_scan(scan(0.0, [(1, u)]), state.read_px, False) for u in (None, true_u(SCENE, (50, 50))[1])
+    )
+    xy, dt = np.array([[[50.0, 50.0]], [[50.0, -20.0]]]), 0.4
+    a, b = 1.0 / joint.MEAN_PERCEIVABLE_S, 1.0 / joint.MEAN_UNPERCEIVABLE_S
+    # Transition probabilities by many short steps
+    P = np.linalg.matrix_power(
+        np.array([[1.0 - a * dt / 4096, a * dt / 4096], [b * dt / 4096, 1.0 - b * dt / 4096]]), 4096
+    )
+    prior = np.tile([1.0 - 1e-3, 1e-3], (2, 1))
+    given = np.array([[0.1, 0.99], [0.99, 0.99]])  # (position, state) likelihood of a miss
+    after = prior[:, 1:].copy()
+    for report in (missed, missed, missed, missed, seen, missed):
+        reports = [joint.ObjectReports(report, rows_of(report))]
+        before = joint.unperceivable_after(after, dt)
+        visible = joint.in_plain_view(xy, reports, state.world, config)
+        found, after = joint.log_factors(xy, reports, visible, before, state.world, state.chances)
+        predicted = prior @ P
+        np.testing.assert_allclose(before[:, 0], predicted[:, 1], rtol=1e-4)
+        both = predicted * given if report is missed else predicted * [1.0, 0.0]
+        if report is missed:
+            np.testing.assert_allclose(np.exp(found[:, 0]), both.sum(axis=1), rtol=1e-4)
+        prior = both / both.sum(axis=1, keepdims=True)
+        np.testing.assert_allclose(after[:, 0], prior[:, 1], rtol=1e-4, atol=1e-12)
+
+
+def test_two_cameras_that_miss_more_than_stated_keep_the_object() -> None:
+    """30 % missed, 1 % stated: where one camera detects the object and the other misses it, it is not out of view."""
+    config = configure(settings_of("joint").in_unit("m"), {})
+    for seed in range(6):
+        made = record("walk", 2, seed=700 + seed)
+        parts = list(track([made.bearings], made.scene, TrackingTask(config, seed, method="joint")))
+        tracks = Tracks.concat(p.tracks for p in parts)
+        away = np.column_stack([tracks.x, tracks.y]) - made.xy[np.searchsorted(made.t_ns, tracks.t_ns)]
+        late = tracks.t_ns - tracks.t_ns[0] > 2_000_000_000
+        nees = normalised_squared_errors(away, covariances(tracks))[late]
+        assert np.sqrt(np.mean(np.sum(away[late] ** 2, axis=1))) < 0.4
+        assert nees.mean() < 4.0
 
 
 def test_nobody_hides_sounds_from_arrays() -> None:
@@ -115,10 +162,8 @@ def test_nobody_hides_sounds_from_arrays() -> None:
     silent = joint.pack_scan(scan(0.0, [(0, None)]), state.read_px, False)
     nothing = joint.ObjectReports(silent._replace(sensor=silent.sensor[:0], first=silent.first[:1]), rows_of(silent))
     behind = np.array([[[50.0, 50.0], [50.0, 30.0]]])
-    found = joint.log_factors(
-        behind, [joint.ObjectReports(silent, rows_of(silent)), nothing], state.world, state.chances, config
-    )
-    assert np.exp(found) == pytest.approx(0.1)
+    found, _ = factors(behind, [joint.ObjectReports(silent, rows_of(silent)), nothing], state, config)
+    assert found.prod(axis=1) == pytest.approx(0.1)
 
 
 def test_several_objects_are_followed_and_candidates_left_out() -> None:

@@ -16,6 +16,8 @@ from occlog.track.smoothing_and_lag import SmoothingConfig
 FORMS = ("printed", "improved", "quadrature")
 CALIBRATE = ("none", "joint", "initial")
 """How errors of the cameras' poses are treated."""
+BEGINNING, UNIFORM = "beginning", "uniform"
+"""When in a step a target changes its destination."""
 PROBABILITIES = ("recursion", "independent", "exact")
 
 
@@ -107,6 +109,14 @@ class ApfConfig(SmoothingConfig):
         at_least=0,
         at_most=1,
         people=0.7,
+    )
+    change_time: str = setting(
+        BEGINNING,
+        "When within a step a target changes its destination: at its `beginning`, as in the paper, or at any time "
+        "(`uniform`), as people do. With `beginning` fast targets that turn are up to half a step's way off, and "
+        "covariances too small.",
+        choices=(BEGINNING, UNIFORM),
+        people=UNIFORM,
     )
     lambda1: float = setting(
         0.1,

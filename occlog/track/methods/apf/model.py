@@ -38,7 +38,7 @@ from occlog.records.scene import Scene
 from occlog.scans.grouping import Scan
 from occlog.track.interface import BearingResiduals, Estimate
 
-from .config import FORMS, ApfConfig
+from .config import FORMS, UNIFORM, ApfConfig
 from .kernels import importance
 
 WIDEST = math.radians(170.0)
@@ -251,6 +251,7 @@ def motion_of(config: ApfConfig) -> WaypointModel:
         sigma_waiting=config.process_noise_waiting,
         wait_s=config.mean_wait_s,
         sigma_creep=config.process_noise_creep,
+        uniform_change=config.change_time == UNIFORM,
     )
 
 

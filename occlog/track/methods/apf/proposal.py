@@ -112,8 +112,8 @@ def _adapted_step(
     config, L, n = model.config, len(weights), model.config.particles
     # Hypotheses: go on (MTD), change the destination (CD), wait (W)
     arrived = waypoint.reached(particles, model.motion, model.floor)
-    positions = destinations(model, particles.xy, rng)
-    chance, mean, variance = waypoint.hypotheses(particles, arrived, positions, dt, model.motion)
+    positions, before = destinations(model, particles.xy, rng), times_of_change(model, L, rng)
+    chance, mean, variance = waypoint.hypotheses(particles, arrived, positions, before, dt, model.motion)
     prior = (chance * weights).reshape(-1)  # (3 L,)
     mean, variance = mean.reshape(-1, 2), variance.reshape(-1)
     # Approximate each one's posterior, and the predictive likelihood of the scan
@@ -195,7 +195,13 @@ def move(model: ApfModel, particles: WaypointParticles, arrived: Bools, dt: floa
     L = len(particles.speed)
     regime = waypoint.choose_regimes(particles, arrived, dt, model.motion, rng.random(L))
     positions = destinations(model, particles.xy[regime == waypoint.CHANGE], rng)
-    return waypoint.move(particles, regime, positions, rng.standard_normal((L, 4)), dt, model.motion)
+    before = times_of_change(model, len(positions), rng)
+    return waypoint.move(particles, regime, positions, before, rng.standard_normal((L, 4)), dt, model.motion)
+
+
+def times_of_change(model: ApfModel, n: int, rng: Generator) -> Floats:
+    """(n,) shares of a step after which targets take their new destinations."""
+    return rng.random(n) if model.motion.uniform_change else np.zeros(n)
 
 
 def destinations(model: ApfModel, xy: Floats, rng: Generator) -> Floats:

@@ -7,6 +7,10 @@ needed.  Its price is that weights are products over all objects: the more there
 Objects move as in `occlog.filtering.motion.ornstein_uhlenbeck`.  Each is proposed by the motion and its own rows,
 linearised at the particle's prediction (Doucet, Godsill and Andrieu 2000); the weights are prior times likelihood
 over that.
+
+All sensors may miss an object in plain view for seconds (it sits down, the exposure fails): an object is then not
+perceivable (Li and Li 2001), a state of a Markov chain that each particle has a probability of, and that says nothing
+of where the object is.
 """
 
 from __future__ import annotations
@@ -21,6 +25,7 @@ from numpy.random import Generator
 from occlog.array_types import Bools, Floats
 from occlog.consistency.estimates import MIN_EFFECTIVE_SAMPLE_SIZE
 from occlog.core.geometry.visibility import seen_from
+from occlog.core.plane import Floor, on_floor
 from occlog.filtering.gaussian import Gaussian, PosteriorRecord, predicted, rts_smooth
 from occlog.filtering.lifecycle import elapsed, is_lost, track_loss_count
 from occlog.filtering.likelihood.directions import PackedScan
@@ -50,6 +55,10 @@ from .config import JointConfig
 
 PROPOSAL_INFLATION = 1.2
 """Proposals are so much wider than the linearised posterior, so that weights stay bounded."""
+MEAN_PERCEIVABLE_S, MEAN_UNPERCEIVABLE_S = 100.0, 2.0
+"""Mean sojourn times [s] of an object in the states that detectors can, and cannot, detect it."""
+OFF_FLOOR_LIKELIHOOD = 1e-4
+"""Likelihood factor of a position outside the room or in a static occluder, where there is a room."""
 MAX_PROBABILITY = 1.0 - 1e-6
 """Largest probability of a detection, or of none."""
 
@@ -68,10 +77,13 @@ class JointState(NamedTuple):
     world: MeasurementWorld
     chances: DetectionProbabilities
     read_px: Floats
+    floor: Floor | None  # where objects can be; None: the scene has no room
     anywhere: Gaussian
     objects: tuple[int, ...]  # their identities, in the order in which they were first seen
     astray: tuple[int, ...]  # of each, rows outside the gate more than inside
     particles: Floats  # (L, M, 4) x, y, vx, vy of each object
+    unperceivable: Floats  # (L, M) probabilities that no detector can detect the object
+    uncertain: frozenset[int] = frozenset()  # objects that the next scan initiates again: few particles were effective
     t_ns: int | None = None
     links: tuple[PosteriorRecord, ...] = ()  # of each object, what the last step leaves for the way back
 
@@ -92,10 +104,12 @@ def init(scene: Scene, config: JointConfig, rng: Generator) -> JointState:  # no
         world,
         chances_of(scene, config),
         read_noise(scene),
+        world.floor if scene.views is None else None,
         anywhere_of(scene, world, config),
         (),
         (),
         none,
+        none[:, :, 0],
     )
 
 
@@ -126,18 +140,20 @@ def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, lis
         if is_lost(astray, config.track_loss_count) and len(reports[t].rows.sensor)
     ]
     # Propose object by object, and weigh by what was linearised
-    particles, log_weights = np.empty((L, len(objects), 4)), np.zeros(L)
+    particles, log_weights = np.empty((L, len(objects), 4)), np.zeros((L, len(objects)))
+    hidden = np.full((L, len(objects)), MEAN_UNPERCEIVABLE_S / (MEAN_PERCEIVABLE_S + MEAN_UNPERCEIVABLE_S))
+    hidden[:, : len(state.objects)] = unperceivable_after(state.unperceivable, dt)
     drawn = np.zeros((len(objects), 2, 2))  # covariances of the positions' proposals
     gap = dt > config.max_gap_s
-    restarted = dict.fromkeys(lost, "restart") | dict.fromkeys(begun, "")
+    again = [t for t in state.objects if t in state.uncertain and len(reports[t].rows.sensor)]
+    restarted = dict.fromkeys((*again, *begun), "") | dict.fromkeys(lost, "restart")
     if gap:
         restarted |= dict.fromkeys(state.objects, "gap")
     astray = dict(zip(state.objects, state.astray, strict=True))
     for j, target in enumerate(objects):
         rows = reports[target].rows
         if target in restarted:
-            particles[:, j], corrected, drawn[j] = _placed(rows, state, rng)
-            log_weights += corrected
+            particles[:, j], log_weights[:, j], drawn[j] = _placed(rows, state, rng)
             astray[target] = 0
             continue
         before = state.particles[:, j]
@@ -145,13 +161,22 @@ def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, lis
         known = predicted(known, *motion_of(config).transition(dt))
         inside = gated_rows(known, rows, linearise(known.mean[:2], rows, state.world), config.gate)
         astray[target] = track_loss_count(astray[target], int(np.count_nonzero(~inside)), len(inside))
-        particles[:, j], corrected, drawn[j] = _proposed(before, rows.take(inside), dt, state, rng)
-        log_weights += corrected
-    # Weigh: who hides whom is certain in a particle ([Ercan] Fig. 3)
-    log_weights += log_factors(particles[:, :, :2], [reports[t] for t in objects], state.world, state.chances, config)
+        particles[:, j], log_weights[:, j], drawn[j] = _proposed(before, rows.take(inside), dt, state, rng)
     if not objects:
         return state._replace(t_ns=scan.t_ns), []
-    weights, log_likelihood = normalise_log_weights(log_weights)
+    # Weigh: who hides whom is certain in a particle ([Ercan] Fig. 3)
+    seen = in_plain_view(particles[:, :, :2], [reports[t] for t in objects], state.world, config)
+    factors, hidden = log_factors(
+        particles[:, :, :2], [reports[t] for t in objects], seen, hidden, state.world, state.chances
+    )
+    log_weights += factors
+    if state.floor is not None:
+        outside = ~on_floor(particles[:, :, :2].reshape(-1, 2), *state.floor).reshape(L, -1)
+        log_weights += math.log(OFF_FLOOR_LIKELIHOOD) * outside
+    weights, log_likelihood = normalise_log_weights(log_weights.sum(axis=1))
+    # An object that one sensor alone detected at its initiation may have few particles where it is
+    waiting = [t for t in state.objects if t in state.uncertain and t not in restarted]
+    few = [t for j, t in enumerate(objects) if t in restarted and _depleted(log_weights[:, j])]
     estimates = [
         (t, _estimate(particles[:, j], weights, drawn[j], reports[t], restarted.get(t, ""), log_likelihood))
         for j, t in enumerate(objects)
@@ -170,9 +195,15 @@ def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, lis
         else ()
     )
     # Resample: systematic
-    particles = particles[systematic_ancestors(weights, L, rng.random())]
+    drawn_rows = systematic_ancestors(weights, L, rng.random())
     after = state._replace(
-        objects=objects, astray=tuple(astray[t] for t in objects), particles=particles, t_ns=scan.t_ns, links=links
+        objects=objects,
+        astray=tuple(astray[t] for t in objects),
+        particles=particles[drawn_rows],
+        unperceivable=hidden[drawn_rows],
+        uncertain=frozenset((*waiting, *few)),
+        t_ns=scan.t_ns,
+        links=links,
     )
     return after, estimates
 
@@ -255,42 +286,89 @@ def occlusion_by_others(xy: Floats, camera: Floats, diameter: float) -> Bools:
     return np.asarray(inside.any(axis=2))
 
 
+def in_plain_view(
+    xy: Floats, reports: list[ObjectReports], world: MeasurementWorld, config: JointConfig
+) -> list[Bools]:
+    """Of each of M objects at (L, M, 2) positions (K, L) whether the K sensors of its reports have it in plain view.
+
+    Sounds are not occluded.
+    """
+    cameras = {int(i) for report in reports for i in report.packed.sensor if world.sensors.cos2[i] >= 0.0}
+    hidden = {i: occlusion_by_others(xy, world.sensors.xy[i], config.occluder_diameter) for i in cameras}
+    found = []
+    for j, report in enumerate(reports):
+        position = np.ascontiguousarray(xy[:, j])
+        seen = np.empty((len(report.packed.sensor), len(xy)), dtype=np.bool_)
+        for k, sensor in enumerate(report.packed.sensor.tolist()):
+            seen[k] = seen_from(position, sensor, world.sensors)
+            if sensor in hidden:
+                seen[k] &= ~hidden[sensor][:, j]
+        found.append(seen)
+    return found
+
+
+def unperceivable_after(unperceivable: Floats, dt: float) -> Floats:
+    """Probabilities of the state in which no detector detects an object, after a time [s] without a report."""
+    a, b = 1.0 / MEAN_PERCEIVABLE_S, 1.0 / MEAN_UNPERCEIVABLE_S
+    settled = a / (a + b)
+    return settled + (unperceivable - settled) * math.exp(-(a + b) * dt)
+
+
 def log_factors(
     xy: Floats,
     reports: list[ObjectReports],
+    seen: list[Bools],
+    unperceivable: Floats,
     world: MeasurementWorld,
     chances: DetectionProbabilities,
-    config: JointConfig,
-) -> Floats:
-    """(L,) log-likelihoods of all measurements of M objects at (L, M, 2) positions; sounds are not occluded.
+) -> tuple[Floats, Floats]:
+    """(L, M) log-likelihoods of the measurements of M objects, and probabilities that each is unperceivable after them.
 
     A report z of an object in plain view has the density P_D N(z) + (1 - P_D) P_F / W, of one that is hidden P_F / W;
-    "not seen" has 1 - P_D and 1 - P_F.  W is the width of the image.
+    "not seen" has 1 - P_D and 1 - P_F.  W is the width of the image.  An object that is not perceivable has the
+    likelihood of one that is hidden from all sensors, and no sensor detects it.
+
+    Args:
+        xy: (L, M, 2) positions.
+        reports: of each object.
+        seen: from `in_plain_view`.
+        unperceivable: (L, M) probabilities before the reports.
+        world: sensors.
+        chances: their probabilities of detection.
     """
-    total = np.zeros(len(xy))
-    sensors = sorted({int(i) for report in reports for i in report.packed.sensor})
-    cameras = [i for i in sensors if world.sensors.cos2[i] >= 0.0]
-    hidden = {i: occlusion_by_others(xy, world.sensors.xy[i], config.occluder_diameter) for i in cameras}
+    total, after = np.empty_like(unperceivable), np.zeros_like(unperceivable)
     for j, report in enumerate(reports):
         position = np.ascontiguousarray(xy[:, j])
         expected, _ = measured(position, report.rows, world)
         _, variance = linearised(position.mean(axis=0), report.rows, world)
+        # One that is detected is perceivable; otherwise both states are possible, given the position
+        plain, missed = np.log1p(-unperceivable[:, j]), 0.0
         for k, sensor in enumerate(report.packed.sensor.tolist()):
-            seen = seen_from(position, sensor, world.sensors)
-            if sensor in hidden:
-                seen &= ~hidden[sensor][:, j]
             first, last = int(report.packed.first[k]), int(report.packed.first[k + 1])
             detection, false = float(chances.detection[sensor]), float(chances.false[sensor])
             if first == last:
-                total += np.log(np.where(seen, 1.0 - detection, 1.0 - false))
+                plain += np.log(np.where(seen[j][k], 1.0 - detection, 1.0 - false))
+                missed += math.log(1.0 - false)
                 continue
             row = report.rows.take(np.arange(first, first + 1))
             off = residuals(expected[:, first : first + 1], row)[:, 0]
             density = np.exp(-0.5 * off**2 / variance[first]) / math.sqrt(2.0 * math.pi * variance[first])
             widths = world.noise.width_px if row.pixel[0] else world.noise.width
             floor = false / widths[sensor]
-            total += np.log(np.where(seen, detection * density + (1.0 - detection) * floor, floor))
-    return total
+            plain += np.log(np.where(seen[j][k], detection * density + (1.0 - detection) * floor, floor))
+        if len(report.rows.sensor):
+            total[:, j] = plain
+            continue
+        without = np.log(unperceivable[:, j]) + missed
+        total[:, j] = np.logaddexp(plain, without)
+        after[:, j] = np.exp(without - total[:, j])
+    return total, after
+
+
+def _depleted(log_weights: Floats) -> bool:
+    """Whether few of the particles are effective by (L,) log weights of one object alone."""
+    weights, _ = normalise_log_weights(log_weights)
+    return effective_sample_size(weights) < MIN_EFFECTIVE_SAMPLE_SIZE
 
 
 def _moments(own: Floats, weights: Floats, drawn: Floats) -> Gaussian:

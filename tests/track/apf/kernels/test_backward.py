@@ -8,12 +8,13 @@ from scipy.stats import chisquare, multivariate_normal, norm
 
 from occlog.filtering.motion import waypoint
 from occlog.filtering.motion.waypoint import CHANGE, TOWARDS, WAIT, WaypointModel
-from occlog.track.methods.apf.kernels.backward_simulation import parents_of
+from occlog.track.methods.apf.kernels.backward_simulation import density_on_segment, parents_of
 from occlog.track.methods.apf.smoother import kernel_variance
 
 PAPER = WaypointModel(1.0, 0.33, 0.7, 0.9, 0.05, 0.05, 0.9, sigma_waiting=0.1)
 PEOPLE = WaypointModel(1.0, 0.1, 0.0, 0.7, 0.25, 0.05, 0.9, sigma_velocity=0.5, sigma_waiting=0.05)
 STAND = PEOPLE._replace(wait_s=10.0, sigma_creep=0.3)
+TURN = STAND._replace(uniform_change=True)
 
 
 def states_near(L, rng):
@@ -47,6 +48,14 @@ def brute_force(later, regime, states, was, chances, dt, motion, width2):
             out.append(
                 chance[TOWARDS] * place * multivariate_normal.pdf(c, c0 + gain * v, (left + velocity2) * np.eye(2))
             )
+        elif motion.uniform_change:
+            # Midpoints of many parts of the step; the velocity before is 0 only in the paper's wait
+            u = (np.arange(2000) + 0.5)[:, None] / 2000
+            held = c0 * (r != WAIT or motion.wait_s > 0)
+            v = x - x0 - dt * (u * held + (1 - u) * s0 * c / s)
+            place = multivariate_normal.pdf(v, np.zeros(2), p0 * np.eye(2)).mean()
+            speed = norm.pdf(s, s0, np.sqrt(left + gain**2 * waypoint.gather(dt, motion)[0] + velocity2))
+            out.append(chance[CHANGE] * place * speed)
         else:
             v = x - x0 - s0 * dt * c / s
             place = multivariate_normal.pdf(v, np.zeros(2), p0 * np.eye(2))
@@ -57,7 +66,7 @@ def brute_force(later, regime, states, was, chances, dt, motion, width2):
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize("motion", [PAPER, PEOPLE, STAND])
+@pytest.mark.parametrize("motion", [PAPER, PEOPLE, STAND, TURN, PAPER._replace(uniform_change=True)])
 @pytest.mark.parametrize("regime", [TOWARDS, CHANGE, WAIT])
 @pytest.mark.parametrize(("seed", "place2"), [(0, 0.0), (1, 0.0), (2, 0.03)])
 def test_parents_are_drawn_by_the_density_of_the_step(seed, place2, regime, motion):
@@ -98,6 +107,16 @@ def test_parents_are_drawn_by_the_density_of_the_step(seed, place2, regime, moti
     assert abs(seen[~enough].sum() - wanted[~enough].sum()) < 20
     wanted = wanted[enough] * seen[enough].sum() / wanted[enough].sum()
     assert chisquare(seen[enough], wanted).pvalue > 1e-4
+
+
+def test_the_density_on_a_segment_is_the_mean_of_normal_densities_along_it():
+    rng, u = np.random.default_rng(3), (np.arange(20_000) + 0.5)[:, None] / 20_000
+    for length in (1e-9, 0.01, 0.3, 3.0):
+        for _ in range(5):
+            w, variance = length * rng.normal(size=2), 0.04
+            x = rng.uniform() * w + 0.3 * rng.normal(size=2)
+            wanted = np.exp(-0.5 * np.sum((x - u * w) ** 2, axis=1) / variance).mean()
+            assert density_on_segment(*x, *w, variance) == pytest.approx(wanted, rel=1e-5)
 
 
 @pytest.mark.parametrize("regime", [TOWARDS, CHANGE, WAIT])

@@ -12,6 +12,7 @@ from occlog.filtering.motion.waypoint import CHANGE, MIN_STEP_VARIANCE, TOWARDS,
 ROOM = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 100.0], [0.0, 100.0]])
 FLOOR = make_floor(ROOM, [])
 PAPER = WaypointModel(1.0, 0.33, 0.7, 0.9, 0.05, 0.05, 0.9)
+AT_ONCE = np.zeros(100_000)  # all changes are at the beginning of the step
 PEOPLE = WaypointModel(1.0, 0.1, 0.0, 0.7, 0.25, 0.05, 0.9, sigma_velocity=0.5, sigma_waiting=0.05)
 STAND = PEOPLE._replace(wait_s=10.0, sigma_creep=0.2)
 
@@ -89,9 +90,9 @@ def test_hypotheses_have_the_moments_of_the_particles_that_follow_them(regime, m
     n, dt, rng = 100_000, 0.4, np.random.default_rng(regime)
     goal = np.array([10.0, 35.0])
     one = alike(1, before)
-    _, mean, variance = waypoint.hypotheses(one, np.array([False]), goal[None], dt, motion)
+    _, mean, variance = waypoint.hypotheses(one, np.array([False]), goal[None], AT_ONCE, dt, motion)
     goals = np.tile(goal, (n, 1))
-    after = waypoint.move(alike(n, before), np.full(n, regime), goals, rng.standard_normal((n, 4)), dt, motion)
+    after = waypoint.move(alike(n, before), np.full(n, regime), goals, AT_ONCE, rng.standard_normal((n, 4)), dt, motion)
     spread = np.sqrt(variance[regime, 0])
     np.testing.assert_allclose(after.xy.mean(axis=0), mean[regime, 0], atol=max(4 * spread / np.sqrt(n), 1e-9))
     if variance[regime, 0] > MIN_STEP_VARIANCE:
@@ -100,11 +101,37 @@ def test_hypotheses_have_the_moments_of_the_particles_that_follow_them(regime, m
         np.testing.assert_array_equal(after.xy, one.xy.repeat(n, axis=0))
 
 
+@pytest.mark.jit
+@pytest.mark.parametrize("before", [TOWARDS, WAIT])
+@pytest.mark.parametrize("motion", [PAPER, STAND])
+def test_changes_at_any_time_of_a_step_have_the_moments_of_short_steps(motion, before):
+    """A particle that goes on for u of 400 short steps, u drawn evenly, and then to its new destination."""
+    n, dt, parts, rng = 40_000, 0.4, 400, np.random.default_rng(11)
+    one, goal = alike(1, before), np.array([10.0, 35.0])
+    u = (rng.permutation(n) + 0.5) / n
+    quiet = motion._replace(sigma=0.0, sigma_velocity=0.0, phi=0.0)
+    regime, goals = np.full(n, CHANGE), np.tile(goal, (n, 1))
+    after = waypoint.move(alike(n, before), regime, goals, u, np.zeros((n, 4)), dt, quiet)
+    # Short steps of one particle, the first k of them as before
+    old = waypoint.hypotheses(one, np.array([False]), goal[None], np.zeros(1), dt, quiet)[1]
+    held = (old[WAIT if before == WAIT else TOWARDS, 0] - one.xy[0]) / parts
+    new = (old[CHANGE, 0] - one.xy[0]) / parts
+    path = np.array([one.xy[0] + k * held + (parts - k) * new for k in range(parts + 1)])
+    np.testing.assert_allclose(after.xy.mean(axis=0), path.mean(axis=0), atol=1e-6)
+    np.testing.assert_allclose(np.cov(after.xy.T), np.cov(path.T, bias=True), rtol=1e-2, atol=1e-9)
+    # The approximations of all particles have the positions at which they change
+    _, mean, variance = waypoint.hypotheses(alike(n, before), np.zeros(n, dtype=bool), goals, u, dt, quiet)
+    np.testing.assert_allclose(mean[CHANGE], after.xy, atol=1e-9)
+    assert (variance[CHANGE] == MIN_STEP_VARIANCE).all()
+
+
 def test_hypotheses_of_a_particle_sum_to_one_and_are_never_without_variance():
     rng = np.random.default_rng(4)
     p = mixed(500, rng)
     arrived = waypoint.reached(p, PAPER, FLOOR)
-    prior, mean, variance = waypoint.hypotheses(p, arrived, rng.uniform(0, 100, (500, 2)), 0.3, PAPER._replace(sigma=0))
+    prior, mean, variance = waypoint.hypotheses(
+        p, arrived, rng.uniform(0, 100, (500, 2)), AT_ONCE, 0.3, PAPER._replace(sigma=0)
+    )
     np.testing.assert_allclose(prior.sum(axis=0), 1.0, atol=1e-12)
     assert (prior >= 0).all()
     assert (variance > 0).all()
@@ -119,7 +146,9 @@ def test_the_velocity_of_a_moving_particle_diffuses_and_turns_its_destination_wi
     n, dt, rng = 100_000, 0.5, np.random.default_rng(5)
     start = alike(n)
     before = waypoint.velocities(alike(1))[0]
-    after = waypoint.move(start, np.full(n, TOWARDS), np.empty((0, 2)), rng.standard_normal((n, 4)), dt, PEOPLE)
+    after = waypoint.move(
+        start, np.full(n, TOWARDS), np.empty((0, 2)), AT_ONCE, rng.standard_normal((n, 4)), dt, PEOPLE
+    )
     velocity = waypoint.velocities(after)
     error = 5 * PEOPLE.sigma_velocity * np.sqrt(dt) / np.sqrt(n)
     np.testing.assert_allclose(velocity.mean(axis=0), before, atol=error)
@@ -134,7 +163,9 @@ def test_the_velocity_of_a_moving_particle_diffuses_and_turns_its_destination_wi
 @pytest.mark.jit
 def test_place_and_velocity_are_correlated_as_white_acceleration_correlates_them():
     n, dt, rng = 100_000, 0.5, np.random.default_rng(6)
-    after = waypoint.move(alike(n), np.full(n, TOWARDS), np.empty((0, 2)), rng.standard_normal((n, 4)), dt, PEOPLE)
+    after = waypoint.move(
+        alike(n), np.full(n, TOWARDS), np.empty((0, 2)), AT_ONCE, rng.standard_normal((n, 4)), dt, PEOPLE
+    )
     velocity = waypoint.velocities(after)
     both = np.cov(after.xy[:, 0], velocity[:, 0])[0, 1]
     assert both == pytest.approx(PEOPLE.sigma_velocity**2 * dt**2 / 2, rel=0.05)
@@ -144,7 +175,7 @@ def test_place_and_velocity_are_correlated_as_white_acceleration_correlates_them
 def test_one_that_waits_jitters_and_keeps_speed_and_destination():
     n, dt, rng = 100_000, 0.2, np.random.default_rng(7)
     before = alike(n)
-    after = waypoint.move(before, np.full(n, WAIT), np.empty((0, 2)), rng.standard_normal((n, 4)), dt, PEOPLE)
+    after = waypoint.move(before, np.full(n, WAIT), np.empty((0, 2)), AT_ONCE, rng.standard_normal((n, 4)), dt, PEOPLE)
     expected = PEOPLE.sigma_waiting**2 * dt
     np.testing.assert_allclose(np.cov(after.xy.T), expected * np.eye(2), atol=6 * expected / np.sqrt(n))
     np.testing.assert_array_equal(after.speed, before.speed)
@@ -167,7 +198,7 @@ def test_one_that_stands_decides_to_leave_once_in_the_time_it_waits_and_goes_els
 def test_one_that_stands_creeps_as_white_acceleration_moves_it_and_keeps_its_speed(stood):
     n, dt, rng = 100_000, 0.5, np.random.default_rng(8)
     before = alike(n, WAIT if stood else TOWARDS)
-    after = waypoint.move(before, np.full(n, WAIT), np.empty((0, 2)), rng.standard_normal((n, 4)), dt, STAND)
+    after = waypoint.move(before, np.full(n, WAIT), np.empty((0, 2)), AT_ONCE, rng.standard_normal((n, 4)), dt, STAND)
     creep = waypoint.headings(after, STAND)[:, 2:4]
     q = STAND.sigma_creep**2
     place = STAND.sigma_waiting**2 * dt + (q * dt**3 / 3 if stood else q * dt**2)
@@ -181,7 +212,7 @@ def test_one_that_stands_creeps_as_white_acceleration_moves_it_and_keeps_its_spe
 
 def test_one_that_stands_without_any_noise_stays_where_it_is():
     still = STAND._replace(sigma_waiting=0.0, sigma_creep=0.0)
-    after = waypoint.move(alike(5), np.full(5, WAIT), np.empty((0, 2)), np.ones((5, 4)), 0.5, still)
+    after = waypoint.move(alike(5), np.full(5, WAIT), np.empty((0, 2)), AT_ONCE, np.ones((5, 4)), 0.5, still)
     np.testing.assert_array_equal(after.xy, alike(5).xy)
     np.testing.assert_array_equal(waypoint.headings(after, still)[:, 2:4], 0.0)
 
@@ -193,8 +224,8 @@ def test_arriving_where_noise_leads_is_moving_there(seed, motion):
     rng = np.random.default_rng(seed)
     p, n, dt = mixed(200, rng), 200, 0.3
     regime, noise, goals = rng.integers(0, 3, n), rng.standard_normal((n, 4)), rng.uniform(0, 100, (n, 2))
-    moved = waypoint.move(p, regime, goals[regime == CHANGE], noise, dt, motion)
-    _, mean, _ = waypoint.hypotheses(p, np.zeros(n, dtype=bool), goals, dt, motion)
+    moved = waypoint.move(p, regime, goals[regime == CHANGE], AT_ONCE, noise, dt, motion)
+    _, mean, _ = waypoint.hypotheses(p, np.zeros(n, dtype=bool), goals, AT_ONCE, dt, motion)
     again = waypoint.arrive(p, regime, goals, mean[regime, np.arange(n)], moved.xy, noise[:, 2:], dt, motion)
     for a, b in zip(moved, again, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-12)
@@ -205,7 +236,7 @@ def test_without_the_added_noises_a_step_is_the_papers(seed):
     rng = np.random.default_rng(seed)
     p, n, dt = mixed(200, rng), 200, 0.5
     regime, noise, goals = rng.integers(0, 3, n), rng.standard_normal((n, 4)), rng.uniform(0, 100, (n, 2))
-    after = waypoint.move(p, regime, goals[regime == CHANGE], noise, dt, PAPER)
+    after = waypoint.move(p, regime, goals[regime == CHANGE], AT_ONCE, noise, dt, PAPER)
     goal = np.where((regime == CHANGE)[:, None], goals, p.destination)
     way = goal - p.xy
     e = way / np.maximum(np.hypot(*way.T), 1e-300)[:, None]

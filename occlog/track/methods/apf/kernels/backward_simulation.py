@@ -11,11 +11,13 @@ position, its velocity (speed towards the destination) and its regime:
          p_W   N(x'; x, p2)               N(c'; gain2 (x' - x), V2)                if it has just stopped
     MTD  p_MTD N(x'; x + c dt, p0)        N(c'; c + gain (x' - x - c dt), V + h^2)
     CD   p_CD  N(x'; x + s dt c'/|c'|, p0) N(|c'|; s, V + h^2) / (2 pi |c'|)
+         p_CD  int_0^1 N(x'; x + dt (u b + (1 - u) s c'/|c'|), p0) du  N(|c'|; s, V + gain^2 p0 + h^2) / (2 pi |c'|)
 
 c being the velocity, s its amount, p0, gain and V of `gather`, those with 1 and 2 of `waiting_noise`
 (`occlog.filtering.motion.waypoint`), and h a width of the kernel that represents the exact destination.  The first
 line of W is the paper's, the others are of targets that stand (`mean_wait_s`); c is the velocity with which they
-creep then, and the speed that they remember is integrated out.
+creep then, and the speed that they remember is integrated out.  The second line of CD is of changes at any time of
+the step (`change_time`), b being the velocity until then: c, or 0 after the paper's wait.
 
 No density of a position is narrower than the kernel of the cloud's positions, nor is that of the velocity of one that
 stands narrower than the kernel of the velocities.  Where bearings are blunt the cloud is wide against the noise of a
@@ -48,8 +50,36 @@ from occlog.filtering.motion.waypoint import (
 
 X, Y, VX, VY, SPEED = range(5)
 """Columns of the states of `parents_of`: position, direction times speed, and speed."""
+MIN_SEGMENT_SIGMAS = 1e-3
+"""A shorter segment is a point, in standard deviations."""
+ROOT_2, ROOT_HALF_PI = math.sqrt(2.0), math.sqrt(0.5 * math.pi)
 TOO_FAR = 50.0
 """Half the squared distance beyond which a density counts as 0."""
+
+
+@kernel
+def density_on_segment(x: float, y: float, wx: float, wy: float, variance: float) -> float:
+    """The mean of N(x; u w, variance I) over u from 0 to 1, over its largest value at w = 0.
+
+    Along w it is a difference of two normal distribution functions, across w a normal density; 0 beyond `TOO_FAR`.
+
+    Args:
+        x: offset from the beginning of the segment w, and
+        y: its second coordinate.
+        wx: the segment, and
+        wy: its second coordinate.
+        variance: per axis.
+    """
+    length, sigma = math.hypot(wx, wy), math.sqrt(variance)
+    if length < MIN_SEGMENT_SIGMAS * sigma:
+        half = 0.5 * (x * x + y * y) / variance
+        return math.exp(-half) if half < TOO_FAR else 0.0
+    along, across = (x * wx + y * wy) / length, (x * wy - y * wx) / length
+    beyond = max(-along, along - length, 0.0)
+    if 0.5 * (across * across + beyond * beyond) > TOO_FAR * variance:
+        return 0.0
+    inside = math.erf((length - along) / (ROOT_2 * sigma)) + math.erf(along / (ROOT_2 * sigma))
+    return math.exp(-0.5 * across * across / variance) * ROOT_HALF_PI * sigma / length * inside
 
 
 @kernel
@@ -87,7 +117,8 @@ def parents_of(
     M, K = later.shape[0], candidates.shape[0]
     place2, velocity2 = width2
     moving, gain, left = gather(dt, motion)
-    moving = max(moving, place2)
+    turned = max(left + gain * gain * moving + velocity2, MIN_STEP_VARIANCE)
+    moving = max(moving, place2, MIN_STEP_VARIANCE)
     waiting = max(motion.sigma_waiting**2 * dt, place2, MIN_STEP_VARIANCE)
     standing, stopping = _standing(dt, motion, True, width2), _standing(dt, motion, False, width2)
     spread = max(left + velocity2, MIN_STEP_VARIANCE)
@@ -114,6 +145,15 @@ def parents_of(
                 half += 0.5 * ((cx - states[i, VX]) ** 2 + (cy - states[i, VY]) ** 2) / steady
                 if half < TOO_FAR:
                     weights[k] = chances[i, WAIT] * math.exp(-half)
+            elif r == CHANGE and motion.uniform_change:
+                bx, by = (states[i, VX], states[i, VY]) if was[i] != WAIT or stands(was[i], motion) else (0.0, 0.0)
+                dx -= states[i, SPEED] * dt * ex
+                dy -= states[i, SPEED] * dt * ey
+                along = s - states[i, SPEED]
+                half = 0.5 * along * along / turned
+                if half < TOO_FAR:
+                    wx, wy = (bx - states[i, SPEED] * ex) * dt, (by - states[i, SPEED] * ey) * dt
+                    weights[k] = chances[i, CHANGE] * math.exp(-half) * density_on_segment(dx, dy, wx, wy, moving)
             elif r == CHANGE:
                 dx -= states[i, SPEED] * dt * ex
                 dy -= states[i, SPEED] * dt * ey
