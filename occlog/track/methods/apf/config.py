@@ -116,7 +116,6 @@ class ApfConfig(SmoothingConfig):
         "(`uniform`), as people do. With `beginning` fast targets that turn are up to half a step's way off, and "
         "covariances too small.",
         choices=(BEGINNING, UNIFORM),
-        people=UNIFORM,
     )
     lambda1: float = setting(
         0.1,
