@@ -145,8 +145,8 @@ def _number(text: str) -> float:
 def parse_column(texts: Sequence[str], unit: str, fail: Callable[[int, str], InputError]) -> Ints:
     """(n,) times [ns] of texts; see `parse_time`.
 
-    Numbers without a stated unit that are too large for seconds are in the unit of their size.  A column has dates with a zone, or without
-    one, which are in UTC, but not both.
+    Numbers without a stated unit that are too large for seconds are in the unit of their size.  A column has dates with
+    a zone, or without one, which are in UTC, but not both.
 
     Args:
         texts: cells.
