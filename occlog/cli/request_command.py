@@ -160,7 +160,7 @@ def _do(
     for loss in done.earlier:
         console.note(f"lost earlier: {loss}", quiet)
     if done.shown is None:
-        console.finish(done.summary, done.losses, as_json)
+        console.finish(done.summary, done.losses, as_json, done.earlier)
     else:
         click.echo(done.shown(as_json))
     for line in done.failed:

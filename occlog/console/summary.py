@@ -117,9 +117,15 @@ def strict_code(code: int, plausible: object, strict: bool) -> int:
     return ExitCode.THRESHOLD if strict and plausible is False else code
 
 
-def finish(summary: Mapping[str, object], losses: Iterable[ListedLoss], as_json: bool) -> int:
-    """Print the summary and list the losses; exit code 0, or 3 if anything was."""
-    lost = list(losses)
-    echo_summary({**summary, "losses": [loss.as_dict() for loss in lost]} if as_json else summary, as_json)
+def finish(
+    summary: Mapping[str, object], losses: Iterable[ListedLoss], as_json: bool, earlier: Iterable[ListedLoss] = ()
+) -> int:
+    """Print the summary and list the losses; exit code 0, or 3 if anything was lost.
+
+    In JSON, what was lost `earlier`, in making the inputs, is listed as `lost_earlier` where there is any.
+    """
+    lost, before = list(losses), [loss.as_dict() for loss in earlier]
+    listed = {"losses": [loss.as_dict() for loss in lost], **({"lost_earlier": before} if before else {})}
+    echo_summary({**summary, **listed} if as_json else summary, as_json)
     note_losses(lost)
     return ExitCode.LOSSY if lost else ExitCode.DONE

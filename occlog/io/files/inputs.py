@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 from occlog.errors import InputError
 from occlog.io.files.limits import Content, content_of
@@ -25,15 +26,25 @@ def hash_inputs(paths: Iterable[Path]) -> InputDigests:
 
 
 def previous_losses(paths: Iterable[Path]) -> tuple[Loss, ...]:
-    """Input that was lost in making tables and recordings, each once."""
+    """Input that was lost in making tables, recordings and JSON files, each once."""
     found: dict[Loss, None] = {}
     for path in paths:
-        made = provenance_of_file(path)
+        made = _provenance_of(path)
         found |= dict.fromkeys(() if made is None else made.losses)
+        found |= dict.fromkeys(_losses_in(_provenance_in_json(path)))
     return tuple(found)
 
 
-def provenance_of_file(path: Path) -> Provenance | None:
+def verdicts_of_file(path: Path) -> tuple[Verdict, ...]:
+    """Verdicts that a table, a recording or a JSON file carries; none where it is of another kind or is damaged."""
+    made = _provenance_of(path)
+    try:
+        return verdicts_in(_provenance_in_json(path)) if made is None else made.judged
+    except ValueError:
+        return ()
+
+
+def _provenance_of(path: Path) -> Provenance | None:
     """Provenance of a table or a recording; None where the file is of another kind or is damaged.
 
     A stage that opens a damaged file refuses it itself.
@@ -49,15 +60,20 @@ def provenance_of_file(path: Path) -> Provenance | None:
         return None
 
 
-def verdicts_of_file(path: Path) -> tuple[Verdict, ...]:
-    """Verdicts that a table, a recording or a JSON file carries; none where it is of another kind or is damaged."""
-    made = provenance_of_file(path)
-    if made is not None:
-        return made.judged
+def _losses_in(values: Mapping[str, Any]) -> tuple[Loss, ...]:
+    """Losses in the values of a provenance; none where they are damaged."""
     try:
-        if path.suffix.lower() == ".json" and path.is_file():
-            values = read_json(path).get("_provenance")
-            return verdicts_in(values) if isinstance(values, dict) else ()
+        return tuple(Loss(**loss) for loss in values.get("losses", ()))
+    except TypeError:
+        return ()
+
+
+def _provenance_in_json(path: Path) -> dict[str, Any]:
+    """Values of the provenance in a JSON file; empty where the file is of another kind or is damaged."""
+    if path.suffix.lower() != ".json" or not path.is_file():
+        return {}
+    try:
+        found = read_json(path).get("_provenance")
     except (InputError, ValueError):
-        pass
-    return ()
+        return {}
+    return found if isinstance(found, dict) else {}

@@ -150,7 +150,7 @@ def test_places_are_in_the_unit_of_the_scene_have_covariances_and_their_losses_a
     np.testing.assert_array_equal(read_table(Path(found), Bearings).seen, seen)
     assert near("m", 1.0, None) == ExitCode.BAD_INPUT
     assert "has no covariance" in capsys.readouterr().err
-    for unit, code in (("m", ExitCode.LOSSY), ("ft", ExitCode.BAD_INPUT)):
+    for unit, code in (("m", ExitCode.DONE), ("ft", ExitCode.BAD_INPUT)):
         lost = Provenance("track", inputs=(("b", "0" * 64),), losses=(Loss("b.mp4", "frame 3", "gone"),))
         write_table(tmp_path / "near.parquet", tracks(), lost, overwrite=True, length_unit=unit)
         args = ["detect", walk, "--track-feedback", str(tmp_path / "near.parquet"), "-o", found, "--overwrite"]

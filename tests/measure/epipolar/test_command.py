@@ -171,8 +171,8 @@ def test_a_copy_of_a_recording_holds_them(folder, capsys):
     source = recording(folder)
     (folder / "sub").mkdir()
     code = epipolar(folder, "walk.mcap", "--matches", "scene.csv", "-o", "sub/copy.mcap", "--json", "-q")
-    assert code == ExitCode.LOSSY  # what had been lost before is told
-    assert json.loads(capsys.readouterr().out)["losses"][0]["source"] == "a"
+    assert code == ExitCode.DONE  # what had been lost before is told
+    assert json.loads(capsys.readouterr().out)["lost_earlier"][0]["source"] == "a"
     old, new = open_recording(source), open_recording(folder / "sub/copy.mcap")
     assert read_epipolar(new.path).find("a", "b").inliers > 50
     assert new.attachment("notes.txt") == b"hello"
@@ -183,8 +183,8 @@ def test_a_copy_of_a_recording_holds_them(folder, capsys):
     assert np.array_equal(new.read(TruthBoxes).left_px, old.read(TruthBoxes).left_px)
 
     # They can be checked, replaced, and told.
-    assert epipolar(folder, "sub/copy.mcap", "--check", "--matches", "scene.csv") == ExitCode.LOSSY
-    assert epipolar(folder, "sub/copy.mcap", "-o", "again.mcap", "-q") == ExitCode.LOSSY
+    assert epipolar(folder, "sub/copy.mcap", "--check", "--matches", "scene.csv") == ExitCode.DONE
+    assert epipolar(folder, "sub/copy.mcap", "-o", "again.mcap", "-q") == ExitCode.DONE
     assert {p.source for p in read_epipolar(folder / "again.mcap").pairs} == {"calibration"}
     capsys.readouterr()
     assert run(["info", str(folder / "sub/copy.mcap")]) == ExitCode.DONE
@@ -193,19 +193,19 @@ def test_a_copy_of_a_recording_holds_them(folder, capsys):
 
 def test_targets_are_matches(folder, capsys):
     recording(folder)
-    assert epipolar(folder, "--from-tracks", "walk.mcap", "-o", "boxes.json", "--json") == ExitCode.LOSSY
+    assert epipolar(folder, "--from-tracks", "walk.mcap", "-o", "boxes.json", "--json") == ExitCode.DONE
     told = json.loads(capsys.readouterr().out)["pairs"]
     assert {name: pair["matches"] for name, pair in told.items()} == {"a-b": 27, "a-c": 27, "b-c": 27}  # those visible
     right(folder, "boxes.json", False, 1e-6)
     table = view_tracks(scene().cameras, walks(200), np.random.default_rng(0), sigma=0.5)
     write_table(folder / "tracks.parquet", table, Provenance("track"))
     args = ["--check", "--from-tracks", "tracks.parquet", "--fundamental", "boxes.json", "--json"]
-    assert epipolar(folder, *args) == ExitCode.LOSSY
+    assert epipolar(folder, *args) == ExitCode.DONE
     assert json.loads(capsys.readouterr().out)["pairs"]["a-b"]["matches"] == 400
     late = view_tracks(scene().cameras, walks(200), np.random.default_rng(0), sigma=0.5, delay_ns=5_000_000)
     made = Provenance("track", {"window_ns": 10_000_000})  # cameras that do not keep step
     write_table(folder / "tracks.parquet", late, made, overwrite=True)
-    assert epipolar(folder, *args) == ExitCode.LOSSY
+    assert epipolar(folder, *args) == ExitCode.DONE
     assert json.loads(capsys.readouterr().out)["pairs"]["a-b"]["matches"] == 400
 
 
@@ -357,5 +357,5 @@ def test_what_was_lost_of_the_matches_is_lost_for_matrices_that_are_read_again(f
     values = json.loads((folder / "f.json").read_text())
     values["_provenance"]["losses"] = [loss.as_dict() for loss in MADE.losses]
     (folder / "f.json").write_text(json.dumps(values))
-    assert epipolar(folder, "--fundamental", "f.json", "-o", "g.json") == ExitCode.LOSSY
+    assert epipolar(folder, "--fundamental", "f.json", "-o", "g.json") == ExitCode.DONE
     assert json.loads((folder / "g.json").read_text())["_provenance"]["losses"] == values["_provenance"]["losses"]
