@@ -218,6 +218,8 @@ class SmallNoiseCheck:
 
 GATE_SIGMAS = 4.0
 """Gate of a bearing, in standard deviations of the innovation."""
+MAX_RESIDUAL = 6.0
+"""Standard deviations beyond which a bearing contradicts an estimate that it alone could have determined."""
 MIN_RESIDUAL_VARIANCE = 0.1
 """Minimum expected variance of residuals for an estimate of noise: below it estimates go through the bearings."""
 
@@ -516,7 +518,9 @@ class ResidualStatistics:
             own = part.take(part.sensor == name)
             found = self.sensors.setdefault(name, SensorConsistency())
             found.bearings += len(own)
-            found.inliers += int(np.count_nonzero(own.inlier_probability >= 0.5))
+            # What an estimate that just goes through it leaves far off contradicts the estimate, however wide that is
+            far = (own.expected_variance < MIN_RESIDUAL_VARIANCE) & (np.abs(own.residual) > MAX_RESIDUAL)
+            found.inliers += int(np.count_nonzero((own.inlier_probability >= 0.5) & ~far))
             informative = own.take(own.expected_variance >= MIN_RESIDUAL_VARIANCE)
             expected = informative.inlier_probability * informative.expected_variance
             found.means.add(informative.inlier_probability * informative.residual**2, expected)

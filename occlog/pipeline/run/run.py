@@ -116,9 +116,11 @@ def run_stages(
     console.note_losses(losses_of(folder / name for step in kept for name in step.outputs))
     verdicts = verdicts_of(folder / name for step in steps for name in step.outputs)
     summary = {**_summary(folder, {step.stage: step.what for step in steps}, as_json), **summary_of(verdicts)}
+    lost = losses_of(folder / name for step in steps for name in step.outputs)
     if as_json:
-        lost = losses_of(folder / name for step in steps for name in step.outputs)
         summary["losses"] = [loss.as_dict() for loss in lost]
+    for loss in lost if all(step.code != ExitCode.LOSSY for step in steps) else ():
+        console.note(f"lost earlier: {loss}", quiet)
     console.note_findings(texts_of(verdicts, "run"), quiet)
     console.echo_summary(summary, as_json)
     return console.strict_code(worst(step.code for step in steps), summary.get("plausible"), strict)

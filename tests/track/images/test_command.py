@@ -514,5 +514,5 @@ def test_what_was_lost_of_first_ellipses_and_of_matrices_is_listed(balls, tmp_pa
     values = json.loads(matrices.read_text())
     values["_provenance"]["losses"] = [lost[1].as_dict()]
     matrices.write_text(json.dumps(values))
-    assert track(balls, tmp_path, "--fundamental", str(matrices), "-q", initial=first) == ExitCode.LOSSY
+    assert track(balls, tmp_path, "--fundamental", str(matrices), "-q", initial=first) == ExitCode.DONE
     assert list(read_provenance(tmp_path / "t.parquet").losses) == lost
