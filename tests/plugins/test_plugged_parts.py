@@ -185,9 +185,9 @@ def test_a_reader_is_used_by_ingest(folder: Path, capsys: pytest.CaptureFixture[
         found = occlog.read(folder / "r.mcap", "boxes")
         assert found["left_px"].tolist() == [10.0, 11.0, 12.0, 13.0, 14.0]
         assert occlog.open(folder / "r.mcap").provenance["readers"][0]["package"] == "row-log 2"
-        (folder / "boxes.rows").write_text("\n".join([*rows, "cam 5 0.5 10 20 0 60 0.8"]), encoding="utf-8")
+        (folder / "boxes.rows").write_text("\n".join([*rows, "cam 5 0.5 10 20 30 60 1.8"]), encoding="utf-8")
         code, said = failed(capsys, *args, "--allow-uncalibrated", "--overwrite", "-q")
-        assert (code, "boxes.rows: row 6: box of 0 x 60 px" in said) == (4, True)
+        assert (code, "boxes.rows: row 6: confidence 1.8" in said) == (4, True)
     finally:
         sys.path.remove(str(folder))
 

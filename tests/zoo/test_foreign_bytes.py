@@ -337,7 +337,8 @@ LIBRARIES = {
     "import tarfile": set(),
     "import zstandard": {f"io/recording/{name}.py" for name in ("chunks", "mcap_errors", "salvage/records")}
     | {"io/messages/bag.py", "io/messages/mcap_file.py"},
-    "from xml": {"io/formats/calibration/qualisys.py", "io/files/texts/documents.py", "io/formats/truth.py"}
+    "from xml": {f"io/formats/calibration/{name}.py" for name in ("qualisys", "tsai")}
+    | {"io/files/texts/documents.py", "io/formats/truth.py"}
     | {"io/formats/boxes/annotations.py"},  # the kind of what is read
     "from scipy.io": set(),
     "from google.protobuf": {"io/messages/kinds.py", "io/recording/reader.py", "examine/viewers/series.py"},

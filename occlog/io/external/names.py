@@ -8,7 +8,6 @@ An angle `compass_deg` is clockwise from north (+y); all others are from +x towa
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from functools import cache
@@ -117,19 +116,18 @@ COMPARED = 200
 """Names that no table has, of a file, that are compared with those that tables have, at most: each takes its time."""
 
 
-_BRACKETS = re.compile(r"(.*?)\s*[\[(]([^\])]*)[\])]")
-
-
 def plain_name(name: str) -> str:
     """A file's name of a column in lower case, with a unit in brackets as an ending.
 
     `#timestamp [ns]` is `timestamp_ns`, `pos x [m]` is `pos_x_m`, and `vx (m/s)` is `vx_m_s`.
     """
     low = name.strip().removeprefix("#").strip().lower()
-    found = _BRACKETS.fullmatch(low)
-    if found is None:
+    opening = {"]": "[", ")": "("}.get(low[-1:], "")
+    start = low.rfind(opening) if opening else -1
+    if start < 0:
         return low
-    base, unit = found[1].replace(" ", "_"), found[2].strip().replace("/", "_").replace("^", "")
+    unit = low[start + 1 : -1].strip().replace("/", "_").replace("^", "")
+    base = low[:start].rstrip().replace(" ", "_")
     return f"{base}_{unit}" if unit else base
 
 

@@ -128,7 +128,7 @@ def column_unit(values: Floats, unit: str, fail: Callable[[int, str], InputError
     found = unit_by_size(float(sizes.max()))
     least, most = (int(np.argmin(np.where(sizes > 0.0, sizes, np.inf))), int(np.argmax(sizes)))
     if unit_by_size(float(sizes[least])) != found:
-        several = f"times {values[least]:.12g} and {values[most]:.12g} are in several units"
+        several = f"times {values[least]:.15g} and {values[most]:.15g} are in several units"
         raise fail(least, f"{several}; give all one, in a column t_s, t_ms, t_us or t_ns")
     return found
 

@@ -147,6 +147,6 @@ def projected_people(camera: Camera, people: Floats) -> Floats:
     ground = np.column_stack([people[:, :2], np.zeros(len(people))])
     feet, head = camera.project(ground), camera.project(ground + people[:, 2:3] * [0.0, 0.0, 1.0])
     tall = feet[:, 1] - head[:, 1]
-    middle, half = 0.5 * (feet[:, 0] + head[:, 0]), 0.5 * tall * people[:, 3] / people[:, 2]
+    middle, half = 0.5 * (feet[:, 0] + head[:, 0]), 0.5 * tall * people[:, 3] / np.maximum(people[:, 2], 1e-9)
     boxes = np.column_stack([middle - half, head[:, 1], middle + half, feet[:, 1]])
     return np.where((tall > 0.0)[:, None], boxes, np.nan)

@@ -188,13 +188,13 @@ def test_output_comes_while_input_is_read():
 def test_rows_are_doubted_while_the_clock_of_one_sensor_is_wrong():
     bearings = recording(80)
     bearings = replace(bearings, t_ns=bearings.t_ns // 10)  # ten rows a second
-    assert set(whole(track([bearings], SCENE, fixes()))[1].quality_flags.tolist()) == {""}
+    assert "inconsistent_sensor" not in whole(track([bearings], SCENE, fixes()))[1].quality_flags.tolist()
     rows = np.flatnonzero(bearings.sensor == "cam7")
     measured = np.arange(len(bearings))
     measured[rows[40:60]] = rows[:20]
     late = {c.name: getattr(bearings, c.name)[measured] for c in Bearings.columns()} | {"t_ns": bearings.t_ns}
     doubt = whole(track([Bearings(**late)], SCENE, fixes()))[1].quality_flags
-    assert set(doubt[:40].tolist() + doubt[70:].tolist()) == {""}
+    assert "inconsistent_sensor" not in doubt[:40].tolist() + doubt[70:].tolist()
     assert np.count_nonzero(doubt[45:60] == "inconsistent_sensor") >= 10
 
 

@@ -282,12 +282,12 @@ def commented_header(path: Path, what: str) -> list[str]:
 
     Cells are separated by commas, semicolons or tabs, and data by the same mark: a comment of words is no header.
     """
-    with _open_text(path, what) as file:
-        if not file.readline(LONGEST_LINE).startswith("#"):
-            return []
-    with _open_text(path, what) as file:
-        lines = _split(path, file, commented=True)
-        names, data = next(lines, (0, []))[1], next(lines, (0, []))[1]
+    try:
+        with _open_text(path, what) as file:
+            lines = _split(path, file, commented=True)
+            names, data = next(lines, (0, []))[1], next(lines, (0, []))[1]
+    except InputError:
+        return []  # whoever reads the rows describes the fault
     return names if 1 < len(names) == len(data) and not is_header(data) else []
 
 
