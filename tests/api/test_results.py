@@ -81,10 +81,11 @@ def test_a_notebook_shows_figures_a_floor_plan_and_escapes_what_users_wrote() ->
     assert "<svg" not in shown
 
 
-def test_what_speaks_against_estimates_is_a_warning_of_python() -> None:
+@pytest.mark.parametrize("method", ["ekf", "ukf", "apf"])
+def test_what_speaks_against_estimates_is_a_warning_of_python(method: str) -> None:
     bearings = bearings_frame().assign(sigma_deg=0.02)
     with pytest.warns(occlog.OcclogWarning, match="bearings are rejected") as caught:
-        result = occlog.track(bearings, stations_frame(), method="ekf")
+        result = occlog.track(bearings, stations_frame(), method=method)
     assert result.plausible is False
     assert {str(w.message) for w in caught} == set(result.warnings)
     assert all(w.filename == __file__ for w in caught)

@@ -130,7 +130,7 @@ def test_what_was_lost_of_the_people_to_avoid_is_listed(tmp_path: Path, capsys: 
     one = {n: [1.0] for n in ("x", "y", "vx", "vy", "cov_xx", "cov_xy", "cov_yy")}
     someone = Tracks.of(t_ns=[1_577_836_800 * 10**9], target_id=np.zeros(1, np.int32), **one)
     write_table(tracks, someone, Provenance("track", losses=(lost,)))
-    args = ["--motion", "field", "--avoid", str(tracks), "--seconds", "1", "-q"]
+    args = ["--motion", "field", "--avoid", str(tracks), "--seconds", "1"]
     assert run(["simulate", str(EXAMPLES / "room.yaml"), "-o", str(out), *args]) == ExitCode.DONE
     assert open_recording(out).losses == (lost,)
     assert "cam1.mp4: frame 7" in capsys.readouterr().err
