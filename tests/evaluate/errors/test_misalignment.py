@@ -217,3 +217,23 @@ def test_tracks_in_ms_or_mm_are_named(
     folder = shared_cases / "v21-tracks-in-ms-or-mm"
     assert run(["evaluate", str(folder / tracks), "--truth", str(folder / "truth.csv"), "--json"]) == 0
     assert [said["id"] for said in json.loads(capsys.readouterr().out)["warnings"]] == [id]
+
+
+def test_a_truth_of_frames_numbered_two_lower_is_a_delay(
+    shared_cases: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Estimates are the truth of 0.2 s earlier: the same number of frames, with errors of 3 cm."""
+    lines = (shared_cases / "w07_two_frames_apart" / "truth.csv").read_text().split()
+    head, rows = lines[0].split(","), [line.split(",") for line in lines[1:]]
+    at, rng = {name: n for n, name in enumerate(head)}, np.random.default_rng(0)
+    late, true = ["time,id,x,y"], ["time,id,x,y"]
+    for row in rows:
+        t, who, x, y = int(row[at["frame"]]) / 10.0, row[at["id"]], float(row[at["x"]]), float(row[at["y"]])
+        true.append(f"{t},{who},{x},{y}")
+        late.append(f"{t + 0.2:.1f},{who},{x + rng.normal(0.0, 0.03):.4f},{y + rng.normal(0.0, 0.03):.4f}")
+    for name, text in (("tracks.csv", late), ("truth.csv", true)):
+        (tmp_path / name).write_text("\n".join(text) + "\n")
+    assert run(["evaluate", str(tmp_path / "tracks.csv"), "--truth", str(tmp_path / "truth.csv"), "--json"]) == 0
+    (said,) = json.loads(capsys.readouterr().out)["warnings"]
+    assert said["id"] == "tracks-delayed"
+    assert said["figures"]["delay_s"] == pytest.approx(0.2, abs=4.0 * said["figures"]["sigma_s"])

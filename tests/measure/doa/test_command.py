@@ -153,3 +153,14 @@ def test_without_the_library_one_line_says_what_to_install(
     error = capsys.readouterr().err
     assert "pip install 'occlog[sound]'" in error
     assert error.count("\n") == 1
+
+
+def test_a_channel_without_a_signal_is_named(
+    shared_cases: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    case = shared_cases / "c04_wav_dead"
+    words = ["--arrays", f"table={case / 'mics.csv'}", str(case / "w_dead.wav"), "-o", str(tmp_path / "doa.parquet")]
+    assert run(["listen", *words]) == ExitCode.DONE
+    assert "microphone 3 has under 1% of the level of the others" in capsys.readouterr().err
+    found = read_table(tmp_path / "doa.parquet", Doa)
+    np.testing.assert_allclose(np.degrees(found.azimuth), 60.0, atol=3.0)
