@@ -18,9 +18,8 @@ from occlog import __version__, console
 from occlog.errors import ExitCode, InputError, OutputError, UsageError
 from occlog.evaluate.mot import figures as headline
 from occlog.io.files.atomic import PARTIAL, alone_with, no_links_out_of
-from occlog.io.files.inputs import verdicts_of_file
+from occlog.io.files.inputs import previous_losses, verdicts_of_file
 from occlog.io.files.provenance import hash_file, installed_versions
-from occlog.io.files.tables.parquet import read_provenance
 from occlog.io.files.texts.documents import read_json, write_json
 from occlog.records.losses import Loss
 from occlog.records.verdicts import Verdict, distinct, summary_of, texts_of
@@ -221,8 +220,7 @@ def verdicts_of(files: Iterable[Path]) -> tuple[Verdict, ...]:
 
 def losses_of(files: Iterable[Path]) -> tuple[Loss, ...]:
     """Losses while reading to some tables, each once."""
-    tables = (file for file in files if file.suffix == ".parquet")
-    return tuple(dict.fromkeys(loss for file in tables for loss in read_provenance(file).losses))
+    return previous_losses(file for file in files if file.suffix == ".parquet")
 
 
 def worst(codes: Iterable[int]) -> int:

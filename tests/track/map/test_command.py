@@ -210,13 +210,13 @@ def test_the_tracks_of_inputs_of_both_kinds_are_the_same(made: Path) -> None:
     assert same(tracks_of(made), tracks_of(made, "tracks.parquet"))
 
 
-@pytest.mark.parametrize(("made_of", "code"), [({"losses": [LOST]}, ExitCode.LOSSY), ({"by": "hand"}, ExitCode.DONE)])
-def test_what_was_lost_of_the_tracks_of_a_motion_is_lost_for_tracks_too(made: Path, made_of, code: ExitCode) -> None:
+@pytest.mark.parametrize("made_of", [{"losses": [LOST]}, {"by": "hand"}])
+def test_what_was_lost_of_the_tracks_of_a_motion_is_lost_for_tracks_too(made: Path, made_of: dict[str, object]) -> None:
     values = {"occlog_motion": 1, "length_unit": "unit", "step_s": 1.0, "sigma": np.eye(4).tolist()}
     values |= {"A": np.kron(np.eye(2), [[1.0, 1.0], [0.0, 1.0]]).tolist()}
     values["_provenance"] = {"command": "fit-motion", "parameters": {}, **made_of}
     (made / "lossy.json").write_text(json.dumps(values))
-    assert track(made, "--motion", "lossy.json") == code
+    assert track(made, "--motion", "lossy.json") == ExitCode.DONE
     assert [loss.as_dict() for loss in read_provenance(made / "new.parquet").losses] == made_of.get("losses", [])
 
 
