@@ -32,7 +32,7 @@ WINDOW_S = 2.0
 MAX_RESIDUAL = 4.0
 """Residuals farther from the median of their station by that many of their median deviations are of false ranges."""
 MIN_SIGMAS = 5.0
-"""Errors are found from so many standard errors on."""
+"""Minimum number of standard errors of an error that is found."""
 PRIOR_SIGMAS = 100.0
 """Prior standard deviation of errors, in standard deviations of the ranges."""
 MAX_BLOCKS = 256

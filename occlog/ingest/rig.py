@@ -15,7 +15,7 @@ from occlog.io.formats.calibration.reader import CalibrationFile
 def describe(calibration: CalibrationFile) -> str:
     """One line: format, unit, handedness, cameras with their centres in metres, and where their optical axes meet.
 
-    A point that is not in front of all cameras is none that they look at, and is not stated.
+    A point that is not in front of all cameras is not stated.
     """
     cameras = calibration.cameras
     centres = ", ".join(f"{c.name} ({c.position[0]:.2f}, {c.position[1]:.2f}, {c.position[2]:.2f})" for c in cameras)

@@ -19,7 +19,7 @@ class Loss:
         place: where in it (frame, byte offset, row, time).
         what: what is missing and why.
         count: how many items (frames, messages, rows) were lost; 0 when that cannot be known.
-        total: of so many items of a detector, which makes some faulty ones; 0: of recorded data.
+        total: number of detections among which these were; 0: recorded data was lost.
     """
 
     source: str

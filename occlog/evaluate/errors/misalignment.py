@@ -29,7 +29,7 @@ WINDOW_NS = 2 * NS
 MAX_WINDOWS = 4096
 """More windows are joined in pairs."""
 MIN_WINDOWS = 6
-"""Windows from which a delay can be told from errors that last."""
+"""Minimum number of windows for a delay."""
 FALSE_PROBABILITY = 1e-4
 """Probability with which errors without a delay are taken for one."""
 MIN_GAIN = 0.25

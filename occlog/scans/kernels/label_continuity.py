@@ -128,7 +128,7 @@ def _log_density(off: float, spread: float) -> float:
 
 @kernel
 def _predict(mean: Floats, covariance: Floats, dt: float, scale: float, walk: WalkingSpeed) -> None:
-    """Move a filter by a time, with so many times the variance of the velocity."""
+    """Predict a filter over a time, with a multiple of the variance of the velocity."""
     keep = math.exp(-walk.rate * dt)
     move = (1.0 - keep) / walk.rate
     V = walk.variance * scale

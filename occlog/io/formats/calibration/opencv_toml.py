@@ -80,7 +80,7 @@ def _camera(key: str, table: dict[str, object], path: Path, options: Calibration
     if turns:
         options.notes.append(
             f"warning: camera {name}: rotation_count {turns}: the calibration is of the images before they are turned "
-            "by 90 degrees so many times; give those, or boxes of them"
+            "by multiples of 90 degrees; give those, or boxes of them"
         )
     if table.get("rotation") is None or table.get("translation") is None:
         raise InputError(f"{where}: has no rotation and translation; calibrate its pose")

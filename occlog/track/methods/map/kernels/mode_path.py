@@ -173,7 +173,7 @@ def distinct_paths(chain: ModeChain, pairs: PairCosts, most: int, gap: float) ->
         chain: the modes.
         pairs: their paths.
         most: number of paths at most.
-        gap: paths that cost more than the cheapest by so much are omitted.
+        gap: paths that cost more than the cheapest plus this are omitted.
     """
     through = pairs.before + pairs.after
     time = np.repeat(np.arange(len(pairs.first) - 1), np.diff(pairs.first))

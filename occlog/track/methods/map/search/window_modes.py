@@ -39,7 +39,7 @@ GRID, MAX_MODES = 20, 6
 WINDOW_S, MAX_WINDOW_S, MIN_MEASUREMENTS = 1.0, 3.0, 8
 """Least time of a window [s], and longest one where fewer measurements are in it."""
 MAX_LOG_GAP = 20.0
-"""Modes, and paths, that are less probable than the best by so much in the logarithm are omitted."""
+"""Modes, and paths, with a log probability below the best one minus this are omitted."""
 MERGE_SIGMAS = 1.0
 """Modes nearer to a better one, in its standard deviations, are the same."""
 MAX_SOURCES = 3
