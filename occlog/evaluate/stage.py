@@ -53,7 +53,7 @@ from .bearings.noise import MeasuredNoise, figures_of, notes_of
 from .bearings.residuals import AgainstBearings
 from .errors.misalignment import TruthAlignment
 from .errors.on_ground import NoCommonTimeError, PairSums, TrackErrors, no_targets, pairs_by_number
-from .errors.survey import EvaluationChunk, EvaluationSurvey, StretchTables, chunks_in_time, survey
+from .errors.survey import EvaluationChunk, EvaluationSurvey, StretchTables, check_pairs, chunks_in_time, survey
 from .matching.config import EvaluateConfig
 from .matching.path_outline import TruthOutlines
 from .mot import figures as headline
@@ -211,6 +211,8 @@ class Evaluator:
         self.known: EvaluationSurvey = survey(self._watched(rows_of(sources.tracks)), truth)
         self.noise: dict[str, MeasuredNoise] = {}
         """Noise of each camera at known positions, after `run` with `with_positions`."""
+        if self._compares:
+            check_pairs(self.known)
         if self._compares and self.known.truth_ns is not None and not self.known.targets:
             raise no_targets()
 

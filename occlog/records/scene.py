@@ -96,6 +96,8 @@ HEIGHT_SLACK = 1e-6
 
 MAX_COORDINATE = 1e12
 """Largest coordinate and length of a scene: what is computed of it has room up to the limit of tables."""
+MAX_SENSORS = 10_000
+"""Largest number of sensors of a scene."""
 MIN_SIGMA_DEG, MAX_SIGMA_DEG = 1e-13, 360.0
 """Minimum and maximum standard deviation of directions."""
 MIN_FOCAL_PX, MAX_FOCAL_PX = 1e-3, 1e9
@@ -263,6 +265,11 @@ class Scene:
     room_height: float = 2.5
     length_unit: str = "m"
     readers: tuple[TagReader, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check the number of sensors; InputError above `MAX_SENSORS`."""
+        if (count := len(self.sensors)) > MAX_SENSORS:
+            raise InputError(f"scene: {count} sensors, at most {MAX_SENSORS}; remove those without measurements")
 
     @property
     def sensors(self) -> tuple[Camera | MicrophoneArray | TagReader, ...]:

@@ -22,6 +22,7 @@ import numpy as np
 from occlog.array_types import NS, Floats, Ints
 from occlog.consistency.verdict import ConsistencyEvidence
 from occlog.core.metrics.errors import group_medians
+from occlog.errors import InputError
 from occlog.evaluate.errors.sums import median_of
 from occlog.evaluate.matching.path_outline import NEAR_NS
 from occlog.evaluate.mot.figures import independent_ids
@@ -96,6 +97,8 @@ from .content.sight import (
     sight_lines,
 )
 
+MAX_DRAWN_TRACKS = 10_000
+"""Tracks of a page: each takes 4 ms of processor time and 50 kB."""
 STEP = np.dtype([("group", "i8"), ("step", "f8")])
 """The time between two sightings of a target by a sensor: the number of both, and nanoseconds."""
 
@@ -544,7 +547,10 @@ class _Reading:
                     spread.add(deviation(piece))
                 yield piece
 
-        whole = self._thin("tracks", given, watched()).whole
+        found = self._thin("tracks", given, watched())
+        if (count := len(np.unique(found.table.target_id))) > MAX_DRAWN_TRACKS:
+            raise InputError(f"report: {count} tracks, a page draws at most {MAX_DRAWN_TRACKS}; report on parts")
+        whole = found.whole
         self._evidence.rows = whole.rows
         if not self._unknown:
             self._figures["deviation"] = median_of(spread)

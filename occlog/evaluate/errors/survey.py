@@ -17,6 +17,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.metrics.errors import group_medians
+from occlog.errors import InputError
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.paths import ObjectPath, paths_of, usual_gap_ns
 from occlog.io.files.spill import NUMBERS_IN_MEMORY, Spool
@@ -86,6 +87,9 @@ def survey(tracks: Iterable[Tracks], truth: Iterable[Truth], in_memory: int = NU
         tracks: chunks in the order of time.
         truth: likewise.
         in_memory: how many times are kept in memory; more go to a file without a name.
+
+    Raises:
+        InputError: more than `MAX_IDENTITIES` targets or tracks.
     """
     found, steps = EvaluationSurvey(), TruthIntervals(in_memory)
     latest: int | None = None
@@ -99,6 +103,7 @@ def survey(tracks: Iterable[Tracks], truth: Iterable[Truth], in_memory: int = NU
             before = found.targets.get(label)
             steps.add(label, at, None if before is None else before.last_ns)
             _live(found.targets, label, at)
+        _check_identities(found.targets, "targets")
         found.frames, latest = _counted(found.frames, latest, t_ns)
     for part in tracks:
         if not len(part):
@@ -108,6 +113,7 @@ def survey(tracks: Iterable[Tracks], truth: Iterable[Truth], in_memory: int = NU
             found.frames, latest = _counted(found.frames, latest, part.t_ns)
         for label, at in _by_identity(part.target_id, part.t_ns):
             _live(found.tracks, label, at)
+        _check_identities(found.tracks, "tracks")
         found.unknown = found.unknown or bool(np.isnan(part.cov_xx).any())
     found.tracks, found.targets = (dict(sorted(each.items())) for each in (found.tracks, found.targets))
     found.gaps_ns = steps.usual_gaps_ns()
@@ -169,6 +175,32 @@ class TruthIntervals:
     def _blocks(self) -> Iterator[tuple[Ints, Floats]]:
         for owner, steps in zip(self._owner.blocks(), self._steps.blocks(), strict=True):
             yield owner.astype(np.int64), steps
+
+
+MAX_IDENTITIES = 100_000
+"""Targets, and tracks, that are compared: each takes 2 ms of processor time and 20 kB."""
+MAX_PAIRS = 10_000_000
+"""Pairs of a target and a track that exist at the same time: each takes 300 bytes."""
+
+
+def _check_identities(lives: Mapping[int, Lifetime], name: str) -> None:
+    """InputError for more than `MAX_IDENTITIES` targets or tracks."""
+    if len(lives) > MAX_IDENTITIES:
+        raise InputError(f"evaluate: more than {MAX_IDENTITIES} {name} cannot be compared; evaluate parts of the time")
+
+
+def check_pairs(known: EvaluationSurvey) -> None:
+    """InputError for more than `MAX_PAIRS` pairs of a target and a track with overlapping lifetimes."""
+    (first, last), (its_first, its_last) = (
+        [np.sort([getattr(life, name) for life in lives.values()]) for name in ("first_ns", "last_ns")]
+        for lives in (known.targets, known.tracks)
+    )
+    apart = np.searchsorted(last, its_first).sum() + np.searchsorted(its_last, first).sum()
+    if (pairs := len(first) * len(its_first) - int(apart)) > MAX_PAIRS:
+        raise InputError(
+            f"evaluate: {pairs} pairs of a target and a track at the same time, at most {MAX_PAIRS} can be compared; "
+            "evaluate parts of the area"
+        )
 
 
 class EvaluationChunk(NamedTuple):

@@ -418,11 +418,12 @@ def places_of(
 
 
 def _points(paths: Mapping[int, ObjectPath], times: Ints, limit_ns: int | None) -> Objects:
-    """Return the positions of each path at these times; no row if unknown."""
+    """Return the positions of each path at these times, which rise; no row if unknown."""
     parts = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)))]
     for label, path in paths.items():
-        xy, good = path.at(times, limit_ns)
+        begin, end = np.searchsorted(times, path.t_ns[0]), np.searchsorted(times, path.t_ns[-1], "right")
+        xy, good = path.at(times[begin:end], limit_ns)
         rows = np.flatnonzero(good)
-        parts.append((rows.astype(np.int64), np.full(len(rows), label, dtype=np.int64), xy[rows]))
+        parts.append(((begin + rows).astype(np.int64), np.full(len(rows), label, dtype=np.int64), xy[rows]))
     frame, name, position = (np.concatenate(column) for column in zip(*parts, strict=True))
     return Objects(frame, name, position)

@@ -24,13 +24,15 @@ from occlog.io.external.names import POWERS, ending
 from occlog.io.files.spill import Spool
 from occlog.io.files.texts.csv_rows import no_formula
 from occlog.io.formats.trajectories import COLLECTION, KEYS, ORIGIN, Origin, degrees_of
-from occlog.records.columns import Column, ColumnTable
+from occlog.records.columns import Column, ColumnTable, rows_by_label
 from occlog.records.declared.people import PeopleTracks
 from occlog.records.tables import Tracks, Truth
 from occlog.settings import METRES
 
 MAX_ROWS = 500_000
 """Rows of targets that are put together at once where a format has one target after another."""
+MAX_CELLS = 50_000_000
+"""Cells of a table that has columns for each target and a row for each time."""
 
 
 class ExportedPositions(NamedTuple):
@@ -160,8 +162,8 @@ def geojson_texts(
             yield from _long_feature(pieces, group[0], origin, length_unit)
         else:
             together = _of_targets(pieces, group)
-            for name in group:
-                yield mark + _feature(name, together, np.flatnonzero(together.identity == name), origin, length_unit)
+            for name, rows in rows_by_label(together.identity):
+                yield mark + _feature(name, together, rows, origin, length_unit)
                 mark = ", "
         mark = ", "
     yield "]}\n"
@@ -170,11 +172,13 @@ def geojson_texts(
 def _groups(counts: Mapping[int, int], most: int) -> Iterator[list[int]]:
     """Identities, rising, in groups of not more than this many rows, or of one identity."""
     group: list[int] = []
+    rows = 0
     for name in sorted(counts):
-        if group and sum(counts[other] for other in group) + counts[name] > most:
+        if group and rows + counts[name] > most:
             yield group
-            group = []
+            group, rows = [], 0
         group.append(name)
+        rows += counts[name]
     if group:
         yield group
 
@@ -235,7 +239,7 @@ def trc_texts(pieces: Callable[[], Iterable[ExportedPositions]], length_unit: st
         the text, part by part: the head after a first pass, lines in a second one.
 
     Raises:
-        InputError: the unit's length in metres is not known.
+        InputError: the unit's length in metres is not known, or more than `MAX_CELLS` cells.
     """
     if length_unit not in METRES:
         raise InputError(f"lengths are in {length_unit}, of which the length in metres is not known")
@@ -250,6 +254,11 @@ def trc_texts(pieces: Callable[[], Iterable[ExportedPositions]], length_unit: st
         steps.add(np.diff(times if last is None else np.insert(times, 0, last)).astype(np.float64))
         start, last, n_steps = int(times[0]) if last is None else start, int(times[-1]), n_steps + len(times)
     names = np.array(sorted(known), dtype=np.int64)
+    if (cells := 3 * len(names) * n_steps) > MAX_CELLS:
+        raise InputError(
+            f"{len(names)} targets at {n_steps} times are {cells} cells in TRC, at most {MAX_CELLS}; export targets by "
+            "--target, or to CSV"
+        )
     rate = NS / quantiles(steps.blocks, steps.count, [0.5])[0] if steps.count else 1.0
     yield "\n".join([
         f"PathFileType\t4\t(X/Y/Z)\t{name}",
@@ -264,11 +273,13 @@ def trc_texts(pieces: Callable[[], Iterable[ExportedPositions]], length_unit: st
         xyz = positions.xyz * (METRES[length_unit] / METRES[unit])
         times, frame = np.unique(positions.t_ns, return_inverse=True)
         marker = np.searchsorted(names, positions.identity)
-        cells = [["", "", ""] * len(names) for _ in times]
-        for row, (f, m) in enumerate(zip(frame.tolist(), marker.tolist(), strict=True)):
-            cells[f][3 * m : 3 * m + 3] = [repr(value) for value in xyz[row].tolist()]
-        rows = enumerate(times.tolist())
-        yield "".join(f"{first + n}\t{(t - start) / NS!r}\t" + "\t".join(cells[n]) + "\n" for n, t in rows)
+        order = np.argsort(frame, kind="stable")
+        ends = np.searchsorted(frame[order], np.arange(len(times) + 1))
+        for n, t in enumerate(times.tolist()):
+            line = [""] * (3 * len(names))
+            for row in order[ends[n] : ends[n + 1]].tolist():
+                line[3 * marker[row] : 3 * marker[row] + 3] = [repr(value) for value in xyz[row].tolist()]
+            yield f"{first + n}\t{(t - start) / NS!r}\t" + "\t".join(line) + "\n"
         first += len(times)
 
 

@@ -202,3 +202,16 @@ def test_with_a_false_range_of_four_rows_that_nothing_contests_are_near_the_boun
     assert good.sum() >= 6
     assert ratio < 1.4
     assert everything > 2.0
+
+
+@pytest.mark.parametrize("false", [0, 60])
+def test_of_200_ranges_the_place_is_found_though_not_all_circles_are_crossed(false: int) -> None:
+    rng = np.random.default_rng(24)
+    places, xy = rng.uniform(0.0, 100.0, (200, 2)), np.array([31.0, 64.0])
+    rows = measured(RANGE, xy, 0.05, places)
+    value = rows.value + rng.normal(0.0, 0.05, 200)
+    value[rng.permutation(200)[:false]] += rng.uniform(2.0, 30.0, false)
+    found = modes_of(NO_LINES, rows._replace(value=value))
+    # Half the true ranges fix each coordinate: 0.05 m / sqrt(n / 2), five standard deviations
+    assert np.abs(found.xy[0] - xy).max() < 5.0 * 0.05 / np.sqrt(0.5 * (200 - false))
+    assert np.count_nonzero(found.inlier_probability[0] > 0.5) == pytest.approx(200 - false, abs=3)

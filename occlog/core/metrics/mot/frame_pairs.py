@@ -256,7 +256,7 @@ def _distances(a: Floats, b: Floats) -> Floats:
     return out
 
 
-DENSE = 1 << 22
+DENSE = 1 << 23
 """Most sums that are kept as a matrix of targets and tracks; of more, those of the couples alone that ever meet."""
 PENDING = 1 << 18
 """Additions that are kept at least until they are summed up, where there is no matrix."""
@@ -294,8 +294,9 @@ class TargetTrackSums:
         if self._matrix is not None:
             self._matrix[:, target, track] += values
             return
-        self._pending.append((target * max(self._tracks, 1) + track, values))
-        self._waiting += len(target)
+        some = values.any(axis=0)  # of a crowd most couples are too far apart to add anything
+        self._pending.append((target[some] * max(self._tracks, 1) + track[some], values[:, some]))
+        self._waiting += int(some.sum())
         if self._waiting > PENDING + len(self._keys) // 2:
             self._settle()
 

@@ -51,6 +51,10 @@ COARSE = (0.5, 0.125, 0.03)
 """Shares of the grid's step that standard deviations hold also, while positions of the grid are climbed."""
 PAIRS, START_GATE_SIGMAS = 45, 2.0
 """Maximum number of pairs of measurements that give starts on the grid, and the gate of both measurements there."""
+MAX_CROSSED = 24
+"""Lines, and circles, of which each two are crossed for starting positions; of more, so many at equal steps."""
+MAX_EXACT_STARTS = 128
+"""Crossings from which the search begins; of more, those of the largest likelihood."""
 MODE_GRID_SIZE, MODE_GRID_SIGMAS = 25, 5.0
 """Places a side of the grid over a mode, and how many standard deviations it reaches."""
 MAX_REFINEMENTS = 8
@@ -191,11 +195,13 @@ def _starts(
     """
     radius = np.where(distances.kind == LOGARITHM, np.exp(np.minimum(distances.value, 50.0)), distances.value)
     flat = np.sqrt(np.maximum(radius**2 - distances.rise2, 0.0))
-    ring: Bools = ((distances.kind == RANGE) | (distances.kind == LOGARITHM)) & (radius > 0.0)
+    ring = _evenly(np.flatnonzero(((distances.kind == RANGE) | (distances.kind == LOGARITHM)) & (radius > 0.0)))
+    some = _evenly(np.arange(len(lines.sigma)))
+    seen = BearingLines(lines.positions[some], lines.bearings[some], lines.sigma[some], lines.bend)
     parts = [
-        _line_crossings(lines),
+        _line_crossings(seen),
         _circle_crossings(distances.position[ring], flat[ring]),
-        _leaving(lines, distances.position[ring], flat[ring]),
+        _leaving(seen, distances.position[ring], flat[ring]),
     ]
     # A grid, with standard deviations that are no narrower than its cells; the best local minima
     side = np.linspace(-(0.5 + GRID_REACH_EXTENTS), 0.5 + GRID_REACH_EXTENTS, GRID) * scale
@@ -213,7 +219,16 @@ def _starts(
     for pair, positions in met:
         own[first : first + len(positions), pair] = True
         first += len(positions)
-    return np.concatenate(parts), grid[np.concatenate([best, *(positions for _, positions in met)])], float(cell), own
+    exact = np.concatenate(parts)
+    if len(exact) > MAX_EXACT_STARTS:
+        cost = _cost(measured_at(lines, distances, exact).residual, errors)
+        exact = exact[np.sort(np.argsort(cost, kind="stable")[:MAX_EXACT_STARTS])]
+    return exact, grid[np.concatenate([best, *(positions for _, positions in met)])], float(cell), own
+
+
+def _evenly(rows: Ints) -> Ints:
+    """At most `MAX_CROSSED` of some rows, at equal steps."""
+    return rows[np.linspace(0, len(rows) - 1, min(len(rows), MAX_CROSSED)).round().astype(np.int64)]
 
 
 def _pairs(differs: Bools) -> list[list[int]]:
