@@ -73,7 +73,7 @@ def world_checks(cameras: Sequence[Camera], up: str | None, *, ground_stated: bo
             *outcome(UPRIGHT, (), unless=left),
             *outcome(HEIGHTS, (), unless=left),
         )
-    tilted = [*_tilted(rotations, up)]
+    tilted = [*tilted_world(rotations, up)]
     unknown = up is None and bool(tilted) and not ground_stated
     return (
         *outcome(HANDED, ()),
@@ -82,7 +82,7 @@ def world_checks(cameras: Sequence[Camera], up: str | None, *, ground_stated: bo
     )
 
 
-def _tilted(rotations: np.ndarray, up: str | None) -> Iterator[Check]:
+def tilted_world(rotations: np.ndarray, up: str | None = None) -> Iterator[Check]:
     """Find a world that is not upright, or turned upright by horizons that leave the pitch of the cameras open."""
     if up is None and not is_upright(rotations):
         direction = vertical(rotations).up

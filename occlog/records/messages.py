@@ -462,7 +462,7 @@ VERDICT: dict[str, Message] = {
     "world-not-upright": Message(
         W,
         "the world of the calibration seems not to be upright: by the horizons up is ({up}), {off_deg:.0f} deg from z",
-        "turn it ({option[up]} auto, or X,Y,Z)",
+        "turn it (ingest --up auto, or X,Y,Z)",
     ),
     "vertical-uncertain": Message(
         W,
@@ -577,6 +577,11 @@ VERDICT: dict[str, Message] = {
         N,
         "camera {sensors} has no detection in {frames} frames, while {other} has one in {share:.0%}",
         "check its images, its view and the expected size of people",
+    ),
+    "cameras-without-pose": Message(
+        N,
+        "no camera has a pose in space, so that there are no bearings",
+        "ingest with a calibration, give {option[scene]}, or track in the images (occlog track --method sort)",
     ),
     "nothing-detected": Message(
         W,
