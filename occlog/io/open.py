@@ -270,7 +270,8 @@ def _external_table(source: ColumnSource, wants: Sequence[type[ColumnTable]] = (
 
     table = ForeignTable(source, best_fit(source, wants))
     for column, name, *_ in table.layout.columns:
-        STATED.get().note_use(name, kind_of(column), unit_in_name(table.layout.table, column, name))
+        said = unit_in_name(table.layout.table, column, name)
+        STATED.get().note_use(name, kind_of(column), said, source.path)
     names = (f"{s.name} is {s.column.name}" + (f" [{s.unit}]" if s.unit else "") for s in table.layout.columns)
     log_detail(
         f"{source.path}: {source.kind} of another program, read as {table.layout.table.NAME}: {', '.join(names)}"

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from fractions import Fraction
 from functools import cache
+from pathlib import Path
 from typing import NamedTuple
 
 from occlog.errors import InputError
@@ -199,13 +200,16 @@ def is_in_time(names: Sequence[str]) -> bool:
     return not there.isdisjoint({*BOXES["frame"], *(name for known in TIME_COLUMNS.values() for name in known)})
 
 
-def lay_out(names: Sequence[str], table: type[ColumnTable], fps: Fraction | None = None) -> TableLayout:
+def lay_out(
+    names: Sequence[str], table: type[ColumnTable], fps: Fraction | None = None, path: Path | None = None
+) -> TableLayout:
     """Find the columns of a table among the names of a file's columns.
 
     Args:
         names: of the file's columns, in any case of letters.
         table: with columns that are searched for.
         fps: frames per second of a file that counts frames; None: such a file has no times.
+        path: the file, of which units may be stated.
 
     Raises:
         InputError: two columns have one meaning, an angle does not state its unit, lengths are in several units, or a
@@ -220,7 +224,7 @@ def lay_out(names: Sequence[str], table: type[ColumnTable], fps: Fraction | None
         spelled = _find(column, there, known) if number in named else None
         if spelled is not None:
             said = unit_in_name(table, column, spelled.name)
-            stated = STATED.get().unit_of(spelled.name, kind_of(column), said)
+            stated = STATED.get().unit_of(spelled.name, kind_of(column), said, path)
             found.append(spelled._replace(unit=stated or spelled.unit, stated=bool(stated)))
         elif column.name == TIME and fps is not None and (counted := frame_column(names)) is not None:
             found.append(Spelling(column, counted, "", fps=fps))

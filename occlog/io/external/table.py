@@ -304,7 +304,7 @@ def best_fit(source: ColumnSource, tables: Sequence[type[ColumnTable]] = ()) -> 
 def _lay_out(source: ColumnSource, table: type[ColumnTable]) -> TableLayout:
     """Return the layout of a table in a file; an error names the file."""
     try:
-        return lay_out(source.names, table, source.fps)
+        return lay_out(source.names, table, source.fps, source.path)
     except InputError as error:
         raise InputError(f"{source.path}: {error}") from None
 

@@ -74,7 +74,7 @@ def read_stations(path: Path) -> Scene:
             raise InputError(
                 f"{path}: has no column {' and '.join(lacking)}; {WHAT} has name, x, y, perhaps z, sigma_deg, yaw_deg"
             )
-        units = {_unit(name) for name in spelled.values() if name is not None}
+        units = {_unit(name, path) for name in spelled.values() if name is not None}
         if len(units) > 1:
             raise InputError(f"{path}: positions are in {_several(units)}; state all in one unit")
         unit = units.pop()
@@ -100,11 +100,11 @@ def read_stations(path: Path) -> Scene:
     return Scene(arrays=tuple(found.values()), length_unit=unit)
 
 
-def _unit(name: str) -> str:
+def _unit(name: str, path: Path) -> str:
     """The unit of a column of positions: as its name states, or as it is stated; metres otherwise."""
     said = name.partition("_")[2]
-    STATED.get().note_use(name, "length", said)
-    return STATED.get().unit_of(name, "length", said) or "m"
+    STATED.get().note_use(name, "length", said, path)
+    return STATED.get().unit_of(name, "length", said, path) or "m"
 
 
 def _spelled(rows: CsvRows, axis: str) -> str | None:
