@@ -22,6 +22,13 @@ def counted(count: int, one: str, many: str = "") -> str:
     return f"{count} {noun(count, one, many)}"
 
 
+def in_seconds(t_ns: int) -> str:
+    """A time in seconds with all of its digits: `1.25` for 1,250,000,000 ns."""
+    whole, rest = divmod(abs(t_ns), 10**9)
+    text = f"{whole}.{rest:09d}".rstrip("0").rstrip(".")
+    return f"-{text}" if t_ns < 0 else text
+
+
 def as_bytes(text: str) -> bytes:
     r"""A text in UTF-8; bytes of names of files that are none become escapes (`\udce9`)."""
     return text.encode(errors="backslashreplace")

@@ -427,3 +427,13 @@ def test_a_rate_is_refused_where_no_table_counts_frames(tmp_path: Path, capsys: 
     negative = counted(tmp_path, "negative.csv", first=-3)
     assert run(["evaluate", str(negative), "--truth", str(truth), "--fps", "25"]) == ExitCode.BAD_INPUT
     assert "line 2: frame is -3; frames are numbered from 0" in capsys.readouterr().err
+
+
+def test_times_that_have_nothing_in_common_are_stated_in_seconds(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, start in (("tracks", 0), ("truth", 100)):
+        rows = [f"{start + 0.25 * k},1,{k},5" for k in range(5)]
+        (tmp_path / f"{name}.csv").write_text("\n".join(["time_s,id,x,y", *rows]) + "\n")
+    run(["evaluate", str(tmp_path / "tracks.csv"), "--truth", str(tmp_path / "truth.csv")])
+    assert "tracks 0 to 1 s, truth 100 to 101 s" in capsys.readouterr().err
