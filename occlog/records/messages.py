@@ -213,7 +213,7 @@ VERDICT: dict[str, Message] = {
     "range-bias": Message(
         W,
         "ranges of {sensors} are {size:.2g} +- {error:.1g} {unit} too {sense} (allowed: {allowed:.1g})",
-        "use --range-bias with method map, or correct the ranges",
+        "use occlog track --method map --range-bias, or correct the ranges",
     ),
     "outliers": Message(
         W,
@@ -417,7 +417,7 @@ VERDICT: dict[str, Message] = {
     "too-many-targets": Message(
         W,
         "view {sensors}: {per_frame:.0f} targets per frame (allowed: {allowed:.0f}) are not all people",
-        "state --person-height-px of `occlog detect`, or give detector boxes",
+        "state the size (occlog detect --person-height-px), or give detector boxes",
     ),
     "initial-ellipses-unused": Message(
         N, "{count} of {given} first ellipses began no tracker: the video ends before them"

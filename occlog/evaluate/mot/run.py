@@ -283,7 +283,7 @@ def _read_text(
     head = first_line(path, "MOTChallenge text")
     if is_kitti(head):
         raise InputError(
-            f"{path}: is KITTI text, not MOTChallenge text; ingest it ({option('boxes')} CAMERA={path.name})"
+            f"{path}: is KITTI text, not MOTChallenge text; ingest it (occlog ingest --boxes CAMERA={path.name})"
         )
     if is_header(head):
         raise InputError(f"{path}: begins with a header, which MOTChallenge text has not; ingest other tables of boxes")
