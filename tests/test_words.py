@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from occlog.console.text import LONGEST, counted, noun, shortened
+from occlog.console.text import LONGEST, counted, in_seconds, noun, shortened
 
 
 def test_one_is_not_many() -> None:
@@ -17,3 +17,12 @@ def test_what_comes_from_files_moves_no_cursor_and_fills_no_page() -> None:
     assert len(long) <= LONGEST
     assert long.startswith("begin xx")
     assert long.endswith("xx end")
+
+
+def test_times_in_seconds_keep_every_digit() -> None:
+    assert [in_seconds(t) for t in (0, 1_250_000_000, -1, 1_700_000_000_000_000_001)] == [
+        "0",
+        "1.25",
+        "-0.000000001",
+        "1700000000.000000001",
+    ]

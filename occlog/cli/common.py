@@ -97,7 +97,7 @@ def _input_units() -> click.Option:
         callback=_state,
         metavar="COLUMN=UNIT,...",
         help="Units of external columns without a unit in their name: bearing=deg,x=cm, or deg,cm for all angles and "
-        "lengths.",
+        "lengths; of one file after its name: truth.csv:mm,tracks.csv:t=ms.",
     )
 
 

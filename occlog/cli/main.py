@@ -319,7 +319,7 @@ def explain(error: Exception) -> Explained:
     if isinstance(error, OcclogError):
         return Explained(str(error), error.exit_code)
     if isinstance(error, MemoryError):
-        remedy = "use fewer particles, a shorter --lag or smaller images, or free memory"
+        remedy = "use fewer particles, a shorter lag (track --lag) or smaller images, or free memory"
         return Explained(f"out of memory; {remedy}", ExitCode.BAD_INPUT)
     if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
         limit = open_files_limit()

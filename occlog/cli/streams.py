@@ -3,6 +3,8 @@
 * Standard error: a message that cannot be written is dropped; the work goes on.
 * Standard output: a reader that went away (`| head`) ends the program quietly, as SIGPIPE ends other programs; a full
   disk is an error of one line.
+* Control characters in names and values, and those that turn the direction of writing, become escapes: text of a file
+  does not move the cursor of a terminal, nor reorder a line.  Bytes that an output is (`-o -`) stay as they are.
 * A stream that was closed before the program began has no reader, and has nothing to be read.
 """
 
@@ -13,6 +15,7 @@ import os
 import sys
 from typing import TYPE_CHECKING, TextIO
 
+from occlog.console.text import escaped
 from occlog.errors import ExitCode, OcclogError, OutputError
 
 if TYPE_CHECKING:
@@ -40,6 +43,23 @@ class _Output(io.FileIO):
         if isinstance(error, BrokenPipeError):
             raise ReaderGoneError("standard output: its reader has closed it") from error
         raise OutputError(f"standard output: cannot be written: {error.strerror or error}; free some space") from error
+
+
+class _Text(io.TextIOWrapper):
+    """Text of a standard stream, in which control characters of names and values are escapes."""
+
+    bars = False
+
+    def write(self, text: str, /) -> int:
+        """Write a text; a byte of a name that is no UTF-8 stays the escape that the encoding makes of it."""
+        super().write(escaped(text, bars=self.bars))
+        return len(text)
+
+
+class _TextWithBars(_Text):
+    """Text of standard error, to which progress bars write, too."""
+
+    bars = True
 
 
 class _Messages(_Output):
@@ -80,6 +100,5 @@ def _wrapped(stream: TextIO, kind: type[_Output]) -> TextIO:
     lines = stream.line_buffering or stream.write_through or kind is _Messages
     # Names of files and cameras may have what an encoding has not: an escape is better than no answer.
     errors = "backslashreplace" if stream.errors == "strict" else stream.errors
-    return io.TextIOWrapper(
-        io.BufferedWriter(raw), encoding=stream.encoding, errors=errors, newline="\n", line_buffering=lines
-    )
+    text = _TextWithBars if kind is _Messages else _Text
+    return text(io.BufferedWriter(raw), encoding=stream.encoding, errors=errors, newline="\n", line_buffering=lines)

@@ -6,7 +6,10 @@ import re
 
 LONGEST = 2000
 """Characters of a line that is reported, at most."""
-_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
+_INVISIBLE = r"\x7f-\x9f\xad\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\U000e0000-\U000e007f"
+_CONTROL = re.compile(rf"[\x00-\x08\x0b-\x1f{_INVISIBLE}]")
+_FOREIGN = re.compile(rf"[\x00-\x06\x0b\x0c\x0e-\x1a\x1c-\x1f{_INVISIBLE}]")
+"""As `_CONTROL`, without what progress bars and colours write: backspace, carriage return, escape and bell."""
 
 
 def noun(count: float, one: str, many: str = "") -> str:
@@ -19,9 +22,24 @@ def counted(count: int, one: str, many: str = "") -> str:
     return f"{count} {noun(count, one, many)}"
 
 
+def in_seconds(t_ns: int) -> str:
+    """A time in seconds with all of its digits: `1.25` for 1,250,000,000 ns."""
+    whole, rest = divmod(abs(t_ns), 10**9)
+    text = f"{whole}.{rest:09d}".rstrip("0").rstrip(".")
+    return f"-{text}" if t_ns < 0 else text
+
+
 def as_bytes(text: str) -> bytes:
     r"""A text in UTF-8; bytes of names of files that are none become escapes (`\udce9`)."""
     return text.encode(errors="backslashreplace")
+
+
+def escaped(text: str, *, bars: bool = False) -> str:
+    r"""A text in which control characters and those that turn the direction of writing are escapes (`\u202e`).
+
+    Ends of lines and tabs stay; with `bars` also what progress bars write to move the cursor.
+    """
+    return (_FOREIGN if bars else _CONTROL).sub(lambda found: ascii(found[0])[1:-1], text)
 
 
 def shortened(text: str) -> str:
@@ -30,5 +48,5 @@ def shortened(text: str) -> str:
     Control characters, but for ends of lines and tabs, and those that turn the direction of writing become escapes
     (`\x1b`); the middle of a text of more than `LONGEST` characters is skipped.
     """
-    plain = _CONTROL.sub(lambda found: ascii(found[0])[1:-1], text)
+    plain = escaped(text)
     return plain if len(plain) <= LONGEST else f"{plain[: LONGEST * 2 // 3]} [...] {plain[-LONGEST // 4 :]}"

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import fields
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
+from occlog.io.files.frame_times import as_rate
 from occlog.io.files.spill import SpilledTable
-from occlog.io.open import Opened, check_unit, common_unit, load_scene, open_input
+from occlog.io.open import REMEDY, Opened, check_unit, common_unit, frames_counted_by, load_scene, open_input
 from occlog.records.columns import ColumnTable
 from occlog.records.declared.people import PeopleTracks
 from occlog.records.declared.sensors import Measurements
@@ -59,8 +61,12 @@ def _opened(path: Path | None, *tables: type[ColumnTable]) -> Opened | None:
 
 def open_tables(request: EvaluateRequest) -> tuple[Opened | None, Opened | None, Scene]:
     """Tracks and truth, not read yet, and the scene, which has the same unit of lengths."""
-    truth = None if request.truth is None else _open_truth(request.truth)
-    tracks = None if request.tracks is None else open_input(request.tracks, Tracks)
+    rate = request.multi_target.get("fps")
+    fps = None if rate is None else as_rate(str(rate))
+    truth = None if request.truth is None else _open_truth(request.truth, fps)
+    tracks = None if request.tracks is None else _open(request.tracks, fps, Tracks)
+    if fps is not None and not any(opened is not None and opened.counts_frames for opened in (truth, tracks)):
+        raise UsageError(f"{option('fps')} is for tables that count frames; {request.truth} has times, leave it out")
     scene = _scene(request, tracks, truth)
     for opened in (tracks, truth):
         if opened is not None:
@@ -94,10 +100,16 @@ def _radio(said: dict[str, Any]) -> Radio:
     return Radio(**(said | {"shadowing": SignalErrors(**said["shadowing"])}))
 
 
-def _open_truth(path: Path) -> Opened:
+def _open_truth(path: Path, fps: Fraction | None) -> Opened:
     """True positions, boxes or both."""
-    remedy = "leave the truth out, or ingest the recording with its truth"
-    return open_input(path, Truth, TruthBoxes, remedy=remedy)
+    return _open(path, fps, Truth, TruthBoxes, remedy="leave the truth out, or ingest the recording with its truth")
+
+
+def _open(path: Path, fps: Fraction | None, *tables: type[ColumnTable], remedy: str = REMEDY) -> Opened:
+    """An input, of which an external table may count frames; InputError where their rate is not given."""
+    if fps is None and (counted := frames_counted_by(path)):
+        raise InputError(f"{path}: column {counted} counts frames, not times; give the frame rate ({option('fps')})")
+    return open_input(path, *tables, remedy=remedy, fps=fps)
 
 
 def _scene(request: EvaluateRequest, tracks: Opened | None, truth: Opened | None) -> Scene:

@@ -13,6 +13,7 @@ import math
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
+from fractions import Fraction
 from pathlib import Path
 from typing import NamedTuple
 
@@ -389,7 +390,8 @@ def _check_used(request: EvaluateRequest, given: Mapping[str, object]) -> None:
 
 def simulated(truth: Path | None) -> dict[str, float]:
     """Noise of the walk and diameter of moving objects, as the simulation had them that made the truth."""
-    opened = None if truth is None else open_input(truth)
+    # A table that counts frames has no recording, whatever their rate
+    opened = None if truth is None else open_input(truth, fps=Fraction(1))
     if opened is None or opened.recording is None or opened.provenance.command != "simulate":
         return {}
     world = opened.provenance.parameters.get("world")

@@ -43,6 +43,7 @@ from occlog.io.recording.writer import RecordingWriter
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Clock, Scene
 from occlog.records.tables import Boxes, Doa, Truth
+from occlog.records.verdicts import Check, finding, outcome
 
 from .box_extent import BoxExtents
 from .boxes import beyond_lens, lens_losses, without
@@ -51,6 +52,8 @@ from .scene import Turn
 from .truth import note_skipped, span_of
 
 Note = Callable[[str], None]
+COUNTS, STAMPS = "messages of the bag", "header stamps"
+"""Names of checks."""
 BODY = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """(3, 3) body-from-optical: x forward, y left, z up from x right, y down, z forward (REP 103)."""
 ROUNDED = 1e-6
@@ -91,11 +94,12 @@ def look_into(bag: Bag, plan: IngestPlan, note: Note) -> BagSurvey:
 
 
 class BagCameraPoses(NamedTuple):
-    """The cameras of a bag with known positions, why others are not, and the frame that is the world."""
+    """The cameras of a bag with known positions, why others are not, the frame that is the world, and the findings."""
 
     cameras: tuple[Camera, ...]
     reasons: dict[str, str]
     world: str | None
+    findings: tuple[Check, ...] = ()
 
 
 def place_cameras(found: BagSurvey, plan: IngestPlan, others: Collection[str], note: Note) -> BagCameraPoses:
@@ -145,7 +149,7 @@ def place_cameras(found: BagSurvey, plan: IngestPlan, others: Collection[str], n
         cameras.append(_camera(camera, model, rotation, centre, f"topic {found.map.infos[camera]}", options))
     for said in options.notes:
         note(f"calibration: {said}")
-    return BagCameraPoses(tuple(cameras), reasons, world)
+    return BagCameraPoses(tuple(cameras), reasons, world, tuple(options.findings))
 
 
 def _check_region(camera: str, found: BagSurvey, stated: tuple[int, int]) -> None:
@@ -427,10 +431,6 @@ class Taking:
     def finish(self, note: Note) -> list[Loss]:
         """Report which clock was used, and list the losses."""
         losses = lens_losses(self._beyond_lens, self.rows.get(Boxes.NAME, 0))
-        if (said := self._extents.warning(self._cameras.values(), given=self.plan.image_size is not None)) is not None:
-            note(said)
-        for topic, remark in self.bag.remarks.items():
-            note(f"warning: {topic}: {remark}")
         if self._of_other_times and self.plan.frames is not None:
             note_skipped(self._of_other_times, self._of_other_times + self.rows.get(Truth.NAME, 0), self.plan, note)
         for topic, state in self._states.items():
@@ -438,7 +438,6 @@ class Taking:
             clock = "times of recording" if state.by_log else "header stamps"
             if topic in self._cameras:
                 self.times[name] = f"{clock} of {topic}"
-            self._tell_clock(topic, state, note)
             first = f"; the first: {state.reason}" if state.reason else ""
             for count, what in (
                 (state.late, "time stamps repeat or go back; these messages were skipped"),
@@ -452,17 +451,22 @@ class Taking:
             losses.append(Loss(self.bag.paths[0].name, topic, what, len(changes)))
         return [*self.bag.losses, *losses]
 
-    def _tell_clock(self, topic: str, state: _CameraState, note: Note) -> None:
-        """Warn where the two clocks of a topic differ, or it has but one."""
+    def checks(self) -> tuple[Check, ...]:
+        """Checks of the messages, after the last one."""
+        counts = (finding(COUNTS, "bag-count-differs", topic=t, remark=said) for t, said in self.bag.remarks.items())
+        clocks = (check for topic, state in self._states.items() for check in self._topic_clocks(topic, state))
+        given = self.plan.image_size is not None
+        extents = self._extents.checks(self._cameras.values(), given=given) if self._boxes else ()
+        return (*outcome(COUNTS, counts), *outcome(STAMPS, clocks), *extents)
+
+    def _topic_clocks(self, topic: str, state: _CameraState) -> Iterator[Check]:
+        """Find whether the two clocks of a topic differ, or it has but one."""
         if state.by_log and self.plan.timestamp_source != "log":
-            note(f"warning: {topic}: its headers have no time; the times of recording were taken")
+            yield finding(STAMPS, "stamps-missing", topic=topic)
         low, high = state.difference_range
         if max(abs(low), abs(high)) > CLOCKS_APART_S and math.isfinite(low):
             used = "times of recording" if state.by_log else "header stamps"
-            note(
-                f"warning: {topic}: recorded {low:.3g} to {high:.3g} s after its header stamps; the {used} were taken "
-                "(stamp: header or log)"
-            )
+            yield finding(STAMPS, "stamps-late", topic=topic, low_s=low, high_s=high, used=used)
 
 
 def _is_same(a: InfoMessage, b: InfoMessage) -> bool:

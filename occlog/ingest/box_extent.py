@@ -6,7 +6,7 @@ cameras agree that this edge is not that of the stated images, the calibration i
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +14,10 @@ import numpy as np
 from occlog.array_types import Floats, Ints
 from occlog.errors import option
 from occlog.records.tables import Boxes
+from occlog.records.verdicts import Check, finding, outcome
 
+EXTENTS = "image size of boxes"
+"""Name of the check."""
 MIN_PILE = 5
 """Boxes with one edge at the same pixel from which it is taken for a border."""
 PILE_RATIO = 3.0
@@ -67,44 +70,48 @@ class BoxExtents:
                 np.minimum.at(along[:, 0], pixels, middle[mine, 1 - axis])
                 np.maximum.at(along[:, 1], pixels, middle[mine, 1 - axis])
 
-    def warning(self, known: Collection[str], *, given: bool = False) -> str | None:
-        """A warning where the images seem to have another size than stated; None: they do not.
+    def checks(self, known: Collection[str], *, given: bool = False) -> tuple[Check, ...]:
+        """The check whether the images have another size than stated.
 
         Args:
             known: cameras with images of which the size is known by the images or by the file of boxes.
             given: the user gives the size.
         """
-        borders = [self._border(name, axis) for name, axis in self._counts if name in self._sizes]
+        none = "" if any(name in self._sizes for name, _ in self._counts) else "no boxes of images of a stated size"
+        return outcome(EXTENTS, self._found(known, given), unless=none)
+
+    def _found(self, known: Collection[str], given: bool) -> Iterator[Check]:
+        """Find another size of the images, by the ends of boxes."""
+        sized = [key for key in self._counts if key[0] in self._sizes]
+        borders = [self._border(*key) for key in sized]
         piles = [border for border in borders if border is not None]
-        if len(piles) < MIN_BORDERS:
-            return self._beyond()
-        scale = float(np.median([border.scale for border in piles]))
+        scale = float(np.median([border.scale for border in piles])) if len(piles) >= MIN_BORDERS else 1.0
         if abs(scale - 1.0) < 0.02 or any(abs(border.scale / scale - 1.0) > SAME_SCALE for border in piles):
-            return self._beyond()
-        if any(self._farthest(name, axis) > scale * self._sizes[name][axis] + 1.0 for name, axis in self._counts):
-            return None
-        name = next(iter(self._counts))[0]
+            yield from self._beyond(sized)
+            return
+        if any(self._farthest(name, axis) > scale * self._sizes[name][axis] + 1.0 for name, axis in sized):
+            return
+        name = sized[0][0]
         stated = self._sizes[name]
         width, height = (round(side * scale) for side in stated)
         remedy = f"if images had that size, give {option('image_size')} {width}x{height}, which scales the calibration"
         if name in known or given:
             remedy = f"check {option('image_size')}" if given else "give boxes in pixels of these images"
-        return (
-            f"warning: boxes of every camera end at {width} x {height} px, not at {stated[0]} x {stated[1]} (factor "
-            f"{max(scale, 1.0 / scale):.4g}): {remedy}"
-        )
+        found, own = f"{width} x {height}", f"{stated[0]} x {stated[1]}"
+        factor = max(scale, 1.0 / scale)
+        yield finding(EXTENTS, "boxes-end-inside", found=found, stated=own, factor=factor, hint=remedy)
 
-    def _beyond(self) -> str | None:
-        """A warning where many boxes end beyond the images; None: they do not."""
-        ends = [(count, self._sizes[name][axis]) for (name, axis), count in self._counts.items() if name in self._sizes]
-        beyond = [float(count[min(size + BEYOND_PX, MAX_PX) :].sum() / count.sum()) for count, size in ends]
-        if not beyond or max(beyond) < MIN_BEYOND:
-            return None
-        far = [max(self._farthest(*key) for key in self._counts if key[1] == axis) for axis in (0, 1)]
-        return (
-            f"warning: {max(beyond):.0%} of a camera's boxes end beyond its images, at up to {far[0]} x {far[1]} px; "
-            f"the images are larger than stated, or boxes are of others ({option('image_size')})"
-        )
+    def _beyond(self, sized: Sequence[tuple[str, int]]) -> Iterator[Check]:
+        """Find cameras of which many boxes end beyond the images."""
+        shares: dict[str, float] = {}
+        for name, axis in sized:
+            count, first = self._counts[name, axis], min(self._sizes[name][axis] + BEYOND_PX, MAX_PX)
+            shares[name] = max(shares.get(name, 0.0), float(count[first:].sum() / count.sum()))
+        names = [name for name, share in shares.items() if share >= MIN_BEYOND]
+        if names:
+            far = " x ".join(str(max(self._farthest(name, axis) for name in names)) for axis in (0, 1))
+            share = max(shares.values())
+            yield finding(EXTENTS, "boxes-end-beyond", sensors=names, share=share, found=far, allowed=MIN_BEYOND)
 
     def _farthest(self, name: str, axis: int) -> int:
         return int(np.flatnonzero(self._counts[name, axis])[-1])

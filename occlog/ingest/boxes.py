@@ -22,6 +22,7 @@ from occlog.records.lens import MAX_FISHEYE_DEG
 from occlog.records.losses import OUTSIDE_IMAGE, Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes
+from occlog.records.verdicts import Check
 
 from .box_extent import BoxExtents
 from .plan import IngestPlan
@@ -129,6 +130,7 @@ def inside(
     scene: Scene,
     losses: list[Loss],
     note: Note,
+    found: list[Check],
     known: Collection[str] = (),
     *,
     given: bool = False,
@@ -136,8 +138,8 @@ def inside(
     """The tables without boxes that are wholly outside the image, or where its lens is not used; these are lost.
 
     Boxes that reach over the border are kept as they are, for detectors complete people whom it cuts; how many there
-    are is noted. `known` are the cameras with images of which the size is known, and not only that of the calibration;
-    `given`: the user gives it.
+    are is noted. The check of their ends is added to `found`. `known` are the cameras with images of which the size is
+    known, and not only that of the calibration; `given`: the user gives it.
     """
     sizes = {c.name: c.image_size for c in scene.cameras if c.image_size is not None}
     extents, total = BoxExtents(sizes), 0
@@ -166,8 +168,7 @@ def inside(
     for name, count in sorted(outside.items()):
         losses.append(Loss(name, "boxes", f"{OUTSIDE_IMAGE} of {sizes[name][0]} x {sizes[name][1]} px", count, total))
     losses.extend(lens_losses(askew, total))
-    if (said := extents.warning(known, given=given)) is not None:
-        note(said)
+    found.extend(extents.checks(known, given=given))
     if over:
         text = ", ".join(f"{name} {count}" for name, count in sorted(over.items()))
         note(f"boxes over the border of the image, by up to {farthest:.0f} px: {text}; kept as they are")

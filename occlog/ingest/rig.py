@@ -1,15 +1,26 @@
-"""The line that states what was understood of a calibration: unit, handedness, centres, where the optical axes meet.
+"""What was understood of a calibration, as a line and as checks.
 
-A wrong convention is seen at once in it.
+The line has unit, handedness, centres, and where the optical axes meet: a wrong convention is seen at once in it.  The
+checks are of the world of the cameras: whether it is right-handed and upright, and the cameras are above the ground.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 
 from occlog.console.text import counted
-from occlog.core.geometry.camera import looks_away, meeting_point
+from occlog.core.geometry.camera import is_upright, looks_away, meeting_point, vertical
+from occlog.io.formats.calibration.common import CALIBRATION
 from occlog.io.formats.calibration.reader import CalibrationFile
+from occlog.records.scene import HEIGHT_SLACK, Camera
+from occlog.records.verdicts import Check, finding, outcome
+
+HANDED, UPRIGHT, HEIGHTS = "handedness of the world", "vertical of the world", "camera heights"
+"""Names of checks."""
+AUTO = "auto"
+"""Value of `up` that finds the vertical by the horizons of the cameras."""
 
 
 def describe(calibration: CalibrationFile) -> str:
@@ -40,3 +51,51 @@ def describe(calibration: CalibrationFile) -> str:
         f"; optical axes meet near ({point[0]:.2f}, {point[1]:.2f}, {point[2]:.2f}) and pass it at "
         f"{off.mean():.2f} m on average"
     )
+
+
+def world_checks(cameras: Sequence[Camera], up: str | None, *, ground_stated: bool) -> tuple[Check, ...]:
+    """Checks of the world of calibrated cameras; without cameras, none can be made.
+
+    Args:
+        cameras: as they are in the scene, after the world was mirrored and turned.
+        up: as the user gave it; None: the world of the calibration stays.
+        ground_stated: the user stated the height of the ground.
+    """
+    placed = [c for c in cameras if c.placed]
+    if not placed:
+        names = (CALIBRATION, HANDED, UPRIGHT, HEIGHTS)
+        return tuple(check for name in names for check in outcome(name, (), unless="there is no calibration"))
+    rotations = np.array([c.rotation for c in placed])
+    if looks_away(np.array([c.position for c in placed]), rotations):
+        left = "the world seems to be left-handed"
+        return (
+            *outcome(HANDED, [finding(HANDED, "world-left-handed")]),
+            *outcome(UPRIGHT, (), unless=left),
+            *outcome(HEIGHTS, (), unless=left),
+        )
+    tilted = [*tilted_world(rotations, up)]
+    unknown = up is None and bool(tilted) and not ground_stated
+    return (
+        *outcome(HANDED, ()),
+        *outcome(UPRIGHT, tilted),
+        *outcome(HEIGHTS, () if unknown else _low(placed), unless="the vertical is unknown" if unknown else ""),
+    )
+
+
+def tilted_world(rotations: np.ndarray, up: str | None = None) -> Iterator[Check]:
+    """Find a world that is not upright, or turned upright by horizons that leave the pitch of the cameras open."""
+    if up is None and not is_upright(rotations):
+        direction = vertical(rotations).up
+        off_deg = float(np.degrees(np.arccos(np.clip(direction[2], -1.0, 1.0))))
+        text = ", ".join(f"{v:.2f}" for v in direction)
+        yield finding(UPRIGHT, "world-not-upright", up=text, off_deg=off_deg)
+    elif up == AUTO and not vertical(rotations).certain:
+        yield finding(UPRIGHT, "vertical-uncertain")
+
+
+def _low(cameras: Sequence[Camera]) -> Iterator[Check]:
+    """Find cameras that are not above the ground."""
+    heights = {c.name: float(c.position[2]) for c in cameras}
+    low = [name for name, height in heights.items() if height <= HEIGHT_SLACK]
+    if low:
+        yield finding(HEIGHTS, "camera-not-above-ground", sensors=low, lowest=min(heights.values()), unit="m")

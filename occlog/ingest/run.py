@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from occlog.console.notes import note_findings
 from occlog.console.text import counted
 from occlog.errors import InputError, UsageError
 from occlog.io.files.frame_times import FrameTimes
@@ -34,7 +35,7 @@ from occlog.records.columns import ColumnTable
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, Positions, Reads, Truth, TruthBoxes
-from occlog.records.verdicts import summary_of
+from occlog.records.verdicts import Check, Verdict, summary_of, texts_of
 from occlog.runner import Job
 
 from .bag import BagCameraPoses, Taking, check_plan, check_truth_frames, look_into, place_cameras
@@ -43,7 +44,17 @@ from .boxes import survey as survey_of
 from .plan import IngestPlan, with_offsets
 from .request import IngestRequest
 from .scene import Sized, Turn, add_bag_cameras, base_scene, fit_sizes, match_cameras, with_stated_sizes
-from .sources import Copies, IngestFailures, clock_of, open_sources, read_sidecars, start_of, sync_times, times_of
+from .sources import (
+    Copies,
+    IngestFailures,
+    clock_of,
+    duplicates,
+    open_sources,
+    read_sidecars,
+    start_of,
+    sync_times,
+    times_of,
+)
 from .stated import source_checks
 from .times import TimedWriter, Times, TimeSpanNs
 from .truth import check_truth_consistency, note_first_frames, within_frames
@@ -58,21 +69,35 @@ class Ingested(IngestFailures):
     times: dict[str, str] = field(default_factory=dict)
     tags: dict[str, int] = field(default_factory=dict)
     seen: Times = field(default_factory=Times)
+    checks: list[Check] = field(default_factory=list)
 
 
 def run_ingest(request: IngestRequest, job: Job) -> tuple[dict[str, object], list[Loss]]:
     """Write the recording; the summary and the losses."""
-    plan, note = request.plan, job.note
+    plan, done = request.plan, Ingested()
+    try:
+        return _ingest(plan, job, done)
+    except InputError:
+        # What may be wrong with a calibration may be why a later file is refused
+        note_findings(texts_of([Verdict.of("ingest", done.checks)], "ingest"), job.quiet)
+        raise
+
+
+def _ingest(plan: IngestPlan, job: Job, done: Ingested) -> tuple[dict[str, object], list[Loss]]:
+    """Write the recording; the summary and the losses.  What is found on the way is added to `done`."""
+    note = job.note
     for path, what in plan.files():
         if not (path.is_dir() and path in plan.folders()):
             check_input(path, what)
-    done = Ingested()
-    scene, turn = base_scene(plan, note)
+    scene, turn, checks = base_scene(plan, note)
+    done.checks.extend(checks)
     survey = survey_of(plan, scene, note)
     with ExitStack() as stack:
         bag = _open_bag(plan, scene, stack, note)
         if bag is not None and not plan.calibration:
-            scene, turn = add_bag_cameras(scene, bag.placement.cameras, bag.placement.world, plan, note)
+            placed, _, world, found = bag.placement
+            scene, turn, checks = add_bag_cameras(scene, placed, world, found, plan, note)
+            done.checks = [*checks]
         in_bag = bag.found.map.cameras if bag else ()
         wanted = list(dict.fromkeys([*plan.video, *plan.images, *in_bag, *(survey.cameras if survey else ())]))
         plan.check_names(wanted)
@@ -106,7 +131,7 @@ def run_ingest(request: IngestRequest, job: Job) -> tuple[dict[str, object], lis
             note(f"camera {name}: {count}times from {source}")
         parameters = {**settings, "time_sources": dict(sorted(done.times.items()))}
         made = replace(provenance, parameters=parameters, losses=tuple(done.losses))
-        judged = job.judged(made, (*done.seen.checks(), *source_checks(plan, sources, survey)))
+        judged = job.judged(made, (*done.checks, *done.seen.checks(), *source_checks(plan, sources, survey)))
         writer.annotate(judged)
     return {**_summary(plan, done), **summary_of(judged.judged)}, done.losses
 
@@ -153,6 +178,7 @@ def _write_bag(
     for message in job.progress(taking.messages(), "ingest", taking.count):
         taking.take(message, writer)
     done.losses.extend(taking.finish(job.note))
+    done.checks.extend(taking.checks())
     done.frames.update(taking.frames)
     done.times.update(taking.times)
     for name, count in taking.rows.items():
@@ -239,12 +265,12 @@ def _write_tables(
         note_frames(survey, times, note)
         read = read_boxes(box_files(plan), survey, times, known, box_options(plan, scene), Boxes, done.losses)
         sized = {*survey.sizes, *plan.video, *plan.images}
-        tables.append(inside(read, scene, done.losses, note, sized, given=plan.image_size is not None))
+        tables.append(inside(read, scene, done.losses, note, done.checks, sized, given=plan.image_size is not None))
     copies = Copies(several=len(plan.doa) > 1)
     for sensor, path in plan.doa:
         clocks = {a.name: c for a in scene.arrays if (c := clock_of(scene, a.name)) is not None}
         heard = read_doa(path, scene.arrays, _doa_options(plan, sensor), clocks, done.losses)
-        tables.append(copies.once(heard, path, note, "direction"))
+        tables.append(copies.once(heard, path, done.checks, "direction"))
     note_first_frames(plan, survey, note)
     sync = sync_times(plan) if plan.truth else None
     seen: dict[int | str, list[tuple[Path, TimeSpanNs]]] = {}
@@ -303,6 +329,8 @@ def _write_positions(
         writer.table(log.table)
         done.rows[Positions.NAME] = done.rows.get(Positions.NAME, 0) + len(log.table)
         note(_positions_in_words(path, log))
+        if log.duplicates:
+            done.checks.append(duplicates(path, log.duplicates, "position"))
 
 
 def _positions_in_words(path: Path, log: PositionLog) -> str:
@@ -321,8 +349,6 @@ def _positions_in_words(path: Path, log: PositionLog) -> str:
     said.append("no errors stated, jipda learns them" if not stated else f"errors stated of {stated}")
     if log.other_frames:
         said.append(f"skipped: {log.other_frames} of other frames")
-    if log.duplicates:
-        said.append(f"warning: exact duplicates skipped: {log.duplicates}")
     return f"positions: {path.name}: {'; '.join(said)}"
 
 
@@ -346,10 +372,8 @@ def _write_reads(
         if log.late:
             note(f"{path.name}: {log.late} reads stood after later ones, and were put in the order of time")
         if log.double:
-            note(
-                f"warning: {path.name}: {log.double} reads stood there twice, with the same strength; each counts once"
-            )
-        for reads in copies.once([log.reads], path, note, "read"):
+            done.checks.append(duplicates(path, log.double, "read"))
+        for reads in copies.once([log.reads], path, done.checks, "read"):
             writer.table(reads)
             done.rows[Reads.NAME] = done.rows.get(Reads.NAME, 0) + len(reads)
 

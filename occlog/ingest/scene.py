@@ -18,12 +18,12 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.core.geometry.camera import is_upright, looks_away, turn_upright, vertical
+from occlog.core.geometry.camera import turn_upright, vertical
 from occlog.errors import InputError, UsageError, option
 from occlog.io.files.names import check_meaning, match_sensor, safe_name
 from occlog.io.files.texts.csv_rows import first_line
 from occlog.io.formats.boxes.reader import BoxSurvey
-from occlog.io.formats.calibration.common import mirror_matrix
+from occlog.io.formats.calibration.common import CALIBRATION, mirror_matrix
 from occlog.io.formats.calibration.reader import CalibrationFile, read_calibration
 from occlog.io.formats.sound.formats import read_arrays
 from occlog.io.formats.tags import read_readers
@@ -31,12 +31,12 @@ from occlog.io.open import load_scene
 from occlog.records.names import first_double
 from occlog.records.scene import HEIGHT_SLACK, Camera, MicrophoneArray, Scene, camera_fov, camera_rotation
 from occlog.records.tables import Truth
+from occlog.records.verdicts import Check, outcome
 
 from .plan import IngestPlan
-from .rig import describe
+from .rig import AUTO, describe, world_checks
 
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
-AUTO = "auto"
 
 
 class Turn(NamedTuple):
@@ -95,7 +95,7 @@ def find_turn(
 
     Args:
         cameras: as calibrated.
-        up: `auto`, an axis with its sign, three numbers, or None: it stays, with a warning if it seems not upright.
+        up: `auto`, an axis with its sign, three numbers, or None: it stays.
         ground: height of the ground along up, in the calibration's world; None: 0.
         note: receives notes on changes.
         mirror: axis `x`, `y` or `z` that changes its sign, of a left-handed world.
@@ -110,65 +110,15 @@ def find_turn(
         turned = up if up in (None, AUTO) else ",".join(map(repr, (axes @ read_up(str(up))).tolist()))
         after = find_turn(mirrored, turned, ground, note)
         return Turn(axes, 0.0) if after is None else Turn(after.rotation @ axes, after.ground)
-    rotations = np.array([c.rotation for c in cameras]).reshape(-1, 3, 3)
     if up is None:
-        upright = is_upright(rotations)
-        if _warn_of_left_hand(cameras, note):
-            return None if ground is None else Turn(np.eye(3), ground)
-        if not upright:
-            note(
-                f"warning: the world of the calibration seems not to be upright: {_horizons(rotations)}. "
-                "Directions in its xy plane mean nothing then; turn it (up: auto, or the direction that is up)"
-            )
-        stays = Turn(np.eye(3), 0.0 if ground is None else ground)
-        if upright or ground is not None:
-            _warn_of_low(cameras, stays, ground, note)
-        return None if ground is None else stays
-    if up == AUTO:
-        found = vertical(rotations)
-        direction = found.up
-        if not found.certain:
-            note("warning: all cameras have the same viewing direction; up is known up to their pitch, assumed to be 0")
-    else:
-        direction = read_up(up)
+        return None if ground is None else Turn(np.eye(3), ground)
+    rotations = np.array([c.rotation for c in cameras]).reshape(-1, 3, 3)
+    direction = vertical(rotations).up if up == AUTO else read_up(up)
     turn = Turn(turn_upright(direction), 0.0 if ground is None else ground)
     text = ", ".join(f"{v:.3f}" for v in direction / np.linalg.norm(direction))
     zero = "at the calibration's origin" if ground is None else f"{ground:g} m along it"
     note(f"world turned upright: up was ({text}), the ground is {zero}")
-    if not _warn_of_left_hand([turn.camera(c) for c in cameras], note):
-        _warn_of_low(cameras, turn, ground, note)
     return turn
-
-
-def _warn_of_left_hand(cameras: Sequence[Camera], note: Callable[[str], None]) -> bool:
-    """Warn where all that cameras see is behind them, as in a left-handed world; return whether it is so."""
-    placed = [c for c in cameras if c.placed]
-    if not placed or not looks_away(np.array([c.position for c in placed]), np.array([c.rotation for c in placed])):
-        return False
-    note(
-        "warning: the ground and people are behind every camera: the world seems to be left-handed (Unity, "
-        f"MultiviewX); mirror it ({option('mirror')} y)"
-    )
-    return True
-
-
-def _warn_of_low(cameras: Sequence[Camera], turn: Turn, ground: float | None, note: Callable[[str], None]) -> None:
-    """Warn where cameras are not above the ground."""
-    heights = {c.name: float(turn.positions(c.position[None])[0, 2]) for c in cameras if c.placed}
-    low = [name for name, height in heights.items() if height <= HEIGHT_SLACK]
-    if not low:
-        return
-    lowest = min(heights.values())
-    remedy = (
-        "heights are unknown; state where the ground is (ground)"
-        if ground is None
-        else f"the ground is given as {ground:g} m along up, in the calibration's world (ground): negative where "
-        "it is below the origin"
-    )
-    note(
-        f"warning: {', '.join(low)} {'is' if len(low) == 1 else 'are'} not above the ground (lowest at z = "
-        f"{lowest:.2f} m): {remedy}"
-    )
 
 
 def read_up(text: str) -> Floats:
@@ -183,14 +133,6 @@ def read_up(text: str) -> Floats:
     if found.shape != (3,) or not np.isfinite(found).all() or not found.any():
         raise UsageError(f"up: {text!r}: expected auto, an axis with its sign (for example -y), or X,Y,Z")
     return found
-
-
-def _horizons(rotations: Floats) -> str:
-    """Describe the vertical that follows from the cameras' horizons."""
-    found = vertical(rotations)
-    off = np.degrees(np.arccos(np.clip(found.up[2], -1.0, 1.0)))
-    text = ", ".join(f"{v:.2f}" for v in found.up)
-    return f"by the cameras' horizons up is ({text}), {off:.0f} degrees from z"
 
 
 CROP_PX = 16
@@ -301,26 +243,39 @@ def _scaled(camera: Camera, size: tuple[int, int], scale: np.ndarray, margin: np
 Note = Callable[[str], None]
 
 
+class IngestScene(NamedTuple):
+    """A scene, how the world of its calibration was turned, and the checks of the calibration."""
+
+    scene: Scene
+    turn: Turn | None
+    checks: tuple[Check, ...]
+
+
 def add_bag_cameras(
-    scene: Scene, cameras: tuple[Camera, ...], world: str | None, plan: IngestPlan, note: Note
-) -> tuple[Scene, Turn | None]:
+    scene: Scene, cameras: tuple[Camera, ...], world: str | None, found: Sequence[Check], plan: IngestPlan, note: Note
+) -> IngestScene:
     """The scene with the cameras with poses from a bag, and how their world was turned."""
     if not cameras:
-        return scene, None
+        return IngestScene(scene, None, world_checks((), None, ground_stated=False))
     if scene.length_unit != "m":
         raise InputError(f"{plan.scene}: lengths are in {scene.length_unit}, but those of the bag in m")
     note(describe(CalibrationFile(cameras, f"camera_info and transforms of the bag, world {world!r}", "m")))
     turn = find_turn(cameras, plan.up, plan.ground_height, note, plan.mirror)
     placed = cameras if turn is None else tuple(turn.camera(c) for c in cameras)
-    return replace(scene, cameras=(*scene.cameras, *placed)), turn
+    checks = (
+        *outcome(CALIBRATION, found),
+        *world_checks(placed, plan.up, ground_stated=plan.ground_height is not None),
+    )
+    return IngestScene(replace(scene, cameras=(*scene.cameras, *placed)), turn, checks)
 
 
-def base_scene(plan: IngestPlan, note: Note) -> tuple[Scene, Turn | None]:
+def base_scene(plan: IngestPlan, note: Note) -> IngestScene:
     """Scene of the scene file, the calibration and the tables of arrays, before cameras are matched.
 
     Also how the world of the calibration was turned; the scene file and the arrays are in the upright world.
     """
     turn: Turn | None = None
+    checks = world_checks((), None, ground_stated=False)
     scene = load_scene(plan.scene, None, plan.output) if plan.scene is not None else Scene()
     cameras = list(scene.cameras)
     if plan.calibration:
@@ -328,20 +283,22 @@ def base_scene(plan: IngestPlan, note: Note) -> tuple[Scene, Turn | None]:
         calibration = read_calibration(plan.calibration, plan.calibration_format, options)
         note(describe(calibration))
         for said in calibration.notes:
-            note(f"calibration: {said}" if not said.startswith("warning") else said)
+            note(f"calibration: {said}")
         if scene.length_unit != "m":
             raise InputError(f"{plan.scene}: lengths are in {scene.length_unit}, but those of the calibration in m")
         double = next((c.name for c in calibration.cameras if c.name in {k.name for k in cameras}), None)
         if double is not None:
             raise UsageError(f"camera {double}: is both in {plan.scene} and in the calibration; keep one")
         turn = find_turn(calibration.cameras, plan.up, plan.ground_height, note, plan.mirror)
-        cameras += calibration.cameras if turn is None else [turn.camera(c) for c in calibration.cameras]
+        placed = calibration.cameras if turn is None else tuple(turn.camera(c) for c in calibration.cameras)
+        checks = (*calibration.checks, *world_checks(placed, plan.up, ground_stated=plan.ground_height is not None))
+        cameras += placed
     check_metres(plan, scene.length_unit)
     arrays = [*scene.arrays, *(a for name, path in plan.arrays for a in _arrays(path, name, note))]
     readers = scene.readers if plan.readers is None else (*scene.readers, *read_readers(plan.readers))
     found = replace(scene, cameras=tuple(cameras), arrays=tuple(arrays), readers=readers)
     _check_names(plan, [s.name for s in found.sensors])
-    return found, turn
+    return IngestScene(found, turn, checks)
 
 
 def check_metres(plan: IngestPlan, unit: str) -> None:

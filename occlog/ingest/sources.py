@@ -5,7 +5,7 @@ Directions and reads that are in logs as identical duplicates: a log was copied,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -25,9 +25,12 @@ from occlog.io.frames.streams import ImageFolder, rate_times, read_folders, side
 from occlog.records.columns import ColumnTable
 from occlog.records.losses import Loss
 from occlog.records.scene import Clock, Scene
+from occlog.records.verdicts import Check, finding
 
 from .plan import IngestPlan, for_sensor
 
+DUPLICATES = "duplicate rows"
+"""Name of a check."""
 Sidecars = dict[str, tuple[Ints, str]]
 """Times of frames and the name of the sidecar file, by camera."""
 
@@ -149,6 +152,11 @@ def sync_times(plan: IngestPlan) -> dict[int, int] | None:
 T = TypeVar("T", bound=ColumnTable)
 
 
+def duplicates(path: Path, count: int, what: str) -> Check:
+    """The finding that exact duplicates of rows were skipped; one of them is called `what`."""
+    return finding(DUPLICATES, "rows-duplicated", file=path.name, what=counted(count, what))
+
+
 class Copies:
     """Leaves copies out of the logs (of tables with a column `sensor`) of a recording, and counts them.
 
@@ -160,8 +168,8 @@ class Copies:
         self._several = several
         self._before: dict[str, list[Uints]] = {}
 
-    def once(self, tables: Iterable[T], path: Path, note: Callable[[str], None], what: str) -> Iterator[T]:
-        """The tables of a log without rows that were there before; a warning at the end calls one of them `what`."""
+    def once(self, tables: Iterable[T], path: Path, found: list[Check], what: str) -> Iterator[T]:
+        """The tables of a log without rows that were there before; a finding at the end calls one of them `what`."""
         here: dict[str, list[Uints]] = {}
         copies = 0
         for table in tables:
@@ -181,8 +189,7 @@ class Copies:
         for name, parts in here.items():
             self._before.setdefault(name, []).append(np.unique(np.concatenate(parts)))
         if copies:
-            others = " of this log or an earlier one" if self._several else ""
-            note(f"warning: {path.name}: exact duplicates of rows{others}: skipped {counted(copies, what)}")
+            found.append(duplicates(path, copies, what))
 
 
 def _first(marks: Uints, before: list[Uints]) -> Bools:

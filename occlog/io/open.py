@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar, cast
 
@@ -99,6 +100,11 @@ class Opened:
         """Return whether the input holds rows of a table."""
         return self.table == table.NAME if self.recording is None else self.recording.has(table)
 
+    @property
+    def counts_frames(self) -> bool:
+        """Whether it is an external table with frame numbers in place of times."""
+        return self.foreign is not None and any(s.fps is not None for s in self.foreign.layout.columns)
+
     def widest(self, table: type[T]) -> type[T]:
         """The table with all columns that the file has: tracks of people, for example, have more than others."""
         if self.foreign is not None:
@@ -150,13 +156,14 @@ def _or(names: list[str]) -> str:
     return " or ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
-def open_input(path: Path, *wants: type[ColumnTable], remedy: str = REMEDY) -> Opened:
+def open_input(path: Path, *wants: type[ColumnTable], remedy: str = REMEDY, fps: Fraction | None = None) -> Opened:
     """Open a recording or a table.
 
     Args:
         path: the file.
         wants: tables of which the input must hold at least one; none: any will do.
         remedy: what to do where a recording holds none of them.
+        fps: frames per second of an external table that counts frames and states no times.
 
     Raises:
         InputError: the file is missing or damaged, is of another kind, or holds none of the tables.
@@ -166,7 +173,7 @@ def open_input(path: Path, *wants: type[ColumnTable], remedy: str = REMEDY) -> O
     if opened is None:
         source = _source(path)
         try:
-            opened = None if source is None else _external_table(source, wants)
+            opened = None if source is None else _external_table(source._replace(fps=fps), wants)
         except InputError:
             _refuse_stations(path)
             raise
@@ -225,11 +232,22 @@ def held(path: Path, *tables: type[ColumnTable]) -> tuple[type[ColumnTable], ...
 
 
 def _refuse_stations(path: Path) -> None:
-    """InputError for a text table of stations, which is a scene."""
-    from occlog.io.formats.scenes.stations import holds_stations
+    """InputError for a text table of stations, which is a scene; one with times or frames is none."""
+    from occlog.io.external.names import is_in_time
+    from occlog.io.formats.scenes.stations import check_stations, holds_stations
 
-    if content_of(path) is Content.OTHER and holds_stations(path):
+    source = _source(path) if content_of(path) is Content.OTHER and holds_stations(path) else None
+    if source is not None and not is_in_time(source.names):
+        check_stations(path)
         raise InputError(f"{path}: is a table of stations, not of what they measured; give it as the scene")
+
+
+def frames_counted_by(path: Path) -> str | None:
+    """The column of frame numbers of an external table without times; None: it has times, or is another file."""
+    from occlog.io.external.names import frame_column
+
+    source = None if open_if_ours(path) is not None else _source(path)
+    return None if source is None else frame_column(source.names)
 
 
 def is_table_in_parts(folder: Path) -> bool:
@@ -252,7 +270,8 @@ def _external_table(source: ColumnSource, wants: Sequence[type[ColumnTable]] = (
 
     table = ForeignTable(source, best_fit(source, wants))
     for column, name, *_ in table.layout.columns:
-        STATED.get().note_use(name, kind_of(column), unit_in_name(table.layout.table, column, name))
+        said = unit_in_name(table.layout.table, column, name)
+        STATED.get().note_use(name, kind_of(column), said, source.path)
     names = (f"{s.name} is {s.column.name}" + (f" [{s.unit}]" if s.unit else "") for s in table.layout.columns)
     log_detail(
         f"{source.path}: {source.kind} of another program, read as {table.layout.table.NAME}: {', '.join(names)}"

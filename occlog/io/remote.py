@@ -34,8 +34,8 @@ from occlog.errors import InputError, OcclogError, OutputError, UsageError, opti
 from .files.provenance import hash_file
 from .recording.reader import linked_videos, open_recording
 
-EXTRAS = {"s3": "s3", "gs": "gs", "https": "remote", "http": "remote", "memory": "remote"}
-"""Kinds of URLs, and the extra of occlog that each requires."""
+PACKAGES = {"s3": "s3fs", "gs": "gcsfs", "https": "fsspec aiohttp", "http": "fsspec aiohttp", "memory": "fsspec"}
+"""Kinds of URLs, and the packages that each requires."""
 READ_ONLY = ("https", "http")
 """Kinds that nothing is written to."""
 _URL = re.compile(r"^([A-Za-z][A-Za-z0-9+.-]*)(?:::|://)")
@@ -57,8 +57,8 @@ def kind_of(url: str) -> str:
     """The kind of a URL, e.g. `s3`; UsageError for those that occlog does not take."""
     found = _URL.match(url)
     kind = found.group(1).lower() if found else ""
-    if kind not in EXTRAS or "::" in url:
-        raise UsageError(f"{public_url(url)}: {kind}: is not taken; give a file, or one of {', '.join(EXTRAS)}")
+    if kind not in PACKAGES or "::" in url:
+        raise UsageError(f"{public_url(url)}: {kind}: is not taken; give a file, or one of {', '.join(PACKAGES)}")
     return kind
 
 
@@ -123,9 +123,9 @@ def _as_output_error(url: str, failure: type[OcclogError] = InputError) -> Itera
     except OcclogError:
         raise
     except ImportError as error:
-        extra = EXTRAS[kind_of(url)]
+        packages = PACKAGES[kind_of(url)]
         raise UsageError(
-            f"{public_url(url)}: requires a package that is not installed; install occlog[{extra}]"
+            f"{public_url(url)}: requires a package that is not installed; pip install {packages}"
         ) from error
     except FileNotFoundError as error:
         reason = _unreached(error)

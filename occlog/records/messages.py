@@ -47,7 +47,7 @@ class Message(NamedTuple):
     def fill(self, sensors: Sequence[str] = (), targets: Sequence[int] = (), **values: object) -> str:
         """The text and the remedy with values in the places of their fields."""
         template = f"{self.text}; {self.remedy}" if self.remedy else self.text
-        return template.format(option=_OPTIONS, sensors=_listed(sensors), targets=_listed(targets), **values)
+        return template.format(option=_OPTIONS, sensors=listed(sensors), targets=listed(targets), **values)
 
 
 class _Options:
@@ -57,7 +57,7 @@ class _Options:
         return option(name)
 
 
-def _listed(names: Sequence[object]) -> str:
+def listed(names: Sequence[object]) -> str:
     """The first `MAX_NAMES` names, and the number of the others."""
     more = [f"{len(names) - MAX_NAMES} more"] if len(names) > MAX_NAMES else []
     return ", ".join([*map(str, names[:MAX_NAMES]), *more])
@@ -213,7 +213,7 @@ VERDICT: dict[str, Message] = {
     "range-bias": Message(
         W,
         "ranges of {sensors} are {size:.2g} +- {error:.1g} {unit} too {sense} (allowed: {allowed:.1g})",
-        "use --range-bias with method map, or correct the ranges",
+        "use occlog track --method map --range-bias, or correct the ranges",
     ),
     "outliers": Message(
         W,
@@ -417,7 +417,7 @@ VERDICT: dict[str, Message] = {
     "too-many-targets": Message(
         W,
         "view {sensors}: {per_frame:.0f} targets per frame (allowed: {allowed:.0f}) are not all people",
-        "state --person-height-px of `occlog detect`, or give detector boxes",
+        "state the size (occlog detect --person-height-px), or give detector boxes",
     ),
     "initial-ellipses-unused": Message(
         N, "{count} of {given} first ellipses began no tracker: the video ends before them"
@@ -452,6 +452,67 @@ VERDICT: dict[str, Message] = {
         N,
         "views are {factor:.1f} times as far from agreeing as their covariances say",
         "check calibration and clocks, or raise centre_error_share (occlog ground)",
+    ),
+    # Calibrations and files of `ingest`
+    "world-left-handed": Message(
+        W,
+        "the ground and people are behind every camera: the world seems to be left-handed (Unity, MultiviewX)",
+        "mirror it ({option[mirror]} y)",
+    ),
+    "world-not-upright": Message(
+        W,
+        "the world of the calibration seems not to be upright: by the horizons up is ({up}), {off_deg:.0f} deg from z",
+        "turn it (ingest --up auto, or X,Y,Z)",
+    ),
+    "vertical-uncertain": Message(
+        W,
+        "all cameras have the same viewing direction: up is known up to their pitch, assumed to be 0",
+        "state it ({option[up]} X,Y,Z)",
+    ),
+    "camera-not-above-ground": Message(
+        W,
+        "camera {sensors} is not above the ground (lowest at z = {lowest:.2f} {unit})",
+        "state the height of the ground along up, negative below the origin ({option[ground_height]})",
+    ),
+    "calibration-keys-unused": Message(
+        W,
+        "the calibration has keys that are not used: {keys}",
+        "where one changes the cameras, state it in another way",
+    ),
+    "camera-distances-implausible": Message(
+        W,
+        "cameras are {span:.3g} m apart (expected: {least:g} to {most:g} m)",
+        "state the unit of the calibration ({option[calibration_unit]})",
+    ),
+    "principal-point-off": Message(
+        W,
+        "camera {sensors}: its principal point is the middle of images of {middle} px, not of {size} px (factor "
+        "{factor:.3g})",
+        "check the image size that the matrix is of",
+    ),
+    "images-before-rotation": Message(
+        W,
+        "camera {sensors}: rotation_count {turns}: the calibration is of images before they are turned by "
+        "multiples of 90 deg",
+        "give those, or boxes of them",
+    ),
+    "time-shifts-unused": Message(W, "timeshift_cam_imu differs between the cameras and is not used", "give {options}"),
+    "boxes-end-inside": Message(
+        W, "boxes of every camera end at {found} px, not at {stated} (factor {factor:.4g})", "{hint}"
+    ),
+    "boxes-end-beyond": Message(
+        W,
+        "camera {sensors}: {share:.0%} of its boxes end beyond its images, at up to {found} px (allowed: "
+        "{allowed:.0%})",
+        "check {option[image_size]}, and that the boxes are of these images",
+    ),
+    "rows-duplicated": Message(N, "{file}: {what} skipped, as exact duplicates of rows of this file or an earlier one"),
+    "bag-count-differs": Message(N, "topic {topic}: {remark}"),
+    "stamps-missing": Message(W, "topic {topic}: its headers have no time", "the times of recording are used"),
+    "stamps-late": Message(
+        W,
+        "topic {topic}: recorded {low_s:.3g} to {high_s:.3g} s after its header stamps; the {used} are used",
+        "choose ({option[timestamp_source]} header or log)",
     ),
     # Stages before tracking, and batches
     "sensor-times-disjoint": Message(
@@ -516,6 +577,11 @@ VERDICT: dict[str, Message] = {
         N,
         "camera {sensors} has no detection in {frames} frames, while {other} has one in {share:.0%}",
         "check its images, its view and the expected size of people",
+    ),
+    "cameras-without-pose": Message(
+        N,
+        "no camera has a pose in space, so that there are no bearings",
+        "ingest with a calibration, give {option[scene]}, or track in the images (occlog track --method sort)",
     ),
     "nothing-detected": Message(
         W,

@@ -42,6 +42,8 @@ IN_WORLD = (
     "residuals",
 )
 """Fields of requests, and settings of their groups, that all methods take that track in the world."""
+LABELLED = (*IN_WORLD, "keep_labels")
+"""Options of methods with a track for each label."""
 MEASURED = (
     "measurements",
     "path_loss",
@@ -128,7 +130,7 @@ def entry_of(plugin: Plugin) -> MethodEntry:
     summary = str(plugin.load().summary)
     if plugin.kind == VIEW_TRACKER:
         return MethodEntry(summary, plugin.where, plugin.where, (), takes_in=VIEW, plugin=plugin)
-    return MethodEntry(summary, plugin.where, plugin.where, IN_WORLD, plugin=plugin)
+    return MethodEntry(summary, plugin.where, plugin.where, LABELLED, plugin=plugin)
 
 
 OURS: dict[str, MethodEntry] = {
@@ -136,31 +138,31 @@ OURS: dict[str, MethodEntry] = {
         "auxiliary particle filter with occlusion model and random-waypoint motion (Ercan, El Gamal, Guibas 2013)",
         "occlog.track.methods.apf.filter:METHOD",
         "occlog.track.methods.apf.config:ApfConfig",
-        (*IN_WORLD, *MEASURED, "initial_positions", "occluders", "calibration", "particle_cloud", *SELECTION),
+        (*LABELLED, *MEASURED, "initial_positions", "occluders", "calibration", "particle_cloud", *SELECTION),
     ),
     "map": MethodEntry(
         "MAP trajectory from all bearings, with visibility constraints (Rahimi, Dunagan, Darrell 2004)",
         "occlog.track.methods.map.method:METHOD",
         "occlog.track.methods.map.config:MapConfig",
-        (*IN_WORLD, *MEASURED, "initial_positions", "occluders", "motion"),
+        (*LABELLED, *MEASURED, "initial_positions", "occluders", "motion"),
     ),
     "ekf": MethodEntry(
         "extended Kalman filter, a baseline of apf",
         "occlog.track.methods.kalman.filter:EKF",
         "occlog.track.methods.kalman.config:EkfConfig",
-        (*IN_WORLD, *MEASURED, "initial_positions"),
+        (*LABELLED, *MEASURED, "initial_positions"),
     ),
     "ukf": MethodEntry(
         "unscented Kalman filter, a baseline of apf (Julier, Uhlmann 1997)",
         "occlog.track.methods.kalman.filter:UKF",
         "occlog.track.methods.kalman.config:UkfConfig",
-        (*IN_WORLD, *MEASURED, "initial_positions"),
+        (*LABELLED, *MEASURED, "initial_positions"),
     ),
     "iekf": MethodEntry(
         "iterated extended Kalman filter with a MAP update per scan, a baseline of apf (Bell, Cathey 1993)",
         "occlog.track.methods.kalman.filter:IEKF",
         "occlog.track.methods.kalman.config:IekfConfig",
-        (*IN_WORLD, "initial_positions"),
+        (*LABELLED, "initial_positions"),
     ),
     "joint": MethodEntry(
         "joint particle filter of labelled objects that occlude one another ([Ercan] Sec. 4.4; Doucet et al. 2002)",
@@ -172,13 +174,13 @@ OURS: dict[str, MethodEntry] = {
         "particle filter in 3-D from azimuths and elevations (Lee 2009)",
         "occlog.track.methods.in_space.direct3d:METHOD",
         "occlog.track.methods.in_space.config:Direct3dConfig",
-        (*IN_WORLD, "initial_positions", "particle_cloud", *SELECTION),
+        (*LABELLED, "initial_positions", "particle_cloud", *SELECTION),
     ),
     "pps": MethodEntry(
         "projected plane selection: particle filters in the planes xy, yz and zx (Lee 2009)",
         "occlog.track.methods.in_space.projected_planes:METHOD",
         "occlog.track.methods.in_space.config:PpsConfig",
-        (*IN_WORLD, "initial_positions", *SELECTION),
+        (*LABELLED, "initial_positions", *SELECTION),
     ),
     "imm": MethodEntry(
         "multi-target IMM particle filter with JPDA for microphone arrays (Lee 2009)",
@@ -190,7 +192,7 @@ OURS: dict[str, MethodEntry] = {
         "position of each scan by robust triangulation, without a motion model (Lenth 1981)",
         "occlog.track.methods.fix.method:METHOD",
         "occlog.track.methods.fix.config:FixConfig",
-        (*IN_WORLD, *MEASURED, "residuals"),
+        (*LABELLED, *MEASURED, "residuals", "reject_outliers"),
     ),
     "jipda": MethodEntry(
         "multi-camera JIPDA of people on the ground, from boxes (Musicki, Evans 2004; Williams, Lau 2014)",

@@ -15,6 +15,7 @@ from places import ROOT
 
 from occlog.cli.main import COMMANDS, LazyGroup, cli, run
 from occlog.cli.setting_options import VariantCommand
+from occlog.console.text import escaped
 from occlog.errors import ExitCode
 from occlog.io.files.tables.parquet import read_table
 from occlog.records.tables import Bearings
@@ -242,3 +243,20 @@ def test_no_command_shows_the_help() -> None:
     assert done.returncode == ExitCode.USAGE
     assert done.stdout == ""
     assert done.stderr == occlog("--help").stdout
+
+
+@pytest.mark.parametrize("words", [["info"], ["doctor"], ["evaluate"], ["track", "--method", "fix", "-o", "t.parquet"]])
+def test_control_characters_of_names_do_not_reach_the_terminal(tmp_path: Path, words: list[str]) -> None:
+    """R28: U+202E turns the line, CSI (U+009B) moves the cursor, U+200F and U+FEFF are not seen."""
+    wicked = "a\u202eb\u009bc\u200fd\ufeffe\x1b[31m"
+    table = tmp_path / f"{wicked}.csv"
+    table.write_text(f"time,id,x,y,{wicked}\n0,1,1,2,3\n", encoding="utf-8")
+    words = [sys.executable, "-m", "occlog", *words, str(table)]
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, check=False)
+    said = (done.stdout + done.stderr).decode()
+    assert said
+    assert not set(said) & set("\u202e\u009b\u200f\ufeff\x1b")
+
+
+def test_progress_bars_keep_what_moves_the_cursor() -> None:
+    assert escaped("\r50%\x1b[A\b\u202e", bars=True) == "\r50%\x1b[A\b\\u202e"

@@ -396,3 +396,44 @@ def test_positions_of_another_program_are_paired_by_distance_and_need_no_covaria
     figures = json.loads((folder / "own.json").read_text())
     assert figures["rmse_m"] == pytest.approx(0.3)
     assert not [name for name in figures if name.startswith("nees")]
+
+
+def counted(folder: Path, name: str, header: str = "frame,id,x,y", first: int = 0) -> Path:
+    """Positions of one target in 20 frames."""
+    rows = [f"{k + first},1,{10 + 0.1 * k},5" for k in range(20)]
+    (folder / name).write_text("\n".join([header, *rows]) + "\n")
+    return folder / name
+
+
+def test_a_truth_that_counts_frames_needs_their_rate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    truth = counted(tmp_path, "truth.csv")
+    rows = [f"{0.04 * k:.2f},1,{10.2 + 0.1 * k},5" for k in range(20)]
+    (tmp_path / "tracks.csv").write_text("\n".join(["time,id,x,y", *rows]) + "\n")
+    command = ["evaluate", str(tmp_path / "tracks.csv"), "--truth", str(truth), "--json"]
+    assert run(command) == ExitCode.BAD_INPUT
+    said = json.loads(capsys.readouterr().err)
+    assert (said["error"], said["hint"]) == ("column frame counts frames, not times", "give the frame rate (--fps)")
+    assert run([*command, "--fps", "25"]) == ExitCode.DONE
+    assert json.loads(capsys.readouterr().out)["rmse_m"] == pytest.approx(0.2)
+    counted(tmp_path, "tracks.csv")
+    assert run([*command, "--fps", "29.97"]) == ExitCode.DONE
+    assert json.loads(capsys.readouterr().out)["rmse_m"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_rate_is_refused_where_no_table_counts_frames(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    truth = counted(tmp_path, "truth.csv", "time_s,id,x,y")
+    assert run(["evaluate", str(truth), "--truth", str(truth), "--fps", "25"]) == ExitCode.USAGE
+    assert "--fps is for tables that count frames" in capsys.readouterr().err
+    negative = counted(tmp_path, "negative.csv", first=-3)
+    assert run(["evaluate", str(negative), "--truth", str(truth), "--fps", "25"]) == ExitCode.BAD_INPUT
+    assert "line 2: frame is -3; frames are numbered from 0" in capsys.readouterr().err
+
+
+def test_times_that_have_nothing_in_common_are_stated_in_seconds(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, start in (("tracks", 0), ("truth", 100)):
+        rows = [f"{start + 0.25 * k},1,{k},5" for k in range(5)]
+        (tmp_path / f"{name}.csv").write_text("\n".join(["time_s,id,x,y", *rows]) + "\n")
+    run(["evaluate", str(tmp_path / "tracks.csv"), "--truth", str(tmp_path / "truth.csv")])
+    assert "tracks 0 to 1 s, truth 100 to 101 s" in capsys.readouterr().err

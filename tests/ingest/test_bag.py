@@ -97,11 +97,11 @@ def test_topics_are_named_by_options_or_a_file(bag: Path, capsys: pytest.Capture
 def test_the_clock_is_that_of_the_headers_or_of_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bag = ros.write_mcap(tmp_path / "late.mcap", ros.two_cameras(delay_ns=2 * 10**9))
     assert times(made(bag), "cam_front")[0] == 0
-    assert "recorded 2 to 2 s after its header stamps; the header stamps were taken" in capsys.readouterr().err
+    assert "recorded 2 to 2 s after its header stamps; the header stamps are used" in capsys.readouterr().err
     assert times(made(bag, "--timestamp-source", "log"), "cam_front")[0] == 2000
     blank = [(t, k, log, _restamped(m) if k == IMAGE else m) for t, k, log, m in ros.two_cameras()]
     assert times(made(ros.write_mcap(tmp_path / "blank.mcap", blank)), "cam_front")[0] == 3
-    assert "its headers have no time; the times of recording were taken" in capsys.readouterr().err
+    assert "its headers have no time; the times of recording are used" in capsys.readouterr().err
 
 
 def _restamped(message: object) -> object:
@@ -146,7 +146,7 @@ def test_metadata_that_count_too_few_messages_are_warned_of(tmp_path: Path, caps
     ros.write_metadata(folder, ["bag_0.mcap"], {topic: 5})
     recording = made(folder)
     assert (len(times(recording, "cam_front")), recording.losses) == (8, ())
-    assert f"warning: {topic}: metadata.yaml counts 5 messages, and there are 8" in capsys.readouterr().err
+    assert f"note: topic {topic}: metadata.yaml counts 5 messages, and there are 8" in capsys.readouterr().err
 
 
 def test_a_file_that_is_cut_off_is_used_as_far_as_it_goes(tmp_path: Path) -> None:

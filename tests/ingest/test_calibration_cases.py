@@ -27,7 +27,7 @@ def ingest(folder: Path, output: Path, options: str, monkeypatch: pytest.MonkeyP
         ("v16-left-handed-world", f"{FOUR} --calibration P", "the world seems to be left-handed (Unity, MultiviewX)"),
         ("v17-fisheye-coefficients-without-flag", f"{TWO} --calibration calib", "state which: --lens-model fisheye"),
         ("v18-wide-fisheye", f"{TWO} --calibration calib", "more than 80 degrees off its axis; what lies beyond, 26%"),
-        ("w04_calibration_of_other_size", THREE, "(factor 1.5): if images had that size, give --image-size 1280x720"),
+        ("w04_calibration_of_other_size", THREE, "(factor 1.5); if images had that size, give --image-size 1280x720"),
     ],
 )
 def test_what_a_calibration_lacks_is_said(

@@ -602,12 +602,12 @@ def test_directions_that_stand_in_logs_twice_count_once(place: Path, capsys: pyt
     assert run(["ingest", "-o", str(place / "o.mcap"), "--scene", str(place / "scene.yaml"),
                 *[f"--doa={place / name}.csv" for name in "aba"]]) == ExitCode.DONE  # fmt: skip
     said = capsys.readouterr().err
-    assert "warning: b.csv: exact duplicates of rows of this log or an earlier one: skipped 2 directions" in said
-    assert "warning: a.csv: exact duplicates of rows of this log or an earlier one: skipped 4 directions" in said
+    assert "note: b.csv: 2 directions skipped, as exact duplicates of rows of this file or an earlier one" in said
+    assert "note: a.csv: 4 directions skipped, as exact duplicates" in said
     assert open_recording(place / "o.mcap").read(Doa).t_ns.tolist() == [0, 0, 10**9, 10**9, 2 * 10**9]
     assert run(["ingest", "-o", str(place / "c.mcap"), "--scene", str(place / "scene.yaml"),
                 f"--doa={place / 'c.csv'}"]) == ExitCode.DONE  # fmt: skip
-    assert "warning: c.csv: exact duplicates of rows: skipped 4 directions" in capsys.readouterr().err
+    assert "note: c.csv: 4 directions skipped, as exact duplicates" in capsys.readouterr().err
     assert len(open_recording(place / "c.mcap").read(Doa)) == 4
 
 
@@ -618,10 +618,7 @@ def test_reads_that_stand_in_two_logs_count_once(place: Path, capsys: pytest.Cap
     (place / "b.csv").write_text("t,reader,tag,rssi\n1,r,a,-50\n2,r,a,-50\n")
     logs = [f"--reads={place / name}.csv" for name in "ab"]
     assert run(["ingest", "-o", str(place / "o.mcap"), "--readers", str(place / "readers.csv"), *logs]) == ExitCode.DONE
-    assert (
-        "warning: b.csv: exact duplicates of rows of this log or an earlier one: skipped 1 read"
-        in capsys.readouterr().err
-    )
+    assert "note: b.csv: 1 read skipped, as exact duplicates" in capsys.readouterr().err
     assert open_recording(place / "o.mcap").read(Reads).t_ns.tolist() == [0, 10**9, 2 * 10**9]
 
 

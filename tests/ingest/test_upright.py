@@ -11,6 +11,7 @@ import pytest
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError, UsageError
+from occlog.ingest.rig import world_checks
 from occlog.ingest.scene import find_turn, read_up
 from occlog.io.formats.calibration.common import CalibrationOptions, mirror_matrix
 from occlog.io.formats.calibration.reader import read_calibration
@@ -18,7 +19,8 @@ from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.io.open import open_input
 from occlog.io.recording.reader import open_recording
 from occlog.records.scene import Camera, Scene, camera_fov, camera_rotation
-from occlog.records.tables import Truth
+from occlog.records.tables import Bearings, Truth
+from occlog.records.verdicts import Check
 
 TRUTH = np.array([[1.0, 2.0, 0.9], [1.5, 2.5, 1.1], [2.0, 2.0, 0.8]])
 
@@ -66,6 +68,18 @@ def toml(cameras: tuple[Camera, ...]) -> str:
     return "\n".join(parts)
 
 
+def checks(cameras: tuple[Camera, ...], up: str | None, ground: float | None) -> tuple[Check, ...]:
+    """Checks of the world of cameras that are turned by the options."""
+    turn = find_turn(cameras, up, ground, lambda _: None)
+    turned = cameras if turn is None else tuple(turn.camera(c) for c in cameras)
+    return world_checks(turned, up, ground_stated=ground is not None)
+
+
+def ids(cameras: tuple[Camera, ...], up: str | None, ground: float | None) -> list[str]:
+    """Ids of what is found."""
+    return [check.id for check in checks(cameras, up, ground) if check.found]
+
+
 def distances(places: np.ndarray) -> np.ndarray:
     return np.linalg.norm(places[:, None] - places, axis=2)
 
@@ -92,8 +106,20 @@ def test_a_world_at_a_camera_is_noticed_and_stays(folder, capsys):
     assert ingest(folder) == ExitCode.DONE
     said = capsys.readouterr().err
     assert "warning: the world of the calibration seems not to be upright" in said
-    assert "degrees from z" in said
+    assert "deg from z" in said
     np.testing.assert_allclose(open_recording(folder / "out.mcap").scene.camera("b").position, 0.0, atol=1e-9)
+
+
+def test_a_world_that_is_not_upright_fails_the_verdict_here_and_of_later_commands(folder, capsys):
+    assert ingest(folder, "--strict") == ExitCode.THRESHOLD
+    capsys.readouterr()
+    made = open_recording(folder / "out.mcap").provenance.judged
+    assert [(v.stage, [c.id for c in v.checks if c.found]) for v in made] == [("ingest", ["world-not-upright"])]
+    command = ["detect", str(folder / "out.mcap"), "-o", str(folder / "b.parquet"), "-q"]
+    assert run(command) == ExitCode.DONE
+    carried = open_input(folder / "b.parquet", Bearings).provenance.judged
+    assert carried[0] == made[0]
+    assert ingest(folder, "--up", "auto", "--ground-height", "-2.2", "--strict") == ExitCode.DONE
 
 
 @pytest.mark.parametrize("up", ["auto", "vector"])
@@ -133,22 +159,21 @@ def test_a_truth_without_heights_is_refused(folder, capsys):
 
 def test_an_unknown_ground_below_no_camera_is_told(folder, capsys):
     assert ingest(folder, "--up", "auto") == ExitCode.DONE
-    assert "state where the ground is" in capsys.readouterr().err
+    assert "state the height of the ground" in capsys.readouterr().err
 
 
 def test_an_upright_world_is_left_alone():
     said: list[str] = []
     assert find_turn(CAMERAS, None, None, said.append) is None
-    assert not said
     turn = find_turn(CAMERAS, None, 0.5, said.append)
+    assert not said
+    assert not ids(CAMERAS, None, None)
     assert turn is not None
     np.testing.assert_allclose(turn.camera(CAMERAS[0]).position, [0.0, 0.0, 2.0])
 
 
 def test_cameras_that_look_the_same_way_are_told_to_leave_the_pitch_open():
-    said: list[str] = []
-    find_turn(CAMERAS[:1], "auto", None, said.append)
-    assert "have the same viewing direction" in said[0]
+    assert ids(CAMERAS[:1], "auto", None) == ["vertical-uncertain"]
 
 
 @pytest.mark.parametrize(
@@ -240,7 +265,7 @@ def test_rotations_of_a_left_handed_world_are_refused_and_mirrored(tmp_path):
     said: list[str] = []
     turn = find_turn(found, "y", None, said.append, "z")
     assert turn is not None
-    assert not any(line.startswith("warning") for line in said)
+    assert not ids(tuple(turn.camera(c) for c in found), None, None)
     heights = [turn.camera(c).position[2] for c in found]
     np.testing.assert_allclose(heights, [c.position[2] for c in CAMERAS], atol=1e-9)
     for camera, true in zip(found, CAMERAS, strict=True):
@@ -253,27 +278,21 @@ def test_a_rig_that_faces_outwards_is_not_left_handed():
     outwards = tuple(
         camera(n, np.cos(a), np.sin(a), 2.0, np.degrees(a), -10.0) for n, a in zip("abc", (0, 2, 4), strict=True)
     )
-    said: list[str] = []
-    assert find_turn(outwards, None, None, said.append) is None
-    assert not said
+    assert not ids(outwards, None, None)
 
 
 @pytest.mark.parametrize("up", ["auto", None])
 def test_a_ground_of_the_wrong_sign_is_told_with_the_cameras_that_are_below(up):
-    said: list[str] = []
-    assert find_turn(CAMERAS, up, 2.6, said.append) is not None
-    assert len([line for line in said if line.startswith("warning")]) == 1
-    assert "warning: a, b are not above the ground (lowest at z = -0.40 m)" in said[-1]
-    assert "negative where it is below the origin" in said[-1]
+    (found,) = (check for check in checks(CAMERAS, up, 2.6) if check.found)
+    assert (found.id, found.status, found.sensors) == ("camera-not-above-ground", "failed", ("a", "b"))
+    assert "(lowest at z = -0.40 m)" in found.text
+    assert "negative below the origin" in found.text
 
 
 def test_a_camera_at_the_height_of_the_ground_is_told_and_one_just_above_is_not():
-    said: list[str] = []
-    find_turn(CAMERAS, None, 2.2, said.append)
-    assert "warning: b is not above the ground (lowest at z = 0.00 m)" in said[0]
-    said.clear()
-    find_turn(CAMERAS, None, 2.19, said.append)
-    assert not said
+    (found,) = (check for check in checks(CAMERAS, None, 2.2) if check.found)
+    assert found.text.startswith("camera b is not above the ground (lowest at z = 0.00 m)")
+    assert not ids(CAMERAS, None, 2.19)
 
 
 @pytest.mark.parametrize("off", [-4e-10, 4e-10])

@@ -20,6 +20,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from occlog.array_types import Bools, Floats, Ints
+from occlog.console.text import in_seconds
 from occlog.core.metrics.errors import Sum, intersection_areas, intersection_over_union, pair_within, ratio_or_nan
 from occlog.errors import InputError
 from occlog.evaluate.errors.sums import quantiles_of
@@ -261,8 +262,8 @@ class RegionFigures:
         view, box = self._first_view, self._first_box
         if view is not None and box is not None and not self._shared:
             raise InputError(
-                f"views: no frame of theirs (first: {view[0]} at {view[1]} ns) is among the true boxes "
-                f"(first: {box[0]} at {box[1]} ns); times and sensor names must be the same"
+                f"views: no frame of theirs (first: {view[0]} at {in_seconds(view[1])} s) is among the true boxes "
+                f"(first: {box[0]} at {in_seconds(box[1])} s); times and sensor names must be the same"
             )
         out = self._whole.figures("") | {"views_without_truth": self._views - self._used}
         for own, name in zip(self._classes, CLASSES, strict=True):

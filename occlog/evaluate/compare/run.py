@@ -16,7 +16,7 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints
 from occlog.console.notes import begin_work
-from occlog.console.text import as_bytes
+from occlog.console.text import as_bytes, in_seconds
 from occlog.core.metrics.mot.frame_pairs import of_points
 from occlog.core.metrics.mot.frame_sums import FIGURES, LASTING, LESS_IS_BETTER, frame_sums
 from occlog.core.metrics.paired import MANY_RECORDINGS, MIN_STRETCHES, PairedDifference, compare
@@ -264,8 +264,8 @@ def _check_clocks(run: ComparedRun, tracks: Ints, truth: Ints) -> None:
     (a, b), (c, d) = ((int(times.min()), int(times.max())) for times in (tracks, truth))
     if b < c or d < a:
         raise InputError(
-            f"{run.tracks}: no estimate is from the time of the truth {run.truth}: tracks {a} to {b} ns, "
-            f"truth {c} to {d} ns; check the clocks"
+            f"{run.tracks}: no estimate is from the time of the truth {run.truth}: tracks {in_seconds(a)} to "
+            f"{in_seconds(b)} s, truth {in_seconds(c)} to {in_seconds(d)} s; check the clocks"
         )
 
 

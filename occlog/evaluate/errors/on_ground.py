@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.console.text import in_seconds
 from occlog.core.metrics.errors import (
     normalised_squared_errors,
     normalised_squared_errors_in_space,
@@ -116,7 +117,7 @@ class NoCommonTimeError(InputError):
 
 def errors_of_pairs(tracks_ns: tuple[int, int], truth_ns: tuple[int, int], config: EvaluateConfig) -> NoCommonTimeError:
     """Message if the truth covers the time of no estimate; first and last times of both."""
-    tracks, truth = (f"{first} to {last} ns" for first, last in (tracks_ns, truth_ns))
+    tracks, truth = (f"{in_seconds(first)} to {in_seconds(last)} s" for first, last in (tracks_ns, truth_ns))
     if config.match == "id" and tracks_ns[0] <= truth_ns[1] and truth_ns[0] <= tracks_ns[1]:
         return NoCommonTimeError(
             f"tracks: no track overlaps in time with the target of its number (tracks {tracks}, truth {truth}, "

@@ -174,13 +174,14 @@ class MultiTargetConfig(Settings):
     )
     fps: float | None = setting(
         None,
-        "Frame rate of a truth that counts frames (XML, VATIC, KITTI, MOTChallenge text), for times in tables.",
+        "Frame rate of tables that count frames: true boxes (XML, VATIC, KITTI, MOTChallenge text), positions with a "
+        "column frame.",
         above=0,
         at_most=1e6,
         option="--fps",
         metavar="RATE",
-        nothing="that of the tracks, or 25",
-        kinds=(IMAGES,),
+        nothing="that of the tracks, or 25; needed on the ground",
+        kinds=(IMAGES, GROUND),
     )
     first_number: int | None = setting(
         None,

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, replace
+from fractions import Fraction
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -70,7 +71,7 @@ def in_images(path: Path | None) -> bool:
         return False
     if _is_text(path):
         return True
-    opened = open_input(path)
+    opened = open_input(path, fps=Fraction(1))  # any rate: the columns alone state what it holds
     return opened.recording is None and any(opened.has(table) for table in (ViewTracks, Boxes, TruthBoxes))
 
 
@@ -282,7 +283,7 @@ def _read_text(
     head = first_line(path, "MOTChallenge text")
     if is_kitti(head):
         raise InputError(
-            f"{path}: is KITTI text, not MOTChallenge text; ingest it ({option('boxes')} CAMERA={path.name})"
+            f"{path}: is KITTI text, not MOTChallenge text; ingest it (occlog ingest --boxes CAMERA={path.name})"
         )
     if is_header(head):
         raise InputError(f"{path}: begins with a header, which MOTChallenge text has not; ingest other tables of boxes")

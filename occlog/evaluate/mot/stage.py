@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints, Strings
+from occlog.console.text import in_seconds
 from occlog.core.metrics.mot import failure_rates
 from occlog.core.metrics.mot.failure_rates import NO_TARGET
 from occlog.core.metrics.mot.frame_pairs import MatchedFrames, Objects, numbered, of_boxes, of_points
@@ -495,4 +496,4 @@ def _first_of(parts: Iterable[Boxes]) -> tuple[str, str]:
     rows = [part.take(part.box >= 0) if not isinstance(part, TruthBoxes) else part for part in parts if len(part)]
     rows = [part for part in rows if len(part)]
     low, high = min(int(part.frame.min()) for part in rows), max(int(part.frame.max()) for part in rows)
-    return f"{rows[0].sensor[0]} at {rows[0].t_ns[0]} ns", f"{low} to {high}"
+    return f"{rows[0].sensor[0]} at {in_seconds(int(rows[0].t_ns[0]))} s", f"{low} to {high}"

@@ -158,9 +158,9 @@ def _calibration(path: Path, findings: Findings) -> bool:
             return False
         findings.refused("unreadable", error)
         return True
-    for note in calibration.notes:
-        if note.startswith("warning: "):
-            findings.add("suspect", "", note.removeprefix("warning: "))
+    for check in calibration.checks:
+        if check.found:
+            findings.add("suspect", "", check.text)
     return True
 
 

@@ -10,7 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
+from fractions import Fraction
 from functools import cache
+from pathlib import Path
 from typing import NamedTuple
 
 from occlog.errors import InputError
@@ -140,6 +142,7 @@ class Spelling(NamedTuple):
     edge: bool = False  # the column has the far edge of a box instead of its size
     far: str = ""  # name of a column with the far edge, in addition to that of the size
     stated: bool = False  # the unit is stated, by the name or by the user
+    fps: Fraction | None = None  # the column has numbers of frames in place of times, so many a second
 
     @property
     def time_unit(self) -> str:
@@ -183,12 +186,30 @@ class TableLayout(NamedTuple):
         return next(iter(units), None)
 
 
-def lay_out(names: Sequence[str], table: type[ColumnTable]) -> TableLayout:
+def frame_column(names: Sequence[str]) -> str | None:
+    """The column of frame numbers of a file that states no times; None: it has none, or states times."""
+    there = {plain_name(name): name for name in reversed(names)}
+    if any(name in there for known in TIME_COLUMNS.values() for name in known):
+        return None
+    return next((there[name] for name in BOXES["frame"] if name in there), None)
+
+
+def is_in_time(names: Sequence[str]) -> bool:
+    """Return whether a file has a column of times or of frame numbers."""
+    there = {plain_name(name) for name in names}
+    return not there.isdisjoint({*BOXES["frame"], *(name for known in TIME_COLUMNS.values() for name in known)})
+
+
+def lay_out(
+    names: Sequence[str], table: type[ColumnTable], fps: Fraction | None = None, path: Path | None = None
+) -> TableLayout:
     """Find the columns of a table among the names of a file's columns.
 
     Args:
         names: of the file's columns, in any case of letters.
         table: with columns that are searched for.
+        fps: frames per second of a file that counts frames; None: such a file has no times.
+        path: the file, of which units may be stated.
 
     Raises:
         InputError: two columns have one meaning, an angle does not state its unit, lengths are in several units, or a
@@ -203,8 +224,10 @@ def lay_out(names: Sequence[str], table: type[ColumnTable]) -> TableLayout:
         spelled = _find(column, there, known) if number in named else None
         if spelled is not None:
             said = unit_in_name(table, column, spelled.name)
-            stated = STATED.get().unit_of(spelled.name, kind_of(column), said)
+            stated = STATED.get().unit_of(spelled.name, kind_of(column), said, path)
             found.append(spelled._replace(unit=stated or spelled.unit, stated=bool(stated)))
+        elif column.name == TIME and fps is not None and (counted := frame_column(names)) is not None:
+            found.append(Spelling(column, counted, "", fps=fps))
         elif wanted:
             missing.append(column.name)
     one_of = ONE_OF.get(table.NAME, ())
@@ -282,6 +305,11 @@ def describe_missing(layout: TableLayout, names: Sequence[str]) -> str:
             units = [f"{column.name}_deg", f"{column.name}_rad"] if column.unit == "rad" else []
             also = f" (or {', '.join(units)})" if units else ""
             words.append(f"{column.name}{also}" + (f", is it {near!r}?" if near is not None else ""))
+    if layout.missing == (TIME,) and (counted := frame_column(names)) is not None:
+        return (
+            f"column {counted} counts frames, and {layout.table.NAME} requires times: add a column of times (time_s), "
+            "or ingest a truth with its frame rate (occlog ingest --truth FILE --fps RATE)"
+        )
     return f"{layout.table.NAME} requires {'; '.join(words)}; the file has {', '.join(names)}"
 
 

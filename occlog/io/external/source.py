@@ -14,6 +14,7 @@ import re
 import struct
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from fractions import Fraction
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -197,6 +198,7 @@ class ColumnSource(NamedTuple):
         table: name of the table that a plug-in states it holds; empty: it is known by its columns.
         commented: names of columns are in a first line that begins with `#`.
         parts: files of a table that is a folder of Parquet, in order; else none.
+        fps: frames per second, where the columns count frames and state no times; None: not stated.
     """
 
     path: Path
@@ -206,6 +208,7 @@ class ColumnSource(NamedTuple):
     table: str = ""
     commented: bool = False
     parts: tuple[Path, ...] = ()
+    fps: Fraction | None = None
 
     @property
     def size(self) -> int:

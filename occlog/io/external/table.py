@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.errors import InputError
+from occlog.io.files.frame_times import MAX_SECONDS, frames_to_ns
 from occlog.io.files.limits import FREE_BYTES
 from occlog.io.files.texts.csv_rows import COARSEST
 from occlog.io.formats.boxes.columns import both_sizes, disagree
@@ -153,7 +154,7 @@ class ForeignTable:
         time = next(s for s in layout.columns if s.column.name == TIME)
         last = None
         for cells in self.source.cells([time.name]):
-            t_ns = cells.times(time.name, time.time_unit)
+            t_ns = _times(cells, time)
             if len(t_ns) and ((last is not None and t_ns[0] < last) or (t_ns[1:] < t_ns[:-1]).any()):
                 return False
             last = t_ns[-1] if len(t_ns) else last
@@ -197,7 +198,7 @@ class ForeignTable:
     def times_of(self, cells: TableCells) -> Ints:
         """(n,) times of some cells, in the order of the file."""
         time = next(s for s in self.layout.columns if s.column.name == TIME)
-        return cells.times(time.name, time.time_unit)
+        return _times(cells, time)
 
     def owners(self, cells: TableCells) -> list[tuple[object, ...]]:
         """(n,) sensor and identity of some cells, in the order of the file, if it has them."""
@@ -209,7 +210,7 @@ class ForeignTable:
         """The values of a column in the table's unit."""
         c = s.column
         if c.name == TIME:
-            return cells.times(s.name, s.time_unit)
+            return _times(cells, s)
         if c.width:
             return cells.lists(s.name, c.width).astype(c.dtype)
         if c.kind == "U":
@@ -242,6 +243,17 @@ class ForeignTable:
         most = largest(c.unit)
         _refuse(cells, values, np.abs(values) > most, f"{s.name} is", f"; it must be within {most:g}")
         return values
+
+
+def _times(cells: TableCells, s: Spelling) -> Ints:
+    """(n,) times [ns] of a column of times, or of frame numbers with a rate."""
+    if s.fps is None:
+        return cells.times(s.name, s.time_unit)
+    frames = cells.ints(s.name, blank=None)
+    _refuse(cells, frames.astype(np.float64), frames < 0, f"{s.name} is", "; frames are numbered from 0")
+    most = MAX_SECONDS * float(s.fps)
+    _refuse(cells, frames.astype(np.float64), frames > most, f"{s.name} is", f"; it must be at most {most:.0f}")
+    return frames_to_ns(frames, s.fps)
 
 
 def fields_of(table: type[ColumnTable]) -> frozenset[str]:
@@ -292,7 +304,7 @@ def best_fit(source: ColumnSource, tables: Sequence[type[ColumnTable]] = ()) -> 
 def _lay_out(source: ColumnSource, table: type[ColumnTable]) -> TableLayout:
     """Return the layout of a table in a file; an error names the file."""
     try:
-        return lay_out(source.names, table)
+        return lay_out(source.names, table, source.fps, source.path)
     except InputError as error:
         raise InputError(f"{source.path}: {error}") from None
 

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from occlog.errors import InputError, UsageError, did_you_mean
 from occlog.settings import METRES
@@ -19,40 +20,49 @@ KINDS: Mapping[str, Sequence[str]] = {"angle": ANGLES, "length": tuple(METRES), 
 """Units by what they measure."""
 
 
+Key = tuple[str, str]
+"""A file, as its name or its path, or empty for all files; and a column or a kind."""
+
+
 @dataclass
 class StatedUnits:
-    """Units of columns by name, and of all columns of one kind.
+    """Units of columns by name, and of all columns of one kind, in all files or in one.
 
     Attributes:
-        columns: by the file's name of a column, in lower case.
-        kinds: by `angle`, `length`, `time`: of columns that are not named.
+        columns: by file and the file's name of a column, in lower case.
+        kinds: by file and `angle`, `length`, `time`: of columns that are not named.
         used: which of them a table had a use for.
     """
 
-    columns: Mapping[str, str] = field(default_factory=dict)
-    kinds: Mapping[str, str] = field(default_factory=dict)
+    columns: Mapping[Key, str] = field(default_factory=dict)
+    kinds: Mapping[Key, str] = field(default_factory=dict)
     used: set[str] = field(default_factory=set)
 
     def texts(self) -> tuple[str, ...]:
         """All stated units as given."""
-        return (*(f"{name}={unit}" for name, unit in self.columns.items()), *self.kinds.values())
+        return (
+            *(_text(file, f"{name}={unit}") for (file, name), unit in self.columns.items()),
+            *(_text(file, unit) for (file, _), unit in self.kinds.items()),
+        )
 
-    def unit_of(self, name: str, kind: str, said: str) -> str:
+    def unit_of(self, name: str, kind: str, said: str, path: Path | None = None) -> str:
         """The unit of a column.
 
         Args:
             name: of the file's column.
             kind: what it measures, of `KINDS`; empty: nothing that has a unit to state.
             said: the unit that its name states; empty: none.
+            path: the file; None: it is not known.
 
         Raises:
             UsageError: another unit is stated than the name states.
             InputError: a unit is stated that the column cannot have.
         """
-        low = name.strip().lower()
-        stated = self.columns.get(low)
-        if stated is None:
-            return said or self.kinds.get(kind, "")
+        found = _find(self.columns, path, name.strip().lower())
+        if found is None:
+            of_kind = _find(self.kinds, path, kind)
+            return said or ("" if of_kind is None else self.kinds[of_kind])
+        stated = self.columns[found]
         if stated not in KINDS.get(kind, ()):
             wanted = f"units of {kind}s are {', '.join(KINDS[kind])}" if kind else "it has no unit"
             raise InputError(f"column {name} cannot be in {stated}; {wanted}")
@@ -62,17 +72,28 @@ class StatedUnits:
             )
         return stated
 
-    def note_use(self, name: str, kind: str, said: str) -> None:
+    def note_use(self, name: str, kind: str, said: str, path: Path | None = None) -> None:
         """Remember that a table has such a column."""
-        low = name.strip().lower()
-        if low in self.columns:
-            self.used.add(f"{low}={self.columns[low]}")
-        elif not said and kind in self.kinds:
-            self.used.add(self.kinds[kind])
+        found, of_kind = _find(self.columns, path, name.strip().lower()), _find(self.kinds, path, kind)
+        if found is not None:
+            self.used.add(_text(found[0], f"{found[1]}={self.columns[found]}"))
+        elif not said and of_kind is not None:
+            self.used.add(_text(of_kind[0], self.kinds[of_kind]))
 
     def unused(self) -> tuple[str, ...]:
         """Stated units that no table used."""
         return tuple(text for text in self.texts() if text not in self.used)
+
+
+def _text(file: str, unit: str) -> str:
+    """A stated unit as given."""
+    return f"{file}:{unit}" if file else unit
+
+
+def _find(stated: Mapping[Key, str], path: Path | None, name: str) -> Key | None:
+    """The key of what is stated of a column or a kind: of the file by its path, by its name, or of all files."""
+    files = ("",) if path is None else (str(path), path.name, "")
+    return next((key for file in files if (key := (file, name)) in stated), None)
 
 
 STATED: ContextVar[StatedUnits] = ContextVar("STATED", default=StatedUnits())  # noqa: B039 - an empty one never changes
@@ -83,22 +104,26 @@ def stated_units(texts: Sequence[str]) -> Iterator[StatedUnits]:
     """Let units hold for the tables that are opened meanwhile.
 
     Args:
-        texts: each `COLUMN=UNIT`, or a unit alone for all columns of its kind without a unit in their names; several
-            may be separated by commas.
+        texts: each `COLUMN=UNIT`, or a unit alone for all columns of its kind without a unit in their names, after
+            `FILE:` for one file; several may be separated by commas.
 
     Raises:
         UsageError: a unit is unknown, or two are stated for one thing.
     """
     known = [unit for units in KINDS.values() for unit in units]
-    columns: dict[str, str] = {}
-    kinds: dict[str, str] = {}
+    columns: dict[Key, str] = {}
+    kinds: dict[Key, str] = {}
     for part in (part.strip() for text in texts for part in text.split(",")):
-        name, _, unit = part.rpartition("=")
+        file, _, rest = part.rpartition(":")
+        name, _, unit = rest.rpartition("=")
         if unit not in known:
             raise UsageError(f"input units: {part!r}: no unit {unit!r}; {did_you_mean(unit, known)}")
         where, key = (columns, name.strip().lower()) if name else (kinds, _kind_of(unit))
-        if where.setdefault(key, unit) != unit:
-            raise UsageError(f"input units: {name or key} is stated to be in {where[key]} and in {unit}; state one")
+        if where.setdefault((file, key), unit) != unit:
+            before = where[file, key]
+            raise UsageError(
+                f"input units: {_text(file, name or key)} is stated to be in {before} and in {unit}; state one"
+            )
     found = StatedUnits(columns, kinds)
     token = STATED.set(found)
     try:

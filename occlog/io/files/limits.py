@@ -84,7 +84,7 @@ MADE_BY_INGEST = "make a recording of it by `occlog ingest -o OUT.mcap --video C
 OF_A_FOLDER = "make a recording of its folder by `occlog ingest -o OUT.mcap --images CAMERA=FOLDER`"
 XML_BY_INGEST = (
     "true boxes and calibrations in XML go into a recording by `occlog ingest -o OUT.mcap --truth CAMERA={name}`, with "
-    "the video, boxes or calibration of CAMERA, and `--fps RATE` where nothing else gives times"
+    "the video, boxes or calibration of CAMERA, and `ingest --fps RATE` where nothing else gives times"
 )
 _OTHERS = (
     (4, b"ftyp", f"a video (MP4); {MADE_BY_INGEST}"),

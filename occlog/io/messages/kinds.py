@@ -340,7 +340,7 @@ FAILURES = (
 """Exceptions of decoders for invalid messages."""
 LISTS = ("FrameTransforms", "PosesInFrame")
 """Types of Foxglove that have lists of other types."""
-INSTALL = "pip install 'occlog[ros2]'"
+INSTALL = "pip install rosbags"
 LONGEST_DEFINITION = 128 << 10
 """Bytes of a definition of ROS that is read, which takes about two seconds; types of ROS itself have a few thousand."""
 MAX_ENTRIES = 10_000

@@ -10,12 +10,14 @@ from msgspec import structs
 
 from occlog.array_types import Floats
 from occlog.consistency.verdict import exceeds_share
+from occlog.ingest.rig import UPRIGHT, tilted_world
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Views
 from occlog.records.verdicts import Check, finding, outcome
 
 DETECTOR, DETECTS = "detector", "detections per camera"
 TARGETS = "detections per target"
+POSES = "camera poses"
 INSIDE, STAYS = "detections inside the images", "static detections"
 """Names of checks."""
 FEWEST = 50
@@ -43,6 +45,7 @@ class Checked:
     def __init__(self, scene: Scene) -> None:
         """Create empty statistics of detections."""
         self._sizes = {c.name: c.image_size for c in scene.cameras}
+        self._rotations = [c.rotation for c in scene.cameras if c.placed]
         self._boxes: Counter[str] = Counter()
         self._outside: Counter[str] = Counter()
         self._frames: Counter[str] = Counter()  # with detections
@@ -95,7 +98,18 @@ class Checked:
             *outcome(INSIDE, self._wide(), unless=boxes),
             *outcome(STAYS, self._staying(enough), unless=few or boxes),
             *self._never_seen(),
+            *outcome(POSES, self._without_pose(), unless=boxes),
+            *outcome(UPRIGHT, self._tilted(), unless="" if self._rotations else "no camera has a pose"),
         )
+
+    def _without_pose(self) -> Iterator[Check]:
+        """Find that no camera of the boxes has a pose."""
+        if not self._rotations:
+            yield finding(POSES, "cameras-without-pose")
+
+    def _tilted(self) -> Iterator[Check]:
+        """Find a world of the scene that is not upright."""
+        return tilted_world(np.array(self._rotations).reshape(-1, 3, 3))
 
     def _none(self, frames: Mapping[str, int]) -> Iterator[Check]:
         """Cameras without detections where another one often has some."""

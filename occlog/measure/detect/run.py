@@ -42,7 +42,7 @@ from occlog.runner import Job
 from occlog.settings import configure
 
 from .by_background.learning import TargetBox, learn_from, sample_frames
-from .by_background.one_camera import Target, upright
+from .by_background.one_camera import Target
 from .by_background.stage import Learned, detect
 from .by_network import detect_by_network
 from .by_person_network import PersonDetector, Work, check_of, described, of_boxes
@@ -68,11 +68,6 @@ def run_detect(request: DetectRequest, job: Job) -> tuple[dict[str, object], lis
     left = SkippedFrames()
     work = _detections(request, opened, scene, left, job)
     detections = work.parts
-    if not upright(scene):
-        job.note(
-            "warning: the world of the scene seems not to be upright, so that bearings are unreliable; turn it "
-            "upright with `occlog ingest --up auto`"
-        )
     fused: FuseTally | None = None
     if request.fuse:
         heights = {name: request.settings[name] for name in ("person_height",) if name in request.settings}
@@ -85,11 +80,6 @@ def run_detect(request: DetectRequest, job: Job) -> tuple[dict[str, object], lis
     whole = {"cameras": list(request.cameras), **work.parameters}
     files = list(dict.fromkeys((*request.inputs, *work.files)))
     losses, tally = write_detections(job, detections, whole, lost, left, scene, files, fused, work.checks)
-    if tally["regions"] and not any(c.placed for c in scene.cameras):
-        job.note(
-            "warning: no camera has a pose in space, so that there are no bearings; ingest with a calibration, give "
-            f"a scene ({option('scene')}), or track the boxes in the images (`occlog track` with method sort)"
-        )
     summary: dict[str, object] = {"bearings": str(request.output), **work.summary, **_figures(tally)}
     if fused is not None:
         fused.warn(job.quiet)

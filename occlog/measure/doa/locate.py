@@ -177,7 +177,7 @@ def library() -> ModuleType:
         return importlib.import_module("pyroomacoustics.doa")
     except ImportError as error:
         raise UsageError(
-            "occlog listen requires the package pyroomacoustics, which is not installed; pip install 'occlog[sound]'"
+            "occlog listen requires the package pyroomacoustics, which is not installed; pip install pyroomacoustics"
         ) from error
 
 

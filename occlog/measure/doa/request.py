@@ -21,7 +21,7 @@ class DoaRequest(Request):
     The positions of the microphones are those of the array in the scene (`microphones`), or of --arrays. Each frame
     of sound gives the directions of its sources in the world frame, with standard deviations and the agreement of the
     phases; silence gives none. A flat array does not distinguish above from below: it gives the direction above.
-    Needs the package pyroomacoustics: pip install 'occlog[sound]'.
+    Needs the package pyroomacoustics: pip install pyroomacoustics.
 
     \b
       occlog listen --scene hall.yaml mic1=mic1.wav mic2=mic2.wav -o doa.parquet --start-time 2024-05-01T12:00:00Z

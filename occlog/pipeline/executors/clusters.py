@@ -44,7 +44,7 @@ class DaskCluster:
             import distributed
         except ImportError as error:
             raise UsageError(
-                "a scheduler requires the package `distributed`; install occlog[cluster], or use local processes"
+                "a scheduler requires the package distributed; pip install distributed, or use local processes"
             ) from error
         library: Any = distributed  # it has no types
         try:
@@ -135,7 +135,9 @@ class RayCluster:
         try:
             import ray
         except ImportError as error:
-            raise UsageError("Ray is not installed; install occlog[ray], or use processes of this machine") from error
+            raise UsageError(
+                "Ray is not installed; pip install 'ray[client]', or use processes of this machine"
+            ) from error
         library: Any = ray
         try:
             library.init(
@@ -232,7 +234,7 @@ def _library() -> Any:
     try:
         import submitit
     except ImportError as error:
-        raise UsageError("jobs require the package `submitit`; install occlog[slurm]") from error
+        raise UsageError("jobs require the package submitit; pip install submitit") from error
     return submitit
 
 

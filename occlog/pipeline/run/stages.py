@@ -32,7 +32,8 @@ from occlog.simulate.request import KINDS
 from occlog.track.catalogue import BOXES, IMAGES, METHODS, READS, UNCALIBRATED, VERB, VIEW
 from occlog.track.catalogue import form_of as form_of_method
 
-from .stage import RunStage
+from .stage import READS as READER
+from .stage import SET, STRICT, RunStage
 
 SOURCES = ("recording", "simulate", "ingest", "table", "listen")
 IN_IMAGES = (IMAGES, UNCALIBRATED)
@@ -485,6 +486,26 @@ def _hint(stage: RunStage, verb: type[Request] | Verb | Verbs, key: str, known: 
     if isinstance(verb, Verb) and owners:
         return f"it is a key of {verb.what} {', '.join(owners)}; remove it, or choose one of them"
     return _nearest(key, sorted(known))
+
+
+def known_keys(stage: str, values: Mapping[str, object]) -> tuple[str, ...]:
+    """Keys that a stage can have, of all kinds of its command; none where a plug-in is named, which has its own."""
+    verb = load(COMMANDS["report" if stage == OVERLAY else stage].where)
+    by: tuple[str, ...] = ()
+    if isinstance(verb, Verbs):
+        forms = [Form(request) for request, _ in verb.verbs.values()]
+    elif isinstance(verb, Verb):
+        forms, by = [kind.form() for kind in verb.kinds.values()], tuple(verb.by)
+        chosen = {choose(str(values[key])) for key, choose in verb.by.items() if values.get(key) is not None}
+        if chosen - {*verb.kinds, ""}:
+            return ()
+    else:
+        forms = [Form(verb)]
+    plugged = {entry.key for form in forms for entry in form.entries() if entry.plugged is not None}
+    if not plugged.isdisjoint(values) or READER in values:
+        return ()
+    keys = (entry.key for form in forms for entry in form.entries())
+    return tuple(dict.fromkeys((*keys, *by, READER, SET, STRICT)))
 
 
 def form_of(verb: type[Request] | Verb | Verbs, name: str, values: Mapping[str, object]) -> Form:

@@ -9,10 +9,11 @@ from pathlib import Path
 import yaml
 
 from occlog import console
-from occlog.errors import ExitCode, OutputExistsError, UsageError
+from occlog.errors import ExitCode, OutputExistsError, UsageError, did_you_mean, nearest
 from occlog.io.files.atomic import open_output
 from occlog.io.files.texts.yaml import parse_yaml
 from occlog.pipeline.run.run import CONFIGURATION, run_stages
+from occlog.pipeline.run.stages import known_keys
 
 from .choices import Choices, choose
 from .survey import read_stated, survey, unused_lines
@@ -98,12 +99,19 @@ def read_settings(texts: Sequence[str]) -> dict[str, dict[str, object]]:
         key, equals, value = text.partition("=")
         stage, dot, name = key.strip().partition(".")
         if not equals or not ((dot and name and stage in STAGES) or (not dot and stage in WHOLE)):
+            near = nearest(stage, STAGES if dot else (*STAGES, *WHOLE)) if equals else []
+            hint = f"did you mean {near[0]!r}? " if near and stage not in STAGES else ""
             raise UsageError(
-                f"--set {text}: expected STAGE.KEY=VALUE, such as ingest.fps=25; stages: {', '.join(STAGES)}, and "
-                f"{', '.join(WHOLE)} alone"
+                f"--set {text}: expected STAGE.KEY=VALUE, such as ingest.fps=25; {hint}stages: {', '.join(STAGES)}, "
+                f"and {', '.join(WHOLE)} alone"
             )
         read = parse_yaml(f"value: {value}", f"--set {key}", dict)["value"]
         out.setdefault(stage if dot else "", {})[name if dot else stage] = read
+    for stage, values in out.items():
+        known = known_keys(stage, values) if stage else ()
+        for key in values if known else ():
+            if key not in known:
+                raise UsageError(f"--set {stage}.{key}: unknown key; {did_you_mean(key, known, owner=stage)}")
     return out
 
 

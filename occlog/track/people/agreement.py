@@ -211,10 +211,12 @@ class CameraAgreement:
                 )
 
     def _causes(self, checks: Sequence[Check]) -> Iterator[Check]:
-        """State the mistakes that explain the boxes of cameras, where a check failed."""
-        if any(check.status == "failed" for check in checks):
-            for c, name in enumerate(self.names[: self.cameras]):
-                found = self._faults.fitting(c)
+        """State the mistakes that explain the boxes of cameras, where a check failed or a camera shares no person."""
+        failed = any(check.status == "failed" for check in checks)
+        alone = {name for check in checks if check.id == "camera-alone" for name in check.sensors}
+        for c, name in enumerate(self.names[: self.cameras]):
+            if failed or name in alone:
+                found = self._faults.fitting(c, beyond_chance=not failed)
                 if found is not None:
                     yield finding(
                         FITS, "camera-fits-if", sensors=[name], fit=found.fit, now=found.now, change=found.words

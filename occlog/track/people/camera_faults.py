@@ -6,6 +6,7 @@ usual mistake; the mistake is named with which most of its boxes overlap a proje
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -14,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats
+from occlog.core.geometry.camera import array_rotation
 from occlog.core.metrics.errors import intersection_over_union
 from occlog.records.scene import Camera
 from occlog.track.methods.jipda.interface import HEIGHT, WIDTH, TrackSnapshot, X, Y
@@ -36,6 +38,8 @@ FLIPS = {
 """Mistakes with images: whether x and y are flipped."""
 SCALES = (0.5, 2.0, 2.0 / 3.0, 1.5, 0.75, 4.0 / 3.0, 1.0 / 3.0, 3.0, 0.25, 4.0)
 """Factors between sizes of images."""
+TURNS_DEG = (180.0, 90.0, -90.0)
+"""Mistakes with the yaw of a camera."""
 
 
 class FittingChange(NamedTuple):
@@ -65,8 +69,13 @@ class CameraFaults:
         if len(self._samples) > MAX_SAMPLES:
             self._samples, self._step = self._samples[1::2], self._step + 1
 
-    def fitting(self, camera: int) -> FittingChange | None:
-        """The change with which most boxes of a camera fit; None: there is none with which clearly more do."""
+    def fitting(self, camera: int, *, beyond_chance: bool = False) -> FittingChange | None:
+        """The change with which most boxes of a camera fit; None: there is none with which clearly more do.
+
+        Args:
+            camera: index of the camera.
+            beyond_chance: clearly more than fit the people of other times, too, as where nothing else is wrong.
+        """
         best, margin = None, 0.0
         for change in self._changes(camera):
             samples = self._supported_by_others(camera, change.other)
@@ -74,7 +83,9 @@ class CameraFaults:
                 continue
             now = _fit(self._cameras[camera], samples, lambda boxes: boxes)
             fit = _fit(change.camera, samples, change.boxes)
-            if fit >= MIN_FIT and fit - now >= max(MIN_MORE, margin):
+            if fit < MIN_FIT or fit - now < max(MIN_MORE, margin):
+                continue
+            if not beyond_chance or fit - _fit(change.camera, _of_other_times(samples), change.boxes) >= MIN_MORE:
                 best, margin = FittingChange(change.words, fit, now), fit - now
         return best
 
@@ -92,6 +103,9 @@ class CameraFaults:
         own = self._cameras[camera]
         inverted = replace(own, rotation=own.rotation.T, position=-own.rotation.T @ own.position)
         yield _Change("its extrinsics are inverted (camera-to-world for world-to-camera)", inverted)
+        for turn in TURNS_DEG:
+            turned = replace(own, rotation=array_rotation(math.radians(turn), 0.0, 0.0) @ own.rotation)
+            yield _Change(f"it is turned by {turn:.0f} degrees about the vertical", turned)
         for other, each in enumerate(self._cameras):
             if other != camera:
                 yield _Change(f"they are boxes of camera {each.name}", each, other=other)
@@ -101,6 +115,12 @@ class CameraFaults:
                 yield _Change(words, own, partial(_flipped, size=size, axes=axes))
         for scale in SCALES:
             yield _Change(f"they are scaled by {scale:.3g}", own, partial(np.multiply, scale))
+
+
+def _of_other_times(samples: Sequence[tuple[Floats, Floats]]) -> list[tuple[Floats, Floats]]:
+    """The boxes of each sample with the people of another one, half the recording away."""
+    half = len(samples) // 2
+    return [(boxes, samples[n - half][1]) for n, (boxes, _) in enumerate(samples)]
 
 
 class _Change(NamedTuple):

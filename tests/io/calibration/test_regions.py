@@ -132,15 +132,15 @@ def test_clocks_of_kalibr_that_differ_are_noted_with_the_option(tmp_path: Path) 
         for n in (0, 1)
     }
     (tmp_path / "camchain.yaml").write_text(yaml.safe_dump(chain))
-    (said,) = (n for n in read_calibration([tmp_path / "camchain.yaml"]).notes if "timeshift" in n)
-    assert said.endswith("cam1=0.01s")
+    (found,) = (c for c in read_calibration([tmp_path / "camchain.yaml"]).checks if c.id == "time-shifts-unused")
+    assert found.text.endswith("cam1=0.01s")
 
 
 def test_images_of_caliscope_that_are_turned_are_noted(tmp_path: Path) -> None:
     text = "[cam1]\nsize = [640, 480]\nmatrix = [[500.0, 0, 320], [0, 510.0, 240], [0, 0, 1]]\nrotation = [1.2, 0, 0]\n"
     (tmp_path / "a.toml").write_text(f"{text}translation = [0.0, 0.0, 3.0]\nrotation_count = 1\n")
-    (said,) = read_calibration([tmp_path / "a.toml"], options=CalibrationOptions("m")).notes
-    assert said.startswith("warning: camera cam1: rotation_count 1")
+    (found,) = read_calibration([tmp_path / "a.toml"], options=CalibrationOptions("m")).checks
+    assert (found.id, found.status, found.sensors) == ("images-before-rotation", "failed", ("cam1",))
 
 
 @pytest.mark.parametrize(("size", "said"), [((1280, 720), False), ((1920, 1080), True), ((640, 360), True)])
@@ -149,5 +149,5 @@ def test_a_matrix_of_images_of_another_size_than_stated_is_told(
 ) -> None:
     text = f"[cam1]\nsize = {list(size)}\nmatrix = [[900.0, 0, 640], [0, 905.0, 355], [0, 0, 1]]\n"
     (tmp_path / "a.toml").write_text(f"{text}rotation = [1.2, 0, 0]\ntranslation = [0.0, 0.0, 3.0]\n")
-    notes = read_calibration([tmp_path / "a.toml"]).notes
-    assert any("the matrix may be of another size" in note for note in notes) == said
+    (found,) = read_calibration([tmp_path / "a.toml"]).checks
+    assert found.id == ("principal-point-off" if said else "")

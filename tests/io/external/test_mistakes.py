@@ -40,6 +40,22 @@ def test_standard_deviations_may_be_called_so(tmp_path: Path, name: str) -> None
     assert opened.read(Bearings).sigma[0] == np.radians(2)
 
 
+@pytest.mark.parametrize(
+    ("header", "row", "message"),
+    [
+        ("time,id,x,x,y", "0,1,1,1,2", "columns 'x' and 'x' have one name"),
+        ("id,x,x,y", "1,1,1,2", "two columns are called 'x'; remove or rename one"),
+        ("time,id,x_mm,y_m", "0,1,1000,2", "columns x_mm and y_m have several units"),
+        ("id,x_mm,y_m", "1,1000,2", "positions are in m and mm; state all in one unit"),
+        ("frame,id,x,y", "0,1,1,2", "column frame counts frames, and truth requires times"),
+    ],
+)
+def test_a_table_with_another_fault_is_none_of_stations(tmp_path: Path, header: str, row: str, message: str) -> None:
+    """R28: each of these was called a table of stations."""
+    with pytest.raises(InputError, match=message):
+        open_input(text(tmp_path / "t.csv", header, row), Truth)
+
+
 def test_stations_in_place_of_bearings_are_a_scene(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is a table of stations, not of what they measured; give it as the scene"):
         open_input(text(tmp_path / "t.csv", "name,x,y", "a,0,0"))

@@ -62,6 +62,7 @@ def test_lengths_and_stations_are_converted(tmp_path: Path) -> None:
         ("degs", "did you mean 'deg'?"),
         ("x=cm,x=m", "x is stated to be in cm and in m"),
         ("deg,rad", "angle is stated to be in deg and in rad"),
+        ("a.csv:m,a.csv:mm", "a.csv:length is stated to be in m and in mm"),
     ],
 )
 def test_units_that_cannot_be_are_refused(units: str, words: str) -> None:
@@ -76,6 +77,7 @@ def test_units_that_cannot_be_are_refused(units: str, words: str) -> None:
         ("azimuth=cm", ExitCode.BAD_INPUT, "column azimuth cannot be in cm; units of angles are deg, rad"),
         ("deg,azimut=deg", ExitCode.USAGE, "--input-units azimut=deg: no table that was read has such a column"),
         ("deg,cm", ExitCode.USAGE, "--input-units cm: no table"),
+        ("deg,other.csv:cm", ExitCode.USAGE, "--input-units other.csv:cm: no table"),
     ],
 )
 def test_a_contradiction_and_a_unit_without_a_column_are_errors(
@@ -89,3 +91,16 @@ def test_a_stated_unit_ends_with_its_command(bearings: Path, capsys: Any) -> Non
     assert run(["info", str(bearings), "--input-units", "deg", "--json"]) == ExitCode.DONE
     assert json.loads(capsys.readouterr().out)["table"] == "bearings"
     assert run(["info", str(bearings)]) == ExitCode.BAD_INPUT
+
+
+def test_units_of_one_file_leave_the_others(tmp_path: Path, capsys: Any) -> None:
+    """R28: tracks in metres, the truth in millimetres, with one name of the column."""
+    for name, factor in (("tracks.csv", 1.0), ("truth.csv", 1000.0)):
+        rows = [f"{0.1 * k:.1f},1,{factor * (1 + k)},{factor * 2}" for k in range(5)]
+        (tmp_path / name).write_text("\n".join(["time,id,x,y", *rows]) + "\n")
+    command = ["evaluate", str(tmp_path / "tracks.csv"), "--truth", str(tmp_path / "truth.csv"), "--json"]
+    for file in ("truth.csv", str(tmp_path / "truth.csv")):
+        assert run([*command, "--input-units", f"{file}:mm"]) == ExitCode.DONE
+        assert json.loads(capsys.readouterr().out)["rmse_m"] == pytest.approx(0.0, abs=1e-9)
+    assert run([*command, "--input-units", "truth.csv:x=mm,truth.csv:y=mm"]) == ExitCode.DONE
+    assert json.loads(capsys.readouterr().out)["rmse_m"] == pytest.approx(0.0, abs=1e-9)

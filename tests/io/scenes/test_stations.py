@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from occlog.errors import InputError
+from occlog.errors import InputError, UsageError
 from occlog.io.formats.scenes.stations import holds_stations, read_stations
+from occlog.io.formats.sound.formats import read_arrays
 from occlog.io.open import scene_in
 
 
@@ -27,6 +28,18 @@ def test_stations_are_sensors_that_tell_no_elevation(tmp_path: Path) -> None:
     np.testing.assert_array_equal(scene.arrays[1].position, [45, -5, 0])
     assert all(a.planar for a in scene.arrays)
     assert scene.length_unit == "m"
+
+
+def test_arrays_have_the_azimuth_of_their_x_axis(tmp_path: Path) -> None:
+    """A12: a table of arrays, by `--scene` and by `ingest --arrays`."""
+    path = stations(tmp_path, "array,x,y,z,yaw_deg", "north,0,5,1,90", "south,0,-5,1,0")
+    for arrays in (read_stations(path).arrays, read_arrays(path)):
+        assert [(a.name, a.planar) for a in arrays] == [("north", False), ("south", False)]
+        np.testing.assert_allclose([a.yaw for a in arrays], [np.pi / 2, 0.0])
+    with pytest.raises(UsageError, match="names its arrays; give the file without a name"):
+        read_arrays(path, "north")
+    with pytest.raises(InputError, match="yaw_deg of station north is 400; it must be within 360"):
+        read_stations(stations(tmp_path, "array,x,y,yaw_deg", "north,0,5,400"))
 
 
 def test_height_unit_and_noise(tmp_path: Path) -> None:

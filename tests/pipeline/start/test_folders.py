@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -16,9 +17,10 @@ from people_boxes import SIZE, hall
 from places import ROOT
 
 from occlog.cli.main import run
-from occlog.errors import ExitCode
+from occlog.errors import ExitCode, UsageError
 from occlog.io.files.tables.parquet import read_table
 from occlog.io.recording.reader import open_recording
+from occlog.pipeline.start.run import read_settings
 from occlog.records.tables import Doa, PeopleTracks, Truth, ViewTracks
 from occlog.report import drawing as plot
 
@@ -370,3 +372,23 @@ def test_a_sequence_of_another_size_than_the_calibration_is_refused(folder: Path
     code, said = start()
     assert code == ExitCode.BAD_INPUT
     assert "images of 640 x 480 px, but camera a is calibrated for 1280 x 960" in said
+
+
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [
+        ("ingest.fp=10", "--set ingest.fp: unknown key; did you mean 'fps'?"),
+        ("ingst.fps=10", "did you mean 'ingest'?"),
+        ("sed=3", "did you mean 'seed'?"),
+        ("track.metod=jipda", "--set track.metod: unknown key; did you mean 'method'?"),
+        ("overlay.vido=a.webm", "--set overlay.vido: unknown key; did you mean 'video'?"),
+    ],
+)
+def test_a_misspelt_key_is_said_before_anything_is_inspected(setting: str, said: str) -> None:
+    with pytest.raises(UsageError, match=re.escape(said)):
+        read_settings([setting])
+
+
+def test_keys_of_a_plug_in_are_left_to_it() -> None:
+    given = read_settings(["track.method=own", "track.strength=3", "ingest.reader=lab", "ingest.depth=2"])
+    assert given == {"track": {"method": "own", "strength": 3}, "ingest": {"reader": "lab", "depth": 2}}

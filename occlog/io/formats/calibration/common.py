@@ -15,10 +15,13 @@ from occlog.io.files.names import safe_name
 from occlog.io.files.texts.formats import Probe
 from occlog.io.files.texts.yaml import yaml_documents
 from occlog.records.scene import MAX_COORDINATE, MAX_FOCAL_PX, MIN_FOCAL_PX, Camera, camera_fov
+from occlog.records.verdicts import Check, finding
 
 from .lenses import Lens, checked_lens, read_lens
 
 WHAT = "a camera calibration"
+CALIBRATION = "calibration files"
+"""Name of the check of what calibrations state."""
 MAX_BYTES = 16 * 2**20
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 OTHER_SIZE, SAME_RATIO = 0.2, 0.03
@@ -39,6 +42,7 @@ class CalibrationOptions:
         lens_model: a key of `LENS_MODELS`, for files that have 4 coefficients and do not state of which model.
         mirror: axis `x`, `y` or `z` of a left-handed world; rotations may then be mirrored.
         notes: importers add their assumptions, as notes for users.
+        findings: importers add what may be wrong.
         unused: importers add the keys that they do not use, each with the cameras that have it.
     """
 
@@ -47,6 +51,7 @@ class CalibrationOptions:
     lens_model: str | None = None
     mirror: str | None = None
     notes: list[str] = field(default_factory=list)
+    findings: list[Check] = field(default_factory=list)
     unused: dict[str, list[str]] = field(default_factory=dict)
 
     def check_keys(self, name: str, keys: Iterable[str], known: Collection[str]) -> None:
@@ -177,9 +182,9 @@ def build_camera(pose: Pose, where: str, options: CalibrationOptions) -> Camera:
     ratio = (principal + 0.5) / (0.5 * np.array(size))
     if np.abs(ratio - 1.0).min() > OTHER_SIZE and abs(ratio[0] / ratio[1] - 1.0) < SAME_RATIO and ratio.min() > 0.0:
         width, height = np.round(2.0 * principal + 1.0).astype(int).tolist()
-        options.notes.append(
-            f"warning: camera {pose.name}: its principal point is the middle of images of {width} x {height} px, but "
-            f"these have {size[0]} x {size[1]} (factor {ratio.mean():.3g}): the matrix may be of another size"
+        middle, own, factor = f"{width} x {height}", f"{size[0]} x {size[1]}", float(ratio.mean())
+        options.findings.append(
+            finding(CALIBRATION, "principal-point-off", sensors=[pose.name], middle=middle, size=own, factor=factor)
         )
     return Camera(
         name=safe_name(pose.name),

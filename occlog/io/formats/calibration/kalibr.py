@@ -17,8 +17,10 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.errors import InputError, option
 from occlog.records.scene import Camera
+from occlog.records.verdicts import finding
 
 from .common import (
+    CALIBRATION,
     CalibrationOptions,
     Pose,
     build_camera,
@@ -67,9 +69,7 @@ def _note_clocks(cameras: Mapping[str, Mapping[str, object]], options: Calibrati
         f"{option('clock_offset')} {name}={shift - first:.6g}s" for name, shift in shifts.items() if shift != first
     ]
     if others:
-        options.notes.append(
-            f"warning: timeshift_cam_imu differs between the cameras and is not used; give {' '.join(others)}"
-        )
+        options.findings.append(finding(CALIBRATION, "time-shifts-unused", options=" ".join(others)))
 
 
 def _places(path: Path, cameras: Mapping[str, Mapping[str, object]], options: CalibrationOptions) -> dict[str, Floats]:

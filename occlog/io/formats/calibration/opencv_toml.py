@@ -16,8 +16,9 @@ from occlog.array_types import Floats
 from occlog.errors import InputError, option
 from occlog.io.files.texts.documents import toml_values
 from occlog.records.scene import Camera
+from occlog.records.verdicts import finding
 
-from .common import WHAT, CalibrationOptions, Pose, build_camera, keys_of, read_text, scale_of
+from .common import CALIBRATION, WHAT, CalibrationOptions, Pose, build_camera, keys_of, read_text, scale_of
 from .lenses import Lens
 
 KEYS = keys_of(
@@ -78,10 +79,7 @@ def _camera(key: str, table: dict[str, object], path: Path, options: Calibration
     options.check_keys(name, table, KEYS)
     turns = table.get("rotation_count") or 0
     if turns:
-        options.notes.append(
-            f"warning: camera {name}: rotation_count {turns}: the calibration is of the images before they are turned "
-            "by multiples of 90 degrees; give those, or boxes of them"
-        )
+        options.findings.append(finding(CALIBRATION, "images-before-rotation", sensors=[name], turns=str(turns)))
     if table.get("rotation") is None or table.get("translation") is None:
         raise InputError(f"{where}: has no rotation and translation; calibrate its pose")
     matrix = _array(table, "matrix", where)

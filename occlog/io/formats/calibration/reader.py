@@ -5,7 +5,7 @@ One module a format; `IMPORTERS` lists them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,11 +14,13 @@ import numpy as np
 from occlog.errors import InputError, UsageError
 from occlog.io.files.limits import guarded
 from occlog.io.files.texts.formats import FileFormat, Probe, by_text, recognise
+from occlog.records.messages import listed
 from occlog.records.names import first_double
 from occlog.records.scene import Camera
+from occlog.records.verdicts import Check, finding, outcome
 
 from . import arrays, colmap, homography, kalibr, opencv_storage, opencv_toml, pairs, projection, qualisys, ros, tsai
-from .common import WHAT, CalibrationOptions
+from .common import CALIBRATION, WHAT, CalibrationOptions
 
 Importer = FileFormat[Callable[[list[Path], CalibrationOptions], tuple[Camera, ...]]]
 IMPORTERS: dict[str, Importer] = {
@@ -54,13 +56,23 @@ FAR_M, NEAR_M = 500.0, 0.05
 
 
 class CalibrationFile(NamedTuple):
-    """Cameras, the format they were read as, the unit of its lengths, the assumptions, and the axis to be mirrored."""
+    """Cameras, the format they were read as, and what is known of the whole.
+
+    Attributes:
+        cameras: in the order of the files.
+        format: a key of `IMPORTERS`, or words for another source.
+        unit: of the lengths of the files.
+        notes: assumptions, in words.
+        mirror: the axis that is to change its sign; None: the world is right-handed.
+        checks: what may be wrong.
+    """
 
     cameras: tuple[Camera, ...]
     format: str
     unit: str
     notes: tuple[str, ...] = ()
     mirror: str | None = None
+    checks: tuple[Check, ...] = ()
 
 
 def read_calibration(
@@ -93,25 +105,24 @@ def read_calibration(
     if (double := first_double([c.name for c in cameras])) is not None:
         raise InputError(f"{files[0]}: two cameras are named {double!r}; their names must differ")
     unit = options.unit or (pairs.unit_of(files) if name == "opencv-pairs" else IMPORTERS[name].assumed)
-    return CalibrationFile(cameras, name, unit, (*options.notes, *_unused(options), *_doubts(cameras)), options.mirror)
+    checks = outcome(CALIBRATION, [*options.findings, *_unused(options), *_distances(cameras)])
+    return CalibrationFile(cameras, name, unit, tuple(options.notes), options.mirror, checks)
 
 
-def _unused(options: CalibrationOptions) -> list[str]:
-    """What the files state and nothing uses, in words."""
-    if not options.unused:
-        return []
-    keys = "; ".join(f"{key} ({', '.join(dict.fromkeys(names))})" for key, names in options.unused.items())
-    return [f"warning: keys that are not used: {keys}; where one changes the cameras, state it in another way"]
+def _unused(options: CalibrationOptions) -> Iterator[Check]:
+    """Find what the files state and nothing uses."""
+    if options.unused:
+        every = [f"{key} ({listed(tuple(dict.fromkeys(names)))})" for key, names in options.unused.items()]
+        yield finding(CALIBRATION, "calibration-keys-unused", keys=listed(every))
 
 
-def _doubts(cameras: Sequence[Camera]) -> list[str]:
-    """Evidence against the unit of the lengths, in words."""
+def _distances(cameras: Sequence[Camera]) -> Iterator[Check]:
+    """Find evidence against the unit of the lengths."""
     centres = np.array([c.position for c in cameras])
     with np.errstate(over="ignore"):  # cameras that are too far apart for a number are infinitely so
         span = float(np.linalg.norm(centres.max(axis=0) - centres.min(axis=0)))
     if len(cameras) > 1 and (span > FAR_M or span < NEAR_M):
-        return [f"warning: the cameras are {span:.3g} m apart; the unit of the lengths may be another: state it"]
-    return []
+        yield finding(CALIBRATION, "camera-distances-implausible", span=span, least=NEAR_M, most=FAR_M)
 
 
 def _files(path: Path) -> list[Path]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from occlog.errors import InputError
 from occlog.io.files.input_units import STATED
 from occlog.io.files.names import safe_name
 from occlog.io.files.texts.csv_rows import CsvRows, first_line, is_header, read_rows
+from occlog.records.names import first_double
 from occlog.records.scene import MAX_COORDINATE, MAX_SIGMA_DEG, MIN_SIGMA_DEG, MicrophoneArray, Scene
 from occlog.settings import METRES
 
@@ -23,7 +24,9 @@ COLUMNS: dict[str, Sequence[str]] = {
     "name": NAMES,
     **{axis + ending: (axis + ending,) for axis in "xyz" for ending in ("", *(f"_{unit}" for unit in METRES))},
     "sigma_deg": ("sigma_deg",),
+    "yaw_deg": ("yaw_deg",),
 }
+MAX_YAW_DEG = 360.0
 
 
 def holds_stations(path: Path) -> bool:
@@ -36,12 +39,27 @@ def holds_stations(path: Path) -> bool:
     return is_header(list(header)) and bool(header & set(NAMES)) and len(columns) >= 2
 
 
+def check_stations(path: Path) -> None:
+    """InputError for a header with a column twice, or with positions in several units."""
+    header = [cell.lower() for cell in first_line(path, WHAT)]
+    if (double := first_double(header)) is not None:
+        raise InputError(f"{path}: line 1: two columns are called {double!r}; remove or rename one")
+    units = {name.partition("_")[2] for name in header if name in COLUMNS and name[0] in "xyz"}
+    if len(units) > 1:
+        raise InputError(f"{path}: positions are in {_several(units)}; state all in one unit")
+
+
+def _several(units: Iterable[str]) -> str:
+    """Units in words."""
+    return " and ".join(sorted(unit or "no stated unit" for unit in units))
+
+
 def read_stations(path: Path) -> Scene:
-    """Read a scene of sensors that measure directions: the columns name, x, y, and perhaps z and sigma_deg.
+    """Read a scene of sensors that measure directions: the columns name, x, y, and perhaps z, sigma_deg and yaw_deg.
 
     Names of positions end in the unit (`x_m`, `y_m`), or are in metres.  Without a column z stations measure no
     elevation. `sigma_deg` is the standard deviation of directions that come without one; 3 degrees where it is not
-    given.
+    given. `yaw_deg` is the azimuth of a station's own x axis, 0 where it is not given.
 
     Raises:
         InputError: a column is missing, units differ, or a name occurs twice.
@@ -54,14 +72,15 @@ def read_stations(path: Path) -> Scene:
         if missing or not rows.has("name"):
             lacking = [*missing, *([] if rows.has("name") else ["name"])]
             raise InputError(
-                f"{path}: has no column {' and '.join(lacking)}; {WHAT} has name, x, y, perhaps z, sigma_deg"
+                f"{path}: has no column {' and '.join(lacking)}; {WHAT} has name, x, y, perhaps z, sigma_deg, yaw_deg"
             )
-        units = {_unit(name) for name in spelled.values() if name is not None}
+        units = {_unit(name, path) for name in spelled.values() if name is not None}
         if len(units) > 1:
-            raise InputError(f"{path}: positions are in {' and '.join(sorted(units))}; state all in one unit")
+            raise InputError(f"{path}: positions are in {_several(units)}; state all in one unit")
         unit = units.pop()
         position = np.column_stack([_numbers(rows, spelled[axis]) for axis in "xyz"])
         sigma = rows.floats("sigma_deg") if rows.has("sigma_deg") else None
+        yaw = rows.floats("yaw_deg") if rows.has("yaw_deg") else np.zeros(len(rows))
         for row, cell in enumerate(rows.cells["name"].tolist()):
             if not cell.strip():
                 raise rows.fail(row, "the station has no name; give it one")
@@ -73,16 +92,19 @@ def read_stations(path: Path) -> Scene:
                 raise rows.fail(row, f"sigma_deg of station {name} is {sigma[row]:g}; it must be {limits}")
             if (far := float(np.abs(position[row]).max())) > MAX_COORDINATE:
                 raise rows.fail(row, f"station {name} is {far:g} away; it must be within {MAX_COORDINATE:g}")
-            station = MicrophoneArray(name, position[row], planar=spelled["z"] is None)
+            if not abs(yaw[row]) <= MAX_YAW_DEG:
+                raise rows.fail(row, f"yaw_deg of station {name} is {yaw[row]:g}; it must be within {MAX_YAW_DEG:g}")
+            turn = math.radians(float(yaw[row]))
+            station = MicrophoneArray(name, position[row], turn, planar=spelled["z"] is None)
             found[name] = station if sigma is None else replace(station, sigma=math.radians(float(sigma[row])))
     return Scene(arrays=tuple(found.values()), length_unit=unit)
 
 
-def _unit(name: str) -> str:
+def _unit(name: str, path: Path) -> str:
     """The unit of a column of positions: as its name states, or as it is stated; metres otherwise."""
     said = name.partition("_")[2]
-    STATED.get().note_use(name, "length", said)
-    return STATED.get().unit_of(name, "length", said) or "m"
+    STATED.get().note_use(name, "length", said, path)
+    return STATED.get().unit_of(name, "length", said, path) or "m"
 
 
 def _spelled(rows: CsvRows, axis: str) -> str | None:

@@ -282,7 +282,9 @@ def read_arrays(path: Path, name: str | None = None) -> tuple[MicrophoneArray, .
     head = first_line(path, ARRAY_POSITIONS)
     if looks_like_locata(head):
         return (read_array(path, name),)
-    if name is None and holds_stations(path):
+    if holds_stations(path):
+        if name is not None:
+            raise UsageError(f"{path}: names its arrays; give the file without a name ({option('arrays')} {path.name})")
         scene = read_stations(path)
         if scene.length_unit != "m":
             raise InputError(f"{path}: positions of arrays are in {scene.length_unit}; convert them to m")

@@ -69,7 +69,7 @@ def _extra(name: str) -> ModuleType:
         return importlib.import_module(name)
     except ImportError as error:
         raise UsageError(
-            f"runtime {name}: is not installed ({error}); run: pip install 'occlog[{name}]', or take another runtime"
+            f"runtime {name}: is not installed ({error}); run: pip install {name}, or take another runtime"
         ) from None
 
 

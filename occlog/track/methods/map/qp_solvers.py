@@ -25,7 +25,7 @@ def program_solver(name: str) -> Solver:
         package = importlib.import_module(name)
     except ImportError as error:
         raise UsageError(
-            f'solver={name} requires the package {name}, which is not installed; pip install "occlog[qp]", '
+            f"solver={name} requires the package {name}, which is not installed; pip install {name}, "
             "or leave the setting out"
         ) from error
     solve = {"clarabel": _clarabel, "osqp": _osqp}[name]

@@ -403,9 +403,10 @@ def test_cameras_that_are_kilometres_apart_are_doubted(tmp_path: Path) -> None:
     for view in views:
         np.savez(tmp_path / f"{view.name}.npz", P=projection(view))
     found = read_calibration([tmp_path], options=CalibrationOptions(image_size=SIZE))
-    assert any("the unit of the lengths may be another" in said for said in found.notes)
+    assert [check.id for check in found.checks] == ["camera-distances-implausible"]
     nearer = read_calibration([tmp_path], options=CalibrationOptions(image_size=SIZE, unit="mm"))
     assert not nearer.notes
+    assert [check.status for check in nearer.checks] == ["passed"]
 
 
 def test_caliscopes_fisheye_is_an_equidistant_lens(tmp_path: Path) -> None:
