@@ -17,7 +17,7 @@ from occlog.io.files.frame_times import FrameTimes, to_world_time
 from occlog.io.files.utc import utc
 from occlog.io.formats.calibration.common import CalibrationOptions, Pose, build_camera
 from occlog.io.formats.calibration.ros import region_of, region_text
-from occlog.io.messages.bag import CLOCKS_APART_S, Bag, BagDecoder, BagSurvey, survey, topic_lines
+from occlog.io.messages.bag import CLOCKS_APART_S, Bag, BagDecoder, BagSurvey, borrowed_lines, survey, topic_lines
 from occlog.io.messages.contents import (
     FramePose,
     Intrinsics,
@@ -84,8 +84,12 @@ def look_into(bag: Bag, plan: IngestPlan, note: Note) -> BagSurvey:
                 f"video in messages ({VIDEO}) is not read: write each stream to a video file, times to a sidecar, and "
                 f"give {option('video')} and {option('timestamps')}"
             )
+        if (why := next(iter(found.faults.values()), None)) is not None:
+            raise InputError(f"{bag.paths[0]}: {why}")
+        if bag.losses:
+            raise InputError(f"{bag.paths[0]}: nothing of it can be used: {bag.losses[0]}; copy it again")
         raise InputError(f"{bag.paths[0]}: holds no images, boxes or directions that can be taken: {held}; {remedy}")
-    for line in topic_lines(found):
+    for line in (*topic_lines(found), *borrowed_lines(found)):
         note(f"bag: {line}")
     return found
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, TypeVar, cast
 from occlog.console.notes import log_detail
 from occlog.errors import InputError, NoSceneError, OcclogError, UsageError
 from occlog.io.files.input_units import STATED
-from occlog.io.files.limits import EXPECTED, FOREIGN_BAG, SQLITE_MAGIC, Content, content_of, describe_unsupported
+from occlog.io.files.limits import EXPECTED, FOREIGN_BAG, Content, content_of, describe_unsupported
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import describe, is_ours, iter_table, read_header
 from occlog.records.columns import LENGTHS, ColumnTable
@@ -278,9 +278,6 @@ def _recording(path: Path) -> Opened:
 
 
 def _table(path: Path) -> Opened:
-    with path.open("rb") as file:
-        if file.read(len(SQLITE_MAGIC)) == SQLITE_MAGIC:
-            raise InputError(f"{path}: a database (SQLite), not a table; {FOREIGN_BAG}")
     header = read_header(path)
     log_detail(f"{path}: a table of occlog: {header.table}, lengths in {header.length_unit}")
     return Opened(path, header.provenance, None, header.length_unit, None, header.table)

@@ -232,6 +232,7 @@ READERS = {
         Reader("bag (MCAP)", "b.mcap", _bag, seeds.bags, MCAP, noisy=True),
         Reader("bag (Foxglove)", "b.mcap", _bag, seeds.foxglove_bags, MCAP, noisy=True),
         Reader("bag (SQLite)", "b.db3", _bag, seeds.databases, noisy=True),
+        Reader("bag (ROS 1)", "b.bag", _bag, seeds.bags_of_ros_1, noisy=True),
         Reader("bag (zstd)", "b.mcap.zstd", _bag, seeds.packed_bags, ZSTD, noisy=True),
         Reader(
             "bag (metadata)", "bag/metadata.yaml", lambda path: _bag(path.parent), seeds.text(seeds.METADATA),

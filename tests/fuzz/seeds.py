@@ -16,6 +16,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.feather as feather
 import pyarrow.parquet as pq
+import ros1_bags
 import ros_bags
 import zstandard
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
@@ -153,6 +154,14 @@ def packed_bags() -> list[bytes]:
 def databases() -> list[bytes]:
     """A bag in SQLite."""
     return [file(lambda path: ros_bags.write_db3(path, ros_bags.two_cameras(2)[1:5:2]), "b.db3")]
+
+
+def bags_of_ros_1() -> list[bytes]:
+    """Bags of ROS 1: plain and packed ones, and one without its index."""
+    rows = ros_bags.two_cameras(2)
+    packed = ("none", "bz2", "lz4")
+    whole = [file(lambda path, c=c: ros1_bags.write_bag(path, rows, compression=c), "b.bag") for c in packed]
+    return [*whole, file(lambda path: ros1_bags.without_index(path, rows), "b.bag")]
 
 
 def tables() -> list[bytes]:
