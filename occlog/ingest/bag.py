@@ -376,14 +376,15 @@ class Taking:
             return
         table: Truth | Boxes | Doa
         if isinstance(read, PoseMessage):
-            table = truth_rows(read, t_ns, self._targets[topic], self._frame_of_truth(read.header.frame))
+            frame = "" if read.on_earth else read.header.frame
+            table = truth_rows(read, t_ns, self._targets[topic], self._frame_of_truth(frame))
             for target in table.target_id.tolist():
                 if self._owners.setdefault(target, topic) != topic:
                     raise UsageError(f"topics {self._owners[target]} and {topic}: both are of target {target}")
             if self._span is not None and not self._span[0] <= t_ns <= self._span[1]:
                 self._of_other_times += len(table)
                 return
-            if self._turn is not None:
+            if self._turn is not None and not read.on_earth:
                 table = self._turn.truth(table, self.bag.paths[0])
         elif isinstance(read, BoxMessage):
             number = self._boxes[topic].frames

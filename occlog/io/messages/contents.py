@@ -25,6 +25,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
+from occlog.io.files.geodetic import has_heights, note_unused_heights, positions_on_earth
 from occlog.io.formats.calibration.lenses import Lens
 from occlog.io.formats.calibration.ros import lens_of, region_of
 from occlog.io.frames.codec import encode_image, image_damage, image_kind, shown_size
@@ -317,7 +318,12 @@ LENGTHS = (0.9, 1.1)
 
 
 def truth_rows(message: PoseMessage, t_ns: int, first: int, placed: FramePose) -> Truth:
-    """Positions of one message in the world; the targets are numbered from `first`."""
+    """Positions of one message in the world; the targets are numbered from `first`.
+
+    Positions on the earth are in the world of the origin that the user states, and not in a frame of the bag.
+    """
+    if message.on_earth:
+        return _truth_on_earth(message, t_ns, first)
     if not np.isfinite(message.positions).all():
         raise InputError("a true position is not finite")
     positions = message.positions @ placed.rotation.T + placed.translation
@@ -326,6 +332,22 @@ def truth_rows(message: PoseMessage, t_ns: int, first: int, placed: FramePose) -
     return Truth.of(
         t_ns=np.full(n, t_ns), target_id=first + np.arange(n), role=np.full(n, "target"), x=x, y=y, z=z.copy()
     )
+
+
+def _truth_on_earth(message: PoseMessage, t_ns: int, first: int) -> Truth:
+    """Positions on the earth of one message; heights are used where the origin states its own."""
+    degrees, heights = message.positions[:, :2], message.positions[:, 2]
+    known = has_heights()
+    if known and not np.isfinite(heights).all():
+        raise InputError("a position without a height; leave the height out of the origin")
+    x, y, z = positions_on_earth(degrees, heights if known else None, "a position on the earth").T
+    if np.isfinite(heights).all():
+        note_unused_heights("positions on the earth")
+    n = len(degrees)
+    return Truth.of(
+        t_ns=np.full(n, t_ns), target_id=first + np.arange(n), role=np.full(n, "target"), x=x, y=y,
+        z=z.copy() if known else np.full(n, np.nan),
+    )  # fmt: skip
 
 
 class MessageBoxRows:

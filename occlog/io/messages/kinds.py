@@ -91,10 +91,11 @@ class TransformMessage(NamedTuple):
 
 
 class PoseMessage(NamedTuple):
-    """Positions (n, 3) in one frame at one time."""
+    """Positions (n, 3) in one frame at one time; `on_earth`: longitude and latitude [deg], and height [m]."""
 
     header: MessageStamp
     positions: Floats
+    on_earth: bool = False
 
 
 class BoxDetection(NamedTuple):
@@ -270,6 +271,16 @@ def _positions(header: MessageStamp, positions: list[Any]) -> PoseMessage:
     return PoseMessage(header, np.array([_vector(position) for position in positions]).reshape(-1, 3))
 
 
+def _fix(message: Any) -> PoseMessage:
+    """A position of a satellite receiver; InputError where it had none."""
+    status = int(getattr(getattr(message, "status", None), "status", 0))
+    if status < 0:
+        raise InputError(f"the receiver had no fix (status {status})")
+    header = _header(message) if hasattr(message, "header") else _own_header(message)
+    position = [float(message.longitude), float(message.latitude), float(message.altitude)]
+    return PoseMessage(header, np.array([position]), on_earth=True)
+
+
 def _vision(message: Any) -> BoxMessage:
     return BoxMessage(_header(message), tuple(_detection(entry) for entry in message.detections))
 
@@ -323,6 +334,8 @@ _TYPES: dict[str, tuple[TopicKind, Callable[[Any], Any]]] = {
     "nav_msgs.Odometry": (TopicKind.POSE, lambda m: _positions(_header(m), [m.pose.pose.position])),
     "foxglove.PoseInFrame": (TopicKind.POSE, lambda m: _positions(_own_header(m), [m.pose.position])),
     "foxglove.PosesInFrame": (TopicKind.POSE, lambda m: _positions(_own_header(m), [p.position for p in m.poses])),
+    "sensor_msgs.NavSatFix": (TopicKind.POSE, _fix),
+    "foxglove.LocationFix": (TopicKind.POSE, _fix),
     "vision_msgs.Detection2DArray": (TopicKind.BOX, _vision),
     "odas_ros_msgs.OdasSstArrayStamped": (TopicKind.DIRECTION, _odas),
     "odas_ros_msgs.OdasSslArrayStamped": (TopicKind.DIRECTION, _odas),
