@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.console.notes import note
+from occlog.console.notes import note_once
 from occlog.errors import InputError, UsageError, option
 
 A, F = 6_378_137.0, 1 / 298.257223563
@@ -42,13 +42,12 @@ class Origin(NamedTuple):
 
 
 class StatedOrigin:
-    """The origin that the user states; whether anything used it, and whether unused heights were noted."""
+    """The origin that the user states, and whether anything used it."""
 
     def __init__(self, origin: Origin) -> None:
         """Start as unused."""
         self.origin = origin
         self.used = False
-        self.noted = False  # that heights are not used
 
     def text(self) -> str:
         """The origin as it would be stated."""
@@ -102,11 +101,10 @@ def has_heights() -> bool:
 
 
 def note_unused_heights(where: str) -> None:
-    """Note, once for all inputs, that heights are not used since the origin states none."""
+    """Note that heights are not used since the origin states none."""
     stated = STATED_ORIGIN.get()
-    if stated is not None and stated.origin.height is None and not stated.noted:
-        stated.noted = True
-        note(f"note: {where}: heights are not used; {option('origin')} {FORM} states the height of z = 0")
+    if stated is not None and stated.origin.height is None:
+        note_once(f"note: {where}: heights are not used; {option('origin')} {FORM} states the height of z = 0")
 
 
 def positions_on_earth(degrees: Floats, heights: Floats | None, where: str) -> Floats:

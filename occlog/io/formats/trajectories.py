@@ -1,4 +1,4 @@
-"""Trajectories in formats that are no tables with a header: TUM, TRC, GeoJSON, GPX.
+"""Trajectories in formats that are no tables with a header: TUM, KITTI, TRC, GeoJSON, GPX.
 
 GeoJSON as `occlog export` writes it: a line or a point for each target, with the times of its corners.
 
@@ -39,6 +39,7 @@ from occlog.records.names import first_double
 
 from .gpx import MARK as GPX
 from .gpx import gpx_columns, read_gpx
+from .kitti_poses import NAMES, looks_like_kitti, read_kitti
 
 GEOJSON_COLUMNS = ("t_ns", "target_id", "x_m", "y_m")
 COLLECTION = "FeatureCollection"
@@ -278,6 +279,13 @@ def _is_tum(probe: Probe) -> bool:
         return False
 
 
+def _is_kitti(probe: Probe) -> bool:
+    try:
+        return not probe.start.startswith(b"{") and looks_like_kitti(probe.cells)
+    except InputError:
+        return False
+
+
 FORMATS: dict[str, FileFormat[Callable[[Path], Trajectories]]] = {
     "trc": FileFormat(
         lambda path: Trajectories("TRC", names_of(path), read_trc),
@@ -291,6 +299,9 @@ FORMATS: dict[str, FileFormat[Callable[[Path], Trajectories]]] = {
     ),
     "gpx": FileFormat(
         lambda _: Trajectories("GPX", gpx_columns(), read_gpx), "GPX with times", lambda probe: GPX in probe.start
+    ),
+    "kitti_poses": FileFormat(
+        lambda _: Trajectories("poses of KITTI", NAMES, read_kitti), "poses of KITTI odometry", _is_kitti
     ),
     "tum": FileFormat(lambda _: Trajectories("TUM text", TUM_COLUMNS, read_tum), "text of TUM", _is_tum),
 }
