@@ -1,7 +1,7 @@
 """Poses of KITTI odometry: a line of 12 numbers for each frame, three rows of a 4 x 4 matrix, and a file of times.
 
 The matrix is the pose of the left camera in the camera frame of the first pose: x right, y down, z forward.  The scene
-has z up and the ground in x and y: x is forward (z of KITTI), y is left (-x), and z is up (-y), from the first camera on.
+has z up and the ground in x and y: x is forward (z of KITTI), y is left (-x), and z is up (-y), from the first camera.
 Format: https://www.cvlibs.net/datasets/kitti/eval_odometry.php
 """
 
