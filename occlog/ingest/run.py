@@ -150,9 +150,10 @@ def _write_bag(
 ) -> None:
     """Images and rows of a bag, in one pass."""
     clocks = {s.name: clock for s in scene.sensors if (clock := clock_of(scene, s.name)) is not None}
-    taking = Taking(bag.bag, bag.found, plan, scene, clocks, bag.placement, turn)
-    for message in job.progress(taking.messages(), "ingest", taking.count):
-        taking.take(message, writer)
+    with Taking(bag.bag, bag.found, plan, scene, clocks, bag.placement, turn) as taking:
+        for message in job.progress(taking.messages(), "ingest", taking.count):
+            taking.take(message, writer)
+        taking.write_videos(writer)
     done.losses.extend(taking.finish(job.note))
     done.frames.update(taking.frames)
     done.times.update(taking.times)

@@ -53,6 +53,7 @@ from .mcap_file import BagMessage, BagTopic, McapFile, unpack_frames
 from .rosbag1_file import Rosbag1File
 from .sqlite_file import SqliteFile
 from .topics import TopicMap, map_topics
+from .video_stream import is_video, stream_size
 
 METADATA = "metadata.yaml"
 SUFFIXES = (".mcap", ".db3")
@@ -366,6 +367,10 @@ CLOCKS_APART_S = 0.5
 """Difference of header stamps and recording times above which a note is printed."""
 
 
+class NoSizeError(InputError):
+    """A picture of video that does not state its size: a later one does."""
+
+
 class BagDecoder:
     """Decodes messages of a bag into their one form; each topic's decoder is made when it is first needed."""
 
@@ -422,6 +427,9 @@ def survey(bag: Bag, asked: Sequence[tuple[str, str]], *, transforms_too: bool =
             found = messages.read(message.topic, message.data)
             if isinstance(found, ImageMessage) and (is_picture(found) or message.topic in named):
                 sizes[message.topic] = _size(found, message.topic)
+        except NoSizeError as error:
+            reasons[message.topic] = str(error)
+            continue
         except InputError as error:
             # Single damaged messages are reported later; a topic that was not requested may hold anything.
             faults[message.topic] += 1
@@ -455,7 +463,15 @@ def survey(bag: Bag, asked: Sequence[tuple[str, str]], *, transforms_too: bool =
 
 
 def _size(image: ImageMessage, topic: str) -> tuple[int, int]:
-    """Width and height of an image [px]; InputError for one that is damaged."""
+    """Width and height of an image [px]; InputError for one that is damaged, or a picture of video without them."""
+    if image.size is None and is_video(image.encoding):
+        try:
+            size = stream_size(image.data, image.encoding)
+        except InputError as error:
+            raise InputError(f"topic {topic}: {error}") from None
+        if size is None:
+            raise NoSizeError(f"topic {topic}: no message of its video has a key frame, with which decoding begins")
+        return size
     shown = pixels(image, f"an image of {topic}")
     return shown.shape[1], shown.shape[0]
 

@@ -24,7 +24,7 @@ import cv2
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.io.files.geodetic import has_heights, note_unused_heights, positions_on_earth
 from occlog.io.formats.calibration.lenses import Lens
 from occlog.io.formats.calibration.ros import lens_of, region_of
@@ -36,6 +36,7 @@ from occlog.records.scene import MicrophoneArray
 from occlog.records.tables import Boxes, Doa, Truth
 
 from .kinds import BoxMessage, DirectionMessage, ImageMessage, InfoMessage, PoseMessage, TransformMessage
+from .video_stream import OTHER_CODECS, is_video
 
 
 class Intrinsics(NamedTuple):
@@ -124,6 +125,8 @@ def is_picture(message: ImageMessage) -> bool:
     """Return whether the message shows what a camera sees, and not depth or the like."""
     if message.size is not None:
         return message.encoding in ENCODINGS
+    if is_video(message.encoding):
+        return True
     words = message.encoding.lower()
     return not any(word in words for word in ("compresseddepth", "16uc1", "32fc1", "mono16"))
 
@@ -156,6 +159,13 @@ def stored(message: ImageMessage, where: str, store: str | None, quality: int) -
 
 def pixels(message: ImageMessage, where: str) -> Image:
     """(h, w, 3) BGR or (h, w) grey; InputError as `stored`."""
+    if message.size is None and is_video(message.encoding):
+        raise InputError(f"{where}: a picture of video, which needs those before it")
+    if message.size is None and message.encoding.lower() in OTHER_CODECS:
+        raise InputError(
+            f"{where}: video as {message.encoding} is not read (h264 and h265 are); write it to a file, its times to "
+            f"another, and give {option('video')} and {option('timestamps')}"
+        )
     if message.size is None:
         return decode_apart(message.data, f"{where} ({message.encoding})")
     (width, height), encoding = message.size, message.encoding

@@ -318,6 +318,7 @@ _TYPES: dict[str, tuple[TopicKind, Callable[[Any], Any]]] = {
     "sensor_msgs.CompressedImage": (TopicKind.IMAGE, _compressed),
     "foxglove.RawImage": (TopicKind.IMAGE, _foxglove_raw),
     "foxglove.CompressedImage": (TopicKind.IMAGE, _foxglove_compressed),
+    "foxglove.CompressedVideo": (TopicKind.IMAGE, _foxglove_compressed),
     "sensor_msgs.CameraInfo": (TopicKind.INFO, _info),
     "foxglove.CameraCalibration": (TopicKind.INFO, _foxglove_info),
     "tf2_msgs.TFMessage": (TopicKind.TRANSFORM, _tf),
