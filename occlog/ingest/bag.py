@@ -18,7 +18,8 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.errors import InputError, OcclogError, UsageError
+from occlog.console.text import counted
+from occlog.errors import InputError, OcclogError, UsageError, option
 from occlog.io.files.frame_times import FrameTimes, to_world_time
 from occlog.io.files.utc import utc
 from occlog.io.formats.calibration.common import CalibrationOptions, Pose, build_camera
@@ -62,6 +63,8 @@ from .truth import note_skipped, span_of
 Note = Callable[[str], None]
 BODY = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """(3, 3) body-from-optical: x forward, y left, z up from x right, y down, z forward (REP 103)."""
+OTHER_START_S = 1e8
+"""Header stamps this much before the times of recording do not count from 1970."""
 ROUNDED = 1e-6
 """Calibrations that differ by less than this are the same."""
 STEEP = math.cos(math.radians(30))
@@ -239,11 +242,25 @@ class _CameraState:
     first: int | None = None
     number: int = 0
     late: int = 0
+    first_late: str = ""
+    back_ns: int = 0
     damaged: int = 0
     resized: int = 0
     reason: str = ""
     by_log: bool | None = None
     difference_range: list[float] = field(default_factory=lambda: [math.inf, -math.inf])
+    taken: int = 0
+
+    def skip(self, log_ns: int, t_ns: int) -> None:
+        """Count a message with a time that is not after that of the last one."""
+        back_ns = (self.last or 0) - t_ns
+        self.first_late = self.first_late or f"the first after message {self.taken - 1}, recorded {utc(log_ns)}"
+        self.late, self.back_ns = self.late + 1, max(self.back_ns, back_ns)
+
+    @property
+    def lateness(self) -> str:
+        """Place and size of times that repeat or go back."""
+        return f"by up to {self.back_ns / 1e9:.3g} s, {self.first_late}"
 
 
 class GatheredVideo:
@@ -405,10 +422,10 @@ class Taking:
                 self._video(message.topic, read, t_ns)
                 return
             if state.last is not None and t_ns <= state.last:
-                state.late += 1
+                state.skip(message.log_ns, t_ns)
                 return
             self._write(message.topic, read, t_ns, state, writer)
-            state.last = t_ns
+            state.last, state.taken = t_ns, state.taken + 1
         except UsageError:
             raise
         except StreamOrderError as error:
@@ -569,6 +586,13 @@ class Taking:
             note(f"warning: {topic}: {remark}")
         if self._of_other_times and self.plan.frames is not None:
             note_skipped(self._of_other_times, self._of_other_times + self.rows.get(Truth.NAME, 0), self.plan, note)
+        for file in self.bag.files:
+            for topic, (count, most) in getattr(file, "reordered", {}).items():
+                if topic in self._states:
+                    note(
+                        f"warning: {topic}: {counted(count, 'message')} of {file.name} came up to {most / 1e9:.3g} s "
+                        "out of order, and were put into that of recording"
+                    )
         for topic, state in self._states.items():
             name = self._name(topic)
             clock = "times of recording" if state.by_log else "header stamps"
@@ -578,7 +602,7 @@ class Taking:
             reason = state.reason or (self._streams[topic].reason if topic in self._streams else "")
             first = f"; the first: {reason}" if reason else ""
             for count, what in (
-                (state.late, "time stamps repeat or go back; these messages were skipped"),
+                (state.late, f"time stamps repeat or go back, {state.lateness}; these messages were skipped"),
                 (state.damaged, f"messages that cannot be used were skipped{first}"),
                 (state.resized, f"images of another size than {state.sized} were skipped"),
             ):
@@ -595,10 +619,11 @@ class Taking:
             note(f"warning: {topic}: its headers have no time; the times of recording were taken")
         low, high = state.difference_range
         if max(abs(low), abs(high)) > CLOCKS_APART_S and math.isfinite(low):
-            used = "times of recording" if state.by_log else "header stamps"
+            used, other = ("times of recording", "header") if state.by_log else ("header stamps", "log")
+            boot = "they count from another start, as of the device; " if low > OTHER_START_S else ""
             note(
-                f"warning: {topic}: recorded {low:.3g} to {high:.3g} s after its header stamps; the {used} were taken "
-                "(stamp: header or log)"
+                f"warning: {topic}: recorded {low:.3g} to {high:.3g} s after its header stamps: {boot}the {used} were "
+                f"taken; {option('timestamp_source')} {other} takes the others"
             )
 
 
