@@ -18,6 +18,7 @@ import pyarrow.feather as feather
 import pyarrow.parquet as pq
 import ros1_bags
 import ros_bags
+import stream_samples
 import zstandard
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from mcap.writer import Writer
@@ -164,6 +165,12 @@ def bags_of_ros_1() -> list[bytes]:
     return [*whole, file(lambda path: ros1_bags.without_index(path, rows), "b.bag")]
 
 
+def streams() -> list[bytes]:
+    """Messages of H.264 and H.265 with their lengths."""
+    found = ((b"4", stream_samples.H264), (b"5", stream_samples.H265), (b"4", stream_samples.H264B))
+    return [head + b"".join(bytes([len(data)]) + data for data in each if len(data) < 256) for head, each in found]
+
+
 def tables() -> list[bytes]:
     """One table of each kind."""
     return [
@@ -259,6 +266,13 @@ TRC = (
     "\t\tX1\tY1\tZ1\tX2\tY2\tZ2\n\n1\t0.0\t1\t2\t0\t3\t4\t0\n2\t0.1\t1.1\t2\t0\t\t\t\n"
 )
 TUM = "# a note\n1700000000.1 1 2 0 0 0 0 1\n1700000000.2 1.1 2 0 0 0 0 1\n"
+GPX = (
+    '<?xml version="1.0"?>\n<gpx version="1.1" xmlns="http://www.topografix.com/GPX/1/1"><trk><trkseg>'
+    '<trkpt lat="52.5163" lon="13.3777"><ele>34</ele><time>2024-05-01T12:00:00Z</time></trkpt>\n'
+    '<trkpt lat="52.5164" lon="13.3778"><ele>35</ele><time>2024-05-01T12:00:01Z</time></trkpt></trkseg></trk></gpx>\n'
+)
+GPS = "time,id,lat,lon,alt\n0,1,52.5163,13.3777,30\n1,1,52.5164,13.3778,31.5\n"
+KITTI_POSES = "1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0 0.1 0 1 0 0 0 0 1 1.5e+00\n"
 GEOJSON = json.dumps(
     {
         "type": "FeatureCollection",

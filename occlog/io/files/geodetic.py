@@ -25,6 +25,7 @@ FARTHEST = 85.0
 """Latitude [deg] beyond which an origin is refused."""
 MAX_DISTANCE_M = 100_000.0
 """Positions farther from the origin are refused: latitude and longitude are exchanged, or it is of another scene."""
+MAX_HEIGHT_M = 100_000.0
 LATITUDES = ("lat", "latitude", "lat_deg", "latitude_deg")
 LONGITUDES = ("lon", "lng", "long", "longitude", "lon_deg", "longitude_deg")
 HEIGHTS = ("alt", "altitude", "alt_m", "altitude_m", "ele", "height", "height_m")
@@ -125,6 +126,8 @@ def positions_on_earth(degrees: Floats, heights: Floats | None, where: str) -> F
     """
     if not np.isfinite(degrees).all():
         raise InputError(f"{where}: a latitude or longitude is not a number; leave the row out")
+    if heights is not None and not (np.abs(heights) < MAX_HEIGHT_M).all():
+        raise InputError(f"{where}: a height is not a number within {MAX_HEIGHT_M:g} m; leave the row out")
     if (np.abs(degrees) > (180.0, 90.0)).any():
         longitude, latitude = degrees[(np.abs(degrees) > (180.0, 90.0)).any(axis=1)][0].tolist()
         raise InputError(
