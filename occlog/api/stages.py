@@ -303,7 +303,7 @@ def ingest(
     Files of cameras and arrays are a path, several, or a dict with the path of each by its name.
 
     Args:
-        *bags: bags of ROS 2 or MCAP files of other programs, parts of one; or WILDTRACK's folder.
+        *bags: bags of ROS 2 or 1, or MCAP files of other programs, parts of one; or WILDTRACK's folder.
         topic: topics of a bag by the name of the camera, array or target that each is of.
         topics: the same in YAML files.
         video: video of each camera.

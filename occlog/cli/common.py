@@ -1,4 +1,4 @@
-"""Options that every command has without declaring them: units of columns, readers of plug-ins, more messages."""
+"""Options that every command has without declaring them: units, origin on the earth, plug-in readers, messages."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from copy import copy
 from functools import partial, wraps
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -17,6 +17,9 @@ from occlog.errors import option as spelled_option
 
 from .input_paths import Input, check_there
 from .setting_options import SettingOption, value_after
+
+if TYPE_CHECKING:
+    from occlog.io.files.geodetic import Origin
 
 
 def add_common(command: click.Command) -> None:
@@ -31,6 +34,8 @@ def add_common(command: click.Command) -> None:
         command.params.append(_input_units())
         if command.callback is not None:
             command.callback = _after_a_look(command.callback)
+    if _takes_reader(command) and "origin" not in there:
+        command.params.append(_origin())
     if _takes_reader(command) and "reader" not in there:
         command.params.append(_reader())
     if (there & {"output", "png"}) and "dry_run" not in there and command.name not in WITHOUT_DRY_RUN:
@@ -113,6 +118,35 @@ STATED = "occlog.input_units"
 """Key of the stated units in the metadata of click's context."""
 
 
+ORIGIN_FORM = "LAT,LON[,DEG[,HEIGHT]]"
+ORIGIN_HELP = "position of the scene's origin (WGS 84), angle of +x from east towards north, and height of z = 0"
+
+
+def _origin() -> click.Option:
+    return click.Option(
+        ["--origin"],
+        expose_value=False,
+        callback=state_origin,
+        metavar=ORIGIN_FORM,
+        help=f"Inputs of latitude and longitude: {ORIGIN_HELP}.",
+    )
+
+
+def state_origin(ctx: click.Context, param: click.Parameter, text: str | None) -> Origin | None:  # noqa: ARG001
+    """Let the origin hold until the command ends."""
+    if text is None or ctx.resilient_parsing:
+        return None
+    from occlog.io.files.geodetic import stated_origin
+
+    stated = ctx.find_root().with_resource(stated_origin(text))
+    ctx.find_root().meta[ORIGIN] = stated
+    return stated.origin
+
+
+ORIGIN = "occlog.origin"
+"""Key of the stated origin in the metadata of click's context."""
+
+
 def _reader() -> click.Option:
     return click.Option(
         ["--reader"],
@@ -179,6 +213,11 @@ def check_common(ctx: click.Context) -> None:
     reader: Any = ctx.find_root().meta.get(READER_KEY)
     if reader is not None:
         reader.check_used()
+    origin: Any = ctx.find_root().meta.get(ORIGIN)
+    if origin is not None and not origin.used:
+        raise UsageError(
+            f"{spelled_option('origin')}: nothing that was read has latitudes and longitudes; leave it out"
+        )
     stated: Any = ctx.find_root().meta.get(STATED)
     unused = () if stated is None else stated.unused()
     if unused:

@@ -15,7 +15,7 @@ import click
 
 from occlog import __version__
 from occlog.console.interrupts import INTERRUPTS
-from occlog.console.notes import DRY_RUN, DryRunPlan, DryRunStop
+from occlog.console.notes import DRY_RUN, NOTED_ONCE, DryRunPlan, DryRunStop
 from occlog.errors import ExitCode, OcclogError, OutputExistsError, nearest
 
 from . import streams
@@ -269,6 +269,7 @@ def _only_own_lines() -> None:
 def run(args: list[str] | None = None) -> int:
     """Run the command line; the exit code."""
     words = sys.argv[1:] if args is None else args
+    NOTED_ONCE.clear()
     try:
         try:
             result: object = cli.main(args=args, prog_name="occlog", standalone_mode=False)

@@ -23,6 +23,8 @@ from .text import shortened
 
 ALIASES: dict[str, str] = {}
 """Paths of temporary files and the names to report instead, such as that which holds standard input."""
+NOTED_ONCE: set[str] = set()
+"""Lines of `note_once` of the command that runs."""
 _KEPT: ContextVar[list[str] | None] = ContextVar("_KEPT", default=None)
 
 
@@ -58,6 +60,14 @@ def note(message: str, quiet: bool = False) -> None:
         kept.append(spelled(message))
     elif not quiet:
         write_line(f"occlog: {shortened(named(spelled(message)))}", sys.stderr)
+
+
+def note_once(message: str) -> None:
+    """Write a line that readers of a file come to at each pass through it; once in a command."""
+    kept = _KEPT.get()
+    if message not in (NOTED_ONCE if kept is None else kept):
+        NOTED_ONCE.add(message)
+        note(message)
 
 
 def note_findings(texts: Iterable[str], quiet: bool = False) -> None:

@@ -65,7 +65,7 @@ def describe_folder(folder: Path, describe: Callable[[Path], Described]) -> Desc
                 continue
             values, said = describe(path)
         except InputError as error:
-            if path.suffix.lower() not in (".mcap", ".parquet", ".db3"):
+            if path.suffix.lower() not in (".mcap", ".parquet", ".db3", ".bag"):
                 if not (kinds := _kinds(path)):
                     others[path.suffix.lower() or "without an ending"] += 1
                     continue
@@ -107,11 +107,11 @@ TABLES_OR_RECORDINGS = (".mcap", ".parquet", ".csv", ".tsv", ".gz", ".arrow", ".
 @click.option("--rows", type=click.IntRange(min=0), default=5, show_default=True, help="Rows of a table to print.")
 @options.json_opt
 def command(path: Path, rows: int, as_json: bool) -> None:
-    """Describe PATH: a scene (YAML), a recording (MCAP), a ROS 2 bag or a table (Parquet, Arrow, CSV).
+    """Describe PATH: a scene (YAML), a recording (MCAP), a bag of ROS or a table (Parquet, Arrow, CSV).
 
     For a folder that is no bag one line per readable file is printed.
 
-    For an external table the meaning of each column is printed, for a bag (a folder, .mcap, .db3) its topics and
+    For an external table the meaning of each column is printed, for a bag (a folder, .mcap, .db3, .bag) its topics and
     what `occlog ingest` would read from it.
 
     \b
@@ -165,7 +165,7 @@ def describe(path: Path, rows: int) -> Description:
 def _describe_bag(path: Path) -> Description:
     """Describe a bag: topics, rates, what would be taken of it, and by which command."""
     from occlog.errors import UsageError
-    from occlog.io.messages.bag import open_bag, survey, topic_lines
+    from occlog.io.messages.bag import borrowed_lines, open_bag, survey, topic_lines
     from occlog.io.messages.kinds import TopicKind, kind_of
 
     with open_bag([path]) as bag:
@@ -178,13 +178,16 @@ def _describe_bag(path: Path) -> Description:
             rate = f", {(t.messages - 1) / seconds:.3g} Hz" if t.messages and t.messages > 1 and seconds else ""
             lines.append(f"topic     {t.name}: {t.messages} x {t.kind or '(no type)'} ({t.encoding or '?'}){rate}")
         taken: list[str] = []
-        remark = ""
+        remark, borrowed = "", list[str]()
         try:
             found = survey(bag, (), transforms_too=False)
             taken = [line for line in topic_lines(found) if not line.startswith("not taken")]
+            borrowed = borrowed_lines(found)
         except (InputError, UsageError) as error:
             remark = str(error)
-        remark = "; ".join(([remark] if remark else []) + [f"{topic}: {said}" for topic, said in bag.remarks.items()])
+        remark = "; ".join(
+            ([remark] if remark else []) + borrowed + [f"{topic}: {said}" for topic, said in bag.remarks.items()]
+        )
         lines += [f"taken     {line}" for line in taken] + ([f"note      {remark}"] if remark else [])
         if taken or any(kind_of(t.kind) for t in topics.values()):
             lines.append(f"command   occlog ingest {path} -o recording.mcap")

@@ -41,8 +41,11 @@ def command(file: Path, output: Path, videos: tuple[str, ...], overwrite: bool, 
     check_outputs([file, *given.values()], [output], overwrite)
     content = content_of(file)
     if content is Content.OTHER:
-        what = describe_unsupported(file) or content.value
-        raise InputError(f"{file}: is {what}; nothing of it can be salvaged here: copy it again, or make it again")
+        if (known := describe_unsupported(file)) is not None:
+            raise InputError(f"{file}: is {known}")
+        raise InputError(
+            f"{file}: is {content.value}; nothing of it can be salvaged here: copy it again, or make it again"
+        )
     if content is Content.TABLE:
         raise InputError(_made_again(file))
     from occlog.io.recording.salvage.recover import recover_recording

@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
+import heapq
 import math
+import re
+import tempfile
+from bisect import bisect_left
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import suppress
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import TracebackType
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.errors import InputError, OcclogError, UsageError, option
+from occlog.console.text import counted
+from occlog.errors import InputError, OcclogError, UsageError
 from occlog.io.files.frame_times import FrameTimes, to_world_time
 from occlog.io.files.utc import utc
 from occlog.io.formats.calibration.common import CalibrationOptions, Pose, build_camera
 from occlog.io.formats.calibration.ros import region_of, region_text
-from occlog.io.messages.bag import CLOCKS_APART_S, Bag, BagDecoder, BagSurvey, survey, topic_lines
+from occlog.io.frames.camera_source import CameraSource, video_source
+from occlog.io.frames.decoders.process import Delivered
+from occlog.io.messages.bag import CLOCKS_APART_S, Bag, BagDecoder, BagSurvey, borrowed_lines, survey, topic_lines
 from occlog.io.messages.contents import (
     FramePose,
     Intrinsics,
@@ -39,6 +48,7 @@ from occlog.io.messages.kinds import (
 )
 from occlog.io.messages.mcap_file import BagMessage
 from occlog.io.messages.topics import is_rectified, read_topic_map
+from occlog.io.messages.video_stream import StreamFile, StreamOrderError, StreamReader, is_video
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Clock, Scene
@@ -56,10 +66,10 @@ COUNTS, STAMPS = "messages of the bag", "header stamps"
 """Names of checks."""
 BODY = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """(3, 3) body-from-optical: x forward, y left, z up from x right, y down, z forward (REP 103)."""
+OTHER_START_S = 1e8
+"""Header stamps this much before the times of recording do not count from 1970."""
 ROUNDED = 1e-6
 """Calibrations that differ by less than this are the same."""
-VIDEO = "CompressedVideo"
-"""Ending of the types of messages with a stream of video."""
 STEEP = math.cos(math.radians(30))
 """An optical axis this near to straight up is that of a frame with z up, and not forward."""
 
@@ -82,13 +92,12 @@ def look_into(bag: Bag, plan: IngestPlan, note: Note) -> BagSurvey:
         held = ", ".join(f"{t.name} ({t.kind or 'no type'})" for t in found.topics.values()) or "no topic"
         named = any(kind_of(t.kind) is not None for t in found.topics.values())
         remedy = "name boxes and true positions by their topics" if named else "no topic is of a type that is known"
-        if any(t.kind.endswith(VIDEO) for t in found.topics.values()):
-            remedy = (
-                f"video in messages ({VIDEO}) is not read: write each stream to a video file, times to a sidecar, and "
-                f"give {option('video')} and {option('timestamps')}"
-            )
+        if (why := next(iter(found.faults.values()), None)) is not None:
+            raise InputError(f"{bag.paths[0]}: {why}")
+        if bag.losses:
+            raise InputError(f"{bag.paths[0]}: nothing of it can be used: {bag.losses[0]}; copy it again")
         raise InputError(f"{bag.paths[0]}: holds no images, boxes or directions that can be taken: {held}; {remedy}")
-    for line in topic_lines(found):
+    for line in (*topic_lines(found), *borrowed_lines(found)):
         note(f"bag: {line}")
     return found
 
@@ -237,11 +246,102 @@ class _CameraState:
     first: int | None = None
     number: int = 0
     late: int = 0
+    first_late: str = ""
+    back_ns: int = 0
     damaged: int = 0
     resized: int = 0
     reason: str = ""
     by_log: bool | None = None
     difference_range: list[float] = field(default_factory=lambda: [math.inf, -math.inf])
+    taken: int = 0
+
+    def skip(self, log_ns: int, t_ns: int) -> None:
+        """Count a message with a time that is not after that of the last one."""
+        back_ns = (self.last or 0) - t_ns
+        self.first_late = self.first_late or f"the first after message {self.taken - 1}, recorded {utc(log_ns)}"
+        self.late, self.back_ns = self.late + 1, max(self.back_ns, back_ns)
+
+    @property
+    def lateness(self) -> str:
+        """Place and size of times that repeat or go back."""
+        return f"by up to {self.back_ns / 1e9:.3g} s, {self.first_late}"
+
+
+class GatheredVideo:
+    """Messages of a stream of video on their way to the decoder; those that cannot be decoded are counted.
+
+    Attributes:
+        reason: why the first message cannot be decoded; empty: all can.
+        numbers: number of the message of each picture that is decoded.
+        times: of these [ns].
+        file: they.
+    """
+
+    def __init__(self, path: Path, encoding: str, size: tuple[int, int]) -> None:
+        """Begin before the first message."""
+        self.reason, self.numbers, self.times = "", list[int](), list[int]()
+        self.file = StreamFile(path, encoding.lower(), size)
+        self._reader = StreamReader(encoding)
+        self._count = self._lost = 0
+        self._whole = False  # from the last key frame on all messages are there
+
+    def add(self, data: bytes, t_ns: int) -> None:
+        """Take the next message; InputError for one that is no picture of the stream."""
+        number, self._count = self._count, self._count + 1
+        unit = self._reader.read(data)
+        if unit.key:
+            self._whole = True
+        elif self._whole and not unit.follows:
+            self._whole = False
+            self.reason = self.reason or f"message {number} is built on a picture that is missing"
+        if not self._whole:
+            self.reason = self.reason or f"message {number} comes before the first key frame"
+            self._lost += 1
+            return
+        self.file.add(data, key=unit.key)
+        self.numbers.append(number)
+        self.times.append(t_ns)
+
+    def fail(self, reason: str) -> None:
+        """Note a message that cannot be read: pictures up to the next key frame are built on it."""
+        self._whole, self.reason = False, self.reason or reason
+
+    def end(self) -> int:
+        """End the file; the number of messages before a key frame."""
+        self.file.close()
+        return self._lost
+
+
+def _decoding(stream: GatheredVideo, plan: IngestPlan) -> CameraSource:
+    """The decoder of a stream, by the numbers of its messages, and their times."""
+    times = np.array(stream.times, dtype=np.int64)
+    first, stop = plan.frames if plan.frames is not None else (0, None)
+    start = bisect_left(stream.numbers, first)
+    end = None if stop is None else bisect_left(stream.numbers, stop)
+    return video_source(
+        stream.file.path.name,
+        stream.file.path,
+        FrameTimes("messages", table_ns=times),
+        start=start,
+        stop=end,
+        store=plan.store or "jpeg",
+        quality=plan.jpeg_quality,
+        keys=stream.file.keys,
+    )
+
+
+def _of_messages(loss: Loss, topic: str, numbers: Sequence[int]) -> Loss:
+    """A loss of the decoder with the numbers of messages in place of those of the pictures that it was given."""
+    return replace(
+        loss,
+        source=topic,
+        place=re.sub(r"\d+", lambda match: str(numbers[min(int(match[0]), len(numbers) - 1)]), loss.place),
+    )
+
+
+def _pictures(topic: str, source: CameraSource) -> Iterator[tuple[int, str, Delivered]]:
+    for t_ns, frame in source.frames():
+        yield t_ns, topic, frame
 
 
 class Taking:
@@ -280,6 +380,9 @@ class Taking:
         self._of_other_times = 0
         self._extents = BoxExtents({c.name: c.image_size for c in scene.cameras if c.image_size is not None})
         self._beyond_lens: Counter[str] = Counter()
+        self._streams: dict[str, GatheredVideo] = {}
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._video_losses: list[Loss] = []
 
     @property
     def count(self) -> int | None:
@@ -319,14 +422,21 @@ class Taking:
         try:
             read = self._messages.read(message.topic, message.data)
             t_ns = self._time(state, message, read.header)
+            if isinstance(read, ImageMessage) and is_video(read.encoding):
+                self._video(message.topic, read, t_ns)
+                return
             if state.last is not None and t_ns <= state.last:
-                state.late += 1
+                state.skip(message.log_ns, t_ns)
                 return
             self._write(message.topic, read, t_ns, state, writer)
-            state.last = t_ns
+            state.last, state.taken = t_ns, state.taken + 1
         except UsageError:
             raise
+        except StreamOrderError as error:
+            raise InputError(f"topic {message.topic}: {error}") from None
         except OcclogError as error:
+            if message.topic in self._streams:
+                self._streams[message.topic].fail(str(error))
             if message.topic in self._boxes:
                 raise InputError(f"topic {message.topic}: {error}") from None
             state.damaged += 1
@@ -376,14 +486,15 @@ class Taking:
             return
         table: Truth | Boxes | Doa
         if isinstance(read, PoseMessage):
-            table = truth_rows(read, t_ns, self._targets[topic], self._frame_of_truth(read.header.frame))
+            frame = "" if read.on_earth else read.header.frame
+            table = truth_rows(read, t_ns, self._targets[topic], self._frame_of_truth(frame))
             for target in table.target_id.tolist():
                 if self._owners.setdefault(target, topic) != topic:
                     raise UsageError(f"topics {self._owners[target]} and {topic}: both are of target {target}")
             if self._span is not None and not self._span[0] <= t_ns <= self._span[1]:
                 self._of_other_times += len(table)
                 return
-            if self._turn is not None:
+            if self._turn is not None and not read.on_earth:
                 table = self._turn.truth(table, self.bag.paths[0])
         elif isinstance(read, BoxMessage):
             number = self._boxes[topic].frames
@@ -428,19 +539,69 @@ class Taking:
         except InputError as error:
             raise UsageError(f"true positions: {error}; leave their topic out, or choose another world frame") from None
 
+    def write_videos(self, writer: RecordingWriter) -> None:
+        """Decode the streams of video that `take` has gathered, and write their pictures in the order of time."""
+        with ExitStack() as stack:
+            started = []
+            for topic, stream in self._streams.items():
+                self._states[topic].damaged += stream.end()
+                if not stream.times:
+                    raise InputError(f"topic {topic}: {stream.reason or 'its video has no key frame'}")
+                source = _decoding(stream, self.plan)
+                stack.enter_context(source.decoder)
+                started.append((topic, source))
+            merged = heapq.merge(*(_pictures(topic, source) for topic, source in started), key=lambda item: item[:2])
+            for t_ns, topic, frame in merged:
+                stream, camera = self._streams[topic], self._cameras[topic]
+                writer.image(camera, t_ns, stream.numbers[frame.index], bytes(frame.data), frame.kind)
+                self.frames[camera] = self.frames.get(camera, 0) + 1
+            for topic, source in started:
+                numbers = self._streams[topic].numbers
+                self._video_losses += [_of_messages(loss, topic, numbers) for loss in source.losses]
+
+    def __enter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Remove the files of streams of video."""
+        for stream in self._streams.values():
+            stream.file.close()
+        if self._folder is not None:
+            self._folder.cleanup()
+
+    def _video(self, topic: str, read: ImageMessage, t_ns: int) -> None:
+        """Gather a message of a stream of video."""
+        camera = self._cameras[topic]
+        if topic not in self._streams:
+            self._folder = self._folder or tempfile.TemporaryDirectory(prefix="occlog-video-")
+            path = Path(self._folder.name) / f"{len(self._streams)}.mkv"
+            self._streams[topic] = GatheredVideo(path, read.encoding, self.found.sizes[camera])
+        self._streams[topic].add(read.data, t_ns)
+
     def finish(self, note: Note) -> list[Loss]:
         """Report which clock was used, and list the losses."""
         losses = lens_losses(self._beyond_lens, self.rows.get(Boxes.NAME, 0))
         if self._of_other_times and self.plan.frames is not None:
             note_skipped(self._of_other_times, self._of_other_times + self.rows.get(Truth.NAME, 0), self.plan, note)
+        for file in self.bag.files:
+            for topic, (count, most) in getattr(file, "reordered", {}).items():
+                if topic in self._states:
+                    note(
+                        f"warning: {topic}: {counted(count, 'message')} of {file.name} came up to {most / 1e9:.3g} s "
+                        "out of order, and were put into that of recording"
+                    )
         for topic, state in self._states.items():
             name = self._name(topic)
             clock = "times of recording" if state.by_log else "header stamps"
             if topic in self._cameras:
                 self.times[name] = f"{clock} of {topic}"
-            first = f"; the first: {state.reason}" if state.reason else ""
+            reason = state.reason or (self._streams[topic].reason if topic in self._streams else "")
+            first = f"; the first: {reason}" if reason else ""
             for count, what in (
-                (state.late, "time stamps repeat or go back; these messages were skipped"),
+                (state.late, f"time stamps repeat or go back, {state.lateness}; these messages were skipped"),
                 (state.damaged, f"messages that cannot be used were skipped{first}"),
                 (state.resized, f"images of another size than {state.sized} were skipped"),
             ):
@@ -449,7 +610,7 @@ class Taking:
         for topic, changes in self._changed.items():
             what = f"calibrations differ from the first one, which was taken for all images; the first: {changes[0]}"
             losses.append(Loss(self.bag.paths[0].name, topic, what, len(changes)))
-        return [*self.bag.losses, *losses]
+        return [*self.bag.losses, *losses, *self._video_losses]
 
     def checks(self) -> tuple[Check, ...]:
         """Checks of the messages, after the last one."""
@@ -466,7 +627,8 @@ class Taking:
         low, high = state.difference_range
         if max(abs(low), abs(high)) > CLOCKS_APART_S and math.isfinite(low):
             used = "times of recording" if state.by_log else "header stamps"
-            yield finding(STAMPS, "stamps-late", topic=topic, low_s=low, high_s=high, used=used)
+            kind = "stamps-since-boot" if low > OTHER_START_S else "stamps-late"
+            yield finding(STAMPS, kind, topic=topic, low_s=low, high_s=high, used=used)
 
 
 def _is_same(a: InfoMessage, b: InfoMessage) -> bool:

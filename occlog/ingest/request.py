@@ -22,8 +22,9 @@ def _several(help_text: str, option: str, metavar: str) -> Any:
 class IngestRequest(Request):
     """Collect video, detections, directions of arrival and tag reads with the calibration into one recording.
 
-    BAG is a ROS 2 bag (a folder, .mcap or .db3) or an external MCAP file; several are parts of one recording. `occlog
-    info BAG` lists what would be read from it. It may also be the folder of WILDTRACK as the data set ships it.
+    BAG is a bag of ROS 2 (a folder, .mcap or .db3) or ROS 1 (.bag), or an external MCAP file; several are parts of
+    one recording. `occlog info BAG` lists what would be read from it. It may also be the folder of WILDTRACK as the
+    data set ships it.
 
     The time of a frame comes from --timestamps, else from the time stamps of the video file, else from its frame
     rate; the source is printed and recorded. Frames missing from a damaged video are listed, and the exit code is 3.
@@ -45,7 +46,7 @@ class IngestRequest(Request):
     )
 
     bags: tuple[Path, ...] = source(
-        "ROS 2 bags, external MCAP files, or the WILDTRACK folder.",
+        "Bags of ROS 2 or ROS 1, external MCAP files, or the WILDTRACK folder.",
         argument=True,
         required=False,
         there=False,

@@ -29,6 +29,7 @@ from occlog.io.formats.truth import TruthOptions, read_truth
 from occlog.io.frames.camera_source import CameraSource
 from occlog.io.frames.decoders.process import Delivered
 from occlog.io.messages.bag import Bag, BagSurvey, open_bag
+from occlog.io.open import external_positions
 from occlog.io.recording.chunks import is_of_occlog
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.columns import ColumnTable
@@ -174,9 +175,10 @@ def _write_bag(
 ) -> None:
     """Images and rows of a bag, in one pass."""
     clocks = {s.name: clock for s in scene.sensors if (clock := clock_of(scene, s.name)) is not None}
-    taking = Taking(bag.bag, bag.found, plan, scene, clocks, bag.placement, turn)
-    for message in job.progress(taking.messages(), "ingest", taking.count):
-        taking.take(message, writer)
+    with Taking(bag.bag, bag.found, plan, scene, clocks, bag.placement, turn) as taking:
+        for message in job.progress(taking.messages(), "ingest", taking.count):
+            taking.take(message, writer)
+        taking.write_videos(writer)
     done.losses.extend(taking.finish(job.note))
     done.checks.extend(taking.checks())
     done.frames.update(taking.frames)
@@ -283,7 +285,7 @@ def _write_tables(
             sync_ns=sync,
             boxes=truth_options(plan, scene),
         )
-        true = _split_tables(_truth(path, how, plan, turn), path, seen)
+        true = _split_tables(_truth(path, how, plan, turn, scene.length_unit), path, seen)
         true = within_frames(true, plan, survey, times, note)
         tables.append(check_truth_consistency(true, scene, path, note))
     empty = 0
@@ -389,11 +391,18 @@ def _check_tags(path: Path, log: ReadLog, known: Mapping[str, int]) -> None:
             )
 
 
-def _truth(path: Path, how: TruthOptions, plan: IngestPlan, turn: Turn | None) -> Iterator[Truth | TruthBoxes]:
+def _truth(
+    path: Path, how: TruthOptions, plan: IngestPlan, turn: Turn | None, length_unit: str
+) -> Iterator[Truth | TruthBoxes]:
     """Tables of the truth, turned like the cameras; without cameras a frame rate given for all counts its frames."""
     if not how.times:
         rate = times_of(plan, "", {})
         how = replace(how, times={"": rate} if rate else {})
+    external = external_positions(path, length_unit) if plan.truth_format == "auto" else None
+    if external is not None:
+        # Positions on the earth are in the world of their origin, which is upright
+        yield from external.rows if external.on_earth or turn is None else (turn.truth(t, path) for t in external.rows)
+        return
     for table in read_truth(path, how):
         if isinstance(table, Truth) and not len(table):
             continue

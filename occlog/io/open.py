@@ -13,17 +13,17 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar, cast
+from typing import TYPE_CHECKING, NamedTuple, TypeVar, cast
 
 from occlog.console.notes import log_detail
 from occlog.errors import InputError, NoSceneError, OcclogError, UsageError
 from occlog.io.files.input_units import STATED
-from occlog.io.files.limits import EXPECTED, FOREIGN_BAG, SQLITE_MAGIC, Content, content_of, describe_unsupported
+from occlog.io.files.limits import EXPECTED, FOREIGN_BAG, Content, content_of, describe_unsupported
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import describe, is_ours, iter_table, read_header
 from occlog.records.columns import LENGTHS, ColumnTable
 from occlog.records.losses import Loss
-from occlog.records.tables import table_with
+from occlog.records.tables import Truth, table_with
 
 if TYPE_CHECKING:
     from occlog.io.external.source import ColumnSource
@@ -297,12 +297,45 @@ def _recording(path: Path) -> Opened:
 
 
 def _table(path: Path) -> Opened:
-    with path.open("rb") as file:
-        if file.read(len(SQLITE_MAGIC)) == SQLITE_MAGIC:
-            raise InputError(f"{path}: a database (SQLite), not a table; {FOREIGN_BAG}")
     header = read_header(path)
     log_detail(f"{path}: a table of occlog: {header.table}, lengths in {header.length_unit}")
     return Opened(path, header.provenance, None, header.length_unit, None, header.table)
+
+
+class ExternalPositions(NamedTuple):
+    """Positions of a file of another program; `on_earth`: by latitude and longitude."""
+
+    rows: Iterator[Truth]
+    on_earth: bool
+
+
+def external_positions(path: Path, length_unit: str) -> ExternalPositions | None:
+    """Positions of trajectories (TUM, TRC, GeoJSON, GPX, EuRoC) or on the earth; None for a file of another kind.
+
+    Args:
+        path: the file.
+        length_unit: unit of the rows.
+
+    Raises:
+        InputError: the file is of such a kind, and cannot be read.
+    """
+    from occlog.io.external.source import parquet_parts
+
+    if path.is_dir() and not parquet_parts(path):
+        return None
+    source = _source(path)
+    if source is None or not (source.trajectories is not None or source.geodetic is not None or source.commented):
+        return None
+    try:
+        opened = _external_table(source, (Truth,))
+    except InputError:
+        if source.commented:
+            return None
+        raise
+    assert opened.foreign is not None
+    opened.foreign.convert_to(length_unit)
+    on_earth = source.geodetic is not None or source.kind in ("GPX", "GeoJSON")
+    return ExternalPositions(opened.foreign.rows(Truth), on_earth)
 
 
 def is_external(path: Path | None) -> bool:

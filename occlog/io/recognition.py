@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from occlog.errors import InputError, UsageError
-from occlog.io.files.limits import RECORDING_MAGIC, SQLITE_MAGIC, ZSTD_MAGIC, guarded, is_odas
+from occlog.io.files.limits import BAG_MAGICS, RECORDING_MAGIC, guarded, is_odas
 
 if TYPE_CHECKING:
     from occlog.io.files.texts.formats import FileFormat, Probe
@@ -128,7 +128,7 @@ def _of_file(path: Path) -> Iterator[FileContent]:
             head = file.read(512)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
-    if head.startswith((RECORDING_MAGIC, SQLITE_MAGIC, ZSTD_MAGIC)):
+    if head.startswith((RECORDING_MAGIC, *BAG_MAGICS)):
         bag = is_foreign_bag(path)
         yield FileContent(*((FileKind.BAG, "bag of another program") if bag else (FileKind.RECORDING, "recording")))
     elif head[8:12] == b"WAVE":
@@ -354,7 +354,7 @@ def is_one_bag(folder: Path) -> bool:
 
 
 def is_foreign_bag(path: Path) -> bool:
-    """Return whether a path is a bag of ROS 2 or an MCAP file of another program, perhaps cut off."""
+    """Return whether a path is a bag of ROS or an MCAP file of another program, perhaps cut off."""
     if path.is_dir():
         from occlog.io.messages.bag import is_bag
 
@@ -362,9 +362,9 @@ def is_foreign_bag(path: Path) -> bool:
     if not path.is_file():
         return False
     with path.open("rb") as file:
-        head = file.read(len(SQLITE_MAGIC))
+        head = file.read(max(map(len, (RECORDING_MAGIC, *BAG_MAGICS))))
     if not head.startswith(RECORDING_MAGIC):
-        return head.startswith((SQLITE_MAGIC, ZSTD_MAGIC))
+        return head.startswith(BAG_MAGICS)
     from occlog.io.recording.reader import open_recording
 
     try:

@@ -514,6 +514,11 @@ VERDICT: dict[str, Message] = {
         "topic {topic}: recorded {low_s:.3g} to {high_s:.3g} s after its header stamps; the {used} are used",
         "choose ({option[timestamp_source]} header or log)",
     ),
+    "stamps-since-boot": Message(
+        W,
+        "topic {topic}: header stamps, {low_s:.3g} s before recording, count from another start; the {used} are used",
+        "use the others ({option[timestamp_source]} header or log)",
+    ),
     # Stages before tracking, and batches
     "sensor-times-disjoint": Message(
         W,

@@ -51,7 +51,7 @@ MISSING = {
     "evaluate": {"--write-scene", "--also", "--mot"},
     "report": {"other"},  # of two runs side by side
 }
-EVERYWHERE = {"--input-units", "--reader"}
+EVERYWHERE = {"--input-units", "--origin", "--reader"}
 """Options that have no argument on purpose."""
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from occlog.errors import OcclogError
 from occlog.ingest.rig import describe as describe_calibration
+from occlog.io.files.geodetic import stated_origin
 from occlog.io.files.tables.parquet import describe, first_rows, read_header, read_provenance, read_table
 from occlog.io.files.texts.documents import read_json
 from occlog.io.files.times import read_sidecar
@@ -50,6 +51,7 @@ from occlog.io.messages.contents import (
 )
 from occlog.io.messages.kinds import BoxMessage, DirectionMessage, ImageMessage, InfoMessage, PoseMessage
 from occlog.io.messages.topics import read_topic_map
+from occlog.io.messages.video_stream import StreamReader
 from occlog.io.open import open_input, scene_in
 from occlog.io.recognition import contents_of, read_sequence_info
 from occlog.io.recording.reader import open_recording
@@ -176,6 +178,22 @@ def _foreign(path: Path) -> None:
     _drain(opened.rows(TABLES[opened.table]))
 
 
+def _on_earth(path: Path) -> None:
+    with stated_origin("52.5163,13.3777,0,30"):
+        _foreign(path)
+
+
+def _stream(path: Path) -> None:
+    """Messages of 16 to 255 bytes of a stream, the first byte of a file states H.264 or H.265."""
+    data = path.read_bytes()
+    reader, at = StreamReader("h265" if data[:1] == b"5" else "h264"), 1
+    while at < len(data):
+        size = data[at] or 1
+        with suppress(OcclogError):  # which is a loss
+            reader.read(data[at + 1 : at + 1 + size])
+        at += 1 + size
+
+
 def _boxes(camera: str | None, folder: bool, path: Path) -> None:
     options = BoxOptions(classes=(), sizes=SIZES, drop_zero=True)
     given = [BoxFile(path.parent if folder else path, camera)]
@@ -232,6 +250,7 @@ READERS = {
         Reader("bag (MCAP)", "b.mcap", _bag, seeds.bags, MCAP, noisy=True),
         Reader("bag (Foxglove)", "b.mcap", _bag, seeds.foxglove_bags, MCAP, noisy=True),
         Reader("bag (SQLite)", "b.db3", _bag, seeds.databases, noisy=True),
+        Reader("bag (ROS 1)", "b.bag", _bag, seeds.bags_of_ros_1, noisy=True),
         Reader("bag (zstd)", "b.mcap.zstd", _bag, seeds.packed_bags, ZSTD, noisy=True),
         Reader(
             "bag (metadata)", "bag/metadata.yaml", lambda path: _bag(path.parent), seeds.text(seeds.METADATA),
@@ -243,6 +262,13 @@ READERS = {
         Reader("foreign table (text)", "t.csv", _foreign, seeds.text(seeds.TRUTH, seeds.TRACKS, seeds.DOA)),
         Reader("foreign table (gzip)", "t.csv.gz", _foreign, seeds.packed(seeds.TRUTH, seeds.TRACKS), GZIP),
         Reader("trajectories (TUM)", "t.tum", _foreign, seeds.text(seeds.TUM)),
+        Reader("trajectories (GPX)", "t.gpx", _on_earth, seeds.text(seeds.GPX)),
+        Reader("table on the earth", "t.csv", _on_earth, seeds.text(seeds.GPS)),
+        Reader(
+            "trajectories (KITTI)", "t.txt", _foreign, seeds.text(seeds.KITTI_POSES),
+            beside={"times.txt": b"0.0\n1.0e-01\n"}, noisy=True,
+        ),
+        Reader("stream of video", "v.bin", _stream, seeds.streams),
         Reader("trajectories (TRC)", "t.trc", _foreign, seeds.text(seeds.TRC)),
         Reader("trajectories (GeoJSON)", "t.geojson", _foreign, seeds.text(seeds.GEOJSON)),
         Reader("scene", "s.yaml", scene_in, seeds.scenes),

@@ -16,7 +16,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.feather as feather
 import pyarrow.parquet as pq
+import ros1_bags
 import ros_bags
+import stream_samples
 import zstandard
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from mcap.writer import Writer
@@ -155,6 +157,20 @@ def databases() -> list[bytes]:
     return [file(lambda path: ros_bags.write_db3(path, ros_bags.two_cameras(2)[1:5:2]), "b.db3")]
 
 
+def bags_of_ros_1() -> list[bytes]:
+    """Bags of ROS 1: plain and packed ones, and one without its index."""
+    rows = ros_bags.two_cameras(2)
+    packed = ("none", "bz2", "lz4")
+    whole = [file(lambda path, c=c: ros1_bags.write_bag(path, rows, compression=c), "b.bag") for c in packed]
+    return [*whole, file(lambda path: ros1_bags.without_index(path, rows), "b.bag")]
+
+
+def streams() -> list[bytes]:
+    """Messages of H.264 and H.265 with their lengths."""
+    found = ((b"4", stream_samples.H264), (b"5", stream_samples.H265), (b"4", stream_samples.H264B))
+    return [head + b"".join(bytes([len(data)]) + data for data in each if len(data) < 256) for head, each in found]
+
+
 def tables() -> list[bytes]:
     """One table of each kind."""
     return [
@@ -250,6 +266,13 @@ TRC = (
     "\t\tX1\tY1\tZ1\tX2\tY2\tZ2\n\n1\t0.0\t1\t2\t0\t3\t4\t0\n2\t0.1\t1.1\t2\t0\t\t\t\n"
 )
 TUM = "# a note\n1700000000.1 1 2 0 0 0 0 1\n1700000000.2 1.1 2 0 0 0 0 1\n"
+GPX = (
+    '<?xml version="1.0"?>\n<gpx version="1.1" xmlns="http://www.topografix.com/GPX/1/1"><trk><trkseg>'
+    '<trkpt lat="52.5163" lon="13.3777"><ele>34</ele><time>2024-05-01T12:00:00Z</time></trkpt>\n'
+    '<trkpt lat="52.5164" lon="13.3778"><ele>35</ele><time>2024-05-01T12:00:01Z</time></trkpt></trkseg></trk></gpx>\n'
+)
+GPS = "time,id,lat,lon,alt\n0,1,52.5163,13.3777,30\n1,1,52.5164,13.3778,31.5\n"
+KITTI_POSES = "1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0 0.1 0 1 0 0 0 0 1 1.5e+00\n"
 GEOJSON = json.dumps(
     {
         "type": "FeatureCollection",

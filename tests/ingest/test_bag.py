@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rosbags")
+import ros1_bags
 import ros_bags as ros
 import zstandard
 from ros_bags import START, STEP, Row
@@ -476,7 +478,7 @@ def test_other_commands_say_that_a_bag_is_ingested_first(tmp_path: Path, capsys:
     for source in (folder, ros.write_mcap(folder / "b.mcap", rows), ros.write_db3(tmp_path / "b.db3", rows)):
         out, scene = tmp_path / "out.parquet", str(tmp_path / "scene.yaml")
         assert run(["track", str(source), "--scene", scene, "-o", str(out)]) == ExitCode.BAD_INPUT
-        assert "of a bag of another program `occlog ingest` makes a recording" in capsys.readouterr().err
+        assert re.search("bag of another program `occlog ingest` makes|make a recording of", capsys.readouterr().err)
 
 
 def test_a_recording_of_occlog_is_no_bag(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -494,3 +496,48 @@ def test_a_recording_of_occlog_is_no_bag(bag: Path, capsys: pytest.CaptureFixtur
             f"{path.name}: is an occlog recording; ingest would drop its tables and losses" in capsys.readouterr().err
         )
     assert not again.exists()
+
+
+def clocks(header_s: Sequence[float], log_s: Sequence[float], kind: str, folder: Path) -> Path:
+    """A bag of one camera with these times of its images, and of recording [s after START], in this order."""
+    rows = rig()[:2]
+    for k, (stamp, recorded) in enumerate(zip(header_s, log_s, strict=True)):
+        image = ros.compressed(START + round(stamp * 1e9), "cam_optical", ros.picture(k))
+        rows.append(("/cam/image_raw", IMAGE, START + round(recorded * 1e9), image))
+    if kind == "mcap":
+        return ros.write_mcap(folder / "b.mcap", rows, chunk_size=1 << 22)
+    (folder / f"b.{kind}").unlink(missing_ok=True)
+    return ros1_bags.write_bag(folder / "b.bag", rows) if kind == "bag" else ros.write_db3(folder / "b.db3", rows)
+
+
+@pytest.mark.parametrize("kind", ["mcap", "bag", "db3"])
+def test_a_clock_that_is_set_back_is_said_with_place_and_size_and_nothing_is_sorted(tmp_path: Path, kind: str) -> None:
+    """H4, case c06: messages of one chunk of MCAP were sorted, so that the last images came first, without a word."""
+    times_s = [0.05 * k - (30 if k >= 20 else 0) for k in range(30)]
+    recording = made(clocks(times_s, times_s, kind, tmp_path), code=ExitCode.LOSSY)
+    assert times(recording, "cam") == [50 * k for k in range(20)]
+    (loss,) = recording.losses
+    assert loss.count == 10
+    assert "repeat or go back, by up to 29.9 s, the first after message 19, recorded 2023-11-14T22:12:51" in loss.what
+    # The recorder's clock alone: the headers are right, and so is the order of the file
+    recording = made(clocks([0.05 * k for k in range(30)], times_s, kind, tmp_path))
+    assert times(recording, "cam") == [50 * k for k in range(30)]
+
+
+def test_messages_that_overtook_others_are_put_in_order_with_a_word(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    order = [0.05 * k for k in (0, 1, 3, 2, 4, 5, 7, 6)]
+    assert times(made(clocks(order, order, "mcap", tmp_path)), "cam") == [50 * k for k in range(8)]
+    assert "/cam/image_raw: 2 messages of b.mcap came up to 0.05 s out of order" in capsys.readouterr().err
+
+
+def test_stamps_that_count_from_the_start_of_a_device_are_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """H7, case c08."""
+    recorded = [0.05 * k for k in range(4)]
+    made(clocks([s + 60 - START / 1e9 for s in recorded], recorded, "mcap", tmp_path))
+    err = capsys.readouterr().err
+    assert "count from another start; the header stamps are used" in err
+    assert "--timestamp-source header or log" in err

@@ -31,11 +31,10 @@ def test_stamps_that_fall_back_to_1980_are_left_out_and_listed(shared_cases: Pat
     assert (loss.count, "time stamps repeat or go back" in loss.what) == (5, True)
 
 
-def test_video_in_messages_is_refused_with_what_to_do(
+def test_images_stated_to_be_video_are_refused_with_what_to_do(
     shared_cases: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = shared_cases / "c13_compressed_video" / "fox_video.mcap"
     assert run(["ingest", str(bag), "-o", str(tmp_path / "x.mcap")]) == ExitCode.BAD_INPUT
     said = capsys.readouterr().err
-    assert "video in messages (CompressedVideo) is not read" in said
-    assert "--video and --timestamps" in said
+    assert "topic /left/image: video is stated to be h264, and its data are JPEG; record it as jpeg" in said

@@ -11,7 +11,7 @@ from pathlib import Path
 from occlog.cli.input_paths import is_missing, no_such_file
 from occlog.errors import InputError, OcclogError, UsageError
 from occlog.io.external.source import FILE_MAGIC, STREAM_MAGIC, find_source
-from occlog.io.files.limits import RECORDING_MAGIC, SQLITE_MAGIC, Content, content_of, is_zstd
+from occlog.io.files.limits import BAG_MAGICS, RECORDING_MAGIC, Content, content_of, is_zstd
 from occlog.io.files.tables.parquet import is_ours
 from occlog.io.formats.sound.wav import open_sound
 from occlog.io.frames.codec import image_kind
@@ -120,7 +120,7 @@ def _by_content(path: Path, findings: Findings, seen: set[Path]) -> bool:
         head = file.read(16)
     if content is Content.RECORDING:
         _mcap(path, findings, seen)
-    elif head.startswith(SQLITE_MAGIC) or is_zstd(head):
+    elif head.startswith(BAG_MAGICS) or is_zstd(head):
         check_bag(path, findings)
     elif content is Content.TABLE or head.startswith((FILE_MAGIC, STREAM_MAGIC)):
         if content is Content.TABLE and is_ours(path):

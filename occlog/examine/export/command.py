@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from occlog import console
 from occlog.cli import options
+from occlog.cli.common import ORIGIN_FORM, ORIGIN_HELP, state_origin
 from occlog.cli.setting_options import PluggedCommand, chosen_in
 from occlog.errors import UsageError
 from occlog.examine.viewers.command import every_opt
 from occlog.plugins.loading import EXPORTER
 
 from .formats import FORMATS, FOXGLOVE, RERUN, VIEWERS, format_of
+
+if TYPE_CHECKING:
+    from occlog.io.files.geodetic import Origin
 
 LIST = "\n".join(f"      {name:<9}{'/'.join(f.endings) or '(--to)':<17}{f.doc}" for name, f in FORMATS.items())
 
@@ -58,8 +63,9 @@ LIST = "\n".join(f"      {name:<9}{'/'.join(f.endings) or '(--to)':<17}{f.doc}" 
 @click.option(
     "--origin",
     default=None,
-    metavar="LAT,LON[,DEG]",
-    help="Position of the scene's origin on the earth (WGS 84), and the angle of +x from east towards north.",
+    metavar=ORIGIN_FORM,
+    callback=state_origin,
+    help=f"GeoJSON, and inputs of latitude and longitude: {ORIGIN_HELP}.",
 )
 @click.option("--scene", type=options.INPUT, default=None, help="Scene file, for image sizes (coco) and viewers.")
 @click.option("--recording", type=options.INPUT, default=None, help="Viewers: images and scene, if not in the folder.")
@@ -88,7 +94,7 @@ def command(
     table: str | None,
     targets: tuple[int, ...],
     camera: str | None,
-    origin: str | None,
+    origin: Origin | None,
     scene: Path | None,
     recording: Path | None,
     layout: Path | None,
@@ -116,7 +122,7 @@ def command(
         {"--recording": recording, "--layout": layout, "--quality": quality, "--height": height, "--every": every},
         "is for viewers' formats only",
     )
-    from .run import STANDARD, ExportRequest, parse_origin, run_export
+    from .run import STANDARD, ExportRequest, run_export
 
     request = ExportRequest(
         input=file,
@@ -125,7 +131,7 @@ def command(
         table=table,
         targets=targets,
         camera=camera,
-        origin=None if origin is None else parse_origin(origin),
+        origin=origin,
         scene=scene,
         overwrite=overwrite,
         exporter=next(iter(chosen_in(click.get_current_context(), values)), None),

@@ -6,7 +6,6 @@ Formats of plug-ins: which tables they take, and writing by them.
 from __future__ import annotations
 
 import gzip
-import math
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -20,8 +19,8 @@ from occlog import console
 from occlog.console.notes import begin_work
 from occlog.errors import InputError, PluginError, UsageError
 from occlog.io.files.atomic import OutputGroup, check_outputs, open_output
+from occlog.io.files.geodetic import Origin, begin_positions, origin_is_unused
 from occlog.io.formats.boxes.mot_challenge import SEQUENCE_INFO, Kind, mot_text
-from occlog.io.formats.trajectories import FARTHEST, Origin
 from occlog.io.open import Opened, load_scene, open_input
 from occlog.plugins.interface import ExportContext, Exporter
 from occlog.plugins.loading import Chosen, plugin_errors
@@ -165,6 +164,8 @@ def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, .
     if request.output != STANDARD:
         check_outputs([request.input, request.scene], (request.output, info), request.overwrite)
     opened = open_input(request.input)
+    if name != "geojson" and origin_is_unused():
+        raise UsageError(f"origin: format {name} takes none, and the input has no latitudes and longitudes")
     table = _table(opened, form, name, request.table)
     scene = load_scene(request.scene, None, request.scene) if request.scene is not None else opened.scene
     unit = opened.length_unit or ("m" if scene is None else scene.length_unit)
@@ -203,19 +204,6 @@ def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, .
     return summary, opened.losses
 
 
-def parse_origin(text: str) -> Origin:
-    """LAT,LON or LAT,LON,DEG; UsageError for anything else, and for positions beyond 85 degrees, where metres grow."""
-    try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError:
-        values = []
-    if len(values) not in (2, 3) or not all(math.isfinite(value) for value in values):
-        raise UsageError(f"origin: {text!r} is not LAT,LON or LAT,LON,DEG, as 52.5163,13.3777")
-    if abs(values[0]) > FARTHEST or abs(values[1]) > 180:
-        raise UsageError(f"origin: latitude must be within {FARTHEST:g} degrees and longitude within 180")
-    return Origin(*values)
-
-
 def _info_path(output: Path) -> Path | None:
     """Path of `seqinfo.ini`: next to the folder `gt` or `det`, as in a sequence of MOTChallenge; None elsewhere."""
     folder = output.resolve().parent
@@ -229,13 +217,10 @@ def _check_request(request: ExportRequest, name: str, form: ExportFormat) -> Non
             raise UsageError(f"target: format {name} writes all rows; leave it out")
         if request.camera is not None and form.tables != FORMATS["mot"].tables:
             raise UsageError(f"camera: format {name} has no images; leave it out")
-    if (request.origin is not None) != (name == "geojson"):
-        said = (
-            "requires the position of the scene's origin on earth, as 52.5163,13.3777"
-            if name == "geojson"
-            else "takes none"
+    if name == "geojson" and request.origin is None:
+        raise UsageError(
+            "origin: format geojson requires the position of the scene's origin on earth, as 52.5163,13.3777"
         )
-        raise UsageError(f"origin: format {name} {said}")
 
 
 def _table(opened: Opened, form: ExportFormat, name: str, wanted: str | None) -> type[ColumnTable]:
@@ -296,6 +281,7 @@ def _write_places(
             yield positions
 
     if name == "geojson" and request.origin is not None:
+        begin_positions()
         texts = geojson_texts(pieces, request.origin, unit)
     elif name == "trc":
         texts = trc_texts(pieces, unit, request.output.name)

@@ -21,9 +21,10 @@ from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.metrics.errors import quantiles
 from occlog.errors import InputError, UsageError
 from occlog.io.external.names import POWERS, ending
+from occlog.io.files.geodetic import Origin, degrees_of
 from occlog.io.files.spill import Spool
 from occlog.io.files.texts.csv_rows import no_formula
-from occlog.io.formats.trajectories import COLLECTION, KEYS, ORIGIN, Origin, degrees_of
+from occlog.io.formats.trajectories import COLLECTION, KEYS, ORIGIN
 from occlog.records.columns import Column, ColumnTable, rows_by_label
 from occlog.records.declared.people import PeopleTracks
 from occlog.records.tables import Tracks, Truth
@@ -153,7 +154,9 @@ def geojson_texts(
     for positions in pieces():
         names, rows = np.unique(positions.identity, return_counts=True)
         counts.update(dict(zip(names.tolist(), rows.tolist(), strict=True)))
-    where = {ORIGIN: dict(zip(KEYS, origin, strict=True))}  # so that positions in the scene can be read again
+    where = {
+        ORIGIN: dict(zip(KEYS, origin[: len(KEYS)], strict=True))
+    }  # so that positions in the scene can be read again
     yield json.dumps({"type": COLLECTION, **where, "features": []})[:-2]
     mark = ""
     for group in _groups(counts, most):

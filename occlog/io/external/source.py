@@ -23,6 +23,7 @@ from urllib.parse import unquote
 import pyarrow as pa
 
 from occlog.errors import InputError
+from occlog.io.files.geodetic import begin_positions
 from occlog.io.files.limits import PARQUET_MAGIC, STANDARD_INPUT, check_declared_size, check_input
 from occlog.io.files.names import utf8_name
 from occlog.io.files.tables.arrow import SCHEMA_KEY
@@ -33,6 +34,7 @@ from occlog.io.files.times import TIME_COLUMNS
 from occlog.io.formats.trajectories import Trajectories, find_trajectories
 
 from .cells import ArrowCells, TableCells, TextCells
+from .geodetic import GeodeticCells, GeodeticColumns, geodetic_columns
 from .names import plain_name
 
 FILE_MAGIC, STREAM_MAGIC = b"ARROW1", b"\xff\xff\xff\xff"
@@ -199,6 +201,7 @@ class ColumnSource(NamedTuple):
         commented: names of columns are in a first line that begins with `#`.
         parts: files of a table that is a folder of Parquet, in order; else none.
         fps: frames per second, where the columns count frames and state no times; None: not stated.
+        geodetic: columns with positions on the earth, in place of which `names` has those in the scene; None: none.
     """
 
     path: Path
@@ -209,6 +212,7 @@ class ColumnSource(NamedTuple):
     commented: bool = False
     parts: tuple[Path, ...] = ()
     fps: Fraction | None = None
+    geodetic: GeodeticColumns | None = None
 
     @property
     def size(self) -> int:
@@ -228,6 +232,14 @@ class ColumnSource(NamedTuple):
 
     def cells(self, names: Sequence[str]) -> Iterator[TableCells]:
         """The cells of some columns, in parts, in the order of the file."""
+        if self.geodetic is None:
+            yield from self._plain_cells(names)
+            return
+        for cells in self._plain_cells(self.geodetic.read(names)):
+            yield GeodeticCells(self.path, cells, self.geodetic)
+
+    def _plain_cells(self, names: Sequence[str]) -> Iterator[TableCells]:
+        """The cells of some columns of the file."""
         if self.trajectories is not None:
             yield from (TextCells(rows) for rows in self.trajectories.read(self.path))
             return
@@ -257,7 +269,11 @@ def find_source(path: Path) -> ColumnSource | None:
     found = _find_source(path)
     if found is not None and len(found.names) > MAX_COLUMNS:
         raise InputError(f"{path}: {len(found.names)} columns; a table of at most {MAX_COLUMNS} was expected")
-    return found
+    columns = None if found is None or found.trajectories is not None else geodetic_columns(found.names)
+    if found is None or columns is None:
+        return found
+    begin_positions()
+    return found._replace(names=columns.replaced(found.names), geodetic=columns)
 
 
 def parquet_parts(folder: Path) -> tuple[Path, ...]:

@@ -67,7 +67,10 @@ def check_input(path: Path, what: str) -> Path:
 
 RECORDING_MAGIC = b"\x89MCAP0\r\n"
 SQLITE_MAGIC = b"SQLite format 3\0"
+ROS1_MAGIC = b"#ROSBAG V"
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+BAG_MAGICS = (SQLITE_MAGIC, ROS1_MAGIC, ZSTD_MAGIC)
+"""First bytes of bags of ROS other than MCAP."""
 PARQUET_MAGIC = b"PAR1"
 EXPECTED = "a recording or a table"
 
@@ -86,7 +89,10 @@ XML_BY_INGEST = (
     "true boxes and calibrations in XML go into a recording by `occlog ingest -o OUT.mcap --truth CAMERA={name}`, with "
     "the video, boxes or calibration of CAMERA, and `ingest --fps RATE` where nothing else gives times"
 )
+BAG_BY_INGEST = "make a recording of it by `occlog ingest {name} -o OUT.mcap`"
 _OTHERS = (
+    (0, ROS1_MAGIC, f"a bag of ROS 1; {BAG_BY_INGEST}"),
+    (0, SQLITE_MAGIC, f"a database (SQLite), perhaps a bag of ROS 2; {BAG_BY_INGEST}"),
     (4, b"ftyp", f"a video (MP4); {MADE_BY_INGEST}"),
     (0, b"\x1a\x45\xdf\xa3", f"a video (Matroska or WebM); {MADE_BY_INGEST}"),
     (8, b"AVI ", f"a video (AVI); {MADE_BY_INGEST}"),

@@ -22,6 +22,7 @@ from occlog.errors import InputError, spelled
 from occlog.records.losses import Loss
 from occlog.records.verdicts import Check, Verdict, distinct
 
+from .geodetic import STATED_ORIGIN
 from .input_units import STATED
 
 DISTRIBUTIONS = (
@@ -80,6 +81,12 @@ class InputDigests(tuple[tuple[str, str], ...]):
         return made
 
 
+def _stated() -> tuple[str, ...]:
+    """What the user states of all inputs."""
+    origin = STATED_ORIGIN.get()
+    return (*STATED.get().texts(), *((origin.text(),) if origin is not None else ()))
+
+
 @dataclass(frozen=True)
 class Provenance:
     """Provenance that is written into every output.
@@ -90,7 +97,8 @@ class Provenance:
         seed: seed of the random numbers, None if missing.
         inputs: (file name, SHA-256) of every input, in a fixed order.
         losses: input that was lost so far, also in earlier stages.
-        input_units: units that were stated for input columns without a unit in their names.
+        input_units: units that were stated for input columns without a unit in their names, and the position of the
+            scene's origin on the earth.
         readers: name of each input that a plug-in has read, with the plug-in and its settings; None: as it was.
         version: of occlog; empty: not known.
         versions: of Python and of the packages that are installed, by name; empty: not known.
@@ -103,7 +111,7 @@ class Provenance:
     seed: int | None = None
     inputs: tuple[tuple[str, str], ...] = ()
     losses: tuple[Loss, ...] = ()
-    input_units: tuple[str, ...] = field(default_factory=lambda: STATED.get().texts())
+    input_units: tuple[str, ...] = field(default_factory=_stated)
     readers: tuple[Mapping[str, object], ...] | None = None
     version: str = __version__
     versions: Mapping[str, str] = field(default_factory=installed_versions)

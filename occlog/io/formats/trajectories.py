@@ -1,11 +1,9 @@
-"""Trajectories in formats that are no tables with a header: TUM, TRC, GeoJSON.
-
-Longitude and latitude (WGS 84) of positions on the plane that touches the earth at an origin, and back.
+"""Trajectories in formats that are no tables with a header: TUM, KITTI, TRC, GeoJSON, GPX.
 
 GeoJSON as `occlog export` writes it: a line or a point for each target, with the times of its corners.
 
-The member `origin` of the collection states the position of the scene's origin on earth; without it longitude and
-latitude give no position in the scene.
+The member `origin` of the collection states the position of the scene's origin on earth, or the user does; without it
+longitude and latitude give no position in the scene.
 
 Which format of trajectories a text is of, and its rows under names that tables know.
 
@@ -32,76 +30,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.errors import InputError
+from occlog.errors import InputError, option
+from occlog.io.files.geodetic import FARTHEST, STATED_ORIGIN, Origin, places_of_degrees
 from occlog.io.files.texts.csv_rows import MAX_CELL, CsvRows, read_plain, text_lines
 from occlog.io.files.texts.documents import parse_json
 from occlog.io.files.texts.formats import FileFormat, Probe, recognise
 from occlog.records.names import first_double
 
-A, F = 6_378_137.0, 1 / 298.257223563
-"""Half axis [m] and flattening of the ellipsoid of WGS 84."""
-E2 = F * (2.0 - F)
-FARTHEST = 85.0
-"""Latitude [deg] beyond which an origin is refused."""
-
-
-class Origin(NamedTuple):
-    """Position on earth and heading of a scene's origin."""
-
-    latitude: float  # [deg]
-    longitude: float  # [deg]
-    turned: float = 0.0  # angle of +x from the east towards the north [deg]
-
-
-def degrees_of(xy: Floats, origin: Origin) -> Floats:
-    """(N, 2) longitude and latitude [deg] of positions (N, 2) [m] on the ellipsoid's tangent plane at an origin."""
-    turned, latitude, longitude = np.radians([origin.turned, origin.latitude, origin.longitude]).tolist()
-    east = math.cos(turned) * xy[:, 0] - math.sin(turned) * xy[:, 1]
-    north = math.sin(turned) * xy[:, 0] + math.cos(turned) * xy[:, 1]
-    # Earth-centred coordinates: across the axis in the meridian of the origin, to its east, along the axis
-    radius = _radius(latitude)
-    across = radius * math.cos(latitude) - north * math.sin(latitude)
-    along = radius * (1.0 - E2) * math.sin(latitude) + north * math.cos(latitude)
-    # Back to the ellipsoid: Bowring's formula, exact to rounding near the surface
-    distance, b = np.hypot(across, east), A * (1.0 - F)
-    beta = np.arctan2(along * A, distance * b)
-    found = np.arctan2(along + E2 / (1.0 - E2) * b * np.sin(beta) ** 3, distance - E2 * A * np.cos(beta) ** 3)
-    return np.column_stack([np.degrees(longitude + np.arctan2(east, across)), np.degrees(found)])
-
-
-def places_of_degrees(degrees: Floats, origin: Origin) -> Floats:
-    """(N, 2) positions [m] on the plane that touches the ellipsoid at an origin; the inverse of `degrees_of`.
-
-    A position is where the plumb line of its longitude and latitude meets the plane.
-
-    Args:
-        degrees: (N, 2) longitude and latitude [deg].
-        origin: where the plane touches.
-    """
-    turned, latitude, longitude = np.radians([origin.turned, origin.latitude, origin.longitude]).tolist()
-    phi, away = np.radians(degrees[:, 1]), np.radians(degrees[:, 0]) - longitude
-    radius = A / np.sqrt(1.0 - E2 * np.sin(phi) ** 2)
-    # On the ellipsoid and along its normal, in the meridian of the origin
-    normal = np.column_stack([np.cos(phi) * np.cos(away), np.cos(phi) * np.sin(away), np.sin(phi)])
-    at = normal * np.column_stack([radius, radius, radius * (1.0 - E2)])
-    up = np.array([math.cos(latitude), 0.0, math.sin(latitude)])
-    own = _radius(latitude)
-    touch = np.array([own * math.cos(latitude), 0.0, own * (1.0 - E2) * math.sin(latitude)])
-    height = -((at - touch) @ up) / (normal @ up)
-    met = at - touch + height[:, None] * normal
-    east, north = met[:, 1], met @ np.array([-math.sin(latitude), 0.0, math.cos(latitude)])
-    return np.column_stack(
-        [
-            math.cos(turned) * east + math.sin(turned) * north,
-            -math.sin(turned) * east + math.cos(turned) * north,
-        ]
-    )
-
-
-def _radius(latitude: float) -> float:
-    """Radius of curvature across the meridian [m] at a latitude [rad]."""
-    return A / math.sqrt(1.0 - E2 * math.sin(latitude) ** 2)
-
+from .gpx import MARK as GPX
+from .gpx import gpx_columns, read_gpx
+from .kitti_poses import NAMES, looks_like_kitti, read_kitti
 
 GEOJSON_COLUMNS = ("t_ns", "target_id", "x_m", "y_m")
 COLLECTION = "FeatureCollection"
@@ -132,10 +70,14 @@ def read_geojson(path: Path) -> Iterator[CsvRows]:
 def _origin(path: Path, value: object) -> Origin:
     members: Mapping[str, Any] = value if isinstance(value, dict) else {}
     values: list[Any] = [members.get(key, 0.0 if key == KEYS[2] else None) for key in KEYS]
+    stated = STATED_ORIGIN.get()
+    if value is None and stated is not None:
+        stated.used = True
+        return stated.origin
     if not all(_is_number(v) for v in values):
         raise InputError(
-            f'{path}: does not state the position of the scene on earth; add the member "{ORIGIN}": '
-            f'{{"{KEYS[0]}": 52.5163, "{KEYS[1]}": 13.3777, "{KEYS[2]}": 0}} next to "features"'
+            f"{path}: does not state where the scene's origin is: {option('origin')} LAT,LON, or the member "
+            f'"{ORIGIN}": {{"{KEYS[0]}": 52.5163, "{KEYS[1]}": 13.3777, "{KEYS[2]}": 0}} next to "features"'
         )
     found = Origin(*(float(v) for v in values))
     if abs(found.latitude) > FARTHEST or abs(found.longitude) > 180:
@@ -337,6 +279,13 @@ def _is_tum(probe: Probe) -> bool:
         return False
 
 
+def _is_kitti(probe: Probe) -> bool:
+    try:
+        return not probe.start.startswith(b"{") and looks_like_kitti(probe.cells)
+    except InputError:
+        return False
+
+
 FORMATS: dict[str, FileFormat[Callable[[Path], Trajectories]]] = {
     "trc": FileFormat(
         lambda path: Trajectories("TRC", names_of(path), read_trc),
@@ -347,6 +296,12 @@ FORMATS: dict[str, FileFormat[Callable[[Path], Trajectories]]] = {
         lambda _: Trajectories("GeoJSON", GEOJSON_COLUMNS, read_geojson),
         "GeoJSON with times",
         _is_geojson,
+    ),
+    "gpx": FileFormat(
+        lambda _: Trajectories("GPX", gpx_columns(), read_gpx), "GPX with times", lambda probe: GPX in probe.start
+    ),
+    "kitti_poses": FileFormat(
+        lambda _: Trajectories("poses of KITTI", NAMES, read_kitti), "poses of KITTI odometry", _is_kitti
     ),
     "tum": FileFormat(lambda _: Trajectories("TUM text", TUM_COLUMNS, read_tum), "text of TUM", _is_tum),
 }

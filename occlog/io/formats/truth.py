@@ -61,7 +61,6 @@ from .boxes.datasets import frame_files, grid_places, is_annotations, is_kitti, 
 from .boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from .boxes.rows import FRAMES_PER_CHUNK, FileBoxRows, fill_frames
 from .sound.formats import looks_like_locata, read_source
-from .trajectories import find_trajectories
 
 CORNERS = TextFormat(
     "board corners",
@@ -416,12 +415,6 @@ def read_truth(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes
 
 def _format(probe: Probe, stated: str) -> str:
     """Name of the format of a file; InputError, with what it may hold, if it shows none."""
-    trajectories = find_trajectories(probe.path) if stated == "auto" else None
-    if trajectories is not None:
-        raise InputError(
-            f"{probe.path}: is {trajectories.kind}, a format of trajectories; `occlog evaluate --truth` takes it as it "
-            "is, and a recording a table (CSV) with columns of time (or frame), target_id, x and y"
-        )
     name = recognise(FORMATS, probe, stated, "truth")
     if name is None:
         remedy, head = "name its columns in a header line", probe.cells

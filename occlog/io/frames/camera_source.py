@@ -97,10 +97,20 @@ class CameraSource:
 
 
 def video_source(
-    name: str, path: Path, times: FrameTimes, *, start: int, stop: int | None, store: str, quality: int
+    name: str,
+    path: Path,
+    times: FrameTimes,
+    *,
+    start: int,
+    stop: int | None,
+    store: str,
+    quality: int,
+    keys: list[int] | None = None,
 ) -> CameraSource:
-    """Start decoding a video; `store` is png, jpeg, raw or none (times only)."""
+    """Start decoding a video; `store` is png, jpeg, raw or none (times only); `keys` as `DecodingJob` has them."""
     job = DecodingJob(kind="video", path=str(path), start=start, stop=stop, store=store, quality=quality)
+    if keys is not None:
+        job["keys"] = keys
     return CameraSource(name, path, start_decoder(job), times, whole=stop is None)
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import shlex
 import struct
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import chain, pairwise
 from pathlib import Path
@@ -285,6 +285,7 @@ def _describe(
             heard.append(text)
         return text
 
+    said()  # opening decodes the first pictures, of which FFmpeg writes again when they are decoded in turn
     pictures = _raw_pictures(there, capture, said)
     first = next(pictures, None)
     image, unconverted = first.fetch(None) if first is not None else (None, "")
@@ -361,6 +362,7 @@ def decode(
     lost: Callable[[Loss], None],
     sizes: Changes | None = None,
     target: Callable[[], Image | None] | None = None,
+    keys: Collection[int] | None = None,
 ) -> Iterator[Picture]:
     """Pictures of frames start <= number < stop in order; missing ones are reported to `lost` at the end.
 
@@ -373,15 +375,24 @@ def decode(
         lost: is called for everything that should be there and is not.
         sizes: where the size of the frames changes, as `size_changes` finds it.
         target: gives what the next frame may be decoded into, if it has that size.
+        keys: frames that need no other one: after a frame that is missing or damaged those before the next of them are
+            lost; None: such frames are used, and reported.
     """
     size = sizes[0][1] if sizes else video.size
     ledger = FrameLedger(video.path, video.container, video.frames, size, start, stop)
+    expected, damaged = start, False
     try:
         for raw in _trusted(video.container, video.raw, ledger.misplaced):
             if stop is not None and raw.index >= stop:
                 break
             if not ledger.accept(raw.index):
                 continue
+            if keys is not None:
+                gap, expected = raw.index > expected, raw.index + 1
+                damaged = bool(raw.complaint) or (raw.index not in keys and (gap or damaged))
+                if damaged:
+                    ledger.refuse(raw.index, f"damaged, or built on a frame that is ({raw.complaint or 'as before'})")
+                    continue
             image, unconverted = raw.fetch(None if target is None else target())
             if unconverted:
                 ledger.refuse(raw.index, _remedied(video.path, unconverted))

@@ -1,8 +1,8 @@
 """A bag: the files of one recording of another program, one after the other, with the losses of them.
 
-A folder of rosbag2 states in `metadata.yaml` which files belong to it and how many messages they hold; without it all
-.mcap and .db3 files of the folder are taken.  Files compressed as a whole (.zstd) are unpacked into
-a temporary folder, messages compressed one by one as they come.
+Files are bags of ROS 1 (.bag) or 2 (.mcap, .db3).  A folder of rosbag2 states in `metadata.yaml` which files belong to
+it and how many messages they hold; without it all .mcap and .db3 files of the folder are taken.  Files compressed as a
+whole (.zstd) are unpacked into a temporary folder, messages compressed one by one as they come.
 
 What a bag holds: its topics, what each is taken as, calibrations, frames of reference, sizes of images.
 """
@@ -12,7 +12,7 @@ from __future__ import annotations
 import os
 import tempfile
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -23,6 +23,7 @@ import zstandard
 from occlog.errors import InputError, OcclogError
 from occlog.io.files.limits import (
     RECORDING_MAGIC,
+    ROS1_MAGIC,
     SQLITE_MAGIC,
     check_input,
     describe_unsupported,
@@ -37,15 +38,28 @@ from occlog.records.columns import bounded_ns
 from occlog.records.losses import Loss
 
 from .contents import Transforms, is_picture, pixels
-from .kinds import FAILURES, Decode, ImageMessage, InfoMessage, TopicKind, decoder, kind_of, read_message
+from .kinds import (
+    FAILURES,
+    Decode,
+    ImageMessage,
+    InfoMessage,
+    TopicKind,
+    borrowed_types,
+    decoder,
+    kind_of,
+    read_message,
+)
 from .mcap_file import BagMessage, BagTopic, McapFile, unpack_frames
+from .rosbag1_file import Rosbag1File
 from .sqlite_file import SqliteFile
 from .topics import TopicMap, map_topics
+from .video_stream import is_video, stream_size
 
 METADATA = "metadata.yaml"
 SUFFIXES = (".mcap", ".db3")
 PACKED = (".zstd", ".zst")
-WHAT = "a bag (MCAP or ROS 2)"
+WHAT = "a bag (MCAP, ROS 2 or ROS 1)"
+BagFile = McapFile | SqliteFile | Rosbag1File
 _PIECE = 1 << 20
 MAX_GROWTH = 1000
 """A file that is compressed as a whole may unpack to this many times its size: recordings come to ten times."""
@@ -56,7 +70,7 @@ class Bag:
     """An opened bag; a context manager that removes unpacked files."""
 
     paths: tuple[Path, ...]
-    files: list[McapFile | SqliteFile] = field(default_factory=list)
+    files: list[BagFile] = field(default_factory=list)
     promised: dict[str, int] = field(default_factory=dict)
     described: bool = True  # metadata report all files, so that they hold no more than is promised
     remarks: dict[str, str] = field(default_factory=dict)  # of topics: faults without losses
@@ -188,7 +202,7 @@ def open_bag(paths: Collection[Path]) -> Bag:
     """Open the files of one recording.
 
     Args:
-        paths: folders of rosbag2, or files (.mcap, .db3, also compressed by zstd), in any order.
+        paths: folders of rosbag2, or files (.mcap, .db3, .bag, also compressed by zstd), in any order.
 
     Raises:
         InputError: none of the files can be read, or one is of another kind.
@@ -203,7 +217,8 @@ def open_bag(paths: Collection[Path]) -> Bag:
         if not bag.files:
             loss = bag.losses[0] if bag.losses else None
             where = next(iter(paths))
-            raise InputError(f"{where}: {loss}" if loss else f"{where}: holds no .mcap or .db3 file")
+            ros1 = f"; give its bags of ROS 1 as files: {where}/*.bag" if any(where.glob("*.bag")) else ""
+            raise InputError(f"{where}: {loss}" if loss else f"{where}: holds no .mcap or .db3 file{ros1}")
         if len(bag.files) > 1:
             bag.files = _in_order(bag.files)
     except BaseException:
@@ -212,7 +227,7 @@ def open_bag(paths: Collection[Path]) -> Bag:
     return bag
 
 
-def _in_order(files: list[McapFile | SqliteFile]) -> list[McapFile | SqliteFile]:
+def _in_order(files: list[BagFile]) -> list[BagFile]:
     """Files by when they begin: a shell puts `bag_10` before `bag_2`, and times that go back would be lost.
 
     One with unknown times, since it is damaged or empty, stays behind the one before it.
@@ -232,25 +247,32 @@ def _add(bag: Bag, path: Path) -> None:
         kind = _kind(path)
         unpacked = bag.unpack(path) if kind == "zstd" else path
         kind = _kind(unpacked) if kind == "zstd" else kind
-        if kind not in ("mcap", "sqlite"):
+        reader = _READERS.get(kind or "")
+        if reader is None:
             mistaken = describe_unsupported(path)
-            what = "neither an MCAP file nor a .db3 file of ROS 2" if mistaken is None else f"is {mistaken}"
+            what = "neither an MCAP file nor a .db3 or .bag file of ROS" if mistaken is None else f"is {mistaken}"
             raise InputError(f"{path}: {what}; {WHAT} was expected")
-        bag.files.append(McapFile(unpacked, path.name) if kind == "mcap" else SqliteFile(unpacked, path.name))
+        bag.files.append(reader(unpacked, path.name))
     except InputError as error:
         if len(bag.paths) == 1 and not bag.paths[0].is_dir():
             raise
         bag._losses.append(Loss(path.name, "whole file", str(error).removeprefix(f"{path}: ")))
 
 
+_READERS: dict[str, Callable[[Path, str], BagFile]] = {"mcap": McapFile, "sqlite": SqliteFile, "ros1": Rosbag1File}
+"""Readers of files by their kind."""
+
+
 def _kind(path: Path) -> str | None:
-    """Return the kind of a file by its first bytes: mcap, sqlite, zstd, or None."""
+    """Return the kind of a file by its first bytes: mcap, sqlite, ros1, zstd, or None."""
     with path.open("rb") as file:
         head = file.read(16)
     if head.startswith(RECORDING_MAGIC):
         return "mcap"
     if head.startswith(SQLITE_MAGIC):
         return "sqlite"
+    if head.startswith(ROS1_MAGIC):
+        return "ros1"
     return "zstd" if is_zstd(head) else None
 
 
@@ -329,6 +351,7 @@ class BagSurvey:
         sizes: width and height of the first image of each camera [px].
         infos: calibration of each camera, where there is one.
         transforms: the frames of the bag.
+        faults: of topics with messages that cannot be read, the reason of the first one.
     """
 
     topics: dict[str, BagTopic]
@@ -337,10 +360,15 @@ class BagSurvey:
     sizes: dict[str, tuple[int, int]] = field(default_factory=dict)
     infos: dict[str, InfoMessage] = field(default_factory=dict)
     transforms: Transforms = field(default_factory=Transforms)
+    faults: dict[str, str] = field(default_factory=dict)
 
 
 CLOCKS_APART_S = 0.5
 """Difference of header stamps and recording times above which a note is printed."""
+
+
+class NoSizeError(InputError):
+    """A picture of video that does not state its size: a later one does."""
 
 
 class BagDecoder:
@@ -391,6 +419,7 @@ def survey(bag: Bag, asked: Sequence[tuple[str, str]], *, transforms_too: bool =
     infos: dict[str, InfoMessage] = {}
     transforms = Transforms()
     faults: Counter[str] = Counter()
+    reasons: dict[str, str] = {}
     for message in bag.messages(wanted):
         if message.topic not in wanted:
             continue
@@ -398,9 +427,13 @@ def survey(bag: Bag, asked: Sequence[tuple[str, str]], *, transforms_too: bool =
             found = messages.read(message.topic, message.data)
             if isinstance(found, ImageMessage) and (is_picture(found) or message.topic in named):
                 sizes[message.topic] = _size(found, message.topic)
-        except InputError:
+        except NoSizeError as error:
+            reasons[message.topic] = str(error)
+            continue
+        except InputError as error:
             # Single damaged messages are reported later; a topic that was not requested may hold anything.
             faults[message.topic] += 1
+            reasons.setdefault(message.topic, str(error))
             if faults[message.topic] > TRIALS:
                 if message.topic in named:
                     raise
@@ -414,7 +447,7 @@ def survey(bag: Bag, asked: Sequence[tuple[str, str]], *, transforms_too: bool =
         wanted.discard(message.topic)
         if not wanted:
             break
-    out = BagSurvey(topics, map_topics(topics, asked, sizes), transforms=transforms)
+    out = BagSurvey(topics, map_topics(topics, asked, sizes), transforms=transforms, faults=reasons)
     for camera in out.map.cameras:
         topic, info = out.map.images.get(camera, ""), infos.get(out.map.infos.get(camera, ""))
         if topic in sizes:
@@ -430,7 +463,15 @@ def survey(bag: Bag, asked: Sequence[tuple[str, str]], *, transforms_too: bool =
 
 
 def _size(image: ImageMessage, topic: str) -> tuple[int, int]:
-    """Width and height of an image [px]; InputError for one that is damaged."""
+    """Width and height of an image [px]; InputError for one that is damaged, or a picture of video without them."""
+    if image.size is None and is_video(image.encoding):
+        try:
+            size = stream_size(image.data, image.encoding)
+        except InputError as error:
+            raise InputError(f"topic {topic}: {error}") from None
+        if size is None:
+            raise NoSizeError(f"topic {topic}: no message of its video has a key frame, with which decoding begins")
+        return size
     shown = pixels(image, f"an image of {topic}")
     return shown.shape[1], shown.shape[0]
 
@@ -454,4 +495,15 @@ def topic_lines(found: BagSurvey) -> list[str]:
     lines += [f"target {target}: true positions {topic}" for target, topic in chosen.poses.items()]
     if chosen.others:
         lines.append("not taken: " + ", ".join(f"{t} ({kind.value})" for t, kind in chosen.others.items()))
+    return lines
+
+
+def borrowed_lines(found: BagSurvey) -> list[str]:
+    """One line for each topic that is taken and that the bag defines in part only."""
+    chosen, lines = found.map, []
+    taken = {*chosen.images.values(), *chosen.infos.values(), *chosen.boxes.values(), *chosen.directions.values()}
+    for topic in sorted({*taken, *chosen.poses.values(), *chosen.transforms}):
+        content = found.topics[topic]
+        if content.definition and (borrowed := borrowed_types(content)):
+            lines.append(f"{topic}: the bag does not define {', '.join(borrowed)}; the definition of ROS was taken")
     return lines

@@ -24,7 +24,8 @@ import cv2
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.errors import InputError
+from occlog.errors import InputError, option
+from occlog.io.files.geodetic import has_heights, note_unused_heights, positions_on_earth
 from occlog.io.formats.calibration.lenses import Lens
 from occlog.io.formats.calibration.ros import lens_of, region_of
 from occlog.io.frames.codec import encode_image, image_damage, image_kind, shown_size
@@ -35,6 +36,7 @@ from occlog.records.scene import MicrophoneArray
 from occlog.records.tables import Boxes, Doa, Truth
 
 from .kinds import BoxMessage, DirectionMessage, ImageMessage, InfoMessage, PoseMessage, TransformMessage
+from .video_stream import OTHER_CODECS, is_video
 
 
 class Intrinsics(NamedTuple):
@@ -123,6 +125,8 @@ def is_picture(message: ImageMessage) -> bool:
     """Return whether the message shows what a camera sees, and not depth or the like."""
     if message.size is not None:
         return message.encoding in ENCODINGS
+    if is_video(message.encoding):
+        return True
     words = message.encoding.lower()
     return not any(word in words for word in ("compresseddepth", "16uc1", "32fc1", "mono16"))
 
@@ -155,6 +159,13 @@ def stored(message: ImageMessage, where: str, store: str | None, quality: int) -
 
 def pixels(message: ImageMessage, where: str) -> Image:
     """(h, w, 3) BGR or (h, w) grey; InputError as `stored`."""
+    if message.size is None and is_video(message.encoding):
+        raise InputError(f"{where}: a picture of video, which needs those before it")
+    if message.size is None and message.encoding.lower() in OTHER_CODECS:
+        raise InputError(
+            f"{where}: video as {message.encoding} is not read (h264 and h265 are); write it to a file, its times to "
+            f"another, and give {option('video')} and {option('timestamps')}"
+        )
     if message.size is None:
         return decode_apart(message.data, f"{where} ({message.encoding})")
     (width, height), encoding = message.size, message.encoding
@@ -317,7 +328,12 @@ LENGTHS = (0.9, 1.1)
 
 
 def truth_rows(message: PoseMessage, t_ns: int, first: int, placed: FramePose) -> Truth:
-    """Positions of one message in the world; the targets are numbered from `first`."""
+    """Positions of one message in the world; the targets are numbered from `first`.
+
+    Positions on the earth are in the world of the origin that the user states, and not in a frame of the bag.
+    """
+    if message.on_earth:
+        return _truth_on_earth(message, t_ns, first)
     if not np.isfinite(message.positions).all():
         raise InputError("a true position is not finite")
     positions = message.positions @ placed.rotation.T + placed.translation
@@ -326,6 +342,22 @@ def truth_rows(message: PoseMessage, t_ns: int, first: int, placed: FramePose) -
     return Truth.of(
         t_ns=np.full(n, t_ns), target_id=first + np.arange(n), role=np.full(n, "target"), x=x, y=y, z=z.copy()
     )
+
+
+def _truth_on_earth(message: PoseMessage, t_ns: int, first: int) -> Truth:
+    """Positions on the earth of one message; heights are used where the origin states its own."""
+    degrees, heights = message.positions[:, :2], message.positions[:, 2]
+    known = has_heights()
+    if known and not np.isfinite(heights).all():
+        raise InputError("a position without a height; leave the height out of the origin")
+    x, y, z = positions_on_earth(degrees, heights if known else None, "a position on the earth").T
+    if np.isfinite(heights).all():
+        note_unused_heights("positions on the earth")
+    n = len(degrees)
+    return Truth.of(
+        t_ns=np.full(n, t_ns), target_id=first + np.arange(n), role=np.full(n, "target"), x=x, y=y,
+        z=z.copy() if known else np.full(n, np.nan),
+    )  # fmt: skip
 
 
 class MessageBoxRows:

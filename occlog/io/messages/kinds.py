@@ -2,9 +2,10 @@
 
 ROS 2 and Foxglove have the same content under other names; the readers here make one form of them.
 
-Bytes of messages to objects with the fields of their types: CDR of ROS 2, protobuf of Foxglove, JSON.
+Bytes of messages to objects with the fields of their types: those of ROS 1, CDR of ROS 2, protobuf of Foxglove, JSON.
 
-CDR needs the package rosbags (extra `ros2`), which also knows the types of ROS for old bags that do not define them.
+Messages of ROS need the package rosbags (extra `ros2`), which also knows ROS' own types, for bags that do not define
+them, or define them without the types of their fields.
 """
 
 from __future__ import annotations
@@ -90,10 +91,11 @@ class TransformMessage(NamedTuple):
 
 
 class PoseMessage(NamedTuple):
-    """Positions (n, 3) in one frame at one time."""
+    """Positions (n, 3) in one frame at one time; `on_earth`: longitude and latitude [deg], and height [m]."""
 
     header: MessageStamp
     positions: Floats
+    on_earth: bool = False
 
 
 class BoxDetection(NamedTuple):
@@ -206,16 +208,21 @@ def _matrix(values: Any, rows: int, columns: int) -> Floats:
     return found.reshape(rows, columns) if found.size else np.zeros((rows, columns))
 
 
+def _matrix_field(message: Any, name: str) -> Any:
+    """A matrix of `CameraInfo`: ROS 1 has capital letters."""
+    return getattr(message, name) if hasattr(message, name) else getattr(message, name.upper())
+
+
 def _info(message: Any) -> InfoMessage:
     roi = message.roi
     return InfoMessage(
         header=_header(message),
         size=(int(message.width), int(message.height)),
         model=str(message.distortion_model),
-        distortion=np.asarray(list(message.d), dtype=np.float64),
-        k=_matrix(message.k, 3, 3),
-        r=_matrix(message.r, 3, 3),
-        p=_matrix(message.p, 3, 4),
+        distortion=np.asarray(list(_matrix_field(message, "d")), dtype=np.float64),
+        k=_matrix(_matrix_field(message, "k"), 3, 3),
+        r=_matrix(_matrix_field(message, "r"), 3, 3),
+        p=_matrix(_matrix_field(message, "p"), 3, 4),
         binning=(int(message.binning_x), int(message.binning_y)),
         roi=(int(roi.x_offset), int(roi.y_offset), int(roi.width), int(roi.height)),
     )
@@ -264,6 +271,16 @@ def _positions(header: MessageStamp, positions: list[Any]) -> PoseMessage:
     return PoseMessage(header, np.array([_vector(position) for position in positions]).reshape(-1, 3))
 
 
+def _fix(message: Any) -> PoseMessage:
+    """A position of a satellite receiver; InputError where it had none."""
+    status = int(getattr(getattr(message, "status", None), "status", 0))
+    if status < 0:
+        raise InputError(f"the receiver had no fix (status {status})")
+    header = _header(message) if hasattr(message, "header") else _own_header(message)
+    position = [float(message.longitude), float(message.latitude), float(message.altitude)]
+    return PoseMessage(header, np.array([position]), on_earth=True)
+
+
 def _vision(message: Any) -> BoxMessage:
     return BoxMessage(_header(message), tuple(_detection(entry) for entry in message.detections))
 
@@ -301,9 +318,11 @@ _TYPES: dict[str, tuple[TopicKind, Callable[[Any], Any]]] = {
     "sensor_msgs.CompressedImage": (TopicKind.IMAGE, _compressed),
     "foxglove.RawImage": (TopicKind.IMAGE, _foxglove_raw),
     "foxglove.CompressedImage": (TopicKind.IMAGE, _foxglove_compressed),
+    "foxglove.CompressedVideo": (TopicKind.IMAGE, _foxglove_compressed),
     "sensor_msgs.CameraInfo": (TopicKind.INFO, _info),
     "foxglove.CameraCalibration": (TopicKind.INFO, _foxglove_info),
     "tf2_msgs.TFMessage": (TopicKind.TRANSFORM, _tf),
+    "tf.tfMessage": (TopicKind.TRANSFORM, _tf),
     "foxglove.FrameTransform": (TopicKind.TRANSFORM, _foxglove_transform),
     "foxglove.FrameTransforms": (TopicKind.TRANSFORM, _foxglove_transforms),
     "geometry_msgs.PointStamped": (TopicKind.POSE, lambda m: _positions(_header(m), [m.point])),
@@ -316,6 +335,8 @@ _TYPES: dict[str, tuple[TopicKind, Callable[[Any], Any]]] = {
     "nav_msgs.Odometry": (TopicKind.POSE, lambda m: _positions(_header(m), [m.pose.pose.position])),
     "foxglove.PoseInFrame": (TopicKind.POSE, lambda m: _positions(_own_header(m), [m.pose.position])),
     "foxglove.PosesInFrame": (TopicKind.POSE, lambda m: _positions(_own_header(m), [p.position for p in m.poses])),
+    "sensor_msgs.NavSatFix": (TopicKind.POSE, _fix),
+    "foxglove.LocationFix": (TopicKind.POSE, _fix),
     "vision_msgs.Detection2DArray": (TopicKind.BOX, _vision),
     "odas_ros_msgs.OdasSstArrayStamped": (TopicKind.DIRECTION, _odas),
     "odas_ros_msgs.OdasSslArrayStamped": (TopicKind.DIRECTION, _odas),
@@ -341,6 +362,8 @@ FAILURES = (
 LISTS = ("FrameTransforms", "PosesInFrame")
 """Types of Foxglove that have lists of other types."""
 INSTALL = "pip install rosbags"
+ROS_RELEASES = {"cdr": "LATEST", "ros1": "ROS1_NOETIC"}
+"""Encodings of ROS 2 and 1, and rosbags' name of ROS' own types, for those that a bag does not define."""
 LONGEST_DEFINITION = 128 << 10
 """Bytes of a definition of ROS that is read, which takes about two seconds; types of ROS itself have a few thousand."""
 MAX_ENTRIES = 10_000
@@ -361,15 +384,15 @@ def decoder(topic: BagTopic) -> Decode:
         UsageError: they need a package that is not installed.
         InputError: their encoding or the definition of their type is not known.
     """
-    if topic.encoding == "cdr":
-        return _cdr(topic)
+    if topic.encoding in ROS_RELEASES:
+        return _ros(topic)
     if topic.encoding == "protobuf" and topic.kind.startswith("foxglove."):
         return _foxglove(topic)
     if topic.encoding == "json":
         return _json
     raise InputError(
         f"topic {topic.name}: messages of type {topic.kind or '(none)'} in the encoding {topic.encoding!r} cannot be "
-        "read; known: cdr, json, and protobuf of foxglove's types"
+        "read; known: ros1, cdr, json, and protobuf of foxglove's types"
     )
 
 
@@ -401,47 +424,90 @@ def _check_listed(data: bytes) -> None:
         raise ValueError(f"a message with lists of {len(data)} bytes; at most {MAX_LISTED_BYTES} are read")
 
 
-def _cdr(topic: BagTopic) -> Decode:
-    """Decoder of CDR by the definition in the bag, or by the newest one of ROS where the bag has none."""
+def is_readable(topic: BagTopic) -> bool:
+    """Return whether the messages of a topic are in a known encoding."""
+    known = topic.encoding in (*ROS_RELEASES, "json")
+    return known or (topic.encoding == "protobuf" and topic.kind.startswith("foxglove."))
+
+
+def borrowed_types(topic: BagTopic) -> tuple[str, ...]:
+    """Types of a topic's messages that the bag does not define, so that ROS' own ones are used; without rosbags none.
+
+    A topic without any definition, as in bags of ROS 2 before Iron, gives its own type.
+    """
+    if topic.encoding not in ROS_RELEASES or len(topic.definition) > LONGEST_DEFINITION:
+        return ()
+    try:
+        return _types(_ros_name(topic.kind), topic.encoding, topic.language, topic.definition).borrowed
+    except Exception:  # the library's errors; `decoder` states them
+        return ()
+
+
+def _ros_name(kind: str) -> str:
+    """The name of a type as rosbags has it, `std_msgs/msg/Header` for `std_msgs/Header` of ROS 1."""
+    package, mark, name = kind.partition("/")
+    return f"{package}/msg/{name}" if mark and "/" not in name else kind
+
+
+def _ros(topic: BagTopic) -> Decode:
+    """Decoder of messages of ROS by the definition in the bag, or by ROS' own one where the bag has none."""
     try:
         types = importlib.import_module("rosbags.typesys")
         serde = importlib.import_module("rosbags.serde")
     except ImportError:
         raise UsageError(
-            f"topic {topic.name}: messages of ROS 2 require the package rosbags, which is not installed; {INSTALL}"
+            f"topic {topic.name}: messages of ROS require the package rosbags, which is not installed; {INSTALL}"
         ) from None
     if len(topic.definition) > LONGEST_DEFINITION:
         raise InputError(
             f"topic {topic.name}: type {topic.kind}: its definition has {len(topic.definition)} bytes; at most "
             f"{LONGEST_DEFINITION} are read"
         )
+    kind = _ros_name(topic.kind)
     try:
-        store, listed = _types(topic.kind, topic.language, topic.definition)
+        store, listed, _ = _types(kind, topic.encoding, topic.language, topic.definition)
     except (*FAILURES, types.TypesysError, RecursionError) as error:
         reason = " ".join(str(error).split())[:80]
         what = "its definition cannot be read" if topic.definition else "the bag does not define it, nor does ROS"
         raise InputError(f"topic {topic.name}: type {topic.kind}: {what} ({reason})") from None
 
+    deserialize = store.deserialize_ros1 if topic.encoding == "ros1" else store.deserialize_cdr
+
     def decode(data: bytes) -> object:
         if listed:
             _check_listed(data)
         try:
-            return store.deserialize_cdr(data, topic.kind)
+            return deserialize(data, kind)
         except serde.SerdeError as error:
             raise ValueError(str(error)) from None
 
     return decode
 
 
-@lru_cache(maxsize=32)
-def _types(kind: str, language: str, definition: bytes) -> tuple[Any, bool]:
-    """Store of a type of ROS 2, and whether it has lists of texts or types.
+class _TypeStore(NamedTuple):
+    """Types of the messages of a topic.
 
-    Code is generated for it, which takes milliseconds, and cameras share their types.
+    Attributes:
+        store: rosbags' store of them.
+        listed: True: they have lists of texts or types.
+        borrowed: those that are ROS' own, since the bag does not define them.
+    """
+
+    store: Any
+    listed: bool
+    borrowed: tuple[str, ...]
+
+
+@lru_cache(maxsize=32)
+def _types(kind: str, encoding: str, language: str, definition: bytes) -> _TypeStore:
+    """Types of messages of ROS.
+
+    Code is generated for them, which takes milliseconds, and cameras share their types.
     """
     types = importlib.import_module("rosbags.typesys")
     nodes = importlib.import_module("rosbags.interfaces").Nodetype
-    store = types.get_typestore(types.Stores.EMPTY if definition else types.Stores.LATEST)
+    release = types.Stores[ROS_RELEASES[encoding]]
+    store = types.get_typestore(types.Stores.EMPTY if definition else release)
     text = definition.decode("utf-8", "replace")
     if language == "ros2idl":
         parts = [part.split("\n", 1)[1] for part in text.split(_LINE)[1:]] if text.startswith(_LINE) else [text]
@@ -449,11 +515,33 @@ def _types(kind: str, language: str, definition: bytes) -> tuple[Any, bool]:
             store.register(_checked(types.get_types_from_idl(part)))
     elif definition:
         store.register(_checked(types.get_types_from_msg(text, kind)))
+    borrowed = _borrow(store, kind, types.get_typestore(release)) if definition else (kind,)
     store.get_msgdef(kind)
     field_types = [field for _, fields in store.fielddefs.values() for _, field in fields] if definition else []
     lists = [of for node, of in field_types if node == nodes.SEQUENCE]
     listed = any(kind != nodes.BASE or of[0] == "string" for (kind, of), _ in lists)
-    return store, listed
+    return _TypeStore(store, listed, borrowed)
+
+
+def _borrow(store: Any, kind: str, own: Any) -> tuple[str, ...]:
+    """Add types of fields that a bag does not define from those of ROS itself; returns their names."""
+    nodes = importlib.import_module("rosbags.interfaces").Nodetype
+    seeking, seen, borrowed = [kind], set[str](), list[str]()
+    while seeking:
+        name = seeking.pop()
+        if name in seen:
+            continue
+        seen.add(name)
+        if name not in store.fielddefs:
+            if name not in own.fielddefs:
+                raise ValueError(f"it does not define {name}")
+            store.register({name: own.fielddefs[name]})
+            borrowed.append(name)
+        for _, (node, of) in store.fielddefs[name][1]:
+            inner = of[0] if node in (nodes.ARRAY, nodes.SEQUENCE) else (node, of)
+            if inner[0] == nodes.NAME:
+                seeking.append(inner[1])
+    return tuple(sorted(borrowed))
 
 
 def _checked(found: Any) -> Any:

@@ -35,6 +35,8 @@ from occlog.records.losses import Loss
 
 READ = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK)
 MAX_DEFINITION = 16 * 2**20
+OUT_OF_ORDER_NS = 10**9
+"""Messages of a topic in one chunk that are earlier than one before by more than this are of a clock that was set."""
 _DAMAGE = (McapError, struct.error, ValueError, RuntimeError, EOFError, MemoryError, zstandard.ZstdError)
 D = TypeVar("D", Schema, Channel)
 
@@ -74,6 +76,7 @@ class McapFile:
         """Read the index, where there is one; `name` is what losses call the file."""
         self.path, self.name = path, name
         self.losses: dict[Loss, None] = {}
+        self.reordered: dict[str, tuple[int, int]] = {}  # of topics, messages before earlier ones, and by how much [ns]
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._repeated: list[Schema | Channel] = []  # definitions that a damaged index alone has
@@ -119,11 +122,13 @@ class McapFile:
         return self._span
 
     def messages(self, topics: Collection[str]) -> Iterator[BagMessage]:
-        """Messages of some topics, chunk by chunk, in the order of time within each.
+        """Messages of some topics, chunk by chunk, in the order of time within each unless a clock was set back.
 
         A topic that is taken out of the collection during the iteration is skipped from the next chunk on.
         """
         found = Counter[int]()
+        for topic in topics:
+            self.reordered.pop(topic, None)
         for channel, log_ns, data in self._walk(topics):
             found[channel] += 1
             yield BagMessage(self._channels[channel].topic, log_ns, data)
@@ -251,8 +256,27 @@ class McapFile:
             what = "chunk" if code == Opcode.CHUNK else "record"
             self._lose(f"byte {at}", f"a damaged {what} of {length} bytes was skipped ({reason})")
             return
-        # The messages of a chunk need not be in the order of time.
-        yield from sorted(found, key=lambda message: message[1])
+        yield from self._in_order(found)
+
+    def _in_order(self, found: list[tuple[int, int, bytes]]) -> list[tuple[int, int, bytes]]:
+        """Messages of a chunk, which need not be in the order of time, in it; as they stand where a clock was set back.
+
+        Messages of a topic that are up to `OUT_OF_ORDER_NS` too early are counted in `reordered`.
+        """
+        last, back = dict[int, int](), dict[int, list[int]]()
+        for channel, log_ns, _ in found:
+            late = last.get(channel, log_ns) - log_ns
+            if late > 0:
+                back.setdefault(channel, []).append(late)
+            last[channel] = max(log_ns, last.get(channel, log_ns))
+        if any(max(each) > OUT_OF_ORDER_NS for each in back.values()):
+            return found
+        for channel, each in back.items():
+            if channel in self._channels:
+                topic = self._channels[channel].topic
+                count, most = self.reordered.get(topic, (0, 0))
+                self.reordered[topic] = (count + len(each), max(most, *each))
+        return sorted(found, key=lambda message: message[1])
 
     def _unpack(
         self,

@@ -11,7 +11,7 @@ from occlog.io.files.limits import check_input
 from occlog.io.files.names import safe_name
 from occlog.io.files.texts.yaml import read_yaml
 
-from .kinds import TopicKind, kind_of
+from .kinds import TopicKind, is_readable, kind_of
 from .mcap_file import BagTopic
 
 TRANSPORTS = ("compressed", "theora", "compressedDepth", "ffmpeg", "h264", "zstd")
@@ -76,7 +76,7 @@ def map_topics(topics: Mapping[str, BagTopic], asked: Sequence[tuple[str, str]],
         named[kind][name] = topic
     shown = set(pictures)
     found = {
-        kind: [t.name for t in topics.values() if kind_of(t.kind) is kind and t.messages != 0 and _readable(t)]
+        kind: [t.name for t in topics.values() if kind_of(t.kind) is kind and t.messages != 0 and is_readable(t)]
         for kind in TopicKind
     }
     candidates = [t for t in found[TopicKind.IMAGE] if t in shown]
@@ -107,10 +107,6 @@ def map_topics(topics: Mapping[str, BagTopic], asked: Sequence[tuple[str, str]],
         directions=directions,
         others=others,
     )
-
-
-def _readable(topic: BagTopic) -> bool:
-    return topic.encoding in ("cdr", "json") or (topic.encoding == "protobuf" and topic.kind.startswith("foxglove."))
 
 
 def _kind_asked(topics: Mapping[str, BagTopic], name: str, topic: str) -> TopicKind:

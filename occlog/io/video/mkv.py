@@ -28,6 +28,8 @@ TICK, DURATION = 0x2AD7B1, 0x4489
 ENTRY, NUMBER, TYPE, FRAME_NS, CODEC, TRACK_SCALE = 0xAE, 0xD7, 0x83, 0x23E383, 0x86, 0x23314F
 VIDEO, PROJECTION, YAW = 0xE0, 0x7670, 0x7673
 CLUSTER_TIME, SIMPLE_BLOCK, GROUP, BLOCK = 0xE7, 0xA3, 0xA0, 0xA1
+BLOCK_HEAD = b"\x81\0\0"
+"""Beginning of a block of track 1 at the time of its cluster, before its flags."""
 SMALLEST_SCALE = 0.01
 LATEST = 2**62
 """Time of a frame [ns], at most."""

@@ -223,7 +223,7 @@ def test_trc_has_a_marker_a_target_and_empty_cells(tmp_path: Path) -> None:
             "origin: format geojson requires the position of the scene's origin on earth",
         ),
         (["-o", "t.csv", "--origin", "1,2"], ExitCode.USAGE, "origin: format csv takes none"),
-        (["-o", "t.geojson", "--origin", "north"], ExitCode.USAGE, "'north' is not LAT,LON or LAT,LON,DEG"),
+        (["-o", "t.geojson", "--origin", "north"], ExitCode.USAGE, "'north' is not LAT,LON[,DEG[,HEIGHT]]"),
         (["-o", "t.geojson", "--origin", "85.1,0"], ExitCode.USAGE, "latitude must be within 85 degrees"),
         (["-o", "t.tum", "--target", "9"], ExitCode.BAD_INPUT, "no target 9; there are: 1"),
         (["-o", "t.csv", "--table", "views"], ExitCode.BAD_INPUT, "holds truth; expected views"),

@@ -13,10 +13,10 @@ from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.examine.export.trajectories import ExportedPositions, geojson_texts, places_of
 from occlog.io import open as opening
+from occlog.io.files.geodetic import Origin
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import iter_table
 from occlog.io.files.tables.table_writer import write_table
-from occlog.io.formats.trajectories import Origin
 from occlog.records.columns import ColumnTable
 from occlog.records.declared.views import ViewTracks
 from occlog.records.tables import Boxes, Tracks, Truth

@@ -17,10 +17,10 @@ from occlog.array_types import NS
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
 from occlog.examine.export.run import ExportRequest, run_export
+from occlog.io.files.geodetic import Origin, degrees_of, places_of_degrees
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
-from occlog.io.formats.trajectories import Origin, degrees_of, places_of_degrees
 from occlog.io.formats.truth import TruthOptions, read_truth
 from occlog.io.frames.streams import rate_times
 from occlog.io.open import check_unit, is_external, open_input
@@ -253,7 +253,7 @@ def geojson(**changes: object) -> str:
         (TRC.format(unit="m", marker="target_1", cells="1\t\t3"), "line 7: target_1 has a position with an empty cell"),
         (TRC.format(unit="m", marker="target_1", cells="1\t2\t3\t4"), "line 7: 6 cells; 1 markers have 5"),
         ("PathFileType\t4\n", "1 lines; TRC has a header of 5"),
-        (geojson(origin=None), 'does not state the position of the scene on earth; add the member "origin"'),
+        (geojson(origin=None), "does not state where the scene's origin is"),
         (geojson(origin={"latitude": 86, "longitude": 0}), "latitude must be within 85 degrees"),
         (geojson(features=[FEATURE | {"geometry": {"type": "Polygon"}}]), "feature 1: its geometry is 'Polygon'"),
         (

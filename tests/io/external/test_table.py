@@ -270,7 +270,7 @@ def test_frames_are_numbered_on_from_part_to_part(tmp_path: Path, monkeypatch: p
         ),
         (Truth, ("t,id,x,y", "2016-12-31T23:59:60Z,1,1,1"), "line 2: .*: a leap second"),
         (Truth, ("t,id,x,y,role", "0,1,1,1,ghost"), "among rows 0 to 0: .*role 'ghost' must be target or occluder"),
-        (Tracks, ("t,id,lat,lon", "0,1,1,1"), "tracks requires x; y; the file has t, id, lat, lon"),
+        (Tracks, ("t,id,u,v", "0,1,1,1"), "tracks requires x; y; the file has t, id, u, v"),
         (Occluders, ("t,id,x,y", "0,1,1,1"), "occluders requires cov_xx; cov_xy; cov_yy; the file has t, id, x, y"),
     ],
 )

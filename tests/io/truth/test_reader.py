@@ -103,8 +103,6 @@ def test_xml_frames_that_are_listed_empty_are_rows_and_others_are_not(tmp_path: 
         ("t.csv", "tme,x,y\n1,2,3\n", "did you mean 'time'"),
         ("t.csv", "1,2,3\n", "not ground truth of a known format .*; name its columns in a header line"),
         ("t.csv", "time [s],x [m]\n1,2\n", r"its header is time \[s\], x \[m\]; time \(or t_ns, frame\), x and y were"),
-        ("t.tum", "1.5 1 2 3 0 0 0 1\n", "is TUM text, a format of trajectories; `occlog evaluate --truth` takes it"),
-        ("t.geojson", '{"type": "FeatureCollection", "features": []}', "is GeoJSON, a format of trajectories"),
         ("t.csv", "", "is empty"),
         ("g.xml", XML.replace('h="80"', 'h="-80"'), "frame 1: object 9: box of 30 x -80 px"),
         ("g.xml", XML.replace('xc="100"', 'xc="a"'), "xc of <box> is 'a'"),

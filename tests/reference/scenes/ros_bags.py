@@ -112,6 +112,16 @@ def pose(t_ns: int, frame: str, place: Sequence[float]) -> Any:
     return make("geometry_msgs/msg/PoseStamped", header=header(t_ns, frame), pose=placed)
 
 
+def fix(t_ns: int, latitude: float, longitude: float, altitude: float, status: int = 0) -> Any:
+    """A position of a satellite receiver in the frame of its antenna."""
+    return make(
+        "sensor_msgs/msg/NavSatFix", header=header(t_ns, "gps"),
+        status=make("sensor_msgs/msg/NavSatStatus", status=status, service=1),
+        latitude=latitude, longitude=longitude, altitude=altitude,
+        position_covariance=np.zeros(9), position_covariance_type=0,
+    )  # fmt: skip
+
+
 def detections(t_ns: int, *boxes: tuple[float, float, float, float, float, str, str]) -> Any:
     """Boxes of left, top, width, height, score, class and identity."""
     nothing = STORE.types["geometry_msgs/msg/PoseWithCovariance"]

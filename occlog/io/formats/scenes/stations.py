@@ -11,6 +11,14 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
+from occlog.io.files.geodetic import (
+    HEIGHTS,
+    LATITUDES,
+    LONGITUDES,
+    has_heights,
+    note_unused_heights,
+    positions_on_earth,
+)
 from occlog.io.files.input_units import STATED
 from occlog.io.files.names import safe_name
 from occlog.io.files.texts.csv_rows import CsvRows, first_line, is_header, read_rows
@@ -25,6 +33,7 @@ COLUMNS: dict[str, Sequence[str]] = {
     **{axis + ending: (axis + ending,) for axis in "xyz" for ending in ("", *(f"_{unit}" for unit in METRES))},
     "sigma_deg": ("sigma_deg",),
     "yaw_deg": ("yaw_deg",),
+    **{name: (name,) for name in (*LATITUDES, *LONGITUDES, *HEIGHTS)},
 }
 MAX_YAW_DEG = 360.0
 
@@ -36,7 +45,8 @@ def holds_stations(path: Path) -> bool:
     except InputError:
         return False
     columns = {name for name in header if name in COLUMNS and name[0] in "xy"}
-    return is_header(list(header)) and bool(header & set(NAMES)) and len(columns) >= 2
+    placed = len(columns) >= 2 or (bool(header & set(LATITUDES)) and bool(header & set(LONGITUDES)))
+    return is_header(list(header)) and bool(header & set(NAMES)) and placed
 
 
 def check_stations(path: Path) -> None:
@@ -58,8 +68,9 @@ def read_stations(path: Path) -> Scene:
     """Read a scene of sensors that measure directions: the columns name, x, y, and perhaps z, sigma_deg and yaw_deg.
 
     Names of positions end in the unit (`x_m`, `y_m`), or are in metres.  Without a column z stations measure no
-    elevation. `sigma_deg` is the standard deviation of directions that come without one; 3 degrees where it is not
-    given. `yaw_deg` is the azimuth of a station's own x axis, 0 where it is not given.
+    elevation.  Positions on the earth (`latitude`, `longitude`, perhaps `altitude`) require the origin that the user
+    states.  `sigma_deg` is the standard deviation of directions that come without one; 3 degrees where it is not given.
+    `yaw_deg` is the azimuth of a station's own x axis, 0 where it is not given.
 
     Raises:
         InputError: a column is missing, units differ, or a name occurs twice.
@@ -67,6 +78,7 @@ def read_stations(path: Path) -> Scene:
     found: dict[str, MicrophoneArray] = {}
     unit = "m"
     for rows in read_rows(path, COLUMNS, WHAT):
+        rows = _in_the_scene(rows)
         spelled = {axis: _spelled(rows, axis) for axis in "xyz"}
         missing = [name for name in ("x", "y") if spelled[name] is None]
         if missing or not rows.has("name"):
@@ -98,6 +110,23 @@ def read_stations(path: Path) -> Scene:
             station = MicrophoneArray(name, position[row], turn, planar=spelled["z"] is None)
             found[name] = station if sigma is None else replace(station, sigma=math.radians(float(sigma[row])))
     return Scene(arrays=tuple(found.values()), length_unit=unit)
+
+
+def _in_the_scene(rows: CsvRows) -> CsvRows:
+    """Rows with positions in the scene in place of those on the earth."""
+    latitude, longitude, height = (
+        next((name for name in names if rows.has(name)), None) for names in (LATITUDES, LONGITUDES, HEIGHTS)
+    )
+    if latitude is None or longitude is None or any(_spelled(rows, axis) is not None for axis in "xy"):
+        return rows
+    degrees = np.column_stack([rows.floats(longitude), rows.floats(latitude)])
+    heights = rows.floats(height) if height is not None and has_heights() else None
+    xyz = positions_on_earth(degrees, heights, str(rows.path))
+    if height is not None:
+        note_unused_heights(str(rows.path))
+    axes = "xyz" if heights is not None else "xy"
+    cells = {f"{axis}_m": np.array([repr(v) for v in xyz[:, n].tolist()]) for n, axis in enumerate(axes)}
+    return replace(rows, cells={**rows.cells, **cells})
 
 
 def _unit(name: str, path: Path) -> str:

@@ -37,6 +37,7 @@ class DecodingJob(TypedDict, total=False):
     start: int  # of a video: first frame
     waits: bool  # of a video: its first frame, and the size of slots in shared memory, come later, on standard input
     slot: int  # of messages: size of slots in shared memory, 0: missing
+    keys: list[int]  # of a video: frames that need no other one; those between damage and the next of them are lost
     stop: int | None  # of a video: frame before which it ends; None: its end
     store: Required[str]  # png, jpeg, raw or none; of images also keep
     quality: Required[int]  # of JPEG

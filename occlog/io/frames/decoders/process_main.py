@@ -116,7 +116,9 @@ def _video(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss], memory
     from ..codec import size_changes
     from ..decode import CAPTURE_OPTIONS, decode, examine
 
-    os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = CAPTURE_OPTIONS
+    keys = frozenset(job["keys"]) if "keys" in job else None
+    # Without delay what FFmpeg writes of damage is of the picture that comes next
+    os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = CAPTURE_OPTIONS + ("" if keys is None else "|flags;low_delay")
     for name in SILENCERS:
         os.environ.pop(name, None)
     clock = CpuTimeLimit(Path(job["path"]))
@@ -141,7 +143,7 @@ def _video(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss], memory
         news()  # messages about packets will be written again
     width, height = video.size
     target = None if slots is None else partial(slots.target, (height, width, 3))
-    for picture in decode(video, start, job["stop"], losses.append, sizes, target):
+    for picture in decode(video, start, job["stop"], losses.append, sizes, target, keys):
         _deliver(job, out, picture.index, picture.pos_ns, picture.image, slots)
 
 

@@ -1,0 +1,328 @@
+"""One bag of ROS 1 (.bag, format 2.0), read record by record: whole records are used, damaged ones are losses.
+
+The library rosbags decodes the messages; its reader of files needs an index, which bags of a recorder that was killed
+lack, and keeps an entry of every message in memory.  This one goes forwards through the records, unpacks a chunk at a
+time, and uses the index, where there is one, to skip chunks without the requested topics.
+
+Layout: https://wiki.ros.org/Bags/Format/2.0.  A record is a header of `name=value` fields and data, each after its
+length; chunks hold records of messages and connections, packed or not.  There are no check sums.
+"""
+
+from __future__ import annotations
+
+import bz2
+import struct
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator
+from pathlib import Path
+from typing import IO, Any, NamedTuple
+
+import lz4.frame
+
+from occlog.array_types import NS
+from occlog.errors import InputError
+from occlog.io.files.limits import ROS1_MAGIC
+from occlog.io.recording.chunks import MAX_CHUNK_BYTES, DecompressionCount
+from occlog.records.losses import Loss
+
+from .mcap_file import BagMessage, BagTopic
+
+ENCODING, LANGUAGE = "ros1", "ros1msg"
+"""Names that MCAP gives messages and definitions of ROS 1, too."""
+VERSION = b"#ROSBAG V2.0\n"
+MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = range(2, 8)
+"""Kinds of records."""
+MAX_HEADER = 1 << 20
+"""Bytes of the header of a record; a connection's, which has its definition, are its data."""
+MAX_CONNECTIONS = 100_000
+UNPACKERS: dict[bytes, Callable[[], Any]] = {b"bz2": bz2.BZ2Decompressor, b"lz4": lz4.frame.LZ4FrameDecompressor}
+_LENGTH, _TIME, _U64 = struct.Struct("<I"), struct.Struct("<II"), struct.Struct("<Q")
+_DAMAGE = (struct.error, ValueError, KeyError, OSError, RuntimeError, EOFError, MemoryError)
+
+
+class _Record(NamedTuple):
+    """Header of a record.
+
+    Attributes:
+        fields: of the header, by name.
+        begin: first byte of its data.
+        length: of its data [bytes].
+        open: True: a chunk that was not closed, and does not state what it unpacks to.
+    """
+
+    fields: dict[bytes, bytes]
+    begin: int
+    length: int
+    open: bool = False
+
+    @property
+    def kind(self) -> int:
+        """The record's kind; KeyError without one."""
+        return self.fields[b"op"][0]
+
+    def number(self, name: bytes) -> int:
+        """A field with a number of 32 bits."""
+        return int(_LENGTH.unpack(self.fields[name])[0])
+
+
+class Rosbag1File:
+    """A bag of ROS 1; `losses` grow while it is read."""
+
+    def __init__(self, path: Path, name: str) -> None:
+        """Read the index, where there is one; `name` is what losses call the file."""
+        self.path, self.name = path, name
+        self.losses: dict[Loss, None] = {}
+        self._topics: dict[int, BagTopic] = {}
+        self._sums: dict[str, tuple[str, str]] = {}  # type and check sum of the definition of each topic
+        self._counts: dict[int, int] | None = None
+        self._span: tuple[int, int] | None = None
+        self._chunks: dict[int, set[int]] = {}  # first byte of each chunk, and the connections in it
+        self._size = path.stat().st_size
+        with path.open("rb") as file:
+            if (head := file.read(len(VERSION))) != VERSION:
+                version = head.removeprefix(ROS1_MAGIC).decode("ascii", "replace").strip()
+                raise InputError(f"{path}: a bag of ROS 1 of version {version!r}; 2.0 is read; convert it: rosbag fix")
+            try:
+                self._read_index(file)
+            except _DAMAGE as error:
+                self._topics.clear()
+                self._sums.clear()
+                self._chunks.clear()
+                self._counts = None
+                reason = " ".join(str(error).split())[:100] or "it ends early"
+                self._lose("index", f"{reason}; read without its index")
+
+    def topics(self) -> list[BagTopic]:
+        """The topics, one for each connection; a file without an index is read, which also counts their messages."""
+        if self._counts is None:
+            counts = Counter[int]()
+            for connection, log_ns, _ in self._walk(None):
+                counts[connection] += 1
+                low, high = self._span or (log_ns, log_ns)
+                self._span = (min(low, log_ns), max(high, log_ns))
+            self._counts = dict(counts)
+        return [topic._replace(messages=self._counts.get(n, 0)) for n, topic in self._topics.items()]
+
+    def span(self) -> tuple[int, int] | None:
+        """Times of the first and the last message [ns]; None if missing."""
+        self.topics()
+        return self._span
+
+    def messages(self, topics: Collection[str]) -> Iterator[BagMessage]:
+        """Messages of some topics in the order of the file.
+
+        A topic that is taken out of the collection during the iteration is skipped from the next chunk on.
+        """
+        found = Counter[int]()
+        for connection, log_ns, data in self._walk(topics):
+            found[connection] += 1
+            yield BagMessage(self._topics[connection].name, log_ns, data)
+        if self.losses:  # damage is reported already
+            return
+        for number, topic in self._topics.items():
+            missing = (self._counts or {}).get(number, 0) - found[number]
+            if topic.name in topics and missing > 0:
+                self._lose(topic.name, "messages that its index counts were not found; the index is wrong", missing)
+
+    def _lose(self, location: str, what: str, count: int = 0) -> None:
+        self.losses[Loss(self.name, location, what, count)] = None
+
+    def _read_index(self, file: IO[bytes]) -> None:
+        """Read connections and positions of chunks at the end of the file; an error of `_DAMAGE` if missing."""
+        header = self._record(file, len(VERSION))
+        if header.kind != BAG_HEADER:
+            raise ValueError("its first record is not that of a bag")
+        if encryptor := header.fields.get(b"encryptor", b""):
+            raise InputError(
+                f"{self.path}: encrypted by {encryptor.decode('utf-8', 'replace')}; decrypt it: rosbag decrypt"
+            )
+        (at,) = _U64.unpack(header.fields[b"index_pos"])
+        if at == 0:
+            raise ValueError("the recorder did not close the bag, and messages may be missing")
+        if not at < self._size and header.number(b"conn_count"):
+            raise ValueError(f"it should begin at byte {at} of {self._size}")
+        for _ in range(header.number(b"conn_count")):
+            record = self._record(file, at)
+            self._connect(record, _data(file, record))
+            at = record.begin + record.length
+        counts = Counter[int]()
+        for _ in range(header.number(b"chunk_count")):
+            record = self._record(file, at)
+            if record.kind != CHUNK_INFO:
+                raise ValueError(f"a record of kind {record.kind} at byte {at}")
+            data = _data(file, record)
+            held = {int(connection): int(count) for connection, count in _TIME.iter_unpack(data)}
+            counts.update(held)
+            self._chunks[_U64.unpack(record.fields[b"chunk_pos"])[0]] = set(held)
+            if held:
+                low, high = (_time(record.fields[name]) for name in (b"start_time", b"end_time"))
+                self._span = (min((self._span or (low, high))[0], low), max((self._span or (low, high))[1], high))
+            at = record.begin + record.length
+        self._counts = dict(counts)
+
+    def _record(self, file: IO[bytes], at: int) -> _Record:
+        """The header of the record at a byte."""
+        file.seek(at)
+        (length,) = _LENGTH.unpack(file.read(_LENGTH.size))
+        if length > MAX_HEADER:
+            raise ValueError(f"a record at byte {at} has a header of {length} bytes")
+        fields = _fields(file.read(length), length)
+        (data,) = _LENGTH.unpack(file.read(_LENGTH.size))
+        record = _Record(fields, at + 2 * _LENGTH.size + length, data)
+        if not MESSAGE <= record.kind <= CONNECTION:
+            raise ValueError(f"a record at byte {at} of the unknown kind {record.kind}")
+        return record
+
+    def _walk(self, topics: Collection[str] | None) -> Iterator[tuple[int, int, bytes]]:
+        """(connection, time, data) of the messages of some topics, or of all of them."""
+        growth, at = DecompressionCount(self.path), len(VERSION)
+        with self.path.open("rb") as file:
+            while at < self._size:
+                try:
+                    record = self._record(file, at)
+                except _DAMAGE as error:
+                    following = min((begin for begin in self._chunks if begin > at), default=self._size)
+                    reason = " ".join(str(error).split())[:80]
+                    self._lose(f"byte {at}", f"damaged: {following - at} bytes were not read ({reason})")
+                    at = following
+                    continue
+                if record.kind == CHUNK and record.length == 0 and record.fields.get(b"compression") in UNPACKERS:
+                    # The last chunk of a recorder that ended early has no length yet
+                    record = record._replace(length=min(self._size - record.begin, MAX_CHUNK_BYTES), open=True)
+                end = record.begin + record.length
+                if end > self._size:
+                    self._lose(f"byte {at}", f"the file ends within a record, {end - self._size} bytes before its end")
+                if record.kind == CHUNK and self._is_wanted(at, topics):
+                    yield from self._chunk(file, at, record, topics, growth)
+                elif record.kind in (CONNECTION, MESSAGE) and end <= self._size:
+                    # Of a recorder that ended early the last chunk has no length yet, and its records stand here
+                    try:
+                        found = self._take(record, _data(file, record), topics)
+                    except _DAMAGE as error:
+                        self._lose(f"byte {at}", f"a damaged record of {record.length} bytes was skipped ({error})")
+                        found = None
+                    if found is not None:
+                        yield found
+                at = end
+
+    def _is_wanted(self, at: int, topics: Collection[str] | None) -> bool:
+        """Return whether a chunk may hold one of the topics, by the index."""
+        if topics is None or at not in self._chunks:
+            return True
+        return any(n not in self._topics or self._topics[n].name in topics for n in self._chunks[at])
+
+    def _chunk(
+        self,
+        file: IO[bytes],
+        at: int,
+        record: _Record,
+        topics: Collection[str] | None,
+        growth: DecompressionCount,
+    ) -> Iterator[tuple[int, int, bytes]]:
+        """Messages of a chunk, up to its damage."""
+        if record.length > MAX_CHUNK_BYTES:
+            self._lose(f"byte {at}", f"a chunk of {record.length} bytes (limit {MAX_CHUNK_BYTES}) was skipped")
+            return
+        found: list[tuple[int, int, bytes]] = []
+        inner = 0
+        try:
+            records = _unpacked(_data(file, record), record)
+            growth.add_bytes(len(records))
+            while inner < len(records):
+                (length,) = _LENGTH.unpack_from(records, inner)
+                begin = inner + _LENGTH.size
+                fields = _fields(records[begin : begin + length], length)
+                (size,) = _LENGTH.unpack_from(records, begin + length)
+                one = _Record(fields, begin + length + _LENGTH.size, size)
+                end = one.begin + size
+                if end > len(records):
+                    raise ValueError("a record is longer than its chunk")
+                if one.kind in (CONNECTION, MESSAGE):
+                    taken = self._take(one, records[one.begin : end], topics)
+                    if taken is not None:
+                        found.append(taken)
+                inner = end
+            if len(records) < record.number(b"size") and not record.open:
+                raise ValueError(f"it should unpack to {record.number(b'size')} bytes")
+        except _DAMAGE as error:
+            reason = " ".join(str(error).split())[:100] or "data end early"
+            self._lose(f"byte {at}", f"a damaged chunk was read up to its unpacked byte {inner} ({reason})")
+        yield from found
+
+    def _take(self, record: _Record, data: bytes, topics: Collection[str] | None) -> tuple[int, int, bytes] | None:
+        """Note a connection, or return a message of one of the topics."""
+        if record.kind == CONNECTION:
+            self._connect(record, data)
+            return None
+        number = record.number(b"conn")
+        if number not in self._topics:
+            self._lose(f"connection {number}", "its messages were skipped: the connection's definition is lost")
+            return None
+        if topics is not None and self._topics[number].name not in topics:
+            return None
+        return number, _time(record.fields[b"time"]), data
+
+    def _connect(self, record: _Record, data: bytes) -> None:
+        """Note a connection: a topic of one publisher; InputError where its type is another than before."""
+        if record.kind != CONNECTION:
+            raise ValueError(f"a record of kind {record.kind} in place of a connection")
+        number, name = record.number(b"conn"), record.fields[b"topic"].decode("utf-8", "replace")
+        stated = _fields(data, len(data))
+        kind, md5 = (stated[field].decode("ascii", "replace") for field in (b"type", b"md5sum"))
+        old = self._sums.setdefault(name, (kind, md5))
+        if old != (kind, md5):
+            raise InputError(
+                f"{self.path}: topic {name} holds {kind}, but {old[0]} before"
+                f"{' of another definition' if old[0] == kind else ''}; write the one of them to a bag: rosbag filter"
+            )
+        if number not in self._topics:
+            if len(self._topics) >= MAX_CONNECTIONS:
+                raise ValueError(f"more than {MAX_CONNECTIONS} connections")
+            self._topics[number] = BagTopic(name, kind, ENCODING, stated[b"message_definition"], LANGUAGE, None)
+        elif self._topics[number].name != name:
+            raise ValueError(f"connection {number} is of {self._topics[number].name} and of {name}")
+
+
+def _data(file: IO[bytes], record: _Record) -> bytes:
+    """The data of a record, as far as the file has them; ValueError where they are too long."""
+    if record.length > MAX_CHUNK_BYTES:
+        raise ValueError(f"a record of {record.length} bytes (limit {MAX_CHUNK_BYTES})")
+    file.seek(record.begin)
+    return file.read(record.length)
+
+
+def _fields(data: bytes, length: int) -> dict[bytes, bytes]:
+    """The `name=value` fields of a header of a length."""
+    if len(data) < length:
+        raise ValueError("a header ends early")
+    out, at = dict[bytes, bytes](), 0
+    while at < length:
+        (size,) = _LENGTH.unpack_from(data, at)
+        begin, at = at + _LENGTH.size, at + _LENGTH.size + size
+        name, mark, value = data[begin:at].partition(b"=")
+        if at > length or not mark:
+            raise ValueError("a header with a damaged field")
+        out[name] = value
+    return out
+
+
+def _time(value: bytes) -> int:
+    """A time of seconds and nanoseconds [ns]."""
+    seconds, rest = _TIME.unpack(value)
+    return int(seconds) * NS + int(rest)
+
+
+def _unpacked(data: bytes, record: _Record) -> bytes:
+    """The records of a chunk, of one that is cut off those before; ValueError where they are more than it states."""
+    declared = MAX_CHUNK_BYTES if record.open else record.number(b"size")
+    compression = record.fields[b"compression"]
+    if declared > MAX_CHUNK_BYTES:
+        raise ValueError(f"unpacks to {declared} bytes; the limit is {MAX_CHUNK_BYTES}")
+    if compression == b"none":
+        return data
+    if compression not in UNPACKERS:
+        raise ValueError(f"unknown compression {compression.decode('ascii', 'replace')!r}")
+    out = bytes(UNPACKERS[compression]().decompress(data, declared + 1))
+    if len(out) > declared:
+        raise ValueError(f"unpacks to more than the {declared} bytes that it states")
+    return out

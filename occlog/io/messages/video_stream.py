@@ -1,0 +1,325 @@
+"""Streams of video in messages: H.264 and H.265, an access unit (picture) in each, as `foxglove.CompressedVideo`.
+
+A decoder that drops one damaged picture does not state it, and all later ones would have the times of others.  So the
+units are written to a Matroska file with the number of the message as its time, which the decoder gives back with each
+picture.  What makes a message no single picture, pictures that are stored in another order than shown, and pictures
+that are missing (`frame_num` of H.264) are found in the headers of the stream (ITU-T H.264 7.3, H.265 7.3).
+
+After a fault nothing is written until the next key frame: pictures between are built on one that is not there.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from occlog.errors import InputError
+from occlog.io.video.mkv import (
+    BLOCK_HEAD,
+    CLUSTER,
+    CLUSTER_TIME,
+    CODEC,
+    EBML,
+    ENTRY,
+    FRAME_NS,
+    INFO,
+    NUMBER,
+    SEGMENT,
+    SIMPLE_BLOCK,
+    TICK,
+    TRACKS,
+    TYPE,
+    VIDEO,
+)
+
+JPEG = b"\xff\xd8\xff"
+OTHER_CODECS = ("av1", "vp8", "vp9")
+"""Formats of video in messages that are not read."""
+STEP_MS = 40
+"""Time from one message to the next in the file that is decoded; the true times are those of the messages."""
+AVC, HEVC = b"V_MPEG4/ISO/AVC", b"V_MPEGH/ISO/HEVC"
+CODECS = {"h264": AVC, "avc": AVC, "h265": HEVC, "hevc": HEVC}
+"""Names of formats in messages, and those of Matroska."""
+WIDTH, HEIGHT, LACING, TRACK_ID = 0xB0, 0xBA, 0x9C, 0x73C5
+HEAD_BYTES = 256
+"""Bytes of a unit that hold its headers."""
+ORDER = "{name} with B frames, which are stored in another order than shown: not read; record it without B frames"
+_START = re.compile(rb"\x00\x00\x01")
+_BEGIN = re.compile(rb"\x00{2,}\x01")
+_WITH_CHROMA = (44, 83, 86, 100, 110, 118, 122, 128, 134, 135, 138, 139, 244)
+"""Profiles of H.264 that state their chroma format."""
+
+
+def is_video(encoding: str) -> bool:
+    """Return whether the format of a compressed image is one of a stream of video."""
+    return encoding.lower() in CODECS
+
+
+class StreamOrderError(InputError):
+    """Pictures of a stream are stored in another order than shown, and have not the times of their messages."""
+
+
+class AccessUnit(NamedTuple):
+    """A picture of a stream.
+
+    Attributes:
+        key: it needs no other one.
+        follows: the picture that it is built on is that of the message before; always True for H.265, for which the
+            decoder states what is missing.
+    """
+
+    key: bool
+    follows: bool
+
+
+class StreamReader:
+    """Headers of the messages of one stream, in their order."""
+
+    def __init__(self, encoding: str) -> None:
+        """Start before the first message."""
+        self.encoding = encoding.lower()
+        self.size: tuple[int, int] | None = None
+        self._avc = CODECS[self.encoding] == AVC
+        self._number_bits = 0  # of frame_num (H.264), or of the order of pictures (H.265)
+        self._planes = False
+        self._fields = False
+        self._extra_bits, self._output_flag = 0, False
+        self._last: int | None = None  # frame_num or order of the last picture that others may be built on
+
+    def read(self, data: bytes) -> AccessUnit:
+        """The picture of a message.
+
+        Raises:
+            InputError: the message is no Annex B stream, has no or several pictures, or pictures are stored in
+                another order than shown.
+        """
+        pictures: list[AccessUnit] = []
+        try:
+            for unit in _units(data):
+                found = self._avc_unit(unit) if self._avc else self._hevc_unit(unit)
+                if found is not None:
+                    pictures.append(found)
+        except IndexError:
+            raise InputError(f"a header of {self.encoding} ends early") from None
+        if len(pictures) != 1:
+            if not _BEGIN.match(data):
+                what = "are JPEG; record it as jpeg" if data.startswith(JPEG) else "have no start codes (Annex B)"
+                raise InputError(f"video is stated to be {self.encoding}, and its data {what}")
+            raise InputError(f"a message of {self.encoding} with {len(pictures)} pictures; one each was expected")
+        return pictures[0]
+
+    def _avc_unit(self, unit: bytes) -> AccessUnit | None:
+        kind, reference = unit[0] & 31, bool(unit[0] & 0x60)
+        if kind == 7:
+            self._avc_parameters(_Bits(unit[1:]))
+            return None
+        if kind not in (1, 5):
+            return None
+        bits = _Bits(unit[1:])
+        first, slice_kind, _ = bits.golomb(), bits.golomb() % 5, bits.golomb()
+        if slice_kind == 1:
+            raise StreamOrderError(ORDER.format(name="H.264"))
+        if first != 0:
+            return None
+        if not self._number_bits:
+            return AccessUnit(False, False)
+        if self._planes:
+            bits.number(2)
+        number = bits.number(self._number_bits)
+        if self._fields and bits.number(1):
+            raise InputError("interlaced H.264, which is not read; encode full frames")
+        last, most = self._last, 1 << self._number_bits
+        key = kind == 5
+        follows = key or (last is not None and number in (last, (last + 1) % most))
+        if reference or key:
+            self._last = number
+        return AccessUnit(key, follows)
+
+    def _avc_parameters(self, bits: _Bits) -> None:
+        profile = bits.number(8)
+        bits.number(16)
+        bits.golomb()
+        chroma, self._planes = 1, False
+        if profile in _WITH_CHROMA:
+            chroma = bits.golomb()
+            self._planes = chroma == 3 and bool(bits.number(1))
+            bits.golomb()
+            bits.golomb()
+            bits.number(1)
+            if bits.number(1):
+                for n in range(12 if chroma == 3 else 8):
+                    if bits.number(1):
+                        _skip_scaling(bits, 16 if n < 6 else 64)
+        self._number_bits = bits.golomb() + 4
+        order = bits.golomb()
+        if order == 0:
+            bits.golomb()
+        elif order == 1:
+            bits.number(1)
+            for _ in range(2):
+                bits.golomb()
+            for _ in range(min(bits.golomb(), 255)):
+                bits.golomb()
+        bits.golomb()
+        bits.number(1)
+        width, height = bits.golomb() + 1, bits.golomb() + 1
+        frames_only = bits.number(1)
+        self._fields = not frames_only
+        if not frames_only:
+            bits.number(1)
+        bits.number(1)
+        crop = [bits.golomb() for _ in range(4)] if bits.number(1) else [0] * 4
+        across, down = (2 if chroma in (1, 2) else 1), (2 if chroma == 1 else 1) * (2 - frames_only)
+        self.size = (
+            16 * width - across * (crop[0] + crop[1]),
+            16 * height * (2 - frames_only) - down * (crop[2] + crop[3]),
+        )
+
+    def _hevc_unit(self, unit: bytes) -> AccessUnit | None:
+        kind = unit[0] >> 1 & 63
+        if kind == 33:
+            self._hevc_parameters(_Bits(unit[2:]))
+        elif kind == 34:
+            bits = _Bits(unit[2:])
+            bits.golomb()
+            bits.golomb()
+            bits.number(1)
+            self._output_flag, self._extra_bits = bool(bits.number(1)), bits.number(3)
+        if kind > 31:
+            return None
+        bits = _Bits(unit[2:])
+        if not bits.number(1):
+            return None
+        key = 16 <= kind <= 21
+        if key:
+            bits.number(1)
+        bits.golomb()
+        bits.number(self._extra_bits)
+        bits.golomb()
+        if not self._number_bits:
+            return AccessUnit(False, False)
+        bits.number(int(self._output_flag) + 2 * int(self._planes))
+        order = 0 if kind in (19, 20) else bits.number(self._number_bits)
+        most = 1 << self._number_bits
+        if not key and self._last is not None and not 0 < (order - self._last) % most < most // 2:
+            raise StreamOrderError(ORDER.format(name="H.265"))
+        self._last = order
+        return AccessUnit(key, True)
+
+    def _hevc_parameters(self, bits: _Bits) -> None:
+        bits.number(4)
+        layers = bits.number(3)
+        bits.number(1)
+        bits.number(88)
+        bits.number(8)
+        there = [(bits.number(1), bits.number(1)) for _ in range(layers)]
+        if layers:
+            bits.number(2 * (8 - layers))
+        for profile, level in there:
+            bits.number(88 * profile + 8 * level)
+        bits.golomb()
+        chroma = bits.golomb()
+        self._planes = chroma == 3 and bool(bits.number(1))
+        width, height = bits.golomb(), bits.golomb()
+        crop = [bits.golomb() for _ in range(4)] if bits.number(1) else [0] * 4
+        bits.golomb()
+        bits.golomb()
+        self._number_bits = bits.golomb() + 4
+        across, down = (2 if chroma in (1, 2) else 1), (2 if chroma == 1 else 1)
+        self.size = (width - across * (crop[0] + crop[1]), height - down * (crop[2] + crop[3]))
+
+
+def stream_size(data: bytes, encoding: str) -> tuple[int, int] | None:
+    """Width and height of the pictures that a message states; None where it does not; InputError for a damaged one."""
+    reader = StreamReader(encoding)
+    reader.read(data)
+    return reader.size
+
+
+class _Bits:
+    """Bits of the beginning of a unit, without the bytes that keep start codes out; IndexError at their end."""
+
+    def __init__(self, unit: bytes) -> None:
+        data = unit[:HEAD_BYTES].replace(b"\0\0\3", b"\0\0")
+        self._value, self._left = int.from_bytes(data, "big"), 8 * len(data)
+
+    def number(self, bits: int) -> int:
+        """A number of so many bits."""
+        if bits > self._left:
+            raise IndexError
+        self._left -= bits
+        return self._value >> self._left & ((1 << bits) - 1)
+
+    def golomb(self) -> int:
+        """A number in the code of Exp-Golomb."""
+        zeros = 0
+        while not self.number(1):
+            zeros += 1
+            if zeros > 32:
+                raise IndexError
+        return (1 << zeros) - 1 + self.number(zeros)
+
+
+def _skip_scaling(bits: _Bits, size: int) -> None:
+    last = following = 8
+    for _ in range(size):
+        if following:
+            code = bits.golomb()
+            following = (last + (code + 1 >> 1 if code & 1 else -(code >> 1)) + 256) % 256
+        last = following or last
+
+
+def _units(data: bytes) -> Iterator[bytes]:
+    """Units of a stream between their start codes."""
+    begins = [match.end() for match in _START.finditer(data)]
+    for begin, end in zip(begins, [*(at - 3 for at in begins[1:]), len(data)], strict=False):
+        if begin < end:
+            yield data[begin:end]
+
+
+class StreamFile:
+    """A Matroska file of the pictures of one stream, each at the time of its number."""
+
+    def __init__(self, path: Path, encoding: str, size: tuple[int, int]) -> None:
+        """Begin the file."""
+        self.path, self.count = path, 0
+        self.keys: list[int] = []
+        self._file = path.open("wb")
+        video = _element(VIDEO, _number(WIDTH, size[0]) + _number(HEIGHT, size[1]))
+        entry = (
+            _number(NUMBER, 1)
+            + _number(TRACK_ID, 1)
+            + _number(TYPE, 1)
+            + _number(LACING, 0)
+            + _number(FRAME_NS, STEP_MS * 10**6)
+            + _element(CODEC, CODECS[encoding])
+            + video
+        )
+        head = _element(EBML, _element(0x4282, b"matroska") + _number(0x4287, 4) + _number(0x4285, 2))
+        info = _element(INFO, _number(TICK, 10**6) + _element(0x4D80, b"occlog") + _element(0x5741, b"occlog"))
+        unknown = b"\x01" + b"\xff" * 7
+        self._file.write(head + SEGMENT.to_bytes(4, "big") + unknown + info + _element(TRACKS, _element(ENTRY, entry)))
+
+    def add(self, data: bytes, *, key: bool) -> None:
+        """Write the next picture."""
+        if key:
+            self.keys.append(self.count)
+        block = _element(SIMPLE_BLOCK, BLOCK_HEAD + (b"\x80" if key else b"\0") + data)
+        self._file.write(_element(CLUSTER, _number(CLUSTER_TIME, self.count * STEP_MS) + block))
+        self.count += 1
+
+    def close(self) -> None:
+        """End the file."""
+        self._file.close()
+
+
+def _element(name: int, data: bytes) -> bytes:
+    length = next(n for n in range(1, 9) if len(data) < (1 << 7 * n) - 1)
+    size = (len(data) | 1 << 7 * length).to_bytes(length, "big")
+    return name.to_bytes((name.bit_length() + 7) // 8, "big") + size + data
+
+
+def _number(name: int, value: int) -> bytes:
+    return _element(name, value.to_bytes(max((value.bit_length() + 7) // 8, 1), "big"))
