@@ -320,8 +320,14 @@ VERDICT: dict[str, Message] = {
     ),
     "camera-fits-if": Message(
         W,
-        "{fit:.0%} of the boxes of camera {sensors} fit the tracks if {change}, and {now:.0%} as they are",
+        "{fit:.0%} of the people that other cameras see have a box if {change}, and {now:.0%} as it is",
         "correct the calibration or the files of boxes",
+    ),
+    "camera-gap": Message(
+        W,
+        "camera {sensors} has no box from {begin_s:.1f} to {end_s:.1f} s, though another one detects {people} times in "
+        "its view",
+        "check whether its boxes are complete",
     ),
     "camera-unassociated": Message(
         W,
@@ -500,7 +506,7 @@ VERDICT: dict[str, Message] = {
         "if the videos have one clock, give {option[start_time]} {sensors}={start_s:.6g}",
     ),
     "camera-frozen": Message(
-        N,
+        W,
         "camera {sensors}: {count} identical frames in {duration_s:.3g} s from {time}, while others go on",
         "omit them if its stream had stopped",
     ),

@@ -33,7 +33,7 @@ def test_a_camera_with_inverted_extrinsics_is_named_with_the_mistake(
     assert (found["plausible"], found["people"]) == (False, 3)
     assert said.keys() == {"camera-fits-if", "camera-unassociated"}
     assert all(warning["sensors"] == ["side"] for warning in said.values())
-    assert "its extrinsics are inverted" in said["camera-fits-if"]["message"]
+    assert "extrinsics of side are inverted" in said["camera-fits-if"]["message"]
 
 
 @pytest.mark.jit
