@@ -36,13 +36,13 @@ def _boxes_scaled(rig: Rig, rng: Random) -> Answer:
     factor = float(rng.choice([0.5, 2.0 / 3.0, 0.75, 1.5]))
     for rows in rig.boxes.values():
         rows[:, 1:] *= factor
-    return Answer("scaled|end at .* px|end beyond its images|image.size")
+    return Answer("scaled|end at .* px|end beyond its images|image.size|another size")
 
 
 def _boxes_of_one_scaled(rig: Rig, rng: Random) -> Answer:
     name = other_camera(rig, rng)
     rig.boxes[name][:, 1:] *= float(rng.choice([0.5, 2.0 / 3.0, 1.5]))
-    return Answer("scaled|end at .* px|end beyond its images|image.size", (name,))
+    return Answer("scaled|end at .* px|end beyond its images|image.size|another size", (name,))
 
 
 def _truth_late(rig: Rig, rng: Random) -> Answer:
@@ -155,13 +155,13 @@ def _third_renumbered(rig: Rig, _: Random) -> Answer:
 def _late(rig: Rig, rng: Random) -> Answer:
     name = other_camera(rig, rng)
     rig.boxes[name] = rig.shoot(name, late_s=float(rng.choice([-1.0, 1.0])) * rng.uniform(0.1, 0.5))
-    return Answer("camera-late|clock-offset", _either(rig, name))
+    return Answer("camera-late|clock", _either(rig, name))
 
 
 def _frames_shifted(rig: Rig, rng: Random) -> Answer:
     name = other_camera(rig, rng)
     rig.boxes[name][:, 0] += int(rng.integers(3, 20))
-    return Answer("camera-late|clock-offset", _either(rig, name))
+    return Answer("camera-late|clock", _either(rig, name))
 
 
 def _either(rig: Rig, name: str) -> tuple[str, ...]:
@@ -192,7 +192,7 @@ def _bumped(rig: Rig, rng: Random) -> Answer:
         at = round(rng.uniform(0.3, 0.6) * rig.frames)
         before = rig.boxes[name][rig.boxes[name][:, 0] < at]
         rig.boxes[name] = np.concatenate([before, rig.shoot(name, turned, start=at)])
-    return Answer("camera-rotated|orientation|moved", (name,))
+    return Answer("rotated|orientation|moved", (name,))
 
 
 def _turned(rig: Rig, name: str, rng: Random) -> Camera:

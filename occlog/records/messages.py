@@ -269,6 +269,11 @@ VERDICT: dict[str, Message] = {
     "frame-rate-differs": Message(W, _MEET, "check the frame rates of both"),
     "length-unit-differs": Message(W, _MEET, "state the unit of lengths, for instance as x_mm or x_cm"),
     "axes-differ": Message(W, _MEET, "put the truth into the world of the scene"),
+    "boxes-fit-if": Message(
+        W,
+        "{now:.0%} of the tracks' boxes overlap a true one, and {fit:.0%} with {change}",
+        "check frame numbers, image size and columns of both",
+    ),
     "covariances-singular": Message(
         W,
         "{count} of {rows} estimates have a singular covariance (allowed: {allowed:.0%})",
@@ -553,6 +558,11 @@ VERDICT: dict[str, Message] = {
         W,
         "array {sensors}: microphones {microphones} have identical samples",
         "check how the channels were recorded and their order",
+    ),
+    "microphone-late": Message(
+        W,
+        "array {sensors}: microphone {microphones} is {samples} samples {side}, beyond what its distance permits",
+        "record all channels with one clock, or shift the channel",
     ),
     "clipped": Message(
         N,

@@ -42,6 +42,8 @@ CLOCK_CHECK_RELATIVE_RATE = 0.97
 """Relative detection rate below which a camera may have a wrong clock (tracks follow that camera, too)."""
 MIN_DETECTION_RATE = 0.25
 """Minimum detection rate of a camera if no third camera allows a comparison."""
+MAX_GAP_SHARE = 0.1
+"""Share of a recording in which a camera may have no box though others see people in its view."""
 MAX_DUPLICATE_SHARE = 0.2
 """Share of duplicate boxes above which a warning is given."""
 MAX_COMMON_SIGMA_HEIGHTS = 0.04

@@ -66,12 +66,20 @@ class FittingChange(NamedTuple):
 
 
 class Gap(NamedTuple):
-    """A time in which a camera has no box, though others see people in its view: begin and end [s], and how many."""
+    """A time in which a camera has no box, though others see people in its view.
+
+    Attributes:
+        camera: its number.
+        begin_s, end_s: after the first time step [s].
+        people: number of detections of another camera in its view.
+        share: of the recording.
+    """
 
     camera: int
     begin_s: float
     end_s: float
     people: int
+    share: float
 
 
 class _Change(NamedTuple):
@@ -172,7 +180,8 @@ class _Search:
                 continue
             people = self._seen_by_others(c, first, last)
             if people >= MIN_EXPECTED:
-                out.append(Gap(c, float(at_s[first]), float(at_s[last]), people))
+                begin_s, end_s = float(at_s[first]), float(at_s[last])
+                out.append(Gap(c, begin_s, end_s, people, (end_s - begin_s) / float(at_s[-1])))
         return out
 
     def _seen_by_others(self, c: int, first: int, last: int) -> int:
