@@ -192,7 +192,7 @@ def _bumped(rig: Rig, rng: Random) -> Answer:
         at = round(rng.uniform(0.3, 0.6) * rig.frames)
         before = rig.boxes[name][rig.boxes[name][:, 0] < at]
         rig.boxes[name] = np.concatenate([before, rig.shoot(name, turned, start=at)])
-    return Answer("rotated|orientation|moved", (name,))
+    return Answer("rotated|orientation|moved", _either(rig, name))
 
 
 def _turned(rig: Rig, name: str, rng: Random) -> Camera:
@@ -226,7 +226,7 @@ def _truncated(rig: Rig, rng: Random) -> Answer:
     name = other_camera(rig, rng)
     rows = rig.boxes[name]
     rig.boxes[name] = rows[rows[:, 0] < rng.uniform(0.3, 0.75) * rig.frames]
-    return Answer("end|truncated|early", (name,))
+    return Answer("no box|boxes-end|truncated", (name,))
 
 
 def _truth_in_other_unit(rig: Rig, rng: Random) -> Answer:

@@ -17,7 +17,7 @@ from occlog.array_types import NS, Floats, Ints
 from occlog.records.scene import Camera
 
 from .frame_detections import FrameDetectionsWithIds
-from .pair_overlap import BoxesOfCamera, Overlap, in_image, located, overlap, projected_people
+from .pair_overlap import BoxesOfCamera, Overlap, clearly_larger, in_image, located, overlap, projected_people
 
 MAX_STEPS = 240
 """Time steps that are kept; beyond that every second one is dropped."""
@@ -45,7 +45,7 @@ WINDOW_S, MIN_WINDOWS, MAX_WINDOWS = 1.5, 6, 24
 """Duration of the parts of a recording that are compared, and their number."""
 MIN_GAP_S, MIN_GAP_FRAMES = 2.0, 10.0
 """Shortest time without a box that is stated, also in intervals between frames with boxes."""
-MIN_IN_WINDOW, BAD_SHARE = 12, 0.4
+MIN_IN_WINDOW, BAD_SHARE = 12, 0.55
 """People expected in a part that is judged, and share of the usual agreement below which it is bad."""
 
 
@@ -210,7 +210,10 @@ class _Search:
             low, high = (int(np.flatnonzero(window == w)[k]) for w, k in ((first, 0), (last - 1, -1)))
             trusted = [o for o in range(len(self.views)) if not any(o in each.cameras for each in out)]
             within = self._during(low, high)
-            best = within._best(within._changes(c, trusted, for_a_while=True), trusted)
+            # Of two cameras that do not agree either may be wrong
+            tried = trusted if len(trusted) == 2 else [c]
+            changes = (change for k in tried for change in within._changes(k, trusted, for_a_while=True))
+            best = within._best(changes, trusted)
             if best is not None:
                 begin, end = ((int(self.t_ns[k]) - int(self.t_ns[0])) / NS for k in (low, high))
                 out.append(best._replace(words=f"{best.words} from {begin:.1f} to {end:.1f} s"))
@@ -238,7 +241,7 @@ class _Search:
             if own not in before:
                 before[own] = self._overlap({c: self.views[c] for c in own}, trusted)
             now, after = before[own], self._overlap(change.views, trusted)
-            gained = not len(now.met) or after.excess - now.excess >= MIN_MORE
+            gained = not len(now.met) or after.excess - now.excess >= MIN_MORE or clearly_larger(after, now)
             if len(after.met) >= MIN_EXPECTED and gained and after.excess >= MIN_FIT and after.mean > mean + SIMPLER:
                 share = now.share if len(now.met) else 0.0
                 best, mean = FittingChange(own, change.words, after.share, share), after.mean

@@ -19,6 +19,10 @@ MIN_OVERLAP = 0.3
 """Intersection over union of a box with a projected person, from which it fits."""
 BORDER_PX = 3.0
 """Boxes as near to the border of the image may be cut off, and locate no one."""
+MAX_INTERVALS, MIN_IN_INTERVAL = 16, 5
+"""Intervals of a recording of which mean overlaps are compared, and people expected in each of them."""
+MIN_SIGMAS, MIN_GAIN = 6.0, 0.05
+"""Gain of mean overlap that is clear, in standard errors over intervals, and that matters."""
 MIN_HEIGHT, MAX_HEIGHT = 0.6, 1.3
 """Heights of bodies, relative to the expected one."""
 MAX_DISTANCE_HEIGHTS = 30.0
@@ -90,6 +94,22 @@ class Overlap(NamedTuple):
     def mean(self) -> float:
         """Mean overlap beyond that by chance."""
         return float(np.mean(self.met) - np.mean(self.chance)) if len(self.met) else float("nan")
+
+
+def clearly_larger(a: Overlap, b: Overlap) -> bool:
+    """Whether mean overlaps are larger than others, by `MIN_SIGMAS` of the scatter between intervals of time."""
+    steps = 1 + max(int(each.steps.max(initial=0)) for each in (a, b))
+    sums = []
+    for each in (a, b):
+        part = each.steps * MAX_INTERVALS // steps
+        counts = np.bincount(part, minlength=MAX_INTERVALS)
+        mean = np.bincount(part, each.met, MAX_INTERVALS) / np.maximum(counts, 1)
+        sums.append(np.where(counts >= MIN_IN_INTERVAL, mean, np.nan))
+    gain = sums[0] - sums[1]
+    gain = gain[np.isfinite(gain)]
+    if len(gain) < MAX_INTERVALS // 2 or gain.mean() < MIN_GAIN:
+        return False
+    return bool(gain.mean() > MIN_SIGMAS * gain.std(ddof=1) / np.sqrt(len(gain)))
 
 
 def located(view: BoxesOfCamera, person_height: float) -> Floats:
