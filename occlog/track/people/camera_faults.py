@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from itertools import product
 from typing import NamedTuple
 
@@ -17,7 +18,7 @@ from occlog.array_types import NS, Floats, Ints
 from occlog.records.scene import Camera
 
 from .frame_detections import FrameDetectionsWithIds
-from .pair_overlap import BoxesOfCamera, Overlap, clearly_larger, in_image, located, overlap, projected_people
+from .pair_overlap import BoxesOfCamera, Overlap, clearly_larger, in_image, located, overlap, overlaps, projected_people
 
 MAX_STEPS = 240
 """Time steps that are kept; beyond that every second one is dropped."""
@@ -41,6 +42,8 @@ LATE_S = (0.1, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.
 """Delays that are tried, rounded to time steps."""
 MAX_TURN, TURN_CELL, MIN_TURN = np.radians(9.0), np.radians(1.0), np.radians(1.0)
 """Largest rotation of a camera that is searched for, size of the cells of the search, and smallest that is stated."""
+REFINEMENTS = 5
+"""Medians of the differences within a cell about the one before."""
 WINDOW_S, MIN_WINDOWS, MAX_WINDOWS = 1.5, 6, 24
 """Duration of the parts of a recording that are compared, and their number."""
 MIN_GAP_S, MIN_GAP_FRAMES = 2.0, 10.0
@@ -97,6 +100,7 @@ class CameraFaults:
         self._cameras, self._height = list(cameras), person_height
         self._samples: list[tuple[int, dict[int, Floats]]] = []
         self._step = self._count = 0
+        self._last: tuple[int, _Search] | None = None
 
     def add(self, t_ns: int, frames: Sequence[FrameDetectionsWithIds]) -> None:
         """Take a time step, if it is one of those that are kept."""
@@ -114,13 +118,22 @@ class CameraFaults:
         Args:
             doubtful: something is known to be wrong; otherwise only cameras that agree with none are examined.
         """
-        search = _Search(self._cameras, self._samples, self._height)
-        return search.found(doubtful=doubtful) if len(self._cameras) > 1 and len(search.t_ns) > 1 else []
+        return self._search.found(doubtful=doubtful) if self._compared else []
 
     def gaps(self) -> list[Gap]:
         """The longest gap of each camera."""
-        search = _Search(self._cameras, self._samples, self._height)
-        return search.gaps() if len(self._cameras) > 1 and len(search.t_ns) > 1 else []
+        return self._search.gaps() if self._compared else []
+
+    @property
+    def _compared(self) -> bool:
+        return len(self._cameras) > 1 and len(self._samples) > 1
+
+    @property
+    def _search(self) -> _Search:
+        """The search in the time steps so far."""
+        if self._last is None or self._last[0] != self._count:
+            self._last = self._count, _Search(self._cameras, self._samples, self._height)
+        return self._last[1]
 
 
 class _Search:
@@ -160,17 +173,23 @@ class _Search:
 
     def _agreement(self, trusted: Sequence[int]) -> list[float]:
         """Agreement of each camera with the trusted ones; -1: too few people are expected."""
-        found = [self._overlap({c: view}, trusted) for c, view in enumerate(self.views)]
+        found = self._own
+        if len(trusted) < len(self.views):
+            found = [self._overlap({c: view}, trusted) for c, view in enumerate(self.views)]
         return [each.excess if len(each.met) >= MIN_EXPECTED else -1.0 for each in found]
+
+    @cached_property
+    def _own(self) -> list[Overlap]:
+        """Overlaps of each camera with all others, as they are."""
+        return overlaps([view.every(self.every) for view in self.views], len(self.t_ns), self.height)
 
     def gaps(self) -> list[Gap]:
         """The longest gap of each camera that otherwise has boxes of most people in its view."""
         at_s = (self.t_ns - self.t_ns[0]) / NS
         out: list[Gap] = []
-        for c, view in enumerate(self.views):
+        for c, (view, found) in enumerate(zip(self.views, self._own, strict=True)):
             own = np.unique(view.steps)
-            found = self._overlap({c: view}) if len(own) > 1 else None
-            if found is None or len(found.met) < MIN_EXPECTED or found.excess < MIN_FIT:
+            if len(own) < 2 or len(found.met) < MIN_EXPECTED or found.excess < MIN_FIT:
                 continue
             spacing_s = float(np.median(np.diff(at_s[own])))
             ends = np.concatenate([[-1], own, [len(at_s)]])
@@ -201,7 +220,7 @@ class _Search:
         count = int(min(max(span_s / WINDOW_S, MIN_WINDOWS), MAX_WINDOWS))
         steps = len(self.t_ns)
         window = np.minimum(np.arange(steps) * count // steps, count - 1)
-        shares = np.array([_by_window(self._overlap({c: view}), window, count) for c, view in enumerate(self.views)])
+        shares = np.array([_by_window(each, window, count) for each in self._own])
         parts = [(c, part) for c, own in enumerate(shares) if (part := _worst_part(own)) is not None]
         out: list[FittingChange] = []
         for c, (first, last) in sorted(parts, key=lambda each: float(np.nanmean(shares[each[0], slice(*each[1])]))):
@@ -305,6 +324,8 @@ class _Search:
             inside = (np.abs(angles - [x, y]) < TURN_CELL / 2).all(axis=1)
             if np.count_nonzero(inside) > best:
                 best, near = int(np.count_nonzero(inside)), angles[inside]
+        for _ in range(REFINEMENTS):
+            near = angles[np.linalg.norm(angles - np.median(near, axis=0), axis=1) < TURN_CELL]
         yaw, pitch = np.median(near, axis=0)
         if np.hypot(yaw, pitch) < MIN_TURN:
             return

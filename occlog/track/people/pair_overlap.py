@@ -172,16 +172,31 @@ def overlap(
         of: cameras that are compared with the changed ones; None: all.
     """
     now = [changed.get(c, view) for c, view in enumerate(views)]
-    others = range(len(views)) if of is None else of
-    pairs = [(a, b) for a in range(len(views)) for b in range(len(views)) if a != b and {a, b} & set(changed)]
-    pairs = [(a, b) for a, b in pairs if {a, b} <= set(others) | set(changed)]
-    people = {a: located(now[a], person_height) for a in {a for a, _ in pairs}}
-    padded = {b: _by_step(now[b], steps) for b in {b for _, b in pairs}}
-    parts = [_expected(now[a], people[a], now[b], padded[b]) for a, b in pairs]
-    parts = [part for part in parts if len(part.steps)]
-    if not parts:
-        return Overlap(np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
-    return Overlap(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    others = {*(range(len(views)) if of is None else of), *changed}
+    pairs = [(a, b) for a in sorted(others) for b in sorted(others) if a != b and {a, b} & set(changed)]
+    return merged(list(_of_pairs(now, pairs, steps, person_height).values()))
+
+
+def overlaps(views: Sequence[BoxesOfCamera], steps: int, person_height: float) -> list[Overlap]:
+    """Overlaps of each camera with all others."""
+    pairs = [(a, b) for a in range(len(views)) for b in range(len(views)) if a != b]
+    found = _of_pairs(views, pairs, steps, person_height)
+    return [merged([part for pair, part in found.items() if c in pair]) for c in range(len(views))]
+
+
+def merged(parts: Sequence[Overlap]) -> Overlap:
+    """All overlaps of some pairs."""
+    nothing = Overlap(np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
+    return Overlap(*(np.concatenate(column) for column in zip(nothing, *parts, strict=True)))
+
+
+def _of_pairs(
+    views: Sequence[BoxesOfCamera], pairs: Sequence[tuple[int, int]], steps: int, person_height: float
+) -> dict[tuple[int, int], Overlap]:
+    """Overlaps of people whom the first camera of each pair locates with boxes of the second."""
+    people = {a: located(views[a], person_height) for a in {a for a, _ in pairs}}
+    padded = {b: _by_step(views[b], steps) for b in {b for _, b in pairs}}
+    return {(a, b): _expected(views[a], people[a], views[b], padded[b]) for a, b in pairs}
 
 
 def _expected(source: BoxesOfCamera, people: Floats, target: BoxesOfCamera, there: Floats) -> Overlap:
