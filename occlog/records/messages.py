@@ -269,6 +269,11 @@ VERDICT: dict[str, Message] = {
     "frame-rate-differs": Message(W, _MEET, "check the frame rates of both"),
     "length-unit-differs": Message(W, _MEET, "state the unit of lengths, for instance as x_mm or x_cm"),
     "axes-differ": Message(W, _MEET, "put the truth into the world of the scene"),
+    "boxes-fit-if": Message(
+        W,
+        "{now:.0%} of the tracks' boxes overlap a true one, and {fit:.0%} with {change}",
+        "check frame numbers, image size and columns of both",
+    ),
     "covariances-singular": Message(
         W,
         "{count} of {rows} estimates have a singular covariance (allowed: {allowed:.0%})",
@@ -320,8 +325,14 @@ VERDICT: dict[str, Message] = {
     ),
     "camera-fits-if": Message(
         W,
-        "{fit:.0%} of the boxes of camera {sensors} fit the tracks if {change}, and {now:.0%} as they are",
+        "{fit:.0%} of the people that other cameras see have a box if {change}, and {now:.0%} as it is",
         "correct the calibration or the files of boxes",
+    ),
+    "camera-gap": Message(
+        W,
+        "camera {sensors} has no box from {begin_s:.1f} to {end_s:.1f} s, though another one detects {people} times in "
+        "its view",
+        "check whether its boxes are complete",
     ),
     "camera-unassociated": Message(
         W,
@@ -566,7 +577,7 @@ VERDICT: dict[str, Message] = {
         "if the videos have one clock, give {option[start_time]} {sensors}={start_s:.6g}",
     ),
     "camera-frozen": Message(
-        N,
+        W,
         "camera {sensors}: {count} identical frames in {duration_s:.3g} s from {time}, while others go on",
         "omit them if its stream had stopped",
     ),
@@ -618,6 +629,11 @@ VERDICT: dict[str, Message] = {
         W,
         "array {sensors}: microphones {microphones} have identical samples",
         "check how the channels were recorded and their order",
+    ),
+    "microphone-late": Message(
+        W,
+        "array {sensors}: microphone {microphones} is {samples} samples {side}, beyond what its distance permits",
+        "record all channels with one clock, or shift the channel",
     ),
     "clipped": Message(
         N,

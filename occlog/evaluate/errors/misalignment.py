@@ -239,7 +239,10 @@ def _changes(tracks: Positions, truth: Positions, gate: float) -> Iterator[Alter
     """Changes with the share that meets, simplest first."""
     yield from _changes_of_time(tracks, truth, gate)
     for scale, (name, matrix) in product((1.0, *LENGTH_UNITS), AXES.items()):
-        met = _met(Positions(tracks.t, scale * tracks.xy @ np.array(matrix, dtype=np.float64).T), truth, gate)
+        # In the larger unit of both, as the gate is a length that people are apart
+        ours, theirs = min(scale, 1.0), max(scale, 1.0)
+        turned = Positions(tracks.t, ours * tracks.xy @ np.array(matrix, dtype=np.float64).T)
+        met = _met(turned, Positions(truth.t, truth.xy / theirs), gate)
         words = [f"lengths times {scale:.6g}"] if scale != 1.0 else []
         id = "length-unit-differs" if scale != 1.0 else "axes-differ"
         yield Alternative(id, " and ".join([*words, *([name] if name else [])]), met)

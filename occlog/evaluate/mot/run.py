@@ -82,6 +82,8 @@ def evaluate_in_images(request: EvaluateRequest, job: Job) -> Evaluation:
     provenance = job.provenance(asdict(config), previous_losses(request.inputs))
     with job.tables(provenance, "m") as tables:
         result = compared.evaluate(None if request.failures is None else lambda rows: tables.write(failures=rows))
+        provenance = provenance if result.checks is None else provenance.with_checks(result.checks)
+        tables.annotate(provenance)
     note = independent_id_note(request.tracks, config.assigned_target, _asked(request.multi_target))
     notes = (*uncounted, *result.notes, *note, *other_video(request.tracks, [request.truth]))
     result = replace(result, notes=notes, verdicts=provenance.judged)

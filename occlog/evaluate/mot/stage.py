@@ -34,6 +34,7 @@ from occlog.records.tables import Boxes, TruthBoxes
 
 from .config import MultiTargetConfig
 from .figures import FailureCounts, GospaFigures, Metrics, MotFigures, centres, of_view
+from .misfit import MAX_ROWS, SampledBoxes, misfit
 from .truth_and_tracks import TruthAndTracks, asked_for, boxes_in_true_frames, compared_views
 
 
@@ -488,7 +489,23 @@ class ComparedBoxes:
         """The evaluation, while `take` gets failures as they come."""
         found = self.figures(take)
         notes = (*skipped_cameras_note(self.left_out), *found.notes())
-        return Evaluation(found.result(self.frames, self.counts), notes=notes)
+        metrics = found.result(self.frames, self.counts)
+        return Evaluation(metrics, notes=notes, checks=misfit(*self._sampled(), metrics))
+
+    def _sampled(self) -> tuple[SampledBoxes, SampledBoxes]:
+        """Boxes from the begin of both sides, by frame number, or by the truth's time step."""
+        tracks: list[SampledBoxes] = []
+        truth: list[SampledBoxes] = []
+        first, step = 0, 0
+        for ours, theirs in self._wanted():
+            times = np.unique(theirs.t_ns)
+            if not step and len(times) > 1:
+                first, step = int(times[0]), int(np.median(np.diff(times)))
+            for kept, rows in ((tracks, ours), (truth, theirs)):
+                frame = rows.frame if self._by_number else np.round((rows.t_ns - first) / max(step, 1)).astype(np.int64)
+                if sum(len(each.frame) for each in kept) < MAX_ROWS:
+                    kept.append(SampledBoxes.of(rows, self.views, frame))
+        return SampledBoxes.merge(tracks), SampledBoxes.merge(truth)
 
 
 def _first_of(parts: Iterable[Boxes]) -> tuple[str, str]:

@@ -201,7 +201,7 @@ def locator(array: MicrophoneArray, rate: int, unit: str, config: DoaConfig) -> 
     UsageError where pyroomacoustics is missing, the band or the grid does not suit the array, or
     the algorithm finds fewer sources than `config.sources`.
     """
-    doa, band, speed = library(), make_band(rate, config), _speed(config, unit)
+    doa, band, speed = library(), make_band(rate, config), speed_of_sound(config, unit)
     _check_extent(array, band, speed, unit)
     rank, _ = extents(array.microphones) if len(array.microphones) else (0, np.zeros(3))
     if rank < 2:
@@ -232,7 +232,8 @@ def locator(array: MicrophoneArray, rate: int, unit: str, config: DoaConfig) -> 
     return Locator(engine, centred, normal, band, grid, speed, config)
 
 
-def _speed(config: DoaConfig, unit: str) -> float:
+def speed_of_sound(config: DoaConfig, unit: str) -> float:
+    """Speed of sound in lengths of the scene per second; UsageError where the unit states no length."""
     if config.speed_of_sound is not None:
         return config.speed_of_sound
     if unit not in METRES:

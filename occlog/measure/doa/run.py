@@ -28,7 +28,7 @@ from occlog.settings import configure
 
 from .channels import Channels, checks
 from .config import DoaConfig
-from .locate import library
+from .locate import library, speed_of_sound
 from .request import DoaRequest
 from .stage import DoaTally, estimate_directions, frame_size, frames_of
 
@@ -92,7 +92,9 @@ def run_listen(request: DoaRequest, job: Job) -> tuple[dict[str, object], list[L
     chosen = _arrays(plan, scene)
     sounds = {name: open_sound(path) for name, path in chosen.items()}
     tallies = {name: DoaTally() for name in chosen}
-    channels = {name: Channels() for name in chosen}
+    in_scene = {array.name: array for array in scene.arrays}
+    speed = speed_of_sound(plan.config, scene.length_unit)
+    channels = {name: Channels(in_scene[name].microphones / speed, sounds[name].rate) for name in chosen}
     streams = [_directions(scene, name, sounds[name], plan, tallies[name], channels[name], job) for name in chosen]
     parameters = {
         **asdict(plan.config),

@@ -13,7 +13,7 @@ from occlog.consistency.verdict import MIN_SAMPLES as FEWEST_BOXES
 from occlog.consistency.verdict import exceeds_share
 from occlog.core.plane import inside_polygon
 from occlog.records.scene import Camera
-from occlog.records.verdicts import Check, finding, outcome
+from occlog.records.verdicts import Check, Severity, finding, outcome
 from occlog.track.methods.jipda.interface import PositionSource, TrackSnapshot
 from occlog.track.methods.jipda.pose_offset import MIN_ANGLE
 
@@ -24,9 +24,12 @@ from .rows import MIN_MAP_PROBABILITY, detection_probability_by_camera
 
 EXPLAINED, AGREES, ROTATED = "associated boxes", "detection rates of the cameras", "camera orientations"
 CONFIRMED, IN_ROOM, FITS = "people seen by other cameras", "people in the room", "calibrations and files of boxes"
+MIN_ROTATED_DEG = 1.0
+"""Rotation about an axis [deg] from which a camera has moved; smaller ones are errors of a calibration."""
 MAX_LIMIT_DEG = 1.0
 """Least significant rotation [deg] up to which the check of orientations applies."""
 TIMES, BOXES = "camera clocks", "camera boxes"
+GAPS = "times without boxes"
 COMMON, STATIC = "common position error", "static clutter"
 """Names of checks."""
 MIN_VISIBILITY = 0.8
@@ -39,6 +42,8 @@ CLOCK_CHECK_RELATIVE_RATE = 0.97
 """Relative detection rate below which a camera may have a wrong clock (tracks follow that camera, too)."""
 MIN_DETECTION_RATE = 0.25
 """Minimum detection rate of a camera if no third camera allows a comparison."""
+MAX_GAP_SHARE = 0.1
+"""Share of a recording in which a camera may have no box though others see people in its view."""
 MAX_DUPLICATE_SHARE = 0.2
 """Share of duplicate boxes above which a warning is given."""
 MAX_COMMON_SIGMA_HEIGHTS = 0.04
@@ -69,7 +74,7 @@ class CameraAgreement:
         self.names = [c.name for c in views]
         cameras = [c for c in views if not isinstance(c, PositionSource)]
         self.heights = [float(c.position[2]) for c in cameras]
-        self._delays, self._faults = ClockOffsetSearch(cameras), CameraFaults(cameras)
+        self._delays, self._faults = ClockOffsetSearch(cameras), CameraFaults(cameras, person_height)
         n, self.cameras = len(self.names), len(cameras)
         # What one odd camera alone sees is not expected of the others, where these are enough
         self.fewest = 2 if n > 3 else 1
@@ -96,7 +101,7 @@ class CameraAgreement:
         by = detection_probability_by_camera(snapshot, len(self.names)) >= MIN_MAP_PROBABILITY
         in_images = [each for each in frames if each.detections.covariance is None]
         self._delays.add(snapshot, in_images, by[:, : self.cameras])
-        self._faults.add(snapshot, by[:, : self.cameras], in_images)
+        self._faults.add(snapshot.t_ns, in_images)
         for each in in_images:
             self._spots[each.detections.camera].update(_spots(each.detections.boxes))
         if not len(snapshot.ids):
@@ -149,6 +154,7 @@ class CameraAgreement:
                 [*self._disjoint_clocks(tally.first_ns, tally.last_ns), *self._late()],
                 unless="" if np.count_nonzero(tally.first_ns >= 0) > 1 else "there is one camera",
             ),
+            *outcome(GAPS, self._gaps(), unless="" if self.cameras > 1 else "there is one camera"),
             *outcome(COMMON, self._common(), unless="" if np.isfinite(self.common_sigma) else "it is not estimated"),
             *outcome(STATIC, self._static()),
             *outcome(BOXES, self._boxes(tally), unless="" if whole.any() else "there are no boxes"),
@@ -211,16 +217,16 @@ class CameraAgreement:
                 )
 
     def _causes(self, checks: Sequence[Check]) -> Iterator[Check]:
-        """State the mistakes that explain the boxes of cameras, where a check failed or a camera shares no person."""
-        failed = any(check.status == "failed" for check in checks)
-        alone = {name for check in checks if check.id == "camera-alone" for name in check.sensors}
-        for c, name in enumerate(self.names[: self.cameras]):
-            if failed or name in alone:
-                found = self._faults.fitting(c, beyond_chance=not failed)
-                if found is not None:
-                    yield finding(
-                        FITS, "camera-fits-if", sensors=[name], fit=found.fit, now=found.now, change=found.words
-                    )
+        """State the mistakes that explain why boxes of cameras do not fit each other."""
+        for each in self._faults.found(doubtful=any(check.status == "failed" for check in checks)):
+            names = [self.names[c] for c in each.cameras]
+            yield finding(FITS, "camera-fits-if", sensors=names, fit=each.fit, now=each.now, change=each.words)
+
+    def _gaps(self) -> Iterator[Check]:
+        """Find cameras without boxes for a time, while others see people in their views."""
+        for gap in self._faults.gaps():
+            name = self.names[gap.camera]
+            yield finding(GAPS, "camera-gap", sensors=[name], begin_s=gap.begin_s, end_s=gap.end_s, people=gap.people)
 
     def _moving(self, camera: int) -> int:
         """Number of boxes of a camera that are not always at the same few spots."""
@@ -284,10 +290,11 @@ class CameraAgreement:
         return f"only rotations above {known.max():.2g} deg would be found" if known.max() > MAX_LIMIT_DEG else ""
 
     def _rotated(self) -> Iterator[Check]:
-        """Find the cameras with an orientation that is not that of the calibration."""
+        """Find the cameras with an orientation that is not that of the calibration; small errors are corrected."""
         for name, (yaw, pitch) in zip(self.names, np.degrees(self.angles).tolist(), strict=True):
             if yaw or pitch:
-                yield finding(ROTATED, "camera-rotated", sensors=[name], yaw_deg=yaw, pitch_deg=pitch)
+                severity: Severity = "warning" if max(abs(yaw), abs(pitch)) >= MIN_ROTATED_DEG else "note"
+                yield finding(ROTATED, "camera-rotated", severity, sensors=[name], yaw_deg=yaw, pitch_deg=pitch)
 
     def _disjoint_clocks(self, first_ns: Ints, last_ns: Ints) -> Iterator[Check]:
         """Find cameras without a time in common with another camera."""

@@ -1,172 +1,422 @@
-"""What would make the boxes of a camera fit the tracks of the others: its extrinsics, its images, or another camera's.
+"""What would make the boxes of cameras fit each other: other extrinsics, times, images, or files exchanged.
 
-Tracks that the other cameras support are projected into a camera as it is calibrated, and as it would be after each
-usual mistake; the mistake is named with which most of its boxes overlap a projected person.
+People whom each camera locates by itself are projected into the other cameras (`pair_overlap`), as these are
+calibrated, and as they would be after each usual mistake; the mistake is named with which most of them meet a box.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cached_property
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Bools, Floats
+from occlog.array_types import NS, Floats, Ints
 from occlog.core.geometry.camera import array_rotation
-from occlog.core.metrics.errors import intersection_over_union
 from occlog.records.scene import Camera
-from occlog.track.methods.jipda.interface import HEIGHT, WIDTH, TrackSnapshot, X, Y
 
 from .frame_detections import FrameDetectionsWithIds
+from .pair_overlap import BoxesOfCamera, Overlap, clearly_larger, in_image, located, overlap, overlaps, projected_people
 
-MAX_SAMPLES = 240
+MAX_STEPS = 240
 """Time steps that are kept; beyond that every second one is dropped."""
-MIN_OVERLAP = 0.3
-"""Intersection over union of a box with a projected person, from which it fits."""
-MIN_FIT, MIN_MORE = 0.6, 0.4
-"""Share of boxes that fit with a mistake mended, and how much more that is than without."""
-MIN_BOXES = 30
-"""Boxes of a camera, at times when others detect people, that are compared at least."""
-FLIPS = {
-    "its images are mirrored": (True, False),
-    "its images are turned by 180 degrees": (True, True),
-    "its images are upside down": (False, True),
-}
+MAX_BOXES = 1000
+"""Boxes of all cameras, about, that are compared: of fewer time steps in crowds."""
+MIN_EXPECTED = 40
+"""People expected in the images of others, at least, of a camera that is judged."""
+LOW_SHARE, LOW = 0.8, 0.6
+"""Where something is wrong, a camera is examined if its agreement is below this share of that of the best camera, or
+below this value; sound cameras have 0.6 to 0.85."""
+MIN_FIT, MIN_MORE = 0.3, 0.2
+"""Least agreement with a mistake mended, and how much more that is than without: shares beyond those by chance."""
+SIMPLER = 0.01
+"""Mean overlap by which a mistake must be better than one that is tried before it."""
+FLIPS = {"mirrored": (True, False), "turned by 180 degrees": (True, True), "upside down": (False, True)}
 """Mistakes with images: whether x and y are flipped."""
+INVERTED = "inverted (camera-to-world for world-to-camera)"
 SCALES = (0.5, 2.0, 2.0 / 3.0, 1.5, 0.75, 4.0 / 3.0, 1.0 / 3.0, 3.0, 0.25, 4.0)
 """Factors between sizes of images."""
 TURNS_DEG = (180.0, 90.0, -90.0)
 """Mistakes with the yaw of a camera."""
+LATE_S = (0.1, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0)
+"""Delays that are tried, rounded to time steps."""
+MAX_TURN, TURN_CELL, MIN_TURN = np.radians(9.0), np.radians(1.0), np.radians(1.0)
+"""Largest rotation of a camera that is searched for, size of the cells of the search, and smallest that is stated."""
+REFINEMENTS = 5
+"""Medians of the differences within a cell about the one before."""
+WINDOW_S, MIN_WINDOWS, MAX_WINDOWS = 1.5, 6, 24
+"""Duration of the parts of a recording that are compared, and their number."""
+MIN_GAP_S, MIN_GAP_FRAMES = 2.0, 10.0
+"""Shortest time without a box that is stated, also in intervals between frames with boxes."""
+MIN_IN_WINDOW, BAD_SHARE = 12, 0.55
+"""People expected in a part that is judged, and share of the usual agreement below which it is bad."""
 
 
 class FittingChange(NamedTuple):
-    """A change of a camera: in words, share of its boxes that then fit, and share that fits without it."""
+    """A change of cameras that makes their boxes fit those of the others.
 
+    Attributes:
+        cameras: that are changed.
+        words: the mistake.
+        fit: share of people expected in an image who then have a box there.
+        now: that share as cameras are.
+    """
+
+    cameras: tuple[int, ...]
     words: str
     fit: float
     now: float
 
 
-class CameraFaults:
-    """Samples of tracks and boxes over a recording, and the search for what makes them fit."""
+class Gap(NamedTuple):
+    """A time in which a camera has no box, though others see people in its view.
 
-    def __init__(self, cameras: Sequence[Camera]) -> None:
-        """Start without samples."""
-        self._cameras = list(cameras)
-        self._samples: list[tuple[Floats, Bools, dict[int, Floats]]] = []
-        self._step = self._count = 0
+    Attributes:
+        camera: its number.
+        begin_s, end_s: after the first time step [s].
+        people: number of detections of another camera in its view.
+        share: of the recording.
+    """
 
-    def add(self, snapshot: TrackSnapshot, by: Bools, frames: Sequence[FrameDetectionsWithIds]) -> None:
-        """Take a time step, if it is one of those that are kept; `by` (m, C): which cameras detect each person."""
-        self._count += 1
-        if self._count % (1 << self._step) or not len(snapshot.ids):
-            return
-        boxes = {each.detections.camera: each.detections.boxes for each in frames if len(each.detections.boxes)}
-        self._samples.append((snapshot.mean[:, [X, Y, HEIGHT, WIDTH]].copy(), by, boxes))
-        if len(self._samples) > MAX_SAMPLES:
-            self._samples, self._step = self._samples[1::2], self._step + 1
-
-    def fitting(self, camera: int, *, beyond_chance: bool = False) -> FittingChange | None:
-        """The change with which most boxes of a camera fit; None: there is none with which clearly more do.
-
-        Args:
-            camera: index of the camera.
-            beyond_chance: clearly more than fit the people of other times, too, as where nothing else is wrong.
-        """
-        best, margin = None, 0.0
-        for change in self._changes(camera):
-            samples = self._supported_by_others(camera, change.other)
-            if sum(len(boxes) for boxes, _ in samples) < MIN_BOXES:
-                continue
-            now = _fit(self._cameras[camera], samples, lambda boxes: boxes)
-            fit = _fit(change.camera, samples, change.boxes)
-            if fit < MIN_FIT or fit - now < max(MIN_MORE, margin):
-                continue
-            if not beyond_chance or fit - _fit(change.camera, _of_other_times(samples), change.boxes) >= MIN_MORE:
-                best, margin = FittingChange(change.words, fit, now), fit - now
-        return best
-
-    def _supported_by_others(self, camera: int, other: int) -> list[tuple[Floats, Floats]]:
-        """Boxes of a camera, and the people whom cameras other than these two detect: two of them, where there are."""
-        others = [c for c in range(len(self._cameras)) if c not in (camera, other)]
-        return [
-            (boxes[camera], people[by[:, others].sum(axis=1) >= min(len(others), 2)])
-            for people, by, boxes in self._samples
-            if camera in boxes
-        ]
-
-    def _changes(self, camera: int) -> Iterator[_Change]:
-        """Mistakes, the camera as it would be without, and its boxes."""
-        own = self._cameras[camera]
-        inverted = replace(own, rotation=own.rotation.T, position=-own.rotation.T @ own.position)
-        yield _Change("its extrinsics are inverted (camera-to-world for world-to-camera)", inverted)
-        for turn in TURNS_DEG:
-            turned = replace(own, rotation=array_rotation(math.radians(turn), 0.0, 0.0) @ own.rotation)
-            yield _Change(f"it is turned by {turn:.0f} degrees about the vertical", turned)
-        for other, each in enumerate(self._cameras):
-            if other != camera:
-                yield _Change(f"they are boxes of camera {each.name}", each, other=other)
-        if own.image_size is not None:
-            size = np.array(own.image_size, dtype=np.float64)
-            for words, axes in FLIPS.items():
-                yield _Change(words, own, partial(_flipped, size=size, axes=axes))
-        for scale in SCALES:
-            yield _Change(f"they are scaled by {scale:.3g}", own, partial(np.multiply, scale))
-
-
-def _of_other_times(samples: Sequence[tuple[Floats, Floats]]) -> list[tuple[Floats, Floats]]:
-    """The boxes of each sample with the people of another one, half the recording away."""
-    half = len(samples) // 2
-    return [(boxes, samples[n - half][1]) for n, (boxes, _) in enumerate(samples)]
+    camera: int
+    begin_s: float
+    end_s: float
+    people: int
+    share: float
 
 
 class _Change(NamedTuple):
-    """A mistake in words, the camera as it would be without, what becomes of its boxes, and the other camera."""
+    """A mistake in words, and the cameras and boxes as they would be without it."""
 
     words: str
-    camera: Camera
-    boxes: Callable[[Floats], Floats] = np.array
-    other: int = -1
+    views: Mapping[int, BoxesOfCamera]
 
 
-def _flipped(boxes: Floats, size: Floats, axes: tuple[bool, bool]) -> Floats:
-    """Boxes (n, 4: left, top, right, bottom) of an image of this size that is flipped in x, in y, or both."""
-    out = boxes.copy()
-    for axis, flipped in enumerate(axes):
-        if flipped:
-            out[:, axis], out[:, axis + 2] = size[axis] - boxes[:, axis + 2], size[axis] - boxes[:, axis]
+class CameraFaults:
+    """Boxes of a recording, and the search for what makes those of its cameras fit each other."""
+
+    def __init__(self, cameras: Sequence[Camera], person_height: float = 1.7) -> None:
+        """Start without boxes; `person_height` in the scene's unit."""
+        self._cameras, self._height = list(cameras), person_height
+        self._samples: list[tuple[int, dict[int, Floats]]] = []
+        self._step = self._count = 0
+        self._last: tuple[int, _Search] | None = None
+
+    def add(self, t_ns: int, frames: Sequence[FrameDetectionsWithIds]) -> None:
+        """Take a time step, if it is one of those that are kept."""
+        self._count += 1
+        if self._count % (1 << self._step):
+            return
+        boxes = {each.detections.camera: each.detections.boxes for each in frames if len(each.detections.boxes)}
+        self._samples.append((t_ns, boxes))
+        if len(self._samples) > MAX_STEPS:
+            self._samples, self._step = self._samples[1::2], self._step + 1
+
+    def found(self, *, doubtful: bool) -> list[FittingChange]:
+        """Mistakes, the clearest first.
+
+        Args:
+            doubtful: something is known to be wrong; otherwise only cameras that agree with none are examined.
+        """
+        return self._search.found(doubtful=doubtful) if self._compared else []
+
+    def gaps(self) -> list[Gap]:
+        """The longest gap of each camera."""
+        return self._search.gaps() if self._compared else []
+
+    @property
+    def _compared(self) -> bool:
+        return len(self._cameras) > 1 and len(self._samples) > 1
+
+    @property
+    def _search(self) -> _Search:
+        """The search in the time steps so far."""
+        if self._last is None or self._last[0] != self._count:
+            self._last = self._count, _Search(self._cameras, self._samples, self._height)
+        return self._last[1]
+
+
+class _Search:
+    """Search for the mistakes with the cameras of some time steps."""
+
+    def __init__(
+        self, cameras: Sequence[Camera], samples: Sequence[tuple[int, dict[int, Floats]]], person_height: float
+    ) -> None:
+        count = sum(len(each) for _, boxes in samples for each in boxes.values())
+        self.t_ns: Ints = np.array([t for t, _ in samples], dtype=np.int64)
+        self.height = person_height
+        self.views = [_of_camera(c, camera, samples) for c, camera in enumerate(cameras)]
+        # Time steps that are compared, while boxes keep all of them: delays are searched for in small steps
+        self.every = max(1, round(count / MAX_BOXES))
+
+    def found(self, *, doubtful: bool) -> list[FittingChange]:
+        """Mistakes for the whole time, or else those for a part of it."""
+        trusted = list(range(len(self.views)))
+        agreement = self._agreement(trusted)
+        limit = max(LOW_SHARE * max(agreement), LOW) if doubtful else MIN_FIT
+        low = sorted((c for c, own in enumerate(agreement) if own < limit), key=agreement.__getitem__)
+        if not (doubtful or max(agreement) >= LOW or any(agreement[c] >= 0.0 for c in low)):
+            low = []  # views hardly overlap
+        if max(agreement) < LOW and low and (whole := self._best(self._of_all())) is not None:
+            return [whole]
+        out: list[FittingChange] = []
+        while low and len(trusted) > 1:
+            # Of two cameras that do not agree either may be wrong
+            tried = low if len(trusted) == 2 else low[:1]
+            best = self._best((change for c in tried for change in self._changes(c, trusted)), trusted)
+            if best is not None:
+                out.append(best)
+                trusted = [c for c in trusted if c not in best.cameras]
+                agreement = self._agreement(trusted)
+            low = [c for c in low if c not in tried and c in trusted and agreement[c] < limit]
+        return out or self._for_a_while()
+
+    def _agreement(self, trusted: Sequence[int]) -> list[float]:
+        """Agreement of each camera with the trusted ones; -1: too few people are expected."""
+        found = self._own
+        if len(trusted) < len(self.views):
+            found = [self._overlap({c: view}, trusted) for c, view in enumerate(self.views)]
+        return [each.excess if len(each.met) >= MIN_EXPECTED else -1.0 for each in found]
+
+    @cached_property
+    def _own(self) -> list[Overlap]:
+        """Overlaps of each camera with all others, as they are."""
+        return overlaps([view.every(self.every) for view in self.views], len(self.t_ns), self.height)
+
+    def gaps(self) -> list[Gap]:
+        """The longest gap of each camera that otherwise has boxes of most people in its view."""
+        at_s = (self.t_ns - self.t_ns[0]) / NS
+        out: list[Gap] = []
+        for c, (view, found) in enumerate(zip(self.views, self._own, strict=True)):
+            own = np.unique(view.steps)
+            if len(own) < 2 or len(found.met) < MIN_EXPECTED or found.excess < MIN_FIT:
+                continue
+            spacing_s = float(np.median(np.diff(at_s[own])))
+            ends = np.concatenate([[-1], own, [len(at_s)]])
+            k = int(np.argmax(np.diff(ends)))
+            first, last = int(ends[k]) + 1, int(ends[k + 1]) - 1
+            if last < first or at_s[last] - at_s[first] < max(MIN_GAP_S, MIN_GAP_FRAMES * spacing_s):
+                continue
+            people = self._seen_by_others(c, first, last)
+            if people >= MIN_EXPECTED:
+                begin_s, end_s = float(at_s[first]), float(at_s[last])
+                out.append(Gap(c, begin_s, end_s, people, (end_s - begin_s) / float(at_s[-1])))
+        return out
+
+    def _seen_by_others(self, c: int, first: int, last: int) -> int:
+        """Greatest number of people that another camera locates in the view of this one in some time steps."""
+        count = 0
+        for o, other in enumerate(self.views):
+            if o != c:
+                people = located(other.during(first, last), self.height)
+                boxes = projected_people(self.views[c].camera, people[np.isfinite(people).all(axis=1)])
+                inside = in_image(boxes, self.views[c].size)
+                count = max(count, int(np.count_nonzero(inside)))
+        return count
+
+    def _for_a_while(self) -> list[FittingChange]:
+        """A mistake during a part of the recording."""
+        span_s = float(self.t_ns[-1] - self.t_ns[0]) / NS
+        count = int(min(max(span_s / WINDOW_S, MIN_WINDOWS), MAX_WINDOWS))
+        steps = len(self.t_ns)
+        window = np.minimum(np.arange(steps) * count // steps, count - 1)
+        shares = np.array([_by_window(each, window, count) for each in self._own])
+        parts = [(c, part) for c, own in enumerate(shares) if (part := _worst_part(own)) is not None]
+        out: list[FittingChange] = []
+        for c, (first, last) in sorted(parts, key=lambda each: float(np.nanmean(shares[each[0], slice(*each[1])]))):
+            if any(c in each.cameras for each in out):
+                continue
+            low, high = (int(np.flatnonzero(window == w)[k]) for w, k in ((first, 0), (last - 1, -1)))
+            trusted = [o for o in range(len(self.views)) if not any(o in each.cameras for each in out)]
+            within = self._during(low, high)
+            # Of two cameras that do not agree either may be wrong
+            tried = trusted if len(trusted) == 2 else [c]
+            changes = (change for k in tried for change in within._changes(k, trusted, for_a_while=True))
+            best = within._best(changes, trusted)
+            if best is not None:
+                begin, end = ((int(self.t_ns[k]) - int(self.t_ns[0])) / NS for k in (low, high))
+                out.append(best._replace(words=f"{best.words} from {begin:.1f} to {end:.1f} s"))
+        return out
+
+    def _during(self, low: int, high: int) -> _Search:
+        """The search in some time steps."""
+        other = _Search.__new__(_Search)
+        other.t_ns, other.height, other.every = self.t_ns, self.height, 1
+        other.views = [view.during(low, high) for view in self.views]
+        return other
+
+    def _overlap(self, changed: Mapping[int, BoxesOfCamera], of: Sequence[int] | None = None) -> Overlap:
+        """Overlaps of changed cameras with the others, in the time steps that are compared."""
+        thin = [view.every(self.every) for view in self.views]
+        changes = {c: view.every(self.every) for c, view in changed.items()}
+        return overlap(thin, changes, len(self.t_ns), self.height, of)
+
+    def _best(self, changes: Iterator[_Change], trusted: Sequence[int] | None = None) -> FittingChange | None:
+        """The change with which the cameras agree best; None: with none clearly better than as they are."""
+        best, mean = None, -1.0
+        before: dict[tuple[int, ...], Overlap] = {}
+        for change in changes:
+            own = tuple(change.views)
+            if own not in before:
+                before[own] = self._overlap({c: self.views[c] for c in own}, trusted)
+            now, after = before[own], self._overlap(change.views, trusted)
+            gained = not len(now.met) or after.excess - now.excess >= MIN_MORE or clearly_larger(after, now)
+            if len(after.met) >= MIN_EXPECTED and gained and after.excess >= MIN_FIT and after.mean > mean + SIMPLER:
+                share = now.share if len(now.met) else 0.0
+                best, mean = FittingChange(own, change.words, after.share, share), after.mean
+        return best
+
+    def _of_all(self) -> Iterator[_Change]:
+        """Mistakes with all cameras."""
+        yield _Change(f"extrinsics of all cameras are {INVERTED}", {c: _inverted(v) for c, v in enumerate(self.views)})
+        for scale in SCALES:
+            scaled = {c: _scaled(view, scale) for c, view in enumerate(self.views)}
+            yield _Change(f"boxes of all cameras are {_multiplied(scale)}", scaled)
+
+    def _changes(self, c: int, trusted: Sequence[int], *, for_a_while: bool = False) -> Iterator[_Change]:
+        """Mistakes with a camera, the simplest first; `for_a_while`: those that come and go."""
+        own, name = self.views[c], self.views[c].camera.name
+        for o in trusted:
+            if o != c:
+                other = self.views[o]
+                views = {c: own.with_boxes_of(other), o: other.with_boxes_of(own)}
+                yield _Change(f"boxes of {name} and {other.camera.name} are exchanged", views)
+        if not for_a_while:
+            yield _Change(f"extrinsics of {name} are {INVERTED}", {c: _inverted(own)})
+            for turn in TURNS_DEG:
+                rotation = array_rotation(math.radians(turn), 0.0, 0.0) @ own.camera.rotation
+                turned = own._replace(camera=replace(own.camera, rotation=rotation))
+                yield _Change(f"{name} is turned by {turn:.0f} degrees about the vertical", {c: turned})
+            for words, axes in FLIPS.items():
+                yield _Change(f"images of {name} are {words}", {c: _flipped(own, axes)})
+            for scale in SCALES:
+                yield _Change(f"boxes of {name} are {_multiplied(scale)}", {c: _scaled(own, scale)})
+            corners = own.boxes.copy()
+            corners[:, 2:] -= corners[:, :2]
+            words = f"sizes of boxes of {name} are right and lower edges (xyxy for xywh)"
+            yield _Change(words, {c: own._replace(boxes=corners)})
+            yield from self._late(c)
+        yield from self._turned(c, trusted)
+
+    def _late(self, c: int) -> Iterator[_Change]:
+        """Times of a camera that are later or earlier by some time steps."""
+        step_s = max(float(np.median(np.diff(self.t_ns))) / NS, 1e-9)
+        own, last = self.views[c], len(self.t_ns) - 1
+        for k in dict.fromkeys(max(round(late_s / step_s), 1) for late_s in LATE_S if late_s > 0.5 * step_s):
+            for sign, words in ((-1, "late"), (1, "early")):
+                steps = own.steps + sign * k
+                there = (steps >= 0) & (steps <= last)
+                moved = BoxesOfCamera(own.camera, own.boxes[there], steps[there])
+                yield _Change(f"the clock of {own.camera.name} is {k * step_s:.2g} s {words}", {c: moved})
+
+    def _turned(self, c: int, trusted: Sequence[int]) -> Iterator[_Change]:
+        """The rotation with which most boxes of a camera are where others see people (Hough)."""
+        own = self.views[c]
+        apart = [np.zeros((0, 2))]
+        for o in trusted:
+            if o != c:
+                people = located(self.views[o], self.height)
+                known = np.flatnonzero(np.isfinite(people).all(axis=1))
+                there = projected_people(own.camera, people[known])
+                apart.append(_differences(own, there, self.views[o].steps[known]) / own.camera.focal_px)
+        angles = np.concatenate(apart)
+        angles = angles[(np.abs(angles) < MAX_TURN).all(axis=1)]
+        if len(angles) < MIN_EXPECTED:
+            return
+        best, near = 0, angles
+        for x, y in product(np.arange(-MAX_TURN, MAX_TURN, TURN_CELL / 2), repeat=2):
+            inside = (np.abs(angles - [x, y]) < TURN_CELL / 2).all(axis=1)
+            if np.count_nonzero(inside) > best:
+                best, near = int(np.count_nonzero(inside)), angles[inside]
+        for _ in range(REFINEMENTS):
+            near = angles[np.linalg.norm(angles - np.median(near, axis=0), axis=1) < TURN_CELL]
+        yaw, pitch = np.median(near, axis=0)
+        if np.hypot(yaw, pitch) < MIN_TURN:
+            return
+        moved = replace(own.camera, principal_px=own.camera.principal_px + np.array([yaw, pitch]) * own.camera.focal_px)
+        yaw_deg, pitch_deg = np.degrees([yaw, pitch])
+        words = (
+            f"{own.camera.name} is rotated by {yaw_deg:+.1f} deg about the vertical and {pitch_deg:+.1f} deg in pitch"
+        )
+        yield _Change(words, {c: own._replace(camera=moved)})
+
+
+def _of_camera(c: int, camera: Camera, samples: Sequence[tuple[int, dict[int, Floats]]]) -> BoxesOfCamera:
+    """Boxes of a camera with the numbers of their time steps."""
+    parts = [(step, boxes[c]) for step, (_, boxes) in enumerate(samples) if c in boxes]
+    steps = np.concatenate(
+        [np.full(len(boxes), step, dtype=np.int64) for step, boxes in parts] or [np.zeros(0, np.int64)]
+    )
+    return BoxesOfCamera(camera, np.concatenate([boxes for _, boxes in parts] or [np.zeros((0, 4))]), steps)
+
+
+def _by_window(found: Overlap, window: Ints, count: int) -> Floats:
+    """(W,) agreement in each part; NaN: too few people are expected."""
+    own = window[found.steps]
+    out = np.full(count, np.nan)
+    for w in range(count):
+        inside = own == w
+        if np.count_nonzero(inside) >= MIN_IN_WINDOW:
+            out[w] = Overlap(found.steps[inside], found.met[inside], found.chance[inside]).excess
     return out
 
 
-def _fit(camera: Camera, samples: Sequence[tuple[Floats, Floats]], of_boxes: Callable[[Floats], Floats]) -> float:
-    """Share of boxes that overlap a person who is projected into the camera."""
-    people = np.concatenate([each for _, each in samples])
-    projected = projected_people(camera, people)
-    ends = np.cumsum([len(each) for _, each in samples])
-    fit = total = 0
-    for (boxes, _), persons in zip(samples, np.split(projected, ends[:-1]), strict=True):
-        there = persons[np.isfinite(persons).all(axis=1)]
-        changed = of_boxes(boxes)
-        total += len(boxes)
-        if len(there):
-            sizes = [np.column_stack([b[:, :2], b[:, 2:] - b[:, :2]]) for b in (changed, there)]
-            fit += int(np.count_nonzero(intersection_over_union(*sizes).max(axis=1) >= MIN_OVERLAP))
-    return fit / max(total, 1)
+def _worst_part(shares: Floats) -> tuple[int, int] | None:
+    """The longest run of two or more bad parts, as first and end; None: there is none, or hardly a good part."""
+    known = shares[np.isfinite(shares)]
+    if len(known) < MIN_WINDOWS - 2:
+        return None
+    usual = float(np.quantile(known, 0.8))
+    bad = shares < BAD_SHARE * usual
+    if usual < MIN_FIT or not bad.any():
+        return None
+    runs: list[tuple[int, int]] = []
+    begin = None
+    for w, each in enumerate([*(bad | ~np.isfinite(shares)), False]):
+        if each and begin is None:
+            begin = w
+        elif not each and begin is not None:
+            if np.count_nonzero(bad[begin:w]) > 1:
+                runs.append((begin, w))
+            begin = None
+    return max(runs, key=lambda run: run[1] - run[0]) if runs else None
 
 
-def projected_people(camera: Camera, people: Floats) -> Floats:
-    """(n, 4) boxes of upright people, from head and feet; NaN: behind the camera, or upside down.
+def _inverted(view: BoxesOfCamera) -> BoxesOfCamera:
+    """The camera with R and T the other way round."""
+    own = view.camera
+    return view._replace(camera=replace(own, rotation=own.rotation.T, position=-own.rotation.T @ own.position))
 
-    Args:
-        camera: with a pose.
-        people: (n, 4) x, y, height and width.
-    """
-    ground = np.column_stack([people[:, :2], np.zeros(len(people))])
-    feet, head = camera.project(ground), camera.project(ground + people[:, 2:3] * [0.0, 0.0, 1.0])
-    tall = feet[:, 1] - head[:, 1]
-    middle, half = 0.5 * (feet[:, 0] + head[:, 0]), 0.5 * tall * people[:, 3] / np.maximum(people[:, 2], 1e-9)
-    boxes = np.column_stack([middle - half, head[:, 1], middle + half, feet[:, 1]])
-    return np.where((tall > 0.0)[:, None], boxes, np.nan)
+
+def _multiplied(scale: float) -> str:
+    return f"multiplied by {scale:.3g} (images of another size)"
+
+
+def _scaled(view: BoxesOfCamera, scale: float) -> BoxesOfCamera:
+    return view._replace(boxes=view.boxes * scale)
+
+
+def _flipped(view: BoxesOfCamera, axes: tuple[bool, bool]) -> BoxesOfCamera:
+    """Boxes of images that are flipped in x, in y, or both."""
+    out, size = view.boxes.copy(), view.size
+    for axis, flipped in enumerate(axes):
+        if flipped:
+            out[:, axis], out[:, axis + 2] = size[axis] - view.boxes[:, axis + 2], size[axis] - view.boxes[:, axis]
+    return view._replace(boxes=out)
+
+
+def _differences(view: BoxesOfCamera, expected: Floats, steps: Ints) -> Floats:
+    """(n, 2) from where people are expected (m, 4) to the boxes of the same time step [px], by their middles."""
+    order = np.argsort(view.steps, kind="stable")
+    when = view.steps[order]
+    low, high = np.searchsorted(when, steps, "left"), np.searchsorted(when, steps, "right")
+    counts = high - low
+    whom = np.repeat(np.arange(len(steps)), counts)
+    box = order[np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts - low, counts)]
+    middles = [0.5 * (each[:, :2] + each[:, 2:]) for each in (view.boxes[box], expected[whom])]
+    apart = middles[0] - middles[1]
+    return np.asarray(apart[np.isfinite(apart).all(axis=1)])

@@ -166,6 +166,16 @@ def test_each_change_is_named(id: str, seed: int) -> None:
     assert now < 0.5
 
 
+@pytest.mark.parametrize("factor", [100.0, 1000.0, 1.0 / 0.3048])
+def test_a_truth_in_a_smaller_unit_is_named(factor: float) -> None:
+    truth = positions(3)
+    rng = np.random.default_rng(3)
+    tracks = truth._replace(xy=truth.xy + rng.normal(0.0, 0.05, truth.xy.shape))
+    found = alternative(tracks, truth._replace(xy=factor * truth.xy), 1.0)
+    assert found is not None
+    assert (found[0].id, found[0].change) == ("length-unit-differs", f"lengths times {factor:.6g}")
+
+
 def test_clocks_since_other_dates_are_aligned() -> None:
     truth = positions()
     tracks = truth._replace(t=truth.t + 1.7e9)

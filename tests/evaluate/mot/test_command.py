@@ -125,7 +125,9 @@ def test_outputs_and_figures(folder: Path, capsys: pytest.CaptureFixture[str]) -
     # Where no kernels are kept yet, a line before these says that they are compiled
     assert told.err.splitlines()[-3:] == ["occlog: wrote m.json", "occlog: wrote f.parquet", "occlog: wrote mot"]
     assert "targets without a tracker, FR_p" in told.out
-    assert [line.split()[0] for line in told.out.splitlines()[-3:]] == ["sensor", "east", "north"]
+    table, verdict = told.out.strip().split("\n\n")[-2:]
+    assert [line.split()[0] for line in table.splitlines()[-3:]] == ["sensor", "east", "north"]
+    assert "plausible" in verdict
     metrics = json.loads((folder / "m.json").read_text())
     wanted = {"fr_l": 8 / 60, "fr_l_sensor_east": 8 / 30, "fr_l_sensor_north": 0.0, "fr_p": 0.0, "id_switches": 2}
     assert {name: metrics[name] for name in wanted} == pytest.approx(wanted)

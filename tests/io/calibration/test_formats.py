@@ -214,7 +214,7 @@ def test_feet_of_cmc_boxes_meet_on_the_floor(shared_data: Path) -> None:
 def test_a_projection_matrix_is_taken_apart_into_what_it_was_made_of(seed: int) -> None:
     rng = np.random.default_rng(seed)
     k = np.array([[900 + 100 * rng.random(), 0, 640], [0, 950.0, 360], [0, 0, 1]])
-    rotation = rotation_from_vector(rng.normal(size=3))
+    rotation = rotation_from_vector(rng.normal(size=3), "")
     centre = rng.normal(size=3) * 5
     matrix = k @ rotation @ np.column_stack([np.eye(3), -centre]) * rng.choice([-3.7, 0.002, 80])
     found = take_apart(matrix)
@@ -477,3 +477,9 @@ def test_a_calibration_of_opencv_says_that_its_lens_is_a_fisheye(tmp_path: Path)
     assert camera.distortion_model == "brown"
     with pytest.raises(InputError, match="distortion_model scaramuzza is not known"):
         read_calibration([stored(tmp_path, PLAIN, "distortion_model: scaramuzza")])
+
+
+def test_a_rotation_vector_in_degrees_is_refused() -> None:
+    with pytest.raises(InputError, match=r"length 92\.5, limit 2 pi; give radians, not degrees"):
+        rotation_from_vector(np.array([90.0, 20.0, -8.0]), "left.yaml: camera left")
+    assert np.allclose(rotation_from_vector(np.array([0.0, 0.0, np.pi]), ""), np.diag([-1.0, -1.0, 1.0]))

@@ -46,3 +46,40 @@ def test_each_fault_is_found(seed: int) -> None:
     assert found(alike) == {"microphones-identical"}
     assert found(np.clip(8.0 * clean, -1.0, 1.0)) == {"clipped"}
     assert found(clean, rows=0) == {"no-directions"}
+
+
+def one_source(late: dict[int, int], seed: int = 0, noise: float = 0.05) -> np.ndarray:
+    """(n, 4) samples of one source in four channels, some of them late."""
+    rng = np.random.default_rng(seed)
+    n = 70_000
+    dry = rng.normal(size=n + 2000) * np.repeat(rng.uniform(0.05, 1.0, 36), 2000)
+    own = [dry[1000 - late.get(c, 0) - c % 2 : 1000 - late.get(c, 0) - c % 2 + n] for c in range(4)]
+    return np.array(own).T + rng.normal(0.0, noise, (n, 4))
+
+
+def lags_of(samples: np.ndarray) -> dict[int, int]:
+    square = np.array([[0.032, 0.0, 0.0], [0.0, 0.032, 0.0], [-0.032, 0.0, 0.0], [0.0, -0.032, 0.0]]) / 343.0
+    channels = Channels(square, 16_000)
+    for part in np.array_split(samples, 7):
+        list(channels.watch([part]))
+    return channels.late()
+
+
+def test_late_microphones_are_named_with_their_samples() -> None:
+    assert lags_of(one_source({})) == {}
+    (late,) = lags_of(one_source({2: 256})).items()
+    assert late[0] == 3
+    assert abs(late[1] - 256) <= 1
+    both = lags_of(one_source({2: 300, 3: 300}))
+    assert both.keys() == {3, 4}
+    (early,) = lags_of(one_source({1: -100})).items()
+    assert early[0] == 2
+    assert abs(early[1] + 100) <= 2
+
+
+def test_independent_noise_and_silence_are_not_late() -> None:
+    assert lags_of(np.random.default_rng(1).normal(size=(70_000, 4))) == {}
+    assert lags_of(np.zeros((70_000, 4))) == {}
+    mute = one_source({})
+    mute[:, 1] = 0.0
+    assert lags_of(mute) == {}

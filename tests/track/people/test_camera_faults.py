@@ -1,7 +1,8 @@
-"""Mistakes with one camera, which the boxes of people that other cameras track give away."""
+"""Mistakes with cameras, which boxes of the same people in several cameras give away."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,9 +10,10 @@ import pytest
 
 from occlog.core.geometry.camera import rotation_from_angles
 from occlog.records.scene import Camera
-from occlog.track.methods.jipda.interface import BoxAssociations, FrameDetections, TrackSnapshot
-from occlog.track.people.camera_faults import MAX_SAMPLES, CameraFaults, projected_people
+from occlog.track.methods.jipda.interface import FrameDetections
+from occlog.track.people.camera_faults import MAX_STEPS, CameraFaults
 from occlog.track.people.frame_detections import FrameDetectionsWithIds
+from occlog.track.people.pair_overlap import in_image, projected_people
 
 SIZE = (1280, 720)
 NAMES = ("a", "b", "c", "d")
@@ -33,85 +35,133 @@ def cameras() -> list[Camera]:
     ]
 
 
-def people(seed: int, steps: int = 60) -> np.ndarray:
-    """(T, 3, 6) states of three people who are somewhere in the middle of the room."""
+STEP_NS = 100_000_000
+Boxes = dict[int, np.ndarray]
+
+
+def people(seed: int, steps: int) -> np.ndarray:
+    """(T, 3, 4) x, y, height and width of three people who walk about in the middle of the room."""
     rng = np.random.default_rng(seed)
-    states = np.zeros((steps, 3, 6))
-    states[..., :2] = rng.uniform([2.5, 2.0], [5.5, 4.0], (steps, 3, 2))
-    states[..., 4], states[..., 5] = 1.7, 0.5
+    phase, rate = rng.uniform(0.0, 2.0 * np.pi, (3, 2)), rng.uniform(0.4, 0.8, (3, 2))
+    t = 1e-9 * STEP_NS * np.arange(steps)[:, None, None]
+    states = np.zeros((steps, 3, 4))
+    states[..., :2] = [4.0, 3.0] + np.array([1.6, 1.1]) * np.sin(rate * t + phase)
+    states[..., 2], states[..., 3] = 1.7, 0.5
     return states
 
 
-def found(true: list[Camera], stated: list[Camera], seed: int = 0, steps: int = 60) -> CameraFaults:
-    """Samples of people whom all cameras detect, with the boxes of the true cameras."""
-    faults, none = CameraFaults(stated), np.zeros(0, dtype=np.int64)
-    for state in people(seed, steps):
+def found(
+    true: list[Camera],
+    stated: list[Camera],
+    change: Callable[[int, Boxes], Boxes] = lambda _, boxes: boxes,
+    seed: int = 0,
+    steps: int = 200,
+) -> CameraFaults:
+    """Boxes of the true cameras of people whom all of them detect, after a change of those of each step."""
+    faults = CameraFaults(stated)
+    for step, state in enumerate(people(seed, steps)):
+        shown = {c: projected_people(each, state) for c, each in enumerate(true)}
+        boxes = {c: each[in_image(each, np.array(SIZE, dtype=float))] for c, each in shown.items()}
         frames = []
-        for c, each in enumerate(true):
-            boxes = projected_people(each, state[:, [0, 1, 4, 5]])
-            boxes = boxes[np.isfinite(boxes).all(axis=1)]
-            n = len(boxes)
-            detections = FrameDetections(
-                0, c, boxes, np.ones(n), np.full(n, -1), np.zeros((n, 0)), np.arange(n, dtype=np.int64)
-            )
+        for c, own in change(step, boxes).items():
+            n = len(own)
+            none = np.zeros((n, 0))
+            detections = FrameDetections(step * STEP_NS, c, own, np.ones(n), np.full(n, -1), none, np.arange(n))
             frames.append(FrameDetectionsWithIds(detections, 0, np.arange(n)))
-        snapshot = TrackSnapshot(
-            t_ns=0,
-            ids=np.arange(3),
-            mean=state,
-            covariance=np.zeros((3, 6, 6)),
-            existence=np.ones(3),
-            visibility=np.ones((3, len(true))),
-            support=BoxAssociations(none, none, none, np.zeros(0), np.zeros(0)),
-            events=(),
-        )
-        faults.add(snapshot, np.ones((3, len(true)), dtype=np.bool_), frames)
+        faults.add(step * STEP_NS, frames)
     return faults
+
+
+def said(faults: CameraFaults, *, doubtful: bool = True) -> dict[tuple[str, ...], str]:
+    """Mistakes in words by the names of their cameras."""
+    return {tuple(NAMES[c] for c in each.cameras): each.words for each in faults.found(doubtful=doubtful)}
 
 
 def changed(camera: str, **values: object) -> list[Camera]:
     return [replace(each, **values) if each.name == camera else each for each in cameras()]
 
 
-def test_nothing_is_said_of_cameras_that_are_right() -> None:
+def inverted(camera: Camera) -> Camera:
+    """The camera with extrinsics that are read as their own inverse."""
+    return replace(camera, rotation=camera.rotation.T, position=-camera.rotation.T @ camera.position)
+
+
+@pytest.mark.parametrize("doubtful", [False, True])
+def test_nothing_is_said_of_cameras_that_are_right(doubtful: bool) -> None:
     faults = found(cameras(), cameras())
-    assert [faults.fitting(c) for c in range(4)] == [None] * 4
+    assert said(faults, doubtful=doubtful) == {}
+    assert faults.gaps() == []
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_inverted_extrinsics_are_named(name: str) -> None:
     own = next(each for each in cameras() if each.name == name)
-    # What is stated is read as its own inverse
-    stated = changed(name, rotation=own.rotation.T, position=-own.rotation.T @ own.position)
-    faults = found(cameras(), stated)
-    best = faults.fitting(NAMES.index(name))
-    assert best is not None
-    assert best.words.startswith("its extrinsics are inverted")
+    stated = inverted(own)
+    (best,) = found(cameras(), changed(name, rotation=stated.rotation, position=stated.position)).found(doubtful=False)
+    assert best.cameras == (NAMES.index(name),)
+    assert best.words.startswith(f"extrinsics of {name} are inverted")
     assert best.fit == 1.0
-    assert [faults.fitting(c) for c in range(4) if NAMES[c] != name] == [None] * 3
+    assert best.now == 0.0
 
 
-def test_exchanged_files_are_named_for_both_cameras() -> None:
+def test_inverted_extrinsics_of_all_cameras_are_named_together() -> None:
+    faults = found(cameras(), [inverted(each) for each in cameras()])
+    assert said(faults) == {NAMES: "extrinsics of all cameras are inverted (camera-to-world for world-to-camera)"}
+
+
+def test_exchanged_files_are_named_once_for_both_cameras() -> None:
     right = cameras()
-    faults = found([right[1], right[0], right[2], right[3]], right)
-    said = [faults.fitting(c) for c in range(4)]
-    assert [None if each is None else each.words for each in said] == [
-        "they are boxes of camera b",
-        "they are boxes of camera a",
-        None,
-        None,
-    ]
+    (words,) = said(found([right[1], right[0], right[2], right[3]], right), doubtful=False).values()
+    assert words in ("boxes of a and b are exchanged", "boxes of b and a are exchanged")
 
 
-@pytest.mark.parametrize(("factor", "words"), [(2.0, "they are scaled by 0.5"), (2.0 / 3.0, "they are scaled by 1.5")])
-def test_boxes_of_images_of_another_size_are_named_with_the_factor(factor: float, words: str) -> None:
-    right = cameras()[2]
-    other = changed("c", focal_px=factor * right.focal_px, principal_px=factor * right.principal_px)
-    best = found(other, cameras()).fitting(2)
-    assert best is not None
-    assert best.words == words
+@pytest.mark.parametrize(("factor", "mended"), [(2.0, "0.5"), (2.0 / 3.0, "1.5")])
+def test_boxes_of_images_of_another_size_are_named_with_the_factor(factor: float, mended: str) -> None:
+    def scaled(which: tuple[int, ...]) -> Callable[[int, Boxes], Boxes]:
+        return lambda _, boxes: {c: factor * each if c in which else each for c, each in boxes.items()}
+
+    words = f"are multiplied by {mended} (images of another size)"
+    assert said(found(cameras(), cameras(), scaled((2,)))) == {("c",): f"boxes of c {words}"}
+    assert said(found(cameras(), cameras(), scaled((0, 1, 2, 3)))) == {NAMES: f"boxes of all cameras {words}"}
+
+
+def test_corners_for_sizes_are_named() -> None:
+    def corners(_: int, boxes: Boxes) -> Boxes:
+        return {c: np.column_stack([b[:, :2], b[:, :2] + b[:, 2:]]) if c == 1 else b for c, b in boxes.items()}
+
+    assert said(found(cameras(), cameras(), corners)) == {
+        ("b",): "sizes of boxes of b are right and lower edges (xyxy for xywh)"
+    }
+
+
+def test_two_cameras_exchanged_for_a_while_are_named_with_the_time() -> None:
+    def exchanged(step: int, boxes: Boxes) -> Boxes:
+        return {**boxes, 0: boxes[3], 3: boxes[0]} if 60 <= step < 120 else boxes
+
+    (words,) = said(found(cameras(), cameras(), exchanged), doubtful=False).values()
+    assert words.startswith(("boxes of a and d are exchanged from", "boxes of d and a are exchanged from"))
+    begin, end = (float(word) for word in words.split() if word.replace(".", "").isdigit())
+    assert abs(begin - 6.0) <= 1.5
+    assert abs(end - 12.0) <= 1.5
+
+
+def test_a_camera_that_was_pushed_is_named_with_its_rotation() -> None:
+    own = cameras()[1]
+    turn = rotation_from_angles(np.radians(CORNERS["b"][2] + 4.0), np.radians(-20.0), 0.0)
+    (words,) = said(found(changed("b", rotation=turn), cameras()), doubtful=True).values()
+    assert words.startswith("b is rotated by +")
+    assert abs(float(words.split()[4]) - 4.0 * np.cos(np.radians(20.0))) < 0.6
+    assert own.name == "b"
+
+
+def test_times_without_boxes_are_found_where_others_see_people() -> None:
+    def truncated(step: int, boxes: Boxes) -> Boxes:
+        return {c: each for c, each in boxes.items() if c != 2 or step < 120}
+
+    (gap,) = found(cameras(), cameras(), truncated).gaps()
+    assert (gap.camera, gap.begin_s, gap.end_s) == (2, 12.0, 19.9)
 
 
 def test_memory_does_not_grow_with_the_recording() -> None:
-    faults = found(cameras(), cameras(), steps=5 * MAX_SAMPLES)
-    assert MAX_SAMPLES // 2 <= len(faults._samples) <= MAX_SAMPLES
+    faults = found(cameras(), cameras(), steps=5 * MAX_STEPS)
+    assert MAX_STEPS // 2 <= len(faults._samples) <= MAX_STEPS

@@ -36,7 +36,7 @@ def test_a_camera_with_inverted_extrinsics_is_named_with_the_mistake(
     assert (found["plausible"], found["people"]) == (False, 3)
     assert said.keys() == {"camera-fits-if", "camera-unassociated"}
     assert all(warning["sensors"] == ["side"] for warning in said.values())
-    assert "its extrinsics are inverted" in said["camera-fits-if"]["message"]
+    assert "extrinsics of side are inverted" in said["camera-fits-if"]["message"]
 
 
 def moved(case: Path, to: Path, name: str, yaw_deg: float, shift: tuple[float, float, float]) -> Path:
@@ -72,7 +72,7 @@ def test_a_camera_that_is_turned_is_named_with_the_angle(
     found = tracked(case, tmp_path, capsys)
     (said,) = (w for w in found["warnings"] if w["id"] == "camera-fits-if")  # type: ignore[attr-defined]
     assert (found["plausible"], said["sensors"]) == (False, [name])
-    assert f"if it is turned by {abs(yaw_deg):.0f} degrees about the vertical" in said["message"]
+    assert f"{name} is turned by {abs(yaw_deg):.0f} degrees about the vertical" in said["message"]
 
 
 @pytest.mark.jit

@@ -311,7 +311,7 @@ def _camera(path: Path, label: str, part: Mapping[str, Floats], options: Calibra
         k, rotation, centre = take_apart(part["P"], where)
     else:
         k = part["K"]
-        rotation = rotation_from_vector(part["R"].reshape(3)) if part["R"].size == 3 else part["R"].reshape(3, 3)
+        rotation = rotation_from_vector(part["R"].reshape(3), where) if part["R"].size == 3 else part["R"].reshape(3, 3)
         centre = -rotation.T @ part["t"].reshape(3)
     size = (int(part["size"][0]), int(part["size"][1])) if "size" in part else None
     lens = Lens(_model(part), part["dist"]) if "dist" in part else STRAIGHT

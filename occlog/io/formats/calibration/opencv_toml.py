@@ -30,6 +30,9 @@ KEYS = keys_of(
 TABLES = frozenset(("metadata", "adjusted", "error"))
 """Other keys of a file that are without effect."""
 
+MAX_ANGLE = 2.0 * np.pi
+"""Greatest length of a rotation vector [rad]."""
+
 
 def detect(text: str) -> bool:
     """Return whether a text is a TOML calibration."""
@@ -87,7 +90,7 @@ def _camera(key: str, table: dict[str, object], path: Path, options: Calibration
         raise InputError(f"{where}: matrix {matrix.tolist()}; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
     rotation = _array(table, "rotation", where)
     if rotation.size == 3:
-        rotation = rotation_from_vector(rotation.reshape(3))
+        rotation = rotation_from_vector(rotation.reshape(3), where)
     translation = _array(table, "translation", where).reshape(-1)
     if rotation.shape != (3, 3) or translation.shape != (3,):
         raise InputError(f"{where}: rotation and translation must have 9 (or 3) and 3 numbers")
@@ -129,9 +132,14 @@ def _size(table: dict[str, object], where: str) -> tuple[int, int] | None:
     return int(size[0]), int(size[1])
 
 
-def rotation_from_vector(vector: Floats) -> Floats:
-    """(3, 3) rotation about a vector by its length [rad] (Rodrigues)."""
+def rotation_from_vector(vector: Floats, where: str) -> Floats:
+    """(3, 3) rotation about a vector by its length [rad] (Rodrigues); InputError for one of more than a whole turn."""
     angle = float(np.linalg.norm(vector))
+    if angle > MAX_ANGLE:
+        text = ", ".join(f"{value:.4g}" for value in vector)
+        raise InputError(
+            f"{where}: rotation vector ({text}) of length {angle:.3g}, limit 2 pi; give radians, not degrees"
+        )
     if angle < 1e-12:
         return np.eye(3)
     x, y, z = vector / angle

@@ -1,0 +1,86 @@
+"""The first finding or refusal of `ingest`, `track` and `evaluate` of a set-up, and whether it is right."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
+
+import occlog
+
+WARNING = "warning: "
+
+
+class Said(NamedTuple):
+    """A warning, or the error of a stage that refuses its input (id `refused`)."""
+
+    stage: str
+    id: str
+    text: str
+    sensors: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return f"{self.stage}: {self.id}: {', '.join(self.sensors)}: {self.text}"
+
+
+class Answer(NamedTuple):
+    """What a set-up must be answered with.
+
+    Attributes:
+        cause: regular expression that id or text must match.
+        sensors: one of them must be named; empty: any.
+    """
+
+    cause: str
+    sensors: tuple[str, ...] = ()
+
+    def fits(self, said: Said) -> bool:
+        """Whether a warning or refusal names the cause, and the sensor."""
+        named = not self.sensors or any(re.search(rf"\b{re.escape(name)}\b", str(said)) for name in self.sensors)
+        return named and re.search(self.cause, f"{said.id}: {said.text}") is not None
+
+
+def warned(stage: str, result: Any) -> list[Said]:
+    """Warnings of a result, in their order: findings, and notes that are warnings."""
+    summary = result.summary
+    notes = [str(n).removeprefix(WARNING) for n in summary.get("notes", ()) if str(n).startswith(WARNING)]
+    found = [
+        Said(each["stage"], each["id"], each["message"], tuple(each.get("sensors", ())))
+        for each in summary.get("warnings", ())
+        if each["stage"] == stage
+    ]
+    return [*(Said(stage, "note", text) for text in notes), *found]
+
+
+def answers(stages: Iterable[tuple[str, Callable[[], Any]]]) -> list[Said]:
+    """Run the stages of a set-up up to one that refuses; all warnings, and the refusal."""
+    out: list[Said] = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for name, stage in stages:
+            try:
+                out += warned(name, stage())
+            except occlog.OcclogError as error:
+                out.append(Said(name, "refused", str(error)))
+                break
+    return out
+
+
+def people(files: dict[str, Any], seed: int = 0) -> list[Said]:
+    """The answers to files of a rig: `ingest`, `track --method jipda`, `evaluate` if there is a truth."""
+    made: dict[str, Any] = {}
+
+    def ingest() -> Any:
+        made["recording"] = occlog.ingest(**files)
+        return made["recording"]
+
+    def track() -> Any:
+        made["tracks"] = occlog.track(made["recording"], method="jipda", seed=seed)
+        return made["tracks"]
+
+    def evaluate() -> Any:
+        return occlog.evaluate(made["tracks"], made["recording"])
+
+    stages = [("ingest", ingest), ("track", track), *([("evaluate", evaluate)] if "truth" in files else [])]
+    return answers(stages)

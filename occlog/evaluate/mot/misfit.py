@@ -1,0 +1,163 @@
+"""What would make tracks in images fit the true boxes where hardly any does: frame numbers, sizes, formats of boxes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints
+from occlog.core.metrics.errors import intersection_over_union
+from occlog.records.columns import rows_by_label
+from occlog.records.tables import Boxes
+from occlog.records.verdicts import Check, finding, outcome
+
+FITS = "frame numbers, sizes and format of boxes"
+"""Name of the check."""
+MIN_MOTA = 0.2
+"""MOTA below which another meaning of the boxes is looked for."""
+MIN_IOU = 0.5
+"""Intersection over union from which a track's box fits a true one."""
+MIN_FIT, MIN_MORE = 0.5, 0.3
+"""Share of boxes that fit with a change, and how much more that is than without it."""
+SIMPLER = 0.05
+"""Share by which a change must be better than one that is tried before it."""
+MAX_ROWS = 20_000
+"""Rows of each side, from the begin, that are compared."""
+MAX_FRAMES = 200
+"""Frames, evenly spread, in which boxes are compared."""
+MAX_SHIFT = 300
+"""Largest shift of frame numbers that is tried."""
+SCALES = (0.5, 2.0, 2.0 / 3.0, 1.5, 0.75, 4.0 / 3.0, 1.0 / 3.0, 3.0, 0.25, 4.0)
+"""Factors between sizes of images."""
+
+
+class SampledBoxes(NamedTuple):
+    """Boxes of one side.
+
+    Attributes:
+        frame: (n,) number of the frame, or of the time step.
+        view: (n,) number of the camera.
+        ltwh: (n, 4) left, top, width and height [px].
+    """
+
+    frame: Ints
+    view: Ints
+    ltwh: Floats
+
+    @classmethod
+    def of(cls, rows: Boxes, views: Sequence[str], frame: Ints) -> SampledBoxes:
+        """Rows with a box, of these cameras; `frame` (n,) of the rows."""
+        index = {name: n for n, name in enumerate(views)}
+        view = np.array([index.get(name, -1) for name in rows.sensor.tolist()], dtype=np.int64)
+        ltwh = np.column_stack([rows.left_px, rows.top_px, rows.width_px, rows.height_px])
+        own = np.flatnonzero((view >= 0) & (ltwh[:, 2:] > 0.0).all(axis=1))[:MAX_ROWS]
+        return cls(frame[own], view[own], ltwh[own])
+
+    @classmethod
+    def merge(cls, parts: Sequence[SampledBoxes]) -> SampledBoxes:
+        """All rows."""
+        nothing = cls(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 4)))
+        return cls(*(np.concatenate(column) for column in zip(nothing, *parts, strict=True)))
+
+    @property
+    def key(self) -> Ints:
+        """(n,) one number for frame and camera."""
+        return self.frame * 1024 + self.view
+
+
+class BoxChange(NamedTuple):
+    """A change of the tracks in words, and the share of boxes that then fit."""
+
+    words: str
+    fit: float
+
+
+def misfit(tracks: SampledBoxes, truth: SampledBoxes, metrics: Mapping[str, float]) -> tuple[Check, ...]:
+    """The check, with the change that makes tracks fit the truth, where their MOTA is low."""
+    mota = metrics.get("mota", math.nan)
+    return outcome(FITS, _found(tracks, truth) if mota < MIN_MOTA else (), mota=mota, allowed=MIN_MOTA)
+
+
+def _found(tracks: SampledBoxes, truth: SampledBoxes) -> Iterator[Check]:
+    if not (len(tracks.frame) and len(truth.frame)):
+        return
+    now, best = fit(tracks, truth), BoxChange("", 0.0)
+    for words, changed in _changes(tracks, truth):
+        share = fit(changed, truth)
+        if share >= max(MIN_FIT, now + MIN_MORE) and share > best.fit + SIMPLER:
+            best = BoxChange(words, share)
+    if best.words:
+        yield finding(FITS, "boxes-fit-if", fit=best.fit, now=now, change=best.words, iou=MIN_IOU)
+
+
+def _changes(tracks: SampledBoxes, truth: SampledBoxes) -> Iterator[tuple[str, SampledBoxes]]:
+    """Changes of the tracks, the simplest first, each alone and together with the best shift of frame numbers."""
+    for words, change in _of_boxes():
+        ltwh = change(tracks.ltwh)
+        there = (ltwh[:, 2:] > 0.0).all(axis=1)
+        if np.count_nonzero(there) < MIN_FIT * len(ltwh):
+            continue
+        changed = SampledBoxes(tracks.frame[there], tracks.view[there], ltwh[there])
+        if words:
+            yield words, changed
+        shift = _best_shift(changed, truth)
+        if shift:
+            moved = changed._replace(frame=changed.frame + shift)
+            yield " and ".join([*([words] if words else []), f"frame numbers {shift:+d}"]), moved
+
+
+def _of_boxes() -> Iterator[tuple[str, Callable[[Floats], Floats]]]:
+    """Other meanings of four numbers of a box."""
+    yield "", np.array
+    for scale in SCALES:
+        yield f"boxes multiplied by {scale:.3g} (images of another size)", partial(np.multiply, scale)
+    yield (
+        "right and lower edges for width and height (xyxy for xywh)",
+        lambda ltwh: np.column_stack([ltwh[:, :2], ltwh[:, 2:] - ltwh[:, :2]]),
+    )
+    yield (
+        "the centre for the left upper corner",
+        lambda ltwh: np.column_stack([ltwh[:, :2] - 0.5 * ltwh[:, 2:], ltwh[:, 2:]]),
+    )
+
+
+def fit(tracks: SampledBoxes, truth: SampledBoxes) -> float:
+    """F1 of boxes that overlap one of the other side in the same frame by `MIN_IOU`."""
+    common = np.intersect1d(tracks.key, truth.key)
+    if not len(common):
+        return 0.0
+    chosen = common[np.unique(np.linspace(0, len(common) - 1, MAX_FRAMES).round().astype(np.int64))]
+    ours, theirs = (dict(rows_by_label(np.where(np.isin(each.key, chosen), each.key, -1))) for each in (tracks, truth))
+    met, total = np.zeros(2), np.zeros(2)
+    for key in chosen.tolist():
+        a, b = tracks.ltwh[ours[key]], truth.ltwh[theirs[key]]
+        total += len(a), len(b)
+        if len(a) and len(b):
+            near = intersection_over_union(a, b) >= MIN_IOU
+            met += near.any(axis=1).sum(), near.any(axis=0).sum()
+    shares = met / np.maximum(total, 1)
+    return float(2.0 * shares.prod() / max(shares.sum(), 1e-9))
+
+
+def _best_shift(tracks: SampledBoxes, truth: SampledBoxes) -> int:
+    """Shift of the tracks' frames with most boxes that have a true one of about their middle and size (Hough)."""
+    chosen = np.unique(np.linspace(0, len(tracks.frame) - 1, MAX_FRAMES).round().astype(np.int64))
+    votes = np.zeros(2 * MAX_SHIFT + 1)
+    for view in np.unique(tracks.view).tolist():
+        theirs = np.flatnonzero(truth.view == view)
+        own = chosen[tracks.view[chosen] == view]
+        if not (len(theirs) and len(own)):
+            continue
+        near = np.concatenate(
+            [intersection_over_union(tracks.ltwh[own], truth.ltwh[part]) for part in np.array_split(theirs, 8)], axis=1
+        )
+        row, column = np.nonzero(near >= MIN_IOU)
+        apart = truth.frame[theirs[column]] - tracks.frame[own[row]]
+        close = np.abs(apart) <= MAX_SHIFT
+        # Of an object that stays where it is all frames agree: each votes once for a shift, by its overlap
+        np.add.at(votes, apart[close] + MAX_SHIFT, near[row, column][close])
+    return int(np.argmax(votes)) - MAX_SHIFT if votes.any() else 0

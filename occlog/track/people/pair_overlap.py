@@ -1,0 +1,240 @@
+"""Whether the boxes of cameras fit each other: people located by one camera alone, projected into another one.
+
+A box has its feet on the ground, and its head above them; where that is in another camera's image, there should be a
+box.  How many boxes have one by chance follows from boxes of other times.  Nothing is tracked, so that cameras are
+compared even where their tracks are wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.records.scene import Camera
+
+MIN_OVERLAP = 0.3
+"""Intersection over union of a box with a projected person, from which it fits."""
+BORDER_PX = 3.0
+"""Boxes as near to the border of the image may be cut off, and locate no one."""
+MAX_INTERVALS, MIN_IN_INTERVAL = 16, 5
+"""Intervals of a recording of which mean overlaps are compared, and people expected in each of them."""
+MIN_SIGMAS, MIN_GAIN = 6.0, 0.05
+"""Gain of mean overlap that is clear, in standard errors over intervals, and that matters."""
+MIN_HEIGHT, MAX_HEIGHT = 0.6, 1.3
+"""Heights of bodies, relative to the expected one."""
+MAX_DISTANCE_HEIGHTS = 30.0
+"""Distance of a person from a camera, in heights, beyond which a box does not locate the person."""
+
+
+class BoxesOfCamera(NamedTuple):
+    """A camera and its boxes.
+
+    Attributes:
+        camera: with a pose.
+        boxes: (n, 4) left, top, right, bottom [px].
+        steps: (n,) number of the time step of each.
+    """
+
+    camera: Camera
+    boxes: Floats
+    steps: Ints
+
+    @property
+    def size(self) -> Floats:
+        """(2,) width and height of the images [px]; as far as the boxes reach if it is not known."""
+        if self.camera.image_size is not None:
+            return np.array(self.camera.image_size, dtype=np.float64)
+        return np.asarray(self.boxes[:, 2:].max(axis=0, initial=1.0) + 1.0)
+
+    def with_boxes_of(self, other: BoxesOfCamera) -> BoxesOfCamera:
+        """This camera with the boxes of another one."""
+        return BoxesOfCamera(self.camera, other.boxes, other.steps)
+
+    def during(self, first: int, last: int) -> BoxesOfCamera:
+        """Those of some time steps, first <= step <= last."""
+        own = (self.steps >= first) & (self.steps <= last)
+        return BoxesOfCamera(self.camera, self.boxes[own], self.steps[own])
+
+    def every(self, count: int) -> BoxesOfCamera:
+        """Those of every `count`th time step."""
+        if count == 1:
+            return self
+        own = self.steps % count == 0
+        return BoxesOfCamera(self.camera, self.boxes[own], self.steps[own])
+
+
+class Overlap(NamedTuple):
+    """Overlaps of boxes with what other cameras expect.
+
+    Attributes:
+        steps: (n,) time step of each person who is expected in an image.
+        met: (n,) largest intersection over union with a box there.
+        chance: (n,) that with the boxes of another time.
+    """
+
+    steps: Ints
+    met: Floats
+    chance: Floats
+
+    @property
+    def share(self) -> float:
+        """Share of the people expected in an image who have a box there; NaN: none is expected."""
+        return float(np.mean(self.met >= MIN_OVERLAP)) if len(self.met) else float("nan")
+
+    @property
+    def excess(self) -> float:
+        """That share beyond the one by chance, over the largest possible one: 1 all, 0 as by chance."""
+        by_chance = float(np.mean(self.chance >= MIN_OVERLAP)) if len(self.met) else 0.0
+        return (self.share - by_chance) / max(1.0 - by_chance, 1e-9)
+
+    @property
+    def mean(self) -> float:
+        """Mean overlap beyond that by chance."""
+        return float(np.mean(self.met) - np.mean(self.chance)) if len(self.met) else float("nan")
+
+
+def clearly_larger(a: Overlap, b: Overlap) -> bool:
+    """Whether mean overlaps are larger than others, by `MIN_SIGMAS` of the scatter between intervals of time."""
+    steps = 1 + max(int(each.steps.max(initial=0)) for each in (a, b))
+    sums = []
+    for each in (a, b):
+        part = each.steps * MAX_INTERVALS // steps
+        counts = np.bincount(part, minlength=MAX_INTERVALS)
+        mean = np.bincount(part, each.met, MAX_INTERVALS) / np.maximum(counts, 1)
+        sums.append(np.where(counts >= MIN_IN_INTERVAL, mean, np.nan))
+    gain = sums[0] - sums[1]
+    gain = gain[np.isfinite(gain)]
+    if len(gain) < MAX_INTERVALS // 2 or gain.mean() < MIN_GAIN:
+        return False
+    return bool(gain.mean() > MIN_SIGMAS * gain.std(ddof=1) / np.sqrt(len(gain)))
+
+
+def located(view: BoxesOfCamera, person_height: float) -> Floats:
+    """(n, 4) x, y, height and width of the person in each box, by this camera alone; NaN: not located."""
+    boxes, camera, size = view.boxes, view.camera, view.size
+    out = np.full((len(boxes), 4), np.nan)
+    if not len(boxes):
+        return out
+    middle = 0.5 * (boxes[:, 0] + boxes[:, 2])
+    with np.errstate(all="ignore"):
+        foot, head = (camera.rays(np.column_stack([middle, boxes[:, k]])) for k in (3, 1))
+        away = -camera.position[2] / foot[:, 2]  # along the ray to the ground
+        ground = camera.position[:2] + away[:, None] * foot[:, :2]
+        distance = away * np.hypot(foot[:, 0], foot[:, 1])
+        height = camera.position[2] + distance * head[:, 2] / np.hypot(head[:, 0], head[:, 1])
+        width = height * (boxes[:, 2] - boxes[:, 0]) / (boxes[:, 3] - boxes[:, 1])
+        good = (away > 0.0) & (distance < MAX_DISTANCE_HEIGHTS * person_height)
+        good &= (height > MIN_HEIGHT * person_height) & (height < MAX_HEIGHT * person_height)
+        good &= (boxes[:, :2] > BORDER_PX).all(axis=1) & (boxes[:, 2:] < size - 1.0 - BORDER_PX).all(axis=1)
+    out[good] = np.column_stack([ground, height, width])[good]
+    return out
+
+
+def projected_people(camera: Camera, people: Floats) -> Floats:
+    """(n, 4) boxes of upright people, from head and feet; NaN: behind the camera, or upside down.
+
+    Args:
+        camera: with a pose.
+        people: (n, 4) x, y, height and width.
+    """
+    ground = np.column_stack([people[:, :2], np.zeros(len(people))])
+    feet, head = camera.project(ground), camera.project(ground + people[:, 2:3] * [0.0, 0.0, 1.0])
+    tall = feet[:, 1] - head[:, 1]
+    middle, half = 0.5 * (feet[:, 0] + head[:, 0]), 0.5 * tall * people[:, 3] / np.maximum(people[:, 2], 1e-9)
+    boxes = np.column_stack([middle - half, head[:, 1], middle + half, feet[:, 1]])
+    return np.where((tall > 0.0)[:, None], boxes, np.nan)
+
+
+def in_image(boxes: Floats, size: Floats) -> Bools:
+    """(n,) whether the middle of each box (n, 4) is in an image of this size (2,)."""
+    with np.errstate(invalid="ignore"):
+        middle = 0.5 * (boxes[:, :2] + boxes[:, 2:])
+        return np.asarray(((middle > 0.0) & (middle < size)).all(axis=1))
+
+
+def overlap(
+    views: Sequence[BoxesOfCamera],
+    changed: Mapping[int, BoxesOfCamera],
+    steps: int,
+    person_height: float,
+    of: Sequence[int] | None = None,
+) -> Overlap:
+    """Overlaps of all pairs of cameras of which one is changed.
+
+    Args:
+        views: of all cameras.
+        changed: by number, those that take the place of others.
+        steps: number of time steps.
+        person_height: in the scene's unit.
+        of: cameras that are compared with the changed ones; None: all.
+    """
+    now = [changed.get(c, view) for c, view in enumerate(views)]
+    others = {*(range(len(views)) if of is None else of), *changed}
+    pairs = [(a, b) for a in sorted(others) for b in sorted(others) if a != b and {a, b} & set(changed)]
+    return merged(list(_of_pairs(now, pairs, steps, person_height).values()))
+
+
+def overlaps(views: Sequence[BoxesOfCamera], steps: int, person_height: float) -> list[Overlap]:
+    """Overlaps of each camera with all others."""
+    pairs = [(a, b) for a in range(len(views)) for b in range(len(views)) if a != b]
+    found = _of_pairs(views, pairs, steps, person_height)
+    return [merged([part for pair, part in found.items() if c in pair]) for c in range(len(views))]
+
+
+def merged(parts: Sequence[Overlap]) -> Overlap:
+    """All overlaps of some pairs."""
+    nothing = Overlap(np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
+    return Overlap(*(np.concatenate(column) for column in zip(nothing, *parts, strict=True)))
+
+
+def _of_pairs(
+    views: Sequence[BoxesOfCamera], pairs: Sequence[tuple[int, int]], steps: int, person_height: float
+) -> dict[tuple[int, int], Overlap]:
+    """Overlaps of people whom the first camera of each pair locates with boxes of the second."""
+    people = {a: located(views[a], person_height) for a in {a for a, _ in pairs}}
+    padded = {b: _by_step(views[b], steps) for b in {b for _, b in pairs}}
+    return {(a, b): _expected(views[a], people[a], views[b], padded[b]) for a, b in pairs}
+
+
+def _expected(source: BoxesOfCamera, people: Floats, target: BoxesOfCamera, there: Floats) -> Overlap:
+    """Overlaps of people whom one camera locates with the boxes of another one, where its image should show them."""
+    known = np.flatnonzero(np.isfinite(people).all(axis=1))
+    boxes = projected_people(target.camera, people[known])
+    seen = in_image(boxes, target.size)
+    boxes, when = boxes[seen], source.steps[known[seen]]
+    # A target without any box at a time may have no frame of it
+    frames = np.asarray(np.isfinite(there[..., 0]).any(axis=1))
+    # Boxes by chance: those of half the time later, at steps that have any
+    filled = np.flatnonzero(frames)
+    at = np.searchsorted(filled, when)
+    other = filled[(at + len(filled) // 2) % max(len(filled), 1)] if len(filled) else when
+    compared = frames[when]
+    boxes, when, other = boxes[compared], when[compared], other[compared]
+    return Overlap(when, _largest(boxes, there[when]), _largest(boxes, there[other]))
+
+
+def _by_step(view: BoxesOfCamera, steps: int) -> Floats:
+    """(T, most boxes, 4) boxes by time step, filled with NaN."""
+    counts = np.bincount(view.steps, minlength=steps)
+    out = np.full((steps, max(int(counts.max(initial=0)), 1), 4), np.nan)
+    order = np.argsort(view.steps, kind="stable")
+    when = view.steps[order]
+    first = np.cumsum(counts) - counts
+    out[when, np.arange(len(order)) - first[when]] = view.boxes[order]
+    return out
+
+
+def _largest(boxes: Floats, others: Floats) -> Floats:
+    """(n,) largest intersection over union of a box (n, 4) with others (n, m, 4) of its time; 0: with none."""
+    if not len(boxes):
+        return np.zeros(0)
+    low, high = np.maximum(boxes[:, None, :2], others[..., :2]), np.minimum(boxes[:, None, 2:], others[..., 2:])
+    common = np.clip(high - low, 0.0, None).prod(axis=-1)
+    area = np.clip(boxes[:, 2:] - boxes[:, :2], 0.0, None).prod(axis=-1)[:, None]
+    areas = np.clip(others[..., 2:] - others[..., :2], 0.0, None).prod(axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = common / (area + areas - common)
+    return np.asarray(np.nan_to_num(share, nan=0.0).max(axis=1))
