@@ -115,7 +115,7 @@ def copied(folder: Path) -> None:
 def passes(folder: Path, tests: list[str], jit: bool, limit_s: float) -> bool:
     """Whether the tests pass within the time."""
     environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "", "NUMBA_DISABLE_JIT": "" if jit else "1"}
-    marks = "not slow" if jit else "not slow and not jit"
+    marks = "not slow and not statistics" + ("" if jit else " and not jit")
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-m", marks, *tests]
     try:
         done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, timeout=limit_s)
