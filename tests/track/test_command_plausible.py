@@ -192,7 +192,7 @@ def test_nearly_exact_bearings_are_right_or_said_to_be_wrong(tmp_path, capsys) -
 
 @pytest.mark.jit
 def test_a_crowd_offered_to_a_filter_of_one_target_is_said(tmp_path, capsys) -> None:
-    files = record(tmp_path, people=12, labelled=False)
+    files = record(tmp_path, people=6, labelled=False)
     found = told(capsys, files.track)
     assert found.warnings["several-targets"].endswith("label the candidates, or give the start")
     assert "several-targets" in told(capsys, files.evaluate).warnings
