@@ -91,7 +91,9 @@ def said_of(made: Recording, table: Measurements, method: str, range_bias: float
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize("method", [*(pytest.param(name, marks=pytest.mark.statistics) for name in ("apf", "fix")), "map", "ekf"])
+@pytest.mark.parametrize(
+    "method", [*(pytest.param(name, marks=pytest.mark.statistics) for name in ("apf", "fix")), "map", "ekf"]
+)
 def test_every_method_names_the_station(method: str) -> None:
     made = record("range", 0.1, seed=8301)
     assert not said_of(made, made.table, method)

@@ -99,7 +99,9 @@ def said_of(made: Recording, bearings: Bearings, method: str) -> list[Check]:
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize("method", [*(pytest.param(name, marks=pytest.mark.statistics) for name in ("apf", "fix")), "map", "ekf"])
+@pytest.mark.parametrize(
+    "method", [*(pytest.param(name, marks=pytest.mark.statistics) for name in ("apf", "fix")), "map", "ekf"]
+)
 def test_every_method_names_the_sensor(method: str) -> None:
     made = record("walk", 4, seed=700)
     own = made.bearings.sensor == "cam2"

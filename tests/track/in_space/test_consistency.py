@@ -28,8 +28,10 @@ START, SPREAD = np.array([3.0, 2.0, 1.4, 0.4, 0.3, 0.0]), np.array([0.3, 0.3, 0.
         ("pps", 0.1, 0.1),
         *(
             pytest.param(*case, marks=pytest.mark.statistics)
-            for case in [("direct3d", 0.0, 0.001), ("direct3d", 0.1, 0.1)]
-            + [("pps", 0.0, 0.001), ("pps", 0.1, 0.001), ("pps", 0.0, 0.1)]
+            for case in (
+                *(("direct3d", q, sigma) for q, sigma in ((0.0, 0.001), (0.1, 0.1))),
+                *(("pps", q, sigma) for q, sigma in ((0.0, 0.001), (0.1, 0.001), (0.0, 0.1))),
+            )
         ),
     ],
 )
