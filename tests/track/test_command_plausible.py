@@ -22,7 +22,7 @@ from occlog.records.tables import Bearings, Truth
 
 SIZE = np.array([10.0, 8.0])
 CORNERS = ((0, 0, 45), (10, 8, 225), (10, 0, 135), (0, 8, 315))
-FOCAL, RATE, T = 150.0, 5.0, 120
+FOCAL, RATE, T = 150.0, 5.0, 70
 
 
 def scene_text(read_px: float) -> str:
@@ -164,7 +164,7 @@ def test_noise_that_is_stated_too_large_is_a_note(tmp_path, capsys) -> None:
     files = record(tmp_path, stated_px=4.0, true_px=2.0)
     assert run([*files.track, "--strict"]) == ExitCode.DONE
     heard = capsys.readouterr()
-    assert "note: the bearings have standard deviations 2" in heard.err
+    assert re.search(r"note: the bearings have standard deviations (1\.9|2|2\.1) times too large", heard.err)
     assert re.search("^plausible: +yes$", heard.out, re.MULTILINE)
 
 
