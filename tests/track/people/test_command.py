@@ -198,7 +198,9 @@ def test_a_camera_that_is_turned_is_named(tmp_path, capsys, px, args):
     assert not px or re.search(r"camera b is rotated from its calibration by -2\.\d deg about the vertical", noted)
 
 
-@pytest.mark.parametrize(("degrees", "seed"), [pytest.param(-6.0, 10, marks=pytest.mark.statistics), (0.0, 11), (6.0, 11)])
+@pytest.mark.parametrize(
+    ("degrees", "seed"), [pytest.param(-6.0, 10, marks=pytest.mark.statistics), (0.0, 11), (6.0, 11)]
+)
 def test_a_camera_that_is_turned_is_named_after_10_s_with_rough_boxes(tmp_path, capsys, degrees, seed):
     """Two people, edges with 4 px: standard errors of 0.1 deg, and the other cameras take a part of the rotation."""
     turned = rotation_from_angles(np.radians(CORNERS["b"][2] + degrees), np.radians(-20.0), 0.0)
