@@ -6,8 +6,8 @@ from itertools import product
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
 from scipy import stats
+from scipy.signal import lfilter
 
 from occlog.array_types import Floats
 from occlog.core.metrics.paired import MANY_RECORDINGS, MAX_STRETCHES, MIN_STRETCHES, autocorrelation_time, compare
