@@ -59,7 +59,8 @@ def test_a_scheduler_that_is_not_there_is_told():
         "import sys\nfrom sweep_scene import trial\nfrom occlog.pipeline.sweep.engine import run_all\n"
         "from occlog.errors import UsageError\n"
         "for address in sys.argv[1:]:\n"
-        "    try:\n        run_all([trial()], scheduler=address)\n    except UsageError as error:\n        print(error)\n"
+        "    try:\n        run_all([trial()], scheduler=address)\n"
+        "    except UsageError as error:\n        print(error)\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", code, "nonsense://1", "tcp://127.0.0.1:9"],
