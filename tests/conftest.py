@@ -47,6 +47,14 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
+@pytest.fixture
+def no_svg(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are drawn, but not written as SVG, which takes most of the time of a page: for tests of its words."""
+    from occlog.report import drawing
+
+    monkeypatch.setattr(drawing, "raw_svg", lambda _: "<svg></svg>")
+
+
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """Folder of recorded data that is not shipped; the test is skipped where it is missing."""
