@@ -14,7 +14,7 @@ INSTALL = .ci/install $(BIN)/python $(CONSTRAINTS) --editable
 # Tests start the program often, and pytest rewrites their assertions: compiled code is kept, whatever the user's settings.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: demo test test-fast fuzz lint golden schemas docs site lock sbom dist clean
+.PHONY: demo test test-fast test-statistics fuzz lint golden schemas docs site lock sbom dist clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/installed
@@ -28,14 +28,18 @@ demo: $(VENV)/installed
 # OCCLOG_PEERS_REQUIRED=1. OCCLOG_PEERS=/path/to/python names an environment that has them.
 # worksteal gives each worker a contiguous part of the tests: those of a folder share kernels, and run in one worker.
 test: $(VENV)/installed-dev
-	$(BIN)/python -m pytest -n auto --dist worksteal --durations 30 --durations-min 1 -m "not serial"
+	$(BIN)/python -m pytest -n auto --dist worksteal --durations 30 --durations-min 1 -m "not serial and not statistics"
 	$(BIN)/python -m pytest --durations 5 -m serial $$(grep -rlw serial tests --include="test_*.py")
 
 # Kernels as plain Python, which checks bounds: the fast tests of the folders that have kernels.
 KERNELS = core filtering measure/clusters measure/regions simulate/balls simulate/render simulate/world \
 	track/apf track/images/kernels track/imm track/in_space track/jipda track/map track/people
 test-fast: $(VENV)/installed-dev
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -m "not slow and not jit and not serial" $(KERNELS:%=tests/%)
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -m "not slow and not statistics and not jit and not serial" $(KERNELS:%=tests/%)
+
+# Errors over many runs, which only change with the methods: `make test` has a short form of each.
+test-statistics: $(VENV)/installed-dev
+	$(BIN)/python -m pytest -n auto --dist worksteal -m statistics $$(grep -rlw statistics tests --include="test_*.py")
 
 # Changed files for every reader: a million each takes days; `make fuzz INPUTS=10000` looks for an hour or two.
 INPUTS ?= 1000000

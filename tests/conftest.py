@@ -23,10 +23,36 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Let every second worker begin with the last tests: each compiles half of the assertions of a new checkout.
+
+    What one has compiled the others read; `pytest_collection_modifyitems` restores the order.
+    """
+    number = os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")
+    if int(number) % 2 and [Path(arg).resolve() for arg in config.args] == [ROOT / "tests"]:
+        entries = (
+            p for p in (ROOT / "tests").iterdir() if p.name[0] not in "._" and (p.is_dir() or p.match("test_*.py"))
+        )
+        config.args = sorted(map(str, entries), reverse=True)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Sort by the folder in `tests`: the workers must agree, and those of a folder share kernels."""
+    items.sort(key=lambda item: item.nodeid.split("::")[0].split("/")[:2])
+
+
 def pytest_collection_finish() -> None:
     """Leave the tests and what they import, which stay, out of every later search for garbage."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture
+def no_svg(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are drawn, but not written as SVG, which takes most of the time of a page: for tests of its words."""
+    from occlog.report import drawing
+
+    monkeypatch.setattr(drawing, "raw_svg", lambda _: "<svg></svg>")
 
 
 @pytest.fixture(scope="session")

@@ -115,7 +115,7 @@ def copied(folder: Path) -> None:
 def passes(folder: Path, tests: list[str], jit: bool, limit_s: float) -> bool:
     """Whether the tests pass within the time."""
     environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "", "NUMBA_DISABLE_JIT": "" if jit else "1"}
-    marks = "not slow" if jit else "not slow and not jit"
+    marks = "not slow and not statistics" + ("" if jit else " and not jit")
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-m", marks, *tests]
     try:
         done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, timeout=limit_s)
@@ -124,8 +124,8 @@ def passes(folder: Path, tests: list[str], jit: bool, limit_s: float) -> bool:
     return done.returncode == 0
 
 
-def main() -> None:
-    """Try the changes, and print those that no test notices."""
+def options_of(arguments: list[str] | None = None) -> argparse.Namespace:
+    """What the command line asks for."""
     parser = argparse.ArgumentParser(prog="python -m tests.mutate", description="Do the tests notice errors?")
     parser.add_argument("module", help="file of the module, from the root of the repository")
     parser.add_argument("tests", nargs="+", help="its tests")
@@ -133,7 +133,12 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1, help="of the draw; default 1")
     parser.add_argument("--jit", action="store_true", help="compile the kernels")
     parser.add_argument("--limit", type=float, default=120.0, help="seconds after which a change counts as noticed")
-    options = parser.parse_args()
+    return parser.parse_args(arguments)
+
+
+def main() -> None:
+    """Try the changes, and print those that no test notices."""
+    options = options_of()
     every = list(mutants((ROOT / options.module).read_text(encoding="utf-8")))
     random.Random(options.seed).shuffle(every)
     with tempfile.TemporaryDirectory() as name:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import argparse
 import io
 import json
+import subprocess
 import sys
 from pathlib import Path
 
@@ -12,7 +14,8 @@ import pyarrow.parquet as pq
 import pytest
 from mcap.writer import Writer
 
-from tests.unchanged.__main__ import PRINTED, differences, done, run_section, sections
+from tests.mutate import options_of
+from tests.unchanged.__main__ import PRINTED, ROOT, differences, done, run_section, sections, try_mutants
 from tests.unchanged.compare import Tolerance, first_difference
 
 EXACT, CLOSE = Tolerance(), Tolerance(1e-12)
@@ -106,3 +109,18 @@ def test_a_section_that_was_stopped_goes_on_and_one_that_has_changed_begins_agai
     assert (folder / "c").exists()
     run_section(python, lines[1:], folder, 60)
     assert not (folder / "a").exists()
+
+
+def test_mutants_of_a_folder_are_asked_for_as_the_other_script_takes_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    def ended(command: list[str], **_: object) -> subprocess.CompletedProcess[str]:
+        asked.append(options_of(command[3:]))
+        return subprocess.CompletedProcess(command, 0, f"x: {asked[-1].count - (len(asked) == 1)} of 10 noticed\n", "")
+
+    monkeypatch.setattr(subprocess, "run", ended)
+    folder = "occlog/track/methods/in_space/kernels"
+    modules = [p for p in (ROOT / folder).glob("*.py") if p.name != "__init__.py"]
+    given = argparse.Namespace(base=ROOT, mutants=[f"{folder}=tests/a,tests/b"], count=10 * len(modules), jit=False)
+    assert try_mutants(given)
+    assert [(o.tests, o.count) for o in asked] == [(["tests/a", "tests/b"], 10)] * len(modules)

@@ -114,9 +114,9 @@ def test_pixels_have_the_variance_of_eq_2_at_the_estimate() -> None:
 
 def test_squares_of_a_kalman_filter_are_as_expected() -> None:
     """A target that stands, seen by two cameras, estimated by recursive least squares: NIS 1."""
-    rng, n, sigma = np.random.default_rng(0), 400, 0.01
+    rng, n, sigma = np.random.default_rng(0), 200, 0.01
     squares = expected = 0.0
-    for _ in range(20):
+    for _ in range(5):
         truth, xy, information, score = standing(n), np.empty((n, 2)), np.eye(2), np.zeros(2)
         offs = sigma * rng.standard_normal((2, n))
         P = np.empty((n, 2, 2))
@@ -131,7 +131,7 @@ def test_squares_of_a_kalman_filter_are_as_expected() -> None:
         found = whole(tracks, Bearings.merge(parts), SCENE, None).residuals
         squares += float((found.residual[found.expected_variance > 0.1] ** 2).sum())
         expected += float(found.expected_variance[found.expected_variance > 0.1].sum())
-    assert squares / expected == pytest.approx(1.0, abs=0.03)
+    assert squares / expected == pytest.approx(1.0, abs=0.1)
 
 
 @pytest.mark.parametrize(("sigmas", "believed"), [(GATE_SIGMAS - 1e-6, 1.0), (GATE_SIGMAS + 1e-6, 0.0)])

@@ -177,7 +177,7 @@ def test_every_label_is_escaped() -> None:
 
 @pytest.mark.slow
 def test_long_tracks_make_small_pages() -> None:
-    data = run(steps=100_000, cameras=4)
+    data = run(steps=40_000, cameras=4)
     page = build_page(data)
     assert len(page.encode()) < 1_500_000
     assert len(build_picture(data)) < 2_500_000

@@ -22,7 +22,7 @@ from occlog.records.tables import Bearings, Truth
 
 SIZE = np.array([10.0, 8.0])
 CORNERS = ((0, 0, 45), (10, 8, 225), (10, 0, 135), (0, 8, 315))
-FOCAL, RATE, T = 150.0, 5.0, 120
+FOCAL, RATE, T = 150.0, 5.0, 70
 
 
 def scene_text(read_px: float) -> str:
@@ -164,7 +164,7 @@ def test_noise_that_is_stated_too_large_is_a_note(tmp_path, capsys) -> None:
     files = record(tmp_path, stated_px=4.0, true_px=2.0)
     assert run([*files.track, "--strict"]) == ExitCode.DONE
     heard = capsys.readouterr()
-    assert "note: the bearings have standard deviations 2" in heard.err
+    assert re.search(r"note: the bearings have standard deviations (1\.9|2|2\.1) times too large", heard.err)
     assert re.search("^plausible: +yes$", heard.out, re.MULTILINE)
 
 
@@ -192,7 +192,7 @@ def test_nearly_exact_bearings_are_right_or_said_to_be_wrong(tmp_path, capsys) -
 
 @pytest.mark.jit
 def test_a_crowd_offered_to_a_filter_of_one_target_is_said(tmp_path, capsys) -> None:
-    files = record(tmp_path, people=12, labelled=False)
+    files = record(tmp_path, people=6, labelled=False)
     found = told(capsys, files.track)
     assert found.warnings["several-targets"].endswith("label the candidates, or give the start")
     assert "several-targets" in told(capsys, files.evaluate).warnings
@@ -228,6 +228,7 @@ def test_the_truth_of_somebody_else_is_said(tmp_path, capsys) -> None:
 
 
 @pytest.mark.jit
+@pytest.mark.usefixtures("no_svg")
 def test_strict_writes_outputs_and_ends_with_six(tmp_path, capsys) -> None:
     files, page = record(tmp_path, stated_px=0.5, true_px=2.5), tmp_path / "page.html"
     assert run([*files.track, "-q"]) == ExitCode.DONE

@@ -63,7 +63,8 @@ def test_one_camera_states_covariances_that_hold_the_truth(shared_data, tmp_path
     true, scene = opened.read(TruthBoxes), opened.scene
     assert scene is not None
     boxes = Boxes(**{c.name: getattr(true, c.name) for c in Boxes.columns()})
-    parts = list(track([labelled(boxes, scene)], scene, TrackingTask(ApfConfig.in_unit("m"), 1)))
+    config = dataclasses.replace(ApfConfig.in_unit("m"), particles=300)
+    parts = list(track([labelled(boxes, scene)], scene, TrackingTask(config, 1)))
     tracks, diagnostics = (
         Tracks.concat(p.tracks for p in parts),
         Diagnostics.concat(p.diagnostics for p in parts),

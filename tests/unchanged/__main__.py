@@ -264,7 +264,7 @@ def try_mutants(options: argparse.Namespace) -> bool:
                 "tests.mutate",
                 module,
                 *tests.split(","),
-                "--n-cameras",
+                "--count",
                 str(share),
             ]
             done = subprocess.run(
@@ -302,7 +302,7 @@ def main() -> None:
     add("--benchmarks", metavar="A,B,...", help="compare the times of these benchmarks instead")
     add("--pairs", type=int, default=5, help="pairs of runs of benchmarks; default 5")
     add("--mutants", nargs="+", metavar="FOLDER=TESTS,...", help="try mutants of BASE's kernels instead")
-    add("--n-cameras", type=int, default=50, help="mutants of a folder; default 50")
+    add("--count", type=int, default=50, help="mutants of a folder; default 50")
     add("--jit", action="store_true", help="with --mutants: compile the kernels")
     options = parser.parse_args()
     if options.verdicts:

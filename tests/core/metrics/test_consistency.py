@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.signal import lfilter
 
 from occlog.array_types import Floats
 from occlog.core.metrics.normalised_squares import (
@@ -28,11 +29,9 @@ def batches(squares: Floats, parts: int = 1) -> BatchMeans:
 
 def alike(rng: np.random.Generator, n: int, rho: float) -> Floats:
     """Squares of an autoregressive series of variance 1."""
-    x = np.empty(n)
-    x[0] = rng.standard_normal()
-    for k in range(1, n):
-        x[k] = rho * x[k - 1] + math.sqrt(1.0 - rho**2) * rng.standard_normal()
-    return x**2
+    noise = rng.standard_normal(n)
+    noise[1:] *= math.sqrt(1.0 - rho**2)
+    return lfilter([1.0], [1.0, -rho], noise) ** 2
 
 
 def test_interval_is_that_of_the_chi_square() -> None:

@@ -109,10 +109,10 @@ def simulated() -> tuple[Scene, Measurements, Floats]:
     [
         ("ekf", {}, TARGETS, 0.0),
         ("ekf", {"smooth": True}, TARGETS, 0.0),
-        ("ukf", {}, TARGETS, 0.0),
-        ("ukf", {"smooth": True}, TARGETS, 0.0),
-        ("apf", {"particles": 500}, 30, 1.0),
-        ("apf", {"particles": 500, "smooth": True}, 30, 1.0),
+        ("ukf", {}, 40, 0.0),
+        ("ukf", {"smooth": True}, 40, 0.0),
+        pytest.param("apf", {"particles": 500}, 30, 1.0, marks=pytest.mark.statistics),
+        ("apf", {"particles": 500, "smooth": True}, 20, 1.0),
     ],
 )
 def test_covariances_are_those_of_the_errors(

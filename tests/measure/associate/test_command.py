@@ -188,7 +188,7 @@ def test_outputs_that_exist_are_kept_and_inputs_are_not_written_to(folder, capsy
     assert "is an input too" in capsys.readouterr().err
 
 
-@pytest.mark.slow
+@pytest.mark.statistics
 @pytest.mark.jit
 def test_boxes_of_one_person_among_others_get_the_label_of_its_track(shared_data, tmp_path, capsys):
     """CMC1: a track by cameras 1 to 3 alone; camera 4's boxes get its label all the same, in most frames."""

@@ -24,8 +24,7 @@ def found(given: Boxes) -> dict[str, tuple[str, ...]]:
     return {check.id: check.sensors for check in checked.checks(frames) if check.found}
 
 
-@pytest.mark.parametrize("people", [1, 4, 7])
-@pytest.mark.parametrize("px", [0.0, 1.5, 3.0])
+@pytest.mark.parametrize(("people", "px"), [(1, 0.0), (4, 3.0), (7, 1.5)])
 def test_nothing_is_found_in_clean_boxes(people: int, px: float) -> None:
     for seed in range(3):
         assert found(boxes(SCENE, 10.0, people=people, px=px, seed=seed, miss=0.1 * seed)) == {}

@@ -24,7 +24,7 @@ from occlog.records.tables import TruthBoxes, Views
 from occlog.simulate.render.surfaces import grey
 
 pytestmark = pytest.mark.jit
-ROOM = ["--scene", "people", "--people", "3", "--views", "2", "--frames", "50", "--fps", "5", "--size", "400x300"]
+ROOM = ["--scene", "people", "--people", "3", "--views", "2", "--frames", "30", "--fps", "5", "--size", "400x300"]
 
 
 def simulated(folder: Path, name: str, *args: str) -> Path:
@@ -89,4 +89,4 @@ def test_targets_of_a_grey_simulation_are_seen_and_those_with_colours_are_report
     assert coloured is not None
     (tmp_path / "colour.json").write_bytes(coloured)
     assert run(["detect", str(made), *out, "--target", str(tmp_path / "colour.json")]) == ExitCode.DONE
-    assert "warning: never detected in 100 frames: target 0, 1, 2;" in capsys.readouterr().err
+    assert "warning: never detected in 60 frames: target 0, 1, 2;" in capsys.readouterr().err

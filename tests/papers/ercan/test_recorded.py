@@ -196,6 +196,7 @@ def test_all_says_what_it_leaves_out(capsys: pytest.CaptureFixture[str], monkeyp
 
 
 @pytest.mark.jit
+@pytest.mark.statistics
 def test_recorded_detections_with_virtual_occluders(
     shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

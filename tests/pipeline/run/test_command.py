@@ -28,7 +28,6 @@ from occlog.pipeline.run.stage import RunStage, files_of, name_of
 from occlog.pipeline.run.stages import check_settings, plan, read_config
 from occlog.records.losses import Loss
 from occlog.records.tables import Particles, PeopleTracks, Tracks
-from occlog.report import drawing as plot
 
 SCENE = """
 occlog_scene: 1
@@ -60,10 +59,7 @@ OUTPUTS = {
 }
 
 
-@pytest.fixture(autouse=True)
-def without_svg(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Figures are drawn, but not as SVG, which takes most of the time of a short run."""
-    monkeypatch.setattr(plot, "raw_svg", lambda _: "<svg></svg>")
+pytestmark = pytest.mark.usefixtures("no_svg")
 
 
 @pytest.fixture

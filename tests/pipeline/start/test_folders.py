@@ -22,17 +22,13 @@ from occlog.io.files.tables.parquet import read_table
 from occlog.io.recording.reader import open_recording
 from occlog.pipeline.start.run import read_settings
 from occlog.records.tables import Doa, PeopleTracks, Truth, ViewTracks
-from occlog.report import drawing as plot
 
 CAMERAS = ("a", "b", "c")
 FPS = ("--set", f"ingest.fps={make.RATE}")
 PAGE = {"report.html", "tracks.parquet", "run.yaml", "run.json"}
 
 
-@pytest.fixture(autouse=True)
-def without_svg(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Figures are drawn, but not as SVG, which takes most of the time of a short run."""
-    monkeypatch.setattr(plot, "raw_svg", lambda _: "<svg></svg>")
+pytestmark = pytest.mark.usefixtures("no_svg")
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from occlog.track.methods.apf.config import ApfConfig
 ROOM = EXAMPLES / "room100.yaml"
 
 
-@pytest.mark.slow
+@pytest.mark.statistics
 @pytest.mark.jit
 def test_rmse_is_near_that_of_a_filter_with_the_true_dynamics():
     """The bound knows the displacement, so that no filter attains it; the true dynamics can be attained."""

@@ -73,6 +73,7 @@ def walked(seed):
 
 
 @pytest.mark.jit
+@pytest.mark.statistics
 @pytest.mark.parametrize("mode", ["joint", "initial"])
 def test_fixed_errors_are_found_and_make_the_track_better(mode):
     """Three recordings; over ten longer ones `python -m benchmarks calibration` measures 0.80 and 0.85, +- 0.04."""
@@ -94,7 +95,7 @@ def test_fixed_errors_are_found_and_make_the_track_better(mode):
 @pytest.mark.jit
 def test_white_noise_is_not_taken_for_errors_that_stay():
     scene = room100(cameras=6)
-    _, scans, xy = recorded(scene, "white", 1, 200)
+    _, scans, xy = recorded(scene, "white", 1, 120)
     plain = run(scene, scans)[1]
     state, found = run(scene, scans, calibrate="joint")
     assert not state.calibration.converged

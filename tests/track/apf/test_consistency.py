@@ -28,8 +28,9 @@ def tracked(bearings, scene, config, seed=0):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("focal_px", "sigma_px"), [(70.0, 5.0), (1000.0, 0.5)])
-@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize(
+    ("motion", "focal_px", "sigma_px"), [*((motion, 1000.0, 0.5) for motion in MOTIONS), ("stop-and-go", 70.0, 5.0)]
+)
 def test_normalised_errors_are_those_of_a_consistent_estimate(motion, focal_px, sigma_px):
     """A target that stands is known better than a filter that expects it to walk can say."""
     found = follow(record(motion, focal_px=focal_px, sigma_px=sigma_px, seed=0), "apf", {}, skip_s=SKIP_S)
@@ -38,7 +39,7 @@ def test_normalised_errors_are_those_of_a_consistent_estimate(motion, focal_px, 
     assert found.given == pytest.approx(1.0, abs=0.06)
 
 
-@pytest.mark.parametrize("motion", ["walk", "still"])
+@pytest.mark.parametrize("motion", ["walk"])
 def test_the_motion_alone_is_inconsistent_where_the_scan_is_not(motion):
     """What [Ercan]'s importance density does among sharp cameras: few particles, taken for certainty."""
     made = record(motion, focal_px=1000.0, sigma_px=0.5, seed=1)
@@ -58,10 +59,9 @@ def exact(sigma_px, seed, steps):
     return scene, path, observe(scene, path, rng)
 
 
-@pytest.mark.parametrize("sigma_px", [1e-6, 1e-3, 1e-1])
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize(("sigma_px", "seed"), [(1e-6, 0), (1e-3, 1), (1e-1, 0)])
 def test_nearly_exact_bearings_keep_the_target(sigma_px, seed):
-    scene, path, bearings = exact(sigma_px, seed, 60)
+    scene, path, bearings = exact(sigma_px, seed, 40)
     tracks, diagnostics = tracked(bearings, scene, ApfConfig(), seed)
     t = bearings.t_ns[:: len(scene.cameras)]
     nothing = np.zeros(len(path))
@@ -85,11 +85,11 @@ def test_nearly_exact_bearings_keep_the_target(sigma_px, seed):
 def test_sharper_cameras_of_the_papers_room_give_better_tracks():
     """f 160 px; reading .5 px, yaw .002, place .2, all scaled."""
     found = []
-    for factor, limit in ((16.0, 3.0), (4.0, 3.0), (1.0, 3.0), (0.25, 3.5)):
+    for factor, limit in ((16.0, 3.0), (2.0, 3.0), (0.25, 3.5)):
         noises = {"sigma_position": 0.2 * factor, "sigma_yaw": 0.002 * factor, "sigma_read_px": 0.5 * factor}
         scene = room100(pillar=False, focal=160.0, cameras=5, fov=1.5, **noises)
         rng = np.random.default_rng(7)
-        path = walk(150, rng)
+        path = walk(80, rng)
         tracks, diagnostics = tracked(observe(scene, path, rng), scene, ApfConfig())
         away = np.column_stack([tracks.x, tracks.y])[10:] - path[10:]
         spread = np.stack([tracks.cov_xx, tracks.cov_xy, tracks.cov_xy, tracks.cov_yy], axis=1).reshape(-1, 2, 2)[10:]

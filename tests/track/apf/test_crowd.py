@@ -13,7 +13,7 @@ from occlog.cli.main import run
 from occlog.errors import ExitCode
 
 
-@pytest.mark.slow
+@pytest.mark.statistics
 @pytest.mark.jit
 def test_among_160_people_priors_are_not_worse_than_none_and_covariances_hold(tmp_path: Path, capsys) -> None:
     room, priors, tracks = (str(tmp_path / name) for name in ("room.mcap", "priors.parquet", "tracks.parquet"))

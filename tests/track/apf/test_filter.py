@@ -94,7 +94,7 @@ def test_sight_lines_without_noise_meet_at_the_estimate():
     scene = room100(sigma_position=0.0, sigma_yaw=0.0, sigma_read_px=0.2)
     truth = np.array([23.0, 71.0])
     scans = [seen_from_everywhere(scene, truth, 0.1 * t) for t in range(30)]
-    config = ApfConfig(particles=4000, process_noise_position=0.1, initial_speed=0.1, sigma_initial_speed=0.1)
+    config = ApfConfig(particles=1500, process_noise_position=0.1, initial_speed=0.1, sigma_initial_speed=0.1)
     _, estimates = run(scene, scans, config)
     assert np.hypot(*(estimates[-1].xy - truth)) < 0.1
     assert np.sqrt(np.trace(estimates[-1].covariance)) < 0.3
@@ -102,7 +102,7 @@ def test_sight_lines_without_noise_meet_at_the_estimate():
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_walker_is_followed_with_a_consistent_covariance(seed):
     scene = room100(pillar=False)
     rng = np.random.default_rng(seed)
@@ -250,7 +250,7 @@ def test_a_gap_is_predicted_through_up_to_the_limit_and_no_further():
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize("rate", [1.0, 10.0, 30.0])
+@pytest.mark.parametrize("rate", [1.0, 15.0])
 def test_tracking_does_not_depend_on_the_frame_rate(rate):
     """The same information a second, in more and worse frames."""
     scene = room100(pillar=False, sigma_position=0.0, sigma_yaw=0.0, sigma_read_px=2.0 * np.sqrt(rate))
@@ -258,7 +258,7 @@ def test_tracking_does_not_depend_on_the_frame_rate(rate):
     seconds = 20
     path = np.column_stack([20 + np.arange(0, seconds, 1 / rate), np.full(int(seconds * rate), 40.0)])
     bearings = observe(scene, path, rng, step_s=1 / rate)
-    tracks = next(iter(track([bearings], scene, TrackingTask(ApfConfig(particles=1000), 0)))).tracks
+    tracks = next(iter(track([bearings], scene, TrackingTask(ApfConfig(particles=500), 0)))).tracks
     late = tracks.t_ns >= 8e9
     error = np.hypot(tracks.x - path[:, 0], tracks.y - path[:, 1])[late]
     assert np.sqrt(np.mean(error**2)) < 1.0
@@ -319,7 +319,7 @@ def test_one_of_several_people_is_followed_among_unlabelled_candidates():
             rows += [(i, u, np.nan, 0.8) for u in found] or [(i, None)]
         scans.append(scan(t, rows, labelled=False))
     for start, path in (((20.0, 30.0, 2.0), mine), ((80.0, 70.0, 2.0), other)):
-        _, estimates = run(scene, scans, ApfConfig(particles=2000, start=start, clutter_rate=1.0))
+        _, estimates = run(scene, scans, ApfConfig(particles=700, start=start, clutter_rate=1.0))
         error = np.hypot(*(np.array([e.xy for e in estimates]) - path).T)
         assert error.max() < 6.0
         assert np.sqrt(np.mean(error**2)) < 2.0

@@ -203,15 +203,15 @@ def test_people_raise_the_error_that_is_expected():
 
 
 def test_the_error_that_is_expected_is_about_that_of_the_track():
-    """20 walks: the mean squared error is within 3 standard errors (of about 13 %) of what was expected."""
+    """10 walks: the mean squared error is within 3 standard errors of what was expected."""
     config, expected, found = ApfConfig(particles=400, initial_particle_factor=2), [], []
-    for seed in range(20):
+    for seed in range(10):
         path, table = recording(seed)
         tracks, d = whole(table, SelectConfig("greedy", 3, selection_interval=1, max_blind_scans=0), config=config)
         expected.append(d.predicted_mse[5:].mean())
         found.append(np.mean((path[5:, 0] - tracks.x[5:]) ** 2 + (path[5:, 1] - tracks.y[5:]) ** 2))
-    error = np.std(found) / np.sqrt(20)
-    assert error < 0.2 * np.mean(expected)
+    error = np.std(found) / np.sqrt(10)
+    assert error < 0.3 * np.mean(expected)
     assert abs(np.mean(found) - np.mean(expected)) < 3 * error
 
 

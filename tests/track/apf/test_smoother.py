@@ -80,7 +80,7 @@ def from_afar():
     return Scene(cameras=tuple(cameras), room=ROOM)
 
 
-@pytest.mark.parametrize(("dt", "proposal"), [(0.4, "adapted"), (0.4, "bootstrap"), (2.5, "adapted")])
+@pytest.mark.parametrize(("dt", "proposal"), [(0.4, "bootstrap"), (2.5, "adapted")])
 def test_the_smoothed_posterior_is_that_of_the_exact_smoother(dt, proposal):
     sigma, start, steps, runs, read = 1.2, 3.0, 9, 6, SHARP["sigma_read_px"]
     scene = from_afar()
@@ -220,7 +220,7 @@ def test_without_smoothing_nothing_is_kept_for_the_way_back():
 
 def test_smoothing_leaves_the_filter_as_it_is_and_a_lag_over_the_record_is_smoothing():
     made = record("walk", seed=3)
-    bearings = made.bearings.take(made.bearings.t_ns < made.bearings.t_ns[0] + 20 * 10**9)
+    bearings = made.bearings.take(made.bearings.t_ns < made.bearings.t_ns[0] + 8 * 10**9)
     tracked = {
         name: Tracks.concat(
             part.tracks
@@ -233,7 +233,7 @@ def test_smoothing_leaves_the_filter_as_it_is_and_a_lag_over_the_record_is_smoot
             np.testing.assert_array_equal(getattr(tracked["smooth"], name), getattr(tracked[other], name))
 
 
-@pytest.mark.slow
+@pytest.mark.statistics
 @pytest.mark.parametrize("motion", ["walk", "zig-zag", "still"])
 def test_smoothed_estimates_are_better_than_filtered_ones_and_their_covariances_hold(motion):
     made = record(motion, seed=1)

@@ -106,6 +106,7 @@ def test_without_pixel_noise_the_track_is_that_of_level_cameras():
 
 
 @pytest.mark.jit
+@pytest.mark.statistics
 def test_pixel_noise_in_tilted_images_costs_what_equal_noise_costs_level_cameras():
     """Three recordings without errors of pose.
 

@@ -15,16 +15,15 @@ from occlog.io.files.tables.parquet import read_table
 from occlog.records.tables import Diagnostics, Tracks
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def data(shared_data: Path) -> Path:
     return shared_data / "telemetr_bearings"
 
 
-@pytest.fixture
-def field(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> str:
-    out = str(tmp_path / "field.mcap")
+@pytest.fixture(scope="module")
+def field(data: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
+    out = str(tmp_path_factory.mktemp("field") / "field.mcap")
     assert run(["ingest", "-o", out, *logs(data), "-q"]) == ExitCode.DONE
-    capsys.readouterr()
     return out
 
 

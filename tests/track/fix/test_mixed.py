@@ -103,7 +103,7 @@ def test_bearings_alone_give_what_they_give_without_distances() -> None:
 def test_normalised_squared_errors_are_those_of_two_degrees_of_freedom(kind: int, sigma: float) -> None:
     rng = np.random.default_rng(7)
     nees = []
-    for _ in range(80):
+    for _ in range(40):
         xy = rng.uniform([2, 2], [8, 6])
         exact = measured(kind, xy, sigma)
         found = modes_of(NO_LINES, exact._replace(value=exact.value + sigma * rng.standard_normal(len(exact.value))))

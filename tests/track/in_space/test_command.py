@@ -47,7 +47,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def track(recording: Path, out: Path, *options: str) -> int:
-    return run(["track", str(recording), "-o", str(out), "-q", "--overwrite", "--particles", "1000", *options])
+    return run(["track", str(recording), "-o", str(out), "-q", "--overwrite", "--particles", "500", *options])
 
 
 @pytest.mark.jit

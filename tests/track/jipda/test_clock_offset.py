@@ -78,13 +78,13 @@ def test_normal_equations_are_those_of_dense_least_squares() -> None:
     np.testing.assert_array_equal(sums[:, 0], np.diff(boxes.first))
 
 
-@pytest.mark.parametrize("late", [np.zeros(4), np.array([0.15, 0.0, 0.0, 0.0]), np.array([0.0, -0.3, 0.0, 0.1])])
+@pytest.mark.parametrize("late", [np.zeros(4), np.array([0.0, -0.3, 0.0, 0.1])])
 def test_offsets_are_found_with_honest_errors(late: np.ndarray) -> None:
     """40 repetitions: the errors of unflagged and flagged offsets agree with the standard errors."""
     views, rng = pack_views(SCENE.cameras), np.random.default_rng(1)
     turned = np.array([6.0, 0.0, 0.0, -4.0])
     clocks = prior_clocks(C)
-    for k in range(round(2 * BATCH_S * MAX_BATCHES / 0.2)):
+    for k in range(round(1.2 * BATCH_S * MAX_BATCHES / 0.2)):
         mean, boxes, owner = time_step(rng, late, 3.0, turned)
         boxes = boxes._replace(delay=-clocks.late)
         good = np.ones(len(owner), dtype=np.bool_)

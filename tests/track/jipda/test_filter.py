@@ -158,7 +158,7 @@ def test_everybody_outlives_moments_at_which_all_cameras_are_blind(people: int, 
     assert all(before <= set(found[t].ids.tolist()) for t in [*blind, blind.stop])
 
 
-@pytest.mark.parametrize("years", [1, 10, 55, 146])
+@pytest.mark.parametrize("years", [1, 146])
 def test_after_years_everybody_is_found_anew(years: int) -> None:
     """Clocks that begin in 1970 and are set while they record make such gaps."""
     made = crowd(people=4, frames=60, hz=10.0, seed=5)

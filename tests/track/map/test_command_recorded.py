@@ -42,7 +42,7 @@ def test_the_animal_of_a_field_log_is_where_its_authors_had_it(shared_data: Path
     assert np.isfinite(found.cov_vy_vy).all()
 
 
-@pytest.mark.slow
+@pytest.mark.statistics
 @pytest.mark.jit
 def test_one_camera_at_a_time_follows_a_person_nearly_as_well_as_four(
     shared_data: Path, tmp_path: Path, capsys

@@ -294,7 +294,7 @@ def wild(seed: int):
 
 
 def test_wild_measurements_give_finite_numbers_and_nearly_always_a_minimum() -> None:
-    n, converged, contradictions = 60, 0, 0
+    n, converged, contradictions = 30, 0, 0
     for seed in range(n):
         scene, made, config = wild(seed)
         parts = [solve(scene, replace(config, lag_s=None), made)] if seed % 2 else blocks(scene, config, made, 13)
@@ -304,8 +304,8 @@ def test_wild_measurements_give_finite_numbers_and_nearly_always_a_minimum() -> 
         converged += all(p.converged for p in parts)
         assert not any(p.converged and "not_converged" in p.fallback for p in parts)
         contradictions += "infeasible_constraints" in out.fallback
-    assert converged >= 57
-    assert contradictions >= 3
+    assert converged >= 28
+    assert contradictions >= 1
 
 
 @pytest.mark.parametrize("at", [(500_000.0, 4_600_000.0), (-3e6, 7.0)])

@@ -105,7 +105,7 @@ def test_the_method_follows_from_the_calibration(recording: Path, tmp_path: Path
     assert method_for(recording, scene) == "jipda"
 
 
-@pytest.mark.slow
+@pytest.mark.statistics
 def test_people_of_a_real_video_without_a_calibration(shared_data: Path, tmp_path: Path) -> None:
     """PETS 2009 S2.L1, View_001, frames 260 to 299, by the network of occlog: video to identities in three commands."""
     data, pets = shared_data / "pets2009_s2l1_view1", tmp_path / "pets.mcap"

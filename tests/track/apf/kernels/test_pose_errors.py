@@ -173,9 +173,9 @@ def test_solving_all_scans_agrees_with_a_plain_joint_fit(seed):
 @pytest.mark.jit
 @pytest.mark.parametrize("how", ["update", "solve"])
 def test_estimates_are_consistent_with_the_true_errors(how):
-    """The normalised squared error is chi-squared with 15 degrees of freedom: over 15 runs its mean is 15 +- 1.4."""
+    """The normalised squared error is chi-squared with 15 degrees of freedom: over 6 runs its mean is 15 +- 2.2."""
     squares, scales = [], []
-    for seed in range(15):
+    for seed in range(6):
         errors, path, scans = make(100 + seed, scans=100, noise=0.02)
         belief = prior()
         if how == "update":
@@ -186,7 +186,7 @@ def test_estimates_are_consistent_with_the_true_errors(how):
         miss = (belief.mean - errors).ravel()
         squares.append(miss @ np.linalg.solve(belief.covariance, miss))
         scales.append(belief.scale)
-    assert 10.8 < np.mean(squares) < 19.2  # within 3 standard errors
+    assert 8.4 < np.mean(squares) < 21.6  # within 3 standard errors
     assert np.mean(scales) < 1.1
 
 

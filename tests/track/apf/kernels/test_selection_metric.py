@@ -144,7 +144,7 @@ def test_perspective_is_the_best_linear_estimate_of_simulated_measurements(rows)
     hit = np.full(8, 0.8)
     values = moments("perspective", centres, weights, hit=hit)
     found = mean_square_errors(values, np.array([rows]))[0]
-    n = 60_000
+    n = 20_000
     x = centres[rng.choice(200, n, p=weights)]
     columns = []
     for i in rows:
