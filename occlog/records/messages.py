@@ -490,6 +490,9 @@ VERDICT: dict[str, Message] = {
         "the calibration has keys that are not used: {keys}",
         "where one changes the cameras, state it in another way",
     ),
+    "calibration-keys-other": Message(
+        N, "the calibration has further keys that are not used: {keys}", "check whether one of them changes the cameras"
+    ),
     "camera-distances-implausible": Message(
         W,
         "cameras are {span:.3g} m apart (expected: {least:g} to {most:g} m)",

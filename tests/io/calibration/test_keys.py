@@ -18,6 +18,7 @@ import yaml
 from occlog.errors import OcclogError
 from occlog.io.formats.calibration.common import CalibrationOptions
 from occlog.io.formats.calibration.reader import read_calibration
+from occlog.records.messages import Severity
 
 POINTS = np.array([[0.3, -0.2, 5.0], [-0.6, 0.4, 6.0], [0.1, 0.7, 4.0]])
 WITHOUT_EFFECT = {
@@ -254,3 +255,16 @@ def test_no_key_is_changed_in_silence(tmp_path: Path, format: str) -> None:
     assert len(tried) > 7
     silent = {key for key, mutant in tried if outcome(write(tmp_path, mutant), format) == plain}
     assert silent == WITHOUT_EFFECT[format] & {key for key, _ in tried}
+
+
+def test_unused_keys_are_a_warning_where_they_may_change_a_camera_and_else_a_note(tmp_path: Path) -> None:
+    path = tmp_path / "cam.yaml"
+    cameras = {name: {**camera, "distorsion": [0.1], "serial": 7} for name, camera in KALIBR.items()}
+    path.write_text(yaml.safe_dump(cameras))
+    found = {check.id: check for check in read_calibration([path], "kalibr").checks if check.found}
+    assert {(name, check.severity) for name, check in found.items()} == {
+        ("calibration-keys-unused", Severity.WARNING),
+        ("calibration-keys-other", Severity.NOTE),
+    }
+    assert "distorsion" in found["calibration-keys-unused"].text
+    assert "serial" in found["calibration-keys-other"].text

@@ -54,6 +54,43 @@ IMPORTERS: dict[str, Importer] = {
 FAR_M, NEAR_M = 500.0, 0.05
 """Cameras that are farther apart than that, or all nearer to each other, are a sign of another unit."""
 
+OF_CAMERAS = (
+    *(
+        "dist",
+        "coef",
+        "tang",
+        "radial",
+        "skew",
+        "lens",
+        "fish",
+        "model",
+        "xi",
+        "alpha",
+        "focal",
+        "intr",
+        "matrix",
+        "cx",
+    ),
+    *("cy", "fx", "fy", "center", "centre", "princ", "proj", "rot", "trans", "tvec", "rvec", "pose", "extr", "quat"),
+    *(
+        "position",
+        "width",
+        "height",
+        "size",
+        "resol",
+        "scale",
+        "unit",
+        "roi",
+        "bin",
+        "crop",
+        "offset",
+        "shift",
+        "mirror",
+    ),
+    *("flip", "order", "convention", "axis", "axes", "hand"),
+)
+"""Parts of the names of keys that may change a camera."""
+
 
 class CalibrationFile(NamedTuple):
     """Cameras, the format they were read as, and what is known of the whole.
@@ -110,10 +147,15 @@ def read_calibration(
 
 
 def _unused(options: CalibrationOptions) -> Iterator[Check]:
-    """Find what the files state and nothing uses."""
-    if options.unused:
-        every = [f"{key} ({listed(tuple(dict.fromkeys(names)))})" for key, names in options.unused.items()]
-        yield finding(CALIBRATION, "calibration-keys-unused", keys=listed(every))
+    """Find keys that are not used, in two groups: those that by their names may change a camera, and others."""
+    for kind, suspect in (("calibration-keys-unused", True), ("calibration-keys-other", False)):
+        every = [
+            f"{key} ({listed(tuple(dict.fromkeys(names)))})"
+            for key, names in options.unused.items()
+            if any(part in key.lower() for part in OF_CAMERAS) == suspect
+        ]
+        if every:
+            yield finding(CALIBRATION, kind, keys=listed(every))
 
 
 def _distances(cameras: Sequence[Camera]) -> Iterator[Check]:
