@@ -58,7 +58,7 @@ FINDINGS = [
     (
         "trajectories (GeoJSON)",
         seeds.GEOJSON.replace("48.1,", "9" * 400 + ",").encode(),
-        "state the position of the scene on earth",
+        "--origin LAT,LON",
     ),
     ("trajectories (GeoJSON)", seeds.GEOJSON.replace('d": 3', f'd": {"9" * 400}').encode(), "t.geojson: "),
     ("trajectories (GeoJSON)", seeds.GEOJSON.replace("1000000000", "9" * 400).encode(), "t.geojson: "),

@@ -302,7 +302,7 @@ BORDER = {
     "tomllib.load": set(),
     "ElementTree.fromstring": {"files/texts/documents.py"},
     "ElementTree.parse": set(),
-    "ElementTree.iterparse": {"formats/truth.py"},
+    "ElementTree.iterparse": {"formats/gpx.py", "formats/truth.py"},
     "cv2.imdecode": {"frames/codec.py"},
     "cv2.imread": set(),
     "cv2.FileStorage": set(),
@@ -324,7 +324,7 @@ LIBRARIES = {
         "pipeline/csv_text.py",
     },
     "import gzip": {"io/files/texts/csv_rows.py", "examine/export/run.py"},  # which writes
-    "import lz4": {"io/recording/chunks.py", "io/recording/salvage/records.py"},
+    "import lz4": {"io/messages/rosbag1_file.py", "io/recording/chunks.py", "io/recording/salvage/records.py"},
     "import mmap": {f"io/video/{name}.py" for name in ("avi", "container", "mkv", "mp4", "reader")}
     | {"io/formats/models/onnx_file.py"}
     | {"io/frames/decoders/memory.py"},  # of images that were decoded
@@ -338,7 +338,7 @@ LIBRARIES = {
     "import zstandard": {f"io/recording/{name}.py" for name in ("chunks", "mcap_errors", "salvage/records")}
     | {"io/messages/bag.py", "io/messages/mcap_file.py"},
     "from xml": {f"io/formats/calibration/{name}.py" for name in ("qualisys", "tsai")}
-    | {"io/files/texts/documents.py", "io/formats/truth.py"}
+    | {"io/files/texts/documents.py", "io/formats/gpx.py", "io/formats/truth.py"}
     | {"io/formats/boxes/annotations.py"},  # the kind of what is read
     "from scipy.io": set(),
     "from google.protobuf": {"io/messages/kinds.py", "io/recording/reader.py", "examine/viewers/series.py"},
