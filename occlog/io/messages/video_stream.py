@@ -246,7 +246,7 @@ class _Bits:
         self._value, self._left = int.from_bytes(data, "big"), 8 * len(data)
 
     def number(self, bits: int) -> int:
-        """A number of so many bits."""
+        """A number of this many bits."""
         if bits > self._left:
             raise IndexError
         self._left -= bits
