@@ -20,7 +20,7 @@ from scipy.linalg import cho_factor, cho_solve, solveh_banded
 from occlog.array_types import Bools, Floats, Ints
 from occlog.records.scene import Camera
 from occlog.track.methods.jipda.interface import HEIGHT, STATE_SIZE, WIDTH
-from occlog.track.methods.jipda.kernels.body_box import pack_views
+from occlog.track.methods.jipda.kernels.body_box import BOTTOM, TOP, pack_views
 
 from .kernels import boxes_and_slopes, expected_boxes
 
@@ -42,6 +42,8 @@ ROUGH_ITERATIONS = (6, 6)
 """Steps before the noise is estimated, and before it is estimated again."""
 MAX_ITERATIONS, TOLERANCE = 25, 1e-4
 """Steps at most at the end, and relative decrease of the cost that ends the search."""
+SIGMA_EDGE_BIAS = 0.025
+"""Standard deviation of the bias of upper and lower edges of the boxes of one camera, in heights."""
 MAX_LAG = 40
 """Lags of the correlation of errors, in observations of one person by one camera."""
 
@@ -350,7 +352,7 @@ class _Adjustment:
         return step, moved
 
     def _rescale(self) -> None:
-        """Set the noise to what residuals have: the median of pixels and relative parts, by edges of small and large."""
+        """Set the noise to what residuals have: its parts in pixels and in heights, by small and large boxes."""
         equations = self._equations(self.values, self.states)
         use = self.seen.use & equations.good[:, None]
         size = np.repeat((self.seen.box[:, 3] - self.seen.box[:, 1])[:, None], 4, axis=1)
@@ -393,11 +395,30 @@ class _Adjustment:
         return factor
 
     def _covariance(self, equations: _Equations) -> Floats:
-        """(C 9, C 9) covariance of the parameters, with errors that last."""
-        S = self._reduced(equations, 0.0, inflate=self.correlation).matrix
+        """(C 9, C 9) covariance of the parameters, with errors that last.
+
+        Upper and lower edges of the boxes of a camera may also be off by a share of the height, all alike: a detector
+        has habits, and people are no ellipsoids.  These biases are consider parameters (Schmidt): they are not
+        estimated, and what they do to the estimates is added.
+        """
+        reduced = self._reduced(equations, 0.0, inflate=self.correlation)
+        S, solved = reduced.matrix, reduced.solved[:, :, 1:].reshape(-1, len(self.values))
         free = np.flatnonzero(self.free)
         out = np.zeros_like(S)
         out[np.ix_(free, free)] = np.linalg.pinv(S[np.ix_(free, free)], hermitian=True)
+        seen, weight = self.seen, equations.weight / self.correlation
+        camera = self._camera_slopes(equations)
+        of = seen.camera[:, None] * PARAMETERS + np.arange(PARAMETERS)
+        shifts = []
+        for c in range(len(self.cameras)):
+            for edge in (TOP, BOTTOM):
+                size = SIGMA_EDGE_BIAS * (seen.box[:, BOTTOM] - seen.box[:, TOP])
+                bias = np.where(seen.camera == c, size * weight[:, edge], 0.0)[:, None]
+                right, g = np.zeros(len(S)), np.zeros((len(seen.time), STATE_SIZE))
+                np.add.at(right, of, bias * camera[:, edge])
+                np.add.at(g, seen.knot, bias * equations.slope[:, edge])
+                shifts.append(out @ (right - solved.T @ g.ravel()))
+        out += sum(np.outer(shift, shift) for shift in shifts)
         return out[:-1, :-1]
 
 
@@ -461,7 +482,7 @@ def _motion(seen: Observations, metre: float) -> _Motion:
         Q[:, k, k + 2] = Q[:, k + 2, k] = q * dt**2 / 2.0
     for k in (HEIGHT, WIDTH):
         Q[:, k, k] = (BODY_DRIFT * metre) ** 2 * dt
-    return _Motion(inner, F, np.linalg.inv(Q) if L else Q)
+    return _Motion(inner, F, np.asarray(np.linalg.inv(Q), dtype=np.float64))
 
 
 def _banded(diagonal: Floats, below: Floats) -> Floats:

@@ -1,9 +1,9 @@
 """Where cameras stand to each other, and by how much their clocks differ, from paths of people on the ground.
 
-Each camera has paths in its own level frame (`occlog.calibrate.ground_plane`).  Two paths of one person are congruent:
-a rotation, a translation and an offset of the clocks take one to the other.  Every pair of paths proposes one (in closed
-form, for all pairs at once), and the proposal that most people of all times support is taken.  The cameras are joined
-along the pairs with most support.
+Each camera has paths in its own level frame (`occlog.calibrate.ground_plane`).  Two paths of one person are
+congruent: a rotation, a translation and an offset of the clocks take one to the other.  Every pair of paths proposes
+one (in closed form, for all pairs at once), and the proposal with most support at all times is taken.  The cameras are
+joined along the pairs with most support.
 """
 
 from __future__ import annotations
@@ -117,12 +117,12 @@ def align_pair(
         found.append(
             (np.full(n, np.inf), lates, np.full(n, rough.yaw), np.full(n, rough.position, dtype=np.complex128))
         )
-    weight, late, yaw, position = (np.concatenate(part) for part in zip(*found, strict=True))
-    order = np.argsort(-weight, kind="stable")[: MAX_PROPOSALS + (0 if rough is None else 2 * max_late + 1)]
+    weights, offsets, yaws, positions = (np.concatenate(part) for part in zip(*found, strict=True))
+    order = np.argsort(-weights, kind="stable")[: MAX_PROPOSALS + (0 if rough is None else 2 * max_late + 1)]
     there, seen = _by_time(a), _by_time(b)
     best: tuple[PlanarPose, float, float] | None = None
     for k in order.tolist():
-        pose = PlanarPose(float(yaw[k]), complex(position[k]), float(late[k]))
+        pose = PlanarPose(float(yaws[k]), complex(positions[k]), float(offsets[k]))
         support, share = _support(there, seen, pose, person_height)
         if best is None or support > best[1]:
             best = pose, support, share

@@ -16,8 +16,8 @@ class CalibrateConfig(Settings):
 
     person_height: float = setting(
         1.7,
-        "Mean height of people. It determines the scale where no pose is stated: 5 % too small makes every distance 5 % "
-        "too small. Typical 1.7 m for adults.",
+        "Mean height of people. It determines the scale where no pose is stated: 5 % too small makes every "
+        "distance 5 % too small. Typical 1.7 m for adults.",
         unit="m",
         above=0.2,
         at_most=3,
@@ -64,8 +64,8 @@ class CalibrateConfig(Settings):
     )
     rounds: int = setting(
         2,
-        "Number of times that boxes are associated by method `jipda`, and cameras adjusted to them. 0: associate tracks "
-        "of single cameras only.",
+        "Number of times that boxes are associated by method `jipda`, and cameras adjusted to them. 0: only tracks of "
+        "single cameras are associated.",
         at_least=0,
         at_most=10,
     )

@@ -85,7 +85,7 @@ def _scene(scene: Scene, found: Calibrated, *, placed: bool) -> Scene:
     """The scene with the calibrated cameras, their uncertainty as noise, and clocks that are late."""
     own = {each.camera.name: each for each in found.cameras if each.estimated}
     clocks = {clock.name: clock for clock in scene.clocks}
-    cameras = []
+    cameras: list[Camera] = []
     for camera in scene.cameras:
         each = own.get(camera.name)
         if each is None:
@@ -98,10 +98,9 @@ def _scene(scene: Scene, found: Calibrated, *, placed: bool) -> Scene:
             clocks[clock] = Clock(clock, before.offset_ns + late_ns, before.drift_ppm)
         sigma = float(np.sqrt(np.mean(each.sigma[3:5] ** 2)))
         cameras.append(replace(each.camera, clock=clock, sigma_position=sigma, sigma_yaw=_sigma_yaw(each)))
-    used = {c.clock for c in cameras} | {s.clock for s in (*scene.arrays, *scene.readers)}
-    kept = tuple(clock for name, clock in clocks.items() if name in used or name in {c.name for c in scene.clocks})
-    room = {} if placed else {"room": None, "occluders": (), "arrays": (), "readers": ()}
-    return replace(scene, cameras=tuple(cameras), clocks=kept, **room)
+    changed = replace(scene, cameras=tuple(cameras), clocks=tuple(clocks.values()))
+    # Where the room and other sensors stand in a frame of the cameras' own is not known
+    return changed if placed else replace(changed, room=None, occluders=(), arrays=(), readers=())
 
 
 def _sigma_yaw(each: CameraResult) -> float:
@@ -130,7 +129,7 @@ def _figures(each: CameraResult) -> dict[str, object]:
 
 
 def _frame(found: Calibrated) -> dict[str, float]:
-    """Standard deviations of position, direction and scale of all cameras together; without those that nothing fixes."""
+    """Standard deviations of position, yaw and scale of all cameras together, of those that anything determines."""
     x, y, yaw, scale = found.sigma_frame.tolist()
     values = {"x": x, "y": y, "yaw_deg": float(np.degrees(yaw)), "scale": scale}
     return {name: round(value, 4) for name, value in values.items() if np.isfinite(value)}
@@ -142,7 +141,7 @@ def _checks(found: Calibrated, stated: Sequence[Camera], config: CalibrateConfig
     return (
         *outcome(CAMERAS, _missing(found), cameras=sum(each.estimated for each in found.cameras)),
         *outcome(PARAMETERS, _loose(found)),
-        *outcome(SEARCH, () if found.converged else (finding(SEARCH, "not-converged"),)),
+        *outcome(SEARCH, () if found.converged else (finding(SEARCH, "adjustment-not-converged"),)),
         *outcome(STATED, _moved(found, stated, config, metre), unless="" if known else "no poses are stated"),
         *_clocks(found),
     )

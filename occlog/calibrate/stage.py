@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import NS, Bools, Floats
+from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.geometry.camera import angles_from_rotation, rotation_from_angles
 from occlog.errors import InputError
 from occlog.records.scene import Camera, Scene
@@ -38,13 +38,14 @@ from .adjustment import (
     Adjusted,
     BodyPrior,
     NoiseModel,
+    Observations,
     adjust,
     rotation_of,
 )
 from .alignment import Complexes, PairAlignment, PlanarPose, align_pair, joined
 from .config import CalibrateConfig
 from .ground_plane import GroundPlane, ground_plane
-from .people import Observations, Tracklet, observations, on_grid, persons
+from .people import Tracklet, observations, on_grid, persons
 
 GRID_S = 0.25
 """Least step of the grid on which paths are compared [s]."""
@@ -409,7 +410,7 @@ def _placed(
     """The result in the world, by the stated poses and the mean height of people."""
     C = len(stated)
     own = np.flatnonzero(used)
-    known = [c for c in own if stated[c].placed and stated[c].position[2] > 0.0]
+    known = [c for c in own.tolist() if stated[c].placed and stated[c].position[2] > 0.0]
     log_scale = float(np.log(config.person_height * metre / done.mean_height))
     precision = (config.person_height / config.sigma_mean_height) ** 2
     yaw, shift, information = 0.0, 0.0j, np.zeros(4)
@@ -471,7 +472,7 @@ def _placed(
     )
 
 
-def _inner(covariance: Floats, cameras: Sequence[Camera], own: Floats, scale: float, turned: Floats) -> Floats:
+def _inner(covariance: Floats, cameras: Sequence[Camera], own: Ints, scale: float, turned: Floats) -> Floats:
     """(C 9, C 9) covariance relative to all cameras together: without what a common similarity explains.
 
     An S-transformation (Baarda 1973): x, y, yaw and scale of the positions of all cameras are held.

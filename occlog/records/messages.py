@@ -384,7 +384,7 @@ VERDICT: dict[str, Message] = {
         "camera {sensors}: the boxes do not determine its {parameter}, which is left as stated",
         "record people at more distances, or give a better value",
     ),
-    "not-converged": Message(
+    "adjustment-not-converged": Message(
         W,
         "the bundle adjustment did not converge in its number of steps",
         "use a longer recording, or more rounds ({option[set]} rounds=4)",
