@@ -29,7 +29,7 @@ SECONDS, CROOKED = 12.0, "b"
 INGEST = "  boxes: {a: a.csv, b: b.csv, c: c.csv}\n  scene: scene.yaml\n  fps: 10\n"
 STAGES = "occlog_run: 1\nseed: 1\ningest:\n%strack: {method: jipda}\n"
 
-pytestmark = [pytest.mark.slow, pytest.mark.jit, pytest.mark.usefixtures("no_svg")]
+pytestmark = [pytest.mark.slow, pytest.mark.jit]
 
 
 @pytest.fixture(scope="module")

@@ -228,7 +228,6 @@ def test_the_truth_of_somebody_else_is_said(tmp_path, capsys) -> None:
 
 
 @pytest.mark.jit
-@pytest.mark.usefixtures("no_svg")
 def test_strict_writes_outputs_and_ends_with_six(tmp_path, capsys) -> None:
     files, page = record(tmp_path, stated_px=0.5, true_px=2.5), tmp_path / "page.html"
     assert run([*files.track, "-q"]) == ExitCode.DONE

@@ -33,7 +33,7 @@ def test_any_number_of_workers_gives_the_same_in_the_same_order():
     assert [[r[n] for n in names] for r in two] == expected
 
 
-@pytest.mark.slow
+@pytest.mark.statistics
 def test_a_cluster_of_processes_gives_the_same():
     pytest.importorskip("distributed")
     code = """
