@@ -27,7 +27,7 @@ def tracked(bearings, scene, config, seed=0):
     return Tracks.concat(p.tracks for p in parts), Diagnostics.concat(p.diagnostics for p in parts)
 
 
-@pytest.mark.slow
+@pytest.mark.statistics
 @pytest.mark.parametrize(
     ("motion", "focal_px", "sigma_px"), [*((motion, 1000.0, 0.5) for motion in MOTIONS), ("stop-and-go", 70.0, 5.0)]
 )
@@ -39,6 +39,7 @@ def test_normalised_errors_are_those_of_a_consistent_estimate(motion, focal_px, 
     assert found.given == pytest.approx(1.0, abs=0.06)
 
 
+@pytest.mark.statistics
 @pytest.mark.parametrize("motion", ["walk"])
 def test_the_motion_alone_is_inconsistent_where_the_scan_is_not(motion):
     """What [Ercan]'s importance density does among sharp cameras: few particles, taken for certainty."""
@@ -59,7 +60,10 @@ def exact(sigma_px, seed, steps):
     return scene, path, observe(scene, path, rng)
 
 
-@pytest.mark.parametrize(("sigma_px", "seed"), [(1e-6, 0), (1e-3, 1), (1e-1, 0)])
+@pytest.mark.parametrize(
+    ("sigma_px", "seed"),
+    [(1e-6, 0), *(pytest.param(*case, marks=pytest.mark.statistics) for case in ((1e-3, 1), (1e-1, 0)))],
+)
 def test_nearly_exact_bearings_keep_the_target(sigma_px, seed):
     scene, path, bearings = exact(sigma_px, seed, 40)
     tracks, diagnostics = tracked(bearings, scene, ApfConfig(), seed)
@@ -81,7 +85,7 @@ def test_nearly_exact_bearings_keep_the_target(sigma_px, seed):
     assert "restart" not in diagnostics.fallback.tolist()
 
 
-@pytest.mark.slow
+@pytest.mark.statistics
 def test_sharper_cameras_of_the_papers_room_give_better_tracks():
     """f 160 px; reading .5 px, yaw .002, place .2, all scaled."""
     found = []
