@@ -16,8 +16,9 @@ from matplotlib.figure import Figure
 
 ROOT = Path(__file__).resolve().parents[1]
 
-# The same examples in every run, whatever machine it is on; HYPOTHESIS_PROFILE=explore draws new ones.
-settings.register_profile("same", derandomize=True, deadline=None)
+# The same examples in every run, whatever machine it is on; HYPOTHESIS_PROFILE=more has more of them, explore new ones.
+settings.register_profile("same", max_examples=25, derandomize=True, deadline=None)
+settings.register_profile("more", max_examples=100, derandomize=True, deadline=None)
 settings.register_profile("explore", max_examples=500, deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 

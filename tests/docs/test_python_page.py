@@ -11,7 +11,7 @@ import pytest
 from places import ROOT
 
 
-@pytest.mark.jit
+@pytest.mark.statistics
 def test_the_python_of_the_page_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

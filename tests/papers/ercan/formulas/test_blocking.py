@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.special import ndtr
@@ -235,7 +235,6 @@ def test_no_priors_and_no_places() -> None:
 
 
 @pytest.mark.jit
-@settings(deadline=None, max_examples=60, derandomize=True)
 @given(
     st.tuples(st.floats(0.5, 30), st.floats(-10, 30), st.floats(-10, 10)),
     st.tuples(st.floats(0.2, 5), st.floats(1, 200), st.floats(0, np.pi), st.floats(0.1, 10)),
