@@ -118,7 +118,7 @@ def test_a_trial_depends_on_its_seeds_alone() -> None:
     assert clear["rmse"] < 3.0  # four cameras of 2 px and f = 70 px, in a room of 100 by 100
 
 
-@pytest.mark.jit
+@pytest.mark.statistics
 def test_any_number_of_workers_gives_the_same_and_a_stopped_run_goes_on(tmp_path: Path) -> None:
     scene, table = walked(25)
     scene = replace(scene, room=None)
