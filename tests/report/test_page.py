@@ -153,6 +153,7 @@ def test_sensor_table_in_degrees() -> None:
     assert float(ratio) == pytest.approx(np.radians(float(off)) / 0.01, rel=0.02)
 
 
+@pytest.mark.drawn
 def test_every_label_is_escaped() -> None:
     data = run(steps=40, cameras=2)
     text = np.where(data.bearings.sensor == "camera 1", EVIL, data.bearings.sensor)
@@ -176,7 +177,8 @@ def test_every_label_is_escaped() -> None:
         ElementTree.fromstring(text)
 
 
-@pytest.mark.slow
+@pytest.mark.drawn
+@pytest.mark.statistics
 def test_long_tracks_make_small_pages() -> None:
     data = run(steps=40_000, cameras=4)
     page = build_page(data)
@@ -199,6 +201,7 @@ def test_an_outlier_is_named_and_does_not_set_the_scale() -> None:
     assert "1 step above, up to 1e+05 m at 10 s" in page
 
 
+@pytest.mark.drawn
 @pytest.mark.parametrize("missing", ["scene", "tracks bearings", "truth errors", "bound diagnostics"])
 def test_any_part_may_be_missing(missing: str) -> None:
     data = run(steps=20, cameras=2, **dict.fromkeys(missing.split()))
@@ -220,6 +223,7 @@ def test_without_truth_the_sight_lines_are_shown() -> None:
     assert "off lines of sight" in page
 
 
+@pytest.mark.drawn
 def test_scene_alone_and_tracks_alone() -> None:
     assert "Floor plan" in build_page(ReportInput(scene=ring_scene(3)))
     assert "Floor plan" in build_page(ReportInput(tracks=run(steps=5).tracks))
@@ -227,6 +231,7 @@ def test_scene_alone_and_tracks_alone() -> None:
         ReportInput(truth=run(steps=5).truth)
 
 
+@pytest.mark.drawn
 def test_empty_tables() -> None:
     page = build_page(
         ReportInput(
@@ -241,10 +246,12 @@ def test_empty_tables() -> None:
     assert rows_of(page, "Tables read")["tracks"] == ["0", "empty"]
 
 
+@pytest.mark.drawn
 def test_a_single_step() -> None:
     assert "Floor plan" in build_page(run(steps=1, cameras=2))
 
 
+@pytest.mark.drawn
 def test_a_target_that_stands_still_with_a_singular_covariance() -> None:
     n = 10
     zero = np.zeros(n)
