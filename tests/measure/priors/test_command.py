@@ -165,6 +165,7 @@ def test_hull_of_views(folder, capsys) -> None:
     assert "at least 2" in capsys.readouterr().err
 
 
+@pytest.mark.drawn
 def test_hulls_are_shown_in_the_report(folder) -> None:
     hulls = folder / "h.parquet"
     scene = str(folder / "room.yaml")
@@ -230,6 +231,7 @@ track: {particles: 200}
 """
 
 
+@pytest.mark.drawn
 def test_stage_of_a_run(folder, capsys) -> None:
     (folder / "run.yaml").write_text(RUN)
     assert run(["run", str(folder / "run.yaml"), "-o", str(folder / "run"), "--json"]) == 0
