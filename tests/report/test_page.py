@@ -73,6 +73,7 @@ def test_same_input_same_bytes_whatever_the_users_settings() -> None:
         assert matplotlib.rcParams["font.size"] == 30
 
 
+@pytest.mark.drawn
 def test_page_needs_nothing_from_outside_and_runs_its_own_script_alone(page: str) -> None:
     tags = parsed(page)
     assert not {"link", "iframe", "object", "embed", "base"} & {t for t, _ in tags.tags}
@@ -95,6 +96,7 @@ def test_page_needs_nothing_from_outside_and_runs_its_own_script_alone(page: str
     assert f"script-src 'sha256-{digest}';" in (policy or "")
 
 
+@pytest.mark.drawn
 def test_ids_are_unique_and_references_lead_somewhere(page: str) -> None:
     ids = re.findall(r'\sid="([^"]*)"', page)
     assert len(ids) == len(set(ids))
@@ -105,6 +107,7 @@ def test_ids_are_unique_and_references_lead_somewhere(page: str) -> None:
     assert len(referred) > 10
 
 
+@pytest.mark.drawn
 def test_figures_are_well_formed_and_described(page: str) -> None:
     figures = re.findall(r"<svg.*?</svg>", page, re.DOTALL)
     assert len(figures) == 1 + 2 + 2 + 1  # plan; errors and sightings of two targets; filter
@@ -124,6 +127,7 @@ def test_colours_can_be_changed_by_the_page(page: str) -> None:
     assert "prefers-color-scheme: dark" in page
 
 
+@pytest.mark.drawn
 def test_tables_have_captions_and_scoped_headers(page: str) -> None:
     tags = [t for t, _ in parsed(page).tags]
     assert tags.count("table") == tags.count("caption") >= 3
