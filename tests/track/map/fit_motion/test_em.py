@@ -132,7 +132,7 @@ def test_differences_with_free_A_and_sigma_are_least_squares() -> None:
 
 
 @pytest.mark.parametrize(
-    "shape", [s if k % 4 == 0 else pytest.param(s, marks=pytest.mark.jit) for k, s in enumerate(SHAPES)], ids=str
+    "shape", [s if k % 4 == 0 else pytest.param(s, marks=pytest.mark.statistics) for k, s in enumerate(SHAPES)], ids=str
 )
 def test_em_never_lowers_the_likelihood(shape: Shape) -> None:
     rng = np.random.default_rng(2)
