@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from occlog.errors import InputError, UsageError
@@ -307,7 +307,6 @@ rows = st.lists(
 )
 
 
-@settings(max_examples=25, deadline=None)
 @given(rows)
 def test_boxes_exported_as_mot_or_coco_are_read_again_as_they_were(
     tmp_path_factory: pytest.TempPathFactory, given_rows: list[tuple[int, float, float, float, float, float]]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from occlog.errors import InputError, UsageError
@@ -191,7 +191,6 @@ def test_extra_columns_can_be_skipped_and_confidences_scaled(tmp_path: Path) -> 
     assert boxes.confidence.tolist() == [0.55]
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     st.lists(st.tuples(st.integers(0, 10), st.integers(0, 2), st.integers(2, 9)), min_size=1, max_size=60, unique=True),
     st.booleans(),

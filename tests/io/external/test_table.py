@@ -13,7 +13,7 @@ import pyarrow.feather as feather
 import pyarrow.ipc
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from occlog.cli.main import run
@@ -87,7 +87,6 @@ def test_what_pandas_wrote_is_the_same_table(tmp_path: Path, kind: str) -> None:
     same(opened.read(Bearings), table)
 
 
-@settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), rows=st.integers(1, 40), kind=st.sampled_from(["parquet", "csv"]))
 def test_any_bearings_come_back(tmp_path_factory: pytest.TempPathFactory, seed: int, rows: int, kind: str) -> None:
     table = bearings(rows, seed)

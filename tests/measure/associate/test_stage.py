@@ -7,7 +7,7 @@ from itertools import pairwise, permutations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from tracker_scenes import SECOND, room100, with_array
 
@@ -281,7 +281,6 @@ def test_labels_are_those_of_trying_all_pairings(seed):
     assert repr(sorted(found)) == repr([(t, s, int(k), b) for t, s, k, b in want])
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     seed=st.integers(0, 50),
     cuts=st.lists(st.floats(0, 1), max_size=5),
