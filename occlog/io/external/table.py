@@ -14,6 +14,7 @@ from occlog.errors import InputError
 from occlog.io.files.frame_times import MAX_SECONDS, frames_to_ns
 from occlog.io.files.limits import FREE_BYTES
 from occlog.io.files.texts.csv_rows import COARSEST
+from occlog.io.files.utc import time_words
 from occlog.io.formats.boxes.columns import both_sizes, disagree
 from occlog.records.columns import ColumnTable, first_row, key_of, largest, repeated_rows
 from occlog.records.declared.sensors import MIN_SIGMA_PX, MIN_SIGMA_RAD, VALUES, WITH_A_RANGE, Measurements
@@ -456,7 +457,8 @@ def _as_table(source: ColumnSource, table: type[T], values: Values, row: NDArray
             key = table.KEY[-1]
             raise InputError(
                 f"{source.path}: rows {min(row[k], row[k + 1])} and {max(row[k], row[k + 1])} (from 0): "
-                f"{key} {values[key][k]} is twice at {values[TIME][k]} ns; remove one, or give a column of identities"
+                f"{key} {values[key][k]} is twice at {time_words(values[TIME][k])}; remove one, or give a "
+                "column of identities"
             )
     try:
         return table.of(**values)

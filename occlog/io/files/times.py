@@ -14,6 +14,7 @@ import numpy as np
 
 from occlog.array_types import NS, Floats, Ints
 from occlog.errors import InputError
+from occlog.io.files.utc import time_words
 from occlog.records.columns import MAX_NS
 
 from .names import check_meaning, match_sensor
@@ -179,7 +180,9 @@ def parse_times(rows: CsvRows, name: str, unit: str) -> Ints:
         t_ns = rows.ints(name)
         far = np.flatnonzero((t_ns > MAX_NS) | (t_ns < -MAX_NS))
         if len(far):
-            raise rows.fail(int(far[0]), f"time {t_ns[far[0]]} ns: out of range; times from 1824 to 2115 can be held")
+            raise rows.fail(
+                int(far[0]), f"time {time_words(t_ns[far[0]])}: out of range; times from 1824 to 2115 can be held"
+            )
         return t_ns
     return parse_column(rows.cells[name].tolist(), unit, rows.fail)
 
@@ -315,7 +318,8 @@ def _in_order(rows: CsvRows, t_ns: Ints, picked: Ints) -> Ints:
         row = int(back[0]) + 1
         verb = "repeats" if t_ns[row] == t_ns[row - 1] else "goes back"
         raise rows.fail(
-            int(picked[row]), f"time stamp {verb} ({t_ns[row]} ns after {t_ns[row - 1]} ns); correct the file"
+            int(picked[row]),
+            f"time stamp {verb} ({time_words(t_ns[row])} after {time_words(t_ns[row - 1])}); correct the file",
         )
     check_unit(rows, np.diff(t_ns) / NS)
     return t_ns

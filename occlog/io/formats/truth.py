@@ -53,6 +53,7 @@ from occlog.io.files.texts.formats import (
     recognise,
 )
 from occlog.io.files.times import TIME_COLUMNS, time_column
+from occlog.io.files.utc import time_words
 from occlog.records.tables import Truth, TruthBoxes
 
 from .boxes.annotations import is_cvat
@@ -369,7 +370,7 @@ def _gather(path: Path, parts: list[Positions]) -> Truth:
         k = int(double[0])
         raise InputError(
             f"{path}: lines {min(p.line[k : k + 2])} and {max(p.line[k : k + 2])}: target {p.target_id[k]} is twice at "
-            f"{p.t_ns[k]} ns; remove one"
+            f"{time_words(p.t_ns[k])}; remove one"
         )
     with naming(path):
         return Truth.of(t_ns=p.t_ns, target_id=p.target_id, role=p.role, x=p.x, y=p.y, z=p.z)
