@@ -234,11 +234,16 @@ def held(path: Path, *tables: type[ColumnTable]) -> tuple[type[ColumnTable], ...
 def _refuse_stations(path: Path) -> None:
     """InputError for a text table of stations, which is a scene; one with times or frames is none."""
     from occlog.io.external.names import is_in_time
-    from occlog.io.formats.scenes.stations import check_stations, holds_stations
+    from occlog.io.formats.scenes.stations import check_stations, holds_stations, occurs_twice
 
     source = _source(path) if content_of(path) is Content.OTHER and holds_stations(path) else None
     if source is not None and not is_in_time(source.names):
         check_stations(path)
+        if occurs_twice(path):
+            raise InputError(
+                f"{path}: has no column of times or frame numbers among {', '.join(source.names)}; name one "
+                "time_s or t_ns"
+            )
         raise InputError(f"{path}: is a table of stations, not of what they measured; give it as the scene")
 
 

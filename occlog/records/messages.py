@@ -265,6 +265,7 @@ VERDICT: dict[str, Message] = {
         "check frame numbers and clocks, or process noise",
     ),
     "time-unit-differs": Message(W, _MEET, "state the unit of the times, for instance as t_ms, t_us or t_ns"),
+    "times-in-days": Message(W, _MEET, "write seconds, or dates as 2024-05-01T12:00:00.25Z"),
     "times-shifted": Message(W, _MEET, "check first frame numbers, start times and clocks"),
     "frame-rate-differs": Message(W, _MEET, "check the frame rates of both"),
     "length-unit-differs": Message(W, _MEET, "state the unit of lengths, for instance as x_mm or x_cm"),

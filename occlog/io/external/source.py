@@ -29,7 +29,14 @@ from occlog.io.files.names import utf8_name
 from occlog.io.files.tables.arrow import SCHEMA_KEY
 from occlog.io.files.tables.parquet import batches, in_parts, open_parquet
 from occlog.io.files.texts.by_reader import table_of
-from occlog.io.files.texts.csv_rows import GZIP_MAGIC, commented_header, first_line, is_header, read_rows
+from occlog.io.files.texts.csv_rows import (
+    GZIP_MAGIC,
+    UTF16_MARKS,
+    commented_header,
+    first_line,
+    is_header,
+    read_rows,
+)
 from occlog.io.files.times import TIME_COLUMNS
 from occlog.io.formats.trajectories import Trajectories, find_trajectories
 
@@ -369,7 +376,7 @@ def _names_times(names: Sequence[str]) -> bool:
 
 
 def _may_be_text(head: bytes) -> bool:
-    return b"\0" not in head
+    return b"\0" not in head or head.startswith(UTF16_MARKS)
 
 
 def _open_arrow(path: Path) -> pa.ipc.RecordBatchFileReader | pa.ipc.RecordBatchStreamReader:

@@ -18,7 +18,7 @@ from occlog.io.files.utc import time_words
 from occlog.records.columns import MAX_NS
 
 from .names import check_meaning, match_sensor
-from .texts.csv_rows import CsvRows, first_line, is_header, last_place, read_plain, read_rows
+from .texts.csv_rows import MISSING, CsvRows, first_line, is_header, last_place, read_plain, read_rows
 
 WHAT = "a table of time stamps"
 UNITS = {"ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9}
@@ -44,7 +44,22 @@ _FRAME = ("frame", "frame_index", "frame_number", "index")
 _CAMERA = ("camera", "cam_id", "cam", "sensor", "port")
 _COLUMNS = {**TIME_COLUMNS, "frame": _FRAME, "camera": _CAMERA}
 _BESIDE = ("sync_index",)
-_ISO = re.compile(r"^(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d(?::\d\d)?)(?:[.,](\d{1,9}))?\s*(Z|[+-]\d\d(?::?\d\d)?)?$")
+_ISO = re.compile(r"^(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d(?::\d\d)?)(?:[.,](\d{1,9}))?\s*(Z|UTC|GMT|[+-]\d\d(?::?\d\d)?)?$")
+_DATE = r"\d{1,4}[./-]\d{1,2}[./-]\d{1,4}"
+_TIME_OF_DAY = r"\d{1,2}:\d\d(:\d\d([.,]\d+)?)?"
+_FORM = "2024-05-01T12:00:00.25Z"
+_OTHERWISE = (
+    (r"[+-]?\d+,\d{1,2}|[+-]?\d+,\d{4,}", "has a decimal comma; write it with a point"),
+    (r"[+-]?\d{1,3}(?:[, '\u00a0\u202f]\d{3})+(?:\.\d*)?", "has separators of thousands; write digits alone"),
+    (_TIME_OF_DAY + r"\s*([AaPp][Mm])?", f"is a time of day without its date; write {_FORM}"),
+    (_DATE + r"[T ]+" + _TIME_OF_DAY + r"\s*([AaPp][Mm])", f"has hours of 12; write {_FORM}"),
+    (
+        r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?\s*[A-Za-z][A-Za-z/_]+",
+        "has a zone by name; write its offset, as +02:00",
+    ),
+    (_DATE + r"(?:[T ]+" + _TIME_OF_DAY + ")?", f"is a date that may be read in several orders; write {_FORM}"),
+)
+"""Texts that are meant as times and are not read, with the reason and the remedy."""
 
 
 def parse_time(text: str, unit: str = "s") -> int:
@@ -64,7 +79,7 @@ def parse_time(text: str, unit: str = "s") -> int:
     except InvalidOperation:
         value = Decimal("NaN")
     if not value.is_finite():
-        raise InputError(f"time {text!r}: neither a number nor a date and time such as 2024-05-01T12:00:00.25Z")
+        raise InputError(f"time {text!r}: {_fault(text.strip())}")
     if value.adjusted() > 30:  # before any arithmetic, which could overflow
         raise InputError(f"time {text!r}: out of range")
     if unit == "s" and abs(value) > LATEST_S:
@@ -78,6 +93,14 @@ def parse_time(text: str, unit: str = "s") -> int:
     return ns
 
 
+def _fault(text: str) -> str:
+    """Why a text is no time, and what to write."""
+    if text.lower() in MISSING:
+        return "is missing; remove the row, or give its time"
+    reason = next((reason for form, reason in _OTHERWISE if re.fullmatch(form, text)), "")
+    return reason or f"neither a number nor a date and time such as {_FORM}; correct or remove this row"
+
+
 def coarse(ns: float) -> str:
     """Faults of times that are held to some nanoseconds only."""
     return f"known to {ns * 1e-9:g} s only, and 1 ms is the limit"
@@ -88,7 +111,7 @@ def _iso_ns(iso: re.Match[str], text: str) -> int:
     if clock.endswith(":60"):
         raise InputError(f"time {text!r}: a leap second, which these times do not have; write it as :59.999")
     try:
-        instant = datetime.fromisoformat(f"{day}T{clock}" + (zone or "+00:00").replace("Z", "+00:00"))
+        instant = datetime.fromisoformat(f"{day}T{clock}" + (zone if zone and zone[0] in "+-" else "+00:00"))
     except ValueError as error:
         raise InputError(f"time {text!r}: {error}") from None
     seconds = (instant - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds()
