@@ -639,6 +639,22 @@ VERDICT: dict[str, Message] = {
         "array {sensors}: microphone {microphones} is {samples} samples {side}, beyond what its distance permits",
         "record all channels with one clock, or shift the channel",
     ),
+    "microphone-unrelated": Message(
+        W,
+        "array {sensors}: microphone {microphones} has no sound in common with the others",
+        "check its cable and channel, or remove it",
+    ),
+    "microphone-inverted": Message(
+        W,
+        "array {sensors}: microphone {microphones} has the other sign than the rest",
+        "exchange the wires of its cable, or negate the channel",
+    ),
+    "microphones-exchanged": Message(
+        W,
+        "array {sensors}: delays are {misfit:.2g} samples off a plane wave, and fit one with microphones {microphones} "
+        "exchanged",
+        "check the order of the channels",
+    ),
     "clipped": Message(
         N,
         "array {sensors}: microphone {microphones} is at full scale in {share:.1%} of the samples (noted from "

@@ -208,6 +208,7 @@ class ColumnSource(NamedTuple):
         commented: names of columns are in a first line that begins with `#`.
         parts: files of a table that is a folder of Parquet, in order; else none.
         fps: frames per second, where the columns count frames and state no times; None: not stated.
+        nested: columns with several values in a row, which lists and structures are.
         geodetic: columns with positions on the earth, in place of which `names` has those in the scene; None: none.
     """
 
@@ -219,6 +220,7 @@ class ColumnSource(NamedTuple):
     commented: bool = False
     parts: tuple[Path, ...] = ()
     fps: Fraction | None = None
+    nested: tuple[str, ...] = ()
     geodetic: GeodeticColumns | None = None
 
     @property
@@ -347,11 +349,12 @@ def _find_source(path: Path) -> ColumnSource | None:
         return (
             None
             if SCHEMA_KEY.encode() in (schema.metadata or {})
-            else ColumnSource(path, "Parquet", tuple(schema.names))
+            else ColumnSource(path, "Parquet", tuple(schema.names), nested=_nested(schema))
         )
     if head.startswith(FILE_MAGIC) or head.startswith(STREAM_MAGIC):
         with _translated(path, "Arrow"):
-            return ColumnSource(path, "Arrow", tuple(_open_arrow(path).schema.names))
+            schema = _open_arrow(path).schema
+        return ColumnSource(path, "Arrow", tuple(schema.names), nested=_nested(schema))
     if head.startswith(b"#") and _names_times(names := commented_header(path, WHAT)):
         return ColumnSource(path, "CSV", tuple(names), commented=True)
     if _may_be_text(head) and (found := find_trajectories(path)) is not None:
@@ -368,6 +371,10 @@ def _find_source(path: Path) -> ColumnSource | None:
     if is_header(line) and (named or (len(line) > 1 and _names_times(line))):
         return ColumnSource(path, "CSV", tuple(line))
     return None
+
+
+def _nested(schema: pa.Schema) -> tuple[str, ...]:
+    return tuple(field.name for field in schema if pa.types.is_nested(field.type))
 
 
 def _names_times(names: Sequence[str]) -> bool:

@@ -345,6 +345,11 @@ def _is_vague(layout: TableLayout, names: Sequence[str]) -> bool:
 
 def check_fits(source: ColumnSource, layout: TableLayout) -> None:
     """InputError where a table lacks columns, or has one with a name that is nearly its own."""
+    if layout.missing and (nested := [n for n in source.nested if n not in layout.names]):
+        raise InputError(
+            f"{source.path}: column {nested[0]} has several values in a row, and {', '.join(layout.missing)} of "
+            f"{layout.table.NAME} is missing; write one column for each value"
+        )
     if layout.missing:
         raise InputError(f"{source.path}: {describe_missing(layout, source.names)}")
     wrong = misspelled(layout, source.names)

@@ -371,7 +371,7 @@ def test_a_folder_of_parts_by_identity_is_described(shared_cases: Path, capsys: 
 @pytest.mark.parametrize(
     ("column", "values", "message"),
     [
-        ("x", ["a"], "column x holds string; numbers were expected"),
+        ("x", ["a"], "row 0: x is 'a'; a number was expected"),
         ("x", [None], "row 0: x is null; a finite number was expected"),
         ("x", [np.inf], "row 0: x is inf; a finite number was expected"),
         ("id", [1.5], "row 0: id is 1.5; a whole number was expected"),
