@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import platform
 import re
 from collections.abc import Iterable, Mapping
@@ -48,6 +49,21 @@ def installed_versions() -> dict[str, str]:
         if version is not None:
             found[name] = version
     return dict(sorted(found.items()))
+
+
+CODE_PATHS = ("OPENBLAS_CORETYPE", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "NPY_DISABLE_CPU_FEATURES")
+"""Variables of the environment by which libraries take the code of another processor."""
+
+
+def processor_type() -> str:
+    """Type of the processor as the compiler of the kernels names it, and variables that select another one's code.
+
+    Libraries have code for each type, and the order of their sums differs: last digits of results do, too.
+    """
+    from llvmlite import binding
+
+    chosen = [f"{name}={os.environ[name]}" for name in CODE_PATHS if name in os.environ]
+    return " ".join([binding.get_host_cpu_name(), *chosen])
 
 
 def _version(name: str) -> str | None:
