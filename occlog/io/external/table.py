@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from occlog.array_types import NS, Bools, Floats, Ints, Strings
-from occlog.console.notes import note_once
 from occlog.errors import InputError
 from occlog.io.files.frame_times import MAX_SECONDS, frames_to_ns
 from occlog.io.files.limits import FREE_BYTES
 from occlog.io.files.texts.csv_rows import COARSEST
+from occlog.io.files.times import note_clock_set
 from occlog.io.files.utc import time_words
 from occlog.io.formats.boxes.columns import both_sizes, disagree
 from occlog.records.columns import ColumnTable, first_row, key_of, largest, repeated_rows
@@ -47,8 +46,6 @@ OF_READS = {"reader", "anchor", "gateway", "tag", "beacon", "epc", "rssi", "rssi
 """Names that reads of tags alone have."""
 HELD_PER_BYTE = 100
 """Memory of rows that are held together to be put in order, for each byte of the file; `FREE_BYTES` for any file."""
-MIN_ROWS_A_RUN = 8
-"""Rows from one fall of the times to the next, at least, for a clock that was set; in mean."""
 FARTHEST_RAD = 4 * np.pi
 """Larger angles are not in radians."""
 
@@ -133,7 +130,8 @@ class ForeignTable:
                 all_of_it.append(part)
                 self._check_held(all_of_it)
             whole = _join(all_of_it)
-            _note_clock(self.source.path, whole)
+            owners = [whole[name] for name in WHOSE if name in whole]
+            note_clock_set(self.source.path, "row", whole["_row"], whole[TIME].astype(np.int64), owners)
             parts = iter([_pick(whole, np.argsort(whole[TIME], kind="stable"))])
         held: Values | None = None
         for part in parts:
@@ -260,28 +258,6 @@ def _times(cells: TableCells, s: Spelling) -> Ints:
     most = MAX_SECONDS * float(s.fps)
     _refuse(cells, frames.astype(np.float64), frames > most, f"{s.name} is", f"; it must be at most {most:.0f}")
     return frames_to_ns(frames, s.fps)
-
-
-def _note_clock(path: Path, rows: Values) -> None:
-    """Warn of times that go back within the rows of an owner: a clock that was set, or two runs in one file.
-
-    Args:
-        path: the file.
-        rows: of the whole file, in its order.
-    """
-    owners = [np.unique(rows[name], return_inverse=True)[1] for name in WHOSE if name in rows]
-    order = np.lexsort([np.arange(len(rows[TIME])), *owners]) if owners else np.arange(len(rows[TIME]))
-    t_ns, own = rows[TIME][order].astype(np.int64), np.stack([*owners, np.zeros(len(order), dtype=np.int64)])[:, order]
-    new = (own[:, 1:] != own[:, :-1]).any(axis=0)
-    back = np.flatnonzero((t_ns[1:] < t_ns[:-1]) & ~new)
-    if not len(back) or len(t_ns) < MIN_ROWS_A_RUN * (len(back) + np.count_nonzero(new) + 1):
-        return  # in order, or in another order than that of time
-    first = back[np.argmin(rows["_row"][order][back + 1])]
-    note_once(
-        f"warning: {path}: row {rows['_row'][order][first + 1]} (from 0): time goes back by "
-        f"{(t_ns[first] - t_ns[first + 1]) / NS:.6g} s: a clock that was set, or two runs in one file? Rows are sorted "
-        "by time"
-    )
 
 
 def fields_of(table: type[ColumnTable]) -> frozenset[str]:

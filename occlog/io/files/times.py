@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from occlog.array_types import NS, Floats, Ints
+from occlog.console.notes import note_once
 from occlog.errors import InputError
 from occlog.io.files.utc import time_words
 from occlog.records.columns import MAX_NS
@@ -324,6 +325,37 @@ def _by_camera(rows: CsvRows, unit: str, cameras: Sequence[str]) -> dict[str, In
     if not out:
         raise InputError(f"{rows.path}: contains {str(given[0])!r}, but none of {', '.join(cameras)}")
     return out
+
+
+MIN_ROWS_A_RUN = 8
+"""Rows from one fall of the times to the next, at least, for a clock that was set; in mean."""
+
+
+def note_clock_set(path: Path, location: str, lines: Ints, t_ns: Ints, owners: Sequence[np.ndarray]) -> None:
+    """Warn of times that go back within the rows of an owner: a clock that was set, or two runs in one file.
+
+    Args:
+        path: the file.
+        location: word for the numbers of rows.
+        lines: (n,) numbers of rows, rising.
+        t_ns: (n,) their times.
+        owners: columns (n,) that identify the owner of a row.
+    """
+    codes = [np.unique(owner, return_inverse=True)[1] for owner in owners]
+    order = np.lexsort([np.arange(len(t_ns)), *codes])
+    new = np.zeros(max(len(t_ns) - 1, 0), dtype=np.bool_)
+    for code in codes:
+        new |= code[order][1:] != code[order][:-1]
+    sorted_ns = t_ns[order]
+    back = np.flatnonzero((sorted_ns[1:] < sorted_ns[:-1]) & ~new)
+    if not len(back) or len(t_ns) < MIN_ROWS_A_RUN * (len(back) + np.count_nonzero(new) + 1):
+        return  # in order, or in another order than that of time
+    first = back[np.argmin(lines[order][back + 1])]
+    note_once(
+        f"warning: {path}: {location} {lines[order][first + 1]}: time goes back by "
+        f"{(sorted_ns[first] - sorted_ns[first + 1]) / NS:.6g} s: a clock that was set, or two runs in one file? Rows "
+        "are sorted by time"
+    )
 
 
 def _in_order(rows: CsvRows, t_ns: Ints, picked: Ints) -> Ints:

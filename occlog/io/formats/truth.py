@@ -52,7 +52,7 @@ from occlog.io.files.texts.formats import (
     read_format,
     recognise,
 )
-from occlog.io.files.times import TIME_COLUMNS, time_column
+from occlog.io.files.times import TIME_COLUMNS, note_clock_set, time_column
 from occlog.io.files.utc import time_words
 from occlog.records.tables import Truth, TruthBoxes
 
@@ -363,6 +363,7 @@ def _gather(path: Path, parts: list[Positions]) -> Truth:
     if not parts:
         raise InputError(f"{path}: holds a header and no row; true positions were expected")
     p = Positions._make(np.concatenate(column) for column in zip(*parts, strict=True))
+    note_clock_set(path, "line", p.line, p.t_ns, [p.target_id])
     order = np.lexsort((p.target_id, p.t_ns))
     p = Positions._make(column[order] for column in p)
     double = np.flatnonzero((np.diff(p.t_ns) == 0) & (np.diff(p.target_id) == 0))
