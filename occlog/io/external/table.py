@@ -131,7 +131,9 @@ class ForeignTable:
                 self._check_held(all_of_it)
             whole = _join(all_of_it)
             owners = [whole[name] for name in WHOSE if name in whole]
-            note_clock_set(self.source.path, "row", whole["_row"], whole[TIME].astype(np.int64), owners)
+            note_clock_set(
+                self.source.path, "row", whole["_row"].astype(np.int64), whole[TIME].astype(np.int64), owners
+            )
             parts = iter([_pick(whole, np.argsort(whole[TIME], kind="stable"))])
         held: Values | None = None
         for part in parts:

@@ -6,6 +6,7 @@ Versions of what occlog computes and writes with, as they are installed.
 from __future__ import annotations
 
 import hashlib
+import importlib
 import json
 import os
 import platform
@@ -60,10 +61,8 @@ def processor_type() -> str:
 
     Libraries have code for each type, and the order of their sums differs: last digits of results do, too.
     """
-    from llvmlite import binding
-
-    chosen = [f"{name}={os.environ[name]}" for name in CODE_PATHS if name in os.environ]
-    return " ".join([binding.get_host_cpu_name(), *chosen])
+    name: str = importlib.import_module("llvmlite.binding").get_host_cpu_name()
+    return " ".join([name, *(f"{key}={os.environ[key]}" for key in CODE_PATHS if key in os.environ)])
 
 
 def _version(name: str) -> str | None:
