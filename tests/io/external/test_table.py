@@ -254,7 +254,7 @@ def test_frames_are_numbered_on_from_part_to_part(tmp_path: Path, monkeypatch: p
             ("time,camera,left,top,width,height,score", "0,a,1,1,1,1,1.0000001"),
             "score is 1.0000001; it must be 0 to 1",
         ),
-        (Truth, ("t,id,x,y", "0,1,1,1", "0,1,2,2"), r"rows 0 and 1 \(from 0\): target_id 1 is twice at 0 ns"),
+        (Truth, ("t,id,x,y", "0,1,1,1", "0,1,2,2"), r"rows 0 and 1 \(from 0\): target_id 1 is twice at 0 s"),
         (Truth, ("t,id,x,y", "0,1.5,1,1"), "line 2: id is '1.5'; a whole number was expected"),
         (Truth, ("t,id,x,y", "1e12,1,1,1"), "known to 1e\\+09 s only"),
         (
@@ -370,7 +370,7 @@ def test_a_folder_of_parts_by_identity_is_described(shared_cases: Path, capsys: 
 @pytest.mark.parametrize(
     ("column", "values", "message"),
     [
-        ("x", ["a"], "column x holds string; numbers were expected"),
+        ("x", ["a"], "row 0: x is 'a'; a number was expected"),
         ("x", [None], "row 0: x is null; a finite number was expected"),
         ("x", [np.inf], "row 0: x is inf; a finite number was expected"),
         ("id", [1.5], "row 0: id is 1.5; a whole number was expected"),

@@ -211,7 +211,7 @@ def test_settings_and_tracks_that_make_no_sense_are_refused():
         LabelConfig(gate=float("nan"))
     with pytest.raises(InputError, match=r"max_gap_s is -1\.0"):
         LabelConfig(max_gap_s=-1.0)
-    with pytest.raises(InputError, match="tracks: target_id is -1 at 0 ns"):
+    with pytest.raises(InputError, match="tracks: target_id is -1 at 0 s"):
         list(label([candidates([(0, "cam1", 0.5)])], [tracks([ray(0.5, -1)])], SCENE, LabelConfig()))
 
 
