@@ -75,10 +75,12 @@ def world_checks(cameras: Sequence[Camera], up: str | None, *, ground_stated: bo
         )
     tilted = [*tilted_world(rotations, up)]
     unknown = up is None and bool(tilted) and not ground_stated
+    low = [] if unknown else [*_low(placed)]
+    misread = [] if ground_stated or up is not None or not (tilted or low or _diverge(placed)) else [*_misread(placed)]
     return (
         *outcome(HANDED, ()),
-        *outcome(UPRIGHT, tilted),
-        *outcome(HEIGHTS, () if unknown else _low(placed), unless="the vertical is unknown" if unknown else ""),
+        *outcome(UPRIGHT, [*tilted, *misread]),
+        *outcome(HEIGHTS, low, unless="the vertical is unknown" if unknown else ""),
     )
 
 
@@ -91,6 +93,42 @@ def tilted_world(rotations: np.ndarray, up: str | None = None) -> Iterator[Check
         yield finding(UPRIGHT, "world-not-upright", up=text, off_deg=off_deg)
     elif up == AUTO and not vertical(rotations).certain:
         yield finding(UPRIGHT, "vertical-uncertain")
+
+
+OPENGL = np.diag([1.0, -1.0, -1.0])
+"""Camera axes of OpenGL (x right, y up, z backward) by those of a scene, and back."""
+
+
+NEAR = 0.15
+"""Axes that pass one place meet: by their mean distance from it, in distances between cameras."""
+
+
+def _diverge(cameras: Sequence[Camera]) -> bool:
+    """Return whether three or more optical axes are nearest to each other behind a camera."""
+    _, along = meeting_point(np.array([c.position for c in cameras]), np.array([c.rotation[:, 2] for c in cameras]))
+    return len(cameras) > 2 and bool((along < 0.0).any())
+
+
+def _misread(cameras: Sequence[Camera]) -> Iterator[Check]:
+    """Find the meaning of the extrinsics by which all cameras would be upright, above the ground and see one place."""
+    found: list[tuple[float, str]] = []
+    rotations, centres = np.array([c.rotation for c in cameras]), np.array([c.position for c in cameras])
+    inverse = rotations.transpose(0, 2, 1)  # camera-from-world
+    shifts = -np.einsum("nij,nj->ni", inverse, centres)
+    transposed = -np.einsum("nij,nj->ni", inverse, shifts)
+    for change, axes, places in (
+        ("camera-to-world (inverted)", inverse, shifts),
+        ("camera-to-world in OpenGL's axes (y up, z backward)", inverse @ OPENGL, shifts),
+        ("read with transposed rotations", inverse, transposed),
+        ("read with centres for translations", rotations, shifts),
+    ):
+        point, along = meeting_point(places, axes[:, :, 2])
+        if (places[:, 2] > HEIGHT_SLACK).all() and is_upright(axes) and (along > 0.0).all():
+            off = float(np.linalg.norm(point - places - along[:, None] * axes[:, :, 2], axis=1).mean())
+            if off < NEAR * float(np.linalg.norm(np.ptp(places, axis=0))):
+                found.append((off, change))
+    if found:
+        yield finding(UPRIGHT, "extrinsics-fit-if", change=min(found)[1])
 
 
 def _low(cameras: Sequence[Camera]) -> Iterator[Check]:

@@ -301,3 +301,29 @@ def test_rounding_of_the_calibration_gives_no_camera_a_height(off):
     assert turn is not None
     assert turn.camera(CAMERAS[1]).position[2] == 0.0
     assert turn.camera(CAMERAS[0]).position[2] == pytest.approx(0.3)
+
+
+def misread(c: Camera, how: str) -> Camera:
+    """The camera as it is read if its file states the extrinsics in another way."""
+    back, opengl = c.rotation.T, np.diag([1.0, -1.0, -1.0])
+    shift = -back @ c.position
+    rotation, position = {
+        "inverted": (back, -back @ c.position),
+        "OpenGL": (opengl @ back, -opengl @ back @ c.position),
+        "transposed": (back, -back @ shift),
+        "centres": (c.rotation, -c.rotation @ c.position),
+    }[how]
+    return Camera(c.name, position, rotation, c.focal_px, c.principal_px, c.image_size)
+
+
+@pytest.mark.parametrize("how", ["inverted", "OpenGL", "transposed", "centres"])
+def test_extrinsics_that_mean_something_else_are_named(how: str) -> None:
+    (found,) = (c for c in checks(tuple(misread(c, how) for c in CAMERAS), None, None) if c.id == "extrinsics-fit-if")
+    assert how in found.text
+    assert len(found.text) < 160
+
+
+@pytest.mark.parametrize("k", [0, 1, 2])
+def test_the_world_of_a_camera_is_not_called_inverted(k: int) -> None:
+    moved, _ = as_seen_by(k)
+    assert "extrinsics-fit-if" not in {c.id for c in checks(moved, None, None)}
