@@ -15,7 +15,7 @@ from occlog.io.files.children import environment_for_children
 OTHER_SYSTEM = """
 import importlib, json, os, re, signal, subprocess, sys, tempfile
 from pathlib import Path
-import click, cv2, numba, numpy, pyarrow, scipy.optimize  # libraries and the standard library have forms for each system
+import click, cv2, numba, numpy, pyarrow, scipy.optimize  # libraries have forms for each system
 for module in ("fcntl", "resource", "grp", "pwd"):
     sys.modules[module] = None
 for name in ("fork", "getuid", "geteuid", "memfd_create", "waitstatus_to_exitcode"):

@@ -79,7 +79,7 @@ def world_checks(cameras: Sequence[Camera], up: str | None, *, ground_stated: bo
     misread = [] if ground_stated or up is not None or not (tilted or low or _diverge(placed)) else [*_misread(placed)]
     return (
         *outcome(HANDED, ()),
-        *outcome(UPRIGHT, [*tilted, *misread]),
+        *outcome(UPRIGHT, [*misread, *tilted]),
         *outcome(HEIGHTS, low, unless="the vertical is unknown" if unknown else ""),
     )
 
@@ -97,6 +97,8 @@ def tilted_world(rotations: np.ndarray, up: str | None = None) -> Iterator[Check
 
 OPENGL = np.diag([1.0, -1.0, -1.0])
 """Camera axes of OpenGL (x right, y up, z backward) by those of a scene, and back."""
+BODY = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+"""Camera axes of a scene by those of a body (x forward, y left, z up)."""
 
 
 NEAR = 0.15
@@ -111,16 +113,24 @@ def _diverge(cameras: Sequence[Camera]) -> bool:
 
 def _misread(cameras: Sequence[Camera]) -> Iterator[Check]:
     """Find the meaning of the extrinsics by which all cameras would be upright, above the ground and see one place."""
+    from scipy.spatial.transform import Rotation
+
     found: list[tuple[float, str]] = []
     rotations, centres = np.array([c.rotation for c in cameras]), np.array([c.position for c in cameras])
     inverse = rotations.transpose(0, 2, 1)  # camera-from-world
     shifts = -np.einsum("nij,nj->ni", inverse, centres)
     transposed = -np.einsum("nij,nj->ni", inverse, shifts)
+    # Orders of quaternions: ROS has w last in world-from-camera, COLMAP w first in camera-from-world rotations
+    w_last = Rotation.from_quat(np.roll(Rotation.from_matrix(rotations).as_quat(), -1, axis=1)).as_matrix()
+    w_first = Rotation.from_quat(np.roll(Rotation.from_matrix(inverse).as_quat(), 1, axis=1)).inv().as_matrix()
     for change, axes, places in (
         ("camera-to-world (inverted)", inverse, shifts),
         ("camera-to-world in OpenGL's axes (y up, z backward)", inverse @ OPENGL, shifts),
         ("read with transposed rotations", inverse, transposed),
         ("read with centres for translations", rotations, shifts),
+        ("those of bodies (x forward, y left, z up)", rotations @ BODY, centres),
+        ("quaternions with w first, read as x, y, z, w", w_last, centres),
+        ("quaternions with w last, read as w, x, y, z", w_first, -np.einsum("nij,nj->ni", w_first, shifts)),
     ):
         point, along = meeting_point(places, axes[:, :, 2])
         if (places[:, 2] > HEIGHT_SLACK).all() and is_upright(axes) and (along > 0.0).all():

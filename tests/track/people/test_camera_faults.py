@@ -142,7 +142,7 @@ def left_top_for_centres(boxes: np.ndarray) -> np.ndarray:
 
 
 def shares_of_squares(boxes: np.ndarray) -> np.ndarray:
-    return (boxes + [0, 280, 0, 280]) * [1.0, 720 / 1280, 1.0, 720 / 1280]
+    return (boxes + np.array([0, 280, 0, 280])) * [1.0, 720 / 1280, 1.0, 720 / 1280]
 
 
 FORMS = [
