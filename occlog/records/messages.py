@@ -501,7 +501,7 @@ VERDICT: dict[str, Message] = {
     "camera-distances-implausible": Message(
         W,
         "cameras are {span:.3g} m apart (expected: {least:g} to {most:g} m)",
-        "state the unit of the calibration ({option[calibration_unit]})",
+        "state its unit ({option[calibration_unit]}), or, if all have the same pose, calibrate their extrinsics",
     ),
     "principal-point-off": Message(
         W,
