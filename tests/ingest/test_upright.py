@@ -334,3 +334,11 @@ def test_extrinsics_that_mean_something_else_are_named(how: str) -> None:
 def test_the_world_of_a_camera_is_not_called_inverted(k: int) -> None:
     moved, _ = as_seen_by(k)
     assert "extrinsics-fit-if" not in {c.id for c in checks(moved, None, None)}
+
+
+def test_a_left_handed_world_is_not_called_inverted() -> None:
+    axes = np.diag([1.0, -1.0, 1.0])
+    mirrored = [
+        Camera(c.name, axes @ c.position, -axes @ c.rotation, c.focal_px, c.principal_px, c.image_size) for c in CAMERAS
+    ]
+    assert [c.id for c in world_checks(mirrored, None, ground_stated=False) if c.found] == ["world-left-handed"]

@@ -172,3 +172,9 @@ def test_a_matrix_of_images_of_another_size_than_stated_is_told(
 def test_a_matrix_that_is_not_in_pixels_is_refused(tmp_path: Path, focal: float) -> None:
     with pytest.raises(InputError, match="give the matrix in pixels, not normalised or in mm"):
         read_calibration([matrix_of(tmp_path, (1280, 720), focal, 640.0, 360.0)])
+
+
+def test_a_transposed_projection_matrix_is_named(tmp_path: Path) -> None:
+    np.savetxt(tmp_path / "a.txt", np.arange(12.0).reshape(4, 3))
+    with pytest.raises(InputError, match=r"\(4, 3\) numbers; .*transpose it"):
+        read_calibration([tmp_path / "a.txt"], options=CalibrationOptions("m", (640, 480)))
