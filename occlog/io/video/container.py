@@ -28,7 +28,7 @@ MAX_FAULTS = 20
 RELEASE_BYTES = 4 * 2**20
 
 
-MIRRORS = {
+MIRRORS: dict[tuple[int, ...], str] = {
     (-1, 0, 0, 1): "left to right",
     (1, 0, 0, -1): "top to bottom",
     (0, 1, 1, 0): "along the diagonal from top left",
