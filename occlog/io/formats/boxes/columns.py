@@ -188,7 +188,7 @@ def open_csv(path: Path, wanted: BoxReadOptions) -> BoxSource:
 
 
 def _csv(path: Path, camera: str | None, ignore_extra: bool) -> Iterator[CsvRows]:
-    known = {**COLUMNS, **CLASS_KEYS, BOX: (BOX,)}
+    known: dict[str, Sequence[str]] = {**COLUMNS, **CLASS_KEYS, BOX: (BOX,)}
     head = {cell.lower() for cell in first_line(path, WHAT)}
     if {"x", "y"} <= head and not head & {BOX, *COLUMNS["left"], *COLUMNS["width"]}:
         raise InputError(
