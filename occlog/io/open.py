@@ -374,9 +374,16 @@ def scene_in(path: Path) -> Scene | None:
 
         return open_recording(path).scene
     from occlog.io.formats.scenes.scene import read_scene
-    from occlog.io.formats.scenes.stations import holds_stations, read_stations
+    from occlog.io.formats.scenes.stations import header_of_table, holds_stations, read_stations
 
-    return read_stations(path) if content is Content.OTHER and holds_stations(path) else read_scene(path)
+    if content is Content.OTHER and holds_stations(path):
+        return read_stations(path)
+    if content is Content.OTHER and (header := header_of_table(path)):
+        raise InputError(
+            f"{path}: is a table ({', '.join(header[:4])}, ...), not a scene: stations have name, x and y; are the "
+            "measurements and the scene swapped?"
+        )
+    return read_scene(path)
 
 
 def is_recording_name(output: Path) -> bool:

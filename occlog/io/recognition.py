@@ -214,7 +214,7 @@ def _of_formats(path: Path, head: bytes) -> Iterator[FileContent]:
 
 def _of_header(path: Path, probe: Probe, cells: set[str], directions: Formats) -> Iterator[FileContent]:
     """Kinds of a text table with a header line."""
-    from occlog.io.formats.boxes.columns import BOX, COLUMNS
+    from occlog.io.formats.boxes.columns import ACROSS, BOX, COLUMNS, IMAGE
     from occlog.io.formats.scenes.stations import holds_stations
     from occlog.io.formats.sound.formats import MICROPHONES, looks_like_locata
 
@@ -223,7 +223,7 @@ def _of_header(path: Path, probe: Probe, cells: set[str], directions: Formats) -
     if looks_like_locata(list(cells)):
         array = any(cell.startswith("mic1") for cell in cells)
         yield FileContent(FileKind.MICROPHONES if array else FileKind.TRUTH, "positions, LOCATA")
-    elif framed and (cells & set(COLUMNS["left"]) or BOX in cells):
+    elif (framed or cells & set(IMAGE)) and (cells & set(ACROSS) or (framed and BOX in cells)):
         yield FileContent(FileKind.BOXES, "boxes, CSV")
         yield FileContent(FileKind.TRUTH, "boxes, CSV")
     elif {"sync_index", "x_coord"} <= cells:

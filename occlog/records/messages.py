@@ -468,13 +468,18 @@ VERDICT: dict[str, Message] = {
     # Calibrations and files of `ingest`
     "world-left-handed": Message(
         W,
-        "the ground and people are behind every camera: the world seems to be left-handed (Unity, MultiviewX)",
-        "mirror it ({option[mirror]} y)",
+        "everything is behind all cameras: the world seems to be left-handed (Unity, MultiviewX)",
+        "mirror it ({option[mirror]} y); of OpenGL's axes negate rows 2 and 3 of R and t",
     ),
     "world-not-upright": Message(
         W,
         "the world of the calibration seems not to be upright: by the horizons up is ({up}), {off_deg:.0f} deg from z",
         "turn it (ingest --up auto, or X,Y,Z)",
+    ),
+    "extrinsics-fit-if": Message(
+        W,
+        "all cameras are upright and see one place if their extrinsics are {change}",
+        "correct the files of the calibration",
     ),
     "vertical-uncertain": Message(
         W,
@@ -497,12 +502,11 @@ VERDICT: dict[str, Message] = {
     "camera-distances-implausible": Message(
         W,
         "cameras are {span:.3g} m apart (expected: {least:g} to {most:g} m)",
-        "state the unit of the calibration ({option[calibration_unit]})",
+        "state its unit ({option[calibration_unit]}), or, if all have the same pose, calibrate their extrinsics",
     ),
     "principal-point-off": Message(
         W,
-        "camera {sensors}: its principal point is the middle of images of {middle} px, not of {size} px (factor "
-        "{factor:.3g})",
+        "camera {sensors}: its principal point is the middle of images of {middle} px, not of {size} px ({change})",
         "check the image size that the matrix is of",
     ),
     "images-before-rotation": Message(

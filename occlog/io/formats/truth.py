@@ -57,6 +57,7 @@ from occlog.io.files.utc import time_words
 from occlog.records.tables import Truth, TruthBoxes
 
 from .boxes.annotations import is_cvat
+from .boxes.columns import ACROSS
 from .boxes.columns import COLUMNS as BOX_COLUMNS
 from .boxes.datasets import frame_files, grid_places, is_annotations, is_kitti, is_vatic, read_people
 from .boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
@@ -446,7 +447,7 @@ def _read_boxes(path: Path, options: TruthOptions, camera: str | None) -> Iterat
 
 def _read_csv(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
     header = [cell.lower() for cell in first_line(path, WHAT)]
-    if any(name in header for name in BOX_COLUMNS["left"]):
+    if any(name in header for name in ACROSS):
         named = any(name in header for name in BOX_COLUMNS["camera"])
         yield from _read_boxes(path, options, None if named else _one_camera(path, options))
         return
@@ -519,7 +520,7 @@ def _read_caliscope(path: Path, options: TruthOptions) -> Iterator[Truth | Truth
 
 
 def _is_table(head: list[str]) -> bool:
-    return is_header(head) and any(name in head for name in (*POSITIONS.names["x"], *BOX_COLUMNS["left"]))
+    return is_header(head) and any(name in head for name in (*POSITIONS.names["x"], *ACROSS))
 
 
 def _is_xml(head: list[str]) -> bool:

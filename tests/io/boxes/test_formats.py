@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -339,3 +340,45 @@ def test_two_keys_of_a_record_that_say_the_same_are_refused(tmp_path: Path) -> N
     path.write_text(json.dumps([{"frame": 0, "bbox": [1, 1, 20, 50], "x1": 5, "score": 0.5}]))
     with pytest.raises(InputError, match="keys 'bbox' and 'x1' both state left"):
         read(BoxFile(path, "a"))
+
+
+@pytest.mark.parametrize("names", ["cx,cy,w,h", "x_center,y_center,width,height"])
+def test_centres_are_columns(tmp_path: Path, names: str) -> None:
+    path = saved(tmp_path / "b.csv", f"frame,{names}\n0,100,50,20,40\n1,nan,50,20,40\n2,90,50,20,40\n3,80,50,20,40\n")
+    boxes, _ = read(BoxFile(path, "a"), options=replace(PEOPLE, lenient=True))
+    assert edges(boxes) == [[90, 30, 20, 40], [80, 30, 20, 40], [70, 30, 20, 40]]
+    record = {"frame": 0, **dict(zip(names.split(","), (100, 50, 20, 40), strict=True))}
+    assert edges(read(BoxFile(saved(tmp_path / "b.json", [record]), "a"))[0]) == [[90, 30, 20, 40]]
+
+
+def test_centres_next_to_edges_are_refused(tmp_path: Path) -> None:
+    path = saved(tmp_path / "b.csv", "frame,cx,cy,left,top,w,h\n0,100,50,90,30,20,40\n")
+    with pytest.raises(InputError, match="both left edges and centres"):
+        read(BoxFile(path, "a"))
+
+
+def test_names_of_images_have_the_number_of_the_frame(tmp_path: Path) -> None:
+    rows = "x/f_000007.jpg,1,2,21,42\nx\\f_000009.jpg,1,2,21,42\n"
+    boxes, _ = read(BoxFile(saved(tmp_path / "b.csv", f"filename,xmin,ymin,xmax,ymax\n{rows}"), "a"))
+    assert boxes.frame[boxes.box >= 0].tolist() == [7, 9]
+    rows = "filename,xmin,ymin,xmax,ymax,width,height\nf_7.jpg,1,2,21,42,640,480\n"
+    with pytest.raises(InputError, match="is width of the image"):
+        read(BoxFile(saved(tmp_path / "c.csv", rows), "a"))
+    with pytest.raises(InputError, match=r"line 2: image 'f.jpg' has no number"):
+        read(BoxFile(saved(tmp_path / "d.csv", "filename,xmin,ymin,xmax,ymax\nf.jpg,1,2,21,42\n"), "a"))
+
+
+def test_label_studio_is_named(tmp_path: Path) -> None:
+    task = {"id": 1, "video": "a.mp4", "annotations": [{"result": []}]}
+    with pytest.raises(InputError, match="JSON of Label Studio, which is not read; export it as COCO or YOLO"):
+        read(BoxFile(saved(tmp_path / "b.json", [task]), "a"))
+
+
+def test_a_task_of_cvat_with_every_fifth_frame_has_no_others(tmp_path: Path) -> None:
+    task = "<start_frame>0</start_frame><stop_frame>20</stop_frame><frame_filter>step=5</frame_filter>"
+    box = '<box frame="{}" outside="0" xtl="1" ytl="2" xbr="21" ybr="42"/>'
+    track = f'<track id="0" label="person">{box.format(5)}{box.format(10)}</track>'
+    text = f'<?xml version="1.0"?><annotations><meta><task>{task}</task></meta>{track}</annotations>'
+    boxes, _ = read(BoxFile(saved(tmp_path / "b.xml", text), "a"))
+    assert boxes.frame.tolist() == [0, 5, 10, 15, 20]
+    assert boxes.box.tolist() == [-1, 0, 0, -1, -1]

@@ -49,6 +49,15 @@ def holds_stations(path: Path) -> bool:
     return is_header(list(header)) and bool(header & set(NAMES)) and placed
 
 
+def header_of_table(path: Path) -> list[str]:
+    """Names of the columns of a text table; none for other texts, such as YAML."""
+    try:
+        header = first_line(path, WHAT)
+    except InputError:
+        return []
+    return list(header) if len(header) > 1 and is_header(header) and all(cell.isidentifier() for cell in header) else []
+
+
 def check_stations(path: Path) -> None:
     """InputError for a header with a column twice, or with positions in several units."""
     header = [cell.lower() for cell in first_line(path, WHAT)]
