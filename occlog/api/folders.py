@@ -94,7 +94,9 @@ def _locked(folder: Path) -> int | None:
 
 
 def _remove_abandoned(parent: Path) -> None:
-    """Remove folders of processes that are gone."""
+    """Remove folders of processes that are gone, where a lock shows which those are."""
+    if not hasattr(os, "getuid"):  # Windows
+        return
     for path in parent.glob(f"{PREFIX}*"):
         with suppress(OSError):
             if time.time() - path.stat().st_mtime < FRESH_S or path.stat().st_uid != os.getuid():

@@ -278,7 +278,6 @@ class CallInputs:
         Raises:
             InputError: it is nothing that holds rows, or its columns do not go together.
         """
-        pass  # MERGED
         from .tables import Table
 
         if isinstance(value, str | os.PathLike):
@@ -300,7 +299,6 @@ class CallInputs:
 
     def scene(self, value: SceneSource | None) -> Path | None:
         """The file of a scene: of a `Scene` and of a table of stations in memory a new one; None for None."""
-        pass  # MERGED
         from .tables import Table
 
         if value is None or isinstance(value, str | os.PathLike):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Sequence
 from copy import copy
@@ -84,14 +85,22 @@ def _tell_details(ctx: click.Context, param: click.Parameter, given: bool) -> No
         click.echo(f"occlog: {time.perf_counter() - start:7.2f} s  {shortened(named(text))}", err=True)
 
     def end() -> None:
-        import resource
-
-        used = resource.getrusage(resource.RUSAGE_SELF)
-        seconds, megabytes = used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
-        say(f"{command}: {seconds:.2f} s of a processor, at most {megabytes:.0f} MB")
+        peak = peak_memory()
+        memory = "" if peak is None else f", at most {peak / 2**20:.0f} MB"
+        say(f"{command}: {time.process_time():.2f} s of a processor{memory}")
 
     ctx.find_root().call_on_close(end)
     ctx.find_root().with_resource(logging_to(say))
+
+
+def peak_memory() -> int | None:
+    """Largest resident size of this process [B]; None where the system does not state it (Windows)."""
+    try:
+        import resource
+    except ImportError:
+        return None
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak
 
 
 def _input_units() -> click.Option:

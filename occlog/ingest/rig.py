@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from occlog.array_types import Floats
 from occlog.console.text import counted
 from occlog.core.geometry.camera import is_upright, looks_away, meeting_point, vertical
 from occlog.io.formats.calibration.common import CALIBRATION
@@ -65,8 +66,11 @@ def world_checks(cameras: Sequence[Camera], up: str | None, *, ground_stated: bo
     if not placed:
         names = (CALIBRATION, HANDED, UPRIGHT, HEIGHTS)
         return tuple(check for name in names for check in outcome(name, (), unless="there is no calibration"))
-    rotations = np.array([c.rotation for c in placed])
-    if looks_away(np.array([c.position for c in placed]), rotations):
+    rotations, centres = np.array([c.rotation for c in placed]), np.array([c.position for c in placed])
+    as_read = up is None and not ground_stated
+    if looks_away(centres, rotations):
+        if misread := [*_misread(placed)] if as_read else []:
+            return (*outcome(HANDED, ()), *outcome(UPRIGHT, misread), *outcome(HEIGHTS, (), unless="they are misread"))
         left = "the world seems to be left-handed"
         return (
             *outcome(HANDED, [finding(HANDED, "world-left-handed")]),
@@ -75,10 +79,14 @@ def world_checks(cameras: Sequence[Camera], up: str | None, *, ground_stated: bo
         )
     tilted = [*tilted_world(rotations, up)]
     unknown = up is None and bool(tilted) and not ground_stated
+    low = [] if unknown else [*_low(placed)]
+    off = _distance_from_axes(centres, rotations[:, :, 2]) if len(placed) > 2 else 0.0
+    limit = NEAR if tilted or low else min(NEAR, off / NEARER) if off > NEAR else 0.0
+    misread = [*_misread(placed, limit)] if as_read and limit else []
     return (
         *outcome(HANDED, ()),
-        *outcome(UPRIGHT, tilted),
-        *outcome(HEIGHTS, () if unknown else _low(placed), unless="the vertical is unknown" if unknown else ""),
+        *outcome(UPRIGHT, [*misread, *tilted]),
+        *outcome(HEIGHTS, low, unless="the vertical is unknown" if unknown else ""),
     )
 
 
@@ -91,6 +99,61 @@ def tilted_world(rotations: np.ndarray, up: str | None = None) -> Iterator[Check
         yield finding(UPRIGHT, "world-not-upright", up=text, off_deg=off_deg)
     elif up == AUTO and not vertical(rotations).certain:
         yield finding(UPRIGHT, "vertical-uncertain")
+
+
+OPENGL = np.diag([1.0, -1.0, -1.0])
+"""Camera axes of OpenGL (x right, y up, z backward) by those of a scene, and back."""
+BODY = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+"""Camera axes of a scene by those of a body (x forward, y left, z up)."""
+
+
+NEAR, NEARER = 0.15, 3.0
+"""Axes meet if their mean distance from one place is below this share of the distance between the cameras; and by how
+much less it has to be with another meaning of the extrinsics, where nothing else speaks against them."""
+
+
+def _distance_from_axes(places: Floats, axes: Floats) -> float:
+    """Mean distance of (n, 3) axes at (n, 3) places from the point nearest to all, by the extent of the places.
+
+    Infinite where that point is not in front of all cameras.
+    """
+    point, along = meeting_point(places, axes)
+    extent = float(np.linalg.norm(np.ptp(places, axis=0)))
+    if not (along > 0.0).all() or extent == 0.0:
+        return np.inf
+    return float(np.linalg.norm(point - places - along[:, None] * axes, axis=1).mean()) / extent
+
+
+def _misread(cameras: Sequence[Camera], limit: float = NEAR) -> Iterator[Check]:
+    """Find the meaning of the extrinsics by which all cameras would be upright, above the ground and see one place.
+
+    Args:
+        cameras: as read.
+        limit: for the distance of their axes from that place; see `_distance_from_axes`.
+    """
+    from scipy.spatial.transform import Rotation
+
+    found: list[tuple[float, str]] = []
+    rotations, centres = np.array([c.rotation for c in cameras]), np.array([c.position for c in cameras])
+    inverse = rotations.transpose(0, 2, 1)  # camera-from-world
+    shifts = -np.einsum("nij,nj->ni", inverse, centres)
+    transposed = -np.einsum("nij,nj->ni", inverse, shifts)
+    # Orders of quaternions: ROS has w last in world-from-camera, COLMAP w first in camera-from-world rotations
+    w_last = Rotation.from_quat(np.roll(Rotation.from_matrix(rotations).as_quat(), -1, axis=1)).as_matrix()
+    w_first = Rotation.from_quat(np.roll(Rotation.from_matrix(inverse).as_quat(), 1, axis=1)).inv().as_matrix()
+    for change, axes, places in (
+        ("camera-to-world (inverted)", inverse, shifts),
+        ("camera-to-world in OpenGL's axes (y up, z backward)", inverse @ OPENGL, shifts),
+        ("read with transposed rotations", inverse, transposed),
+        ("read with centres for translations", rotations, shifts),
+        ("those of bodies (x forward, y left, z up)", rotations @ BODY, centres),
+        ("quaternions with w first, read as x, y, z, w", w_last, centres),
+        ("quaternions with w last, read as w, x, y, z", w_first, -np.einsum("nij,nj->ni", w_first, shifts)),
+    ):
+        if (places[:, 2] > HEIGHT_SLACK).all() and is_upright(axes):
+            found.append((_distance_from_axes(places, axes[:, :, 2]), change))
+    if found and min(found)[0] < limit:
+        yield finding(UPRIGHT, "extrinsics-fit-if", change=min(found)[1])
 
 
 def _low(cameras: Sequence[Camera]) -> Iterator[Check]:

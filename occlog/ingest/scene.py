@@ -354,10 +354,11 @@ def match_cameras(scene: Scene, wanted: Sequence[str], plan: IngestPlan, reasons
             check_meaning(meant, name, found, "calibration")
         if found is None and not plan.allow_uncalibrated:
             known = ", ".join(kept) or "none"
+            others = [each for each in kept if each not in wanted] if name not in reasons else []
+            renamed = f"name its files as there ({others[0]}=FILE), " if others else ""
             raise InputError(
-                f"camera {name}: has no calibration ({reasons.get(name, f'calibrated: {known}')}); add it to the "
-                "calibration or the scene, or allow uncalibrated cameras "
-                f"({option('allow_uncalibrated')}: they give no bearings, and people are tracked in their images)"
+                f"camera {name}: has no calibration ({reasons.get(name, f'calibrated: {known}')}); {renamed}add it to "
+                f"the calibration or the scene, or give {option('allow_uncalibrated')} (tracked in its images only)"
             )
         out.append(replace(kept.pop(found), name=name) if found is not None else _unplaced(name, plan))
     if plan.scene is not None:

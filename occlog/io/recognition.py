@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from occlog.errors import InputError, UsageError
 from occlog.io.files.limits import BAG_MAGICS, RECORDING_MAGIC, guarded, is_odas
+from occlog.io.files.texts.csv_rows import UTF16_MARKS
 
 if TYPE_CHECKING:
     from occlog.io.files.texts.formats import FileFormat, Probe
@@ -135,7 +136,7 @@ def _of_file(path: Path) -> Iterator[FileContent]:
         yield FileContent(FileKind.SOUND, "sound (WAV)")
     elif _is_video(path):
         yield FileContent(FileKind.VIDEO, "video")
-    elif b"\0" in head:
+    elif b"\0" in head and not head.startswith(UTF16_MARKS):
         yield from _of_binary(path)
     else:
         yield from _of_text(path, head)
@@ -213,7 +214,7 @@ def _of_formats(path: Path, head: bytes) -> Iterator[FileContent]:
 
 def _of_header(path: Path, probe: Probe, cells: set[str], directions: Formats) -> Iterator[FileContent]:
     """Kinds of a text table with a header line."""
-    from occlog.io.formats.boxes.columns import BOX, COLUMNS
+    from occlog.io.formats.boxes.columns import ACROSS, BOX, COLUMNS, IMAGE
     from occlog.io.formats.scenes.stations import holds_stations
     from occlog.io.formats.sound.formats import MICROPHONES, looks_like_locata
 
@@ -222,7 +223,7 @@ def _of_header(path: Path, probe: Probe, cells: set[str], directions: Formats) -
     if looks_like_locata(list(cells)):
         array = any(cell.startswith("mic1") for cell in cells)
         yield FileContent(FileKind.MICROPHONES if array else FileKind.TRUTH, "positions, LOCATA")
-    elif framed and (cells & set(COLUMNS["left"]) or BOX in cells):
+    elif (framed or cells & set(IMAGE)) and (cells & set(ACROSS) or (framed and BOX in cells)):
         yield FileContent(FileKind.BOXES, "boxes, CSV")
         yield FileContent(FileKind.TRUTH, "boxes, CSV")
     elif {"sync_index", "x_coord"} <= cells:

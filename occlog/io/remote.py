@@ -16,7 +16,6 @@ this process but to the server: not into tables, provenance or messages.
 from __future__ import annotations
 
 import errno
-import fcntl
 import hashlib
 import os
 import re
@@ -33,6 +32,9 @@ from occlog.errors import InputError, OcclogError, OutputError, UsageError, opti
 
 from .files.provenance import hash_file
 from .recording.reader import linked_videos, open_recording
+
+with suppress(ImportError):  # no such locks on Windows
+    import fcntl
 
 PACKAGES = {"s3": "s3fs", "gs": "gcsfs", "https": "fsspec aiohttp", "http": "fsspec aiohttp", "memory": "fsspec"}
 """Kinds of URLs, and the packages that each requires."""
@@ -326,7 +328,9 @@ class Cache:
 
     @contextmanager
     def _managed(self) -> Iterator[None]:
-        """Hold off other processes from the locks meanwhile."""
+        """Hold off other processes from the locks meanwhile.  UsageError where the system has no such locks."""
+        if "fcntl" not in globals():
+            raise UsageError("recordings at URLs need file locks, which this system lacks; copy them into a folder")
         self.folder.mkdir(parents=True, exist_ok=True)
         with (self.folder / LOCK).open("a") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)

@@ -265,6 +265,7 @@ VERDICT: dict[str, Message] = {
         "check frame numbers and clocks, or process noise",
     ),
     "time-unit-differs": Message(W, _MEET, "state the unit of the times, for instance as t_ms, t_us or t_ns"),
+    "times-in-days": Message(W, _MEET, "write seconds, or dates as 2024-05-01T12:00:00.25Z"),
     "times-shifted": Message(W, _MEET, "check first frame numbers, start times and clocks"),
     "frame-rate-differs": Message(W, _MEET, "check the frame rates of both"),
     "length-unit-differs": Message(W, _MEET, "state the unit of lengths, for instance as x_mm or x_cm"),
@@ -492,13 +493,18 @@ VERDICT: dict[str, Message] = {
     # Calibrations and files of `ingest`
     "world-left-handed": Message(
         W,
-        "the ground and people are behind every camera: the world seems to be left-handed (Unity, MultiviewX)",
-        "mirror it ({option[mirror]} y)",
+        "everything is behind all cameras: the world seems to be left-handed (Unity, MultiviewX)",
+        "mirror it ({option[mirror]} y); of OpenGL's axes negate rows 2 and 3 of R and t",
     ),
     "world-not-upright": Message(
         W,
         "the world of the calibration seems not to be upright: by the horizons up is ({up}), {off_deg:.0f} deg from z",
         "turn it (ingest --up auto, or X,Y,Z)",
+    ),
+    "extrinsics-fit-if": Message(
+        W,
+        "all cameras are upright and see one place if their extrinsics are {change}",
+        "correct the files of the calibration",
     ),
     "vertical-uncertain": Message(
         W,
@@ -521,12 +527,11 @@ VERDICT: dict[str, Message] = {
     "camera-distances-implausible": Message(
         W,
         "cameras are {span:.3g} m apart (expected: {least:g} to {most:g} m)",
-        "state the unit of the calibration ({option[calibration_unit]})",
+        "state its unit ({option[calibration_unit]}), or, if all have the same pose, calibrate their extrinsics",
     ),
     "principal-point-off": Message(
         W,
-        "camera {sensors}: its principal point is the middle of images of {middle} px, not of {size} px (factor "
-        "{factor:.3g})",
+        "camera {sensors}: its principal point is the middle of images of {middle} px, not of {size} px ({change})",
         "check the image size that the matrix is of",
     ),
     "images-before-rotation": Message(
@@ -662,6 +667,22 @@ VERDICT: dict[str, Message] = {
         W,
         "array {sensors}: microphone {microphones} is {samples} samples {side}, beyond what its distance permits",
         "record all channels with one clock, or shift the channel",
+    ),
+    "microphone-unrelated": Message(
+        W,
+        "array {sensors}: microphone {microphones} has no sound in common with the others",
+        "check its cable and channel, or remove it",
+    ),
+    "microphone-inverted": Message(
+        W,
+        "array {sensors}: microphone {microphones} has the other sign than the rest",
+        "exchange the wires of its cable, or negate the channel",
+    ),
+    "microphones-exchanged": Message(
+        W,
+        "array {sensors}: delays are {misfit:.2g} samples off a plane wave, and fit one with microphones {microphones} "
+        "exchanged",
+        "check the order of the channels",
     ),
     "clipped": Message(
         N,

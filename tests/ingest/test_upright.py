@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError, UsageError
@@ -301,3 +302,43 @@ def test_rounding_of_the_calibration_gives_no_camera_a_height(off):
     assert turn is not None
     assert turn.camera(CAMERAS[1]).position[2] == 0.0
     assert turn.camera(CAMERAS[0]).position[2] == pytest.approx(0.3)
+
+
+def misread(c: Camera, how: str) -> Camera:
+    """The camera as it is read if its file states the extrinsics in another way."""
+    back, opengl = c.rotation.T, np.diag([1.0, -1.0, -1.0])
+    shift = -back @ c.position
+    first = np.roll(Rotation.from_matrix(c.rotation).as_quat(), 1)  # w, x, y, z
+    last = Rotation.from_quat(np.roll(Rotation.from_matrix(back).as_quat(), -1)).inv().as_matrix()
+    body = np.column_stack([c.rotation[:, 2], -c.rotation[:, 0], -c.rotation[:, 1]])
+    rotation, position = {
+        "w first": (Rotation.from_quat(first).as_matrix(), c.position),
+        "w last": (last, -last @ shift),
+        "bodies": (body, c.position),
+        "inverted": (back, -back @ c.position),
+        "OpenGL": (opengl @ back, -opengl @ back @ c.position),
+        "transposed": (back, -back @ shift),
+        "centres": (c.rotation, -c.rotation @ c.position),
+    }[how]
+    return Camera(c.name, position, rotation, c.focal_px, c.principal_px, c.image_size)
+
+
+@pytest.mark.parametrize("how", ["inverted", "OpenGL", "transposed", "centres", "w first", "w last", "bodies"])
+def test_extrinsics_that_mean_something_else_are_named(how: str) -> None:
+    (found,) = (c for c in checks(tuple(misread(c, how) for c in CAMERAS), None, None) if c.id == "extrinsics-fit-if")
+    assert how in found.text
+    assert len(found.text) < 160
+
+
+@pytest.mark.parametrize("k", [0, 1, 2])
+def test_the_world_of_a_camera_is_not_called_inverted(k: int) -> None:
+    moved, _ = as_seen_by(k)
+    assert "extrinsics-fit-if" not in {c.id for c in checks(moved, None, None)}
+
+
+def test_a_left_handed_world_is_not_called_inverted() -> None:
+    axes = np.diag([1.0, -1.0, 1.0])
+    mirrored = [
+        Camera(c.name, axes @ c.position, -axes @ c.rotation, c.focal_px, c.principal_px, c.image_size) for c in CAMERAS
+    ]
+    assert [c.id for c in world_checks(mirrored, None, ground_stated=False) if c.found] == ["world-left-handed"]

@@ -182,6 +182,12 @@ def test_a_scene_is_read_from_yaml_or_from_a_recording_under_any_name(tmp_path: 
     assert scene_in(recording(tmp_path / "bare.yaml")) is None
 
 
+def test_a_table_of_measurements_is_no_scene(tmp_path: Path) -> None:
+    (tmp_path / "boxes.csv").write_text("frame,left,top,width,height\n0,1,2,3,4\n")
+    with pytest.raises(InputError, match=r"boxes.csv: is a table \(frame, left, top, width, \.\.\.\), not a scene"):
+        scene_in(tmp_path / "boxes.csv")
+
+
 def test_the_name_of_an_output_says_whether_it_is_a_recording() -> None:
     assert is_recording_name(Path("a/b.MCAP"))
     assert not is_recording_name(Path("b.mcap.json"))

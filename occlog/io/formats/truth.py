@@ -52,10 +52,12 @@ from occlog.io.files.texts.formats import (
     read_format,
     recognise,
 )
-from occlog.io.files.times import TIME_COLUMNS, time_column
+from occlog.io.files.times import TIME_COLUMNS, note_clock_set, time_column
+from occlog.io.files.utc import time_words
 from occlog.records.tables import Truth, TruthBoxes
 
 from .boxes.annotations import is_cvat
+from .boxes.columns import ACROSS
 from .boxes.columns import COLUMNS as BOX_COLUMNS
 from .boxes.datasets import frame_files, grid_places, is_annotations, is_kitti, is_vatic, read_people
 from .boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
@@ -362,6 +364,7 @@ def _gather(path: Path, parts: list[Positions]) -> Truth:
     if not parts:
         raise InputError(f"{path}: holds a header and no row; true positions were expected")
     p = Positions._make(np.concatenate(column) for column in zip(*parts, strict=True))
+    note_clock_set(path, "line", p.line, p.t_ns, [p.target_id])
     order = np.lexsort((p.target_id, p.t_ns))
     p = Positions._make(column[order] for column in p)
     double = np.flatnonzero((np.diff(p.t_ns) == 0) & (np.diff(p.target_id) == 0))
@@ -369,7 +372,7 @@ def _gather(path: Path, parts: list[Positions]) -> Truth:
         k = int(double[0])
         raise InputError(
             f"{path}: lines {min(p.line[k : k + 2])} and {max(p.line[k : k + 2])}: target {p.target_id[k]} is twice at "
-            f"{p.t_ns[k]} ns; remove one"
+            f"{time_words(p.t_ns[k])}; remove one"
         )
     with naming(path):
         return Truth.of(t_ns=p.t_ns, target_id=p.target_id, role=p.role, x=p.x, y=p.y, z=p.z)
@@ -444,7 +447,7 @@ def _read_boxes(path: Path, options: TruthOptions, camera: str | None) -> Iterat
 
 def _read_csv(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
     header = [cell.lower() for cell in first_line(path, WHAT)]
-    if any(name in header for name in BOX_COLUMNS["left"]):
+    if any(name in header for name in ACROSS):
         named = any(name in header for name in BOX_COLUMNS["camera"])
         yield from _read_boxes(path, options, None if named else _one_camera(path, options))
         return
@@ -517,7 +520,7 @@ def _read_caliscope(path: Path, options: TruthOptions) -> Iterator[Truth | Truth
 
 
 def _is_table(head: list[str]) -> bool:
-    return is_header(head) and any(name in head for name in (*POSITIONS.names["x"], *BOX_COLUMNS["left"]))
+    return is_header(head) and any(name in head for name in (*POSITIONS.names["x"], *ACROSS))
 
 
 def _is_xml(head: list[str]) -> bool:

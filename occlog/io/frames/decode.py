@@ -23,7 +23,7 @@ from occlog.array_types import NS, Ints
 from occlog.errors import InputError
 from occlog.io.files.limits import check_input
 from occlog.io.files.names import utf8_name
-from occlog.io.video.container import Container
+from occlog.io.video.container import MIRRORS, Container
 from occlog.io.video.reader import read_container
 from occlog.records.frames import Image
 from occlog.records.losses import Loss
@@ -250,7 +250,7 @@ def _open(path: Path, container: Container | None) -> cv2.VideoCapture:
     with utf8_name(path.resolve()) as name:
         capture = cv2.VideoCapture(name, cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
     if capture.isOpened():
-        if container is not None and container.mirrored:
+        if container is not None and container.mirror:
             # OpenCV would take the matrix of a mirror for that of a rotation
             capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
         return capture
@@ -286,7 +286,7 @@ def _describe(
         return text
 
     said()  # opening decodes the first pictures, of which FFmpeg writes again when they are decoded in turn
-    pictures = _raw_pictures(there, capture, said)
+    pictures = _raw_pictures(there, capture, said, MIRRORED.get(container.mirror) if container else None)
     first = next(pictures, None)
     image, unconverted = first.fetch(None) if first is not None else (None, "")
     if unconverted:
@@ -329,10 +329,11 @@ def _remedied(path: Path, what: str) -> str:
 
 
 def _orientation(capture: cv2.VideoCapture, container: Container | None) -> Facts:
-    """The rotation that the file states; only whole right angles are applied, and no mirrors."""
+    """The rotation or mirror that the file states; only whole right angles are applied."""
     angle = float(capture.get(cv2.CAP_PROP_ORIENTATION_META))
-    if container is not None and container.mirrored:
-        return [("pictures-not-turned", {"how": "mirrored"})]
+    if container is not None and container.mirror:
+        applied = "pictures-turned" if container.mirror in MIRRORED else "pictures-not-turned"
+        return [(applied, {"how": f"mirrored {container.mirror}"})]
     if not angle:
         return []
     how = f"rotated by {angle:g} deg"
@@ -418,8 +419,22 @@ class _Raw:
     fetch: Callable[[Image | None], tuple[Image | None, str]]  # the image, and why it is none; see `_retrieve`
 
 
-def _raw_pictures(frames: int | None, capture: cv2.VideoCapture, complaint: Callable[[], str]) -> Iterator[_Raw]:
-    """Every picture that the decoder delivers; failed reads are passed over."""
+MIRRORED: dict[str, Callable[[Image], Image]] = {
+    MIRRORS[-1, 0, 0, 1]: lambda image: cv2.flip(image, 1),
+    MIRRORS[1, 0, 0, -1]: lambda image: cv2.flip(image, 0),
+    MIRRORS[0, 1, 1, 0]: lambda image: cv2.transpose(image),
+    MIRRORS[0, -1, -1, 0]: lambda image: cv2.flip(cv2.transpose(image), -1),
+}
+"""Pictures as the metadata ask players to mirror them, by `Container.mirror`."""
+
+
+def _raw_pictures(
+    frames: int | None,
+    capture: cv2.VideoCapture,
+    complaint: Callable[[], str],
+    mirror: Callable[[Image], Image] | None = None,
+) -> Iterator[_Raw]:
+    """Every picture that the decoder delivers, mirrored where asked for; failed reads are passed over."""
     ordinal = misses = missed = 0
     while misses <= PATIENCE + max((frames or 0) - ordinal - missed, 0):
         good = capture.grab()
@@ -433,7 +448,8 @@ def _raw_pictures(frames: int | None, capture: cv2.VideoCapture, complaint: Call
 
         def fetch(target: Image | None, image: list[tuple[Image | None, str]] = image) -> tuple[Image | None, str]:
             if not image:
-                image.append(_retrieve(capture, target, complaint))
+                found, why = _retrieve(capture, None if mirror else target, complaint)
+                image.append((found if found is None or mirror is None else mirror(found), why))
             return image[0]
 
         yield _Raw(ordinal + missed, pos * 1e6 if math.isfinite(pos) else math.nan, said, fetch)

@@ -28,6 +28,22 @@ MAX_FAULTS = 20
 RELEASE_BYTES = 4 * 2**20
 
 
+MIRRORS: dict[tuple[int, ...], str] = {
+    (-1, 0, 0, 1): "left to right",
+    (1, 0, 0, -1): "top to bottom",
+    (0, 1, 1, 0): "along the diagonal from top left",
+    (0, -1, -1, 0): "along the diagonal from top right",
+}
+"""Mirrors by the signs of a, b, c, d of a display matrix: x' = a x + c y, y' = b x + d y."""
+OTHER_MIRROR = "at another angle"
+
+
+def mirror_of(a: float, b: float, c: float, d: float) -> str:
+    """The mirror that a display matrix asks for, of `MIRRORS` or `OTHER_MIRROR`; '' for none."""
+    signs = tuple((each > 0) - (each < 0) for each in (a, b, c, d))
+    return MIRRORS.get(signs, OTHER_MIRROR) if a * d < b * c else ""
+
+
 @dataclass(frozen=True, eq=False)
 class Container:
     """The frames that a container announces.
@@ -44,7 +60,7 @@ class Container:
         steps: AVI only: (n,) how many frame intervals after the first packet each frame is; None: frame k is after k.
         first_ns: time in `pts_ns` of the first frame that is still in the file.
         largest: AVI only: bytes of the largest frame as the header states them, and of the largest one that is there.
-        mirrored: the metadata ask players to mirror the pictures.
+        mirror: how the metadata ask players to mirror the pictures: a key of `MIRRORS`, or `OTHER_MIRROR`.
     """
 
     kind: str
@@ -58,7 +74,7 @@ class Container:
     steps: Ints | None = None
     first_ns: int = 0
     largest: tuple[int, int] | None = None
-    mirrored: bool = False
+    mirror: str = ""
 
     @property
     def frames(self) -> int | None:

@@ -21,12 +21,22 @@ import numpy as np
 from occlog.array_types import NS, Bools, Ints
 from occlog.io.files.frame_times import MAX_RATE_DENOMINATOR
 
-from .container import MAX_FRAMES, BrokenContainerError, Container, Faults, cut_short, let_go, unknown_frames
+from .container import (
+    MAX_FRAMES,
+    OTHER_MIRROR,
+    BrokenContainerError,
+    Container,
+    Faults,
+    cut_short,
+    let_go,
+    mirror_of,
+    unknown_frames,
+)
 
 EBML, SEGMENT, INFO, TRACKS, CLUSTER, CRC32 = 0x1A45DFA3, 0x18538067, 0x1549A966, 0x1654AE6B, 0x1F43B675, 0xBF
 TICK, DURATION = 0x2AD7B1, 0x4489
 ENTRY, NUMBER, TYPE, FRAME_NS, CODEC, TRACK_SCALE = 0xAE, 0xD7, 0x83, 0x23E383, 0x86, 0x23314F
-VIDEO, PROJECTION, YAW = 0xE0, 0x7670, 0x7673
+VIDEO, PROJECTION, YAW, ROLL = 0xE0, 0x7670, 0x7673, 0x7675
 CLUSTER_TIME, SIMPLE_BLOCK, GROUP, BLOCK = 0xE7, 0xA3, 0xA0, 0xA1
 BLOCK_HEAD = b"\x81\0\0"
 """Beginning of a block of track 1 at the time of its cluster, before its flags."""
@@ -56,7 +66,7 @@ class _MkvScan:
     frame_ns: int = 0
     scale: float = 1.0  # of the track's ticks
     codec: bytes = b""
-    mirrored: bool = False  # a rectangular projection seen from behind
+    mirror: str = ""  # a rectangular projection seen from behind
     ticks: list[int] = field(default_factory=list)
     problems: Faults = field(default_factory=Faults)
 
@@ -194,8 +204,12 @@ def _tracks(data: mmap.mmap, start: int, stop: int, found: _MkvScan) -> None:
             scale = _float(data, values[TRACK_SCALE], 1.0) if TRACK_SCALE in values else 1.0
             found.scale = scale if SMALLEST_SCALE <= scale < np.inf else 1.0
             found.codec = data[values[CODEC].start : values[CODEC].stop or 0] if CODEC in values else b""
-            turns = [_float(data, e, 0.0) for e in _below(data, entry, (VIDEO, PROJECTION, YAW))]
-            found.mirrored = any(abs(yaw) == 180.0 for yaw in turns)
+            yaw, roll = (
+                sum(_float(data, e, 0.0) for e in _below(data, entry, (VIDEO, PROJECTION, axis)))
+                for axis in (YAW, ROLL)
+            )
+            if abs(yaw) == 180.0:
+                found.mirror = OTHER_MIRROR if roll else mirror_of(-1, 0, 0, 1)
             return
 
 
@@ -245,9 +259,7 @@ def _container(found: _MkvScan) -> Container:
     ticks = np.array([tick * tick_ns for tick in sorted(found.ticks)], dtype=np.int64)
     rate = Fraction(NS, found.frame_ns).limit_denominator(MAX_RATE_DENOMINATOR) if found.frame_ns else None
     pts, broken, first = _fill_grid(ticks, found)
-    return Container(
-        "matroska", pts, broken, True, rate, tuple(found.problems), first_ns=first, mirrored=found.mirrored
-    )
+    return Container("matroska", pts, broken, True, rate, tuple(found.problems), first_ns=first, mirror=found.mirror)
 
 
 def _fill_grid(times: Ints, found: _MkvScan) -> tuple[Ints, Bools, int]:

@@ -16,7 +16,16 @@ import numpy as np
 
 from occlog.array_types import NS, Bools, Ints
 
-from .container import MAX_FRAMES, BrokenContainerError, ByteRange, Container, cut_short, unknown_frames, unpack
+from .container import (
+    MAX_FRAMES,
+    BrokenContainerError,
+    ByteRange,
+    Container,
+    cut_short,
+    mirror_of,
+    unknown_frames,
+    unpack,
+)
 
 LATEST = 2**62
 """Time [ticks, ns] or position [bytes] of a sample, at most."""
@@ -229,7 +238,7 @@ def parse(data: mmap.mmap) -> Container:
 
 
 def _container(data: mmap.mmap, moov: ByteRange, moofs: list[ByteRange], problems: list[tuple[str, str]]) -> Container:
-    trak, track_id, mirrored = _video_track(data, moov)
+    trak, track_id, mirror = _video_track(data, moov)
     samples = _sample_table(data, trak, problems)
     if moofs:
         samples = _join(samples, read_fragments(data, moov, moofs, track_id, samples.scale))
@@ -254,18 +263,18 @@ def _container(data: mmap.mmap, moov: ByteRange, moofs: list[ByteRange], problem
     lasting = samples.duration[samples.duration > 0]
     step = int(np.median(lasting)) if len(lasting) else 0
     rate = Fraction(samples.scale, step).limit_denominator(1001) if step else None
-    return Container("mp4", pts, broken, True, rate, tuple(problems), mirrored=mirrored)
+    return Container("mp4", pts, broken, True, rate, tuple(problems), mirror=mirror)
 
 
-def _video_track(data: mmap.mmap, moov: ByteRange) -> tuple[ByteRange, int, bool]:
-    """The video track, its number, and whether its display matrix mirrors (ISO/IEC 14496-12 sec. 8.3.2)."""
+def _video_track(data: mmap.mmap, moov: ByteRange) -> tuple[ByteRange, int, str]:
+    """The video track, its number, and how its display matrix mirrors (ISO/IEC 14496-12 sec. 8.3.2)."""
     for trak in (b for b in boxes(data, moov.start, moov.stop) if b.kind == b"trak"):
         hdlr = find_box(data, trak, b"mdia", b"hdlr")
         if hdlr is not None and data[hdlr.start + 8 : hdlr.start + 12] == b"vide":
             tkhd = need_box(data, trak, b"tkhd")
             version = data[tkhd.start]
             a, b, _, c, d = unpack(data, ">5i", tkhd.start + (52 if version else 40))
-            return trak, unpack(data, ">I", tkhd.start + (20 if version else 12))[0], a * d < b * c
+            return trak, unpack(data, ">I", tkhd.start + (20 if version else 12))[0], mirror_of(a, b, c, d)
     raise BrokenContainerError(moov.start, "it names no video track")
 
 

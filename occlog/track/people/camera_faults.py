@@ -276,6 +276,10 @@ class _Search:
         for scale in SCALES:
             scaled = {c: _scaled(view, scale) for c, view in enumerate(self.views)}
             yield _Change(f"boxes of all cameras are {_multiplied(scale)}", scaled)
+        forms = [_other_forms(view) for view in self.views]
+        for each in zip(*forms, strict=True):
+            views = {c: self.views[c]._replace(boxes=boxes) for c, (_, boxes) in enumerate(each)}
+            yield _Change(f"boxes of all cameras are {each[0][0]}", views)
 
     def _changes(self, c: int, trusted: Sequence[int], *, for_a_while: bool = False) -> Iterator[_Change]:
         """Mistakes with a camera, the simplest first; `for_a_while`: those that come and go."""
@@ -295,10 +299,8 @@ class _Search:
                 yield _Change(f"images of {name} are {words}", {c: _flipped(own, axes)})
             for scale in SCALES:
                 yield _Change(f"boxes of {name} are {_multiplied(scale)}", {c: _scaled(own, scale)})
-            corners = own.boxes.copy()
-            corners[:, 2:] -= corners[:, :2]
-            words = f"sizes of boxes of {name} are right and lower edges (xyxy for xywh)"
-            yield _Change(words, {c: own._replace(boxes=corners)})
+            for words, boxes in _other_forms(own):
+                yield _Change(f"boxes of {name} are {words}", {c: own._replace(boxes=boxes)})
             yield from self._late(c)
         yield from self._turned(c, trusted)
 
@@ -390,6 +392,22 @@ def _inverted(view: BoxesOfCamera) -> BoxesOfCamera:
     """The camera with R and T the other way round."""
     own = view.camera
     return view._replace(camera=replace(own, rotation=own.rotation.T, position=-own.rotation.T @ own.position))
+
+
+def _other_forms(view: BoxesOfCamera) -> Iterator[tuple[str, Floats]]:
+    """What four numbers of a box may mean that were read as another form, and (n, 4) the edges that they are then."""
+    boxes = view.boxes
+    near, far = boxes[:, :2], boxes[:, 2:]
+    middle, size = 0.5 * (near + far), far - near
+    yield "left, top, right, bottom (xyxy), read as left, top, width, height", np.hstack([near, size])
+    yield "centres and sizes, read as left, top, width, height", boxes - np.tile(0.5 * size, 2)
+    yield "left, top, right, bottom (xyxy), read as centres and sizes", np.hstack([middle, size])
+    yield "left, top, width, height, read as centres and sizes", boxes + np.tile(0.5 * size, 2)
+    side = view.size.max()
+    yield (
+        "shares of square images with bars (letterbox)",
+        boxes * np.tile(side / view.size, 2) - np.tile(0.5 * (side - view.size), 2),
+    )
 
 
 def _multiplied(scale: float) -> str:

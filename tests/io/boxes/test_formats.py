@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from occlog.errors import InputError, UsageError
@@ -265,7 +266,7 @@ def test_coco_results_take_the_image_for_the_frame(tmp_path: Path) -> None:
         ([{"frame": 0, "bbox": [1, 2, 3]}], r"entry 1: bbox is \[1, 2, 3\]"),
         ([{"frame": 0, "box": {"x1": 1, "y1": 2, "x2": 3, "y2": 4, "x3": 5}}], "entry 1: box has"),
         ([{"frame": 0, "bbox": [1, 2, 3, 4], "confidense": 1}], "did you mean 'confidence'"),
-        ([{"frame": 0, "bbox": [1, 2, 3, None]}], "entry 1: height is ''"),
+        ([{"frame": 0, "bbox": [1, 2, 3, None]}], "entry 1: height is missing"),
         ([{"bbox": [1, 2, 3, 4]}], "has no column frame"),
         ({**COCO, "annotations": [{"image_id": 99, "bbox": [1, 2, 3, 4]}]}, "annotation 1: its image_id"),
         ({**COCO, "images": [*COCO["images"], {"id": 15, "file_name": "a/3.jpg"}]}, "image 5: is the same image or"),
@@ -307,7 +308,6 @@ rows = st.lists(
 )
 
 
-@settings(max_examples=25, deadline=None)
 @given(rows)
 def test_boxes_exported_as_mot_or_coco_are_read_again_as_they_were(
     tmp_path_factory: pytest.TempPathFactory, given_rows: list[tuple[int, float, float, float, float, float]]
@@ -340,3 +340,45 @@ def test_two_keys_of_a_record_that_say_the_same_are_refused(tmp_path: Path) -> N
     path.write_text(json.dumps([{"frame": 0, "bbox": [1, 1, 20, 50], "x1": 5, "score": 0.5}]))
     with pytest.raises(InputError, match="keys 'bbox' and 'x1' both state left"):
         read(BoxFile(path, "a"))
+
+
+@pytest.mark.parametrize("names", ["cx,cy,w,h", "x_center,y_center,width,height"])
+def test_centres_are_columns(tmp_path: Path, names: str) -> None:
+    path = saved(tmp_path / "b.csv", f"frame,{names}\n0,100,50,20,40\n1,nan,50,20,40\n2,90,50,20,40\n3,80,50,20,40\n")
+    boxes, _ = read(BoxFile(path, "a"), options=replace(PEOPLE, lenient=True))
+    assert edges(boxes) == [[90, 30, 20, 40], [80, 30, 20, 40], [70, 30, 20, 40]]
+    record = {"frame": 0, **dict(zip(names.split(","), (100, 50, 20, 40), strict=True))}
+    assert edges(read(BoxFile(saved(tmp_path / "b.json", [record]), "a"))[0]) == [[90, 30, 20, 40]]
+
+
+def test_centres_next_to_edges_are_refused(tmp_path: Path) -> None:
+    path = saved(tmp_path / "b.csv", "frame,cx,cy,left,top,w,h\n0,100,50,90,30,20,40\n")
+    with pytest.raises(InputError, match="both left edges and centres"):
+        read(BoxFile(path, "a"))
+
+
+def test_names_of_images_have_the_number_of_the_frame(tmp_path: Path) -> None:
+    rows = "x/f_000007.jpg,1,2,21,42\nx\\f_000009.jpg,1,2,21,42\n"
+    boxes, _ = read(BoxFile(saved(tmp_path / "b.csv", f"filename,xmin,ymin,xmax,ymax\n{rows}"), "a"))
+    assert boxes.frame[boxes.box >= 0].tolist() == [7, 9]
+    rows = "filename,xmin,ymin,xmax,ymax,width,height\nf_7.jpg,1,2,21,42,640,480\n"
+    with pytest.raises(InputError, match="is width of the image"):
+        read(BoxFile(saved(tmp_path / "c.csv", rows), "a"))
+    with pytest.raises(InputError, match=r"line 2: image 'f.jpg' has no number"):
+        read(BoxFile(saved(tmp_path / "d.csv", "filename,xmin,ymin,xmax,ymax\nf.jpg,1,2,21,42\n"), "a"))
+
+
+def test_label_studio_is_named(tmp_path: Path) -> None:
+    task = {"id": 1, "video": "a.mp4", "annotations": [{"result": []}]}
+    with pytest.raises(InputError, match="JSON of Label Studio, which is not read; export it as COCO or YOLO"):
+        read(BoxFile(saved(tmp_path / "b.json", [task]), "a"))
+
+
+def test_a_task_of_cvat_with_every_fifth_frame_has_no_others(tmp_path: Path) -> None:
+    task = "<start_frame>0</start_frame><stop_frame>20</stop_frame><frame_filter>step=5</frame_filter>"
+    box = '<box frame="{}" outside="0" xtl="1" ytl="2" xbr="21" ybr="42"/>'
+    track = f'<track id="0" label="person">{box.format(5)}{box.format(10)}</track>'
+    text = f'<?xml version="1.0"?><annotations><meta><task>{task}</task></meta>{track}</annotations>'
+    boxes, _ = read(BoxFile(saved(tmp_path / "b.xml", text), "a"))
+    assert boxes.frame.tolist() == [0, 5, 10, 15, 20]
+    assert boxes.box.tolist() == [-1, 0, 0, -1, -1]

@@ -143,11 +143,38 @@ def test_images_of_caliscope_that_are_turned_are_noted(tmp_path: Path) -> None:
     assert (found.id, found.status, found.sensors) == ("images-before-rotation", "failed", ("cam1",))
 
 
-@pytest.mark.parametrize(("size", "said"), [((1280, 720), False), ((1920, 1080), True), ((640, 360), True)])
-def test_a_matrix_of_images_of_another_size_than_stated_is_told(
-    tmp_path: Path, size: tuple[int, int], said: bool
-) -> None:
-    text = f"[cam1]\nsize = {list(size)}\nmatrix = [[900.0, 0, 640], [0, 905.0, 355], [0, 0, 1]]\n"
+def matrix_of(tmp_path: Path, size: tuple[int, int], focal: float, x: float, y: float) -> Path:
+    text = f"[cam1]\nsize = {list(size)}\nmatrix = [[{focal}, 0, {x}], [0, {focal}, {y}], [0, 0, 1]]\n"
     (tmp_path / "a.toml").write_text(f"{text}rotation = [1.2, 0, 0]\ntranslation = [0.0, 0.0, 3.0]\n")
-    (found,) = read_calibration([tmp_path / "a.toml"]).checks
+    return tmp_path / "a.toml"
+
+
+@pytest.mark.parametrize(
+    ("size", "middle", "said"),
+    [
+        ((1280, 720), (640.0, 355.0), ""),
+        ((1280, 720), (540.0, 300.0), ""),
+        ((1920, 1080), (640.0, 355.0), "(factor 0.663)"),
+        ((640, 360), (640.0, 355.0), "(factor 1.99)"),
+        ((720, 1280), (640.0, 355.0), "(width and height exchanged)"),
+        ((1280, 720), (0.0, 0.0), "the middle of images of 1 x 1 px"),
+    ],
+)
+def test_a_matrix_of_images_of_another_size_than_stated_is_told(
+    tmp_path: Path, size: tuple[int, int], middle: tuple[float, float], said: str
+) -> None:
+    (found,) = read_calibration([matrix_of(tmp_path, size, 900.0, *middle)]).checks
     assert found.id == ("principal-point-off" if said else "")
+    assert said in found.text
+
+
+@pytest.mark.parametrize("focal", [1.0, 4.2, 50.0])
+def test_a_matrix_that_is_not_in_pixels_is_refused(tmp_path: Path, focal: float) -> None:
+    with pytest.raises(InputError, match="give the matrix in pixels, not normalised or in mm"):
+        read_calibration([matrix_of(tmp_path, (1280, 720), focal, 640.0, 360.0)])
+
+
+def test_a_transposed_projection_matrix_is_named(tmp_path: Path) -> None:
+    np.savetxt(tmp_path / "a.txt", np.arange(12.0).reshape(4, 3))
+    with pytest.raises(InputError, match=r"\(4, 3\) numbers; .*transpose it"):
+        read_calibration([tmp_path / "a.txt"], options=CalibrationOptions("m", (640, 480)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -12,7 +13,6 @@ from video_samples import HEIGHT, WIDTH, numbered, write_video
 
 from occlog.errors import InputError
 from occlog.io.frames.decoders.process import Decoder, start_decoder
-from occlog.io.video.reader import read_container
 
 ONE = 1 << 16
 MATRICES = {0: (ONE, 0, 0, ONE), 90: (0, ONE, -ONE, 0), 180: (-ONE, 0, 0, -ONE), 270: (0, -ONE, ONE, 0)}
@@ -44,17 +44,29 @@ def test_a_rotation_by_the_display_matrix_is_applied_and_stated(tmp_path: Path, 
     assert np.array_equal(turned[1][0], np.rot90(upright[1][0], -degrees // 90))
 
 
-@pytest.mark.parametrize("matrix", [(-ONE, 0, 0, ONE), (ONE, 0, 0, -ONE), (0, ONE, ONE, 0)])
-def test_a_mirror_in_the_display_matrix_is_stated_and_not_taken_for_a_rotation(
-    tmp_path: Path, matrix: tuple[int, int, int, int]
+@pytest.mark.parametrize(
+    ("matrix", "how", "shown"),
+    [
+        ((-ONE, 0, 0, ONE), "left to right", lambda image: image[:, ::-1]),
+        ((ONE, 0, 0, -ONE), "top to bottom", lambda image: image[::-1]),
+        ((0, ONE, ONE, 0), "along the diagonal from top left", lambda image: image.swapaxes(0, 1)),
+        ((0, -ONE, -ONE, 0), "along the diagonal from top right", lambda image: image[::-1, ::-1].swapaxes(0, 1)),
+    ],
+)
+def test_a_mirror_in_the_display_matrix_is_applied_and_stated(
+    tmp_path: Path, matrix: tuple[int, int, int, int], how: str, shown: Callable[[np.ndarray], np.ndarray]
 ) -> None:
     _, coded = decoded(with_matrix(tmp_path / "mp4v.mp4", *MATRICES[0]))
-    path = with_matrix(tmp_path / "mp4v.mp4", *matrix)
-    container = read_container(path)
-    assert container is not None
-    assert container.mirrored
-    running, images = decoded(path)
-    assert running.facts == [("pictures-not-turned", {"how": "mirrored"})]
+    running, images = decoded(with_matrix(tmp_path / "mp4v.mp4", *matrix))
+    assert running.facts == [("pictures-turned", {"how": f"mirrored {how}"})]
+    assert running.size == (images[0].shape[1], images[0].shape[0])
+    assert all(np.array_equal(a, shown(b)) for a, b in zip(images, coded, strict=True))
+
+
+def test_a_mirror_at_another_angle_is_stated_and_not_applied(tmp_path: Path) -> None:
+    _, coded = decoded(with_matrix(tmp_path / "mp4v.mp4", *MATRICES[0]))
+    running, images = decoded(with_matrix(tmp_path / "mp4v.mp4", -ONE, ONE, ONE, ONE))
+    assert running.facts == [("pictures-not-turned", {"how": "mirrored at another angle"})]
     assert all(np.array_equal(a, b) for a, b in zip(images, coded, strict=True))
 
 

@@ -3,11 +3,13 @@
 `<track id="3" label="person"><box frame="0" outside="0" xtl="1" ytl="2" xbr="3" ybr="4"/>...</track>` has the boxes of
 one identity; those that are `outside` are not in the image. `<image id="0" name="f_000.png"><box label="person"
 .../></image>` has the boxes of one image, without identities. Frames count from 0. `start_frame` and `stop_frame` of
-the task, or the images, state which frames were annotated; the others have no statement.
+the task, with the step of `frame_filter`, or the images, state which frames were annotated; the others have no
+statement.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from xml.etree.ElementTree import Element
@@ -28,6 +30,7 @@ MAX_BYTES = 2**28
 ROWS_PER_CHUNK = 16_384
 EDGES = {"xtl": "left", "ytl": "top", "xbr": "right", "ybr": "bottom"}
 WHAT = "annotations of CVAT"
+_STEP = re.compile(r"step\s*=\s*(\d{1,6})")
 Record = tuple[int, dict[str, str]]
 
 
@@ -108,4 +111,6 @@ def _listed(root: Element) -> Ints | None:
     first, last = (next((e.text or "" for e in root.iter(name)), "") for name in ("start_frame", "stop_frame"))
     if not (first.isdigit() and last.isdigit() and int(first) <= int(last) < MAX_FRAMES):
         return None
-    return np.arange(int(first), int(last) + 1, dtype=np.int64)
+    # The task has every so many frames of the video, and counts those of the video
+    step = _STEP.search(next((e.text or "" for e in root.iter("frame_filter")), ""))
+    return np.arange(int(first), int(last) + 1, max(int(step[1]), 1) if step else 1, dtype=np.int64)

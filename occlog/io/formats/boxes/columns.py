@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -20,6 +20,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.errors import InputError, option
+from occlog.io.files.names import last_number
 from occlog.io.files.texts.csv_rows import MAX_CELL, CsvRows, first_line, read_plain, read_rows
 from occlog.io.files.times import TIME_COLUMNS
 
@@ -35,12 +36,18 @@ COLUMNS: dict[str, Sequence[str]] = {
     "bottom": ("bottom", "y2", "ymax", "y_max", "bottom_px"),
     "width": ("width", "w", "bb_width", "width_px"),
     "height": ("height", "h", "bb_height", "height_px"),
+    "centre_x": ("cx", "xc", "x_center", "x_centre", "center_x", "centre_x", "xcenter", "bbox_center_x"),
+    "centre_y": ("cy", "yc", "y_center", "y_centre", "center_y", "centre_y", "ycenter", "bbox_center_y"),
     "confidence": ("confidence", "conf", "score", "probability"),
     "id": ("id", "target_id", "track_id", "tracker_id", "object_id", "identity"),
     **TIME_COLUMNS,
 }
 CLASSES = ("class", "class_id", "class_name", "label", "category", "category_id", "name", "cls")
 """Columns that state what a box shows, by number or by name; a table may have several."""
+ACROSS = (*COLUMNS["left"], *COLUMNS["centre_x"])
+"""Columns of which a table of boxes has one."""
+IMAGE = ("image", "image_name", "image_path", "img", "img_name", "file", "filename", "file_name")
+"""Columns of files of images, in a table without numbers of frames: the last number of a name is that of the frame."""
 IGNORED = ("visibility", "", "unnamed: 0", "area", "iscrowd", "segmentation", "segments", "keypoints")
 CLASS_KEYS = {f"class:{name}": (name,) for name in CLASSES}
 """Columns of classes as `CsvRows` name them, so that none replaces another."""
@@ -124,6 +131,7 @@ def check_columns(rows: CsvRows, camera: str | None) -> CsvRows:
     """The rows; InputError where a column is missing without which they are not boxes."""
     if rows.has(SHARE_X):
         return rows
+    rows = _from_centres(rows)
     missing = [name for name in ("frame", "left", "top") if not rows.has(name)]
     if not (rows.has("right") and rows.has("bottom")) and not (rows.has("width") and rows.has("height")):
         missing.append("right and bottom (or width and height)")
@@ -132,6 +140,18 @@ def check_columns(rows: CsvRows, camera: str | None) -> CsvRows:
     if camera is None and not rows.has("camera"):
         raise InputError(f"{rows.path}: has no column camera; add it, or name the camera: CAMERA={rows.path.name}")
     return rows
+
+
+def _from_centres(rows: CsvRows) -> CsvRows:
+    """The rows with near edges, where they have centres and sizes instead."""
+    cells = dict(rows.cells)
+    for centre, size, edge in (("centre_x", "width", "left"), ("centre_y", "height", "top")):
+        if rows.has(centre) and rows.has(edge):
+            raise InputError(f"{rows.path}: has columns of both {edge} edges and centres; keep one")
+        if rows.has(centre) and rows.has(size):
+            near = rows.floats(centre, blank=True) - 0.5 * rows.floats(size, blank=True)
+            cells[edge] = np.array([repr(value) for value in near.tolist()], dtype=np.str_)
+    return replace(rows, cells=cells)
 
 
 def rows_of(
@@ -168,14 +188,28 @@ def open_csv(path: Path, wanted: BoxReadOptions) -> BoxSource:
 
 
 def _csv(path: Path, camera: str | None, ignore_extra: bool) -> Iterator[CsvRows]:
-    known = {**COLUMNS, **CLASS_KEYS, BOX: (BOX,)}
+    known: dict[str, Sequence[str]] = {**COLUMNS, **CLASS_KEYS, BOX: (BOX,)}
     head = {cell.lower() for cell in first_line(path, WHAT)}
     if {"x", "y"} <= head and not head & {BOX, *COLUMNS["left"], *COLUMNS["width"]}:
         raise InputError(
             f"{path}: holds positions on the ground (x, y) and no boxes; give it as positions ({option('positions')})"
         )
+    if not head & {*COLUMNS["frame"]}:
+        known["image"] = IMAGE
     for rows in read_rows(path, known, WHAT, ignored=IGNORED, ignore_extra=ignore_extra):
-        yield check_columns(_split_box(rows), camera)
+        yield check_columns(_split_box(_of_images(rows)), camera)
+
+
+def _of_images(rows: CsvRows) -> CsvRows:
+    """The rows with the frames of their images, where they name these."""
+    if not rows.has("image"):
+        return rows
+    names, inverse = np.unique(rows.cells["image"], return_inverse=True)
+    frames = [last_number(PurePosixPath(str(name).replace("\\", "/")).stem) for name in names]
+    if None in frames:
+        row = int(np.flatnonzero(inverse == frames.index(None))[0])
+        raise rows.fail(row, f"image {str(rows.cells['image'][row])[:60]!r} has no number; add a column frame")
+    return replace(rows, cells={**rows.cells, "frame": np.array(frames, dtype=np.str_)[inverse]})
 
 
 def _split_box(rows: CsvRows) -> CsvRows:

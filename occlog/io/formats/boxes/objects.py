@@ -38,6 +38,8 @@ from .columns import (
 ROWS_PER_CHUNK = 16_384
 MAX_BYTES = 2**31
 BBOX = ("left", "top", "width", "height")
+LABEL_STUDIO = {"annotations", "annotation_id", "annotator", "lead_time"}
+"""Keys of tasks of Label Studio, of which its JSON and JSON-MIN have one or more."""
 FRAME_KEYS = ("frame", "frame_id", "frame_index", "frame_number")
 MEANING = {alias: name for name, aliases in {**COLUMNS, **CLASS_KEYS}.items() for alias in aliases}
 Record = Mapping[str, Any]
@@ -123,6 +125,8 @@ def _cells(path: Path, n: int, record: object, ignore_extra: bool, skip: Sequenc
     """Cells of one record by our names of the columns."""
     if not isinstance(record, dict):
         raise _no_object(path, n, record)
+    if LABEL_STUDIO & record.keys():
+        raise InputError(f"{path}: is JSON of Label Studio, which is not read; export it as COCO or YOLO")
     out: dict[str, str] = {}
     said: dict[str, str] = {}
     for key, value in record.items():

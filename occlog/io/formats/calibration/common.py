@@ -27,6 +27,10 @@ UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 OTHER_SIZE, SAME_RATIO = 0.2, 0.03
 """A principal point that is off the middle by this share of it or more, and by the same across and down to that, is the
 middle of images of another size."""
+AT_CORNER = 0.9
+"""... or off both ways by this share: it is near a corner, or outside of the images."""
+MAX_FOV_DEG = 170.0
+"""Field of view of a lens without fisheye, above which the matrix is not in pixels."""
 MAX_ROUNDING = 1e-6
 MAX_SKEW_PX = 1.0
 """A larger skew would shift bearings by more than the noise of a reading; `Camera` has none."""
@@ -174,17 +178,22 @@ def build_camera(pose: Pose, where: str, options: CalibrationOptions) -> Camera:
         raise InputError(f"{where}: images of {size[0]} x {size[1]} px; that cannot be")
     rotation = _rotation(pose.rotation, options.mirror is not None, where).T
     lens = read_lens(pose.lens, options.lens_model, where)
+    wide = float(np.degrees(2.0 * np.arctan(0.5 * max(size) / focal.max())))
+    if lens.model != "equidistant" and wide > MAX_FOV_DEG:
+        raise InputError(
+            f"{where}: focal length {focal[0]:.4g} px in images of {size[0]} x {size[1]} px ({wide:.0f} degrees wide); "
+            "give the matrix in pixels, not normalised or in mm"
+        )
     with np.errstate(all="ignore"):
         model, coefficients, said = checked_lens(lens, size, focal, principal, where)
         fov = camera_fov(size, focal, principal, coefficients, model, rotation)
     if said:
         options.notes.append(f"camera {pose.name}: {said}")
-    ratio = (principal + 0.5) / (0.5 * np.array(size))
-    if np.abs(ratio - 1.0).min() > OTHER_SIZE and abs(ratio[0] / ratio[1] - 1.0) < SAME_RATIO and ratio.min() > 0.0:
+    if change := _other_middle(principal, size):
         width, height = np.round(2.0 * principal + 1.0).astype(int).tolist()
-        middle, own, factor = f"{width} x {height}", f"{size[0]} x {size[1]}", float(ratio.mean())
+        middle, own = f"{width} x {height}", f"{size[0]} x {size[1]}"
         options.findings.append(
-            finding(CALIBRATION, "principal-point-off", sensors=[pose.name], middle=middle, size=own, factor=factor)
+            finding(CALIBRATION, "principal-point-off", sensors=[pose.name], middle=middle, size=own, change=change)
         )
     return Camera(
         name=safe_name(pose.name),
@@ -197,6 +206,17 @@ def build_camera(pose: Pose, where: str, options: CalibrationOptions) -> Camera:
         distortion_model=model,
         fov=fov,
     )
+
+
+def _other_middle(principal: Floats, size: tuple[int, int]) -> str:
+    """How images of which the principal point (2,) is the middle differ from those of a size; '' if it may be right."""
+    ratio = (principal + 0.5) / (0.5 * np.array(size))
+    if not np.abs(ratio - 1.0).min() > OTHER_SIZE:
+        return ""
+    if np.abs((principal + 0.5) / (0.5 * np.array(size[::-1])) - 1.0).max() < OTHER_SIZE:
+        return "width and height exchanged"
+    same = ratio.min() > 0.0 and abs(ratio[0] / ratio[1] - 1.0) < SAME_RATIO
+    return f"factor {ratio.mean():.3g}" if same or np.abs(ratio - 1.0).min() > AT_CORNER else ""
 
 
 def _vector(values: Sequence[float] | Floats, n: int, what: str, where: str) -> Floats:

@@ -164,7 +164,7 @@ def matrix_of(values: dict[str, object], names: tuple[str, ...], where: str) -> 
     """The first of the named values as an array."""
     key = next((name for name in names if name in values), None)
     if key is None:
-        raise InputError(f"{where}: has none of {', '.join(names)}")
+        raise InputError(f"{where}: has none of {', '.join(names)}; add one")
     value = values[key]
     shape = None
     if isinstance(value, dict):

@@ -25,9 +25,9 @@ _SUFFIX = re.compile(r"[_-]?(P|proj|projection|matrix|calib|calibration)$", re.I
 
 
 def detect(text: str) -> bool:
-    """Return whether a text is a projection matrix."""
+    """Return whether a text is a projection matrix, also a transposed one, which is refused."""
     try:
-        return matrix_of(text).shape == (3, 4)
+        return matrix_of(text).shape in ((3, 4), (4, 3))
     except ValueError:
         return False
 
@@ -51,7 +51,8 @@ def _camera(path: Path, options: CalibrationOptions) -> Camera:
     except ValueError as error:
         raise InputError(f"{where}: not a matrix of numbers ({error}); three rows of four were expected") from None
     if matrix.shape != (3, 4) or not np.isfinite(matrix).all():
-        raise InputError(f"{where}: {matrix.shape} numbers; three rows of four finite ones were expected")
+        hint = "; transpose it (MATLAB has it so)" if matrix.shape == (4, 3) else ""
+        raise InputError(f"{where}: {matrix.shape} numbers; three rows of four finite ones were expected{hint}")
     k, rotation, centre = take_apart(matrix, where)
     return camera_of_parts(k, rotation, centre, options.image_size, options, name=name, where=where)
 

@@ -49,6 +49,15 @@ def holds_stations(path: Path) -> bool:
     return is_header(list(header)) and bool(header & set(NAMES)) and placed
 
 
+def header_of_table(path: Path) -> list[str]:
+    """Names of the columns of a text table; none for other texts, such as YAML."""
+    try:
+        header = first_line(path, WHAT)
+    except InputError:
+        return []
+    return list(header) if len(header) > 1 and is_header(header) and all(cell.isidentifier() for cell in header) else []
+
+
 def check_stations(path: Path) -> None:
     """InputError for a header with a column twice, or with positions in several units."""
     header = [cell.lower() for cell in first_line(path, WHAT)]
@@ -57,6 +66,13 @@ def check_stations(path: Path) -> None:
     units = {name.partition("_")[2] for name in header if name in COLUMNS and name[0] in "xyz"}
     if len(units) > 1:
         raise InputError(f"{path}: positions are in {_several(units)}; state all in one unit")
+
+
+def occurs_twice(path: Path) -> bool:
+    """Return whether a name is in several rows, as the identity of a track is, and no station."""
+    for rows in read_rows(path, COLUMNS, WHAT, ignore_extra=True):
+        return len(set(rows.cells["name"].tolist())) < len(rows)
+    return False
 
 
 def _several(units: Iterable[str]) -> str:
