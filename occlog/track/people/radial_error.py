@@ -1,0 +1,209 @@
+"""Errors of the cameras' lens distortion, by least squares from people whom two cameras locate, each by itself.
+
+A camera locates the person in a box by feet on the ground and head above them.  Where two cameras differ, rotations of
+them, radial distortion that their calibrations lack, and the distance of the feet from the lower edge explain it: the
+normal equations of all pairs of cameras, in batches of time, give these with standard errors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.track.methods.jipda.normal_equations import solve_batches
+
+from .pair_overlap import FEET_HEIGHTS, BoxesOfCamera, ideal, located, located_by_ends, paired_rows, upright
+
+BATCHES, ITERATIONS, MIN_PAIRS = 24, 3, 10
+"""Batches of time, iterations of pairing and least squares, and pairs of boxes of two cameras that count."""
+YAW, PITCH, RADIAL, FEET = range(4)
+OWN = 3
+"""Parameters of a camera, before that of all: feet."""
+PRIOR = np.array([0.03, 0.03, 0.2, 0.1])
+"""Standard deviations of the parameters before any box: rotations [rad], coefficient of the squared radius, distance of
+the feet beyond the lower edge (in addition to `FEET_HEIGHTS`) in heights of people."""
+EDGE_PX, EDGE_SHARE, ACROSS = 3.0, 0.02, 0.7
+"""Errors of upper and lower edges: pixels, and share of the height; those of middles, relative to these."""
+BODY_HEIGHTS = np.array([0.03, 0.03, 0.015])
+"""Errors of x, y and height by posture, in heights."""
+MAX_CHI2, MAX_APART_HEIGHTS, SETTLED = 16.0, 1.2, 0.3
+"""Boxes of two cameras that are of one person: squared distance in standard deviations, distance in heights, and share
+of the prior standard deviations that is left after an iteration."""
+STUDENT = 6.0
+"""Weights fall with the squared distance over this, as those of Student's t."""
+RADIUS_QUANTILE, MIN_OFFSET_HEIGHTS = 0.95, 0.05
+"""Quantile of the boxes' radii at which the offset is stated, and the least that matters, in median heights of boxes:
+smaller ones are no larger than errors of boxes."""
+MAX_RADIAL, MAX_ROTATION = 0.6, np.radians(1.0)
+"""Largest coefficient of a lens, and rotation of any camera [rad], beyond which there is another mistake."""
+STEP = 1e-3
+"""Step of the difference quotients."""
+
+
+class RadialError(NamedTuple):
+    """Radial distortion that a calibration lacks.
+
+    Attributes:
+        camera: its number.
+        coefficient: k; points at the radius r of the ideal image are at r (1 + k r^2).
+        offset_px: that offset at the radius within which 95 % of the camera's boxes are [px].
+    """
+
+    camera: int
+    coefficient: float
+    offset_px: float
+
+
+def radial_errors(views: Sequence[BoxesOfCamera], steps: int, person_height: float) -> list[RadialError]:
+    """Significant errors of radial distortion that matter, one in a million by chance.
+
+    Args:
+        views: cameras with their boxes.
+        steps: number of time steps.
+        person_height: in the scene's unit.
+    """
+    cameras = [_LocatingCamera(view, person_height) for view in views]
+    values, limit = _estimated(cameras, steps, person_height)
+    out: list[RadialError] = []
+    size = np.abs(values[:, RADIAL])
+    if np.abs(values[:, [YAW, PITCH]]).max() > MAX_ROTATION:
+        return []
+    for c in np.flatnonzero((size > limit) & (size < MAX_RADIAL)).tolist():
+        own, k = views[c], float(values[c, RADIAL])
+        radius = float(
+            np.nanquantile(np.linalg.norm(ideal(own.camera, _edge_middles(own.boxes)), axis=1), RADIUS_QUANTILE)
+        )
+        offset_px = k * radius**3 * float(own.camera.focal_px.mean())
+        if abs(offset_px) > MIN_OFFSET_HEIGHTS * float(np.median(own.boxes[:, 3] - own.boxes[:, 1])):
+            out.append(RadialError(c, k, offset_px))
+    return out
+
+
+def without_radial_error(view: BoxesOfCamera, coefficient: float) -> BoxesOfCamera:
+    """The camera with boxes as they would be if the calibration had the lens's distortion."""
+    camera = view.camera
+    xy = ideal(camera, _edge_middles(view.boxes))
+    xy = xy * (1.0 + coefficient * (xy**2).sum(axis=1, keepdims=True))
+    points = camera.position + np.column_stack([xy, np.ones(len(xy))]) @ camera.rotation.T
+    left, top, right, bottom = camera.project(points).reshape(4, -1, 2)
+    return view._replace(boxes=np.column_stack([left[:, 0], top[:, 1], right[:, 0], bottom[:, 1]]))
+
+
+def _edge_middles(boxes: Floats) -> Floats:
+    """(4 n, 2) middles of the left, upper, right and lower edges of boxes (n, 4)."""
+    u, v = 0.5 * (boxes[:, 0] + boxes[:, 2]), 0.5 * (boxes[:, 1] + boxes[:, 3])
+    edges = ((boxes[:, 0], v), (u, boxes[:, 1]), (boxes[:, 2], v), (u, boxes[:, 3]))
+    return np.concatenate([np.column_stack(edge) for edge in edges])
+
+
+class _LocatingCamera:
+    """A camera, and the people in its boxes: feet and heads in the ideal image, and where these place them."""
+
+    def __init__(self, view: BoxesOfCamera, person_height: float) -> None:
+        """Take the boxes that locate a person."""
+        self.camera, self.height = view.camera, person_height
+        own = np.isfinite(located(view, person_height)).all(axis=1)
+        boxes, self.steps = view.boxes[own], view.steps[own]
+        self.ends = upright(self.camera, boxes)
+        self.people = self.located(self.ends, np.zeros(len(PRIOR)))
+
+    def located(self, ends: Floats, values: Floats) -> Floats:
+        """(n, 3) x, y and height of people by their feet and heads (2, n, 2), with the parameters (4,)."""
+        feet, head = ends * (1.0 + values[RADIAL] * (ends**2).sum(axis=-1, keepdims=True)) + values[[YAW, PITCH]]
+        return located_by_ends(self.camera, feet, head, (FEET_HEIGHTS + values[FEET]) * self.height)
+
+    def seen(self, people: Floats) -> Floats:
+        """(2, n, 2) feet and heads of people (n, 3) in the ideal image."""
+        feet = people * [1.0, 1.0, 0.0]
+        at = (np.stack([feet, people]) - self.camera.position) @ self.camera.rotation
+        return np.asarray(at[..., :2] / at[..., 2:])
+
+    def slopes(self, ends: Floats) -> Floats:
+        """(n, 3, 4) derivatives of where people are by the parameters, in prior standard deviations."""
+        steps = STEP * np.eye(len(PRIOR))
+        return np.stack([self.located(ends, e) - self.located(ends, -e) for e in steps], axis=2) * PRIOR / (2.0 * STEP)
+
+    def covariance(self, ends: Floats) -> Floats:
+        """(n, 3, 3) covariance of where people are, by errors of boxes and posture."""
+        none = np.zeros(len(PRIOR))
+        sigma = np.hypot(EDGE_PX / self.camera.focal_px.mean(), EDGE_SHARE * (ends[0, :, 1] - ends[1, :, 1]))
+        moves = STEP * np.array([[[1.0, 0.0], [1.0, 0.0]], [[0.0, 1.0], [0.0, 0.0]], [[0.0, 0.0], [0.0, 1.0]]])
+        parts = [self.located(ends + m[:, None], none) - self.located(ends - m[:, None], none) for m in moves]
+        by_edge = np.stack(parts, axis=2) / (2.0 * STEP) * [ACROSS, 1.0, 1.0] * sigma[:, None, None]
+        body = np.diag((BODY_HEIGHTS * self.height) ** 2)
+        return np.asarray(by_edge @ by_edge.transpose(0, 2, 1) + body)
+
+
+def _estimated(cameras: Sequence[_LocatingCamera], steps: int, person_height: float) -> tuple[Floats, Floats]:
+    """(C, 4) parameters of the cameras, and (C,) least significant coefficients of the radius."""
+    C, count = len(cameras), OWN * len(cameras) + 1
+    values, limit = np.zeros((C, len(PRIOR))), np.full(C, np.inf)
+    for iteration in range(ITERATIONS):
+        for c, camera in enumerate(cameras):
+            camera.people = camera.located(camera.ends, values[c])
+        normal = np.zeros((BATCHES, count, count + 1))
+        for a, b in combinations(range(C), 2):
+            own = np.r_[OWN * a : OWN * (a + 1), OWN * b : OWN * (b + 1), OWN * C]
+            part = _of_pair(cameras[a], cameras[b], steps, person_height, 1.0 if iteration == 0 else SETTLED)
+            normal[np.ix_(range(BATCHES), own, np.r_[own, count])] += part
+        solution, found = solve_batches(normal, 1.0)
+        values[:, :OWN] += solution[:-1].reshape(C, OWN) * PRIOR[:OWN]
+        values[:, FEET] += solution[-1] * PRIOR[FEET]
+        limit = found[RADIAL:-1:OWN] * PRIOR[RADIAL]
+    return values, limit
+
+
+def _of_pair(a: _LocatingCamera, b: _LocatingCamera, steps: int, person_height: float, prior: float) -> Floats:
+    """(B, 7, 8) normal equations of two cameras: their parameters, and that of all."""
+    out = np.zeros((BATCHES, 2 * OWN + 1, 2 * OWN + 2))
+    covariances, slopes = [each.covariance(each.ends) for each in (a, b)], [each.slopes(each.ends) for each in (a, b)]
+    unknown = [
+        cov + prior**2 * s[..., :OWN] @ s[..., :OWN].transpose(0, 2, 1)
+        for cov, s in zip(covariances, slopes, strict=True)
+    ]
+    i, j = paired_rows(a.steps, b.steps)
+    i, j = _of_one_person(i, j, a.people, b.people, unknown, MAX_APART_HEIGHTS * person_height)
+    if len(i) < MIN_PAIRS:
+        return out
+    apart = a.people[i] - b.people[j]
+    # Errors and slopes at the position by both cameras: at that by one of them they follow its error
+    first, second = covariances[0][i], covariances[1][j]
+    share = (second @ np.linalg.solve(first + second, apart[..., None]))[..., 0]
+    ends = [each.seen(b.people[j] + share) for each in (a, b)]
+    weight = np.linalg.inv(a.covariance(ends[0]) + b.covariance(ends[1]))
+    weight /= (1.0 + np.einsum("ni,nij,nj->n", apart, weight, apart) / STUDENT)[:, None, None]
+    first, second = a.slopes(ends[0]), b.slopes(ends[1])
+    G = np.concatenate([-first[..., :OWN], second[..., :OWN], second[..., OWN:] - first[..., OWN:]], axis=2)
+    sums = G.transpose(0, 2, 1) @ weight @ np.concatenate([G, apart[..., None]], axis=2)
+    there = np.isfinite(sums).all(axis=(1, 2))
+    np.add.at(out, (a.steps[i] * BATCHES // steps)[there], sums[there])
+    return out
+
+
+def _of_one_person(
+    i: Ints, j: Ints, first: Floats, second: Floats, covariances: Sequence[Floats], farthest: float
+) -> tuple[Ints, Ints]:
+    """The pairs of rows i and j that are nearest to each other, of people (n, 3) and (m, 3) of two cameras."""
+    with np.errstate(invalid="ignore"):
+        near = np.linalg.norm(first[i, :2] - second[j, :2], axis=1) < farthest
+    near &= _finite(first, covariances[0])[i] & _finite(second, covariances[1])[j]
+    i, j = i[near], j[near]
+    apart = first[i] - second[j]
+    chi2 = np.einsum(
+        "ni,ni->n", apart, np.linalg.solve(covariances[0][i] + covariances[1][j], apart[..., None])[..., 0]
+    )
+    i, j, chi2 = (each[chi2 < MAX_CHI2] for each in (i, j, chi2))
+    nearest = np.full(len(first), np.inf), np.full(len(second), np.inf)
+    for best, own in zip(nearest, (i, j), strict=True):
+        np.minimum.at(best, own, chi2)
+    mutual = (chi2 <= nearest[0][i]) & (chi2 <= nearest[1][j])
+    return i[mutual], j[mutual]
+
+
+def _finite(people: Floats, covariances: Floats) -> Bools:
+    """(n,) whether position and covariance are known."""
+    return np.asarray(np.isfinite(people).all(axis=1) & np.isfinite(covariances).all(axis=(1, 2)))
