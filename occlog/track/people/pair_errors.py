@@ -1,8 +1,8 @@
-"""Errors of the cameras' lens distortion, by least squares from people whom two cameras locate, each by itself.
+"""Errors of lens distortion, and cameras that moved, by least squares from people whom two cameras locate.
 
-A camera locates the person in a box by feet on the ground and head above them.  Where two cameras differ, rotations of
-them, radial distortion that their calibrations lack, and the distance of the feet from the lower edge explain it: the
-normal equations of all pairs of cameras, in batches of time, give these with standard errors.
+Each camera locates the person in a box by feet on the ground and head above them.  Where two cameras differ,
+rotations of them, radial distortion that their calibrations lack, and the distance of the feet from the lower edge
+explain it: the normal equations of all pairs of cameras, in batches of time, give these with standard errors.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.track.methods.jipda.normal_equations import solve_batches
+from occlog.track.methods.jipda.normal_equations import MIN_BATCHES, solve_batches
 
 from .pair_overlap import FEET_HEIGHTS, BoxesOfCamera, ideal, located, located_by_ends, paired_rows, upright
 
@@ -38,8 +38,11 @@ STUDENT = 6.0
 RADIUS_QUANTILE, MIN_OFFSET_HEIGHTS = 0.95, 0.05
 """Quantile of the boxes' radii at which the offset is stated, and the least that matters, in median heights of boxes:
 smaller ones are no larger than errors of boxes."""
-MAX_RADIAL, MAX_ROTATION = 0.6, np.radians(1.0)
-"""Largest coefficient of a lens, and rotation of any camera [rad], beyond which there is another mistake."""
+MAX_RADIAL, MIN_OF_ROTATION = 0.6, 2.0
+"""Largest coefficient of a lens, and least offset relative to that by a rotation of any camera; otherwise there is
+another mistake."""
+MIN_MOVEMENT = np.radians(1.0)
+"""Least rotation during a recording that is stated [rad]."""
 STEP = 1e-3
 """Step of the difference quotients."""
 
@@ -58,8 +61,37 @@ class RadialError(NamedTuple):
     offset_px: float
 
 
-def radial_errors(views: Sequence[BoxesOfCamera], steps: int, person_height: float) -> list[RadialError]:
-    """Significant errors of radial distortion that matter, one in a million by chance.
+class Movement(NamedTuple):
+    """A rotation of a camera at a time of the recording.
+
+    Attributes:
+        camera: its number.
+        share: of the time steps that are before.
+        before, after: (2,) errors of yaw and pitch [rad]: what its points in the ideal image lack.
+    """
+
+    camera: int
+    share: float
+    before: Floats
+    after: Floats
+
+
+class PairFit(NamedTuple):
+    """Parameters of C cameras.
+
+    Attributes:
+        values: (C, 4) least squares.
+        limit: (C,) least significant coefficients of the radius.
+        normal: (B, K, K + 1) normal equations of cameras as they are stated.
+    """
+
+    values: Floats
+    limit: Floats
+    normal: Floats
+
+
+def fit_pairs(views: Sequence[BoxesOfCamera], steps: int, person_height: float) -> PairFit:
+    """Least squares of all pairs of cameras.
 
     Args:
         views: cameras with their boxes.
@@ -67,18 +99,59 @@ def radial_errors(views: Sequence[BoxesOfCamera], steps: int, person_height: flo
         person_height: in the scene's unit.
     """
     cameras = [_LocatingCamera(view, person_height) for view in views]
-    values, limit = _estimated(cameras, steps, person_height)
-    out: list[RadialError] = []
-    size = np.abs(values[:, RADIAL])
-    if np.abs(values[:, [YAW, PITCH]]).max() > MAX_ROTATION:
+    C, count = len(cameras), OWN * len(cameras) + 1
+    values, limit, first = np.zeros((C, len(PRIOR))), np.full(C, np.inf), None
+    for _ in range(ITERATIONS):
+        for c, camera in enumerate(cameras):
+            camera.people = camera.located(camera.ends, values[c])
+        normal = np.zeros((BATCHES, count, count + 1))
+        for a, b in combinations(range(C), 2):
+            own = np.r_[OWN * a : OWN * (a + 1), OWN * b : OWN * (b + 1), OWN * C]
+            part = _of_pair(cameras[a], cameras[b], steps, person_height, 1.0 if first is None else SETTLED)
+            normal[np.ix_(range(BATCHES), own, np.r_[own, count])] += part
+        solution, found = solve_batches(normal, 1.0)
+        values[:, :OWN] += solution[:-1].reshape(C, OWN) * PRIOR[:OWN]
+        values[:, FEET] += solution[-1] * PRIOR[FEET]
+        limit = found[RADIAL:-1:OWN] * PRIOR[RADIAL]
+        first = normal if first is None else first
+    return PairFit(values, limit, np.zeros((BATCHES, count, count + 1)) if first is None else first)
+
+
+def movements(fit: PairFit) -> list[Movement]:
+    """The camera that rotated most at one time, if significantly, one in a million by chance."""
+    C = len(fit.values)
+    parts = [(fit.normal[:s], fit.normal[s:]) for s in range(MIN_BATCHES, BATCHES - MIN_BATCHES + 1)]
+    # The split with the least sum of squares
+    split = max(range(len(parts)), key=lambda k: sum(_explained(part) for part in parts[k]))
+    solved = [solve_batches(part, 1.0) for part in parts[split]]
+    angles, limits = (np.array([each[n][:-1].reshape(C, OWN)[:, :RADIAL] for each in solved]) for n in (0, 1))
+    change, limit = np.abs(angles[1] - angles[0]) * PRIOR[:RADIAL], np.linalg.norm(limits, axis=0) * PRIOR[:RADIAL]
+    change[~(change > np.maximum(limit, MIN_MOVEMENT))] = 0.0
+    if not change.any():
         return []
+    c = int(np.argmax(np.linalg.norm(change, axis=1)))
+    before, after = angles[:, c] * PRIOR[:RADIAL]
+    return [Movement(c, (MIN_BATCHES + split) / BATCHES, before, after)]
+
+
+def _explained(normal: Floats) -> float:
+    """Squares that the least-squares solution of batches (B, K, K + 1) explains."""
+    N, b = normal[..., :-1].sum(axis=0) + np.eye(normal.shape[1]), normal[..., -1].sum(axis=0)
+    return float(b @ np.linalg.solve(N, b))
+
+
+def radial_errors(views: Sequence[BoxesOfCamera], fit: PairFit) -> list[RadialError]:
+    """Significant errors of radial distortion that matter, one in a million by chance."""
+    values, limit = fit.values, fit.limit
+    size = np.abs(values[:, RADIAL])
+    rotations = np.abs(values[:, [YAW, PITCH]]).max(axis=1) * [view.camera.focal_px.mean() for view in views]
+    out: list[RadialError] = []
     for c in np.flatnonzero((size > limit) & (size < MAX_RADIAL)).tolist():
         own, k = views[c], float(values[c, RADIAL])
-        radius = float(
-            np.nanquantile(np.linalg.norm(ideal(own.camera, _edge_middles(own.boxes)), axis=1), RADIUS_QUANTILE)
-        )
-        offset_px = k * radius**3 * float(own.camera.focal_px.mean())
-        if abs(offset_px) > MIN_OFFSET_HEIGHTS * float(np.median(own.boxes[:, 3] - own.boxes[:, 1])):
+        radii = np.linalg.norm(ideal(own.camera, _edge_middles(own.boxes)), axis=1)
+        offset_px = k * float(np.nanquantile(radii, RADIUS_QUANTILE)) ** 3 * float(own.camera.focal_px.mean())
+        tall = float(np.median(own.boxes[:, 3] - own.boxes[:, 1]))
+        if abs(offset_px) > max(MIN_OFFSET_HEIGHTS * tall, MIN_OF_ROTATION * float(rotations.max())):
             out.append(RadialError(c, k, offset_px))
     return out
 
@@ -136,25 +209,6 @@ class _LocatingCamera:
         by_edge = np.stack(parts, axis=2) / (2.0 * STEP) * [ACROSS, 1.0, 1.0] * sigma[:, None, None]
         body = np.diag((BODY_HEIGHTS * self.height) ** 2)
         return np.asarray(by_edge @ by_edge.transpose(0, 2, 1) + body)
-
-
-def _estimated(cameras: Sequence[_LocatingCamera], steps: int, person_height: float) -> tuple[Floats, Floats]:
-    """(C, 4) parameters of the cameras, and (C,) least significant coefficients of the radius."""
-    C, count = len(cameras), OWN * len(cameras) + 1
-    values, limit = np.zeros((C, len(PRIOR))), np.full(C, np.inf)
-    for iteration in range(ITERATIONS):
-        for c, camera in enumerate(cameras):
-            camera.people = camera.located(camera.ends, values[c])
-        normal = np.zeros((BATCHES, count, count + 1))
-        for a, b in combinations(range(C), 2):
-            own = np.r_[OWN * a : OWN * (a + 1), OWN * b : OWN * (b + 1), OWN * C]
-            part = _of_pair(cameras[a], cameras[b], steps, person_height, 1.0 if iteration == 0 else SETTLED)
-            normal[np.ix_(range(BATCHES), own, np.r_[own, count])] += part
-        solution, found = solve_batches(normal, 1.0)
-        values[:, :OWN] += solution[:-1].reshape(C, OWN) * PRIOR[:OWN]
-        values[:, FEET] += solution[-1] * PRIOR[FEET]
-        limit = found[RADIAL:-1:OWN] * PRIOR[RADIAL]
-    return values, limit
 
 
 def _of_pair(a: _LocatingCamera, b: _LocatingCamera, steps: int, person_height: float, prior: float) -> Floats:
