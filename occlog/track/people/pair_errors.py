@@ -13,12 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Bools, Floats, Ints
+from occlog.array_types import Floats, Ints
 from occlog.track.methods.jipda.normal_equations import MIN_BATCHES, solve_batches
 
 from .pair_overlap import FEET_HEIGHTS, BoxesOfCamera, ideal, located, located_by_ends, paired_rows, upright
 
-BATCHES, ITERATIONS, MIN_PAIRS = 24, 3, 10
+BATCHES, ITERATIONS, MIN_PAIRS = 24, 2, 10
 """Batches of time, iterations of pairing and least squares, and pairs of boxes of two cameras that count."""
 YAW, PITCH, RADIAL, FEET = range(4)
 OWN = 3
@@ -41,6 +41,9 @@ smaller ones are no larger than errors of boxes."""
 MAX_RADIAL, MIN_OF_ROTATION = 0.6, 2.0
 """Largest coefficient of a lens, and least offset relative to that by a rotation of any camera; otherwise there is
 another mistake."""
+LIMIT_FACTOR = 1.4
+"""Ratio of critical values of Bartlett's weights over a quarter of the batches to those of Student's t (Kiefer and
+Vogelsang 2005, Table 1: fixed b)."""
 MIN_MOVEMENT = np.radians(1.0)
 """Least rotation during a recording that is stated [rad]."""
 STEP = 1e-3
@@ -103,16 +106,16 @@ def fit_pairs(views: Sequence[BoxesOfCamera], steps: int, person_height: float) 
     values, limit, first = np.zeros((C, len(PRIOR))), np.full(C, np.inf), None
     for _ in range(ITERATIONS):
         for c, camera in enumerate(cameras):
-            camera.people = camera.located(camera.ends, values[c])
+            camera.locate(values[c], 1.0 if first is None else SETTLED)
         normal = np.zeros((BATCHES, count, count + 1))
         for a, b in combinations(range(C), 2):
             own = np.r_[OWN * a : OWN * (a + 1), OWN * b : OWN * (b + 1), OWN * C]
-            part = _of_pair(cameras[a], cameras[b], steps, person_height, 1.0 if first is None else SETTLED)
+            part = _of_pair(cameras[a], cameras[b], steps, person_height)
             normal[np.ix_(range(BATCHES), own, np.r_[own, count])] += part
         solution, found = solve_batches(normal, 1.0)
         values[:, :OWN] += solution[:-1].reshape(C, OWN) * PRIOR[:OWN]
         values[:, FEET] += solution[-1] * PRIOR[FEET]
-        limit = found[RADIAL:-1:OWN] * PRIOR[RADIAL]
+        limit = LIMIT_FACTOR * found[RADIAL:-1:OWN] * PRIOR[RADIAL]
         first = normal if first is None else first
     return PairFit(values, limit, np.zeros((BATCHES, count, count + 1)) if first is None else first)
 
@@ -125,7 +128,10 @@ def movements(fit: PairFit) -> list[Movement]:
     split = max(range(len(parts)), key=lambda k: sum(_explained(part) for part in parts[k]))
     solved = [solve_batches(part, 1.0) for part in parts[split]]
     angles, limits = (np.array([each[n][:-1].reshape(C, OWN)[:, :RADIAL] for each in solved]) for n in (0, 1))
-    change, limit = np.abs(angles[1] - angles[0]) * PRIOR[:RADIAL], np.linalg.norm(limits, axis=0) * PRIOR[:RADIAL]
+    change, limit = (
+        np.abs(angles[1] - angles[0]) * PRIOR[:RADIAL],
+        LIMIT_FACTOR * np.linalg.norm(limits, axis=0) * PRIOR[:RADIAL],
+    )
     change[~(change > np.maximum(limit, MIN_MOVEMENT))] = 0.0
     if not change.any():
         return []
@@ -182,7 +188,15 @@ class _LocatingCamera:
         own = np.isfinite(located(view, person_height)).all(axis=1)
         boxes, self.steps = view.boxes[own], view.steps[own]
         self.ends = upright(self.camera, boxes)
-        self.people = self.located(self.ends, np.zeros(len(PRIOR)))
+        self.errors, slopes = self.covariance(self.ends), self.slopes(self.ends)[..., :OWN]
+        self.by_prior = slopes @ slopes.transpose(0, 2, 1)
+        known = np.isfinite(self.errors).all(axis=(1, 2)) & np.isfinite(self.by_prior).all(axis=(1, 2))
+        self.ends[:, ~known] = np.nan
+        self.locate(np.zeros(len(PRIOR)), 1.0)
+
+    def locate(self, values: Floats, prior: float) -> None:
+        """Locate the people with parameters (4,) that are uncertain by a share of the prior standard deviations."""
+        self.people, self.covariances = self.located(self.ends, values), self.errors + prior**2 * self.by_prior
 
     def located(self, ends: Floats, values: Floats) -> Floats:
         """(n, 3) x, y and height of people by their feet and heads (2, n, 2), with the parameters (4,)."""
@@ -211,21 +225,15 @@ class _LocatingCamera:
         return np.asarray(by_edge @ by_edge.transpose(0, 2, 1) + body)
 
 
-def _of_pair(a: _LocatingCamera, b: _LocatingCamera, steps: int, person_height: float, prior: float) -> Floats:
+def _of_pair(a: _LocatingCamera, b: _LocatingCamera, steps: int, person_height: float) -> Floats:
     """(B, 7, 8) normal equations of two cameras: their parameters, and that of all."""
     out = np.zeros((BATCHES, 2 * OWN + 1, 2 * OWN + 2))
-    covariances, slopes = [each.covariance(each.ends) for each in (a, b)], [each.slopes(each.ends) for each in (a, b)]
-    unknown = [
-        cov + prior**2 * s[..., :OWN] @ s[..., :OWN].transpose(0, 2, 1)
-        for cov, s in zip(covariances, slopes, strict=True)
-    ]
-    i, j = paired_rows(a.steps, b.steps)
-    i, j = _of_one_person(i, j, a.people, b.people, unknown, MAX_APART_HEIGHTS * person_height)
+    i, j = _of_one_person(a, b, MAX_APART_HEIGHTS * person_height)
     if len(i) < MIN_PAIRS:
         return out
     apart = a.people[i] - b.people[j]
     # Errors and slopes at the position by both cameras: at that by one of them they follow its error
-    first, second = covariances[0][i], covariances[1][j]
+    first, second = a.errors[i], b.errors[j]
     share = (second @ np.linalg.solve(first + second, apart[..., None]))[..., 0]
     ends = [each.seen(b.people[j] + share) for each in (a, b)]
     weight = np.linalg.inv(a.covariance(ends[0]) + b.covariance(ends[1]))
@@ -238,26 +246,17 @@ def _of_pair(a: _LocatingCamera, b: _LocatingCamera, steps: int, person_height: 
     return out
 
 
-def _of_one_person(
-    i: Ints, j: Ints, first: Floats, second: Floats, covariances: Sequence[Floats], farthest: float
-) -> tuple[Ints, Ints]:
-    """The pairs of rows i and j that are nearest to each other, of people (n, 3) and (m, 3) of two cameras."""
+def _of_one_person(a: _LocatingCamera, b: _LocatingCamera, farthest: float) -> tuple[Ints, Ints]:
+    """Rows of two cameras with people who are nearest to each other, and within a distance."""
+    i, j = paired_rows(a.steps, b.steps)
     with np.errstate(invalid="ignore"):
-        near = np.linalg.norm(first[i, :2] - second[j, :2], axis=1) < farthest
-    near &= _finite(first, covariances[0])[i] & _finite(second, covariances[1])[j]
+        near = np.linalg.norm(a.people[i, :2] - b.people[j, :2], axis=1) < farthest  # not of those without a position
     i, j = i[near], j[near]
-    apart = first[i] - second[j]
-    chi2 = np.einsum(
-        "ni,ni->n", apart, np.linalg.solve(covariances[0][i] + covariances[1][j], apart[..., None])[..., 0]
-    )
+    apart = (a.people[i] - b.people[j])[..., None]
+    chi2 = (apart * np.linalg.solve(a.covariances[i] + b.covariances[j], apart)).sum(axis=(1, 2))
     i, j, chi2 = (each[chi2 < MAX_CHI2] for each in (i, j, chi2))
-    nearest = np.full(len(first), np.inf), np.full(len(second), np.inf)
+    nearest = np.full(len(a.people), np.inf), np.full(len(b.people), np.inf)
     for best, own in zip(nearest, (i, j), strict=True):
         np.minimum.at(best, own, chi2)
     mutual = (chi2 <= nearest[0][i]) & (chi2 <= nearest[1][j])
     return i[mutual], j[mutual]
-
-
-def _finite(people: Floats, covariances: Floats) -> Bools:
-    """(n,) whether position and covariance are known."""
-    return np.asarray(np.isfinite(people).all(axis=1) & np.isfinite(covariances).all(axis=(1, 2)))
