@@ -212,7 +212,8 @@ class _LocatingCamera:
     def slopes(self, ends: Floats) -> Floats:
         """(n, 3, 4) derivatives of where people are by the parameters, in prior standard deviations."""
         steps = STEP * np.eye(len(PRIOR))
-        return np.stack([self.located(ends, e) - self.located(ends, -e) for e in steps], axis=2) * PRIOR / (2.0 * STEP)
+        parts = [self.located(ends, e) - self.located(ends, -e) for e in steps]
+        return np.asarray(np.stack(parts, axis=2) * PRIOR / (2.0 * STEP))
 
     def covariance(self, ends: Floats) -> Floats:
         """(n, 3, 3) covariance of where people are, by errors of boxes and posture."""
