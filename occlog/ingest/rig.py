@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from occlog.console.text import counted
-from occlog.core.geometry.camera import is_upright, looks_away, meeting_point, vertical
+from occlog.core.geometry.camera import LEVEL, is_upright, looks_away, meeting_point, vertical
 from occlog.io.formats.calibration.common import CALIBRATION
 from occlog.io.formats.calibration.reader import CalibrationFile
 from occlog.records.scene import HEIGHT_SLACK, Camera
@@ -66,7 +66,15 @@ def world_checks(cameras: Sequence[Camera], up: str | None, *, ground_stated: bo
         names = (CALIBRATION, HANDED, UPRIGHT, HEIGHTS)
         return tuple(check for name in names for check in outcome(name, (), unless="there is no calibration"))
     rotations = np.array([c.rotation for c in placed])
-    if looks_away(np.array([c.position for c in placed]), rotations):
+    away = looks_away(np.array([c.position for c in placed]), rotations)
+    if up is None and (away or not is_upright(rotations)) and _upright_if_inverted(placed):
+        inverted = "the extrinsics seem to be inverted"
+        return (
+            *outcome(HANDED, (), unless=inverted),
+            *outcome(UPRIGHT, [finding(UPRIGHT, "extrinsics-inverted", sensors=[c.name for c in placed])]),
+            *outcome(HEIGHTS, (), unless=inverted),
+        )
+    if away:
         left = "the world seems to be left-handed"
         return (
             *outcome(HANDED, [finding(HANDED, "world-left-handed")]),
@@ -91,6 +99,21 @@ def tilted_world(rotations: np.ndarray, up: str | None = None) -> Iterator[Check
         yield finding(UPRIGHT, "world-not-upright", up=text, off_deg=off_deg)
     elif up == AUTO and not vertical(rotations).certain:
         yield finding(UPRIGHT, "vertical-uncertain")
+
+
+def _upright_if_inverted(cameras: Sequence[Camera]) -> bool:
+    """Whether two or more cameras would be level, look down from above the ground, and at a common point.
+
+    With R and T the other way round: `rotation` is then its transpose, and the position minus that times the position.
+    """
+    if len(cameras) < 2:
+        return False
+    rotations = np.array([c.rotation.T for c in cameras])
+    positions = np.array([-c.rotation.T @ c.position for c in cameras])
+    level = np.abs(rotations[:, 2, 0]) < np.sin(LEVEL)
+    down = (rotations[:, 2, 2] < 0.0) & (rotations[:, 2, 1] < 0.0)
+    _, along = meeting_point(positions, rotations[:, :, 2])
+    return bool((level & down & (positions[:, 2] > HEIGHT_SLACK) & (along > 0.0)).all())
 
 
 def _low(cameras: Sequence[Camera]) -> Iterator[Check]:

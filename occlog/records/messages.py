@@ -475,6 +475,12 @@ VERDICT: dict[str, Message] = {
         "the world of the calibration seems not to be upright: by the horizons up is ({up}), {off_deg:.0f} deg from z",
         "turn it (ingest --up auto, or X,Y,Z)",
     ),
+    "extrinsics-inverted": Message(
+        W,
+        "the extrinsics of {sensors} seem to be inverted (camera-to-world for world-to-camera): only then do all of them "
+        "look down from above the ground",
+        "give the inverses of R and T",
+    ),
     "vertical-uncertain": Message(
         W,
         "all cameras have the same viewing direction: up is known up to their pitch, assumed to be 0",
