@@ -477,8 +477,8 @@ VERDICT: dict[str, Message] = {
     ),
     "extrinsics-inverted": Message(
         W,
-        "the extrinsics of {sensors} seem to be inverted (camera-to-world for world-to-camera): only then do all of them "
-        "look down from above the ground",
+        "the extrinsics of {sensors} seem to be inverted (camera-to-world for world-to-camera): only then do all look "
+        "down from above the ground",
         "give the inverses of R and T",
     ),
     "vertical-uncertain": Message(
