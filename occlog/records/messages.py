@@ -477,8 +477,7 @@ VERDICT: dict[str, Message] = {
     ),
     "extrinsics-inverted": Message(
         W,
-        "the extrinsics of {sensors} seem to be inverted (camera-to-world for world-to-camera): only then do all look "
-        "down from above the ground",
+        "the extrinsics of {sensors} are inverted (camera-to-world for world-to-camera): only then do all look down",
         "give the inverses of R and T",
     ),
     "vertical-uncertain": Message(
@@ -528,9 +527,8 @@ VERDICT: dict[str, Message] = {
     ),
     "boxes-corners": Message(
         W,
-        "camera {sensors}: sizes of boxes are right and lower edges (xyxy for xywh): {share:.0%} would end beyond its "
-        "images",
-        "name the columns right and bottom, not width and height",
+        "camera {sensors}: sizes of boxes are right and lower edges (xyxy for xywh): {share:.0%} end beyond its images",
+        "name the columns right and bottom",
     ),
     "rows-duplicated": Message(N, "{file}: {what} skipped, as exact duplicates of rows of this file or an earlier one"),
     "bag-count-differs": Message(N, "topic {topic}: {remark}"),
