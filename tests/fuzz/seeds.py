@@ -7,6 +7,7 @@ import io
 import json
 import struct
 import tempfile
+from base64 import b64encode
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -94,6 +95,7 @@ def bags() -> list[bytes]:
         [("/b", "vision_msgs/msg/Detection2DArray", t, ros_bags.detections(t, (1.0, 2.0, 10.0, 20.0, 0.9, "p", "7")))],
         [("/odas", "odas_ros_msgs/msg/OdasSstArrayStamped", t, ros_bags.sounds(t, (1, 0.6, 0.8, 0.0, 0.5)))],
         [("/p", "geometry_msgs/msg/PoseStamped", t, ros_bags.pose(t, "map", (1, 2, 3)))],
+        [("/gps/fix", "sensor_msgs/msg/NavSatFix", t, ros_bags.fix(t, 52.5163, 13.3777, 30.0))],
         [("/raw/image", "sensor_msgs/msg/Image", t, _raw("rgb8", 3))],
         [("/bayer/image", "sensor_msgs/msg/Image", t, _raw("bayer_rggb8", 1))],
     ]
@@ -122,12 +124,16 @@ def foxglove_bags() -> list[bytes]:
         "timestamp": stamp, "parent_frame_id": "map", "child_frame_id": "a", "translation": {"x": 1, "y": 2, "z": 3},
         "rotation": {"x": 0, "y": 0, "z": 0, "w": 1},
     }  # fmt: skip
+    video = {"timestamp": stamp, "frame_id": "a", "format": "h264", "data": b64encode(stream_samples.H264[0]).decode()}
+    fix = {"timestamp": stamp, "frame_id": "a", "latitude": 52.5163, "longitude": 13.3777, "altitude": 30.5}
     packed = CompressedImage(frame_id="a", data=jpeg(0, (16, 16)), format="jpeg")
     packed.timestamp.FromNanoseconds(10**9)
     kinds = [
         ("foxglove.RawImage", "json", json.dumps(image).encode()),
         ("foxglove.CameraCalibration", "json", json.dumps(info).encode()),
         ("foxglove.FrameTransform", "json", json.dumps(pose).encode()),
+        ("foxglove.CompressedVideo", "json", json.dumps(video).encode()),
+        ("foxglove.LocationFix", "json", json.dumps(fix).encode()),
         ("foxglove.CompressedImage", "protobuf", packed.SerializeToString()),
     ]
 
