@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ast
 import re
+import shlex
 import tomllib
 from collections.abc import Iterator
 from functools import cache
@@ -17,6 +18,7 @@ from typing import NamedTuple
 
 import click
 import pytest
+from command_lines import refusal
 from places import ROOT
 
 from occlog.cli.main import cli
@@ -27,6 +29,8 @@ PACKAGE = ROOT / "occlog"
 OPTION = r"--[a-z](?:[a-z0-9-]*[a-z0-9])?"
 DECLARED = re.compile(rf"(-\w/)?({OPTION}|/--no-)([/ ]{OPTION})*|--\{{\}}/--no-\{{\}}")
 """A text that declares an option."""
+EXAMPLE = re.compile(r"^ *(occlog [a-z-]+ [^\n|&#]*?)(?:$|  | [|&#>])", re.MULTILINE)
+"""A command on a line of its own, as in help."""
 ROOMS: dict[str, tuple[str, ...]] = {
     "ingest": ("ingest",),
     "simulate": ("simulate",),
@@ -164,6 +168,15 @@ def test_commands_in_code_are_there() -> None:
     named = [(t, verb) for t in texts() for verb in re.findall(r"`occlog ([a-z][a-z-]*)", t.text)]
     assert len(named) > 60
     assert [(t.file, t.line, verb) for t, verb in named if verb not in verbs] == []
+
+
+def test_whole_commands_in_code_are_valid() -> None:
+    """Quoted commands, with the types and limits of their values; `{}` and words in capitals stand for any value."""
+    lines = [(t.file, t.line, line) for t in texts() for line in re.findall(r"`(occlog [^`]*)`", t.text)]
+    lines += [(t.file, t.line, found[1]) for t in texts() for found in EXAMPLE.finditer(t.text)]
+    assert len(lines) > 100
+    wrong = [(*each, why) for each in lines if (why := refusal(shlex.split(each[2])))]
+    assert wrong == []
 
 
 def test_options_of_commands_that_texts_name_are_there() -> None:

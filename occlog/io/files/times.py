@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from occlog.array_types import NS, Floats, Ints
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.records.columns import MAX_NS
 
 from .names import check_meaning, match_sensor
@@ -44,6 +44,14 @@ _CAMERA = ("camera", "cam_id", "cam", "sensor", "port")
 _COLUMNS = {**TIME_COLUMNS, "frame": _FRAME, "camera": _CAMERA}
 _BESIDE = ("sync_index",)
 _ISO = re.compile(r"^(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d(?::\d\d)?)(?:[.,](\d{1,9}))?\s*(Z|[+-]\d\d(?::?\d\d)?)?$")
+
+
+def parse_start_time(text: str) -> int:
+    """`parse_time` of what the user states as the start; its InputError names the option."""
+    try:
+        return parse_time(text)
+    except InputError as error:
+        raise InputError(f"{option('start_time')}: {error}") from None
 
 
 def parse_time(text: str, unit: str = "s") -> int:
