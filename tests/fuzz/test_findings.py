@@ -13,6 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from mcap.writer import Writer
+from places import EXAMPLES
 from scipy.io import wavfile
 
 from occlog.cli.main import run
@@ -295,9 +296,18 @@ def test_names_in_files_move_no_cursor(tmp_path: Path, capfd: pytest.CaptureFixt
     ("words", "content", "named"),
     [
         (["simulate", "FILE.yaml", "-o", "x.mcap"], "occlog_scene: 1\nlength_unit: " + "m" * 3000, "FILE.yaml: line 2"),
-        (["ingest", "-o", "x.mcap", "--calibration", "FILE.txt", "--boxes", "a=FILE.txt"], "1,1,1,2,3,4,1,1,1\n", "--calibration-format"),
+        (
+            ["ingest", "-o", "x.mcap", "--calibration", "FILE.txt", "--boxes", "a=FILE.txt"],
+            "1,1,1,2,3,4,1,1,1\n",
+            "--calibration-format",
+        ),
         (["ingest", "FILE.mcap", "none.mcap", "-o", "x.mcap"], "no bag", "FILE.mcap: neither"),
         (["ingest", "-o", "x.mcap", "--truth", "FILE.csv", "--fps", "1,2"], "frame,id,x,y\n0,1,2,3\n", "--fps"),
+        (
+            ["track", "FILE.csv", "--scene", str(EXAMPLES / "room.yaml"), "--method", "fix", "-o", "x.parquet"],
+            "time,sensor,bearing_rad,sigma_rad\n0,nowhere,1,0.1\n",
+            "FILE.csv: bearings: row 0: no sensor 'nowhere'",
+        ),
     ],
 )
 def test_the_line_of_a_command_is_short_and_names_the_file_once(
