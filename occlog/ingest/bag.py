@@ -207,7 +207,9 @@ def _world(found: BagSurvey, plan: IngestPlan, cameras: list[str]) -> str | None
     if plan.world_frame is not None:
         frame = plan.world_frame.lstrip("/")
         if not tree.knows(frame):
-            raise UsageError(f"world_frame {frame!r}: the bag has no such frame; it has: {', '.join(tree.frames)}")
+            raise UsageError(
+                f"{option('world_frame')} {frame!r}: the bag has no such frame; it has: {', '.join(tree.frames)}"
+            )
         return frame
     roots = {tree.still_root(found.frames[c]): c for c in cameras if tree.knows(found.frames[c])}
     if len(roots) > 1:

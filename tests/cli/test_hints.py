@@ -31,6 +31,8 @@ DECLARED = re.compile(rf"(-\w/)?({OPTION}|/--no-)([/ ]{OPTION})*|--\{{\}}/--no-\
 """A text that declares an option."""
 EXAMPLE = re.compile(r"^ *(occlog [a-z-]+ [^\n|&#]*?)(?:$|  | [|&#>])", re.MULTILINE)
 """A command on a line of its own, as in help."""
+BARE = re.compile(r"(?<![\w`.'\"\[{$/-])([a-z]+(?:_[a-z]+)+)(?![\w`(=.'\"/}])")
+"""A name with underscores that is not quoted and not part of a path, a call or a template."""
 ROOMS: dict[str, tuple[str, ...]] = {
     "ingest": ("ingest",),
     "simulate": ("simulate",),
@@ -234,6 +236,18 @@ def test_names_of_options_in_code_are_options_of_their_commands() -> None:
             if not any(flag in commands()[each] for each in own):
                 wrong.append((file, name))
     assert seen > 100
+    assert wrong == []
+
+
+def test_remedies_spell_options_as_the_surface_does() -> None:
+    """A name with an underscore that is an option of a command of the folder is written `option("name")`."""
+    columns = {"sigma_px", "detection_probability", "false_alarm_probability"}
+    wrong = []
+    for text in texts():
+        own = of_folder(text.file) or tuple(commands())
+        for name in BARE.findall(text.text) if " " in text.text.strip() else ():
+            if any(f"--{name.replace('_', '-')}" in commands()[each] for each in own) and name not in columns:
+                wrong.append((text.file, text.line, name))
     assert wrong == []
 
 

@@ -64,7 +64,7 @@ def test_shown_command_lines_are_valid() -> None:
 @pytest.mark.parametrize(
     "line",
     [
-        "occlog track a.mcap --method fix --particles 5", "occlog track a.mcap --particles no", "occlog track a.mcap b.mcap",
+        "occlog track a.mcap --method fix --particles 5", "occlog track a.mcap --particles no", "occlog info a b",
         "occlog track a.mcap --set nothing=1", "occlog track a.mcap --method nothing", "occlog nothing",
         "occlog simulate --store gif", "occlog priors nothing", "occlog info --rows -1 FILE",
     ],

@@ -50,7 +50,24 @@ MEMORY_MB = 2048
 ADDRESS_SPACE = 4 << 30
 """Address space beyond that of the process that forks [bytes]."""
 LAYERS = {".mcap": MCAP, ".parquet": PARQUET, ".zip": ZIP}
-VALUES = ("0", "-1", "0.5", "-0.5", "1e-9", "1e308", "nan", "inf", "-inf", "", "x", "1,2", "9" * 30, "\u202e", "../x", "1:0")
+VALUES = (
+    "0",
+    "-1",
+    "0.5",
+    "-0.5",
+    "1e-9",
+    "1e308",
+    "nan",
+    "inf",
+    "-inf",
+    "",
+    "x",
+    "1,2",
+    "9" * 30,
+    "\u202e",
+    "../x",
+    "1:0",
+)
 CODES = frozenset({0, 2, 3, 4, 5, 6, 7})
 REFUSED = frozenset({ExitCode.USAGE, ExitCode.BAD_INPUT, ExitCode.EXISTS})
 FOLDERS = ("run", "batch", "sweep", "start")
@@ -165,7 +182,9 @@ def draw_attempt(line: str, folder: Path, random: Random) -> Attempt:
     name = random.choice(files)
     data = (folder / name).read_bytes()
     others = [each for each in files if Path(each).suffix == Path(name).suffix]
-    others = random.choice((others, files, [str(p.relative_to(folder)) for p in sorted(folder.iterdir()) if p.is_file()]))
+    others = random.choice(
+        (others, files, [str(p.relative_to(folder)) for p in sorted(folder.iterdir()) if p.is_file()])
+    )
     other = (folder / random.choice(others)).read_bytes()
     match random.choices(("structure", "bytes", "swap", "cut", "empty"), (10, 7, 1, 1, 0.2))[0]:
         case "structure":
@@ -179,7 +198,9 @@ def draw_attempt(line: str, folder: Path, random: Random) -> Attempt:
             return Attempt(words, name, b"")
     layer: Layer | None = LAYERS.get(Path(name).suffix)
     long = data[LONGEST:]  # `changed` keeps files short
-    return Attempt(words, name, changed(data[:LONGEST] if long else data, draw(random, _is_text(data)), other, layer) + long)
+    return Attempt(
+        words, name, changed(data[:LONGEST] if long else data, draw(random, _is_text(data)), other, layer) + long
+    )
 
 
 def _with_option(words: list[str], n: int, random: Random) -> list[str]:
@@ -314,7 +335,9 @@ def _faults(words: list[str], ended: Ended, folder: Path, before: dict[str, tupl
             yield Fault(f"incomplete {Path(name).suffix} of {words[0]}", f"{name}: {why}")
     for line in lines:
         if not line.startswith(("occlog: ", "{")):
-            yield Fault(f"a line without occlog: {words[0]} {' '.join(re.findall('[A-Za-z]{2,}', line))[:60]}", line[:300])
+            yield Fault(
+                f"a line without occlog: {words[0]} {' '.join(re.findall('[A-Za-z]{2,}', line))[:60]}", line[:300]
+            )
         if len(line) > LONG_LINE:
             yield Fault(f"a long line: {words[0]} {form}", line)
     if ended.code in REFUSED:
@@ -323,9 +346,8 @@ def _faults(words: list[str], ended: Ended, folder: Path, before: dict[str, tupl
             yield Fault(f"{len(errors)} error lines of {words[0]}", ended.err[-600:])
         elif ended.code == ExitCode.BAD_INPUT and not any(_names(errors[0], name) for name in (*before, *words)):
             yield Fault(f"no file in the message: {form}", last)
-    if "--json" in words and ended.code not in REFUSED:
-        if why := _json_error(ended.out):
-            yield Fault(f"JSON of {words[0]}", why)
+    if "--json" in words and ended.code not in REFUSED and (why := _json_error(ended.out)):
+        yield Fault(f"JSON of {words[0]}", why)
 
 
 def _names(line: str, name: str) -> bool:

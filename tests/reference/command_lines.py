@@ -49,10 +49,8 @@ def _parse(words: list[str]) -> None:
     chosen = command.choose(words)
     if chosen is not None and not PLACEHOLDER.search(chosen) and command.variant(chosen) is None:
         raise click.UsageError(f"no {command.what} {chosen!r}", context)
-    if chosen in command.variants:
-        names = [chosen]
-    else:  # inputs may choose, or it is a mention of an option alone
-        names = [command.default, *command.variants]
+    # Without a choice in the words inputs may choose, or it is a mention of an option alone
+    names = [chosen] if chosen in command.variants else [command.default, *command.variants]
     errors = []
     for name in names:
         context = click.Context(command, info_name=command.name, parent=context.parent)
@@ -77,7 +75,7 @@ def _completed(words: list[str], params: Sequence[click.Parameter]) -> list[str]
 def _check(command: click.Command, words: list[str], context: click.Context) -> None:
     """Parse the words of a command, of the variant of the context, and convert the values."""
     params = {param.name: param for param in command.get_params(context)}
-    values, left, _ = command.make_parser(context).parse_args(_completed(words, list(params.values())))
+    values, left, _ = command.make_parser(context).parse_args([*_completed(words, list(params.values()))])
     if left:
         raise click.UsageError(f"{left[0]}: one argument too many", context)
     for key, value in values.items():
@@ -93,5 +91,9 @@ def _convert(param: click.Parameter, value: object, context: click.Context) -> N
     if isinstance(value, list | tuple):
         for each in value:
             _convert(param, each, context)
-    elif isinstance(value, str) and not isinstance(param.type, click.Path | click.Tuple) and not PLACEHOLDER.search(value):
+    elif (
+        isinstance(value, str)
+        and not isinstance(param.type, click.Path | click.Tuple)
+        and not PLACEHOLDER.search(value)
+    ):
         param.type.convert(value, param, context)
