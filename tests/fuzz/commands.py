@@ -351,7 +351,9 @@ def _faults(words: list[str], ended: Ended, folder: Path, before: dict[str, tupl
 
 
 def _names(line: str, name: str) -> bool:
-    """Whether a message names a file or the folder that it is in, or the value of an option."""
+    """Whether a message names a file or the folder that it is in, or an option or its value."""
+    if name.startswith("--") and name in line:
+        return True
     path = Path(name.rpartition("=")[2])
     whole = f" {name or '.'}: " in line or repr(name) in line
     return whole or bool(path.suffix and path.name in line) or any(part in line for part in path.parts[:-1])
@@ -437,8 +439,7 @@ def _try_line(line: str, count: int, seconds: float, seed: int, root: Path, out:
     ended = Ended(run(words), "{}", "", 0.0, 0.0)
     first = fault(words, ended, folder, before)
     if ended.code in REFUSED or first:
-        first = first or Fault("", (_printed(folder) / "err").read_text())
-        findings[f"unchanged: {line}"] = f"exit code {ended.code} {first}"
+        findings[f"unchanged: {line}"] = f"exit code {ended.code} {(_printed(folder) / 'err').read_text()} {first}"
     gc.freeze()
     begin = time.monotonic()
     while sum(codes.values()) < count and time.monotonic() < begin + seconds:
