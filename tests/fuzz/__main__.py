@@ -5,6 +5,8 @@ that reach new code are kept and changed again; without it all are drawn from go
 of a good file is repeated until there are so many bytes: what takes longer than it may shows.  Each kind of finding is
 written once, as the bytes that show it and a line that says what happened.  Prints one line a reader, and ends with 1
 if there is a finding.  A run with the same seed draws the same changes.
+
+With `--commands` whole commands are tried (`commands.py`), by the names of commands in place of those of readers.
 """
 
 from __future__ import annotations
