@@ -301,6 +301,7 @@ def test_names_in_files_move_no_cursor(tmp_path: Path, capfd: pytest.CaptureFixt
             "1,1,1,2,3,4,1,1,1\n",
             "--calibration-format",
         ),
+        (["info", "FILE.csv"], f"time,track_id,x_m,{'- ' * 2000}\n0,1,2,3\n", "FILE.csv: tracks requires y"),
         (["ingest", "FILE.mcap", "none.mcap", "-o", "x.mcap"], "no bag", "FILE.mcap: neither"),
         (["ingest", "-o", "x.mcap", "--truth", "FILE.csv", "--fps", "1,2"], "frame,id,x,y\n0,1,2,3\n", "--fps"),
         (
