@@ -312,8 +312,8 @@ def describe_missing(layout: TableLayout, names: Sequence[str]) -> str:
             f"column {counted} counts frames, and {layout.table.NAME} requires times: add a column of times (time_s), "
             "or ingest a truth with its frame rate (occlog ingest --truth FILE --fps RATE)"
         )
-    known = ", ".join(name[:LONGEST_NAME] for name in names)
-    return f"{layout.table.NAME} requires {'; '.join(words)}; the file has {known}"
+    present = ", ".join(name[:LONGEST_NAME] for name in names)
+    return f"{layout.table.NAME} requires {'; '.join(words)}; the file has {present}"
 
 
 def misspelled(layout: TableLayout, names: Sequence[str]) -> str | None:
