@@ -24,11 +24,9 @@ demo: $(VENV)/installed
 	$(BIN)/occlog start sample_data/people -o $(RUN)/walk
 	@echo "Look at $(RUN)/people/report.html and overlay.webm beside it, $(RUN)/room/report.html, $(RUN)/pose2sim/report.html and $(RUN)/walk/report.html; the video is $(RUN)/walk/overlay.webm"
 
-# Comparisons with TrackEval and py-motmetrics install these; without a network they are skipped, or fail with
-# OCCLOG_PEERS_REQUIRED=1. OCCLOG_PEERS=/path/to/python names an environment that has them.
 # worksteal gives each worker a contiguous part of the tests: those of a folder share kernels, and run in one worker.
 test: $(VENV)/installed-dev
-	$(BIN)/python -m pytest -n auto --dist worksteal --durations 30 --durations-min 1 -m "not serial and not statistics"
+	$(BIN)/python -m pytest -n auto --dist worksteal --durations 30 --durations-min 1 -m "not serial and not statistics" --ignore tests/report/browser
 	$(BIN)/python -m pytest --durations 5 -m serial $$(grep -rlw serial tests --include="test_*.py")
 
 # Kernels as plain Python, which checks bounds: the fast tests of the folders that have kernels.
@@ -37,7 +35,9 @@ KERNELS = core filtering measure/clusters measure/regions simulate/balls simulat
 test-fast: $(VENV)/installed-dev
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -m "not slow and not statistics and not jit and not serial" $(KERNELS:%=tests/%)
 
-# Errors over many runs, which only change with the methods: `make test` has a short form of each.
+# Errors over many runs, which only change with the methods, and documents that are run: `make test` has shorter forms.
+# Comparisons with TrackEval and py-motmetrics install these; without a network they are skipped, or fail with
+# OCCLOG_PEERS_REQUIRED=1. OCCLOG_PEERS=/path/to/python names an environment that has them.
 test-statistics: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -n auto --dist worksteal -m statistics $$(grep -rlw statistics tests --include="test_*.py")
 

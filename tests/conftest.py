@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import base64
 import fcntl
 import gc
 import os
 import signal
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
+from matplotlib.figure import Figure
 
 ROOT = Path(__file__).resolve().parents[1]
 
-# The same examples in every run, whatever machine it is on; HYPOTHESIS_PROFILE=explore draws new ones.
-settings.register_profile("same", derandomize=True, deadline=None)
+# The same examples in every run, whatever machine it is on; HYPOTHESIS_PROFILE=more has more of them, explore new ones.
+settings.register_profile("same", max_examples=25, derandomize=True, deadline=None)
+settings.register_profile("more", max_examples=100, derandomize=True, deadline=None)
 settings.register_profile("explore", max_examples=500, deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
@@ -47,12 +51,19 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
-@pytest.fixture
-def no_svg(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Figures are drawn, but not written as SVG, which takes most of the time of a page: for tests of its words."""
-    from occlog.report import drawing
+SAVE = Figure.savefig
+DOT = "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGNgAAAAAgABSK+kcQAAAABJRU5ErkJggg=="
+BLANK: dict[str, Any] = {"png": base64.b64decode(DOT), "svg": '<svg width="72pt" height="72pt"></svg>'}
 
-    monkeypatch.setattr(drawing, "raw_svg", lambda _: "<svg></svg>")
+
+def save_blank(_: Figure, out: Any, *, format: str, **__: object) -> None:
+    """Write no figure: layout and rendering take most of the time of a page."""
+    out.write(BLANK[format])
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Draw figures only for tests with the mark `drawn`."""
+    Figure.savefig = SAVE if item.get_closest_marker("drawn") else save_blank  # type: ignore[method-assign, assignment]
 
 
 @pytest.fixture(scope="session")

@@ -202,7 +202,7 @@ class LazyGroup(click.Group):
         from .startup import with_compile_notice
 
         try:
-            with with_compile_notice(ctx):
+            with with_compile_notice():
                 result = super().invoke(ctx)
         except KeyboardInterrupt:
             # click would write an empty line wherever standard error goes

@@ -10,10 +10,8 @@ from contextlib import contextmanager, suppress
 
 import click
 
-from occlog.console.notes import COMPILING
+from occlog.console.notes import COMPILING, QUIET
 
-QUIET = "occlog.quiet"
-"""Key of `--quiet` in the metadata of click's context."""
 KEPT = "once for this command and its method; later runs start at once"
 NOT_KEPT = (
     "in every run, since neither the folder of the program nor the user's cache folder can be written; set "
@@ -22,11 +20,11 @@ NOT_KEPT = (
 
 
 @contextmanager
-def with_compile_notice(root: click.Context) -> Iterator[None]:
-    """Report once that kernels are being compiled, if it takes long and the command of this context is not quiet."""
+def with_compile_notice() -> Iterator[None]:
+    """Report once that kernels are being compiled, if it takes long and the command is not quiet."""
 
     def say(kept: bool) -> None:
-        if not root.meta.get(QUIET):
+        if not QUIET.get():
             click.echo(f"occlog: compiling, {KEPT if kept else NOT_KEPT}", err=True)
 
     COMPILING.append(say)
@@ -38,8 +36,9 @@ def with_compile_notice(root: click.Context) -> Iterator[None]:
 
 
 def remember_quiet(ctx: click.Context, param: click.Parameter, given: bool) -> bool:  # noqa: ARG001
-    """Remember `--quiet`; the quiet stages of a run have their own contexts."""
-    ctx.find_root().meta[QUIET] = given
+    """Remember `--quiet` until the command ends, for lines that are written far from its options."""
+    token = QUIET.set(given)
+    ctx.call_on_close(lambda: QUIET.reset(token))
     return given
 
 

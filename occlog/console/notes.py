@@ -25,6 +25,8 @@ ALIASES: dict[str, str] = {}
 """Paths of temporary files and the names to report instead, such as that which holds standard input."""
 NOTED_ONCE: set[str] = set()
 """Lines of `note_once` of the command that runs."""
+QUIET: ContextVar[bool] = ContextVar("QUIET", default=False)
+"""True in a command that writes no notes on standard error."""
 _KEPT: ContextVar[list[str] | None] = ContextVar("_KEPT", default=None)
 
 
@@ -63,11 +65,14 @@ def note(message: str, quiet: bool = False) -> None:
 
 
 def note_once(message: str) -> None:
-    """Write a line that readers of a file come to at each pass through it; once in a command."""
+    """Write a line that readers of a file come to at each pass through it, once in a command.
+
+    A quiet command writes its warnings alone.
+    """
     kept = _KEPT.get()
     if message not in (NOTED_ONCE if kept is None else kept):
         NOTED_ONCE.add(message)
-        note(message)
+        note(message, QUIET.get() and message.startswith("note:"))
 
 
 def note_findings(texts: Iterable[str], quiet: bool = False) -> None:

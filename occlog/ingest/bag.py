@@ -91,6 +91,8 @@ def look_into(bag: Bag, plan: IngestPlan, note: Note) -> BagSurvey:
     if not (chosen.cameras or chosen.poses or chosen.directions):
         held = ", ".join(f"{t.name} ({t.kind or 'no type'})" for t in found.topics.values()) or "no topic"
         named = any(kind_of(t.kind) is not None for t in found.topics.values())
+        if found.topics and all(t.messages == 0 for t in found.topics.values()):
+            raise InputError(f"{bag.paths[0]}: has no message ({held}); check that these were published, record again")
         remedy = "name boxes and true positions by their topics" if named else "no topic is of a type that is known"
         if (why := next(iter(found.faults.values()), None)) is not None:
             raise InputError(f"{bag.paths[0]}: {why}")

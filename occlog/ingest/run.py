@@ -419,11 +419,13 @@ def _split_tables(
     """
     spans: dict[int | str, TimeSpanNs] = {}
     for table in tables:
-        owner = table.target_id if isinstance(table, Truth) else table.sensor
-        for key in np.unique(owner).tolist():
-            own = table.t_ns[owner == key]
+        keys, rows = np.unique(table.target_id if isinstance(table, Truth) else table.sensor, return_inverse=True)
+        first, last = np.full(len(keys), 2**63 - 1), np.full(len(keys), -(2**63))
+        np.minimum.at(first, rows, table.t_ns)
+        np.maximum.at(last, rows, table.t_ns)
+        for key, low, high in zip(keys.tolist(), first.tolist(), last.tolist(), strict=True):
             here = spans.setdefault(key, TimeSpanNs())
-            here.take(int(own.min()), int(own.max()))
+            here.take(low, high)
             for other, span in known.get(key, ()):
                 if span.first <= here.last and here.first <= span.last:
                     raise InputError(f"{path}: {_twice(key, other)}")

@@ -234,11 +234,16 @@ def held(path: Path, *tables: type[ColumnTable]) -> tuple[type[ColumnTable], ...
 def _refuse_stations(path: Path) -> None:
     """InputError for a text table of stations, which is a scene; one with times or frames is none."""
     from occlog.io.external.names import is_in_time
-    from occlog.io.formats.scenes.stations import check_stations, holds_stations
+    from occlog.io.formats.scenes.stations import check_stations, holds_stations, occurs_twice
 
     source = _source(path) if content_of(path) is Content.OTHER and holds_stations(path) else None
     if source is not None and not is_in_time(source.names):
         check_stations(path)
+        if occurs_twice(path):
+            raise InputError(
+                f"{path}: has no column of times or frame numbers among {', '.join(source.names)}; name one "
+                "time_s or t_ns"
+            )
         raise InputError(f"{path}: is a table of stations, not of what they measured; give it as the scene")
 
 
@@ -310,7 +315,10 @@ class ExternalPositions(NamedTuple):
 
 
 def external_positions(path: Path, length_unit: str) -> ExternalPositions | None:
-    """Positions of trajectories (TUM, TRC, GeoJSON, GPX, EuRoC) or on the earth; None for a file of another kind.
+    """Positions of a file that the formats of data sets do not have; None for a file of another kind.
+
+    These are trajectories (TUM, TRC, GeoJSON, GPX, EuRoC), positions on the earth, Parquet and Arrow, and text with
+    lengths in units that names of columns state.
 
     Args:
         path: the file.
@@ -324,15 +332,18 @@ def external_positions(path: Path, length_unit: str) -> ExternalPositions | None
     if path.is_dir() and not parquet_parts(path):
         return None
     source = _source(path)
-    if source is None or not (source.trajectories is not None or source.geodetic is not None or source.commented):
+    if source is None:
         return None
+    text = source.kind == "CSV" and source.geodetic is None
     try:
         opened = _external_table(source, (Truth,))
     except InputError:
-        if source.commented:
+        if text:
             return None
         raise
     assert opened.foreign is not None
+    if text and not source.commented and opened.length_unit is None:
+        return None
     opened.foreign.convert_to(length_unit)
     on_earth = source.geodetic is not None or source.kind in ("GPX", "GeoJSON")
     return ExternalPositions(opened.foreign.rows(Truth), on_earth)

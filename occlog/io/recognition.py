@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from occlog.errors import InputError, UsageError
 from occlog.io.files.limits import BAG_MAGICS, RECORDING_MAGIC, guarded, is_odas
+from occlog.io.files.texts.csv_rows import UTF16_MARKS
 
 if TYPE_CHECKING:
     from occlog.io.files.texts.formats import FileFormat, Probe
@@ -135,7 +136,7 @@ def _of_file(path: Path) -> Iterator[FileContent]:
         yield FileContent(FileKind.SOUND, "sound (WAV)")
     elif _is_video(path):
         yield FileContent(FileKind.VIDEO, "video")
-    elif b"\0" in head:
+    elif b"\0" in head and not head.startswith(UTF16_MARKS):
         yield from _of_binary(path)
     else:
         yield from _of_text(path, head)

@@ -265,6 +265,7 @@ VERDICT: dict[str, Message] = {
         "check frame numbers and clocks, or process noise",
     ),
     "time-unit-differs": Message(W, _MEET, "state the unit of the times, for instance as t_ms, t_us or t_ns"),
+    "times-in-days": Message(W, _MEET, "write seconds, or dates as 2024-05-01T12:00:00.25Z"),
     "times-shifted": Message(W, _MEET, "check first frame numbers, start times and clocks"),
     "frame-rate-differs": Message(W, _MEET, "check the frame rates of both"),
     "length-unit-differs": Message(W, _MEET, "state the unit of lengths, for instance as x_mm or x_cm"),
@@ -637,6 +638,22 @@ VERDICT: dict[str, Message] = {
         W,
         "array {sensors}: microphone {microphones} is {samples} samples {side}, beyond what its distance permits",
         "record all channels with one clock, or shift the channel",
+    ),
+    "microphone-unrelated": Message(
+        W,
+        "array {sensors}: microphone {microphones} has no sound in common with the others",
+        "check its cable and channel, or remove it",
+    ),
+    "microphone-inverted": Message(
+        W,
+        "array {sensors}: microphone {microphones} has the other sign than the rest",
+        "exchange the wires of its cable, or negate the channel",
+    ),
+    "microphones-exchanged": Message(
+        W,
+        "array {sensors}: delays are {misfit:.2g} samples off a plane wave, and fit one with microphones {microphones} "
+        "exchanged",
+        "check the order of the channels",
     ),
     "clipped": Message(
         N,

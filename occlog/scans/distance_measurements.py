@@ -37,6 +37,7 @@ from occlog.filtering.likelihood.distances import (
     concat,
     no_measurements,
 )
+from occlog.io.files.utc import time_words
 from occlog.records.declared.sensors import DIFFERENCES, VALUES, Measurements
 from occlog.records.scene import Scene
 from occlog.records.tables import Reads
@@ -84,7 +85,7 @@ class RangeDifferenceCheck:
 
 
 def _where(table: Measurements, n: int) -> str:
-    return f"of {str(table.sensor[n])!r} at {table.t_ns[n]} ns"
+    return f"of {str(table.sensor[n])!r} at {time_words(table.t_ns[n])}"
 
 
 def check_plausible(
@@ -133,7 +134,8 @@ def _refuse_copies(table: Measurements, row: Ints, packed: RangeMeasurements) ->
     if same.any():
         n = int(own[order][1:][same][0])
         raise InputError(
-            f"measurements: a value of {str(table.sensor[n])!r} at {table.t_ns[n]} ns is there twice, and would count "
+            f"measurements: a value of {str(table.sensor[n])!r} at {time_words(table.t_ns[n])} is there twice, "
+            "and would count "
             "as two that agree; remove one of the rows"
         )
 
@@ -322,7 +324,10 @@ class DistanceMeasurementFeed:
         last: LastReads | None = None if self._with_times else {}
         for chunk in self._chunks:
             if rest is not None and len(rest) and len(chunk) and chunk.t_ns[0] < rest.t_ns[-1]:
-                raise InputError(f"measurements: time {chunk.t_ns[0]} ns comes after {rest.t_ns[-1]} ns; sort by t_ns")
+                raise InputError(
+                    f"measurements: time {time_words(chunk.t_ns[0])} comes after {time_words(rest.t_ns[-1])}; "
+                    "sort by t_ns"
+                )
             keep = np.ones(len(chunk), dtype=np.bool_)
             if sensors is not None:
                 # Names that the scene does not have are refused later; a difference is of two stations
@@ -425,7 +430,8 @@ def pack(
             remedy = "" if name in PLAIN else f", or set {option}"
             raise InputError(
                 f"measurements: the {WORDS.get(name, name)} of {str(table.sensor[own][silent][0])!r} at "
-                f"{table.t_ns[own][silent][0]} ns has no standard deviation; give a column sigma_{name}{remedy}"
+                f"{time_words(table.t_ns[own][silent][0])} has no standard deviation; give a column "
+                f"sigma_{name}{remedy}"
             )
         other = reference[own] if name in DIFFERENCES else station[own]
         parts.append(

@@ -17,6 +17,7 @@ from occlog.array_types import Bools, Floats, Ints, Ints32
 from occlog.core.occlusion.priors import Priors
 from occlog.errors import InputError, UsageError
 from occlog.filtering.likelihood.distances import RangeMeasurements
+from occlog.io.files.utc import time_words
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED, Bearings
 
@@ -155,8 +156,8 @@ def scans_of(chunks: Iterable[Bearings], scene: Scene, use: BearingRows, window_
         _check_sensors(chunk, names, unplaced, count)
         if last_ns is not None and chunk.t_ns[0] < last_ns:
             raise InputError(
-                f"bearings: row {count}: sensor {str(chunk.sensor[0])!r}: time {chunk.t_ns[0]} ns comes after "
-                f"{last_ns} ns; sort by t_ns"
+                f"bearings: row {count}: sensor {str(chunk.sensor[0])!r}: time {time_words(chunk.t_ns[0])} comes after "
+                f"{time_words(last_ns)}; sort by t_ns"
             )
         last_ns, count = int(chunk.t_ns[-1]), count + len(chunk)
         table = Bearings.concat([rest, _chosen(chunk, use)])
@@ -247,7 +248,8 @@ def _check_single(table: Bearings, sensor: Ints, scan: Ints, order: Ints) -> Non
         row = int(order[1:][same][0])
         raise InputError(
             f"bearings: sensor {str(table.sensor[row])!r} has two rows for target {table.target_id[row]} at "
-            f"{table.t_ns[row]} ns; a sensor has one row a target and time (candidates that may be of any object "
+            f"{time_words(table.t_ns[row])}; a sensor has one row a target and time (candidates that may be of "
+            "any object "
             "have target_id -1)"
         )
 

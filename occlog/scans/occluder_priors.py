@@ -15,6 +15,7 @@ from occlog.array_types import NS, Floats
 from occlog.core.navigation.obstacles import MovingObstacleTracks, StepClock
 from occlog.core.occlusion.priors import Priors, gaussian_priors, no_priors, polygon_priors
 from occlog.errors import InputError
+from occlog.io.files.utc import time_words
 from occlog.io.open import Opened, check_unit
 from occlog.records.tables import Hulls, Occluders, Tracks, Truth
 
@@ -69,7 +70,8 @@ def _by_time(chunks: Iterable[Occluders] | Iterable[Hulls]) -> Iterator[tuple[in
             continue
         if rest is not None and chunk.t_ns[0] < rest.t_ns[-1]:
             raise InputError(
-                f"{chunk.NAME}: time {chunk.t_ns[0]} ns comes after {rest.t_ns[-1]} ns; sort the rows by t_ns"
+                f"{chunk.NAME}: time {time_words(chunk.t_ns[0])} comes after {time_words(rest.t_ns[-1])}; sort "
+                "the rows by t_ns"
             )
         table = chunk if rest is None else type(chunk).concat([rest, chunk])  # type: ignore[list-item]
         starts = [0, *(np.flatnonzero(np.diff(table.t_ns)) + 1).tolist()]
@@ -96,7 +98,7 @@ def _priors(table: Occluders | Hulls, diameter: float) -> Priors:
     try:
         return polygon_priors(np.split(np.column_stack([there.x, there.y]), starts[1:]), diameter)
     except ValueError as error:
-        raise InputError(f"hulls: time {there.t_ns[0]} ns: {error}; leave it out") from error
+        raise InputError(f"hulls: time {time_words(there.t_ns[0])}: {error}; leave it out") from error
 
 
 def known_positions(truth: Iterable[Truth]) -> Iterator[Occluders]:

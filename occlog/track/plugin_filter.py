@@ -9,6 +9,7 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.errors import PluginError
+from occlog.io.files.utc import time_words
 from occlog.plugins.interface import EstimatedPosition, Filter, TargetScan
 from occlog.plugins.loading import Plugin, plugin_errors
 from occlog.records.scene import Scene
@@ -50,7 +51,7 @@ class PluggedFilter:
             return None
         wrong = fault_of(position)
         if wrong is not None:
-            raise PluginError(f"{self._plugin.label}: at {scan.t_ns} ns: {wrong}")
+            raise PluginError(f"{self._plugin.label}: at {time_words(scan.t_ns)}: {wrong}")
         xy, velocity = np.asarray(position.xy, dtype=np.float64), position.velocity
         # Score: log-likelihood of the bearings at the estimate
         away = xy - self._positions[sensor[seen]]

@@ -21,21 +21,10 @@ def stage(quiet: bool) -> None:
     log_compiling()
 
 
-@click.command()
-@quiet_opt
-def stages(quiet: bool) -> None:
-    """A command that runs a quiet one, as `occlog run` does."""
-    stage.main(["-q"], standalone_mode=False)
-
-
-@pytest.mark.parametrize(
-    ("command", "words", "lines"), [(stage, [], 1), (stage, ["-q"], 0), (stages, [], 1), (stages, ["--quiet"], 0)]
-)
-def test_compilation_is_told_once_unless_the_command_that_was_called_is_quiet(
-    command: click.Command, words: list[str], lines: int, capsys: Any
-) -> None:
-    with command.make_context("occlog", words) as ctx, with_compile_notice(ctx):
-        command.invoke(ctx)
+@pytest.mark.parametrize(("words", "lines"), [([], 1), (["-q"], 0), (["--quiet"], 0)])
+def test_compilation_is_told_once_unless_the_command_is_quiet(words: list[str], lines: int, capsys: Any) -> None:
+    with stage.make_context("occlog", words) as ctx, with_compile_notice():
+        stage.invoke(ctx)
     said = capsys.readouterr()
     assert said.err.count("\n") == lines
     assert said.err.startswith("occlog: compiling, once") == bool(lines)
@@ -46,7 +35,7 @@ def test_compilation_is_told_once_unless_the_command_that_was_called_is_quiet(
 def test_where_nothing_can_be_kept_the_line_says_what_to_set(capsys: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(details, "_UNCACHED", [])
     note_uncached()
-    with stage.make_context("occlog", []) as ctx, with_compile_notice(ctx):
+    with stage.make_context("occlog", []) as ctx, with_compile_notice():
         stage.invoke(ctx)
     (line,) = capsys.readouterr().err.splitlines()
     assert "in every run" in line

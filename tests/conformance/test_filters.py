@@ -283,8 +283,3 @@ def test_a_seeded_fault_is_found_by_name(name: str, monkeypatch: pytest.MonkeyPa
 
 def test_a_filter_without_fault_passes_every_check() -> None:
     assert faults_by(CHECKS, Own) == []
-
-
-def test_the_whole_kit_names_the_fault_and_what_follows_from_it() -> None:
-    assert [fault.check for fault in faults_by(CHECKS, TwoLines)] == ["interface"]
-    assert {fault.check for fault in faults_by(CHECKS, WantsTwoSensors)} == {"one-sensor"}

@@ -22,7 +22,7 @@ def test_rows_are_those_of_the_script() -> None:
     assert [[float(c) for c in row[:5]] for row in rows(12)] == [list(map(float, crowd)) for crowd in CROWDS]
 
 
-@pytest.mark.jit
+@pytest.mark.statistics
 @pytest.mark.parametrize("index", [2, 10])
 def test_errors_of_q_are_as_documented(index: int) -> None:
     np.testing.assert_allclose([float(c) for c in rows(8)[index][4:]], q_row(SHAPES[index]), atol=1.5e-4)
@@ -37,7 +37,7 @@ def test_errors_of_p_are_as_documented(index: int) -> None:
     np.testing.assert_allclose(documented[1:], [*recursive, *free], atol=1.5e-3)
 
 
-@pytest.mark.jit
+@pytest.mark.statistics
 def test_lines_are_written_as_in_the_page() -> None:
     assert len(q_line(SHAPES[5]).split("|")) == 10
     assert q_line(SHAPES[5]) in TEXT  # isotropic: no error in any digit

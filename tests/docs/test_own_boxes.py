@@ -18,7 +18,7 @@ SAMPLE = ROOT / "sample_data" / "boxes"
 PAGE = (ROOT / "docs" / "how-to" / "own-boxes.md").read_text()
 
 
-@pytest.mark.jit
+@pytest.mark.statistics
 def test_the_commands_of_the_page(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

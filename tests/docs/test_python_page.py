@@ -11,7 +11,7 @@ import pytest
 from places import ROOT
 
 
-@pytest.mark.jit
+@pytest.mark.statistics
 def test_the_python_of_the_page_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -53,7 +53,7 @@ def test_there_are_four_notebooks_and_they_have_no_magic() -> None:
         assert not any(line.startswith(("%", "!")) for cell in code_cells(path) for line in cell.splitlines())
 
 
-@pytest.mark.jit
+@pytest.mark.statistics
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_notebooks_run_from_top_to_bottom(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if path.stem in NEEDS:

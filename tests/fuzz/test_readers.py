@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from .mutations import EDITS, Change, Edit, changed
 from .readers import READERS
-from .watch import Watch, watching
+from .watch import EVERY, Watch, watching
 
-EXAMPLES = 20
+EXAMPLES = 280 // EVERY
 EDIT = st.builds(Edit, st.integers(0, len(EDITS) - 1), st.integers(0, 2**32 - 1), st.integers(0, 2**32 - 1))
 CHANGE = st.builds(Change, st.booleans(), st.lists(EDIT, min_size=1, max_size=4).map(tuple))
 NUMBER = st.integers(0, 99)

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import pytest
 
 from .readers import READERS
-from .watch import Watch, watching
+from .watch import EVERY, Watch, watching
 
 LENGTH = 120_000
 STRETCHES = {
@@ -33,7 +33,7 @@ def watch() -> Iterator[Watch]:
 @pytest.mark.parametrize("name", READERS)
 def test_a_long_stretch_is_read_or_refused_soon(name: str, watch: Watch) -> None:
     good = READERS[name].seeds[0]
-    for what, stretch in STRETCHES.items():
-        for place in (0, len(good) // 2):
-            outcome = watch.outcome(READERS[name], good[:place] + stretch + good[place:])
-            assert not outcome.found, (outcome.kind, outcome.detail[:200], what, place)
+    tried = [(what, place) for what in STRETCHES for place in (0, len(good) // 2)]
+    for what, place in tried[list(READERS).index(name) % min(EVERY, len(tried)) :: EVERY]:
+        outcome = watch.outcome(READERS[name], good[:place] + STRETCHES[what] + good[place:])
+        assert not outcome.found, (outcome.kind, outcome.detail[:200], what, place)

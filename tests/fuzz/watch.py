@@ -28,6 +28,8 @@ SECONDS = 10
 WAITED_S = 60
 """Twice as long after which something waits for what does not come; once may be a machine that slept."""
 MEGABYTES = 512
+EVERY = int(os.environ.get("OCCLOG_FUZZ_EVERY", "28"))
+"""Of the changes of a list every so many are tried, other ones for each reader; 1: all, as `.ci/run fuzz` does."""
 
 
 class Outcome(NamedTuple):

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from time import process_time
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.recording.reader import open_recording
+from occlog.records.tables import Truth
 
 
 def test_coco_of_images_of_another_size_scales_the_calibration(
@@ -38,3 +43,44 @@ def test_images_stated_to_be_video_are_refused_with_what_to_do(
     assert run(["ingest", str(bag), "-o", str(tmp_path / "x.mcap")]) == ExitCode.BAD_INPUT
     said = capsys.readouterr().err
     assert "topic /left/image: video is stated to be h264, and its data are JPEG; record it as jpeg" in said
+
+
+START = 1_714_564_800
+
+
+@pytest.mark.parametrize("kind", ["mm", "cm", "parquet", "stamps", "utf-16"])
+def test_true_positions_of_other_programs_go_into_recordings(tmp_path: Path, kind: str) -> None:
+    """Units in names of columns, Parquet with times of any kind: these were read by evaluate alone."""
+    time, x = np.array([START, START + 0.5]), np.array([1.0, 1.25])
+    scale = {"mm": 1000.0, "cm": 100.0}.get(kind, 1.0)
+    path, out = tmp_path / f"truth.{'csv' if scale > 1.0 or kind == 'utf-16' else 'parquet'}", tmp_path / "out.mcap"
+    if path.suffix == ".parquet":
+        stamps = pa.array((time * 1e6).astype(np.int64), pa.int64()).cast(pa.timestamp("us", "UTC"))
+        pq.write_table(pa.table({"time": stamps if kind == "stamps" else time, "id": [7, 7], "x": x, "y": x}), path)
+    else:
+        names = f"time,id,x_{kind},y_{kind}" if scale > 1.0 else "time,id,x,y"
+        rows = "".join(f"{t:.1f},7,{v},{v}\n" for t, v in zip(time, scale * x, strict=True))
+        path.write_text(f"{names}\n{rows}", encoding="utf-16" if kind == "utf-16" else "utf-8")
+    assert run(["ingest", "--truth", str(path), "-o", str(out)]) == ExitCode.DONE
+    truth = open_recording(out).read(Truth)
+    assert truth.t_ns.tolist() == [START * 10**9, START * 10**9 + 500_000_000]
+    assert (truth.x.tolist(), truth.target_id.tolist()) == ([1.0, 1.25], [7, 7])
+
+
+def test_a_truth_with_a_clock_that_was_set_back_is_a_warning(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    times = [START + 0.1 * k - 30.0 * (k >= 20) for k in range(40)]
+    (tmp_path / "truth.csv").write_text("time,id,x,y\n" + "".join(f"{t:.1f},1,{k},0\n" for k, t in enumerate(times)))
+    assert run(["ingest", "--truth", str(tmp_path / "truth.csv"), "-o", str(tmp_path / "x.mcap")]) == ExitCode.DONE
+    assert "warning:" in (said := capsys.readouterr().err)
+    assert "line 22: time goes back by 29.9 s" in said
+
+
+def test_many_identities_are_ingested_in_linear_time(tmp_path: Path) -> None:
+    """Finding R22: rows of each identity were sought in all rows; 40,000 took minutes."""
+    rows = "".join(f"{n // 100},{n},{n % 100},{n // 100 % 50}\n" for n in range(40_000))
+    (tmp_path / "truth.csv").write_text("time,id,x,y\n" + rows)
+    begin = process_time()
+    assert run(["ingest", "--truth", str(tmp_path / "truth.csv"), "-o", str(tmp_path / "x.mcap")]) == ExitCode.DONE
+    assert process_time() - begin < 10.0

@@ -285,7 +285,7 @@ def test_black_bars_tell_that_frames_were_scaled(place: Path) -> None:
             "back.csv: line 3: time stamp goes back",
         ),
         (["--video", "cam1={video}", "--timestamps", "cam1={tmp}/repeat.csv"], 4, "line 2: time stamp repeats"),
-        (["--video", "cam1={video}", "--truth", "{tmp}/nan.csv"], 4, "nan.csv: line 2: x is 'nan'"),
+        (["--video", "cam1={video}", "--truth", "{tmp}/nan.csv"], 4, "nan.csv: line 2: x is missing"),
         (["--boxes", "{tmp}/b.csv"], 2, "its frames have no times; give --fps or --timestamps"),
         (["--doa", "{tmp}/d.csv"], 4, "'mike' is none of mic"),
         (["--video", "cam1={video}", "--calibration", "{tmp}/b.csv"], 4, "not a calibration of a known format"),

@@ -67,6 +67,16 @@ def test_times_that_are_missing_or_of_another_sequence_are_refused(
         assert words in line
 
 
+def test_a_quiet_command_states_no_axes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["evaluate", str(write(tmp_path)), "--truth", str(tmp_path / "scene.csv")]
+    run(words)
+    assert "poses of KITTI with" in capsys.readouterr().err
+    run([*words, "-q"])
+    assert "KITTI" not in capsys.readouterr().err
+    run(words)  # quiet for one command alone
+    assert "poses of KITTI with" in capsys.readouterr().err
+
+
 def test_a_world_with_z_up_is_noticed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     lines = "".join(f"1 0 0 {0.1 * k} 0 1 0 {2.0 * k} 0 0 1 0\n" for k in range(N))
     path = write(tmp_path)

@@ -22,6 +22,8 @@ from occlog.io.files.tables.parquet import read_provenance, read_table
 from occlog.io.files.tables.table_writer import write_table
 from occlog.io.formats.models.schemas import verdict_schema
 from occlog.io.formats.scenes.scene import scene_to_yaml
+from occlog.pipeline.batch import run as batch
+from occlog.pipeline.executors.interface import InThisProcess
 from occlog.records.tables import PeopleTracks
 from occlog.records.verdicts import all_plausible, found_by_stage
 
@@ -29,7 +31,7 @@ SECONDS, CROOKED = 12.0, "b"
 INGEST = "  boxes: {a: a.csv, b: b.csv, c: c.csv}\n  scene: scene.yaml\n  fps: 10\n"
 STAGES = "occlog_run: 1\nseed: 1\ningest:\n%strack: {method: jipda}\n"
 
-pytestmark = [pytest.mark.slow, pytest.mark.jit, pytest.mark.usefixtures("no_svg")]
+pytestmark = [pytest.mark.slow, pytest.mark.jit]
 
 
 @pytest.fixture(scope="module")
@@ -119,10 +121,13 @@ def test_with_a_truth_the_camera_is_named_too(folder: Path, capsys: Any) -> None
     assert "camera-rotated" in {each["id"] for each in figures["warnings"]}
 
 
-def test_a_batch_names_it_and_its_tables_carry_it(done: Path, folder: Path, capsys: Any) -> None:
+def test_a_batch_names_it_and_its_tables_carry_it(
+    done: Path, folder: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(batch, "executor_of", lambda *_, **__: InThisProcess())
     out = folder / "all"
     args = ["batch", str(folder / "batch.yaml"), str(done / "recording.mcap"), "-o", str(out), "--tables", "tracks"]
-    assert run([*args, "--strict", "--workers", "1"]) == ExitCode.THRESHOLD
+    assert run([*args, "--strict"]) == ExitCode.THRESHOLD
     told = capsys.readouterr()
     assert "not plausible: 1" in " ".join(told.out.split())
     assert f"plausible: no (track: camera-fits-if {CROOKED}, camera-rotated {CROOKED}" in told.err

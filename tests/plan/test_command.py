@@ -33,6 +33,7 @@ def scene_file(path: Path, text: str) -> Path:
 CAMERA = "{name: %s, position: [%g, %g, 1.2], yaw_deg: %g, focal_px: 142, image_size_px: [256, 128]}"
 
 
+@pytest.mark.drawn
 def test_all_outputs_of_one_call_agree(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     table, picture, page = (tmp_path / name for name in ("plan.parquet", "plan.svg", "plan.html"))
     code = plan(

@@ -71,6 +71,7 @@ def report(*args: object) -> int:
     return run(["report", *(str(a) for a in args)])
 
 
+@pytest.mark.drawn
 def test_a_run_folder_to_page_and_picture(folder: Path, capsys: Any) -> None:
     page, png = folder.parent / "report.html", folder.parent / "report.png"
     assert report(folder, "-o", page, "--png", png, "--title", "A & B") == ExitCode.DONE

@@ -63,6 +63,7 @@ def page() -> str:
     return build_page(run(steps=150, targets=2, cameras=4))
 
 
+@pytest.mark.drawn
 def test_same_input_same_bytes_whatever_the_users_settings() -> None:
     data = run(steps=40, cameras=2)
     page, picture = build_page(data), build_picture(data)
@@ -72,6 +73,7 @@ def test_same_input_same_bytes_whatever_the_users_settings() -> None:
         assert matplotlib.rcParams["font.size"] == 30
 
 
+@pytest.mark.drawn
 def test_page_needs_nothing_from_outside_and_runs_its_own_script_alone(page: str) -> None:
     tags = parsed(page)
     assert not {"link", "iframe", "object", "embed", "base"} & {t for t, _ in tags.tags}
@@ -94,6 +96,7 @@ def test_page_needs_nothing_from_outside_and_runs_its_own_script_alone(page: str
     assert f"script-src 'sha256-{digest}';" in (policy or "")
 
 
+@pytest.mark.drawn
 def test_ids_are_unique_and_references_lead_somewhere(page: str) -> None:
     ids = re.findall(r'\sid="([^"]*)"', page)
     assert len(ids) == len(set(ids))
@@ -104,6 +107,7 @@ def test_ids_are_unique_and_references_lead_somewhere(page: str) -> None:
     assert len(referred) > 10
 
 
+@pytest.mark.drawn
 def test_figures_are_well_formed_and_described(page: str) -> None:
     figures = re.findall(r"<svg.*?</svg>", page, re.DOTALL)
     assert len(figures) == 1 + 2 + 2 + 1  # plan; errors and sightings of two targets; filter
@@ -114,6 +118,7 @@ def test_figures_are_well_formed_and_described(page: str) -> None:
         assert "nan" not in text.lower().replace("nance", "")
 
 
+@pytest.mark.drawn
 def test_colours_can_be_changed_by_the_page(page: str) -> None:
     drawn = "".join(re.findall(r"<svg.*?</svg>", page, re.DOTALL))
     loose = set(re.findall(r'(?<!,)"?(#[0-9a-f]{6})\b', re.sub(r"var\([^)]*\)", "", drawn)))
@@ -122,6 +127,7 @@ def test_colours_can_be_changed_by_the_page(page: str) -> None:
     assert "prefers-color-scheme: dark" in page
 
 
+@pytest.mark.drawn
 def test_tables_have_captions_and_scoped_headers(page: str) -> None:
     tags = [t for t, _ in parsed(page).tags]
     assert tags.count("table") == tags.count("caption") >= 3
@@ -136,7 +142,6 @@ def test_headline_is_the_rmse_of_the_errors() -> None:
     assert float(tile.value) == pytest.approx(want, rel=1e-3)
 
 
-@pytest.mark.usefixtures("no_svg")
 def test_sensor_table_in_degrees() -> None:
     data = run(steps=200, cameras=2)
     row = rows_of(build_page(data), "Sensors")["camera 1"]
@@ -152,6 +157,7 @@ def test_sensor_table_in_degrees() -> None:
     assert float(ratio) == pytest.approx(np.radians(float(off)) / 0.01, rel=0.02)
 
 
+@pytest.mark.drawn
 def test_every_label_is_escaped() -> None:
     data = run(steps=40, cameras=2)
     text = np.where(data.bearings.sensor == "camera 1", EVIL, data.bearings.sensor)
@@ -175,7 +181,8 @@ def test_every_label_is_escaped() -> None:
         ElementTree.fromstring(text)
 
 
-@pytest.mark.slow
+@pytest.mark.drawn
+@pytest.mark.statistics
 def test_long_tracks_make_small_pages() -> None:
     data = run(steps=40_000, cameras=4)
     page = build_page(data)
@@ -184,6 +191,7 @@ def test_long_tracks_make_small_pages() -> None:
     assert "the last" in page
 
 
+@pytest.mark.drawn
 def test_an_outlier_is_named_and_does_not_set_the_scale() -> None:
     data = run(steps=300)
     x = data.tracks.x.copy()
@@ -197,12 +205,14 @@ def test_an_outlier_is_named_and_does_not_set_the_scale() -> None:
     assert "1 step above, up to 1e+05 m at 10 s" in page
 
 
+@pytest.mark.drawn
 @pytest.mark.parametrize("missing", ["scene", "tracks bearings", "truth errors", "bound diagnostics"])
 def test_any_part_may_be_missing(missing: str) -> None:
     data = run(steps=20, cameras=2, **dict.fromkeys(missing.split()))
     assert build_page(data).endswith("</html>\n")
 
 
+@pytest.mark.drawn
 def test_picture_has_its_size_and_says_how_it_was_made() -> None:
     picture = build_picture(run(steps=20, cameras=2, errors=None))
     assert b"ab" * 32 in picture
@@ -210,7 +220,6 @@ def test_picture_has_its_size_and_says_how_it_was_made() -> None:
     assert image.shape == (1056, 1650, 3)
 
 
-@pytest.mark.usefixtures("no_svg")
 def test_without_truth_the_sight_lines_are_shown() -> None:
     page = build_page(run(steps=100, cameras=4, truth=None, errors=None, bound=None, metrics={}))
     assert "Track and lines of sight" in page
@@ -218,6 +227,7 @@ def test_without_truth_the_sight_lines_are_shown() -> None:
     assert "off lines of sight" in page
 
 
+@pytest.mark.drawn
 def test_scene_alone_and_tracks_alone() -> None:
     assert "Floor plan" in build_page(ReportInput(scene=ring_scene(3)))
     assert "Floor plan" in build_page(ReportInput(tracks=run(steps=5).tracks))
@@ -225,6 +235,7 @@ def test_scene_alone_and_tracks_alone() -> None:
         ReportInput(truth=run(steps=5).truth)
 
 
+@pytest.mark.drawn
 def test_empty_tables() -> None:
     page = build_page(
         ReportInput(
@@ -239,10 +250,12 @@ def test_empty_tables() -> None:
     assert rows_of(page, "Tables read")["tracks"] == ["0", "empty"]
 
 
+@pytest.mark.drawn
 def test_a_single_step() -> None:
     assert "Floor plan" in build_page(run(steps=1, cameras=2))
 
 
+@pytest.mark.drawn
 def test_a_target_that_stands_still_with_a_singular_covariance() -> None:
     n = 10
     zero = np.zeros(n)
@@ -265,14 +278,12 @@ def test_a_target_that_stands_still_with_a_singular_covariance() -> None:
     assert "Floor plan" in build_page(ReportInput(tracks=still))
 
 
-@pytest.mark.usefixtures("no_svg")
 def test_losses_are_listed() -> None:
     page = build_page(ReportInput(scene=ring_scene(1), losses=(Loss("cam1.mp4", "frame 80", "ends early", 20),)))
     assert rows_of(page, "Input that was lost")["cam1.mp4"] == ["frame 80", "ends early", "20"]
     assert re.search(r"<dt>input lost</dt><dd class=\"value\">20<", page)
 
 
-@pytest.mark.usefixtures("no_svg")
 def test_many_targets_get_no_figures_of_their_own() -> None:
     page = build_page(run(steps=30, cameras=1, targets=8, bearings=None, diagnostics=None))
     assert page.count("Error and bound over time") == 2 * 6  # heading and title of the figure
@@ -307,7 +318,6 @@ def test_long_times_are_told_in_a_unit_that_suits_them() -> None:
     assert note == "8.292 h, 200 times"
 
 
-@pytest.mark.usefixtures("no_svg")
 def test_heights_have_figures_and_a_row_of_their_own() -> None:
     data = run(steps=200)
     n, columns = len(data.errors), {c.name: getattr(data.errors, c.name) for c in Errors.columns()}
@@ -328,6 +338,7 @@ def test_heights_have_figures_and_a_row_of_their_own() -> None:
     assert "RMSE in space" not in {item.name for item in headline(data)}
 
 
+@pytest.mark.drawn
 def test_cameras_far_away_do_not_make_the_room_a_dot() -> None:
     camera = {"rotation": np.eye(3), "focal_px": np.full(2, 1e6), "principal_px": np.zeros(2), "fov": 1e-3}
     near = Camera("near", np.array([-5.0, 0.0, 1.0]), **camera)
@@ -342,7 +353,6 @@ def test_cameras_far_away_do_not_make_the_room_a_dot() -> None:
     assert "far away: remote" in build_page(data)
 
 
-@pytest.mark.usefixtures("no_svg")
 def test_doubtful_rows_are_counted_with_their_reasons() -> None:
     data = run()
     assert data.diagnostics is not None

@@ -312,7 +312,7 @@ def test_bearings_that_contradict_each_other_are_refused(folder, capsys):
     other = replace(copy, bearing=copy.bearing + 0.1)
     for row, words in (
         (copy, "a row is repeated (t_ns 3000000000, sensor cam2, target_id 0)"),
-        (other, "sensor 'cam2' has two rows for target 0 at 3000000000 ns"),
+        (other, "sensor 'cam2' has two rows for target 0 at 3 s"),
     ):
         write_table(folder / "twice.parquet", Bearings.merge([rows, row]), Provenance("detect"), overwrite=True)
         assert track(folder, "--scene", str(folder / "scene.yaml"), source="twice.parquet") == ExitCode.BAD_INPUT

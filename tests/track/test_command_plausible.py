@@ -138,7 +138,7 @@ def told(capsys: pytest.CaptureFixture[str], args: list[str]) -> Told:
     return Told(code, {w["id"]: w["message"] for w in summary["warnings"]}, summary)
 
 
-METHODS = (["--method", "apf"], ["--method", "map"], ["--method", "fix"])
+METHODS = (["--method", "apf"], ["--method", "map"])
 
 
 @pytest.mark.jit
@@ -150,7 +150,7 @@ def test_what_is_as_stated_is_plausible(method: list[str], tmp_path, capsys) -> 
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize("method", METHODS[:2], ids=lambda m: m[-1])
+@pytest.mark.parametrize("method", METHODS, ids=lambda m: m[-1])
 def test_noise_that_is_stated_too_small_is_said_with_its_factor(method: list[str], tmp_path, capsys) -> None:
     files = record(tmp_path, stated_px=1.0, true_px=2.5)
     for command in ([*files.track, *method], files.evaluate):
@@ -228,7 +228,6 @@ def test_the_truth_of_somebody_else_is_said(tmp_path, capsys) -> None:
 
 
 @pytest.mark.jit
-@pytest.mark.usefixtures("no_svg")
 def test_strict_writes_outputs_and_ends_with_six(tmp_path, capsys) -> None:
     files, page = record(tmp_path, stated_px=0.5, true_px=2.5), tmp_path / "page.html"
     assert run([*files.track, "-q"]) == ExitCode.DONE

@@ -14,8 +14,7 @@ from occlog.records.tables import Diagnostics
 SCENE = "occlog_scene: 1\nroom: [[0, 0], [7.67, 0], [7.67, 3.41], [0, 3.41]]\n"
 
 
-@pytest.mark.slow
-@pytest.mark.jit
+@pytest.mark.statistics
 def test_a_person_among_others_is_followed_by_three_cameras_and_the_fourth_agrees(shared_data, tmp_path, capsys):
     """`cmc_detections`: boxes of several people with misses and false alarms, no labels, no appearance."""
     data = shared_data / "cmc_detections"

@@ -23,8 +23,7 @@ from occlog.track.drivers.tracking import TrackingTask
 from occlog.track.methods.apf.config import ApfConfig
 
 
-@pytest.mark.slow
-@pytest.mark.jit
+@pytest.mark.statistics
 def test_two_of_the_shipped_cameras_find_the_man_where_their_sight_lines_meet(tmp_path, capsys):
     data, names = ROOT / "sample_data" / "pose2sim", ("walk.mcap", "b.parquet", "t.parquet", "d.parquet")
     walk, bearings, tracks, diagnostics = (str(tmp_path / name) for name in names)
@@ -49,8 +48,7 @@ def labelled(boxes: Boxes, scene: Scene) -> Bearings:
     return Bearings.merge(parts)
 
 
-@pytest.mark.slow
-@pytest.mark.jit
+@pytest.mark.statistics
 def test_one_camera_states_covariances_that_hold_the_truth(shared_data, tmp_path, capsys):
     """PETS 2009 S2.L1, View_001: true boxes as bearings of ten people, 17 to 38 m from the camera."""
     data, pets = shared_data / "pets2009_s2l1_view1", tmp_path / "pets.mcap"

@@ -50,6 +50,7 @@ def test_a_target_that_walks_into_a_camera_is_known_as_stated(method: str) -> No
     assert (found.rows, found.nees < 2.5, found.outside < 0.08) == (STEPS, True, True)
 
 
+@pytest.mark.statistics
 @pytest.mark.parametrize("method", ["apf", "map", "fix"])
 def test_a_target_on_the_line_of_all_cameras_is_known_as_stated(method: str) -> None:
     """Sight lines are parallel but for noise; without the uncertainty of distances `fix` has a NEES of 1e5."""

@@ -31,7 +31,7 @@ def followed(made: Recording, **settings: float) -> tuple[float, set[str]]:
     return float(nees.mean()), {f.id for f in findings(summary.checks()) if f.severity == "warning"}
 
 
-@pytest.mark.parametrize("false", [0.0, 0.1])
+@pytest.mark.parametrize("false", [0.0, pytest.param(0.1, marks=pytest.mark.statistics)])
 def test_a_zig_zag_that_one_camera_at_a_time_sees_is_said_to_be_livelier_than_stated(false: float) -> None:
     """Covariances are too small by a factor of up to three there, and more with false bearings."""
     made = record("zig-zag", 4, false=false, miss=0.0, asynchronous=True, seed=101)
@@ -40,6 +40,7 @@ def test_a_zig_zag_that_one_camera_at_a_time_sees_is_said_to_be_livelier_than_st
     assert "process-noise-small" in said
 
 
+@pytest.mark.statistics
 @pytest.mark.parametrize("motion", ["walk", "zig-zag"])
 def test_an_acceleration_that_is_stated_too_small_is_found_out_or_said(motion: str) -> None:
     nees, said = followed(record(motion, 4, seed=100), process_noise_velocity=0.3)

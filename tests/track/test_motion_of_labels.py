@@ -33,7 +33,16 @@ def followed(made: Recording, method: str, **settings: float) -> tuple[float, Ch
     return float(normalised_squared_errors(away, covariances(tracks)).mean()), said[0] if said else None
 
 
-@pytest.mark.parametrize(("method", "cameras"), [("ekf", 2), ("ekf", 4), ("ukf", 4), ("iekf", 2), ("joint", 2)])
+@pytest.mark.parametrize(
+    ("method", "cameras"),
+    [
+        ("ekf", 2),
+        *(
+            pytest.param(*case, marks=pytest.mark.statistics)
+            for case in (("ekf", 4), ("ukf", 4), ("iekf", 2), ("joint", 2))
+        ),
+    ],
+)
 def test_a_zig_zag_makes_the_verdict_of_gaussian_filters_fail(method: str, cameras: int) -> None:
     _, said = followed(record("zig-zag", cameras, seed=810), method)
     assert said is not None
@@ -41,6 +50,7 @@ def test_a_zig_zag_makes_the_verdict_of_gaussian_filters_fail(method: str, camer
     assert "rms_speed" in said.text
 
 
+@pytest.mark.statistics
 def test_it_is_a_note_of_apf_and_a_warning_of_smoothed_tracks_and_the_remedy_helps() -> None:
     made = record("zig-zag", 2, seed=812)
     nees, said = followed(made, "apf")
@@ -55,6 +65,7 @@ def test_it_is_a_note_of_apf_and_a_warning_of_smoothed_tracks_and_the_remedy_hel
     assert said is None
 
 
+@pytest.mark.statistics
 def test_clean_motions_are_far_below_the_limit() -> None:
     """15 recordings; over 600 others (docs/explanation/believe.md) the largest factor is 1.19."""
     config = configure(settings_of("ekf").in_unit("m"), {})

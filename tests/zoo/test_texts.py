@@ -58,7 +58,7 @@ def form(tag: int = 1, channels: int = 3, rate: int = 8000, bits: int = 16) -> b
 SWEEP = "occlog_sweep: 1\nscene: scene.yaml\nseed: 1\nruns: 1\nsimulate: {steps: 3}\ntrack: {particles: VALUE}\n"
 MCAP = b"\x89MCAP0\r\n"
 KINDS = {
-    "header twice": Kind("boxes", "c.csv", BOXES * 2, "line 2: frame is 'frame'; a number"),
+    "header twice": Kind("boxes", "c.csv", BOXES * 2, "line 2: the header again"),
     "open quote": Kind("boxes", "c.csv", BOXES + '0,"1,2,3,4\n', "line 2: 2 cells"),
     "nul": Kind("boxes", "c.csv", BOXES + "0,1,2\0,3,4\n", "line 2: not text"),
     "inf": Kind("boxes", "c.csv", BOXES + "0,inf,2,3,4\n", "a finite number"),
@@ -68,7 +68,7 @@ KINDS = {
     "few cells": Kind("boxes", "c.csv", BOXES + "0,1,2\n", "3 cells, but the first line has 5"),
     "long line": Kind("boxes", "c.csv", BOXES + "1" * 1_000_001, "longer than 1000000 characters"),
     "latin": Kind("boxes", "c.csv", (BOXES + "é").encode("latin-1"), "not UTF-8 text"),
-    "utf-16": Kind("boxes", "c.csv", GOOD.encode("utf-16"), "not UTF-8 text"),
+    "utf-16": Kind("boxes", "c.csv", GOOD.encode("utf-16")[:-1], "not UTF-8 text"),
     "superscript": Kind("boxes", "c.csv", BOXES + "0,²,2,3,4\n", "left is '²'; a number"),
     "column twice": Kind(
         "boxes", "c.csv", "frame,left,left,width,height\n0,1,2,3,4\n", "two columns are called 'left'"
@@ -82,11 +82,11 @@ KINDS = {
     "coco three": Kind("boxes", "c.json", '[{"image_id": 1, "bbox": [1, 2, 3], "score": 1}]', "expected [left, top"),
     "coco inf": Kind("boxes", "c.json", '[{"image_id": 1e400, "bbox": [1, 2, 3, 4], "score": 1}]', "a number was"),
     "times back": Kind("times", "t.csv", "time\n2\n1\n", "line 3: time stamp goes back"),
-    "time nan": Kind("times", "t.csv", "time\nnan\n", "neither a number nor a date"),
+    "time nan": Kind("times", "t.csv", "time\nnan\n", "is missing"),
     "time large": Kind("times", "t.csv", "time\n1e30\n", "too large for seconds"),
     "time of a 99th month": Kind("times", "t.csv", "time\n2001-99-99T00:00:00\n", "month must be in 1..12"),
     "times empty": Kind("times", "t.csv", "", "is empty (0 bytes)"),
-    "truth nan": Kind("truth", "g.csv", "t,x,y\n0,nan,1\n", "a finite number"),
+    "truth nan": Kind("truth", "g.csv", "t,x,y\n0,nan,1\n", "x is missing"),
     "truth text": Kind("truth", "g.csv", "t,x,y\n0,a,1\n", "a number was expected"),
     "truth without y": Kind("truth", "g.csv", "t,x\n0,1\n", "has no column y"),
     "truth depth": Kind("truth", "g.geojson", "[" * 100_000, "not ground truth of a known format"),

@@ -18,7 +18,7 @@ from occlog.console.text import counted
 from occlog.errors import InputError
 from occlog.io.external.cells import TableCells
 from occlog.io.external.table import ForeignTable
-from occlog.io.files.utc import utc
+from occlog.io.files.utc import time_words, utc
 from occlog.records.messages import GAP_INTERVALS
 
 from .findings import Findings
@@ -93,9 +93,9 @@ class SensorTimes:
         for index in np.flatnonzero(steps < 0).tolist():
             self._back += 1
             if self._back == 1:
-                self._first_back = f"{where(index)}: {whole[index + 1]} ns after {whole[index]} ns"
+                self._first_back = f"{where(index)}: {time_words(whole[index + 1])} after {time_words(whole[index])}"
         for index in np.flatnonzero(steps == 0)[:1].tolist():
-            self._first_repeat = self._first_repeat or f"{where(index)}: {whole[index + 1]} ns"
+            self._first_repeat = self._first_repeat or f"{where(index)}: {time_words(whole[index + 1])}"
         self._repeats += int((steps == 0).sum())
         self._note_intervals(whole, steps, frame)
         low, high = int(t_ns.min()), int(t_ns.max())
@@ -298,7 +298,9 @@ class Restarts:
         for row, (t, owner) in enumerate(zip(t_ns, self._table.owners(cells), strict=True)):
             before = self._last.get(owner)
             if before is not None and t < before:
-                self._first = self._first if self._back else cells.fail(row, f"{t} ns after {before} ns")
+                self._first = (
+                    self._first if self._back else cells.fail(row, f"{time_words(t)} after {time_words(before)}")
+                )
                 self._back += 1
             self._last[owner] = t
         self._rows += len(t_ns)

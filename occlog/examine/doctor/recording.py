@@ -22,6 +22,7 @@ from occlog.array_types import NS
 from occlog.consistency.frozen import FrozenCameras
 from occlog.errors import InputError, UsageError
 from occlog.io.files.limits import check_input
+from occlog.io.files.utc import time_words
 from occlog.io.formats.models.fundamental_matrices import attached_epipolar
 from occlog.io.frames.decoders.process import DecodingJob, start_decoder
 from occlog.io.frames.decoders.subprocess_video import decode_apart
@@ -349,7 +350,7 @@ class _RecordingScan:
             len(order),
             lambda start, stop: table(**{name: column[start:stop] for name, column in rows.items()}),
             self._watches[table],
-            lambda row: f"/{table.NAME}, {rows['t_ns'][row]} ns",
+            lambda row: f"/{table.NAME}, {time_words(rows['t_ns'][row])}",
         )
 
     def _frame(self, message: _Message) -> None:

@@ -24,7 +24,7 @@ from occlog.io.external.table import ForeignTable, best_fit
 from occlog.io.files.tables.arrow import from_arrow
 from occlog.io.files.tables.parquet import arrow_batches, groups_of, read_header
 from occlog.io.files.texts.csv_rows import report_bad_lines_to
-from occlog.io.files.utc import utc
+from occlog.io.files.utc import time_words, utc
 from occlog.records.columns import ColumnTable, repeated_rows
 from occlog.records.losses import Loss
 from occlog.records.tables import TABLES, Bearings, Boxes, Truth, TruthBoxes
@@ -64,7 +64,7 @@ class TableWatch:
         if len(back):
             k = int(back[0])
             row = first + k + 1 - (len(whole) - len(t_ns))
-            value = f"{whole[k + 1]} ns after {whole[k]} ns"
+            value = f"{time_words(whole[k + 1])} after {time_words(whole[k])}"
             self.findings.add("order", f"row {row}", value, count=len(back), alike="order")
         self._last = int(whole[-1]) if len(whole) else None
 

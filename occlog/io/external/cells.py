@@ -79,7 +79,7 @@ class TextCells:
             return self._rows.ints(name)
         empty = np.isnan(self._rows.floats(name, blank=True))
         filled = np.where(empty, str(blank), self._rows.cells[name])
-        return CsvRows(self._rows.path, self._rows.lines, {name: filled}).ints(name)
+        return CsvRows(self._rows.path, self._rows.lines, {name: filled}, self._rows.location).ints(name)
 
     def texts(self, name: str, *, blank: bool) -> Strings:
         """(n,) texts; empty ones where `blank` allows them."""
@@ -156,8 +156,10 @@ class ArrowCells:
         return ArrowCells(self._path, self._batch.slice(start, stop - start), self._first + start)
 
     def floats(self, name: str, *, blank: bool) -> Floats:
-        """(n,) finite numbers; NaN for cells that are null, where `blank` allows them."""
+        """(n,) finite numbers, also in texts; NaN for cells that are null, where `blank` allows them."""
         column = self._column(name)
+        if _is_text(_plain(column.type)):
+            return self._in_text(name, column).floats(name, blank=blank)
         if not _is_number(column.type):
             raise self._unfit(name, column.type, "numbers were expected")
         if (beyond := _beyond(column)).any():
@@ -171,8 +173,10 @@ class ArrowCells:
         return values
 
     def ints(self, name: str, *, blank: int | None) -> Ints:
-        """(n,) whole numbers; `blank` for cells that are null; None: none may be."""
+        """(n,) whole numbers, also in texts; `blank` for cells that are null; None: none may be."""
         column = self._column(name)
+        if _is_text(_plain(column.type)):
+            return self._in_text(name, column).ints(name, blank=blank)
         if not _is_number(column.type):
             raise self._unfit(name, column.type, "whole numbers were expected")
         if blank is None and column.null_count:
@@ -188,6 +192,11 @@ class ArrowCells:
             row = int(np.flatnonzero(bad)[0])
             raise self.fail(row, f"{name} is {values[row]:g}; a whole number was expected")
         return values.astype(np.int64)
+
+    def _in_text(self, name: str, column: pa.Array) -> TextCells:
+        """A column of texts as that of a text table."""
+        texts = to_texts(column, f"{self._path}: column {name}", MAX_CELL)
+        return TextCells(CsvRows(self._path, self._first + np.arange(len(self)), {name: texts}, "row"))
 
     def _whole(self, name: str, column: pa.Array) -> pa.Array:
         """A column as whole numbers of 64 bits; InputError for one that is none."""
@@ -263,6 +272,10 @@ class ArrowCells:
             except ValueError as error:  # Arrow's own is one, and that of a time zone with a name that is no text
                 raise InputError(f"{self._path}: column {name}: {error}") from None
             return np.asarray(to_numpy(pc.cast(stamps, pa.int64())), dtype=np.int64)
+        if pa.types.is_duration(column.type):
+            return np.asarray(to_numpy(pc.cast(pc.cast(column, pa.duration("ns")), pa.int64())), dtype=np.int64)
+        if pa.types.is_time(column.type) or pa.types.is_date(column.type):
+            raise self._unfit(name, column.type, "date and time together were expected; write timestamps")
         if pa.types.is_integer(column.type):
             whole = self.ints(name, blank=None)
             return self._scaled(name, whole, column_unit(whole.astype(np.float64), unit, self.fail))

@@ -29,7 +29,14 @@ from occlog.io.files.names import utf8_name
 from occlog.io.files.tables.arrow import SCHEMA_KEY
 from occlog.io.files.tables.parquet import batches, in_parts, open_parquet
 from occlog.io.files.texts.by_reader import table_of
-from occlog.io.files.texts.csv_rows import GZIP_MAGIC, commented_header, first_line, is_header, read_rows
+from occlog.io.files.texts.csv_rows import (
+    GZIP_MAGIC,
+    UTF16_MARKS,
+    commented_header,
+    first_line,
+    is_header,
+    read_rows,
+)
 from occlog.io.files.times import TIME_COLUMNS
 from occlog.io.formats.trajectories import Trajectories, find_trajectories
 
@@ -201,6 +208,7 @@ class ColumnSource(NamedTuple):
         commented: names of columns are in a first line that begins with `#`.
         parts: files of a table that is a folder of Parquet, in order; else none.
         fps: frames per second, where the columns count frames and state no times; None: not stated.
+        nested: columns with several values in a row, which lists and structures are.
         geodetic: columns with positions on the earth, in place of which `names` has those in the scene; None: none.
     """
 
@@ -212,6 +220,7 @@ class ColumnSource(NamedTuple):
     commented: bool = False
     parts: tuple[Path, ...] = ()
     fps: Fraction | None = None
+    nested: tuple[str, ...] = ()
     geodetic: GeodeticColumns | None = None
 
     @property
@@ -340,11 +349,12 @@ def _find_source(path: Path) -> ColumnSource | None:
         return (
             None
             if SCHEMA_KEY.encode() in (schema.metadata or {})
-            else ColumnSource(path, "Parquet", tuple(schema.names))
+            else ColumnSource(path, "Parquet", tuple(schema.names), nested=_nested(schema))
         )
     if head.startswith(FILE_MAGIC) or head.startswith(STREAM_MAGIC):
         with _translated(path, "Arrow"):
-            return ColumnSource(path, "Arrow", tuple(_open_arrow(path).schema.names))
+            schema = _open_arrow(path).schema
+        return ColumnSource(path, "Arrow", tuple(schema.names), nested=_nested(schema))
     if head.startswith(b"#") and _names_times(names := commented_header(path, WHAT)):
         return ColumnSource(path, "CSV", tuple(names), commented=True)
     if _may_be_text(head) and (found := find_trajectories(path)) is not None:
@@ -363,13 +373,17 @@ def _find_source(path: Path) -> ColumnSource | None:
     return None
 
 
+def _nested(schema: pa.Schema) -> tuple[str, ...]:
+    return tuple(field.name for field in schema if pa.types.is_nested(field.type))
+
+
 def _names_times(names: Sequence[str]) -> bool:
     """Return whether one of these names of columns is of times."""
     return any(plain_name(name) in spelled for name in names for spelled in TIME_COLUMNS.values())
 
 
 def _may_be_text(head: bytes) -> bool:
-    return b"\0" not in head
+    return b"\0" not in head or head.startswith(UTF16_MARKS)
 
 
 def _open_arrow(path: Path) -> pa.ipc.RecordBatchFileReader | pa.ipc.RecordBatchStreamReader:

@@ -9,11 +9,13 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from occlog.array_types import Bools, Floats, Ints, Strings
+from occlog.array_types import NS, Bools, Floats, Ints, Strings
 from occlog.errors import InputError
 from occlog.io.files.frame_times import MAX_SECONDS, frames_to_ns
 from occlog.io.files.limits import FREE_BYTES
 from occlog.io.files.texts.csv_rows import COARSEST
+from occlog.io.files.times import note_clock_set
+from occlog.io.files.utc import time_words
 from occlog.io.formats.boxes.columns import both_sizes, disagree
 from occlog.records.columns import ColumnTable, first_row, key_of, largest, repeated_rows
 from occlog.records.declared.sensors import MIN_SIGMA_PX, MIN_SIGMA_RAD, VALUES, WITH_A_RANGE, Measurements
@@ -128,6 +130,10 @@ class ForeignTable:
                 all_of_it.append(part)
                 self._check_held(all_of_it)
             whole = _join(all_of_it)
+            owners = [whole[name] for name in WHOSE if name in whole]
+            note_clock_set(
+                self.source.path, "row", whole["_row"].astype(np.int64), whole[TIME].astype(np.int64), owners
+            )
             parts = iter([_pick(whole, np.argsort(whole[TIME], kind="stable"))])
         held: Values | None = None
         for part in parts:
@@ -317,6 +323,11 @@ def _is_vague(layout: TableLayout, names: Sequence[str]) -> bool:
 
 def check_fits(source: ColumnSource, layout: TableLayout) -> None:
     """InputError where a table lacks columns, or has one with a name that is nearly its own."""
+    if layout.missing and (nested := [n for n in source.nested if n not in layout.names]):
+        raise InputError(
+            f"{source.path}: column {nested[0]} has several values in a row, and {', '.join(layout.missing)} of "
+            f"{layout.table.NAME} is missing; write one column for each value"
+        )
     if layout.missing:
         raise InputError(f"{source.path}: {describe_missing(layout, source.names)}")
     wrong = misspelled(layout, source.names)
@@ -453,10 +464,11 @@ def _as_table(source: ColumnSource, table: type[T], values: Values, row: NDArray
             same &= values[name][1:] == values[name][:-1]
         if same.any():
             k = int(np.flatnonzero(same)[0])
-            key = table.KEY[-1]
+            key, whole = table.KEY[-1], bool((values[TIME].astype(np.int64) % NS == 0).all())
+            remedy = "times are whole seconds: write their fractions" if whole else "remove one, or state identities"
             raise InputError(
                 f"{source.path}: rows {min(row[k], row[k + 1])} and {max(row[k], row[k + 1])} (from 0): "
-                f"{key} {values[key][k]} is twice at {values[TIME][k]} ns; remove one, or give a column of identities"
+                f"{key} {values[key][k]} is twice at {time_words(values[TIME][k])}; {remedy}"
             )
     try:
         return table.of(**values)

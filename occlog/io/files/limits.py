@@ -90,6 +90,8 @@ XML_BY_INGEST = (
     "the video, boxes or calibration of CAMERA, and `ingest --fps RATE` where nothing else gives times"
 )
 BAG_BY_INGEST = "make a recording of it by `occlog ingest {name} -o OUT.mcap`"
+PICKLED = "a pickle of Python; write its rows as Parquet or CSV"
+JSON_BY_INGEST = "boxes in it go into a recording by `occlog ingest --boxes CAMERA={name}`; write other rows as CSV"
 _OTHERS = (
     (0, ROS1_MAGIC, f"a bag of ROS 1; {BAG_BY_INGEST}"),
     (0, SQLITE_MAGIC, f"a database (SQLite), perhaps a bag of ROS 2; {BAG_BY_INGEST}"),
@@ -101,6 +103,14 @@ _OTHERS = (
     (0, b"<dataset", f"XML; {XML_BY_INGEST}"),
     (0, b"\x89PNG", f"an image (PNG); {OF_A_FOLDER}"),
     (0, b"\xff\xd8\xff", f"an image (JPEG); {OF_A_FOLDER}"),
+    (0, b"PK\x03\x04", "a ZIP archive, as of Excel or NumPy; save a sheet as CSV, and arrays as Parquet"),
+    (0, b"\xd0\xcf\x11\xe0", "a file of Excel; save its sheet as CSV"),
+    (0, b"\x89HDF", "HDF5, as of pandas or MATLAB; write its rows as Parquet or CSV"),
+    (0, b"MATLAB 5.0", "a file of MATLAB; write its rows as CSV (writetable)"),
+    (0, b"\x80\x04\x95", PICKLED),
+    (0, b"\x80\x05\x95", PICKLED),
+    (0, b"{", f"JSON; {JSON_BY_INGEST}"),
+    (0, b"[", f"JSON; {JSON_BY_INGEST}"),
 )
 """Position and bytes by which files are known that commands are given by mistake, what they are, and what to do."""
 

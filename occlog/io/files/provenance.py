@@ -6,7 +6,9 @@ Versions of what occlog computes and writes with, as they are installed.
 from __future__ import annotations
 
 import hashlib
+import importlib
 import json
+import os
 import platform
 import re
 from collections.abc import Iterable, Mapping
@@ -48,6 +50,19 @@ def installed_versions() -> dict[str, str]:
         if version is not None:
             found[name] = version
     return dict(sorted(found.items()))
+
+
+CODE_PATHS = ("OPENBLAS_CORETYPE", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "NPY_DISABLE_CPU_FEATURES")
+"""Variables of the environment by which libraries take the code of another processor."""
+
+
+def processor_type() -> str:
+    """Type of the processor as the compiler of the kernels names it, and variables that select another one's code.
+
+    Libraries have code for each type, and the order of their sums differs: last digits of results do, too.
+    """
+    name: str = importlib.import_module("llvmlite.binding").get_host_cpu_name()
+    return " ".join([name, *(f"{key}={os.environ[key]}" for key in CODE_PATHS if key in os.environ)])
 
 
 def _version(name: str) -> str | None:

@@ -13,11 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from occlog.array_types import NS, Floats, Ints
+from occlog.console.notes import note_once
 from occlog.errors import InputError, option
+from occlog.io.files.utc import time_words
 from occlog.records.columns import MAX_NS
 
 from .names import check_meaning, match_sensor
-from .texts.csv_rows import CsvRows, first_line, is_header, last_place, read_plain, read_rows
+from .texts.csv_rows import MISSING, CsvRows, first_line, is_header, last_place, read_plain, read_rows
 
 WHAT = "a table of time stamps"
 UNITS = {"ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9}
@@ -43,7 +45,22 @@ _FRAME = ("frame", "frame_index", "frame_number", "index")
 _CAMERA = ("camera", "cam_id", "cam", "sensor", "port")
 _COLUMNS = {**TIME_COLUMNS, "frame": _FRAME, "camera": _CAMERA}
 _BESIDE = ("sync_index",)
-_ISO = re.compile(r"^(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d(?::\d\d)?)(?:[.,](\d{1,9}))?\s*(Z|[+-]\d\d(?::?\d\d)?)?$")
+_ISO = re.compile(r"^(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d(?::\d\d)?)(?:[.,](\d{1,9}))?\s*(Z|UTC|GMT|[+-]\d\d(?::?\d\d)?)?$")
+_DATE = r"\d{1,4}[./-]\d{1,2}[./-]\d{1,4}"
+_TIME_OF_DAY = r"\d{1,2}:\d\d(:\d\d([.,]\d+)?)?"
+_FORM = "2024-05-01T12:00:00.25Z"
+_OTHERWISE = (
+    (r"[+-]?\d+,\d{1,2}|[+-]?\d+,\d{4,}", "has a decimal comma; write it with a point"),
+    (r"[+-]?\d{1,3}(?:[, '\u00a0\u202f]\d{3})+(?:\.\d*)?", "has separators of thousands; write digits alone"),
+    (_TIME_OF_DAY + r"\s*([AaPp][Mm])?", f"is a time of day without its date; write {_FORM}"),
+    (_DATE + r"[T ]+" + _TIME_OF_DAY + r"\s*([AaPp][Mm])", f"has hours of 12; write {_FORM}"),
+    (
+        r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?\s*[A-Za-z][A-Za-z/_]+",
+        "has a zone by name; write its offset, as +02:00",
+    ),
+    (_DATE + r"(?:[T ]+" + _TIME_OF_DAY + ")?", f"is a date that may be read in several orders; write {_FORM}"),
+)
+"""Texts that are meant as times and are not read, with the reason and the remedy."""
 
 
 def parse_start_time(text: str) -> int:
@@ -71,7 +88,7 @@ def parse_time(text: str, unit: str = "s") -> int:
     except InvalidOperation:
         value = Decimal("NaN")
     if not value.is_finite():
-        raise InputError(f"time {text!r}: neither a number nor a date and time such as 2024-05-01T12:00:00.25Z")
+        raise InputError(f"time {text!r}: {_fault(text.strip())}")
     if value.adjusted() > 30:  # before any arithmetic, which could overflow
         raise InputError(f"time {text!r}: out of range")
     if unit == "s" and abs(value) > LATEST_S:
@@ -85,6 +102,14 @@ def parse_time(text: str, unit: str = "s") -> int:
     return ns
 
 
+def _fault(text: str) -> str:
+    """Why a text is no time, and what to write."""
+    if text.lower() in MISSING:
+        return "is missing; remove the row, or give its time"
+    reason = next((reason for form, reason in _OTHERWISE if re.fullmatch(form, text)), "")
+    return reason or f"neither a number nor a date and time such as {_FORM}; correct or remove this row"
+
+
 def coarse(ns: float) -> str:
     """Faults of times that are held to some nanoseconds only."""
     return f"known to {ns * 1e-9:g} s only, and 1 ms is the limit"
@@ -95,7 +120,7 @@ def _iso_ns(iso: re.Match[str], text: str) -> int:
     if clock.endswith(":60"):
         raise InputError(f"time {text!r}: a leap second, which these times do not have; write it as :59.999")
     try:
-        instant = datetime.fromisoformat(f"{day}T{clock}" + (zone or "+00:00").replace("Z", "+00:00"))
+        instant = datetime.fromisoformat(f"{day}T{clock}" + (zone if zone and zone[0] in "+-" else "+00:00"))
     except ValueError as error:
         raise InputError(f"time {text!r}: {error}") from None
     seconds = (instant - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds()
@@ -187,7 +212,9 @@ def parse_times(rows: CsvRows, name: str, unit: str) -> Ints:
         t_ns = rows.ints(name)
         far = np.flatnonzero((t_ns > MAX_NS) | (t_ns < -MAX_NS))
         if len(far):
-            raise rows.fail(int(far[0]), f"time {t_ns[far[0]]} ns: out of range; times from 1824 to 2115 can be held")
+            raise rows.fail(
+                int(far[0]), f"time {time_words(t_ns[far[0]])}: out of range; times from 1824 to 2115 can be held"
+            )
         return t_ns
     return parse_column(rows.cells[name].tolist(), unit, rows.fail)
 
@@ -308,6 +335,37 @@ def _by_camera(rows: CsvRows, unit: str, cameras: Sequence[str]) -> dict[str, In
     return out
 
 
+MIN_ROWS_A_RUN = 8
+"""Rows from one fall of the times to the next, at least, for a clock that was set; in mean."""
+
+
+def note_clock_set(path: Path, location: str, lines: Ints, t_ns: Ints, owners: Sequence[np.ndarray]) -> None:
+    """Warn of times that go back within the rows of an owner: a clock that was set, or two runs in one file.
+
+    Args:
+        path: the file.
+        location: word for the numbers of rows.
+        lines: (n,) numbers of rows, rising.
+        t_ns: (n,) their times.
+        owners: columns (n,) that identify the owner of a row.
+    """
+    codes = [np.unique(owner, return_inverse=True)[1] for owner in owners]
+    order = np.lexsort([np.arange(len(t_ns)), *codes])
+    new = np.zeros(max(len(t_ns) - 1, 0), dtype=np.bool_)
+    for code in codes:
+        new |= code[order][1:] != code[order][:-1]
+    sorted_ns = t_ns[order]
+    back = np.flatnonzero((sorted_ns[1:] < sorted_ns[:-1]) & ~new)
+    if not len(back) or len(t_ns) < MIN_ROWS_A_RUN * (len(back) + np.count_nonzero(new) + 1):
+        return  # in order, or in another order than that of time
+    first = back[np.argmin(lines[order][back + 1])]
+    note_once(
+        f"warning: {path}: {location} {lines[order][first + 1]}: time goes back by "
+        f"{(sorted_ns[first] - sorted_ns[first + 1]) / NS:.6g} s: a clock that was set, or two runs in one file? Rows "
+        "are sorted by time"
+    )
+
+
 def _in_order(rows: CsvRows, t_ns: Ints, picked: Ints) -> Ints:
     """Times by frame number, strictly rising."""
     if rows.has("frame"):
@@ -323,7 +381,8 @@ def _in_order(rows: CsvRows, t_ns: Ints, picked: Ints) -> Ints:
         row = int(back[0]) + 1
         verb = "repeats" if t_ns[row] == t_ns[row - 1] else "goes back"
         raise rows.fail(
-            int(picked[row]), f"time stamp {verb} ({t_ns[row]} ns after {t_ns[row - 1]} ns); correct the file"
+            int(picked[row]),
+            f"time stamp {verb} ({time_words(t_ns[row])} after {time_words(t_ns[row - 1])}); correct the file",
         )
     check_unit(rows, np.diff(t_ns) / NS)
     return t_ns

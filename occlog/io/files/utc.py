@@ -21,6 +21,7 @@ MIN_DATE_NS = 100_000_000_000_000_000
 
 def time_words(t_ns: int) -> str:
     """Write a time [ns] exactly: as date and time (UTC), or in seconds if it is below `MIN_DATE_NS`."""
+    t_ns = int(t_ns)  # of NumPy, too
     if t_ns < MIN_DATE_NS:
         whole, rest = divmod(abs(t_ns), 1_000_000_000)
         fraction = f"{rest:09d}".rstrip("0")

@@ -52,7 +52,8 @@ from occlog.io.files.texts.formats import (
     read_format,
     recognise,
 )
-from occlog.io.files.times import TIME_COLUMNS, time_column
+from occlog.io.files.times import TIME_COLUMNS, note_clock_set, time_column
+from occlog.io.files.utc import time_words
 from occlog.records.tables import Truth, TruthBoxes
 
 from .boxes.annotations import is_cvat
@@ -362,6 +363,7 @@ def _gather(path: Path, parts: list[Positions]) -> Truth:
     if not parts:
         raise InputError(f"{path}: holds a header and no row; true positions were expected")
     p = Positions._make(np.concatenate(column) for column in zip(*parts, strict=True))
+    note_clock_set(path, "line", p.line, p.t_ns, [p.target_id])
     order = np.lexsort((p.target_id, p.t_ns))
     p = Positions._make(column[order] for column in p)
     double = np.flatnonzero((np.diff(p.t_ns) == 0) & (np.diff(p.target_id) == 0))
@@ -369,7 +371,7 @@ def _gather(path: Path, parts: list[Positions]) -> Truth:
         k = int(double[0])
         raise InputError(
             f"{path}: lines {min(p.line[k : k + 2])} and {max(p.line[k : k + 2])}: target {p.target_id[k]} is twice at "
-            f"{p.t_ns[k]} ns; remove one"
+            f"{time_words(p.t_ns[k])}; remove one"
         )
     with naming(path):
         return Truth.of(t_ns=p.t_ns, target_id=p.target_id, role=p.role, x=p.x, y=p.y, z=p.z)

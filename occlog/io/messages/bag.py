@@ -33,6 +33,7 @@ from occlog.io.files.limits import (
 )
 from occlog.io.files.names import natural_key
 from occlog.io.files.texts.yaml import yaml_documents
+from occlog.io.files.utc import time_words
 from occlog.io.recording.chunks import MAX_CHUNK_BYTES
 from occlog.records.columns import bounded_ns
 from occlog.records.losses import Loss
@@ -162,7 +163,7 @@ class Bag:
             return unpack_frames(message.data, MAX_CHUNK_BYTES)
         except zstandard.ZstdError as error:
             reason = str(error)
-        self._losses.append(Loss(message.topic, f"{message.log_ns} ns", f"damaged compressed message: {reason}", 1))
+        self._losses.append(Loss(message.topic, time_words(message.log_ns), f"damaged compressed message: {reason}", 1))
         return None
 
     def unpack(self, path: Path) -> Path:

@@ -10,6 +10,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 from occlog.errors import InputError
+from occlog.io.files.utc import time_words
 from occlog.io.recording.chunks import MAX_CHUNK_BYTES
 from occlog.records.losses import Loss
 
@@ -74,7 +75,7 @@ class SqliteFile:
                     last = log_ns
                     yield BagMessage(self._topics[number].name, last, data)
         except (sqlite3.Error, ValueError) as error:
-            location = f"after {last} ns" if last else "first message"
+            location = f"after {time_words(last)}" if last else "first message"
             self.losses[Loss(self.name, location, f"damaged SQLite file: the rest cannot be read ({error})")] = None
 
     def _note_side_files(self) -> None:

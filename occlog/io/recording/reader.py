@@ -19,6 +19,7 @@ from occlog.array_types import NS
 from occlog.errors import InputError
 from occlog.io.files.limits import Content, content_of
 from occlog.io.files.provenance import UNKNOWN, Provenance, hash_file, provenance_from_json
+from occlog.io.files.utc import time_words
 from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.io.frames.decoders.subprocess_video import SubprocessVideo, decode_apart
 from occlog.records.columns import ColumnTable, bounded_ns
@@ -162,8 +163,8 @@ class McapRecording:
             stamp, decode, encoded = self._decoder(topics[name], sensor, t_ns, data, index, linked)
             if sensor in last and stamp <= last[sensor]:
                 raise InputError(
-                    f"{self.path}: camera {sensor}: frame {index}: time {stamp} ns does not come after "
-                    f"{last[sensor]} ns; each frame needs its own, later time"
+                    f"{self.path}: camera {sensor}: frame {index}: time {time_words(stamp)} does not come after "
+                    f"{time_words(last[sensor])}; each frame needs its own, later time"
                 )
             last[sensor] = stamp
             yield Frame(stamp, sensor, index, decode, encoded)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from occlog.array_types import Ints, Strings
 from occlog.errors import InputError
 from occlog.io.files.limits import check_texts
+from occlog.io.files.utc import time_words
 from occlog.records.columns import Column, ColumnTable, check_copies
 from occlog.records.tables import Bearings, Boxes, Doa, Occluders, Positions, Reads, Truth, TruthBoxes, has_all_columns
 
@@ -134,7 +135,7 @@ class RowCollector(Generic[T]):
         if self.rows > MAX_ROWS_AT_ONCE:
             raise InputError(
                 f"{self._source}: topic {topic}: more than {MAX_ROWS_AT_ONCE} rows of one time, up to "
-                f"{message.t_ns} ns; this many are not held at once"
+                f"{time_words(message.t_ns)}; this many are not held at once"
             )
         for name, values in given.items():
             self._lists[name].extend(values)

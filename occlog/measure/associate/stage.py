@@ -13,6 +13,7 @@ from occlog.core.geometry.camera import wrap_angle
 from occlog.core.numerics.assignment import assign
 from occlog.core.numerics.interpolate import interpolate_positions
 from occlog.errors import InputError
+from occlog.io.files.utc import time_words
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED, Bearings, Tracks
 from occlog.scans.grouping import checked, sensor_names
@@ -125,7 +126,8 @@ class _Paths:
             if (chunk.target_id < 0).any():
                 row = int(np.flatnonzero(chunk.target_id < 0)[0])
                 raise InputError(
-                    f"tracks: target_id is {chunk.target_id[row]} at {chunk.t_ns[row]} ns; an identity is 0 or more"
+                    f"tracks: target_id is {chunk.target_id[row]} at {time_words(chunk.t_ns[row])}; an identity "
+                    "is 0 or more"
                 )
             parts.append(chunk)
         held = Tracks.concat(parts)

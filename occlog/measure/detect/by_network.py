@@ -19,6 +19,7 @@ import numpy as np
 
 from occlog.array_types import Floats32
 from occlog.errors import InputError
+from occlog.io.files.utc import time_words
 from occlog.measure.detections import Detections
 from occlog.measure.networks.detector import Boxed, Embedder, NetworkDetector, Prepared
 from occlog.measure.regions.box_appearance import box_appearance
@@ -98,8 +99,8 @@ def in_parts(
     for seen in frames:
         if held and seen.frame.t_ns < held[-1].frame.t_ns:
             raise InputError(
-                f"camera {seen.frame.sensor}: frame {seen.frame.index}: time {seen.frame.t_ns} ns is before "
-                f"{held[-1].frame.t_ns} ns of the frame read before it; frames must come in the order of time"
+                f"camera {seen.frame.sensor}: frame {seen.frame.index}: time {time_words(seen.frame.t_ns)} is before "
+                f"{time_words(held[-1].frame.t_ns)} of the frame read before it; frames must come in the order of time"
             )
         if len(held) >= rows and seen.frame.t_ns != held[-1].frame.t_ns:
             yield _part(held, scene, config)

@@ -1,19 +1,22 @@
-"""Checks of sound: microphones without sound, at full scale, late, or with the samples of another one."""
+"""Checks of sound: microphones that are silent, at full scale, late, inverted, exchanged, or have another sound."""
 
 from __future__ import annotations
 
+import math
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Bools, Floats
+from occlog.array_types import Bools, Floats, Ints
 from occlog.records.verdicts import Check, finding, outcome
 
 from .stage import DoaTally
 
 TOGETHER = "common start of the channels"
+RELATED, SIGNS, ORDER = "common sound of the channels", "signs of the channels", "order of the channels"
 SOUND, SCALE, APART, HEARD = "microphone levels", "clipping", "distinct microphones", "directions"
 """Names of checks."""
 SILENT = 0.01
@@ -33,6 +36,17 @@ SLACK_SAMPLES = 2.0
 """Lag beyond that distance that is not stated: of the interpolation, and of the speed of sound."""
 
 
+MIN_BLOCK = 1 << 12
+"""Samples of a recording that is correlated although it is shorter than a block."""
+FRAME, MAX_FRAMES = 1 << 13, 24
+"""Samples of a piece of which the delays are compared with those of a plane wave, and number of them."""
+MIN_MISFIT, MIN_GAIN = 0.15, 5.0
+"""RMS difference of delays from a plane wave [samples] that an exchange of channels explains: it is at least this
+large, and this many times as large as with the exchange."""
+MIN_SHARE, MIN_FRAMES = 0.75, 3
+"""Share of the frames in which one exchange explains the delays, and least number of them, to be stated."""
+
+
 class ChannelLags:
     """Correlation of each pair of channels (GCC-PHAT, Knapp & Carter 1976), as a mean over blocks of samples."""
 
@@ -41,6 +55,7 @@ class ChannelLags:
         self._parts: list[Floats] = []
         self._held = self._blocks = 0
         self._sums: Floats | None = None  # (M, M, BLOCK)
+        self._frames: list[Floats] = []  # (M, M, FRAME) correlations
 
     def add(self, block: Floats) -> None:
         """Take (n, M) samples."""
@@ -53,17 +68,80 @@ class ChannelLags:
             self._correlate(whole[:BLOCK])
             self._parts, self._held = [whole[BLOCK:]], len(whole) - BLOCK
 
-    def _correlate(self, samples: Floats) -> None:
-        """Add the correlations of one block."""
-        spectra = np.fft.rfft(samples, axis=0).T
-        with np.errstate(invalid="ignore"):
-            phases = np.nan_to_num(spectra / np.abs(spectra))
-        count = len(phases)
-        if self._sums is None:
-            self._sums = np.zeros((count, count, BLOCK))
-        for i, j in combinations(range(count), 2):
-            self._sums[i, j] += np.fft.irfft(phases[j] * phases[i].conj(), BLOCK)
+    def finish(self) -> None:
+        """Take the samples of a recording that is shorter than a block."""
+        if not self._blocks and self._held >= MIN_BLOCK:
+            whole = np.concatenate(self._parts)
+            self._correlate(np.pad(whole, ((0, BLOCK - len(whole)), (0, 0))), len(whole))
+
+    def _correlate(self, samples: Floats, sound: int = BLOCK) -> None:
+        """Add the correlations of one block, of which some samples are sound."""
+        found = _phat(samples)
+        self._sums = found if self._sums is None else self._sums + found
         self._blocks += 1
+        for start in range(0, sound - FRAME + 1, FRAME):
+            if len(self._frames) < MAX_FRAMES:
+                self._frames.append(_phat(samples[start : start + FRAME]))
+
+    def unrelated(self) -> list[int]:
+        """Channels, from 0, that have no sound in common with any other, where most others have."""
+        if self._sums is None:
+            return []
+        count, limit = len(self._sums), MIN_PEAK_SIGMAS / np.sqrt(self._blocks * BLOCK)
+        related = np.eye(count, dtype=bool)
+        for i, j in combinations(range(count), 2):
+            related[i, j] = related[j, i] = np.abs(self._sums[i, j]).max() / self._blocks > limit
+        largest = max(map(len, _connected(related)))
+        alone = np.flatnonzero(related.sum(axis=1) == 1).tolist()
+        return alone if largest > count / 2 else []
+
+    def inverted(self, microphones: Floats, rate: float) -> list[int]:
+        """Channels, from 0, with the sign of samples of the fewer; see `late` for the arguments."""
+        if self._sums is None:
+            return []
+        count = len(self._sums)
+        same = np.eye(count, dtype=bool)
+        for i, j in combinations(range(count), 2):
+            near = self._within(i, j, microphones, rate)
+            found = self._sums[i, j][near] / self._blocks
+            if max(found.max(), -found.min()) < MIN_PEAK_SIGMAS / np.sqrt(self._blocks * BLOCK):
+                return []
+            same[i, j] = same[j, i] = found.max() > -found.min()
+        groups = sorted(_connected(same), key=len)
+        # Two groups with a sign each; of equal ones neither is known to be right
+        alike = all(same[np.ix_(group, group)].all() for group in groups)
+        return groups[0] if len(groups) == 2 and alike and len(groups[0]) < len(groups[1]) else []
+
+    def exchanged(self, microphones: Floats, rate: float) -> Exchange | None:
+        """Pairs of channels of which one is exchanged, as delays show that are no plane wave's; see `late`.
+
+        Delays of microphones in a plane wave are linear in their positions (Smith & Abel 1987).  Only what the
+        positions of more microphones than the wave has unknowns contradict is found: some exchanges give another
+        plane wave.
+        """
+        count = len(microphones)
+        pairs = list(combinations(range(count), 2))
+        apart: Floats = np.array([microphones[i] - microphones[j] for i, j in pairs]).reshape(-1, 3)
+        if count - 1 <= np.linalg.matrix_rank(apart, tol=1e-3 * np.abs(apart).max(initial=1e-30)):
+            return None
+        orders = [np.arange(count), *(_swapped(count, i, j) for i, j in pairs)]
+        fits = [_residual_maker(microphones[order], pairs) for order in orders]
+        misfits: list[Floats] = []
+        for frame in self._frames:
+            lags = np.array([_delay(frame[i, j], self._within(i, j, microphones, rate, FRAME)) for i, j in pairs])
+            if np.isfinite(lags).all():
+                misfits.append(np.array([np.sqrt(np.mean((fit @ lags) ** 2)) for fit in fits]))
+        if len(misfits) < MIN_FRAMES:
+            return None
+        found = np.array(misfits)
+        explained = (found[:, :1] > MIN_MISFIT) & (found[:, :1] > MIN_GAIN * found[:, 1:])
+        named = [pairs[k] for k in np.flatnonzero(explained.mean(axis=0) >= MIN_SHARE).tolist()]
+        return Exchange(tuple(named), float(np.median(found[:, 0]))) if named else None
+
+    def _within(self, i: int, j: int, microphones: Floats, rate: float, size: int = BLOCK) -> Bools:
+        """(size,) lags that the distance of two microphones permits."""
+        limit = float(np.linalg.norm(microphones[i] - microphones[j])) * rate + SLACK_SAMPLES
+        return np.asarray(np.abs(np.fft.fftfreq(size, 1.0 / size)) <= limit)
 
     def late(self, microphones: Floats, rate: float) -> dict[int, int]:
         """By how many samples channels are late, by their numbers from 0; negative: early.
@@ -109,6 +187,58 @@ class ChannelLags:
         return float(lags[best]), bool(near[best]), clear
 
 
+class Exchange(NamedTuple):
+    """Channels that seem to be exchanged.
+
+    Attributes:
+        pairs: of channels, from 0; one of them is exchanged.
+        misfit: RMS difference of the delays from those of a plane wave [samples].
+    """
+
+    pairs: tuple[tuple[int, int], ...]
+    misfit: float
+
+
+def _phat(samples: Floats) -> Floats:
+    """(M, M, n) correlations of (n, M) samples with the phase transform; those of channels i < j."""
+    spectra = np.fft.rfft(samples, axis=0).T
+    with np.errstate(invalid="ignore", divide="ignore"):
+        phases = np.nan_to_num(spectra / np.abs(spectra))
+    count = len(phases)
+    out = np.zeros((count, count, len(samples)))
+    for i, j in combinations(range(count), 2):
+        out[i, j] = np.fft.irfft(phases[j] * phases[i].conj(), len(samples))
+    return out
+
+
+def _delay(found: Floats, near: Bools) -> float:
+    """Lag [samples] of the peak of a correlation, between samples; NaN: it is not clear.
+
+    Of sound in all frequencies the peak is a sinc, of which two neighbours give the position (Foroosh et al. 2002).
+    """
+    values = np.where(near, found, -np.inf)
+    top = int(np.argmax(values))
+    if not found[top] > MIN_PEAK_SIGMAS / np.sqrt(len(found)):
+        return math.nan
+    before, after = found[top - 1], found[(top + 1) % len(found)]
+    side = max(before, after, 0.0)
+    lag = top if top < len(found) // 2 else top - len(found)
+    return lag + float(np.copysign(side / (side + found[top]), after - before))
+
+
+def _swapped(count: int, i: int, j: int) -> Ints:
+    """Numbers of channels with two exchanged."""
+    out = np.arange(count)
+    out[[i, j]] = j, i
+    return out
+
+
+def _residual_maker(microphones: Floats, pairs: Sequence[tuple[int, int]]) -> Floats:
+    """(P, P) matrix that leaves of delays of pairs what no plane wave gives."""
+    apart: Floats = np.array([microphones[i] - microphones[j] for i, j in pairs])
+    return np.eye(len(pairs)) - apart @ np.linalg.pinv(apart, rcond=1e-3)
+
+
 def _connected(fits: Bools) -> list[list[int]]:
     """Groups of channels that are connected by pairs that fit."""
     groups: list[list[int]] = []
@@ -145,10 +275,31 @@ class Channels:
             self._sums = [zlib.crc32(own, before) for own, before in zip(columns, self._sums, strict=True)]
             yield block
 
+    def unrelated(self) -> list[int]:
+        """Numbers, from 1, of microphones with other sound than all others; silent ones are left out."""
+        self._lags.finish()
+        silent = self.silent()
+        return [n + 1 for n in self._lags.unrelated() if n + 1 not in silent]
+
+    def inverted(self) -> list[int]:
+        """Numbers, from 1, of microphones with the sign of samples of the fewer."""
+        if self._microphones is None:
+            return []
+        self._lags.finish()
+        return [n + 1 for n in self._lags.inverted(self._microphones, self._rate)]
+
+    def exchanged(self) -> Exchange | None:
+        """Microphones, from 1, that seem to be exchanged, where nothing else is wrong with their samples."""
+        if self._microphones is None or self.silent() or self.alike() or self.late() or self.inverted():
+            return None
+        found = None if self.unrelated() else self._lags.exchanged(self._microphones, self._rate)
+        return None if found is None else found._replace(pairs=tuple((i + 1, j + 1) for i, j in found.pairs))
+
     def late(self) -> dict[int, int]:
         """Samples by which microphones are late, by their numbers from 1."""
         if self._microphones is None:
             return {}
+        self._lags.finish()
         return {n + 1: lag for n, lag in self._lags.late(self._microphones, self._rate).items()}
 
     def silent(self) -> list[int]:
@@ -182,6 +333,9 @@ def checks(
         *outcome(SCALE, _clipped(channels)),
         *outcome(APART, _alike(channels)),
         *outcome(TOGETHER, _late(channels)),
+        *outcome(RELATED, _unrelated(channels)),
+        *outcome(SIGNS, _inverted(channels)),
+        *outcome(ORDER, _exchanged(channels)),
         *outcome(HEARD, _nothing(tallies, rows)),
     )
 
@@ -222,6 +376,25 @@ def _late(channels: Mapping[str, Channels]) -> Iterator[Check]:
                 samples=abs(lag),
                 side="late" if lag > 0 else "early",
             )
+
+
+def _unrelated(channels: Mapping[str, Channels]) -> Iterator[Check]:
+    for name, own in channels.items():
+        if alone := own.unrelated():
+            yield finding(RELATED, "microphone-unrelated", sensors=[name], microphones=_listed(alone))
+
+
+def _inverted(channels: Mapping[str, Channels]) -> Iterator[Check]:
+    for name, own in channels.items():
+        if turned := own.inverted():
+            yield finding(SIGNS, "microphone-inverted", sensors=[name], microphones=_listed(turned))
+
+
+def _exchanged(channels: Mapping[str, Channels]) -> Iterator[Check]:
+    for name, own in channels.items():
+        if (found := own.exchanged()) is not None:
+            pairs = " or ".join(f"{i} and {j}" for i, j in found.pairs)
+            yield finding(ORDER, "microphones-exchanged", sensors=[name], microphones=pairs, misfit=found.misfit)
 
 
 def _nothing(tallies: Mapping[str, DoaTally], rows: Mapping[str, int]) -> Iterator[Check]:

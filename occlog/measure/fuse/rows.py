@@ -13,6 +13,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.errors import InputError
+from occlog.io.files.utc import time_words
 from occlog.measure.detections import Detections
 from occlog.records.tables import UNLABELLED, Bearings, Views
 
@@ -57,7 +58,10 @@ def whole_time_steps(parts: Iterable[Detections], window_ns: int) -> Iterator[Fu
 
 def _joined(held: T, more: T) -> T:
     if len(held) and len(more) and more.t_ns[0] < held.t_ns[-1]:
-        raise InputError(f"{held.NAME}: time {more.t_ns[0]} ns comes after {held.t_ns[-1]} ns; sort the rows by t_ns")
+        raise InputError(
+            f"{held.NAME}: time {time_words(more.t_ns[0])} comes after {time_words(held.t_ns[-1])}; sort the "
+            "rows by t_ns"
+        )
     return type(held).concat([held, more.sorted()])
 
 

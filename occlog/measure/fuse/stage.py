@@ -15,6 +15,7 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints
 from occlog.errors import InputError
+from occlog.io.files.utc import time_words
 from occlog.measure.detections import Detections
 from occlog.measure.fuse.kernels import LocalDirections
 from occlog.records.losses import Loss
@@ -191,7 +192,8 @@ def _fuse_target(
     if len(row_of) < len(own):
         twice = ledger.bearings.sensor[own[np.flatnonzero(np.diff(np.sort(ledger.camera_of[own])) == 0)[0]]]
         raise InputError(
-            f"bearings: sensor {str(twice)!r} has two rows for target {target} at {step.t_ns} ns; a sensor has one "
+            f"bearings: sensor {str(twice)!r} has two rows for target {target} at {time_words(step.t_ns)}; a "
+            "sensor has one "
             "row a target and time (candidates that may be of any object have target_id -1)"
         )
     seen = own[ledger.bearings.seen[own]]

@@ -15,6 +15,7 @@ from occlog.array_types import Bools, Floats, Ints, Ints32
 from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.errors import InputError
 from occlog.filtering.motion.white_acceleration import Walkers, concat, initiate, predict, select, update
+from occlog.io.files.utc import time_words
 from occlog.records.tables import Occluders, Tracks, Truth
 from occlog.scans.occluder_priors import known_positions, none_at
 
@@ -140,11 +141,13 @@ def _step(state: _FilterState, m: _MeasurementStep, config: PositionPriorConfig)
     """Advance the filters to a time step and take its measurements in."""
     if (same := np.diff(m.identity) == 0).any():
         raise InputError(
-            f"priors: occluder {m.identity[1:][same][0]} has two positions at {m.t_ns} ns; leave one of them"
+            f"priors: occluder {m.identity[1:][same][0]} has two positions at {time_words(m.t_ns)}; leave one of them"
         )
     if state.t_ns is not None:
         if m.t_ns < state.t_ns:
-            raise InputError(f"priors: time {m.t_ns} ns comes after {state.t_ns} ns; sort the rows by t_ns")
+            raise InputError(
+                f"priors: time {time_words(m.t_ns)} comes after {time_words(state.t_ns)}; sort the rows by t_ns"
+            )
         # Drop filters after a long silence: an occluder that comes back starts afresh
         keep = m.t_ns - state.measured_ns <= config.max_coasting_s * 1e9
         _keep(state, keep)

@@ -12,6 +12,7 @@ from occlog.core.geometry.triangulate import SourceDirections, distance2, locali
 from occlog.core.numerics.assignment import assign
 from occlog.errors import InputError, UsageError
 from occlog.filtering.motion.white_acceleration import Walkers, concat, initiate, predict, select, update
+from occlog.io.files.utc import time_words
 from occlog.records.scene import Scene
 from occlog.records.tables import Doa, Occluders
 from occlog.scans.occluder_priors import none_at
@@ -79,7 +80,9 @@ def _time_steps(chunks: Iterable[Doa], window_ns: int) -> Iterator[tuple[int, Do
         if not len(chunk):
             continue
         if rest is not None and chunk.t_ns[0] < rest.t_ns[-1]:
-            raise InputError(f"doa: time {chunk.t_ns[0]} ns comes after {rest.t_ns[-1]} ns; sort the rows by t_ns")
+            raise InputError(
+                f"doa: time {time_words(chunk.t_ns[0])} comes after {time_words(rest.t_ns[-1])}; sort the rows by t_ns"
+            )
         table = chunk if rest is None else Doa.concat([rest, chunk])
         while len(table) and table.t_ns[-1] - table.t_ns[0] > window_ns:
             cut = int(np.searchsorted(table.t_ns, table.t_ns[0] + window_ns, side="right"))

@@ -14,6 +14,7 @@ import shapely
 from occlog.array_types import Floats, Ints32
 from occlog.core.occlusion.priors import polygon_priors
 from occlog.errors import InputError
+from occlog.io.files.utc import time_words
 from occlog.records.scene import Scene, map_origin, scene_from
 from occlog.records.tables import Bearings, Hulls, Occluders, Views
 from occlog.scans.occluder_priors import none_at
@@ -162,7 +163,9 @@ def _split(chunks: Iterable[Views] | Iterable[Bearings], scene: Scene) -> Iterat
             if name not in names and name not in arrays:
                 raise InputError(f"{chunk.NAME}: no camera {name!r} in the scene; it has: {', '.join(names) or 'none'}")
         if rest is not None and chunk.t_ns[0] < rest.t_ns[-1]:
-            raise InputError(f"{chunk.NAME}: time {chunk.t_ns[0]} ns comes after {rest.t_ns[-1]} ns; sort by t_ns")
+            raise InputError(
+                f"{chunk.NAME}: time {time_words(chunk.t_ns[0])} comes after {time_words(rest.t_ns[-1])}; sort by t_ns"
+            )
         table = chunk if rest is None else type(chunk).concat([rest, chunk])  # type: ignore[list-item]
         cut = int(np.searchsorted(table.t_ns, table.t_ns[-1]))
         yield from _split_complete(table.take(slice(0, cut)), names)

@@ -63,6 +63,7 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         inputs: the configuration, and all that it names.
         outputs: what the run made.
         stages: exit code of each stage.
+        processor: type of the processor that it was packed on; empty: not known.
     """
 
     occlog_pack: Annotated[int, msgspec.Meta(ge=1, le=1)]
@@ -73,6 +74,7 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     inputs: list[PackedFile]
     outputs: list[PackedFile]
     stages: dict[str, int]
+    processor: str = ""
 
     def members(self) -> dict[str, PackedFile]:
         """Files of the archive by their names in it."""

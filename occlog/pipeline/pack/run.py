@@ -10,7 +10,7 @@ from typing import NamedTuple
 from occlog import __version__
 from occlog.errors import InputError, UsageError, option
 from occlog.io.files.atomic import open_output
-from occlog.io.files.provenance import hash_file, installed_versions
+from occlog.io.files.provenance import hash_file, installed_versions, processor_type
 from occlog.pipeline.run.run import STATE, do_stages, inside, other_versions, outcomes
 from occlog.pipeline.run.stage import files_of, places_of
 from occlog.pipeline.run.stages import Config, plan, read_config
@@ -87,6 +87,7 @@ def pack_run(folder: Path, config: Path, output: Path, *, include: bool, overwri
         ],
         outputs=[_packed(folder / name, folder, True) for name in made],
         stages={name: int(outcome.code) for name, outcome in done.items()},
+        processor=processor_type(),
     )
     _check_unpackable(manifest, folder)
     with open_output(output, overwrite) as out:

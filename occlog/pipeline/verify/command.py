@@ -20,8 +20,9 @@ from occlog.cli import options
 def command(archive: Path, inputs: Path | None, quiet: bool, as_json: bool) -> int:
     """Repeat the run in ARCHIVE (of `occlog pack`) from its inputs, and compare every output.
 
-    Exit code 0: the same bytes, or the same values with other package versions; 5: an output differs; it is named
-    with its first difference, and whether other versions may explain it. Only temporary files are written.
+    Exit code 0: the same bytes, or the same values with other package versions or another type of processor; 5: an
+    output differs; it is named with its first difference, and whether other versions or the processor may explain it.
+    Only temporary files are written.
 
     \b
       occlog verify room.zip

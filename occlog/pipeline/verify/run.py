@@ -15,11 +15,14 @@ from occlog.errors import ExitCode, InputError, OcclogError, UsageError
 from occlog.examine.diff.result import DiffResult, DiffSettings, Tolerances
 from occlog.examine.diff.run import compare_files, stage_order
 from occlog.io.files.atomic import outputs_below
-from occlog.io.files.provenance import hash_file, installed_versions
+from occlog.io.files.provenance import hash_file, installed_versions, processor_type
 from occlog.pipeline.pack.archive import INPUTS, OUTPUTS, Manifest, take, unpack
 from occlog.pipeline.run.run import StageStep, do_stages, inside
 from occlog.pipeline.run.stage import files_of, places_of
 from occlog.pipeline.run.stages import check_settings, plan, read_config
+
+PROCESSOR = "processor"
+"""Name of the type of processor among the versions."""
 
 
 class Verified(NamedTuple):
@@ -29,7 +32,7 @@ class Verified(NamedTuple):
         same: names of outputs with the same bytes.
         alike: names of outputs with other bytes and the same values.
         different: first difference of other outputs, by name.
-        versions: versions that differ: when it was packed, and here; None: not there.
+        versions: versions, and the type of processor, that differ: when it was packed, and here; None: not there.
     """
 
     same: tuple[str, ...]
@@ -48,10 +51,15 @@ class Verified(NamedTuple):
         if not self.alike and not self.different:
             return "made again to the same bytes"
         if not self.versions:
-            return "the versions are the same, so that they do not explain what differs"
+            return "versions and processor are the same, so that they do not explain what differs"
+        if set(self.versions) == {PROCESSOR}:
+            then, now = self.versions[PROCESSOR]
+            cause, remedy = f"another processor ({then}, now {now})", "verify on one of its type"
+        else:
+            cause, remedy = "other versions", "install those of lock.txt, and verify again"
         if not self.different:
-            return "the same values; other versions explain that bytes differ"
-        return "other versions may explain what differs: install those of lock.txt, and verify again"
+            return f"the same values; {cause}, so that bytes differ"
+        return f"{cause}: may explain what differs; {remedy}"
 
 
 def verify_pack(archive: Path, inputs: Path | None, begin: Callable[[str], None]) -> Verified:
@@ -132,6 +140,8 @@ def _compare(manifest: Manifest, packed: Path, made: Path) -> Verified:
             else:
                 alike.append(name)
     now, then = {"occlog": __version__, **installed_versions()}, {"occlog": manifest.version, **manifest.versions}
+    if manifest.processor:
+        now[PROCESSOR], then[PROCESSOR] = processor_type(), manifest.processor
     names = sorted({*now, *then})
     versions = {n: (then.get(n), now.get(n)) for n in names if then.get(n) != now.get(n)}
     return Verified(tuple(same), tuple(alike), different, versions)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from shapely.geometry import LineString, Point
 
@@ -40,7 +40,6 @@ def test_what_is_seen_agrees_with_the_plain_geometry(seed, fov_deg):
     np.testing.assert_array_equal(seen_from(xy, 0, sensors), slowly(xy, position, yaw, fov, reach, walls))
 
 
-@settings(max_examples=100, deadline=None)
 @given(
     x=st.integers(-2, 12),
     y=st.integers(-2, 12),

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from occlog.core.numerics.interpolate import TimeGrid, frame_times, frames_at, to_grid
@@ -37,7 +37,6 @@ def test_rows_become_a_grid_with_gaps():
     st.floats(0.3, 70.0),
     st.lists(st.integers(1, 79), max_size=5, unique=True).map(sorted),
 )
-@settings(max_examples=40, deadline=None)
 def test_frames_do_not_depend_on_the_chunks(rate, pieces):
     grid = straight(80)
     got = [found for _, found in frames_at(cut(grid, pieces), [rate, None])]

@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from shapely.geometry import LineString, Polygon
 from shapely.ops import unary_union
@@ -112,7 +112,6 @@ def test_straight_corners_make_nothing_concave_and_no_empty_pieces() -> None:
     assert all(Polygon(p).area > 1e-6 for p in pieces)
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     st.lists(st.tuples(st.floats(0.05, 1.0), st.floats(0.2, 1.0)), min_size=3, max_size=20), st.integers(0, 2**32 - 1)
 )
@@ -126,7 +125,6 @@ def test_any_polygon_around_a_place(spokes: list[tuple[float, float]], seed: int
 
 
 @pytest.mark.jit
-@settings(max_examples=60, deadline=None)
 @given(st.lists(st.tuples(st.integers(1, 3), st.integers(0, 4)), min_size=2, max_size=8))
 def test_towers_whose_walls_meet_in_line(towers: list[tuple[int, int]]) -> None:
     """Right angles only, with corners on one line and towers of the same height."""

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from shapely.geometry import LineString, Point, Polygon
 
@@ -77,7 +77,6 @@ def test_segment_over_a_notch_touching_its_corners_is_free():
 
 
 @given(st.integers(0, 10_000), st.integers(3, 9))
-@settings(max_examples=40, deadline=None)
 def test_distance_to_boundary_is_the_least_distance_to_sampled_border_points(seed, corners):
     polygon = star(seed, corners)
     x, y = np.random.default_rng(seed).uniform(-60, 60, 2)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 from shapely.geometry import LineString, Point, Polygon
@@ -146,7 +146,6 @@ def test_offset_moves_the_edges(corners) -> None:
     assert Polygon(offset(corners, 0.1)).symmetric_difference(want).area < 1e-9
 
 
-@settings(max_examples=150, deadline=None)
 @given(st.lists(st.tuples(st.floats(-5, 5), st.floats(-5, 5)), min_size=2, max_size=7), st.integers(1, 40))
 def test_places_spread_along_a_way(corners: list[tuple[float, float]], steps: int) -> None:
     way = np.array(corners)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -164,6 +165,30 @@ def test_each_change_is_named(id: str, seed: int) -> None:
     assert WORDS[id] in best.change
     assert best.met > 0.9
     assert now < 0.5
+
+
+UTC = 1_714_564_800.0
+
+
+@pytest.mark.parametrize(
+    ("times", "id", "words"),
+    [
+        (lambda t: t + UTC - 315_964_782.0, "times-shifted", "times shifted by +315964782 s (GPS time)"),
+        (lambda t: t + UTC + 37.0, "times-shifted", "times shifted by -37 s (TAI)"),
+        (lambda t: t + UTC + 7200.0, "times-shifted", "times shifted by -7200 s (a time zone)"),
+        (lambda t: t + UTC - 20_700.0, "times-shifted", "times shifted by +20700 s (a time zone)"),
+        (lambda t: t + 12.5, "times-shifted", "times shifted by +1714564787.5 s (times since a start)"),
+        (lambda t: t + UTC + 25.0, "times-shifted", "times shifted by -25 s"),
+        (lambda t: (t + UTC) / 86_400.0 + 25_569.0, "times-in-days", "times as days of Excel"),
+        (lambda t: (t + UTC) / 86_400.0 + 719_529.0, "times-in-days", "times as days of MATLAB"),
+    ],
+)
+def test_other_clocks_are_named(times: Any, id: str, words: str) -> None:
+    here = positions()
+    truth = here._replace(t=here.t + UTC)
+    found = alternative(here._replace(t=times(here.t)), truth, 1.0)
+    assert found is not None
+    assert (found[0].id, found[0].change) == (id, words)
 
 
 @pytest.mark.parametrize("factor", [100.0, 1000.0, 1.0 / 0.3048])

@@ -15,7 +15,7 @@ from occlog.io.files.tables.table_writer import write_table
 from occlog.records.declared.views import ViewTracks
 from occlog.records.tables import TruthBoxes
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.statistics
 FRAMES, TARGETS, CAMERAS = 60, 5, ("east", "north")
 THEIRS = {
     "MOTA": "mota",

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from occlog.errors import InputError
@@ -308,7 +308,6 @@ def truth(keys: list[tuple[int, int]], rng: np.random.Generator) -> Truth:
     )
 
 
-@settings(max_examples=60, deadline=None)
 @given(KEYS, st.integers(0, 2**32 - 1))
 def test_the_order_of_rows_of_one_time_does_not_matter(keys: list[tuple[int, int]], seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -319,7 +318,6 @@ def test_the_order_of_rows_of_one_time_does_not_matter(keys: list[tuple[int, int
     assert diff(a, a.take(shuffled[np.lexsort([a.target_id[shuffled], a.t_ns[shuffled]])])).same
 
 
-@settings(max_examples=80, deadline=None)
 @given(KEYS, st.integers(0, 2**32 - 1), st.sampled_from(["x", "y"]), st.floats(1e-6, 1e3), st.booleans(), st.data())
 def test_a_changed_cell_is_found_and_named(
     keys: list[tuple[int, int]], seed: int, column: str, limit: float, beyond: bool, data: st.DataObject
@@ -342,7 +340,6 @@ def test_a_changed_cell_is_found_and_named(
     assert found.first.difference == pytest.approx(step, rel=1e-6, abs=1e-12)
 
 
-@settings(max_examples=40, deadline=None)
 @given(KEYS, KEYS, st.integers(0, 100))
 def test_rows_add_up_against_sets(left: list[tuple[int, int]], right: list[tuple[int, int]], seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -112,7 +112,7 @@ def kinds_of(path: Path) -> list[str]:
         (put("sigma", 20, float("inf")), "row", "row 20", "inf"),
         (put("bearing", 39, 9.0), "row", "row 39", "bearing 9 rad"),
         (lambda t: t.take([0, 1, 1, *range(2, 40)]), "duplicate-row", "2023-11-14T22:13:20.100Z", "sensor cam1"),
-        (lambda t: t.take([0, 2, 1, *range(3, 40)]), "order", "row 2", "ns after"),
+        (lambda t: t.take([0, 2, 1, *range(3, 40)]), "order", "row 2", "Z after"),
         (lambda t: put("bearing", 2, 0.5)(t.take([0, 1, 1, *range(2, 40)])), "duplicate-key", "", "target_id 0"),
         (lambda t: t.take([*range(10), *range(20, 40)]), "gap", "sensor cam1: after", "for 1.1 s"),
         (lambda t: t.drop(["sigma"]), "unreadable", "", "column sigma is missing"),
@@ -384,7 +384,7 @@ def test_a_clock_that_restarts_is_named_in_tables_of_others(tmp_path: Path) -> N
     path.write_text(_log(0, 1, 2, 3, 0.5, 1.5, 2.5))
     (found,) = found_in(path)
     assert (found.kind, found.location, found.n_locations) == ("restart", "line 10", 2)
-    assert found.value == "500000000 ns after 3000000000 ns"
+    assert found.value == "0.5 s after 3 s"
     # One behind another, each in its order; and in no order
     path.write_text("time,id,x,y\n" + "".join(f"{t},{who},{t},1\n" for who in (1, 2) for t in range(6)))
     assert not found_in(path)

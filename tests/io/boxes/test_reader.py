@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from occlog.errors import InputError, UsageError
@@ -134,7 +134,7 @@ def test_several_files_share_the_range_of_frames(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("frame,left,top,right,bottom\n0,1,2,x,4\n", "line 2: right is 'x'; a number was expected"),
-        ("frame,left,top,right,bottom\n0,1,2,3,nan\n", "line 2: bottom is 'nan'; a finite number"),
+        ("frame,left,top,right,bottom\n0,1,2,3,nan\n", "line 2: bottom is missing"),
         ("frame,left,top,right,bottom\n0,1,2,3,inf\n", "line 2: bottom is 'inf'"),
         ("frame,left,top,right,bottom\n0,1,2,3,4\n1.5,1,2,3,4\n", "line 3: frame is '1.5'; a whole number"),
         ("frame,left,top,right,bottom\n-1,1,2,3,4\n", "line 2: frame -1; the first one is 0"),
@@ -148,7 +148,7 @@ def test_several_files_share_the_range_of_frames(tmp_path: Path) -> None:
         ("left,top,right,bottom\n1,2,3,4\n", "has no column frame"),
         ("1,2,3,4,5\n", "5 columns; MOTChallenge has 7 to 10"),
         ("frame,time,left,top,w,h\n0,1,1,1,1,1\n0,2,1,1,1,1\n", "line 3: frame 0 of camera cam has two times"),
-        ("frame,time,left,top,w,h\n0,2,1,1,1,1\n1,1,1,1,1,1\n", "frame 1 has time 1000000000 ns, not after"),
+        ("frame,time,left,top,w,h\n0,2,1,1,1,1\n1,1,1,1,1,1\n", "frame 1 has time 1 s, not after"),
         ("frame,left,top,w,h\n0,1,1,1,1\n100000001,1,1,1,1\n", "a frame number must be wrong"),
         ("frame,left,top,w,h\n2000000000,1,1,1,1\n", "line 2: frame 2000000000; it must be below 1000000000"),
         ("frame,left,top,w,h\n0,-1e308,1,2e308,1\n", "line 2: width is '2e308'; a finite number was expected"),
@@ -191,7 +191,6 @@ def test_extra_columns_can_be_skipped_and_confidences_scaled(tmp_path: Path) -> 
     assert boxes.confidence.tolist() == [0.55]
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     st.lists(st.tuples(st.integers(0, 10), st.integers(0, 2), st.integers(2, 9)), min_size=1, max_size=60, unique=True),
     st.booleans(),

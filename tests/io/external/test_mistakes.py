@@ -257,3 +257,85 @@ def test_names_that_an_array_would_cut_are_refused(tmp_path: Path) -> None:
     path = parquet(tmp_path, t_ns=pa.array([0, 0]), sensor=names, azimuth_deg=pa.array([1.0, 2.0]))
     with pytest.raises(InputError, match=r"column sensor: 'a\\x00.': a text has no character 0"):
         open_input(path).read(Doa)
+
+
+@pytest.mark.parametrize(
+    ("time", "message"),
+    [
+        ("1714564800,25", "has a decimal comma; write it with a point"),
+        ("1,714,564,800.25", "has separators of thousands; write digits alone"),
+        ("12:00:00.25", "is a time of day without its date"),
+        ("2024-05-01 14:00:00 CEST", "has a zone by name; write its offset"),
+        ("2024-05-01 14:00:00 Europe/Berlin", "has a zone by name; write its offset"),
+        ("05/01/2024 02:00:00 PM", "has hours of 12"),
+        ("01.05.2024 12:00", "is a date that may be read in several orders"),
+        ("05/01/2024", "is a date that may be read in several orders"),
+        ("", "is missing; remove the row"),
+        ("NaT", "is missing; remove the row"),
+        ("noon", "neither a number nor a date and time such as .*; correct or remove this row"),
+    ],
+)
+def test_a_time_that_is_not_read_is_refused_with_its_reason(tmp_path: Path, time: str, message: str) -> None:
+    with pytest.raises(InputError, match=f"line 2: (time )?'{time}':? {message}"):
+        open_input(text(tmp_path / "t.csv", "time;id;x;y", f'"{time}";1;1;2'.replace('""', ""))).read(Truth)
+
+
+@pytest.mark.parametrize("zone", ["UTC", " UTC", "GMT", "Z", "+00", "+00:00"])
+def test_utc_has_several_names(tmp_path: Path, zone: str) -> None:
+    read = open_input(text(tmp_path / "t.csv", "time,id,x,y", f"2024-05-01 12:00:00.25{zone},1,1,2")).read(Truth)
+    assert read.t_ns.tolist() == [1_714_564_800_250_000_000]
+
+
+@pytest.mark.parametrize("value", ["", "NA", "NaN", "-", "null", "#N/A", "<NA>", "\\N"])
+def test_a_missing_position_is_refused_with_its_line(tmp_path: Path, value: str) -> None:
+    with pytest.raises(InputError, match=r"line 3: x is missing .*; remove this line"):
+        open_input(text(tmp_path / "t.csv", "time,id,x,y", "0,1,1,2", f"1,1,{value},2")).read(Truth)
+
+
+ROWS = ("time{0}id{0}x{0}y", "0{0}1{0}1.5{0}2", "1{0}1{0}2.5{0}2")
+
+
+@pytest.mark.parametrize(
+    ("encoding", "mark", "before"),
+    [("utf-16", "\t", ""), ("utf-16", ",", ""), ("utf-8-sig", ";", "sep=;\r\n"), ("utf-8", "\t", "sep=\t\n")],
+)
+def test_texts_of_spreadsheets_are_read(tmp_path: Path, encoding: str, mark: str, before: str) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text(before + "\n".join(ROWS).format(mark) + "\n", encoding=encoding)
+    assert open_input(path).read(Truth).x.tolist() == [1.5, 2.5]
+
+
+def test_names_of_rows_and_two_tables_in_one_file_are_stated(tmp_path: Path) -> None:
+    of_r = text(tmp_path / "r.txt", '"time" "id" "x" "y"', '"1" 0 1 1.5 2')
+    with pytest.raises(InputError, match=r"line 2: 5 cells, but the first line has 4; if the first are names of rows"):
+        open_input(of_r).read(Truth)
+    two = [row.format(",") for row in ROWS]
+    with pytest.raises(InputError, match="line 4: the header again: two tables in one file"):
+        open_input(text(tmp_path / "two.csv", *two, *two)).read(Truth)
+
+
+def test_positions_without_times_are_no_stations(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="has no column of times or frame numbers among sec, nsec, id, x, y"):
+        open_input(text(tmp_path / "t.csv", "sec,nsec,id,x,y", "0,5,1,1,2", "1,5,1,1,2"))
+
+
+def test_times_of_whole_seconds_are_stated_where_they_repeat(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"is twice at 5 s; times are whole seconds: write their fractions"):
+        open_input(text(tmp_path / "t.csv", "time,id,x,y", "5,1,1,2", "5,1,1,2")).read(Truth)
+
+
+@pytest.mark.parametrize("kind", ["set back", "grouped", "shuffled", "falling", "in order"])
+def test_a_clock_that_was_set_back_is_stated(tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str) -> None:
+    """Two people, 40 times: from the 20th on the clock is 30 s behind; other orders are no fault."""
+    steps = list(range(40))
+    times = {"set back": [k - 300 * (k >= 20) for k in steps], "falling": steps[::-1]}.get(kind, steps)
+    rows = [(t, person) for t in times for person in (1, 2)]
+    if kind == "grouped":
+        rows.sort(key=lambda row: row[1])
+    if kind == "shuffled":
+        rows = [rows[n] for n in np.random.default_rng(0).permutation(len(rows)).tolist()]
+    path = text(tmp_path / "t.csv", "time,id,x,y", *(f"{1000 + t / 10},{person},{person},2" for t, person in rows))
+    assert run(["diff", str(path), str(path)]) == ExitCode.DONE
+    said = capsys.readouterr().err
+    assert ("row 40: time goes back by 29.9 s" in said) == (kind == "set back")
+    assert ("goes back" in said) == (kind == "set back")

@@ -80,7 +80,7 @@ def test_a_value_at_its_limit_is_read_and_one_beyond_is_named(
         ("name,x\nA,1\n", "has no column of times"),
         ("t_ns,name,x,mood\n5,A,1,2\n", "unknown column 'mood'"),
         ("t_ns,name,x\n5, ,1\n", "line 2: name is empty"),
-        ("t_ns,name,x\n5,A,\n", "line 2: x is ''; a number"),
+        ("t_ns,name,x\n5,A,\n", "line 2: x is missing"),
         ("t_ns,name,x\n5,A,1e3\n", "line 2: x is '1e3': known to 1000 only"),
     ],
 )

@@ -72,7 +72,7 @@ def test_a_unit_that_is_not_stated_is_asked_for(tmp_path: Path) -> None:
     [
         ("time,sensor,azimuth_rad\n0,a1,90\n", "line 2: azimuth_rad is 90; it is too large for radians"),
         ("time,sensor,azimuth_deg\n0,a1,x\n", "line 2: azimuth_deg is 'x'"),
-        ("time,sensor,azimuth_deg\n0,a1,nan\n", "line 2: azimuth_deg is 'nan'"),
+        ("time,sensor,azimuth_deg\n0,a1,nan\n", "line 2: azimuth_deg is missing"),
         ("time,sensor,azimuth_deg\n0,b7,1\n", "array 'b7' is none of a1, a2"),
         ("time,sensor,azimuth_deg\n1,a1,1\n0,a1,1\n", "line 3: time of a1 goes back"),
         ("time,sensor,azimuth_deg,elevation_deg\n0,a1,1,91\n", "line 2: elevation_deg is 91; it must be within 90"),

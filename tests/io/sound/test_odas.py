@@ -138,3 +138,31 @@ def test_a_log_of_two_runs_is_named_with_the_line_of_the_second(
     words = ["--scene", str(case / "arr.yaml"), "--doa", f"table={case / 'odas_two.json'}", "--odas-hop", "128/16000"]
     assert run(["ingest", "-o", str(tmp_path / "x.mcap"), *words, "--start-time", "2024-05-01T12:00:00Z"]) == 4
     assert "line 2701: time of table goes back by 2.39 s; it starts again there" in capsys.readouterr().err
+
+
+def test_idle_sources_and_those_straight_above_are_left_out_with_a_note(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Finding H5: a tracked source without activity is a prediction, and threw estimates out of the room."""
+    heard, idle, above = source(3, 0, 1, 0), source(4, 1, 0, 0, 0.0), source(5, 0, 0, 1)
+    table, _ = read(tmp_path, hop(1, heard, idle, above) + hop(2, idle))
+    assert table.source_id.tolist() == [3]
+    said = capsys.readouterr().err
+    assert "note:" in said
+    assert "2 directions without activity left out" in said
+    assert "1 directions straight up or down left out" in said
+    assert "warning" not in said
+
+
+def test_a_stream_without_any_direction_is_a_warning(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "quiet.json"
+    path.write_text("".join(hop(k) for k in range(5)))
+    array = MicrophoneArray("mic", np.zeros(3))
+    assert list(read_doa(path, [array], DoaOptions(sensor="mic", hop=Fraction(1, 125), start_ns=0))) == []
+    assert "warning:" in (said := capsys.readouterr().err)
+    assert "5 hops and no direction" in said
+
+
+def test_a_list_of_json_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is a list of JSON; write its objects one after another"):
+        read(tmp_path, "[" + hop(1) + "," + hop(2) + "]")

@@ -96,9 +96,9 @@ def test_xml_frames_that_are_listed_empty_are_rows_and_others_are_not(tmp_path: 
     ("name", "text", "message"),
     [
         ("t.csv", "time,x\n1,2\n", "has no column y"),
-        ("t.csv", "time,x,y\n1,2,nan\n", "line 2: y is 'nan'"),
+        ("t.csv", "time,x,y\n1,2,nan\n", "line 2: y is missing"),
         ("t.csv", "x,y\n1,2\n", "neither a column of times"),
-        ("t.csv", "time,id,x,y\n1,1,2,3\n1,1,4,5\n", "lines 2 and 3: target 1 is twice at 1000000000 ns"),
+        ("t.csv", "time,id,x,y\n1,1,2,3\n1,1,4,5\n", "lines 2 and 3: target 1 is twice at 1 s"),
         ("t.csv", "time,x,y,role\n1,2,3,wall\n", "line 2: role 'wall' must be target or occluder"),
         ("t.csv", "tme,x,y\n1,2,3\n", "did you mean 'time'"),
         ("t.csv", "1,2,3\n", "not ground truth of a known format .*; name its columns in a header line"),

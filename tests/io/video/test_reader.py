@@ -146,7 +146,7 @@ def test_an_unknown_container_is_none(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["mjpg.mp4", "mjpg.avi", "mjpg.mkv", "fragmented.mp4"])
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_mutilated_files_never_escape_the_parser(
     whole: dict[str, Path], tmp_path: Path, name: str, data: st.DataObject

@@ -37,7 +37,7 @@ def test_the_container_tells_frames_rate_and_times(shared_data: Path, name: str)
     assert times.source.startswith("frame rate" if name.endswith(".avi") else "container")
 
 
-@pytest.mark.slow
+@pytest.mark.statistics
 @pytest.mark.parametrize("name", FILES)
 def test_whole_files_lose_nothing(shared_data: Path, name: str) -> None:
     indexes, losses = decode(shared_data / name)

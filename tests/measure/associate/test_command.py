@@ -165,7 +165,7 @@ def test_files_that_do_not_fit_are_refused(folder, capsys):
     messages = {
         "other.parquet": "no track is there at the time of any frame",
         "feet.parquet": "lengths are in ft, but in unit in the scene",
-        "nobody.parquet": "target_id is -1 at 0 ns",
+        "nobody.parquet": "target_id is -1 at 0 s",
         "boxes2.parquet": "boxes2.parquet",
         "missing.parquet": "missing.parquet",
         "room.mcap": "holds no tracks",

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from occlog.measure.clusters.em import group_worth, merge, split, union
@@ -101,7 +101,6 @@ def test_a_full_mask_is_specks_and_half_of_one_ends() -> None:
     assert np.isfinite(got.covs).all()
 
 
-@settings(max_examples=15, deadline=None)
 @given(st.lists(st.tuples(st.integers(12, 147), st.integers(26, 93)), min_size=1, max_size=4))
 def test_clusters_are_ordered_labelled_and_hold_all_they_say(places: list[tuple[int, int]]) -> None:
     mask = empty()

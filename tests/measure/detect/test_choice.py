@@ -100,6 +100,7 @@ def test_people_of_real_video_are_found_by_the_network(tmp_path: Path, capsys: p
     assert check.figures == {"min_confidence": 0.4, "frames": STEPS, "detections": len(views)}
 
 
+@pytest.mark.statistics
 def test_one_network_for_one_camera_and_background_subtraction_for_another(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -151,11 +152,3 @@ def test_options_choose_the_detector_or_are_refused(tmp_path: Path, capsys: pyte
     ):
         assert detect(real, tmp_path, *args) == ExitCode.USAGE
         assert words in capsys.readouterr().err
-
-
-def test_an_empty_room_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with RecordingWriter(tmp_path / "r.mcap", scene(DRAWN), Provenance("test")) as out:
-        for k in range(60):
-            out.image("drawn", k * STEP_NS, k, cv2.imencode(".png", picture(DRAWN, [], k))[1].tobytes(), "png")
-    assert detect(tmp_path / "r.mcap", tmp_path) == ExitCode.DONE
-    assert "warning: no detection in 60 frames of camera drawn" in capsys.readouterr().err

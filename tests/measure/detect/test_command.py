@@ -234,8 +234,7 @@ def test_a_recording_without_a_scene_asks_for_one(tmp_path: Path, capsys: pytest
     assert "--scene" in capsys.readouterr().err
 
 
-@pytest.mark.slow
-@pytest.mark.jit
+@pytest.mark.statistics
 @pytest.mark.parametrize("up", [(), ("--up", "auto", "--ground-height", "0")])
 def test_a_calibration_with_its_world_at_a_camera_is_detected_in(shared_data, tmp_path, capsys, up) -> None:
     """`caliscope_4cam` as it would be before its alignment; turned upright or not."""

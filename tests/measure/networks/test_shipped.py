@@ -55,6 +55,7 @@ def found(network: Path, images: list[np.ndarray], runtime: str, tiles: str | No
     return [each for each in boxed if each is not None]
 
 
+@pytest.mark.statistics
 @pytest.mark.parametrize("runtime", ["opencv", "onnxruntime"])
 def test_weights_of_16_bits_give_the_boxes_of_those_of_32(shared_data: Path, runtime: str) -> None:
     if runtime != "opencv" and not importlib.util.find_spec(runtime):

@@ -85,6 +85,7 @@ def test_size_is_that_of_the_paper_unless_told() -> None:
     assert catalogue.size_of(e, quick=True, runs=4, steps=None, seed=0)[:2] == (4, e.quick[1])
 
 
+@pytest.mark.statistics
 def test_small_fig6() -> None:
     """Two camera counts: the same rows at every call, known below none at four cameras."""
     size = Size(2, 40, True, 300)
@@ -103,6 +104,7 @@ def test_small_fig6() -> None:
     assert [r.values for r in again[:3]] == [r.values for r in table[:3]]
 
 
+@pytest.mark.statistics
 def test_small_fig17() -> None:
     """Quadrature is within k sigma as often as a normal variable; the forms rank as their errors do."""
     table = fig17(Size(2, 300), run_all)

@@ -30,12 +30,11 @@ from occlog.papers.ercan.recorded import (
     occluders_of,
     recorded_spec,
     recorded_target,
-    recorded_trial,
     settings_of,
     trial,
 )
 from occlog.papers.verdicts import Size
-from occlog.pipeline.sweep.engine import TrialError, key_of, run_all
+from occlog.pipeline.sweep.engine import key_of
 from occlog.records.tables import Bearings
 from occlog.scans.occluder_priors import OccluderFeed
 
@@ -116,27 +115,6 @@ def test_a_trial_depends_on_its_seeds_alone() -> None:
     clear = trial(recorded, crowd, CLEAR, recorded.cameras, size, 0)
     assert clear["hidden"] == 0.0
     assert clear["rmse"] < 3.0  # four cameras of 2 px and f = 70 px, in a room of 100 by 100
-
-
-@pytest.mark.jit
-def test_any_number_of_workers_gives_the_same_and_a_stopped_run_goes_on(tmp_path: Path) -> None:
-    scene, table = walked(25)
-    scene = replace(scene, room=None)
-    paths = tmp_path / "b.parquet", tmp_path / "s.yaml"
-    write_table(paths[0], table, Provenance("detect"))
-    paths[1].write_text(scene_to_yaml(scene))
-    source, size, names = files_of(*paths), Size(1, 25, particles=200), ["cam1", "cam3", "cam4"]
-    specs = [recorded_spec(source, size, run, kind, names) for run in range(2) for kind in ("known", "kalman")]
-    greedy = {"policy": "greedy", "n_cameras": 2, "selection_interval": 2.0, "model": "weak"}
-    specs.append(recorded_spec(source, size, 0, "kalman", names, select=greedy))
-    here = run_all(specs[:2], store=tmp_path / "trials.jsonl", run=recorded_trial)
-    there = run_all(specs, 2, store=tmp_path / "trials.jsonl", run=recorded_trial)
-    assert there[:2] == here
-    assert there[2:] == run_all(specs[2:], run=recorded_trial)
-    assert len({r["rmse"] for r in there}) == len(specs)
-    assert len((tmp_path / "trials.jsonl").read_text().splitlines()) == len(specs)
-    with pytest.raises(TrialError, match="unknown key 'policies'"):
-        run_all([{**specs[0], "select": {"policies": "greedy"}}], run=recorded_trial)
 
 
 def test_a_changed_recording_is_another_trial(tmp_path: Path) -> None:

@@ -93,7 +93,7 @@ def test_the_shipped_folder_is_read_as_by_the_commands(shared_data: Path, tmp_pa
     assert [c.name for c in scene.cameras] == ["cam1", "cam2", "cam3", "cam4"]
 
 
-@pytest.mark.jit
+@pytest.mark.statistics
 def test_the_stand_in_is_where_a_camera_left_out_sees_somebody(shared_data: Path) -> None:
     """Cameras 1 to 3 alone: half of camera 4's nearest detections point at the place within 0.1 m (measured 0.06)."""
     scene, bearings = read_cmc(shared_data / "cmc_detections")

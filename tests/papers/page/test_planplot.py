@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from occlog.papers.plots import EstimatedPath, PlanFigure, PlanPanel, draw_plan, plan_limits, plan_png
 from occlog.papers.rahimi.example import sparse_scene
@@ -44,5 +45,6 @@ def test_paths_far_away_do_not_shrink_the_room() -> None:
     np.testing.assert_allclose(far, [[-6.9, -5.4], [6.9, 5.4]])
 
 
+@pytest.mark.drawn
 def test_the_same_picture_has_the_same_bytes() -> None:
     assert plan_png(made_up(2)) == plan_png(made_up(2))

@@ -46,6 +46,7 @@ def test_trackers_have_colours_of_their_targets_and_wrong_ones_a_cross() -> None
     assert bright(0) != bright(1)
 
 
+@pytest.mark.drawn
 def test_the_page_holds_the_picture_and_says_what_it_shows() -> None:
     picture = picture_png(shots())
     assert picture[:8] == b"\x89PNG\r\n\x1a\n"

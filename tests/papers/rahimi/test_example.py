@@ -201,6 +201,7 @@ def test_constraints_hold() -> None:
     assert verdicts["fig5-behind"].measured == behind / 3
 
 
+@pytest.mark.statistics
 def test_small_refinement() -> None:
     table = search.fig3(SMALL, lambda specs: run_all(specs, run=sparse_trial.sparse_trial))
     verdicts = {x.id: x for x in search.judge3(table)}

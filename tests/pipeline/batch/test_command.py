@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import fcntl
+import io
 import json
 import os
 import shutil
@@ -12,7 +13,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import chdir
+from contextlib import chdir, redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -43,7 +44,7 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def here(monkeypatch: pytest.MonkeyPatch, no_svg: None) -> None:
+def here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the work be done in this process, where everything is compiled."""
     monkeypatch.setattr(batch, "executor_of", lambda *_, **__: InThisProcess())
 
@@ -59,15 +60,25 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 
+@pytest.fixture(scope="module")
+def whole(simulated: Path) -> tuple[Path, str, str]:
+    """The results of all recordings, and what was printed."""
+    out, err = io.StringIO(), io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
+        patch.setattr(batch, "executor_of", lambda *_, **__: InThisProcess())
+        do(simulated, simulated / "whole", code=ExitCode.LOSSY)
+    return simulated / "whole", out.getvalue(), err.getvalue()
+
+
 @pytest.mark.usefixtures("here")
-def test_failures_are_listed_and_the_rest_goes_on(simulated: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = simulated / "whole"
-    do(simulated, out, code=ExitCode.LOSSY)
-    printed = capsys.readouterr()
-    told = json.loads(printed.out)
+def test_failures_are_listed_and_the_rest_goes_on(
+    simulated: Path, whole: tuple[Path, str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, printed, warned = whole
+    told = json.loads(printed)
     assert (told["recordings"], told["done"], told["failed"], told["up_to_date"]) == (3, 2, 1, 0)
-    assert printed.err.startswith(f"occlog: failed: cut: detect: {simulated / 'cut.mcap'}: ")
-    assert f"`occlog recover {simulated / 'cut.mcap'} -o OUT.mcap`" in printed.err, "the remedy works where it is read"
+    assert warned.startswith(f"occlog: failed: cut: detect: {simulated / 'cut.mcap'}: ")
+    assert f"`occlog recover {simulated / 'cut.mcap'} -o OUT.mcap`" in warned, "the remedy works where it is read"
     rows = {row["recording"]: row for row in pq.read_table(out / "runs.parquet").to_pylist()}
     assert len(rows) == 3
     assert rows["cut"]["state"] == "failed"
@@ -224,7 +235,7 @@ def test_a_name_that_is_no_text_fails_alone(simulated: Path, tmp_path: Path) -> 
 
 
 def test_an_object_store_holds_recordings_and_results(
-    simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    simulated: Path, whole: tuple[Path, str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The run folder has the bytes of one on the disk; the second time nothing is done or written."""
     system = pytest.importorskip("fsspec").filesystem("memory")
@@ -243,8 +254,7 @@ def test_an_object_store_holds_recordings_and_results(
     assert first.pop(times)
     assert again.pop(times)
     assert again == first
-    do(simulated, tmp_path / "local", pattern="hall.mcap")
-    for path in (tmp_path / "local" / "runs" / "hall").iterdir():
+    for path in (whole[0] / "runs" / "hall").iterdir():
         assert path.read_bytes() == first[f"/out/it/runs/hall/{path.name}"], path.name
     (tmp_path / "runs.parquet").write_bytes(first["/out/it/runs.parquet"])
     rows = pq.read_table(tmp_path / "runs.parquet").to_pylist()
@@ -354,22 +364,18 @@ def test_two_commands_do_not_work_in_one_folder(
 
 @pytest.mark.slow
 @pytest.mark.jit
-def test_killed_again_and_again_it_ends_with_the_same_bytes(
-    simulated: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It is killed when the first files of two kinds appear, which is in the midst of stages."""
-    killed, whole = tmp_path / "killed", tmp_path / "whole"
+@pytest.mark.usefixtures("here")
+def test_killed_it_ends_with_the_same_bytes(simulated: Path, whole: tuple[Path, str, str], tmp_path: Path) -> None:
+    """It is killed when the first file appears, which is in the midst of stages."""
+    killed = tmp_path / "killed"
     args = ["batch", str(simulated / "batch.yaml"), str(simulated / "*.mcap"), "-q", "--workers", "1"]
-    for wanted in ("bearings.parquet", "report.html"):
-        program = subprocess.Popen([sys.executable, "-m", "occlog", *args, "-o", str(killed)], env=ENVIRONMENT)
-        deadline = time.monotonic() + 120
-        while not any(killed.glob(f"runs/*/{wanted}")) and time.monotonic() < deadline:
-            assert program.poll() is None, "it ended before it could be killed"
-            time.sleep(0.002)
-        program.send_signal(signal.SIGKILL)
-        program.wait()
-        assert not (killed / "runs.parquet").exists()
-    monkeypatch.setattr(batch, "executor_of", lambda *_, **__: InThisProcess())
+    program = subprocess.Popen([sys.executable, "-m", "occlog", *args, "-o", str(killed)], env=ENVIRONMENT)
+    deadline = time.monotonic() + 120
+    while not any(killed.glob("runs/*/bearings.parquet")) and time.monotonic() < deadline:
+        assert program.poll() is None, "it ended before it could be killed"
+        time.sleep(0.002)
+    program.send_signal(signal.SIGKILL)
+    program.wait()
+    assert not (killed / "runs.parquet").exists()
     do(simulated, killed, code=ExitCode.LOSSY)
-    do(simulated, whole, code=ExitCode.LOSSY)
-    assert contents(killed) == contents(whole)
+    assert contents(killed) == contents(whole[0])

@@ -87,7 +87,7 @@ def test_slurm_gets_one_script_with_the_settings_and_jobs_that_fail_are_told(
         assert f"#SBATCH {wanted}" in script
 
 
-@pytest.mark.slow
+@pytest.mark.statistics
 def test_jobs_share_the_work_and_a_piece_that_kills_its_process_takes_no_other_with_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -108,7 +108,7 @@ def test_jobs_share_the_work_and_a_piece_that_kills_its_process_takes_no_other_w
         list(Jobs("local", tmp_path, {"no_such": "2"}).outcomes(work, square_or_die))
 
 
-@pytest.mark.slow
+@pytest.mark.statistics
 def test_ray_does_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("ray")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path(__file__).parent), *sys.path]))
@@ -151,8 +151,7 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.slow
-@pytest.mark.serial
+@pytest.mark.statistics
 def test_a_worker_of_dask_that_dies_takes_no_other_work_with_it_and_a_scheduler_that_goes_is_named() -> None:
     """What had waited at its worker was blamed for its death, and two threads disturbed each other."""
     pytest.importorskip("distributed")

@@ -16,7 +16,7 @@ import pytest
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.files.atomic import write_bytes
-from occlog.io.files.provenance import Provenance
+from occlog.io.files.provenance import Provenance, processor_type
 from occlog.io.recording.writer import RecordingWriter
 from occlog.pipeline.pack.archive import INPUTS, LOCK, MANIFEST, OUTPUTS, Manifest, lock_text
 from occlog.pipeline.run.stage import RunStage
@@ -144,7 +144,7 @@ def test_what_differs_is_named_and_whether_versions_explain_it(
     code, found = verify(packed / "x.zip", capsys)
     assert (code, list(found["different"])) == (ExitCode.DIFFERENT, ["metrics.json"])
     assert "1.0 is now 2.0" in found["different"]["metrics.json"]
-    assert "versions are the same" in str(found["result"])
+    assert "versions and processor are the same" in str(found["result"])
     old = changed(packed / "x.zip", tmp_path / "old.zip", versions={"numpy": "1.0"})
     code, found = verify(old, capsys)
     assert (code, "may explain" in str(found["result"])) == (ExitCode.DIFFERENT, True)
@@ -158,7 +158,27 @@ def test_the_same_values_in_other_bytes_are_explained_by_versions_alone(
     code, found = verify(packed / "x.zip", capsys)
     assert (code, found["same_values"], found["different"]) == (ExitCode.DIFFERENT, ["metrics.json"], {})
     code, found = verify(changed(packed / "x.zip", tmp_path / "old.zip", version="0.0.1"), capsys)
-    assert (code, "other versions explain" in str(found["result"])) == (ExitCode.DONE, True)
+    assert (code, "other versions" in str(found["result"])) == (ExitCode.DONE, True)
+
+
+def test_another_processor_is_named_as_the_cause(
+    packed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Finding R26: last digits differ on another type of processor, with the same versions."""
+    old = changed(packed / "x.zip", tmp_path / "old.zip", processor="nehalem")
+    code, found = verify(old, capsys)
+    assert (code, found["result"]) == (ExitCode.DONE, "made again to the same bytes")
+    assert found["versions"] == {"processor": f"nehalem, now {processor_type()}"}
+    with monkeypatch.context() as bytes_differ:
+        bytes_differ.setitem(VALUES, "_provenance", 5)
+        code, found = verify(old, capsys)
+        assert (code, found["same_values"]) == (ExitCode.DONE, ["metrics.json"])
+        assert "another processor (nehalem, now" in str(found["result"])
+    monkeypatch.setitem(VALUES, "rmse_m", 2.0)
+    code, found = verify(old, capsys)
+    assert (code, list(found["different"])) == (ExitCode.DIFFERENT, ["metrics.json"])
+    assert "another processor (nehalem, now" in str(found["result"])
+    assert "verify on one of its type" in str(found["result"])
 
 
 def test_a_stage_that_ends_otherwise_is_named(packed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -40,8 +40,8 @@ cameras:
 CONFIG = """
 occlog_run: 1
 seed: 3
-simulate: {scene: room.yaml, steps: 30, occluders: 2}
-track: {particles: 200}
+simulate: {scene: room.yaml, steps: 8, occluders: 2}
+track: {particles: 50}
 """
 OUTPUTS = {
     "recording.mcap",
@@ -57,9 +57,6 @@ OUTPUTS = {
     "report.png",
     "run.json",
 }
-
-
-pytestmark = pytest.mark.usefixtures("no_svg")
 
 
 @pytest.fixture
@@ -85,11 +82,11 @@ def test_all_stages_then_only_what_changed(config: Path, capsys: pytest.CaptureF
     assert set(first) == {"simulate", "detect", "track", "evaluate", "report"}
     assert set(first.values()) == {"done"}
     assert {p.name for p in (config.parent / "out").iterdir()} == OUTPUTS
-    assert len(read_table(config.parent / "out" / "tracks.parquet", Tracks)) == 30
+    assert len(read_table(config.parent / "out" / "tracks.parquet", Tracks)) == 8
 
     assert set(stages(config, capsys).values()) == {"up to date"}
 
-    config.write_text(CONFIG.replace("200", "300"))
+    config.write_text(CONFIG.replace("50", "60"))
     again = stages(config, capsys)
     assert [again[n] for n in ("simulate", "detect")] == ["up to date"] * 2
     assert again["track"] == "done"
@@ -107,17 +104,17 @@ def test_particles_are_among_the_outputs_where_they_are_asked_for(
     config: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = config.parent / "out"
-    config.write_text(CONFIG.replace("{particles: 200}", "{particles: 200, particle_cloud: true}"))
+    config.write_text(CONFIG.replace("{particles: 50}", "{particles: 50, particle_cloud: true}"))
     assert stages(config, capsys)["track"] == "done"
     particles = read_table(folder / "particles.parquet", Particles)
     tracks = read_table(folder / "tracks.parquet", Tracks)
     assert set(particles.t_ns.tolist()) == set(tracks.t_ns.tolist())
     first = particles.take(particles.t_ns == tracks.t_ns[0])
-    assert len(first) == 200
+    assert len(first) == 50
     assert np.average(first.x, weights=first.weight) == pytest.approx(tracks.x[0], abs=1e-6)
     assert stages(config, capsys)["track"] == "up to date"
     assert "/particles" in shown_topics(folder)
-    config.write_text(CONFIG.replace("{particles: 200}", "{particles: 200, particle_cloud: p.parquet}"))
+    config.write_text(CONFIG.replace("{particles: 50}", "{particles: 50, particle_cloud: p.parquet}"))
     capsys.readouterr()
     assert run(["run", str(config), "-o", str(folder), "-q"]) == ExitCode.BAD_INPUT
     assert (
@@ -168,38 +165,38 @@ def test_missed_threshold_is_told_after_all_was_made(config: Path, capsys: pytes
     ("old", "new", "message"),
     [
         ("particles", "partciles", "run.yaml: line 5: track.partciles: unknown key; did you mean 'particles'?"),
-        ("particles: 200", "particles: 0", "run.yaml: line 5: track.particles: 0: must be at least 1"),
+        ("particles: 50", "particles: 0", "run.yaml: line 5: track.particles: 0: must be at least 1"),
         (
-            "particles: 200",
+            "particles: 50",
             "set: {process_noise_position: -1}",
             "run.yaml: line 5: track.set.process_noise_position: -1: must be at least 0",
         ),
         (
-            "particles: 200",
+            "particles: 50",
             "set: {sigma_v: 1}",
             "line 5: track.set.sigma_v: apf has no setting 'sigma_v'; did you mean",
         ),
         (
-            "particles: 200",
+            "particles: 50",
             "process_noise_position: 1",
             "line 5: track.process_noise_position: unknown key; it is a setting; give it under set",
         ),
         (
-            "particles: 200",
+            "particles: 50",
             "gallery: g.parquet",
             "line 5: track.gallery: unknown key; it is a key of method jipda; remove",
         ),
         ("track:", "trakc:", "unknown key 'trakc'; did you mean 'track'?"),
         ("occlog_run: 1", "occlog_run: 2", "expected `occlog_run: 1`"),
         ("simulate:", "recording: a.mcap\nsimulate:", "give exactly one of recording, simulate, ingest"),
-        ("track: {particles: 200}", "track: 7", "track: expected keys and values"),
-        ("particles: 200", "particles: many", "line 5: track.particles: expected a whole number, got 'many'"),
-        ("particles: 200", "method: ekff", "line 5: track.method: no method 'ekff'; did you mean 'ekf'?"),
-        ("particles: 200", "smooth: 1", "line 5: track.smooth: expected true or false, got 1"),
-        ("particles: 200", "strict: true, set: [sigma_v]", "line 5: track.set: sigma_v: expected NAME=VALUE"),
-        ("particles: 200", "output: x", "track.output: outputs of a run are in its folder"),
+        ("track: {particles: 50}", "track: 7", "track: expected keys and values"),
+        ("particles: 50", "particles: many", "line 5: track.particles: expected a whole number, got 'many'"),
+        ("particles: 50", "method: ekff", "line 5: track.method: no method 'ekff'; did you mean 'ekf'?"),
+        ("particles: 50", "smooth: 1", "line 5: track.smooth: expected true or false, got 1"),
+        ("particles: 50", "strict: true, set: [sigma_v]", "line 5: track.set: sigma_v: expected NAME=VALUE"),
+        ("particles: 50", "output: x", "track.output: outputs of a run are in its folder"),
         ("room.yaml", "nowhere.yaml", "nowhere.yaml: no such file"),
-        ("steps: 30", "render: 7", "simulate.render: expected true or false, got 7"),
+        ("steps: 8", "render: 7", "simulate.render: expected true or false, got 7"),
     ],
 )
 def test_what_is_wrong_is_named(

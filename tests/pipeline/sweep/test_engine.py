@@ -33,26 +33,6 @@ def test_any_number_of_workers_gives_the_same_in_the_same_order():
     assert [[r[n] for n in names] for r in two] == expected
 
 
-@pytest.mark.slow
-def test_a_cluster_of_processes_gives_the_same():
-    pytest.importorskip("distributed")
-    code = """
-import json, sys
-from distributed import LocalCluster
-from sweep_scene import trial
-from occlog.pipeline.sweep.engine import run_all
-if __name__ == "__main__":
-    trials = [trial(run, priors={"kind": "known"}) for run in range(4)]
-    with LocalCluster(n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
-        print(json.dumps([r["rmse"] for r in run_all(trials, scheduler=cluster.scheduler_address)]))
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=ENVIRONMENT, capture_output=True, text=True, timeout=300, check=False
-    )
-    assert done.returncode == 0, done.stderr[-2000:]
-    assert json.loads(done.stdout.splitlines()[-1]) == [r["rmse"] for r in run_all(TRIALS)]
-
-
 def test_a_scheduler_that_is_not_there_is_told():
     pytest.importorskip("distributed")
     code = (

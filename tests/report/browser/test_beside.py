@@ -19,7 +19,7 @@ from occlog.records.tables import PeopleTracks
 
 pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason="no Chromium; install it, or name it in OCCLOG_CHROMIUM"),
-    pytest.mark.xdist_group("browser"),
+    pytest.mark.drawn,
 ]
 
 

@@ -106,7 +106,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium; install it, or name it in OCCLOG_CHROMIUM")
-@pytest.mark.xdist_group("browser")
+@pytest.mark.drawn
 def test_images_follow_the_time_line_and_names_are_text(opened: Open, shown: Path, tmp_path: Path) -> None:
     page = opened()
     assert page.locator("#replay-plan").count() == 0

@@ -18,7 +18,7 @@ from occlog.report.page import build_page
 
 pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason="no Chromium; install it, or name it in OCCLOG_CHROMIUM"),
-    pytest.mark.xdist_group("browser"),
+    pytest.mark.drawn,
 ]
 ADD_SCRIPT = """() => {
   const script = document.createElement("script");

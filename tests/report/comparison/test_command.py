@@ -24,7 +24,6 @@ from occlog.records.tables import Errors, PeopleTracks
 from occlog.report.comparison import run as inputs
 from occlog.report.comparison.run import names_of
 
-pytestmark = pytest.mark.usefixtures("no_svg")
 SCENE = """
 occlog_scene: 1
 room: [[-1, -1], [9, -1], [9, 9], [-1, 9]]

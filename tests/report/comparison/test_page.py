@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from two_runs import STEP, exchanged_at, lost, moved, tracks, truth, write_run
 
 from occlog.io.files.provenance import Provenance
@@ -115,6 +116,7 @@ def test_the_largest_distance_between_kept_moments_is_not_lost() -> None:
     assert set(np.round(times[apart > 0.5], 6).tolist()) == {600.1, 600.2, 600.4}
 
 
+@pytest.mark.drawn
 def test_names_and_findings_are_text(tmp_path: Path) -> None:
     found = beside(tracks(), tracks(60, exchanged_at(25)), tmp_path, (EVIL, EVIL + "2"))
     doubt = tracks(60, quality_flags=np.full(180, EVIL), seen_by=np.full(180, EVIL))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from made_up import run
 
 from occlog.records.tables import Errors, Tracks
@@ -13,7 +12,6 @@ from occlog.report.content.accuracy import matching_tracks
 from occlog.report.content.model import ReportInput
 from occlog.report.page import build_page
 
-pytestmark = pytest.mark.usefixtures("no_svg")
 STEP = 10**8
 
 

@@ -23,7 +23,7 @@ def mixed() -> Bearings:
     return named.take(rare)
 
 
-@pytest.mark.parametrize(("rows", "block"), [(1, 7), (37, 7), (37, 10**4), (10**6, 7)])
+@pytest.mark.parametrize(("rows", "block"), [(13, 7), (37, 10**4), (10**6, 7)])
 def test_looks_are_the_same_in_chunks_of_any_length(rows: int, block: int) -> None:
     table = mixed()
     streams, at_once = ObservationStreams(Blocks(LOOK, block, in_memory=200)), ObservationStreams()

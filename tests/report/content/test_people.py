@@ -24,7 +24,7 @@ def hall(seed: int) -> PeopleTracks:
     return PeopleTracks.merge(people)
 
 
-@pytest.mark.parametrize("rows", [1, 41, 10**6])
+@pytest.mark.parametrize("rows", [13, 10**6])
 def test_figures_are_the_same_in_chunks_of_any_length(rows: int) -> None:
     tracks = hall(3)
     chunks = [tracks.take(slice(s, s + rows)) for s in range(0, len(tracks), rows)]

@@ -50,6 +50,7 @@ def test_a_method_without_particles_shows_how_well_it_knows_the_position(batch: 
     assert any("position hardly known (3 ×)" in str(line.get_label()) for line in axes.get_lines())
 
 
+@pytest.mark.drawn
 def test_the_page_of_a_method_without_particles(batch: ReportInput) -> None:
     page = build_page(batch)
     assert "Certainty" in page

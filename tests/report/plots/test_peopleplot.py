@@ -57,6 +57,7 @@ def test_the_people_who_are_there_longest_have_rows_in_the_order_of_their_births
     assert MAX_PEOPLE - 1 not in drawn
 
 
+@pytest.mark.drawn
 def test_the_page_of_everybody_says_who_was_there_and_who_saw_them() -> None:
     events = Events.of(
         t_ns=[0, 2 * 10**9],

@@ -74,6 +74,7 @@ def test_what_was_expected_is_compared_with_what_came_out_at_the_same_times():
     assert np.isnan(ReportInput(tracks=tracks(0), diagnostics=MADE).selections[0].found)
 
 
+@pytest.mark.drawn
 def test_the_page_shows_selected_cameras():
     data = ReportInput(tracks=tracks(5), diagnostics=MADE)
     assert cameras_of(data, data.selections[0]) == ("a", "b", "c")

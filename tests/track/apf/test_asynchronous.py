@@ -100,7 +100,7 @@ def test_asynchronous_cameras_track_as_well_as_synchronous_ones():
     assert own < 1.2 * together
 
 
-@pytest.mark.jit
+@pytest.mark.statistics
 def test_priors_at_times_of_their_own_help_asynchronous_cameras():
     """Priors every 0.7 s, 0.2 s off, four cameras: RMSE among 40 occluders is below that without priors.
 

@@ -102,12 +102,11 @@ def test_sight_lines_without_noise_meet_at_the_estimate():
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize("seed", range(2))
-def test_a_walker_is_followed_with_a_consistent_covariance(seed):
+def test_a_walker_is_followed_with_a_consistent_covariance():
     scene = room100(pillar=False)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     path = walk(150, rng)
-    rows = track([observe(scene, path, rng)], scene, TrackingTask(ApfConfig(particles=1000), seed))
+    rows = track([observe(scene, path, rng)], scene, TrackingTask(ApfConfig(particles=1000), 0))
     tracks = next(rows).tracks
     error = np.column_stack([tracks.x, tracks.y])[20:] - path[20:]
     assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 1.2

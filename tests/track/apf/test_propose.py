@@ -106,7 +106,7 @@ def test_the_log_likelihood_is_that_of_the_motion_alone(dt, focal, noises):
 
 @pytest.mark.jit
 @pytest.mark.parametrize("noises", [{}, PEOPLE])
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.statistics)])
 def test_the_moments_are_those_of_many_particles_that_do_not_look(seed, noises):
     scene, dt = room100(focal=200.0), 0.5
     rows = [(i, None if u is None else u * 200.0 / 70.0) for i, u in rows_of(room100(), 2 * seed)]

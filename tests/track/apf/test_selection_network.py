@@ -202,6 +202,7 @@ def test_people_raise_the_error_that_is_expected():
     assert among.predicted_mse[0] > 1.05 * free.predicted_mse[0]
 
 
+@pytest.mark.statistics
 def test_the_error_that_is_expected_is_about_that_of_the_track():
     """10 walks: the mean squared error is within 3 standard errors of what was expected."""
     config, expected, found = ApfConfig(particles=400, initial_particle_factor=2), [], []

@@ -39,7 +39,7 @@ def chosen(config, seed=0, priors=None, scene=SCENE, usable=NAMES, rng=None):
 
 
 @pytest.mark.parametrize("model", ["perspective", "weak"])
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(2))
 def test_brute_force_is_the_least_of_all_subsets_and_greedy_not_below(seed, model):
     priors = people(seed)
     for count in (1, 2, 3):
@@ -71,19 +71,18 @@ def test_greedy_adds_the_best_camera_each_time():
 
 
 @pytest.mark.parametrize("model", ["perspective", "weak"])
-@pytest.mark.parametrize("seed", range(3))
-def test_greedy_sets_are_nested_and_end_with_all(seed, model):
-    priors = people(seed)
-    sets = [set(chosen(SelectConfig("greedy", k, model=model), seed, priors).cameras) for k in range(1, 9)]
+def test_greedy_sets_are_nested_and_end_with_all(model):
+    priors = people(0)
+    sets = [set(chosen(SelectConfig("greedy", k, model=model), 0, priors).cameras) for k in range(1, 9)]
     assert [len(s) for s in sets] == list(range(1, 9))
     assert all(a < b for a, b in pairwise(sets))
-    whole = [chosen(SelectConfig(p, 8, model=model), seed, priors) for p in ("greedy", "brute-force", "all")]
+    whole = [chosen(SelectConfig(p, 8, model=model), 0, priors) for p in ("greedy", "brute-force", "all")]
     assert {w.cameras for w in whole} == {tuple(range(8))}
     assert whole[0].mse == pytest.approx(whole[2].mse, rel=1e-6)
     assert whole[1].mse == whole[2].mse
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_greedy_is_close_to_the_best_where_all_cameras_see(seed):
     """Linear, Gaussian, in plain view: 2 of 8 within 25 % (a figure of these scenes, not a bound)."""
     scene = room100(pillar=False)

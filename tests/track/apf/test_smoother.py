@@ -80,7 +80,9 @@ def from_afar():
     return Scene(cameras=tuple(cameras), room=ROOM)
 
 
-@pytest.mark.parametrize(("dt", "proposal"), [(0.4, "bootstrap"), (2.5, "adapted")])
+@pytest.mark.parametrize(
+    ("dt", "proposal"), [(0.4, "bootstrap"), pytest.param(2.5, "adapted", marks=pytest.mark.statistics)]
+)
 def test_the_smoothed_posterior_is_that_of_the_exact_smoother(dt, proposal):
     sigma, start, steps, runs, read = 1.2, 3.0, 9, 6, SHARP["sigma_read_px"]
     scene = from_afar()

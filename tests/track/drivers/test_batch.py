@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from tracker_scenes import SECOND, observe, room100, walk
 
@@ -121,7 +121,6 @@ def test_a_row_for_every_scan_in_time_order_across_targets(lag: float | None) ->
     assert diagnostics.n_detected.tolist() == seen
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.lists(st.sets(st.integers(0, 40), min_size=1, max_size=30), min_size=1, max_size=4), st.floats(0.5, 15.0))
 def test_rows_of_any_targets_come_once_and_in_order(present: list[set[int]], lag: float) -> None:
     """Whatever gaps they have; and nothing waits for longer than the lag, half of it, and a pause."""

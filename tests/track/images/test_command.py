@@ -339,7 +339,7 @@ def test_nothing_could_begin_a_tracker(balls, tmp_path, capsys):
     assert "confirmation_frames is 0, so detections begin no tracker; give --initial-ellipses, or 1 or more" in said
 
 
-@pytest.mark.parametrize("how", ["late", "apart"])
+@pytest.mark.parametrize("how", ["late", pytest.param("apart", marks=pytest.mark.statistics)])
 def test_a_wrong_matrix_is_noticed_where_views_begin_one_after_the_other(tmp_path, capsys, how):
     keep = {"late": lambda view, frame: view == "view1" or frame > 5, "apart": lambda view, frame: True}[how]
     late_ns = {"late": {}, "apart": {"view2": STEP_NS // 2}}[how]
@@ -450,7 +450,9 @@ def test_truth_boxes_of_the_same_frames_as_initial_table(balls, tmp_path):
     assert set(result(tmp_path).target_id.tolist()) == {0, 1, 2}
 
 
-@pytest.mark.parametrize("method", IN_IMAGES)
+@pytest.mark.parametrize(
+    "method", ["mcmc", *(pytest.param(m, marks=pytest.mark.statistics) for m in IN_IMAGES if m != "mcmc")]
+)
 def test_every_method_ends_trackers_that_nothing_supports(balls, tmp_path, method):
     boxes = read_boxes(balls)
     seen = boxes.take(boxes.frame < 6)

@@ -56,6 +56,7 @@ def test_everybody_of_a_crowd_is_followed_with_one_identity() -> None:
     assert len(identities) <= 9
 
 
+@pytest.mark.statistics
 def test_covariances_are_consistent() -> None:
     nees = []
     for seed in (1, 2):
@@ -65,6 +66,7 @@ def test_covariances_are_consistent() -> None:
     assert np.mean(np.array(nees) < 5.99) > 0.88
 
 
+@pytest.mark.statistics
 def test_most_people_who_fall_lie_and_get_up_keep_their_identity() -> None:
     # Each of four falls over along x within 0.7 s, lies for 1.5 s and gets up
     lean, down = np.zeros((70, 4)), np.concatenate([np.linspace(0.0, 1.0, 7), np.ones(15), np.linspace(1.0, 0.0, 9)])

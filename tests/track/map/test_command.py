@@ -324,7 +324,6 @@ def test_one_start_for_one_target(made: Path) -> None:
     assert tracks.cov_xx[0] < 0.011
 
 
-@pytest.mark.usefixtures("no_svg")
 def test_reports_differences_and_descriptions_take_the_tracks(made: Path, capsys) -> None:
     tracks, how = str(made / "tracks.parquet"), str(made / "diagnostics.parquet")
     page = ["report", tracks, "--scene", str(made / "room.mcap"), "--truth", str(made / "room.mcap"), "-q"]

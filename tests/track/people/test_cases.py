@@ -63,7 +63,9 @@ def moved(case: Path, to: Path, name: str, yaw_deg: float, shift: tuple[float, f
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize(("name", "yaw_deg"), [("side", 180.0), ("back", -90.0)])
+@pytest.mark.parametrize(
+    ("name", "yaw_deg"), [("side", 180.0), pytest.param("back", -90.0, marks=pytest.mark.statistics)]
+)
 def test_a_camera_that_is_turned_is_named_with_the_angle(
     shared_cases: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, yaw_deg: float
 ) -> None:

@@ -104,7 +104,6 @@ def test_sources_have_names_of_their_own(tmp_path: Path, capsys: pytest.CaptureF
     assert "grid of positions" in capsys.readouterr().err
 
 
-@pytest.mark.usefixtures("no_svg")
 def test_a_configuration_takes_positions(tmp_path: Path) -> None:
     log_of(tmp_path)
     (tmp_path / "run.yaml").write_text(

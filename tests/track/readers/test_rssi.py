@@ -88,6 +88,7 @@ def nees(reads: Walk, found: list[TagEstimate]) -> Floats:
     return np.einsum("ni,nij,nj->n", error, inverse, error)
 
 
+@pytest.mark.statistics
 def test_the_covariance_is_that_of_the_errors_and_without_shadowing_it_would_be_too_small() -> None:
     walks = [walk(seed) for seed in range(8)]
     with_it = np.array([nees(w, filtered(RULES, w)).mean() for w in walks])
@@ -135,6 +136,7 @@ def smoothed(rules: TagFilterModel, found: list[TagEstimate]) -> list[SmoothedSt
     return smoothed_states(rules, [trace_of(rules, f, max(k - 1, 0) * NS) for k, f in enumerate(found)])
 
 
+@pytest.mark.statistics
 def test_smoothing_lowers_errors_and_its_covariances_hold() -> None:
     walks = [walk(seed) for seed in range(8)]
     before = [filtered(RULES, w) for w in walks]

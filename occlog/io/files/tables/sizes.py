@@ -12,6 +12,7 @@ import os
 import struct
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import IO, NamedTuple
 
@@ -35,6 +36,8 @@ FREE_CHUNKS, BYTES_PER_CHUNK = 250_000, 1000
 """Column chunks that any file may have, and bytes of the file for each one more."""
 FREE_STEPS, BYTES_PER_STEP = 2_000_000, 10
 """Bytes of any footer, without texts, and bytes of the file for each one more."""
+MAX_KEPT_BYTES = 50_000
+"""Length of a footer of which the row groups are kept: a command opens each of its tables many times."""
 BYTES_PER_VALUE = 8
 HEAD_WINDOWS = (256, 1 << 24)
 """Bytes in which a page header is searched for: most have 40 bytes, some have long statistics."""
@@ -189,6 +192,14 @@ def read_groups(path: Path, file: IO[bytes], size: int) -> list[RowGroupSizes]:
     if length > size - END.size:
         raise MalformedError("a footer that is longer than the file")
     footer = os.pread(file.fileno(), length, size - END.size - length)
+    found = _kept_groups(footer, size) if length <= MAX_KEPT_BYTES else _groups(footer, size)
+    if found is None:
+        raise InputError(f"{path}: {ENCRYPTED}")
+    return found
+
+
+def _groups(footer: bytes, size: int) -> list[RowGroupSizes] | None:
+    """The row groups of a file of `size` bytes with a footer; None: it is encrypted."""
     reader, groups, rows = CompactReader(footer, FREE_STEPS + size // BYTES_PER_STEP), list[RowGroupSizes](), -1
     left, room = FREE_CHUNKS + size // BYTES_PER_CHUNK, size
     for number, kind in reader.fields():
@@ -208,12 +219,15 @@ def read_groups(path: Path, file: IO[bytes], size: int) -> list[RowGroupSizes]:
                 if room < 0:
                     raise MalformedError("its columns have more bytes than the file")
         elif number == ENCRYPTION and kind == STRUCT:
-            raise InputError(f"{path}: {ENCRYPTED}")
+            return None
         else:
             reader.skip(kind)
     if rows != sum(group.rows for group in groups):
         raise MalformedError(f"{rows} rows, in groups of {sum(group.rows for group in groups)}")
     return groups
+
+
+_kept_groups = lru_cache(maxsize=64)(_groups)
 
 
 def _group(reader: CompactReader, most: int) -> RowGroupSizes:

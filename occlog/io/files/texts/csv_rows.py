@@ -30,7 +30,13 @@ from occlog.io.files.texts.by_reader import text_of
 
 ROWS_PER_CHUNK = 16_384
 MAX_CELL = 200
+UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
+"""First bytes of a text in UTF-16, as Excel and PowerShell write it."""
 GZIP_MAGIC = b"\x1f\x8b"
+MISSING = ("", "nan", "none", "na", "<na>", "n/a", "#n/a", "null", r"\n", "nil", "-", "--", "nat")
+"""What programs write for a value that is not there, in small letters."""
+_SEPARATOR = re.compile(r'"?sep=(.)"?\s*$', re.IGNORECASE)
+"""Line of Excel that states the mark between cells."""
 _DECIMAL_COMMA = re.compile(r"[+-]?[0-9]+,[0-9]+(?:[eE][+-]?[0-9]+)?$")
 LONGEST_LINE = 1_000_000
 """Characters of a line at most."""
@@ -125,22 +131,26 @@ class CsvRows:
         """(n,) numbers; empty cells and `nan` give NaN where `blank` allows it, else InputError."""
         cells = self._plain(name)
         if blank:
-            cells = np.where(np.isin(np.char.lower(np.char.strip(cells)), ("", "nan", "none")), "nan", cells)
+            cells = np.where(np.isin(np.char.lower(np.char.strip(cells)), MISSING), "nan", cells)
         try:
             with np.errstate(over="ignore"):  # too large values are infinite, and refused below
                 values = cells.astype(np.float64)
         except ValueError:
             row = next(n for n, cell in enumerate(cells) if not _is_number(cell, blank))
-            raise self.fail(
-                row, f"{name} is {str(cells[row])!r}; a number was expected; correct this {self.location}"
-            ) from None
+            raise self._no_number(name, row, "a number") from None
         bad = np.isinf(values) if blank else ~np.isfinite(values)
         if bad.any():
-            row = int(np.flatnonzero(bad)[0])
-            raise self.fail(
-                row, f"{name} is {str(cells[row])!r}; a finite number was expected; correct this {self.location}"
-            )
+            raise self._no_number(name, int(np.flatnonzero(bad)[0]), "a finite number")
         return values
+
+    def _no_number(self, name: str, row: int, wanted: str) -> InputError:
+        """An InputError for a cell that is no number."""
+        cell = str(self.cells[name][row]).strip()
+        if cell.lower() in MISSING:
+            return self.fail(row, f"{name} is missing ({cell!r}); remove this {self.location}, or give the value")
+        if _DECIMAL_COMMA.match(cell):
+            return self.fail(row, f"{name} is {cell!r}, with a decimal comma; write it with a point")
+        return self.fail(row, f"{name} is {cell!r}; {wanted} was expected; correct this {self.location}")
 
     def steps(self, name: str) -> Floats:
         """(n,) what the last digit of each number with an exponent above 0 represents; else 0."""
@@ -305,10 +315,10 @@ def _open_text(path: Path, what: str) -> TextIO:
     if text is not None:
         return io.StringIO(text)
     with check_input(path, what).open("rb") as file:
-        compressed = file.read(len(GZIP_MAGIC)) == GZIP_MAGIC
-    if compressed:
+        head = file.read(len(GZIP_MAGIC))
+    if head == GZIP_MAGIC:
         return gzip.open(path, "rt", encoding="utf-8-sig", newline="")
-    return path.open(encoding="utf-8-sig", newline="")
+    return path.open(encoding="utf-16" if head in UTF16_MARKS else "utf-8-sig", newline="")
 
 
 def _rejoin(first: tuple[int, list[str]], rest: Iterator[tuple[int, list[str]]]) -> Iterator[tuple[int, list[str]]]:
@@ -337,6 +347,7 @@ def text_lines(path: Path, file: TextIO) -> Iterator[tuple[int, str]]:
 def _split(path: Path, file: TextIO, *, commented: bool = False) -> Iterator[tuple[int, list[str]]]:
     """(line number, cells) of every line with data, and of a first one that begins with `#` if `commented`."""
     reader = None
+    header: list[str] = []
     number = width = 0
     try:
         for number, line in text_lines(path, file):
@@ -346,20 +357,28 @@ def _split(path: Path, file: TextIO, *, commented: bool = False) -> Iterator[tup
             if "\0" in line:
                 _refuse(InputError(f"{path}: line {number}: not text; a text table was expected"))
                 continue
+            if reader is None and (stated := _SEPARATOR.match(line)) is not None:
+                reader = stated[1]
+                continue
             if reader is None:
                 reader = _delimiter(text)
             cells = _cells(text, reader)
+            if not width:
+                header = cells if is_header(cells) else []
+            elif cells == header:
+                _refuse(InputError(f"{path}: line {number}: the header again: two tables in one file; divide it here"))
+                continue
             width = width or len(cells)
             if reader == "\t" and len(cells) < width:  # tabs at the ends represent cells without a value
                 cells = _cells(line.strip("\r\n"), reader)
-            decimal = next((cell for cell in cells if _DECIMAL_COMMA.match(cell)), None) if reader == ";" else None
+            decimal = next((cell for cell in cells if _DECIMAL_COMMA.match(cell)), None) if reader != "," else None
             if decimal is not None:
                 _refuse(InputError(f"{path}: line {number}: {decimal!r} has a decimal comma; write it with a point"))
                 continue
             yield number, cells
     except UnicodeDecodeError as error:
         raise InputError(
-            f"{path}: after line {number}: not UTF-8 text ({error.reason}); a text table was expected"
+            f"{path}: after line {number}: not UTF-8 text ({error.reason}), as a table should be; save it as UTF-8"
         ) from None
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise InputError(f"{path}: after line {number}: damaged gzip file ({error}); compress it again") from None
@@ -375,7 +394,7 @@ def _delimiter(text: str) -> str:
 
 def _cells(text: str, delimiter: str) -> list[str]:
     if delimiter == " ":
-        return text.split()
+        return text.split() if '"' not in text else next(csv.reader([text], delimiter=" ", skipinitialspace=True))
     if '"' not in text:
         return [cell.strip() for cell in text.split(delimiter)]
     return [cell.strip() for cell in next(csv.reader([text], delimiter=delimiter))]
@@ -429,6 +448,7 @@ def _is_row(path: Path, location: str, line: int, cells: list[str], columns: int
     fault = ""
     if len(cells) != columns:
         fault = f"{len(cells)} cells, but the first line has {columns}"
+        fault += "; if the first are names of rows (R), leave them out" * (len(cells) == columns + 1)
     elif max(map(len, cells)) > MAX_CELL:
         fault = f"a cell of more than {MAX_CELL} characters"
     if fault:

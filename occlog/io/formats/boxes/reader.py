@@ -26,6 +26,7 @@ from occlog.io.files.texts.by_reader import reader_of
 from occlog.io.files.texts.csv_rows import CsvRows, check_one_sensor, is_header
 from occlog.io.files.texts.formats import FileFormat, Probe, by_cells, is_folder, recognise
 from occlog.io.files.times import check_unit, parse_times, time_column
+from occlog.io.files.utc import time_words
 from occlog.records.columns import MAX_NS
 from occlog.records.declared.sensors import MAX_FRAMES
 from occlog.records.losses import Loss
@@ -85,7 +86,10 @@ def note_times(
         for row in mine.tolist():
             frame, t = int(boxes.frame[row]), int(t_ns[row])
             if found.setdefault(frame, t) != t:
-                raise rows.fail(row, f"frame {frame} of camera {name} has two times ({found[frame]} and {t} ns)")
+                raise rows.fail(
+                    row,
+                    f"frame {frame} of camera {name} has two times ({time_words(found[frame])} and {time_words(t)})",
+                )
 
 
 def table_times(found: dict[int, int], first: int, stop: int, where: str) -> FrameTimes:
@@ -101,7 +105,8 @@ def table_times(found: dict[int, int], first: int, stop: int, where: str) -> Fra
     if (np.diff(t_ns) <= 0).any():
         k = int(np.flatnonzero(np.diff(t_ns) <= 0)[0])
         raise InputError(
-            f"{where}: frame {frames[k + 1]} has time {t_ns[k + 1]} ns, not after the {t_ns[k]} ns of frame {frames[k]}"
+            f"{where}: frame {frames[k + 1]} has time {time_words(t_ns[k + 1])}, not after the "
+            f"{time_words(t_ns[k])} of frame {frames[k]}"
         )
     step = (t_ns[-1] - t_ns[0]) / max(int(frames[-1] - frames[0]), 1)
     if not step and stop - first > 1:

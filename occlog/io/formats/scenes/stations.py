@@ -59,6 +59,13 @@ def check_stations(path: Path) -> None:
         raise InputError(f"{path}: positions are in {_several(units)}; state all in one unit")
 
 
+def occurs_twice(path: Path) -> bool:
+    """Return whether a name is in several rows, as the identity of a track is, and no station."""
+    for rows in read_rows(path, COLUMNS, WHAT, ignore_extra=True):
+        return len(set(rows.cells["name"].tolist())) < len(rows)
+    return False
+
+
 def _several(units: Iterable[str]) -> str:
     """Units in words."""
     return " and ".join(sorted(unit or "no stated unit" for unit in units))

@@ -98,6 +98,10 @@ def read_doa(
 
 def _format(path: Path, options: DoaOptions) -> str:
     name = recognise(FORMATS, Probe(path, WHAT), options.format, "DOA")
+    if name is None and Probe(path, WHAT).start.startswith(b"["):
+        raise InputError(
+            f"{path}: is a list of JSON; write its objects one after another, as ODAS does, without [ ] and commas"
+        )
     if name is None:
         raise InputError(
             f"{path}: has no column of azimuths (azimuth_deg, azimuth_rad); name the columns in a header line"

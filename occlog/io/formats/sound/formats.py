@@ -18,6 +18,7 @@ slot has the id 0, or no direction: a hop with empty slots alone has no source.
 from __future__ import annotations
 
 import json
+import math
 import re
 import sys
 from collections.abc import Iterator, Sequence
@@ -30,6 +31,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Floats, Ints, Strings
+from occlog.console.notes import note_once
 from occlog.errors import InputError, UsageError, option
 from occlog.io.files.limits import naming
 from occlog.io.files.names import safe_name
@@ -310,6 +312,8 @@ MAX_OBJECT = 1 << 20
 """Characters of one object: ODAS writes about 100 for a source."""
 LENGTHS = (0.9, 1.1)
 """Limits of the length of a direction vector; ODAS writes three decimals."""
+MAX_ELEVATION = math.radians(89.0)
+"""Elevation above which three decimals of a direction give no azimuth."""
 MAX_COUNT = 10**11
 """A greater time stamp is no count of hops: at a hop of 1 ms it would be three years after the start."""
 ROWS_PER_CHUNK = 16_384
@@ -331,6 +335,9 @@ def looks_like_odas(head: list[str]) -> bool:
 def read_odas(path: Path, options: DoaOptions, losses: list[Loss]) -> Iterator[DoaRows]:
     """Directions of a stream; an object that the end of the file cuts off is a loss.
 
+    Sources without activity, or straight above or below, are left out with a note: the first are predicted by ODAS and
+    not heard, the others have no azimuth.
+
     Raises:
         UsageError: the hop or the array is not given.
         InputError: an object is not what ODAS writes; the line is named.
@@ -344,14 +351,26 @@ def read_odas(path: Path, options: DoaOptions, losses: list[Loss]) -> Iterator[D
             "for example 0.008 or 128/16000"
         )
     rows: list[tuple[int, int, int, float, float, float]] = []
+    hops = taken = idle = above = 0
     for hop in _hops(path, losses):
         t_ns = options.start_ns + round(hop.number * options.hop * NS)
-        rows += [(hop.line, t_ns, *source) for source in _sources(path, hop)]
+        sources = list(_sources(path, hop))
+        heard = [source for source in sources if source[3] != 0.0]
+        level = [source for source in heard if abs(source[2]) < MAX_ELEVATION]
+        hops, taken = hops + 1, taken + len(level)
+        idle, above = idle + len(sources) - len(heard), above + len(heard) - len(level)
+        rows += [(hop.line, t_ns, *source) for source in level]
         if len(rows) >= ROWS_PER_CHUNK:
             yield _odas_rows(rows, options.sensor)
             rows = []
     if rows:
         yield _odas_rows(rows, options.sensor)
+    if idle:
+        note_once(f"note: {path}: {idle} directions without activity left out: ODAS predicts them and hears nothing")
+    if above:
+        note_once(f"note: {path}: {above} directions straight up or down left out: they have no azimuth")
+    if hops and not taken:
+        note_once(f"warning: {path}: {hops} hops and no direction; check the thresholds of ODAS, and that sound was on")
 
 
 def parse_hop(text: str) -> Fraction:

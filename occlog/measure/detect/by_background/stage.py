@@ -18,6 +18,7 @@ from typing import NamedTuple
 import cv2
 
 from occlog.errors import InputError
+from occlog.io.files.utc import time_words
 from occlog.measure.clusters.person_size import SizeMap
 from occlog.measure.detections import Detections
 from occlog.records.frames import Frame, Image
@@ -121,7 +122,8 @@ def batches(frames: Iterable[Frame], size: int) -> Iterator[list[Frame]]:
     for frame in frames:
         if batch and frame.t_ns < batch[-1].t_ns:
             raise InputError(
-                f"camera {frame.sensor}: frame {frame.index}: time {frame.t_ns} ns is before {batch[-1].t_ns} ns "
+                f"camera {frame.sensor}: frame {frame.index}: time {time_words(frame.t_ns)} is before "
+                f"{time_words(batch[-1].t_ns)} "
                 "of the frame read before it; frames must come in the order of time"
             )
         if len(batch) >= size and frame.t_ns != batch[-1].t_ns:

@@ -14,6 +14,7 @@ import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.errors import InputError, UsageError
+from occlog.io.files.utc import time_words
 from occlog.io.formats.models.motion_models import PathLossSpec, model_losses, read_path_loss
 from occlog.io.open import input_losses, load_scene, open_input
 from occlog.records.losses import Loss
@@ -69,7 +70,7 @@ def windows_of(
         if first is None:
             first = int(chunk.t_ns[0])
         elif chunk.t_ns[0] < last:
-            raise InputError(f"reads: time {chunk.t_ns[0]} ns comes after {last} ns; sort by t_ns")
+            raise InputError(f"reads: time {time_words(chunk.t_ns[0])} comes after {time_words(last)}; sort by t_ns")
         last = int(chunk.t_ns[-1])
         kept = np.isin(chunk.sensor, list(readers))
         if targets:

@@ -25,7 +25,7 @@ from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, read_boxes, surv
 from occlog.io.frames.streams import rate_times
 from occlog.records.tables import Boxes, TruthBoxes
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.statistics
 NAMES = ("TUD-Campus", "TUD-Stadtmitte")
 LIMIT = 0.8
 SCENES = 40

@@ -27,11 +27,18 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return Path(shutil.copytree(ROOT / "sample_data" / "room", tmp_path_factory.mktemp("odd") / ODD))
 
 
-def test_videos_are_read_and_written_there(room: Path, tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def detected(room: Path) -> Path:
+    """Bearings of that recording, beside it."""
+    path = room / f"{ODD}.parquet"
+    assert run(["detect", str(room / "recording.mcap"), "-o", str(path), "-q"]) == ExitCode.DONE
+    return path
+
+
+def test_videos_are_read_and_written_there(detected: Path, tmp_path: Path) -> None:
     known = ROOT / "sample_data" / "room" / "recording.mcap"
-    for name, recording in ((f"{ODD}.parquet", room / "recording.mcap"), ("b.parquet", known)):
-        assert run(["detect", str(recording), "-o", str(tmp_path / name), "-q"]) == ExitCode.DONE
-    found, wanted = (read_table(tmp_path / name, Bearings) for name in (f"{ODD}.parquet", "b.parquet"))
+    assert run(["detect", str(known), "-o", str(tmp_path / "b.parquet"), "-q"]) == ExitCode.DONE
+    found, wanted = (read_table(path, Bearings) for path in (detected, tmp_path / "b.parquet"))
     np.testing.assert_array_equal(found.bearing, wanted.bearing)
     (tmp_path / ODD).mkdir()
     made = tmp_path / ODD / "made.mcap"
@@ -40,11 +47,10 @@ def test_videos_are_read_and_written_there(room: Path, tmp_path: Path) -> None:
     assert run(["detect", str(made), "-o", str(tmp_path / "made.parquet"), "-q"]) == ExitCode.DONE
 
 
-def test_pages_show_such_names(room: Path, tmp_path: Path) -> None:
-    rows, tracks, page = tmp_path / f"{ODD}.parquet", tmp_path / f"t{ODD}.parquet", tmp_path / f"{ODD}.html"
+def test_pages_show_such_names(room: Path, detected: Path, tmp_path: Path) -> None:
+    tracks, page = tmp_path / f"t{ODD}.parquet", tmp_path / f"{ODD}.html"
     scene = str(room / "recording.mcap")
-    assert run(["detect", scene, "-o", str(rows), "-q"]) == ExitCode.DONE
-    assert run(["track", str(rows), "--scene", scene, "-o", str(tracks), "-q"]) == ExitCode.DONE
+    assert run(["track", str(detected), "--scene", scene, "-o", str(tracks), "-q"]) == ExitCode.DONE
     words = ["report", str(tracks), "--scene", scene, "-o", str(page), "--markdown", str(tmp_path / "m.md"), "-q"]
     assert run(words) == ExitCode.DONE
     assert r"caf\udce9.parquet" in page.read_text(encoding="utf-8")

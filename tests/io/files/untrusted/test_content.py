@@ -40,10 +40,25 @@ def test_a_video_and_sound_are_told_where_they_go(tmp_path: Path, head: bytes, w
 
 def test_json_is_no_damaged_parquet(tmp_path: Path) -> None:
     (tmp_path / "coco.json").write_text('{"images": [], "annotations": []}')
-    with pytest.raises(
-        InputError, match="is JSON by its name; boxes in JSON go into a recording by `occlog ingest --boxes`"
-    ):
+    with pytest.raises(InputError, match="is JSON; boxes in it go into a recording by `occlog ingest --boxes"):
         open_input(tmp_path / "coco.json")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("t.jsonl", b'{"time": 0, "id": 1, "x": 1, "y": 2}\n', "is JSON; .* write other rows as CSV"),
+        ("t.xlsx", b"PK\x03\x04" + bytes(60), "is a ZIP archive, as of Excel or NumPy; save a sheet as CSV"),
+        ("t.xls", b"\xd0\xcf\x11\xe0" + bytes(60), "is a file of Excel; save its sheet as CSV"),
+        ("t.h5", b"\x89HDF\r\n" + bytes(60), "is HDF5, .*; write its rows as Parquet or CSV"),
+        ("t.mat", b"MATLAB 5.0 MAT-file" + bytes(60), "is a file of MATLAB; write its rows as CSV"),
+        ("t.pkl", b"\x80\x04\x95" + bytes(60), "is a pickle of Python; write its rows as Parquet or CSV"),
+    ],
+)
+def test_tables_of_other_programs_are_refused_by_name(tmp_path: Path, name: str, content: bytes, words: str) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError, match=words):
+        open_input(tmp_path / name)
 
 
 @pytest.mark.parametrize("args", [["track"], ["ingest"]])

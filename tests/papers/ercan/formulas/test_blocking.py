@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.special import ndtr
@@ -51,9 +51,9 @@ def integral(x: np.ndarray, mean: np.ndarray, cov: np.ndarray, diameter: float) 
 
 @pytest.mark.jit
 @pytest.mark.filterwarnings("ignore::scipy.integrate.IntegrationWarning")
-@pytest.mark.parametrize("diameter", [0.4, 3.33, 9.0])
-@pytest.mark.parametrize("alpha", [1.0, 1.5, 4.0, 64.0, 1e4])
-@pytest.mark.parametrize("sigma", [0.5, 2.0, 5.0])
+@pytest.mark.parametrize("diameter", [0.4, 9.0])
+@pytest.mark.parametrize("alpha", [1.0, 1.5, 64.0, 1e4])
+@pytest.mark.parametrize("sigma", [0.5, 5.0])
 def test_quadrature_is_the_integral_of_eq_17(sigma: float, alpha: float, diameter: float) -> None:
     xy, priors = scene(int(sigma * 10 + alpha), sigma, alpha, diameter, size=6)
     rng = np.random.default_rng(3)
@@ -235,7 +235,6 @@ def test_no_priors_and_no_places() -> None:
 
 
 @pytest.mark.jit
-@settings(deadline=None, max_examples=60, derandomize=True)
 @given(
     st.tuples(st.floats(0.5, 30), st.floats(-10, 30), st.floats(-10, 10)),
     st.tuples(st.floats(0.2, 5), st.floats(1, 200), st.floats(0, np.pi), st.floats(0.1, 10)),

@@ -94,8 +94,7 @@ def test_people_must_be_separable_and_alike_ones_harder():
     assert found == {"race-rank-1": REPRODUCED, "race-AUC": NOT, "separable": REPRODUCED}
 
 
-@pytest.mark.jit
-@pytest.mark.slow
+@pytest.mark.statistics
 def test_heads_of_different_people_are_told_apart_from_all_sides():
     found = faces_trial({"kind": "lee-faces", "probes": 1, "seed": 0, "run": 0})
     assert found["auc-different-bins-72"] > 0.9 > found["auc-alike-bins-72"]

@@ -88,6 +88,7 @@ def test_the_path_tells_how_it_was_made(tmp_path: Path):
     assert describe(path)["schema"] == "robot_path"
 
 
+@pytest.mark.drawn
 def test_a_picture_comes_with_the_path(tmp_path: Path):
     picture = tmp_path / "path.png"
     tracks = people(tmp_path)

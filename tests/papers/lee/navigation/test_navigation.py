@@ -42,6 +42,7 @@ def test_the_prevention_holds_in_line_but_equality_seldom_does():
     assert {v.verdict for k, v in found.items() if k != "fig5.27-equality"} == {"reproduced"}
 
 
+@pytest.mark.statistics
 def test_escapes_are_judged_by_goal_and_clearance():
     found = judged("fig5.29")
     distances = {k: found[f"fig5.29-outside-{k}"].measured for k in ("0.2", "0.5")}
@@ -65,6 +66,7 @@ def test_escapes_are_judged_by_goal_and_clearance():
     }
 
 
+@pytest.mark.statistics
 def test_robots_nearly_in_line_collide_by_equalities_as_often_as_without_prevention():
     found = judged("near-aligned", Size(2, 60, quick=True))
     assert found["near-equal"].verdict != "reproduced"

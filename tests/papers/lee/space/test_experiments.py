@@ -69,7 +69,7 @@ def test_scenarios_give_rows_of_each_axis_and_verdicts(number: int) -> None:
     assert {x.verdict for x in found.values()} <= set(v.WORDS)
 
 
-@pytest.mark.jit
+@pytest.mark.statistics
 def test_particles_and_sensors_are_relative_to_what_they_say() -> None:
     table = scenarios.COUNTED.compute(SMALL, execute)
     assert [r.x for r in v.series(table, "pps")] == [100.0, 300.0]
@@ -80,7 +80,7 @@ def test_particles_and_sensors_are_relative_to_what_they_say() -> None:
     assert len(scenarios.SENSORS.judge(rows)) == 3
 
 
-@pytest.mark.jit
+@pytest.mark.statistics
 def test_a_wrong_model_in_one_plane_spoils_the_equal_combining_only_while_it_lasts() -> None:
     size = Size(2, 70, quick=True)
     right, wrong = (e.compute(size, execute) for e in tables.TABLES)

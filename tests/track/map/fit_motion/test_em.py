@@ -43,8 +43,7 @@ def walk(model: GaussMarkov, n: int, rng, noise: float = 0.0, dt=None, begin=(0,
     return MeasuredPath(t_ns, np.array(places)[:, [0, 2]] + noise * rng.standard_normal((n, 2)))
 
 
-@pytest.mark.jit
-@pytest.mark.slow
+@pytest.mark.statistics
 def test_constant_velocity_with_noise_is_found_within_the_stated_errors() -> None:
     """(Estimate - truth) / error has mean 0 and mean square 1 within 3 standard errors of these."""
     off, fits = [], 6
@@ -72,7 +71,7 @@ def test_noise_is_not_taken_for_disturbance() -> None:
     """Differences take it so: their Sigma is several times too large; that of EM is right within 15 %."""
     rng = np.random.default_rng(5)
     model = constant_velocity(0.4, 0.0, 0.25)
-    paths = [walk(model, 300, rng, noise=0.1) for _ in range(6)]
+    paths = [walk(model, 200, rng, noise=0.1) for _ in range(4)]
     em_fit = fit_em(paths, 0.25, Shape(), longest_gap_s=1.0)
     plain = fit_differences(paths, 0.25, Shape(), longest_gap_s=1.0)
     assert em_fit.model.sigma[1, 1] == pytest.approx(model.sigma[1, 1], rel=0.15)
@@ -80,7 +79,7 @@ def test_noise_is_not_taken_for_disturbance() -> None:
     assert plain.model.sigma[1, 1] > 3 * model.sigma[1, 1]
 
 
-@pytest.mark.jit
+@pytest.mark.statistics
 def test_damped_motion_is_found() -> None:
     """Velocity that dies out at 0.5 per second: rate and a within 3 stated errors, A as the exact exponential."""
     rng = np.random.default_rng(7)
@@ -99,7 +98,7 @@ def test_damped_motion_is_found() -> None:
     assert_allclose(fit.model.sigma, model.sigma, atol=4 * fit.sigma_error.max())
 
 
-@pytest.mark.jit
+@pytest.mark.statistics
 def test_free_A_is_found() -> None:
     """A spring and a cross term: every free entry within 4 stated errors, the others exact."""
     rng = np.random.default_rng(11)
@@ -133,7 +132,7 @@ def test_differences_with_free_A_and_sigma_are_least_squares() -> None:
 
 
 @pytest.mark.parametrize(
-    "shape", [s if k % 4 == 0 else pytest.param(s, marks=pytest.mark.jit) for k, s in enumerate(SHAPES)], ids=str
+    "shape", [s if k % 4 == 0 else pytest.param(s, marks=pytest.mark.statistics) for k, s in enumerate(SHAPES)], ids=str
 )
 def test_em_never_lowers_the_likelihood(shape: Shape) -> None:
     rng = np.random.default_rng(2)
@@ -179,7 +178,7 @@ def test_white_disturbance_is_that_of_the_motion_model() -> None:
     assert_allclose(build(Shape("damped"), np.array([beta, *theta])).sigma[2:, 2:], want, rtol=1e-7)
 
 
-@pytest.mark.jit
+@pytest.mark.statistics
 def test_unequal_steps_are_measured_where_they_are() -> None:
     """Times off by up to 0.3 steps: acceleration within 3 errors and 0.02, far better than taking them for equal."""
     rng = np.random.default_rng(9)
@@ -241,7 +240,7 @@ def test_what_positions_do_not_decide_is_said() -> None:
     assert np.linalg.eigvalsh(fit.model.sigma).min() > 0
 
 
-@pytest.mark.jit
+@pytest.mark.statistics
 def test_exact_positions_have_no_noise() -> None:
     """Noise goes to (nearly) 0, and is reported as not told from it."""
     rng = np.random.default_rng(1)

@@ -22,6 +22,7 @@ import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints, Strings
 from occlog.errors import InputError
+from occlog.io.files.utc import time_words
 from occlog.measure.epipolar.from_scene import ideal_pixels_anywhere
 from occlog.records.declared.views import ViewTracks
 from occlog.records.scene import Camera, Scene
@@ -177,7 +178,9 @@ def _wanted(chunk: ViewTracks, cameras: Sequence[str]) -> Bools:
 def _check(chunk: ViewTracks, scene: Scene, cameras: Sequence[str], last_ns: int | None, seen: int) -> None:
     """Raise InputError for times that go back and for cameras without a pose."""
     if last_ns is not None and chunk.t_ns[0] < last_ns:
-        raise InputError(f"view tracks: row {seen}: time {chunk.t_ns[0]} ns comes after {last_ns} ns; sort by t_ns")
+        raise InputError(
+            f"view tracks: row {seen}: time {time_words(chunk.t_ns[0])} comes after {time_words(last_ns)}; sort by t_ns"
+        )
     for name in np.unique(chunk.sensor).tolist():
         if (not cameras or name in cameras) and not scene.camera(name).placed:
             raise InputError(f"view tracks: camera {name} has no pose in the scene; calibrate it, or leave it out")

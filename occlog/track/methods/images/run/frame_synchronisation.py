@@ -18,6 +18,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Ints
 from occlog.errors import InputError
+from occlog.io.files.utc import time_words
 from occlog.measure.detect.by_background.one_camera import check_size, plain_image
 from occlog.measure.epipolar.views import TrackedView
 from occlog.records.frames import Frame, Image
@@ -163,7 +164,8 @@ def _groups(frames: Iterable[Frame], index_of: dict[str, int], window_ns: int) -
     for frame in frames:
         if last is not None and frame.t_ns < last:
             raise InputError(
-                f"camera {frame.sensor}: frame {frame.index}: time {frame.t_ns} ns is before {last} ns of the frame "
+                f"camera {frame.sensor}: frame {frame.index}: time {time_words(frame.t_ns)} is before "
+                f"{time_words(last)} of the frame "
                 "read before it; frames must come in the order of time"
             )
         last = frame.t_ns
