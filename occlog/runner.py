@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from occlog import console
-from occlog.errors import ExitCode
+from occlog.errors import ExitCode, InputError
 from occlog.io.files.atomic import OutputGroup, check_outputs, open_output
 from occlog.io.files.inputs import hash_inputs, previous_losses
 from occlog.io.files.provenance import Provenance
@@ -57,7 +57,20 @@ def run(request: Request, *, overwrite: bool = False, quiet: bool = False) -> Jo
     kind = request.kind_of_input()
     request.check_kind(kind)
     check_outputs(request.inputs, request.outputs, overwrite)
-    return _with_earlier(JobResult(*load(request.RUN)(request, Job(request, overwrite, quiet, kind))), request.inputs)
+    try:
+        done = JobResult(*load(request.RUN)(request, Job(request, overwrite, quiet, kind)))
+    except InputError as error:
+        raise _with_file(error, request) from error
+    return _with_earlier(done, request.inputs)
+
+
+def _with_file(error: InputError, request: Request) -> InputError:
+    """The error of a stage, which knows tables and no files, with the file before it: `a.csv: bearings: row 3: ...`."""
+    noun, colon, _ = str(error).partition(": ")
+    files = request.files(output=False)
+    if not (colon and files) or (noun not in TABLES and noun != "scene"):
+        return error
+    return InputError(f"{files.get(noun) or next(iter(files.values()))}: {error}")
 
 
 def _with_earlier(done: JobResult, inputs: Iterable[Path]) -> JobResult:

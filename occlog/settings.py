@@ -45,6 +45,8 @@ class SettingError(InputError):
 
 MAX_SETTING, MIN_POSITIVE_SETTING = 1e12, 1e-15
 """Largest number of any setting, either way, and least of those above 0: their squares and quotients are numbers."""
+LONG_INTEGERS = ("seed", "_ns")
+"""Ends of the names of settings that may be larger: seeds and times [ns]."""
 
 
 @dataclass(frozen=True)
@@ -182,7 +184,7 @@ def _check(of: type[Settings], f: Field[object], value: Any) -> None:
     if any(isinstance(n, float) and not math.isfinite(n) for n in parts):
         limit = said.limit()
         raise SettingError(of.OWNER, f.name, value, "finite" + (f" and {limit}" if limit else ""))
-    if any(isinstance(n, float) and abs(n) > MAX_SETTING for n in parts):
+    if any(isinstance(n, float | int) and abs(n) > MAX_SETTING for n in parts) and not f.name.endswith(LONG_INTEGERS):
         raise SettingError(
             of.OWNER, f.name, value, said.limit() if said.at_most is not None else f"within {MAX_SETTING:g}"
         )

@@ -140,6 +140,7 @@ def test_a_setting_like_another_has_its_default_and_range_and_words_of_its_own()
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
+        ("particles", "9" * 30, f"particles is {'9' * 30}, must be within 1e+12"),
         ("process_noise_position", "1e300", "process_noise_position is 1e+300, must be within 1e+12"),
         ("clutter_rate", "1e-300", "clutter_rate is 1e-300, must be above 0, at least 1e-15"),
         ("reference_step_s", "1e-9", "reference_step_s is 1e-09, must be at least 0.001"),

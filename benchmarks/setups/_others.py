@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 import wave
@@ -147,8 +146,9 @@ def _sound(folder: Path, seed: int, faulty: bool) -> list[Said]:
     done = subprocess.run([sys.executable, "-m", "occlog", *arguments, "--json"], capture_output=True, text=True)
     if done.returncode not in (0, 3):
         return [Said("listen", "refused", done.stderr.strip().splitlines()[-1])]
-    found = json.loads(done.stdout).get("warnings", ())
-    return [Said("listen", each["id"], each["message"], tuple(each.get("sensors", ()))) for each in found]
+    # The summary of `listen` has no findings
+    lines = [line.partition("warning: ")[2] for line in done.stderr.splitlines()]
+    return [Said("listen", "note", text) for text in lines if text]
 
 
 def _image_tracks(change: Callable[[Floats], Floats]) -> Callable[[Path, int, bool], list[Said]]:

@@ -6,6 +6,9 @@ import re
 
 LONGEST = 2000
 """Characters of a line that is reported, at most."""
+LONGEST_QUOTED = 80
+"""Characters of a value in quotes in such a line: it may come from a file."""
+_QUOTED = re.compile(rf"(?<![\w'])'([^'\n]{{{LONGEST_QUOTED + 1},}})'(?!\w)")
 _INVISIBLE = r"\x7f-\x9f\xad\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\U000e0000-\U000e007f"
 _CONTROL = re.compile(rf"[\x00-\x08\x0b-\x1f{_INVISIBLE}]")
 _FOREIGN = re.compile(rf"[\x00-\x06\x0b\x0c\x0e-\x1a\x1c-\x1f{_INVISIBLE}]")
@@ -46,7 +49,8 @@ def shortened(text: str) -> str:
     r"""A text for a terminal: parts of it come from files, which may hold what moves the cursor or fills pages.
 
     Control characters, but for ends of lines and tabs, and those that turn the direction of writing become escapes
-    (`\x1b`); the middle of a text of more than `LONGEST` characters is skipped.
+    (`\x1b`); the middle of a value in quotes of more than `LONGEST_QUOTED` characters, and of a text of more than
+    `LONGEST`, is skipped.
     """
-    plain = escaped(text)
+    plain = _QUOTED.sub(lambda found: f"'{found[1][: LONGEST_QUOTED // 2]}[...]{found[1][-10:]}'", escaped(text))
     return plain if len(plain) <= LONGEST else f"{plain[: LONGEST * 2 // 3]} [...] {plain[-LONGEST // 4 :]}"

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from occlog.array_types import Ints
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.files.spill import SpilledTable
 from occlog.io.open import Opened, open_input
 from occlog.records.columns import ColumnTable
@@ -177,7 +177,7 @@ def streamed_bearings(path: Path | None, doa: Path | None, labels: bool, scene: 
         directions = measured
     own = measured is not None and (not recorded or directions is None or measured.has(Bearings))
     if directions is None and labels:
-        raise UsageError("doa_labels requires directions of arrival; give some (doa)")
+        raise UsageError(f"{option('doa_labels')} requires directions of arrival; give some ({option('doa')})")
     for opened, table in ((measured if own else None, Bearings), (directions, Doa)):
         if opened is not None:
             opened.require(table)

@@ -19,7 +19,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.console.text import counted
-from occlog.errors import InputError, OcclogError, UsageError
+from occlog.errors import InputError, OcclogError, UsageError, option
 from occlog.io.files.frame_times import FrameTimes, to_world_time
 from occlog.io.files.utc import utc
 from occlog.io.formats.calibration.common import CalibrationOptions, Pose, build_camera
@@ -209,7 +209,9 @@ def _world(found: BagSurvey, plan: IngestPlan, cameras: list[str]) -> str | None
     if plan.world_frame is not None:
         frame = plan.world_frame.lstrip("/")
         if not tree.knows(frame):
-            raise UsageError(f"world_frame {frame!r}: the bag has no such frame; it has: {', '.join(tree.frames)}")
+            raise UsageError(
+                f"{option('world_frame')} {frame!r}: the bag has no such frame; it has: {', '.join(tree.frames)}"
+            )
         return frame
     roots = {tree.still_root(found.frames[c]): c for c in cameras if tree.knows(found.frames[c])}
     if len(roots) > 1:
@@ -233,8 +235,8 @@ def _pose(camera: str, frame: str, placed: FramePose, plan: IngestPlan) -> Frame
         return FramePose(placed.rotation @ BODY, placed.translation)
     if plan.camera_axes is None and "optical" not in frame.lower() and placed.rotation[2, 2] > STEEP:
         raise UsageError(
-            f"camera {camera}: the z axis of its frame {frame!r} points up; state whether camera frames are of a body "
-            "(x forward, z up) or optical (z forward)"
+            f"camera {camera}: the z axis of its frame {frame!r} points up; give {option('camera_axes')} body "
+            f"(x forward, z up), or {option('camera_axes')} optical (z forward)"
         )
     return placed
 

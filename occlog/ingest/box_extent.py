@@ -32,6 +32,8 @@ SAME_SCALE = 0.005
 BEYOND_PX, MIN_BEYOND = 16, 0.3
 """Boxes that end so far beyond the image, and the share of them from which the image is larger: detectors complete
 people whom the border cuts, but of a third of them."""
+MIN_CORNERS = 0.98
+"""Share of these boxes with sizes that end inside the images as right and lower edges, from which they are such."""
 MAX_PX = 2**16
 
 
@@ -54,14 +56,19 @@ class BoxExtents:
         self._sizes = sizes
         self._counts: dict[tuple[str, int], Ints] = {}
         self._along: dict[tuple[str, int], Floats] = {}  # (MAX_PX, 2) least and greatest middle of the boxes along it
+        self._corners: dict[str, int] = {}  # boxes with a size that can be the right and lower edges
 
     def add(self, table: Boxes) -> None:
         """Count the boxes of a table."""
-        far = np.column_stack([table.left_px + table.width_px, table.top_px + table.height_px])
-        middle = far - 0.5 * np.column_stack([table.width_px, table.height_px])
+        size = np.column_stack([table.width_px, table.height_px])
+        far = np.column_stack([table.left_px, table.top_px]) + size
+        middle = far - 0.5 * size
         for name in np.unique(table.sensor[table.box >= 0]).tolist():
             mine = (table.sensor == name) & (table.box >= 0)
             own = far[mine]
+            edges, sizes = own - size[mine], size[mine]
+            corners = (sizes > edges) & (sizes <= np.array(self._sizes.get(name, (0, 0))) + BEYOND_PX)
+            self._corners[name] = self._corners.get(name, 0) + int(np.count_nonzero(corners.all(axis=1)))
             for axis in (0, 1):
                 pixels = np.clip(np.round(own[:, axis]), 0, MAX_PX - 1).astype(np.int64)
                 before = self._counts.setdefault((name, axis), np.zeros(MAX_PX, dtype=np.int64))
@@ -108,9 +115,13 @@ class BoxExtents:
             count, first = self._counts[name, axis], min(self._sizes[name][axis] + BEYOND_PX, MAX_PX)
             shares[name] = max(shares.get(name, 0.0), float(count[first:].sum() / count.sum()))
         names = [name for name, share in shares.items() if share >= MIN_BEYOND]
+        corners = [name for name in names if self._corners[name] >= MIN_CORNERS * self._counts[name, 0].sum()]
+        if corners:
+            yield finding(EXTENTS, "boxes-corners", sensors=corners, share=max(shares[name] for name in corners))
+        names = [name for name in names if name not in corners]
         if names:
             far = " x ".join(str(max(self._farthest(name, axis) for name in names)) for axis in (0, 1))
-            share = max(shares.values())
+            share = max(shares[name] for name in names)
             yield finding(EXTENTS, "boxes-end-beyond", sensors=names, share=share, found=far, allowed=MIN_BEYOND)
 
     def _farthest(self, name: str, axis: int) -> int:

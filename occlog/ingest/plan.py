@@ -369,14 +369,18 @@ class IngestPlan(Settings):
         turned = self.up is not None or self.ground_height is not None or self.mirror is not None
         if self.positions and turned:
             raise UsageError(
-                "positions are in the world of the tracks and are not turned; leave up, ground_height and mirror out"
+                "positions are in the world of the tracks and are not turned; leave "
+                f"{option('up')}, {option('ground_height')} and {option('mirror')} out"
             )
         if not self.bags and (self.topic or self.topics or self.world_frame or self.camera_axes):
             raise UsageError("topics, the world frame and the axes of cameras are those of a bag; give a bag")
         if not self.calibration and not self.bags and turned:
-            raise UsageError("up, ground and mirror turn the world of a calibration; give calibration or a bag")
+            raise UsageError(
+                f"{option('up')}, {option('ground_height')} and {option('mirror')} turn the world of a calibration; "
+                f"give {option('calibration')} or a bag"
+            )
         if not self.calibration and not self.bags and self.lens_model is not None:
-            raise UsageError("lens_model is that of a calibration; give calibration or a bag")
+            raise UsageError(f"{option('lens_model')} is that of a calibration; give {option('calibration')} or a bag")
         for key, value in (("start_time", self.start_time), ("fps", self.fps)):
             names = [name or "" for name, _ in value]
             if (double := first_double(names)) is not None:

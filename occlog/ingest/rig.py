@@ -85,7 +85,7 @@ def world_checks(cameras: Sequence[Camera], up: str | None, *, ground_stated: bo
     misread = [*_misread(placed, limit)] if as_read and limit else []
     return (
         *outcome(HANDED, ()),
-        *outcome(UPRIGHT, [*misread, *tilted]),
+        *outcome(UPRIGHT, misread or tilted),
         *outcome(HEIGHTS, low, unless="the vertical is unknown" if unknown else ""),
     )
 

@@ -17,7 +17,7 @@ from occlog.array_types import Bools, Ints, Strings, Uints
 from occlog.console.text import counted
 from occlog.errors import InputError, UsageError
 from occlog.io.files.frame_times import FrameTimes, as_rate
-from occlog.io.files.times import parse_time, read_sidecar
+from occlog.io.files.times import parse_start_time, read_sidecar
 from occlog.io.formats.boxes.rows import fingerprints
 from occlog.io.formats.truth import read_sync_times
 from occlog.io.frames.camera_source import CameraSource, image_source, video_source
@@ -46,7 +46,7 @@ class IngestFailures:
 def start_of(plan: IngestPlan, name: str) -> int:
     """Time of the origin of a sensor's times [ns]; 0 where it is not given."""
     text = for_sensor(plan.start_time, name)
-    return 0 if text is None else parse_time(text)
+    return 0 if text is None else parse_start_time(text)
 
 
 def read_sidecars(plan: IngestPlan, cameras: list[str]) -> Sidecars:

@@ -550,6 +550,11 @@ VERDICT: dict[str, Message] = {
         "{allowed:.0%})",
         "check {option[image_size]}, and that the boxes are of these images",
     ),
+    "boxes-corners": Message(
+        W,
+        "camera {sensors}: sizes of boxes are right and lower edges (xyxy for xywh): {share:.0%} end beyond its images",
+        "name the columns right and bottom",
+    ),
     "rows-duplicated": Message(N, "{file}: {what} skipped, as exact duplicates of rows of this file or an earlier one"),
     "bag-count-differs": Message(N, "topic {topic}: {remark}"),
     "stamps-missing": Message(W, "topic {topic}: its headers have no time", "the times of recording are used"),

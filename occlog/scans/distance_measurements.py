@@ -27,7 +27,7 @@ import numpy as np
 from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.geometry.path_loss import log_distance
 from occlog.core.geometry.radio_defaults import NOISE_DB, SHADOW_DB, SHADOW_S
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.filtering.likelihood.distances import (
     DIFFERENCE,
     LOGARITHM,
@@ -511,7 +511,7 @@ def _rise2(at: StationModel, station: Ints, reference: Ints, height: float | Non
         if (used.any() and np.ptp(z[used]) > 0.0) or (z[used] != 0.0).any():
             raise InputError(
                 "measurements: stations have heights (z), so that distances are in space; say how high the targets "
-                "are: set tag_height"
+                f"are: {option('tag_height')}"
             )
         return np.zeros(len(z))
     return np.asarray((z - height) ** 2)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from occlog import console
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.open import Opened, check_unit, input_losses, load_scene, open_input
 from occlog.records.columns import ColumnTable
 from occlog.records.declared.sensors import Measurements
@@ -57,7 +57,7 @@ class MeasurementInputs:
         own = measured.has(Doa) and (doa is None or measured.recording is None)
         directions = [*([measured] if own else []), *([open_input(doa)] if doa is not None else [])]
         if doa_labels and not directions:
-            raise UsageError("doa_labels requires directions of arrival; give some (doa)")
+            raise UsageError(f"{option('doa_labels')} requires directions of arrival; give some ({option('doa')})")
         alone = distances and not measured.has(Bearings) and not measured.has(Doa)
         # Any external table with times, sensors and identities might be reads without strengths
         alone = alone and (measured.has(Measurements) or (reads and measured.foreign is None and measured.has(Reads)))
@@ -70,7 +70,8 @@ class MeasurementInputs:
             measured.require(Bearings, Doa, *more, remedy=_remedy(measured))
         self.scene: Scene = load_scene(scene, measured.scene, bearings)
         if measured.foreign is not None and measured.table == Doa.NAME:
-            labels = "labels of targets" if doa_labels else "those of sources, not of targets (doa_labels: they are)"
+            sources = f"those of sources, not of targets ({option('doa_labels')}: they are)"
+            labels = "labels of targets" if doa_labels else sources
             console.note(
                 f"{bearings}: has no column sigma, so that it is read as directions of arrival; standard deviations "
                 f"are those of the scene, and identities are {labels}"

@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from occlog.array_types import NS
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.records.declared.sensors import Measurements
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED, Bearings, Doa
@@ -82,8 +82,8 @@ def bearings_of_doa(chunks: Iterable[Doa], scene: Scene, labels: bool = False) -
         )
     if labels and not noted:
         raise InputError(
-            f"doa: none of {offset} directions has an identity (source_id); leave doa_labels out, or give the log a "
-            "column `id`"
+            f"doa: none of {offset} directions has an identity (source_id); leave {option('doa_labels')} out, or give "
+            "the log a column `id`"
         )
 
 

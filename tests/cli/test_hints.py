@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ast
 import re
+import shlex
 import tomllib
 from collections.abc import Iterator
 from functools import cache
@@ -17,6 +18,7 @@ from typing import NamedTuple
 
 import click
 import pytest
+from command_lines import refusal
 from places import ROOT
 
 from occlog.cli.main import cli
@@ -27,6 +29,10 @@ PACKAGE = ROOT / "occlog"
 OPTION = r"--[a-z](?:[a-z0-9-]*[a-z0-9])?"
 DECLARED = re.compile(rf"(-\w/)?({OPTION}|/--no-)([/ ]{OPTION})*|--\{{\}}/--no-\{{\}}")
 """A text that declares an option."""
+EXAMPLE = re.compile(r"^ *(occlog [a-z-]+ [^\n|&#]*?)(?:$|  | [|&#>])", re.MULTILINE)
+"""A command on a line of its own, as in help."""
+BARE = re.compile(r"(?<![\w`.'\"\[{$/-])([a-z]+(?:_[a-z]+)+)(?![\w`(=.'\"/}])")
+"""A name with underscores that is not quoted and not part of a path, a call or a template."""
 ROOMS: dict[str, tuple[str, ...]] = {
     "ingest": ("ingest",),
     "simulate": ("simulate",),
@@ -167,6 +173,15 @@ def test_commands_in_code_are_there() -> None:
     assert [(t.file, t.line, verb) for t, verb in named if verb not in verbs] == []
 
 
+def test_whole_commands_in_code_are_valid() -> None:
+    """Quoted commands, with the types and limits of their values; `{}` and words in capitals stand for any value."""
+    lines = [(t.file, t.line, line) for t in texts() for line in re.findall(r"`(occlog [^`]*)`", t.text)]
+    lines += [(t.file, t.line, found[1]) for t in texts() for found in EXAMPLE.finditer(t.text)]
+    assert len(lines) > 100
+    wrong = [(*each, why) for each in lines if (why := refusal(shlex.split(each[2])))]
+    assert wrong == []
+
+
 def test_options_of_commands_that_texts_name_are_there() -> None:
     """`ingest --fps`, `occlog recover FILE -o OUT.mcap`: the command has the option."""
     prose = {"compare --doa", "ground --truth"}  # verbs and places in the help of evaluate
@@ -222,6 +237,18 @@ def test_names_of_options_in_code_are_options_of_their_commands() -> None:
             if not any(flag in commands()[each] for each in own):
                 wrong.append((file, name))
     assert seen > 100
+    assert wrong == []
+
+
+def test_remedies_spell_options_as_the_surface_does() -> None:
+    """A name with an underscore that is an option of a command of the folder is written `option("name")`."""
+    columns = {"sigma_px", "detection_probability", "false_alarm_probability"}
+    wrong = []
+    for text in texts():
+        own = of_folder(text.file) or tuple(commands())
+        for name in BARE.findall(text.text) if " " in text.text.strip() else ():
+            if any(f"--{name.replace('_', '-')}" in commands()[each] for each in own) and name not in columns:
+                wrong.append((text.file, text.line, name))
     assert wrong == []
 
 

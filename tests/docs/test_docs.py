@@ -6,19 +6,20 @@ import csv
 import re
 import shlex
 
-import click
 import pytest
+from command_lines import refusal
 from places import ROOT
 
 from docs.make import PAGES, RESULTS
 from docs.pictures.__main__ import PICTURES
-from occlog.cli.main import COMMANDS, cli
-from occlog.cli.setting_options import VariantCommand
+from occlog.cli.main import COMMANDS
 
 FRONT = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
 TEXTS = [*FRONT, *sorted((ROOT / "docs").rglob("*.md"))]
 
 
+PLUGINS = re.compile(r"--method (mine|bright)\b")
+"""Methods of plug-ins that a page makes."""
 MADE = {**PAGES, **RESULTS}
 
 
@@ -33,7 +34,7 @@ def shown_commands() -> list[tuple[str, str]]:
     for path in TEXTS:
         for block in re.findall(r"```(?:sh|shell|console|bash)\n(.*?)```", path.read_text(encoding="utf-8"), re.DOTALL):
             for line in block.replace("\\\n", " ").splitlines():
-                command = line.strip().removeprefix("$ ").split(" | ")[0].split(" && ")[0].split("  #")[0]
+                command = re.split(r" [|#] | && |  #| 2?> ", line.strip().removeprefix("$ "))[0]
                 if command.startswith("occlog "):
                     found.append((path.name, command))
     return found
@@ -44,28 +45,32 @@ def test_docs_show_every_command() -> None:
     assert set(COMMANDS) <= shown
 
 
-def unknown_words(words: list[str]) -> list[str]:
-    """Commands and options of a command line that there are not."""
-    if words[1].startswith("-"):
-        return []
-    command = cli.get_command(click.Context(cli), words[1])
-    if isinstance(command, click.Group):
-        command = command.commands.get(words[2])
-    if command is None:
-        return words[1:3]
-    params = list(command.params)
-    if isinstance(command, VariantCommand):
-        params += command.existing(command.choose(words[2:]) or command.default).params()
-    valid = {o for p in params for o in (*p.opts, *p.secondary_opts)} | {"-h", "--help"}
-    options = [word for word in words[2:] if word.startswith("-") and not re.fullmatch(r"-?[\d.,]*", word)]
-    return [word for word in options if word.split("=")[0] not in valid]
+def mentioned_commands() -> list[tuple[str, str]]:
+    """(file, command line) of every `occlog ...` in the running text; the changelog names former options."""
+    pages = [path for path in TEXTS if path.name != "CHANGELOG.md"]
+    texts = [(path.name, re.sub(r"```.*?```", "", path.read_text(encoding="utf-8"), flags=re.DOTALL)) for path in pages]
+    named = [(file, " ".join(line.split())) for file, text in texts for line in re.findall(r"`(occlog [^`]*)`", text)]
+    return [(file, line.partition(" | ")[0]) for file, line in named if not PLUGINS.search(line)]
 
 
-def test_shown_options_exist() -> None:
-    wrong = [(file, line, unknown_words(shlex.split(line))) for file, line in shown_commands()]
-    assert len(wrong) > 200
-    assert [each for each in wrong if each[2]] == []
-    assert unknown_words(["occlog", "track", "a.mcap", "--method", "fix", "--particles", "5"]) == ["--particles"]
+def test_shown_command_lines_are_valid() -> None:
+    """Commands, options, the types and limits of values, and settings; files need not exist."""
+    lines = [*shown_commands(), *mentioned_commands()]
+    assert len(lines) > 500
+    wrong = [(file, line, why) for file, line in lines if (why := refusal(shlex.split(line)))]
+    assert wrong == []
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "occlog track a.mcap --method fix --particles 5", "occlog track a.mcap --particles no", "occlog info a b",
+        "occlog track a.mcap --set nothing=1", "occlog track a.mcap --method nothing", "occlog nothing",
+        "occlog simulate --store gif", "occlog priors nothing", "occlog info --rows -1 FILE",
+    ],
+)  # fmt: skip
+def test_a_command_line_that_is_refused_is_noticed(line: str) -> None:
+    assert refusal(shlex.split(line))
 
 
 def test_links_lead_somewhere() -> None:

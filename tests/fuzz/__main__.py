@@ -5,6 +5,8 @@ that reach new code are kept and changed again; without it all are drawn from go
 of a good file is repeated until there are so many bytes: what takes longer than it may shows.  Each kind of finding is
 written once, as the bytes that show it and a line that says what happened.  Prints one line a reader, and ends with 1
 if there is a finding.  A run with the same seed draws the same changes.
+
+With `--commands` whole commands are tried (`commands.py`), by the names of commands in place of those of readers.
 """
 
 from __future__ import annotations
@@ -206,6 +208,20 @@ def run(name: str, options: argparse.Namespace) -> dict[str, object]:
     return {"reader": name, "inputs": 0, "seconds": 0.0, **told}
 
 
+def _commands(options: argparse.Namespace) -> int:
+    """Try commands; the number of findings."""
+    commands = importlib.import_module("tests.fuzz.commands")
+    names = [n for n in commands.sections() if n != "inputs" and (not options.readers or n in options.readers)]
+    total = 0
+    for name, told in commands.try_commands(names, options.inputs, options.seconds, options.seed, options.out):
+        total += len(told["findings"])
+        codes = ", ".join(f"{code}: {count}" for code, count in sorted(told["codes"].items()))
+        print(f"{name:12} {told['inputs']:>6} inputs {told['seconds']:>7.1f} s  exit codes {codes}", flush=True)
+        for kind, detail in told["findings"].items():
+            print(f"    {kind}: {detail}", flush=True)
+    return total
+
+
 def main() -> None:
     """Try readers one after another."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=(__doc__ or "").split("\n\n")[0])
@@ -214,8 +230,11 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=86_400, help="for each reader, at most; default a day")
     parser.add_argument("--seed", type=int, default=1, help="of the draw; default 1")
     parser.add_argument("--grown", type=int, default=0, metavar="BYTES", help="repeat pieces up to so many bytes")
+    parser.add_argument("--commands", action="store_true", help="try whole commands; --inputs are for all together")
     parser.add_argument("--out", type=Path, default=Path("fuzz"), help="folder of findings; default fuzz")
     options = parser.parse_args()
+    if options.commands:
+        sys.exit(1 if _commands(options) else 0)
     if importlib.util.find_spec("atheris") is not None:
         _import_traced()
     names = importlib.import_module("tests.fuzz.readers").READERS

@@ -51,7 +51,7 @@ from occlog.io.messages.contents import (
 )
 from occlog.io.messages.kinds import BoxMessage, DirectionMessage, ImageMessage, InfoMessage, PoseMessage
 from occlog.io.messages.topics import read_topic_map
-from occlog.io.messages.video_stream import StreamReader
+from occlog.io.messages.video_stream import StreamReader, is_video
 from occlog.io.open import open_input, scene_in
 from occlog.io.recognition import contents_of, read_sequence_info
 from occlog.io.recording.reader import open_recording
@@ -133,7 +133,7 @@ def _recover(path: Path) -> None:
 
 def _bag(path: Path) -> None:
     is_bag(path)
-    with open_bag([path]) as bag:
+    with open_bag([path]) as bag, stated_origin("52.5163,13.3777,0,30"):
         found = survey(bag, ())
         bag.span()
         for name, info in found.infos.items():
@@ -147,7 +147,9 @@ def _bag(path: Path) -> None:
 
 def _message(content: object, found: BagSurvey, boxes: MessageBoxRows) -> None:
     """Do with a message what ingesting does."""
-    if isinstance(content, ImageMessage):
+    if isinstance(content, ImageMessage) and is_video(content.encoding):
+        StreamReader(content.encoding).read(content.data)
+    elif isinstance(content, ImageMessage):
         stored(content, "image", "png", 90)
         pixels(content, "image")
     elif isinstance(content, InfoMessage):

@@ -7,6 +7,7 @@ import io
 import json
 import struct
 import tempfile
+from base64 import b64encode
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -94,6 +95,7 @@ def bags() -> list[bytes]:
         [("/b", "vision_msgs/msg/Detection2DArray", t, ros_bags.detections(t, (1.0, 2.0, 10.0, 20.0, 0.9, "p", "7")))],
         [("/odas", "odas_ros_msgs/msg/OdasSstArrayStamped", t, ros_bags.sounds(t, (1, 0.6, 0.8, 0.0, 0.5)))],
         [("/p", "geometry_msgs/msg/PoseStamped", t, ros_bags.pose(t, "map", (1, 2, 3)))],
+        [("/gps/fix", "sensor_msgs/msg/NavSatFix", t, ros_bags.fix(t, 52.5163, 13.3777, 30.0))],
         [("/raw/image", "sensor_msgs/msg/Image", t, _raw("rgb8", 3))],
         [("/bayer/image", "sensor_msgs/msg/Image", t, _raw("bayer_rggb8", 1))],
     ]
@@ -122,25 +124,42 @@ def foxglove_bags() -> list[bytes]:
         "timestamp": stamp, "parent_frame_id": "map", "child_frame_id": "a", "translation": {"x": 1, "y": 2, "z": 3},
         "rotation": {"x": 0, "y": 0, "z": 0, "w": 1},
     }  # fmt: skip
+    fix = {"timestamp": stamp, "frame_id": "a", "latitude": 52.5163, "longitude": 13.3777, "altitude": 30.5}
     packed = CompressedImage(frame_id="a", data=jpeg(0, (16, 16)), format="jpeg")
     packed.timestamp.FromNanoseconds(10**9)
     kinds = [
         ("foxglove.RawImage", "json", json.dumps(image).encode()),
         ("foxglove.CameraCalibration", "json", json.dumps(info).encode()),
         ("foxglove.FrameTransform", "json", json.dumps(pose).encode()),
+        ("foxglove.CompressedVideo", "json", video_message(0)),
+        ("foxglove.LocationFix", "json", json.dumps(fix).encode()),
         ("foxglove.CompressedImage", "protobuf", packed.SerializeToString()),
     ]
 
+    return [foxglove_bag(kinds)]
+
+
+def video_message(number: int) -> bytes:
+    """A picture of a stream of H.264 as `foxglove.CompressedVideo` in JSON."""
+    stamp, data = {"sec": 1_700_000_000 + number, "nsec": 5}, b64encode(stream_samples.H264[number]).decode()
+    return json.dumps({"timestamp": stamp, "frame_id": "a", "format": "h264", "data": data}).encode()
+
+
+def foxglove_bag(messages: list[tuple[str, str, bytes]]) -> bytes:
+    """A bag of messages: type, encoding and data; a topic for each type."""
+
     def make(path: Path) -> None:
         with path.open("wb") as target:
-            writer = Writer(target)
+            writer, channels = Writer(target), dict[str, int]()
             writer.start()
-            for kind, encoding, data in kinds:
-                schema = writer.register_schema(kind, "jsonschema" if encoding == "json" else encoding, b"{}")
-                writer.add_message(writer.register_channel(f"/{kind}", encoding, schema), 10**9, data, 10**9)
+            for n, (kind, encoding, data) in enumerate(messages):
+                if kind not in channels:
+                    schema = writer.register_schema(kind, "jsonschema" if encoding == "json" else encoding, b"{}")
+                    channels[kind] = writer.register_channel(f"/{kind}", encoding, schema)
+                writer.add_message(channels[kind], 10**9 + n, data, 10**9)
             writer.finish()
 
-    return [file(make)]
+    return file(make)
 
 
 def _raw(encoding: str, depth: int) -> object:

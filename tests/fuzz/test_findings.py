@@ -13,6 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from mcap.writer import Writer
+from places import EXAMPLES
 from scipy.io import wavfile
 
 from occlog.cli.main import run
@@ -91,7 +92,7 @@ FINDINGS = [
         b"time\n2024-01-01T00:00:00Z\n9024-01-01T00:00:00Z\n",
         "t.csv: line 3: time '9024-01-01T00:00:00Z'",
     ),
-    ("bag (metadata)", seeds.METADATA.replace("- b.mcap", "- c.mcap").encode(), "c.mcap: whole file: no such file"),
+    ("bag (metadata)", seeds.METADATA.replace("- b.mcap", "- c.mcap").encode(), "bag/c.mcap: no such file"),
     ("bag (metadata)", seeds.METADATA.replace("- b.mcap", f"- {'c' * 300}.mcap").encode(), "File name too long"),
     ("bag (metadata)", seeds.METADATA.replace("- b.mcap", '- "c\\0.mcap"').encode(), "no name of a file"),
     ("calibration (projection)", seeds.PROJECTION.replace("500", LARGE).encode(), "cannot be inverted"),
@@ -289,3 +290,42 @@ def test_names_in_files_move_no_cursor(tmp_path: Path, capfd: pytest.CaptureFixt
     (line,) = capfd.readouterr().err.splitlines()
     assert "\\x1b[2Jname" in line
     assert "\x1b" not in line
+
+
+@pytest.mark.parametrize(
+    ("words", "content", "named"),
+    [
+        (["simulate", "FILE.yaml", "-o", "x.mcap"], "occlog_scene: 1\nlength_unit: " + "m" * 3000, "FILE.yaml: line 2"),
+        (
+            ["ingest", "-o", "x.mcap", "--calibration", "FILE.txt", "--boxes", "a=FILE.txt"],
+            "1,1,1,2,3,4,1,1,1\n",
+            "--calibration-format",
+        ),
+        (["info", "FILE.csv"], f"time,track_id,x_m,{'- ' * 2000}\n0,1,2,3\n", "FILE.csv: tracks requires y"),
+        (["ingest", "FILE.mcap", "none.mcap", "-o", "x.mcap"], "no bag", "FILE.mcap: neither"),
+        (["ingest", "-o", "x.mcap", "--truth", "FILE.csv", "--fps", "1,2"], "frame,id,x,y\n0,1,2,3\n", "--fps"),
+        (
+            ["track", "FILE.csv", "--scene", str(EXAMPLES / "room.yaml"), "--method", "fix", "-o", "x.parquet"],
+            "time,sensor,bearing_rad,sigma_rad\n0,nowhere,1,0.1\n",
+            "FILE.csv: bearings: row 0: no sensor 'nowhere'",
+        ),
+    ],
+)
+def test_the_line_of_a_command_is_short_and_names_the_file_once(
+    words: list[str],
+    content: str,
+    named: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    """Values of files filled the screen, all formats of calibrations were described, and bags were named twice."""
+    monkeypatch.chdir(tmp_path)
+    (file,) = {word.rpartition("=")[2] for word in words if "FILE" in word}
+    Path(file).write_text(content)
+    assert run(words) in (ExitCode.BAD_INPUT, ExitCode.USAGE)
+    (line,) = capfd.readouterr().err.splitlines()
+    assert named in line
+    assert len(line) <= 300
+    assert line.count("FILE") <= 1
+    assert not Path("x.mcap").exists()

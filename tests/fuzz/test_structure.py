@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import io
 import json
 from collections.abc import Iterator
@@ -15,36 +14,18 @@ import pytest
 import yaml
 
 from .readers import READERS
+from .structure import OTHERS, places, replaced
 from .watch import EVERY, Watch, watching
 
 MOST_NODES = 60
-OTHERS: tuple[Any, ...] = (
-    *(None, True, 0, -1, 2.5, 2**31, 2**63, 1e300, "", "x", "7", [], {}, [[]], [0], [None], [1, 2, 3], ["x"]),
-    *({"x": 1}, {"id": 0}, [{}], [[1, 2], [3]], "2001-01-01", float("nan"), float("inf")),
-)
 ARRAYS = (np.zeros(0), np.zeros((3, 3)), np.full((3, 3), np.nan), np.array("x"), np.zeros((2, 2), complex), np.int64(7))
-
-
-def places(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    """Keys and numbers that lead to each value in a value."""
-    for key in value if isinstance(value, dict) else range(len(value)) if isinstance(value, list) else ():
-        yield (*path, key)
-        yield from places(value[key], (*path, key))
 
 
 def changed(value: Any) -> Iterator[bytes]:
     """Texts with one value another, or not there."""
-    for *way, last in list(places(value))[:MOST_NODES]:
+    for place in list(places(value))[:MOST_NODES]:
         for other in (..., *OTHERS):
-            new = copy.deepcopy(value)
-            holder = new
-            for key in way:
-                holder = holder[key]
-            if other is ...:
-                del holder[last]
-            else:
-                holder[last] = other
-            yield json.dumps(new).encode()
+            yield json.dumps(replaced(value, place, other)).encode()
 
 
 def changed_xml(text: str) -> Iterator[bytes]:

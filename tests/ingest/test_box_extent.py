@@ -15,6 +15,7 @@ from occlog.errors import ExitCode, spelled
 from occlog.ingest.box_extent import BoxExtents
 from occlog.io.recording.reader import open_recording
 from occlog.records.tables import Boxes
+from occlog.records.verdicts import Check
 
 SIZE = (1920, 1080)
 
@@ -42,12 +43,16 @@ def boxes(name: str, rng: np.random.Generator, size: tuple[int, int], clip: tupl
 
 
 def warning(sizes: Mapping[str, tuple[int, int]], tables: list[Boxes], known: tuple[str, ...] = ()) -> str | None:
+    checks = found(sizes, tables, known)
+    assert all(check.status == "failed" for check in checks)
+    return spelled(checks[0].text) if checks else None
+
+
+def found(sizes: Mapping[str, tuple[int, int]], tables: list[Boxes], known: tuple[str, ...] = ()) -> list[Check]:
     extents = BoxExtents(sizes)
     for table in tables:
         extents.add(table)
-    found = [check for check in extents.checks(known) if check.found]
-    assert all(check.status == "failed" for check in found)
-    return spelled(found[0].text) if found else None
+    return [check for check in extents.checks(known) if check.found]
 
 
 @pytest.mark.parametrize("true", [(1280, 720), (640, 360), (960, 540), (3840, 2160)])
@@ -68,6 +73,18 @@ def test_boxes_of_larger_images_are_told_where_no_border_ends_them() -> None:
     said = warning({"a": (960, 540)}, [boxes("a", rng, SIZE)])
     assert said is not None
     assert "of its boxes end beyond its images" in said
+
+
+def test_corners_for_sizes_are_named_with_the_camera() -> None:
+    rng = np.random.default_rng(4)
+    right = [boxes(name, rng, SIZE, SIZE) for name in "ab"]
+    far = [(each.left_px + each.width_px, each.top_px + each.height_px) for each in right]
+    wrong = replace(right[1], width_px=far[1][0], height_px=far[1][1])
+    (check,) = found(dict.fromkeys("ab", SIZE), [right[0], wrong])
+    assert (check.id, check.sensors) == ("boxes-corners", ("b",))
+    # Of larger images, and not of corners
+    (check,) = found({"a": (960, 540)}, [boxes("a", rng, SIZE)])
+    assert check.id == "boxes-end-beyond"
 
 
 def test_a_single_camera_is_told_where_both_borders_agree() -> None:

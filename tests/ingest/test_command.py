@@ -278,7 +278,7 @@ def test_black_bars_tell_that_frames_were_scaled(place: Path) -> None:
         (["--video", "cam1={video}", "--frames", "9:9"], 2, "A:B with A < B"),
         (["--video", "cam1={video}", "--frames", "100:200"], 4, "has only 40"),
         (["--video", "cam1={video}", "--fps", "fast"], 4, "frame rate 'fast'"),
-        (["--video", "cam1={video}", "--start-time", "noon"], 4, "time 'noon'"),
+        (["--video", "cam1={video}", "--start-time", "noon"], 4, "--start-time: time 'noon'"),
         (
             ["--video", "cam1={video}", "--timestamps", "cam1={tmp}/back.csv"],
             4,

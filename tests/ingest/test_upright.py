@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -79,6 +80,12 @@ def checks(cameras: tuple[Camera, ...], up: str | None, ground: float | None) ->
 def ids(cameras: tuple[Camera, ...], up: str | None, ground: float | None) -> list[str]:
     """Ids of what is found."""
     return [check.id for check in checks(cameras, up, ground) if check.found]
+
+
+def test_inverted_extrinsics_of_all_cameras_are_named_in_place_of_the_world() -> None:
+    assert ids(CAMERAS, None, None) == []
+    inverted = tuple(replace(c, rotation=c.rotation.T, position=-c.rotation.T @ c.position) for c in CAMERAS)
+    assert ids(inverted, None, None) == ["extrinsics-fit-if"]
 
 
 def distances(places: np.ndarray) -> np.ndarray:

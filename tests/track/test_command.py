@@ -264,7 +264,7 @@ def test_settings_go_to_the_method(folder):
         (["--particles", "0"], ExitCode.USAGE, "--particles"),
         (["--round-robin", "0"], ExitCode.USAGE, "--round-robin"),
         (["--round-robin", "nan"], ExitCode.USAGE, "--round-robin': nan is not a finite number"),
-        (["--doa-labels"], ExitCode.USAGE, "doa_labels requires directions of arrival; give some (doa)"),
+        (["--doa-labels"], ExitCode.USAGE, "--doa-labels requires directions of arrival; give some (--doa)"),
     ],
 )
 def test_what_cannot_be_done_is_one_line_and_leaves_no_output(folder, capsys, monkeypatch, args, code, message):

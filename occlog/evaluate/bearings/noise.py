@@ -33,7 +33,7 @@ from scipy.special import chdtri, gammaln
 from occlog.array_types import NS, Floats, Ints
 from occlog.core.geometry import triangulate
 from occlog.core.metrics.errors import Sum, group_medians, ratio_or_nan
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.evaluate.errors.sums import median_of
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.observations import SensorObservationSet
@@ -385,8 +385,8 @@ class NoiseFromTruth:
                 out[name] = found
         if not out:
             raise InputError(
-                f"write-scene: no camera has {MIN_READINGS} readings [px] of a visible target at a known position; "
-                "record more, or give the truth at more times"
+                f"{option('write_scene')}: no camera has {MIN_READINGS} readings [px] of a visible target at a "
+                "known position; record more, or give the truth at more times"
             )
         return out
 

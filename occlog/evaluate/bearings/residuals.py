@@ -15,6 +15,7 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.consistency.verdict import ConsistencyEvidence
 from occlog.core.geometry import triangulate
 from occlog.core.metrics.errors import Sum, ratio_or_nan
+from occlog.errors import option
 from occlog.evaluate.errors.bound import BoundDimensions, Bounds
 from occlog.evaluate.errors.information import DistancesOfTargets
 from occlog.evaluate.errors.sums import quantiles_of
@@ -365,5 +366,5 @@ def no_meeting(labelled: bool, config: EvaluateConfig) -> str:
         )
     return (
         "warning: no bearing has a target label, so that tracks are not compared with bearings; label them with "
-        "`occlog label`, or take the numbers of sources for targets (doa_labels)"
+        f"`occlog label`, or take the numbers of sources for targets ({option('doa_labels')})"
     )

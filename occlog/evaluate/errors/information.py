@@ -17,7 +17,7 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.bounds import in_plane as crlb
 from occlog.core.bounds import in_space as bounds3d
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.observations import SensorObservations
 from occlog.evaluate.matching.paths import ObjectPath, SensorGeometry
@@ -116,7 +116,9 @@ class StationMeasurements(NamedTuple):
 
 def distances_in_space() -> InputError:
     """Description of distances where the bound is in space."""
-    return InputError("evaluate: distances are used by the bound on the ground alone; set bound_dimension to ground")
+    return InputError(
+        f"evaluate: distances are used by the bound on the ground alone; give {option('bound_dimension')} ground"
+    )
 
 
 def dimension(target: int, *, high: bool, in_space: bool, config: EvaluateConfig) -> int:
@@ -132,7 +134,8 @@ def dimension(target: int, *, high: bool, in_space: bool, config: EvaluateConfig
         return 2
     if not high:
         raise InputError(
-            f"truth: target {target} has no height (z), which a bound in space needs; set bound_dimension to ground"
+            f"truth: target {target} has no height (z), which a bound in space needs; "
+            f"give {option('bound_dimension')} ground"
         )
     return 3
 

@@ -20,7 +20,7 @@ from occlog.core.metrics.errors import (
     ratio_or_nan,
 )
 from occlog.core.metrics.mot.frame_pairs import TargetTrackSums
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.paths import ObjectPath
 from occlog.io.files.spill import NUMBERS_IN_MEMORY
@@ -67,7 +67,7 @@ def pairs_by_number(known: EvaluationSurvey) -> dict[int, int]:
     if known.tracks and known.targets and not pairs:
         raise InputError(
             f"tracks: no track number ({_some(list(known.tracks))}) is a target of the truth "
-            f"({_some(list(known.targets))}); pair them by distance (match optimal)"
+            f"({_some(list(known.targets))}); pair them by distance ({option('match')} optimal)"
         )
     return pairs
 
@@ -121,11 +121,13 @@ def errors_of_pairs(tracks_ns: tuple[int, int], truth_ns: tuple[int, int], confi
     if config.match == "id" and tracks_ns[0] <= truth_ns[1] and truth_ns[0] <= tracks_ns[1]:
         return NoCommonTimeError(
             f"tracks: no track overlaps in time with the target of its number (tracks {tracks}, truth {truth}, "
-            f"max_gap_s {config.bridge_s:g}); match by position (match optimal), check the clocks, or raise max_gap_s"
+            f"max_gap_s {config.bridge_s:g}); match by position ({option('match')} optimal), check "
+            f"the clocks, or raise {option('max_gap')}"
         )
     return NoCommonTimeError(
         f"tracks: the truth covers the time of no estimate: tracks {tracks}, truth {truth}, "
-        f"gaps of at most {config.bridge_s:g} s are bridged; check the clocks or raise max_gap_s"
+        f"gaps of at most {config.bridge_s:g} s are bridged; check the clocks or raise "
+        f"{option('max_gap')}"
     )
 
 

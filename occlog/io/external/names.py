@@ -29,6 +29,8 @@ from occlog.records.tables import Bearings, Boxes, Doa, Failures, Hulls, Occlude
 from occlog.settings import METRES
 
 TIME = "t_ns"
+LONGEST_NAME = 40
+"""Characters of a name of a column in a message."""
 _IDENTITY = tuple(dict.fromkeys((*POSITIONS.names["id"], *BOXES["id"])))
 _SENSOR = tuple(dict.fromkeys((*DIRECTIONS.names["sensor"], *BOXES["camera"], *READS.names["reader"])))
 COMPASS = "compass"
@@ -310,7 +312,8 @@ def describe_missing(layout: TableLayout, names: Sequence[str]) -> str:
             f"column {counted} counts frames, and {layout.table.NAME} requires times: add a column of times (time_s), "
             "or ingest a truth with its frame rate (occlog ingest --truth FILE --fps RATE)"
         )
-    return f"{layout.table.NAME} requires {'; '.join(words)}; the file has {', '.join(names)}"
+    present = ", ".join(name[:LONGEST_NAME] for name in names)
+    return f"{layout.table.NAME} requires {'; '.join(words)}; the file has {present}"
 
 
 def misspelled(layout: TableLayout, names: Sequence[str]) -> str | None:

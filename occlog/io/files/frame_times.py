@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from occlog.array_types import NS, Ints
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 
 if TYPE_CHECKING:
     from occlog.records.scene import Clock
@@ -58,7 +58,7 @@ class FrameTimes:
                 )
             return self.world(self.start_ns + self.table_ns[frames])
         if self.rate is None:
-            raise InputError(f"no times of frames are known ({self.source}); give the frame rate")
+            raise InputError(f"no times of frames are known ({self.source}); give the frame rate ({option('fps')})")
         return self.world(self.start_ns + frames_to_ns(frames, self.rate))
 
     def elapsed_ns(self, frame: int) -> float:
@@ -138,7 +138,8 @@ def as_rate(fps: float | str) -> Fraction:
     except (ValueError, ZeroDivisionError, OverflowError):
         exact, value = Fraction(0), math.nan
     if not 1e-6 < value <= 1e6:
-        raise InputError(f"frame rate {fps!r}: must be above 0.000001 and at most 1000000 (frames per second)")
+        limits = "must be above 0.000001 and at most 1000000 (frames per second)"
+        raise InputError(f"frame rate {fps!r}: {limits}; state it by {option('fps')}")
     near = Fraction(round(value * 1001), 1001)
     # Rates of television: N * 1000/1001, usually written with two or three decimals.
     if near.denominator == 1001 and near.numerator % 1000 == 0 and _is_written(float(near), value):

@@ -14,7 +14,7 @@ import numpy as np
 
 from occlog.array_types import NS, Floats, Ints
 from occlog.console.notes import note_once
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.io.files.utc import time_words
 from occlog.records.columns import MAX_NS
 
@@ -61,6 +61,14 @@ _OTHERWISE = (
     (_DATE + r"(?:[T ]+" + _TIME_OF_DAY + ")?", f"is a date that may be read in several orders; write {_FORM}"),
 )
 """Texts that are meant as times and are not read, with the reason and the remedy."""
+
+
+def parse_start_time(text: str) -> int:
+    """`parse_time` of what the user states as the start; its InputError names the option."""
+    try:
+        return parse_time(text)
+    except InputError as error:
+        raise InputError(f"{option('start_time')}: {error}") from None
 
 
 def parse_time(text: str, unit: str = "s") -> int:

@@ -193,7 +193,8 @@ def _binary_parts(path: Path, options: PositionOptions) -> Iterator[TextPart]:
         if key is None and name.lower() not in FORMAT.ignored and not options.ignore_extra:
             raise InputError(
                 f"{path}: unknown column {name!r}; {WHAT} has "
-                f"{', '.join(names[0] for names in FORMAT.names.values())}; or skip it (ignore_extra_columns)"
+                f"{', '.join(names[0] for names in FORMAT.names.values())}; or skip it "
+                f"({option('ignore_extra_columns')})"
             )
         if key in columns:
             raise InputError(f"{path}: two columns are called {key}; keep one")
@@ -322,8 +323,8 @@ def _scores(rows: CsvRows, values: Floats, options: PositionOptions) -> Floats:
         row = int(np.flatnonzero(bad)[0])
         raise rows.fail(
             row,
-            f"confidence is {values[row]:g}; it must be 0 to 1 after division by the scale; state confidence_scale, or "
-            "score_type logit or unknown",
+            f"confidence is {values[row]:g}; it must be 0 to 1 after division by the scale; state "
+            f"{option('confidence_scale')}, or {option('score_type')} logit or unknown",
         )
     return out
 

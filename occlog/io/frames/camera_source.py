@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from occlog.array_types import NS
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.io.files.frame_times import FrameTimes, as_rate
 from occlog.records.columns import MAX_NS
 from occlog.records.losses import Loss
@@ -54,7 +54,7 @@ class CameraSource:
         if t_ns > MAX_NS:
             raise InputError(
                 f"{self.path}: frame {frame.index}: a time of {t_ns / NS:.6g} s is out of range; times from 1970 to "
-                "2115 can be held; give the frame rate, or time stamps"
+                f"2115 can be held; give the frame rate ({option('fps')}), or time stamps ({option('timestamps')})"
             )
 
     def _with_times(self) -> Iterator[tuple[int, Delivered]]:

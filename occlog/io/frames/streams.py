@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from occlog.array_types import Ints
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.files.frame_times import FrameTimes, as_rate, frames_to_ns
 from occlog.io.files.names import last_number, natural_sorted
 from occlog.io.video.container import Container
@@ -244,8 +244,8 @@ def _numbered(
 ) -> ImageFolder:
     if name not in fps:
         raise UsageError(
-            f"{folder}: nothing states when its images were taken; give the frame rate, or time stamps as {name}=FILE, "
-            "or name them by their time in ns"
+            f"{folder}: nothing states when its images were taken; give the frame rate ({option('fps')}), or time "
+            f"stamps ({option('timestamps')} {name}=FILE), or name them by their time in ns"
         )
     if numbers[0] < base:
         raise InputError(f"{files[0]}: number {numbers[0]} is before the first number, {base}; give a smaller one")

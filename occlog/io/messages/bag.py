@@ -219,7 +219,10 @@ def open_bag(paths: Collection[Path]) -> Bag:
             loss = bag.losses[0] if bag.losses else None
             where = next(iter(paths))
             ros1 = f"; give its bags of ROS 1 as files: {where}/*.bag" if any(where.glob("*.bag")) else ""
-            raise InputError(f"{where}: {loss}" if loss else f"{where}: holds no .mcap or .db3 file{ros1}")
+            if loss is not None:
+                source = next((path for path in paths if path.name == loss.source), where / loss.source)
+                raise InputError(f"{source}: {loss.what}")
+            raise InputError(f"{where}: holds no .mcap or .db3 file{ros1}")
         if len(bag.files) > 1:
             bag.files = _in_order(bag.files)
     except BaseException:

@@ -342,7 +342,7 @@ def images_of(request: Detection, detector: str) -> tuple[McapRecording, Scene, 
     """The recording of a request, its scene, and the cameras to detect in.
 
     Raises:
-        InputError: the recording holds no images.
+        InputError: the recording holds no images, or those of a camera that is not in the scene.
         UsageError: there are no images of a camera, or bearings are requested and no camera has a pose.
     """
     opened = open_recording(request.recording)
@@ -350,6 +350,12 @@ def images_of(request: Detection, detector: str) -> tuple[McapRecording, Scene, 
     if not opened.cameras:
         raise InputError(f"{request.recording}: holds no images; {detector} detects in images")
     sensors = cameras_of(request.cameras, opened)
+    known = [camera.name for camera in scene.cameras]
+    if unknown := [name for name in sensors if name not in known]:
+        raise InputError(
+            f"{request.recording}: images of camera {unknown[0]!r}, which is not in the scene "
+            f"({', '.join(known) or 'no camera'}); give the scene with it ({option('scene')})"
+        )
     if "bearings" in request.files(output=True) and not any(scene.camera(name).placed for name in sensors):
         raise UsageError(
             f"{request.recording}: no camera has a pose, so that there are no bearings; leave {option('bearings')} out"

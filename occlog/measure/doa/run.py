@@ -15,7 +15,7 @@ from occlog.errors import InputError, UsageError, option
 from occlog.ingest.plan import for_sensor, pairs
 from occlog.io.files.frame_times import to_world_time
 from occlog.io.files.names import match_sensor
-from occlog.io.files.times import parse_time
+from occlog.io.files.times import parse_start_time
 from occlog.io.formats.sound.formats import read_arrays
 from occlog.io.formats.sound.wav import Sound, open_sound
 from occlog.io.open import load_scene
@@ -160,7 +160,7 @@ def _directions(
     array = next(a for a in scene.arrays if a.name == name)
     _check_channels(sound, array, plan.channels)
     text = for_sensor(plan.start_time, name)
-    start = 0 if text is None else parse_time(text)
+    start = 0 if text is None else parse_start_time(text)
     clock = next((c for c in scene.clocks if c.name == array.clock), None)
     total = frames_of(sound.frames, sound.rate, plan.config)
     if total == 0:

@@ -13,7 +13,7 @@ import numpy as np
 
 from occlog.array_types import NS, Ints
 from occlog.console.text import counted
-from occlog.errors import UsageError
+from occlog.errors import UsageError, option
 from occlog.evaluate.compare import text
 from occlog.evaluate.compare.text import ComparisonRow, MetricComparison
 from occlog.records.losses import Loss
@@ -150,7 +150,8 @@ def lengths_of(config: RunComparisonConfig, unit: str) -> tuple[float, float]:
     tolerance = tolerance if config.divergence_distance is None else config.divergence_distance
     if near is None or tolerance is None:
         raise UsageError(
-            f"lengths are in {unit!r}: give match_distance, how near a track is that meets another, and tolerance"
+            f"lengths are in {unit!r}: give {option('match_distance')}, how near a track is that meets another, and "
+            f"{option('divergence_distance')}"
         )
     return near, tolerance
 

@@ -7,7 +7,7 @@ from typing import Generic, NamedTuple
 
 import numpy as np
 
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Calibration, Diagnostics, Hulls, Occluders, Residuals, Tracks
 from occlog.scans.distance_measurements import DistanceMeasurementFeed
@@ -103,7 +103,7 @@ def track_batch(
             raise InputError("bearings: no row is of the chosen targets and sensors; choose others")
         raise InputError(
             f"bearings: none of {unlabelled} candidates has a label; this method wants labelled bearings: label them "
-            "with `occlog label`, or use the identities of a DOA log (doa_labels)"
+            f"with `occlog label`, or use the identities of a DOA log ({option('doa_labels')})"
         )
     waiting += [_advance(g, k, method, names, last=True)[1] for k, g in sorted(targets.items())]
     yield from _until(waiting, FOREVER_NS)[0]

@@ -20,12 +20,25 @@ from occlog.core.geometry.camera import array_rotation
 from occlog.records.scene import Camera
 
 from .frame_detections import FrameDetectionsWithIds
-from .pair_overlap import BoxesOfCamera, Overlap, clearly_larger, in_image, located, overlap, overlaps, projected_people
+from .pair_errors import PairFit, fit_pairs, movements, radial_errors, without_radial_error
+from .pair_overlap import (
+    BoxesOfCamera,
+    Overlap,
+    clearly_larger,
+    in_image,
+    located,
+    overlap,
+    overlaps,
+    paired_rows,
+    projected_people,
+)
 
 MAX_STEPS = 240
 """Time steps that are kept; beyond that every second one is dropped."""
 MAX_BOXES = 1000
 """Boxes of all cameras, about, that are compared: of fewer time steps in crowds."""
+MAX_BOXES_OF_PAIRS = 2000
+"""Boxes of all cameras, about, from which errors are estimated by pairs of cameras."""
 MIN_EXPECTED = 40
 """People expected in the images of others, at least, of a camera that is judged."""
 LOW_SHARE, LOW = 0.8, 0.6
@@ -167,13 +180,59 @@ class _Search:
         while low and len(trusted) > 1:
             # Of two cameras that do not agree either may be wrong
             tried = low if len(trusted) == 2 else low[:1]
-            best = self._best((change for c in tried for change in self._changes(c, trusted)), trusted)
+            changes = [change for c in tried for change in self._changes(c, trusted)]
+            lenses = self._other_lenses
+            if lenses is not None and set(lenses.views) <= set(trusted) and set(lenses.views) & set(tried):
+                changes.append(lenses)
+            best = self._best(iter(changes), trusted)
             if best is not None:
                 out.append(best)
                 trusted = [c for c in trusted if c not in best.cameras]
                 agreement = self._agreement(trusted)
             low = [c for c in low if c not in tried and c in trusted and agreement[c] < limit]
-        return out or self._for_a_while()
+        return out or self._for_a_while() or self._moved() or self._lenses()
+
+    @cached_property
+    def _fit(self) -> PairFit:
+        """Errors of the cameras by pairs of them."""
+        every = max(1, round(sum(len(view.boxes) for view in self.views) / MAX_BOXES_OF_PAIRS))
+        return fit_pairs([view.every(every) for view in self.views], len(self.t_ns), self.height)
+
+    def _moved(self) -> list[FittingChange]:
+        """A camera that was pushed during the recording."""
+        out: list[FittingChange] = []
+        for each in movements(self._fit):
+            c, last = each.camera, len(self.t_ns) - 1
+            at = round(each.share * last)
+            late = bool(np.linalg.norm(each.after) > np.linalg.norm(each.before))
+            first, end = (at, last) if late else (0, at)
+            change = _rotated(c, self.views[c], -(each.after if late else each.before))
+            within = self._during(first, end)
+            now, after = (within._overlap({c: view.during(first, end)}) for view in (self.views[c], change.views[c]))
+            if after.mean > now.mean:
+                begin, end_s = ((int(self.t_ns[k]) - int(self.t_ns[0])) / NS for k in (first, end))
+                words = f"{change.words} from {begin:.1f} to {end_s:.1f} s"
+                out.append(FittingChange((c,), words, after.share, now.share))
+        return out
+
+    def _lenses(self) -> list[FittingChange]:
+        """Lenses of another distortion than stated; near the middle of images boxes fit with either."""
+        change = self._other_lenses
+        if change is None:
+            return []
+        own = tuple(change.views)
+        now, after = self._overlap({c: self.views[c] for c in own}), self._overlap(change.views)
+        return [FittingChange(own, change.words, after.share, now.share)]
+
+    @cached_property
+    def _other_lenses(self) -> _Change | None:
+        """Other distortions of all cameras that have a significant error; None: none has."""
+        found = radial_errors(self.views, self._fit)
+        if not found:
+            return None
+        views = {each.camera: without_radial_error(self.views[each.camera], each.coefficient) for each in found}
+        names = ", ".join(f"{self.views[e.camera].camera.name} by {e.offset_px:+.0f} px" for e in found)
+        return _Change(f"the lens distortion at the border is off: {names} (missing, or of another model)", views)
 
     def _agreement(self, trusted: Sequence[int]) -> list[float]:
         """Agreement of each camera with the trusted ones; -1: too few people are expected."""
@@ -272,6 +331,8 @@ class _Search:
 
     def _of_all(self) -> Iterator[_Change]:
         """Mistakes with all cameras."""
+        if self._other_lenses is not None and len(self._other_lenses.views) > 1:
+            yield self._other_lenses
         yield _Change(f"extrinsics of all cameras are {INVERTED}", {c: _inverted(v) for c, v in enumerate(self.views)})
         for scale in SCALES:
             scaled = {c: _scaled(view, scale) for c, view in enumerate(self.views)}
@@ -339,12 +400,15 @@ class _Search:
         yaw, pitch = np.median(near, axis=0)
         if np.hypot(yaw, pitch) < MIN_TURN:
             return
-        moved = replace(own.camera, principal_px=own.camera.principal_px + np.array([yaw, pitch]) * own.camera.focal_px)
-        yaw_deg, pitch_deg = np.degrees([yaw, pitch])
-        words = (
-            f"{own.camera.name} is rotated by {yaw_deg:+.1f} deg about the vertical and {pitch_deg:+.1f} deg in pitch"
-        )
-        yield _Change(words, {c: own._replace(camera=moved)})
+        yield _rotated(c, own, np.array([yaw, pitch]))
+
+
+def _rotated(c: int, own: BoxesOfCamera, angles: Floats) -> _Change:
+    """The camera rotated by yaw and pitch (2,) [rad] about its own axes."""
+    yaw_deg, pitch_deg = np.degrees(angles)
+    words = f"{own.camera.name} is rotated by {yaw_deg:+.1f} deg about the vertical and {pitch_deg:+.1f} deg in pitch"
+    moved = replace(own.camera, principal_px=own.camera.principal_px + angles * own.camera.focal_px)
+    return _Change(words, {c: own._replace(camera=moved)})
 
 
 def _of_camera(c: int, camera: Camera, samples: Sequence[tuple[int, dict[int, Floats]]]) -> BoxesOfCamera:
@@ -429,12 +493,7 @@ def _flipped(view: BoxesOfCamera, axes: tuple[bool, bool]) -> BoxesOfCamera:
 
 def _differences(view: BoxesOfCamera, expected: Floats, steps: Ints) -> Floats:
     """(n, 2) from where people are expected (m, 4) to the boxes of the same time step [px], by their middles."""
-    order = np.argsort(view.steps, kind="stable")
-    when = view.steps[order]
-    low, high = np.searchsorted(when, steps, "left"), np.searchsorted(when, steps, "right")
-    counts = high - low
-    whom = np.repeat(np.arange(len(steps)), counts)
-    box = order[np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts - low, counts)]
+    whom, box = paired_rows(steps, view.steps)
     middles = [0.5 * (each[:, :2] + each[:, 2:]) for each in (view.boxes[box], expected[whom])]
     apart = middles[0] - middles[1]
     return np.asarray(apart[np.isfinite(apart).all(axis=1)])

@@ -25,6 +25,8 @@ MIN_SIGMAS, MIN_GAIN = 6.0, 0.05
 """Gain of mean overlap that is clear, in standard errors over intervals, and that matters."""
 MIN_HEIGHT, MAX_HEIGHT = 0.6, 1.3
 """Heights of bodies, relative to the expected one."""
+FEET_HEIGHTS = 0.07
+"""Distance of the axis of a body from the point at the lower edge of its box, in heights."""
 MAX_DISTANCE_HEIGHTS = 30.0
 """Distance of a person from a camera, in heights, beyond which a box does not locate the person."""
 
@@ -118,19 +120,59 @@ def located(view: BoxesOfCamera, person_height: float) -> Floats:
     out = np.full((len(boxes), 4), np.nan)
     if not len(boxes):
         return out
-    middle = 0.5 * (boxes[:, 0] + boxes[:, 2])
     with np.errstate(all="ignore"):
-        foot, head = (camera.rays(np.column_stack([middle, boxes[:, k]])) for k in (3, 1))
-        away = -camera.position[2] / foot[:, 2]  # along the ray to the ground
-        ground = camera.position[:2] + away[:, None] * foot[:, :2]
-        distance = away * np.hypot(foot[:, 0], foot[:, 1])
-        height = camera.position[2] + distance * head[:, 2] / np.hypot(head[:, 0], head[:, 1])
+        feet, head = upright(camera, boxes)
+        people = located_by_ends(camera, feet, head, FEET_HEIGHTS * person_height)
+        height, distance = people[:, 2], np.linalg.norm(people[:, :2] - camera.position[:2], axis=1)
         width = height * (boxes[:, 2] - boxes[:, 0]) / (boxes[:, 3] - boxes[:, 1])
-        good = (away > 0.0) & (distance < MAX_DISTANCE_HEIGHTS * person_height)
+        good = distance < MAX_DISTANCE_HEIGHTS * person_height
         good &= (height > MIN_HEIGHT * person_height) & (height < MAX_HEIGHT * person_height)
         good &= (boxes[:, :2] > BORDER_PX).all(axis=1) & (boxes[:, 2:] < size - 1.0 - BORDER_PX).all(axis=1)
-    out[good] = np.column_stack([ground, height, width])[good]
+    out[good] = np.column_stack([people, width])[good]
     return out
+
+
+def ideal(camera: Camera, pixels: Floats) -> Floats:
+    """(n, 2) points of the normalised image without distortion of pixels (n, 2); NaN: not in front of the camera."""
+    rays = camera.rays(pixels) @ camera.rotation
+    with np.errstate(all="ignore"):
+        return np.asarray(np.where(rays[:, 2:] > 0.0, rays[:, :2] / rays[:, 2:], np.nan))
+
+
+def upright(camera: Camera, boxes: Floats) -> Floats:
+    """(2, n, 2) ends in the ideal image of a vertical line with feet and head at the lower and upper edges of boxes.
+
+    The middle of a box is between them: beside the middle of an image feet and head are not below each other.
+    """
+    middle = 0.5 * (boxes[:, 0] + boxes[:, 2])
+    ends = np.concatenate([np.column_stack([middle, boxes[:, edge]]) for edge in (3, 1)])
+    out = ideal(camera, ends).reshape(2, -1, 2)
+    up = camera.rotation[2]
+    across, (feet, head) = out[..., 0].mean(axis=0), out[..., 1]
+    with np.errstate(all="ignore"):
+        tall = (feet - head) / (head * up[2] - up[1])  # where the depth of the feet is 1
+        nearer = 1.0 / (1.0 + tall * up[2])
+        x = (2.0 * across - tall * up[0] * nearer) / (1.0 + nearer)
+        out[..., 0] = x, (x + tall * up[0]) * nearer
+    return out
+
+
+def located_by_ends(camera: Camera, feet: Floats, head: Floats, beyond: Floats | float) -> Floats:
+    """(n, 3) x, y and height of people by points (n, 2) of the ideal image; NaN: feet are not on the ground.
+
+    Args:
+        camera: with a pose.
+        feet: lowest points.
+        head: highest points.
+        beyond: distance of the axis of a body from its lowest point.
+    """
+    with np.errstate(all="ignore"):
+        below, above = (np.column_stack([xy, np.ones(len(xy))]) @ camera.rotation.T for xy in (feet, head))
+        along, away = np.hypot(below[:, 0], below[:, 1]), -camera.position[2] / below[:, 2]
+        distance = np.where(away > 0.0, away * along + beyond, np.nan)
+        ground = camera.position[:2] + (distance / along)[:, None] * below[:, :2]
+        height = camera.position[2] + distance * above[:, 2] / np.hypot(above[:, 0], above[:, 1])
+    return np.column_stack([ground, height])
 
 
 def projected_people(camera: Camera, people: Floats) -> Floats:
@@ -141,7 +183,11 @@ def projected_people(camera: Camera, people: Floats) -> Floats:
         people: (n, 4) x, y, height and width.
     """
     ground = np.column_stack([people[:, :2], np.zeros(len(people))])
-    feet, head = camera.project(ground), camera.project(ground + people[:, 2:3] * [0.0, 0.0, 1.0])
+    with np.errstate(all="ignore"):
+        toward = camera.position[:2] - people[:, :2]
+        toward = FEET_HEIGHTS * people[:, 2:3] * toward / np.linalg.norm(toward, axis=1, keepdims=True)
+    lowest = ground + np.column_stack([toward, np.zeros(len(people))])
+    feet, head = camera.project(lowest), camera.project(ground + people[:, 2:3] * [0.0, 0.0, 1.0])
     tall = feet[:, 1] - head[:, 1]
     middle, half = 0.5 * (feet[:, 0] + head[:, 0]), 0.5 * tall * people[:, 3] / np.maximum(people[:, 2], 1e-9)
     boxes = np.column_stack([middle - half, head[:, 1], middle + half, feet[:, 1]])
@@ -238,3 +284,13 @@ def _largest(boxes: Floats, others: Floats) -> Floats:
     with np.errstate(divide="ignore", invalid="ignore"):
         share = common / (area + areas - common)
     return np.asarray(np.nan_to_num(share, nan=0.0).max(axis=1))
+
+
+def paired_rows(first: Ints, second: Ints) -> tuple[Ints, Ints]:
+    """All pairs of a row of the first and a row of the second time steps (n,) and (m,) that are of one step."""
+    order = np.argsort(second, kind="stable")
+    when = second[order]
+    low, high = np.searchsorted(when, first, "left"), np.searchsorted(when, first, "right")
+    counts = high - low
+    rows = np.repeat(np.arange(len(first)), counts)
+    return rows, order[np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts - low, counts)]

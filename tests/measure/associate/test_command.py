@@ -147,7 +147,7 @@ def test_the_rest_is_left_out_or_kept(folder):
         (["--max-gap", "nan"], ExitCode.USAGE, "'--max-gap': nan is not"),
         (["--max-gap", "inf"], ExitCode.USAGE, "'--max-gap': inf is not"),
         (["--cameras", "cam0"], ExitCode.USAGE, "no sensor 'cam0' in the scene"),
-        (["--doa-labels"], ExitCode.USAGE, "doa_labels requires directions of arrival"),
+        (["--doa-labels"], ExitCode.USAGE, "--doa-labels requires directions of arrival"),
     ],
 )
 def test_options_that_make_no_sense_are_one_line(folder, capsys, args, code, message):

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from detect_scenes import BLUE, RED, STEP_NS, camera, picture, scene
 from numpy.testing import assert_allclose, assert_array_equal
+from places import EXAMPLES
 from small_networks import constant_network, mean_network, people_network
 
 from occlog.cli.main import run
@@ -82,6 +83,16 @@ def test_people_are_found_where_they_are(folder: Path, tmp_path: Path, capsys: p
     wanted = {"head": "end2end", "size": "160x120", "fit": "letterbox", "classes": {"0": "person"}}
     assert {name: made.parameters[name] for name in wanted} == wanted
     assert str(made.parameters["runtime"]) == f"opencv {cv2.__version__}"
+
+
+def test_images_of_a_camera_that_the_scene_does_not_have_name_the_recording(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert detect(folder, tmp_path, "--scene", str(EXAMPLES / "room.yaml")) == ExitCode.BAD_INPUT
+    (line,) = capsys.readouterr().err.splitlines()
+    assert str(folder / "room.mcap") in line
+    assert "--scene" in line
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_boxes_are_those_around_the_pixels_of_people(folder: Path, tmp_path: Path) -> None:

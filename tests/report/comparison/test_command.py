@@ -222,7 +222,7 @@ def test_settings_change_what_counts(tmp_path: Path, capsys: Any) -> None:
         (["a", "other"], ExitCode.BAD_INPUT, "is another truth than that of a/recording.mcap"),
         (["a", "nobody"], ExitCode.BAD_INPUT, "holds no estimates"),
         (["a", "feet"], ExitCode.BAD_INPUT, "lengths are in ft, those of a/tracks.parquet in m"),
-        (["own", "own"], ExitCode.USAGE, "give match_distance"),
+        (["own", "own"], ExitCode.USAGE, "give --match-distance"),
         (["a", "later", "--bearings", "a/tracks.parquet"], ExitCode.USAGE, "--bearings is an option of a page"),
         (["a", "later", "--png", "x.png"], ExitCode.USAGE, "--png: of two runs there is a page alone"),
         (["a", "later", "--divergence-distance", "0"], ExitCode.USAGE, "0.0"),

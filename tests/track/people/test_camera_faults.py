@@ -39,13 +39,13 @@ STEP_NS = 100_000_000
 Boxes = dict[int, np.ndarray]
 
 
-def people(seed: int, steps: int) -> np.ndarray:
-    """(T, 3, 4) x, y, height and width of three people who walk about in the middle of the room."""
+def people(seed: int, steps: int, spread: float) -> np.ndarray:
+    """(T, 3, 4) x, y, height and width of three people who walk about the middle of the room, up to a distance."""
     rng = np.random.default_rng(seed)
     phase, rate = rng.uniform(0.0, 2.0 * np.pi, (3, 2)), rng.uniform(0.4, 0.8, (3, 2))
     t = 1e-9 * STEP_NS * np.arange(steps)[:, None, None]
     states = np.zeros((steps, 3, 4))
-    states[..., :2] = [4.0, 3.0] + np.array([1.6, 1.1]) * np.sin(rate * t + phase)
+    states[..., :2] = [4.0, 3.0] + spread * np.array([1.6, 1.1]) * np.sin(rate * t + phase)
     states[..., 2], states[..., 3] = 1.7, 0.5
     return states
 
@@ -56,10 +56,11 @@ def found(
     change: Callable[[int, Boxes], Boxes] = lambda _, boxes: boxes,
     seed: int = 0,
     steps: int = 200,
+    spread: float = 1.0,
 ) -> CameraFaults:
     """Boxes of the true cameras of people whom all of them detect, after a change of those of each step."""
     faults = CameraFaults(stated)
-    for step, state in enumerate(people(seed, steps)):
+    for step, state in enumerate(people(seed, steps, spread)):
         shown = {c: projected_people(each, state) for c, each in enumerate(true)}
         boxes = {c: each[in_image(each, np.array(SIZE, dtype=float))] for c, each in shown.items()}
         frames = []
@@ -186,6 +187,33 @@ def test_a_camera_that_was_pushed_is_named_with_its_rotation() -> None:
     assert words.startswith("b is rotated by +")
     assert abs(float(words.split()[4]) - 4.0 * np.cos(np.radians(20.0))) < 0.6
     assert own.name == "b"
+
+
+def test_a_camera_that_is_pushed_by_little_during_the_recording_is_named_with_the_time() -> None:
+    turn = rotation_from_angles(np.radians(CORNERS["b"][2] + 3.0), np.radians(-20.0), 0.0)
+    pushed = found(changed("b", rotation=turn), cameras())._samples
+    faults = found(cameras(), cameras())
+    # The first 12 of 20 s are of the camera as it was
+    faults._samples[120:] = pushed[120:]
+    (words,) = said(faults, doubtful=False).values()
+    assert words.startswith("b is rotated by +")
+    assert abs(float(words.split()[4]) - 3.0 * np.cos(np.radians(20.0))) < 0.3
+    begin, end = (float(word) for word in words.split()[-4:] if word.replace(".", "").isdigit())
+    # A part of the time since 12 s
+    assert 11.0 <= begin < end <= 20.0
+
+
+@pytest.mark.parametrize("whose", [("c",), NAMES])
+def test_lenses_of_another_distortion_are_named_with_the_offset(whose: tuple[str, ...]) -> None:
+    bent = np.array([-0.2, 0.08, 0.0, 0.0, 0.0])
+    true = [replace(each, distortion=bent) if each.name in whose else each for each in cameras()]
+    ((names, words),) = said(found(true, cameras(), spread=1.9), doubtful=False).items()
+    assert names == whose
+    assert words.startswith("the lens distortion at the border is off: ")
+    offsets = [float(word) for word in words.split() if word[0] in "+-"]
+    assert len(offsets) == len(whose)
+    # 0.2 r^3 f, for boxes of which 95 % are within 0.6 to 0.8 focal lengths of the middle
+    assert all(0.2 * 800.0 * 0.5**3 < offset < 0.2 * 800.0 * 0.9**3 for offset in offsets)
 
 
 def test_times_without_boxes_are_found_where_others_see_people() -> None:

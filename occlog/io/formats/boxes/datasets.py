@@ -104,7 +104,8 @@ _LINE = re.compile(r'^\s*((?:-?\d+(?:\.\d+)?\s+){6})([01])\s+([01])\s+([01])\s+"
 
 def is_vatic(head: Sequence[str]) -> bool:
     """Return whether the first line of a text is of this form."""
-    return _LINE.match(" ".join(head)) is not None
+    # The label is in quotation marks, which cells do not have
+    return len(head) > 9 and _LINE.match(" ".join([*head[:9], f'"{head[9].strip(chr(34))}"'])) is not None
 
 
 def open_vatic(path: Path, wanted: BoxReadOptions) -> BoxSource:

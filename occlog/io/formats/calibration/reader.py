@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.files.limits import guarded
 from occlog.io.files.texts.formats import FileFormat, Probe, by_text, recognise
 from occlog.records.messages import listed
@@ -131,8 +131,8 @@ def read_calibration(
         raise UsageError(f"{where}: a folder without a calibration file; name the file (boxes are a separate input)")
     name = recognise(IMPORTERS, Probe(files[0], WHAT), format, "calibration")
     if name is None:
-        formats = "; ".join(f"{each}: {importer.doc}" for each, importer in IMPORTERS.items())
-        raise InputError(f"{files[0]}: not a calibration of a known format ({formats}); state its format")
+        remedy = f"state it by {option('calibration_format')}, if it is one of {', '.join(IMPORTERS)}"
+        raise InputError(f"{files[0]}: not a calibration of a known format; {remedy}")
     options = options or CalibrationOptions()
     # Numbers beyond all range become infinite, and no camera has such
     with guarded(files[0], WHAT), np.errstate(all="ignore"):

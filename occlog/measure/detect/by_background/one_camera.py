@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.geometry.camera import is_upright
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.measure.clusters.merged_silhouettes import SeparateSightings
 from occlog.measure.clusters.person_size import Prior, SizeMap, constant_sizes, make_prior, sizes_from_camera
 from occlog.measure.clusters.stage import cell_side
@@ -284,7 +284,7 @@ def set_up(state: CameraState, image: Image) -> CameraSetup:
     if sizes is None:
         raise InputError(
             f"camera {camera.name}: the size of people in its images is unknown (no pose in an upright world with a "
-            "known unit, no earlier detections); give their height in pixels (person_height_px)"
+            f"known unit, no earlier detections); give their height in pixels ({option('person_height_px')})"
         )
     sizes = downscale_sizes(sizes, factor)
     prior = make_prior(sizes, STRENGTH, PENALTY, MIN_CLUSTER_RATIO)
@@ -368,7 +368,7 @@ def plain_image(image: NDArray[np.integer], bits: int | None) -> Image:
         raise InputError(f"image of shape {image.shape} is neither grey nor colour")
     if image.dtype == np.uint16:
         if bits is None:
-            raise InputError("16-bit image: give the number of significant bits (bit_depth, 8 to 16)")
+            raise InputError(f"16-bit image: give the number of significant bits ({option('bit_depth')}, 8 to 16)")
         image = np.minimum(image >> (bits - 8), 255).astype(np.uint8)
     if image.dtype != np.uint8:
         raise InputError(f"image of {image.dtype}: expected 8 or 16 bits")

@@ -20,7 +20,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.errors import UsageError
+from occlog.errors import UsageError, option
 from occlog.filtering.likelihood.distances import (
     RangeMeasurements,
     inlier_probability,
@@ -74,7 +74,10 @@ def mixed_search(
     # Search from each of the most probable paths: room, walls and the motion in full tell modes apart
     biases = begin_biases(here, len(record.t_ns))
     if biases is not None and config.lag_s is not None:
-        raise UsageError("map: biases of ranges are estimated from whole records; leave lag or range_bias out")
+        raise UsageError(
+            f"map: biases of ranges are estimated from whole records; leave {option('lag')} or "
+            f"{option('range_bias')} out"
+        )
     seen = here if biases is None else biases.corrected(here)
     paths = mode_starts(problem_of(pending, record), record, pending, seen)
     modes = [_settled(here, path, pending, record, around, watch) for path in paths]
