@@ -56,6 +56,11 @@ COMMANDS = {
     "detect": Command(
         "occlog.measure.detect.request:VERB", "Detect people in a recording: boxes, regions and bearings.", PIPELINE
     ),
+    "calibrate": Command(
+        "occlog.calibrate.request:CalibrateRequest",
+        "Calibrate cameras and clocks from the boxes of people who walk.",
+        PIPELINE,
+    ),
     "track": Command(
         "occlog.track.catalogue:VERB", "Track targets from boxes, bearings, tag reads or video.", PIPELINE
     ),

@@ -37,6 +37,7 @@ CLASSES: dict[str, tuple[str, ...]] = {
         "occlog.simulate.balls.config:BallsConfig",
     ),
     "traffic": ("occlog.papers.lee.traffic.config:TrafficConfig",),
+    "calibrate": ("occlog.calibrate.config:CalibrateConfig",),
     "listen": ("occlog.measure.doa.config:DoaConfig",),
     "epipolar": ("occlog.measure.epipolar.config:EpipolarConfig",),
     "detect": (

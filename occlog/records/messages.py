@@ -375,6 +375,31 @@ VERDICT: dict[str, Message] = {
         "{pitch_deg:+.1f} deg about its horizontal axis; corrected once found",
         "calibrate it again",
     ),
+    "camera-not-calibrated": Message(
+        W,
+        "camera {sensors} shares too few people with the others and is left as it was stated",
+        "record people who walk where it overlaps with another camera",
+    ),
+    "parameter-undetermined": Message(
+        W,
+        "camera {sensors}: the boxes do not determine its {parameter}, which is left as stated",
+        "record people at more distances, or give a better value",
+    ),
+    "adjustment-not-converged": Message(
+        W,
+        "the bundle adjustment did not converge in its number of steps",
+        "use a longer recording, or more rounds ({option[set]} rounds=4)",
+    ),
+    "camera-moved-far": Message(
+        W,
+        "camera {sensors} is {distance:.2g} m and {yaw_deg:.2g} deg from its stated pose, beyond what that allows",
+        "check the stated pose, or raise {option[sigma_position]} and {option[sigma_angle]}",
+    ),
+    "clock-offset-found": Message(
+        N,
+        "the clock of camera {sensors} is {late_s:+.3f} s (+- {sigma_s:.3f} s) late; the scene states it",
+        "ingest again with this scene, or with {option[clock_offset]}",
+    ),
     "camera-times-disjoint": Message(
         W,
         "camera {sensors} has no time in common with another camera: it begins {offset_s:+.3g} s after the others",

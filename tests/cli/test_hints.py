@@ -45,6 +45,7 @@ ROOMS: dict[str, tuple[str, ...]] = {
     "track/methods/readers/fit": ("fit-readers",),
     "track/methods/images/ground": ("ground",),
     "track/methods/images/run": ("track", "evaluate"),
+    "calibrate": ("calibrate", "ingest", "track"),
     "measure/detect": ("detect",),
     "measure/networks": ("detect",),
     "measure/associate": ("label",),

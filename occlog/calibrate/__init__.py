@@ -1,0 +1,1 @@
+"""Calibration of cameras and clocks by people who walk."""

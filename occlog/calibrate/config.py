@@ -1,0 +1,71 @@
+"""Settings of `occlog calibrate`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from occlog.settings import Settings, setting
+
+
+@dataclass(frozen=True)
+class CalibrateConfig(Settings):
+    """Settings of the calibration by walking people; lengths in metres."""
+
+    OWNER: ClassVar[str] = "calibrate"
+
+    person_height: float = setting(
+        1.7,
+        "Mean height of people. It determines the scale where no pose is stated: 5 % too small makes every "
+        "distance 5 % too small. Typical 1.7 m for adults.",
+        unit="m",
+        above=0.2,
+        at_most=3,
+        option="--person-height",
+        metavar="METRES",
+    )
+    sigma_mean_height: float = setting(
+        0.05,
+        "Standard deviation of that mean. Larger values leave the scale to the stated poses.",
+        unit="m",
+        above=0,
+        at_most=1,
+    )
+    sigma_person_height: float = setting(
+        0.1, "Standard deviation of the height among people.", unit="m", above=0, at_most=1
+    )
+    sigma_position: float = setting(
+        0.5,
+        "Standard deviation of the stated positions of the cameras. Together they place the result in the world; "
+        "larger values allow larger corrections.",
+        unit="m",
+        above=0,
+        option="--sigma-position",
+        metavar="METRES",
+    )
+    sigma_yaw: float = setting(
+        3.0,
+        "Standard deviation of the stated yaw angles of the cameras. Larger values allow larger corrections.",
+        unit="deg",
+        above=0,
+        at_most=180,
+        option="--sigma-angle",
+        metavar="DEG",
+    )
+    max_clock_offset: float = setting(
+        2.0,
+        "Largest offset between the clocks of two cameras that is searched. Larger values take longer; 0: clocks "
+        "agree, and are not estimated.",
+        unit="s",
+        at_least=0,
+        at_most=600,
+        option="--max-clock-offset",
+        metavar="SECONDS",
+    )
+    rounds: int = setting(
+        2,
+        "Number of times that boxes are associated by method `jipda`, and cameras adjusted to them. 0: only tracks of "
+        "single cameras are associated.",
+        at_least=0,
+        at_most=10,
+    )

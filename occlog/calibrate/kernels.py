@@ -1,0 +1,37 @@
+"""Expected boxes of many people in many cameras, and their derivatives."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.numerics.jit import kernel
+from occlog.track.methods.jipda.kernels.body_box import box_and_slope, expected_box
+
+
+@kernel
+def boxes_and_slopes(
+    lens: Floats, camera: Ints, state: Floats, delay: Floats, box: Floats, slope: Floats, good: Bools
+) -> None:
+    """Write the expected box of each observation and its derivative by the state.
+
+    Args:
+        lens: (C, LENS) cameras, as `PackedCameras.lens`.
+        camera: (N,) camera of each observation.
+        state: (N, 6) state of the person at the knot.
+        delay: (N,) time of the observation after the knot [s].
+        box: (N, 4) written: left, top, right, bottom [px].
+        slope: (N, 4, 6) written.
+        good: (N,) written: the person is in front of the camera.
+    """
+    for n in range(camera.shape[0]):
+        good[n] = box_and_slope(lens[camera[n]], state[n], delay[n], box[n], slope[n]) > 0.0
+
+
+@kernel
+def expected_boxes(lens: Floats, camera: Ints, state: Floats, delay: Floats, box: Floats) -> None:
+    """Write the expected box (N, 4) of each observation, NaN behind the camera; see `boxes_and_slopes`."""
+    for n in range(camera.shape[0]):
+        x, y = state[n, 0] + delay[n] * state[n, 2], state[n, 1] + delay[n] * state[n, 3]
+        if expected_box(lens[camera[n]], x, y, state[n, 4], state[n, 5], box[n]) < 0.0:
+            box[n, :] = np.nan

@@ -1,0 +1,62 @@
+"""Request of `occlog calibrate`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from occlog.request import Request, group, output_file, scene_file, seed_of_all, source
+from occlog.settings import setting
+
+from .config import CalibrateConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrateRequest(Request):
+    """Estimate the poses (extrinsics) and clock offsets of cameras from boxes of people who walk.
+
+    RECORDING has boxes of all cameras (of `occlog ingest --boxes`, or views of `occlog detect`). Intrinsics are those
+    of its scene. Poses of the scene are where the search starts; without them, or with --ignore-poses, the result has
+    its origin below one of the cameras, and its scale is that of --person-height. No markers, no chessboard, no labels
+    and no synchronised clocks are needed; a minute of three or more people who walk where cameras overlap is.
+
+    \b
+      occlog calibrate walk.mcap -o scene.yaml
+      occlog calibrate walk.mcap --scene rough.yaml --sigma-position 1 --sigma-angle 10 -o scene.yaml
+      occlog calibrate walk.mcap --ignore-poses --focal -o scene.yaml
+      occlog track walk.mcap --scene scene.yaml -o tracks.parquet
+    """
+
+    OWNER: ClassVar[str] = "calibrate"
+    RUN: ClassVar[str] = "occlog.calibrate.run:run_calibrate"
+    JUDGED: ClassVar[bool] = True
+
+    recording: Path = source("Recording or views with boxes.", argument=True)
+    output: Path = output_file("Scene with the calibrated cameras (YAML).", result="scene")
+    scene: Path | None = scene_file()
+    ignore_poses: bool = setting(
+        False,
+        "Start without the poses of the scene, from the intrinsics alone. Needed where they are wrong by more than "
+        "about 15 deg or 3 m.",
+        option="--ignore-poses",
+        shown="",
+    )
+    focal: bool = setting(
+        False,
+        "Estimate a factor of the focal length of each camera too. Refused for a camera where the boxes do not "
+        "determine it.",
+        option="--focal",
+        shown="",
+    )
+    radial: bool = setting(
+        False,
+        "Estimate a change of the first radial coefficient of each lens too, where the boxes determine it.",
+        option="--radial",
+        shown="",
+    )
+    cameras: tuple[str, ...] = setting((), "Use these cameras only.", option="--cameras", metavar="A,B,...", shown="")
+    without: tuple[str, ...] = setting((), "Exclude these cameras.", option="--without", metavar="A,B,...", shown="")
+    settings: Mapping[str, object] = group(lambda: CalibrateConfig, example="rounds=3")
+    seed: int = seed_of_all()

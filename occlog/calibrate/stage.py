@@ -1,0 +1,496 @@
+"""Calibration by walking people: from boxes of cameras to poses, focal lengths and offsets of clocks.
+
+1. People are tracked in the images of each camera (method `sort`), and their boxes determine the ground plane.
+2. Their paths on the ground determine where cameras stand to each other, and their clocks.
+3. Tracks of one person are joined across cameras, and a bundle adjustment estimates everything at once.
+4. Boxes are associated again with the cameras found (method `jipda`), and adjusted again.
+5. The result, which is determined but for position, direction and scale of all cameras together, is placed by the
+   stated poses and the mean height of people.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.core.geometry.camera import angles_from_rotation, rotation_from_angles
+from occlog.errors import InputError
+from occlog.records.scene import Camera, Scene
+from occlog.track.methods.jipda.config import JipdaConfig
+from occlog.track.methods.sort.config import SortConfig
+from occlog.track.people.frame_detections import FrameDetectionsWithIds, group_time_steps
+from occlog.track.people.image_tracks import CameraTracks
+from occlog.track.people.inputs import default_window
+from occlog.track.people.stage import JIPDA, track_people
+
+from .adjustment import (
+    FOCAL,
+    LATE,
+    PARAMETERS,
+    RADIAL,
+    SHIFT,
+    TURN,
+    Adjusted,
+    BodyPrior,
+    NoiseModel,
+    Observations,
+    adjust,
+    rotation_of,
+)
+from .alignment import Complexes, PairAlignment, PlanarPose, align_pair, joined
+from .config import CalibrateConfig
+from .ground_plane import GroundPlane, ground_plane
+from .people import Tracklet, observations, on_grid, persons
+
+GRID_S = 0.25
+"""Least step of the grid on which paths are compared [s]."""
+MAX_GRID = 1200
+"""Steps of that grid, at most: a longer recording is used from its beginning."""
+MAX_GAP_S = 1.6
+"""Longest gap of a track that is interpolated on the grid [s]."""
+MAX_DISTANCE_HEIGHTS = 30.0
+"""Distance of a person from a camera, in heights, beyond which a box does not locate the person."""
+TOLERANCE = 4.0
+"""Poses of pairs of cameras are searched within this many standard deviations of the stated ones."""
+MIN_ASSOCIATION = 0.9
+"""Probability of an association of a box from which it is an observation."""
+SIGMA_LOG_FOCAL, SIGMA_RADIAL, SIGMA_LATE_S = 0.1, 0.3, 0.5
+"""Prior standard deviations of what is estimated of a lens and a clock."""
+MIN_LATE_S = 0.005
+"""Least offset of a clock that is stated."""
+DETERMINED = 0.5
+"""A parameter with a prior is determined if its standard deviation is this much smaller than the prior's."""
+NAMES = {FOCAL: "focal length", RADIAL: "radial coefficient", LATE: "clock"}
+"""Parameters that may be undetermined."""
+NOISE = NoiseModel(3.0, 0.04)
+"""Errors of the edges of boxes to start from."""
+BODY_WIDTH, SIGMA_BODY_WIDTH, SIGMA_LOOSE_HEIGHT = 0.55, 0.15, 0.5
+"""Mean width of people and its standard deviation, and that of the mean height while the scale is held [m]."""
+
+
+class CameraResult(NamedTuple):
+    """What was found of one camera.
+
+    Attributes:
+        camera: with its pose.
+        estimated: it was; else it is left as it was stated.
+        sigma: (9,) standard deviations of its parameters, in the order of `adjustment`, relative to all cameras
+            together; NaN: not estimated.
+        late_s: by how much its clock is late [s].
+        boxes: number of boxes that determine it.
+        rms_px: root mean square of their residuals, robust [px].
+        undetermined: names of parameters that were asked for and that the boxes do not determine.
+    """
+
+    camera: Camera
+    estimated: bool
+    sigma: Floats
+    late_s: float
+    boxes: int
+    rms_px: float
+    undetermined: tuple[str, ...] = ()
+
+    @property
+    def is_late(self) -> bool:
+        """Whether the offset of the clock is significant, and matters."""
+        return self.estimated and abs(self.late_s) > max(3.0 * float(self.sigma[LATE]), MIN_LATE_S)
+
+
+class Calibrated(NamedTuple):
+    """Result of a calibration.
+
+    Attributes:
+        cameras: in the order of the input.
+        people: number of people who determine it.
+        mean_height: of people.
+        sigma_frame: standard deviations of all cameras together: x, y (scene's unit), yaw [rad], scale [1].
+        covariance: (C 9, C 9) of the parameters, relative to all cameras together.
+        correlation: factor by which the correlation of the boxes' errors in time widens variances.
+        converged: the adjustment ended by itself.
+    """
+
+    cameras: list[CameraResult]
+    people: int
+    mean_height: float
+    sigma_frame: Floats
+    covariance: Floats
+    correlation: float
+    converged: bool
+
+
+class _Estimate(NamedTuple):
+    """Cameras and clocks between rounds."""
+
+    cameras: list[Camera]
+    late: Floats
+
+
+Rows = list[tuple[int, int, float, Floats, complex]]
+
+
+def calibrate(
+    frames: Sequence[FrameDetectionsWithIds],
+    scene: Scene,
+    cameras: Sequence[Camera],
+    config: CalibrateConfig,
+    metre: float = 1.0,
+    estimate: Collection[str] = (),
+    seed: int = 0,
+    step: Callable[[str], None] = lambda _: None,
+) -> Calibrated:
+    """Calibrate cameras and clocks.
+
+    Args:
+        frames: boxes of all cameras, in the order of time.
+        scene: with the room and the occluders of the tracker.
+        cameras: C cameras with intrinsics; the poses of those that are placed are where the search begins.
+        config: settings.
+        metre: of which the scene's unit has this many.
+        estimate: more than poses and clocks: `focal`, `radial`.
+        seed: of the tracker's random numbers.
+        step: is called with the name of each step.
+
+    Raises:
+        InputError: no two cameras see the same people.
+    """
+    C, height = len(cameras), config.person_height * metre
+    step("track")
+    boxes = [_tracks(frames, c, camera) for c, camera in enumerate(cameras)]
+    planes = [
+        ground_plane(camera, np.concatenate([np.zeros((0, 4)), *(b for _, b in own)]), height)
+        for camera, own in zip(cameras, boxes, strict=True)
+    ]
+    step("align")
+    times = _grid(boxes)
+    tracklets = [_tracklets(c, cameras[c], planes[c], boxes[c], height) for c in range(C)]
+    poses = _aligned(cameras, tracklets, times, config, metre)
+    used = np.array([pose is not None for pose in poses])
+    if np.count_nonzero(used) < 2:
+        raise InputError(
+            "no two cameras see the same people for 3 s; record people who walk where cameras overlap, or raise "
+            "max_clock_offset"
+        )
+    now = _initial(cameras, planes, poses, times[1] - times[0])
+    placed = [
+        t._replace(xy=pose.position + np.exp(1j * pose.yaw) * t.xy)
+        for own, pose in zip(tracklets, poses, strict=True)
+        for t in own
+        if pose is not None
+    ]
+    body = BodyPrior(
+        height, config.sigma_person_height * metre, BODY_WIDTH * metre, SIGMA_BODY_WIDTH * metre,
+        SIGMA_LOOSE_HEIGHT * metre, metre,
+    )  # fmt: skip
+    group = persons(placed, now.late, times, MAX_GAP_S, height)
+    rows: Rows = [
+        (int(person), t.camera, float(when), box, complex(at))
+        for person, t in zip(group, placed, strict=True)
+        for when, box, at in zip(t.t_s, t.boxes, t.xy, strict=True)
+    ]
+    window_s = default_window(list(frames)) / NS
+    step("adjust")
+    sigma = _prior_sigmas(C, estimate, clocks=config.max_clock_offset > 0.0)
+    done, seen = _adjusted(rows, now, used, body, sigma, window_s)
+    for _ in range(config.rounds):
+        now = _scaled_to(_Estimate(done.cameras, now.late + done.values[:, LATE]), height / done.mean_height)
+        step("associate")
+        rows = _associated(frames, scene, now, used, config, metre, seed)
+        step("adjust")
+        done, seen = _adjusted(rows, now, used, body, sigma, window_s)
+    loose = _undetermined(done, sigma)
+    if loose.any():
+        # What the boxes do not determine is as it was stated
+        now = _Estimate(
+            [_with_lens(c, s) if any(k) else c for c, s, k in zip(now.cameras, cameras, loose, strict=True)], now.late
+        )
+        done, seen = _adjusted(rows, now, used, body, np.where(loose, 0.0, sigma), window_s)
+    return _placed(cameras, done, seen, now.late + done.values[:, LATE], used, config, metre, loose)
+
+
+def _tracks(frames: Sequence[FrameDetectionsWithIds], c: int, camera: Camera) -> list[tuple[Floats, Floats]]:
+    """Stamped times [s] and boxes of the tracks in the images of one camera."""
+    tracks = CameraTracks(camera, SortConfig())
+    for each in frames:
+        if each.detections.camera == c:
+            tracks.keep(each)
+    found, _ = tracks.smoothed()
+    times = np.array(tracks.t_ns, dtype=np.float64) / NS
+    return [(times[boxes.frame], boxes.boxes) for boxes, _ in found]
+
+
+def _grid(boxes: Sequence[Sequence[tuple[Floats, Floats]]]) -> Floats:
+    """(T,) times at which paths are compared [s]."""
+    every = [t for own in boxes for t, _ in own if len(t) > 1]
+    if not every:
+        raise InputError("no person is tracked in the images of any camera; give boxes of people who walk")
+    step = max(GRID_S, float(np.median([np.median(np.diff(t)) for t in every])))
+    first, last = min(t[0] for t in every), max(t[-1] for t in every)
+    return np.asarray(first + step * np.arange(min(int((last - first) / step) + 2, MAX_GRID)))
+
+
+def _tracklets(
+    c: int, camera: Camera, plane: GroundPlane | None, boxes: Sequence[tuple[Floats, Floats]], height: float
+) -> list[Tracklet]:
+    """Tracks of one camera with their paths in its level frame."""
+    out = []
+    for t, own in boxes if plane is not None else ():
+        xy = plane.positions(camera, own)  # type: ignore[union-attr]
+        path = xy[:, 0] + 1j * xy[:, 1]
+        good = np.isfinite(path) & (np.abs(path) < MAX_DISTANCE_HEIGHTS * height)
+        if np.count_nonzero(good) >= 2:
+            out.append(Tracklet(c, t[good], own[good], path[good]))
+    return out
+
+
+def _aligned(
+    cameras: Sequence[Camera],
+    tracklets: Sequence[Sequence[Tracklet]],
+    times: Floats,
+    config: CalibrateConfig,
+    metre: float,
+) -> list[PlanarPose | None]:
+    """Poses of the cameras in a common frame; None: a camera that shares no people with the others."""
+    step, C = float(times[1] - times[0]), len(cameras)
+    height = config.person_height * metre
+    paths: list[Complexes] = [
+        np.array([on_grid(t.t_s, t.xy, times, MAX_GAP_S) for t in own]).reshape(-1, len(times)) for own in tracklets
+    ]
+    late = int(np.ceil(config.max_clock_offset / step))
+    tolerance = TOLERANCE * np.sqrt(2.0) * np.array([np.radians(config.sigma_yaw), config.sigma_position * metre])
+    pairs = []
+    for a, b in combinations(range(C), 2):
+        if not (len(paths[a]) and len(paths[b])):
+            continue
+        rough = _relative(cameras[a], cameras[b]) if cameras[a].placed and cameras[b].placed else None
+        found = align_pair(paths[a], paths[b], step, height, late, rough, (float(tolerance[0]), float(tolerance[1])))
+        if found is not None:
+            pairs.append(PairAlignment(a, b, *found))
+    return joined(C, pairs)
+
+
+def _relative(a: Camera, b: Camera) -> PlanarPose:
+    """Pose of camera b in the level frame of camera a."""
+    turned = angles_from_rotation(a.rotation)[0]
+    away = complex(*(b.position - a.position)[:2].tolist())
+    return PlanarPose(angles_from_rotation(b.rotation)[0] - turned, complex(np.exp(-1j * turned) * away), 0.0)
+
+
+def _initial(
+    cameras: Sequence[Camera], planes: Sequence[GroundPlane | None], poses: Sequence[PlanarPose | None], step_s: float
+) -> _Estimate:
+    """Cameras in the common frame of the alignment."""
+    out, late = [], np.zeros(len(cameras))
+    for c, (camera, plane, pose) in enumerate(zip(cameras, planes, poses, strict=True)):
+        if plane is None or pose is None:
+            out.append(camera)
+            continue
+        late[c] = pose.late * step_s
+        position = np.array([pose.position.real, pose.position.imag, plane.height])
+        rotation = rotation_from_angles(pose.yaw, plane.pitch, plane.roll)
+        out.append(replace(camera, position=position, rotation=rotation, placed=True))
+    used = np.array([pose is not None for pose in poses])
+    late[used] -= _middle(late[used])
+    return _Estimate(out, late)
+
+
+def _middle(values: Floats) -> float:
+    """The value in the middle, the lower one of two."""
+    return float(np.sort(values)[(len(values) - 1) // 2])
+
+
+def _prior_sigmas(count: int, estimate: Collection[str], *, clocks: bool) -> Floats:
+    """(C, 9) prior standard deviations of the parameters; 0: held; inf: free."""
+    sigma = np.zeros((count, PARAMETERS))
+    sigma[:, TURN] = sigma[:, SHIFT] = np.inf
+    sigma[:, FOCAL] = SIGMA_LOG_FOCAL if "focal" in estimate else 0.0
+    sigma[:, RADIAL] = SIGMA_RADIAL if "radial" in estimate else 0.0
+    sigma[:, LATE] = SIGMA_LATE_S if clocks else 0.0
+    return sigma
+
+
+def _undetermined(done: Adjusted, sigma: Floats) -> Bools:
+    """(C, 9) parameters with a prior that the boxes hardly narrow."""
+    found = np.sqrt(np.maximum(np.diag(done.covariance), 0.0)).reshape(sigma.shape)
+    return np.asarray(np.isfinite(sigma) & (sigma > 0.0) & (found > DETERMINED * sigma))
+
+
+def _with_lens(camera: Camera, stated: Camera) -> Camera:
+    """A camera with the lens that is stated."""
+    return replace(camera, focal_px=stated.focal_px, distortion=stated.distortion)
+
+
+def _adjusted(
+    rows: Rows, now: _Estimate, used: Bools, body: BodyPrior, sigma: Floats, window_s: float
+) -> tuple[Adjusted, Observations]:
+    """A bundle adjustment; x and y of two cameras far apart are held, which is the frame, and one clock."""
+    seen, states = observations(rows, now.late, window_s, [c.image_size for c in now.cameras], body)
+    if not len(seen.time):
+        raise InputError("no person is seen by two cameras for 5 time steps; record people who walk where they overlap")
+    count = np.bincount(seen.camera, minlength=len(used))
+    own = np.flatnonzero(used & (count > 0))
+    free = np.where((used & (count > 0))[:, None], sigma, 0.0)
+    ground = np.array([now.cameras[c].position[:2] for c in own])
+    apart = np.linalg.norm(ground[:, None] - ground[None], axis=-1)
+    for k in np.unravel_index(int(np.argmax(apart)), apart.shape):
+        free[own[k], 3:5] = 0.0
+    free[own[int(np.argmax(count[own]))], LATE] = 0.0
+    return adjust(now.cameras, seen, states, body, free, now.late, NOISE), seen
+
+
+def _scaled_to(now: _Estimate, scale: float) -> _Estimate:
+    """The cameras with all lengths multiplied."""
+    return _Estimate([replace(c, position=c.position * scale) for c in now.cameras], now.late)
+
+
+def _associated(
+    frames: Sequence[FrameDetectionsWithIds],
+    scene: Scene,
+    now: _Estimate,
+    used: Bools,
+    config: CalibrateConfig,
+    metre: float,
+    seed: int,
+) -> Rows:
+    """Boxes of people by the multi-camera tracker, with the cameras and clocks found so far."""
+    number = np.cumsum(used) - 1
+    shifted = []
+    box_of: dict[tuple[int, int], tuple[float, Floats]] = {}
+    for each in frames:
+        c = each.detections.camera
+        if not used[c]:
+            continue
+        for row, box in zip(each.detections.row.tolist(), each.detections.boxes, strict=True):
+            box_of[c, row] = each.detections.t_ns / NS, box
+        t_ns = each.detections.t_ns - round(float(now.late[c]) * NS)
+        shifted.append(each._replace(detections=each.detections._replace(t_ns=t_ns, camera=int(number[c]))))
+    shifted.sort(key=lambda each: each.detections.t_ns)
+    cameras = [c for c, own in zip(now.cameras, used, strict=True) if own]
+    # Where the room and the occluders stand in the frame of the alignment is not known
+    empty = replace(scene, cameras=tuple(cameras), room=None, occluders=(), arrays=(), readers=())
+    jipda = replace(
+        _jipda(metre), person_height=config.person_height * metre,
+        sigma_person_height=config.sigma_person_height * metre,
+    )  # fmt: skip
+    steps = group_time_steps(iter(shifted), default_window(shifted))
+    indices = np.flatnonzero(used)
+    rows: Rows = []
+    for part in track_people(steps, empty, cameras, jipda, JIPDA, seed):
+        for snapshot in (each.snapshot for each in part):
+            support = snapshot.support
+            alone = support.probability - support.joint
+            for k in np.flatnonzero(alone >= MIN_ASSOCIATION).tolist():
+                c, person = int(indices[support.camera[k]]), int(support.person[k])
+                when, box = box_of[c, int(support.row[k])]
+                at = complex(*snapshot.mean[person, :2].tolist())
+                rows.append((int(snapshot.ids[person]), c, when, box, at))
+    return rows
+
+
+def _jipda(metre: float) -> JipdaConfig:
+    from occlog.track.people.inputs import in_units_of
+
+    return in_units_of(JipdaConfig(), metre)
+
+
+def _placed(
+    stated: Sequence[Camera],
+    done: Adjusted,
+    seen: Observations,
+    late: Floats,
+    used: Bools,
+    config: CalibrateConfig,
+    metre: float,
+    loose: Bools,
+) -> Calibrated:
+    """The result in the world, by the stated poses and the mean height of people."""
+    C = len(stated)
+    own = np.flatnonzero(used)
+    known = [c for c in own.tolist() if stated[c].placed and stated[c].position[2] > 0.0]
+    log_scale = float(np.log(config.person_height * metre / done.mean_height))
+    precision = (config.person_height / config.sigma_mean_height) ** 2
+    yaw, shift, information = 0.0, 0.0j, np.zeros(4)
+    here = np.array([complex(*c.position[:2].tolist()) for c in done.cameras])
+    there = np.array([complex(*c.position[:2].tolist()) for c in stated])
+    angle = np.array(
+        [
+            angles_from_rotation(s.rotation)[0] - angles_from_rotation(d.rotation)[0]
+            for s, d in zip(stated, done.cameras, strict=True)
+        ]
+    )
+    sp, sy = config.sigma_position * metre, np.radians(config.sigma_yaw)
+    if known:
+        z, w = here[known] - here[known].mean(), there[known] - there[known].mean()
+        spread = float((np.abs(z) ** 2).sum())
+        for _ in range(20):
+            scale = np.exp(log_scale)
+            pull = (w * np.conj(z)).sum() * scale / sp**2 + np.exp(1j * angle[known]).sum() / sy**2
+            yaw = float(np.angle(pull))
+            # Scale: heights of people, and distances between the cameras
+            along = float(((np.exp(-1j * yaw) * w) * np.conj(z)).sum().real)
+            weight = spread * scale**2 / sp**2
+            target = np.log(max(along / max(spread, 1e-12), 1e-6)) if spread > 0 else log_scale
+            log_scale = (precision * np.log(config.person_height * metre / done.mean_height) + weight * target) / (
+                precision + weight
+            )
+        scale = np.exp(log_scale)
+        shift = complex(there[known].mean() - scale * np.exp(1j * yaw) * here[known].mean())
+        information = np.array(
+            [len(known) / sp**2] * 2
+            + [spread * scale**2 / sp**2 + len(known) / sy**2, precision + spread * scale**2 / sp**2]
+        )
+    else:
+        information[3] = precision
+    scale = float(np.exp(log_scale))
+    turned = rotation_of(np.array([0.0, 0.0, yaw]))
+    offset = np.array([shift.real, shift.imag, 0.0])
+    cameras = [
+        replace(c, position=scale * turned @ c.position + offset, rotation=turned @ c.rotation) for c in done.cameras
+    ]
+    covariance = _inner(done.covariance, cameras, own, scale, turned)
+    late = late - _middle(late[own])
+    results = []
+    size = np.abs(done.residual)
+    for c in range(C):
+        mine = seen.camera == c
+        count = int(np.count_nonzero(mine))
+        if not used[c] or not count:
+            results.append(CameraResult(stated[c], False, np.full(PARAMETERS, np.nan), 0.0, 0, float("nan")))
+            continue
+        sigma = np.sqrt(np.maximum(np.diag(covariance)[c * PARAMETERS : (c + 1) * PARAMETERS], 0.0))
+        names = tuple(name for k, name in NAMES.items() if loose[c, k])
+        rms = float(1.4826 * np.nanmedian(size[mine]))
+        results.append(CameraResult(cameras[c], True, sigma, float(late[c]), count, rms, names))
+    with np.errstate(divide="ignore"):
+        frame = 1.0 / np.sqrt(information)
+    return Calibrated(
+        results, len(seen.first) - 1, done.mean_height * scale, frame, covariance, done.correlation, done.converged
+    )
+
+
+def _inner(covariance: Floats, cameras: Sequence[Camera], own: Ints, scale: float, turned: Floats) -> Floats:
+    """(C 9, C 9) covariance relative to all cameras together: without what a common similarity explains.
+
+    An S-transformation (Baarda 1973): x, y, yaw and scale of the positions of all cameras are held.
+    """
+    C = len(cameras)
+    J = np.zeros((C * PARAMETERS, C * PARAMETERS))
+    G, D = np.zeros((C * PARAMETERS, 4)), np.zeros(C * PARAMETERS)
+    mean = np.mean([cameras[c].position for c in own], axis=0) * [1.0, 1.0, 0.0]
+    for c in own.tolist():
+        k = c * PARAMETERS
+        J[k : k + PARAMETERS, k : k + PARAMETERS] = np.eye(PARAMETERS)
+        J[k + 3 : k + 6, k + 3 : k + 6] = scale * turned
+        away = cameras[c].position - mean
+        G[k + 3, 0] = G[k + 4, 1] = 1.0
+        G[k : k + 3, 2] = cameras[c].rotation.T @ [0.0, 0.0, 1.0]
+        G[k + 3 : k + 6, 2] = [-away[1], away[0], 0.0]
+        G[k + 3 : k + 6, 3] = away
+        D[k + 3 : k + 5] = 1.0
+    world = J @ covariance @ J.T
+    P = np.eye(len(D)) - G @ np.linalg.pinv(G.T @ (D[:, None] * G)) @ (G.T * D)
+    return np.asarray(P @ world @ P.T)

@@ -1,0 +1,98 @@
+"""`occlog calibrate` through the command line: cameras that are off, without poses, late, and what is refused."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from walking_people import cameras, frames, write
+
+from occlog.array_types import Floats
+from occlog.calibrate.adjustment import rotation_of
+from occlog.calibrate.config import CalibrateConfig
+from occlog.calibrate.stage import calibrate
+from occlog.cli.main import run
+from occlog.errors import ExitCode, InputError
+from occlog.io.formats.scenes.scene import read_scene
+from occlog.records.scene import Camera, Scene
+
+pytestmark = pytest.mark.jit
+
+
+def rough() -> list[Camera]:
+    """The cameras, off by 3 degrees and 0.3 m each."""
+    rng = np.random.default_rng(8)
+    return [
+        replace(
+            c,
+            position=c.position + rng.normal(0.0, 0.3, 3),
+            rotation=rotation_of(rng.normal(0.0, 0.05, 3)) @ c.rotation,
+        )
+        for c in cameras()
+    ]
+
+
+def relative_errors(found: list[Camera]) -> tuple[float, float]:
+    """Largest errors of positions [m] and orientations [rad] after a similarity in the plane."""
+    ours, true = (np.array([complex(*c.position[:2].tolist()) for c in each]) for each in (found, cameras()))
+    m = ((true - true.mean()) * np.conj(ours - ours.mean())).sum() / (np.abs(ours - ours.mean()) ** 2).sum()
+    back = rotation_of(np.array([0.0, 0.0, float(np.angle(m))]))
+    away = np.abs(m * (ours - ours.mean()) - (true - true.mean()))
+    pairs = zip(found, cameras(), strict=True)
+    turned = [np.abs((back @ a.rotation).T @ b.rotation - np.eye(3)).max() for a, b in pairs]
+    return float(away.max()), float(max(turned))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording with rough poses."""
+    folder = tmp_path_factory.mktemp("calibrate")
+    assert run(["ingest", "-q", "-o", str(folder / "walk.mcap"), *write(folder, rough())]) == ExitCode.DONE
+    return folder
+
+
+def test_rough_poses_are_corrected(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Relative to each other to 4 cm and half a degree; the file says how sure."""
+    asked = ["calibrate", str(folder / "walk.mcap"), "-o", str(folder / "scene.yaml"), "--json"]
+    assert run([*asked, "--max-clock-offset", "0", "--set", "rounds=1"]) == ExitCode.DONE
+    summary = json.loads(capsys.readouterr().out)
+    found = list(read_scene(folder / "scene.yaml").cameras)
+    position, angle = relative_errors(found)
+    before = relative_errors(rough())
+    assert position < 0.04 < before[0]
+    assert angle < 0.01 < before[1]
+    assert summary["plausible"] is True
+    assert set(summary["cameras"]) == {"cam0", "cam1", "cam2"}
+    assert all(0.0 < each["sigma_yaw_deg"] < 1.0 for each in summary["cameras"].values())
+    assert all(camera.sigma_position > 0.0 for camera in found)
+
+
+def test_late_clocks_are_found_without_poses() -> None:
+    """A clock 0.4 s late and one 0.3 s ahead, with intrinsics alone."""
+    late = np.array([0.0, 0.4, -0.3])
+    stated = [replace(c, placed=False) for c in cameras()]
+    found = calibrate(frames(late), Scene(tuple(stated)), stated, CalibrateConfig(max_clock_offset=1.0, rounds=1))
+    offsets: Floats = np.array([each.late_s for each in found.cameras])
+    np.testing.assert_allclose(offsets, late, atol=0.02)
+    position, angle = relative_errors([each.camera for each in found.cameras])
+    assert position < 0.05
+    assert angle < 0.01
+    assert not np.isfinite(found.sigma_frame[:3]).any()
+
+
+def test_one_camera_is_refused(folder: Path, tmp_path: Path) -> None:
+    """Cameras are calibrated against each other."""
+    asked = ["calibrate", str(folder / "walk.mcap"), "-o", str(tmp_path / "s.yaml"), "--cameras", "cam0"]
+    assert run(asked) == ExitCode.BAD_INPUT
+    assert not (tmp_path / "s.yaml").exists()
+
+
+def test_cameras_without_common_people_are_refused() -> None:
+    """Boxes of other times in each camera."""
+    stated = cameras()[:2]
+    apart = [f for f in frames(np.zeros(3)) if f.detections.camera == (0 if f.detections.t_ns < 15e9 else 1)]
+    with pytest.raises(InputError):
+        calibrate(apart, Scene(tuple(stated)), stated, CalibrateConfig(max_clock_offset=0.5))
