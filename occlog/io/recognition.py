@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from occlog.errors import InputError, UsageError
-from occlog.io.files.limits import BAG_MAGICS, RECORDING_MAGIC, guarded, is_odas
-from occlog.io.files.texts.csv_rows import UTF16_MARKS
+from occlog.io.files.limits import BAG_MAGICS, RECORDING_MAGIC, UTF16_MARKS, guarded, is_odas
 
 if TYPE_CHECKING:
     from occlog.io.files.texts.formats import FileFormat, Probe

@@ -24,19 +24,12 @@ import pyarrow as pa
 
 from occlog.errors import InputError
 from occlog.io.files.geodetic import begin_positions
-from occlog.io.files.limits import PARQUET_MAGIC, STANDARD_INPUT, check_declared_size, check_input
+from occlog.io.files.limits import PARQUET_MAGIC, STANDARD_INPUT, UTF16_MARKS, check_declared_size, check_input
 from occlog.io.files.names import utf8_name
 from occlog.io.files.tables.arrow import SCHEMA_KEY
 from occlog.io.files.tables.parquet import batches, in_parts, open_parquet
 from occlog.io.files.texts.by_reader import table_of
-from occlog.io.files.texts.csv_rows import (
-    GZIP_MAGIC,
-    UTF16_MARKS,
-    commented_header,
-    first_line,
-    is_header,
-    read_rows,
-)
+from occlog.io.files.texts.csv_rows import GZIP_MAGIC, commented_header, first_line, is_header, read_rows
 from occlog.io.files.times import TIME_COLUMNS
 from occlog.io.formats.trajectories import Trajectories, find_trajectories
 

@@ -67,6 +67,8 @@ def check_input(path: Path, what: str) -> Path:
 
 RECORDING_MAGIC = b"\x89MCAP0\r\n"
 SQLITE_MAGIC = b"SQLite format 3\0"
+UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
+"""First bytes of a text in UTF-16, as Excel and PowerShell write it."""
 ROS1_MAGIC = b"#ROSBAG V"
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 BAG_MAGICS = (SQLITE_MAGIC, ROS1_MAGIC, ZSTD_MAGIC)

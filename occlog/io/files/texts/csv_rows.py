@@ -25,13 +25,11 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints, Strings
 from occlog.errors import InputError
-from occlog.io.files.limits import check_input
+from occlog.io.files.limits import UTF16_MARKS, check_input
 from occlog.io.files.texts.by_reader import text_of
 
 ROWS_PER_CHUNK = 16_384
 MAX_CELL = 200
-UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
-"""First bytes of a text in UTF-16, as Excel and PowerShell write it."""
 GZIP_MAGIC = b"\x1f\x8b"
 MISSING = ("", "nan", "none", "na", "<na>", "n/a", "#n/a", "null", r"\n", "nil", "-", "--", "nat")
 """What programs write for a value that is not there, in small letters."""
