@@ -128,6 +128,18 @@ def test_a_body_that_reaches_the_camera_has_no_box() -> None:
     assert expected_box(views.lens[0], -3.0, 0.0, 1.7, 0.5, box) == -1.0
 
 
+@pytest.mark.parametrize("lens", ["ideal", "brown"])
+def test_a_body_too_far_for_its_outline_has_no_box(lens: str) -> None:
+    """Rounding leaves no tangents at some positions from 1e7 m on; no distance divides by zero."""
+    packed, box, missing = pack_views([camera(lens)]).lens[0], np.empty(4), 0
+    for distance in 10.0 ** np.arange(3.0, 14.0, 0.25):
+        for x in distance * np.linspace(-0.5, 0.5, 21):
+            depth = expected_box(packed, x, distance, 1.7, 0.5, box)
+            assert depth == -1.0 or np.isfinite(box).all()
+            missing += depth == -1.0
+    assert missing > 0
+
+
 def test_the_covariance_of_a_centre_in_the_image_is_that_of_the_state_through_the_jacobian() -> None:
     rng, view = np.random.default_rng(0), camera()
     half = rng.normal(0.0, 0.1, (2, 6, 6))

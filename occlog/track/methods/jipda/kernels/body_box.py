@@ -209,7 +209,7 @@ def expected_box(lens: Floats, x: float, y: float, height: float, width: float, 
 
     Returns:
         Depth > 0; -1, and no box, where part of the person is behind the camera or closer than `MIN_DEPTH_HEIGHTS`
-        heights.
+        heights, or so far away that rounding leaves no outline.
     """
     if lens[MODEL] == GROUND_PLANE:
         box[0], box[1], box[2], box[3] = x, y, x, y
@@ -230,6 +230,8 @@ def expected_box(lens: Floats, x: float, y: float, height: float, width: float, 
     cxy, cxz, cyz = lean * rx * ry - px * py, lean * rx * rz - px * pz, lean * ry * rz - py * pz
     # Tangents x = u: C_xx - 2 u C_xz + u^2 C_zz = 0, C_zz < 0; and y = v likewise
     root_x, root_y = math.sqrt(max(cxz * cxz - cxx * czz, 0.0)), math.sqrt(max(cyz * cyz - cyy * czz, 0.0))
+    if not (root_x > 0.0 and root_y > 0.0):
+        return -1.0  # so far away that rounding leaves no outline
     for k in range(4):
         sign = -1.0 if k < 2 else 1.0
         if k in (LEFT, RIGHT):
