@@ -68,7 +68,8 @@ def _with_file(error: InputError, request: Request) -> InputError:
     """The error of a stage, which knows tables and no files, with the file before it: `a.csv: bearings: row 3: ...`."""
     noun, colon, _ = str(error).partition(": ")
     files = request.files(output=False)
-    if not (colon and files) or (noun not in TABLES and noun != "scene"):
+    # Errors of other classes name an option or a place themselves
+    if type(error) is not InputError or not (colon and files) or (noun not in TABLES and noun != "scene"):
         return error
     return InputError(f"{files.get(noun) or next(iter(files.values()))}: {error}")
 

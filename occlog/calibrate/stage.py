@@ -19,7 +19,7 @@ import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.geometry.camera import angles_from_rotation, rotation_from_angles
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.records.scene import Camera, Scene
 from occlog.track.methods.jipda.config import JipdaConfig
 from occlog.track.methods.sort.config import SortConfig
@@ -173,7 +173,7 @@ def calibrate(
     if np.count_nonzero(used) < 2:
         raise InputError(
             "no two cameras see the same people for 3 s; record people who walk where cameras overlap, or raise "
-            "max_clock_offset"
+            f"{option('max_clock_offset')}"
         )
     now = _initial(cameras, planes, poses, times[1] - times[0])
     placed = [

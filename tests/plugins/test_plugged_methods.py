@@ -97,7 +97,7 @@ def test_settings_of_others_are_shown_and_checked_like_ours(walk: Path, capsys: 
     ("name", "words"),
     [
         ("fails", r"plug-in fails \(bad-filters 0.3\): ZeroDivisionError: division by zero at .*bad_filters.py:8"),
-        ("lies", r"plug-in lies \(bad-filters 0.3\): at \d+ ns: the covariance is not positive definite"),
+        ("lies", r"plug-in lies \(bad-filters 0.3\): at \d+ s: the covariance is not positive definite"),
         ("empty", r"plug-in empty \(bad-filters 0.3\): bad_filters:Empty has no summary"),
         ("gone", r"plug-in gone \(bad-filters 0.3\): AttributeError: .*Gone"),
         ("absent", r"plug-in absent \(absent 2.0\): ModuleNotFoundError: No module named 'no_such_module'"),

@@ -111,8 +111,6 @@ _OTHERS = (
     (0, b"MATLAB 5.0", "a file of MATLAB; write its rows as CSV (writetable)"),
     (0, b"\x80\x04\x95", PICKLED),
     (0, b"\x80\x05\x95", PICKLED),
-    (0, b"{", f"JSON; {JSON_BY_INGEST}"),
-    (0, b"[", f"JSON; {JSON_BY_INGEST}"),
 )
 """Position and bytes by which files are known that commands are given by mistake, what they are, and what to do."""
 
@@ -140,13 +138,20 @@ def is_odas(head: bytes) -> bool:
     return head.lstrip().startswith(b"{") and all(mark in head for mark in ODAS)
 
 
-def describe_unsupported(path: Path) -> str | None:
-    """Describe a file that is neither a recording nor a table, with the remedy; None: unknown."""
+def describe_unsupported(path: Path, *, yaml: bool = False) -> str | None:
+    """Describe a file that is neither a recording nor a table, with the remedy; None: unknown.
+
+    Args:
+        path: the file.
+        yaml: YAML was expected, of which JSON is a part.
+    """
     with path.open("rb") as file:
         head = file.read(ODAS_BYTES)
     if is_odas(head):
         return ODAS_BY_INGEST.format(name=path.name)
     found = next((words for offset, mark, words in _OTHERS if head[offset:].startswith(mark)), None)
+    if not yaml and head[:1] in (b"{", b"["):
+        found = f"JSON; {JSON_BY_INGEST}"
     return None if found is None else found.replace("{name}", path.name)
 
 

@@ -226,7 +226,7 @@ def test_auto_is_in_space_for_targets_whose_errors_are() -> None:
 
 
 def test_bound_in_space_needs_true_heights() -> None:
-    with pytest.raises(InputError, match=r"target 0 has no height .*bound_dimension"):
+    with pytest.raises(InputError, match=r"target 0 has no height .*bound-dimension"):
         evaluate(None, truth(TIMES, PATH[:, :2]), everything(), PLACE, EvaluateConfig(bound_dimension="space"))
 
 

@@ -93,7 +93,7 @@ def test_a_line_says_that_most_estimates_are_in_gaps_of_the_truth() -> None:
 
 
 def test_truth_that_covers_no_estimate_is_an_error() -> None:
-    with pytest.raises(InputError, match=r"covers the time of no estimate.*max_gap"):
+    with pytest.raises(InputError, match=r"covers the time of no estimate.*max-gap"):
         evaluate(tracks([100, 101], [0, 0]), truth(T5, [0, 0]), None, scene())
 
 

@@ -213,7 +213,7 @@ def test_an_index_that_leads_to_fewer_frames_than_it_counts_is_refused(tmp_path:
 def test_time_stamps_that_repeat_are_named(tmp_path: Path) -> None:
     path = tmp_path / "f.mcap"
     foreign(path, [("/camera/a/image", T0 + i, json_image(i, T0 + i // 2 * 1000)) for i in range(4)])
-    with pytest.raises(InputError, match=r"camera a: frame 1: time \d+ ns does not come after"):
+    with pytest.raises(InputError, match=r"camera a: frame 1: time \S+Z does not come after"):
         list(open_recording(path).frames())
 
 

@@ -118,9 +118,11 @@ def test_coordinates_of_maps_lose_nobody() -> None:
     views = [views_of(scene(), people, t * TENTH) for t, people in enumerate(walks)]
     near, _ = run(views, scene())
     far, gaussians = run(views, scene_from(scene(), -origin))
-    assert far.occluder_id.tolist() == near.occluder_id.tolist()
-    assert far.x - origin[0] == pytest.approx(near.x, abs=1e-6)
-    assert far.y - origin[1] == pytest.approx(near.y, abs=1e-6)
+    # The order of polygons at one time depends on the last digits
+    for t in np.unique(near.t_ns):
+        a, b = (np.column_stack([h.x, h.y])[h.t_ns == t] - shift for h, shift in ((far, origin), (near, np.zeros(2))))
+        assert a.shape == b.shape
+        assert np.abs(a[:, None] - b).max(axis=2).min(axis=1).max(initial=0.0) < 1e-6
     assert gaussians.y.min() > 3_999_999.0
 
 

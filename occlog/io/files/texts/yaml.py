@@ -224,7 +224,7 @@ def _refuse_binary(path: Path, what: str) -> None:
     content = content_of(path, what)
     if content is not Content.OTHER:
         raise InputError(f"{path}: is {content.value}; {what} was expected")
-    mistaken = describe_unsupported(path)
+    mistaken = describe_unsupported(path, yaml=True)
     if mistaken is not None:
         kind, _, remedy = mistaken.partition("; ")
         raise InputError(f"{path}: is {kind}; {what} was expected; {remedy}")

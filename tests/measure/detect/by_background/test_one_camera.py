@@ -58,7 +58,7 @@ def test_other_shapes_are_refused(shape: tuple[int, ...]) -> None:
 def test_sixteen_bits_want_to_know_how_many_count() -> None:
     """The significant bits are scaled to 8; what is above them is white."""
     image = np.array([[0, 1023, 1024, 65535]], dtype=np.uint16)
-    with pytest.raises(InputError, match=r"16-bit image: .*bit_depth"):
+    with pytest.raises(InputError, match=r"16-bit image: .*bit-depth"):
         plain_image(image, None)
     assert plain_image(image, 10).tolist() == [[0, 255, 255, 255]]
     assert plain_image(image, 16).tolist() == [[0, 3, 4, 255]]

@@ -211,7 +211,7 @@ def test_16_bit_images_need_their_number_of_bits() -> None:
     ]
     refused = run(place, deep)
     assert refused.frames == 0
-    assert "bit_depth" in refused.losses[0].what
+    assert "bit-depth" in refused.losses[0].what
     got = run(place, deep, bit_depth=12)
     plain = run(place, frames(place, N, lambda k: [walk(N)[k]]))
     assert_same(got.bearings, plain.bearings)
@@ -243,7 +243,7 @@ def test_a_camera_without_pose_gives_views_but_no_bearings() -> None:
     assert len(got.views) == N
     assert np.isnan(got.views.bearing).all()
     assert (got.views.target_id == 0).all()
-    with pytest.raises(InputError, match="person_height_px"):
+    with pytest.raises(InputError, match="person-height-px"):
         run(lost, items)
 
 
