@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -18,6 +18,7 @@ from occlog.records.scene import Camera, Clock, Scene
 from occlog.records.verdicts import Check, finding, outcome, summary_of, texts_of
 from occlog.runner import Job
 from occlog.settings import METRES, configure
+from occlog.track.people.frame_detections import FrameDetectionsWithIds
 from occlog.track.people.inputs import ImageInput
 from occlog.track.request import TrackInImagesRequest
 
@@ -32,6 +33,9 @@ STATED, CLOCKS = "stated poses", "clocks of cameras"
 MAX_MOVED = 4.0
 """Largest correction of a stated position or yaw, in stated standard deviations."""
 CLOCK = "{}-clock"
+"""Name of the clock of a camera that is late."""
+MAX_BOXES = 60_000
+"""Boxes that are used, from the beginning of a recording; more take longer and change little."""
 
 
 def run_calibrate(request: CalibrateRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
@@ -52,7 +56,7 @@ def run_calibrate(request: CalibrateRequest, job: Job) -> tuple[dict[str, object
     if len(inputs.cameras) < 2:
         raise InputError(f"{request.recording}: boxes of one camera; cameras are calibrated against each other")
     cameras = [replace(c, placed=False) if request.ignore_poses else c for c in inputs.cameras]
-    frames = list(job.progress(inputs.frames, "read"))
+    frames = _first_frames(inputs.frames, job)
     metre = 1.0 / METRES[inputs.scene.length_unit] if inputs.scene.length_unit in METRES else 1.0
     estimate = [name for name in ("focal", "radial") if getattr(request, name)]
     try:
@@ -79,6 +83,20 @@ def run_calibrate(request: CalibrateRequest, job: Job) -> tuple[dict[str, object
         "error_correlation": round(found.correlation, 2),
     }
     return {**summary, **summary_of(made.judged)}, inputs.losses
+
+
+def _first_frames(frames: Iterable[FrameDetectionsWithIds], job: Job) -> list[FrameDetectionsWithIds]:
+    """Frames from the beginning with at most about `MAX_BOXES` boxes; a note where there are more."""
+    out: list[FrameDetectionsWithIds] = []
+    boxes = 0
+    for each in job.progress(frames, "read"):
+        if boxes >= MAX_BOXES:
+            used_s = (out[-1].detections.t_ns - out[0].detections.t_ns) / NS
+            job.note(f"note: the first {boxes} boxes are used, of {used_s:.1f} s")
+            break
+        out.append(each)
+        boxes += len(each.detections.boxes)
+    return out
 
 
 def _scene(scene: Scene, found: Calibrated, *, placed: bool) -> Scene:

@@ -30,7 +30,7 @@ STEPS = 6
 
 def observed(late: Floats) -> tuple[Observations, Floats]:
     """All boxes of four people at six times, without errors, by cameras with late clocks; and the true states."""
-    t = 0.4 * np.arange(STEPS)
+    t: Floats = 0.4 * np.arange(STEPS, dtype=np.float64)
     at, after = people(t), people(t + 1e-4)
     P = at.shape[1]
     states = np.zeros((P * STEPS, 6))

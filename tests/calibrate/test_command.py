@@ -96,3 +96,14 @@ def test_cameras_without_common_people_are_refused() -> None:
     apart = [f for f in frames(np.zeros(3)) if f.detections.camera == (0 if f.detections.t_ns < 15e9 else 1)]
     with pytest.raises(InputError):
         calibrate(apart, Scene(tuple(stated)), stated, CalibrateConfig(max_clock_offset=0.5))
+
+
+def test_long_recordings_are_used_from_their_beginning(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """600 boxes of 1,700 are enough; a note says so."""
+    monkeypatch.setattr("occlog.calibrate.run.MAX_BOXES", 600)
+    asked = ["calibrate", str(folder / "walk.mcap"), "-o", str(tmp_path / "s.yaml"), "--set", "rounds=0"]
+    assert run([*asked, "--max-clock-offset", "0"]) == ExitCode.DONE
+    assert "note: the first 60" in capsys.readouterr().err
+    assert relative_errors(list(read_scene(tmp_path / "s.yaml").cameras))[0] < 0.1
