@@ -15,7 +15,7 @@ import click
 
 from occlog import __version__
 from occlog.console.interrupts import INTERRUPTS
-from occlog.console.notes import DRY_RUN, NOTED_ONCE, DryRunPlan, DryRunStop
+from occlog.console.notes import DRY_RUN, NOTED_ONCE, QUIET, DryRunPlan, DryRunStop
 from occlog.errors import ExitCode, OcclogError, OutputExistsError, nearest
 
 from . import streams
@@ -275,10 +275,13 @@ def run(args: list[str] | None = None) -> int:
     """Run the command line; the exit code."""
     words = sys.argv[1:] if args is None else args
     NOTED_ONCE.clear()
+    loud = QUIET.set(False)
     try:
         try:
             result: object = cli.main(args=args, prog_name="occlog", standalone_mode=False)
         finally:
+            # Words that cannot be parsed leave no context that would be closed
+            QUIET.reset(loud)
             if sys.stdout is not None:
                 sys.stdout.flush()
         return int(result) if isinstance(result, int) else ExitCode.DONE

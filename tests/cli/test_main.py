@@ -15,6 +15,7 @@ from places import ROOT
 
 from occlog.cli.main import COMMANDS, LazyGroup, cli, run
 from occlog.cli.setting_options import VariantCommand
+from occlog.console.notes import QUIET
 from occlog.console.text import escaped
 from occlog.errors import ExitCode
 from occlog.io.files.tables.parquet import read_table
@@ -273,3 +274,9 @@ def test_control_characters_of_names_do_not_reach_the_terminal(tmp_path: Path, w
 
 def test_progress_bars_keep_what_moves_the_cursor() -> None:
     assert escaped("\r50%\x1b[A\b\u202e", bars=True) == "\r50%\x1b[A\b\\u202e"
+
+
+def test_a_quiet_command_that_is_refused_leaves_others_loud() -> None:
+    """`--quiet` is of one command, also where its other words cannot be parsed."""
+    assert run(["simulate", "-q", "--steps", "many"]) == ExitCode.USAGE
+    assert not QUIET.get()
