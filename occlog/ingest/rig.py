@@ -109,7 +109,7 @@ BODY = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 NEAR, NEARER = 0.15, 3.0
 """Axes meet if their mean distance from one place is below this share of the distance between the cameras; and by how
-much less it has to be with another meaning of the extrinsics, where nothing else speaks against them."""
+much less it has to be with another meaning of the extrinsics, where nothing else contradicts them."""
 
 
 def _distance_from_axes(places: Floats, axes: Floats) -> float:

@@ -111,6 +111,6 @@ def _listed(root: Element) -> Ints | None:
     first, last = (next((e.text or "" for e in root.iter(name)), "") for name in ("start_frame", "stop_frame"))
     if not (first.isdigit() and last.isdigit() and int(first) <= int(last) < MAX_FRAMES):
         return None
-    # The task has every so many frames of the video, and counts those of the video
+    # The task has every n-th frame of the video, and counts those of the video
     step = _STEP.search(next((e.text or "" for e in root.iter("frame_filter")), ""))
     return np.arange(int(first), int(last) + 1, max(int(step[1]), 1) if step else 1, dtype=np.int64)
