@@ -30,8 +30,10 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 def pytest_configure(config: pytest.Config) -> None:
     """Let every second worker begin with the last tests: each compiles half of the assertions of a new checkout.
 
-    What one has compiled the others read; `pytest_collection_modifyitems` restores the order.
+    What one has compiled the others read; `pytest_collection_modifyitems` restores the order.  While tests are
+    collected nothing becomes garbage.
     """
+    gc.disable()
     number = os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")
     if int(number) % 2 and [Path(arg).resolve() for arg in config.args] == [ROOT / "tests"]:
         entries = (
@@ -49,6 +51,7 @@ def pytest_collection_finish() -> None:
     """Leave the tests and what they import, which stay, out of every later search for garbage."""
     gc.collect()
     gc.freeze()
+    gc.enable()
 
 
 SAVE = Figure.savefig
