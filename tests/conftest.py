@@ -30,16 +30,19 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 def pytest_configure(config: pytest.Config) -> None:
     """Let every second worker begin with the last tests: each compiles half of the assertions of a new checkout.
 
-    What one has compiled the others read; `pytest_collection_modifyitems` restores the order.  While tests are
-    collected nothing becomes garbage.
+    What one has compiled the others read; `pytest_collection_modifyitems` restores the order.
     """
-    gc.disable()
     number = os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")
     if int(number) % 2 and [Path(arg).resolve() for arg in config.args] == [ROOT / "tests"]:
         entries = (
             p for p in (ROOT / "tests").iterdir() if p.name[0] not in "._" and (p.is_dir() or p.match("test_*.py"))
         )
         config.args = sorted(map(str, entries), reverse=True)
+
+
+def pytest_collectstart() -> None:
+    """Search for no garbage: while tests are collected hardly any is made."""
+    gc.disable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
