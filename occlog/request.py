@@ -197,7 +197,7 @@ class Request(Settings):
         """UsageError for an option that does not apply to a kind of input; it names the kinds that have it."""
         for entry in self.unfit(kind):
             wanted = ", or ".join(self.KINDS[each] for each in entry.kinds)
-            raise UsageError(f"{option(entry.key)} is for {wanted}; not for {self.KINDS[kind]}")
+            raise UsageError(f"{option(entry.key)} is for {wanted}; not for {self.KINDS[kind]}", id="not-applicable")
 
     @property
     def inputs(self) -> list[Path]:
@@ -331,7 +331,7 @@ class Form:
                 values[entry.field] = value
         for entry in self.entries():
             if entry.group is None and entry.required and entry.field not in values:
-                raise UsageError(f"{option(entry.key)} is missing; give it")
+                raise UsageError(f"{option(entry.key)} is missing; give it", id="missing-option")
         return self.request(**values)
 
 
@@ -413,7 +413,9 @@ class Verb:
         """The form of a kind; UsageError, with the nearest name, if no kind has that name."""
         kind = self.kind(name)
         if kind is None:
-            raise UsageError(f"no {self.what} {name!r}; {did_you_mean(name, [*self.kinds, *self.more()])}")
+            raise UsageError(
+                f"no {self.what} {name!r}; {did_you_mean(name, [*self.kinds, *self.more()])}", id="unknown-name"
+            )
         return kind.form()
 
 

@@ -38,6 +38,8 @@ class SettingError(InputError):
         limit: what it must be, in words.
     """
 
+    default_id = "invalid-setting"
+
     def __init__(self, owner: str, setting: str, value: object, limit: str) -> None:
         super().__init__(f"{owner}: {setting} is {value}, must be {limit}")
         self.owner, self.setting, self.value, self.limit = owner, setting, value, limit
@@ -276,7 +278,7 @@ def check_setting(of: Sequence[type[Settings]], name: str, value: object) -> Non
     owner = next((each for each in of if name in _names(each)), None)
     if owner is None:
         names = [known for each in of for known in _names(each)]
-        raise UsageError(_unknown(of[0].OWNER, name, names))
+        raise UsageError(_unknown(of[0].OWNER, name, names), id="unknown-key")
     f = next((f for f in declared(owner) if f.name == name), None)
     read = _read(owner, name, value)
     if f is not None:
@@ -290,7 +292,7 @@ def _names(of: type[Settings]) -> list[str]:
 def _read(of: type[Settings], name: str, value: object) -> object:
     """The value, or what its text states; UsageError for a setting that is not there, or a text that is no value."""
     if name not in _names(of):
-        raise UsageError(_unknown(of.OWNER, name, _names(of)))
+        raise UsageError(_unknown(of.OWNER, name, _names(of)), id="unknown-key")
     return read_value(value, kind_of(of, name), name) if isinstance(value, str) else value
 
 

@@ -54,7 +54,7 @@ def settings_by_class(
         if name not in known:
             near = nearest(name, [*arguments, *known], owner=verb)
             hint = f"did you mean {' or '.join(map(repr, near))}?" if near else f"it has: {', '.join(known)}"
-            raise UsageError(f"{verb} has no setting {name!r}; {hint}")
+            raise UsageError(f"{verb} has no setting {name!r}; {hint}", id="unknown-key")
     return [
         {own[name]: declared_value(of, own[name], value) for name, value in keywords.items() if name in own}
         for own, (_, of) in zip(names, classes, strict=True)
@@ -182,12 +182,12 @@ def check_taken(
         owners = [kind for kind, names in kinds.items() if name in names]
         if owners or name in given:
             hint = f", or choose one that has it: {', '.join(owners)}" if owners else ""
-            raise UsageError(f"{name} is not an argument of {called}; leave it out{hint}")
+            raise UsageError(f"{name} is not an argument of {called}; leave it out{hint}", id="not-applicable")
     tables = [entry.field for entry in entries if entry.file is not None and entry.file.asked == "also"]
     for name in also:
         if name not in tables:
             known = ", ".join(tables) or "none"
-            raise UsageError(f"also: {called} has no table {name!r} on request; it has: {known}")
+            raise UsageError(f"also: {called} has no table {name!r} on request; it has: {known}", id="unknown-name")
 
 
 def _arguments_of(form: Form) -> set[str]:

@@ -70,7 +70,9 @@ class Result:
     def __getitem__(self, name: str) -> Table:
         """A table of the result; InputError if no table has that name."""
         if name not in self.tables:
-            raise InputError(f"the result has no table {name!r}; it has {', '.join(self.tables) or 'none'}")
+            raise InputError(
+                f"the result has no table {name!r}; it has {', '.join(self.tables) or 'none'}", id="unknown-name"
+            )
         return self.tables[name]
 
     def __repr__(self) -> str:

@@ -51,10 +51,13 @@ def run_calibrate(request: CalibrateRequest, job: Job) -> tuple[dict[str, object
     if unknown:
         raise InputError(
             f"{request.recording}: no focal length of camera {', '.join(unknown)}; give a scene with focal_px and "
-            "image_size_px of each camera"
+            "image_size_px of each camera",
+            id="missing-value",
         )
     if len(inputs.cameras) < 2:
-        raise InputError(f"{request.recording}: boxes of one camera; cameras are calibrated against each other")
+        raise InputError(
+            f"{request.recording}: boxes of one camera; cameras are calibrated against each other", id="too-few-sensors"
+        )
     cameras = [replace(c, placed=False) if request.ignore_poses else c for c in inputs.cameras]
     frames = _first_frames(inputs.frames, job)
     metre = 1.0 / METRES[inputs.scene.length_unit] if inputs.scene.length_unit in METRES else 1.0

@@ -38,6 +38,7 @@ from occlog.settings import (
 )
 
 from .options import FRAMES, SIZE, AnyFinite, Finite, parse_setting
+from .startup import UnknownNameError
 
 F = TypeVar("F", bound=Callable[..., object])
 SET = "--set"
@@ -373,7 +374,7 @@ class VariantCommand(SettingsCommand):
         name = self.choose(args)
         if name is not None and self.variant(name) is None:
             names = [*self.variants, *self.more()]
-            raise click.UsageError(f"no {self.what} {name!r}; {did_you_mean(name, names)}", ctx)
+            raise UnknownNameError(f"no {self.what} {name!r}; {did_you_mean(name, names)}", ctx)
         if name is None and (self.shows_default or not any(a in ctx.help_option_names for a in args)):
             name = self.default
         if name is not None:
@@ -541,7 +542,7 @@ def wanted(name: str, kind: str, flag: str, ours: Collection[str] = ()) -> Plugi
     plugin = find(name, kind)
     if plugin is None:
         names = [*ours, *(each.name for each in installed(kind))]
-        raise UsageError(f"{flag} {name!r}: no such {kind}; {did_you_mean(name, names)}")
+        raise UsageError(f"{flag} {name!r}: no such {kind}; {did_you_mean(name, names)}", id="unknown-name")
     return plugin
 
 

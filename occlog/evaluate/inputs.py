@@ -66,7 +66,10 @@ def open_tables(request: EvaluateRequest) -> tuple[Opened | None, Opened | None,
     truth = None if request.truth is None else _open_truth(request.truth, fps)
     tracks = None if request.tracks is None else _open(request.tracks, fps, Tracks)
     if fps is not None and not any(opened is not None and opened.counts_frames for opened in (truth, tracks)):
-        raise UsageError(f"{option('fps')} is for tables that count frames; {request.truth} has times, leave it out")
+        raise UsageError(
+            f"{option('fps')} is for tables that count frames; {request.truth} has times, leave it out",
+            id="not-applicable",
+        )
     scene = _scene(request, tracks, truth)
     for opened in (tracks, truth):
         if opened is not None:
@@ -78,7 +81,7 @@ def open_measured(path: Path, tracks: Opened | None, scene: Scene) -> MeasuredSo
     """Distance measurements, with the settings that the tracks were made with, or defaults if these are unknown."""
     opened = open_input(path, Measurements, Reads)
     if not scene.sensors:
-        raise UsageError(f"{path}: stations have no positions without a scene; give one")
+        raise UsageError(f"{path}: stations have no positions without a scene; give one", id="missing-pose")
     if opened.has_lengths(Measurements):
         check_unit(opened, scene.length_unit, error=InputError)
 
@@ -108,7 +111,10 @@ def _open_truth(path: Path, fps: Fraction | None) -> Opened:
 def _open(path: Path, fps: Fraction | None, *tables: type[ColumnTable], remedy: str = REMEDY) -> Opened:
     """An input, of which an external table may count frames; InputError where their rate is not given."""
     if fps is None and (counted := frames_counted_by(path)):
-        raise InputError(f"{path}: column {counted} counts frames, not times; give the frame rate ({option('fps')})")
+        raise InputError(
+            f"{path}: column {counted} counts frames, not times; give the frame rate ({option('fps')})",
+            id="missing-times",
+        )
     return open_input(path, *tables, remedy=remedy, fps=fps)
 
 

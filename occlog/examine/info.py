@@ -48,9 +48,9 @@ def describe_folder(folder: Path, describe: Callable[[Path], Described]) -> Desc
     try:
         entries = sorted(islice(folder.iterdir(), MAX_ENTRIES + 1))
     except OSError as error:
-        raise InputError(f"{folder}: cannot be listed: {error.strerror or error}") from error
+        raise InputError(f"{folder}: cannot be listed: {error.strerror or error}", id="unreadable-file") from error
     if not entries:
-        raise InputError(f"{folder}: is an empty folder")
+        raise InputError(f"{folder}: is an empty folder", id="empty-input")
     files: list[Mapping[str, object]] = []
     lines, others = [], Counter[str]()
     width = max(len(path.name) for path in entries[:MAX_ENTRIES])
@@ -159,7 +159,9 @@ def describe(path: Path, rows: int) -> Description:
     if mistaken is not None:
         raise InputError(f"{path}: is {mistaken}")
     known = "scenes (.yaml), recordings (.mcap) and tables (.parquet, .arrow, .csv, .tum, .trc, .geojson)"
-    raise InputError(f"{path}: occlog info knows {known}, not {kind or 'files without an ending'!r}")
+    raise InputError(
+        f"{path}: occlog info knows {known}, not {kind or 'files without an ending'!r}", id="unknown-format"
+    )
 
 
 def _describe_bag(path: Path) -> Description:

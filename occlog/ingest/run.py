@@ -153,7 +153,8 @@ def _open_bag(plan: IngestPlan, scene: Scene, stack: ExitStack, note: Callable[[
         if path.is_file() and is_of_occlog(path):
             raise InputError(
                 f"{path}: is an occlog recording; ingest would drop its tables and losses; use it directly, or ingest "
-                "its sources"
+                "its sources",
+                id="wrong-content",
             )
     bag = stack.enter_context(open_bag(plan.bags))
     found = look_into(bag, plan, note)
@@ -325,7 +326,8 @@ def _write_positions(
         for source in log.sources:
             if source in taken:
                 raise UsageError(
-                    f"{path}: its source is called as {taken[source]}; give it another name, NAME={path.name}"
+                    f"{path}: its source is called as {taken[source]}; give it another name, NAME={path.name}",
+                    id="duplicate-name",
                 )
             taken[source] = f"that of {path.name}"
         writer.table(log.table)
@@ -387,7 +389,8 @@ def _check_tags(path: Path, log: ReadLog, known: Mapping[str, int]) -> None:
         if known.get(tag, target) != target or owner.get(target, tag) != tag:
             raise InputError(
                 f"{path}: tag {tag} would be target {target}, as in the logs before it another tag is; "
-                "join the logs into one"
+                "join the logs into one",
+                id="duplicate-name",
             )
 
 

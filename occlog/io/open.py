@@ -145,10 +145,10 @@ class Opened:
         names = [t.NAME for t in tables]
         if self.recording is None:
             swapped = next((hint for have, want, hint in SWAPPED if have == self.table and want in names), "")
-            raise InputError(f"{self.path}: holds {self.table}; expected {_or(names)}{swapped}")
+            raise InputError(f"{self.path}: holds {self.table}; expected {_or(names)}{swapped}", id="wrong-content")
         missing = " and no ".join(WORDS.get(t.NAME, t.NAME) for t in tables)
         hint = "" if self.recording.ours else f"; {FOREIGN_BAG}"
-        raise InputError(f"{self.path}: holds no {missing}; {remedy}{hint}")
+        raise InputError(f"{self.path}: holds no {missing}; {remedy}{hint}", id="wrong-content")
 
 
 def _or(names: list[str]) -> str:
@@ -183,7 +183,8 @@ def open_input(path: Path, *wants: type[ColumnTable], remedy: str = REMEDY, fps:
             raise InputError(f"{path}: is {mistaken}")
         if path.suffix.lower() == ".json":
             raise InputError(
-                f"{path}: is JSON by its name; boxes in JSON go into a recording by `occlog ingest --boxes`"
+                f"{path}: is JSON by its name; boxes in JSON go into a recording by `occlog ingest --boxes`",
+                id="wrong-content",
             )
         # The reader of the kind that the name states explains the fault of the content
         opened = _recording(path) if is_recording_name(path) else _table(path)
@@ -242,9 +243,12 @@ def _refuse_stations(path: Path) -> None:
         if occurs_twice(path):
             raise InputError(
                 f"{path}: has no column of times or frame numbers among {', '.join(source.names)}; name one "
-                "time_s or t_ns"
+                "time_s or t_ns",
+                id="missing-column",
             )
-        raise InputError(f"{path}: is a table of stations, not of what they measured; give it as the scene")
+        raise InputError(
+            f"{path}: is a table of stations, not of what they measured; give it as the scene", id="wrong-content"
+        )
 
 
 def frames_counted_by(path: Path) -> str | None:
@@ -381,7 +385,8 @@ def scene_in(path: Path) -> Scene | None:
     if content is Content.OTHER and (header := header_of_table(path)):
         raise InputError(
             f"{path}: is a table ({', '.join(header[:4])}, ...), not a scene: stations have name, x and y; are the "
-            "measurements and the scene swapped?"
+            "measurements and the scene swapped?",
+            id="wrong-content",
         )
     return read_scene(path)
 

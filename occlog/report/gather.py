@@ -549,7 +549,10 @@ class _Reading:
 
         found = self._thin("tracks", given, watched())
         if (count := len(np.unique(found.table.target_id))) > MAX_DRAWN_TRACKS:
-            raise InputError(f"report: {count} tracks, a page draws at most {MAX_DRAWN_TRACKS}; report on parts")
+            raise InputError(
+                f"report: {count} tracks, a page draws at most {MAX_DRAWN_TRACKS}; report on parts",
+                id="problem-too-large",
+            )
         whole = found.whole
         self._evidence.rows = whole.rows
         if not self._unknown:

@@ -67,7 +67,8 @@ def _in_images(request: PageRequest, folder: Path, found: Mapping[str, Path]) ->
     tracks = folder / "view_tracks.parquet"
     if not tracks.is_file():
         raise InputError(
-            f"{folder}: holds no tracks.parquet and no view_tracks.parquet, so it is not the folder of a finished run"
+            f"{folder}: holds no tracks.parquet and no view_tracks.parquet, so it is not the folder of a finished run",
+            id="wrong-content",
         )
     files = {name: path for name, path in found.items() if name in ("events", "metrics")}
     if "scene" in found and request.recording is None and open_recording(found["scene"]).cameras:
@@ -190,13 +191,15 @@ def run_report(request: PageRequest, job: Job) -> JobResult:
     paths = request.found
     if paths.output is None:
         raise UsageError(
-            f"no output: give -o (the page), or {option('recording')} with {option('video')} or {option('frame')}"
+            f"no output: give -o (the page), or {option('recording')} with {option('video')} or {option('frame')}",
+            id="missing-option",
         )
     if paths.tracks is None and paths.scene is None:
-        raise UsageError(f"nothing to show: give TRACKS, a run folder, or {option('scene')}")
+        raise UsageError(f"nothing to show: give TRACKS, a run folder, or {option('scene')}", id="missing-option")
     if paths.tracks is not None and paths.scene is None and content_of(paths.tracks) is Content.RECORDING:
         raise UsageError(
-            f"{paths.tracks}: is a recording, not tracks; show it by {option('scene')}, with tracks or alone"
+            f"{paths.tracks}: is a recording, not tracks; show it by {option('scene')}, with tracks or alone",
+            id="wrong-content",
         )
     if paths.in_images:
         _check_in_images(paths)
@@ -230,7 +233,10 @@ def _check_in_images(paths: PageRequest) -> None:
     others = ("scene", "bearings", "errors", "bound", "diagnostics", "occluders")
     for name in others:
         if getattr(paths, name) is not None:
-            raise UsageError(f"{option(name)}: {paths.tracks} has tracks in images; the page takes none, leave it out")
+            raise UsageError(
+                f"{option(name)}: {paths.tracks} has tracks in images; the page takes none, leave it out",
+                id="not-applicable",
+            )
 
 
 def write(made: Mapping[Path, bytes], *, overwrite: bool) -> None:

@@ -217,8 +217,16 @@ def test_a_full_standard_output_is_one_line() -> None:
 @pytest.mark.parametrize(
     ("args", "wanted"),
     [
-        (["info", "no.parquet"], {"error": "no such file", "file": "no.parquet", "exit_code": 4}),
-        (["fix-nothing" * 40], {"file": None, "exit_code": 2}),
+        (
+            ["info", "no.parquet"],
+            {"id": "file-not-found", "error": "no such file", "file": "no.parquet", "exit_code": 4},
+        ),
+        (["fix-nothing" * 40], {"id": "unknown-name", "file": None, "exit_code": 2}),
+        (["track", "b.csv", "--method", "apff"], {"id": "unknown-name", "exit_code": 2}),
+        (["track", "b.csv", "--particle", "9"], {"id": "unknown-name", "exit_code": 2}),
+        (["track", "b.csv", "--particles", "-9"], {"id": "invalid-option", "exit_code": 2}),
+        (["track", "--method", "apf"], {"id": "missing-option", "exit_code": 2}),
+        (["track", "b.csv", "--set", "particles=0", "-o", "t.parquet"], {"id": "invalid-setting", "exit_code": 2}),
         (["trakc"], {"error": "No such command 'trakc'. Did you mean 'track'?", "file": None, "exit_code": 2}),
         (["schema", "trcks"], {"error": "no schema 'trcks'", "hint": "did you mean 'tracks'?", "exit_code": 2}),
     ],
@@ -228,7 +236,7 @@ def test_an_error_is_an_object_where_json_is_asked_for(args: list[str], wanted: 
     out, err = capsys.readouterr()
     found = json.loads(err)
     assert out == ""
-    assert set(found) == {"error", "file", "hint", "exit_code"}
+    assert set(found) == {"id", "error", "file", "hint", "exit_code"}
     assert found.items() >= wanted.items()
     assert code == found["exit_code"]
 

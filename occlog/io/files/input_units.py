@@ -65,10 +65,11 @@ class StatedUnits:
         stated = self.columns[found]
         if stated not in KINDS.get(kind, ()):
             wanted = f"units of {kind}s are {', '.join(KINDS[kind])}" if kind else "it has no unit"
-            raise InputError(f"column {name} cannot be in {stated}; {wanted}")
+            raise InputError(f"column {name} cannot be in {stated}; {wanted}", id="unit-mismatch")
         if said and said != stated:
             raise UsageError(
-                f"column {name} is in {said} by its name, and stated to be in {stated}; state no other unit"
+                f"column {name} is in {said} by its name, and stated to be in {stated}; state no other unit",
+                id="unit-mismatch",
             )
         return stated
 
@@ -117,12 +118,13 @@ def stated_units(texts: Sequence[str]) -> Iterator[StatedUnits]:
         file, _, rest = part.rpartition(":")
         name, _, unit = rest.rpartition("=")
         if unit not in known:
-            raise UsageError(f"input units: {part!r}: no unit {unit!r}; {did_you_mean(unit, known)}")
+            raise UsageError(f"input units: {part!r}: no unit {unit!r}; {did_you_mean(unit, known)}", id="unknown-name")
         where, key = (columns, name.strip().lower()) if name else (kinds, _kind_of(unit))
         if where.setdefault((file, key), unit) != unit:
             before = where[file, key]
             raise UsageError(
-                f"input units: {_text(file, name or key)} is stated to be in {before} and in {unit}; state one"
+                f"input units: {_text(file, name or key)} is stated to be in {before} and in {unit}; state one",
+                id="duplicate-name",
             )
     found = StatedUnits(columns, kinds)
     token = STATED.set(found)

@@ -78,7 +78,10 @@ def check_meaning(meant: dict[str, str], label: str, name: str, where: str, *, w
     """
     other = meant.setdefault(name, label)
     if other != label:
-        raise InputError(f"{where}: {what}s {other!r} and {label!r} would both be {name}; give them names in use")
+        raise InputError(
+            f"{where}: {what}s {other!r} and {label!r} would both be {name}; give them names in use",
+            id="duplicate-name",
+        )
 
 
 def means_none(given: str, names: Sequence[str]) -> bool:

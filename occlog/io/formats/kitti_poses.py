@@ -86,7 +86,8 @@ def _times_file(path: Path) -> Path:
     found = next((path.with_name(name) for name in names if path.with_name(name).is_file()), None)
     if found is None:
         raise InputError(
-            f"{path}: {WHAT} have no times; put the times of the sequence beside it as {names[0]}, one a line [s]"
+            f"{path}: {WHAT} have no times; put the times of the sequence beside it as {names[0]}, one a line [s]",
+            id="missing-times",
         )
     return found
 

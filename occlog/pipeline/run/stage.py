@@ -210,7 +210,7 @@ def plugin_of(key: str, name: str, kind: str) -> Plugin:
     plugin = find(name, kind)
     if plugin is None:
         known = did_you_mean(name, (each.name for each in installed(kind)))
-        raise UsageError(f"{option(key)}: {name!r}: no such {kind}; {known}")
+        raise UsageError(f"{option(key)}: {name!r}: no such {kind}; {known}", id="unknown-key")
     return plugin
 
 

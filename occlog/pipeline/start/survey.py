@@ -102,9 +102,9 @@ def read_stated(texts: Sequence[str], sources: Sequence[Path]) -> dict[Path, Sta
         places = [Path(where), *(source / where for source in sources if source.is_dir())]
         path = next((place for place in places if where and place.exists()), None)
         if path is None:
-            raise UsageError(f"--as {text}: no such file; expected PATH=KIND or PATH=KIND:NAME")
+            raise UsageError(f"--as {text}: no such file; expected PATH=KIND or PATH=KIND:NAME", id="file-not-found")
         if word not in words:
-            raise UsageError(f"--as {text}: no kind {word!r}; {did_you_mean(word, words)}")
+            raise UsageError(f"--as {text}: no kind {word!r}; {did_you_mean(word, words)}", id="unknown-name")
         if name and safe_name(name) != name:
             raise UsageError(f"--as {text}: {name!r} cannot be the name of a sensor; try {safe_name(name)!r}")
         out[path.resolve()] = Stated(None if word == UNUSED else FileKind(word), name)
@@ -125,7 +125,7 @@ def survey(sources: Sequence[Path], stated: Mapping[Path, Stated]) -> Survey:
     seen: set[Path] = set()
     for source in sources:
         if not source.exists():
-            raise InputError(f"{source}: no such file or folder; give a folder, a bag, or files")
+            raise InputError(f"{source}: no such file or folder; give a folder, a bag, or files", id="file-not-found")
         _look(source, source, 0, stated, found, seen)
     return found
 

@@ -101,7 +101,10 @@ def _add_inputs(archive: Path, manifest: Manifest, inputs: Path | None, folder: 
     for file in manifest.inputs:
         if not file.included:
             if inputs is None:
-                raise UsageError(f"{archive}: {file.path} is not in it; give the folder of its inputs: --inputs FOLDER")
+                raise UsageError(
+                    f"{archive}: {file.path} is not in it; give the folder of its inputs: --inputs FOLDER",
+                    id="unknown-name",
+                )
             take(inputs / file.path, folder / file.path, file)
 
 

@@ -250,7 +250,7 @@ class Gallery(ColumnTable):
             )
         pairs = np.column_stack([self.target_id, self.angle])
         if len(np.unique(pairs, axis=0)) < len(pairs):
-            raise InputError("Gallery: a target has two rows of one angle")
+            raise InputError("Gallery: a target has two rows of one angle", id="duplicate-row")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

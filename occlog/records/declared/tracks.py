@@ -70,7 +70,8 @@ class Tracks(ColumnTable):
         if (unknown := np.isnan(self.cov_xx)).any():
             raise InputError(
                 f"tracks: row {first_row(unknown)} (target {self.target_id[first_row(unknown)]}) has no covariance, "
-                "which is wanted here; give the columns cov_xx, cov_xy and cov_yy"
+                "which is wanted here; give the columns cov_xx, cov_xy and cov_yy",
+                id="missing-column",
             )
         return self
 

@@ -151,7 +151,8 @@ def lengths_of(config: RunComparisonConfig, unit: str) -> tuple[float, float]:
     if near is None or tolerance is None:
         raise UsageError(
             f"lengths are in {unit!r}: give {option('match_distance')}, how near a track is that meets another, and "
-            f"{option('divergence_distance')}"
+            f"{option('divergence_distance')}",
+            id="missing-unit",
         )
     return near, tolerance
 

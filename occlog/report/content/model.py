@@ -134,7 +134,9 @@ class ReportInput:
     def __post_init__(self) -> None:
         """Raise InputError where there is nothing to draw."""
         if self.scene is None and self.tracks is None:
-            raise InputError("report: neither a scene nor tracks are given; give at least one of them")
+            raise InputError(
+                "report: neither a scene nor tracks are given; give at least one of them", id="missing-option"
+            )
 
     @cached_property
     def figures(self) -> ReportFigures:

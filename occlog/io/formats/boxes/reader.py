@@ -99,19 +99,21 @@ def table_times(found: dict[int, int], first: int, stop: int, where: str) -> Fra
         InputError: no frame has a time, or times go back, repeat or reach too far.
     """
     if not found:
-        raise InputError(f"{where}: no frame of a camera has a time; give the frame rate")
+        raise InputError(f"{where}: no frame of a camera has a time; give the frame rate", id="missing-times")
     frames = np.array(sorted(found), dtype=np.int64)
     t_ns = np.array([found[int(f)] for f in frames], dtype=np.int64)
     if (np.diff(t_ns) <= 0).any():
         k = int(np.flatnonzero(np.diff(t_ns) <= 0)[0])
         raise InputError(
             f"{where}: frame {frames[k + 1]} has time {time_words(t_ns[k + 1])}, not after the "
-            f"{time_words(t_ns[k])} of frame {frames[k]}"
+            f"{time_words(t_ns[k])} of frame {frames[k]}",
+            id="unsorted-times",
         )
     step = (t_ns[-1] - t_ns[0]) / max(int(frames[-1] - frames[0]), 1)
     if not step and stop - first > 1:
         raise InputError(
-            f"{where}: only frame {frames[0]} has a time, which does not determine the others; give the frame rate"
+            f"{where}: only frame {frames[0]} has a time, which does not determine the others; give the frame rate",
+            id="missing-times",
         )
     wanted = np.arange(stop)
     # Relative to the first time: float64 cannot hold ns since 1970 exactly.
@@ -120,7 +122,10 @@ def table_times(found: dict[int, int], first: int, stop: int, where: str) -> Fra
     relative[before] = (wanted[before] - frames[0]) * step
     relative[after] = float(t_ns[-1] - t_ns[0]) + (wanted[after] - frames[-1]) * step
     if np.abs(relative).max(initial=0.0) > MAX_NS:
-        raise InputError(f"{where}: {step / NS:g} s from one frame to the next lead to times that are out of range")
+        raise InputError(
+            f"{where}: {step / NS:g} s from one frame to the next lead to times that are out of range",
+            id="time-out-of-range",
+        )
     table = np.round(relative).astype(np.int64) + t_ns[0]
     table[frames[frames < stop]] = t_ns[frames < stop]
     return FrameTimes("column of times", 0, table)
@@ -286,7 +291,10 @@ def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOpt
         check_classes(where, options.classes, found.classes, found.classes + found.left_out)
     spans = [each for each in found.frames.values() if each.count]
     if not spans and options.frames is None:
-        raise InputError(f"{where}: no row with a box; if nothing was detected in all frames, give the range of frames")
+        raise InputError(
+            f"{where}: no row with a box; if nothing was detected in all frames, give the range of frames",
+            id="empty-input",
+        )
     if found.farthest <= NORMALISED_PX and found.rows > 1:
         raise InputError(
             f"{where}: no box reaches beyond {found.farthest:.3g} px; these seem to be shares of the image: "
@@ -468,7 +476,8 @@ def _survey_file(file: BoxFile, known: Sequence[str], options: BoxOptions, found
         if double is not None:
             raise InputError(
                 f"{file.path}: camera {double}: has boxes in {before}, too, where each frame without one states that "
-                "nothing was detected; join the files"
+                "nothing was detected; join the files",
+                id="conflicting-values",
             )
     found.files.append(str(file.path))
     found.of_files.append(tuple(own))
@@ -585,7 +594,8 @@ def _check_corner(path: Path, names: set[str]) -> None:
     if {"x", "y"} <= names and names & {"w", "width"} and not names & set(COLUMNS["left"]):
         raise InputError(
             f"{path}: columns x and y: they may be a corner or the middle of a box; call them left and top, or give "
-            "left, top, right and bottom"
+            "left, top, right and bottom",
+            id="ambiguous-input",
         )
 
 
@@ -667,7 +677,8 @@ def _matched(
             remedy = f"give each folder with its camera (CAMERA={file.path / foreign[0]})"
         raise InputError(
             f"{file.path}: {'camera' if one else 'cameras'} {text} {'is' if one else 'are'} none of "
-            f"{', '.join(known)}; {remedy}, calibrate {'it' if one else 'them'}, or allow uncalibrated cameras"
+            f"{', '.join(known)}; {remedy}, calibrate {'it' if one else 'them'}, or allow uncalibrated cameras",
+            id="missing-pose",
         )
     names = [label if label in foreign else match_sensor(label, known, str(file.path)) for label in labels]
     for label, name in zip(labels, names, strict=True):
@@ -715,7 +726,8 @@ def _edges(
         if sizes is None or cameras[n] not in sizes:
             raise UsageError(
                 f"{rows.path}: is in shares of the image, and the image size of camera {cameras[n]} "
-                "is unknown; give the image size, a calibration that has it, or the video"
+                "is unknown; give the image size, a calibration that has it, or the video",
+                id="missing-image-size",
             )
         size[n] = sizes[cameras[n]]
     across, down = size[camera].T

@@ -124,7 +124,8 @@ def batches(frames: Iterable[Frame], size: int) -> Iterator[list[Frame]]:
             raise InputError(
                 f"camera {frame.sensor}: frame {frame.index}: time {time_words(frame.t_ns)} is before "
                 f"{time_words(batch[-1].t_ns)} "
-                "of the frame read before it; frames must come in the order of time"
+                "of the frame read before it; frames must come in the order of time",
+                id="unsorted-times",
             )
         if len(batch) >= size and frame.t_ns != batch[-1].t_ns:
             yield batch
