@@ -116,11 +116,11 @@ def settings_table(of: type[Settings]) -> str:
     """Every setting of a class: its name, defaults, range, unit, option and meaning."""
     rows = []
     for f in declared(of):
-        said = declaration(f)
+        spec = declaration(f)
         people, own = (value_words(f, default_in(f, unit)) for unit in ("m", ""))
-        option = f"`{said.option}`" if said.option else ""
-        unit = said.unit.replace("length", "m")
-        cells = (f"`{f.name}`", people, "" if own == people else own, said.limit(), unit, option, said.help)
+        option = f"`{spec.option}`" if spec.option else ""
+        unit = spec.unit.replace("length", "m")
+        cells = (f"`{f.name}`", people, "" if own == people else own, spec.limit(), unit, option, spec.help)
         rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     head = "| setting | default | in a scene-specific unit | range | unit | option | meaning |\n|" + 7 * "---|"
     return "\n".join([head, *rows]) + "\n"

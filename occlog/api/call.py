@@ -120,8 +120,8 @@ def call(
         request = _fitting(request, outputs)
         done = run(request, overwrite=arguments.get("overwrite", False), quiet=not arguments.get("progress", False))
         found = {name: of(request) for name, of in more.items()}
-        said = [inputs.named(text) for text in notes]
-    warnings, notes_left = sentences(said)
+        note = [inputs.named(text) for text in notes]
+    warnings, notes_left = sentences(note)
     losses = tuple(dict.fromkeys((*done.earlier, *done.losses)))
     warn(warnings, losses)
     tables = tables_in(home, [path.stem for path in outputs.values()])
@@ -254,7 +254,7 @@ def _plugged(value: Sequence[str] | Mapping[str, Mapping[str, Any]], kind: str, 
 
 
 def _text(value: object) -> str:
-    """A text, or numbers with commas."""
+    """Text of a value as an option takes it: a sequence as its items with commas."""
     return ",".join(map(str, value)) if isinstance(value, Iterable) and not isinstance(value, str) else str(value)
 
 

@@ -91,16 +91,16 @@ def open_measured(path: Path, tracks: Opened | None, scene: Scene) -> MeasuredSo
         return opened.rows(Measurements)
 
     made = {} if tracks is None else tracks.provenance.parameters.get("measurements")
-    said = dict(made) if isinstance(made, dict) else {}
-    radio = said.get("radio")
-    known = {f.name: said[f.name] for f in fields(DistanceMeasurementConfig) if f.name in said}
+    reported = dict(made) if isinstance(made, dict) else {}
+    radio = reported.get("radio")
+    known = {f.name: reported[f.name] for f in fields(DistanceMeasurementConfig) if f.name in reported}
     again = rows if opened.recording is None else SpilledTable(Measurements, rows).chunks
     return MeasuredSource(again, DistanceMeasurementConfig(**known), _radio(radio) if isinstance(radio, dict) else None)
 
 
-def _radio(said: dict[str, Any]) -> Radio:
+def _radio(reported: dict[str, Any]) -> Radio:
     """The path loss that tracks were made with."""
-    return Radio(**(said | {"shadowing": SignalErrors(**said["shadowing"])}))
+    return Radio(**(reported | {"shadowing": SignalErrors(**reported["shadowing"])}))
 
 
 def _open_truth(path: Path, fps: Fraction | None) -> Opened:

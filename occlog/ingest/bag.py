@@ -163,8 +163,8 @@ def place_cameras(found: BagSurvey, plan: IngestPlan, others: Collection[str], n
         shift = model.shift if frame in shared else 0.0
         centre = pose.translation + rotation[:, 0] * shift
         cameras.append(_camera(camera, model, rotation, centre, f"topic {found.map.infos[camera]}", options))
-    for said in options.notes:
-        note(f"calibration: {said}")
+    for reported in options.notes:
+        note(f"calibration: {reported}")
     return BagCameraPoses(tuple(cameras), reasons, world, tuple(options.findings))
 
 
@@ -630,7 +630,7 @@ class Taking:
 
     def checks(self) -> tuple[Check, ...]:
         """Checks of the messages, after the last one."""
-        counts = (finding(COUNTS, "bag-count-differs", topic=t, remark=said) for t, said in self.bag.remarks.items())
+        counts = (finding(COUNTS, "bag-count-differs", topic=t, remark=note) for t, note in self.bag.remarks.items())
         clocks = (check for topic, state in self._states.items() for check in self._topic_clocks(topic, state))
         given = self.plan.image_size is not None
         extents = self._extents.checks(self._cameras.values(), given=given) if self._boxes else ()

@@ -384,7 +384,7 @@ class IngestPlan(Settings):
             )
         if not self.bags and (self.topic or self.topics or self.world_frame or self.camera_axes):
             raise UsageError(
-                "topics, the world frame and the axes of cameras are those of a bag; give a bag", id="not-applicable"
+                "topics, the world frame and the axes of cameras apply to a bag; give a bag", id="not-applicable"
             )
         if not self.calibration and not self.bags and turned:
             raise UsageError(
@@ -394,7 +394,7 @@ class IngestPlan(Settings):
             )
         if not self.calibration and not self.bags and self.lens_model is not None:
             raise UsageError(
-                f"{option('lens_model')} is that of a calibration; give {option('calibration')} or a bag",
+                f"{option('lens_model')} applies to a calibration; give {option('calibration')} or a bag",
                 id="not-applicable",
             )
         for key, value in (("start_time", self.start_time), ("fps", self.fps)):

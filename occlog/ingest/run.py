@@ -343,17 +343,17 @@ def _positions_in_words(path: Path, log: PositionLog) -> str:
     there = table.detection >= 0
     x, y = table.x[there], table.y[there]
     stated = int(np.isfinite(table.cov_xx[there]).sum())
-    said = [
+    text = [
         f"{counted(int(there.sum()), 'position')} of {', '.join(log.sources)}",
         f"x {x.min():.4g} to {x.max():.4g}, y {y.min():.4g} to {y.max():.4g}",
         f"{counted(int((~there).sum()), 'frame')} without any",
     ]
     if log.step > 1:
-        said.append(f"frames in steps of {log.step} (the frame rate counts every number)")
-    said.append("no errors stated, jipda learns them" if not stated else f"errors stated of {stated}")
+        text.append(f"frames in steps of {log.step} (the frame rate counts every number)")
+    text.append("no errors stated, jipda learns them" if not stated else f"errors stated of {stated}")
     if log.other_frames:
-        said.append(f"skipped: {log.other_frames} of other frames")
-    return f"positions: {path.name}: {'; '.join(said)}"
+        text.append(f"skipped: {log.other_frames} of other frames")
+    return f"positions: {path.name}: {'; '.join(text)}"
 
 
 def _write_reads(

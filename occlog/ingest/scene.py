@@ -292,11 +292,12 @@ def base_scene(plan: IngestPlan, note: Note) -> IngestScene:
         options = plan.calibration_options()
         calibration = read_calibration(plan.calibration, plan.calibration_format, options)
         note(describe(calibration))
-        for said in calibration.notes:
-            note(f"calibration: {said}")
+        for reported in calibration.notes:
+            note(f"calibration: {reported}")
         if scene.length_unit != "m":
             raise InputError(
-                f"{plan.scene}: lengths are in {scene.length_unit}, but those of the calibration in m",
+                f"{plan.scene}: lengths are in {scene.length_unit}, but those of the calibration in m; convert "
+                "one of them",
                 id="unit-mismatch",
             )
         double = next((c.name for c in calibration.cameras if c.name in {k.name for k in cameras}), None)
@@ -321,8 +322,8 @@ def check_metres(plan: IngestPlan, unit: str) -> None:
     if unit == "m":
         return
     named = [path for _, path in plan.truth] + ([] if plan.readers is None else [plan.readers])
-    said = [path for path in named if path.is_file() and _says_metres(path)]
-    in_metres = next(iter((*(path for _, path in plan.arrays), *said)), None)
+    reported = [path for path in named if path.is_file() and _says_metres(path)]
+    in_metres = next(iter((*(path for _, path in plan.arrays), *reported)), None)
     if in_metres is not None:
         raise InputError(
             f"{in_metres}: lengths are in m, but those of {plan.scene} in {unit}; convert one of them",

@@ -279,8 +279,8 @@ def _external_table(source: ColumnSource, wants: Sequence[type[ColumnTable]] = (
 
     table = ForeignTable(source, best_fit(source, wants))
     for column, name, *_ in table.layout.columns:
-        said = unit_in_name(table.layout.table, column, name)
-        STATED.get().note_use(name, kind_of(column), said, source.path)
+        reported = unit_in_name(table.layout.table, column, name)
+        STATED.get().note_use(name, kind_of(column), reported, source.path)
     names = (f"{s.name} is {s.column.name}" + (f" [{s.unit}]" if s.unit else "") for s in table.layout.columns)
     log_detail(
         f"{source.path}: {source.kind} of another program, read as {table.layout.table.NAME}: {', '.join(names)}"
@@ -417,10 +417,10 @@ def check_unit(
 
 
 def common_unit(inputs: Iterable[Opened | None]) -> tuple[str, str]:
-    """The unit of lengths of inputs that are used without a scene, and the file that decides it.
+    """Unit of lengths of inputs that are used without a scene, and the file that decides it.
 
-    It is that of the first of ours.  Of external tables it is that of the first, but metres where one of them has
-    lengths without a unit.
+    The first occlog table that states a unit decides.  Without one the first external table does, and the unit is m if
+    an external table has lengths without a unit.
     """
     opened = [each for each in inputs if each is not None]
     for each in opened:

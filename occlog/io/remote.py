@@ -399,7 +399,7 @@ def _alone(lock: IO[str]) -> bool:
 
 
 def _size(folder: Path) -> int:
-    """Bytes of the files in a folder, which whoever uses it may remove meanwhile."""
+    """Total size of the files in a folder [bytes]; files that another process removes meanwhile do not count."""
     total = 0
     for location, _, names in os.walk(folder):
         for name in names:

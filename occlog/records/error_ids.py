@@ -44,7 +44,7 @@ ERRORS: dict[str, ErrorKind] = {
     ),
     "unknown-format": ErrorKind(
         "The content fits none of the formats that are accepted here.",
-        "See the formats in the how-to of the input, and export the file in one of them.",
+        "See the formats in the how-to page of the input, and export the file in one of them.",
     ),
     "invalid-syntax": ErrorKind("A text is not valid JSON, YAML, TOML, XML or CSV.", "Correct the line that is named."),
     "wrong-encoding": ErrorKind("A text is not encoded in UTF-8.", "Save it as UTF-8."),

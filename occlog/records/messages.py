@@ -464,7 +464,9 @@ VERDICT: dict[str, Message] = {
         "no first ellipse began a tracker in {sensors}: nothing is tracked there",
         "give some, or omit the view ({option[without]})",
     ),
-    "single-view": Message(N, "there is one view, and none to assist it: {option[method]} {method} {does}"),
+    "single-view": Message(
+        N, "there is one view only, so other views cannot assist it: {option[method]} {method} {does}"
+    ),
     "views-without-links": Message(
         N,
         "no geometry links the views: {option[method]} {method} {does}",

@@ -63,7 +63,7 @@ def from_folder(request: PageRequest) -> PageRequest:
 
 
 def _in_images(request: PageRequest, folder: Path, found: Mapping[str, Path]) -> PageRequest:
-    """The same for a run whose tracks are in images, with the images themselves."""
+    """Report of a run with tracks in images, with the images themselves."""
     tracks = folder / "view_tracks.parquet"
     if not tracks.is_file():
         raise InputError(

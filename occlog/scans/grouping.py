@@ -126,7 +126,7 @@ def sensor_names(scene: Scene) -> tuple[str, ...]:
 
 
 class BearingRows(NamedTuple):
-    """Which rows of the bearings to use."""
+    """Selection of rows of bearings by sensor, target and label."""
 
     sensors: Collection[str]
     targets: Collection[int] | None = None  # labelled rows of others are omitted; None: all

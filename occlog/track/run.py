@@ -194,7 +194,7 @@ def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Lo
             f"{option('calibration')} wants estimates to write; add "
             f"{option('set.calibrate')}joint or {option('set.calibrate')}initial"
         )
-    measured, said = distance_measurements(request, inputs)
+    measured, reported = distance_measurements(request, inputs)
     sensors = choose_sensors(inputs.scene, request.cameras, request.without, readers=measured is not None)
     targets = request.targets or None
     selection = make_selection(request)
@@ -237,7 +237,7 @@ def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Lo
         "selection": None if selection is None else asdict(selection),
         **asdict(config),
         **({"use_recovered": True} if request.use_recovered else {}),
-        **said,
+        **reported,
         **({} if plugin is None else {"plugin": f"{plugin.package} {plugin.version}"}),
     }
     # Write all tables while they stream
@@ -298,12 +298,12 @@ def distance_measurements(
         )
     radio = None if request.path_loss is None else radio_of(request, inputs.scene)
     name = None if request.path_loss is None else request.path_loss.name
-    said = {
+    reported = {
         "measurements": {**asdict(config), "path_loss": name, "radio": None if radio is None else _note_inputs(radio)}
     }
     return DistanceMeasurementFeed(
         inputs.measurements, inputs.scene, config, radio, with_times=request.method == "fix"
-    ), said
+    ), reported
 
 
 def _note_inputs(radio: Radio) -> dict[str, Any]:

@@ -78,9 +78,9 @@ def test_a_bag_becomes_a_recording_with_calibrated_cameras(bag: Path, capsys: py
     first = next(recording.frames(["cam_front"]))
     sent = cv2.imdecode(np.frombuffer(ros.compressed(0, "", ros.picture(0)).data, np.uint8), cv2.IMREAD_COLOR)
     assert np.array_equal(first.decode(), sent)
-    said = capsys.readouterr().err
-    assert "world 'map', m, right-handed, 2 cameras at cam_back (4.00, 0.00, 2.00)" in said
-    assert "camera cam_back: 6 frames, times from header stamps of /cam_back/image_raw/compressed" in said
+    stderr = capsys.readouterr().err
+    assert "world 'map', m, right-handed, 2 cameras at cam_back (4.00, 0.00, 2.00)" in stderr
+    assert "camera cam_back: 6 frames, times from header stamps of /cam_back/image_raw/compressed" in stderr
 
 
 def test_topics_are_named_by_options_or_a_file(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -239,7 +239,9 @@ def test_a_calibration_that_changes_is_told(tmp_path: Path) -> None:
     """A camera that zoomed kept its first calibration without a word."""
     same, other = (ros.camera_info(START + STEP, "cam_optical") for _ in "ab")
     other.k[0] *= 2
-    again = [("/cam/camera_info", INFO, START + n * STEP, told) for n, told in ((1, same), (2, other), (3, other))]
+    again = [
+        ("/cam/camera_info", INFO, START + n * STEP, reported) for n, reported in ((1, same), (2, other), (3, other))
+    ]
     assert not made(ros.write_mcap(tmp_path / "b.mcap", rig(again[0]))).losses
     recording = made(ros.write_mcap(tmp_path / "b.mcap", rig(*again)), code=ExitCode.LOSSY)
     (loss,) = recording.losses

@@ -22,7 +22,7 @@ def ingest(folder: Path, output: Path, options: str, monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize(
-    ("case", "options", "said"),
+    ("case", "options", "expected"),
     [
         ("v16-left-handed-world", f"{FOUR} --calibration P", "the world seems to be left-handed (Unity, MultiviewX)"),
         ("v17-fisheye-coefficients-without-flag", f"{TWO} --calibration calib", "state which: --lens-model fisheye"),
@@ -37,10 +37,10 @@ def test_what_a_calibration_lacks_is_said(
     monkeypatch: pytest.MonkeyPatch,
     case: str,
     options: str,
-    said: str,
+    expected: str,
 ) -> None:
     ingest(shared_cases / case, tmp_path / "w.mcap", options, monkeypatch)
-    assert said in capsys.readouterr().err
+    assert expected in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -158,10 +158,10 @@ def _uncounted(path: Path, marks: Marks, rule: str) -> tuple[str, ...]:
     kinds = Counter(marks.kind[skipped].tolist())
     classes = ", ".join(f"class {kind}: {count}" for kind, count in sorted(kinds.items()))
     how = f"{option('benchmark')} mot15"
-    said = f"{int(skipped.sum())} of {len(skipped)} true boxes do not count by the rules of {rule} ({classes})"
+    statement = f"{int(skipped.sum())} of {len(skipped)} true boxes do not count by the rules of {rule} ({classes})"
     if skipped.all():
-        raise InputError(f"{path}: {said}; where class {min(kinds)} is of people, count all boxes: {how}")
-    return (f"{path}: {said}; {how} counts all boxes",)
+        raise InputError(f"{path}: {statement}; where class {min(kinds)} is of people, count all boxes: {how}")
+    return (f"{path}: {statement}; {how} counts all boxes",)
 
 
 def _timed(ours: Opened, theirs: Opened) -> Sides:

@@ -190,9 +190,9 @@ class ImageTrackFigures:
         return failure_rows(found, points)
 
     def merge(self, other: ImageTrackFigures) -> None:
-        """Take in another recording, in which every view is another one; figures of single views are dropped.
+        """Add the sums of another recording, with different cameras; figures of single views are dropped.
 
-        No frame is added after it.
+        Frames cannot be added afterwards.
         """
         # Of one view identities across views are those of the view
         self._across, across = (

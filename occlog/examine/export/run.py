@@ -259,7 +259,7 @@ def _write_text(
     if issubclass(table, Tracks | Truth):
         return _write_places(name, opened, table, request, file, world[0], missed), None, missed.words()
     if not issubclass(table, Boxes | Views | ViewTracks):
-        raise InputError(f"format {name} takes no {table.NAME}", id="not-applicable")
+        raise InputError(f"format {name} cannot hold {table.NAME}; choose another format", id="not-applicable")
     return *_write_boxes(name, opened, table, request, file, world[1], missed), missed.words()
 
 

@@ -225,8 +225,8 @@ def lay_out(
     for number, (column, known, wanted) in enumerate(_sought(table)):  # type: ignore[arg-type]
         spelled = _find(column, there, known) if number in named else None
         if spelled is not None:
-            said = unit_in_name(table, column, spelled.name)
-            stated = STATED.get().unit_of(spelled.name, kind_of(column), said, path)
+            reported = unit_in_name(table, column, spelled.name)
+            stated = STATED.get().unit_of(spelled.name, kind_of(column), reported, path)
             found.append(spelled._replace(unit=stated or spelled.unit, stated=bool(stated)))
         elif column.name == TIME and fps is not None and (counted := frame_column(names)) is not None:
             found.append(Spelling(column, counted, "", fps=fps))

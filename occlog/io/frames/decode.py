@@ -287,14 +287,14 @@ def _describe(
     there = frames if container is None or frames is None else frames - int(container.broken.sum())
     heard: list[str] = []
 
-    def said() -> str:
+    def output() -> str:
         text = complaint()
         if text and not heard:
             heard.append(text)
         return text
 
-    said()  # opening decodes the first pictures, of which FFmpeg writes again when they are decoded in turn
-    pictures = _raw_pictures(there, capture, said, MIRRORED.get(container.mirror) if container else None)
+    output()  # opening decodes the first pictures, of which FFmpeg writes again when they are decoded in turn
+    pictures = _raw_pictures(there, capture, output, MIRRORED.get(container.mirror) if container else None)
     first = next(pictures, None)
     image, unconverted = first.fetch(None) if first is not None else (None, "")
     if unconverted:
@@ -449,7 +449,7 @@ def _raw_pictures(
     ordinal = misses = missed = 0
     while misses <= PATIENCE + max((frames or 0) - ordinal - missed, 0):
         good = capture.grab()
-        said = complaint()
+        text = complaint()
         if not good:
             misses += 1
             continue
@@ -463,7 +463,7 @@ def _raw_pictures(
                 image.append((found if found is None or mirror is None else mirror(found), why))
             return image[0]
 
-        yield _Raw(ordinal + missed, pos * 1e6 if math.isfinite(pos) else math.nan, said, fetch)
+        yield _Raw(ordinal + missed, pos * 1e6 if math.isfinite(pos) else math.nan, text, fetch)
         ordinal += 1
 
 
@@ -479,8 +479,8 @@ def _retrieve(
         ok, image = capture.retrieve(target)
     except cv2.error:
         return None, ""
-    said = complaint()
-    return (image, said) if ok and image is not None and image.size > 0 else (None, said)
+    text = complaint()
+    return (image, text) if ok and image is not None and image.size > 0 else (None, text)
 
 
 def _trusted(container: Container | None, pictures: Iterator[_Raw], misplaced: Callable[[], None]) -> Iterator[_Raw]:

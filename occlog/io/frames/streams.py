@@ -176,11 +176,11 @@ def load(
         except InputError as error:
             lost(Loss(file.parent.name, file.name, str(error).removeprefix(f"{file.name}: "), 1))
             continue
-        said = complaint()
+        text = complaint()
         found = (image.shape[1], image.shape[0])
-        if said or found != size:
+        if text or found != size:
             odd = f"{found[0]} x {found[1]} px where {size[0]} x {size[1]} was expected"
-            lost(Loss(file.parent.name, file.name, f"the decoder met damage ({said})" if said else odd, 1))
+            lost(Loss(file.parent.name, file.name, f"the decoder met damage ({text})" if text else odd, 1))
             continue
         picture = Picture(index, float("nan"), image)
         del image  # only whoever takes it holds it: the next may need as much memory

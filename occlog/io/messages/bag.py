@@ -319,7 +319,7 @@ def _listed(path: Path, bag: Bag) -> list[Path]:
 
 
 def _packed_or_not(path: Path) -> Path:
-    """The file of a name, or what it was packed to, or unpacked to: versions of rosbag2 name the one or the other."""
+    """The existing file among a name with and without the ending of compression: versions of rosbag2 list either."""
     others = (_bare(path), *(path.with_name(path.name + ending) for ending in PACKED))
     # Unlike methods of Path these take names of any length
     return path if os.path.exists(path) else next((other for other in others if os.path.isfile(other)), path)  # noqa: PTH110, PTH113

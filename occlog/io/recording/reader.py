@@ -203,9 +203,9 @@ class McapRecording:
 
 
 def linked_videos(path: Path) -> tuple[Path, ...]:
-    """Files of the videos that a recording links to, those of its folder also if missing.
+    """Paths of the videos that a recording links to; paths inside its folder are listed even if the files are missing.
 
-    Without files that are no recordings, cannot be opened, or may not be opened.
+    Empty for a file that is not a recording or cannot be opened.
     """
     try:
         if content_of(path, "a recording") is not Content.RECORDING:

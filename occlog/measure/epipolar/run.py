@@ -91,7 +91,7 @@ def _scene(request: EpipolarRequest, recording: McapRecording | None) -> Scene |
 
 
 def _find(request: EpipolarRequest, config: EpipolarConfig, scene: Scene | None) -> ViewPairs:
-    """The matrices that are to be written."""
+    """Fundamental matrices from a file, from matches or tracks, or from the poses of the scene."""
     if request.fundamental is not None:
         return read_epipolar(request.fundamental)
     if request.matches is not None or request.tracks is not None:

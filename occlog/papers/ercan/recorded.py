@@ -537,18 +537,18 @@ def judge14(table: Table) -> list[StatementVerdict]:
         v.pairs(f"{item}-priors", "Priors give a lower error than none.", v.matched(table, PRIOR, NONE)),
     ]
     for key, name in (("known", KNOWN), ("priors", PRIOR), ("none", NONE)):
-        said = f"Every further camera lowers the error ({name})."
-        out.append(v.pairs(f"{item}-cameras-{key}", said, v.neighbours(v.series(table, name))))
+        statement = f"Every further camera lowers the error ({name})."
+        out.append(v.pairs(f"{item}-cameras-{key}", statement, v.neighbours(v.series(table, name))))
     return out
 
 
 def judge15(table: Table) -> list[StatementVerdict]:
     """Judge the statements about Fig. 15."""
-    item, said = ITEMS[1], "Greedy selection is close to brute force."
-    out = [v.close(f"{item}-brute-force", said, v.matched(table, GREEDY, BRUTE))]
+    item, statement = ITEMS[1], "Greedy selection is close to brute force."
+    out = [v.close(f"{item}-brute-force", statement, v.matched(table, GREEDY, BRUTE))]
     for name in HEURISTICS:
-        said = f"Greedy selection is better than the policy `{name}`."
-        out.append(v.pairs(f"{item}-{name}", said, v.matched(table, GREEDY, name)))
+        statement = f"Greedy selection is better than the policy `{name}`."
+        out.append(v.pairs(f"{item}-{name}", statement, v.matched(table, GREEDY, name)))
     points = [pair for name in HEURISTICS for pair in v.matched(table, GREEDY, name)]
-    said = "The differences are no larger than the variation over the runs."
-    return [*out, v.close(f"{item}-variation", said, points)]
+    statement = "The differences are no larger than the variation over the runs."
+    return [*out, v.close(f"{item}-variation", statement, points)]

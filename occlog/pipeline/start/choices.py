@@ -190,10 +190,10 @@ def _of_recording(made: Choices) -> None:
     item = made.only(made.found.of(FileKind.RECORDING), "recording")
     made.put("", "recording", item.path)
     opened = open_recording(item.path)
-    said = [counted(len(opened.cameras), "camera with images", "cameras with images")] if opened.cameras else []
+    reported = [counted(len(opened.cameras), "camera with images", "cameras with images")] if opened.cameras else []
     named = {"boxes": Boxes, "bearings": Bearings, "directions": Doa, "reads of tags": Reads, "true positions": Truth}
-    said += [word for word, table in {**named, "true boxes": TruthBoxes}.items() if opened.has(table)]
-    made.say(f"recording {made.shown(item.path)}: {', '.join(said) or 'no measurements'}")
+    reported += [word for word, table in {**named, "true boxes": TruthBoxes}.items() if opened.has(table)]
+    made.say(f"recording {made.shown(item.path)}: {', '.join(reported) or 'no measurements'}")
     _truth_of_evaluation(made, opened.has(Truth))
     scene = opened.scene
     if (scenes := made.found.of(FileKind.SCENE)) and not made.has("", "scene"):
@@ -403,7 +403,7 @@ class OpenedCalibration(NamedTuple):
 
 
 def _calibration_items(made: Choices) -> list[Item]:
-    """Files of the one calibration of a bag."""
+    """Files that together are the calibration of the cameras of a bag."""
     groups = _calibrations(made)
     chosen = _choose_calibration(made, groups, [], {})
     return [] if chosen is None else list(chosen.items)

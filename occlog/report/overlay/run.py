@@ -112,7 +112,7 @@ def _check_shown(asked: OverlayRequest, shown: int, png: bytes, pictures: Pictur
         raise InputError(f"{asked.recording}: camera {pictures.first} has no frame in {first}:{last}", id="empty-input")
     if asked.video is not None and pictures.strange():
         raise InputError(
-            f"{asked.tracks}: no row is of a frame shown of {asked.recording} (time and camera must agree); "
+            f"{asked.tracks}: no row matches a frame of {asked.recording} in time and camera; "
             "are these the tracks of this recording?",
             id="disjoint-inputs",
         )

@@ -188,14 +188,14 @@ def test_metadata_may_name_a_file_without_its_packing(tmp_path: Path, named: str
 
 
 @pytest.mark.parametrize(
-    ("count", "said"),
+    ("count", "expected"),
     [
         (1, []),  # nothing is lost: the remarks say it
         (2, []),
         (5, ["metadata.yaml: /a: messages that it counts are not in the files (it counts 5, and there are 2)"]),
     ],
 )
-def test_metadata_that_count_other_messages_than_there_are(tmp_path: Path, count: int, said: list[str]) -> None:
+def test_metadata_that_count_other_messages_than_there_are(tmp_path: Path, count: int, expected: list[str]) -> None:
     folder = tmp_path / "bag"
     folder.mkdir()
     written(folder / "b.db3", b"one", b"two")
@@ -205,7 +205,7 @@ def test_metadata_that_count_other_messages_than_there_are(tmp_path: Path, count
     )
     found, lost = read(folder)
     assert found == [b"one", b"two"]
-    assert [line[: len(words)] for line, words in zip(lost, said, strict=True)] == said
+    assert [line[: len(words)] for line, words in zip(lost, expected, strict=True)] == expected
     with open_bag([folder]) as bag:
         assert len(list(bag.messages(["/a"]))) == 2
         less = "metadata.yaml counts 1 messages, and there are 2, which were read; write it again: ros2 bag reindex"

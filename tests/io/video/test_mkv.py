@@ -102,11 +102,11 @@ def test_a_cluster_of_unknown_size_ends_where_the_next_begins(tmp_path: Path) ->
 
 def test_a_wrong_check_sum_is_told_and_a_right_one_is_not(tmp_path: Path) -> None:
     content = number(0xE7, 0) + block(0) + block(40)
-    for change, told in ((0, False), (1, True)):
+    for change, reported in ((0, False), (1, True)):
         crc = element(0xBF, struct.pack("<I", zlib.crc32(content) ^ change), b"\x84")
         found = parsed(tmp_path, video(element(0x1F43B675, crc + content)))
         assert times(found) == [0, 40]
-        assert any("wrong check sum of this cluster" in what for _, what in found.problems) == told
+        assert any("wrong check sum of this cluster" in what for _, what in found.problems) == reported
 
 
 def test_the_frames_of_a_cut_file_are_counted_by_its_duration(tmp_path: Path) -> None:

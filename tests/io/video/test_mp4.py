@@ -203,17 +203,17 @@ def fragments(runs: list[tuple[int, int, bytes]], clock: int = 0) -> bytes:
 def test_runs_of_fragments_are_as_each_sample_says(tmp_path: Path, flags: int) -> None:
     """Against a loop over samples: default durations and sizes are 7 and 11, and times go on from run to run."""
     rng = np.random.default_rng(flags)
-    runs, told, clock = [], [], 30
+    runs, reported, clock = [], [], 30
     for count in (3, 1, 4):
         names = [bit for bit in (0x100, 0x200, 0x400, 0x800) if flags & bit]
         rows = [{name: int(rng.integers(1, 50)) for name in names} for _ in range(count)]
         runs.append((flags, count, b"".join(struct.pack(">i", row[name]) for row in rows for name in names)))
         for row in rows:
-            told.append(clock + row.get(0x800, 0))
+            reported.append(clock + row.get(0x800, 0))
             clock += row.get(0x100, 7)
     found = parsed(tmp_path, fragments(runs, 30))
     assert found.pts_ns is not None
-    assert found.pts_ns.tolist() == [(t - min(told)) * 1_000_000 for t in sorted(told)]
+    assert found.pts_ns.tolist() == [(t - min(reported)) * 1_000_000 for t in sorted(reported)]
 
 
 def test_runs_of_more_samples_than_the_file_has_bytes_for_are_not_believed(tmp_path: Path) -> None:

@@ -36,8 +36,8 @@ def log_free(people: list[tuple[float, float, float]]) -> np.ndarray:
 
 def log_likelihood(foreground: np.ndarray, people: list[tuple[float, float, float]]) -> float:
     """Of all cells: foreground has the probability 1 - (1 - SPECKS) prod (1 - p)."""
-    nobody = (1.0 - CLUTTER_PROBABILITY) * np.exp(log_free(people))
-    return float(np.sum(foreground * np.log1p(-nobody) + (1.0 - foreground) * np.log(nobody)))
+    empty = (1.0 - CLUTTER_PROBABILITY) * np.exp(log_free(people))
+    return float(np.sum(foreground * np.log1p(-empty) + (1.0 - foreground) * np.log(empty)))
 
 
 def drawn(people: list[tuple[float, float, float]], seed: int) -> np.ndarray:

@@ -32,12 +32,12 @@ def test_nothing_is_found_in_clean_boxes(people: int, px: float) -> None:
 
 def without(given: Boxes, name: str) -> Boxes:
     """The boxes, with frames of one camera without any."""
-    nobody = given.sensor == name
-    gone = {key: np.where(nobody, np.nan, getattr(given, key)) for key in ("left_px", "top_px", "width_px")}
-    gone |= {key: np.where(nobody, np.nan, getattr(given, key)) for key in ("height_px", "confidence")}
+    empty = given.sensor == name
+    gone = {key: np.where(empty, np.nan, getattr(given, key)) for key in ("left_px", "top_px", "width_px")}
+    gone |= {key: np.where(empty, np.nan, getattr(given, key)) for key in ("height_px", "confidence")}
     first = np.concatenate([[True], np.diff(given.t_ns) != 0]) | (given.sensor != np.roll(given.sensor, 1))
-    box = np.where(nobody, np.int32(-1), given.box)
-    return replace(given, box=box, target_id=box, **gone).take(~nobody | first)
+    box = np.where(empty, np.int32(-1), given.box)
+    return replace(given, box=box, target_id=box, **gone).take(~empty | first)
 
 
 def test_a_camera_that_detects_nobody_is_named() -> None:

@@ -233,8 +233,8 @@ def test_a_frame_that_says_nothing_of_a_target_is_a_look_at_it():
     assert (len(own), own.cause[0]) == (1, "recovered")
 
 
-def candidates(step: int, where: Scene, places: Sequence[Sequence[float]], extra: Sequence[Row] = ()) -> list[Row]:
-    rows = [(step, c.name, -1, to(where, c.name, xy)) for xy in places for c in where.cameras]
+def candidates(step: int, where: Scene, positions: Sequence[Sequence[float]], extra: Sequence[Row] = ()) -> list[Row]:
+    rows = [(step, c.name, -1, to(where, c.name, xy)) for xy in positions for c in where.cameras]
     return [*rows, *extra]
 
 

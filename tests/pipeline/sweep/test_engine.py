@@ -150,9 +150,9 @@ def test_equal_descriptions_for_different_functions_are_different_trials(tmp_pat
 
 
 def test_progress_counts_every_trial_once():
-    told = []
-    run_all([TRIALS[0], TRIALS[0], TRIALS[1]], progress=told.append)
-    assert sum(told) == 3
+    reported = []
+    run_all([TRIALS[0], TRIALS[0], TRIALS[1]], progress=reported.append)
+    assert sum(reported) == 3
 
 
 def test_the_store_can_be_in_a_folder_that_is_not_there_yet(tmp_path):

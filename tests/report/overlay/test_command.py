@@ -182,8 +182,8 @@ def test_the_same_input_gives_the_same_bytes(folder: Path) -> None:
 
 
 def test_images_in_which_nobody_was_found_are_shown(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    nobody = tracks_of([0]).take(np.zeros(0, dtype=np.int64))
-    write_table(folder / "t.parquet", nobody, Provenance("track"), overwrite=True)
+    empty = tracks_of([0]).take(np.zeros(0, dtype=np.int64))
+    write_table(folder / "t.parquet", empty, Provenance("track"), overwrite=True)
     assert report(folder, "--video", str(folder / "o.avi"), "--json") == ExitCode.DONE
     summary = json.loads(capsys.readouterr().out)
     assert (summary["frames"], summary["tracks"]) == (N, 0)
@@ -242,9 +242,9 @@ def test_an_image_that_is_damaged_is_lost_and_the_others_are_drawn(
     args = ["report", "--recording", str(recording), "--truth", str(tmp_path / "boxes.parquet"), "--json"]
     out = tmp_path / "o.avi"
     assert run([*args, "--scale", "2", "--video", str(out)]) == ExitCode.LOSSY
-    told = json.loads(capsys.readouterr().out)
-    assert told["frames"] == N
-    assert [(loss["place"], loss["count"]) for loss in told["losses"]] == [("frame 0", 1), ("frame 3", 1)]
+    result = json.loads(capsys.readouterr().out)
+    assert result["frames"] == N
+    assert [(loss["place"], loss["count"]) for loss in result["losses"]] == [("frame 0", 1), ("frame 3", 1)]
     pictures = frames_of(out)
     assert len(pictures) == N
     middles = [picture[BAR + 20 : BAR + 60].mean() for picture in pictures]
@@ -334,5 +334,5 @@ def test_what_was_lost_of_the_tracks_and_failures_is_told(folder, capsys):
     write_table(folder / "f.parquet", failures, Provenance("evaluate", losses=losses), overwrite=True)
     args = ["--failures", str(folder / "f.parquet"), "--frame", "1", "--png", str(folder / "o.png")]
     assert report(folder, *args) == ExitCode.DONE
-    told = [line for line in capsys.readouterr().err.splitlines() if "lost earlier" in line]
-    assert told == [f"occlog: lost earlier: {loss}" for loss in losses]
+    stderr = [line for line in capsys.readouterr().err.splitlines() if "lost earlier" in line]
+    assert stderr == [f"occlog: lost earlier: {loss}" for loss in losses]

@@ -28,8 +28,8 @@ def sphere(centre, radius, n=60_000):
 
 
 def at(config, *centres):
-    places = np.array([centres], dtype=float)
-    return BallPaths(places, np.broadcast_to(np.eye(3), (1, len(centres), 3, 3)))
+    positions = np.array([centres], dtype=float)
+    return BallPaths(positions, np.broadcast_to(np.eye(3), (1, len(centres), 3, 3)))
 
 
 @pytest.mark.parametrize("distance", [1e6, 900.0, 660.0])

@@ -51,8 +51,8 @@ def followed(sound: bool) -> list[TrackSnapshot]:
         heard = [direction(a, k, rng) for a in range(2)]
         for each in heard if sound else []:
             state = update_by_directions(state, each, ARRAYS[each.sensor])
-        state, moment = step(state, [look(c, k, rng) for c in range(2)])
-        found.append(moment)
+        state, snapshot = step(state, [look(c, k, rng) for c in range(2)])
+        found.append(snapshot)
     return found
 
 

@@ -137,13 +137,13 @@ def _cells(path: Path, n: int, record: object, ignore_extra: bool, skip: Sequenc
             f"{path}: is JSON of Label Studio, which is not read; export it as COCO or YOLO", id="unsupported-format"
         )
     out: dict[str, str] = {}
-    said: dict[str, str] = {}
+    reported: dict[str, str] = {}
     for key, value in record.items():
         name = key.lower()
         if name in skip or name in IGNORED:
             continue
         for meaning in BBOX if name == "bbox" else EDGES.values() if name == BOX else (MEANING.get(name, name),):
-            other = said.setdefault(meaning, key)
+            other = reported.setdefault(meaning, key)
             if other != key:
                 raise InputError(
                     f"{path}: entry {n}: keys {other!r} and {key!r} both state {meaning}; leave one out",

@@ -196,10 +196,10 @@ def build_camera(pose: Pose, where: str, options: CalibrationOptions) -> Camera:
             id="invalid-calibration",
         )
     with np.errstate(all="ignore"):
-        model, coefficients, said = checked_lens(lens, size, focal, principal, where)
+        model, coefficients, reported = checked_lens(lens, size, focal, principal, where)
         fov = camera_fov(size, focal, principal, coefficients, model, rotation)
-    if said:
-        options.notes.append(f"camera {pose.name}: {said}")
+    if reported:
+        options.notes.append(f"camera {pose.name}: {reported}")
     if change := _other_middle(principal, size):
         width, height = np.round(2.0 * principal + 1.0).astype(int).tolist()
         middle, own = f"{width} x {height}", f"{size[0]} x {size[1]}"

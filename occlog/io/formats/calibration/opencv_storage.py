@@ -93,12 +93,12 @@ def lens_of(values: dict[str, object], where: str) -> Lens:
     """The lens of a calibration; InputError for an unknown model, and for two that contradict each other."""
     stated: set[str] = set()
     for key, brown, fisheye in ((LENS[0], NO, YES), (LENS[1], NO, YES), (LENS[2], BROWN, FISHEYE)):
-        said = str(values.get(key, "")).strip().lower()
-        if said and said not in (*brown, *fisheye):
+        text = str(values.get(key, "")).strip().lower()
+        if text and text not in (*brown, *fisheye):
             raise InputError(
-                f"{where}: {key} {said} is not known; undistort the images, or leave it out", id="unsupported-format"
+                f"{where}: {key} {text} is not known; undistort the images, or leave it out", id="unsupported-format"
             )
-        stated |= {"equidistant" if said in fisheye else "brown"} if said else set()
+        stated |= {"equidistant" if text in fisheye else "brown"} if text else set()
     if len(stated) > 1:
         raise InputError(
             f"{where}: {' and '.join(k for k in LENS if k in values)} contradict each other; keep one",

@@ -83,8 +83,8 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
         )
     wildtrack = set(lenses) <= WILDTRACK.keys()
     if wildtrack:
-        said = ", ".join(f"{WILDTRACK[name]} = {name}" for name in sorted(lenses))
-        options.notes.append(f"WILDTRACK: lengths are cm, images of 1920 x 1080 px, {said}")
+        statement = ", ".join(f"{WILDTRACK[name]} = {name}" for name in sorted(lenses))
+        options.notes.append(f"WILDTRACK: lengths are cm, images of 1920 x 1080 px, {statement}")
     return tuple(_camera(name, lenses[name], extrinsics[name], wildtrack, options) for name in sorted(lenses))
 
 

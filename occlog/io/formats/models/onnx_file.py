@@ -48,8 +48,8 @@ class Port:
     """An input or an output of a network."""
 
     name: str
-    kind: str  # of its elements, as NumPy calls it; empty: not said, or none of `KINDS`
-    shape: tuple[int | None, ...] | None  # None in it: any; None: not said
+    kind: str  # of its elements, as NumPy calls it; empty: not stated, or none of `KINDS`
+    shape: tuple[int | None, ...] | None  # None in it: any; None: not stated
 
 
 @dataclass(frozen=True)

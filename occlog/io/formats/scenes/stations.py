@@ -150,9 +150,9 @@ def _in_the_scene(rows: CsvRows) -> CsvRows:
 
 def _unit(name: str, path: Path) -> str:
     """The unit of a column of positions: as its name states, or as it is stated; metres otherwise."""
-    said = name.partition("_")[2]
-    STATED.get().note_use(name, "length", said, path)
-    return STATED.get().unit_of(name, "length", said, path) or "m"
+    reported = name.partition("_")[2]
+    STATED.get().note_use(name, "length", reported, path)
+    return STATED.get().unit_of(name, "length", reported, path) or "m"
 
 
 def _spelled(rows: CsvRows, axis: str) -> str | None:

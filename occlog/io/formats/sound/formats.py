@@ -119,7 +119,7 @@ def read_source(path: Path) -> Truth:
 
 
 def _locata_rows(path: Path, columns: Sequence[str]) -> list[TextPart]:
-    """The rows of a table that has these columns, and perhaps others."""
+    """Rows of a LOCATA table, which must have these columns and may have others."""
     known = {name: FormatColumn((name,), RAW if name == "second" else WHOLE) for name in TIMES}
     parts = list(
         read_format(

@@ -178,9 +178,9 @@ def _messages(job: DecodingJob, out: BinaryIO, log: Log, memory: int | None) -> 
         except MemoryError:
             send(out, {"error": "needs more memory than there is"})
             continue
-        said = log.news()
-        if said:
-            send(out, {"error": f"the decoder met damage ({said.replace(': ', ' ')})"})
+        text = log.news()
+        if text:
+            send(out, {"error": f"the decoder met damage ({text.replace(': ', ' ')})"})
         else:
             _send_image(out, {}, image, slots)
         del image  # the next may need as much memory

@@ -101,7 +101,7 @@ class ViewsInput:
         """Raise InputError where no camera has a pose, so that no place in the world can be found."""
         if not self._placed():
             raise InputError(
-                f"{self.request.bearings}: no camera has a pose, so nothing can be told of the ground; give a scene "
+                f"{self.request.bearings}: no camera has a pose, so positions on the ground are unknown; give a scene "
                 "with poses, or leave world out",
                 id="missing-pose",
             )

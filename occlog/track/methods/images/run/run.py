@@ -324,7 +324,7 @@ def view_settings(request: ViewsRequest) -> tuple[MipfConfig, ViewsConfig]:
     config, stage = configure(CONFIGS[request.method](), own), configure(ViewsConfig(), others)
     if stage.confirmation_frames == 0 and request.initial_ellipses is None:
         raise UsageError(
-            "confirmation_frames is 0, so detections begin no tracker; give "
+            "confirmation_frames is 0, so detections initiate no tracker; give "
             f"{option('initial_ellipses')}, or 1 or more",
             id="not-applicable",
         )

@@ -129,7 +129,7 @@ def warnings(fit: MotionFit, config: FitConfig, paths: list[MeasuredPath]) -> li
             f"not converged after {fit.iterations} steps; simplify {option('form')} or {option('process_noise_form')}"
         )
     if fit.at_limit:
-        out.append(f"at its limit, so too small to be told from 0 (or too large): {', '.join(fit.at_limit)}")
+        out.append(f"at its limit, so indistinguishable from 0 (or too large): {', '.join(fit.at_limit)}")
     if fit.undecided:
         out.append(f"not decided by the data: {', '.join(fit.undecided)}; their standard errors are null")
     if config.form == "full":
