@@ -110,7 +110,7 @@ def test_the_schema_has_the_default_of_people_where_it_is_another():
         ({"object_height": math.nan}, "world: object_height is nan, must be finite and at least 0"),
     ],
 )
-def test_a_value_beyond_its_range_is_told_with_the_range(values, says):
+def test_a_value_beyond_its_range_is_reported_with_the_range(values, says):
     with pytest.raises(InputError, match=says):
         WorldConfig(**values)
 

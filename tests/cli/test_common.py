@@ -91,7 +91,7 @@ def test_figures_of_each_of_many_take_a_line_each(capsys: pytest.CaptureFixture[
         (1e-9, "1e-09"),
     ],
 )
-def test_large_figures_are_told_without_powers_of_ten(
+def test_large_figures_are_reported_without_powers_of_ten(
     capsys: pytest.CaptureFixture[str], value: float, words: str
 ) -> None:
     echo_summary({"seconds": value}, as_json=False)

@@ -22,7 +22,7 @@ def stage(quiet: bool) -> None:
 
 
 @pytest.mark.parametrize(("words", "lines"), [([], 1), (["-q"], 0), (["--quiet"], 0)])
-def test_compilation_is_told_once_unless_the_command_is_quiet(words: list[str], lines: int, capsys: Any) -> None:
+def test_compilation_is_reported_once_unless_the_command_is_quiet(words: list[str], lines: int, capsys: Any) -> None:
     with stage.make_context("occlog", words) as ctx, with_compile_notice():
         stage.invoke(ctx)
     captured = capsys.readouterr()

@@ -241,7 +241,7 @@ def test_an_error_is_an_object_where_json_is_asked_for(args: list[str], wanted: 
     assert code == found["exit_code"]
 
 
-def test_an_option_before_the_command_is_told_where_it_goes(capsys: Any) -> None:
+def test_an_option_before_the_command_is_reported_where_it_goes(capsys: Any) -> None:
     assert run(["--overwrite", "info", "x"]) == ExitCode.USAGE
     assert "options go after it: occlog COMMAND --overwrite" in capsys.readouterr().err
 

@@ -23,7 +23,7 @@ def bearings(sigma: float, u_px: float = np.nan) -> Bearings:
         (bearings(1e-12, u_px=100.0), []),  # the reading's noise counts
     ],
 )
-def test_noise_that_no_sensor_has_is_told(given: Bearings, expected: list[str]) -> None:
+def test_noise_that_no_sensor_has_is_reported(given: Bearings, expected: list[str]) -> None:
     sharp = SmallNoiseCheck()
     assert list(sharp.watch([given, given])) == [given, given]
     assert [f.id for f in findings(sharp.checks())] == expected

@@ -41,7 +41,7 @@ def unseen(bearings: Bearings, begin_s: float, end_s: float) -> Bearings:
 
 
 @pytest.mark.parametrize("method", ["apf", "ekf", "joint"])
-def test_four_seconds_without_a_detection_in_plain_view_are_said(method: str) -> None:
+def test_four_seconds_without_a_detection_in_plain_view_are_reported(method: str) -> None:
     made = record("walk", 4, seed=500)
     notes, reported = followed(made, unseen(made.bearings, 20.0, 24.0), method)
     assert "undetected-in-view" in reported

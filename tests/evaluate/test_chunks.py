@@ -237,7 +237,7 @@ def test_fewer_diagnostics_than_tracks_are_refused() -> None:
         list(in_rows_of([case.tracks], [case.diagnostics.take(slice(1, None))]))
 
 
-def test_an_error_in_time_is_said_of_the_whole() -> None:
+def test_an_error_in_time_is_reported_of_the_whole() -> None:
     case = simulated(1)
     late = replace(case.truth, t_ns=case.truth.t_ns + 10**9 * NS)
     with pytest.raises(InputError, match="the truth covers the time of no estimate") as raised:

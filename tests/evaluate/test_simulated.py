@@ -63,7 +63,7 @@ def test_misses_and_false_alarms_come_back_as_rates() -> None:
     assert abs(m["false_alarms"] / unseen - 0.2) < 0.03 + 4 * math.sqrt(0.16 / unseen)
 
 
-def test_unlabelled_bearings_are_told_apart_from_clutter() -> None:
+def test_unlabelled_bearings_are_distinguished_from_clutter() -> None:
     truth = world(600, 3, 7)
     labelled = seen(truth, 7)
     columns = {c.name: getattr(labelled, c.name) for c in Bearings.columns()}

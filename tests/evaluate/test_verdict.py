@@ -63,14 +63,14 @@ def test_covariances_that_are_about_right_pass(factor: float, expected: list[str
     assert codes(chi_square(factor)) == expected
 
 
-def test_covariances_that_are_too_small_are_said_with_the_numbers() -> None:
+def test_covariances_that_are_too_small_are_reported_with_the_numbers() -> None:
     found = judge(chi_square(1.2 * NEES_HIGH))
     (only,) = findings(found)
     assert (only.id, only.severity) == ("nees-large", "warning")
     assert "mean NEES 4.8, allowed: 4;" in only.text
 
 
-def test_many_errors_outside_of_the_ellipse_are_said_though_a_few_make_the_mean() -> None:
+def test_many_errors_outside_of_the_ellipse_are_reported_though_a_few_make_the_mean() -> None:
     def with_outside(share: float) -> np.ndarray:
         nees = chi_square(0.5)
         nees[np.random.default_rng(1).permutation(N)[: round(share * N)]] = CHI2_95_2D + 1e-6
@@ -80,13 +80,13 @@ def test_many_errors_outside_of_the_ellipse_are_said_though_a_few_make_the_mean(
     assert codes(with_outside(1.3 * MAX_OUTSIDE_95_SHARE)) == ["nees-large"]
 
 
-def test_one_error_of_a_million_squared_sigmas_is_said_if_others_are_outside() -> None:
+def test_one_error_of_a_million_squared_sigmas_is_reported_if_others_are_outside() -> None:
     nees = chi_square(2.0)
     nees[7] = 1e7
     assert "nees-large" in codes(nees)
 
 
-def test_singular_covariances_are_said() -> None:
+def test_singular_covariances_are_reported() -> None:
     nees = chi_square()
     nees[: round(0.01 * N)] = np.nan
     assert codes(nees) == []
@@ -98,7 +98,7 @@ def test_singular_covariances_are_said() -> None:
 @pytest.mark.parametrize(
     ("rate", "expected"), [(MIN_DETECTION_RATE, []), (MIN_DETECTION_RATE - 0.1, ["low-detection-rate"])]
 )
-def test_bearings_that_are_not_of_the_truth_are_said(rate: float, expected: list[str]) -> None:
+def test_bearings_that_are_not_of_the_truth_are_reported(rate: float, expected: list[str]) -> None:
     assert codes(detection_rate=rate, visible=500.0) == expected
     assert codes(detection_rate=rate, visible=2.0) == []
 

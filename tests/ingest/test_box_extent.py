@@ -56,7 +56,7 @@ def found(sizes: Mapping[str, tuple[int, int]], tables: list[Boxes], known: tupl
 
 
 @pytest.mark.parametrize("true", [(1280, 720), (640, 360), (960, 540), (3840, 2160)])
-def test_boxes_that_end_at_another_size_are_told_with_the_factor(true: tuple[int, int]) -> None:
+def test_boxes_that_end_at_another_size_are_reported_with_the_factor(true: tuple[int, int]) -> None:
     rng = np.random.default_rng(4)
     message = warning({"a": SIZE, "b": SIZE}, [boxes(name, rng, true, true) for name in "ab"])
     assert message is not None
@@ -68,7 +68,7 @@ def test_boxes_that_end_at_another_size_are_told_with_the_factor(true: tuple[int
     assert "give boxes in pixels of these images" in known
 
 
-def test_boxes_of_larger_images_are_told_where_no_border_ends_them() -> None:
+def test_boxes_of_larger_images_are_reported_where_no_border_ends_them() -> None:
     rng = np.random.default_rng(4)
     message = warning({"a": (960, 540)}, [boxes("a", rng, SIZE)])
     assert message is not None
@@ -87,7 +87,7 @@ def test_corners_for_sizes_are_named_with_the_camera() -> None:
     assert check.id == "boxes-end-beyond"
 
 
-def test_a_single_camera_is_told_where_both_borders_agree() -> None:
+def test_a_single_camera_is_reported_where_both_borders_agree() -> None:
     rng = np.random.default_rng(4)
     assert warning({"a": SIZE}, [boxes("a", rng, (1280, 720), (1280, 720))]) is not None
 
@@ -169,7 +169,7 @@ def test_boxes_beyond_80_degrees_of_a_fisheye_are_lost_and_counted(
     assert sorted(set(table.frame.tolist())) == [0, 1, 2]  # a frame without the box is one without a detection
 
 
-def test_boxes_of_larger_images_are_lost_in_the_order_of_time_and_the_size_is_told(
+def test_boxes_of_larger_images_are_lost_in_the_order_of_time_and_the_size_is_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Frames that lose their only box stand between frames that keep theirs."""

@@ -30,7 +30,7 @@ def ingest(folder: Path, output: Path, options: str, monkeypatch: pytest.MonkeyP
         ("w04_calibration_of_other_size", THREE, "(factor 1.5); if images had that size, give --image-size 1280x720"),
     ],
 )
-def test_what_a_calibration_lacks_is_said(
+def test_what_a_calibration_lacks_is_reported(
     shared_cases: Path,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],

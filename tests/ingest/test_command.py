@@ -385,7 +385,7 @@ def test_folders_of_yolo_text_become_boxes_of_the_calibrated_cameras(
     assert boxes.target_id.tolist() == [4, 4, -1, -1, 4, 4]
 
 
-def test_boxes_outside_the_image_are_lost_and_those_over_its_border_are_told(
+def test_boxes_outside_the_image_are_lost_and_those_over_its_border_are_reported(
     place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     table = place / "boxes.csv"

@@ -165,7 +165,7 @@ def test_a_truth_without_heights_is_refused(folder, capsys):
     assert "has no heights" in capsys.readouterr().err
 
 
-def test_an_unknown_ground_below_no_camera_is_told(folder, capsys):
+def test_an_unknown_ground_below_no_camera_is_reported(folder, capsys):
     assert ingest(folder, "--up", "auto") == ExitCode.DONE
     assert "state the height of the ground" in capsys.readouterr().err
 
@@ -180,7 +180,7 @@ def test_an_upright_world_is_left_alone():
     np.testing.assert_allclose(turn.camera(CAMERAS[0]).position, [0.0, 0.0, 2.0])
 
 
-def test_cameras_that_look_the_same_way_are_told_to_leave_the_pitch_open():
+def test_cameras_that_look_the_same_way_are_reported_to_leave_the_pitch_open():
     assert ids(CAMERAS[:1], "auto", None) == ["vertical-uncertain"]
 
 
@@ -226,7 +226,7 @@ def projections(cameras: tuple[Camera, ...], axes: np.ndarray) -> dict[str, np.n
 
 
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
-def test_a_left_handed_world_is_told_and_mirrored_with_the_truth(tmp_path, capsys, axis):
+def test_a_left_handed_world_is_reported_and_mirrored_with_the_truth(tmp_path, capsys, axis):
     """Matrices of a mirrored world: the cameras of the right-handed one come back, and so do true positions."""
     axes = mirror_matrix(axis)
     folder = tmp_path / "P"
@@ -290,14 +290,14 @@ def test_a_rig_that_faces_outwards_is_not_left_handed():
 
 
 @pytest.mark.parametrize("up", ["auto", None])
-def test_a_ground_of_the_wrong_sign_is_told_with_the_cameras_that_are_below(up):
+def test_a_ground_of_the_wrong_sign_is_reported_with_the_cameras_that_are_below(up):
     (found,) = (check for check in checks(CAMERAS, up, 2.6) if check.found)
     assert (found.id, found.status, found.sensors) == ("camera-not-above-ground", "failed", ("a", "b"))
     assert "(lowest at z = -0.40 m)" in found.text
     assert "negative below the origin" in found.text
 
 
-def test_a_camera_at_the_height_of_the_ground_is_told_and_one_just_above_is_not():
+def test_a_camera_at_the_height_of_the_ground_is_reported_and_one_just_above_is_not():
     (found,) = (check for check in checks(CAMERAS, None, 2.2) if check.found)
     assert found.text.startswith("camera b is not above the ground (lowest at z = 0.00 m)")
     assert not ids(CAMERAS, None, 2.19)

@@ -99,7 +99,7 @@ def test_candidates_of_a_file_are_ranked_for_a_person(tmp_path: Path, capsys: py
     assert line.index("a 0.") < line.index("b 0.")
 
 
-def test_a_blind_room_is_said_to_be_blind(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_a_blind_room_is_reported_to_be_blind(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     room = "room: [[0, 0], [20, 0], [20, 20], [0, 20]]\n"
     scene = scene_file(tmp_path / "blind.yaml", room + f"cameras: [{CAMERA % ('only', 0.1, 0.1, 45)}]\n")
     assert run(["plan", str(scene), *QUICK[:-1], "--json"]) == ExitCode.DONE

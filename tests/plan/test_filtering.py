@@ -124,7 +124,7 @@ def test_a_few_hypotheses_stand_for_every_possible_turn():
 
 
 @pytest.mark.parametrize("belief", [FilterNoise(0.0, 0.0), FilterNoise(0.1, 0.5)])
-def test_errors_are_as_large_as_they_are_said_to_be(belief: FilterNoise):
+def test_errors_are_as_large_as_they_are_reported_to_be(belief: FilterNoise):
     """Seen by two, by none, by one and by none again, 4000 walkers; error bars of the ratios are 0.4 to 2 %."""
     motion, steps, many = Motion(1.2, 0.4, 0.05), 100, 4000
     ways = walkers(motion, DT, steps, many)

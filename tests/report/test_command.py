@@ -102,7 +102,7 @@ def test_json_summary(folder: Path, capsys: Any) -> None:
     assert "Track and lines of sight" in page.read_text()
 
 
-def test_bearings_of_sensors_that_the_scene_lacks_are_told(folder: Path, capsys: Any) -> None:
+def test_bearings_of_sensors_that_the_scene_lacks_are_reported(folder: Path, capsys: Any) -> None:
     """They stood in a table of the page alone."""
     (folder / "scene.yaml").write_text(SCENE.replace("north", "south"))
     args = ["report", str(folder), "--scene", str(folder / "scene.yaml"), "-o", str(folder / "r.html"), "--json"]

@@ -32,7 +32,7 @@ def followed(made: Recording, **settings: float) -> tuple[float, set[str]]:
 
 
 @pytest.mark.parametrize("false", [0.0, pytest.param(0.1, marks=pytest.mark.statistics)])
-def test_a_zig_zag_that_one_camera_at_a_time_sees_is_said_to_be_livelier_than_stated(false: float) -> None:
+def test_a_zig_zag_that_one_camera_at_a_time_sees_is_reported_to_be_livelier_than_stated(false: float) -> None:
     """Covariances are too small by a factor of up to three there, and more with false bearings."""
     made = record("zig-zag", 4, false=false, miss=0.0, asynchronous=True, seed=101)
     nees, reported = followed(made)

@@ -23,7 +23,7 @@ NS = 1_000_000_000
 @pytest.mark.parametrize(
     "method", ["apf", "ekf", *(pytest.param(name, marks=pytest.mark.statistics) for name in ("map", "fix", "joint"))]
 )
-def test_exchanged_labels_are_said_flagged_and_repaired(method: str) -> None:
+def test_exchanged_labels_are_reported_flagged_and_repaired(method: str) -> None:
     one, other = (record("walk", 4, seed=s) for s in (304, 1304))
     second = replace(other.bearings, target_id=np.ones(len(other.bearings), dtype=np.int32))
     bearings = Bearings.merge([one.bearings, second])

@@ -60,7 +60,7 @@ def run_view(request: ViewRequest, *, quiet: bool = False) -> tuple[dict[str, ob
             raise UsageError(f"{request.input}: is an export for {made}; omit {option('output')}", id="wrong-content")
         if request.every is not None:
             raise UsageError(
-                f"{request.input}: is an export for {made}; give {option('every')} where it is made (occlog export)",
+                f"{request.input}: is an export for {made}; give {option('every')} to occlog export, which makes it",
                 id="wrong-content",
             )
         return {"command": _start(program, viewer, request.input, started=not request.only_print)}, ()

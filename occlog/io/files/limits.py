@@ -126,7 +126,7 @@ ODAS_BY_INGEST = (
 
 
 def is_skipped_zstd(head: bytes) -> bool:
-    """Return whether data of zstd begin with a frame to skip, which holds notes of whoever packed them."""
+    """Return whether data of zstd begin with a skippable frame, which holds metadata."""
     return head[1:4] == b"\x2a\x4d\x18" and head[0] & 0xF0 == 0x50
 
 

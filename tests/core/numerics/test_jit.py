@@ -52,7 +52,7 @@ def run(folder: Path, name: str, factor: float, before: str = "", **variables: s
     return done.stdout.split()
 
 
-def test_a_kernel_is_taken_from_the_cache_and_only_compilation_is_told(tmp_path: Path) -> None:
+def test_a_kernel_is_taken_from_the_cache_and_only_compilation_is_reported(tmp_path: Path) -> None:
     impatient = "from occlog.core.numerics import jit; jit.PATIENCE_S = 0.0; "
     reported = "from occlog.console.notes import COMPILING; COMPILING.append(lambda _: print('compiling')); "
     assert run(tmp_path, "Given", 3.0, before=impatient + reported) == ["compiling", "6.0", "0"]
@@ -67,7 +67,7 @@ def test_a_kernel_is_taken_from_the_cache_and_only_compilation_is_told(tmp_path:
         ([(0.0, "start"), (1.0, "start"), (1.1, "end"), (1.9, "end")], None),  # what is inside counts once
     ],
 )
-def test_long_compilation_is_told_as_soon_as_a_kernel_begins_or_ends(
+def test_long_compilation_is_reported_as_soon_as_a_kernel_begins_or_ends(
     steps: list[tuple[float, str]], told_at: float | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock, reported = {"now": 0.0}, []

@@ -152,7 +152,7 @@ def test_ten_sources_at_once(shared_data: Path, tmp_path: Path, capsys: pytest.C
     assert run([*args, "--overwrite", "--fail-if", "doa_error_median_deg>1"]) == ExitCode.THRESHOLD
 
 
-def test_what_was_lost_in_making_directions_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_was_lost_in_making_directions_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rows = table([(0.0, "mic", 5.0)])
     for name in ("found", "true"):
         write_table(

@@ -85,7 +85,7 @@ def test_nothing_to_meet_gives_no_figures() -> None:
     assert "come from 2 sensors within" in alone.notes[0]
 
 
-def test_bearings_of_nobody_in_particular_compare_with_nothing_and_a_line_says_so() -> None:
+def test_bearings_of_no_person_in_particular_compare_with_nothing_and_a_line_says_so() -> None:
     nameless = both(pixels(EAST, T5, [0] * 5, target=-1), pixels(NORTH, T5, [0] * 5, target=-1))
     assert "no bearing has a target label" in evaluate(tracks(T5, [10, 10]), None, nameless, PLACE).notes[0]
     assert not evaluate(tracks(T5, [10, 10]), None, rows_to([10] * 5, [10] * 5), PLACE).notes

@@ -230,7 +230,7 @@ def test_bound_in_space_needs_true_heights() -> None:
         evaluate(None, truth(TIMES, PATH[:, :2]), everything(), PLACE, EvaluateConfig(bound_dimension="space"))
 
 
-def test_candidates_are_told_apart_by_their_elevations() -> None:
+def test_candidates_are_distinguished_by_their_elevations() -> None:
     """Two people behind one another, one on a gallery: only the elevation says who was heard."""
     low, high = truth(TIMES, [12.0, 10.5], 0, z=1.0), truth(TIMES, [14.0, 11.0], 1, z=4.0)
     rows = heard(CEILING, TIMES, [14.0, 11.0, 4.0], target=UNLABELLED)

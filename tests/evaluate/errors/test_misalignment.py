@@ -98,7 +98,7 @@ def test_a_delay_is_found_with_its_error_and_lasting_errors_are_none() -> None:
         assert [check.id for check in delay_of(seed, 0.0).checks("m")] == [""]
 
 
-def test_tracks_that_are_early_are_said_to_be_so() -> None:
+def test_tracks_that_are_early_are_reported_to_be_so() -> None:
     (findings,) = delay_of(3, -0.15).checks("m")
     assert findings.id == "tracks-delayed"
     assert "ahead of" in findings.text

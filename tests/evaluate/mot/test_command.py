@@ -269,7 +269,9 @@ def _notes(capsys: pytest.CaptureFixture[str]) -> str:
     return capsys.readouterr().err
 
 
-def test_a_recording_that_is_not_that_of_the_tracks_is_told(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_recording_that_is_not_that_of_the_tracks_is_reported(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Times and cameras are the same in all three recordings; one has no video, so that nothing can be said of it."""
     for name, level in (("own", 10), ("other", 20)):
         with RecordingWriter(folder / f"{name}.mcap", scene_from_yaml(SCENE, "scene"), MADE) as writer:
@@ -470,7 +472,7 @@ def test_published_figures_come_out(
         ("--settling-time", "1e300"),
     ],
 )
-def test_values_of_which_powers_and_times_cannot_be_told_are_refused(
+def test_values_of_which_powers_and_times_cannot_be_reported_are_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, value: str
 ) -> None:
     assert run([*two_walkers(tmp_path), option, value]) == ExitCode.USAGE

@@ -110,7 +110,7 @@ def test_what_does_not_go_together_is_refused(
     assert words in capsys.readouterr().err
 
 
-def test_what_was_lost_in_making_any_input_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_was_lost_in_making_any_input_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     args = []
     for n in range(2):
         for side, table in zip(("tracks", "truth"), crowd(n), strict=True):

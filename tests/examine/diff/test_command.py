@@ -160,7 +160,7 @@ def test_angles_are_wrapped(folder: tuple[Path, Path], capsys: Any) -> None:
     assert diff(capsys, a, b)[0] == ExitCode.DONE
 
 
-def test_other_units_and_columns_are_said_first(folder: tuple[Path, Path], capsys: Any) -> None:
+def test_other_units_and_columns_are_reported_first(folder: tuple[Path, Path], capsys: Any) -> None:
     a, b = folder[0] / "tracks.parquet", folder[1] / "tracks.parquet"
     write_table(b, tracks(), OTHER, overwrite=True, length_unit="ft")
     code, out, _ = diff(capsys, a, b)

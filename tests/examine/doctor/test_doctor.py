@@ -361,7 +361,7 @@ def test_the_command_says_it_in_lines_and_in_json(tmp_path: Path, capsys: pytest
     assert run(["doctor", str(tmp_path / "nothing.mcap")]) == ExitCode.BAD_INPUT
 
 
-def test_a_file_of_an_unknown_kind_is_told_where_it_was_named(tmp_path: Path) -> None:
+def test_a_file_of_an_unknown_kind_is_reported_where_it_was_named(tmp_path: Path) -> None:
     path = tmp_path / "a.xyz"
     path.write_bytes(b"\1\2\3")
     assert kinds_of(path) == ["unknown"]
@@ -392,7 +392,7 @@ def test_a_clock_that_restarts_is_named_in_tables_of_others(tmp_path: Path) -> N
     assert not found_in(path)
 
 
-def test_names_that_are_lists_are_told_and_stop_nothing(tmp_path: Path) -> None:
+def test_names_that_are_lists_are_reported_and_stop_nothing(tmp_path: Path) -> None:
     lists = pa.DictionaryArray.from_arrays(pa.array([0, 0]), pa.array([["a", "b"]]))
     path = tmp_path / "b.arrow"
     for sensor in (lists, pa.array([["a"], ["b"]]), pa.array([{"a": 1}, None])):

@@ -66,7 +66,7 @@ def boxes(frames: tuple[int, ...], boxed: tuple[int, ...], names: tuple[int, ...
         (boxes((0, 1, 2), (0, 2)), "coco", "m", []),
     ],
 )
-def test_what_is_not_held_is_told(
+def test_what_is_not_held_is_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], table: ColumnTable, to: str, unit: str, expected: list[str]
 ) -> None:
     write_table(tmp_path / "in.parquet", table, Provenance("test"), length_unit=unit)
@@ -82,7 +82,9 @@ def test_what_is_not_held_is_told(
     assert "not held by" not in capsys.readouterr().err
 
 
-def test_it_is_told_where_the_table_goes_to_standard_output(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_is_reported_where_the_table_goes_to_standard_output(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     write_table(tmp_path / "in.parquet", truth(), Provenance("test"))
     assert run(["export", str(tmp_path / "in.parquet"), "-o", "-", "--to", "trc"]) == ExitCode.DONE
     assert START in capsys.readouterr().err

@@ -341,7 +341,7 @@ def test_the_matrix_of_opencv_storage_under_the_names_in_use(tmp_path: Path, key
     assert found.cameras[0].focal_px.tolist() == [500, 510]
 
 
-def test_a_matrix_under_another_name_is_told_of_with_those_that_are_known(tmp_path: Path) -> None:
+def test_a_matrix_under_another_name_is_reported_of_with_those_that_are_known(tmp_path: Path) -> None:
     (tmp_path / "left.yml").write_text(STORAGE.replace("camera_matrix:", "lens:"))
     with pytest.raises(InputError, match=r"where one file has both, the matrix is called camera_matrix, .* mtx, "):
         read_calibration([tmp_path / "left.yml"])

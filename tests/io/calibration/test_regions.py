@@ -160,7 +160,7 @@ def matrix_of(tmp_path: Path, size: tuple[int, int], focal: float, x: float, y: 
         ((1280, 720), (0.0, 0.0), "the middle of images of 1 x 1 px"),
     ],
 )
-def test_a_matrix_of_images_of_another_size_than_stated_is_told(
+def test_a_matrix_of_images_of_another_size_than_stated_is_reported(
     tmp_path: Path, size: tuple[int, int], middle: tuple[float, float], expected: str
 ) -> None:
     (found,) = read_calibration([matrix_of(tmp_path, size, 900.0, *middle)]).checks

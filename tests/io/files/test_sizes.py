@@ -186,7 +186,7 @@ def test_statistics_that_do_not_fit_are_one_line(tmp_path: Path, column: int) ->
     assert f"{path}: cannot be read: damaged or not a Parquet file" in done.output
 
 
-def test_times_of_a_table_are_told_whatever_its_statistics_are(tmp_path: Path) -> None:
+def test_times_of_a_table_are_reported_whatever_its_statistics_are(tmp_path: Path) -> None:
     write_table(tmp_path / "ours.parquet", random_table(Tracks, 50, 1), Provenance("track"))
     rows = pq.read_table(tmp_path / "ours.parquet")
     pq.write_table(rows, path := tmp_path / "plain.parquet")

@@ -43,7 +43,7 @@ def read(*paths: Path) -> tuple[list[bytes], list[str]]:
         return found, [str(loss) for loss in bag.losses]
 
 
-def test_a_file_that_the_metadata_do_not_name_is_told(tmp_path: Path) -> None:
+def test_a_file_that_the_metadata_do_not_name_is_reported(tmp_path: Path) -> None:
     """A recorder that was killed, or a copy that was interrupted, leaves such a folder."""
     for number in range(3):
         written(tmp_path / f"b_{number}.db3", b"%d" % number, first=number)
@@ -86,7 +86,7 @@ def test_a_file_that_is_there_unpacked_too_is_read_once(tmp_path: Path, listed: 
 
 
 @pytest.mark.parametrize(("mode", "log"), [("WAL", "b.db3-wal"), ("DELETE", "b.db3-journal")])
-def test_writes_that_are_still_beside_the_file_are_told(tmp_path: Path, mode: str, log: str) -> None:
+def test_writes_that_are_still_beside_the_file_are_reported(tmp_path: Path, mode: str, log: str) -> None:
     made = tmp_path / "made"
     made.mkdir()
     base = written(made / "b.db3", b"one")

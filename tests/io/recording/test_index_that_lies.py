@@ -88,7 +88,7 @@ def test_the_topic_is_read_in_bags_of_others(tmp_path: Path, lies: tuple[str, ..
         assert len(bag.losses) == (lies in LESS)
 
 
-def test_an_index_that_counts_more_than_it_leads_to_is_told(tmp_path: Path) -> None:
+def test_an_index_that_counts_more_than_it_leads_to_is_reported(tmp_path: Path) -> None:
     path = lying(tmp_path / "r.mcap", "other")
     with open_bag([path]) as bag:
         assert len(list(bag.messages({"/a"}))) == 5

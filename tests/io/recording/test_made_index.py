@@ -240,7 +240,7 @@ def test_each_flipped_bit_of_a_file_without_an_index_is_found(tmp_path: Path) ->
         assert read(path) == wanted
 
 
-def test_damage_is_said_with_its_place(tmp_path: Path) -> None:
+def test_damage_is_reported_with_its_place(tmp_path: Path) -> None:
     path = tmp_path / "r.mcap"
     data = small(path, TIMES, enable_data_crcs=False)
     places = [(at, code) for at, code, _ in records_of(data)]

@@ -161,7 +161,7 @@ class Odd(Quiet):
         self.send_error(405)
 
 
-def test_two_files_of_one_path_and_answers_that_stop_are_told_apart(
+def test_two_files_of_one_path_and_answers_that_stop_are_distinguished(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whoever worked on the first got the bytes of the second."""

@@ -112,21 +112,21 @@ def test_an_edit_list_may_begin_with_a_pause_and_play_parts_that_go_on(
         [(50, 0, 0), (12, 0, SPEED)],
     ],
 )
-def test_that_an_edit_list_changes_times_is_told(tmp_path: Path, edits: list[tuple[int, ...]]) -> None:
+def test_that_an_edit_list_changes_times_is_reported(tmp_path: Path, edits: list[tuple[int, ...]]) -> None:
     """Frames were left out, shown twice or at other times without a word."""
     found = parsed(tmp_path, movie(samples(), edits=edits))
     assert found.frames is None
     assert [place for place, _ in found.problems] == ["edit list"]
 
 
-def test_times_beyond_all_numbers_are_told(tmp_path: Path) -> None:
+def test_times_beyond_all_numbers_are_reported(tmp_path: Path) -> None:
     """They became other times."""
     found = parsed(tmp_path, movie(samples(sizes=(1,) * 9, duration=2**31 - 1), scale=1))
     assert found.frames is None
     assert "beyond 2^62 ns" in found.problems[-1][1]
 
 
-def test_a_table_of_times_that_is_too_short_is_told(tmp_path: Path) -> None:
+def test_a_table_of_times_that_is_too_short_is_reported(tmp_path: Path) -> None:
     """The mean of 40 ms and of the missing ones, 0, was taken for the frame rate: twice the right one."""
     found = parsed(
         tmp_path, movie(samples(sizes=(1,) * 4).replace(struct.pack(">II", 4, 40), struct.pack(">II", 2, 40)))

@@ -179,7 +179,7 @@ def test_rows_with_a_label_stay_and_their_track_gets_no_other():
     assert table.target_id.tolist() == [1, 4, 1, 4, 8]  # in the order of the key
 
 
-def test_what_is_of_nobody_can_be_kept():
+def test_what_is_of_no_person_can_be_kept():
     rows = candidates([(0, "cam1", 0.5), (0, "cam1", 1.3), (5, "cam2", 0.2), (6, "cam2", None)])
     path = tracks([ray(0.5, 1)])
     assert labelled(rows, path)[0] == [(0.0, "cam1", 1, 0.5)]

@@ -64,7 +64,7 @@ def test_a_false_box_that_stays_is_named(seed: int) -> None:
     assert found(Boxes.merge([clean, still.take(frames % 33 != 0)])) == {"static-detection": ("c",)}
 
 
-def test_boxes_outside_the_image_are_told() -> None:
+def test_boxes_outside_the_image_are_reported() -> None:
     clean = boxes(SCENE, 10.0)
     moved = replace(clean, left_px=clean.left_px + np.where(clean.sensor == "a", 0.5 * SIZE[0], 0.0))
     assert found(moved) == {"boxes-outside-image": ("a",)}

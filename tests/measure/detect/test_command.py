@@ -220,7 +220,7 @@ def test_bad_options_are_one_line_and_leave_no_file(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_bad_appearances_are_told(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_appearances_are_reported(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for text in ("{", '[{"target_id": 1}]', '[{"target_id": 1, "appearance": [1, 2]}]'):
         (tmp_path / "t.json").write_text(text)
         assert detect(recording, tmp_path, "--target", str(tmp_path / "t.json")) == ExitCode.BAD_INPUT

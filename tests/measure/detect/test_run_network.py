@@ -262,7 +262,9 @@ def test_a_network_that_gives_no_numbers_loses_the_frames(
     assert "frames 0 to 11: the network gives numbers that are not finite" in capsys.readouterr().err
 
 
-def test_classes_that_are_assumed_are_said(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_classes_that_are_assumed_are_reported(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     people_network(tmp_path / "p.onnx")
     command = ["detect", str(folder / "room.mcap"), "--onnx", str(tmp_path / "p.onnx")]
     assert run([*command, "-o", str(tmp_path / "v.parquet")]) == ExitCode.DONE

@@ -99,7 +99,7 @@ def test_matrices_from_poses_and_from_matches(folder, capsys, lens):
         assert result["pairs"]["a-b"]["share"] > 0.98 > 0.2 > result["pairs"]["a-b"]["chance"]
 
 
-def test_a_person_is_told_a_line_for_each_pair(folder, capsys):
+def test_a_person_is_reported_a_line_for_each_pair(folder, capsys):
     assert epipolar(folder, "--matches", "scene.csv", "-o", "m.json") == ExitCode.DONE
     out = capsys.readouterr().out
     assert "a-b: source matches" in out

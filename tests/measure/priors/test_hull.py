@@ -197,7 +197,7 @@ def test_identities_stay_through_a_gap() -> None:
     assert [s.identity for s in seen] == [1]
 
 
-def test_phantoms_cannot_be_told_apart_without_more_cameras() -> None:
+def test_phantoms_cannot_be_distinguished_without_more_cameras() -> None:
     """All four crossings stay: any two of them may be the people."""
     _, seen = track_polygons(HullMemory(), 0, polygons(("south", "west"), PEOPLE), RULES)
     assert len(seen) == 4

@@ -75,7 +75,7 @@ def small() -> Recorded:
 
 
 @pytest.mark.jit
-def test_filters_are_told_of_the_people_who_hide() -> None:
+def test_filters_are_reported_of_the_people_who_hide() -> None:
     """Known positions at a frame are those by which its detections are dropped; priors are near them."""
     recorded = small()
     crowd = crowd_of(recorded, 3)

@@ -51,7 +51,7 @@ def test_two_balls_start_and_end_apart_and_hide_one_another_in_one_view_alone(sc
         assert np.mean(near[0] < RADIUS) > 0.3  # for long
 
 
-def test_balls_on_one_row_cannot_be_told_apart_by_the_lines() -> None:
+def test_balls_on_one_row_cannot_be_distinguished_by_the_lines() -> None:
     for scene in ("row-overtaking", "row-falling-back"):
         rows = seen(scene, 1, 2)[..., 1]
         assert np.abs(rows[..., 0] - rows[..., 1]).max() < 0.3 * RADIUS

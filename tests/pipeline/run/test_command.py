@@ -154,7 +154,7 @@ def test_a_change_that_leaves_outputs_the_same_stops_early(config: Path, capsys:
     assert again["report"] in ("done", "up to date")
 
 
-def test_missed_threshold_is_told_after_all_was_made(config: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_missed_threshold_is_reported_after_all_was_made(config: Path, capsys: pytest.CaptureFixture[str]) -> None:
     config.write_text(CONFIG + "evaluate: {fail_if: ['rmse>0.0001']}\n")
     assert run(["run", str(config), "-o", str(config.parent / "out"), "-q"]) == ExitCode.THRESHOLD
     assert "rmse" in capsys.readouterr().err
@@ -514,7 +514,7 @@ def test_a_command_waits_for_the_one_before_it(tmp_path: Path) -> None:
     other.join()
 
 
-def test_what_was_lost_is_said_of_stages_that_are_up_to_date_too(
+def test_what_was_lost_is_reported_of_stages_that_are_up_to_date_too(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The stages of the run lost nothing themselves."""

@@ -363,7 +363,7 @@ def test_a_sequence_of_another_size_than_the_calibration_is_refused(folder: Path
         ("overlay.vido=a.webm", "--set overlay.vido: unknown key; did you mean 'video'?"),
     ],
 )
-def test_a_misspelt_key_is_said_before_anything_is_inspected(setting: str, expected: str) -> None:
+def test_a_misspelt_key_is_reported_before_anything_is_inspected(setting: str, expected: str) -> None:
     with pytest.raises(UsageError, match=re.escape(expected)):
         read_settings([setting])
 

@@ -33,7 +33,7 @@ def test_any_number_of_workers_gives_the_same_in_the_same_order():
     assert [[r[n] for n in names] for r in two] == expected
 
 
-def test_a_scheduler_that_is_not_there_is_told():
+def test_a_scheduler_that_is_not_there_is_reported():
     pytest.importorskip("distributed")
     code = (
         "import sys\nfrom sweep_scene import trial\nfrom occlog.pipeline.sweep.engine import run_all\n"

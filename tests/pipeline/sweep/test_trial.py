@@ -85,7 +85,7 @@ def test_selection_lowers_the_messages():
         ({"skip": 10}, InputError, "skip fewer"),
     ],
 )
-def test_what_does_not_fit_is_told(changes, error, words):
+def test_what_does_not_fit_is_reported(changes, error, words):
     with pytest.raises(error, match=words):
         run_trial(trial(**changes))
 

@@ -105,7 +105,7 @@ def test_a_run_beside_itself_is_the_same(runs: tuple[Path, Path], tmp_path: Path
     assert "Every estimate of one is an estimate of the other" in words(page)
 
 
-def test_a_run_that_is_worse_is_told_so_with_its_interval(tmp_path: Path, capsys: Any) -> None:
+def test_a_run_that_is_worse_is_reported_so_with_its_interval(tmp_path: Path, capsys: Any) -> None:
     table = tracks(900)
     table.y[:] += np.random.default_rng(3).normal(0, 0.3, len(table))
     a, b = write_run(tmp_path / "a", tracks(900)), write_run(tmp_path / "b", table)
@@ -140,7 +140,7 @@ def test_without_truth_the_page_says_what_it_can(tmp_path: Path, capsys: Any) ->
     assert "Errors over time" not in words(page)
 
 
-def test_another_span_of_time_is_told(tmp_path: Path, capsys: Any) -> None:
+def test_another_span_of_time_is_reported(tmp_path: Path, capsys: Any) -> None:
     a, b = write_run(tmp_path / "a", tracks(60)), write_run(tmp_path / "b", tracks(40, start=10))
     write_table(tmp_path / "truth.parquet", truth(60), Provenance("simulate"))
     page = tmp_path / "beside.html"
@@ -163,7 +163,7 @@ def made_of(folder: Path, *inputs: tuple[str, str]) -> Path:
     return folder
 
 
-def test_runs_of_different_recordings_are_told_so(tmp_path: Path, capsys: Any) -> None:
+def test_runs_of_different_recordings_are_reported_so(tmp_path: Path, capsys: Any) -> None:
     one, two, scene = ("hall.mcap", "11" * 32), ("hall.mcap", "22" * 32), ("scene.yaml", "33" * 32)
     a = made_of(write_run(tmp_path / "a", tracks()), ("bearings.parquet", "aa" * 32), one)
     runs = {
@@ -185,7 +185,7 @@ def far_away(frame: np.ndarray, label: np.ndarray, x: np.ndarray, y: np.ndarray)
     y += 300.0
 
 
-def test_a_run_that_is_on_nobody_is_told_so(runs: tuple[Path, Path], tmp_path: Path, capsys: Any) -> None:
+def test_a_run_that_is_on_nobody_is_reported_so(runs: tuple[Path, Path], tmp_path: Path, capsys: Any) -> None:
     far = write_run(tmp_path / "far", tracks(60, far_away))
     page = tmp_path / "beside.html"
     assert report(runs[0], far, "-o", page, "--json", "-q") == ExitCode.DONE
@@ -326,7 +326,7 @@ def test_names_are_the_ends_of_paths_that_tell_runs_apart(tmp_path: Path) -> Non
         (["a", "--recording", "b", "--frame", "1"], "overlay"),
     ],
 )
-def test_two_runs_are_told_from_a_run_with_options(args: list[str], kind: str | None) -> None:
+def test_two_runs_are_distinguished_from_a_run_with_options(args: list[str], kind: str | None) -> None:
     command = load_command("report")
     assert isinstance(command, VariantCommand)
     assert command.choose(args) == kind

@@ -287,7 +287,7 @@ def test_an_image_that_is_damaged_is_lost_and_the_others_are_drawn(
         (["t", "--recording", "no.mcap", "--video", "o.avi"], ExitCode.BAD_INPUT, "no.mcap: no such file"),
     ],
 )
-def test_what_cannot_be_drawn_is_said_in_one_line(
+def test_what_cannot_be_drawn_is_reported_in_one_line(
     folder: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
@@ -309,7 +309,7 @@ def test_what_cannot_be_drawn_is_said_in_one_line(
     assert sorted(p.name for p in folder.iterdir()) == before
 
 
-def test_tracks_of_another_recording_are_told(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_tracks_of_another_recording_are_reported(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     used = folder / "r.mcap"
     for name, of in (("t", used), ("u", folder / "f.parquet")):
         made = Provenance("track", {"births": "initial"}, 0, hash_inputs([of]))
@@ -326,7 +326,7 @@ def test_nothing_is_replaced_unasked(folder: Path) -> None:
     assert open_recording(folder / "r.mcap").cameras == ("view1", "view2")
 
 
-def test_what_was_lost_of_the_tracks_and_failures_is_told(folder, capsys):
+def test_what_was_lost_of_the_tracks_and_failures_is_reported(folder, capsys):
     losses = Loss("view1", "frame 4", "cut short", 1), Loss("view2", "frame 5", "cut short", 1)
     times = [k * STEP for k in range(N)]
     write_table(folder / "t.parquet", tracks_of(times), Provenance("track", losses=losses[:1]), overwrite=True)

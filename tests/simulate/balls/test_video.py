@@ -217,6 +217,6 @@ def test_panels_folded_into_one_octant_are_those_of_the_whole_ball():
         ({"distance": 300.0}, "outside the box"),
     ],
 )
-def test_what_cannot_be_is_said(change, says):
+def test_what_cannot_be_is_reported(change, says):
     with pytest.raises(InputError, match=says):
         ball_paths(replace(BallsConfig(), **change), 1)

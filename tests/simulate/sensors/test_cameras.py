@@ -181,7 +181,7 @@ def test_a_camera_without_pose_is_left_out():
         ({"diameter": -1.0}, "diameter is -1.0"),
     ],
 )
-def test_impossible_values_are_told_by_observe(values, says):
+def test_impossible_values_are_reported_by_observe(values, says):
     with pytest.raises(InputError, match=says):
         ObserveConfig(**values)
 

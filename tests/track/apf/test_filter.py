@@ -197,7 +197,7 @@ def test_particles_are_drawn_anew_when_none_can_be():
     assert np.isfinite(estimates[1].log_likelihood)
 
 
-def test_a_scan_that_nothing_can_explain_is_told_by_nan():
+def test_a_scan_that_nothing_can_explain_is_reported_by_nan():
     scene = room100(cameras=2, sigma_position=0.1, sigma_yaw=0.001, sigma_read_px=0.5)
     config = ApfConfig(particles=300, false_alarm_probability=0.0, out_of_view_likelihood=0.0, track_loss_count=0)
     # Cameras at (0, 0) and (50, 0) whose sight lines part

@@ -119,7 +119,7 @@ def test_grey_video(tmp_path):
     assert len(result(tmp_path)) == 2 * 3 * FRAMES
 
 
-def test_a_view_that_ends_early_is_told_and_the_other_goes_on(tmp_path, capsys):
+def test_a_view_that_ends_early_is_reported_and_the_other_goes_on(tmp_path, capsys):
     path = record_balls(tmp_path / "early.mcap", keep=lambda view, frame: view == "view1" or frame < 7)
     assert track(path, tmp_path) == ExitCode.DONE
     captured = capsys.readouterr()
@@ -228,7 +228,7 @@ def test_options_of_tracking_in_images_go_with_no_other_method(balls, tmp_path, 
     )
 
 
-def test_one_view_has_no_help_and_is_told(balls, tmp_path, capsys):
+def test_one_view_has_no_help_and_is_reported(balls, tmp_path, capsys):
     assert track(balls, tmp_path, "--cameras", "view2") == ExitCode.DONE
     stderr = capsys.readouterr().err
     assert "there is one view, and none to assist it: --method bmct does what idmot does" in stderr
@@ -272,7 +272,7 @@ def test_a_wrong_fundamental_matrix_is_noticed_said_and_not_used(balls, tmp_path
     assert read_provenance(tmp_path / "t.parquet").parameters["geometry"] == {"view1-view2": "bad.json"}
 
 
-def test_matrices_of_other_views_are_told_or_refused(balls, tmp_path, capsys):
+def test_matrices_of_other_views_are_reported_or_refused(balls, tmp_path, capsys):
     good = json.loads(matrices(tmp_path / "good.json", 0.0).read_text())["pairs"][0]
     path = tmp_path / "f.json"
     path.write_text(json.dumps({"pairs": [{**good, "a": "door"}, {**good, "a": "door", "b": "hall"}]}))
@@ -303,7 +303,7 @@ def test_a_scene_that_is_given_comes_before_matrices_in_the_recording(balls, tmp
     assert parameters == {0: "recording", 2: "poses"}
 
 
-def test_a_view_without_first_ellipses_and_a_run_without_any_are_told(balls, tmp_path, capsys):
+def test_a_view_without_first_ellipses_and_a_run_without_any_are_reported(balls, tmp_path, capsys):
     path = tmp_path / "e.csv"
     path.write_text(f"{HEADER}\nview1,0,60,60,11,11,0\n")
     assert track(balls, tmp_path, initial=path) == ExitCode.DONE

@@ -113,7 +113,7 @@ def test_starts_of_several_targets(folder, capsys):
         ),
     ],
 )
-def test_what_cannot_be_is_said_in_one_line(folder, capsys, more, code, reported):
+def test_what_cannot_be_is_reported_in_one_line(folder, capsys, more, code, reported):
     assert run(folder, "bad", *more) == code
     error = capsys.readouterr().err
     assert reported in error
@@ -127,7 +127,7 @@ def test_options_of_cooperation_go_with_the_method(folder, capsys):
     assert "--cooperate is an option of --method imm, not of --method apf" in capsys.readouterr().err
 
 
-def test_nobody_heard_is_told(folder, capsys):
+def test_nobody_heard_is_reported(folder, capsys):
     code = occlog(
         [
             "track",

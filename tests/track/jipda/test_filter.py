@@ -119,7 +119,7 @@ def test_nobody_is_found_where_there_are_no_boxes() -> None:
     assert all(len(m.ids) == 0 and not m.events for m in follow(made))
 
 
-def test_boxes_of_nobody_confirm_hardly_anybody() -> None:
+def test_boxes_of_no_person_confirm_hardly_anybody() -> None:
     made = crowd(people=1, frames=40, miss=1.0, false=1.0)
     assert sum(len(m.ids) for m in follow(made)) <= 4
 
@@ -140,7 +140,7 @@ def test_supports_name_boxes_of_their_camera_and_sum_to_at_most_one() -> None:
         assert all(v <= 1.05 for v in total.values())
 
 
-def test_births_and_deaths_are_told() -> None:
+def test_births_and_deaths_are_reported() -> None:
     made = crowd(people=3, frames=50, seed=9)
     gone = [[emptied(frame_detections) for frame_detections in frames_of_step] for frames_of_step in made.moments[20:]]
     snapshots = follow(made._replace(moments=made.moments[:20] + gone))

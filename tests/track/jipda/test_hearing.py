@@ -79,7 +79,7 @@ def test_the_covariance_holds_the_error() -> None:
     assert np.mean(nees) < 4.0
 
 
-def test_a_direction_of_nobody_moves_nobody() -> None:
+def test_a_direction_of_no_person_moves_nobody() -> None:
     rng = np.random.default_rng(2)
     state = initial_state(SCENE, CAMERAS, JipdaConfig())
     for k in range(10):

@@ -17,7 +17,7 @@ def test_the_place_is_the_reference_point_of_the_one_virtual_sensor() -> None:
     assert found.matched.all()
 
 
-def test_readers_that_cover_no_place_together_are_said_and_the_nearest_sets_are_taken() -> None:
+def test_readers_that_cover_no_place_together_are_reported_and_the_nearest_sets_are_taken() -> None:
     found = locate(LENS, np.array([[True, False, True]]), 1.0, 0.0)
     assert not found.matched[0]
     # One reader differs: {1} and {3}; their areas weigh them

@@ -165,7 +165,7 @@ def _begin(samples: LearningFrames, image: Image, name: str, scene: Scene, confi
 
 
 def sample_limit(image_bytes: int, n_cameras: int) -> int:
-    """Samples of each camera that fit into memory, even so that none is wasted when the stride doubles."""
+    """Maximum number of samples per camera by memory; an even number, since every second one is dropped when full."""
     fits = SAMPLE_BYTES // max(1, image_bytes * n_cameras)
     return int(np.clip(fits, MIN_SAMPLES, MAX_SAMPLES)) // 2 * 2
 

@@ -66,8 +66,8 @@ def detect(
 
     A frame gives one bearing row for each target, seen or not, and a view row for each
     region.  Frames that cannot be used are listed as losses and give no row, nor do the
-    first `warmup` frames of a camera without an image of the empty scene: nothing can be
-    said of what they show.  A camera without pose gives views only.
+    first `warmup` frames of a camera without an image of the empty scene: what they show
+    is unknown.  A camera without pose gives views only.
 
     Args:
         frames: in the order of time; each camera's also in the order of its index.

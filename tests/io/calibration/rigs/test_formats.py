@@ -107,7 +107,7 @@ def seen_by_first(views: list[View]) -> list[View]:
     ]
 
 
-def test_places_by_the_imu_beside_a_chain_of_kalibr_are_told_to_be_unused(tmp_path: Path) -> None:
+def test_places_by_the_imu_beside_a_chain_of_kalibr_are_reported_to_be_unused(tmp_path: Path) -> None:
     path = kalibr(tmp_path / "camchain.yaml", rig(), BROWN)
     chain = read_calibration([path])
     assert not any("T_cam_imu" in note for note in chain.notes)

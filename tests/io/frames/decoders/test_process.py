@@ -157,7 +157,7 @@ def test_frames_that_are_stored_in_another_order_are_all_there(tmp_path: Path, n
     assert running.losses == []
 
 
-def test_dropped_frames_among_those_in_another_order_are_told(tmp_path: Path) -> None:
+def test_dropped_frames_among_those_in_another_order_are_reported(tmp_path: Path) -> None:
     """The decoder does not say which picture a dropped packet would have held back."""
     data = write_video(tmp_path / "v.avi", fourcc="mpg2").read_bytes()
     packets, at = [], data.index(b"movi") + 4
@@ -199,7 +199,7 @@ def test_frames_that_are_not_in_the_file_are_not_waited_for(tmp_path: Path) -> N
     assert losses[0].count == MAX_FRAMES - 5
 
 
-def test_why_nothing_can_be_decoded_is_told(tmp_path: Path) -> None:
+def test_why_nothing_can_be_decoded_is_reported(tmp_path: Path) -> None:
     """A codec that FFmpeg was built without (AV1) looked like damage."""
     path = tmp_path / "v.avi"
     path.write_bytes(avi([b"no picture at all"] * 3))

@@ -93,7 +93,7 @@ def test_a_second_recording_of_another_scene_is_left_out_and_counted(cut: int | 
     assert left == 2 * FRAMES
 
 
-def test_a_second_recording_without_its_beginning_is_told_by_its_definitions(tmp_path: Path) -> None:
+def test_a_second_recording_without_its_beginning_is_reported_by_its_definitions(tmp_path: Path) -> None:
     first, second = recording(tmp_path / "1.mcap"), recording(tmp_path / "2.mcap", scene=OTHER, seed=1)
     cut, begin = places(first, 6)[2], places(second, 6)[0]
     data = first[:cut] + second[begin:]
@@ -175,7 +175,7 @@ def test_files_that_follow_one_without_an_index_are_refused(tmp_path: Path) -> N
         pass
 
 
-def test_a_bag_behind_another_one_is_told(tmp_path: Path) -> None:
+def test_a_bag_behind_another_one_is_reported(tmp_path: Path) -> None:
     data = recording(tmp_path / "1.mcap")
     (tmp_path / "two.mcap").write_bytes(data + data)
     bag = McapFile(tmp_path / "two.mcap", "two")

@@ -87,7 +87,7 @@ def test_every_frame_without_the_target_says_so() -> None:
     assert np.isnan(got.bearing[~got.seen]).all()
 
 
-def test_the_target_is_told_from_others_by_its_colour_and_all_are_kept_as_views() -> None:
+def test_the_target_is_distinguished_from_others_by_its_colour_and_all_are_kept_as_views() -> None:
     made_scene = scene()
     items = frames(made_scene, N, lambda k: [walk(N)[k], (7.0, 3.6 - 0.02 * k, BLUE)])
     targets = []

@@ -66,7 +66,7 @@ def test_the_printed_robot_reaches_its_goal_in_8_steps(tmp_path: Path, capsys: p
     assert rows.clearance.min() == result["least_clearance"]
 
 
-def test_a_collision_is_said_in_words_and_is_exit_code_6_with_strict(
+def test_a_collision_is_reported_in_words_and_is_exit_code_6_with_strict(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     code, path = navigate(tmp_path, *PRINTED, "--force", "original", "--strict")
@@ -97,7 +97,7 @@ def test_a_picture_comes_with_the_path(tmp_path: Path):
     assert picture.read_bytes().startswith(PNG)
 
 
-def test_people_of_tracks_are_avoided_and_what_was_lost_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_people_of_tracks_are_avoided_and_what_was_lost_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     code, _ = navigate(tmp_path, *IN_ROOM, "--obstacles", str(people(tmp_path)))
     out, err = capsys.readouterr()
     result = json.loads(out)

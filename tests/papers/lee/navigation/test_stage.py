@@ -105,7 +105,7 @@ def test_a_local_minimum_is_a_trap_and_said_to_be_one():
     assert "a local minimum" in verdict.words()
 
 
-def test_steps_that_run_out_are_said_to():
+def test_steps_that_run_out_are_reported_to():
     _, robots, verdict = driven(discs=(), max_steps=3)
     assert (robots.end[0], robots.steps[0]) == (End.STOPPED, 3)
     assert "all 3 steps done, 4.243 from the goal" in verdict.words()

@@ -76,7 +76,7 @@ def test_a_view_may_start_late_and_end_early():
     ]
 
 
-def test_frames_that_cannot_be_used_are_told_and_the_others_go_on():
+def test_frames_that_cannot_be_used_are_reported_and_the_others_go_on():
     other = np.zeros((6, 9, 3), np.uint8)
     deep = np.zeros((6, 8), np.uint16)
     given = frames(

@@ -230,7 +230,7 @@ def test_given_noise_and_covariance_agree() -> None:
 
 
 @pytest.mark.jit
-def test_what_positions_do_not_decide_is_said() -> None:
+def test_what_positions_do_not_decide_is_reported() -> None:
     """A free Sigma has directions that no position depends on: no standard error there."""
     rng = np.random.default_rng(14)
     paths = [walk(constant_velocity(0.4, 0.3, 0.25), 300, rng) for _ in range(3)]

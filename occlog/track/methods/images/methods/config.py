@@ -150,7 +150,12 @@ class IdmotConfig(MipfConfig):
     inertia_angle: float = setting(0.6, "Angular tolerance of the motion similarity.", unit="rad", **ABOVE_0)
     inertia_speed: float = setting(2.0, "Speed tolerance of the motion similarity per frame.", unit="px", **ABOVE_0)
     memory: int = setting(8, "Number of displacements averaged for the reference motion.", **TURNS)
-    frozen: float = setting(0.1, "Learning rate of the reference motion while trackers interact.", **SHARE)
+    frozen: float = setting(
+        0.1,
+        "Learning rate of the reference motion while the tracker overlaps others. "
+        "Smaller values trust the motion before the overlap.",
+        **SHARE,
+    )
 
 
 @dataclass(frozen=True)
