@@ -116,7 +116,7 @@ def write_detections(
     """
     provenance = job.provenance(parameters, inputs=inputs)
     losses, tally, checked = list(lost), Counter[str](), Checked(scene)
-    fields = {job.request.table_of(name): name for name in job.request.files(output=True)}
+    fields = {job.request.file_field(name).table: name for name in job.request.files(output=True)}
     with job.tables(provenance, scene.length_unit) as tables:
         for part in parts:
             found: dict[str, ColumnTable] = {Bearings.NAME: part.bearings, Views.NAME: part.views}
