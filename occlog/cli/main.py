@@ -8,6 +8,7 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -155,6 +156,7 @@ COMMANDS = {
 """Every command, by group and in the order of a pipeline; a table of text, so that --help loads none of the modules."""
 
 
+@cache
 def load_command(name: str) -> click.Command:
     """The command of that name in `COMMANDS`; its module is imported here."""
     where, summary, _ = COMMANDS[name]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ NS = 1_000_000_000
 SEEDS = range(300, 312)
 
 
+@cache
 def two(seed: int, motion: str = "walk", **values: float) -> tuple[Bearings, Recording]:
     """Bearings of two people, labels 0 and 1."""
     one, other = (record(motion, 4, seed=s, **values) for s in (seed, seed + 1000))  # type: ignore[arg-type]
