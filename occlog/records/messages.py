@@ -331,8 +331,8 @@ VERDICT: dict[str, Message] = {
     ),
     "camera-error": Message(
         W,
-        "by the boxes of people in several cameras {change}",
-        "correct its calibration, or its times (ingest --clock-offset)",
+        "boxes of several cameras: {change}",
+        "correct the calibration or its clock",
     ),
     "camera-gap": Message(
         W,

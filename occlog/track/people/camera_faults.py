@@ -231,7 +231,6 @@ class _Search:
         every = max(1, round(sum(len(view.boxes) for view in views) / MAX_BOXES_OF_PAIRS))
         normal = fit_pairs(views, self.t_ns, self.height, every)
 
-
         def named(error: CameraError) -> CameraError:
             return error._replace(cameras=tuple(fitting[c] for c in error.cameras))
 
@@ -275,11 +274,11 @@ class _Search:
             pairs = list(zip(error.cameras, error.values[:, 0].tolist(), strict=True))
             px = [lens_offset(self.views[c], k) for c, k in pairs]
             size = f"{px[0]:+.0f} px" if len(px) == 1 else f"{min(px):+.0f} to {max(px):+.0f} px"
-            whose = name if len(px) == 1 else "all cameras"
-            return f"the lens distortion of {whose} at the border is off by {size} (missing, or of another model)"
+            owner = name if len(px) == 1 else "all cameras"
+            return f"the lens of {owner} is off by {size} at the border (missing, or of another model)"
         if error.kind == FOCAL:
-            whose = name if len(error.cameras) == 1 else "all cameras"
-            return f"the focal length of {whose} is {abs(value):.1%} too {'long' if value > 0.0 else 'short'}"
+            owner = name if len(error.cameras) == 1 else "all cameras"
+            return f"the focal length of {owner} is {abs(value):.1%} too {'long' if value > 0.0 else 'short'}"
         if error.kind == HEIGHT:
             side = "above" if value > 0.0 else "below"
             return f"{name} is {abs(value) * self.height:.2g} {unit} {side} its stated height"

@@ -212,13 +212,13 @@ def test_cameras_that_are_right_have_no_error() -> None:
     assert errors(found(cameras(), cameras())) == {}
 
 
-@pytest.mark.parametrize("whose", [("c",), NAMES])
-def test_lenses_of_another_distortion_are_named_with_the_offset(whose: tuple[str, ...]) -> None:
+@pytest.mark.parametrize("bent_cameras", [("c",), NAMES])
+def test_lenses_of_another_distortion_are_named_with_the_offset(bent_cameras: tuple[str, ...]) -> None:
     bent = np.array([-0.2, 0.08, 0.0, 0.0, 0.0])
-    true = [replace(each, distortion=bent) if each.name in whose else each for each in cameras()]
+    true = [replace(each, distortion=bent) if each.name in bent_cameras else each for each in cameras()]
     ((names, words),) = errors(found(true, cameras(), spread=1.9)).items()
-    assert names == whose
-    assert words.startswith(f"the lens distortion of {whose[0] if len(whose) == 1 else 'all cameras'} at the border is off")
+    assert names == bent_cameras
+    assert words.startswith(f"the lens of {bent_cameras[0] if len(bent_cameras) == 1 else 'all cameras'} is off by +")
     offsets = [float(word) for word in words.split() if word[0] == "+"]
     # 0.2 r^3 f, for boxes of which 95 % are within 0.6 to 0.8 focal lengths of the middle
     assert all(0.2 * 800.0 * 0.5**3 < offset < 0.2 * 800.0 * 0.9**3 for offset in offsets)
@@ -227,14 +227,16 @@ def test_lenses_of_another_distortion_are_named_with_the_offset(whose: tuple[str
 def test_a_focal_length_that_is_stated_too_long_is_named_with_its_error() -> None:
     focal = next(each for each in cameras() if each.name == "c").focal_px
     words = errors(found(cameras(), changed("c", focal_px=1.05 * focal)))[("c",)]
-    assert words.startswith("the focal length of c is ") and words.endswith("% too long")
+    assert words.startswith("the focal length of c is ")
+    assert words.endswith("% too long")
     assert abs(float(words.split()[6].rstrip("%")) - 5.0) < 0.3
 
 
 def test_a_camera_above_its_stated_height_is_named_with_the_difference() -> None:
     own = next(each for each in cameras() if each.name == "d").position
     words = errors(found(cameras(), changed("d", position=own - [0.0, 0.0, 0.3])))[("d",)]
-    assert words.startswith("d is 0.") and words.endswith(" m above its stated height")
+    assert words.startswith("d is 0.")
+    assert words.endswith(" m above its stated height")
     assert abs(float(words.split()[2]) - 0.3) < 0.03
 
 
@@ -247,7 +249,8 @@ def test_a_camera_with_another_clock_is_named_with_its_delay(late: int) -> None:
         if 0 <= k - late < len(boxes) and boxes[k - late] is not None:
             each[0] = boxes[k - late]
     words = errors(faults)[("a",)]
-    assert words.startswith("the clock of a is ") and words.endswith("late" if late > 0 else "early")
+    assert words.startswith("the clock of a is ")
+    assert words.endswith("late" if late > 0 else "early")
     assert abs(float(words.split()[5]) - 0.1 * abs(late)) < 0.01
 
 

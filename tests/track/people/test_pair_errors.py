@@ -30,7 +30,7 @@ USUAL_PRIOR = np.diag(np.append(np.tile(USUAL, C), 1.0) ** 2)
 
 
 def measured(true: np.ndarray, seed: int, later: np.ndarray | None = None, since: int = T) -> tuple[np.ndarray, ...]:
-    """(T, R, K) rows and (T, R) measurements of parameters, with others from a time step on, and errors of variance 1."""
+    """(T, R, K) rows and (T, R) measurements of parameters, of others from a step on; errors of variance 1."""
     rng = np.random.default_rng(seed)
     H = rng.normal(size=(T, ROWS, K))
     x = np.array([true if t < since or later is None else later for t in range(T)])
