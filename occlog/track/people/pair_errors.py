@@ -200,7 +200,8 @@ def _inflation(normal: Floats, movement: CameraError | None = None) -> float:
 def _parameters(cameras: Sequence[int], kind: int) -> Ints:
     """(n, 1 or 2) numbers of the parameters of a kind of error."""
     own = [YAW, PITCH] if kind == YAW else [kind]
-    return np.array(cameras)[:, None] * OWN + own
+    numbers: Ints = np.array(cameras, dtype=np.int64)[:, None] * OWN + np.array(own, dtype=np.int64)
+    return numbers
 
 
 def _prior_of(cameras: Sequence[int], kind: int, count: int) -> Floats:

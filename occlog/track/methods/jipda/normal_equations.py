@@ -85,4 +85,4 @@ def newey_west(off: Floats) -> Floats:
     for lag in range(1, min(lags + 1, B)):
         weight = 1.0 - lag / (lags + 1.0)
         out += 2.0 * weight * (off[lag:] * off[:-lag]).sum(axis=0)
-    return np.maximum(out, variance)
+    return np.asarray(np.maximum(out, variance))
