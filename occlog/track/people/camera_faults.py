@@ -162,7 +162,7 @@ class CameraFaults:
         if not self._compared:
             return []
         # The filter states and corrects rotations that last
-        stated = (each for each in self._search.errors if each.kind != YAW or each.since)
+        stated = (each for each in self._search.errors if each.kind != YAW or each.since or each.until)
         return [(each.cameras, self._search.words(each, unit)) for each in stated]
 
     def gaps(self) -> list[Gap]:
@@ -237,12 +237,16 @@ class _Search:
         out: list[CameraError] = []
         for each in camera_errors(normal, lambda error: self._matters(named(error))):
             if each.since:
-                # Boxes are paired better with one orientation of each camera
-                part = [view.during(each.since, len(self.t_ns)) for view in views]
-                after = rotation(fit_pairs(part, self.t_ns, self.height, every), each.cameras[0])
-                out.append(named(each)._replace(values=after[None]))
-            else:
-                out.append(named(each))
+                # Boxes are paired better with one orientation of each camera; either part may be as calibrated
+                ends = (0, each.since - 1), (each.since, len(self.t_ns))
+                parts = ([view.during(*end) for view in views] for end in ends)
+                c = each.cameras[0]
+                before, after = (rotation(fit_pairs(part, self.t_ns, self.height, every), c) for part in parts)
+                if np.linalg.norm(after) >= np.linalg.norm(before):
+                    each = each._replace(values=after[None])
+                else:
+                    each = each._replace(values=before[None], since=0, until=each.since)
+            out.append(named(each))
         return out
 
     def _matters(self, error: CameraError) -> bool:
@@ -264,7 +268,7 @@ class _Search:
         }
         if not views:
             return None
-        return _Change(self.words(next(each for each in self.errors if each.kind == RADIAL)), views)
+        return _Change(" and ".join(self.words(each) for each in self.errors if each.kind == RADIAL), views)
 
     def words(self, error: CameraError, unit: str = "") -> str:
         """An error of cameras in words; `unit` of lengths."""
@@ -285,9 +289,10 @@ class _Search:
         if error.kind == LATE:
             return f"the clock of {name} is {abs(value):.2g} s {'late' if value > 0.0 else 'early'}"
         yaw_deg, pitch_deg = -np.degrees(error.values[0])
-        begin_s = float(self.t_ns[error.since] - self.t_ns[0]) / NS
+        begin_s, end_s = (float(self.t_ns[k] - self.t_ns[0]) / NS for k in (error.since, error.until))
+        when = f"from {begin_s:.1f} s on" if error.since else f"until {end_s:.1f} s" if error.until else ""
         turned = f"{name} is rotated by {yaw_deg:+.1f} deg about the vertical and {pitch_deg:+.1f} deg in pitch"
-        return f"{turned} from {begin_s:.1f} s on" if error.since else turned
+        return f"{turned} {when}".rstrip()
 
     def _agreement(self, trusted: Sequence[int]) -> list[float]:
         """Agreement of each camera with the trusted ones; -1: too few people are expected."""

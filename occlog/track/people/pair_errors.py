@@ -76,6 +76,7 @@ class CameraError(NamedTuple):
             seconds by which what it shows is old.
         since: number of the time step from which it holds; 0: always.
         log_ratio: logarithm of its evidence over that of usual errors alone.
+        until: number of the time step up to which it holds; 0: to the end.
     """
 
     cameras: tuple[int, ...]
@@ -83,6 +84,7 @@ class CameraError(NamedTuple):
     values: Floats
     since: int
     log_ratio: float
+    until: int = 0
 
 
 class Evidence(NamedTuple):

@@ -208,6 +208,16 @@ def test_a_camera_that_is_pushed_by_little_during_the_recording_is_named_with_th
     assert abs(float(words.split()[-3]) - 12.0) <= 0.1
 
 
+def test_a_camera_that_was_calibrated_after_it_was_pushed_is_rotated_until_then() -> None:
+    turn = rotation_from_angles(np.radians(CORNERS["b"][2] + 2.0), np.radians(-20.0), 0.0)
+    pushed = found(changed("b", rotation=turn), cameras())._samples
+    faults = found(cameras(), cameras())
+    faults._samples[:90] = pushed[:90]
+    words = errors(faults)[("b",)]
+    assert words.startswith("b is rotated by +1.")
+    assert words.endswith("until 9.0 s")
+
+
 def test_cameras_that_are_right_have_no_error() -> None:
     assert errors(found(cameras(), cameras())) == {}
 
