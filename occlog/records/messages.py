@@ -329,6 +329,11 @@ VERDICT: dict[str, Message] = {
         "{fit:.0%} of the people that other cameras see have a box if {change}, and {now:.0%} as it is",
         "correct the calibration or the files of boxes",
     ),
+    "camera-error": Message(
+        W,
+        "boxes of several cameras: {change}",
+        "correct the calibration or its clock",
+    ),
     "camera-gap": Message(
         W,
         "camera {sensors} has no box from {begin_s:.1f} to {end_s:.1f} s, though another one detects {people} times in "
@@ -507,6 +512,11 @@ VERDICT: dict[str, Message] = {
         W,
         "all cameras are upright and see one place if their extrinsics are {change}",
         "correct the files of the calibration",
+    ),
+    "camera-extrinsics-fit-if": Message(
+        W,
+        "camera {sensors} is above the ground and sees what the others see if its extrinsics are {change}",
+        "correct its file of the calibration",
     ),
     "vertical-uncertain": Message(
         W,

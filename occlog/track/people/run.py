@@ -237,7 +237,7 @@ class PeopleSummary(_Counts):
         tally, heights = self.inputs.tally, self.inputs.heights
         compared = np.count_nonzero(np.isfinite(heights)) > 1
         return (
-            *self.agreement.checks(tally),
+            *self.agreement.checks(tally, self.inputs.scene.length_unit),
             *outcome(OUTSIDE, self._lost()),
             *outcome(SIZES, self._tall(), unless="" if compared else UNSIZED),
             *self.identities(),
