@@ -550,6 +550,11 @@ VERDICT: dict[str, Message] = {
         "{allowed:.0%})",
         "check {option[image_size]}, and that the boxes are of these images",
     ),
+    "boxes-restart": Message(
+        W,
+        "camera {sensors}: line {line}: frames begin again ({after} after {before}): two recordings in one file",
+        "split it there, and ingest each with its own times",
+    ),
     "boxes-corners": Message(
         W,
         "camera {sensors}: sizes of boxes are right and lower edges (xyxy for xywh): {share:.0%} end beyond its images",
@@ -583,6 +588,11 @@ VERDICT: dict[str, Message] = {
         W,
         "{sensors}: {rate_hz:.3g} frames a second (expected: {least:g} to {most:g})",
         "check the unit of its times (columns t_ms, t_s) or {option[fps]}",
+    ),
+    "truth-rate-implausible": Message(
+        W,
+        "truth: {rate_hz:.3g} positions of a target a second (expected: up to {most:g})",
+        "check the unit of its times: days of Excel or MATLAB are no seconds",
     ),
     "time-stamps-unit": Message(
         W,
@@ -662,6 +672,11 @@ VERDICT: dict[str, Message] = {
         W,
         "array {sensors}: microphone {microphones} has under {allowed:.0%} of the level of the others",
         "check cable and channel order, or remove it",
+    ),
+    "microphone-interrupted": Message(
+        W,
+        "array {sensors}: microphone {microphones} falls silent: no level in {share:.0%} of the sound of the others",
+        "check its cable, or cut the recording before",
     ),
     "microphones-identical": Message(
         W,

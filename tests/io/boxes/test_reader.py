@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from occlog.errors import InputError, UsageError
+from occlog.io.files.frame_choice import FrameChoice
 from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from occlog.io.frames.streams import rate_times
 from occlog.records.tables import Boxes
@@ -58,7 +59,7 @@ def test_frames_without_a_row_are_looked_saw_nobody(tmp_path: Path) -> None:
 
 def test_a_stated_range_of_frames_is_filled_and_cut(tmp_path: Path) -> None:
     path = write(tmp_path, SIMPLE)
-    boxes, _ = read(BoxFile(path, None), options=BoxOptions(frames=(0, 5)))
+    boxes, _ = read(BoxFile(path, None), options=BoxOptions(frames=FrameChoice((0, 5))))
     assert sorted(set(boxes.frame.tolist())) == [0, 1, 2, 3, 4]
     assert (boxes.box >= 0).sum() == 2
     assert len(boxes) == 10
@@ -66,7 +67,7 @@ def test_a_stated_range_of_frames_is_filled_and_cut(tmp_path: Path) -> None:
 
 def test_a_file_without_a_box_says_that_nobody_was_seen_in_the_stated_frames(tmp_path: Path) -> None:
     path = write(tmp_path, "frame,left,top,w,h\n")
-    boxes, _ = read(BoxFile(path, "cam"), options=BoxOptions(frames=(2, 5)))
+    boxes, _ = read(BoxFile(path, "cam"), options=BoxOptions(frames=FrameChoice((2, 5))))
     assert boxes.frame.tolist() == [2, 3, 4]
     assert boxes.box.tolist() == [-1, -1, -1]
 
@@ -101,7 +102,7 @@ def test_labels_of_cameras_are_matched_with_those_of_the_scene(tmp_path: Path) -
 
 def test_a_column_of_times_gives_the_times(tmp_path: Path) -> None:
     text = "frame,time,left,top,width,height\n10,1.0,1,1,2,2\n12,1.4,1,1,2,2\n13,1.5,1,1,2,2\n"
-    boxes, _ = read(BoxFile(write(tmp_path, text), "c"), timed=True, options=BoxOptions(frames=(9, 15)))
+    boxes, _ = read(BoxFile(write(tmp_path, text), "c"), timed=True, options=BoxOptions(frames=FrameChoice((9, 15))))
     assert (boxes.t_ns / 1e9).round(6).tolist() == [0.833333, 1.0, 1.2, 1.4, 1.5, 1.666667]
 
 
