@@ -35,7 +35,7 @@ from occlog.array_types import Floats, Ints, Strings
 from occlog.errors import InputError, UsageError, option
 from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.limits import check_input, guarded, naming
-from occlog.io.files.texts.csv_rows import CsvRows, first_line, is_header, read_plain
+from occlog.io.files.texts.csv_rows import CsvRows, first_line, is_header, name_with_unit, read_plain
 from occlog.io.files.texts.documents import number, required
 from occlog.io.files.texts.formats import (
     IDENTITY,
@@ -292,7 +292,7 @@ IN_UNITS = {unit: _in_unit(unit) for unit in METRES if unit != "m"}
 def frames_of_positions(path: Path) -> tuple[int, int] | None:
     """First and last frame number of a table of positions that counts frames and has no times; None for another."""
     try:
-        head = {cell.lower() for cell in first_line(path, WHAT)}
+        head = {name_with_unit(cell.lower()) for cell in first_line(path, WHAT)}
         times = {name for names in TIME_COLUMNS.values() for name in names}
         if head & times or not head & set(POSITIONS.columns["frame"].names):
             return None
@@ -458,7 +458,7 @@ def _read_boxes(path: Path, options: TruthOptions, camera: str | None) -> Iterat
 
 
 def _read_csv(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
-    header = [cell.lower() for cell in first_line(path, WHAT)]
+    header = [name_with_unit(cell.lower()) for cell in first_line(path, WHAT)]
     if any(name in header for name in ACROSS):
         named = any(name in header for name in BOX_COLUMNS["camera"])
         yield from _read_boxes(path, options, None if named else _one_camera(path, options))
@@ -538,7 +538,7 @@ def _read_caliscope(path: Path, options: TruthOptions) -> Iterator[Truth | Truth
 
 def _is_table(head: list[str]) -> bool:
     across = (*(name for each in IN_UNITS.values() for name in each.columns["x"].names), *POSITIONS.names["x"], *ACROSS)
-    return is_header(head) and any(name in head for name in across)
+    return is_header(head) and any(name_with_unit(name) in across for name in head)
 
 
 def _is_xml(head: list[str]) -> bool:

@@ -405,7 +405,7 @@ def _cells(text: str, delimiter: str) -> list[str]:
     return [cell.strip() for cell in next(csv.reader([text], delimiter=delimiter))]
 
 
-def _with_unit(name: str) -> str:
+def name_with_unit(name: str) -> str:
     """A name with the unit in brackets as its ending: `time [ms]` is `time_ms`; the name itself without one."""
     found = _UNIT.fullmatch(name)
     return name if found is None else f"{found['name']}_{found['square'] or found['round']}".replace(" ", "_")
@@ -423,7 +423,7 @@ def _resolve(
     meaning = {alias: name for name, aliases in columns.items() for alias in aliases}
     names: list[str | None] = []
     for cell in header:
-        name = meaning.get(cell.lower()) or meaning.get(_with_unit(cell.lower()))
+        name = meaning.get(cell.lower()) or meaning.get(name_with_unit(cell.lower()))
         if name is None and cell.lower() not in ignored and not ignore_extra:
             near = difflib.get_close_matches(cell.lower(), list(meaning), n=1, cutoff=0.5)
             known = ", ".join(aliases[0] for aliases in columns.values())

@@ -360,7 +360,8 @@ def classes_in(file: BoxFile) -> Counter[tuple[str, ...]]:
 class _CameraFrames:
     """Frames of one camera: lowest and highest number, and step in which all can be counted.
 
-    `listed` are frames that the file lists, `boxed` those with boxes, `ends` the boxes of the lowest and highest ones.
+    `listed` are frames that the file lists, `boxed` those with boxes, `ends` the boxes of the lowest and highest ones;
+    `backs` where they go back in the file, `first_low` and `last_high` the lowest one before and the highest one after.
     """
 
     low: int = 0
@@ -370,6 +371,8 @@ class _CameraFrames:
     boxed: int = 0
     ends: dict[int, int] = field(default_factory=dict)
     last: int = -1
+    first_low: float = math.inf
+    last_high: float = -math.inf
     backs: list[tuple[int, int, int]] = field(default_factory=list)
 
     @property
@@ -379,13 +382,17 @@ class _CameraFrames:
             return None
         _, before, after = self.backs[0]
         near = RESTART_SHARE * (self.high - self.low)
-        return self.backs[0] if after - self.low <= near and before - after > near else None
+        overlap = self.last_high >= self.first_low
+        return self.backs[0] if after - self.low <= near and before - after > near and overlap else None
 
     def follow(self, rows: CsvRows, frames: Ints) -> None:
         """Note where the frames of rows of one camera, in the order of the file, go back."""
         before = np.concatenate([[self.last], frames[:-1]])
-        for row in np.flatnonzero(frames < before)[: 2 - len(self.backs)].tolist():
-            self.backs.append((int(rows.lines[row]), int(before[row]), int(frames[row])))
+        found = np.flatnonzero(frames < before)[: 2 - len(self.backs)].tolist()
+        begin = len(frames) if not (found or self.backs) else 0 if self.backs else found[0]
+        self.first_low = min([self.first_low, *frames[:begin].tolist()])
+        self.last_high = max([self.last_high, *frames[begin:].tolist()])
+        self.backs += [(int(rows.lines[row]), int(before[row]), int(frames[row])) for row in found]
         self.last = int(frames[-1])
 
     @property
