@@ -534,6 +534,11 @@ VERDICT: dict[str, Message] = {
         "camera {sensors}: its principal point is the middle of images of {middle} px, not of {size} px ({change})",
         "check the image size that the matrix is of",
     ),
+    "focal-lengths-differ": Message(
+        W,
+        "camera {sensors}: focal lengths of {fx_px:.4g} and {fy_px:.4g} px, as of pixels that are not square",
+        "check whether one row of the matrix is of images of another size",
+    ),
     "images-before-rotation": Message(
         W,
         "camera {sensors}: rotation_count {turns}: the calibration is of images before they are turned by "
