@@ -84,7 +84,7 @@ COMMANDS = {
         "occlog.examine.viewers.command", "Show a run or a recording in Rerun, Foxglove or Lichtblick.", FILES
     ),
     "export": Command("occlog.examine.export.command", "Export a table to the format of another program.", FILES),
-    "recover": Command("occlog.examine.recover", "Recover the intact parts of a damaged recording or table.", FILES),
+    "recover": Command("occlog.examine.recover", "Recover the intact parts of a damaged recording.", FILES),
     "plan": Command(
         "occlog.plan.request:PlanRequest",
         "Predict tracking errors of a sensor layout and rank positions for sensors.",

@@ -546,6 +546,11 @@ VERDICT: dict[str, Message] = {
         "camera {sensors}: its principal point is the middle of images of {middle} px, not of {size} px ({change})",
         "check the image size that the matrix is of",
     ),
+    "focal-lengths-differ": Message(
+        W,
+        "camera {sensors}: focal lengths of {fx_px:.4g} and {fy_px:.4g} px, as of pixels that are not square",
+        "check whether one row of the matrix is of images of another size",
+    ),
     "images-before-rotation": Message(
         W,
         "camera {sensors}: rotation_count {turns}: the calibration is of images before they are turned by "
@@ -561,6 +566,11 @@ VERDICT: dict[str, Message] = {
         "camera {sensors}: {share:.0%} of its boxes end beyond its images, at up to {found} px (allowed: "
         "{allowed:.0%})",
         "check {option[image_size]}, and that the boxes are of these images",
+    ),
+    "boxes-restart": Message(
+        W,
+        "camera {sensors}: line {line}: frames begin again ({after} after {before}): two recordings in one file",
+        "split it there, and ingest each with its own times",
     ),
     "boxes-corners": Message(
         W,
@@ -595,6 +605,11 @@ VERDICT: dict[str, Message] = {
         W,
         "{sensors}: {rate_hz:.3g} frames a second (expected: {least:g} to {most:g})",
         "check the unit of its times (columns t_ms, t_s) or {option[fps]}",
+    ),
+    "truth-rate-implausible": Message(
+        W,
+        "truth: {rate_hz:.3g} positions of a target a second (expected: up to {most:g})",
+        "check the unit of its times: days of Excel or MATLAB are no seconds",
     ),
     "time-stamps-unit": Message(
         W,
@@ -674,6 +689,11 @@ VERDICT: dict[str, Message] = {
         W,
         "array {sensors}: microphone {microphones} has under {allowed:.0%} of the level of the others",
         "check cable and channel order, or remove it",
+    ),
+    "microphone-interrupted": Message(
+        W,
+        "array {sensors}: microphone {microphones} falls silent: no level in {share:.0%} of the sound of the others",
+        "check its cable, or cut the recording before",
     ),
     "microphones-identical": Message(
         W,
