@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
+from occlog.io.formats.calibration.outputs import format_of, is_folder
 from occlog.request import Request, group, output_file, scene_file, seed_of_all, source
 from occlog.settings import setting
 
@@ -34,7 +35,11 @@ class CalibrateRequest(Request):
     JUDGED: ClassVar[bool] = True
 
     recording: Path = source("Recording or views with boxes.", argument=True)
-    output: Path = output_file("Scene with the calibrated cameras (YAML).", result="scene")
+    output: Path = output_file(
+        "Scene with the calibrated cameras (YAML), or a calibration by its name: a folder opencv, colmap or "
+        "camera_info, a file camchain.yaml.",
+        result="scene",
+    )
     scene: Path | None = scene_file()
     ignore_poses: bool = setting(
         False,
@@ -60,3 +65,9 @@ class CalibrateRequest(Request):
     without: tuple[str, ...] = setting((), "Exclude these cameras.", option="--without", metavar="A,B,...", shown="")
     settings: Mapping[str, object] = group(lambda: CalibrateConfig, example="rounds=3")
     seed: int = seed_of_all()
+
+    @property
+    def outputs(self) -> list[Path]:
+        """Every file that is written, without a calibration in a folder, which the run checks."""
+        form = format_of(self.output)
+        return [path for path in super().outputs if path != self.output or form is None or not is_folder(path, form)]

@@ -12,6 +12,8 @@ from occlog.array_types import NS
 from occlog.core.geometry.camera import angles_from_rotation
 from occlog.errors import InputError
 from occlog.io.files.atomic import write_bytes
+from occlog.io.formats.calibration.outputs import format_of
+from occlog.io.formats.calibration.writer import check_calibration, write_calibration
 from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Clock, Scene
@@ -41,6 +43,9 @@ MAX_BOXES = 60_000
 def run_calibrate(request: CalibrateRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """Calibrate and write; return the summary, and previous losses."""
     config = configure(CalibrateConfig(), request.settings)
+    form = format_of(request.output)
+    if form is not None:
+        check_calibration(request.output, form, job.overwrite)
     inputs = ImageInput(
         TrackInImagesRequest(
             bearings=request.recording, output=request.output, method="sort", scene=request.scene,
@@ -70,9 +75,11 @@ def run_calibrate(request: CalibrateRequest, job: Job) -> tuple[dict[str, object
     made = job.provenance({**asdict(config), "ignore_poses": request.ignore_poses, "estimate": estimate}, inputs.losses)
     made = made.with_checks(_checks(found, cameras, config, metre))
     scene = _scene(inputs.scene, found, placed=stated)
-    write_bytes(
-        request.output, (_comment(found, inputs.scene.length_unit) + scene_to_yaml(scene)).encode(), job.overwrite
-    )
+    if form is None:
+        comment = _comment(found, scene.length_unit)
+        write_bytes(request.output, (comment + scene_to_yaml(scene)).encode(), job.overwrite)
+    elif missed := write_calibration(request.output, scene, form, job.overwrite):
+        job.note(f"{request.output}: not held by {form}: {'; '.join(missed)}")
     console.note_findings(texts_of(made.judged, "calibrate"), job.quiet)
     summary = {
         "scene": str(request.output),
