@@ -142,6 +142,7 @@ def calibrate(
     estimate: Collection[str] = (),
     seed: int = 0,
     step: Callable[[str], None] = lambda _: None,
+    sigma_log_focal: Floats | None = None,
 ) -> Calibrated:
     """Calibrate cameras and clocks.
 
@@ -154,13 +155,15 @@ def calibrate(
         estimate: more than poses and clocks: `focal`, `radial`.
         seed: of the tracker's random numbers.
         step: is called with the name of each step.
+        sigma_log_focal: (C,) prior standard deviations of the logarithms of focal lengths that are estimated; 0: held;
+            None: `SIGMA_LOG_FOCAL` for all with `focal` in `estimate`.
 
     Raises:
         InputError: no two cameras see the same people.
     """
     C, height = len(cameras), config.person_height * metre
     step("track")
-    boxes = [_tracks(frames, c, camera) for c, camera in enumerate(cameras)]
+    boxes = [tracks_in_images(frames, c, camera) for c, camera in enumerate(cameras)]
     planes = [
         ground_plane(camera, np.concatenate([np.zeros((0, 4)), *(b for _, b in own)]), height)
         for camera, own in zip(cameras, boxes, strict=True)
@@ -195,6 +198,8 @@ def calibrate(
     window_s = default_window(list(frames)) / NS
     step("adjust")
     sigma = _prior_sigmas(C, estimate, clocks=config.max_clock_offset > 0.0)
+    if sigma_log_focal is not None:
+        sigma[:, FOCAL] = sigma_log_focal
     done, seen = _adjusted(rows, now, used, body, sigma, window_s)
     for _ in range(config.rounds):
         now = _scaled_to(_Estimate(done.cameras, now.late + done.values[:, LATE]), height / done.mean_height)
@@ -212,7 +217,7 @@ def calibrate(
     return _placed(cameras, done, seen, now.late + done.values[:, LATE], used, config, metre, loose)
 
 
-def _tracks(frames: Sequence[FrameDetectionsWithIds], c: int, camera: Camera) -> list[tuple[Floats, Floats]]:
+def tracks_in_images(frames: Sequence[FrameDetectionsWithIds], c: int, camera: Camera) -> list[tuple[Floats, Floats]]:
     """Stamped times [s] and boxes of the tracks in the images of one camera."""
     tracks = CameraTracks(camera, SortConfig())
     for each in frames:
