@@ -12,23 +12,29 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from occlog.array_types import Floats
 from occlog.core.geometry.camera import rotation_from_angles
 from occlog.records.scene import Camera, camera_fov
+from occlog.track.methods.jipda.kernels.body_box import pack_views
 
 from .ground_plane import ground_plane, whole
+from .kernels import expected_boxes
 
-FOCAL_WIDTHS = np.exp(np.linspace(np.log(0.4), np.log(3.2), 14))
-"""Focal lengths that are tried, in widths of the image: fields of view of 103 to 18 degrees."""
+STARTS_WIDTHS = (0.6, 0.9, 1.5)
+"""Focal lengths that the search starts from, in widths of the image: fields of view of 80, 58 and 37 degrees."""
 USUAL_WIDTHS, SIGMA_LOG_USUAL = 0.9, 0.35
-"""Usual focal length in widths of the image (58 degrees), and the standard deviation of its logarithm among cameras."""
-SIGMA_TRACK, SIGMA_PEOPLE = 0.05, 0.06
+"""Usual focal length in widths of the image, and the standard deviation of its logarithm among cameras."""
+SIGMA_TRACK, SIGMA_PEOPLE = 0.04, 0.06
 """Standard deviations of the logarithm of a height: along a track, and among people."""
+SIGMA_ROLL = np.radians(6.0)
+BODY_WIDTHS = 0.3
+"""Width of a person in heights."""
 STEP_S = 1.0
 """Boxes of a track are thinned to this: errors of a gait last about as long [s]."""
-MAX_LOG = 4.0
-"""Residuals count up to this many standard deviations."""
+UNSEEN = 1.0
+"""Logarithm of the height of a person with feet above the horizon."""
 
 
 class FocalEstimate(NamedTuple):
@@ -51,21 +57,61 @@ def focal_of_people(camera: Camera, tracks: Sequence[tuple[Floats, Floats]], per
     usual = USUAL_WIDTHS * width
     thinned = [boxes[_apart(t)] for t, boxes in tracks]
     own = [part for boxes in thinned if len(part := boxes[whole(camera, boxes)])]
-    logs = np.log(FOCAL_WIDTHS * width)
-    costs = np.array([_cost(with_focal(camera, float(np.exp(v))), own, person_height) for v in logs])
-    costs += ((logs - np.log(usual)) / SIGMA_LOG_USUAL) ** 2
-    k = int(np.argmin(costs))
-    if not np.isfinite(costs[k]):
+    every = np.concatenate([np.zeros((0, 4)), *own])
+    track = np.repeat(np.arange(len(own)), [len(part) for part in own])
+    best = None
+    for widths in STARTS_WIDTHS:
+        plane = ground_plane(with_focal(camera, widths * width), every, person_height)
+        if plane is None:
+            continue
+        start = np.array([np.log(widths * width), plane.pitch, plane.roll, np.log(plane.height)])
+
+        def residuals(values: Floats) -> Floats:
+            logs = _log_heights(camera, values, every, person_height)
+            mean = np.bincount(track, logs) / np.bincount(track)
+            prior = [(values[0] - np.log(usual)) / SIGMA_LOG_USUAL, values[2] / SIGMA_ROLL]
+            return np.concatenate([(logs - mean[track]) / SIGMA_TRACK, mean / SIGMA_PEOPLE, prior])
+
+        found = least_squares(residuals, start, loss="soft_l1", f_scale=1.5, max_nfev=60)
+        if best is None or found.cost < best.cost:
+            best = found
+    if best is None:
         return FocalEstimate(usual, SIGMA_LOG_USUAL)
-    k = min(max(k, 1), len(logs) - 2)
-    step = float(logs[1] - logs[0])
-    left, middle, right = costs[k - 1 : k + 2]
-    bend = left - 2.0 * middle + right
-    if not (np.isfinite(bend) and bend > 0.0):
-        return FocalEstimate(usual, SIGMA_LOG_USUAL)
-    shift = float(np.clip(0.5 * (left - right) / bend, -1.0, 1.0))
-    sigma = float(step * np.sqrt(2.0 / bend))
-    return FocalEstimate(float(np.exp(logs[k] + shift * step)), min(sigma, SIGMA_LOG_USUAL))
+    scale = max(1.0, 2.0 * best.cost / len(best.fun))
+    sigma = float(np.sqrt(np.linalg.pinv(best.jac.T @ best.jac)[0, 0] * scale))
+    return FocalEstimate(float(np.exp(best.x[0])), min(sigma, SIGMA_LOG_USUAL))
+
+
+def _log_heights(camera: Camera, values: Floats, boxes: Floats, person_height: float) -> Floats:
+    """(n,) logarithms of the heights of people over the mean height.
+
+    Args:
+        camera: of which the image size is used.
+        values: logarithm of the focal length, pitch, roll, and logarithm of the height of the camera.
+        boxes: (n, 4) left, top, right, bottom [px].
+        person_height: mean height.
+    """
+    focal, tall = float(np.exp(values[0])), float(np.exp(values[3]))
+    posed = replace(
+        with_focal(camera, focal),
+        position=np.array([0.0, 0.0, tall]), rotation=rotation_from_angles(0.0, *values[1:3].tolist()),
+    )  # fmt: skip
+    lens = pack_views([posed]).lens
+    n = len(boxes)
+    state, expected = np.zeros((n, 6)), np.zeros((n, 4))
+    state[:, 4], state[:, 5] = person_height, BODY_WIDTHS * person_height
+    foot = boxes[:, 3].copy()
+    # The lower edge is that of the body's outline, nearer than its middle: the foot is moved until the edges agree
+    for _ in range(3):
+        rays = posed.rays(np.column_stack([0.5 * (boxes[:, 0] + boxes[:, 2]), foot]))
+        down = rays[:, 2] < 0.0
+        with np.errstate(divide="ignore", invalid="ignore"):
+            state[:, :2] = np.where(down[:, None], rays[:, :2] * (-tall / rays[:, 2])[:, None], tall * 1e3)
+        expected_boxes(lens, np.zeros(n, dtype=np.int64), state, np.zeros(n), expected)
+        foot = np.where(np.isfinite(expected[:, 3]), foot + boxes[:, 3] - expected[:, 3], foot)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        logs = np.log((boxes[:, 3] - boxes[:, 1]) / (expected[:, 3] - expected[:, 1]))
+    return np.where(down & np.isfinite(logs), logs, UNSEEN)
 
 
 def lens_unknown(camera: Camera) -> bool:
@@ -90,30 +136,3 @@ def _apart(t: Floats) -> list[int]:
         if not kept or when - t[kept[-1]] >= STEP_S:
             kept.append(k)
     return kept
-
-
-def _cost(camera: Camera, tracks: Sequence[Floats], person_height: float) -> float:
-    """Squared residuals of heights of people with this lens, over their variances; infinite without a ground plane."""
-    every = np.concatenate([np.zeros((0, 4)), *tracks])
-    plane = ground_plane(camera, every, person_height)
-    if plane is None:
-        return np.inf
-    rotation = rotation_from_angles(0.0, plane.pitch, plane.roll)
-    middle = 0.5 * (every[:, 0] + every[:, 2])
-    foot, head = (
-        (np.column_stack([middle, every[:, edge]]) - camera.principal_px) / camera.focal_px for edge in (3, 1)
-    )
-    feet, heads = (np.column_stack([part, np.ones(len(part))]) @ rotation.T for part in (foot, head))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        away = -plane.height / feet[:, 2] * np.hypot(feet[:, 0], feet[:, 1])
-        heights = plane.height + away * heads[:, 2] / np.hypot(heads[:, 0], heads[:, 1])
-        logs = np.where((feet[:, 2] < 0.0) & (heights > 0.0), np.log(np.maximum(heights, 1e-9) / person_height), np.nan)
-    logs = np.where(np.isfinite(logs), logs, MAX_LOG)
-    cost, start = 0.0, 0
-    for boxes in tracks:
-        part = logs[start : start + len(boxes)]
-        start += len(boxes)
-        mean = float(np.median(part))
-        cost += float((np.minimum(np.abs(part - mean) / SIGMA_TRACK, MAX_LOG) ** 2).sum())
-        cost += min(abs(mean) / np.hypot(SIGMA_PEOPLE, SIGMA_TRACK), MAX_LOG) ** 2
-    return cost

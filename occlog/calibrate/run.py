@@ -12,9 +12,11 @@ from occlog import console
 from occlog.array_types import NS, Floats
 from occlog.core.geometry.camera import angles_from_rotation
 from occlog.errors import InputError, option
+from occlog.io.files.atomic import write_bytes
 from occlog.io.formats.calibration.outputs import format_of
 from occlog.io.formats.calibration.points import read_marked_points
 from occlog.io.formats.calibration.writer import check_calibration
+from occlog.records.frames import Image
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Clock, Scene
 from occlog.records.verdicts import Check, finding, outcome, summary_of, texts_of
@@ -77,10 +79,15 @@ def run_calibrate(request: CalibrateRequest, job: Job) -> tuple[dict[str, object
     made = job.provenance({**asdict(config), "ignore_poses": request.ignore_poses, "estimate": estimate}, inputs.losses)
     made = made.with_checks((*_checks(found, cameras, config, metre), *start.checks(found)))
     scene = _scene(inputs.scene, found, placed=stated)
+    if request.picture is not None:
+        from .picture import picture
+
+        write_bytes(request.picture, picture(found, _images(inputs, found), metre), job.overwrite)
     write_scene(request.output, scene, _comment(found, scene.length_unit), job)
     console.note_findings(texts_of(made.judged, "calibrate"), job.quiet)
     summary: dict[str, object] = {
         "scene": str(request.output),
+        **({} if request.picture is None else {"picture": str(request.picture)}),
         "people": found.people,
         "mean_height": round(found.mean_height, 3),
         "cameras": {each.camera.name: _figures(each) for each in found.cameras},
@@ -90,6 +97,21 @@ def run_calibrate(request: CalibrateRequest, job: Job) -> tuple[dict[str, object
     if start.marked:
         summary["marked_points"] = {each.camera.name: _marked_figures(each) for each in start.marked}
     return {**summary, **summary_of(made.judged)}, inputs.losses
+
+
+def _images(inputs: ImageInput, found: Calibrated) -> dict[str, Image]:
+    """An image of each camera in the middle of a recording that has images."""
+    recording, middle_ns = inputs.opened.recording, round(float(np.median(found.seen.time)) * NS)
+    out: dict[str, Image] = {}
+    for name in () if recording is None else recording.cameras:
+        frames = recording.frames([name])  # type: ignore[union-attr]
+        frame = next((each for each in frames if each.t_ns >= middle_ns), None)
+        if frame is not None:
+            try:
+                out[name] = frame.decode()
+            except InputError as error:
+                console.note(f"picture without an image of {name}: {error}")
+    return out
 
 
 class Start(NamedTuple):

@@ -112,6 +112,8 @@ class Calibrated(NamedTuple):
         covariance: (C 9, C 9) of the parameters, relative to all cameras together.
         correlation: factor by which the correlation of the boxes' errors in time widens variances.
         converged: the adjustment ended by itself.
+        seen: boxes that determine it.
+        residual: (N, 4) of them, observed minus expected edges [px]; NaN: not used.
     """
 
     cameras: list[CameraResult]
@@ -121,6 +123,8 @@ class Calibrated(NamedTuple):
     covariance: Floats
     correlation: float
     converged: bool
+    seen: Observations
+    residual: Floats
 
 
 class _Estimate(NamedTuple):
@@ -473,8 +477,9 @@ def _placed(
     with np.errstate(divide="ignore"):
         frame = 1.0 / np.sqrt(information)
     return Calibrated(
-        results, len(seen.first) - 1, done.mean_height * scale, frame, covariance, done.correlation, done.converged
-    )
+        results, len(seen.first) - 1, done.mean_height * scale, frame, covariance, done.correlation, done.converged,
+        seen, done.residual,
+    )  # fmt: skip
 
 
 def _inner(covariance: Floats, cameras: Sequence[Camera], own: Ints, scale: float, turned: Floats) -> Floats:
