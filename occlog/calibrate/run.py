@@ -59,8 +59,11 @@ def run_calibrate(request: CalibrateRequest, job: Job) -> tuple[dict[str, object
         TrackInImagesRequest(
             bearings=request.recording, output=request.output, method="sort", scene=request.scene,
             cameras=request.cameras, without=request.without,
-        )
+        ),
+        in_world_time=True,
     )  # fmt: skip
+    for line in inputs.notes:
+        job.note(line)
     if len(inputs.cameras) < 2:
         raise InputError(f"{request.recording}: boxes of one camera; cameras are calibrated against each other")
     frames = _first_frames(inputs.frames, job)
