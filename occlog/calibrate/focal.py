@@ -78,7 +78,8 @@ def focal_of_people(camera: Camera, tracks: Sequence[tuple[Floats, Floats]], per
     if best is None:
         return FocalEstimate(usual, SIGMA_LOG_USUAL)
     scale = max(1.0, 2.0 * best.cost / len(best.fun))
-    sigma = float(np.sqrt(np.linalg.pinv(best.jac.T @ best.jac)[0, 0] * scale))
+    jacobian = np.asarray(best.jac, dtype=np.float64)
+    sigma = float(np.sqrt(np.linalg.pinv(jacobian.T @ jacobian)[0, 0] * scale))
     return FocalEstimate(float(np.exp(best.x[0])), min(sigma, SIGMA_LOG_USUAL))
 
 

@@ -95,7 +95,8 @@ def pose_of_points(camera: Camera, pixels: Floats, points: Floats) -> MarkedPose
     # A residual of few points is uncertain: that of a mark counts as four of them
     freedom = max(2 * n - len(found.x), 0)
     variance = (float(found.fun @ found.fun) + 4.0 * SIGMA_MARK_PX**2) / (freedom + 4.0)
-    sigma = np.sqrt(np.diag(np.linalg.pinv(found.jac.T @ found.jac)) * variance)
+    jacobian = np.asarray(found.jac, dtype=np.float64)
+    sigma = np.sqrt(np.diag(np.linalg.pinv(jacobian.T @ jacobian)) * variance)
     sigma_focal = 0.0 if known else float(sigma[6])
     if sigma_focal > MAX_SIGMA_FOCAL:
         raise InputError(
