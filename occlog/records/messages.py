@@ -405,6 +405,22 @@ VERDICT: dict[str, Message] = {
         "the clock of camera {sensors} is {late_s:+.3f} s (+- {sigma_s:.3f} s) late; the scene states it",
         "ingest again with this scene, or with {option[clock_offset]}",
     ),
+    "lens-from-people": Message(
+        N,
+        "camera {sensors}: focal length {focal:.0f} px (+- {sigma:.0f}), estimated from people, without distortion",
+        "calibrate it by a board ({option[board]} 9x6) if you can",
+    ),
+    "board-coverage": Message(
+        W,
+        "camera {sensors}: the board was in {share:.0%} of the image (allowed: {allowed:.0%}); elsewhere the lens is "
+        "not known",
+        "move the board to the borders and corners",
+    ),
+    "board-residual": Message(
+        W,
+        "camera {sensors}: corners of the board are {residual:.2g} px off (allowed: {allowed:.2g})",
+        "hold a flat board still, and fix the focus",
+    ),
     "camera-times-disjoint": Message(
         W,
         "camera {sensors} has no time in common with another camera: it begins {offset_s:+.3g} s after the others",
