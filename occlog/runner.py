@@ -11,8 +11,8 @@ from typing import Any, NamedTuple, TypeVar
 from occlog import console
 from occlog.errors import ExitCode, InputError
 from occlog.io.files.atomic import OutputGroup, check_outputs, open_output
-from occlog.io.files.names import TABLE, check_output_name
 from occlog.io.files.inputs import hash_inputs, previous_losses
+from occlog.io.files.names import TABLE, check_output_name
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import TableWriter
 from occlog.records.columns import ColumnTable
