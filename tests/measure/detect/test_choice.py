@@ -109,9 +109,9 @@ def test_one_network_for_one_camera_and_background_subtraction_for_another(
     both = record(tmp_path / "r.mcap", DRAWN, REAL)
     mean_network(tmp_path / "reid.onnx")
     assert detect(both, tmp_path / "both", "--embed", str(tmp_path / "reid.onnx")) == ExitCode.DONE
-    said = capsys.readouterr()
-    assert json.loads(said.out)["method"] == "network (real), background"
-    assert "camera drawn: the network finds people in 0 of 12 frames, and regions of their size move in" in said.err
+    captured = capsys.readouterr()
+    assert json.loads(captured.out)["method"] == "network (real), background"
+    assert "camera drawn: the network finds people in 0 of 12 frames, and regions of their size move in" in captured.err
     for name, method in (("drawn", "background"), ("real", "network")):
         only = detect(both, tmp_path / name, "--method", method, "--cameras", name)
         assert only == ExitCode.DONE

@@ -22,8 +22,8 @@ def tables(*, smoothed: bool) -> tuple[Errors, Bound]:
     columns = {c.name: getattr(data.bound, c.name) for c in Bound.columns()}
     columns |= {"bound_zz": np.full(n, 0.04), "bound_space": np.hypot(data.bound.bound, 0.2)}
     if smoothed:
-        told = (data.bound.target_id == 1) | (random.random(n) < 0.7)
-        columns["smoothed"] = np.where(told, 0.5 * data.bound.bound, np.nan)
+        reported = (data.bound.target_id == 1) | (random.random(n) < 0.7)
+        columns["smoothed"] = np.where(reported, 0.5 * data.bound.bound, np.nan)
     bound = Bound.of(**columns)
     return errors.take(random.random(n) < 0.9), bound.take(random.random(n) < 0.8)
 
