@@ -1,4 +1,4 @@
-"""Pages without figures in all tests but those of `run`: elsewhere a page is one output of many."""
+"""Pages without figures: those of a batch are made as those of `occlog run`, which tests/pipeline/run has."""
 
 from __future__ import annotations
 
@@ -23,10 +23,9 @@ def without_picture(_: ReportInput) -> bytes:
 
 
 @pytest.fixture(autouse=True, scope="module")
-def no_figures(request: pytest.FixtureRequest) -> Iterator[None]:
+def no_figures() -> Iterator[None]:
     """Leave the figures out of the pages of a file of tests."""
     with pytest.MonkeyPatch.context() as patch:
-        if request.path.parent.name != "run":
-            patch.setattr(occlog.report.page, "plot", without_figure)
-            patch.setattr(occlog.report.run, "build_picture", without_picture)
+        patch.setattr(occlog.report.page, "plot", without_figure)
+        patch.setattr(occlog.report.run, "build_picture", without_picture)
         yield
