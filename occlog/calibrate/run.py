@@ -65,7 +65,9 @@ def run_calibrate(request: CalibrateRequest, job: Job) -> tuple[dict[str, object
     for line in inputs.notes:
         job.note(line)
     if len(inputs.cameras) < 2:
-        raise InputError(f"{request.recording}: boxes of one camera; cameras are calibrated against each other")
+        raise InputError(
+            f"{request.recording}: boxes of one camera; cameras are calibrated against each other", id="too-few-sensors"
+        )
     frames = _first_frames(inputs.frames, job)
     metre = 1.0 / METRES[inputs.scene.length_unit] if inputs.scene.length_unit in METRES else 1.0
     estimate = [name for name in ("focal", "radial") if getattr(request, name)]

@@ -180,7 +180,8 @@ def calibrate(
     if np.count_nonzero(used) < 2:
         raise InputError(
             "no two cameras see the same people for 3 s; record people who walk where cameras overlap, or raise "
-            f"{option('max_clock_offset')}"
+            f"{option('max_clock_offset')}",
+            id="insufficient-data",
         )
     now = _initial(cameras, planes, poses, times[1] - times[0])
     placed = [
@@ -236,7 +237,9 @@ def _grid(boxes: Sequence[Sequence[tuple[Floats, Floats]]]) -> Floats:
     """(T,) times at which paths are compared [s]."""
     every = [t for own in boxes for t, _ in own if len(t) > 1]
     if not every:
-        raise InputError("no person is tracked in the images of any camera; give boxes of people who walk")
+        raise InputError(
+            "no person is tracked in the images of any camera; give boxes of people who walk", id="insufficient-data"
+        )
     step = max(GRID_S, float(np.median([np.median(np.diff(t)) for t in every])))
     first, last = min(t[0] for t in every), max(t[-1] for t in every)
     return np.asarray(first + step * np.arange(min(int((last - first) / step) + 2, MAX_GRID)))

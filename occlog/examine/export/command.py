@@ -71,7 +71,12 @@ LIST = "\n".join(f"      {name:<15}{'/'.join(f.endings) or '(--to)':<19}{f.doc}"
 )
 @click.option("--scene", type=options.INPUT, default=None, help="Scene file, for image sizes (coco) and viewers.")
 @click.option("--recording", type=options.INPUT, default=None, help="Viewers: images and scene, if not in the folder.")
-@click.option("--layout", type=options.PATH, default=None, help="Viewers, not rerun: also write the layout to import.")
+@click.option(
+    "--layout",
+    type=options.PATH,
+    default=None,
+    help="For viewers other than rerun: also write a layout file, which the viewer can import.",
+)
 @click.option(
     "--quality",
     type=click.IntRange(1, 100),

@@ -254,7 +254,8 @@ class PeopleInput:
             seen = recording is not None and recording.cameras
             images = ", or track people in the images (method sort)" if seen else ""
             raise InputError(
-                f"{self.request.bearings}: {which}, so no position on the floor can be found; {remedy}{images}"
+                f"{self.request.bearings}: {which}, so no position on the floor can be found; {remedy}{images}",
+                id="missing-pose",
             )
         if left:
             self.notes.append(
@@ -273,7 +274,7 @@ class PeopleInput:
         known = (*(c.name for c in self.scene.cameras), *others)
         for name in (*self.request.cameras, *self.request.without):
             if name not in known:
-                raise UsageError(f"no camera {name!r} in the scene; {nearest(name, known)}")
+                raise UsageError(f"no camera {name!r} in the scene; {nearest(name, known)}", id="unknown-sensor")
         return [
             c
             for c in self.scene.cameras
@@ -356,7 +357,8 @@ class PeopleInput:
                 raise InputError(
                     f"{self.request.bearings}: no person is {config.person_height:.3g} {unit} tall "
                     "(setting person_height), so the "
-                    f"lengths of the scene are not in {unit}; {remedy}"
+                    f"lengths of the scene are not in {unit}; {remedy}",
+                    id="unit-mismatch",
                 )
             share = tall / config.person_height
             if np.isfinite(share) and not 1.0 / WRONG_UNIT_HEIGHT_RATIO < share < WRONG_UNIT_HEIGHT_RATIO:
@@ -364,7 +366,8 @@ class PeopleInput:
                     remedy += f", or else how tall people are (setting person_height, {tall:.3g})"
                 raise InputError(
                     f"{self.request.bearings}: by their boxes people are {tall:.3g} {unit} tall, so the lengths of the "
-                    f"scene are not in {unit}, or its cameras are not where it says; {remedy}"
+                    f"scene are not in {unit}, or its cameras are not where it says; {remedy}",
+                    id="unit-mismatch",
                 )
             return 1.0 / METRES[unit], config
         stated = configure(JipdaConfig(), {k: v for k, v in given.items() if k == "person_height"}).person_height
@@ -381,12 +384,14 @@ class PeopleInput:
         elif not self.cameras:
             raise InputError(
                 f"{self.request.bearings}: the scene does not state its unit of length ({unit}), and positions do not "
-                "determine how tall people are; state their height in the setting person_height"
+                "determine how tall people are; state their height in the setting person_height",
+                id="missing-unit",
             )
         else:
             raise InputError(
                 f"{self.request.bearings}: the scene does not state its unit of length ({unit}), and the boxes do not "
-                "determine how tall people are; state it in the setting person_height"
+                "determine how tall people are; state it in the setting person_height",
+                id="missing-unit",
             )
         return metre, configure(in_units_of(JipdaConfig(), metre), given)
 
@@ -416,7 +421,7 @@ class ImageInput(PeopleInput):
         self._doa = None
         self.cameras = tuple(self._chosen())
         if not self.cameras:
-            raise UsageError("no camera is left to track in; use at least one")
+            raise UsageError("no camera is left to track in; use at least one", id="too-few-sensors")
         self.sources, self.views = (), self.cameras
         self.tally = BoxStatistics.of(len(self.cameras))
         self.numbers = {}
@@ -427,7 +432,7 @@ class ImageInput(PeopleInput):
         rows = self.opened.rows(Boxes) if self.opened.has(Boxes) else self.opened.rows(Views)
         names = sorted({name for part in rows for name in np.unique(part.sensor).tolist()})
         if not names:
-            raise InputError(f"{self.request.bearings}: holds no boxes")
+            raise InputError(f"{self.request.bearings}: holds no boxes", id="empty-input")
         pose = np.zeros(3), np.eye(3), np.ones(2), np.zeros(2)
         return Scene(tuple(Camera(name, *pose, placed=False) for name in names))
 
@@ -455,7 +460,8 @@ def _refuse_positions(path: Path) -> None:
     if {"x", "y"} <= set(names) and not {"left", "x1", "width"} & set(names):
         raise InputError(
             f"{path}: holds positions on the ground; make a recording of them by `occlog ingest --positions "
-            f"{path.name}`, and track that"
+            f"{path.name}`, and track that",
+            id="wrong-content",
         )
 
 

@@ -90,13 +90,18 @@ def _places(path: Path, cameras: Mapping[str, Mapping[str, object]], options: Ca
         options.notes.append("the world is the frame of the IMU")
         return {name: _transform(cameras[name], "T_cam_imu", f"{path}: {name}") for name in names}
     lacking = next(name for name in names[1:] if "T_cn_cnm1" not in cameras[name])
-    raise InputError(f"{path}: {lacking}: has no T_cn_cnm1, so that its position is not known; calibrate all together")
+    raise InputError(
+        f"{path}: {lacking}: has no T_cn_cnm1, so that its position is not known; calibrate all together",
+        id="missing-pose",
+    )
 
 
 def _transform(table: Mapping[str, object], key: str, where: str) -> Floats:
     matrix = numbers(table[key], f"{where}: {key}")
     if matrix.shape != (4, 4) or not np.allclose(matrix[3], [0, 0, 0, 1]):
-        raise InputError(f"{where}: {key} must be four rows of four numbers, the last one 0, 0, 0, 1")
+        raise InputError(
+            f"{where}: {key} must be four rows of four numbers, the last one 0, 0, 0, 1", id="invalid-calibration"
+        )
     return matrix
 
 
@@ -107,20 +112,31 @@ def _camera(
     options.check_keys(name, table, KEYS)
     model, lens = str(table.get("camera_model")), str(table.get("distortion_model", "none"))
     if model != "pinhole":
-        raise InputError(f"{where}: camera model {model}; only pinhole can be used: calibrate again with pinhole")
+        raise InputError(
+            f"{where}: camera model {model}; only pinhole can be used: calibrate again with pinhole",
+            id="unsupported-format",
+        )
     intrinsics = numbers(table.get("intrinsics"), f"{where}: intrinsics").reshape(-1)
     size = numbers(table.get("resolution"), f"{where}: resolution").reshape(-1)
     if intrinsics.shape != (4,) or size.shape != (2,):
-        raise InputError(f"{where}: expected intrinsics of 4 numbers (fu, fv, pu, pv) and a resolution of 2")
+        raise InputError(
+            f"{where}: expected intrinsics of 4 numbers (fu, fv, pu, pv) and a resolution of 2",
+            id="invalid-calibration",
+        )
     known = {"radtan": ("brown", 4), "equidistant": ("equidistant", 4), "none": ("brown", 0)}
     if lens not in known:
-        raise InputError(f"{where}: distortion model {lens}; only {', '.join(known)} can be used")
+        raise InputError(
+            f"{where}: distortion model {lens}; only {', '.join(known)} can be used", id="unsupported-format"
+        )
     kind, count = known[lens]
     given = numbers(table.get("distortion_coeffs", []), f"{where}: distortion_coeffs").reshape(-1)
     if count and len(given) != count:
-        raise InputError(f"{where}: {len(given)} distortion_coeffs; {lens} has {count}")
+        raise InputError(f"{where}: {len(given)} distortion_coeffs; {lens} has {count}", id="invalid-calibration")
     if not count and given.any():
-        raise InputError(f"{where}: distortion model none with distortion_coeffs {given.tolist()}; state their model")
+        raise InputError(
+            f"{where}: distortion model none with distortion_coeffs {given.tolist()}; state their model",
+            id="invalid-calibration",
+        )
     pose = Pose(
         name=name,
         focal_px=intrinsics[:2],

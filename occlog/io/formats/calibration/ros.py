@@ -86,20 +86,26 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
             if any(key in part for key in ("camera_matrix", "k", "K")):
                 name = _name(path, part)
                 if name in lenses:
-                    raise InputError(f"{path}: camera {name} is in {lenses[name][0].name}, too; keep one")
+                    raise InputError(
+                        f"{path}: camera {name} is in {lenses[name][0].name}, too; keep one", id="duplicate-name"
+                    )
                 lenses[name] = (path, part)
             else:
                 tree |= dict(_transforms(path, part))
     if not lenses:
-        raise InputError(f"{paths[0]}: transforms without cameras; give the camera_info of each camera as well")
+        raise InputError(
+            f"{paths[0]}: transforms without cameras; give the camera_info of each camera as well", id="missing-pose"
+        )
     if not tree:
         raise InputError(
-            f"{paths[0]}: a camera_info does not state where the camera is; give the static transforms as well"
+            f"{paths[0]}: a camera_info does not state where the camera is; give the static transforms as well",
+            id="missing-pose",
         )
     roots = {_root(frame, tree, paths[-1]) for frame in tree}
     if len(roots) > 1:
         raise InputError(
-            f"{paths[-1]}: the transforms hang from {', '.join(sorted(roots))}; join them, the world must be one frame"
+            f"{paths[-1]}: the transforms hang from {', '.join(sorted(roots))}; join them, the world must be one frame",
+            id="invalid-calibration",
         )
     options.notes.append(f"the world is the frame {roots.pop()}, lenses are those of raw images")
     return tuple(_camera(name, *lenses[name], tree, options) for name in lenses)
@@ -110,7 +116,9 @@ def _documents(path: Path) -> Iterator[dict[str, object]]:
     for part in parts:
         for value in part if isinstance(part, list) else [part]:
             if not isinstance(value, dict):
-                raise InputError(f"{path}: {str(value)[:40]!r}; camera_info or transforms of ROS were expected")
+                raise InputError(
+                    f"{path}: {str(value)[:40]!r}; camera_info or transforms of ROS were expected", id="unknown-format"
+                )
             yield value
 
 
@@ -135,7 +143,8 @@ def _transforms(path: Path, part: Mapping[str, object]) -> Iterator[tuple[str, T
         q = _parts(values.get("rotation"), "xyzw", f"{where}: rotation")
         if abs(float(np.linalg.norm(q)) - 1) > 1e-3:
             raise InputError(
-                f"{where}: the rotation {q.tolist()} is no unit quaternion (length {np.linalg.norm(q):.4g})"
+                f"{where}: the rotation {q.tolist()} is no unit quaternion (length {np.linalg.norm(q):.4g})",
+                id="invalid-calibration",
             )
         yield str(child).lstrip("/"), Transform(str(parent).lstrip("/"), quaternion_rotation(q[3], *q[:3]), t)
 
@@ -145,7 +154,7 @@ def _parts(value: object, names: str, where: str) -> Floats:
         value = [value.get(name) for name in names]
     found = numbers(value, where).reshape(-1)
     if found.shape != (len(names),):
-        raise InputError(f"{where}: expected {len(names)} numbers: {', '.join(names)}")
+        raise InputError(f"{where}: expected {len(names)} numbers: {', '.join(names)}", id="invalid-calibration")
     return found
 
 
@@ -166,7 +175,7 @@ def _root(frame: str, tree: Mapping[str, Transform], path: Path) -> str:
         if frame not in tree:
             return frame
         frame = tree[frame].parent
-    raise InputError(f"{path}: the transforms of {frame} go in a circle; correct them")
+    raise InputError(f"{path}: the transforms of {frame} go in a circle; correct them", id="invalid-calibration")
 
 
 def _camera(
@@ -180,7 +189,8 @@ def _camera(
     if len(names) != 1:
         raise InputError(
             f"{where}: the transforms ({', '.join(tree)}) have no frame {name}_optical_frame; add it: images need the "
-            "optical frame (x right, y down, z forward)"
+            "optical frame (x right, y down, z forward)",
+            id="missing-pose",
         )
     rotation, position = np.eye(3), np.zeros(3)
     frame = names[0]
@@ -190,13 +200,13 @@ def _camera(
         frame = step.parent
     matrix = _matrix(part, ("camera_matrix", "k", "K"), f"{where}: camera matrix")
     if matrix.size != 9:
-        raise InputError(f"{where}: the camera matrix has {matrix.size} numbers, not 9")
+        raise InputError(f"{where}: the camera matrix has {matrix.size} numbers, not 9", id="invalid-calibration")
     given = _matrix(part, ("distortion_coefficients", "d", "D"), f"{where}: distortion").reshape(-1)
     lens = lens_of(str(part.get("distortion_model", "")), given, where)
     keys = ("image_width", "image_height") if "image_width" in part else ("width", "height")
     size = [part.get(key) for key in keys]
     if not all(isinstance(n, int) for n in size):
-        raise InputError(f"{where}: does not state the size of the images ({', '.join(keys)})")
+        raise InputError(f"{where}: does not state the size of the images ({', '.join(keys)})", id="missing-image-size")
     matrix = matrix.reshape(3, 3)
     whole = (int(str(size[0])), int(str(size[1])))
     check_camera_matrix(matrix, whole[1], where)
@@ -224,10 +234,15 @@ def lens_of(model: str, given: Floats, where: str) -> Lens:
     """
     kind = model.lower()
     if kind not in LENSES:
-        raise InputError(f"{where}: distortion model {model}; only {', '.join(m for m in LENSES if m)} can be used")
+        raise InputError(
+            f"{where}: distortion model {model}; only {', '.join(m for m in LENSES if m)} can be used",
+            id="unsupported-format",
+        )
     count = 4 if LENSES[kind] == "equidistant" else 5 if kind in PLUMB_BOB else 14
     if given[count:].any() or (count == 4 and len(given) not in (0, 4)):
-        raise InputError(f"{where}: {len(given)} distortion coefficients; {model} has {count}")
+        raise InputError(
+            f"{where}: {len(given)} distortion coefficients; {model} has {count}", id="invalid-calibration"
+        )
     return Lens(LENSES[kind], given)
 
 
@@ -250,7 +265,8 @@ def region_of(
     wide, high = width or whole[0] - x, height or whole[1] - y
     if min(*roi, *binning) < 0 or x + wide > whole[0] or y + high > whole[1] or wide < bins[0] or high < bins[1]:
         raise InputError(
-            f"{where}: binning {binning} and roi {roi} are no part of {whole[0]} x {whole[1]} px; correct them"
+            f"{where}: binning {binning} and roi {roi} are no part of {whole[0]} x {whole[1]} px; correct them",
+            id="invalid-calibration",
         )
     return ImageRegion((wide // bins[0], high // bins[1]), np.array([x, y], dtype=np.float64), 1.0 / np.array(bins))
 
@@ -273,7 +289,10 @@ def _roi(part: Mapping[str, object], name: str, options: CalibrationOptions, whe
     """Offsets and size of the region of interest; all 0 where it is not stated."""
     roi = part.get("roi") or {}
     if not isinstance(roi, dict):
-        raise InputError(f"{where}: roi {str(roi)[:40]!r}; x_offset, y_offset, width and height were expected")
+        raise InputError(
+            f"{where}: roi {str(roi)[:40]!r}; x_offset, y_offset, width and height were expected",
+            id="invalid-calibration",
+        )
     options.check_keys(name, (f"roi.{key}" for key in roi if key not in ROI_KEYS), ())
     x, y, width, height = (_whole(roi.get(k), f"{where}: roi.{k}") for k in ("x_offset", "y_offset", "width", "height"))
     return x, y, width, height
@@ -284,7 +303,7 @@ def _whole(value: object, where: str) -> int:
     if value is None:
         return 0
     if not isinstance(value, int) or isinstance(value, bool):
-        raise InputError(f"{where} {str(value)[:40]!r}; a whole number was expected")
+        raise InputError(f"{where} {str(value)[:40]!r}; a whole number was expected", id="invalid-calibration")
     return value
 
 
