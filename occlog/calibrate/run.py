@@ -139,11 +139,10 @@ class Start(NamedTuple):
         out = []
         for each in found.cameras:
             if each.estimated and each.camera.name in self.guessed:
-                focal, sigma = float(each.camera.focal_px[0]), float(each.sigma[FOCAL])
-                values = {"focal": focal, "sigma": sigma * focal} if "focal length" not in each.undetermined else {}
-                guess = self.guessed[each.camera.name]
-                values = values or {"focal": focal, "sigma": guess.sigma_log * focal}
-                out.append(finding(LENSES, "lens-from-people", sensors=[each.camera.name], **values))
+                name, focal = each.camera.name, float(each.camera.focal_px[0])
+                left = "focal length" in each.undetermined
+                sigma = focal * (self.guessed[name].sigma_log if left else float(each.sigma[FOCAL]))
+                out.append(finding(LENSES, "lens-from-people", sensors=[name], focal=focal, sigma=sigma))
         return outcome(LENSES, out, unless="" if self.guessed else "lenses are stated")
 
 
