@@ -35,7 +35,7 @@ COVERAGE, RESIDUAL = "board coverage", "board residuals"
 
 def run_board(request: CalibrateRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """Calibrate and write; return the summary, and losses."""
-    given = {"scene": request.scene, "ignore_poses": request.ignore_poses, "focal": request.focal}
+    given: dict[str, object] = {"scene": request.scene, "ignore_poses": request.ignore_poses, "focal": request.focal}
     given |= {"radial": request.radial, "points": request.points, "set": request.settings, "picture": request.picture}
     for name, value in given.items():
         if value:

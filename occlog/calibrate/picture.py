@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from occlog.array_types import Floats
+from occlog.array_types import Floats, Ints
 from occlog.records.frames import Image
 from occlog.records.scene import Camera
 
@@ -47,8 +47,8 @@ def picture(found: Calibrated, images: Mapping[str, Image], metre: float) -> byt
         figure = Figure(figsize=(WIDTH_IN, ROW_IN * len(rows)), layout="constrained")
         axes = figure.subplots(len(rows), 2, squeeze=False, width_ratios=(1.5, 1.0))
         for (c, camera), (left, right) in zip(rows, axes, strict=True):
-            mine = np.flatnonzero(found.seen.camera == c)
-            kept = mine[np.unique(np.linspace(0, len(mine) - 1, MAX_DRAWN).round().astype(np.int64))]
+            mine: Ints = np.flatnonzero(found.seen.camera == c).astype(np.int64)
+            kept: Ints = np.asarray(mine[np.unique(np.linspace(0, len(mine) - 1, MAX_DRAWN).round().astype(np.int64))])
             _draw_image(left, camera, images.get(camera.name), lines, step)
             _draw_feet(left, found, kept)
             _draw_residuals(right, found, mine, kept)
@@ -57,7 +57,7 @@ def picture(found: Calibrated, images: Mapping[str, Image], metre: float) -> byt
     return out.getvalue()
 
 
-def _residuals(found: Calibrated, rows: Floats) -> tuple[Floats, Floats]:
+def _residuals(found: Calibrated, rows: Ints) -> tuple[Floats, Floats]:
     """Residuals across, of the middle of boxes, and down, of their lower edge [px]: observed minus expected."""
     r = found.residual[rows]
     return 0.5 * (r[:, 0] + r[:, 2]), r[:, 3]
@@ -108,7 +108,7 @@ def _draw_image(axes: Axes, camera: Camera, image: Image | None, lines: list[Flo
     axes.set_title(f"{camera.name}: grid of the floor, {step} m; feet, residuals {MAGNIFIED:g} times", fontsize=9)
 
 
-def _draw_feet(axes: Axes, found: Calibrated, rows: Floats) -> None:
+def _draw_feet(axes: Axes, found: Calibrated, rows: Ints) -> None:
     """Feet of boxes, with lines to where they are expected."""
     box = found.seen.box[rows]
     across, down = _residuals(found, rows)
@@ -119,7 +119,7 @@ def _draw_feet(axes: Axes, found: Calibrated, rows: Floats) -> None:
     axes.plot(u[good], v[good], ".", color=FEET, markersize=2.0)
 
 
-def _draw_residuals(axes: Axes, found: Calibrated, mine: Floats, rows: Floats) -> None:
+def _draw_residuals(axes: Axes, found: Calibrated, mine: Ints, rows: Ints) -> None:
     """Residuals over time."""
     time = found.seen.time[found.seen.knot[rows]] - found.seen.time.min()
     for values, colour, name in zip(_residuals(found, rows), (ACROSS, DOWN), ("across", "feet"), strict=True):

@@ -82,7 +82,7 @@ def run_calibrate(request: CalibrateRequest, job: Job) -> tuple[dict[str, object
         raise InputError(f"{request.recording}: {error}") from error
     stated = any(c.has_height for c in cameras)
     made = job.provenance({**asdict(config), "ignore_poses": request.ignore_poses, "estimate": estimate}, inputs.losses)
-    made = made.with_checks((*_checks(found, cameras, config, metre), *start.checks(found)))
+    made = made.with_checks((*_checks(found, cameras, config, metre, focal=request.focal), *start.checks(found)))
     scene = _scene(inputs.scene, found, placed=stated)
     if request.picture is not None:
         from .picture import picture
@@ -139,11 +139,10 @@ class Start(NamedTuple):
         out = []
         for each in found.cameras:
             if each.estimated and each.camera.name in self.guessed:
-                focal, sigma = float(each.camera.focal_px[0]), float(each.sigma[FOCAL])
-                values = {"focal": focal, "sigma": sigma * focal} if "focal length" not in each.undetermined else {}
-                guess = self.guessed[each.camera.name]
-                values = values or {"focal": focal, "sigma": guess.sigma_log * focal}
-                out.append(finding(LENSES, "lens-from-people", sensors=[each.camera.name], **values))
+                name, focal = each.camera.name, float(each.camera.focal_px[0])
+                left = "focal length" in each.undetermined
+                sigma = focal * (self.guessed[name].sigma_log if left else float(each.sigma[FOCAL]))
+                out.append(finding(LENSES, "lens-from-people", sensors=[name], focal=focal, sigma=sigma))
         return outcome(LENSES, out, unless="" if self.guessed else "lenses are stated")
 
 
@@ -252,12 +251,14 @@ def _frame(found: Calibrated) -> dict[str, float]:
     return {name: round(value, 4) for name, value in values.items() if np.isfinite(value)}
 
 
-def _checks(found: Calibrated, stated: Sequence[Camera], config: CalibrateConfig, metre: float) -> tuple[Check, ...]:
+def _checks(
+    found: Calibrated, stated: Sequence[Camera], config: CalibrateConfig, metre: float, *, focal: bool
+) -> tuple[Check, ...]:
     """Checks of the calibration with their findings."""
     known = any(c.has_height for c in stated)
     return (
         *outcome(CAMERAS, _missing(found), cameras=sum(each.estimated for each in found.cameras)),
-        *outcome(PARAMETERS, _loose(found)),
+        *outcome(PARAMETERS, _loose(found, focal=focal)),
         *outcome(SEARCH, () if found.converged else (finding(SEARCH, "adjustment-not-converged"),)),
         *outcome(STATED, _moved(found, stated, config, metre), unless="" if known else "no poses are stated"),
         *_clocks(found),
@@ -270,9 +271,12 @@ def _missing(found: Calibrated) -> Iterator[Check]:
             yield finding(CAMERAS, "camera-not-calibrated", sensors=[each.camera.name])
 
 
-def _loose(found: Calibrated) -> Iterator[Check]:
+def _loose(found: Calibrated, *, focal: bool) -> Iterator[Check]:
+    """Parameters that were asked for and are not determined; `focal`: focal lengths were."""
     for each in found.cameras:
         for name in each.undetermined:
+            if name == "focal length" and not focal:
+                continue  # of marked points or people, which `marked_points` and `lens-from-people` state
             yield finding(PARAMETERS, "parameter-undetermined", sensors=[each.camera.name], parameter=name)
 
 

@@ -130,8 +130,8 @@ def command(
         "is for viewers' formats only",
     )
     if name is not None and name in FORMATS and FORMATS[name].cameras:
-        named = {"--table": table, "--target": targets, "--camera": camera, "--origin": origin, "--scene": scene}
-        _refuse(named, f"format {name} has all cameras of a scene; leave it out")
+        stated = {"--table": table, "--target": targets, "--camera": camera, "--origin": origin, "--scene": scene}
+        _refuse(stated, f"format {name} has all cameras of a scene; leave it out")
         from .cameras import run_export_cameras
 
         return console.finish(*run_export_cameras(file, output, name, overwrite=overwrite, quiet=quiet), as_json)

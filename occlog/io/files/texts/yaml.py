@@ -392,3 +392,8 @@ def _value_at(raw: Any, location: str) -> object:
         except (KeyError, IndexError, TypeError):
             return None
     return raw
+
+
+def yaml_text(value: object) -> str:
+    """YAML text of mappings, lists, numbers and texts, in their order; the innermost ones on one line each."""
+    return yaml.safe_dump(value, sort_keys=False, default_flow_style=None, width=200, allow_unicode=True)

@@ -13,10 +13,10 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from occlog.array_types import Floats
 from occlog.errors import InputError, option
+from occlog.io.files.texts.yaml import yaml_text
 from occlog.records.scene import Camera
 from occlog.records.verdicts import finding
 
@@ -170,6 +170,4 @@ def texts(cameras: Sequence[Camera], late_s: Mapping[str, float]) -> dict[str, s
             "resolution": list(camera.image_size or ()),
             "timeshift_cam_imu": 0.0 - late_s.get(camera.name, 0.0),
         }
-    return {
-        "camchain.yaml": "".join(names) + yaml.safe_dump(chain, sort_keys=False, default_flow_style=None, width=200)
-    }
+    return {"camchain.yaml": "".join(names) + yaml_text(chain)}

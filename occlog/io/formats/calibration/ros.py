@@ -16,11 +16,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import yaml
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
-from occlog.io.files.texts.yaml import yaml_documents
+from occlog.io.files.texts.yaml import yaml_documents, yaml_text
 from occlog.records.scene import Camera
 
 from .common import (
@@ -335,7 +334,7 @@ def texts(cameras: Sequence[Camera], late_s: Mapping[str, float]) -> dict[str, s
                 "rows": 3, "cols": 4, "data": [fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
             },
         }  # fmt: skip
-        out[f"{camera.name}.yaml"] = _dumped(info)
+        out[f"{camera.name}.yaml"] = yaml_text(info)
         if camera.placed:
             values = {
                 "translation": camera.position.tolist(),
@@ -349,11 +348,7 @@ def texts(cameras: Sequence[Camera], late_s: Mapping[str, float]) -> dict[str, s
                     "transform": transform,
                 }
             )
-    return out | ({"tf_static.yaml": _dumped({"transforms": transforms})} if transforms else {})
-
-
-def _dumped(value: object) -> str:
-    return yaml.safe_dump(value, sort_keys=False, default_flow_style=None, width=200, allow_unicode=True)
+    return out | ({"tf_static.yaml": yaml_text({"transforms": transforms})} if transforms else {})
 
 
 def rotation_quaternion(rotation: Floats) -> Floats:
