@@ -184,7 +184,7 @@ class SoundConfig(Settings):
     )
     known_heights: bool = setting(
         True,
-        "The heights of targets are known, so that directions have elevations. Without, false directions have none either.",
+        "The heights of targets are known, so that directions have elevations. Without, no direction has one.",
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:

@@ -231,7 +231,7 @@ class CmctConfig(LoopCheckConfig):
     )
     sigma_across_line: float = setting(
         0.5,
-        "Standard deviation, across the epipolar line, of the particles drawn on it, relative to the radius of the target.",
+        "Standard deviation, across the epipolar line, of the particles drawn on it, relative to the radius.",
         **ABOVE_0,
     )
     appearance_learning_rate: float = setting(
