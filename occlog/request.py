@@ -176,10 +176,10 @@ class Request(Settings):
                 found |= {f"{f.name}[{n}]" if n else f.name: path for n, path in enumerate(paths)}
         return found
 
-    def table_of(self, field_name: str) -> str:
-        """The name of the table that an output is; empty: it is none."""
-        found: File = type(self).__dataclass_fields__[field_name].metadata["file"]
-        return found.table
+    def file_field(self, field_name: str) -> File:
+        """The declaration of a field that names files; of several, also by `name[1]`."""
+        found: File = type(self).__dataclass_fields__[field_name.partition("[")[0]].metadata["file"]
+        return found
 
     def kind_of_input(self) -> str:
         """The kind of its input; empty: it has none."""

@@ -8,6 +8,7 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -83,7 +84,7 @@ COMMANDS = {
         "occlog.examine.viewers.command", "Show a run or a recording in Rerun, Foxglove or Lichtblick.", FILES
     ),
     "export": Command("occlog.examine.export.command", "Export a table to the format of another program.", FILES),
-    "recover": Command("occlog.examine.recover", "Recover the intact parts of a damaged recording or table.", FILES),
+    "recover": Command("occlog.examine.recover", "Recover the intact parts of a damaged recording.", FILES),
     "plan": Command(
         "occlog.plan.request:PlanRequest",
         "Predict tracking errors of a sensor layout and rank positions for sensors.",
@@ -155,6 +156,7 @@ COMMANDS = {
 """Every command, by group and in the order of a pipeline; a table of text, so that --help loads none of the modules."""
 
 
+@cache
 def load_command(name: str) -> click.Command:
     """The command of that name in `COMMANDS`; its module is imported here."""
     where, summary, _ = COMMANDS[name]

@@ -12,7 +12,7 @@ from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import check_outputs
 
 
-@click.command(name="recover", short_help="Recover the intact parts of a damaged recording or table.")
+@click.command(name="recover", short_help="Recover the intact parts of a damaged recording.")
 @click.argument("file", type=options.INPUT)
 @options.output_opt("Recovered recording (MCAP).")
 @click.option(

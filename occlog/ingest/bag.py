@@ -326,10 +326,10 @@ class GatheredVideo:
         return self._lost
 
 
-def _decoding(stream: GatheredVideo, plan: IngestPlan) -> CameraSource:
+def _decoding(stream: GatheredVideo, camera: str, plan: IngestPlan) -> CameraSource:
     """The decoder of a stream, by the numbers of its messages, and their times."""
     times = np.array(stream.times, dtype=np.int64)
-    first, stop = plan.frames if plan.frames is not None else (0, None)
+    first, stop = plan.frames.of(camera) or (0, None)
     start = bisect_left(stream.numbers, first)
     end = None if stop is None else bisect_left(stream.numbers, stop)
     return video_source(
@@ -389,8 +389,9 @@ class Taking:
         self._changed: dict[str, list[str]] = {}
         scale = plan.confidence_scale
         self._boxes = {t: MessageBoxRows(name, plan.classes, scale) for name, t in chosen.boxes.items()}
-        frames = self._frame_times() if plan.frames is not None and self._targets else {}
-        self._span = span_of(dict.fromkeys(frames, range(*plan.frames or (0, 0))), frames)
+        frames = self._frame_times() if plan.frames and self._targets else {}
+        ranges = {name: range(*own) for name in frames if (own := plan.frames.of(name)) is not None}
+        self._span = span_of(ranges, frames)
         self._of_other_times = 0
         self._extents = BoxExtents({c.name: c.image_size for c in scene.cameras if c.image_size is not None})
         self._beyond_lens: Counter[str] = Counter()
@@ -515,7 +516,7 @@ class Taking:
         elif isinstance(read, BoxMessage):
             number = self._boxes[topic].frames
             table = self._boxes[topic].rows(read, t_ns)
-            if not self._is_chosen(number):
+            if not self.plan.frames.takes(self._boxes[topic].camera, number):
                 return
             self._extents.add(table)
             unseen = beyond_lens(table, self.scene)
@@ -531,7 +532,7 @@ class Taking:
     def _image(self, topic: str, read: ImageMessage, t_ns: int, state: _CameraState, writer: RecordingWriter) -> None:
         camera, number = self._cameras[topic], state.number
         state.number += 1
-        if not self._is_chosen(number):
+        if not self.plan.frames.takes(camera, number):
             return
         image = stored(read, f"image {number} of {topic}", self.plan.store, self.plan.jpeg_quality)
         state.sized = state.sized or self.found.sizes[camera]
@@ -540,10 +541,6 @@ class Taking:
             return
         writer.image(camera, t_ns, number, image.data, image.kind)
         self.frames[camera] = self.frames.get(camera, 0) + 1
-
-    def _is_chosen(self, number: int) -> bool:
-        """Return whether a frame is among those that the user chooses."""
-        return self.plan.frames is None or self.plan.frames[0] <= number < self.plan.frames[1]
 
     def _frame_of_truth(self, frame: str) -> FramePose:
         """Pose of the frame of true positions; UsageError for one that no transforms connect with the world."""
@@ -563,7 +560,7 @@ class Taking:
                 self._states[topic].damaged += stream.end()
                 if not stream.times:
                     raise InputError(f"topic {topic}: {stream.reason or 'its video has no key frame'}")
-                source = _decoding(stream, self.plan)
+                source = _decoding(stream, self._cameras[topic], self.plan)
                 stack.enter_context(source.decoder)
                 started.append((topic, source))
             merged = heapq.merge(*(_pictures(topic, source) for topic, source in started), key=lambda item: item[:2])
@@ -600,7 +597,7 @@ class Taking:
     def finish(self, note: Note) -> list[Loss]:
         """Report which clock was used, and list the losses."""
         losses = lens_losses(self._beyond_lens, self.rows.get(Boxes.NAME, 0))
-        if self._of_other_times and self.plan.frames is not None:
+        if self._of_other_times and self.plan.frames:
             note_skipped(self._of_other_times, self._of_other_times + self.rows.get(Truth.NAME, 0), self.plan, note)
         for file in self.bag.files:
             for topic, (count, most) in getattr(file, "reordered", {}).items():

@@ -18,8 +18,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from occlog.errors import UsageError, did_you_mean, option
+from occlog.io.files.frame_choice import FrameChoice
 from occlog.records.names import first_double
-from occlog.settings import Settings, declared, kind_of, read_value, setting
+from occlog.settings import Settings, declared, kind_of, read_pair, read_value, setting
 
 if TYPE_CHECKING:
     from occlog.io.formats.calibration.common import CalibrationOptions
@@ -191,7 +192,7 @@ class IngestPlan(Settings):
     start_time: tuple[tuple[str | None, str], ...]
     fps: tuple[tuple[str | None, str], ...]
     clock_offset: dict[str, float]  # s
-    frames: tuple[int, int] | None
+    frames: FrameChoice
 
     timestamp_source: str = setting(
         "header",
@@ -344,7 +345,7 @@ class IngestPlan(Settings):
         values = expand_dataset(values)
         mot = _named("mot", values["mot"])
         own = {f.name: values[f.name] for f in declared(cls) if f.name in values}
-        plain = ("output", "bags", "topics", "calibration", "image_size", "scene", "frames", "readers", "reads", "grid")
+        plain = ("output", "bags", "topics", "calibration", "image_size", "scene", "readers", "reads", "grid")
         taken: dict[str, Any] = {
             **{key: values[key] for key in plain},
             "video": _named("video", values["video"]),
@@ -353,6 +354,7 @@ class IngestPlan(Settings):
             **{key: pairs(values[key], Path) for key in ("doa", "truth", "timestamps", "arrays", "positions")},
             **{key: pairs(values[key], str) for key in ("start_time", "fps", "topic")},
             "clock_offset": offsets_of(values["clock_offset"]),
+            "frames": frames_of(values["frames"]),
             **{n: read_value(v, kind_of(cls, n), n) if isinstance(v, str) else v for n, v in own.items()},
         }
         plan = cls(**taken)
@@ -415,7 +417,7 @@ class IngestPlan(Settings):
         return CalibrationOptions(self.calibration_unit, self.image_size, self.lens_model, self.mirror)
 
     def check_names(self, cameras: Sequence[str]) -> None:
-        """Raise UsageError for a start time or frame rate of a sensor that takes none.
+        """Raise UsageError for a start time, frame rate or range of frames of a sensor that takes none.
 
         Args:
             cameras: all that the recording has.
@@ -425,6 +427,7 @@ class IngestPlan(Settings):
         for key, names, known in (
             ("start_time", self.start_time, (*cameras, *arrays, *sources)),
             ("fps", self.fps, (*cameras, *sources)),
+            ("frames", [(name, f"{a}:{b}") for name, (a, b) in self.frames.own.items()], (*cameras, *sources)),
         ):
             for name, value in names:
                 if name is not None and name not in known:
@@ -472,12 +475,18 @@ class IngestPlan(Settings):
             if key == "output" or value in (None, (), {}, False):
                 continue
             shown[key] = _plain(value)
+        if not self.frames:
+            del shown["frames"]
         return shown
 
 
 def _plain(value: object) -> object:
     if isinstance(value, Path):
         return value.name
+    if isinstance(value, FrameChoice):
+        own = {name: list(each) for name, each in value.own.items()}
+        common = [] if value.common is None else list(value.common)
+        return {**({"": common} if common else {}), **own} if own else common
     if isinstance(value, dict):
         return {k: _plain(v) for k, v in value.items()}
     return [_plain(v) for v in value] if isinstance(value, tuple) else value
@@ -498,6 +507,23 @@ def pairs(values: Iterable[str], kind: Callable[[str], T]) -> tuple[tuple[str | 
         else:
             out.append((None, kind(text)))
     return tuple(out)
+
+
+def frames_of(values: Iterable[str]) -> FrameChoice:
+    """The frames of `A:B` and `NAME=A:B`; UsageError for a camera that is named twice, or anything else."""
+    common, own = None, {}
+    for name, text in pairs(values, str):
+        try:
+            chosen = read_pair(text, size=False)
+        except UsageError as error:
+            raise UsageError(f"{option('frames')}: {error}") from None
+        if name in own or (name is None and common is not None):
+            raise UsageError(f"{option('frames')} is given twice{f' for {name}' if name else ''}; keep one")
+        if name is None:
+            common = chosen
+        else:
+            own[name] = chosen
+    return FrameChoice(common, own)
 
 
 def _named(setting: str, values: Iterable[str]) -> dict[str, Path]:

@@ -284,6 +284,7 @@ def _write_tables(
             cameras=known_cameras(plan, scene),
             times=times,
             sync_ns=sync,
+            length_unit=scene.length_unit,
             boxes=truth_options(plan, scene),
         )
         true = _split_tables(_truth(path, how, plan, turn, scene.length_unit), path, seen)
@@ -316,7 +317,7 @@ def _write_positions(
                 times=times,
                 start_ns=start_of(plan, name or ""),
                 first_number=plan.first_number or 0,
-                frames=plan.frames,
+                frames=plan.frames.of(name),
                 grid=grid,
                 scale=plan.confidence_scale,
                 scores=plan.score_type,

@@ -374,7 +374,7 @@ def match_cameras(scene: Scene, wanted: Sequence[str], plan: IngestPlan, reasons
         if found is not None:
             check_meaning(meant, name, found, "calibration")
         if found is None and not plan.allow_uncalibrated:
-            known = ", ".join(kept) or "none"
+            known = ", ".join(c.name for c in scene.cameras) or "none"
             others = [each for each in kept if each not in wanted] if name not in reasons else []
             renamed = f"name its files as there ({others[0]}=FILE), " if others else ""
             raise InputError(

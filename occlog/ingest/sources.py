@@ -116,10 +116,10 @@ def open_sources(
 
 
 def _videos(plan: IngestPlan, scene: Scene, sidecars: Sidecars) -> list[CameraSource]:
-    start, stop = plan.frames or (0, None)
     store = "none" if plan.store == "link" else (plan.store or "jpeg")
     out = []
     for name, path in plan.video.items():
+        start, stop = plan.frames.of(name) or (0, None)
         given = for_sensor(plan.fps, name)
         times = times_of(plan, name, sidecars) if name in sidecars else None
         if times is None:
@@ -131,7 +131,6 @@ def _videos(plan: IngestPlan, scene: Scene, sidecars: Sidecars) -> list[CameraSo
 
 
 def _folders(plan: IngestPlan, scene: Scene, sidecars: Sidecars) -> list[CameraSource]:
-    start, stop = plan.frames or (0, None)
     rates = {name: as_rate(rate) for name in plan.images if (rate := for_sensor(plan.fps, name)) is not None}
     starts = {name: start_of(plan, name) for name in plan.images}
     folders = read_folders(plan.images, sidecars, rates, starts, plan.first_number)
@@ -140,10 +139,13 @@ def _folders(plan: IngestPlan, scene: Scene, sidecars: Sidecars) -> list[CameraS
     def timed(name: str, folder: ImageFolder) -> ImageFolder:
         return replace(folder, times=folder.times.by(clock_of(scene, name)))
 
-    return [
-        image_source(name, timed(name, folder), start=start, stop=stop, store=store, quality=plan.jpeg_quality)
-        for name, folder in folders.items()
-    ]
+    out = []
+    for name, folder in folders.items():
+        start, stop = plan.frames.of(name) or (0, None)
+        out.append(
+            image_source(name, timed(name, folder), start=start, stop=stop, store=store, quality=plan.jpeg_quality)
+        )
+    return out
 
 
 def sync_times(plan: IngestPlan) -> dict[int, int] | None:

@@ -94,7 +94,7 @@ def has_tracks_in_images(tracks: Path | None) -> bool:
 
 
 def read_input(request: PageRequest, whole: Collection[str] = ()) -> ReportInput:
-    """Everything that was named; the scene of the recording with the truth or the bearings if no other is named.
+    """Everything that was named; the scene of the recording with truth, bearings or images if no other is named.
 
     Args:
         request: inputs.
@@ -153,7 +153,8 @@ def _scene(paths: PageRequest) -> Scene | None:
 
     if paths.scene is not None:
         return load_scene(paths.scene, None, paths.scene)
-    opened = (open_input(path) for path in (paths.truth, paths.bearings) if path is not None)
+    named = (paths.truth, paths.bearings, paths.images, paths.recording)
+    opened = (open_input(path) for path in named if path is not None)
     return next((each.scene for each in opened if each.recording is not None), None)
 
 

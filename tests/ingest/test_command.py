@@ -277,6 +277,9 @@ def test_black_bars_tell_that_frames_were_scaled(place: Path) -> None:
         (["--images", "cam1={tmp}", "--store", "link"], 2, "only videos can be linked"),
         (["--video", "cam1={video}", "--frames", "9:9"], 2, "A:B with A < B"),
         (["--video", "cam1={video}", "--frames", "100:200"], 4, "has only 40"),
+        (["--video", "cam1={video}", "--frames", "cam1=100:200"], 4, "has only 40"),
+        (["--video", "cam1={video}", "--frames", "cam2=1:3"], 2, "--frames cam2=1:3: no camera"),
+        (["--video", "cam1={video}", "--frames", "0:9", "--frames", "1:2"], 2, "--frames is given twice"),
         (["--video", "cam1={video}", "--fps", "fast"], 4, "frame rate 'fast'"),
         (["--video", "cam1={video}", "--start-time", "noon"], 4, "--start-time: time 'noon'"),
         (

@@ -349,3 +349,22 @@ def test_a_left_handed_world_is_not_called_inverted() -> None:
         Camera(c.name, axes @ c.position, -axes @ c.rotation, c.focal_px, c.principal_px, c.image_size) for c in CAMERAS
     ]
     assert [c.id for c in world_checks(mirrored, None, ground_stated=False) if c.found] == ["world-left-handed"]
+
+
+@pytest.mark.parametrize("how", ["inverted", "centres"])
+@pytest.mark.parametrize("k", [0, 1, 2])
+def test_a_single_camera_that_is_misread_and_below_the_ground_is_named_with_its_cause(k: int, how: str) -> None:
+    wrong = tuple(misread(c, how) if n == k else c for n, c in enumerate(CAMERAS))
+    found = [c for c in checks(wrong, None, None) if c.found]
+    if wrong[k].position[2] <= 0.0:
+        assert [c.id for c in found] == ["camera-extrinsics-fit-if"]
+        assert found[0].sensors == (CAMERAS[k].name,)
+        assert how in found[0].text
+        assert len(found[0].text) <= 160
+    else:
+        assert "camera-extrinsics-fit-if" not in [c.id for c in found]
+
+
+def test_a_camera_below_the_ground_that_no_other_meaning_mends_is_only_low() -> None:
+    low = replace(CAMERAS[1], position=np.array([60.0, 10.0, -2.2]))
+    assert ids((CAMERAS[0], low, CAMERAS[2]), None, None) == ["camera-not-above-ground"]

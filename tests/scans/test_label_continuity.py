@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ NS = 1_000_000_000
 SEEDS = range(300, 312)
 
 
+@cache
 def two(seed: int, motion: str = "walk", **values: float) -> tuple[Bearings, Recording]:
     """Bearings of two people, labels 0 and 1."""
     one, other = (record(motion, 4, seed=s, **values) for s in (seed, seed + 1000))  # type: ignore[arg-type]
@@ -188,3 +190,11 @@ def test_a_label_that_returns_after_a_pause_does_not_jump() -> None:
         late = (made.bearings.t_ns - made.bearings.t_ns[0]) / NS
         _, events = follow(made, [made.bearings.take((late < 12.0) | (late >= 16.0))])
         assert not events.jumps
+
+
+def test_noise_without_a_limit_overflows_nothing() -> None:
+    bearings, made = two(300)
+    huge = replace(bearings, sigma=np.where(np.arange(len(bearings)) % 7 == 0, 1e300, bearings.sigma))
+    with np.errstate(all="raise"):
+        out, _ = follow(made, [huge])
+    assert len(out) == len(bearings)

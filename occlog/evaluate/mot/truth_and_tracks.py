@@ -27,6 +27,7 @@ from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.metrics.errors import intersection_over_union
 from occlog.core.metrics.mot.frame_pairs import EPS, Objects
 from occlog.errors import InputError, UsageError, option
+from occlog.io.files.frame_choice import FrameChoice
 from occlog.io.files.frame_times import FrameTimes, as_rate
 from occlog.io.files.texts.formats import Probe, recognise
 from occlog.io.formats.boxes.mot_challenge import PEDESTRIAN, Marks
@@ -286,7 +287,7 @@ def read_annotation(path: Path, name: str, camera: str, config: MultiTargetConfi
         camera=camera,
         cameras=(camera,),
         times={camera: frame_times(config)},
-        boxes=BoxOptions(first_number=config.first_number or 0, frames=config.frames),
+        boxes=BoxOptions(first_number=config.first_number or 0, frames=FrameChoice(config.frames)),
     )
     tables = [table for table in read_truth(path, how) if isinstance(table, TruthBoxes)]
     truth = TruthBoxes.concat(tables)

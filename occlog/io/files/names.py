@@ -33,11 +33,17 @@ def last_number(name: str) -> str | None:
 
 
 TABLE, RECORDING = ".parquet", ".mcap"
-WRITTEN = {TABLE: ("tables", "Parquet"), RECORDING: ("recordings", "MCAP")}
+WRITTEN = {
+    TABLE: ("tables", "Parquet"),
+    RECORDING: ("recordings", "MCAP"),
+    ".html": ("pages", "HTML"),
+    ".md": ("reports", "Markdown"),
+    ".png": ("pictures", "PNG"),
+}
 """Content of files with an ending, and the name of the format."""
 PROMISING = (
     *(".csv", ".tsv", ".txt", ".json", ".jsonl", ".geojson", ".xlsx", ".feather", ".arrow", ".npz", ".mat"),
-    *(".yaml", ".yml", ".html", ".png", ".svg", ".mp4", ".gz", TABLE, RECORDING),
+    *(".yaml", ".yml", ".pdf", ".svg", ".jpg", ".mp4", ".gz", *WRITTEN),
 )
 """Endings of names that promise a format."""
 

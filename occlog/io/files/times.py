@@ -22,6 +22,7 @@ from .names import check_meaning, match_sensor
 from .texts.csv_rows import MISSING, CsvRows, first_line, is_header, last_place, read_plain, read_rows
 
 WHAT = "a table of time stamps"
+HOUR_NS = 3600 * NS
 UNITS = {"ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9}
 LATEST_S = 10**11
 """A larger number of seconds (year 5138) is in another unit."""
@@ -306,9 +307,9 @@ def iter_times(path: Path) -> Iterator[tuple[CsvRows, str]]:
 
 
 def is_header_line(path: Path) -> bool:
-    """Return whether the file begins with names of columns; a date and time is not a name."""
+    """Return whether the file begins with names of columns; a date and time, or its attempt, is not a name."""
     cells = first_line(path, WHAT)
-    return is_header(cells) and not any(_ISO.match(cell) for cell in cells)
+    return is_header(cells) and not any(cell[:1].isdigit() for cell in cells)
 
 
 def _named(rows: CsvRows) -> CsvRows:
@@ -389,9 +390,11 @@ def _in_order(rows: CsvRows, t_ns: Ints, picked: Ints) -> Ints:
     if len(back):
         row = int(back[0]) + 1
         verb = "repeats" if t_ns[row] == t_ns[row - 1] else "goes back"
+        summer = abs(int(t_ns[row - 1] - t_ns[row]) - HOUR_NS) < HOUR_NS // 60
+        remedy = "correct the file" + "; by an hour: local time at the end of summer time? Write UTC" * summer
         raise rows.fail(
             int(picked[row]),
-            f"time stamp {verb} ({time_words(t_ns[row])} after {time_words(t_ns[row - 1])}); correct the file",
+            f"time stamp {verb} ({time_words(t_ns[row])} after {time_words(t_ns[row - 1])}); {remedy}",
         )
     check_unit(rows, np.diff(t_ns) / NS)
     return t_ns

@@ -35,7 +35,7 @@ from occlog.array_types import Floats, Ints, Strings
 from occlog.errors import InputError, UsageError, option
 from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.limits import check_input, guarded, naming
-from occlog.io.files.texts.csv_rows import CsvRows, first_line, is_header, read_plain
+from occlog.io.files.texts.csv_rows import CsvRows, first_line, is_header, name_with_unit, read_plain
 from occlog.io.files.texts.documents import number, required
 from occlog.io.files.texts.formats import (
     IDENTITY,
@@ -55,6 +55,7 @@ from occlog.io.files.texts.formats import (
 from occlog.io.files.times import TIME_COLUMNS, note_clock_set, time_column
 from occlog.io.files.utc import time_words
 from occlog.records.tables import Truth, TruthBoxes
+from occlog.settings import METRES
 
 from .boxes.annotations import is_cvat
 from .boxes.columns import ACROSS
@@ -173,7 +174,7 @@ def read_xml_boxes(
 
     Frames that are not listed have not been annotated: they get no row.
     """
-    first, stop = options.frames or (0, 2**62)
+    first, stop = options.frames.of(camera) or (0, 2**62)
     rows: list[Row] = []
     run: list[int] = []
     for frame, objects in _frames(path, options.first_number):
@@ -288,18 +289,27 @@ POSITIONS = TextFormat(
 )
 
 
+def _in_unit(unit: str) -> TextFormat:
+    """Positions in columns whose names end in a unit of length: `x_mm`."""
+    lengths = {axis: replace(POSITIONS.columns[axis], names=(f"{axis}_{unit}",)) for axis in "xyz"}
+    return replace(POSITIONS, columns={**POSITIONS.columns, **lengths})
+
+
+IN_UNITS = {unit: _in_unit(unit) for unit in METRES if unit != "m"}
+"""Positions by the unit of length that the names of their columns end in."""
+
+
 def frames_of_positions(path: Path) -> tuple[int, int] | None:
     """First and last frame number of a table of positions that counts frames and has no times; None for another."""
     try:
-        head = {cell.lower() for cell in first_line(path, WHAT)}
+        head = {name_with_unit(cell.lower()) for cell in first_line(path, WHAT)}
         times = {name for names in TIME_COLUMNS.values() for name in names}
-        if (
-            head & times
-            or not head & set(POSITIONS.columns["frame"].names)
-            or not head & set(POSITIONS.columns["x"].names)
-        ):
+        if head & times or not head & set(POSITIONS.columns["frame"].names):
             return None
-        spans = [part["frame"] for part in read_format(path, POSITIONS, ignore_extra=True) if len(part)]
+        form = next((f for f in (POSITIONS, *IN_UNITS.values()) if head & set(f.columns["x"].names)), None)
+        if form is None:
+            return None
+        spans = [part["frame"] for part in read_format(path, form, ignore_extra=True) if len(part)]
     except InputError:
         return None
     return (min(int(s.min()) for s in spans), max(int(s.max()) for s in spans)) if spans else None
@@ -315,6 +325,7 @@ class TruthOptions:
         cameras: names of the cameras in use.
         times: times of the frames of each camera.
         sync_ns: time of every synchronisation index (caliscope).
+        length_unit: of the positions; that of tables that state none.
         boxes: how boxes are to be read.
     """
 
@@ -323,6 +334,7 @@ class TruthOptions:
     cameras: Sequence[str] = ()
     times: Mapping[str, FrameTimes] = field(default_factory=dict)
     sync_ns: Mapping[int, int] | None = None
+    length_unit: str = "m"
     boxes: BoxOptions = BoxOptions()
 
     def frame_times(self, where: str) -> FrameTimes:
@@ -464,14 +476,19 @@ def _read_boxes(path: Path, options: TruthOptions, camera: str | None) -> Iterat
 
 
 def _read_csv(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
-    header = [cell.lower() for cell in first_line(path, WHAT)]
+    header = [name_with_unit(cell.lower()) for cell in first_line(path, WHAT)]
     if any(name in header for name in ACROSS):
         named = any(name in header for name in BOX_COLUMNS["camera"])
         yield from _read_boxes(path, options, None if named else _one_camera(path, options))
         return
-    parts = [
-        _csv_positions(part, options) for part in read_format(path, POSITIONS, ignore_extra=options.boxes.ignore_extra)
-    ]
+    unit = next((name for name, each in IN_UNITS.items() if any(x in header for x in each.columns["x"].names)), "")
+    rows = read_format(path, IN_UNITS[unit] if unit else POSITIONS, ignore_extra=options.boxes.ignore_extra)
+    parts = [_csv_positions(part, options) for part in rows]
+    if unit and unit != options.length_unit:
+        if options.length_unit not in METRES:
+            raise InputError(f"{path}: lengths are in {unit}, which cannot be converted to {options.length_unit}")
+        scale = METRES[unit] / METRES[options.length_unit]
+        parts = [p._replace(x=scale * p.x, y=scale * p.y, z=scale * p.z) for p in parts]
     yield _gather(path, parts)
 
 
@@ -515,7 +532,7 @@ def _read_boxes_of_one(path: Path, options: TruthOptions) -> Iterator[Truth | Tr
 
 def _read_wildtrack(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
     """Positions of the people, and their boxes in the cameras in use."""
-    first, stop = options.boxes.frames or (0, 2**62)
+    first, stop = options.boxes.frames.common or (0, 2**62)
     rows = [
         (frame - options.boxes.first_number, person.identity, person.position, person.entry)
         for frame, file in frame_files(path).items()
@@ -539,7 +556,8 @@ def _read_caliscope(path: Path, options: TruthOptions) -> Iterator[Truth | Truth
 
 
 def _is_table(head: list[str]) -> bool:
-    return is_header(head) and any(name in head for name in (*POSITIONS.names["x"], *ACROSS))
+    across = (*(name for each in IN_UNITS.values() for name in each.columns["x"].names), *POSITIONS.names["x"], *ACROSS)
+    return is_header(head) and any(name_with_unit(name) in across for name in head)
 
 
 def _is_xml(head: list[str]) -> bool:

@@ -39,6 +39,7 @@ from occlog.records.tables import Bearings, Boxes, Tracks, Views
 from occlog.records.verdicts import Check, finding
 from occlog.request import Form
 from occlog.runner import Job
+from occlog.scans.clocks import stated_clocks
 from occlog.settings import configure
 
 from .by_background.learning import TargetBox, learn_from, sample_frames
@@ -77,7 +78,8 @@ def run_detect(request: DetectRequest, job: Job) -> tuple[dict[str, object], lis
         work.parameters |= {"fusion": asdict(config)}
     earlier = () if request.track_feedback is None else open_input(request.track_feedback).losses
     lost = dict.fromkeys((*opened.losses, *earlier))
-    whole = {"cameras": list(request.cameras), **work.parameters}
+    applied = {} if opened.scene is None else stated_clocks(opened.scene)
+    whole = {"cameras": list(request.cameras), **work.parameters, **applied}
     files = list(dict.fromkeys((*request.inputs, *work.files)))
     losses, tally = write_detections(job, detections, whole, lost, left, scene, files, fused, work.checks)
     summary: dict[str, object] = {"bearings": str(request.output), **work.summary, **_figures(tally)}
@@ -116,7 +118,7 @@ def write_detections(
     """
     provenance = job.provenance(parameters, inputs=inputs)
     losses, tally, checked = list(lost), Counter[str](), Checked(scene)
-    fields = {job.request.table_of(name): name for name in job.request.files(output=True)}
+    fields = {job.request.file_field(name).table: name for name in job.request.files(output=True)}
     with job.tables(provenance, scene.length_unit) as tables:
         for part in parts:
             found: dict[str, ColumnTable] = {Bearings.NAME: part.bearings, Views.NAME: part.views}

@@ -23,6 +23,7 @@ from occlog.records.losses import Loss
 from occlog.records.names import first_double
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Doa
+from occlog.records.verdicts import summary_of
 from occlog.runner import Job
 from occlog.settings import configure
 
@@ -110,7 +111,8 @@ def run_listen(request: DoaRequest, job: Job) -> tuple[dict[str, object], list[L
             rows[str(table.sensor[0])] += len(table)
         losses = [loss for sound in sounds.values() for loss in sound.losses]
         made = replace(provenance, losses=tuple(losses))
-        tables.annotate(job.judged(made, checks(channels, tallies, rows)))
+        made = job.judged(made, checks(channels, tallies, rows))
+        tables.annotate(made)
     seconds = {name: sound.frames / sound.rate for name, sound in sounds.items()}
     return {
         "doa": str(request.output),
@@ -119,6 +121,7 @@ def run_listen(request: DoaRequest, job: Job) -> tuple[dict[str, object], list[L
         "frames": {name: t.frames for name, t in tallies.items()},
         "silent_frames": {name: t.silent for name, t in tallies.items()},
         "low_confidence_frames": {name: t.unsure for name, t in tallies.items()},
+        **summary_of(made.judged),
     }, losses
 
 

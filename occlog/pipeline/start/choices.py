@@ -246,13 +246,6 @@ def _of_dataset(made: Choices, folder: Path) -> None:
     _method(made, "boxes")
 
 
-class CameraInput(NamedTuple):
-    """Inputs of one camera."""
-
-    name: str
-    items: tuple[Item, ...]
-
-
 def _of_cameras(made: Choices) -> None:
     """Videos, images and boxes with their calibration."""
     found = made.found

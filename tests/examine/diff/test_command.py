@@ -345,6 +345,15 @@ def test_pages_and_pictures_are_known_by_their_content(folder: tuple[Path, Path]
     assert diff(capsys, a / "text", b / "text")[0] == ExitCode.DIFFERENT
 
 
+@pytest.mark.parametrize(("other", "code"), [("0.124", 0), ("0.125", 5), ("0.1234", 0), ("0.12", 0), ("1", 5)])
+def test_numbers_of_pages_may_differ_by_one_unit_of_their_last_digit(
+    folder: tuple[Path, Path], capsys: Any, other: str, code: int
+) -> None:
+    for place, number in ((folder[0], "0.123"), (folder[1], other)):
+        (place / "page.html").write_text(f"<!doctype html><p>RMSE {number} m, 7 people</p>")
+    assert diff(capsys, folder[0] / "page.html", folder[1] / "page.html")[0] == code
+
+
 def test_copies_of_a_folder_are_the_same_with_provenance_too(folder: tuple[Path, Path], capsys: Any) -> None:
     shutil.copytree(folder[0], folder[0].parent / "c")
     code, out, _ = diff(capsys, folder[0], folder[0].parent / "c", "--provenance")

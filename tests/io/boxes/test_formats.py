@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from occlog.errors import InputError, UsageError
 from occlog.examine.export.in_images import coco_texts
+from occlog.io.files.frame_choice import FrameChoice
 from occlog.io.formats.boxes.mot_challenge import write_mot
 from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, BoxSurvey, read_boxes, survey_boxes
 from occlog.io.frames.streams import rate_times
@@ -318,7 +319,7 @@ def test_boxes_exported_as_mot_or_coco_are_read_again_as_they_were(
     boxes, survey = read(BoxFile(saved(tmp_path / "t.csv", table + "7,1,1,5,5,1,999\n"), "a"))
     there = boxes.take(boxes.box >= 0)
     write_mot(tmp_path / "t.txt", there, "tracks")
-    frames = BoxOptions(frames=(survey.first, survey.stop))
+    frames = BoxOptions(frames=FrameChoice((survey.first, survey.stop)))
     again, _ = read(BoxFile(tmp_path / "t.txt", "a"), options=frames)
     back, _ = read(
         BoxFile(saved(tmp_path / "t.json", "".join(coco_texts(lambda: [there], None))), None), options=frames

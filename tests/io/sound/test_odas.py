@@ -166,3 +166,11 @@ def test_a_stream_without_any_direction_is_a_warning(tmp_path: Path, capsys: pyt
 def test_a_list_of_json_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is a list of JSON; write its objects one after another"):
         read(tmp_path, "[" + hop(1) + "," + hop(2) + "]")
+
+
+def test_a_counter_of_32_bits_that_begins_again_at_0_goes_on(tmp_path: Path) -> None:
+    text = "".join(hop(n % 2**32, source(1, 1, 0, 0)) for n in range(2**32 - 3, 2**32 + 3))
+    doa, _ = read(tmp_path, text)
+    assert doa.t_ns.tolist() == [8_000_000 * n for n in range(2**32 - 3, 2**32 + 3)]
+    with pytest.raises(InputError, match="it starts again there"):
+        read(tmp_path, hop(2**31, source(1, 1, 0, 0)) + hop(0, source(1, 1, 0, 0)))

@@ -12,7 +12,7 @@ from occlog.report.content.accuracy import ErrorsAgainstBound
 
 def tables(*, smoothed: bool) -> tuple[Errors, Bound]:
     """Errors and bounds of two targets, each with rows that the other has not; heights and smoothing now and then."""
-    data, random = run(steps=300, targets=2), np.random.default_rng(4)
+    data, random = run(steps=100, targets=2), np.random.default_rng(4)
     assert data.errors is not None
     assert data.bound is not None
     n = len(data.errors)

@@ -36,6 +36,11 @@ MISSING = ("", "nan", "none", "na", "<na>", "n/a", "#n/a", "null", r"\n", "nil",
 _SEPARATOR = re.compile(r'"?sep=(.)"?\s*$', re.IGNORECASE)
 """Line of Excel that states the mark between cells."""
 _DECIMAL_COMMA = re.compile(r"[+-]?[0-9]+,[0-9]+(?:[eE][+-]?[0-9]+)?$")
+_ONE_CELL = re.compile(
+    r"\d{2,4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d*)?)?\s*(Z|UTC|[+-]\d\d(:?\d\d)?)?|[^\s,;]+|\w+ *[\[(][^\])\t,;]*[\])]"
+)
+"""Lines of a table of one column: a date and time, one word, a name with its unit in brackets."""
+_UNIT = re.compile(r"(?P<name>.*\w)\s*(?:\[\s*(?P<square>[\w/^]+)\s*\]|\(\s*(?P<round>[\w/^]+)\s*\))")
 LONGEST_LINE = 1_000_000
 """Characters of a line at most."""
 FREE_LINES = 1_000_000
@@ -392,6 +397,8 @@ def _split(path: Path, file: TextIO, *, commented: bool = False) -> Iterator[tup
 
 
 def _delimiter(text: str) -> str:
+    if _ONE_CELL.fullmatch(text):
+        return "\t"
     counts = [(text.count(mark), mark) for mark in (",", ";", "\t")]
     best = max(counts, key=lambda pair: pair[0])
     return best[1] if best[0] else " "
@@ -403,6 +410,12 @@ def _cells(text: str, delimiter: str) -> list[str]:
     if '"' not in text:
         return [cell.strip() for cell in text.split(delimiter)]
     return [cell.strip() for cell in next(csv.reader([text], delimiter=delimiter))]
+
+
+def name_with_unit(name: str) -> str:
+    """A name with the unit in brackets as its ending: `time [ms]` is `time_ms`; the name itself without one."""
+    found = _UNIT.fullmatch(name)
+    return name if found is None else f"{found['name']}_{found['square'] or found['round']}".replace(" ", "_")
 
 
 def _resolve(
@@ -417,7 +430,7 @@ def _resolve(
     meaning = {alias: name for name, aliases in columns.items() for alias in aliases}
     names: list[str | None] = []
     for cell in header:
-        name = meaning.get(cell.lower())
+        name = meaning.get(cell.lower()) or meaning.get(name_with_unit(cell.lower()))
         if name is None and cell.lower() not in ignored and not ignore_extra:
             near = difflib.get_close_matches(cell.lower(), list(meaning), n=1, cutoff=0.5)
             known = ", ".join(aliases[0] for aliases in columns.values())

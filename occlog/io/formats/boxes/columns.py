@@ -53,6 +53,8 @@ CLASS_KEYS = {f"class:{name}": (name,) for name in CLASSES}
 """Columns of classes as `CsvRows` name them, so that none replaces another."""
 BOX = "box"
 """One column with all edges, as Ultralytics writes it (`{'x1': 1.0, ...}`); occlog's own tables number boxes in it."""
+LIST, LISTED = "bbox", ("left", "top", "width", "height")
+"""One column with four numbers in each cell, as in COCO."""
 EDGES = {"x1": "left", "y1": "top", "x2": "right", "y2": "bottom"}
 """Edges in such a column, and our names of them."""
 SHARE_X, SHARE_Y, SHARE_WIDTH, SHARE_HEIGHT = "share_x", "share_y", "share_width", "share_height"
@@ -195,7 +197,7 @@ def open_csv(path: Path, wanted: BoxReadOptions) -> BoxSource:
 
 
 def _csv(path: Path, camera: str | None, ignore_extra: bool) -> Iterator[CsvRows]:
-    known: dict[str, Sequence[str]] = {**COLUMNS, **CLASS_KEYS, BOX: (BOX,)}
+    known: dict[str, Sequence[str]] = {**COLUMNS, **CLASS_KEYS, BOX: (BOX,), LIST: (LIST,)}
     head = {cell.lower() for cell in first_line(path, WHAT)}
     if {"x", "y"} <= head and not head & {BOX, *COLUMNS["left"], *COLUMNS["width"]}:
         raise InputError(
@@ -222,6 +224,13 @@ def _of_images(rows: CsvRows) -> CsvRows:
 
 def _split_box(rows: CsvRows) -> CsvRows:
     """The rows with their own edges, where one column has them all."""
+    if rows.has(LIST) and not rows.has("left"):
+        numbers: list[list[str]] = []
+        for n, text in enumerate(rows.cells[LIST]):
+            numbers.append(re.findall(r"[-+.\w]+", str(text)))
+            if len(numbers[-1]) != len(LISTED):
+                raise rows.fail(n, f"{LIST} is {str(text)[:60]!r}; expected [left, top, width, height]")
+        return replace(rows, cells={**rows.cells, **dict(zip(LISTED, np.array(numbers).T, strict=True))})
     if not rows.has(BOX) or rows.has("left"):
         return rows
     cells: dict[str, list[str]] = {name: [] for name in EDGES.values()}

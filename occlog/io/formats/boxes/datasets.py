@@ -229,6 +229,8 @@ def read_people(file: Path) -> list[AnnotatedPerson]:
             id="input-too-large",
         )
     value = parse_json(file.read_bytes(), file, "annotations of a frame")
+    if isinstance(value, dict) and isinstance(value.get("people"), list):
+        raise InputError(f"{file}: keypoints of OpenPose, which are not read; write a box around each person's")
     if not isinstance(value, list):
         raise InputError(f"{file}: a list of people was expected, with personID, positionID and views")
     return [_person(file, n, person) for n, person in enumerate(value, start=1)]

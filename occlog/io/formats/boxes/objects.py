@@ -153,6 +153,11 @@ def _cells(path: Path, n: int, record: object, ignore_extra: bool, skip: Sequenc
             if set(value) != set(EDGES):
                 raise InputError(f"{path}: entry {n}: box has {', '.join(value)}; expected {', '.join(EDGES)}")
             out |= {EDGES[edge]: _text(path, n, edge, number) for edge, number in value.items()}
+        elif name in (BOX, "boxes") and isinstance(value, list):
+            raise InputError(
+                f"{path}: entry {n}: {key} is a list; write an object for each box, with frame and "
+                "bbox: [left, top, width, height], or left, top, right and bottom"
+            )
         elif name == "bbox":
             if not isinstance(value, list) or len(value) != 4:
                 raise InputError(f"{path}: entry {n}: bbox is {str(value)[:60]}; expected [left, top, width, height]")

@@ -8,7 +8,7 @@ it must be stated after the model was scaled.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
@@ -19,8 +19,8 @@ from occlog.errors import InputError, UsageError
 from occlog.records.scene import Camera
 
 from .common import CalibrationOptions, Pose, build_camera, read_text, scale_of
-from .lenses import Lens
-from .ros import quaternion_rotation
+from .lenses import Lens, stated_coefficients
+from .ros import quaternion_rotation, rotation_quaternion
 
 NAMES = ("cameras.txt", "images.txt")
 MAX_IMAGES = 2_000
@@ -37,6 +37,8 @@ MODELS = {
     "FULL_OPENCV": ("fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6", "brown", "k1 k2 p1 p2 k3 k4 k5 k6"),
 }
 """Parameters of each model, our lens, and its coefficients."""
+WRITTEN = {0: "PINHOLE", 4: "OPENCV", 8: "FULL_OPENCV"}
+"""Models of polynomial lenses that are written, by the number of coefficients."""
 
 
 class _Lens(NamedTuple):
@@ -172,3 +174,24 @@ def _numbers(cells: list[str], where: str) -> Floats:
     if not np.isfinite(values).all():
         raise InputError(f"{where}: has numbers that are not finite", id="invalid-calibration")
     return values
+
+
+def texts(cameras: Sequence[Camera], late_s: Mapping[str, float]) -> dict[str, str]:  # noqa: ARG001
+    """The three files of a model by name, with an image for each camera; positions are in metres."""
+    lenses = ["# Camera list with one line of data per camera: CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]"]
+    images = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME; the line below each has its points"]
+    for n, camera in enumerate(cameras, start=1):
+        where = f"colmap: camera {camera.name}"
+        lens = stated_coefficients(camera.distortion_model, camera.distortion, tuple(WRITTEN), where)
+        model = "OPENCV_FISHEYE" if camera.distortion_model == "equidistant" else WRITTEN[len(lens)]
+        parameters = [*camera.focal_px, *(camera.principal_px + 0.5), *lens]
+        lenses.append(" ".join([str(n), model, *map(str, camera.image_size or ()), *_exactly(parameters)]))
+        turn = camera.rotation.T
+        x, y, z, w = rotation_quaternion(turn)
+        pose = [w, x, y, z, *(-turn @ camera.position)]
+        images += [" ".join([str(n), *_exactly(pose), str(n), f"{camera.name}.png"]), ""]
+    return {NAMES[0]: "\n".join(lenses) + "\n", NAMES[1]: "\n".join(images) + "\n", "points3D.txt": ""}
+
+
+def _exactly(values: Sequence[float] | Floats) -> list[str]:
+    return [repr(float(value)) for value in values]

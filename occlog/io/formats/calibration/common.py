@@ -24,6 +24,8 @@ CALIBRATION = "calibration files"
 """Name of the check of what calibrations state."""
 MAX_BYTES = 16 * 2**20
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+MAX_PIXEL_ASPECT = 1.6
+"""Ratio of the focal lengths of rows and columns above which a matrix is not believed; anamorphic PAL has 1.46."""
 OTHER_SIZE, SAME_RATIO = 0.2, 0.03
 """A principal point that is off the middle by this share of it or more, and by the same across and down to that, is the
 middle of images of another size."""
@@ -200,6 +202,11 @@ def build_camera(pose: Pose, where: str, options: CalibrationOptions) -> Camera:
         fov = camera_fov(size, focal, principal, coefficients, model, rotation)
     if reported:
         options.notes.append(f"camera {pose.name}: {reported}")
+    if not 1.0 / MAX_PIXEL_ASPECT < float(focal[1] / focal[0]) < MAX_PIXEL_ASPECT:
+        found = finding(
+            CALIBRATION, "focal-lengths-differ", sensors=[pose.name], fx_px=float(focal[0]), fy_px=float(focal[1])
+        )
+        options.findings.append(found)
     if change := _other_middle(principal, size):
         width, height = np.round(2.0 * principal + 1.0).astype(int).tolist()
         middle, own = f"{width} x {height}", f"{size[0]} x {size[1]}"

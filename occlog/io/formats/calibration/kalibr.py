@@ -8,11 +8,12 @@ no chain, but `T_cam_imu` of every camera, the world is the frame of the IMU.  L
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 from occlog.array_types import Floats
 from occlog.errors import InputError, option
@@ -30,7 +31,7 @@ from .common import (
     scale_of,
     yaml_values,
 )
-from .lenses import Lens
+from .lenses import Lens, stated_coefficients
 
 KEYS = keys_of(
     "camera_model distortion_model distortion_coeffs intrinsics resolution t_cn_cnm1 t_cam_imu timeshift_cam_imu",
@@ -146,3 +147,29 @@ def _camera(
         lens=Lens(kind, given),
     )
     return build_camera(pose, where, options)
+
+
+def texts(cameras: Sequence[Camera], late_s: Mapping[str, float]) -> dict[str, str]:
+    """A chain by the name of its file, with the world as the frame of the IMU; positions are in metres.
+
+    `timeshift_cam_imu` is added to the times of images: minus the offset of the clock.
+    """
+    chain, names = {}, []
+    for n, camera in enumerate(cameras):
+        where = f"kalibr: camera {camera.name}"
+        turn = np.eye(4)
+        turn[:3, :3], turn[:3, 3] = camera.rotation.T, -camera.rotation.T @ camera.position
+        lens = stated_coefficients(camera.distortion_model, camera.distortion, (4,), where)
+        names.append(f"# cam{n}: {camera.name}\n")
+        chain[f"cam{n}"] = {
+            "T_cam_imu": turn.tolist(),
+            "camera_model": "pinhole",
+            "distortion_coeffs": lens.tolist(),
+            "distortion_model": "equidistant" if camera.distortion_model == "equidistant" else "radtan",
+            "intrinsics": [*camera.focal_px.tolist(), *camera.principal_px.tolist()],
+            "resolution": list(camera.image_size or ()),
+            "timeshift_cam_imu": 0.0 - late_s.get(camera.name, 0.0),
+        }
+    return {
+        "camchain.yaml": "".join(names) + yaml.safe_dump(chain, sort_keys=False, default_flow_style=None, width=200)
+    }

@@ -6,6 +6,7 @@ state which model they are of: four may be k1, k2, p1, p2 or those of a fisheye,
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -114,3 +115,29 @@ def checked_lens(
             f"{found.unused:.0%} of the image, is not used"
         ),
     )
+
+
+def stated_coefficients(model: str, coefficients: Floats, counts: Sequence[int], where: str) -> Floats:
+    """Coefficients of a lens in OpenCV's order, as many as a format has.
+
+    Args:
+        model: a key of `COEFFICIENTS`.
+        coefficients: as many as the model has.
+        counts: numbers of coefficients of a polynomial lens that the format has, rising.
+        where: for messages.
+
+    Returns:
+        The shortest that holds all that are not 0; four of an equidistant lens.
+
+    Raises:
+        InputError: the format has no such lens.
+    """
+    if model == "equidistant":
+        return np.asarray(coefficients[:4])
+    needed = int(np.flatnonzero(coefficients)[-1]) + 1 if coefficients.any() else 0
+    count = next((n for n in counts if n >= needed), None)
+    if count is None or (model == "tsai" and needed):
+        of = "Tsai's lens" if model == "tsai" else f"a lens with {needed} coefficients of OpenCV's"
+        remedy = "undistort the images" if model == "tsai" else "write opencv-storage"
+        raise InputError(f"{where}: this format cannot state {of}; {remedy}, or a scene (.yaml)")
+    return np.concatenate([coefficients, np.zeros(14)])[:count]

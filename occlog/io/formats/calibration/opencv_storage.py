@@ -28,7 +28,7 @@ from .common import (
     scale_of,
     yaml_values,
 )
-from .lenses import Lens
+from .lenses import Lens, stated_coefficients
 from .opencv_toml import rotation_from_vector
 
 PLAIN_MATRIX = ("camera_matrix", "cameramatrix", "intrinsic_matrix", "k", "mtx")
@@ -214,3 +214,34 @@ def size_of(values: Mapping[str, Any]) -> tuple[int, int] | None:
             except (TypeError, ValueError, OverflowError):
                 return None
     return None
+
+
+def texts(cameras: Sequence[Camera], late_s: Mapping[str, float]) -> dict[str, str]:  # noqa: ARG001
+    """Files of cameras by name, one for each; positions are in metres."""
+    return {f"{camera.name}.yml": _text(camera) for camera in cameras}
+
+
+def _text(camera: Camera) -> str:
+    fisheye = camera.distortion_model == "equidistant"
+    focal, principal = camera.focal_px, camera.principal_px
+    lens = stated_coefficients(
+        camera.distortion_model, camera.distortion, (5, 8, 12, 14), f"opencv-storage: camera {camera.name}"
+    )
+    matrices = {
+        "camera_matrix": np.array([[focal[0], 0.0, principal[0]], [0.0, focal[1], principal[1]], [0.0, 0.0, 1.0]]),
+        "distortion_coefficients": lens[:, None],
+    }
+    if camera.placed:
+        turn = camera.rotation.T
+        matrices |= {"R": turn, "T": -turn @ camera.position[:, None]}
+    lines = [
+        "%YAML:1.0",
+        "---",
+        *(f"{key}: {value}" for key, value in zip(SIZE[0], camera.image_size or (), strict=True)),
+    ]
+    lines.append(f"{LENS[0]}: {int(fisheye)}")
+    for name, matrix in matrices.items():
+        data = ", ".join(repr(float(value)) for value in matrix.ravel())
+        lines += [f"{name}: !!opencv-matrix", f"   rows: {len(matrix)}", f"   cols: {matrix.shape[1]}", "   dt: d"]
+        lines.append(f"   data: [ {data} ]")
+    return "\n".join(lines) + "\n"

@@ -9,12 +9,14 @@ Lengths are metres, and the lens is that of the raw images; `binning` and `roi` 
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import yaml
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
@@ -33,7 +35,7 @@ from .common import (
     read_text,
     scale_of,
 )
-from .lenses import Lens
+from .lenses import Lens, stated_coefficients
 
 LENSES = {
     "plumb_bob": "brown",
@@ -46,6 +48,8 @@ LENSES = {
     "": None,
 }
 """Models of lenses by their names in ROS."""
+WRITTEN = {5: "plumb_bob", 8: "rational_polynomial"}
+"""Names of polynomial lenses that are written, by the number of coefficients."""
 PLUMB_BOB = ("plumb_bob", "radtan")
 """Names of lenses with at most five coefficients."""
 KEYS = keys_of(
@@ -307,3 +311,61 @@ def _whole(value: object, where: str) -> int:
 def _matrix(part: Mapping[str, object], names: tuple[str, ...], where: str) -> Floats:
     value = next((part[name] for name in names if name in part), [])
     return numbers(value.get("data") if isinstance(value, dict) else value, where)
+
+
+def texts(cameras: Sequence[Camera], late_s: Mapping[str, float]) -> dict[str, str]:  # noqa: ARG001
+    """A `camera_info` of each camera and the transforms from `world` by names of files; positions are in metres."""
+    out, transforms = {}, []
+    for camera in cameras:
+        lens = stated_coefficients(
+            camera.distortion_model, camera.distortion, tuple(WRITTEN), f"ros: camera {camera.name}"
+        )
+        fisheye = camera.distortion_model == "equidistant"
+        width, height = camera.image_size or (0, 0)
+        (fx, fy), (cx, cy) = camera.focal_px.tolist(), camera.principal_px.tolist()
+        info = {
+            "image_width": width,
+            "image_height": height,
+            "camera_name": camera.name,
+            "camera_matrix": {"rows": 3, "cols": 3, "data": [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]},
+            "distortion_model": "equidistant" if fisheye else WRITTEN[len(lens)],
+            "distortion_coefficients": {"rows": 1, "cols": len(lens), "data": lens.tolist()},
+            "rectification_matrix": {"rows": 3, "cols": 3, "data": np.eye(3).ravel().tolist()},
+            "projection_matrix": {
+                "rows": 3, "cols": 4, "data": [fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+            },
+        }  # fmt: skip
+        out[f"{camera.name}.yaml"] = _dumped(info)
+        if camera.placed:
+            values = {
+                "translation": camera.position.tolist(),
+                "rotation": rotation_quaternion(camera.rotation).tolist(),
+            }
+            transform = {part: dict(zip("xyzw", each, strict=False)) for part, each in values.items()}
+            transforms.append(
+                {
+                    "header": {"frame_id": "world"},
+                    "child_frame_id": f"{camera.name}_optical_frame",
+                    "transform": transform,
+                }
+            )
+    return out | ({"tf_static.yaml": _dumped({"transforms": transforms})} if transforms else {})
+
+
+def _dumped(value: object) -> str:
+    return yaml.safe_dump(value, sort_keys=False, default_flow_style=None, width=200, allow_unicode=True)
+
+
+def rotation_quaternion(rotation: Floats) -> Floats:
+    """(4,) x, y, z, w >= 0 of a rotation (3, 3): the eigenvector of Bar-Itzhack's matrix, stable for all angles."""
+    r = rotation
+    k = np.array(
+        [
+            [r[0, 0] - r[1, 1] - r[2, 2], 0, 0, 0],
+            [r[1, 0] + r[0, 1], r[1, 1] - r[0, 0] - r[2, 2], 0, 0],
+            [r[2, 0] + r[0, 2], r[2, 1] + r[1, 2], r[2, 2] - r[0, 0] - r[1, 1], 0],
+            [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], r[0, 0] + r[1, 1] + r[2, 2]],
+        ]
+    )
+    q = np.asarray(np.linalg.eigh(k)[1][:, -1])
+    return q if q[3] >= 0 or math.isclose(q[3], 0.0) else -q

@@ -328,8 +328,11 @@ LENGTHS = (0.9, 1.1)
 """Limits of the length of a direction vector; ODAS writes three decimals."""
 MAX_ELEVATION = math.radians(89.0)
 """Elevation above which three decimals of a direction give no azimuth."""
-MAX_COUNT = 10**11
-"""A greater time stamp is no count of hops: at a hop of 1 ms it would be three years after the start."""
+MAX_COUNT, COUNTER = 10**11, 2**32
+"""A greater time stamp is no count of hops: at a hop of 1 ms it would be three years after the start; number of
+values of a counter of 32 bits."""
+MAX_GAP = 10**6
+"""Hops that may be missing where such a counter begins again."""
 ROWS_PER_CHUNK = 16_384
 
 
@@ -367,8 +370,12 @@ def read_odas(path: Path, options: DoaOptions, losses: list[Loss]) -> Iterator[D
         )
     rows: list[tuple[int, int, int, float, float, float]] = []
     hops = taken = idle = above = 0
+    before = wraps = 0
     for hop in _hops(path, losses):
-        t_ns = options.start_ns + round(hop.number * options.hop * NS)
+        # A counter of 32 bits begins again at 0; that of a second run does so before its end
+        wraps += COUNTER - MAX_GAP < before - hop.number < COUNTER
+        before = hop.number
+        t_ns = options.start_ns + round((hop.number + wraps * COUNTER) * options.hop * NS)
         sources = list(_sources(path, hop))
         heard = [source for source in sources if source[3] != 0.0]
         level = [source for source in heard if abs(source[2]) < MAX_ELEVATION]
