@@ -227,7 +227,7 @@ def bearings_of(
     reference: BearingReference | None,
     most: int = sys.maxsize,
 ) -> ThinnedBearings:
-    """Go through all bearings twice.
+    """Collect bearings for a report in two passes: counts first, then a subsample to draw.
 
     Args:
         stream: gives them, in the order of time, as often as requested.

@@ -183,7 +183,8 @@ class SoundConfig(Settings):
         1.0, "Time between the frames of an array without its own rate.", unit="s", at_most=1e9, above=0
     )
     known_heights: bool = setting(
-        True, "Targets have known heights; without, false directions have no elevation either."
+        True,
+        "The heights of targets are known, so that directions have elevations. Without, no direction has one.",
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:

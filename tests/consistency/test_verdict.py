@@ -70,10 +70,10 @@ def residuals(n: int, factor: float = 1.0, doubted: int = 0, sensor: str = "cam1
 def codes(
     *, diagnostics: Diagnostics | None = None, parts: tuple[Residuals, ...] = (), frames=(), one=True
 ) -> list[str]:
-    return [f.id for f in said(diagnostics=diagnostics, parts=parts, frames=frames, one=one)]
+    return [f.id for f in report_of(diagnostics=diagnostics, parts=parts, frames=frames, one=one)]
 
 
-def said(*, diagnostics: Diagnostics | None = None, parts: tuple[Residuals, ...] = (), frames=(), one=True):
+def report_of(*, diagnostics: Diagnostics | None = None, parts: tuple[Residuals, ...] = (), frames=(), one=True):
     return findings(every(diagnostics=diagnostics, parts=parts, frames=frames, one=one))
 
 
@@ -129,7 +129,7 @@ def test_cameras_that_were_selected_in_vain_are_reported_beyond_half_of_the_rows
 
 
 def test_depletion_says_number_limit_and_remedy() -> None:
-    (found,) = said(diagnostics=fared(few=N))
+    (found,) = report_of(diagnostics=fared(few=N))
     assert (found.id, found.severity) == ("particles-depleted", "warning")
     known = {"share": 1.0, "least": MIN_EFFECTIVE_SAMPLE_SIZE, "median": 5.0, "allowed": 0.25}
     assert found.figures == pytest.approx(known, rel=0.01)
@@ -144,30 +144,30 @@ def test_doubts_are_a_warning_beyond_one_row_in_twenty_and_a_note_below(doubt: s
         (round(MAX_FLAGGED_SHARE * N), "note"),
         (round(MAX_FLAGGED_SHARE * N) + 1, "warning"),
     ):
-        (found,) = said(diagnostics=fared(doubt=(doubt, count)))
+        (found,) = report_of(diagnostics=fared(doubt=(doubt, count)))
         assert (found.id, found.severity) == (QUALITY_FLAGS[doubt], severity)
         assert found.text.startswith(f"{count} of {N} rows ")
     assert codes(diagnostics=fared(doubt=(doubt, 0))) == []
 
 
 def test_an_honest_covariance_needs_care_and_is_plausible() -> None:
-    found = said(diagnostics=fared(fallback=("unobservable", N)))
+    found = report_of(diagnostics=fared(fallback=("unobservable", N)))
     assert [(f.id, f.severity) for f in found] == [("unobservable", "note")]
     assert plausible(found)
 
 
 def test_a_target_that_no_sensor_ever_saw_is_reported() -> None:
-    (found,) = said(diagnostics=fared(seen=0))
+    (found,) = report_of(diagnostics=fared(seen=0))
     assert (found.id, found.severity) == ("targets-never-detected", "note")
     assert (found.targets, found.figures) == ((0,), {"count": 1, "of": 1})
 
 
 def test_a_filter_that_begins_anew_in_nearly_every_row_says_how_far_apart_rows_are() -> None:
     minutes = np.arange(N) * 60_000_000_000
-    (found,) = said(diagnostics=replace(fared(fallback=("gap", round(0.9 * N))), t_ns=minutes))
+    (found,) = report_of(diagnostics=replace(fared(fallback=("gap", round(0.9 * N))), t_ns=minutes))
     assert found.id == "gaps"
     assert found.figures["interval_s"] == pytest.approx(60.0, rel=1e-3)
-    assert said(diagnostics=replace(fared(fallback=("gap", round(0.5 * N))), t_ns=minutes)) == ()
+    assert report_of(diagnostics=replace(fared(fallback=("gap", round(0.5 * N))), t_ns=minutes)) == ()
 
 
 def test_places_that_are_contested_are_reported_beyond_one_row_in_ten() -> None:
@@ -179,7 +179,7 @@ def test_places_that_are_contested_are_reported_beyond_one_row_in_ten() -> None:
 
 @pytest.mark.parametrize("fallback", [value for value, (_, allowed) in FALLBACKS.items() if not allowed][:3])
 def test_rows_of_a_batch_method_that_failed_are_reported(fallback: str) -> None:
-    found = said(diagnostics=fared(fallback=(fallback, 1)))
+    found = report_of(diagnostics=fared(fallback=(fallback, 1)))
     assert [f.id for f in found] == [FALLBACKS[fallback][0]]
     assert not plausible(found)
 
@@ -189,7 +189,7 @@ def test_more_than_a_quarter_not_believed_is_reported_of_the_sensor() -> None:
         return (Residuals.merge([residuals(n, doubted=doubted), residuals(n, sensor="cam2")]),)
 
     assert codes(parts=two(N, round(MAX_REJECTED_SHARE * N))) == []
-    (found,) = said(parts=two(N, round(0.35 * N)))
+    (found,) = report_of(parts=two(N, round(0.35 * N)))
     assert found.id == "measurements-rejected"
     assert found.text.startswith("cam1: 35% of 2000 bearings are rejected (allowed: 25%)")
     assert codes(parts=two(MIN_SAMPLES - 1, MIN_SAMPLES - 1)) == []
@@ -218,15 +218,15 @@ def test_residuals_that_chance_can_have_made_are_not_said() -> None:
 
 
 def test_by_how_much_noise_is_misstated_is_reported() -> None:
-    (large,) = said(parts=(residuals(N, 2.1),))
+    (large,) = report_of(parts=(residuals(N, 2.1),))
     assert large.text.startswith("the bearings are 2.1 times as far from the track as stated (NIS 4.4, allowed: 2.25)")
-    (small,) = said(parts=(residuals(N, 1 / 2.1),))
+    (small,) = report_of(parts=(residuals(N, 1 / 2.1),))
     assert small.text.startswith("the bearings have standard deviations 2.1 times too large")
     assert small.severity == "note"
 
 
 def test_one_sensor_whose_residuals_are_too_large_is_named() -> None:
-    (found,) = said(parts=(residuals(3000), residuals(300, 2.0, sensor="cam7")))
+    (found,) = report_of(parts=(residuals(3000), residuals(300, 2.0, sensor="cam7")))
     assert found.text.startswith("the bearings of cam7 are 2.0 times as far")
 
 
@@ -241,7 +241,7 @@ def test_motion_that_is_livelier_than_stated_is_reported_of_the_target() -> None
 def test_candidates_that_stay_cannot_be_one_target() -> None:
     n = 100
     assert codes(frames=(crowd(n, round(MAX_PERSISTENT_CANDIDATE_SHARE * n)),)) == []
-    (found,) = said(frames=(crowd(n, round(MAX_PERSISTENT_CANDIDATE_SHARE * n) + 1),))
+    (found,) = report_of(frames=(crowd(n, round(MAX_PERSISTENT_CANDIDATE_SHARE * n) + 1),))
     assert found.id == "several-targets"
     assert found.text.startswith("2.0 of 3.0 candidates in a frame are near no track and persist in cam1; ")
     assert codes(frames=(crowd(n, n),), one=False) == []

@@ -130,7 +130,7 @@ class Told(NamedTuple):
     summary: dict[str, Any]
 
 
-def told(capsys: pytest.CaptureFixture[str], args: list[str]) -> Told:
+def report_of(capsys: pytest.CaptureFixture[str], args: list[str]) -> Told:
     capsys.readouterr()
     code = run([*args, "--json"])
     summary = json.loads(capsys.readouterr().out)
@@ -145,8 +145,8 @@ METHODS = (["--method", "apf"], ["--method", "map"])
 @pytest.mark.parametrize("method", METHODS, ids=lambda m: m[-1])
 def test_what_is_as_stated_is_plausible(method: list[str], tmp_path, capsys) -> None:
     files = record(tmp_path)
-    assert told(capsys, [*files.track, *method, "--strict"])[:2] == (ExitCode.DONE, {})
-    assert told(capsys, [*files.evaluate, "--strict"])[:2] == (ExitCode.DONE, {})
+    assert report_of(capsys, [*files.track, *method, "--strict"])[:2] == (ExitCode.DONE, {})
+    assert report_of(capsys, [*files.evaluate, "--strict"])[:2] == (ExitCode.DONE, {})
 
 
 @pytest.mark.jit
@@ -154,7 +154,7 @@ def test_what_is_as_stated_is_plausible(method: list[str], tmp_path, capsys) -> 
 def test_noise_that_is_stated_too_small_is_reported_with_its_factor(method: list[str], tmp_path, capsys) -> None:
     files = record(tmp_path, stated_px=1.0, true_px=2.5)
     for command in ([*files.track, *method], files.evaluate):
-        found = told(capsys, command)
+        found = report_of(capsys, command)
         assert found.code == ExitCode.DONE
         assert "nis-large" in found.warnings
 
@@ -171,36 +171,36 @@ def test_noise_that_is_stated_too_large_is_a_note(tmp_path, capsys) -> None:
 @pytest.mark.jit
 def test_a_camera_that_is_turned_is_named(tmp_path, capsys) -> None:
     files = record(tmp_path, off_rad=0.2)
-    found = told(capsys, [*files.track, "--method", "map"])
+    found = report_of(capsys, [*files.track, "--method", "map"])
     assert any("cam1" in sentence for sentence in found.warnings.values())
 
 
 @pytest.mark.jit
 def test_too_few_particles_are_reported(tmp_path, capsys) -> None:
     files = record(tmp_path, stated_px=0.5, true_px=0.5)
-    found = told(capsys, [*files.track, "--particles", "8"])
+    found = report_of(capsys, [*files.track, "--particles", "8"])
     assert "particles-depleted" in found.warnings
 
 
 @pytest.mark.jit
 def test_nearly_exact_bearings_are_right_or_said_to_be_wrong(tmp_path, capsys) -> None:
     files = record(tmp_path, stated_px=1e-3, true_px=1e-3)
-    found = told(capsys, files.track)
-    rmse = told(capsys, files.evaluate).summary["rmse_m"]
+    found = report_of(capsys, files.track)
+    rmse = report_of(capsys, files.evaluate).summary["rmse_m"]
     assert found.warnings or rmse < 0.01
 
 
 @pytest.mark.jit
 def test_a_crowd_offered_to_a_filter_of_one_target_is_reported(tmp_path, capsys) -> None:
     files = record(tmp_path, people=6, labelled=False)
-    found = told(capsys, files.track)
+    found = report_of(capsys, files.track)
     assert found.warnings["several-targets"].endswith("label the candidates, or give the start")
-    assert "several-targets" in told(capsys, files.evaluate).warnings
+    assert "several-targets" in report_of(capsys, files.evaluate).warnings
 
 
 @pytest.mark.jit
 def test_two_people_offered_to_a_filter_of_one_target_are_reported(tmp_path, capsys) -> None:
-    assert "several-targets" in told(capsys, record(tmp_path, people=2, labelled=False).track).warnings
+    assert "several-targets" in report_of(capsys, record(tmp_path, people=2, labelled=False).track).warnings
 
 
 @pytest.mark.jit
@@ -208,12 +208,12 @@ def test_one_person_of_a_crowd_who_is_followed_from_a_given_start_is_reported_to
     tmp_path, capsys
 ) -> None:
     files, (x, y) = record(tmp_path, people=6, labelled=False), walks(6, 0)[0, 0]
-    assert "several-targets" in told(capsys, [*files.track, "--start", f"{x},{y},0.3"]).warnings
+    assert "several-targets" in report_of(capsys, [*files.track, "--start", f"{x},{y},0.3"]).warnings
 
 
 @pytest.mark.jit
 def test_one_person_without_label_is_one_target(tmp_path, capsys) -> None:
-    assert told(capsys, record(tmp_path, labelled=False).track).warnings == {}
+    assert report_of(capsys, record(tmp_path, labelled=False).track).warnings == {}
 
 
 @pytest.mark.jit
@@ -225,7 +225,7 @@ def test_the_truth_of_somebody_else_is_reported(tmp_path, capsys) -> None:
     columns = {"x": paths[1, :, 0], "y": paths[1, :, 1], "z": np.full(T, np.nan), "role": np.full(T, "target")}
     table = Truth.of(t_ns=t_ns, target_id=np.zeros(T, np.int32), **columns)
     write_table(other, table, Provenance("test", {}, None, (), ()), length_unit="m")
-    found = told(capsys, files._replace(truth=other).evaluate)
+    found = report_of(capsys, files._replace(truth=other).evaluate)
     assert {"nees-large", "low-detection-rate"} <= set(found.warnings)
 
 

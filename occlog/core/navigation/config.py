@@ -58,7 +58,7 @@ class FieldSettings(Settings):
     )
     escape_angle: float | None = setting(
         None,
-        "Angle of the escape.",
+        "Angle by which the robot turns to escape from an oscillation.",
         unit="rad",
         at_least=0,
         at_most=math.pi,

@@ -45,7 +45,7 @@ class SightingConfig(Settings):
     )
     person_height: float = setting(
         11.3,
-        "Height of a person, to find the track of a box.",
+        "Height of a person, by which the track is projected into the image to find its box.",
         unit="length",
         people=1.7,
         above=0,

@@ -26,7 +26,7 @@ ANY_DIRECTION = np.pi**2 / 3.0
 
 
 class Labelled(NamedTuple):
-    """Rows of some whole times, by time, sensor and target, and counts of the candidates."""
+    """Labelled bearings of one or more complete time steps, with counts of candidates."""
 
     bearings: Bearings
     given: Ints32  # target of each candidate that got a label

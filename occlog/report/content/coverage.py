@@ -266,7 +266,7 @@ class _SelectionTarget:
     found: dict[str, tuple[int, Sum]] = field(default_factory=dict)
 
     def hold(self, until: int) -> None:
-        """The selection up to now was for so long."""
+        """Add a duration to the time for which the current selection of sensors was in use."""
         begin, cameras = self.since
         for name in cameras:
             self.selected_ns[name] = self.selected_ns.get(name, 0) + until - begin

@@ -23,7 +23,7 @@ REMEDY = "give a recording with boxes of a detector, or the boxes or views that 
 
 
 def run_track_single_view(request: SingleViewRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Follow and write; return the summary, and what had been lost before."""
+    """Track in each camera and write the tables; return the summary and the earlier losses of the input."""
     if request.window is not None:
         raise UsageError(
             f"{option('window')}: method {request.method} takes each frame of a camera by itself; leave it out",

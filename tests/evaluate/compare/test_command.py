@@ -52,7 +52,7 @@ def write(
     return folder
 
 
-def said(capsys: pytest.CaptureFixture[str]) -> dict[str, dict[str, object]]:
+def report_of(capsys: pytest.CaptureFixture[str]) -> dict[str, dict[str, object]]:
     found = json.loads(capsys.readouterr().out)
     return {row["figure"]: row for row in found["rows"]}
 
@@ -65,7 +65,7 @@ def test_a_run_that_is_worse_is_found_and_fails(tmp_path: Path, capsys: pytest.C
     a, b = write(tmp_path / "a", 1), write(tmp_path / "b", 1, noise=0.2, tracker=1)
     truth = ("--truth", str(a / "truth.parquet"))
     assert compared(a, b, more=(*truth, "--json")) == ExitCode.DONE
-    rows = said(capsys)
+    rows = report_of(capsys)
     assert set(rows) == {"idf1", "hota", "mota", "recall", "precision", "matched_rmse"}
     assert rows["matched_rmse"]["first"] == pytest.approx(0.1 * np.sqrt(2), rel=0.05)
     assert rows["matched_rmse"]["this"] == pytest.approx(0.2 * np.sqrt(2), rel=0.05)
@@ -90,7 +90,7 @@ def test_lost_people_lower_idf1_and_mota(tmp_path: Path, capsys: pytest.CaptureF
     a, b = write(tmp_path / "a", 1, frames=1800), write(tmp_path / "b", 1, lost=0.3, tracker=1, frames=1800)
     more = ("--truth", str(a / "truth.parquet"), "--json", "--match-distance", "0.8")
     assert compared(a, b, more=more) == ExitCode.DONE
-    rows = said(capsys)
+    rows = report_of(capsys)
     assert rows["recall"]["this"] == pytest.approx(0.7, abs=0.12)
     assert rows["recall"]["verdict"] == rows["mota"]["verdict"] == "worse"
     assert rows["idf1"]["difference"] < -0.1  # type: ignore[operator]
@@ -146,7 +146,7 @@ def test_a_check_of_more_methods_than_its_recordings_can_tell_apart_does_not_pas
     wide = ("--truth", str(tmp_path / "truths"), "--json")
     chosen = tuple(word for name in ("mota", "idf1", "hota", "recall") for word in ("--metric", name))
     assert compared(*paths[:3], more=(*wide, *chosen)) == ExitCode.DONE
-    assert said(capsys)["mota"]["verdict"] == "not decided"
+    assert report_of(capsys)["mota"]["verdict"] == "not decided"
 
 
 def test_short_recordings_are_not_decided_and_fail_as_that(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -166,7 +166,7 @@ def test_a_run_that_meets_nobody_has_no_error_to_be_compared(
     far.x[:] += 5000.0
     write_table(b / "tracks.parquet", far, Provenance("track"), overwrite=True)
     assert compared(a, b, more=("--truth", str(a / "truth.parquet"), "--json")) == ExitCode.DONE
-    rows = said(capsys)
+    rows = report_of(capsys)
     assert (rows["matched_rmse"]["this"], rows["matched_rmse"]["verdict"]) == (None, "not decided")
     assert (rows["recall"]["this"], rows["recall"]["difference"]) == (0.0, -1.0)
 
@@ -178,7 +178,7 @@ def test_a_truth_of_another_clock_is_refused_and_no_tracks_are_a_result(
     none = read_table(b / "tracks.parquet", Tracks).take(np.zeros(0, dtype=np.int64))
     write_table(b / "tracks.parquet", none, Provenance("track"), overwrite=True)
     assert compared(a, b, more=("--truth", str(a / "truth.parquet"), "--json")) == ExitCode.DONE
-    assert said(capsys)["recall"]["this"] == 0.0
+    assert report_of(capsys)["recall"]["this"] == 0.0
     other = read_table(a / "truth.parquet", Truth)
     for clock in (1_577_836_800 * 10**9, -(10**12)):
         moved = Truth.of(**{c.name: getattr(other, c.name) for c in Truth.columns()} | {"t_ns": other.t_ns + clock})
@@ -235,10 +235,10 @@ def test_tables_of_others_are_brought_to_the_unit_of_the_first(
         text = "".join(f"{t},{k},{float(x)!r},{float(y)!r}\n" for t, k, x, y in columns)
         path.write_text("t_ns,id,x_cm,y_cm\n" + text)
     assert compared(a, b, more=("--truth", str(a / "truth.parquet"), "--json")) == ExitCode.DONE
-    ours = said(capsys)
+    ours = report_of(capsys)
     for truth in (a / "truth.parquet", in_cm[1]):
         assert compared(a / "tracks.parquet", in_cm[0], more=("--truth", str(truth), "--json")) == ExitCode.DONE
-        assert said(capsys)["matched_rmse"]["this"] == pytest.approx(ours["matched_rmse"]["this"], rel=1e-9)
+        assert report_of(capsys)["matched_rmse"]["this"] == pytest.approx(ours["matched_rmse"]["this"], rel=1e-9)
 
 
 def test_runs_in_folders_of_one_name_have_truths_of_their_own(
@@ -252,4 +252,4 @@ def test_runs_in_folders_of_one_name_have_truths_of_their_own(
     (tmp_path / "truths" / "walk.parquet").write_bytes((tmp_path / "truths/hall/walk.parquet").read_bytes())
     more = ("--truth", str(tmp_path / "truths"), "--json")
     assert compared(tmp_path / "a", tmp_path / "b", more=more) == ExitCode.DONE
-    assert said(capsys)["matched_rmse"]["this"] == pytest.approx(0.14, abs=0.02)
+    assert report_of(capsys)["matched_rmse"]["this"] == pytest.approx(0.14, abs=0.02)

@@ -156,12 +156,12 @@ def test_schemas() -> None:
 
 
 def test_another_unit_of_length_is_reported_once() -> None:
-    def said(unit: str) -> dict[str, Any]:
+    def report_of(unit: str) -> dict[str, Any]:
         units = {"x": unit, "v": f"{unit}/s", "p": f"{unit}^2", "u": "px"}
         columns = [{"name": name, "type": "double", "unit": u} for name, u in units.items()]
         return {"schema": "t", "version": 1, "length_unit": unit, "columns": columns}
 
-    assert [d.column for d in diff_schemas("t", said("m"), said("ft"))] == ["length_unit"]
+    assert [d.column for d in diff_schemas("t", report_of("m"), report_of("ft"))] == ["length_unit"]
 
 
 def test_outputs_of_earlier_stages_come_first() -> None:

@@ -10,7 +10,7 @@ from occlog.records.frames import Frame, gaps_of, inside
 from occlog.records.losses import Loss
 
 
-def told(numbers: list[int], *losses: Loss) -> dict[str, list[tuple[int, int]]]:
+def report_of(numbers: list[int], *losses: Loss) -> dict[str, list[tuple[int, int]]]:
     """What is said of a camera whose frames have these numbers."""
     gathered = SkippedFrames()
     for _ in gathered.watch(Frame(10 * n, "a", n, lambda: None) for n in numbers):  # type: ignore[arg-type, return-value]
@@ -33,18 +33,18 @@ def told(numbers: list[int], *losses: Loss) -> dict[str, list[tuple[int, int]]]:
     ],
 )
 def test_numbers_between_are_left_out_unless_they_are_steps(numbers: list[int], wanted: list[tuple[int, int]]) -> None:
-    assert told(numbers).get("a", []) == wanted
+    assert report_of(numbers).get("a", []) == wanted
 
 
 def test_frames_that_could_not_be_used_are_left_out_too() -> None:
     lost = [Loss("a", "frame 4", "cut", 1), Loss("a", "frames 8 to 10", "cut", 2), Loss("b", "frame 1", "cut", 1)]
-    assert told([2, 4, 6, 8, 10], *lost) == {"a": [(4, 4), (8, 10)]}
+    assert report_of([2, 4, 6, 8, 10], *lost) == {"a": [(4, 4), (8, 10)]}
     assert [n for n in range(12) if inside([(4, 4), (8, 10)], n)] == [4, 8, 9, 10]
 
 
 def test_long_logs_in_steps_have_short_lists(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(left_out, "MAX_STRETCHES", 20)
-    assert told(list(range(0, 1000, 4))) == {}
-    assert told([*range(0, 400, 4), *range(800, 1200, 4)]) == {"a": [(397, 799)]}
+    assert report_of(list(range(0, 1000, 4))) == {}
+    assert report_of([*range(0, 400, 4), *range(800, 1200, 4)]) == {"a": [(397, 799)]}
     scattered = [n for n in range(200) if n % 3]
-    assert told(scattered) == {}  # too many to be gaps of a recording
+    assert report_of(scattered) == {}  # too many to be gaps of a recording

@@ -134,7 +134,7 @@ def test_an_experiment_needs_its_recording(tmp_path: Path, capsys: pytest.Captur
     for name in (bearings, scene_file):
         Path(name).touch()  # a file that is missing would be told first
 
-    def told(*args: str) -> tuple[int, str]:
+    def report_of(*args: str) -> tuple[int, str]:
         code = run([*ask, *args])
         error = capsys.readouterr().err
         assert error.count("\n") == 1
@@ -145,17 +145,17 @@ def test_an_experiment_needs_its_recording(tmp_path: Path, capsys: pytest.Captur
         ("--scene", scene_file): "goes with --bearings",
         ("--data", str(tmp_path), "--bearings", bearings): "leave --bearings and --scene out",
     }.items():
-        code, error = told(*args)
+        code, error = report_of(*args)
         assert code == ExitCode.USAGE
         assert text in error
-    code, error = told("--data", str(tmp_path))
+    code, error = report_of("--data", str(tmp_path))
     assert code == ExitCode.BAD_INPUT
     assert str(tmp_path / "CMC1_detections.csv") in error
     scene, table = walked(8, "unit")
     Path(scene_file).write_text(scene_to_yaml(scene))
     Path(bearings).unlink()
     write_table(Path(bearings), table, Provenance("detect"))
-    code, error = told("--bearings", bearings, "--scene", scene_file)
+    code, error = report_of("--bearings", bearings, "--scene", scene_file)
     assert code == ExitCode.BAD_INPUT
     assert "b.parquet" in error
     assert "metres" in error

@@ -22,7 +22,7 @@ VERSIONS = b"# Python ?\nocclog==0.1.0\nnumpy==2.0.0\n"
 Members = dict[str, bytes]
 
 
-def told(path: str, data: bytes) -> dict[str, object]:
+def report_of(path: str, data: bytes) -> dict[str, object]:
     return {"path": path, "sha256": hashlib.sha256(data).hexdigest(), "bytes": len(data), "included": True}
 
 
@@ -33,8 +33,8 @@ def manifest(**changed: object) -> bytes:
         "versions": {"numpy": "2.0.0"},
         "config": "run.yaml",
         "folder": "out",
-        "inputs": [told("run.yaml", CONFIG)],
-        "outputs": [told("metrics.json", b"{}")],
+        "inputs": [report_of("run.yaml", CONFIG)],
+        "outputs": [report_of("metrics.json", b"{}")],
         "stages": {"evaluate": 0},
         **changed,
     }
@@ -84,7 +84,7 @@ def test_names_that_lead_out_are_refused(tmp_path: Path, name: str) -> None:
 
 @pytest.mark.parametrize("name", ["../x", "/etc/passwd", ""])
 def test_names_in_the_manifest_that_lead_out_are_refused(tmp_path: Path, name: str) -> None:
-    inputs = [told("run.yaml", CONFIG), {**told(name, b""), "included": False}]
+    inputs = [report_of("run.yaml", CONFIG), {**report_of(name, b""), "included": False}]
     write(tmp_path / "x.zip", members(inputs=inputs))
     refused(tmp_path, "no name of a file inside the archive")
 
@@ -115,9 +115,9 @@ def test_links_and_devices_are_refused(tmp_path: Path, kind: int, words: str) ->
         ({MANIFEST: manifest(folder="../out")}, "no name of a file inside"),
         ({MANIFEST: manifest(folder="run.yaml")}, "has inputs in its run folder"),
         ({MANIFEST: manifest(config="other.yaml")}, "is not among its inputs"),
-        ({MANIFEST: manifest(outputs=[told("metrics.json", b"{}")] * 2)}, "names a file twice"),
-        ({MANIFEST: manifest(outputs=[{**told("metrics.json", b"{}"), "sha256": "00"}])}, "not a manifest"),
-        ({MANIFEST: manifest(outputs=[told("tracks.parquet", b"")])}, "run/metrics.json is not in pack.json"),
+        ({MANIFEST: manifest(outputs=[report_of("metrics.json", b"{}")] * 2)}, "names a file twice"),
+        ({MANIFEST: manifest(outputs=[{**report_of("metrics.json", b"{}"), "sha256": "00"}])}, "not a manifest"),
+        ({MANIFEST: manifest(outputs=[report_of("tracks.parquet", b"")])}, "run/metrics.json is not in pack.json"),
     ],
 )
 def test_what_the_manifest_does_not_say_is_refused(tmp_path: Path, changed: Members, words: str) -> None:
@@ -132,7 +132,7 @@ ALIKE = (("run.yaml", "RUN.yaml"), ("caf\u00e9", "cafe\u0301"), ("stra\u00dfe", 
 @pytest.mark.parametrize(("one", "other"), ALIKE)
 def test_inputs_are_not_in_the_run_folder_however_it_is_written(tmp_path: Path, one: str, other: str) -> None:
     """The state of a run in it would say that every stage is done."""
-    inputs = [told("run.yaml", CONFIG), told(f"{other}/run.json", b"{}")]
+    inputs = [report_of("run.yaml", CONFIG), report_of(f"{other}/run.json", b"{}")]
     write(tmp_path / "x.zip", {**members(inputs=inputs, folder=one), f"inputs/{other}/run.json": b"{}"})
     refused(tmp_path, "has inputs in its run folder")
 
@@ -150,7 +150,7 @@ def test_a_file_that_is_there_twice_is_refused(tmp_path: Path, one: str, other: 
 def test_bombs_are_refused_before_anything_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(archive, "FREE_BYTES", 100_000)
     large = bytes(1_000_000)
-    found = {**members(outputs=[told("metrics.json", large)]), "run/metrics.json": large}
+    found = {**members(outputs=[report_of("metrics.json", large)]), "run/metrics.json": large}
 
     def change(info: zipfile.ZipInfo) -> None:
         info.compress_type = zipfile.ZIP_DEFLATED
@@ -165,7 +165,7 @@ def test_what_is_packed_can_be_unpacked_however_well_it_compresses(
     monkeypatch.setattr(archive, "FREE_BYTES", 100_000)
     text = b"0" * 40_000
     names = [f"{number}.csv" for number in range(20)]
-    made = manifest(outputs=[told(name, text) for name in names])
+    made = manifest(outputs=[report_of(name, text) for name in names])
     (tmp_path / "text").write_bytes(text)
     with (tmp_path / "x.zip").open("wb") as out:
         packer = archive.Packer(out)

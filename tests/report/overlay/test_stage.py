@@ -57,7 +57,7 @@ def rig(scene):
     return OverlayRig(views, scene.cameras, view_geometry(views, scene))
 
 
-def told(scene, neighbours, helpers):
+def report_of(scene, neighbours, helpers):
     own = tracks(scene.cameras[0], neighbours, helpers)
     return [
         OverlayFrameRows(own, None, None),
@@ -68,7 +68,7 @@ def told(scene, neighbours, helpers):
 @pytest.mark.parametrize("distortion", [(0.0, 0.0), (-0.25, 0.05)])
 def test_lines_of_helpers_go_through_the_same_point(distortion):
     scene = Scene(cameras=cameras(distortion))
-    shot = frame_shot(0, 7, told(scene, ["1", "0", ""], ["b", "", "b,c"]), rig(scene))
+    shot = frame_shot(0, 7, report_of(scene, ["1", "0", ""], ["b", "", "b,c"]), rig(scene))
     assert shot.title == "a   frame 7"
     assert [target for target, _ in shot.lines] == [0, 2]
     for target, points in shot.lines:
@@ -83,7 +83,7 @@ def test_lines_of_helpers_go_through_the_same_point(distortion):
 
 def test_lines_are_of_the_points_that_stand_for_targets():
     scene = Scene(cameras=cameras())
-    both = told(scene, ["", "", ""], ["b", "", ""])
+    both = report_of(scene, ["", "", ""], ["b", "", ""])
     views = rig(scene)
     (line,) = [line for _, line in frame_shot(0, 7, both, views._replace(bottom=True)).lines]
     other = both[1].tracks
@@ -95,7 +95,7 @@ def test_lines_are_of_the_points_that_stand_for_targets():
 
 def test_no_lines_without_geometry_or_the_helpers_row():
     scene = Scene(cameras=cameras())
-    both = told(scene, ["", "", ""], ["b", "b", "b"])
+    both = report_of(scene, ["", "", ""], ["b", "b", "b"])
     assert frame_shot(0, 7, both, rig(scene)._replace(geometry=None)).lines == []
     fewer = OverlayFrameRows(tracks(scene.cameras[1], [""], [""], (2,)), None, None)
     assert [target for target, _ in frame_shot(0, 7, [both[0], fewer], rig(scene)).lines] == [2]

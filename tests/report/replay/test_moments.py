@@ -28,7 +28,7 @@ def unpacked(packed: list[Any]) -> np.ndarray:
     return np.frombuffer(base64.b64decode(text), "<" + kind).astype(float)
 
 
-def told(data: ReportInput) -> dict[str, Any]:
+def report_of(data: ReportInput) -> dict[str, Any]:
     found = replay(data)
     assert found is not None
     values: dict[str, Any] = json.loads(found.json)
@@ -46,7 +46,7 @@ def places(values: dict[str, Any], name: str) -> np.ndarray:
 
 def test_places_spreads_times_and_identities_are_those_of_the_tables() -> None:
     data = run(steps=50, targets=3, cameras=4, start_ns=1_700_000_000_000_000_000)
-    values, tracks = told(data), data.tracks
+    values, tracks = report_of(data), data.tracks
     assert tracks is not None
     np.testing.assert_allclose(unpacked(values["times"]), np.arange(50) * STEP_NS / 1e9)
     table = columns(values, "tracks")
@@ -65,7 +65,7 @@ def test_places_spreads_times_and_identities_are_those_of_the_tables() -> None:
 
 def test_sight_lines_are_the_bearings_of_the_moment() -> None:
     data = run(steps=20, targets=2, cameras=3)
-    values, bearings = told(data), data.bearings
+    values, bearings = report_of(data), data.bearings
     assert bearings is not None
     table, names = columns(values, "sight"), [s["name"] for s in values["sensors"]]
     seen = bearings.take(bearings.seen)
@@ -85,7 +85,7 @@ def test_sensors_that_look_at_other_times_are_shown_at_the_next_moment() -> None
     bearings = data.bearings
     assert bearings is not None
     late = replace(bearings, t_ns=bearings.t_ns - STEP_NS // 3)
-    assert told(replace(data, bearings=late))["sight"]["angle"] == told(data)["sight"]["angle"]
+    assert report_of(replace(data, bearings=late))["sight"]["angle"] == report_of(data)["sight"]["angle"]
 
 
 @pytest.mark.parametrize(("most", "every"), [(400, 1), (399, 2), (200, 2), (199, 3)])
@@ -102,10 +102,10 @@ def test_moments_are_thinned_by_the_rule(monkeypatch: pytest.MonkeyPatch, most: 
 
 def test_sight_lines_are_thinned_by_moments_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
     data = run(steps=30, targets=1, cameras=4)
-    whole = told(data)
+    whole = report_of(data)
     rows = np.diff(columns(whole, "sight")["first"])
     monkeypatch.setattr(rule, "MAX_OBSERVATIONS", int(rows.sum()) // 3 + 1)
-    values = told(data)
+    values = report_of(data)
     assert values["sightEvery"] == 3
     kept = np.diff(columns(values, "sight")["first"])
     np.testing.assert_array_equal(kept, np.where(np.arange(30) % 3 == 0, rows, 0))
@@ -120,7 +120,7 @@ def test_who_saw_a_target_and_what_is_doubtful_come_from_tracks_of_everybody_or_
     more["seen_by"] = np.array(["camera 1"] * 5 + [""] * 5)
     more["n_detected"] = np.array([1] * 5 + [0] * 4 + [2])
     more["fallback"] = np.array([""] * 9 + ["restart"])
-    values = told(replace(data, diagnostics=Diagnostics.of(**more)))
+    values = report_of(replace(data, diagnostics=Diagnostics.of(**more)))
     table = columns(values, "tracks")
     seen = [values["words"]["seen"][int(k)] for k in table["seen"]]
     assert seen == ["camera 1"] * 5 + [""] * 4 + [None]
@@ -131,7 +131,7 @@ def test_who_saw_a_target_and_what_is_doubtful_come_from_tracks_of_everybody_or_
     people = PeopleTracks.of(
         **plain, existence_probability=np.linspace(0.1, 1, 10), seen_by=["a,b"] * 10, quality_flags=["coasting"] * 10
     )
-    values = told(replace(data, tracks=people, errors=None))
+    values = report_of(replace(data, tracks=people, errors=None))
     table = columns(values, "tracks")
     assert values["words"] == {"seen": ["a,b"], "doubt": ["coasting"]}
     np.testing.assert_allclose(table["existence"] / 254, np.linspace(0.1, 1, 10), atol=0.002)
@@ -147,7 +147,7 @@ def test_true_places_are_those_of_the_tracks_that_errors_pair_them_with() -> Non
     assert errors is not None
     errors = replace(errors, x=tracks.x.copy(), y=tracks.y.copy())
     own = np.array([12, 10, 11], dtype=np.int32)[tracks.target_id]
-    values = told(replace(data, tracks=replace(tracks, target_id=own), errors=errors, diagnostics=None))
+    values = report_of(replace(data, tracks=replace(tracks, target_id=own), errors=errors, diagnostics=None))
     assert values["targets"] == [10, 11, 12]
     assert values["compared"]
     # True targets 0, 1, 2 are followed by the tracks 12, 10, 11, which are the numbers 2, 0, 1
@@ -155,7 +155,7 @@ def test_true_places_are_those_of_the_tracks_that_errors_pair_them_with() -> Non
     assert columns(values, "tracks")["target"].tolist() == [2, 0, 1] * 10
     several = own.copy()
     several[tracks.t_ns == tracks.t_ns.max()] = [10, 12, 11]  # two exchange their names at the end
-    values = told(replace(data, tracks=replace(tracks, target_id=several), errors=errors, diagnostics=None))
+    values = report_of(replace(data, tracks=replace(tracks, target_id=several), errors=errors, diagnostics=None))
     assert not values["compared"]
     assert min(columns(values, "truth")["target"]) >= rule.TRUE_FROM
 
@@ -171,12 +171,12 @@ def test_moving_occluders_are_polygons_of_95_percent() -> None:
         cov_xy=[1.0] * 10,
         cov_yy=[1.0] * 10,
     )
-    values = told(run(steps=10, cameras=1, occluders=priors))
+    values = report_of(run(steps=10, cameras=1, occluders=priors))
     corners = places(values, "hulls")[: rule.CORNERS] - [50, 40]
     inverse = np.linalg.inv([[4.0, 1.0], [1.0, 1.0]])
     np.testing.assert_allclose(np.einsum("ki,ij,kj->k", corners, inverse, corners), 5.991, rtol=0.02)
     empty = Hulls.of(t_ns=[0], occluder_id=[-1], corner=[0], x=[np.nan], y=[np.nan])
-    assert len(columns(told(run(steps=10, cameras=1, occluders=empty)), "hulls")["x"]) == 0
+    assert len(columns(report_of(run(steps=10, cameras=1, occluders=empty)), "hulls")["x"]) == 0
 
 
 def test_what_lies_far_outside_of_the_plan_is_marked_and_does_not_coarsen_the_rest() -> None:
@@ -184,14 +184,14 @@ def test_what_lies_far_outside_of_the_plan_is_marked_and_does_not_coarsen_the_re
     tracks = data.tracks
     assert tracks is not None
     x = np.where(np.arange(300) == 7, 1e9, tracks.x)
-    values = told(replace(data, tracks=replace(tracks, x=x)))
+    values = report_of(replace(data, tracks=replace(tracks, x=x)))
     assert values["step"] < 0.01
     assert columns(values, "tracks")["x"][7] == 32767
 
 
 def test_true_places_come_from_errors_where_there_is_no_truth() -> None:
     data = run(steps=30, targets=2, cameras=1)
-    assert told(replace(data, truth=None))["truth"] == told(data)["truth"]
+    assert report_of(replace(data, truth=None))["truth"] == report_of(data)["truth"]
 
 
 def test_the_largest_errors_are_named_once_each() -> None:
@@ -226,7 +226,7 @@ def test_truth_of_many_moving_objects_is_left_to_targets() -> None:
             y=np.ones(2 * size),
             z=np.ones(2 * size),
         )
-        table = columns(told(ReportInput(truth=truth, scene=ring_scene(1))), "truth")
+        table = columns(report_of(ReportInput(truth=truth, scene=ring_scene(1))), "truth")
         np.testing.assert_array_equal(np.diff(table["first"]), [rows, rows])
 
 
@@ -255,7 +255,8 @@ def test_a_camera_outside_of_the_room_looks_in_through_its_walls() -> None:
     inside, camera = scene.cameras
     outside = replace(camera, position=np.array([130.0, 50.0, 1.5]), rotation=rotation_from_angles(np.pi, 0.0, 0.0))
     views = [
-        np.array(s["view"]) for s in told(replace(data, scene=replace(scene, cameras=(inside, outside))))["sensors"]
+        np.array(s["view"])
+        for s in report_of(replace(data, scene=replace(scene, cameras=(inside, outside))))["sensors"]
     ]
     assert views[1][:, 0].min() < 50.0  # past the wall at 100
     assert views[0].max() <= 100.0 + 1e-6  # one inside sees no farther than its walls

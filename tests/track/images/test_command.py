@@ -231,7 +231,7 @@ def test_options_of_tracking_in_images_go_with_no_other_method(balls, tmp_path, 
 def test_one_view_has_no_help_and_is_reported(balls, tmp_path, capsys):
     assert track(balls, tmp_path, "--cameras", "view2") == ExitCode.DONE
     stderr = capsys.readouterr().err
-    assert "there is one view, and none to assist it: --method bmct does what idmot does" in stderr
+    assert "there is one view only, so other views cannot assist it: --method bmct does what idmot does" in stderr
     table = result(tmp_path)
     assert set(table.sensor.tolist()) == {"view2"}
     assert not set(table.likelihood_mode.tolist()) & {"bmct", "cmct"}

@@ -426,7 +426,7 @@ def _resolve(
     ignored: Sequence[str],
     ignore_extra: bool,
 ) -> list[str | None]:
-    """Our name of every column of the file, None for one that is not used."""
+    """Return the occlog name of each column of a file; None for a column that is not used."""
     meaning = {alias: name for name, aliases in columns.items() for alias in aliases}
     names: list[str | None] = []
     for cell in header:

@@ -61,7 +61,7 @@ class Damage:
         self._behind, self._reported = True, False
 
     def end(self) -> None:
-        """A whole message: indexes that follow are of whole chunks."""
+        """Note that a message was read completely, so that indexes after it belong to undamaged chunks."""
         self._behind = False
 
     def index(self, channel: int, messages: int) -> None:

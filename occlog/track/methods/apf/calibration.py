@@ -113,7 +113,7 @@ def begin(
 
 
 def corrected(calibration: PoseCalibration, xy: Floats, weights: Floats) -> tuple[Sensors, MeasurementNoise]:
-    """Sensors where they are thought to be, and the noise that is left of their errors.
+    """Return the sensors with corrected poses, and the remaining noise of their pose errors.
 
     Where the (L, 2) particles are near together, the variance of a bearing to them goes into
     the yaw's position, for any covariance of the errors; elsewhere Eq. 2 has the greatest

@@ -197,7 +197,7 @@ def _fits(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> list[
 
 
 def _labelled(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> list[Moved]:
-    """The tracks; a label that is new is given to the track that fits its bearing best."""
+    """Tracks after assigning each new label to the track with the most probable association of its bearing."""
     fits = np.array([f.fit for f in _fits(world, moved, array, heard)]).reshape(len(moved), len(heard.bearing))
     for i in np.flatnonzero(heard.labelled).tolist():
         label = int(heard.target_id[i])

@@ -30,7 +30,8 @@ class SpaceConfig(SmoothingConfig):
     )
     start: tuple[float, ...] | None = setting(
         None,
-        "x,y,sigma; x,y,z,sigma; x,y,z,vx,vy,vz,sigma,sigma_v; or x,y,z,vx,vy,vz and a sigma of each. Without them "
+        "Initial state, as x,y,sigma; x,y,z,sigma; x,y,z,vx,vy,vz,sigma,sigma_v; or x,y,z,vx,vy,vz and a sigma "
+        "of each. If not given, "
         "z is uncertain over the height of the room, and velocities by `sigma_initial_velocity` and "
         "`sigma_initial_velocity_z`.",
         unit="length",

@@ -81,14 +81,14 @@ def test_tracks_come_out_and_are_as_good_as_they_say(folder, capsys):
 
 
 def test_cameras_heights_and_what_was_lost(folder, capsys):
-    def told(*args):
+    def report_of(*args):
         capsys.readouterr()
         assert ground(folder, *args, "-o", "t.parquet", "--overwrite", "--json") == ExitCode.DONE
         return json.loads(capsys.readouterr().out)
 
-    assert set(told("views.parquet", "--scene", "scene.yaml", "--cameras", "a,c")["views"]) == {"2"}
-    assert told("views.parquet", "--scene", "unplaced.yaml", "--cameras", "a,b")["rows"] > 190
-    alone = told("one.parquet", "--scene", "scene.yaml", "--set", "target_height=0.8")
+    assert set(report_of("views.parquet", "--scene", "scene.yaml", "--cameras", "a,c")["views"]) == {"2"}
+    assert report_of("views.parquet", "--scene", "unplaced.yaml", "--cameras", "a,b")["rows"] > 190
+    alone = report_of("one.parquet", "--scene", "scene.yaml", "--set", "target_height=0.8")
     assert alone["views"] == {"1": 200}
     assert np.allclose(read_table(folder / "t.parquet", Tracks).z, 0.8)
     rows = read_table(folder / "views.parquet", ViewTracks)

@@ -77,7 +77,8 @@ class GroundSummary:
         """Raise InputError where no target has a position at any time: no later command could use the tracks."""
         if not self.counts["times"]:
             raise InputError(
-                f"{where}: has no rows of these cameras; nothing can be brought together", id="empty-input"
+                f"{where}: has no rows of these cameras, so that no position can be triangulated; choose others",
+                id="empty-input",
             )
         if not self.targets:
             raise InputError(

@@ -224,10 +224,15 @@ class CmctConfig(LoopCheckConfig):
     particles: int = setting(100, "Particles of each target in each view.", at_least=1, option="--particles")
     epipolar_fraction: float = setting(0.3, "Share of the particles drawn on the epipolar line.", **SHARE)
     sigma_along_line_px: float = setting(
-        8.0, "Standard deviation of those particles along the line, about the tracker.", unit="px", **ABOVE_0
+        8.0,
+        "Standard deviation, along the epipolar line, of the particles drawn on it; their mean is at the tracker.",
+        unit="px",
+        **ABOVE_0,
     )
     sigma_across_line: float = setting(
-        0.5, "Standard deviation of those particles across the line, relative to the radius.", **ABOVE_0
+        0.5,
+        "Standard deviation, across the epipolar line, of the particles drawn on it, relative to the radius.",
+        **ABOVE_0,
     )
     appearance_learning_rate: float = setting(
         0.1,

@@ -297,7 +297,7 @@ def _advance(
     rng: np.random.Generator,
     stream: RegionStream | None,
 ) -> tuple[_RunState, _MomentResult]:
-    """Take in the frames of one time step."""
+    """Update the trackers with the frames of one time step."""
     outlines, checks, gone = None, no_checks(), frozenset[TrackerKey]()
     found: tuple[Floats | None, ...] = ()
     if stream is not None:

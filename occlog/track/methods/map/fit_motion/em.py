@@ -108,7 +108,7 @@ def need(count: int, shape: Shape, what: str) -> None:
 def prepare(
     paths: Sequence[MeasuredPath], step_s: float, shape: Shape, longest_gap_s: float, noise: float | None = None
 ) -> FitProblem:
-    """The measurements in steps and scales; raises as `fit_em`."""
+    """Assign positions to time steps and determine the initial scales of the fit; errors are those of `fit_em`."""
     nodes = make_nodes(paths, step_s, longest_gap_s)
     need(int(nodes.seen.sum()), shape, "positions")
     both = nodes.seen[1:] & nodes.seen[:-1] & ~nodes.first[1:]

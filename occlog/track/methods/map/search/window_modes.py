@@ -110,7 +110,7 @@ def mode_starts(
 
 
 def _along(problem: TrajectoryProblem, rows: WindowMeasurements, modes: WindowModes, path: Ints) -> ConsensusPath:
-    """A path of the motion alone, with the Gaussian of a mode of each window."""
+    """Most probable path under the motion model with one Gaussian mode per window in place of the measurements."""
     xy, covariance = np.ascontiguousarray(modes.x[path, ::2]), modes.covariance[path]
     information = np.linalg.inv(covariance)
     bend = np.column_stack([information[:, 0, 0], information[:, 0, 1], information[:, 1, 1]])
