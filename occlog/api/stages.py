@@ -292,7 +292,7 @@ def ingest(
     start_time: Times | None = None,
     clock_offset: Mapping[str, float | str] | None = None,
     fps: Times | None = None,
-    frames: tuple[int, int] | None = None,
+    frames: tuple[int, int] | Mapping[str, tuple[int, int]] | None = None,
     output: str | os.PathLike[str] | None = None,
     overwrite: bool = False,
     progress: bool = False,
@@ -324,7 +324,7 @@ def ingest(
         start_time: date and time (ISO 8601) or seconds since 1970 of the origin of the times; None: 0.
         clock_offset: added to the times of a sensor with a clock offset [s], or text with a unit: {"cam2": "-400ms"}.
         fps: frame rate, where nothing else gives times.
-        frames: only frames first <= number < stop.
+        frames: only frames first <= number < stop; of each camera by its name, or of all.
         output: where the recording is written; None: a folder that goes with the last reference to it.
         overwrite: an output that is there may be replaced.
         progress: show a bar on standard error, if it is a terminal.
@@ -358,7 +358,7 @@ def ingest(
         "scene": scene,
         "readers": readers,
         "grid": grid,
-        "frames": _pair(frames, "frames", frames is None or 0 <= frames[0] < frames[1]),
+        "frames": _ranges(frames),
         "topic": tuple(text for n, each in of_topics.items() for t in each for text in _named({n: t}, "topic")),
         **{name: _named(value, name) for name, value in of_sensors.items()},
         "settings": settings,
@@ -395,6 +395,14 @@ def _text(value: object, argument: str) -> str:
     if getattr(value, "ndim", 0) or hasattr(value, "__arrow_c_stream__"):
         raise UsageError(f"{argument}: a {type(value).__name__} in memory; a path was expected, or give it to track")
     return os.fspath(value) if isinstance(value, os.PathLike) else str(value)
+
+
+def _ranges(frames: tuple[int, int] | Mapping[str, tuple[int, int]] | None) -> tuple[str, ...]:
+    """The arguments of the command for ranges of frames; UsageError for anything else."""
+    each = frames if isinstance(frames, Mapping) else {} if frames is None else {"": frames}
+    found = {n: _pair(p, "frames", len(p) == 2 and 0 <= p[0] < p[1]) or (0, 0) for n, p in each.items()}
+    texts = {name: f"{first}:{stop}" for name, (first, stop) in found.items()}
+    return _named(texts if isinstance(frames, Mapping) else [*texts.values()], "frames")
 
 
 def _pair(value: tuple[int, int] | None, name: str, fits: bool) -> tuple[int, int] | None:
@@ -453,9 +461,9 @@ def simulate(
         OutputExistsError: the output is there, and may not be replaced.
     """
     if kind is not None and scene is not None:
-        raise UsageError(f"kind {kind!r} makes its own scene; leave the scene out")
+        raise UsageError(f"kind {kind!r} makes its own scene; leave the scene out", id="conflicting-options")
     if kind is None and scene is None:
-        raise UsageError("no scene: give one, or kind='balls' or 'people'")
+        raise UsageError("no scene: give one, or kind='balls' or 'people'", id="missing-scene")
     arguments = dict(locals())
     chosen = kind or ("walkers" if paths is None else "paths")
     form = SIMULATE_VERB.form(chosen)
@@ -710,5 +718,5 @@ def overlay(
     if isinstance(tracks, TrackResult):
         tracks = tracks.tracks
     if video is None and frame is None:
-        raise UsageError("no output: give video (a file to make), frame (a number), or both")
+        raise UsageError("no output: give video (a file to make), frame (a number), or both", id="missing-option")
     return call(Form(OverlayRequest), dict(locals()), OverlayResult, png=_picture)

@@ -79,7 +79,9 @@ def asked_topics(plan: IngestPlan) -> list[tuple[str, str]]:
     out = [pair for path in plan.topics for pair in read_topic_map(path)]
     for name, topic in plan.topic:
         if name is None:
-            raise UsageError(f"topic {topic}: does not state what it is called; give NAME={topic}")
+            raise UsageError(
+                f"topic {topic}: does not state what it is called; give NAME={topic}", id="camera-not-named"
+            )
         out.append((name, topic))
     return out
 
@@ -98,7 +100,10 @@ def look_into(bag: Bag, plan: IngestPlan, note: Note) -> BagSurvey:
             raise InputError(f"{bag.paths[0]}: {why}")
         if bag.losses:
             raise InputError(f"{bag.paths[0]}: nothing of it can be used: {bag.losses[0]}; copy it again")
-        raise InputError(f"{bag.paths[0]}: holds no images, boxes or directions that can be taken: {held}; {remedy}")
+        raise InputError(
+            f"{bag.paths[0]}: holds no images, boxes or directions that can be taken: {held}; {remedy}",
+            id="wrong-content",
+        )
     for line in (*topic_lines(found), *borrowed_lines(found)):
         note(f"bag: {line}")
     return found
@@ -158,8 +163,8 @@ def place_cameras(found: BagSurvey, plan: IngestPlan, others: Collection[str], n
         shift = model.shift if frame in shared else 0.0
         centre = pose.translation + rotation[:, 0] * shift
         cameras.append(_camera(camera, model, rotation, centre, f"topic {found.map.infos[camera]}", options))
-    for said in options.notes:
-        note(f"calibration: {said}")
+    for reported in options.notes:
+        note(f"calibration: {reported}")
     return BagCameraPoses(tuple(cameras), reasons, world, tuple(options.findings))
 
 
@@ -169,7 +174,8 @@ def _check_region(camera: str, found: BagSurvey, stated: tuple[int, int]) -> Non
     if size is not None and size != stated and size == info.size:
         raise InputError(
             f"topic {found.map.infos[camera]}: states binning {info.binning} and roi {info.roi}, so images of "
-            f"{stated[0]} x {stated[1]} px, but they have {size[0]} x {size[1]}; give a calibration file or a scene"
+            f"{stated[0]} x {stated[1]} px, but they have {size[0]} x {size[1]}; give a calibration file or a scene",
+            id="image-size-mismatch",
         )
 
 
@@ -210,19 +216,23 @@ def _world(found: BagSurvey, plan: IngestPlan, cameras: list[str]) -> str | None
         frame = plan.world_frame.lstrip("/")
         if not tree.knows(frame):
             raise UsageError(
-                f"{option('world_frame')} {frame!r}: the bag has no such frame; it has: {', '.join(tree.frames)}"
+                f"{option('world_frame')} {frame!r}: the bag has no such frame; it has: {', '.join(tree.frames)}",
+                id="unknown-name",
             )
         return frame
     roots = {tree.still_root(found.frames[c]): c for c in cameras if tree.knows(found.frames[c])}
     if len(roots) > 1:
         text = ", ".join(f"{frame} (camera {camera})" for frame, camera in sorted(roots.items()))
-        raise UsageError(f"the cameras of the bag are fixed in several frames: {text}; name the one that is the world")
+        raise UsageError(
+            f"the cameras of the bag are fixed in several frames: {text}; name the one that is the world",
+            id="ambiguous-input",
+        )
     return next(iter(roots), None)
 
 
 def _placed(tree: Transforms, frame: str, world: str | None) -> FramePose:
     if world is None or not tree.knows(frame):
-        raise InputError(f"no transforms determine where its frame {frame!r} is")
+        raise InputError(f"no transforms determine where its frame {frame!r} is", id="missing-pose")
     return tree.placed(frame, world)
 
 
@@ -316,10 +326,10 @@ class GatheredVideo:
         return self._lost
 
 
-def _decoding(stream: GatheredVideo, plan: IngestPlan) -> CameraSource:
+def _decoding(stream: GatheredVideo, camera: str, plan: IngestPlan) -> CameraSource:
     """The decoder of a stream, by the numbers of its messages, and their times."""
     times = np.array(stream.times, dtype=np.int64)
-    first, stop = plan.frames if plan.frames is not None else (0, None)
+    first, stop = plan.frames.of(camera) or (0, None)
     start = bisect_left(stream.numbers, first)
     end = None if stop is None else bisect_left(stream.numbers, stop)
     return video_source(
@@ -379,8 +389,9 @@ class Taking:
         self._changed: dict[str, list[str]] = {}
         scale = plan.confidence_scale
         self._boxes = {t: MessageBoxRows(name, plan.classes, scale) for name, t in chosen.boxes.items()}
-        frames = self._frame_times() if plan.frames is not None and self._targets else {}
-        self._span = span_of(dict.fromkeys(frames, range(*plan.frames or (0, 0))), frames)
+        frames = self._frame_times() if plan.frames and self._targets else {}
+        ranges = {name: range(*own) for name in frames if (own := plan.frames.of(name)) is not None}
+        self._span = span_of(ranges, frames)
         self._of_other_times = 0
         self._extents = BoxExtents({c.name: c.image_size for c in scene.cameras if c.image_size is not None})
         self._beyond_lens: Counter[str] = Counter()
@@ -461,7 +472,7 @@ class Taking:
         if state.by_log is None:
             state.by_log = self.plan.timestamp_source == "log" or header.stamp_ns == 0
         if not header.stamp_ns and not state.by_log:
-            raise InputError("its header has no time")
+            raise InputError("its header has no time", id="missing-times")
         difference = (message.log_ns - header.stamp_ns) / 1e9
         if header.stamp_ns:
             state.difference_range = [
@@ -494,7 +505,9 @@ class Taking:
             table = truth_rows(read, t_ns, self._targets[topic], self._frame_of_truth(frame))
             for target in table.target_id.tolist():
                 if self._owners.setdefault(target, topic) != topic:
-                    raise UsageError(f"topics {self._owners[target]} and {topic}: both are of target {target}")
+                    raise UsageError(
+                        f"topics {self._owners[target]} and {topic}: both are of target {target}", id="duplicate-name"
+                    )
             if self._span is not None and not self._span[0] <= t_ns <= self._span[1]:
                 self._of_other_times += len(table)
                 return
@@ -503,7 +516,7 @@ class Taking:
         elif isinstance(read, BoxMessage):
             number = self._boxes[topic].frames
             table = self._boxes[topic].rows(read, t_ns)
-            if not self._is_chosen(number):
+            if not self.plan.frames.takes(self._boxes[topic].camera, number):
                 return
             self._extents.add(table)
             unseen = beyond_lens(table, self.scene)
@@ -519,7 +532,7 @@ class Taking:
     def _image(self, topic: str, read: ImageMessage, t_ns: int, state: _CameraState, writer: RecordingWriter) -> None:
         camera, number = self._cameras[topic], state.number
         state.number += 1
-        if not self._is_chosen(number):
+        if not self.plan.frames.takes(camera, number):
             return
         image = stored(read, f"image {number} of {topic}", self.plan.store, self.plan.jpeg_quality)
         state.sized = state.sized or self.found.sizes[camera]
@@ -528,10 +541,6 @@ class Taking:
             return
         writer.image(camera, t_ns, number, image.data, image.kind)
         self.frames[camera] = self.frames.get(camera, 0) + 1
-
-    def _is_chosen(self, number: int) -> bool:
-        """Return whether a frame is among those that the user chooses."""
-        return self.plan.frames is None or self.plan.frames[0] <= number < self.plan.frames[1]
 
     def _frame_of_truth(self, frame: str) -> FramePose:
         """Pose of the frame of true positions; UsageError for one that no transforms connect with the world."""
@@ -551,7 +560,7 @@ class Taking:
                 self._states[topic].damaged += stream.end()
                 if not stream.times:
                     raise InputError(f"topic {topic}: {stream.reason or 'its video has no key frame'}")
-                source = _decoding(stream, self.plan)
+                source = _decoding(stream, self._cameras[topic], self.plan)
                 stack.enter_context(source.decoder)
                 started.append((topic, source))
             merged = heapq.merge(*(_pictures(topic, source) for topic, source in started), key=lambda item: item[:2])
@@ -588,7 +597,7 @@ class Taking:
     def finish(self, note: Note) -> list[Loss]:
         """Report which clock was used, and list the losses."""
         losses = lens_losses(self._beyond_lens, self.rows.get(Boxes.NAME, 0))
-        if self._of_other_times and self.plan.frames is not None:
+        if self._of_other_times and self.plan.frames:
             note_skipped(self._of_other_times, self._of_other_times + self.rows.get(Truth.NAME, 0), self.plan, note)
         for file in self.bag.files:
             for topic, (count, most) in getattr(file, "reordered", {}).items():
@@ -618,7 +627,7 @@ class Taking:
 
     def checks(self) -> tuple[Check, ...]:
         """Checks of the messages, after the last one."""
-        counts = (finding(COUNTS, "bag-count-differs", topic=t, remark=said) for t, said in self.bag.remarks.items())
+        counts = (finding(COUNTS, "bag-count-differs", topic=t, remark=note) for t, note in self.bag.remarks.items())
         clocks = (check for topic, state in self._states.items() for check in self._topic_clocks(topic, state))
         given = self.plan.image_size is not None
         extents = self._extents.checks(self._cameras.values(), given=given) if self._boxes else ()
@@ -666,17 +675,22 @@ def check_plan(plan: IngestPlan, found: BagSurvey, scene: Scene, note: Note) -> 
             note(f"bag: not taken: {text}")
             del found.map.directions[array]
     if plan.store == "link":
-        raise UsageError("store link: only videos can be linked to; give png or jpeg for a bag")
+        raise UsageError("store link: only videos can be linked to; give png or jpeg for a bag", id="not-applicable")
     others = plan.video or plan.images or plan.boxes or plan.doa or plan.reads or plan.truth
     times = (("start time", plan.start_time), ("frame rate", plan.fps), ("time stamps", plan.timestamps))
     for key, pairs in times:
         if any(name is None for name, _ in pairs):
             if not others:
-                raise UsageError(f"a bag has its own times, and there is nothing else to ingest; omit the {key}")
+                raise UsageError(
+                    f"a bag has its own times, and there is nothing else to ingest; omit the {key}", id="not-applicable"
+                )
             note(f"bag: has its own times; the {key} is that of the other inputs")
     for name in (*found.map.cameras, *found.map.directions):
         for key, pairs in times:
             if any(camera == name for camera, _ in pairs):
-                raise UsageError(f"{name}: has its times from the bag; omit its {key}")
+                raise UsageError(f"{name}: has its times from the bag; omit its {key}", id="not-applicable")
         if name in plan.video or name in plan.images:
-            raise UsageError(f"camera {name}: is both in the bag and among the videos and images; name one otherwise")
+            raise UsageError(
+                f"camera {name}: is both in the bag and among the videos and images; name one otherwise",
+                id="duplicate-name",
+            )

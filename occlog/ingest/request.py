@@ -120,13 +120,11 @@ class IngestRequest(Request):
         "SENSOR=SECONDS",
     )
     fps: tuple[str, ...] = _several("Frame rate, where no sidecar gives times.", "--fps", "[CAM=]RATE")
-    frames: tuple[int, int] | None = setting(
-        None,
-        "Only frames A <= number < B, and true positions of their times; for boxes also: every camera has all of them.",
-        option="--frames",
-        metavar="A:B",
-        frames=True,
-        shown="",
+    frames: tuple[str, ...] = _several(
+        "Only frames A <= number < B, and true positions of their times; for boxes also: the camera has all of them, "
+        "in the steps in which its files count.",
+        "--frames",
+        "[CAM=]A:B",
     )
     settings: Mapping[str, object] = group(lambda: IngestPlan)
 
@@ -142,5 +140,5 @@ class IngestRequest(Request):
         return self.plan.inputs()
 
 
-SINGLE = ("output", "image_size", "scene", "readers", "frames", "grid")
+SINGLE = ("output", "image_size", "scene", "readers", "grid")
 """Fields of one value, which may be None."""

@@ -55,10 +55,16 @@ def read_sidecars(plan: IngestPlan, cameras: list[str]) -> Sidecars:
     for name, path in plan.timestamps:
         names = [name] if name is not None else cameras
         if name is not None and name not in cameras:
-            raise UsageError(f"{path}: time stamps of camera {name}, which there is not; cameras: {', '.join(cameras)}")
+            raise UsageError(
+                f"{path}: time stamps of camera {name}, which there is not; cameras: {', '.join(cameras)}",
+                id="unknown-sensor",
+            )
         for camera, times in read_sidecar(path, names).items() if names else ():
             if camera in out:
-                raise UsageError(f"camera {camera}: has times in {out[camera][1]} and in {path.name}; give one")
+                raise UsageError(
+                    f"camera {camera}: has times in {out[camera][1]} and in {path.name}; give one",
+                    id="conflicting-options",
+                )
             out[camera] = (times, path.name)
     return out
 
@@ -68,7 +74,9 @@ def times_of(plan: IngestPlan, name: str, sidecars: Sidecars) -> FrameTimes | No
     rate = for_sensor(plan.fps, name)
     if name in sidecars:
         if any(key == name for key, _ in plan.fps):
-            raise UsageError(f"camera {name}: has both time stamps and a frame rate; give one")
+            raise UsageError(
+                f"camera {name}: has both time stamps and a frame rate; give one", id="conflicting-options"
+            )
         return sidecar_times(*sidecars[name], start_of(plan, name))
     return rate_times(as_rate(rate), "given", start_of(plan, name)) if rate is not None else None
 
@@ -108,10 +116,10 @@ def open_sources(
 
 
 def _videos(plan: IngestPlan, scene: Scene, sidecars: Sidecars) -> list[CameraSource]:
-    start, stop = plan.frames or (0, None)
     store = "none" if plan.store == "link" else (plan.store or "jpeg")
     out = []
     for name, path in plan.video.items():
+        start, stop = plan.frames.of(name) or (0, None)
         given = for_sensor(plan.fps, name)
         times = times_of(plan, name, sidecars) if name in sidecars else None
         if times is None:
@@ -123,7 +131,6 @@ def _videos(plan: IngestPlan, scene: Scene, sidecars: Sidecars) -> list[CameraSo
 
 
 def _folders(plan: IngestPlan, scene: Scene, sidecars: Sidecars) -> list[CameraSource]:
-    start, stop = plan.frames or (0, None)
     rates = {name: as_rate(rate) for name in plan.images if (rate := for_sensor(plan.fps, name)) is not None}
     starts = {name: start_of(plan, name) for name in plan.images}
     folders = read_folders(plan.images, sidecars, rates, starts, plan.first_number)
@@ -132,10 +139,13 @@ def _folders(plan: IngestPlan, scene: Scene, sidecars: Sidecars) -> list[CameraS
     def timed(name: str, folder: ImageFolder) -> ImageFolder:
         return replace(folder, times=folder.times.by(clock_of(scene, name)))
 
-    return [
-        image_source(name, timed(name, folder), start=start, stop=stop, store=store, quality=plan.jpeg_quality)
-        for name, folder in folders.items()
-    ]
+    out = []
+    for name, folder in folders.items():
+        start, stop = plan.frames.of(name) or (0, None)
+        out.append(
+            image_source(name, timed(name, folder), start=start, stop=stop, store=store, quality=plan.jpeg_quality)
+        )
+    return out
 
 
 def sync_times(plan: IngestPlan) -> dict[int, int] | None:

@@ -1,4 +1,4 @@
-"""Checks of what the files of an ingest state beside their pictures and boxes, and of how these fit each other."""
+"""Checks of what the files of an ingest state about their pictures and boxes, and of how these fit each other."""
 
 from __future__ import annotations
 
@@ -28,12 +28,14 @@ def source_checks(plan: IngestPlan, sources: Sequence[CameraSource], survey: Box
     """Checks of the videos and images of cameras, and of boxes of the same frames."""
     no_video = "" if plan.video else "there is no video"
     no_sidecar = "" if plan.video and plan.timestamps else "no video has time stamps in a file"
+    numbers = [] if survey is None else [*_restarts(survey)]
     both = [s for s in sources if survey is not None and s.name in survey.ranges and s.decoder.frames]
+    numbers += _ends(plan, both, survey)
     return (
         *outcome(PICTURES, _facts(sources), unless="" if sources else "there are no pictures"),
         *outcome(STARTS, _starts(plan, sources), unless=no_video),
         *outcome(SIDECARS, _units(sources), unless=no_sidecar),
-        *outcome(ENDS, _ends(plan, both, survey), unless="" if both else "no camera has pictures and boxes"),
+        *outcome(ENDS, numbers, unless="" if both or numbers else "no camera has pictures and boxes"),
     )
 
 
@@ -69,9 +71,15 @@ def _units(sources: Sequence[CameraSource]) -> Iterator[Check]:
             yield finding(SIDECARS, "time-stamps-unit", sensors=[source.name], ratio=ratio)
 
 
+def _restarts(survey: BoxSurvey) -> Iterator[Check]:
+    """Cameras of which the numbers of frames begin again, as where two files were joined."""
+    for name, (line, before, after) in survey.restarts.items():
+        yield finding(ENDS, "boxes-restart", sensors=[name], line=line, before=before, after=after)
+
+
 def _ends(plan: IngestPlan, sources: Sequence[CameraSource], survey: BoxSurvey | None) -> Iterator[Check]:
     """Cameras of which the boxes end long before the pictures, as those of every third frame do that count from 0."""
-    for source in sources if survey is not None and plan.frames is None else ():
+    for source in sources if survey is not None and not plan.frames else ():
         frames, stop = source.decoder.frames or 0, survey.ranges[source.name].stop if survey is not None else 0
         if frames - stop > MAX_BOXLESS_SHARE * frames:
             stride = round(frames / stop)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from occlog.array_types import NS, Ints
+from occlog.array_types import NS, Ints, Ints32
 from occlog.consistency.frozen import FrozenCameras
 from occlog.io.files.utc import utc
 from occlog.io.recording.writer import RecordingWriter
@@ -23,6 +23,8 @@ FRAMES_APART_NS, ROWS_APART_NS = 60 * NS, 3600 * NS
 something was detected."""
 MIN_RATE_HZ, MAX_RATE_HZ = 0.5, 240.0
 """Frame rates [Hz] at which people can be tracked, and which cameras have."""
+MAX_TRUE_RATE_HZ = 2000.0
+"""Rate of true positions [Hz] above which their times have another unit: those of days are some 100,000 Hz."""
 FEWEST, JUMP, JUMP_NS = 20, 0.5, 60 * NS
 """Minimum number of frames for a check; share of the duration and minimum length [ns] of an interval that is a jump."""
 
@@ -95,6 +97,7 @@ class Times:
         rows: of boxes, positions and directions of each sensor.
         rates: sensors with rows of each of their frames.
         true: of the truth.
+        true_rate_hz: times per second of the true target with the most rows of one table, as median.
         pictures, boxes: frames of cameras that repeat.
     """
 
@@ -102,6 +105,7 @@ class Times:
     rows: dict[str, RowTimes] = field(default_factory=dict)
     rates: set[str] = field(default_factory=set)
     true: TimeSpanNs = field(default_factory=TimeSpanNs)
+    true_rate_hz: float = 0.0
     pictures: FrozenCameras = field(default_factory=FrozenCameras)
     boxes: FrozenCameras = field(default_factory=FrozenCameras)
 
@@ -112,6 +116,7 @@ class Times:
         t_ns: Ints = table.t_ns  # type: ignore[attr-defined]
         if isinstance(table, Truth | TruthBoxes):
             self.true.take(int(t_ns.min()), int(t_ns.max()))
+            self.true_rate_hz = max(self.true_rate_hz, _rate_hz(t_ns, table.target_id))
         elif isinstance(table, Boxes | Doa | Positions):
             for name in dict.fromkeys(table.sensor.tolist()):
                 own = np.unique(t_ns[table.sensor == name])
@@ -125,6 +130,7 @@ class Times:
         """Checks with their findings."""
         several = "" if max(len(self.frames), len(self.rows)) > 1 else "there is one sensor"
         rated = any(each.count >= FEWEST for each in (*self.frames.values(), *(self.rows[n] for n in self.rates)))
+        rated = rated or self.true_rate_hz > MAX_TRUE_RATE_HZ
         long = any(own.count >= FEWEST for own in self.frames.values())
         truth = "" if self.true.first <= self.true.last and (self.frames or self.rows) else "there is no truth"
         disjoint = (*_apart(self.frames, FRAMES_APART_NS), *_apart(self.rows, ROWS_APART_NS))
@@ -142,6 +148,8 @@ class Times:
             if own.count >= FEWEST and not MIN_RATE_HZ <= own.rate_hz <= MAX_RATE_HZ:
                 rate_hz, least, most = own.rate_hz, MIN_RATE_HZ, MAX_RATE_HZ
                 yield finding(RATES, "rate-implausible", sensors=[name], rate_hz=rate_hz, least=least, most=most)
+        if self.true_rate_hz > MAX_TRUE_RATE_HZ:
+            yield finding(RATES, "truth-rate-implausible", rate_hz=self.true_rate_hz, most=MAX_TRUE_RATE_HZ)
 
     def _frozen(self) -> Iterator[Check]:
         """Cameras that repeat one frame."""
@@ -176,6 +184,15 @@ class Times:
         apart_ns = max(measured.first - self.true.last, self.true.first - measured.last)
         if apart_ns > 0:
             yield finding(TRUE, "truth-times-disjoint", separation_s=apart_ns / NS)
+
+
+def _rate_hz(t_ns: Ints, target_id: Ints32) -> float:
+    """Median rate [Hz] of the target with the most rows; 0 of fewer than `FEWEST`."""
+    targets, counts = np.unique(target_id[target_id >= 0], return_counts=True)
+    if not len(targets) or counts.max() < FEWEST:
+        return 0.0
+    steps = np.diff(np.sort(t_ns[target_id == targets[np.argmax(counts)]]))
+    return NS / max(float(np.median(steps)), 1.0)
 
 
 class TimedWriter(RecordingWriter):

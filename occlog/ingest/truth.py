@@ -124,7 +124,8 @@ def within_frames(
 
     Without a choice all are kept, and a note states by how much they go beyond the frames of a detector.
     """
-    frames = None if plan.frames is None else dict.fromkeys(times, range(*plan.frames))
+    chosen = {name: range(*own) for name in times if (own := plan.frames.of(name)) is not None}
+    frames = chosen if chosen and len(chosen) == len(times) else None
     if frames is None and survey is not None and not (plan.video or plan.images):
         frames = survey.frames(times)
     span = None if frames is None else span_of(frames, times)
@@ -138,11 +139,11 @@ def within_frames(
         rows, out = rows + len(table), out + int((~inside).sum())
         early = max(early, (span[0] - int(table.t_ns.min())) / NS)
         late = max(late, (int(table.t_ns.max()) - span[1]) / NS)
-        if plan.frames is None:
+        if not plan.frames:
             yield table
         elif inside.any():
             yield table.take(inside)
-    if out and plan.frames is not None:
+    if out and plan.frames:
         note_skipped(out, rows, plan, note)
     elif max(early, late) > MIN_REPORTED_S:
         ends = [f"begin {early:.3g} s before the first"] if early > MIN_REPORTED_S else []
@@ -155,5 +156,4 @@ def within_frames(
 
 def note_skipped(out: int, rows: int, plan: IngestPlan, note: Callable[[str], None]) -> None:
     """Note that this many of the rows of the truth are of other frames than those that are chosen."""
-    chosen = ":".join(map(str, plan.frames or ()))
-    note(f"truth: {out} of {rows} true positions are of other frames than {chosen}, and skipped")
+    note(f"truth: {out} of {rows} true positions are of other frames than {plan.frames}, and skipped")

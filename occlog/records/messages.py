@@ -405,6 +405,22 @@ VERDICT: dict[str, Message] = {
         "the clock of camera {sensors} is {late_s:+.3f} s (+- {sigma_s:.3f} s) late; the scene states it",
         "ingest again with this scene, or with {option[clock_offset]}",
     ),
+    "lens-from-people": Message(
+        N,
+        "camera {sensors}: focal length {focal:.0f} px (+- {sigma:.0f}), estimated from people, without distortion",
+        "calibrate it by a board ({option[board]} 9x6) if you can",
+    ),
+    "board-coverage": Message(
+        W,
+        "camera {sensors}: the board was in {share:.0%} of the image (allowed: {allowed:.0%}); elsewhere the lens is "
+        "not known",
+        "move the board to the borders and corners",
+    ),
+    "board-residual": Message(
+        W,
+        "camera {sensors}: corners of the board are {residual:.2g} px off (allowed: {allowed:.2g})",
+        "hold a flat board still, and fix the focus",
+    ),
     "camera-times-disjoint": Message(
         W,
         "camera {sensors} has no time in common with another camera: it begins {offset_s:+.3g} s after the others",
@@ -469,7 +485,9 @@ VERDICT: dict[str, Message] = {
         "no first ellipse began a tracker in {sensors}: nothing is tracked there",
         "give some, or omit the view ({option[without]})",
     ),
-    "single-view": Message(N, "there is one view, and none to assist it: {option[method]} {method} {does}"),
+    "single-view": Message(
+        N, "there is one view only, so other views cannot assist it: {option[method]} {method} {does}"
+    ),
     "views-without-links": Message(
         N,
         "no geometry links the views: {option[method]} {method} {does}",
@@ -544,6 +562,11 @@ VERDICT: dict[str, Message] = {
         "camera {sensors}: its principal point is the middle of images of {middle} px, not of {size} px ({change})",
         "check the image size that the matrix is of",
     ),
+    "focal-lengths-differ": Message(
+        W,
+        "camera {sensors}: focal lengths of {fx_px:.4g} and {fy_px:.4g} px, as of pixels that are not square",
+        "check whether one row of the matrix is of images of another size",
+    ),
     "images-before-rotation": Message(
         W,
         "camera {sensors}: rotation_count {turns}: the calibration is of images before they are turned by "
@@ -559,6 +582,11 @@ VERDICT: dict[str, Message] = {
         "camera {sensors}: {share:.0%} of its boxes end beyond its images, at up to {found} px (allowed: "
         "{allowed:.0%})",
         "check {option[image_size]}, and that the boxes are of these images",
+    ),
+    "boxes-restart": Message(
+        W,
+        "camera {sensors}: line {line}: frames begin again ({after} after {before}): two recordings in one file",
+        "split it there, and ingest each with its own times",
     ),
     "boxes-corners": Message(
         W,
@@ -593,6 +621,11 @@ VERDICT: dict[str, Message] = {
         W,
         "{sensors}: {rate_hz:.3g} frames a second (expected: {least:g} to {most:g})",
         "check the unit of its times (columns t_ms, t_s) or {option[fps]}",
+    ),
+    "truth-rate-implausible": Message(
+        W,
+        "truth: {rate_hz:.3g} positions of a target a second (expected: up to {most:g})",
+        "check the unit of its times: days of Excel or MATLAB are no seconds",
     ),
     "time-stamps-unit": Message(
         W,
@@ -672,6 +705,11 @@ VERDICT: dict[str, Message] = {
         W,
         "array {sensors}: microphone {microphones} has under {allowed:.0%} of the level of the others",
         "check cable and channel order, or remove it",
+    ),
+    "microphone-interrupted": Message(
+        W,
+        "array {sensors}: microphone {microphones} falls silent: no level in {share:.0%} of the sound of the others",
+        "check its cable, or cut the recording before",
     ),
     "microphones-identical": Message(
         W,

@@ -30,6 +30,8 @@ from .kernels.label_continuity import (
 MAX_SPEED_RATIO = 1.5
 """Speed of a jump from which it is reported, over the usual speed that is stated, or that of the target if it is more
 irregular."""
+MAX_SIGMA = 1e6
+"""Standard deviation [rad] from which bearings contain nothing; squares of larger ones overflow."""
 MIN_BEARINGS = 100
 """Bearings of a target from which its motion is judged."""
 MAX_LABELS = 200
@@ -188,7 +190,8 @@ class LabelContinuity:
             self._identity = found
             return int(rows.t_ns[-1]) + 1
         detected = rows.seen & np.isfinite(rows.bearing) & (rows.sigma > 0.0)
-        variance = rows.sigma**2 + self._yaw_variance[sensor] if len(self._yaw_variance) else rows.sigma**2
+        spread = np.minimum(rows.sigma, MAX_SIGMA) ** 2
+        variance = spread + self._yaw_variance[sensor] if len(self._yaw_variance) else spread
         given = LabelledRows(
             (rows.t_ns[use] - self._origin_ns) / NS,
             sensor[use],

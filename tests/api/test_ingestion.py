@@ -44,6 +44,7 @@ def made(**more: Any) -> occlog.Recording:
     [
         ((), {}),
         (("--frames", "1:4", "--score-type", "unknown"), {"frames": (1, 4), "score_type": "unknown"}),
+        (("--frames", "east=1:4", "--frames", "north=0:3"), {"frames": {"east": (1, 4), "north": (0, 3)}}),
         (("--start-time", "east=0", "--start-time", "north=0.5"), {"start_time": {"east": 0, "north": "0.5"}}),
         (("--confidence-scale", "2", "--fps", "north=10"), {"confidence_scale": 2, "fps": {"east": 5, "north": 10.0}}),
         (("--confidence-scale", "2"), {"confidence_scale": "2"}),

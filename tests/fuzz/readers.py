@@ -16,6 +16,7 @@ import numpy as np
 
 from occlog.errors import OcclogError
 from occlog.ingest.rig import describe as describe_calibration
+from occlog.io.files.frame_choice import FrameChoice
 from occlog.io.files.geodetic import stated_origin
 from occlog.io.files.tables.parquet import describe, first_rows, read_header, read_provenance, read_table
 from occlog.io.files.texts.documents import read_json
@@ -213,7 +214,7 @@ def _positions(path: Path) -> None:
 def _truth(path: Path) -> None:
     options = TruthOptions(
         cameras=("a", "b"), camera="a", times={"a": RATE, "b": RATE}, sync_ns=dict.fromkeys(range(9), 7),
-        boxes=BoxOptions(sizes=SIZES, frames=(0, 100)),
+        boxes=BoxOptions(sizes=SIZES, frames=FrameChoice((0, 100))),
     )  # fmt: skip
     _drain(read_truth(path, options))
 

@@ -122,3 +122,19 @@ def test_images_that_are_turned_by_their_exif_data_say_so(tmp_path: Path) -> Non
     found = ingest(tmp_path, "--images", f"a={folder}", "--fps", "10")
     assert set(found) == {"pictures-turned"}
     assert "rotated by 90 deg" in found["pictures-turned"].text
+
+
+def test_frames_that_begin_again_within_a_file_are_named(tmp_path: Path) -> None:
+    path = boxes(tmp_path / "a.csv", 40)
+    rows = path.read_text().splitlines(keepends=True)
+    path.write_text("".join([*rows, *rows[3:30]]).replace(",20,20,40", ",20,20,41", 40))
+    given = ("--boxes", f"a={path}", "--fps", "10")
+    found = ingest(tmp_path, *given)
+    assert (set(found), found["boxes-restart"].sensors) == ({"boxes-restart"}, ("a",))
+    assert {k: found["boxes-restart"].figures[k] for k in ("line", "before", "after")} == {
+        "line": 42,
+        "before": 39,
+        "after": 2,
+    }
+    path.write_text("".join([rows[0], *rows[20:], *rows[1:20]]))  # in another order
+    assert ingest(tmp_path, *given) == {}

@@ -9,6 +9,7 @@ import pytest
 
 from occlog.array_types import NS
 from occlog.ingest.times import IngestFrameTimes, Times, TimeSpanNs
+from occlog.records.tables import Truth
 
 
 def frames(times_s: Iterable[float]) -> IngestFrameTimes:
@@ -51,6 +52,15 @@ def test_a_clock_that_is_set_is_named() -> None:
     assert found(Times({"a": frames(np.where(steps < 10.0, steps, steps + 1.7e9))})) == [("clock-jump", ("a",))]
 
 
-def test_a_truth_of_another_time_is_told() -> None:
+def test_a_truth_of_another_time_is_reported() -> None:
     times = Times({"a": frames(np.arange(0.0, 30.0, 0.1))}, true=TimeSpanNs(100 * NS, 120 * NS))
     assert found(times) == [("truth-times-disjoint", ())]
+
+
+@pytest.mark.parametrize(("step_s", "ids"), [(0.1, []), (0.001, []), (0.1 / 86400, ["truth-rate-implausible"])])
+def test_true_times_in_days_are_named(step_s: float, ids: list[str]) -> None:
+    times, t_ns = Times(), np.arange(40, dtype=np.int64) * round(step_s * NS)
+    values = np.zeros(40)
+    role = np.full(40, "target")
+    times.table(Truth.of(t_ns=t_ns, target_id=np.zeros(40, np.int32), role=role, x=values, y=values, z=values))
+    assert [id for id, _ in found(times)] == ids

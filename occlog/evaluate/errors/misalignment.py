@@ -130,8 +130,8 @@ class DelaySums:
         if found is None:
             return outcome(DELAY, (), unless="too few pairs with a target that moves")
         matters = abs(found.seconds) > found.limit * found.sigma and found.gain > MIN_GAIN
-        said = [_delayed(found, *self._rmse(found), unit)] if matters else []
-        return outcome(DELAY, said, delay_s=found.seconds, sigma_s=found.sigma)
+        reported = [_delayed(found, *self._rmse(found), unit)] if matters else []
+        return outcome(DELAY, reported, delay_s=found.seconds, sigma_s=found.sigma)
 
     def _rmse(self, found: Delay) -> tuple[float, float]:
         """RMSE of the pairs, and that without the delay."""
@@ -389,6 +389,9 @@ def _rotations(tracks: Positions, truth: Positions, gate: float) -> Iterator[Alt
         if counts.max() > most:
             most, angle, mirror = int(counts.max()), math.radians(degrees), sign
             shift = np.median(apart[cells == values[counts.argmax()]], axis=0)
+        if not degrees and sign > 0.0:  # a small turn may put more pairs into one cell than no turn
+            moved = _met(Positions(tracks.t, tracks.xy + shift), truth, gate)
+            yield Alternative("axes-differ", f"moved by ({shift[0]:.3g}, {shift[1]:.3g})", moved)
     met = _met(Positions(tracks.t, tracks.xy @ _turn(angle, mirror).T + shift), truth, gate)
     mirrored = "y negated, " if mirror < 0.0 else ""
     turned = f"turned by {math.degrees(angle):.0f} degrees and " if angle else ""

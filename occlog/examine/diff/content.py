@@ -9,6 +9,7 @@ import hashlib
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from decimal import Decimal
 from pathlib import Path
 from typing import NamedTuple, TypeGuard, cast
 
@@ -180,7 +181,30 @@ def compare_contents(a: Path, b: Path, name: str, settings: DiffSettings) -> Dif
     if data_a != data_b and name.lower().endswith(YAML):
         values_a, values_b = values_in(name, data_a), values_in(name, data_b)
         return diff_json(name, values_a, values_b, settings.tolerances, settings.provenance)
+    if HTML.match(data_a) and HTML.match(data_b) and _same_pages(data_a, data_b):
+        data_b = data_a
     return diff_bytes(name, data_a, data_b)
+
+
+FRACTION = re.compile(rb"-?\d+\.\d+(?:[eE][-+]?\d+)?")
+"""A number with a decimal point."""
+
+
+def _same_pages(a: bytes, b: bytes) -> bool:
+    """Return whether pages differ by one unit of the last digit of numbers with a decimal point at most.
+
+    Other processors round the last digits of the numbers that are shown another way.
+    """
+    if FRACTION.split(a) != FRACTION.split(b):
+        return False
+    for one, other in zip(FRACTION.findall(a), FRACTION.findall(b), strict=True):
+        if one == other:
+            continue
+        first, second = (Decimal(text.decode()) for text in (one, other))
+        exponents = [int(value.as_tuple().exponent) for value in (first, second)]
+        if abs(first - second) > Decimal(1).scaleb(max(exponents)):
+            return False
+    return True
 
 
 def content(path: Path, settings: DiffSettings) -> bytes:
@@ -188,9 +212,9 @@ def content(path: Path, settings: DiffSettings) -> bytes:
     try:
         data = path.read_bytes()
     except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
+        raise InputError(f"{path}: no such file", id="file-not-found") from None
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}", id="unreadable-file") from error
     if settings.provenance:
         return data
     if HTML.match(data):

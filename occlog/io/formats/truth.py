@@ -35,7 +35,7 @@ from occlog.array_types import Floats, Ints, Strings
 from occlog.errors import InputError, UsageError, option
 from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.limits import check_input, guarded, naming
-from occlog.io.files.texts.csv_rows import CsvRows, first_line, is_header, read_plain
+from occlog.io.files.texts.csv_rows import CsvRows, first_line, is_header, name_with_unit, read_plain
 from occlog.io.files.texts.documents import number, required
 from occlog.io.files.texts.formats import (
     IDENTITY,
@@ -55,6 +55,7 @@ from occlog.io.files.texts.formats import (
 from occlog.io.files.times import TIME_COLUMNS, note_clock_set, time_column
 from occlog.io.files.utc import time_words
 from occlog.records.tables import Truth, TruthBoxes
+from occlog.settings import METRES
 
 from .boxes.annotations import is_cvat
 from .boxes.columns import ACROSS
@@ -94,7 +95,9 @@ def read_board(path: Path, sync_ns: Mapping[int, int] | None) -> Truth:
         sync_ns: time [ns] of every synchronisation index, from `read_sync_times`.
     """
     if sync_ns is None:
-        raise UsageError(f"{path}: counts synchronisation indices; give their times (timestamps.csv)")
+        raise UsageError(
+            f"{path}: counts synchronisation indices; give their times (timestamps.csv)", id="missing-times"
+        )
     sync, corner, xyz = _read(path)
     names, column = np.unique(corner, return_inverse=True)
     times, row = np.unique(sync, return_inverse=True)
@@ -103,7 +106,8 @@ def read_board(path: Path, sync_ns: Mapping[int, int] | None) -> Truth:
         first = np.unique(row * len(names) + column, return_index=True)[1]
         double = int(np.setdiff1d(np.arange(len(row)), first)[0])
         raise InputError(
-            f"{path}: a corner is there twice at sync_index {sync[double]}; remove the copies, or split the file"
+            f"{path}: a corner is there twice at sync_index {sync[double]}; remove the copies, or split the file",
+            id="duplicate-row",
         )
     grid[row, column] = xyz
     there = np.isfinite(grid[:, :, 0])
@@ -114,10 +118,13 @@ def read_board(path: Path, sync_ns: Mapping[int, int] | None) -> Truth:
         whole = there.all(axis=1)
         middle, kept = grid[whole].mean(axis=1), times[whole]
     if not len(kept):
-        raise InputError(f"{path}: at no time are all corners of the board there, and fewer than 3 are there always")
+        raise InputError(
+            f"{path}: at no time are all corners of the board there, and fewer than 3 are there always",
+            id="insufficient-data",
+        )
     missing = [int(s) for s in kept if int(s) not in sync_ns]
     if missing:
-        raise InputError(f"{path}: sync_index {missing[0]} has no time in the time stamps")
+        raise InputError(f"{path}: sync_index {missing[0]} has no time in the time stamps", id="missing-times")
     t_ns = np.array([sync_ns[int(s)] for s in kept], dtype=np.int64)
     n = len(kept)
     with naming(path):
@@ -138,7 +145,7 @@ def _read(path: Path) -> tuple[Ints, Ints, Floats]:
         corner.append(part["corner"] + 1_000_000 * part["object"])  # of several boards
         xyz.append(np.column_stack([part[axis] for axis in "xyz"]))
     if not sync:
-        raise InputError(f"{path}: holds a header and no row; {CORNERS.what} were expected")
+        raise InputError(f"{path}: holds a header and no row; {CORNERS.what} were expected", id="empty-input")
     return np.concatenate(sync), np.concatenate(corner), np.concatenate(xyz)
 
 
@@ -167,7 +174,7 @@ def read_xml_boxes(
 
     Frames that are not listed have not been annotated: they get no row.
     """
-    first, stop = options.frames or (0, 2**62)
+    first, stop = options.frames.of(camera) or (0, 2**62)
     rows: list[Row] = []
     run: list[int] = []
     for frame, objects in _frames(path, options.first_number):
@@ -218,7 +225,10 @@ def _frames(path: Path, first_number: int) -> Iterator[tuple[int, list[Row]]]:
         if frame < 0:
             raise InputError(f"{path}: frame {frame + first_number} is before the first number, {first_number}")
         if frame <= last:
-            raise InputError(f"{path}: frame {frame + first_number} does not come after the one before it; sort them")
+            raise InputError(
+                f"{path}: frame {frame + first_number} does not come after the one before it; sort them",
+                id="unsorted-times",
+            )
         yield frame, _objects(element, frame, f"{path}: frame {frame + first_number}")
         last, found = frame, True
         element.clear()
@@ -236,7 +246,8 @@ def _elements(path: Path) -> Iterator[Element]:
                     end = next(ends, None)
                 except ElementTree.ParseError as error:
                     raise InputError(
-                        f"{path}: line {error.position[0]}: not XML ({error}); correct or export it again"
+                        f"{path}: line {error.position[0]}: not XML ({error}); correct or export it again",
+                        id="invalid-syntax",
                     ) from None
             if end is None:
                 return
@@ -278,18 +289,27 @@ POSITIONS = TextFormat(
 )
 
 
+def _in_unit(unit: str) -> TextFormat:
+    """Positions in columns whose names end in a unit of length: `x_mm`."""
+    lengths = {axis: replace(POSITIONS.columns[axis], names=(f"{axis}_{unit}",)) for axis in "xyz"}
+    return replace(POSITIONS, columns={**POSITIONS.columns, **lengths})
+
+
+IN_UNITS = {unit: _in_unit(unit) for unit in METRES if unit != "m"}
+"""Positions by the unit of length that the names of their columns end in."""
+
+
 def frames_of_positions(path: Path) -> tuple[int, int] | None:
     """First and last frame number of a table of positions that counts frames and has no times; None for another."""
     try:
-        head = {cell.lower() for cell in first_line(path, WHAT)}
+        head = {name_with_unit(cell.lower()) for cell in first_line(path, WHAT)}
         times = {name for names in TIME_COLUMNS.values() for name in names}
-        if (
-            head & times
-            or not head & set(POSITIONS.columns["frame"].names)
-            or not head & set(POSITIONS.columns["x"].names)
-        ):
+        if head & times or not head & set(POSITIONS.columns["frame"].names):
             return None
-        spans = [part["frame"] for part in read_format(path, POSITIONS, ignore_extra=True) if len(part)]
+        form = next((f for f in (POSITIONS, *IN_UNITS.values()) if head & set(f.columns["x"].names)), None)
+        if form is None:
+            return None
+        spans = [part["frame"] for part in read_format(path, form, ignore_extra=True) if len(part)]
     except InputError:
         return None
     return (min(int(s.min()) for s in spans), max(int(s.max()) for s in spans)) if spans else None
@@ -305,6 +325,7 @@ class TruthOptions:
         cameras: names of the cameras in use.
         times: times of the frames of each camera.
         sync_ns: time of every synchronisation index (caliscope).
+        length_unit: of the positions; that of tables that state none.
         boxes: how boxes are to be read.
     """
 
@@ -313,6 +334,7 @@ class TruthOptions:
     cameras: Sequence[str] = ()
     times: Mapping[str, FrameTimes] = field(default_factory=dict)
     sync_ns: Mapping[int, int] | None = None
+    length_unit: str = "m"
     boxes: BoxOptions = BoxOptions()
 
     def frame_times(self, where: str) -> FrameTimes:
@@ -321,7 +343,8 @@ class TruthOptions:
             return self.times[self.camera]
         if not self.times:
             raise UsageError(
-                f"{where}: counts frames, and no file states their times; give the frame rate ({option('fps')})"
+                f"{where}: counts frames, and no file states their times; give the frame rate ({option('fps')})",
+                id="missing-times",
             )
         first, *others = self.times.values()
         if not all(times.same_as(first) for times in others):
@@ -352,7 +375,7 @@ def _row_times(part: TextPart, options: TruthOptions) -> Ints:
         return part.times()
     path = part.rows.path
     if not part.rows.has("frame"):
-        raise InputError(f"{path}: has neither a column of times (time, t_ns) nor frame; add one")
+        raise InputError(f"{path}: has neither a column of times (time, t_ns) nor frame; add one", id="missing-column")
     try:
         return options.frame_times(path.name).at(part["frame"] - options.boxes.first_number)
     except InputError as error:
@@ -362,7 +385,7 @@ def _row_times(part: TextPart, options: TruthOptions) -> Ints:
 def _gather(path: Path, parts: list[Positions]) -> Truth:
     """All positions in the order of time; InputError where a target is at two positions at once."""
     if not parts:
-        raise InputError(f"{path}: holds a header and no row; true positions were expected")
+        raise InputError(f"{path}: holds a header and no row; true positions were expected", id="empty-input")
     p = Positions._make(np.concatenate(column) for column in zip(*parts, strict=True))
     note_clock_set(path, "line", p.line, p.t_ns, [p.target_id])
     order = np.lexsort((p.target_id, p.t_ns))
@@ -372,7 +395,8 @@ def _gather(path: Path, parts: list[Positions]) -> Truth:
         k = int(double[0])
         raise InputError(
             f"{path}: lines {min(p.line[k : k + 2])} and {max(p.line[k : k + 2])}: target {p.target_id[k]} is twice at "
-            f"{time_words(p.t_ns[k])}; remove one"
+            f"{time_words(p.t_ns[k])}; remove one",
+            id="duplicate-row",
         )
     with naming(path):
         return Truth.of(t_ns=p.t_ns, target_id=p.target_id, role=p.role, x=p.x, y=p.y, z=p.z)
@@ -410,7 +434,9 @@ def read_truth(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes
     probe = Probe(path, WHAT)
     if path.is_dir():
         if options.format not in ("auto", "wildtrack") or not FORMATS["wildtrack"].sniff(probe):
-            raise InputError(f"{path}: is a folder without annotations of WILDTRACK; ground truth was expected")
+            raise InputError(
+                f"{path}: is a folder without annotations of WILDTRACK; ground truth was expected", id="unknown-format"
+            )
         return _read_wildtrack(path, options)
     check_input(path, WHAT)
     return FORMATS[_format(probe, options.format)].read(path, options)
@@ -423,7 +449,9 @@ def _format(probe: Probe, stated: str) -> str:
         remedy, head = "name its columns in a header line", probe.cells
         if is_header(head):
             remedy = f"its header is {', '.join(head)[:120]}; time (or t_ns, frame), x and y were expected, perhaps id"
-        raise InputError(f"{probe.path}: not ground truth of a known format ({', '.join(FORMATS)}); {remedy}")
+        raise InputError(
+            f"{probe.path}: not ground truth of a known format ({', '.join(FORMATS)}); {remedy}", id="unknown-format"
+        )
     return name
 
 
@@ -433,7 +461,9 @@ def _one_camera(path: Path, options: TruthOptions) -> str:
         return options.camera
     if len(options.cameras) == 1:
         return options.cameras[0]
-    raise UsageError(f"{path}: holds boxes of one camera and does not name it; give it as CAMERA={path.name}")
+    raise UsageError(
+        f"{path}: holds boxes of one camera and does not name it; give it as CAMERA={path.name}", id="camera-not-named"
+    )
 
 
 def _read_boxes(path: Path, options: TruthOptions, camera: str | None) -> Iterator[TruthBoxes]:
@@ -446,14 +476,19 @@ def _read_boxes(path: Path, options: TruthOptions, camera: str | None) -> Iterat
 
 
 def _read_csv(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
-    header = [cell.lower() for cell in first_line(path, WHAT)]
+    header = [name_with_unit(cell.lower()) for cell in first_line(path, WHAT)]
     if any(name in header for name in ACROSS):
         named = any(name in header for name in BOX_COLUMNS["camera"])
         yield from _read_boxes(path, options, None if named else _one_camera(path, options))
         return
-    parts = [
-        _csv_positions(part, options) for part in read_format(path, POSITIONS, ignore_extra=options.boxes.ignore_extra)
-    ]
+    unit = next((name for name, each in IN_UNITS.items() if any(x in header for x in each.columns["x"].names)), "")
+    rows = read_format(path, IN_UNITS[unit] if unit else POSITIONS, ignore_extra=options.boxes.ignore_extra)
+    parts = [_csv_positions(part, options) for part in rows]
+    if unit and unit != options.length_unit:
+        if options.length_unit not in METRES:
+            raise InputError(f"{path}: lengths are in {unit}, which cannot be converted to {options.length_unit}")
+        scale = METRES[unit] / METRES[options.length_unit]
+        parts = [p._replace(x=scale * p.x, y=scale * p.y, z=scale * p.z) for p in parts]
     yield _gather(path, parts)
 
 
@@ -485,7 +520,8 @@ def _read_xml(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]
     camera = _one_camera(path, options)
     if camera not in options.times:
         raise UsageError(
-            f"{path}: counts frames, and no file states their times; give the frame rate ({option('fps')})"
+            f"{path}: counts frames, and no file states their times; give the frame rate ({option('fps')})",
+            id="missing-times",
         )
     return read_xml_boxes(path, camera, options.times, options.boxes)
 
@@ -496,7 +532,7 @@ def _read_boxes_of_one(path: Path, options: TruthOptions) -> Iterator[Truth | Tr
 
 def _read_wildtrack(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
     """Positions of the people, and their boxes in the cameras in use."""
-    first, stop = options.boxes.frames or (0, 2**62)
+    first, stop = options.boxes.frames.common or (0, 2**62)
     rows = [
         (frame - options.boxes.first_number, person.identity, person.position, person.entry)
         for frame, file in frame_files(path).items()
@@ -520,7 +556,8 @@ def _read_caliscope(path: Path, options: TruthOptions) -> Iterator[Truth | Truth
 
 
 def _is_table(head: list[str]) -> bool:
-    return is_header(head) and any(name in head for name in (*POSITIONS.names["x"], *ACROSS))
+    across = (*(name for each in IN_UNITS.values() for name in each.columns["x"].names), *POSITIONS.names["x"], *ACROSS)
+    return is_header(head) and any(name_with_unit(name) in across for name in head)
 
 
 def _is_xml(head: list[str]) -> bool:

@@ -1,4 +1,4 @@
-"""Checks of sound: microphones that are silent, at full scale, late, inverted, exchanged, or have another sound."""
+"""Checks of sound: microphones that are silent, at full scale, late, inverted, exchanged, or of another sound."""
 
 from __future__ import annotations
 
@@ -21,6 +21,9 @@ SOUND, SCALE, APART, HEARD = "microphone levels", "clipping", "distinct micropho
 """Names of checks."""
 SILENT = 0.01
 """A microphone with less than this share of the usual level of its array has none: 40 dB below."""
+LEVEL_S, RATE, MIN_SILENCE, LOUD = 0.1, 16000.0, 0.1, 0.1
+"""Length of the pieces of which levels are compared [s], rate where none is given [Hz], share of those with sound in
+which a microphone must have none to be named, and share of the usual level from which a piece has sound."""
 FULL, CLIPPED = 0.999, 1e-3
 """Samples from so much of full scale on are clipped; the share of them that a user must know."""
 
@@ -258,6 +261,8 @@ class Channels:
         self._microphones, self._rate, self._lags = microphones, rate, ChannelLags()
         self._squares = self._full = np.zeros(0)
         self._sums: list[int] = []  # check sums of the samples
+        self._piece = max(round(LEVEL_S * (rate or RATE)), 1)
+        self._levels: list[Floats] = []  # (M,) mean squares of each piece
 
     def watch(self, blocks: Iterable[Floats]) -> Iterator[Floats]:
         """The (n, M) blocks as they are."""
@@ -269,6 +274,9 @@ class Channels:
             if self._microphones is not None:
                 self._lags.add(block)
             self._squares = self._squares + np.sum(block**2, axis=0)
+            # A rest of a block, shorter than half of a piece, has no level
+            begins = range(0, len(block) - self._piece // 2, self._piece)
+            self._levels += [np.mean(block[k : k + self._piece] ** 2, axis=0) for k in begins]
             loud = np.abs(block)
             self._full = self._full + np.count_nonzero((loud >= FULL) & (loud <= 1.0), axis=0)
             columns = np.ascontiguousarray(block.T)
@@ -307,6 +315,17 @@ class Channels:
         level = np.sqrt(self._squares)
         return (np.flatnonzero(level < SILENT * np.median(level)) + 1).tolist()
 
+    def interrupted(self) -> dict[int, float]:
+        """Share of the pieces with sound in which a microphone has none, by its number from 1, without `silent`."""
+        levels = np.sqrt(np.array(self._levels).reshape(len(self._levels), -1))
+        if not levels.size:
+            return {}
+        usual = np.median(levels, axis=1)
+        sound = levels[usual > LOUD * np.median(usual)]
+        gone = (sound < SILENT * np.median(sound, axis=1)[:, None]).mean(axis=0) if len(sound) else np.zeros(0)
+        silent = self.silent()
+        return {n + 1: float(gone[n]) for n in np.flatnonzero(gone >= MIN_SILENCE).tolist() if n + 1 not in silent}
+
     def clipped(self) -> dict[int, float]:
         """Share of samples at full scale by microphone number, for microphones with many."""
         shares = self._full / max(self.count, 1)
@@ -344,6 +363,10 @@ def _silent(channels: Mapping[str, Channels]) -> Iterator[Check]:
     for name, own in channels.items():
         if dead := own.silent():
             yield finding(SOUND, "microphone-silent", sensors=[name], microphones=_listed(dead), allowed=SILENT)
+        if gone := own.interrupted():
+            yield finding(
+                SOUND, "microphone-interrupted", sensors=[name], microphones=_listed(gone), share=max(gone.values())
+            )
 
 
 def _clipped(channels: Mapping[str, Channels]) -> Iterator[Check]:

@@ -160,7 +160,7 @@ def test_angles_are_wrapped(folder: tuple[Path, Path], capsys: Any) -> None:
     assert diff(capsys, a, b)[0] == ExitCode.DONE
 
 
-def test_other_units_and_columns_are_said_first(folder: tuple[Path, Path], capsys: Any) -> None:
+def test_other_units_and_columns_are_reported_first(folder: tuple[Path, Path], capsys: Any) -> None:
     a, b = folder[0] / "tracks.parquet", folder[1] / "tracks.parquet"
     write_table(b, tracks(), OTHER, overwrite=True, length_unit="ft")
     code, out, _ = diff(capsys, a, b)
@@ -260,7 +260,7 @@ def test_frames_by_their_pixels(tmp_path: Path, capsys: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    ("args", "code", "said"),
+    ("args", "code", "expected"),
     [
         (["a/tracks.parquet", "a/none.parquet"], ExitCode.BAD_INPUT, "no such file"),
         (["a", "none"], ExitCode.BAD_INPUT, "no such"),
@@ -280,13 +280,13 @@ def test_frames_by_their_pixels(tmp_path: Path, capsys: Any) -> None:
     ],
 )
 def test_wrong_usage_is_one_line(
-    folder: tuple[Path, Path], capsys: Any, monkeypatch: Any, args: list[str], code: int, said: str
+    folder: tuple[Path, Path], capsys: Any, monkeypatch: Any, args: list[str], code: int, expected: str
 ) -> None:
     monkeypatch.chdir(folder[0].parent)
     found, out, err = diff(capsys, *args)
     assert found == code
     assert out == ""
-    assert said in err
+    assert expected in err
     assert len([line for line in err.splitlines() if line.startswith("occlog: error")]) == 1
     assert "Traceback" not in err
 
@@ -343,6 +343,15 @@ def test_pages_and_pictures_are_known_by_their_content(folder: tuple[Path, Path]
         (place / "text").write_text(f"no page <footer>{made}</footer>")
     assert diff(capsys, a / "page", b / "page")[0] == ExitCode.DONE
     assert diff(capsys, a / "text", b / "text")[0] == ExitCode.DIFFERENT
+
+
+@pytest.mark.parametrize(("other", "code"), [("0.124", 0), ("0.125", 5), ("0.1234", 0), ("0.12", 0), ("1", 5)])
+def test_numbers_of_pages_may_differ_by_one_unit_of_their_last_digit(
+    folder: tuple[Path, Path], capsys: Any, other: str, code: int
+) -> None:
+    for place, number in ((folder[0], "0.123"), (folder[1], other)):
+        (place / "page.html").write_text(f"<!doctype html><p>RMSE {number} m, 7 people</p>")
+    assert diff(capsys, folder[0] / "page.html", folder[1] / "page.html")[0] == code
 
 
 def test_copies_of_a_folder_are_the_same_with_provenance_too(folder: tuple[Path, Path], capsys: Any) -> None:

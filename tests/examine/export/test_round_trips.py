@@ -17,6 +17,7 @@ from occlog.array_types import NS
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
 from occlog.examine.export.run import ExportRequest, run_export
+from occlog.io.files.frame_choice import FrameChoice
 from occlog.io.files.geodetic import Origin, degrees_of, places_of_degrees
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
@@ -276,7 +277,7 @@ def test_lines_of_kitti_that_are_no_boxes(tmp_path: Path) -> None:
     line = "0 1 Pedestrian -1 -1 -10 1 2 11 22 -1 -1 -1 -1000 -1000 -1000 -10"
     path = tmp_path / "kitti.txt"
     path.write_text(f"{line}\n0 -1 {line[4:].replace('Pedestrian', 'DontCare')}\n")
-    survey = survey_boxes([BoxFile(path, "a")], ("a",), BoxOptions(frames=(0, 1)))
+    survey = survey_boxes([BoxFile(path, "a")], ("a",), BoxOptions(frames=FrameChoice((0, 1))))
     assert (survey.rows, survey.kinds) == (1, ("KITTI text",))
     path.write_text(f"{line}\n{line} 0.5 7\n")
     with pytest.raises(InputError, match="line 2: 19 columns"):

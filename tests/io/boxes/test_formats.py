@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from occlog.errors import InputError, UsageError
 from occlog.examine.export.in_images import coco_texts
+from occlog.io.files.frame_choice import FrameChoice
 from occlog.io.formats.boxes.mot_challenge import write_mot
 from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, BoxSurvey, read_boxes, survey_boxes
 from occlog.io.frames.streams import rate_times
@@ -211,7 +212,7 @@ def test_coco_images_name_frame_and_camera_and_may_be_empty(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("second", "said"),
+    ("second", "expected"),
     [
         ({"file_name": "b/000001.jpg"}, "is of folder b, and the first image of camera cam1 of folder a"),
         ({"file_name": "b/000002.jpg"}, "omit cam1=, so that each has its own"),
@@ -222,11 +223,11 @@ def test_coco_images_name_frame_and_camera_and_may_be_empty(tmp_path: Path) -> N
         ({"file_name": "a/000002.jpg", "video_id": 2}, "is of folder a, video 2, and the first"),
     ],
 )
-def test_coco_of_several_cameras_is_not_one_camera_s(tmp_path: Path, second: dict[str, object], said: str) -> None:
+def test_coco_of_several_cameras_is_not_one_camera_s(tmp_path: Path, second: dict[str, object], expected: str) -> None:
     """Where the numbers of frames differed, they became one camera."""
     images = [{"id": 0, "file_name": "a/000001.jpg"}, {"id": 1, **second}]
     path = saved(tmp_path / "c.json", {**COCO, "images": images, "annotations": []})
-    with pytest.raises(InputError, match=f"image 2: .*{said}"):
+    with pytest.raises(InputError, match=f"image 2: .*{expected}"):
         read(BoxFile(path, "cam1"))
 
 
@@ -318,7 +319,7 @@ def test_boxes_exported_as_mot_or_coco_are_read_again_as_they_were(
     boxes, survey = read(BoxFile(saved(tmp_path / "t.csv", table + "7,1,1,5,5,1,999\n"), "a"))
     there = boxes.take(boxes.box >= 0)
     write_mot(tmp_path / "t.txt", there, "tracks")
-    frames = BoxOptions(frames=(survey.first, survey.stop))
+    frames = BoxOptions(frames=FrameChoice((survey.first, survey.stop)))
     again, _ = read(BoxFile(tmp_path / "t.txt", "a"), options=frames)
     back, _ = read(
         BoxFile(saved(tmp_path / "t.json", "".join(coco_texts(lambda: [there], None))), None), options=frames

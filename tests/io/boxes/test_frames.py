@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from occlog.errors import InputError
+from occlog.errors import InputError, UsageError
+from occlog.io.files.frame_choice import FrameChoice
 from occlog.io.files.frame_times import FrameTimes
 from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from occlog.io.frames.streams import rate_times, sidecar_times
@@ -139,11 +140,33 @@ def test_cameras_with_clocks_of_other_origins_keep_the_same_frames(tmp_path: Pat
     assert frames_of(BoxFile(left, "l"), BoxFile(right, "r"), times=clocks)["r"] == list(range(50))
 
 
-def test_a_stated_range_is_that_of_all_cameras(tmp_path: Path) -> None:
+def test_a_stated_range_is_that_of_all_cameras_in_their_steps(tmp_path: Path) -> None:
     left, right = table(tmp_path / "l.csv", list(range(50))), table(tmp_path / "r.csv", list(range(0, 50, 2)), boxes=2)
     files = BoxFile(left, "l"), BoxFile(right, "r")
-    found = frames_of(*files, times={"l": at(10), "r": at(5)}, options=BoxOptions(frames=(10, 60)))
-    assert found == {name: list(range(10, 60)) for name in "lr"}
+    options = BoxOptions(frames=FrameChoice((9, 60)))
+    found = frames_of(*files, times={"l": at(10), "r": at(10)}, options=options)
+    assert found == {"l": list(range(9, 60)), "r": list(range(10, 60, 2))}
+
+
+def test_a_range_of_a_camera_is_its_own_and_others_keep_theirs(tmp_path: Path) -> None:
+    left, right = table(tmp_path / "l.csv", list(range(200))), table(tmp_path / "r.csv", list(range(40)))
+    files, clocks = (BoxFile(left, "l"), BoxFile(right, "r")), {"l": at(10), "r": at(2)}
+    for own, expected in (
+        ({"r": (5, 40)}, {"l": list(range(200)), "r": list(range(5, 40))}),
+        ({"l": (0, 100), "r": (0, 20)}, {"l": list(range(100)), "r": list(range(20))}),
+    ):
+        options = BoxOptions(frames=FrameChoice(own=own))
+        assert frames_of(*files, times=clocks, options=options) == expected
+        assert survey_boxes(files, (), options).rows == sum(
+            len(set(range(200 if n == "l" else 40)) & set(expected[n])) for n in "lr"
+        )
+
+
+def test_one_range_of_cameras_of_unequal_rate_is_refused(tmp_path: Path) -> None:
+    left, right = table(tmp_path / "l.csv", list(range(200))), table(tmp_path / "r.csv", list(range(40)))
+    survey = survey_boxes([BoxFile(left, "l"), BoxFile(right, "r")], (), BoxOptions(frames=FrameChoice((0, 200))))
+    with pytest.raises(UsageError, match=r"0:200: cameras of 10 \(l\) and 2 \(r\) frames a second.* l=0:200"):
+        survey.frames({"l": at(10), "r": at(2)})
 
 
 @pytest.mark.parametrize("column", ["time", "t", "timestamp"])

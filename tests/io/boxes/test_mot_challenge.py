@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError, OutputError, OutputExistsError
+from occlog.io.files.frame_choice import FrameChoice
 from occlog.io.formats.boxes.mot_challenge import (
     MotSequence,
     SequenceInfo,
@@ -55,7 +56,7 @@ def table(seed: int = 0, kind: type[Boxes] = Boxes, frames: int = 12) -> Boxes:
 
 
 def read(path: Path, frames: int = 12) -> Boxes:
-    file, options = [BoxFile(path, "left")], BoxOptions(frames=(0, frames))
+    file, options = [BoxFile(path, "left")], BoxOptions(frames=FrameChoice((0, frames)))
     survey = survey_boxes(file, (), options)
     times = {"left": rate_times(Fraction(25), "given")}
     return Boxes.concat(read_boxes(file, survey, times, (), options, Boxes))

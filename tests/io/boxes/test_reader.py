@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from occlog.errors import InputError, UsageError
+from occlog.io.files.frame_choice import FrameChoice
 from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from occlog.io.frames.streams import rate_times
 from occlog.records.tables import Boxes
@@ -58,7 +59,7 @@ def test_frames_without_a_row_are_looked_saw_nobody(tmp_path: Path) -> None:
 
 def test_a_stated_range_of_frames_is_filled_and_cut(tmp_path: Path) -> None:
     path = write(tmp_path, SIMPLE)
-    boxes, _ = read(BoxFile(path, None), options=BoxOptions(frames=(0, 5)))
+    boxes, _ = read(BoxFile(path, None), options=BoxOptions(frames=FrameChoice((0, 5))))
     assert sorted(set(boxes.frame.tolist())) == [0, 1, 2, 3, 4]
     assert (boxes.box >= 0).sum() == 2
     assert len(boxes) == 10
@@ -66,7 +67,7 @@ def test_a_stated_range_of_frames_is_filled_and_cut(tmp_path: Path) -> None:
 
 def test_a_file_without_a_box_says_that_nobody_was_seen_in_the_stated_frames(tmp_path: Path) -> None:
     path = write(tmp_path, "frame,left,top,w,h\n")
-    boxes, _ = read(BoxFile(path, "cam"), options=BoxOptions(frames=(2, 5)))
+    boxes, _ = read(BoxFile(path, "cam"), options=BoxOptions(frames=FrameChoice((2, 5))))
     assert boxes.frame.tolist() == [2, 3, 4]
     assert boxes.box.tolist() == [-1, -1, -1]
 
@@ -101,7 +102,7 @@ def test_labels_of_cameras_are_matched_with_those_of_the_scene(tmp_path: Path) -
 
 def test_a_column_of_times_gives_the_times(tmp_path: Path) -> None:
     text = "frame,time,left,top,width,height\n10,1.0,1,1,2,2\n12,1.4,1,1,2,2\n13,1.5,1,1,2,2\n"
-    boxes, _ = read(BoxFile(write(tmp_path, text), "c"), timed=True, options=BoxOptions(frames=(9, 15)))
+    boxes, _ = read(BoxFile(write(tmp_path, text), "c"), timed=True, options=BoxOptions(frames=FrameChoice((9, 15))))
     assert (boxes.t_ns / 1e9).round(6).tolist() == [0.833333, 1.0, 1.2, 1.4, 1.5, 1.666667]
 
 
@@ -166,7 +167,7 @@ def test_a_malformed_row_is_named_by_line_value_and_remedy(tmp_path: Path, text:
     assert "\n" not in str(caught.value)
 
 
-def test_without_a_camera_or_a_time_it_is_said_which_option_helps(tmp_path: Path) -> None:
+def test_without_a_camera_or_a_time_it_is_reported_which_option_helps(tmp_path: Path) -> None:
     path = write(tmp_path, "frame,left,top,w,h\n0,1,1,1,1\n")
     with pytest.raises(InputError, match=r"has no column camera; add it, or name the camera: CAMERA=boxes\.csv"):
         survey_boxes([BoxFile(path, None)], (), BoxOptions())
@@ -282,3 +283,33 @@ def test_boxes_of_a_camera_in_two_files_are_refused(tmp_path: Path, camera: str 
     files = [write(tmp_path, f"{head}\n{n},{mark}1,1,5,5\n", f"{n}.csv") for n in range(2)]
     with pytest.raises(InputError, match=r"camera a: has boxes in .*0\.csv, too"):
         read(*(BoxFile(file, camera) for file in files))
+
+
+def test_shares_of_the_image_are_found_in_each_camera(tmp_path: Path) -> None:
+    text = "frame,left,top,right,bottom\n0,0.1,0.2,0.3,0.4\n1,0.1,0.2,0.3,0.4\n"
+    files = [
+        BoxFile(write(tmp_path, text, "a.csv"), "a"),
+        BoxFile(write(tmp_path, "frame,left,top,right,bottom\n0,1,2,30,40\n", "b.csv"), "b"),
+    ]
+    with pytest.raises(InputError, match=r"a.csv: camera a: no box reaches beyond 0.3 px"):
+        survey_boxes(files, (), BoxOptions())
+
+
+def test_a_column_with_four_numbers_is_a_box_as_in_coco(tmp_path: Path) -> None:
+    boxes, _ = read(BoxFile(write(tmp_path, 'frame,bbox\n0,"[10.5, 20, 30, 40]"\n'), "a"))
+    assert [boxes.left_px[0], boxes.top_px[0], boxes.width_px[0], boxes.height_px[0]] == [10.5, 20, 30, 40]
+    with pytest.raises(InputError, match=r"line 2: bbox is '10\.5 20'; expected"):
+        read(BoxFile(write(tmp_path, "frame,bbox\n0,10.5 20\n"), "a"))
+
+
+def test_other_forms_of_json_are_named_with_what_to_write(tmp_path: Path) -> None:
+    for text, words in (
+        ('[{"frame": 0, "boxes": [[1, 2, 3, 4]]}]', r"boxes is a list; write an object for each box"),
+        ('[{"frame": 0, "box": [1, 2, 3, 4]}]', r"box is a list; write an object for each box"),
+    ):
+        with pytest.raises(InputError, match=words):
+            read(BoxFile(write(tmp_path, text, "a.json"), "a"))
+    (tmp_path / "pose").mkdir()
+    write(tmp_path / "pose", '{"version": 1.3, "people": []}', "a_000_keypoints.json")
+    with pytest.raises(InputError, match="keypoints of OpenPose"):
+        read(BoxFile(tmp_path / "pose", "a"))

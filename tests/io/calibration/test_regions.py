@@ -66,7 +66,7 @@ def test_binning_and_region_of_ros_scale_and_shift_the_pixels(
     assert camera.image_size == size
     wanted = (whole.project(POINTS) - roi[:2] + 0.5) / bins - 0.5
     np.testing.assert_allclose(camera.project(POINTS), wanted, atol=1e-9)
-    assert any("of a sensor of 1280 x 720" in said for said in found.notes) == (size != (1280, 720))
+    assert any("of a sensor of 1280 x 720" in note for note in found.notes) == (size != (1280, 720))
 
 
 @pytest.mark.parametrize(
@@ -110,7 +110,7 @@ def test_video_of_qualisys_is_the_stated_part_of_the_sensor_at_the_stated_rows(
     points = POINTS @ whole.rotation.T
     wanted = (whole.project(points) - limits[:2] + 0.5) * scale - 0.5
     np.testing.assert_allclose(camera.project(points), wanted, atol=1e-9)
-    assert any("video_resolution" in said for said in found.notes) == (scale != 1.0 or limits[0] > 0)
+    assert any("video_resolution" in note for note in found.notes) == (scale != 1.0 or limits[0] > 0)
 
 
 def test_rows_that_a_sensor_does_not_have_are_refused(tmp_path: Path) -> None:
@@ -150,7 +150,7 @@ def matrix_of(tmp_path: Path, size: tuple[int, int], focal: float, x: float, y: 
 
 
 @pytest.mark.parametrize(
-    ("size", "middle", "said"),
+    ("size", "middle", "expected"),
     [
         ((1280, 720), (640.0, 355.0), ""),
         ((1280, 720), (540.0, 300.0), ""),
@@ -160,11 +160,22 @@ def matrix_of(tmp_path: Path, size: tuple[int, int], focal: float, x: float, y: 
         ((1280, 720), (0.0, 0.0), "the middle of images of 1 x 1 px"),
     ],
 )
-def test_a_matrix_of_images_of_another_size_than_stated_is_told(
-    tmp_path: Path, size: tuple[int, int], middle: tuple[float, float], said: str
+def test_a_matrix_of_images_of_another_size_than_stated_is_reported(
+    tmp_path: Path, size: tuple[int, int], middle: tuple[float, float], expected: str
 ) -> None:
     (found,) = read_calibration([matrix_of(tmp_path, size, 900.0, *middle)]).checks
-    assert found.id == ("principal-point-off" if said else "")
+    assert found.id == ("principal-point-off" if expected else "")
+    assert expected in found.text
+
+
+@pytest.mark.parametrize(
+    ("aspect", "said"), [(1.0, ""), (1.46, ""), (0.75, ""), (2.0, "900 and 1800 px"), (0.5, "900 and 450 px")]
+)
+def test_pixels_that_are_far_from_square_are_told(tmp_path: Path, aspect: float, said: str) -> None:
+    path = matrix_of(tmp_path, (1280, 720), 900.0, 640.0, 355.0)
+    path.write_text(path.read_text().replace("[0, 900.0, 355.0]", f"[0, {900.0 * aspect}, 355.0]"))
+    (found,) = read_calibration([path]).checks
+    assert found.id == ("focal-lengths-differ" if said else "")
     assert said in found.text
 
 

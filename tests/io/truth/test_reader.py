@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -102,7 +103,7 @@ def test_xml_frames_that_are_listed_empty_are_rows_and_others_are_not(tmp_path: 
         ("t.csv", "time,x,y,role\n1,2,3,wall\n", "line 2: role 'wall' must be target or occluder"),
         ("t.csv", "tme,x,y\n1,2,3\n", "did you mean 'time'"),
         ("t.csv", "1,2,3\n", "not ground truth of a known format .*; name its columns in a header line"),
-        ("t.csv", "time [s],x [m]\n1,2\n", r"its header is time \[s\], x \[m\]; time \(or t_ns, frame\), x and y were"),
+        ("t.csv", "time [s],x [m]\n1,2\n", "has no column y; add it"),
         ("t.csv", "", "is empty"),
         ("g.xml", XML.replace('h="80"', 'h="-80"'), "frame 1: object 9: box of 30 x -80 px"),
         ("g.xml", XML.replace('xc="100"', 'xc="a"'), "xc of <box> is 'a'"),
@@ -177,3 +178,14 @@ def test_a_corner_that_is_there_twice_is_refused(tmp_path: Path) -> None:
     path = write(tmp_path, "sync_index,object_id,keypoint_id,x_coord,y_coord,z_coord,frame_time\n" + "\n".join(rows))
     with pytest.raises(InputError, match="a corner is there twice at sync_index 0"):
         list(read_truth(path, TruthOptions(sync_ns={0: 0})))
+
+
+@pytest.mark.parametrize(("names", "factor"), [("x_mm,y_mm", 1e-3), ("x [cm],y [cm]", 1e-2)])
+def test_positions_by_frame_in_another_unit_of_length(tmp_path: Path, names: str, factor: float) -> None:
+    path = write(tmp_path, f"frame,id,{names}\n0,3,1000,2000\n7,3,3000,4000\n")
+    truth, _ = read(path)
+    assert truth.t_ns.tolist() == [0, 700_000_000]
+    assert truth.x == pytest.approx([1000 * factor, 3000 * factor])
+    assert read(path, replace(ONE, length_unit="mm"))[0].y == pytest.approx([2e6 * factor, 4e6 * factor])
+    with pytest.raises(InputError, match="cannot be converted to px"):
+        read(path, replace(ONE, length_unit="px"))

@@ -41,6 +41,9 @@ def test_each_fault_is_found(seed: int) -> None:
     assert found(dead) == {"microphone-silent"}
     dead[:, 2] = 0.0
     assert found(dead) == {"microphone-silent"}
+    dying = clean.copy()
+    dying[10_000:, 1] = 0.0
+    assert found(dying) == {"microphone-interrupted"}
     alike = clean.copy()
     alike[:, 3] = alike[:, 0]
     assert found(alike) == {"microphones-identical"}

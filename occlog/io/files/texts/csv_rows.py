@@ -36,6 +36,11 @@ MISSING = ("", "nan", "none", "na", "<na>", "n/a", "#n/a", "null", r"\n", "nil",
 _SEPARATOR = re.compile(r'"?sep=(.)"?\s*$', re.IGNORECASE)
 """Line of Excel that states the mark between cells."""
 _DECIMAL_COMMA = re.compile(r"[+-]?[0-9]+,[0-9]+(?:[eE][+-]?[0-9]+)?$")
+_ONE_CELL = re.compile(
+    r"\d{2,4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d*)?)?\s*(Z|UTC|[+-]\d\d(:?\d\d)?)?|[^\s,;]+|\w+ *[\[(][^\])\t,;]*[\])]"
+)
+"""Lines of a table of one column: a date and time, one word, a name with its unit in brackets."""
+_UNIT = re.compile(r"(?P<name>.*\w)\s*(?:\[\s*(?P<square>[\w/^]+)\s*\]|\(\s*(?P<round>[\w/^]+)\s*\))")
 LONGEST_LINE = 1_000_000
 """Characters of a line at most."""
 FREE_LINES = 1_000_000
@@ -255,7 +260,7 @@ def read_rows(
         lines = _split(path, file, commented=commented)
         line, header = next(lines, (0, []))
         if not header:
-            raise InputError(f"{path}: has no line with data; {what} was expected")
+            raise InputError(f"{path}: has no line with data; {what} was expected", id="empty-input")
         if all(_NUMBER.match(cell) for cell in header):
             known = ",".join(names[0] for names in columns.values())
             raise InputError(f"{path}: line {line}: a header line was expected, not data; name the columns: {known}")
@@ -274,7 +279,7 @@ def read_plain(path: Path, what: str, *, rows: int = ROWS_PER_CHUNK) -> Generato
         lines = _split(path, file)
         first = next(lines, None)
         if first is None:
-            raise InputError(f"{path}: has no line with data; {what} was expected")
+            raise InputError(f"{path}: has no line with data; {what} was expected", id="empty-input")
         names = [str(n) for n in range(len(first[1]))]
         yield from _chunks(path, _rejoin(first, lines), names, rows)
 
@@ -333,11 +338,15 @@ def text_lines(path: Path, file: TextIO) -> Iterator[tuple[int, str]]:
     most = math.inf if packed is None else max(FREE_LINES, packed)
     for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE + 1), ""), start=1):
         if len(line) > LONGEST_LINE:
-            raise InputError(f"{path}: line {number}: longer than {LONGEST_LINE} characters; rows were expected")
+            raise InputError(
+                f"{path}: line {number}: longer than {LONGEST_LINE} characters; rows were expected",
+                id="input-too-large",
+            )
         if number > most:
             raise InputError(
                 f"{path}: line {number}: more lines than measurements in {packed} packed bytes have; unpack the file "
-                "if it is right"
+                "if it is right",
+                id="input-too-large",
             )
         yield number, line
 
@@ -353,7 +362,7 @@ def _split(path: Path, file: TextIO, *, commented: bool = False) -> Iterator[tup
             if not text or (text.startswith("#") and not (commented and number == 1)):
                 continue
             if "\0" in line:
-                _refuse(InputError(f"{path}: line {number}: not text; a text table was expected"))
+                _refuse(InputError(f"{path}: line {number}: not text; a text table was expected", id="unknown-format"))
                 continue
             if reader is None and (stated := _SEPARATOR.match(line)) is not None:
                 reader = stated[1]
@@ -376,15 +385,20 @@ def _split(path: Path, file: TextIO, *, commented: bool = False) -> Iterator[tup
             yield number, cells
     except UnicodeDecodeError as error:
         raise InputError(
-            f"{path}: after line {number}: not UTF-8 text ({error.reason}), as a table should be; save it as UTF-8"
+            f"{path}: after line {number}: not UTF-8 text ({error.reason}), as a table should be; save it as UTF-8",
+            id="wrong-encoding",
         ) from None
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-        raise InputError(f"{path}: after line {number}: damaged gzip file ({error}); compress it again") from None
+        raise InputError(
+            f"{path}: after line {number}: damaged gzip file ({error}); compress it again", id="damaged-file"
+        ) from None
     except csv.Error as error:
-        raise InputError(f"{path}: line {number}: cannot be split into cells ({error})") from None
+        raise InputError(f"{path}: line {number}: cannot be split into cells ({error})", id="invalid-syntax") from None
 
 
 def _delimiter(text: str) -> str:
+    if _ONE_CELL.fullmatch(text):
+        return "\t"
     counts = [(text.count(mark), mark) for mark in (",", ";", "\t")]
     best = max(counts, key=lambda pair: pair[0])
     return best[1] if best[0] else " "
@@ -396,6 +410,12 @@ def _cells(text: str, delimiter: str) -> list[str]:
     if '"' not in text:
         return [cell.strip() for cell in text.split(delimiter)]
     return [cell.strip() for cell in next(csv.reader([text], delimiter=delimiter))]
+
+
+def name_with_unit(name: str) -> str:
+    """A name with the unit in brackets as its ending: `time [ms]` is `time_ms`; the name itself without one."""
+    found = _UNIT.fullmatch(name)
+    return name if found is None else f"{found['name']}_{found['square'] or found['round']}".replace(" ", "_")
 
 
 def _resolve(
@@ -410,17 +430,20 @@ def _resolve(
     meaning = {alias: name for name, aliases in columns.items() for alias in aliases}
     names: list[str | None] = []
     for cell in header:
-        name = meaning.get(cell.lower())
+        name = meaning.get(cell.lower()) or meaning.get(name_with_unit(cell.lower()))
         if name is None and cell.lower() not in ignored and not ignore_extra:
             near = difflib.get_close_matches(cell.lower(), list(meaning), n=1, cutoff=0.5)
             known = ", ".join(aliases[0] for aliases in columns.values())
             hint = f"did you mean {near[0]!r}? " if near else ""
             raise InputError(
                 f"{path}: line {line}: unknown column {cell!r}; {hint}known: {known}; "
-                "rename it, or ignore extra columns"
+                "rename it, or ignore extra columns",
+                id="unknown-column",
             )
         if name is not None and name in names:
-            raise InputError(f"{path}: line {line}: two columns are called {name!r}; remove or rename one")
+            raise InputError(
+                f"{path}: line {line}: two columns are called {name!r}; remove or rename one", id="duplicate-name"
+            )
         names.append(name)
     return names
 

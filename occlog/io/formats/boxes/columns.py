@@ -53,6 +53,8 @@ CLASS_KEYS = {f"class:{name}": (name,) for name in CLASSES}
 """Columns of classes as `CsvRows` name them, so that none replaces another."""
 BOX = "box"
 """One column with all edges, as Ultralytics writes it (`{'x1': 1.0, ...}`); occlog's own tables number boxes in it."""
+LIST, LISTED = "bbox", ("left", "top", "width", "height")
+"""One column with four numbers in each cell, as in COCO."""
 EDGES = {"x1": "left", "y1": "top", "x2": "right", "y2": "bottom"}
 """Edges in such a column, and our names of them."""
 SHARE_X, SHARE_Y, SHARE_WIDTH, SHARE_HEIGHT = "share_x", "share_y", "share_width", "share_height"
@@ -136,9 +138,12 @@ def check_columns(rows: CsvRows, camera: str | None) -> CsvRows:
     if not (rows.has("right") and rows.has("bottom")) and not (rows.has("width") and rows.has("height")):
         missing.append("right and bottom (or width and height)")
     if missing:
-        raise InputError(f"{rows.path}: has no column {', '.join(missing)}; add it")
+        raise InputError(f"{rows.path}: has no column {', '.join(missing)}; add it", id="missing-column")
     if camera is None and not rows.has("camera"):
-        raise InputError(f"{rows.path}: has no column camera; add it, or name the camera: CAMERA={rows.path.name}")
+        raise InputError(
+            f"{rows.path}: has no column camera; add it, or name the camera: CAMERA={rows.path.name}",
+            id="camera-not-named",
+        )
     return rows
 
 
@@ -147,7 +152,9 @@ def _from_centres(rows: CsvRows) -> CsvRows:
     cells = dict(rows.cells)
     for centre, size, edge in (("centre_x", "width", "left"), ("centre_y", "height", "top")):
         if rows.has(centre) and rows.has(edge):
-            raise InputError(f"{rows.path}: has columns of both {edge} edges and centres; keep one")
+            raise InputError(
+                f"{rows.path}: has columns of both {edge} edges and centres; keep one", id="conflicting-values"
+            )
         if rows.has(centre) and rows.has(size):
             near = rows.floats(centre, blank=True) - 0.5 * rows.floats(size, blank=True)
             cells[edge] = np.array([repr(value) for value in near.tolist()], dtype=np.str_)
@@ -171,7 +178,9 @@ def rows_of(
     for n, (line, cells) in enumerate(records):
         if max(map(len, cells.values()), default=0) > MAX_CELL:
             where = f"{files[n] if files else path}: {location} {line}"
-            raise InputError(f"{where}: a cell of more than {MAX_CELL} characters; correct this {location}")
+            raise InputError(
+                f"{where}: a cell of more than {MAX_CELL} characters; correct this {location}", id="input-too-large"
+            )
     names = dict.fromkeys(name for _, cells in records for name in cells)
     columns = {name: np.array([cells.get(name, "") for _, cells in records], dtype=np.str_) for name in names}
     lines = np.array([line for line, _ in records], dtype=np.int64)
@@ -188,11 +197,12 @@ def open_csv(path: Path, wanted: BoxReadOptions) -> BoxSource:
 
 
 def _csv(path: Path, camera: str | None, ignore_extra: bool) -> Iterator[CsvRows]:
-    known: dict[str, Sequence[str]] = {**COLUMNS, **CLASS_KEYS, BOX: (BOX,)}
+    known: dict[str, Sequence[str]] = {**COLUMNS, **CLASS_KEYS, BOX: (BOX,), LIST: (LIST,)}
     head = {cell.lower() for cell in first_line(path, WHAT)}
     if {"x", "y"} <= head and not head & {BOX, *COLUMNS["left"], *COLUMNS["width"]}:
         raise InputError(
-            f"{path}: holds positions on the ground (x, y) and no boxes; give it as positions ({option('positions')})"
+            f"{path}: holds positions on the ground (x, y) and no boxes; give it as positions ({option('positions')})",
+            id="wrong-content",
         )
     if not head & {*COLUMNS["frame"]}:
         known["image"] = IMAGE
@@ -214,6 +224,13 @@ def _of_images(rows: CsvRows) -> CsvRows:
 
 def _split_box(rows: CsvRows) -> CsvRows:
     """The rows with their own edges, where one column has them all."""
+    if rows.has(LIST) and not rows.has("left"):
+        numbers: list[list[str]] = []
+        for n, text in enumerate(rows.cells[LIST]):
+            numbers.append(re.findall(r"[-+.\w]+", str(text)))
+            if len(numbers[-1]) != len(LISTED):
+                raise rows.fail(n, f"{LIST} is {str(text)[:60]!r}; expected [left, top, width, height]")
+        return replace(rows, cells={**rows.cells, **dict(zip(LISTED, np.array(numbers).T, strict=True))})
     if not rows.has(BOX) or rows.has("left"):
         return rows
     cells: dict[str, list[str]] = {name: [] for name in EDGES.values()}
@@ -229,7 +246,10 @@ def _split_box(rows: CsvRows) -> CsvRows:
 def open_mot(path: Path, wanted: BoxReadOptions) -> BoxSource:
     """Boxes of MOTChallenge text."""
     if wanted.camera is None:
-        raise InputError(f"{path}: a MOTChallenge file holds one camera and does not name it; give CAMERA={path.name}")
+        raise InputError(
+            f"{path}: a MOTChallenge file holds one camera and does not name it; give CAMERA={path.name}",
+            id="camera-not-named",
+        )
     return BoxSource(_mot(path), "MOTChallenge text", first_number=1)
 
 

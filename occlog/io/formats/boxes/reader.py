@@ -1,7 +1,7 @@
 """Boxes of a person detector, in any format that is known (`FORMATS`).
 
 From the first to the last time with a box in the files each camera has frames, at its own rate: where one has no
-row, the frame has no detection.  `frames` states another range of numbers for all cameras.
+row, the frame has no detection.  `frames` states another range of numbers, for all cameras or for one.
 A camera may count its frames in steps: then those between are none.
 Where rows carry times, the times of all frames are made from these.
 """
@@ -18,8 +18,9 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from occlog.array_types import NS, Floats, Ints, Strings
-from occlog.errors import InputError, UsageError
+from occlog.array_types import NS, Bools, Floats, Ints, Strings
+from occlog.errors import InputError, UsageError, option
+from occlog.io.files.frame_choice import ALL_FRAMES, FrameChoice
 from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.names import check_meaning, match_sensor, means_none
 from occlog.io.files.texts.by_reader import reader_of
@@ -99,19 +100,21 @@ def table_times(found: dict[int, int], first: int, stop: int, where: str) -> Fra
         InputError: no frame has a time, or times go back, repeat or reach too far.
     """
     if not found:
-        raise InputError(f"{where}: no frame of a camera has a time; give the frame rate")
+        raise InputError(f"{where}: no frame of a camera has a time; give the frame rate", id="missing-times")
     frames = np.array(sorted(found), dtype=np.int64)
     t_ns = np.array([found[int(f)] for f in frames], dtype=np.int64)
     if (np.diff(t_ns) <= 0).any():
         k = int(np.flatnonzero(np.diff(t_ns) <= 0)[0])
         raise InputError(
             f"{where}: frame {frames[k + 1]} has time {time_words(t_ns[k + 1])}, not after the "
-            f"{time_words(t_ns[k])} of frame {frames[k]}"
+            f"{time_words(t_ns[k])} of frame {frames[k]}",
+            id="unsorted-times",
         )
     step = (t_ns[-1] - t_ns[0]) / max(int(frames[-1] - frames[0]), 1)
     if not step and stop - first > 1:
         raise InputError(
-            f"{where}: only frame {frames[0]} has a time, which does not determine the others; give the frame rate"
+            f"{where}: only frame {frames[0]} has a time, which does not determine the others; give the frame rate",
+            id="missing-times",
         )
     wanted = np.arange(stop)
     # Relative to the first time: float64 cannot hold ns since 1970 exactly.
@@ -120,7 +123,10 @@ def table_times(found: dict[int, int], first: int, stop: int, where: str) -> Fra
     relative[before] = (wanted[before] - frames[0]) * step
     relative[after] = float(t_ns[-1] - t_ns[0]) + (wanted[after] - frames[-1]) * step
     if np.abs(relative).max(initial=0.0) > MAX_NS:
-        raise InputError(f"{where}: {step / NS:g} s from one frame to the next lead to times that are out of range")
+        raise InputError(
+            f"{where}: {step / NS:g} s from one frame to the next lead to times that are out of range",
+            id="time-out-of-range",
+        )
     table = np.round(relative).astype(np.int64) + t_ns[0]
     table[frames[frames < stop]] = t_ns[frames < stop]
     return FrameTimes("column of times", 0, table)
@@ -129,6 +135,8 @@ def table_times(found: dict[int, int], first: int, stop: int, where: str) -> Fra
 B = TypeVar("B", bound=Boxes)
 NORMALISED_PX = 1.5
 """Largest coordinate up to which many boxes are taken to be given in shares of the image, not in pixels."""
+RESTART_SHARE = 0.2
+"""Share of the range of frames within which the numbers of a second recording in a file begin."""
 STOPPED_BOXES, STOPPED_FRAMES, END_FRAMES = 2, 10, 3
 """Boxes in one of the first or last `END_FRAMES` frames with boxes that show that the camera did not run beyond them,
 for people come and go one by one, where it would have no box in so many more frames."""
@@ -142,7 +150,7 @@ class BoxOptions:
     """Options for reading box files.
 
     Attributes:
-        frames: first frame and the one after the last; None: from the first to the last in the files.
+        frames: frames that are chosen; of a camera without a choice those from the first to the last in the files.
         first_number: number that is frame 0, where neither the format nor `BoxFile` states it.
         confidence_scale: number by which confidences are divided.
         scores: what a confidence is: `probability`; `logit`: any number, converted by the logistic function;
@@ -157,7 +165,7 @@ class BoxOptions:
         lenient: boxes without a size, and copies, are left out and counted; otherwise the first one is an error.
     """
 
-    frames: tuple[int, int] | None = None
+    frames: FrameChoice = ALL_FRAMES
     first_number: int = 0
     confidence_scale: float = 1.0
     scores: str = "probability"
@@ -195,7 +203,7 @@ class BoxSurvey:
         times: times of frames, from the files' own column of times.
         rows: number of boxes in these frames.
         beyond: number of boxes in other frames.
-        given: first frame and the one after the last, where they are stated: every camera has them.
+        given: frames that are stated: a camera has all of them.
         reach: how many frames without a box a camera may have had before its range and after it.
         recorded: number of frames of cameras of which it is known.
         kinds: formats of the files, in words.
@@ -204,6 +212,8 @@ class BoxSurvey:
         shares: cameras with boxes in shares of the image.
         of_files: cameras of each file; a camera is in one.
         sizes: width and height of the images [px] by camera, where files state it.
+        restarts: cameras with boxes without identities of which the numbers of frames begin again, once: the line, and
+            the frames before and after.
     """
 
     cameras: tuple[str, ...]
@@ -212,7 +222,7 @@ class BoxSurvey:
     times: Mapping[str, FrameTimes]
     rows: int
     beyond: int = 0
-    given: tuple[int, int] | None = None
+    given: FrameChoice = ALL_FRAMES
     reach: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     recorded: Mapping[str, int] = field(default_factory=dict)
     kinds: tuple[str, ...] = ()
@@ -221,16 +231,17 @@ class BoxSurvey:
     shares: frozenset[str] = frozenset()
     of_files: tuple[tuple[str, ...], ...] = ()
     sizes: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    restarts: Mapping[str, tuple[int, int, int]] = field(default_factory=dict)
 
     @property
     def first(self) -> int:
         """First frame of all cameras."""
-        return self.given[0] if self.given else min(each[0] for each in self.ranges.values() if each)
+        return min((each[0] for each in self.ranges.values() if each), default=0)
 
     @property
     def stop(self) -> int:
         """Frame after the last one of all cameras."""
-        return self.given[1] if self.given else max(each[-1] for each in self.ranges.values() if each) + 1
+        return max((each[-1] for each in self.ranges.values() if each), default=-1) + 1
 
     def frames(self, times: Mapping[str, FrameTimes]) -> dict[str, range]:
         """Frames of each camera from the first to the last time at which any camera has a box.
@@ -242,7 +253,8 @@ class BoxSurvey:
             UsageError: a camera has no times.
         """
         own = {name: (each, times_of(name, times)) for name, each in self.ranges.items()}
-        if self.given or any(clock.table_ns is None and clock.rate is None for _, clock in own.values()):
+        self._check_rates({n: t.interval_ns() for n, (_, t) in own.items() if n not in self.given.own})
+        if self.given.common or any(clock.table_ns is None and clock.rate is None for _, clock in own.values()):
             return dict(self.ranges)
         there = [(each, clock) for each, clock in own.values() if each]
         slack = 0.5 * min(clock.interval_ns() * each.step for each, clock in there)
@@ -251,9 +263,30 @@ class BoxSurvey:
         end = max(clock.elapsed_ns(each[-1]) for each, clock in there) + slack
         frames = {}
         for name, (each, clock) in own.items():
+            if self.given.of(name) is not None:
+                frames[name] = each
+                continue
             last = min(clock.until(end), self.recorded.get(name, MAX_FRAMES) - 1)
             frames[name] = _extended(each, clock.until(begin), last, self.reach.get(name, (math.inf, math.inf)))
         return frames
+
+    def _check_rates(self, intervals: Mapping[str, float]) -> None:
+        """UsageError for one range of numbers of cameras with unequal frame rates, which are other times in each."""
+        known = {name: step for name, step in intervals.items() if math.isfinite(step) and step > 0}
+        if not self.given.common or not known:
+            return
+        fast, slow = min(known, key=known.__getitem__), max(known, key=known.__getitem__)
+        if known[slow] > RATES_DIFFER * known[fast]:
+            first, stop = self.given.common
+            rates = " and ".join(f"{NS / known[name]:.3g} ({name})" for name in (fast, slow))
+            raise UsageError(
+                f"{option('frames')} {first}:{stop}: cameras of {rates} frames a second, where these are other times; "
+                f"give each its own: {fast}={first}:{stop}"
+            )
+
+
+RATES_DIFFER = 1.5
+"""Ratio of frame rates from which a range of numbers means other times in each camera."""
 
 
 def _extended(own: range, before: int, last: int, reach: tuple[float, float]) -> range:
@@ -285,20 +318,24 @@ def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOpt
     if options.classes is not None:
         check_classes(where, options.classes, found.classes, found.classes + found.left_out)
     spans = [each for each in found.frames.values() if each.count]
-    if not spans and options.frames is None:
-        raise InputError(f"{where}: no row with a box; if nothing was detected in all frames, give the range of frames")
-    if found.farthest <= NORMALISED_PX and found.rows > 1:
+    if not spans and not options.frames:
         raise InputError(
-            f"{where}: no box reaches beyond {found.farthest:.3g} px; these seem to be shares of the image: "
-            "write pixels"
+            f"{where}: no row with a box; if nothing was detected in all frames, give the range of frames",
+            id="empty-input",
         )
-    first, stop = options.frames or (min(s.low for s in spans), max(s.high for s in spans) + 1)
-    check_range(first, stop, where)
+    for name, farthest in found.farthest.items():
+        if farthest <= NORMALISED_PX and found.frames[name].boxed > 1:
+            path = next(file for file, own in zip(found.files, found.of_files, strict=True) if name in own)
+            raise InputError(
+                f"{path}: camera {name}: no box reaches beyond {farthest:.3g} px; these seem to be shares of the "
+                "image: write pixels"
+            )
     # Files without any box name no camera: no camera detected anything
     cameras = tuple(found.cameras or known)
-    ranges = dict.fromkeys(cameras, range(*options.frames) if options.frames is not None else range(0))
-    if options.frames is None:
-        ranges |= {name: each.range for name, each in found.frames.items() if each.count}
+    ranges = {name: _range_of(found.frames.get(name, _CameraFrames()), options.frames.of(name)) for name in cameras}
+    there = [each for each in ranges.values() if each]
+    first, stop = min((each[0] for each in there), default=0), max((each[-1] + 1 for each in there), default=0)
+    check_range(first, stop, where)
     return BoxSurvey(
         cameras=cameras,
         ranges=ranges,
@@ -314,6 +351,7 @@ def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOpt
         shares=frozenset(found.shares),
         of_files=tuple(found.of_files),
         sizes=found.sizes,
+        restarts={name: one for name, each in found.frames.items() if (one := each.restart) is not None},
     )
 
 
@@ -330,7 +368,8 @@ def classes_in(file: BoxFile) -> Counter[tuple[str, ...]]:
 class _CameraFrames:
     """Frames of one camera: lowest and highest number, and step in which all can be counted.
 
-    `listed` are frames that the file lists, `boxed` those with boxes, `ends` the boxes of the lowest and highest ones.
+    `listed` are frames that the file lists, `boxed` those with boxes, `ends` the boxes of the lowest and highest ones;
+    `backs` where they go back in the file, `first_low` and `last_high` the lowest one before and the highest one after.
     """
 
     low: int = 0
@@ -339,6 +378,30 @@ class _CameraFrames:
     listed: int = 0
     boxed: int = 0
     ends: dict[int, int] = field(default_factory=dict)
+    last: int = -1
+    first_low: float = math.inf
+    last_high: float = -math.inf
+    backs: list[tuple[int, int, int]] = field(default_factory=list)
+
+    @property
+    def restart(self) -> tuple[int, int, int] | None:
+        """Line at which the numbers begin again, and the frames before and after; None unless they do so once."""
+        if len(self.backs) != 1 or self.boxed < MIN_BOX_FRAMES:
+            return None
+        _, before, after = self.backs[0]
+        near = RESTART_SHARE * (self.high - self.low)
+        overlap = self.last_high >= self.first_low
+        return self.backs[0] if after - self.low <= near and before - after > near and overlap else None
+
+    def follow(self, rows: CsvRows, frames: Ints) -> None:
+        """Note where the frames of rows of one camera, in the order of the file, go back."""
+        before = np.concatenate([[self.last], frames[:-1]])
+        found = np.flatnonzero(frames < before)[: 2 - len(self.backs)].tolist()
+        begin = len(frames) if not (found or self.backs) else 0 if self.backs else found[0]
+        self.first_low = min([self.first_low, *frames[:begin].tolist()])
+        self.last_high = max([self.last_high, *frames[begin:].tolist()])
+        self.backs += [(int(rows.lines[row]), int(before[row]), int(frames[row])) for row in found]
+        self.last = int(frames[-1])
 
     @property
     def count(self) -> int:
@@ -384,6 +447,26 @@ class _CameraFrames:
         return before, after
 
 
+def _range_of(found: _CameraFrames, chosen: tuple[int, int] | None) -> range:
+    """The chosen frames of a camera, in the step in which its files count; else those from its first to its last."""
+    own = found.range if found.count else range(0)
+    if chosen is None:
+        return own
+    first, stop = chosen
+    step = own.step if found.count >= MIN_BOX_FRAMES else 1
+    return range(first + (own.start - first) % step, stop, step)
+
+
+def _chosen(boxes: FileBoxRows, cameras: Sequence[str], frames: FrameChoice) -> Bools:
+    """(n,) whether the frame of a box is chosen."""
+    chosen = np.ones(len(boxes.frame), dtype=np.bool_)
+    for n in np.unique(boxes.camera).tolist() if frames else ():
+        if (own := frames.of(cameras[n])) is not None:
+            mine = boxes.camera == n
+            chosen[mine] = (boxes.frame[mine] >= own[0]) & (boxes.frame[mine] < own[1])
+    return chosen
+
+
 def _column_times(found: _BoxScan, first: int, stop: int, where: str) -> dict[str, FrameTimes]:
     """Times of the frames of each camera with a column of times, as far as any of them has a box."""
     ends: dict[str, float] = {}  # of each camera: time from frame 0 to its last one, and from frame to frame [ns]
@@ -418,7 +501,7 @@ class _BoxScan:
     classes: Counter[tuple[str, ...]] = field(default_factory=Counter)
     left_out: Counter[tuple[str, ...]] = field(default_factory=Counter)
     shares: set[str] = field(default_factory=set)
-    farthest: float = -math.inf
+    farthest: dict[str, float] = field(default_factory=dict)
     of_files: list[tuple[str, ...]] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
     sizes: dict[str, tuple[int, int]] = field(default_factory=dict)
@@ -448,16 +531,21 @@ def _survey_file(file: BoxFile, known: Sequence[str], options: BoxOptions, found
         for n in np.unique(boxes.camera).tolist():
             own.setdefault(found.cameras[n])
             found.take(found.cameras[n], boxes.frame[boxes.camera == n])
+            # Files may be sorted by identities or classes, too
+            if not chunk.has("id") and not class_labels(chunk):
+                mine = np.flatnonzero(boxes.camera == n)
+                found.frames[found.cameras[n]].follow(chunk.pick(mine), boxes.frame[mine])
         ordered = last <= boxes.frame[0] and bool((np.diff(boxes.frame) >= 0).all())
         last, found.rows, found.ordered = int(boxes.frame[-1]), found.rows + len(boxes.frame), found.ordered and ordered
-        if how.frames is not None:
-            found.beyond += int(((boxes.frame < how.frames[0]) | (boxes.frame >= how.frames[1])).sum())
+        found.beyond += int(np.count_nonzero(~_chosen(boxes, found.cameras, how.frames)))
         note_times(chunk, boxes, found.cameras, found.stamps, found.heads)
         found.classes.update(class_labels(chunk) if options.classes is not None else ())
         if chunk.has(SHARE_X):
             found.shares |= {found.cameras[n] for n in np.unique(boxes.camera).tolist()}
-            found.farthest = math.inf
-        found.farthest = max(found.farthest, float((boxes.left + boxes.width).max()))
+            found.farthest |= dict.fromkeys(found.shares, math.inf)
+        for n in np.unique(boxes.camera).tolist():
+            name, edges = found.cameras[n], (boxes.left + boxes.width)[boxes.camera == n]
+            found.farthest[name] = max(found.farthest.get(name, -math.inf), float(edges.max()))
     if unusable is not None:
         unusable.check()
         for name, ends in unusable.frames.items():
@@ -468,7 +556,8 @@ def _survey_file(file: BoxFile, known: Sequence[str], options: BoxOptions, found
         if double is not None:
             raise InputError(
                 f"{file.path}: camera {double}: has boxes in {before}, too, where each frame without one states that "
-                "nothing was detected; join the files"
+                "nothing was detected; join the files",
+                id="conflicting-values",
             )
     found.files.append(str(file.path))
     found.of_files.append(tuple(own))
@@ -504,7 +593,8 @@ def read_boxes(
         # In files without any box no camera detected anything
         cameras = list(own) if any(survey.of_files) else list(survey.cameras if file is files[0] else ())
         chunks: Iterator[FileBoxRows] = (
-            boxes for _, boxes in _read(file, source, cameras, known, how, Counter(), unusable)
+            boxes.pick(np.flatnonzero(_chosen(boxes, cameras, how.frames)))
+            for _, boxes in _read(file, source, cameras, known, how, Counter(), unusable)
         )
         if not survey.ordered:
             chunks = iter([join(parts)] if (parts := list(chunks)) else [])
@@ -585,7 +675,8 @@ def _check_corner(path: Path, names: set[str]) -> None:
     if {"x", "y"} <= names and names & {"w", "width"} and not names & set(COLUMNS["left"]):
         raise InputError(
             f"{path}: columns x and y: they may be a corner or the middle of a box; call them left and top, or give "
-            "left, top, right and bottom"
+            "left, top, right and bottom",
+            id="ambiguous-input",
         )
 
 
@@ -667,7 +758,8 @@ def _matched(
             remedy = f"give each folder with its camera (CAMERA={file.path / foreign[0]})"
         raise InputError(
             f"{file.path}: {'camera' if one else 'cameras'} {text} {'is' if one else 'are'} none of "
-            f"{', '.join(known)}; {remedy}, calibrate {'it' if one else 'them'}, or allow uncalibrated cameras"
+            f"{', '.join(known)}; {remedy}, calibrate {'it' if one else 'them'}, or allow uncalibrated cameras",
+            id="missing-pose",
         )
     names = [label if label in foreign else match_sensor(label, known, str(file.path)) for label in labels]
     for label, name in zip(labels, names, strict=True):
@@ -715,7 +807,8 @@ def _edges(
         if sizes is None or cameras[n] not in sizes:
             raise UsageError(
                 f"{rows.path}: is in shares of the image, and the image size of camera {cameras[n]} "
-                "is unknown; give the image size, a calibration that has it, or the video"
+                "is unknown; give the image size, a calibration that has it, or the video",
+                id="missing-image-size",
             )
         size[n] = sizes[cameras[n]]
     across, down = size[camera].T

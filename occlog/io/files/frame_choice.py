@@ -1,0 +1,41 @@
+"""Frames that are chosen by their numbers: of all cameras, or of each its own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class FrameChoice:
+    """A choice of frames, first <= number < stop.
+
+    Attributes:
+        common: range of the cameras without one of their own; None: all of their frames.
+        own: range of a camera.
+    """
+
+    common: tuple[int, int] | None = None
+    own: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+
+    def of(self, camera: str | None) -> tuple[int, int] | None:
+        """The range of a camera; None: all of its frames."""
+        return self.common if camera is None else self.own.get(camera, self.common)
+
+    def takes(self, camera: str, number: int) -> bool:
+        """Return whether a frame is chosen."""
+        chosen = self.of(camera)
+        return chosen is None or chosen[0] <= number < chosen[1]
+
+    def __bool__(self) -> bool:
+        """Return whether there is a choice."""
+        return self.common is not None or bool(self.own)
+
+    def __str__(self) -> str:
+        """Return the ranges as an option states them."""
+        common = [] if self.common is None else [f"{self.common[0]}:{self.common[1]}"]
+        return ", ".join([*common, *(f"{name}={first}:{stop}" for name, (first, stop) in self.own.items())])
+
+
+ALL_FRAMES = FrameChoice()
+"""The choice of every frame."""
