@@ -487,7 +487,7 @@ def pairs(values: Iterable[str], kind: Callable[[str], T]) -> tuple[tuple[str | 
 
 
 def frames_of(values: Iterable[str]) -> FrameChoice:
-    """The frames of `A:B` and `NAME=A:B`, or of two numbers; UsageError for a camera that is named twice, or anything else."""
+    """The frames of `A:B` and `NAME=A:B`, or of two numbers; UsageError for anything else, or a camera twice."""
     common, own = None, {}
     texts = tuple(values)
     if len(texts) == 2 and all(text.isdecimal() for text in texts):  # a list in YAML
