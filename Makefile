@@ -24,6 +24,11 @@ demo: $(VENV)/installed
 	$(BIN)/occlog start sample_data/people -o $(RUN)/walk
 	@echo "Look at $(RUN)/people/report.html and overlay.webm beside it, $(RUN)/room/report.html, $(RUN)/pose2sim/report.html and $(RUN)/walk/report.html; the video is $(RUN)/walk/overlay.webm"
 
+# A worker for each processor: threads of the linear algebra would wait for each other, and numbers depend on them.
+test test-fast test-statistics: export OPENBLAS_NUM_THREADS = 1
+test test-fast test-statistics: export OMP_NUM_THREADS = 1
+test test-fast test-statistics: export MPLBACKEND = Agg
+
 # worksteal gives each worker a contiguous part of the tests: those of a folder share kernels, and run in one worker.
 test: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -n auto --dist worksteal --durations 30 --durations-min 1 -m "not serial and not statistics" --ignore tests/report/browser

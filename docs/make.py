@@ -18,6 +18,7 @@ from occlog.cli.main import COMMANDS, cli
 from occlog.cli.setting_options import CHOSEN, VariantCommand, value_words
 from occlog.examine.schema import settings_of, verbs
 from occlog.records.columns import ANY_WIDTH, Column, ColumnTable
+from occlog.records.error_ids import ERRORS
 from occlog.records.messages import DOCTOR, VERDICT
 from occlog.records.tables import TABLES
 from occlog.settings import Settings, declaration, declared, default_in
@@ -115,11 +116,11 @@ def settings_table(of: type[Settings]) -> str:
     """Every setting of a class: its name, defaults, range, unit, option and meaning."""
     rows = []
     for f in declared(of):
-        said = declaration(f)
+        spec = declaration(f)
         people, own = (value_words(f, default_in(f, unit)) for unit in ("m", ""))
-        option = f"`{said.option}`" if said.option else ""
-        unit = said.unit.replace("length", "m")
-        cells = (f"`{f.name}`", people, "" if own == people else own, said.limit(), unit, option, said.help)
+        option = f"`{spec.option}`" if spec.option else ""
+        unit = spec.unit.replace("length", "m")
+        cells = (f"`{f.name}`", people, "" if own == people else own, spec.limit(), unit, option, spec.help)
         rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     head = "| setting | default | in a scene-specific unit | range | unit | option | meaning |\n|" + 7 * "---|"
     return "\n".join([head, *rows]) + "\n"
@@ -158,6 +159,18 @@ def messages_page() -> str:
             when = f"{each.text} (limit: {each.limit})" if each.limit else each.text
             out += f"| `{name}` | {each.severity} | {_with_fields(when)} | {_with_fields(each.remedy)} |\n"
     return out
+
+
+def errors_page() -> str:
+    """Every kind of error, by its id."""
+    out = (
+        "# Errors\n\nMade by `make docs` from the table in the code (`occlog.records.error_ids`). The message of an "
+        "error names the file, the\nposition in it, the value, the limit and the remedy; the id is the kind of error, "
+        "and never changes its meaning. It is\nthe key `id` of the object that a failing command prints with `--json` "
+        "([in a shell](command-line.md#errors)), and the\nattribute `id` of an exception in Python. Findings about "
+        "results and files have [ids of their own](messages.md).\n\n| id | meaning | what to do |\n|---|---|---|\n"
+    )
+    return out + "".join(f"| `{name}` | {each.meaning} | {each.remedy} |\n" for name, each in ERRORS.items())
 
 
 KINDS = {
@@ -200,6 +213,7 @@ PAGES = {
     "reference/api.md": api_page,
     "reference/commands.md": commands_page,
     "how-to/doctor.md": doctor_page,
+    "reference/errors.md": errors_page,
     "reference/messages.md": messages_page,
     "reference/renamed.md": renamed_page,
     "reference/settings.md": settings_page,

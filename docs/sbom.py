@@ -37,15 +37,17 @@ def direct() -> set[str]:
 def licences(name: str) -> list[dict[str, object]]:
     """Licences of an installed package as it states them; none where it does not, or is not installed here."""
     try:
-        told = metadata(name)
+        reported = metadata(name)
     except PackageNotFoundError:
         return []
-    if expression := told.get("License-Expression"):
+    if expression := reported.get("License-Expression"):
         return [{"expression": expression}]
-    stated = told.get("License") or ""
+    stated = reported.get("License") or ""
     if stated and "\n" not in stated and len(stated) <= LONGEST_NAME:
         return [{"license": {"name": stated}}]
-    classified = [text.rpartition(" :: ")[2] for text in told.get_all("Classifier") or () if text.startswith(LICENCE)]
+    classified = [
+        text.rpartition(" :: ")[2] for text in reported.get_all("Classifier") or () if text.startswith(LICENCE)
+    ]
     return [{"license": {"name": text}} for text in classified]
 
 

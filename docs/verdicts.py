@@ -185,9 +185,9 @@ def _paper(paper: str, own: dict[str, Kept]) -> str:
         commands[k.command] = None
         for v in k.verdicts:
             at = f"{v['place']}" + (f", p. {v['page']}" if v["page"] else "")
-            said = str(v["statement"]).replace("|", "\\|")
+            text = str(v["statement"]).replace("|", "\\|")
             printed = "" if v["paper"] is None else f"{v['paper']:.4g}"
-            statements.append([f"`{v['id']}`", at, said, printed, _measured(v), str(v["verdict"])])
+            statements.append([f"`{v['id']}`", at, text, printed, _measured(v), str(v["verdict"])])
     shown = "\n".join(f"* `{command}`" for command in commands)
     return "\n".join(
         [

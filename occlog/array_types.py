@@ -1,4 +1,4 @@
-"""Array types that the whole program uses, and the number of nanoseconds in a second; each is said once, here."""
+"""Array types that the whole program uses, and the number of nanoseconds in a second; each is defined here only."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Errors that a user can act on, and the exit codes of the command line.
 
 Every error message is one line that names the file, the position in it, the value and
-the limit it breaks, and what to do.
+the limit it breaks, and what to do.  Every error has the id of its kind.
 """
 
 import functools
@@ -42,7 +42,7 @@ class ExitCode(IntEnum):
     DONE = 0
     BUG = 1
     USAGE = 2
-    LOSSY = 3  # finished, but input was lost while reading; the losses is listed
+    LOSSY = 3  # finished, but input was lost while reading; the losses are listed
     BAD_INPUT = 4  # bad or unreadable input, or a file that cannot be written
     DIFFERENT = 5  # `diff` found a difference
     THRESHOLD = (
@@ -55,9 +55,29 @@ class ExitCode(IntEnum):
 
 
 class OcclogError(Exception):
-    """Base of all errors that occlog raises on purpose; `exit_code` is what the command returns."""
+    """Base of all errors that occlog raises on purpose; `exit_code` is what the command returns, `id` its kind."""
 
     exit_code: ExitCode = ExitCode.BAD_INPUT
+    default_id = "invalid-value"
+
+    def __init__(self, message: str = "", *, id: str | None = None) -> None:
+        """Create an error.
+
+        Args:
+            message: what is wrong, in one line.
+            id: one of `occlog.records.error_ids.ERRORS`; None: that of the error that caused it (`raise ... from`), or
+                the one of the class.
+        """
+        super().__init__(message)
+        self._id = id
+
+    @property
+    def id(self) -> str:
+        """Stable id of the kind of error, such as `missing-column`; docs/reference/errors.md lists all."""
+        cause = self.__cause__
+        if self._id is None and isinstance(cause, OcclogError) and cause is not self:
+            return cause.id
+        return self._id or self.default_id
 
     def __str__(self) -> str:
         """The message, with options as the surface in use spells them."""
@@ -70,27 +90,33 @@ class OcclogError(Exception):
 
 
 class InputError(OcclogError):
-    """An input is missing, damaged, or states something that cannot be."""
+    """An input is missing, damaged, or states something impossible."""
 
 
 class OutputError(OcclogError):
     """An output cannot be written (full disk, missing folder, no permission)."""
+
+    default_id = "output-unwritable"
 
 
 class OutputExistsError(OcclogError):
     """The output is already there and may not be overwritten; the command line states how to replace it."""
 
     exit_code = ExitCode.EXISTS
+    default_id = "output-exists"
 
 
 class PluginError(OcclogError):
-    """A plug-in cannot be imported, fails, or gives back what cannot be."""
+    """A plug-in cannot be imported, fails, or returns something invalid."""
+
+    default_id = "plugin-failed"
 
 
 class UsageError(OcclogError):
     """Options that contradict each other or that this input does not allow."""
 
     exit_code = ExitCode.USAGE
+    default_id = "invalid-option"
 
 
 class NoSceneError(UsageError):
@@ -102,7 +128,7 @@ class NoSceneError(UsageError):
 
     def __init__(self, where: object) -> None:
         """Name the file."""
-        super().__init__(f"{where}: holds no scene; give one with {option('scene')}")
+        super().__init__(f"{where}: holds no scene; give one with {option('scene')}", id="missing-scene")
         self.where = where
 
 

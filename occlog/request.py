@@ -176,10 +176,10 @@ class Request(Settings):
                 found |= {f"{f.name}[{n}]" if n else f.name: path for n, path in enumerate(paths)}
         return found
 
-    def table_of(self, field_name: str) -> str:
-        """The name of the table that an output is; empty: it is none."""
-        found: File = type(self).__dataclass_fields__[field_name].metadata["file"]
-        return found.table
+    def file_field(self, field_name: str) -> File:
+        """The declaration of a field that names files; of several, also by `name[1]`."""
+        found: File = type(self).__dataclass_fields__[field_name.partition("[")[0]].metadata["file"]
+        return found
 
     def kind_of_input(self) -> str:
         """The kind of its input; empty: it has none."""
@@ -197,7 +197,7 @@ class Request(Settings):
         """UsageError for an option that does not apply to a kind of input; it names the kinds that have it."""
         for entry in self.unfit(kind):
             wanted = ", or ".join(self.KINDS[each] for each in entry.kinds)
-            raise UsageError(f"{option(entry.key)} is for {wanted}; not for {self.KINDS[kind]}")
+            raise UsageError(f"{option(entry.key)} is for {wanted}; not for {self.KINDS[kind]}", id="not-applicable")
 
     @property
     def inputs(self) -> list[Path]:
@@ -331,7 +331,7 @@ class Form:
                 values[entry.field] = value
         for entry in self.entries():
             if entry.group is None and entry.required and entry.field not in values:
-                raise UsageError(f"{option(entry.key)} is missing; give it")
+                raise UsageError(f"{option(entry.key)} is missing; give it", id="missing-option")
         return self.request(**values)
 
 
@@ -413,7 +413,9 @@ class Verb:
         """The form of a kind; UsageError, with the nearest name, if no kind has that name."""
         kind = self.kind(name)
         if kind is None:
-            raise UsageError(f"no {self.what} {name!r}; {did_you_mean(name, [*self.kinds, *self.more()])}")
+            raise UsageError(
+                f"no {self.what} {name!r}; {did_you_mean(name, [*self.kinds, *self.more()])}", id="unknown-name"
+            )
         return kind.form()
 
 

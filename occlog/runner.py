@@ -12,6 +12,7 @@ from occlog import console
 from occlog.errors import ExitCode, InputError
 from occlog.io.files.atomic import OutputGroup, check_outputs, open_output
 from occlog.io.files.inputs import hash_inputs, previous_losses
+from occlog.io.files.names import TABLE, check_output_name
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import TableWriter
 from occlog.records.columns import ColumnTable
@@ -57,6 +58,10 @@ def run(request: Request, *, overwrite: bool = False, quiet: bool = False) -> Jo
     kind = request.kind_of_input()
     request.check_kind(kind)
     check_outputs(request.inputs, request.outputs, overwrite)
+    for name, path in request.files(output=True).items():
+        ending = request.file_field(name).suffix
+        if ending != TABLE:
+            check_output_name(path, ending)
     try:
         done = JobResult(*load(request.RUN)(request, Job(request, overwrite, quiet, kind)))
     except InputError as error:
@@ -189,7 +194,7 @@ class Tables:
             wider: the table where it has more columns than that of the declared name.
         """
         path = self._job.request.files(output=True).get(field)
-        name = self._job.request.table_of(field)
+        name = self._job.request.file_field(field).table
         if path is not None and name:
             writer = TableWriter(
                 path,

@@ -38,6 +38,8 @@ class SettingError(InputError):
         limit: what it must be, in words.
     """
 
+    default_id = "invalid-setting"
+
     def __init__(self, owner: str, setting: str, value: object, limit: str) -> None:
         super().__init__(f"{owner}: {setting} is {value}, must be {limit}")
         self.owner, self.setting, self.value, self.limit = owner, setting, value, limit
@@ -177,21 +179,21 @@ class Settings:
 
 def _check(of: type[Settings], f: Field[object], value: Any) -> None:
     """SettingError for a value of another type, that is not finite, or out of its range."""
-    said, kind = declaration(f), kind_of(of, f.name)
+    spec, kind = declaration(f), kind_of(of, f.name)
     if not (value is None and optional(kind)) and not _is_a(value, kind):
-        raise SettingError(of.OWNER, f.name, repr(value), said.limit() if said.choices else KIND_WORDS[item_kind(kind)])
+        raise SettingError(of.OWNER, f.name, repr(value), spec.limit() if spec.choices else KIND_WORDS[item_kind(kind)])
     parts = value if isinstance(value, tuple) else (value,)
     if any(isinstance(n, float) and not math.isfinite(n) for n in parts):
-        limit = said.limit()
+        limit = spec.limit()
         raise SettingError(of.OWNER, f.name, value, "finite" + (f" and {limit}" if limit else ""))
     if any(isinstance(n, float | int) and abs(n) > MAX_SETTING for n in parts) and not f.name.endswith(LONG_INTEGERS):
         raise SettingError(
-            of.OWNER, f.name, value, said.limit() if said.at_most is not None else f"within {MAX_SETTING:g}"
+            of.OWNER, f.name, value, spec.limit() if spec.at_most is not None else f"within {MAX_SETTING:g}"
         )
-    if any(isinstance(n, float) and 0.0 < n < MIN_POSITIVE_SETTING for n in parts) and said.above == 0:
-        raise SettingError(of.OWNER, f.name, value, f"{said.limit()}, at least {MIN_POSITIVE_SETTING:g}")
-    if not said.holds(value):
-        raise SettingError(of.OWNER, f.name, value, said.limit() or counted(said.counts))
+    if any(isinstance(n, float) and 0.0 < n < MIN_POSITIVE_SETTING for n in parts) and spec.above == 0:
+        raise SettingError(of.OWNER, f.name, value, f"{spec.limit()}, at least {MIN_POSITIVE_SETTING:g}")
+    if not spec.holds(value):
+        raise SettingError(of.OWNER, f.name, value, spec.limit() or counted(spec.counts))
 
 
 KIND_WORDS: dict[type | tuple[type, type], str] = {
@@ -238,13 +240,13 @@ def declared(of: type[Settings]) -> tuple[Field[object], ...]:
 
 def default_in(f: Field[object], length_unit: str) -> object:
     """The default of a setting in scenes of that unit; lengths of people are reported in metres and converted."""
-    said = declaration(f)
+    spec = declaration(f)
     if length_unit not in METRES:
-        return f.default if said.own is None else said.own
-    value = f.default if said.people is None else said.people
+        return f.default if spec.own is None else spec.own
+    value = f.default if spec.people is None else spec.people
     if isinstance(value, Mapping):
         return value[length_unit]
-    power = LENGTH_POWER.get(said.unit, 0)
+    power = LENGTH_POWER.get(spec.unit, 0)
     if not power or not isinstance(value, float):
         return value
     metre = 1.0 / METRES[length_unit]
@@ -276,7 +278,7 @@ def check_setting(of: Sequence[type[Settings]], name: str, value: object) -> Non
     owner = next((each for each in of if name in _names(each)), None)
     if owner is None:
         names = [known for each in of for known in _names(each)]
-        raise UsageError(_unknown(of[0].OWNER, name, names))
+        raise UsageError(_unknown(of[0].OWNER, name, names), id="unknown-key")
     f = next((f for f in declared(owner) if f.name == name), None)
     read = _read(owner, name, value)
     if f is not None:
@@ -290,7 +292,7 @@ def _names(of: type[Settings]) -> list[str]:
 def _read(of: type[Settings], name: str, value: object) -> object:
     """The value, or what its text states; UsageError for a setting that is not there, or a text that is no value."""
     if name not in _names(of):
-        raise UsageError(_unknown(of.OWNER, name, _names(of)))
+        raise UsageError(_unknown(of.OWNER, name, _names(of)), id="unknown-key")
     return read_value(value, kind_of(of, name), name) if isinstance(value, str) else value
 
 
@@ -356,25 +358,25 @@ def json_schema(of: type[Settings]) -> dict[str, object]:
 
 def _property(of: type[Settings], f: Field[object]) -> dict[str, object]:
     """JSON Schema of one setting; where people in metres have another default, it states it also."""
-    said, kind = declaration(f), kind_of(of, f.name)
+    spec, kind = declaration(f), kind_of(of, f.name)
     names = {int: "integer", float: "number", bool: "boolean", str: "string", tuple: "array"}
     name = names[plain_kind(kind)]
-    out: dict[str, object] = {"type": [name, "null"] if optional(kind) else name, "description": said.help}
+    out: dict[str, object] = {"type": [name, "null"] if optional(kind) else name, "description": spec.help}
     if name == "array":
         out["items"] = {"type": "string" if item_kind(kind) == (tuple, str) else "number"}
-        if said.counts:
-            out |= {"minItems": min(said.counts), "maxItems": max(said.counts)}
+        if spec.counts:
+            out |= {"minItems": min(spec.counts), "maxItems": max(spec.counts)}
     ends = {
-        "minimum": said.at_least,
-        "exclusiveMinimum": said.above,
-        "maximum": said.at_most,
-        "exclusiveMaximum": said.below,
+        "minimum": spec.at_least,
+        "exclusiveMinimum": spec.above,
+        "maximum": spec.at_most,
+        "exclusiveMaximum": spec.below,
     }
     out |= {key: end for key, end in ends.items() if end is not None}
-    if said.choices and not said.several:
-        out["enum"] = [*said.choices, None] if optional(kind) else list(said.choices)
-    if said.unit:
-        out["unit"] = said.unit
+    if spec.choices and not spec.several:
+        out["enum"] = [*spec.choices, None] if optional(kind) else list(spec.choices)
+    if spec.unit:
+        out["unit"] = spec.unit
     defaults = {"default": default_in(f, ""), "default_in_metres": default_in(f, "m")}
     if defaults["default_in_metres"] == defaults["default"]:
         del defaults["default_in_metres"]

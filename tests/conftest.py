@@ -30,8 +30,10 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 def pytest_configure(config: pytest.Config) -> None:
     """Let every second worker begin with the last tests: each compiles half of the assertions of a new checkout.
 
-    What one has compiled the others read; `pytest_collection_modifyitems` restores the order.
+    What one has compiled the others read; `pytest_collection_modifyitems` restores the order.  While tests are
+    collected nothing becomes garbage.
     """
+    gc.disable()
     number = os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")
     if int(number) % 2 and [Path(arg).resolve() for arg in config.args] == [ROOT / "tests"]:
         entries = (
@@ -49,6 +51,7 @@ def pytest_collection_finish() -> None:
     """Leave the tests and what they import, which stay, out of every later search for garbage."""
     gc.collect()
     gc.freeze()
+    gc.enable()
 
 
 SAVE = Figure.savefig
@@ -59,6 +62,14 @@ BLANK: dict[str, Any] = {"png": base64.b64decode(DOT), "svg": '<svg width="72pt"
 def save_blank(_: Figure, out: Any, *, format: str, **__: object) -> None:
     """Write no figure: layout and rendering take most of the time of a page."""
     out.write(BLANK[format])
+
+
+def leave_in_memory(descriptor: int) -> None:
+    """Wait for no disk: what a test writes need not outlast the machine's power."""
+    os.fstat(descriptor)
+
+
+os.fsync = leave_in_memory  # type: ignore[assignment]
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

@@ -110,7 +110,7 @@ def test_the_schema_has_the_default_of_people_where_it_is_another():
         ({"object_height": math.nan}, "world: object_height is nan, must be finite and at least 0"),
     ],
 )
-def test_a_value_beyond_its_range_is_told_with_the_range(values, says):
+def test_a_value_beyond_its_range_is_reported_with_the_range(values, says):
     with pytest.raises(InputError, match=says):
         WorldConfig(**values)
 
@@ -125,9 +125,9 @@ def test_a_setting_like_another_has_its_default_and_range_and_words_of_its_own()
     (mine,) = (f for f in fields(PlanConfig) if f.name == "redirect_probability")
     (other,) = (f for f in fields(WorldConfig) if f.name == "redirect_probability")
     assert mine.default == other.default
-    said, model = declaration(mine), declaration(other)
-    assert said.help != model.help
-    assert (said.at_least, said.at_most, said.below) == (model.at_least, None, 1)
+    spec, model = declaration(mine), declaration(other)
+    assert spec.help != model.help
+    assert (spec.at_least, spec.at_most, spec.below) == (model.at_least, None, 1)
     for unit in ("m", "ft", "unit"):
         plan, world = PlanConfig.in_unit(unit), WorldConfig.in_unit(unit)
         assert (plan.person_diameter, plan.speed, plan.process_noise_position) == (

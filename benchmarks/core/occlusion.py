@@ -95,12 +95,12 @@ def plain_step(at: Moment) -> Callable[[], Any]:
     config = ref.RefConfig(miss=0.0)
 
     def step() -> Any:
-        places = low + size * rng.random((PARTICLES, 2))
+        positions = low + size * rng.random((PARTICLES, 2))
         draws = ref.Draws(
             rng.random(),
             rng.random(PARTICLES),
             rng.standard_normal((PARTICLES, 2)),
-            np.resize(places[ref.on_floor(places, plain)], (PARTICLES, 2)),
+            np.resize(positions[ref.on_floor(positions, plain)], (PARTICLES, 2)),
         )
         return ref.step(particles, reading, np.full(len(cameras), 2.0), plain, config, 1.0, draws, priors)
 
@@ -183,11 +183,11 @@ def _floor(at: Moment, step: float, repeats: int) -> dict[str, float]:
     """How far the step is from the time of its error functions alone."""
     counts, ns = erf_counts(at), erf_ns()
     model = at.state.model
-    looks, xy = pack_scan(at.scan, model.read_px, True), at.state.particles.xy
+    detections_of_step, xy = pack_scan(at.scan, model.read_px, True), at.state.particles.xy
     free, occlusion = on_floor(xy, *model.floor), model.occlusion._replace(far=OCCLUDER_SUPPORT_SIGMAS)
     packed = model.sensors, model.noise, model.informed
     work = median(
-        per_call(lambda: log_likelihood_among(xy, looks, *packed, free, at.scan.occluders, occlusion))  # type: ignore[arg-type]
+        per_call(lambda: log_likelihood_among(xy, detections_of_step, *packed, free, at.scan.occluders, occlusion))  # type: ignore[arg-type]
         for _ in range(repeats)
     )
     return {

@@ -151,10 +151,10 @@ def p_row(crowd: Crowd) -> tuple[float, Errors, Errors]:
 def place_errors(room: Room, crowd: Crowd, rng: np.random.Generator) -> tuple[Floats, Floats, Floats]:
     """Numbers of assigned cameras (n,), and errors (n, 2) of both forms, for n places in one crowd."""
     priors = crowd_priors(crowd, rng)
-    places = sample_floor(PLACES, make_floor(room.scene.region, [o.polygon for o in room.scene.occluders]), rng)
-    sees = np.column_stack([seen_from(places, i, room.sensors) for i in room.order])
+    positions = sample_floor(PLACES, make_floor(room.scene.region, [o.polygon for o in room.scene.occluders]), rng)
+    sees = np.column_stack([seen_from(positions, i, room.sensors) for i in room.order])
     counts, recursive, free = [], [], []
-    for xy, use in zip(places, sees, strict=True):
+    for xy, use in zip(positions, sees, strict=True):
         if not use.any():
             continue
         cameras = np.ascontiguousarray(room.cameras[use])

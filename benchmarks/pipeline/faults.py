@@ -42,14 +42,14 @@ class Faults:
         """Exit code, what was said, and the number of operations of a stage, the one of that number failing."""
         stage, place = STAGES[name], self.place
         self.counter.write_bytes(bytes(8))
-        told = {
+        reported = {
             "FAULT_FOLDER": str(place.folder), "FAULT_COUNTER": str(self.counter), "FAULT_AT": str(at),
             "FAULT_ERRNO": str(error), "FAULT_LASTS": str(int(lasts)), "LD_PRELOAD": str(self.library),
         }  # fmt: skip
         done = subprocess.run(
             [sys.executable, "-m", "occlog", *stage.arguments.split(), *(() if stage.folder else ("--overwrite",))],
             cwd=place.folder,
-            env={**os.environ, "TMPDIR": str(place.temporary), **told},
+            env={**os.environ, "TMPDIR": str(place.temporary), **reported},
             capture_output=True,
             text=True,
             timeout=120,
@@ -67,13 +67,13 @@ class Faults:
         """What went wrong, in words, where an operation fails; empty: nothing."""
         stage, place = STAGES[name], self.place
         self.before(name)
-        code, said, _ = self.start(name, at, *WAYS[way])
+        code, reported, _ = self.start(name, at, *WAYS[way])
         bad = []
-        if "Traceback" in said or code < 0 or code == ExitCode.BUG:
+        if "Traceback" in reported or code < 0 or code == ExitCode.BUG:
             bad.append("traceback")
         elif code not in (*DONE, *REFUSED):
             bad.append(f"exit code {code}")
-        elif code in REFUSED and not any(mark in said for mark in ("occlog: error:", "occlog: failed:")):
+        elif code in REFUSED and not any(mark in reported for mark in ("occlog: error:", "occlog: failed:")):
             bad.append("not a line")
         if not stage.folder:
             files = [place.folder / output for output in stage.outputs]
@@ -89,7 +89,7 @@ class Faults:
             place.temporary.mkdir()
         if not place.again(name):
             bad.append("other bytes when run again")
-        return [f"{each}: {said.strip()[-300:]!r}" for each in bad]
+        return [f"{each}: {reported.strip()[-300:]!r}" for each in bad]
 
 
 def main(words: list[str]) -> int:
@@ -100,9 +100,9 @@ def main(words: list[str]) -> int:
         faults = Faults(Path(folder).resolve())
         for name in words[1:] or STAGES:
             faults.before(name)
-            code, said, count = faults.start(name, 0, 0, False)
+            code, reported, count = faults.start(name, 0, 0, False)
             if code not in DONE:
-                raise RuntimeError(f"{name}: {said}")
+                raise RuntimeError(f"{name}: {reported}")
             chosen = np.unique(np.linspace(1, count, min(places, count)).round().astype(int)).tolist()
             for way in WAYS:
                 for at in chosen:

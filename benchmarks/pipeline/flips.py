@@ -77,9 +77,11 @@ def read_parquet(path: Path) -> Read:
     """Rows and metadata of a table, as commands read it."""
     if content_of(path) is not Content.TABLE or find_source(path) is not None:
         raise InputError(f"{path}: not read as a table of occlog")
-    table, said = read_table(path, Bearings), describe(path)
-    del said["columns"]  # units and meanings of columns, which no command takes from the file
-    return [np.asarray(getattr(table, c.name)).tobytes() for c in table.columns()], json.dumps(said, sort_keys=True)
+    table, statement = read_table(path, Bearings), describe(path)
+    del statement["columns"]  # units and meanings of columns, which no command takes from the file
+    return [np.asarray(getattr(table, c.name)).tobytes() for c in table.columns()], json.dumps(
+        statement, sort_keys=True
+    )
 
 
 def read_mcap(path: Path) -> Read:
@@ -120,10 +122,10 @@ def flip(name: str, count: int, seed: int) -> Counter[str]:
 
 def _outcome(read: Callable[[], Read], good: Read) -> str:
     try:
-        data, said = read()
+        data, reported = read()
     except InputError:
         return "refused"
-    return "data" if data != good[0] else "metadata" if said != good[1] else "same"
+    return "data" if data != good[0] else "metadata" if reported != good[1] else "same"
 
 
 def run(repeats: int) -> dict[str, Any]:

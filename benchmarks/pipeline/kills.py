@@ -144,14 +144,14 @@ def disturb(place: Place, name: str, how: int | None, rng: random.Random) -> lis
     if how is not None:
         time.sleep(rng.uniform(0.1, 1.0) * seconds)
         process.send_signal(how)
-    _, said = process.communicate()
+    _, reported = process.communicate()
     code, found = process.returncode, place.bytes_of(stage)
     bad = []
     if not stage.folder and not found.items() <= place.good[name].items():
         bad.append("half output")
     if place.left() and how != signal.SIGKILL:
         bad.append("left over")
-    if "Traceback" in said or (how is None and code not in (*DONE, ExitCode.BAD_INPUT)):
+    if "Traceback" in reported or (how is None and code not in (*DONE, ExitCode.BAD_INPUT)):
         bad.append("traceback")
     if how in STOPPED and code not in (*DONE, STOPPED[signal.Signals(how)]):
         bad.append(f"exit code {code}")

@@ -93,10 +93,10 @@ def make_many(folder: Path, rows: int) -> None:
             there = {"existence": random.uniform(0.5, 1.0, n), "seen_by": random.choice(["", "a", "a,b"], n)}
             everybody.write(PeopleTracks.of(t_ns=t_ns, target_id=found, **ours, **spread, **there))
             first = np.arange(0, n, PEOPLE)
-            kinds, nobody = random.choice(["birth", "death", "doubt"], len(first)), np.full(len(first), -1)
+            kinds, empty = random.choice(["birth", "death", "doubt"], len(first)), np.full(len(first), -1)
             sure = np.full(len(first), 0.9)
             events.write(
-                Events.of(t_ns=t_ns[first], target_id=found[first], kind=kinds, other_id=nobody, probability=sure)
+                Events.of(t_ns=t_ns[first], target_id=found[first], kind=kinds, other_id=empty, probability=sure)
             )
             # Half of the people in each camera, 100 px a metre
             seen = {"t_ns": t_ns, "sensor": np.where(who < PEOPLE // 2, "a", "b"), "frame": np.repeat(step, PEOPLE)}
@@ -113,14 +113,14 @@ def make_seen(folder: Path, rows: int) -> None:
     cameras = tuple(
         Camera(
             name=name,
-            position=np.array([*place, 0.0]),
-            rotation=camera_rotation(float(np.arctan2(middle - place[1], middle - place[0])), 0.0, 0.0),
+            position=np.array([*position, 0.0]),
+            rotation=camera_rotation(float(np.arctan2(middle - position[1], middle - position[0])), 0.0, 0.0),
             focal_px=np.array([500.0, 500.0]),
             principal_px=np.zeros(2),
             fov=np.pi / 2,
             sigma_read_px=2.0,
         )
-        for name, place in PLACES.items()
+        for name, position in PLACES.items()
     )
     room = np.array([[0.0, 0.0], [20.0, 0.0], [20.0, 20.0], [0.0, 20.0]])
     (folder / "scene.yaml").write_text(scene_to_yaml(Scene(cameras=cameras, room=room)))
@@ -140,10 +140,10 @@ def make_seen(folder: Path, rows: int) -> None:
             truth.write(Truth.of(**shared, role=np.full(n, "target"), x=x, y=y, z=np.zeros(n)))
             spread = {"cov_xx": np.full(n, 0.01), "cov_xy": np.zeros(n), "cov_yy": np.full(n, 0.01)}
             tracks.write(Tracks.of(**shared, x=x + off[0], y=y + off[1], vx=off[0], vy=off[1], **spread))
-            told = {c.name: np.zeros(n, c.dtype) for c in Diagnostics.columns() if not c.optional and c.kind != "U"}
-            told |= {c.name: np.full(n, "") for c in Diagnostics.columns() if not c.optional and c.kind == "U"}
+            reported = {c.name: np.zeros(n, c.dtype) for c in Diagnostics.columns() if not c.optional and c.kind != "U"}
+            reported |= {c.name: np.full(n, "") for c in Diagnostics.columns() if not c.optional and c.kind == "U"}
             names = np.full(n, ",".join(PLACES))
-            diagnostics.write(Diagnostics.of(**told | shared | {"cameras": names, "ess": np.full(n, 100.0)}))
+            diagnostics.write(Diagnostics.of(**reported | shared | {"cameras": names, "ess": np.full(n, 100.0)}))
             u, azimuth, far = (np.empty((n, len(cameras))) for _ in range(3))
             for k, camera in enumerate(cameras):
                 far[:, k] = np.hypot(x - camera.ground[0], y - camera.ground[1]) + random.normal(0.0, 0.1, n)

@@ -137,8 +137,8 @@ def export(folder: Path) -> tuple[float, float, float]:
     It says its peak itself: what `wait4` tells of a process is never less than what its parent held.
     """
     words = [sys.executable, "-c", EXPORT, str(folder), str(folder / "out.mcap")]
-    said = subprocess.run(words, check=True, capture_output=True, text=True).stdout.splitlines()[-1]
-    code, peak, cpu = (float(word) for word in said.split())
+    stdout = subprocess.run(words, check=True, capture_output=True, text=True).stdout.splitlines()[-1]
+    code, peak, cpu = (float(word) for word in stdout.split())
     if code:
         raise RuntimeError("occlog export failed")
     return peak, cpu, (folder / "out.mcap").stat().st_size / 1e6

@@ -100,12 +100,12 @@ def _on_wall(size: Floats, rng: np.random.Generator) -> Floats:
 
 
 def _camera(k: int, size: Floats, read_px: float, rng: np.random.Generator) -> Camera:
-    place, to = _on_wall(size, rng), rng.uniform(0.3, 0.7, 2) * size
-    yaw = math.atan2(to[1] - place[1], to[0] - place[0])
+    position, to = _on_wall(size, rng), rng.uniform(0.3, 0.7, 2) * size
+    yaw = math.atan2(to[1] - position[1], to[0] - position[0])
     fov = math.radians(float(rng.uniform(70.0, 100.0)))
     return Camera(
         name=f"cam{k}",
-        position=np.array([*place, 0.0]),
+        position=np.array([*position, 0.0]),
         rotation=rotation_from_angles(yaw, 0.0, 0.0),
         focal_px=np.full(2, 320.0 / math.tan(0.5 * fov)),
         principal_px=np.array([319.5, 239.5]),
@@ -175,9 +175,11 @@ def ideal_errors(plan: PreparedPlan, runs: Sequence[Run]) -> Floats:
     """(R,) mean square error of each run that is expected, given what each sensor reported of the target."""
     parts = [_reports(plan.scene, run) for run in runs]
     reports = Reports(*(np.stack(part, axis=1) for part in zip(*parts, strict=True)))
-    places = np.stack([_places(run.truth) for run in runs])
+    positions = np.stack([_places(run.truth) for run in runs])
     keep = int(np.count_nonzero(_late(runs[0].truth)))
-    found = errors_along(places, reports, plan.start, plan.motion, filter_noise_of(plan.config), plan.walked.dt, keep)
+    found = errors_along(
+        positions, reports, plan.start, plan.motion, filter_noise_of(plan.config), plan.walked.dt, keep
+    )
     square = square_error_in_room(
         found.covariance.reshape(-1, 2, 2), found.position.reshape(-1, 2), plan.cells.xy, plan.cells.size
     )

@@ -100,12 +100,12 @@ def with_everything(data: ReportInput) -> ReportInput:
         n_available=np.full(n, 4), selected=np.full(n, ""), predicted_mse=0 * level, quality_flags=np.full(n, ""),
     )  # fmt: skip
     seen = rng.random(len(bearings)) < 0.8
-    told = {
+    reported = {
         name: np.where(seen, getattr(bearings, name), np.nan)
         for name in ("bearing", "sigma", "u_px", "sigma_px", "score")
     }
     labels = np.tile(np.arange(PEOPLE, dtype=np.int32), len(bearings) // PEOPLE)
-    bearings = replace(bearings, seen=seen, target_id=labels, **told)
+    bearings = replace(bearings, seen=seen, target_id=labels, **reported)
     return replace(data, errors=errors, bound=bound, diagnostics=diagnostics, bearings=bearings)
 
 

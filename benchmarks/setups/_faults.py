@@ -285,3 +285,58 @@ FAULTS: dict[str, Fault] = {
     "truth in other axes": Fault(_truth_in_other_axes, 3, 2),
     "corners for sizes in one camera": Fault(_corners_for_sizes, 2, 2, of_camera=True),
 }
+
+
+def _late_by_any(rig: Rig, rng: Random) -> Answer:
+    """A camera is late or early by 40 ms to 30 s, all orders of magnitude alike."""
+    name = other_camera(rig, rng)
+    late_s = float(rng.choice([-1.0, 1.0]) * np.exp(rng.uniform(np.log(0.04), np.log(30.0))))
+    rig.lengthen(2.0 * abs(late_s))
+    within = float(np.clip(late_s, -2.5, 2.5))
+    rig.boxes[name] = rig.shoot(name, late_s=within)
+    # The rest is in the numbers of frames
+    rig.boxes[name][:, 0] += round((late_s - within) * rig.fps)
+    least = min(rows[:, 0].min() for rows in rig.boxes.values())
+    for rows in rig.boxes.values():
+        rows[:, 0] -= min(least, 0.0)
+    rig.truth = rig.truth[:0]
+    return Answer("camera-late|clock|camera-times", _either(rig, name))
+
+
+def _yawed(rig: Rig, rng: Random) -> Answer:
+    """A camera is turned about the vertical by 0.5 to 10 degrees since its calibration."""
+    name = other_camera(rig, rng)
+    own = rig.cameras[name]
+    angle = rng.choice([-1.0, 1.0]) * np.exp(rng.uniform(np.log(0.5), np.log(10.0)))
+    turned = replace(own, rotation=rotation_of(np.radians([0.0, 0.0, angle])) @ own.rotation)
+    rig.boxes[name] = rig.shoot(name, turned)
+    return Answer("rotated|orientation|moved", _either(rig, name))
+
+
+def _raised(rig: Rig, rng: Random) -> Answer:
+    """The height of a camera is stated wrong by 0.2 to 0.6 m."""
+    name = other_camera(rig, rng)
+    own = rig.calibration[name]
+    shift = rng.choice([-1.0, 1.0]) * rng.uniform(0.2, 0.6)
+    rig.calibration[name] = replace(own, position=own.position + np.array([0.0, 0.0, shift]))
+    return Answer("stated height", (name,))
+
+
+def _focal_length_off(rig: Rig, rng: Random) -> Answer:
+    """The focal length of a camera is stated wrong by 5 %."""
+    name = other_camera(rig, rng)
+    own = rig.calibration[name]
+    rig.calibration[name] = replace(own, focal_px=own.focal_px * (1.0 + 0.05 * rng.choice([-1.0, 1.0])))
+    return Answer("focal length", (name,))
+
+
+CALIBRATIONS: dict[str, Fault] = {
+    "one camera late by 40 ms to 30 s": Fault(_late_by_any, 9),
+    "one camera turned by 0.5 to 10 degrees": Fault(_yawed, 9),
+    "height of one camera": Fault(_raised, 5),
+    "focal length of one camera": Fault(_focal_length_off, 5),
+    "two cameras exchanged": Fault(_boxes_exchanged, 4, 3),
+    "calibration in another unit": Fault(_millimetres, 4),
+    "mirrored image": Fault(_flipped((True, False), "mirrored"), 4),
+}
+"""Faults of the poses, lenses and clocks of cameras in which people walk: 40."""

@@ -56,6 +56,7 @@ class Rig:
         truth: (M, 4) frame, identity, x, y as a user states it.
         time_factor: of the seconds in a column `time` of the files of boxes; None: they have none.
         options: of `ingest`, beside the files.
+        seconds: duration.
         world_to_camera: R and T of the calibration are written as OpenCV has them.
     """
 
@@ -71,13 +72,14 @@ class Rig:
     truth: Floats = field(default_factory=lambda: np.zeros((0, 4)))
     time_factor: float | None = None
     options: dict[str, Any] = field(default_factory=dict)
+    seconds: float = SECONDS
     world_to_camera: bool = True
     rotation_vectors: Callable[[Floats], Floats] | None = None
 
     @property
     def frames(self) -> int:
         """Number of frames of each camera."""
-        return round(SECONDS * self.fps)
+        return round(self.seconds * self.fps)
 
     @property
     def names(self) -> list[str]:
@@ -91,6 +93,22 @@ class Rig:
         rows = np.round((MARGIN_S + numbers / self.fps - late_s) * FINE_HZ).astype(np.int64)
         rng = np.random.default_rng((self.seed, 7, self.names.index(name)))
         return _boxes(camera, numbers, self.paths[rows], self.bodies, self.detector, rng)
+
+    def lengthen(self, seconds: float) -> None:
+        """Let people walk on, so that the recording is longer."""
+        self.seconds += seconds
+        steps = round((self.seconds + 2.0 * MARGIN_S) * FINE_HZ)
+        rng = np.random.default_rng((self.seed, 13))
+        self.paths = scene("crowds").walk(len(self.bodies), steps, FINE_HZ, *self.size, rng)
+        self.boxes = {name: self.shoot(name) for name in self.names}
+        self.truth = self.true_positions()
+
+    def true_positions(self) -> Floats:
+        """(M, 4) frame, identity, x and y of all people."""
+        numbers = np.arange(self.frames)
+        at = self.paths[np.round((MARGIN_S + numbers / self.fps) * FINE_HZ).astype(np.int64)]
+        frame, person = (a.ravel() for a in np.meshgrid(numbers, range(len(self.bodies)), indexing="ij"))
+        return np.column_stack([frame, person, at.reshape(-1, 2)])
 
     def boxes_of(self, name: str, person: int) -> Floats:
         """Boxes (N, 5) without errors of a person whom nothing hides, in one camera."""
@@ -115,10 +133,7 @@ def rig(seed: int, cameras: int | None = None) -> Rig:
     made = Rig(seed, (width, depth), fps, detector, paths, bodies, placed)
     made.calibration = {name: _calibrated(c, rng) for name, c in placed.items()}
     made.boxes = {name: made.shoot(name) for name in placed}
-    numbers = np.arange(made.frames)
-    at = paths[np.round((MARGIN_S + numbers / fps) * FINE_HZ).astype(np.int64)]
-    frame, person = (a.ravel() for a in np.meshgrid(numbers, range(people), indexing="ij"))
-    made.truth = np.column_stack([frame, person, at.reshape(-1, 2)])
+    made.truth = made.true_positions()
     made.options = {"fps": fps}
     return made
 
@@ -240,15 +255,21 @@ def write(made: Rig, folder: Path) -> dict[str, Any]:
                 writer.writerow([int(frame), *edges, "0.9", *time])
     for name, camera in made.calibration.items():
         (folder / f"{name}.yaml").write_text(_opencv(camera, made))
-    with (folder / "truth.csv").open("w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["frame", "id", "x", "y"])
-        writer.writerows([int(f), int(i), f"{x:.6g}", f"{y:.6g}"] for f, i, x, y in made.truth.tolist())
+    write_truth(folder / "truth.csv", made.truth)
     files: dict[str, Any] = {
         "boxes": {name: folder / f"{name}.csv" for name in made.boxes},
         "calibration": [folder / f"{name}.yaml" for name in made.calibration],
     }
     return files | ({"truth": folder / "truth.csv"} if len(made.truth) else {}) | made.options
+
+
+def write_truth(path: Path, rows: Floats) -> Path:
+    """Write frame, identity, x and y of people (M, 4), and return the path."""
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["frame", "id", "x", "y"])
+        writer.writerows([int(f), int(i), f"{x:.6g}", f"{y:.6g}"] for f, i, x, y in rows.tolist())
+    return path
 
 
 def _opencv(camera: Camera, made: Rig) -> str:

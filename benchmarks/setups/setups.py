@@ -1,14 +1,14 @@
 """Whether occlog names the fault of a set-up, and is silent about sound ones.
 
-    python -m benchmarks.setups.setups [--quick] [--seed N] [--only faults,clean,rigs,sound-rigs] [--kinds WORDS,...]
-                                       [--json]
+    python -m benchmarks.setups.setups [--quick] [--seed N] [--only GROUP,...] [--kinds WORDS,...] [--json]
 
 `faults`: 100 set-ups of 20 s with one fault each, `clean`: 100 without any, of rooms, numbers of cameras and people,
 lenses, frame rates and detectors drawn from seeds.  `rigs`: 20 rigs each of 2, 4 and 8 cameras with a fault of one
-camera, or of two, `sound-rigs`: the same without.  A fault counts as named if the first warning of `ingest`, `track` or
-`evaluate`, or a refusal, names its cause, and the camera (of two that are late to each other, or exchanged: one of
-them).  A sound set-up counts as an alarm if there is any warning.  Seeds from 50,000 on were not used in development,
-but for 60,000 to 64,999 and 83,000 to 83,009.
+camera, or of two, `sound-rigs`: the same without.  `calibrations`: 40 rigs with an error of a pose, lens or clock, or
+of all files of a kind.  A fault counts as named if the first warning of `ingest`, `track` or `evaluate`, or a refusal,
+names its cause, and the camera (of two that are late to each other, or exchanged: one of them); a note that a camera is
+rotated counts as a last warning.  A sound set-up counts as an alarm if there is any.  Identity switches that are stated
+and happen are no alarm, and no answer.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.setups._faults import FAULTS
+from benchmarks.setups._faults import CALIBRATIONS, FAULTS
 from benchmarks.setups._judge import Answer, Said, people
 from benchmarks.setups._others import OTHERS
-from benchmarks.setups._rigs import rig, write
+from benchmarks.setups._rigs import rig, write, write_truth
 
 NAME = "setups"
 SUMMARY = "share of set-ups with one fault of which the fault is not named first, and of sound ones with a warning"
@@ -34,7 +34,7 @@ LIMIT = 0.1
 SEED, QUICK = 50_000, 10
 """First seed, and every how manieth set-up the quick choice takes."""
 RIGS, PER_SIZE = (2, 4, 8), 20
-GROUPS = ("faults", "clean", "rigs", "sound-rigs")
+GROUPS = ("faults", "clean", "rigs", "sound-rigs", "calibrations")
 
 
 class Case(NamedTuple):
@@ -61,12 +61,13 @@ def _rig_case(kind: str | None, seed: int, cameras: int | None = None) -> Case:
         made = rig(seed, cameras)
         answer = None
         if kind is not None:
-            fault, other = FAULTS[kind], seed
+            fault, other = (FAULTS | CALIBRATIONS)[kind], seed
             while len(made.names) < fault.cameras:
                 other += 1_000_003
                 made = rig(other, cameras)
             answer = fault.make(made, np.random.default_rng((seed, 5)))
-        return people(write(made, folder)), answer
+        files = write(made, folder)
+        return people(files, write_truth(folder / "true.csv", made.true_positions()), made.fps), answer
 
     return Case(f"{kind or 'sound'}, seed {seed}" + (f", {cameras} cameras" if cameras else ""), run)
 
@@ -83,7 +84,10 @@ def _other_case(kind: str, seed: int, faulty: bool) -> Case:
 
 def cases(group: str, seed: int) -> Iterator[Case]:
     """Set-ups of a group; seeds of different groups differ."""
-    if group == "faults":
+    if group == "calibrations":
+        kinds = [kind for kind, fault in CALIBRATIONS.items() for _ in range(fault.count)]
+        yield from (_rig_case(kind, seed + 4000 + n) for n, kind in enumerate(kinds))
+    elif group == "faults":
         kinds = [kind for kind, fault in FAULTS.items() for _ in range(fault.count)]
         yield from (_rig_case(kind, seed + n) for n, kind in enumerate(kinds))
         others = [kind for kind, other in OTHERS.items() for _ in range(other.count)]

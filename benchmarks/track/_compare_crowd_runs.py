@@ -46,8 +46,8 @@ def jipda(case: Case, **settings: float) -> Floats:
             n = len(boxes)
             hint, score = np.full(n, NO_ID), np.full(n, SURE)
             looks.append(FrameDetections(frame * STEP_NS, camera, boxes, score, hint, np.zeros((n, 0)), np.arange(n)))
-        state, said = JIPDA.step(state, looks)
-        rows.append(np.column_stack([np.full(len(said.ids), frame), said.ids, said.mean[:, :2]]))
+        state, reported = JIPDA.step(state, looks)
+        rows.append(np.column_stack([np.full(len(reported.ids), frame), reported.ids, reported.mean[:, :2]]))
     return np.concatenate(rows)
 
 

@@ -67,9 +67,15 @@ def room(people: int, cameras: int, seed: int, frames: int, hz: float, size: tup
     """People who walk about in a room, all of them all the time; cameras of 1280 x 720 around it."""
     made = scene("crowds").crowd(people, cameras, frames, hz, size, seed=seed)
     rows = [
-        np.column_stack([np.full(len(look.boxes), t), np.full(len(look.boxes), look.camera), look.boxes])
-        for t, looks in enumerate(made.moments)
-        for look in looks
+        np.column_stack(
+            [
+                np.full(len(frame_detections.boxes), t),
+                np.full(len(frame_detections.boxes), frame_detections.camera),
+                frame_detections.boxes,
+            ]
+        )
+        for t, frames_of_step in enumerate(made.moments)
+        for frame_detections in frames_of_step
     ]
     frame, person = (a.ravel() for a in np.meshgrid(range(frames), range(people), indexing="ij"))
     truth = np.column_stack([frame, person, made.truth.reshape(-1, 2)])

@@ -145,13 +145,15 @@ def start(*arguments: str) -> float:
 
 def timed(*arguments: str | Path) -> tuple[float, float]:
     """Processor time [s] and largest memory [MB] of a command; what it lists as lost is no error."""
-    with tempfile.TemporaryFile() as said:
-        child = subprocess.Popen([sys.executable, "-m", "occlog", *map(str, arguments)], stdout=said, stderr=said)
+    with tempfile.TemporaryFile() as reported:
+        child = subprocess.Popen(
+            [sys.executable, "-m", "occlog", *map(str, arguments)], stdout=reported, stderr=reported
+        )
         _, status, used = os.wait4(child.pid, 0)
         child.returncode = os.waitstatus_to_exitcode(status)
-        said.seek(0)
+        reported.seek(0)
         if child.returncode not in (ExitCode.DONE, ExitCode.LOSSY):
-            raise SystemExit(f"occlog {' '.join(map(str, arguments))}: {said.read().decode(errors='replace')}")
+            raise SystemExit(f"occlog {' '.join(map(str, arguments))}: {reported.read().decode(errors='replace')}")
     return used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
 
 

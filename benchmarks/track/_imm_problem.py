@@ -33,8 +33,8 @@ def recording() -> Recording:
     for k in range(STEPS):
         turn = 0.06 * k * STEP_S
         xy = START[::2] + np.array([math.sin(turn), 1.0 - math.cos(turn)])
-        places = np.vstack([xy, OTHERS])
-        heard = np.arctan2(places[:, 1], places[:, 0]) + SIGMA * rng.standard_normal(3)
+        positions = np.vstack([xy, OTHERS])
+        heard = np.arctan2(positions[:, 1], positions[:, 0]) + SIGMA * rng.standard_normal(3)
         truth.append(xy)
         angle.append(np.sort(heard))
         own.append(heard[0])

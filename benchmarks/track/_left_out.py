@@ -36,9 +36,9 @@ def triangulated(matrices: list[Floats], pixels: list[Floats]) -> Floats:
     return np.asarray(x[:3] / x[3])
 
 
-def projected(matrix: Floats, place: Floats) -> Floats:
+def projected(matrix: Floats, position: Floats) -> Floats:
     """(2,) pixels of a place (3,)."""
-    p = matrix @ np.append(place, 1.0)
+    p = matrix @ np.append(position, 1.0)
     return np.asarray(p[:2] / p[2])
 
 
@@ -76,6 +76,6 @@ def _grown(boxes: dict[int, int], middles: dict[int, Floats], matrices: dict[int
 def _fitted(boxes: dict[int, int], middles: dict[int, Floats], matrices: dict[int, Floats]) -> Group | None:
     used = sorted(boxes)
     pixels = [middles[c][boxes[c]] for c in used]
-    place = triangulated([matrices[c] for c in used], pixels)
-    errors = [float(np.linalg.norm(projected(matrices[c], place) - p)) for c, p in zip(used, pixels, strict=True)]
-    return Group(boxes, place, max(errors)) if max(errors) <= LIMIT_PX and LOW <= place[2] <= HIGH else None
+    position = triangulated([matrices[c] for c in used], pixels)
+    errors = [float(np.linalg.norm(projected(matrices[c], position) - p)) for c, p in zip(used, pixels, strict=True)]
+    return Group(boxes, position, max(errors)) if max(errors) <= LIMIT_PX and LOW <= position[2] <= HIGH else None

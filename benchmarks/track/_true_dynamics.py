@@ -75,11 +75,11 @@ def estimated(
 
 
 def _walk(
-    xy: Floats, destination: Floats, floor: Ground, motion: WaypointMotion, places: Floats, rng: Generator
+    xy: Floats, destination: Floats, floor: Ground, motion: WaypointMotion, positions: Floats, rng: Generator
 ) -> None:
     """Move all particles by one step of the simulation, in place, as if each were alone."""
     noise = motion.sigma * rng.standard_normal((len(xy), 2))
-    _alone(xy, destination, noise, rng.random(len(xy)), places, floor, motion)
+    _alone(xy, destination, noise, rng.random(len(xy)), positions, floor, motion)
 
 
 @kernel
@@ -88,7 +88,7 @@ def _alone(
     destination: Floats,
     noise: Floats,
     chance: Floats,
-    places: Floats,
+    positions: Floats,
     floor: Ground,
     motion: WaypointMotion,
 ) -> None:
@@ -101,7 +101,7 @@ def _alone(
             destination[p : p + 1],
             noise[p : p + 1].reshape((1, 1, 2)),
             chance[p : p + 1].reshape((1, 1)),
-            places[p : p + 1].reshape((1, 1, CHOICES, 2)),
+            positions[p : p + 1].reshape((1, 1, CHOICES, 2)),
             0,
             floor,
             motion,

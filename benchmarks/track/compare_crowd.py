@@ -167,8 +167,8 @@ def measured(crowd: Crowd, count: int, pairs: int) -> dict[str, Found]:
     def add(name: str, *given: object, **more: object) -> None:
         out[name] = found(crowd, *given, **more)  # type: ignore[arg-type]
         rate, error, unknown, loss = out[name]
-        told = f"{100 * rate:.2f} ± {100 * error:.2f} %, not decided {100 * unknown:.0f} %, mean loss {loss:+.4f}"
-        print(f"{name}: {told}", flush=True)
+        reported = f"{100 * rate:.2f} ± {100 * error:.2f} %, not decided {100 * unknown:.0f} %, mean loss {loss:+.4f}"
+        print(f"{name}: {reported}", flush=True)
 
     for n in (8, 10, 12, 20):
         for figure in SHOWN:

@@ -65,7 +65,7 @@ def track(hard: np.ndarray, rate: float, rng: np.random.Generator) -> MatchedFra
         rng: draws what the tracker does.
     """
     frames = len(hard)
-    place = np.column_stack([np.repeat(np.arange(PEOPLE) * 10.0, frames), np.zeros(PEOPLE * frames)])
+    position = np.column_stack([np.repeat(np.arange(PEOPLE) * 10.0, frames), np.zeros(PEOPLE * frames)])
     frame, who = np.tile(np.arange(frames), PEOPLE), np.repeat(np.arange(PEOPLE), frames)
     there = np.ones((PEOPLE, frames), dtype=np.bool_)
     name = np.tile(np.arange(PEOPLE)[:, None], (1, frames))
@@ -81,9 +81,9 @@ def track(hard: np.ndarray, rate: float, rng: np.random.Generator) -> MatchedFra
     noise = rng.normal(0, 0.15 * np.sqrt(1 - keep**2), (frames, PEOPLE, 2))
     for t in range(1, frames):
         noise[t] += keep * noise[t - 1]
-    found = place + noise.transpose(1, 0, 2).reshape(-1, 2)
+    found = position + noise.transpose(1, 0, 2).reshape(-1, 2)
     seen = there.ravel()
-    truth, tracks = Objects(frame, who, place), Objects(frame[seen], name.ravel()[seen], found[seen])
+    truth, tracks = Objects(frame, who, position), Objects(frame[seen], name.ravel()[seen], found[seen])
     return of_points(truth, tracks, 1.0)
 
 
@@ -154,18 +154,18 @@ def run(repeats: int) -> dict[str, Any]:  # noqa: ARG001
     """Share of false alarms of `idf1 worse`, the worst of all shapes of recordings, to the limit."""
     parts: dict[str, float] = {"pairs of each shape": PAIRS}
     worst = 0.0
-    for said, shape in SHAPES.items():
+    for reported, shape in SHAPES.items():
         null = pairs(shape, EASY, PAIRS)
         for name in SHOWN:
             alarms = [float(np.mean([each[name][2] < ALPHA for each in own])) for own in null]
             open_ = np.mean([np.isnan(each[name][1]) for own in null for each in own])
-            parts[f"{said}, {name}: false alarms of 'worse' [%]"] = 100 * float(np.mean(alarms))
-            parts[f"{said}, {name}: +- [%]"] = 100 * float(np.std(alarms, ddof=1) / np.sqrt(len(alarms)))
-            parts[f"{said}, {name}: not decided [%]"] = 100 * float(open_)
+            parts[f"{reported}, {name}: false alarms of 'worse' [%]"] = 100 * float(np.mean(alarms))
+            parts[f"{reported}, {name}: +- [%]"] = 100 * float(np.std(alarms, ddof=1) / np.sqrt(len(alarms)))
+            parts[f"{reported}, {name}: not decided [%]"] = 100 * float(open_)
             worst = max(worst, float(np.mean(alarms))) if name == "idf1" else worst
         if shape.seconds > SHAPES["twelve of 30 s"].seconds:
             continue
         lost = [each["idf1"] for own in pairs(shape, WORSE, PAIRS // 4) for each in own]
-        parts[f"{said}: loss of IDF1 [points]"] = -100 * float(np.mean([each[0] for each in lost]))
-        parts[f"{said}: found [%]"] = 100 * float(np.mean([each[2] < ALPHA for each in lost]))
+        parts[f"{reported}: loss of IDF1 [points]"] = -100 * float(np.mean([each[0] for each in lost]))
+        parts[f"{reported}: found [%]"] = 100 * float(np.mean([each[2] < ALPHA for each in lost]))
     return {"ratio": worst / MOST, "limit": LIMIT, "parts": parts}

@@ -62,7 +62,7 @@ def scored(case: Case, outcome: Outcome) -> dict[str, float]:
         role=np.full(len(x), "target"),
     )
     rows = outcome.rows[np.lexsort((outcome.rows[:, 1], outcome.rows[:, 0]))]
-    told = np.where(np.isfinite(rows[:, 4:]), rows[:, 4:], 0.0)  # a singular covariance is not judged
+    reported = np.where(np.isfinite(rows[:, 4:]), rows[:, 4:], 0.0)  # a singular covariance is not judged
     tracks = Tracks.of(
         t_ns=_times(rows[:, 0], case),
         target_id=rows[:, 1].astype(np.int32),
@@ -70,9 +70,9 @@ def scored(case: Case, outcome: Outcome) -> dict[str, float]:
         y=rows[:, 3],
         vx=np.full(len(rows), np.nan),
         vy=np.full(len(rows), np.nan),
-        cov_xx=told[:, 0],
-        cov_xy=told[:, 1],
-        cov_yy=told[:, 2],
+        cov_xx=reported[:, 0],
+        cov_xy=reported[:, 1],
+        cov_yy=reported[:, 2],
     )
     got = evaluate_ground(tracks, truth, MultiTargetConfig.in_unit("m"), None).metrics
     cost = {"ms a frame": 1e3 * outcome.seconds / case.frames, "MB": outcome.megabytes}
@@ -108,8 +108,8 @@ def measured(options: argparse.Namespace, work: Path) -> dict[str, dict[str, dic
                 columns = out.setdefault(case.name, {}).setdefault(name, {})
                 for figure, value in row.items():
                     columns.setdefault(figure, []).append(value)
-                told = "  ".join(f"{k} {v:.3f}" for k, v in row.items())
-                print(f"{case.name} {seed} {name}: {told}", flush=True)
+                reported = "  ".join(f"{k} {v:.3f}" for k, v in row.items())
+                print(f"{case.name} {seed} {name}: {reported}", flush=True)
     return out
 
 

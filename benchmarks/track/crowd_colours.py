@@ -32,23 +32,23 @@ SHOWN = ("IDF1", "MOTA", "switches", "RMSE [m]", "NEES")
 def one(people: int, seed: int, colours: int) -> dict[str, dict[str, float]]:
     """Figures of the filter and of the smoothed tracks."""
     made = scene("crowds").crowd(people, CAMERAS, FRAMES, HZ, SIZE, seed=seed, colours=colours)
-    state, moments = initial_state(made.scene, made.scene.cameras, JipdaConfig.in_unit("m")), []
-    for looks in made.moments:
-        state, moment = step(state, looks)
-        moments.append(moment)
+    state, snapshots = initial_state(made.scene, made.scene.cameras, JipdaConfig.in_unit("m")), []
+    for frames_of_step in made.moments:
+        state, snapshot = step(state, frames_of_step)
+        snapshots.append(snapshot)
     frame, person = (a.ravel() for a in np.meshgrid(range(FRAMES), range(people), indexing="ij"))
     truth = np.column_stack([frame, person, made.truth.reshape(-1, 2)])
     none = np.zeros((0, 0))
     case = Case("colours", HZ, (1280, 720), none, none, truth, (0.0, SIZE[0], 0.0, SIZE[1]), FRAMES)
-    smoothed = smooth(state, made.moments, moments, np.random.default_rng(0))
-    return {name: scored(case, _rows(found)) for name, found in (("filter", moments), ("smoothed", smoothed))}
+    smoothed = smooth(state, made.moments, snapshots, np.random.default_rng(0))
+    return {name: scored(case, _rows(found)) for name, found in (("filter", snapshots), ("smoothed", smoothed))}
 
 
-def _rows(moments: Sequence[TrackSnapshot]) -> Outcome:
+def _rows(snapshots: Sequence[TrackSnapshot]) -> Outcome:
     """What a benchmark scores of them."""
     rows = [
         (round(m.t_ns / NS * HZ), identity, *mean[:2], P[0, 0], P[0, 1], P[1, 1])
-        for m in moments
+        for m in snapshots
         for identity, mean, P in zip(m.ids, m.mean, m.covariance, strict=True)
     ]
     return Outcome(np.array(rows).reshape(-1, 7), 0.0)
@@ -66,10 +66,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             runs = [one(people, seed, colours) for seed in range(first, last + 1)]
             for name in runs[0]:
                 values = {key: np.array([run[name][key] for run in runs]) for key in SHOWN if key in runs[0][name]}
-                told = " / ".join(
+                reported = " / ".join(
                     f"{key} {v.mean():.3f} ± {v.std(ddof=1) / len(v) ** 0.5:.3f}" for key, v in values.items()
                 )
-                print(f"{people} people, {name}, {'colours' if colours else 'no colours'}: {told}", flush=True)
+                print(f"{people} people, {name}, {'colours' if colours else 'no colours'}: {reported}", flush=True)
     return 0
 
 

@@ -74,18 +74,23 @@ def room(work: Path, seed: int) -> Given:
 def crowd(work: Path, people: int, seed: int) -> Given:
     """A simulated crowd, and a gallery of what everybody wears."""
     made = scene("crowds").crowd(people, CAMERAS, FRAMES, HZ, SIZE, seed=seed, colours=APPEARANCE_BINS, alike=ALIKE)
-    looks = [(t, look) for t, group in enumerate(made.moments) for look in group]
-    frame = np.concatenate([np.full(len(look.boxes), t) for t, look in looks])
-    edges = np.concatenate([look.boxes for _, look in looks])
+    frames_of_step = [(t, frame_detections) for t, group in enumerate(made.moments) for frame_detections in group]
+    frame = np.concatenate([np.full(len(frame_detections.boxes), t) for t, frame_detections in frames_of_step])
+    edges = np.concatenate([frame_detections.boxes for _, frame_detections in frames_of_step])
     n = len(edges)
     nan, one, zero = np.full(n, np.nan), np.ones(n), np.zeros(n)
     unknown = dict.fromkeys(("bearing", "sigma", "u_px", "sigma_px", "confidence", "likeness"), nan)
     size = edges[:, 2:] - edges[:, :2]
     views = Views.of(
         t_ns=np.rint(frame * NS / HZ).astype(np.int64),
-        sensor=np.repeat([made.scene.cameras[look.camera].name for _, look in looks], [len(k.boxes) for _, k in looks]),
+        sensor=np.repeat(
+            [made.scene.cameras[frame_detections.camera].name for _, frame_detections in frames_of_step],
+            [len(k.boxes) for _, k in frames_of_step],
+        ),
         frame=frame,
-        cluster=np.concatenate([np.arange(len(look.boxes)) for _, look in looks]).astype(np.int32),
+        cluster=np.concatenate(
+            [np.arange(len(frame_detections.boxes)) for _, frame_detections in frames_of_step]
+        ).astype(np.int32),
         x_px=edges[:, [0, 2]].mean(axis=1),
         y_px=edges[:, [1, 3]].mean(axis=1),
         left_px=edges[:, 0],
@@ -97,7 +102,9 @@ def crowd(work: Path, people: int, seed: int) -> Given:
         cov_xy_px=zero,
         cov_yy_px=one,
         target_id=np.full(n, -1, dtype=np.int32),
-        appearance=np.concatenate([look.appearance for _, look in looks]).astype(np.float32),
+        appearance=np.concatenate([frame_detections.appearance for _, frame_detections in frames_of_step]).astype(
+            np.float32
+        ),
         **unknown,
     )
     boxes, where, gallery = (work / f"crowd{people}_{seed}.{end}" for end in ("parquet", "yaml", "gallery.parquet"))

@@ -67,8 +67,8 @@ def follow(made: World, priors: str, settings: Mapping[str, Any]) -> Outcome:
     """Track the target of a world; `priors` are `NONE`, `TRUE` or the exponent of uncertain ones."""
     temper = {} if priors in (NONE, TRUE) else {"temper": float(priors)}
     config = configure(ApfConfig(), {**temper, **settings})
-    told = None if priors == NONE else virtual_priors([made.truth], 0.0 if priors == TRUE else SIGMA, Q, made.seed)
-    parts = list(track([made.bearings], made.scene, TrackingTask(config, made.seed), told))
+    reported = None if priors == NONE else virtual_priors([made.truth], 0.0 if priors == TRUE else SIGMA, Q, made.seed)
+    parts = list(track([made.bearings], made.scene, TrackingTask(config, made.seed), reported))
     tracks, fared = Tracks.concat(p.tracks for p in parts), Diagnostics.concat(p.diagnostics for p in parts)
     own = made.truth.take(made.truth.target_id == TARGET)
     rows = np.searchsorted(own.t_ns, tracks.t_ns)

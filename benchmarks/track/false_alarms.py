@@ -91,10 +91,10 @@ def tally(method: str, world: str, settings: Sequence[str], seeds: Sequence[int]
     count: Counter[str] = Counter()
     nees, outside = [], []
     for seed in seeds:
-        said = one(method, world, settings, seed)
-        count.update(("runs", *(("alarms",) if said.codes else ()), *said.codes))
-        nees.append(said.nees)
-        outside.append(said.outside)
+        reported = one(method, world, settings, seed)
+        count.update(("runs", *(("alarms",) if reported.codes else ()), *reported.codes))
+        nees.append(reported.nees)
+        outside.append(reported.outside)
     codes = {code: n for code, n in count.items() if code not in ("runs", "alarms")}
     far = max(outside)
     print(f"| {method} | {world} | {count['runs']} | {count['alarms']} | {codes or ''} ", end="")

@@ -51,8 +51,8 @@ def by_triangulation(boxes: Floats, matrices: dict[int, Floats], out: int) -> di
         now = boxes[boxes[:, 0] == frame]
         middles = {c: 0.5 * (now[now[:, 1] == c, 2:4] + now[now[:, 1] == c, 4:6]) for c in CAMERAS}
         own = middles.pop(out)
-        places = groups(middles, matrices)
-        pixels = np.array([projected(matrices[out], place) for place in places]).reshape(-1, 2)
+        positions = groups(middles, matrices)
+        pixels = np.array([projected(matrices[out], position) for position in positions]).reshape(-1, 2)
         inside = ((pixels >= 0.0) & (pixels < [1920.0, 1024.0])).all(axis=1)
         distance = np.linalg.norm(own[:, None] - pixels[None, inside], axis=2)
         away += [float(distance[i, j]) for i, j in pair_within(distance, GATE_PX)]

@@ -145,9 +145,9 @@ def follow(recording: Recording, method: str) -> Outcome:
         settling_s=SKIP_S,
         prior_covariance=(12.0, 0.0, 6.75),
     )
-    told = evaluate(tracks, truth, None, recording.scene, how, measured=(recording.table, measured, None))
+    reported = evaluate(tracks, truth, None, recording.scene, how, measured=(recording.table, measured, None))
     name = "settled_smoothed_bound_rmse_m" if method == "map" else "settled_bound_rmse_m"
-    return Outcome(square, told.metrics[name] ** 2, nees, flagged, squares)
+    return Outcome(square, reported.metrics[name] ** 2, nees, flagged, squares)
 
 
 def one_moment(recording: Recording, rows: Ints, config: DistanceMeasurementConfig) -> float:

@@ -84,17 +84,17 @@ def run_of(case: Case, recording: Path, px: float) -> Run:
     folder = annotations()
     assert folder is not None
     true = np.loadtxt(folder / "boxes_true.csv", delimiter=",", skiprows=1)
-    state, looks, moments, whose = initial_state(inputs.scene, inputs.cameras, inputs.config), [], [], []
+    state, looks, snapshots, owner = initial_state(inputs.scene, inputs.cameras, inputs.config), [], [], []
     for group in inputs.time_steps:
         looks.append([each.detections for each in group])
-        state, moment = step(state, looks[-1])
-        moments.append(moment)
+        state, snapshot = step(state, looks[-1])
+        snapshots.append(snapshot)
         own = []
         for each in group:
             here = true[(true[:, 0] == each.frame) & (true[:, 1] == each.detections.camera + 1)]
             own.append(_whose(each.detections.boxes, here, px, case.size))
-        whose.append(np.concatenate(own))
-    return Run(state, looks, moments, whose)
+        owner.append(np.concatenate(own))
+    return Run(state, looks, snapshots, owner)
 
 
 def _whose(boxes: Floats, true: Floats, px: float, size: tuple[int, int]) -> Ints:
@@ -112,12 +112,12 @@ def _whose(boxes: Floats, true: Floats, px: float, size: tuple[int, int]) -> Int
 
 def told(run: Run, case: Case) -> tuple[Outcome, list[AssociatedPeople]]:
     """The smoother's tracks with the boxes of each person, and what the boxes of each moment say."""
-    state, moments = run.state, run.moments
-    packed = [smoother._scored(state, g, m.t_ns) for g, m in zip(run.looks, moments, strict=True)]
-    span = smoother.span_of(state, packed, moments)
+    state, snapshots = run.state, run.moments
+    packed = [smoother._scored(state, g, m.t_ns) for g, m in zip(run.looks, snapshots, strict=True)]
+    span = smoother.span_of(state, packed, snapshots)
     rates = smoother._rates(state, span)
     c = state.config
-    frames = [round(m.t_ns / NS * case.fps) for m in moments]
+    frames = [round(m.t_ns / NS * case.fps) for m in snapshots]
     place = {(int(f), int(k)): (x, y) for f, k, x, y in case.truth}
     states: dict[tuple[int, int], Floats] = {}
     for (f, k), (x, y) in place.items():
@@ -125,7 +125,7 @@ def told(run: Run, case: Case) -> tuple[Outcome, list[AssociatedPeople]]:
     square = (smoother.INITIAL_SCALE_M * state.metre) ** 2
     law = feature_likelihood(state.cues.likeness)
     for _ in range(PASSES):
-        found = [_found(state, packed[k], rates, frames[k], run.whose[k], states) for k in range(len(moments))]
+        found = [_found(state, packed[k], rates, frames[k], run.whose[k], states) for k in range(len(snapshots))]
         own: float | Floats = square
         tracks = tracks_from(found, span, c, state.birth_map, own, free=False, law=law)
         for _ in range(smoother.REFINEMENTS):
@@ -147,19 +147,19 @@ def _found(
     boxes: PackedDetections,
     rates: DetectorModel,
     frame: int,
-    whose: Ints,
+    owner: Ints,
     states: dict[tuple[int, int], Floats],
 ) -> AssociatedPeople:
     """What the boxes of a moment say of those whose they are."""
-    people = np.array([k for k in np.unique(whose[whose != NO_NODE]).tolist() if (frame, k) in states], dtype=np.int64)
+    people = np.array([k for k in np.unique(owner[owner != NO_NODE]).tolist() if (frame, k) in states], dtype=np.int64)
     mean = np.array([states[frame, k] for k in people.tolist()]).reshape(-1, 6)
     covariance = np.broadcast_to(np.eye(6) * SPREAD_M**2, (len(people), 6, 6)).copy()
-    share = np.where(whose == people[:, None], SURE, 0.0)
+    share = np.where(owner == people[:, None], SURE, 0.0)
     # Boxes of nobody are taken, so that nobody new is made of them
     who = PredictedPeople(people, mean, covariance, np.full(len(people), SURE))
-    hints = np.full((len(whose), 2), NO_NODE)
+    hints = np.full((len(owner), 2), NO_NODE)
     seen = AssociatedBoxes(who, share, np.zeros_like(share), np.ones((len(boxes.camera), len(people))))
-    found = assign_boxes(state, boxes, rates, hints, np.full((len(whose), 0), np.nan), seen)
+    found = assign_boxes(state, boxes, rates, hints, np.full((len(owner), 0), np.nan), seen)
     keep = found.track != NO_NODE
     return AssociatedPeople(
         *(v[:, keep] if name == "given" else v[keep] for name, v in zip(AssociatedPeople._fields, found, strict=True))
@@ -216,11 +216,11 @@ def _smoothed(places: Sequence[tuple[int, Floats, Floats]], first: int, last: in
     return np.array([np.linalg.solve(A + stiff * bend + 1e-9 * np.eye(2 * n), b).reshape(n, 2) for stiff in STIFF])
 
 
-def outcome(moments: Sequence[TrackSnapshot], case: Case) -> Outcome:
+def outcome(snapshots: Sequence[TrackSnapshot], case: Case) -> Outcome:
     """Rows of a tracker."""
     rows = [
         (round(m.t_ns / NS * case.fps), k, *x[:2], P[0, 0], P[0, 1], P[1, 1])
-        for m in moments
+        for m in snapshots
         for k, x, P in zip(m.ids, m.mean, m.covariance, strict=True)
     ]
     return Outcome(np.array(rows), 0.0)

@@ -85,18 +85,20 @@ def baseline_step(ref: ModuleType, scene: Scene, state: apf.ApfState, scan: Scan
 def parts_of(state: apf.ApfState, scan: Scan, rng: np.random.Generator) -> dict[str, Callable[[], Any]]:
     """The dearer parts of a step."""
     model, particles = state.model, state.particles
-    looks = pack_scan(scan, model.read_px, True)
+    detections_of_step = pack_scan(scan, model.read_px, True)
     free = on_floor(particles.xy, *model.floor)
     arrived = waypoint.reached(particles, model.motion, model.floor)
     packed = model.sensors, model.noise, model.detection
-    places = destinations(model, particles.xy, rng)
-    chance, mean, variance = waypoint.hypotheses(particles, arrived, places, np.zeros(len(places)), 1.0, model.motion)
+    positions = destinations(model, particles.xy, rng)
+    chance, mean, variance = waypoint.hypotheses(
+        particles, arrived, positions, np.zeros(len(positions)), 1.0, model.motion
+    )
     given = mean.reshape(-1, 2), variance.reshape(-1), (chance * state.weights).reshape(-1) > 0.0
-    rows = importance.measurements(looks, *packed)
+    rows = importance.measurements(detections_of_step, *packed)
     return {
-        "likelihood (twice a step) us": lambda: log_likelihood(particles.xy, looks, *packed, free),
+        "likelihood (twice a step) us": lambda: log_likelihood(particles.xy, detections_of_step, *packed, free),
         "on the floor (3 times a step) us": lambda: on_floor(particles.xy, *model.floor),
-        "approximations of the posterior us": lambda: importance.adapt(*given, looks.first, rows),
+        "approximations of the posterior us": lambda: importance.adapt(*given, detections_of_step.first, rows),
         "draw and move us": lambda: move(model, particles, arrived, 1.0, rng),
         "scan to arrays us": lambda: pack_scan(scan, model.read_px, True),
     }

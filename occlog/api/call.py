@@ -54,7 +54,7 @@ def settings_by_class(
         if name not in known:
             near = nearest(name, [*arguments, *known], owner=verb)
             hint = f"did you mean {' or '.join(map(repr, near))}?" if near else f"it has: {', '.join(known)}"
-            raise UsageError(f"{verb} has no setting {name!r}; {hint}")
+            raise UsageError(f"{verb} has no setting {name!r}; {hint}", id="unknown-key")
     return [
         {own[name]: declared_value(of, own[name], value) for name, value in keywords.items() if name in own}
         for own, (_, of) in zip(names, classes, strict=True)
@@ -120,8 +120,8 @@ def call(
         request = _fitting(request, outputs)
         done = run(request, overwrite=arguments.get("overwrite", False), quiet=not arguments.get("progress", False))
         found = {name: of(request) for name, of in more.items()}
-        said = [inputs.named(text) for text in notes]
-    warnings, notes_left = sentences(said)
+        note = [inputs.named(text) for text in notes]
+    warnings, notes_left = sentences(note)
     losses = tuple(dict.fromkeys((*done.earlier, *done.losses)))
     warn(warnings, losses)
     tables = tables_in(home, [path.stem for path in outputs.values()])
@@ -182,12 +182,12 @@ def check_taken(
         owners = [kind for kind, names in kinds.items() if name in names]
         if owners or name in given:
             hint = f", or choose one that has it: {', '.join(owners)}" if owners else ""
-            raise UsageError(f"{name} is not an argument of {called}; leave it out{hint}")
+            raise UsageError(f"{name} is not an argument of {called}; leave it out{hint}", id="not-applicable")
     tables = [entry.field for entry in entries if entry.file is not None and entry.file.asked == "also"]
     for name in also:
         if name not in tables:
             known = ", ".join(tables) or "none"
-            raise UsageError(f"also: {called} has no table {name!r} on request; it has: {known}")
+            raise UsageError(f"also: {called} has no table {name!r} on request; it has: {known}", id="unknown-name")
 
 
 def _arguments_of(form: Form) -> set[str]:
@@ -254,7 +254,7 @@ def _plugged(value: Sequence[str] | Mapping[str, Mapping[str, Any]], kind: str, 
 
 
 def _text(value: object) -> str:
-    """A text, or numbers with commas."""
+    """Text of a value as an option takes it: a sequence as its items with commas."""
     return ",".join(map(str, value)) if isinstance(value, Iterable) and not isinstance(value, str) else str(value)
 
 

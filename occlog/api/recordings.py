@@ -194,19 +194,21 @@ def read_scene(source: SceneSource) -> Scene:
         path = inputs.scene(source)
         found = None if path is None else scene_in(path)
         if found is None:
-            raise UsageError(f"{path}: this recording holds no scene; give a scene file")
+            raise UsageError(f"{path}: this recording holds no scene; give a scene file", id="missing-scene")
         return found
 
 
 def _table_of(name: str) -> type[Rows]:
     if name not in TABLES:
-        raise UsageError(f"no table {name!r}; {did_you_mean(name, TABLES)}")
+        raise UsageError(f"no table {name!r}; {did_you_mean(name, TABLES)}", id="unknown-name")
     return TABLES[name]
 
 
 def _only(names: tuple[str, ...], wanted: str | None) -> str:
     if wanted is None and len(names) != 1:
-        raise UsageError(f"the recording holds {', '.join(names) or 'no table'}; state which table to read")
+        raise UsageError(
+            f"the recording holds {', '.join(names) or 'no table'}; state which table to read", id="ambiguous-input"
+        )
     return names[0] if wanted is None else wanted
 
 

@@ -70,7 +70,9 @@ class Result:
     def __getitem__(self, name: str) -> Table:
         """A table of the result; InputError if no table has that name."""
         if name not in self.tables:
-            raise InputError(f"the result has no table {name!r}; it has {', '.join(self.tables) or 'none'}")
+            raise InputError(
+                f"the result has no table {name!r}; it has {', '.join(self.tables) or 'none'}", id="unknown-name"
+            )
         return self.tables[name]
 
     def __repr__(self) -> str:
@@ -215,11 +217,11 @@ def tables_in(folder: Folder, names: Iterable[str]) -> dict[str, Table]:
 
 def sentences(notes: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """The warnings among the notes of a command, without that word, and the rest."""
-    said = list(dict.fromkeys(notes))
+    note = list(dict.fromkeys(notes))
     mark = "warning: "
     return (
-        tuple(text.removeprefix(mark) for text in said if text.startswith(mark)),
-        tuple(text.removeprefix("note: ") for text in said if not text.startswith(mark)),
+        tuple(text.removeprefix(mark) for text in note if text.startswith(mark)),
+        tuple(text.removeprefix("note: ") for text in note if not text.startswith(mark)),
     )
 
 

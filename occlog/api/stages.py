@@ -461,9 +461,9 @@ def simulate(
         OutputExistsError: the output is there, and may not be replaced.
     """
     if kind is not None and scene is not None:
-        raise UsageError(f"kind {kind!r} makes its own scene; leave the scene out")
+        raise UsageError(f"kind {kind!r} makes its own scene; leave the scene out", id="conflicting-options")
     if kind is None and scene is None:
-        raise UsageError("no scene: give one, or kind='balls' or 'people'")
+        raise UsageError("no scene: give one, or kind='balls' or 'people'", id="missing-scene")
     arguments = dict(locals())
     chosen = kind or ("walkers" if paths is None else "paths")
     form = SIMULATE_VERB.form(chosen)
@@ -718,5 +718,5 @@ def overlay(
     if isinstance(tracks, TrackResult):
         tracks = tracks.tracks
     if video is None and frame is None:
-        raise UsageError("no output: give video (a file to make), frame (a number), or both")
+        raise UsageError("no output: give video (a file to make), frame (a number), or both", id="missing-option")
     return call(Form(OverlayRequest), dict(locals()), OverlayResult, png=_picture)

@@ -97,7 +97,9 @@ class Table:
             InputError: there is no such column.
         """
         if column not in self.columns:
-            raise InputError(f"{self.name} has no column {column!r}; it has {', '.join(self.columns)}")
+            raise InputError(
+                f"{self.name} has no column {column!r}; it has {', '.join(self.columns)}", id="missing-column"
+            )
         values = self._read([column]).column(column)
         return np.asarray(values.to_numpy(zero_copy_only=False) if values.num_chunks else [])
 
@@ -130,7 +132,9 @@ class Table:
         try:
             import polars
         except ImportError:
-            raise UsageError("polars is not installed; install it (`pip install polars`), or use to_pandas") from None
+            raise UsageError(
+                "polars is not installed; install it (`pip install polars`), or use to_pandas", id="missing-package"
+            ) from None
         frame = polars.from_arrow(self._read(None, datetimes))
         assert isinstance(frame, polars.DataFrame)  # from_arrow makes a Series of an array only
         return frame

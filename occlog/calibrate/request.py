@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from occlog.request import Request, group, output_file, scene_file, seed_of_all, source
+from occlog.io.formats.calibration.outputs import format_of, is_folder
+from occlog.request import Request, group, output_file, scene_file, seed_of_all, sink, source
 from occlog.settings import setting
 
 from .config import CalibrateConfig
@@ -20,12 +21,18 @@ class CalibrateRequest(Request):
     RECORDING has boxes of all cameras (of `occlog ingest --boxes`, or views of `occlog detect`). Intrinsics are those
     of its scene. Poses of the scene are where the search starts; without them, or with --ignore-poses, the result has
     its origin below one of the cameras, and its scale is that of --person-height. No markers, no chessboard, no labels
-    and no synchronised clocks are needed; a minute of three or more people who walk where cameras overlap is.
+    and no synchronised clocks are needed; a minute of three or more people who walk where cameras overlap is. Where
+    nothing is known of a lens but the size of the images, its focal length is estimated too.
+
+    With --board, RECORDING is a video, a folder of images or a recording of a chessboard or ChArUco board, and the
+    result has the intrinsics of each camera.
 
     \b
       occlog calibrate walk.mcap -o scene.yaml
       occlog calibrate walk.mcap --scene rough.yaml --sigma-position 1 --sigma-angle 10 -o scene.yaml
       occlog calibrate walk.mcap --ignore-poses --focal -o scene.yaml
+      occlog calibrate walk.mcap --points clicked.csv -o scene.yaml
+      occlog calibrate board.mp4 --board 9x6 -o lens.yaml
       occlog track walk.mcap --scene scene.yaml -o tracks.parquet
     """
 
@@ -33,8 +40,12 @@ class CalibrateRequest(Request):
     RUN: ClassVar[str] = "occlog.calibrate.run:run_calibrate"
     JUDGED: ClassVar[bool] = True
 
-    recording: Path = source("Recording or views with boxes.", argument=True)
-    output: Path = output_file("Scene with the calibrated cameras (YAML).", result="scene")
+    recording: Path = source("Recording or views with boxes; with --board also a video or images.", argument=True)
+    output: Path = output_file(
+        "Scene with the calibrated cameras (YAML), or a calibration by its name: a folder opencv, colmap or "
+        "camera_info, a file camchain.yaml.",
+        result="scene",
+    )
     scene: Path | None = scene_file()
     ignore_poses: bool = setting(
         False,
@@ -56,7 +67,47 @@ class CalibrateRequest(Request):
         option="--radial",
         shown="",
     )
+    points: Path | None = source(
+        "Table of points of the floor that were marked in images: camera,u,v,x,y and perhaps z. Four or more of a "
+        "camera give its rough pose, and its focal length where that is not known.",
+        metavar="FILE",
+    )
+    picture: Path | None = sink(
+        "Picture (PNG) for the eye: the grid of the floor on an image of each camera, and the residuals of its boxes.",
+        asked="never",
+        suffix=".png",
+        metavar="FILE",
+    )
+    board: str | None = setting(
+        None,
+        "Calibrate lenses from this board: numbers of inner corners of a chessboard, or of squares of a ChArUco board, "
+        "across and down.",
+        option="--board",
+        metavar="COLUMNSxROWS",
+        shown="",
+    )
+    dictionary: str = setting(
+        "",
+        "Markers of a ChArUco board, a dictionary of OpenCV, such as 4X4_50 or 5X5_100.",
+        option="--dictionary",
+        metavar="NAME",
+        shown="a chessboard",
+    )
+    marker: float = setting(
+        0.75,
+        "Side of a marker of a ChArUco board, as a share of that of a square.",
+        above=0,
+        below=1,
+        option="--marker",
+        metavar="SHARE",
+    )
     cameras: tuple[str, ...] = setting((), "Use these cameras only.", option="--cameras", metavar="A,B,...", shown="")
     without: tuple[str, ...] = setting((), "Exclude these cameras.", option="--without", metavar="A,B,...", shown="")
     settings: Mapping[str, object] = group(lambda: CalibrateConfig, example="rounds=3")
     seed: int = seed_of_all()
+
+    @property
+    def outputs(self) -> list[Path]:
+        """Every file that is written, without a calibration in a folder, which the run checks."""
+        form = format_of(self.output)
+        return [path for path in super().outputs if path != self.output or form is None or not is_folder(path, form)]

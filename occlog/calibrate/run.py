@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from occlog import console
-from occlog.array_types import NS
+from occlog.array_types import NS, Floats
 from occlog.core.geometry.camera import angles_from_rotation
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.io.files.atomic import write_bytes
-from occlog.io.formats.scenes.scene import scene_to_yaml
+from occlog.io.formats.calibration.outputs import format_of
+from occlog.io.formats.calibration.points import read_marked_points
+from occlog.io.formats.calibration.writer import check_calibration
+from occlog.records.frames import Image
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Clock, Scene
 from occlog.records.verdicts import Check, finding, outcome, summary_of, texts_of
@@ -22,13 +26,16 @@ from occlog.track.people.frame_detections import FrameDetectionsWithIds
 from occlog.track.people.inputs import ImageInput
 from occlog.track.request import TrackInImagesRequest
 
-from .adjustment import LATE
+from .adjustment import FOCAL, LATE
 from .config import CalibrateConfig
+from .focal import FocalEstimate, focal_of_people, lens_unknown, with_focal
+from .marked import MarkedPose, pose_of_points
+from .output import write_scene
 from .request import CalibrateRequest
-from .stage import Calibrated, CameraResult, calibrate
+from .stage import SIGMA_LOG_FOCAL, Calibrated, CameraResult, calibrate, tracks_in_images
 
 CAMERAS, PARAMETERS, SEARCH = "cameras calibrated", "parameters determined", "convergence"
-STATED, CLOCKS = "stated poses", "clocks of cameras"
+STATED, CLOCKS, LENSES = "stated poses", "clocks of cameras", "lenses from people"
 """Names of checks."""
 MAX_MOVED = 4.0
 """Largest correction of a stated position or yaw, in stated standard deviations."""
@@ -41,48 +48,140 @@ MAX_BOXES = 60_000
 def run_calibrate(request: CalibrateRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """Calibrate and write; return the summary, and previous losses."""
     config = configure(CalibrateConfig(), request.settings)
+    form = format_of(request.output)
+    if form is not None:
+        check_calibration(request.output, form, job.overwrite)
+    if request.board is not None:
+        from .board_run import run_board
+
+        return run_board(request, job)
     inputs = ImageInput(
         TrackInImagesRequest(
             bearings=request.recording, output=request.output, method="sort", scene=request.scene,
             cameras=request.cameras, without=request.without,
-        )
+        ),
+        in_world_time=True,
     )  # fmt: skip
-    unknown = [c.name for c in inputs.cameras if float(c.focal_px[0]) <= 1.0]
-    if unknown:
-        raise InputError(
-            f"{request.recording}: no focal length of camera {', '.join(unknown)}; give a scene with focal_px and "
-            "image_size_px of each camera"
-        )
+    for line in inputs.notes:
+        job.note(line)
     if len(inputs.cameras) < 2:
-        raise InputError(f"{request.recording}: boxes of one camera; cameras are calibrated against each other")
-    cameras = [replace(c, placed=False) if request.ignore_poses else c for c in inputs.cameras]
+        raise InputError(
+            f"{request.recording}: boxes of one camera; cameras are calibrated against each other", id="too-few-sensors"
+        )
     frames = _first_frames(inputs.frames, job)
     metre = 1.0 / METRES[inputs.scene.length_unit] if inputs.scene.length_unit in METRES else 1.0
     estimate = [name for name in ("focal", "radial") if getattr(request, name)]
     try:
+        start = _start(request, inputs.cameras, frames, config.person_height * metre)
+        cameras = start.cameras
         found = calibrate(
             frames, inputs.scene, cameras, config, metre, estimate, request.seed,
-            step=lambda name: console.note(f"calibrate: {name}", job.quiet),
+            step=lambda name: console.note(f"calibrate: {name}", job.quiet), sigma_log_focal=start.sigma_log_focal,
         )  # fmt: skip
     except InputError as error:
         raise InputError(f"{request.recording}: {error}") from error
     stated = any(c.has_height for c in cameras)
     made = job.provenance({**asdict(config), "ignore_poses": request.ignore_poses, "estimate": estimate}, inputs.losses)
-    made = made.with_checks(_checks(found, cameras, config, metre))
+    made = made.with_checks((*_checks(found, cameras, config, metre), *start.checks(found)))
     scene = _scene(inputs.scene, found, placed=stated)
-    write_bytes(
-        request.output, (_comment(found, inputs.scene.length_unit) + scene_to_yaml(scene)).encode(), job.overwrite
-    )
+    if request.picture is not None:
+        from .picture import picture
+
+        write_bytes(request.picture, picture(found, _images(inputs, found), metre), job.overwrite)
+    write_scene(request.output, scene, _comment(found, scene.length_unit), job)
     console.note_findings(texts_of(made.judged, "calibrate"), job.quiet)
-    summary = {
+    summary: dict[str, object] = {
         "scene": str(request.output),
+        **({} if request.picture is None else {"picture": str(request.picture)}),
         "people": found.people,
         "mean_height": round(found.mean_height, 3),
         "cameras": {each.camera.name: _figures(each) for each in found.cameras},
         "sigma_all_cameras": _frame(found),
         "error_correlation": round(found.correlation, 2),
     }
+    if start.marked:
+        summary["marked_points"] = {each.camera.name: _marked_figures(each) for each in start.marked}
     return {**summary, **summary_of(made.judged)}, inputs.losses
+
+
+def _images(inputs: ImageInput, found: Calibrated) -> dict[str, Image]:
+    """An image of each camera in the middle of a recording that has images."""
+    recording, middle_ns = inputs.opened.recording, round(float(np.median(found.seen.time)) * NS)
+    out: dict[str, Image] = {}
+    for name in () if recording is None else recording.cameras:
+        frames = recording.frames([name])  # type: ignore[union-attr]
+        frame = next((each for each in frames if each.t_ns >= middle_ns), None)
+        if frame is not None:
+            try:
+                out[name] = frame.decode()
+            except InputError as error:
+                console.note(f"picture without an image of {name}: {error}")
+    return out
+
+
+class Start(NamedTuple):
+    """Where the search begins.
+
+    Attributes:
+        cameras: with the poses that are stated, or follow from marked points.
+        sigma_log_focal: (C,) standard deviations of the logarithms of focal lengths; 0: held.
+        marked: cameras with marked points.
+        guessed: focal lengths of cameras of which the image size alone is known, by name.
+    """
+
+    cameras: list[Camera]
+    sigma_log_focal: Floats
+    marked: list[MarkedPose]
+    guessed: dict[str, FocalEstimate]
+
+    def checks(self, found: Calibrated) -> tuple[Check, ...]:
+        """Findings of lenses that were estimated."""
+        out = []
+        for each in found.cameras:
+            if each.estimated and each.camera.name in self.guessed:
+                focal, sigma = float(each.camera.focal_px[0]), float(each.sigma[FOCAL])
+                values = {"focal": focal, "sigma": sigma * focal} if "focal length" not in each.undetermined else {}
+                guess = self.guessed[each.camera.name]
+                values = values or {"focal": focal, "sigma": guess.sigma_log * focal}
+                out.append(finding(LENSES, "lens-from-people", sensors=[each.camera.name], **values))
+        return outcome(LENSES, out, unless="" if self.guessed else "lenses are stated")
+
+
+def _start(
+    request: CalibrateRequest, cameras: Sequence[Camera], frames: Sequence[FrameDetectionsWithIds], height: float
+) -> Start:
+    """Poses of marked points, and focal lengths of cameras of which the image size alone is known."""
+    out = [replace(c, placed=False) if request.ignore_poses else c for c in cameras]
+    sigma = np.full(len(out), SIGMA_LOG_FOCAL if request.focal else 0.0)
+    marked: list[MarkedPose] = []
+    guessed: dict[str, FocalEstimate] = {}
+    points = {} if request.points is None else read_marked_points(request.points, [c.name for c in cameras])
+    for c, camera in enumerate(cameras):
+        unknown = lens_unknown(camera)
+        if camera.name in points:
+            asked = with_focal(camera, 1.0) if unknown and camera.image_size is not None else camera
+            found = pose_of_points(asked, *points[camera.name])
+            out[c], sigma[c] = found.camera, max(float(sigma[c]), found.sigma_focal)
+            marked.append(found)
+        elif unknown:
+            if camera.image_size is None:
+                remedy = f"give {option('image_size')} to ingest, or a scene with focal_px and image_size_px"
+                raise InputError(f"nothing is known of the lens of camera {camera.name}; {remedy}")
+            guess = focal_of_people(camera, tracks_in_images(frames, c, camera), height)
+            guessed[camera.name] = guess
+            out[c], sigma[c] = with_focal(camera, guess.focal_px), guess.sigma_log
+    return Start(out, sigma, marked, guessed)
+
+
+def _marked_figures(each: MarkedPose) -> dict[str, object]:
+    """Figures of a camera with marked points."""
+    return {
+        "points": each.points,
+        "residual_px": round(each.residual_px, 2),
+        "sigma_position": [round(float(v), 3) for v in each.sigma_position],
+        "focal_px": round(float(each.camera.focal_px[0]), 1),
+        "sigma_focal_px": round(each.sigma_focal * float(each.camera.focal_px[0]), 1),
+    }
 
 
 def _first_frames(frames: Iterable[FrameDetectionsWithIds], job: Job) -> list[FrameDetectionsWithIds]:

@@ -112,6 +112,8 @@ class Calibrated(NamedTuple):
         covariance: (C 9, C 9) of the parameters, relative to all cameras together.
         correlation: factor by which the correlation of the boxes' errors in time widens variances.
         converged: the adjustment ended by itself.
+        seen: boxes that determine it.
+        residual: (N, 4) of them, observed minus expected edges [px]; NaN: not used.
     """
 
     cameras: list[CameraResult]
@@ -121,6 +123,8 @@ class Calibrated(NamedTuple):
     covariance: Floats
     correlation: float
     converged: bool
+    seen: Observations
+    residual: Floats
 
 
 class _Estimate(NamedTuple):
@@ -142,6 +146,7 @@ def calibrate(
     estimate: Collection[str] = (),
     seed: int = 0,
     step: Callable[[str], None] = lambda _: None,
+    sigma_log_focal: Floats | None = None,
 ) -> Calibrated:
     """Calibrate cameras and clocks.
 
@@ -154,13 +159,15 @@ def calibrate(
         estimate: more than poses and clocks: `focal`, `radial`.
         seed: of the tracker's random numbers.
         step: is called with the name of each step.
+        sigma_log_focal: (C,) prior standard deviations of the logarithms of focal lengths that are estimated; 0: held;
+            None: `SIGMA_LOG_FOCAL` for all with `focal` in `estimate`.
 
     Raises:
         InputError: no two cameras see the same people.
     """
     C, height = len(cameras), config.person_height * metre
     step("track")
-    boxes = [_tracks(frames, c, camera) for c, camera in enumerate(cameras)]
+    boxes = [tracks_in_images(frames, c, camera) for c, camera in enumerate(cameras)]
     planes = [
         ground_plane(camera, np.concatenate([np.zeros((0, 4)), *(b for _, b in own)]), height)
         for camera, own in zip(cameras, boxes, strict=True)
@@ -173,7 +180,8 @@ def calibrate(
     if np.count_nonzero(used) < 2:
         raise InputError(
             "no two cameras see the same people for 3 s; record people who walk where cameras overlap, or raise "
-            f"{option('max_clock_offset')}"
+            f"{option('max_clock_offset')}",
+            id="insufficient-data",
         )
     now = _initial(cameras, planes, poses, times[1] - times[0])
     placed = [
@@ -195,6 +203,8 @@ def calibrate(
     window_s = default_window(list(frames)) / NS
     step("adjust")
     sigma = _prior_sigmas(C, estimate, clocks=config.max_clock_offset > 0.0)
+    if sigma_log_focal is not None:
+        sigma[:, FOCAL] = sigma_log_focal
     done, seen = _adjusted(rows, now, used, body, sigma, window_s)
     for _ in range(config.rounds):
         now = _scaled_to(_Estimate(done.cameras, now.late + done.values[:, LATE]), height / done.mean_height)
@@ -212,7 +222,7 @@ def calibrate(
     return _placed(cameras, done, seen, now.late + done.values[:, LATE], used, config, metre, loose)
 
 
-def _tracks(frames: Sequence[FrameDetectionsWithIds], c: int, camera: Camera) -> list[tuple[Floats, Floats]]:
+def tracks_in_images(frames: Sequence[FrameDetectionsWithIds], c: int, camera: Camera) -> list[tuple[Floats, Floats]]:
     """Stamped times [s] and boxes of the tracks in the images of one camera."""
     tracks = CameraTracks(camera, SortConfig())
     for each in frames:
@@ -227,7 +237,9 @@ def _grid(boxes: Sequence[Sequence[tuple[Floats, Floats]]]) -> Floats:
     """(T,) times at which paths are compared [s]."""
     every = [t for own in boxes for t, _ in own if len(t) > 1]
     if not every:
-        raise InputError("no person is tracked in the images of any camera; give boxes of people who walk")
+        raise InputError(
+            "no person is tracked in the images of any camera; give boxes of people who walk", id="insufficient-data"
+        )
     step = max(GRID_S, float(np.median([np.median(np.diff(t)) for t in every])))
     first, last = min(t[0] for t in every), max(t[-1] for t in every)
     return np.asarray(first + step * np.arange(min(int((last - first) / step) + 2, MAX_GRID)))
@@ -468,8 +480,9 @@ def _placed(
     with np.errstate(divide="ignore"):
         frame = 1.0 / np.sqrt(information)
     return Calibrated(
-        results, len(seen.first) - 1, done.mean_height * scale, frame, covariance, done.correlation, done.converged
-    )
+        results, len(seen.first) - 1, done.mean_height * scale, frame, covariance, done.correlation, done.converged,
+        seen, done.residual,
+    )  # fmt: skip
 
 
 def _inner(covariance: Floats, cameras: Sequence[Camera], own: Ints, scale: float, turned: Floats) -> Floats:

@@ -225,12 +225,14 @@ def check_common(ctx: click.Context) -> None:
     origin: Any = ctx.find_root().meta.get(ORIGIN)
     if origin is not None and not origin.used:
         raise UsageError(
-            f"{spelled_option('origin')}: nothing that was read has latitudes and longitudes; leave it out"
+            f"{spelled_option('origin')}: nothing that was read has latitudes and longitudes; leave it out",
+            id="not-applicable",
         )
     stated: Any = ctx.find_root().meta.get(STATED)
     unused = () if stated is None else stated.unused()
     if unused:
         raise UsageError(
             f"{spelled_option('input_units')} {','.join(unused)}: no table that was read has such a column without a "
-            "unit in its name; outputs were made without it"
+            "unit in its name; outputs were made without it",
+            id="unknown-column",
         )

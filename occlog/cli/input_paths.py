@@ -64,7 +64,7 @@ def check_there(ctx: click.Context) -> None:
 
 def no_such_file(path: Path) -> InputError:
     """The error for a file that is missing, with the nearest name in its folder."""
-    return InputError(f"{path}: no such file{_nearest(path)}")
+    return InputError(f"{path}: no such file{_nearest(path)}", id="file-not-found")
 
 
 def is_missing(path: Path) -> bool:
@@ -101,7 +101,7 @@ def standard_input() -> Iterator[Path]:
     import tempfile
 
     if sys.stdin is None or sys.stdin.isatty():
-        raise InputError(f"{NAME}: is a terminal; name a file, or pipe one into the command")
+        raise InputError(f"{NAME}: is a terminal; name a file, or pipe one into the command", id="not-a-file")
     with tempfile.TemporaryDirectory(prefix="occlog-", ignore_cleanup_errors=True) as folder:
         path = Path(folder) / STANDARD_INPUT
         ALIASES[str(path)] = NAME
@@ -121,4 +121,4 @@ def _copy(path: Path) -> None:
             f"{path.parent}: cannot keep standard input: {error.strerror or error}; free some space"
         ) from error
     if not path.stat().st_size:
-        raise InputError(f"{NAME}: is empty; the command before the pipe wrote nothing")
+        raise InputError(f"{NAME}: is empty; the command before the pipe wrote nothing", id="empty-input")

@@ -8,6 +8,7 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,7 +20,7 @@ from occlog.console.notes import DRY_RUN, NOTED_ONCE, QUIET, DryRunPlan, DryRunS
 from occlog.errors import ExitCode, OcclogError, OutputExistsError, nearest
 
 from . import streams
-from .startup import allow_open_files, open_files_limit
+from .startup import UnknownNameError, allow_open_files, open_files_limit
 
 
 class Command(NamedTuple):
@@ -155,6 +156,7 @@ COMMANDS = {
 """Every command, by group and in the order of a pipeline; a table of text, so that --help loads none of the modules."""
 
 
+@cache
 def load_command(name: str) -> click.Command:
     """The command of that name in `COMMANDS`; its module is imported here."""
     where, summary, _ = COMMANDS[name]
@@ -227,7 +229,7 @@ class LazyGroup(click.Group):
         if args and args[0] not in COMMANDS and not args[0].startswith("-"):
             near = nearest(args[0], COMMANDS)
             hint = f"Did you mean {near[0]!r}?" if near else f"Commands: {', '.join(COMMANDS)}."
-            ctx.fail(f"No such command {args[0]!r}. {hint}")
+            raise UnknownNameError(f"No such command {args[0]!r}. {hint}", ctx)
         return super().resolve_command(ctx, args)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -288,8 +290,8 @@ def run(args: list[str] | None = None) -> int:
     except (click.exceptions.Abort, KeyboardInterrupt):
         INTERRUPTS.end()
         if INTERRUPTS.terminated:
-            return _fail("terminated", ExitCode.TERMINATED, words)
-        return _fail("interrupted", ExitCode.INTERRUPTED, words)
+            return _fail(Explained("terminated", ExitCode.TERMINATED, "terminated"), words)
+        return _fail(Explained("interrupted", ExitCode.INTERRUPTED, "interrupted"), words)
     except click.exceptions.Exit as stop:
         return int(stop.exit_code)
     except click.exceptions.NoArgsIsHelpError as error:
@@ -301,7 +303,7 @@ def run(args: list[str] | None = None) -> int:
         explained = explain(error)
         if explained.code == ExitCode.BUG and os.environ.get(DEBUG):
             raise
-        return _fail(explained.message, explained.code, words)
+        return _fail(explained, words)
 
 
 class Explained(NamedTuple):
@@ -309,6 +311,7 @@ class Explained(NamedTuple):
 
     message: str  # one line
     code: ExitCode
+    id: str  # one of `occlog.records.error_ids.ERRORS`
 
 
 def explain(error: Exception) -> Explained:
@@ -320,21 +323,34 @@ def explain(error: Exception) -> Explained:
             from .setting_options import unknown_option
 
             message = unknown_option(error.option_name, error.ctx.command.params)
-        return Explained(f"{message}; see {path} --help", ExitCode.USAGE)
+        return Explained(f"{message}; see {path} --help", ExitCode.USAGE, _id_of(error))
     if isinstance(error, click.ClickException):
-        return Explained(error.format_message(), ExitCode.BAD_INPUT)
+        return Explained(error.format_message(), ExitCode.BAD_INPUT, "unreadable-file")
     if isinstance(error, OutputExistsError):
-        return Explained(f"{error}; give --overwrite to replace it", error.exit_code)
+        return Explained(f"{error}; give --overwrite to replace it", error.exit_code, error.id)
     if isinstance(error, OcclogError):
-        return Explained(str(error), error.exit_code)
+        return Explained(str(error), error.exit_code, error.id)
     if isinstance(error, MemoryError):
         remedy = "use fewer particles, a shorter lag (track --lag) or smaller images, or free memory"
-        return Explained(f"out of memory; {remedy}", ExitCode.BAD_INPUT)
+        return Explained(f"out of memory; {remedy}", ExitCode.BAD_INPUT, "out-of-memory")
     if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
         limit = open_files_limit()
         remedy = "raise it (ulimit -n), or take fewer cameras or workers at a time"
-        return Explained(f"too many open files{f', limit: {limit}' if limit else ''}; {remedy}", ExitCode.BAD_INPUT)
-    return Explained(_bug(error), ExitCode.BUG)
+        message = f"too many open files{f', limit: {limit}' if limit else ''}; {remedy}"
+        return Explained(message, ExitCode.BAD_INPUT, "too-many-open-files")
+    return Explained(_bug(error), ExitCode.BUG, "bug")
+
+
+def _id_of(error: click.UsageError) -> str:
+    """The id of an error in the arguments of a command."""
+    for each in (error, error.__cause__):
+        if isinstance(each, click.NoSuchOption | UnknownNameError):
+            return "unknown-name"
+        if isinstance(each, click.MissingParameter):
+            return "missing-option"
+        if isinstance(each, OcclogError):
+            return each.id
+    return "invalid-option"
 
 
 def _bug(error: Exception) -> str:
@@ -362,20 +378,20 @@ def _show_plan(as_json: bool) -> None:
     echo_summary({name: [named(str(path)) for path in paths] for name, paths in found.items()}, as_json)
 
 
-def _fail(message: str, code: ExitCode, words: Sequence[str]) -> int:
+def _fail(error: Explained, words: Sequence[str]) -> int:
     """Report an error on standard error: in a line, or where `--json` was given as one JSON object."""
     from occlog.console.notes import named
     from occlog.console.text import shortened
 
-    one_line = shortened(named(" ".join(message.split())))
+    message = shortened(named(" ".join(error.message.split())))
     if "--json" in words:
         import json
 
-        click.echo(json.dumps(_as_object(one_line, code, words)), err=True)
+        click.echo(json.dumps({"id": error.id, **_as_object(message, error.code, words)}), err=True)
     else:
-        ended = code in (ExitCode.INTERRUPTED, ExitCode.TERMINATED)
-        click.echo(f"occlog: {one_line}" if ended else f"occlog: error: {one_line}", err=True)
-    return code
+        ended = error.code in (ExitCode.INTERRUPTED, ExitCode.TERMINATED)
+        click.echo(f"occlog: {message}" if ended else f"occlog: error: {message}", err=True)
+    return error.code
 
 
 def _as_object(message: str, code: ExitCode, words: Sequence[str]) -> dict[str, object]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -113,6 +113,7 @@ def _variant(verb: Verb, kind: VerbKind) -> CommandVariant:
     """Return the variant of one kind of requests: its fields in addition to the shared ones."""
     shared = {entry.name for entry in Form(verb.shared).entries()}
 
+    @cache
     def params() -> list[click.Parameter]:
         form = kind.form()
         return [*(_param(entry) for entry in form.entries() if entry.name not in shared), *_strict(form.request)]

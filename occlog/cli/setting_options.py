@@ -38,6 +38,7 @@ from occlog.settings import (
 )
 
 from .options import FRAMES, SIZE, AnyFinite, Finite, parse_setting
+from .startup import UnknownNameError
 
 F = TypeVar("F", bound=Callable[..., object])
 SET = "--set"
@@ -66,10 +67,10 @@ class SettingOption(click.Option):
         under: str = "",
         names: Sequence[str] = (),
     ) -> None:
-        said = declaration(f)
-        self.owner, self.setting, self._said = settings.OWNER, f.name, said
+        spec = declaration(f)
+        self.owner, self.setting, self._said = settings.OWNER, f.name, spec
         kind = plain_kind(kind_of(settings, f.name))
-        option = said.option
+        option = spec.option
         if option is None:
             if not under:
                 raise ValueError(f"setting {f.name} declares no option")
@@ -82,11 +83,11 @@ class SettingOption(click.Option):
             is_flag=True if kind is bool else None,
             default=None,
             required=f.default is MISSING,
-            multiple=said.repeat,
-            nargs=said.counts[0] if said.apart else None,
-            metavar=said.metavar,
+            multiple=spec.repeat,
+            nargs=spec.counts[0] if spec.apart else None,
+            metavar=spec.metavar,
             shell_complete=(lambda _ctx, _param, begun: [n for n in names if n.startswith(begun)]) if names else None,
-            help=said.help if said.shown == "" else f"{said.help} [default: {default_words(f)}]",
+            help=spec.help if spec.shown == "" else f"{spec.help} [default: {default_words(f)}]",
         )
 
     def default_text(self, value: Any) -> Any:
@@ -100,33 +101,33 @@ class SettingOption(click.Option):
 
 def _type_of(settings: type[Settings], f: Field[object]) -> click.ParamType[Any]:
     """Type of the option's value, with the range that the setting declares."""
-    said, kind = declaration(f), plain_kind(kind_of(settings, f.name))
-    if said.frames or said.size:
-        return FRAMES if said.frames else SIZE
-    low = said.at_least if said.above is None else said.above
-    high = said.at_most if said.below is None else said.below
+    spec, kind = declaration(f), plain_kind(kind_of(settings, f.name))
+    if spec.frames or spec.size:
+        return FRAMES if spec.frames else SIZE
+    low = spec.at_least if spec.above is None else spec.above
+    high = spec.at_most if spec.below is None else spec.below
     if kind is int or item_kind(kind_of(settings, f.name)) == (tuple, int):
         if low is None and high is None:
             return click.INT
         whole = (None if low is None else int(low), None if high is None else int(high))
-        return click.IntRange(*whole, min_open=said.above is not None, max_open=said.below is not None)
-    if said.apart or (kind is float and low is None and high is None):
+        return click.IntRange(*whole, min_open=spec.above is not None, max_open=spec.below is not None)
+    if spec.apart or (kind is float and low is None and high is None):
         return AnyFinite()
     if kind is float:
-        low, high = (end if not end or said.scale == 1.0 else end / said.scale for end in (low, high))
-        return Finite(low, high, min_open=said.above is not None, max_open=said.below is not None)
-    return click.Choice(said.choices) if said.choices and not said.several else click.STRING
+        low, high = (end if not end or spec.scale == 1.0 else end / spec.scale for end in (low, high))
+        return Finite(low, high, min_open=spec.above is not None, max_open=spec.below is not None)
+    return click.Choice(spec.choices) if spec.choices and not spec.several else click.STRING
 
 
 def default_words(f: Field[object]) -> str:
     """Text of a default: `1.7 m, or 3.33 in a scene-specific unit`."""
-    said = declaration(f)
-    if said.shown is not None:
-        return said.shown
-    if f.default is None and said.people is None and said.own is None:
-        return said.nothing or "none"
+    spec = declaration(f)
+    if spec.shown is not None:
+        return spec.shown
+    if f.default is None and spec.people is None and spec.own is None:
+        return spec.nothing or "none"
     people, own = default_in(f, "m"), default_in(f, "")
-    unit = {"length": "m"}.get(said.unit, said.unit.replace("length", "m"))
+    unit = {"length": "m"}.get(spec.unit, spec.unit.replace("length", "m"))
     text = value_words(f, people)
     if unit:
         text += f" {unit}"
@@ -201,12 +202,12 @@ def given(settings: type[Settings], values: Mapping[str, object], *, prefix: str
     return {name: in_own_unit(value, wanted[name]) for name, value in found.items() if value not in (None, ())}
 
 
-def in_own_unit(value: Any, said: Declaration) -> Any:
+def in_own_unit(value: Any, spec: Declaration) -> Any:
     """The value of a setting, of what an option gives."""
-    if said.repeat:
-        texts = () if said.whole else (text for text in value if isinstance(text, str))
+    if spec.repeat:
+        texts = () if spec.whole else (text for text in value if isinstance(text, str))
         return tuple(name for text in texts for name in listed(text)) or tuple(value)
-    return value if said.scale == 1.0 else value * said.scale
+    return value if spec.scale == 1.0 else value * spec.scale
 
 
 def flag_of(settings: type[Settings], name: str) -> str:
@@ -219,10 +220,10 @@ def settings_table(settings: type[Settings], *, without: Sequence[str] = ()) -> 
     """Name and description of each setting without a separate option, for --help."""
     rows = []
     for f in declared(settings):
-        said = declaration(f)
-        if said.option is None and f.name not in without:
-            limit = f"; {said.limit()}" if said.limit() else ""
-            rows.append((f.name, f"{said.help} [default: {default_words(f)}{limit}]"))
+        spec = declaration(f)
+        if spec.option is None and f.name not in without:
+            limit = f"; {spec.limit()}" if spec.limit() else ""
+            rows.append((f.name, f"{spec.help} [default: {default_words(f)}{limit}]"))
     return rows
 
 
@@ -373,7 +374,7 @@ class VariantCommand(SettingsCommand):
         name = self.choose(args)
         if name is not None and self.variant(name) is None:
             names = [*self.variants, *self.more()]
-            raise click.UsageError(f"no {self.what} {name!r}; {did_you_mean(name, names)}", ctx)
+            raise UnknownNameError(f"no {self.what} {name!r}; {did_you_mean(name, names)}", ctx)
         if name is None and (self.shows_default or not any(a in ctx.help_option_names for a in args)):
             name = self.default
         if name is not None:
@@ -396,8 +397,8 @@ class VariantCommand(SettingsCommand):
         ]
         if not owners:
             return unknown_option(error.option_name, (*self.params, *self.existing(name).params()))
-        said = f"{error.option_name} is an option of {self._named(owners)}, not of {self.called(name)}"
-        return f"{said}; leave it out, or choose one that has it"
+        statement = f"{error.option_name} is an option of {self._named(owners)}, not of {self.called(name)}"
+        return f"{statement}; leave it out, or choose one that has it"
 
     def classes(self, ctx: click.Context) -> Sequence[type[Settings]]:
         """The classes of the settings that --set takes: those of the variant."""
@@ -541,7 +542,7 @@ def wanted(name: str, kind: str, flag: str, ours: Collection[str] = ()) -> Plugi
     plugin = find(name, kind)
     if plugin is None:
         names = [*ours, *(each.name for each in installed(kind))]
-        raise UsageError(f"{flag} {name!r}: no such {kind}; {did_you_mean(name, names)}")
+        raise UsageError(f"{flag} {name!r}: no such {kind}; {did_you_mean(name, names)}", id="unknown-name")
     return plugin
 
 

@@ -19,6 +19,10 @@ NOT_KEPT = (
 )
 
 
+class UnknownNameError(click.UsageError):
+    """A command or a method that occlog does not have."""
+
+
 @contextmanager
 def with_compile_notice() -> Iterator[None]:
     """Report once that kernels are being compiled, if it takes long and the command is not quiet."""

@@ -41,14 +41,14 @@ def list_plugins(as_json: bool) -> int:
             summary = f"is not used: occlog has one of that name itself; {summary}"
         lines.append((plugin, summary))
     if as_json:
-        rows = [{"name": p.name, "kind": p.kind, "package": p.origin, "summary": said} for p, said in lines]
+        rows = [{"name": p.name, "kind": p.kind, "package": p.origin, "summary": note} for p, note in lines]
         console.echo_summary({"plugins": rows}, True)
         return ExitCode.DONE
     if not lines:
         click.echo("no plug-in is installed; see docs/how-to/plugins.md")
     width = max((len(plugin.name) for plugin, _ in lines), default=0)
-    for plugin, said in lines:
-        click.echo(f"{plugin.name:<{width}}  {plugin.kind}, {plugin.origin}: {said}")
+    for plugin, note in lines:
+        click.echo(f"{plugin.name:<{width}}  {plugin.kind}, {plugin.origin}: {note}")
     return ExitCode.DONE
 
 

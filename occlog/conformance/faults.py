@@ -68,8 +68,8 @@ def check_interface(of: Any) -> None:
 def check_settings(of: Any) -> None:
     """Every setting is declared with a help text, and its default is in its range in every unit."""
     for f in fields(of.settings):
-        said = f.metadata.get("setting")
-        if said is None or not said.help.strip():
+        reported = f.metadata.get("setting")
+        if reported is None or not reported.help.strip():
             raise BrokenError(f"setting {f.name} is not declared by setting() with a help text")
     for unit in ("m", "cm", "ft", "cell"):
         try:
@@ -101,7 +101,7 @@ def manners(use: Callable[[Any], object], what: str, *, growth_bytes: int = 0) -
     """Guarantees of any plug-in to its environment.
 
     Args:
-        use: uses a class in an ordinary way, and gives what it said, to be compared.
+        use: uses a class in an ordinary way, and returns its outputs, to be compared.
         what: the function of the plug-in that is used, for messages.
         growth_bytes: memory that a use may leave behind; 0: not tried here.
     """
@@ -125,8 +125,8 @@ def manners(use: Callable[[Any], object], what: str, *, growth_bytes: int = 0) -
         with redirect_stdout(out), redirect_stderr(err):
             use(of)
         if out.getvalue() or err.getvalue():
-            said = (out.getvalue() + err.getvalue()).strip()
-            raise BrokenError(f"{what} writes on standard output or error: {said[:60]!r}")
+            statement = (out.getvalue() + err.getvalue()).strip()
+            raise BrokenError(f"{what} writes on standard output or error: {statement[:60]!r}")
 
     def check_warnings(of: Any) -> None:
         with warnings.catch_warnings(record=True) as caught:

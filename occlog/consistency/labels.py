@@ -41,7 +41,7 @@ def motion_checks(
         events: what was found of the labels; None: they were not followed.
         motion: the method's; None: it has none, or judges it itself.
         rows: estimates.
-        unless: why nothing can be said; empty: it can.
+        unless: why the check does not apply; empty: it applies.
     """
     if motion is None:
         return ()

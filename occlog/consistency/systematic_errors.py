@@ -191,7 +191,7 @@ class SystematicErrors:
         return out
 
     def _sizes(self, taken: Bools, noise: float) -> tuple[Floats, Floats]:
-        """(2 S,) sizes of errors, each beside those taken, and their standard errors; 0 where there is none."""
+        """(2 S,) sizes of errors, each estimated jointly with the selected ones, and standard errors; else 0."""
         size, error = np.zeros(len(taken)), np.zeros(len(taken))
         base = np.flatnonzero(taken)
         right, diagonal = self._right.copy(), np.diag(self._normal).copy()

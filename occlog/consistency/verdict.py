@@ -115,7 +115,7 @@ class ConsistencyEvidence:
         alone: bearings that no other sensor can confirm.
         crowd: candidates that are left.
         positions: where the bearings of a time step meet.
-        distances: residuals are also of measurements that are no directions, so that nothing is said of `positions`.
+        distances: residuals are also of measurements that are no directions, so nothing is stated about `positions`.
         rivals: by target, other trajectories that are nearly as probable; None: the method does not seek any.
         unit: of lengths.
         diagnosed: there are diagnostics.
@@ -363,15 +363,15 @@ class ConsistencyEvidence:
             )
 
     def _nis(self) -> Iterator[Check]:
-        """Residuals that are not as stated, of all sensors, or else of single ones."""
+        """Check of the NIS of all sensors together; if it passes, of each sensor that fails."""
         whole = self.agreements.nis
-        if (said := nis_check(f"the {self.what}", whole, self._expected())) is not None:
-            yield said
+        if (check := nis_check(f"the {self.what}", whole, self._expected())) is not None:
+            yield check
             return
         for name, own in sorted(self.agreements.sensors.items()):
-            said = nis_check(f"the {self.what} of {name}", own.nis, own.means.expected, (name,))
-            if said is not None and said.status == "failed":
-                yield said
+            check = nis_check(f"the {self.what} of {name}", own.nis, own.means.expected, (name,))
+            if check is not None and check.status == "failed":
+                yield check
 
     def _motion(self) -> Iterator[Check]:
         """Targets that move more irregularly than stated."""

@@ -107,8 +107,8 @@ def plausible_in_words(summary: Mapping[str, object]) -> str:
         sensors.update(dict.fromkeys(each.get("sensors", ())))
     parts = []
     for stage, codes in by_stage.items():
-        said = ", ".join(" ".join([code, *sensors]) for code, sensors in codes.items())
-        parts.append(f"{stage}: {said}" if stage else said)
+        statement = ", ".join(" ".join([code, *sensors]) for code, sensors in codes.items())
+        parts.append(f"{stage}: {statement}" if stage else statement)
     return f"no ({'; '.join(parts)})"
 
 

@@ -4,7 +4,7 @@ Polygons on the ground: inside tests, lines of sight through them, distances.
 
 A polygon is a (K, 2) array of the vertices of a simple closed polygon, in order, the
 last joined to the first; it need not be convex and its winding does not matter unless
-said otherwise.  The scalar kernels (`point_inside`, `segment_blocked`,
+stated otherwise.  The scalar kernels (`point_inside`, `segment_blocked`,
 `distance_to_boundary`) are for use in other kernels; lists of polygons go to kernels
 packed by `pack_polygons`.
 

@@ -66,7 +66,10 @@ def open_tables(request: EvaluateRequest) -> tuple[Opened | None, Opened | None,
     truth = None if request.truth is None else _open_truth(request.truth, fps)
     tracks = None if request.tracks is None else _open(request.tracks, fps, Tracks)
     if fps is not None and not any(opened is not None and opened.counts_frames for opened in (truth, tracks)):
-        raise UsageError(f"{option('fps')} is for tables that count frames; {request.truth} has times, leave it out")
+        raise UsageError(
+            f"{option('fps')} is for tables that count frames; {request.truth} has times, leave it out",
+            id="not-applicable",
+        )
     scene = _scene(request, tracks, truth)
     for opened in (tracks, truth):
         if opened is not None:
@@ -78,7 +81,7 @@ def open_measured(path: Path, tracks: Opened | None, scene: Scene) -> MeasuredSo
     """Distance measurements, with the settings that the tracks were made with, or defaults if these are unknown."""
     opened = open_input(path, Measurements, Reads)
     if not scene.sensors:
-        raise UsageError(f"{path}: stations have no positions without a scene; give one")
+        raise UsageError(f"{path}: stations have no positions without a scene; give one", id="missing-pose")
     if opened.has_lengths(Measurements):
         check_unit(opened, scene.length_unit, error=InputError)
 
@@ -88,16 +91,16 @@ def open_measured(path: Path, tracks: Opened | None, scene: Scene) -> MeasuredSo
         return opened.rows(Measurements)
 
     made = {} if tracks is None else tracks.provenance.parameters.get("measurements")
-    said = dict(made) if isinstance(made, dict) else {}
-    radio = said.get("radio")
-    known = {f.name: said[f.name] for f in fields(DistanceMeasurementConfig) if f.name in said}
+    reported = dict(made) if isinstance(made, dict) else {}
+    radio = reported.get("radio")
+    known = {f.name: reported[f.name] for f in fields(DistanceMeasurementConfig) if f.name in reported}
     again = rows if opened.recording is None else SpilledTable(Measurements, rows).chunks
     return MeasuredSource(again, DistanceMeasurementConfig(**known), _radio(radio) if isinstance(radio, dict) else None)
 
 
-def _radio(said: dict[str, Any]) -> Radio:
+def _radio(reported: dict[str, Any]) -> Radio:
     """The path loss that tracks were made with."""
-    return Radio(**(said | {"shadowing": SignalErrors(**said["shadowing"])}))
+    return Radio(**(reported | {"shadowing": SignalErrors(**reported["shadowing"])}))
 
 
 def _open_truth(path: Path, fps: Fraction | None) -> Opened:
@@ -108,7 +111,10 @@ def _open_truth(path: Path, fps: Fraction | None) -> Opened:
 def _open(path: Path, fps: Fraction | None, *tables: type[ColumnTable], remedy: str = REMEDY) -> Opened:
     """An input, of which an external table may count frames; InputError where their rate is not given."""
     if fps is None and (counted := frames_counted_by(path)):
-        raise InputError(f"{path}: column {counted} counts frames, not times; give the frame rate ({option('fps')})")
+        raise InputError(
+            f"{path}: column {counted} counts frames, not times; give the frame rate ({option('fps')})",
+            id="missing-times",
+        )
     return open_input(path, *tables, remedy=remedy, fps=fps)
 
 

@@ -102,16 +102,19 @@ def evaluate_several(request: EvaluateRequest, job: Job) -> MultiRecordingFigure
     """Read, compare, write the figures of several recordings, all with tracks in images or all on the ground."""
     for entry in Form(EvaluateRequest).entries():
         if entry.field in ALONE and getattr(request, entry.field):
-            raise UsageError(f"{option(entry.key)} is of one recording; omit {option('also')}")
+            raise UsageError(f"{option(entry.key)} is of one recording; omit {option('also')}", id="not-applicable")
     if request.tracks is None or request.truth is None:
-        raise UsageError(f"{option('also')} requires TRACKS with {option('truth')} as well")
+        raise UsageError(f"{option('also')} requires TRACKS with {option('truth')} as well", id="missing-option")
     recordings = [
         EvaluatedRecording(request.tracks, request.truth),
         *(EvaluatedRecording(*pair) for pair in request.additional),
     ]
     kinds = {in_images(recording.tracks) for recording in recordings}
     if len(kinds) > 1:
-        raise UsageError(f"{option('also')}: tracks in images and tracks on the ground cannot be put together")
+        raise UsageError(
+            f"{option('also')}: tracks in images and tracks on the ground cannot be put together",
+            id="incompatible-inputs",
+        )
     begin_work()
     chosen = configure(EvaluateConfig(), request.settings)
     sides = [replace(request, tracks=each.tracks, truth=each.truth, additional=()) for each in recordings]
@@ -153,12 +156,13 @@ def _on_ground(sides: Sequence[EvaluateRequest], chosen: EvaluateConfig) -> tupl
     units = [scene.length_unit for _, scene, _ in opened]
     if len(set(units)) > 1:
         raise UsageError(
-            f"{option('also')}: lengths are in {' and '.join(sorted(set(units)))}; they cannot be put together"
+            f"{option('also')}: lengths are in {' and '.join(sorted(set(units)))}; they cannot be put together",
+            id="unit-mismatch",
         )
     each, whole = list[Metrics](), None
     for side, (sources, scene, _) in zip(sides, opened, strict=True):
         if sources.truth is None:
-            raise UsageError(f"{option('also')}: {side.truth} holds no true positions")
+            raise UsageError(f"{option('also')}: {side.truth} holds no true positions", id="wrong-content")
         born = initiated_from_detections(side.tracks) or is_external(side.tracks)
         own = "start" if born else own_targets_by(chosen, numbered_itself=False)
         config = configure(MultiTargetConfig.in_unit(scene.length_unit), {"assigned_target": own, **side.multi_target})
@@ -256,7 +260,9 @@ def _thresholds(texts: Iterable[str], more: Collection[str]) -> list[Threshold]:
             raise UsageError(f"{option('fail_if')} {error}") from error
         hint = unknown_metric_hint(found[-1].metric, more)
         if hint is not None:
-            raise UsageError(f"{option('fail_if')} {text!r}: there is no metric {found[-1].metric!r}; {hint}")
+            raise UsageError(
+                f"{option('fail_if')} {text!r}: there is no metric {found[-1].metric!r}; {hint}", id="unknown-name"
+            )
     return found
 
 
@@ -330,25 +336,35 @@ def _check_request(request: EvaluateRequest, given: Mapping[str, object]) -> Non
     held_boxes = bool(given.get("held_out")) and request.tracks is not None and request.views is not None
     if request.views is not None and request.truth is None and not held_boxes:
         raise UsageError(
-            f"{option('views')} needs {option('truth')} with true boxes, or TRACKS and {option('held_out')}"
+            f"{option('views')} needs {option('truth')} with true boxes, or TRACKS and {option('held_out')}",
+            id="missing-option",
         )
     if request.tracks is None and request.views is None and (request.directions is None or request.truth is None):
         raise UsageError(
             f"nothing to compare: give TRACKS with {option('truth')} or "
-            f"{option('bearings')}, or {option('bearings')} with {option('truth')}"
+            f"{option('bearings')}, or {option('bearings')} with {option('truth')}",
+            id="missing-option",
         )
     if request.write_scene is not None and (request.truth is None or request.directions is None):
         raise UsageError(
-            f"{option('write_scene')} measures noise at true positions; add {option('bearings')} and {option('truth')}"
+            f"{option('write_scene')} measures noise at true positions; add {option('bearings')} and {option('truth')}",
+            id="missing-option",
         )
     if request.tracks is not None and request.truth is None and request.directions is None and not held_boxes:
-        raise UsageError(f"TRACKS alone cannot be evaluated; give {option('truth')}, {option('bearings')} or both")
+        raise UsageError(
+            f"TRACKS alone cannot be evaluated; give {option('truth')}, {option('bearings')} or both",
+            id="missing-option",
+        )
     if request.measurements is not None and (request.tracks is None or request.truth is None):
-        raise UsageError(f"{option('measurements')} are for the bound; give TRACKS and {option('truth')} as well")
+        raise UsageError(
+            f"{option('measurements')} are for the bound; give TRACKS and {option('truth')} as well",
+            id="missing-option",
+        )
     if given.get("held_out") and (request.tracks is None or (request.directions is None and not held_boxes)):
         raise UsageError(
             f"{option('held_out')} needs TRACKS made without that sensor, and "
-            f"{option('bearings')} or {option('views')} that include it"
+            f"{option('bearings')} or {option('views')} that include it",
+            id="missing-option",
         )
     _check_used(request, given)
 
@@ -384,7 +400,8 @@ def _check_used(request: EvaluateRequest, given: Mapping[str, object]) -> None:
     for name in given:
         if not used.get(name, True):
             raise UsageError(
-                f"{options_of[name]} is of {OF_WHAT[name][0]} and has no effect here; give {OF_WHAT[name][1]}"
+                f"{options_of[name]} is of {OF_WHAT[name][0]} and has no effect here; give {OF_WHAT[name][1]}",
+                id="missing-option",
             )
 
 
@@ -412,7 +429,10 @@ def _check_held_out(tracks: Opened | None, held_out: tuple[str, ...]) -> None:
     both = [name for name in held_out if isinstance(used, list) and name in used]
     if both:
         names = ",".join(both)
-        raise InputError(f"{tracks.path}: was made with {names}; make it again with `occlog track --without {names}`")
+        raise InputError(
+            f"{tracks.path}: was made with {names}; make it again with `occlog track --without {names}`",
+            id="wrong-content",
+        )
 
 
 def _of_directions(request: EvaluateRequest, job: Job) -> tuple[dict[str, float], tuple[Loss, ...]]:
@@ -420,20 +440,25 @@ def _of_directions(request: EvaluateRequest, job: Job) -> tuple[dict[str, float]
     doa, truth = request.doa, request.truth_azimuths
     if request.tracks is not None:
         raise UsageError(
-            f"{option('truth_azimuths')} goes with {option('doa')} and nothing else to compare; leave TRACKS out"
+            f"{option('truth_azimuths')} goes with {option('doa')} and nothing else to compare; leave TRACKS out",
+            id="not-applicable",
         )
     if doa is None or truth is None:
-        raise UsageError(f"{option('truth_azimuths')} requires directions to compare; give them with {option('doa')}")
+        raise UsageError(
+            f"{option('truth_azimuths')} requires directions to compare; give them with {option('doa')}",
+            id="missing-option",
+        )
     gate_deg = GATE_DEG if request.doa_gate_deg is None else request.doa_gate_deg
     max_gap_s = configure(EvaluateConfig(), request.settings).bridge_s
     found = open_input(doa).read(Doa)
     if not len(found):
-        raise InputError(f"{doa}: has no directions; nothing can be compared")
+        raise InputError(f"{doa}: has no directions; nothing can be compared", id="empty-input")
     begin_work()
     metrics = doa_metrics(found, _true_directions(truth, found), math.radians(gate_deg), round(0.5 * max_gap_s * NS))
     if metrics["doa_found"] == 0:
         raise InputError(
-            f"{truth}: has no time near those of {doa}; check the times, or give a larger {option('max_gap')}"
+            f"{truth}: has no time near those of {doa}; check the times, or give a larger {option('max_gap')}",
+            id="disjoint-inputs",
         )
     losses = previous_losses([doa, truth])
     if request.output is not None:

@@ -177,7 +177,9 @@ def streamed_bearings(path: Path | None, doa: Path | None, labels: bool, scene: 
         directions = measured
     own = measured is not None and (not recorded or directions is None or measured.has(Bearings))
     if directions is None and labels:
-        raise UsageError(f"{option('doa_labels')} requires directions of arrival; give some ({option('doa')})")
+        raise UsageError(
+            f"{option('doa_labels')} requires directions of arrival; give some ({option('doa')})", id="missing-option"
+        )
     for opened, table in ((measured if own else None, Bearings), (directions, Doa)):
         if opened is not None:
             opened.require(table)
@@ -232,9 +234,9 @@ def span_of_frames(chunks: Iterable[Ints], frames: tuple[int, int]) -> Span | No
 
 def missing_frames_message(frames: tuple[int, int], count: int) -> InputError:
     """Description of frames that are not there."""
-    return InputError(f"frames {frames[0]}:{frames[1]}: there are {count} of them, numbered from 0")
+    return InputError(f"frames {frames[0]}:{frames[1]}: there are {count} of them, numbered from 0", id="empty-input")
 
 
 def no_true_box_message(frames: tuple[int, int]) -> InputError:
     """Description of frames of views that have no true box."""
-    return InputError(f"frames {frames[0]}:{frames[1]}: no true box is in them")
+    return InputError(f"frames {frames[0]}:{frames[1]}: no true box is in them", id="empty-input")

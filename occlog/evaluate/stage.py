@@ -281,7 +281,9 @@ class Evaluator:
         try:
             metrics, notes = self._figures(errors, seen)
         except NoCommonTimeError as error:
-            raise InputError("; ".join([str(error), *(each.text for each in aligned.found())])) from error
+            raise InputError(
+                "; ".join([str(error), *(each.text for each in aligned.found())]), id="disjoint-inputs"
+            ) from error
         if ground is not None:
             metrics = {**metrics, **{name: v for name, v in ground.result().items() if name not in metrics}}
             metrics = headline.first({**metrics, headline.INDEPENDENT_IDS: 1.0}, unit) if own else metrics

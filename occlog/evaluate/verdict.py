@@ -111,9 +111,9 @@ def checks_with_truth(
         unknown: the covariance of an estimate is not known.
         metrics: figures of the evaluation.
     """
-    said = found.checks(one_target=made.one_target, smoothed=made.smoothed)
+    check = found.checks(one_target=made.one_target, smoothed=made.smoothed)
     if unknown:
-        return (*said, finding(COVARIANCES, "no-covariance"), *_of_figures(metrics))
+        return (*check, finding(COVARIANCES, "no-covariance"), *_of_figures(metrics))
     errors = against.checks()
     large = any(each.id == "nees-large" for each in errors)
     else_ = outcome(
@@ -121,7 +121,7 @@ def checks_with_truth(
         _truth_of_another_target(found, metrics) if large else (),
         unless="" if math.isfinite(_number(metrics, "bearing_nis")) else "no bearings are compared with the truth",
     )
-    return (*said, *errors, *else_, *_of_figures(metrics))
+    return (*check, *errors, *else_, *_of_figures(metrics))
 
 
 def _truth_of_another_target(found: ConsistencyEvidence, metrics: Mapping[str, object]) -> Iterator[Check]:

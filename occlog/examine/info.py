@@ -48,9 +48,9 @@ def describe_folder(folder: Path, describe: Callable[[Path], Described]) -> Desc
     try:
         entries = sorted(islice(folder.iterdir(), MAX_ENTRIES + 1))
     except OSError as error:
-        raise InputError(f"{folder}: cannot be listed: {error.strerror or error}") from error
+        raise InputError(f"{folder}: cannot be listed: {error.strerror or error}", id="unreadable-file") from error
     if not entries:
-        raise InputError(f"{folder}: is an empty folder")
+        raise InputError(f"{folder}: is an empty folder", id="empty-input")
     files: list[Mapping[str, object]] = []
     lines, others = [], Counter[str]()
     width = max(len(path.name) for path in entries[:MAX_ENTRIES])
@@ -63,7 +63,7 @@ def describe_folder(folder: Path, describe: Callable[[Path], Described]) -> Desc
                 files.append({"file": path.name, "kind": kinds[0].kind.value, "format": kinds[0].words})
                 lines.append(f"{path.name:<{width}}  {kinds[0].words}")
                 continue
-            values, said = describe(path)
+            values, described = describe(path)
         except InputError as error:
             if path.suffix.lower() not in (".mcap", ".parquet", ".db3", ".bag"):
                 if not (kinds := _kinds(path)):
@@ -72,10 +72,10 @@ def describe_folder(folder: Path, describe: Callable[[Path], Described]) -> Desc
                 files.append({"file": path.name, "kind": kinds[0].kind.value, "format": kinds[0].words})
                 lines.append(f"{path.name:<{width}}  {kinds[0].words}")
                 continue
-            values, said = {"kind": "unreadable", "error": str(error)}, [f"cannot be read: {error}"]
+            values, described = {"kind": "unreadable", "error": str(error)}, [f"cannot be read: {error}"]
         files.append({"file": path.name, **values})
-        time = "".join(f", {line.removeprefix('time').strip()}" for line in said[1:2] if line.startswith("time"))
-        lines.append(f"{path.name:<{width}}  {said[0]}{time}")
+        time = "".join(f", {line.removeprefix('time').strip()}" for line in described[1:2] if line.startswith("time"))
+        lines.append(f"{path.name:<{width}}  {described[0]}{time}")
     head = f"folder, {counted(len(files), 'file')} that occlog reads"
     more = [f"{n} x {what}" for what, n in sorted(others.items())]
     more += [f"entries after the first {MAX_ENTRIES} were not checked"] if len(entries) > MAX_ENTRIES else []
@@ -159,7 +159,9 @@ def describe(path: Path, rows: int) -> Description:
     if mistaken is not None:
         raise InputError(f"{path}: is {mistaken}")
     known = "scenes (.yaml), recordings (.mcap) and tables (.parquet, .arrow, .csv, .tum, .trc, .geojson)"
-    raise InputError(f"{path}: occlog info knows {known}, not {kind or 'files without an ending'!r}")
+    raise InputError(
+        f"{path}: occlog info knows {known}, not {kind or 'files without an ending'!r}", id="unknown-format"
+    )
 
 
 def _describe_bag(path: Path) -> Description:
@@ -186,7 +188,7 @@ def _describe_bag(path: Path) -> Description:
         except (InputError, UsageError) as error:
             remark = str(error)
         remark = "; ".join(
-            ([remark] if remark else []) + borrowed + [f"{topic}: {said}" for topic, said in bag.remarks.items()]
+            ([remark] if remark else []) + borrowed + [f"{topic}: {note}" for topic, note in bag.remarks.items()]
         )
         lines += [f"taken     {line}" for line in taken] + ([f"note      {remark}"] if remark else [])
         if taken or any(kind_of(t.kind) for t in topics.values()):

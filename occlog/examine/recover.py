@@ -42,12 +42,13 @@ def command(file: Path, output: Path, videos: tuple[str, ...], overwrite: bool, 
     content = content_of(file)
     if content is Content.OTHER:
         if (known := describe_unsupported(file)) is not None:
-            raise InputError(f"{file}: is {known}")
+            raise InputError(f"{file}: is {known}", id="damaged-file")
         raise InputError(
-            f"{file}: is {content.value}; nothing of it can be salvaged here: copy it again, or make it again"
+            f"{file}: is {content.value}; nothing of it can be salvaged here: copy it again, or make it again",
+            id="damaged-file",
         )
     if content is Content.TABLE:
-        raise InputError(_made_again(file))
+        raise InputError(_made_again(file), id="damaged-file")
     from occlog.io.recording.salvage.recover import recover_recording
 
     found = recover_recording(file, output, given, overwrite=overwrite)

@@ -34,7 +34,7 @@ Transition = Callable[[float], tuple[Floats, Floats]]
 
 
 def symmetric(matrix: Floats) -> Floats:
-    """Make (..., n, n) matrices symmetric, which are so but for rounding."""
+    """Remove the asymmetry that rounding has left in (..., n, n) matrices: the mean of each and its transpose."""
     return 0.5 * (matrix + matrix.swapaxes(-1, -2))
 
 

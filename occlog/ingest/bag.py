@@ -79,7 +79,9 @@ def asked_topics(plan: IngestPlan) -> list[tuple[str, str]]:
     out = [pair for path in plan.topics for pair in read_topic_map(path)]
     for name, topic in plan.topic:
         if name is None:
-            raise UsageError(f"topic {topic}: does not state what it is called; give NAME={topic}")
+            raise UsageError(
+                f"topic {topic}: does not state what it is called; give NAME={topic}", id="camera-not-named"
+            )
         out.append((name, topic))
     return out
 
@@ -98,7 +100,10 @@ def look_into(bag: Bag, plan: IngestPlan, note: Note) -> BagSurvey:
             raise InputError(f"{bag.paths[0]}: {why}")
         if bag.losses:
             raise InputError(f"{bag.paths[0]}: nothing of it can be used: {bag.losses[0]}; copy it again")
-        raise InputError(f"{bag.paths[0]}: holds no images, boxes or directions that can be taken: {held}; {remedy}")
+        raise InputError(
+            f"{bag.paths[0]}: holds no images, boxes or directions that can be taken: {held}; {remedy}",
+            id="wrong-content",
+        )
     for line in (*topic_lines(found), *borrowed_lines(found)):
         note(f"bag: {line}")
     return found
@@ -158,8 +163,8 @@ def place_cameras(found: BagSurvey, plan: IngestPlan, others: Collection[str], n
         shift = model.shift if frame in shared else 0.0
         centre = pose.translation + rotation[:, 0] * shift
         cameras.append(_camera(camera, model, rotation, centre, f"topic {found.map.infos[camera]}", options))
-    for said in options.notes:
-        note(f"calibration: {said}")
+    for reported in options.notes:
+        note(f"calibration: {reported}")
     return BagCameraPoses(tuple(cameras), reasons, world, tuple(options.findings))
 
 
@@ -169,7 +174,8 @@ def _check_region(camera: str, found: BagSurvey, stated: tuple[int, int]) -> Non
     if size is not None and size != stated and size == info.size:
         raise InputError(
             f"topic {found.map.infos[camera]}: states binning {info.binning} and roi {info.roi}, so images of "
-            f"{stated[0]} x {stated[1]} px, but they have {size[0]} x {size[1]}; give a calibration file or a scene"
+            f"{stated[0]} x {stated[1]} px, but they have {size[0]} x {size[1]}; give a calibration file or a scene",
+            id="image-size-mismatch",
         )
 
 
@@ -210,19 +216,23 @@ def _world(found: BagSurvey, plan: IngestPlan, cameras: list[str]) -> str | None
         frame = plan.world_frame.lstrip("/")
         if not tree.knows(frame):
             raise UsageError(
-                f"{option('world_frame')} {frame!r}: the bag has no such frame; it has: {', '.join(tree.frames)}"
+                f"{option('world_frame')} {frame!r}: the bag has no such frame; it has: {', '.join(tree.frames)}",
+                id="unknown-name",
             )
         return frame
     roots = {tree.still_root(found.frames[c]): c for c in cameras if tree.knows(found.frames[c])}
     if len(roots) > 1:
         text = ", ".join(f"{frame} (camera {camera})" for frame, camera in sorted(roots.items()))
-        raise UsageError(f"the cameras of the bag are fixed in several frames: {text}; name the one that is the world")
+        raise UsageError(
+            f"the cameras of the bag are fixed in several frames: {text}; name the one that is the world",
+            id="ambiguous-input",
+        )
     return next(iter(roots), None)
 
 
 def _placed(tree: Transforms, frame: str, world: str | None) -> FramePose:
     if world is None or not tree.knows(frame):
-        raise InputError(f"no transforms determine where its frame {frame!r} is")
+        raise InputError(f"no transforms determine where its frame {frame!r} is", id="missing-pose")
     return tree.placed(frame, world)
 
 
@@ -462,7 +472,7 @@ class Taking:
         if state.by_log is None:
             state.by_log = self.plan.timestamp_source == "log" or header.stamp_ns == 0
         if not header.stamp_ns and not state.by_log:
-            raise InputError("its header has no time")
+            raise InputError("its header has no time", id="missing-times")
         difference = (message.log_ns - header.stamp_ns) / 1e9
         if header.stamp_ns:
             state.difference_range = [
@@ -495,7 +505,9 @@ class Taking:
             table = truth_rows(read, t_ns, self._targets[topic], self._frame_of_truth(frame))
             for target in table.target_id.tolist():
                 if self._owners.setdefault(target, topic) != topic:
-                    raise UsageError(f"topics {self._owners[target]} and {topic}: both are of target {target}")
+                    raise UsageError(
+                        f"topics {self._owners[target]} and {topic}: both are of target {target}", id="duplicate-name"
+                    )
             if self._span is not None and not self._span[0] <= t_ns <= self._span[1]:
                 self._of_other_times += len(table)
                 return
@@ -615,7 +627,7 @@ class Taking:
 
     def checks(self) -> tuple[Check, ...]:
         """Checks of the messages, after the last one."""
-        counts = (finding(COUNTS, "bag-count-differs", topic=t, remark=said) for t, said in self.bag.remarks.items())
+        counts = (finding(COUNTS, "bag-count-differs", topic=t, remark=note) for t, note in self.bag.remarks.items())
         clocks = (check for topic, state in self._states.items() for check in self._topic_clocks(topic, state))
         given = self.plan.image_size is not None
         extents = self._extents.checks(self._cameras.values(), given=given) if self._boxes else ()
@@ -663,17 +675,22 @@ def check_plan(plan: IngestPlan, found: BagSurvey, scene: Scene, note: Note) -> 
             note(f"bag: not taken: {text}")
             del found.map.directions[array]
     if plan.store == "link":
-        raise UsageError("store link: only videos can be linked to; give png or jpeg for a bag")
+        raise UsageError("store link: only videos can be linked to; give png or jpeg for a bag", id="not-applicable")
     others = plan.video or plan.images or plan.boxes or plan.doa or plan.reads or plan.truth
     times = (("start time", plan.start_time), ("frame rate", plan.fps), ("time stamps", plan.timestamps))
     for key, pairs in times:
         if any(name is None for name, _ in pairs):
             if not others:
-                raise UsageError(f"a bag has its own times, and there is nothing else to ingest; omit the {key}")
+                raise UsageError(
+                    f"a bag has its own times, and there is nothing else to ingest; omit the {key}", id="not-applicable"
+                )
             note(f"bag: has its own times; the {key} is that of the other inputs")
     for name in (*found.map.cameras, *found.map.directions):
         for key, pairs in times:
             if any(camera == name for camera, _ in pairs):
-                raise UsageError(f"{name}: has its times from the bag; omit its {key}")
+                raise UsageError(f"{name}: has its times from the bag; omit its {key}", id="not-applicable")
         if name in plan.video or name in plan.images:
-            raise UsageError(f"camera {name}: is both in the bag and among the videos and images; name one otherwise")
+            raise UsageError(
+                f"camera {name}: is both in the bag and among the videos and images; name one otherwise",
+                id="duplicate-name",
+            )

@@ -36,25 +36,25 @@ def survey(plan: IngestPlan, scene: Scene, note: Note) -> BoxSurvey | None:
     if not plan.boxes:
         return None
     found = survey_boxes(box_files(plan), known_cameras(plan, scene), box_options(plan))
-    said = [
+    reported = [
         " and ".join(found.kinds),
         f"{counted(found.rows, 'box', 'boxes')} of {counted(len(found.cameras), 'camera')}",
     ]
     if not found.rows and not found.beyond and found.cameras:
-        said.append(f"every frame of {', '.join(found.cameras)} is a frame without a person")
+        reported.append(f"every frame of {', '.join(found.cameras)} is a frame without a person")
     if found.beyond:
-        said.append(f"skipped: {counted(found.beyond, 'box', 'boxes')} of other frames")
+        reported.append(f"skipped: {counted(found.beyond, 'box', 'boxes')} of other frames")
     if found.classes and any(found.classes):
-        said.append(f"class {in_words(found.classes)}")
+        reported.append(f"class {in_words(found.classes)}")
     if found.left_out:
-        said.append(f"skipped: class {in_words(found.left_out)}")
+        reported.append(f"skipped: class {in_words(found.left_out)}")
     frames = f"frames {found.first} to {found.stop - 1}"
     steps = {name: each.step for name, each in found.ranges.items()}
     if max(steps.values(), default=1) > 1:
         alike = len(set(steps.values())) == 1
         text = str(max(steps.values())) if alike else ", ".join(f"{step} ({name})" for name, step in steps.items())
         frames += f" in steps of {text} (the frame rate counts every number)"
-    note(f"boxes: {', '.join(said)}; {frames}; a frame without a box is one without a detection")
+    note(f"boxes: {', '.join(reported)}; {frames}; a frame without a box is one without a detection")
     return found
 
 

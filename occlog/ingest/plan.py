@@ -56,7 +56,8 @@ def expand_dataset(values: Mapping[str, Any]) -> dict[str, Any]:
         if not views:
             raise UsageError(
                 f"{folder}: has no images ({IMAGES}/C1, ...); give the boxes of a detector, or the annotated ones "
-                f"({folder / ANNOTATIONS})"
+                f"({folder / ANNOTATIONS})",
+                id="wrong-content",
             )
         out["images"] = tuple(f"{view.name}={view}" for view in views)
     if not values["fps"] and not values["timestamps"]:
@@ -93,7 +94,10 @@ def offsets_of(texts: Iterable[str]) -> dict[str, float]:
                 f"{option('clock_offset')} {text}: expected SENSOR=SECONDS, within {MAX_S:g} s, as in cam2=-0.4s"
             )
         if name in out:
-            raise UsageError(f"{option('clock_offset')}: sensor {name} is given twice; give every sensor one offset")
+            raise UsageError(
+                f"{option('clock_offset')}: sensor {name} is given twice; give every sensor one offset",
+                id="duplicate-name",
+            )
         out[name] = seconds
     return out
 
@@ -113,7 +117,9 @@ def with_offsets(scene: Scene, offsets: Mapping[str, float]) -> Scene:
     names = [s.name for s in scene.sensors]
     for name in offsets:
         if name not in names:
-            raise UsageError(f"{option('clock_offset')}: no sensor {name!r}; {did_you_mean(name, names)}")
+            raise UsageError(
+                f"{option('clock_offset')}: no sensor {name!r}; {did_you_mean(name, names)}", id="unknown-sensor"
+            )
     clocks = {clock.name: clock for clock in scene.clocks}
     own, taken = {}, set(clocks)
     for sensor in scene.sensors:
@@ -359,36 +365,50 @@ class IngestPlan(Settings):
         """Raise UsageError for options that contradict each other."""
         both = next((name for name in self.video if name in self.images), None)
         if both is not None:
-            raise UsageError(f"camera {both}: has both video and images; give one")
+            raise UsageError(f"camera {both}: has both video and images; give one", id="conflicting-options")
         measured = self.boxes or self.positions or self.doa or self.reads or self.truth
         if not (self.bags or self.video or self.images or measured):
             raise UsageError(
                 "nothing to ingest; give a bag, video, images, boxes, positions, directions (doa), reads of tags or "
-                "truth"
+                "truth",
+                id="missing-option",
             )
         if self.grid is not None and not self.positions:
-            raise UsageError(f"{option('grid')} is the grid of positions; give positions, or leave it out")
+            raise UsageError(
+                f"{option('grid')} is the grid of positions; give positions, or leave it out", id="not-applicable"
+            )
         turned = self.up is not None or self.ground_height is not None or self.mirror is not None
         if self.positions and turned:
             raise UsageError(
                 "positions are in the world of the tracks and are not turned; leave "
-                f"{option('up')}, {option('ground_height')} and {option('mirror')} out"
+                f"{option('up')}, {option('ground_height')} and {option('mirror')} out",
+                id="not-applicable",
             )
         if not self.bags and (self.topic or self.topics or self.world_frame or self.camera_axes):
-            raise UsageError("topics, the world frame and the axes of cameras are those of a bag; give a bag")
+            raise UsageError(
+                "topics, the world frame and the axes of cameras apply to a bag; give a bag", id="not-applicable"
+            )
         if not self.calibration and not self.bags and turned:
             raise UsageError(
                 f"{option('up')}, {option('ground_height')} and {option('mirror')} turn the world of a calibration; "
-                f"give {option('calibration')} or a bag"
+                f"give {option('calibration')} or a bag",
+                id="not-applicable",
             )
         if not self.calibration and not self.bags and self.lens_model is not None:
-            raise UsageError(f"{option('lens_model')} is that of a calibration; give {option('calibration')} or a bag")
+            raise UsageError(
+                f"{option('lens_model')} applies to a calibration; give {option('calibration')} or a bag",
+                id="not-applicable",
+            )
         for key, value in (("start_time", self.start_time), ("fps", self.fps)):
             names = [name or "" for name, _ in value]
             if (double := first_double(names)) is not None:
-                raise UsageError(f"{option(key)} is given twice{f' for {double}' if double else ''}; keep one")
+                raise UsageError(
+                    f"{option(key)} is given twice{f' for {double}' if double else ''}; keep one", id="duplicate-name"
+                )
         if self.store == "link" and self.images:
-            raise UsageError("store link: only videos can be linked to; give png or jpeg for images")
+            raise UsageError(
+                "store link: only videos can be linked to; give png or jpeg for images", id="not-applicable"
+            )
 
     def calibration_options(self) -> CalibrationOptions:
         """What a calibration does not state itself."""
@@ -412,7 +432,10 @@ class IngestPlan(Settings):
             for name, value in names:
                 if name is not None and name not in known:
                     near = did_you_mean(name, known) if known else "give it without a name"
-                    raise UsageError(f"{option(key)} {name}={value}: no camera or ARRAY=FILE has this name; {near}")
+                    raise UsageError(
+                        f"{option(key)} {name}={value}: no camera or ARRAY=FILE has this name; {near}",
+                        id="unknown-sensor",
+                    )
 
     def files(self) -> list[tuple[Path, str]]:
         """Every input that must be a file, and what it should be."""
@@ -511,9 +534,11 @@ def _named(setting: str, values: Iterable[str]) -> dict[str, Path]:
     out: dict[str, Path] = {}
     for name, path in pairs(values, Path):
         if name is None:
-            raise UsageError(f"{setting} {path}: does not name its camera; give CAMERA={path}")
+            raise UsageError(f"{setting} {path}: does not name its camera; give CAMERA={path}", id="camera-not-named")
         if name in out:
-            raise UsageError(f"{setting}: camera {name} is given twice; give every camera its own name")
+            raise UsageError(
+                f"{setting}: camera {name} is given twice; give every camera its own name", id="duplicate-name"
+            )
         out[name] = path
     return out
 

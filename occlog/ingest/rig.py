@@ -83,10 +83,12 @@ def world_checks(cameras: Sequence[Camera], up: str | None, *, ground_stated: bo
     off = _distance_from_axes(centres, rotations[:, :, 2]) if len(placed) > 2 else 0.0
     limit = NEAR if tilted or low else min(NEAR, off / NEARER) if off > NEAR else 0.0
     misread = [*_misread(placed, limit)] if as_read and limit else []
+    single = [*_misread_ones(placed)] if as_read and not misread else []
+    buried = [] if single else low
     return (
         *outcome(HANDED, ()),
-        *outcome(UPRIGHT, misread or tilted),
-        *outcome(HEIGHTS, low, unless="the vertical is unknown" if unknown else ""),
+        *outcome(UPRIGHT, misread or single or tilted),
+        *outcome(HEIGHTS, buried, unless="the vertical is unknown" if unknown and not single else ""),
     )
 
 
@@ -131,29 +133,49 @@ def _misread(cameras: Sequence[Camera], limit: float = NEAR) -> Iterator[Check]:
         cameras: as read.
         limit: for the distance of their axes from that place; see `_distance_from_axes`.
     """
+    found = [
+        (_distance_from_axes(places, axes[:, :, 2]), change)
+        for change, axes, places in _meanings(cameras)
+        if (places[:, 2] > HEIGHT_SLACK).all() and is_upright(axes)
+    ]
+    if found and min(found)[0] < limit:
+        yield finding(UPRIGHT, "extrinsics-fit-if", change=min(found)[1])
+
+
+def _misread_ones(cameras: Sequence[Camera]) -> Iterator[Check]:
+    """Find the meaning of the extrinsics of single cameras below the ground by which they see what the others see."""
+    low = [c for c, camera in enumerate(cameras) if camera.position[2] <= HEIGHT_SLACK]
+    if 2 * len(low) > len(cameras):
+        return
+    for c in low:
+        others = [camera for k, camera in enumerate(cameras) if k not in low]
+        found: list[tuple[float, str]] = []
+        for change, axes, places in _meanings([cameras[c]]):
+            if places[0, 2] > HEIGHT_SLACK and is_upright(axes):
+                all_places = np.concatenate([places, [camera.position for camera in others]])
+                all_axes = np.concatenate([axes, [camera.rotation for camera in others]])[:, :, 2]
+                found.append((_distance_from_axes(all_places, all_axes), change))
+        if found and min(found)[0] < NEAR:
+            yield finding(UPRIGHT, "camera-extrinsics-fit-if", sensors=[cameras[c].name], change=min(found)[1])
+
+
+def _meanings(cameras: Sequence[Camera]) -> Iterator[tuple[str, Floats, Floats]]:
+    """What extrinsics may mean that were read in another way: words, (n, 3, 3) rotations and (n, 3) positions then."""
     from scipy.spatial.transform import Rotation
 
-    found: list[tuple[float, str]] = []
     rotations, centres = np.array([c.rotation for c in cameras]), np.array([c.position for c in cameras])
     inverse = rotations.transpose(0, 2, 1)  # camera-from-world
     shifts = -np.einsum("nij,nj->ni", inverse, centres)
-    transposed = -np.einsum("nij,nj->ni", inverse, shifts)
     # Orders of quaternions: ROS has w last in world-from-camera, COLMAP w first in camera-from-world rotations
     w_last = Rotation.from_quat(np.roll(Rotation.from_matrix(rotations).as_quat(), -1, axis=1)).as_matrix()
     w_first = Rotation.from_quat(np.roll(Rotation.from_matrix(inverse).as_quat(), 1, axis=1)).inv().as_matrix()
-    for change, axes, places in (
-        ("camera-to-world (inverted)", inverse, shifts),
-        ("camera-to-world in OpenGL's axes (y up, z backward)", inverse @ OPENGL, shifts),
-        ("read with transposed rotations", inverse, transposed),
-        ("read with centres for translations", rotations, shifts),
-        ("those of bodies (x forward, y left, z up)", rotations @ BODY, centres),
-        ("quaternions with w first, read as x, y, z, w", w_last, centres),
-        ("quaternions with w last, read as w, x, y, z", w_first, -np.einsum("nij,nj->ni", w_first, shifts)),
-    ):
-        if (places[:, 2] > HEIGHT_SLACK).all() and is_upright(axes):
-            found.append((_distance_from_axes(places, axes[:, :, 2]), change))
-    if found and min(found)[0] < limit:
-        yield finding(UPRIGHT, "extrinsics-fit-if", change=min(found)[1])
+    yield "camera-to-world (inverted)", inverse, shifts
+    yield "camera-to-world in OpenGL's axes (y up, z backward)", inverse @ OPENGL, shifts
+    yield "read with transposed rotations", inverse, -np.einsum("nij,nj->ni", inverse, shifts)
+    yield "read with centres for translations", rotations, shifts
+    yield "those of bodies (x forward, y left, z up)", rotations @ BODY, centres
+    yield "quaternions with w first, read as x, y, z, w", w_last, centres
+    yield "quaternions with w last, read as w, x, y, z", w_first, -np.einsum("nij,nj->ni", w_first, shifts)
 
 
 def _low(cameras: Sequence[Camera]) -> Iterator[Check]:

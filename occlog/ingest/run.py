@@ -153,7 +153,8 @@ def _open_bag(plan: IngestPlan, scene: Scene, stack: ExitStack, note: Callable[[
         if path.is_file() and is_of_occlog(path):
             raise InputError(
                 f"{path}: is an occlog recording; ingest would drop its tables and losses; use it directly, or ingest "
-                "its sources"
+                "its sources",
+                id="wrong-content",
             )
     bag = stack.enter_context(open_bag(plan.bags))
     found = look_into(bag, plan, note)
@@ -326,7 +327,8 @@ def _write_positions(
         for source in log.sources:
             if source in taken:
                 raise UsageError(
-                    f"{path}: its source is called as {taken[source]}; give it another name, NAME={path.name}"
+                    f"{path}: its source is called as {taken[source]}; give it another name, NAME={path.name}",
+                    id="duplicate-name",
                 )
             taken[source] = f"that of {path.name}"
         writer.table(log.table)
@@ -342,17 +344,17 @@ def _positions_in_words(path: Path, log: PositionLog) -> str:
     there = table.detection >= 0
     x, y = table.x[there], table.y[there]
     stated = int(np.isfinite(table.cov_xx[there]).sum())
-    said = [
+    text = [
         f"{counted(int(there.sum()), 'position')} of {', '.join(log.sources)}",
         f"x {x.min():.4g} to {x.max():.4g}, y {y.min():.4g} to {y.max():.4g}",
         f"{counted(int((~there).sum()), 'frame')} without any",
     ]
     if log.step > 1:
-        said.append(f"frames in steps of {log.step} (the frame rate counts every number)")
-    said.append("no errors stated, jipda learns them" if not stated else f"errors stated of {stated}")
+        text.append(f"frames in steps of {log.step} (the frame rate counts every number)")
+    text.append("no errors stated, jipda learns them" if not stated else f"errors stated of {stated}")
     if log.other_frames:
-        said.append(f"skipped: {log.other_frames} of other frames")
-    return f"positions: {path.name}: {'; '.join(said)}"
+        text.append(f"skipped: {log.other_frames} of other frames")
+    return f"positions: {path.name}: {'; '.join(text)}"
 
 
 def _write_reads(
@@ -388,7 +390,8 @@ def _check_tags(path: Path, log: ReadLog, known: Mapping[str, int]) -> None:
         if known.get(tag, target) != target or owner.get(target, tag) != tag:
             raise InputError(
                 f"{path}: tag {tag} would be target {target}, as in the logs before it another tag is; "
-                "join the logs into one"
+                "join the logs into one",
+                id="duplicate-name",
             )
 
 

@@ -73,7 +73,10 @@ class Turn(NamedTuple):
         """True positions in the upright world; InputError for one without a height, which could be anywhere there."""
         unknown = np.isnan(truth.z)
         if unknown.any() and self.rotation[:2, 2].any():
-            raise InputError(f"{path}: has no heights, without which true positions cannot be turned upright; add z")
+            raise InputError(
+                f"{path}: has no heights, without which true positions cannot be turned upright; add z",
+                id="missing-value",
+            )
         x, y, z = self.positions(np.column_stack([truth.x, truth.y, np.where(unknown, 0.0, truth.z)])).T
         z = np.where(unknown, np.nan, z)
         columns = {c.name: getattr(truth, c.name) for c in Truth.columns()}
@@ -164,7 +167,8 @@ def with_stated_sizes(
         if name in frames and frames[name].size != size:
             raise InputError(
                 f"camera {name}: boxes are of images of {size[0]} x {size[1]} px, but its frames have "
-                f"{frames[name].size[0]} x {frames[name].size[1]}; give boxes of these frames"
+                f"{frames[name].size[0]} x {frames[name].size[1]}; give boxes of these frames",
+                id="image-size-mismatch",
             )
     known = {**{name: Sized(size) for name, size in stated.items()}, **frames}
     if given is None:
@@ -176,7 +180,8 @@ def with_stated_sizes(
             what = "boxes are of images" if camera.name not in frames else "frames"
             raise InputError(
                 f"camera {camera.name}: {what} of {found.size[0]} x {found.size[1]} px, but {option('image_size')} is "
-                f"{given[0]}x{given[1]}; leave it out"
+                f"{given[0]}x{given[1]}; leave it out",
+                id="image-size-mismatch",
             )
     return known
 
@@ -218,7 +223,10 @@ def fit_size(camera: Camera, size: tuple[int, int], bars: Bars, note: Callable[[
         note(f"{change}: taken for cut at the right and lower edge")
         return _scaled(camera, size, np.ones(2), np.zeros(2))
     if abs((new / old)[0] / (new / old)[1] - 1) > SHAPE_SLACK:
-        raise InputError(f"{change}: another shape; give the calibration of this video, or frames of its size")
+        raise InputError(
+            f"{change}: another shape; give the calibration of this video, or frames of its size",
+            id="image-size-mismatch",
+        )
     note(f"{change}: taken for scaled by {scale:.4g}")
     return _scaled(camera, size, new / old, np.zeros(2))
 
@@ -258,7 +266,9 @@ def add_bag_cameras(
     if not cameras:
         return IngestScene(scene, None, world_checks((), None, ground_stated=False))
     if scene.length_unit != "m":
-        raise InputError(f"{plan.scene}: lengths are in {scene.length_unit}, but those of the bag in m")
+        raise InputError(
+            f"{plan.scene}: lengths are in {scene.length_unit}, but those of the bag in m", id="unit-mismatch"
+        )
     note(describe(CalibrationFile(cameras, f"camera_info and transforms of the bag, world {world!r}", "m")))
     turn = find_turn(cameras, plan.up, plan.ground_height, note, plan.mirror)
     placed = cameras if turn is None else tuple(turn.camera(c) for c in cameras)
@@ -282,13 +292,19 @@ def base_scene(plan: IngestPlan, note: Note) -> IngestScene:
         options = plan.calibration_options()
         calibration = read_calibration(plan.calibration, plan.calibration_format, options)
         note(describe(calibration))
-        for said in calibration.notes:
-            note(f"calibration: {said}")
+        for reported in calibration.notes:
+            note(f"calibration: {reported}")
         if scene.length_unit != "m":
-            raise InputError(f"{plan.scene}: lengths are in {scene.length_unit}, but those of the calibration in m")
+            raise InputError(
+                f"{plan.scene}: lengths are in {scene.length_unit}, but those of the calibration in m; convert "
+                "one of them",
+                id="unit-mismatch",
+            )
         double = next((c.name for c in calibration.cameras if c.name in {k.name for k in cameras}), None)
         if double is not None:
-            raise UsageError(f"camera {double}: is both in {plan.scene} and in the calibration; keep one")
+            raise UsageError(
+                f"camera {double}: is both in {plan.scene} and in the calibration; keep one", id="duplicate-name"
+            )
         turn = find_turn(calibration.cameras, plan.up, plan.ground_height, note, plan.mirror)
         placed = calibration.cameras if turn is None else tuple(turn.camera(c) for c in calibration.cameras)
         checks = (*calibration.checks, *world_checks(placed, plan.up, ground_stated=plan.ground_height is not None))
@@ -306,10 +322,13 @@ def check_metres(plan: IngestPlan, unit: str) -> None:
     if unit == "m":
         return
     named = [path for _, path in plan.truth] + ([] if plan.readers is None else [plan.readers])
-    said = [path for path in named if path.is_file() and _says_metres(path)]
-    in_metres = next(iter((*(path for _, path in plan.arrays), *said)), None)
+    reported = [path for path in named if path.is_file() and _says_metres(path)]
+    in_metres = next(iter((*(path for _, path in plan.arrays), *reported)), None)
     if in_metres is not None:
-        raise InputError(f"{in_metres}: lengths are in m, but those of {plan.scene} in {unit}; convert one of them")
+        raise InputError(
+            f"{in_metres}: lengths are in m, but those of {plan.scene} in {unit}; convert one of them",
+            id="unit-mismatch",
+        )
 
 
 def _says_metres(path: Path) -> bool:
@@ -324,7 +343,9 @@ def _says_metres(path: Path) -> bool:
 def _check_names(plan: IngestPlan, names: Sequence[str]) -> None:
     """UsageError where a reader of the table has the name of another sensor."""
     if plan.readers is not None and (double := first_double(names)) is not None:
-        raise UsageError(f"{plan.readers}: reader {double} has the name of another sensor; names must differ")
+        raise UsageError(
+            f"{plan.readers}: reader {double} has the name of another sensor; names must differ", id="duplicate-name"
+        )
 
 
 def _arrays(path: Path, name: str | None, note: Note) -> tuple[MicrophoneArray, ...]:
@@ -358,7 +379,8 @@ def match_cameras(scene: Scene, wanted: Sequence[str], plan: IngestPlan, reasons
             renamed = f"name its files as there ({others[0]}=FILE), " if others else ""
             raise InputError(
                 f"camera {name}: has no calibration ({reasons.get(name, f'calibrated: {known}')}); {renamed}add it to "
-                f"the calibration or the scene, or give {option('allow_uncalibrated')} (tracked in its images only)"
+                f"the calibration or the scene, or give {option('allow_uncalibrated')} (tracked in its images only)",
+                id="missing-pose",
             )
         out.append(replace(kept.pop(found), name=name) if found is not None else _unplaced(name, plan))
     if plan.scene is not None:

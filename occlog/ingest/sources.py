@@ -55,10 +55,16 @@ def read_sidecars(plan: IngestPlan, cameras: list[str]) -> Sidecars:
     for name, path in plan.timestamps:
         names = [name] if name is not None else cameras
         if name is not None and name not in cameras:
-            raise UsageError(f"{path}: time stamps of camera {name}, which there is not; cameras: {', '.join(cameras)}")
+            raise UsageError(
+                f"{path}: time stamps of camera {name}, which there is not; cameras: {', '.join(cameras)}",
+                id="unknown-sensor",
+            )
         for camera, times in read_sidecar(path, names).items() if names else ():
             if camera in out:
-                raise UsageError(f"camera {camera}: has times in {out[camera][1]} and in {path.name}; give one")
+                raise UsageError(
+                    f"camera {camera}: has times in {out[camera][1]} and in {path.name}; give one",
+                    id="conflicting-options",
+                )
             out[camera] = (times, path.name)
     return out
 
@@ -68,7 +74,9 @@ def times_of(plan: IngestPlan, name: str, sidecars: Sidecars) -> FrameTimes | No
     rate = for_sensor(plan.fps, name)
     if name in sidecars:
         if any(key == name for key, _ in plan.fps):
-            raise UsageError(f"camera {name}: has both time stamps and a frame rate; give one")
+            raise UsageError(
+                f"camera {name}: has both time stamps and a frame rate; give one", id="conflicting-options"
+            )
         return sidecar_times(*sidecars[name], start_of(plan, name))
     return rate_times(as_rate(rate), "given", start_of(plan, name)) if rate is not None else None
 

@@ -1,4 +1,4 @@
-"""Checks of what the files of an ingest state beside their pictures and boxes, and of how these fit each other."""
+"""Checks of what the files of an ingest state about their pictures and boxes, and of how these fit each other."""
 
 from __future__ import annotations
 

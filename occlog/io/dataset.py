@@ -108,24 +108,26 @@ def _columns(parts: Mapping[str, Path], name: str) -> tuple[dict[str, pa.Field],
     for recording, part in parts.items():
         header = read_header(part)
         if header.table != name:
-            raise InputError(f"{part}: holds {header.table}, expected {name}")
+            raise InputError(f"{part}: holds {header.table}, expected {name}", id="wrong-content")
         if where and header.length_unit != unit:
             raise InputError(
                 f"{name}: lengths are in {unit} in {where} and in {header.length_unit} in {recording}; a table has one "
-                "unit: make a batch of the recordings of each"
+                "unit: make a batch of the recordings of each",
+                id="unit-mismatch",
             )
         unit, where = header.length_unit, where or recording
         schema = arrow_schema_of(part)
         check_schema(part, schema, TABLES[name])
         twice = [each for each, count in Counter([RECORDING.name, *schema.names]).items() if count > 1]
         if twice:
-            raise InputError(f"{part}: column {twice[0]} would be there twice; make it again")
+            raise InputError(f"{part}: column {twice[0]} would be there twice; make it again", id="damaged-file")
         for field in schema:
             known = fields.setdefault(field.name, field)
             if known.type != field.type:
                 raise InputError(
                     f"{name}: {field.name} is {known.type} in {first[field.name]} and {field.type} in {recording}; "
-                    "make both with one version of occlog"
+                    "make both with one version of occlog",
+                    id="version-mismatch",
                 )
             first.setdefault(field.name, recording)
             held[field.name] = held.get(field.name, 0) + 1
@@ -142,7 +144,9 @@ def _batches(parts: Mapping[str, Path], schema: pa.Schema) -> Iterator[pa.Table]
                 there = field.name in batch.schema.names
                 columns.append(batch.column(field.name) if there else pa.nulls(batch.num_rows, field.type))
                 if there and (missing := columns[-1].null_count) and not field.nullable:
-                    raise InputError(f"{part}: column {field.name}: {missing} missing values; make it again")
+                    raise InputError(
+                        f"{part}: column {field.name}: {missing} missing values; make it again", id="damaged-file"
+                    )
             yield pa.Table.from_arrays(columns, schema=schema)
 
 

@@ -145,10 +145,10 @@ class Opened:
         names = [t.NAME for t in tables]
         if self.recording is None:
             swapped = next((hint for have, want, hint in SWAPPED if have == self.table and want in names), "")
-            raise InputError(f"{self.path}: holds {self.table}; expected {_or(names)}{swapped}")
+            raise InputError(f"{self.path}: holds {self.table}; expected {_or(names)}{swapped}", id="wrong-content")
         missing = " and no ".join(WORDS.get(t.NAME, t.NAME) for t in tables)
         hint = "" if self.recording.ours else f"; {FOREIGN_BAG}"
-        raise InputError(f"{self.path}: holds no {missing}; {remedy}{hint}")
+        raise InputError(f"{self.path}: holds no {missing}; {remedy}{hint}", id="wrong-content")
 
 
 def _or(names: list[str]) -> str:
@@ -183,7 +183,8 @@ def open_input(path: Path, *wants: type[ColumnTable], remedy: str = REMEDY, fps:
             raise InputError(f"{path}: is {mistaken}")
         if path.suffix.lower() == ".json":
             raise InputError(
-                f"{path}: is JSON by its name; boxes in JSON go into a recording by `occlog ingest --boxes`"
+                f"{path}: is JSON by its name; boxes in JSON go into a recording by `occlog ingest --boxes`",
+                id="wrong-content",
             )
         # The reader of the kind that the name states explains the fault of the content
         opened = _recording(path) if is_recording_name(path) else _table(path)
@@ -242,9 +243,12 @@ def _refuse_stations(path: Path) -> None:
         if occurs_twice(path):
             raise InputError(
                 f"{path}: has no column of times or frame numbers among {', '.join(source.names)}; name one "
-                "time_s or t_ns"
+                "time_s or t_ns",
+                id="missing-column",
             )
-        raise InputError(f"{path}: is a table of stations, not of what they measured; give it as the scene")
+        raise InputError(
+            f"{path}: is a table of stations, not of what they measured; give it as the scene", id="wrong-content"
+        )
 
 
 def frames_counted_by(path: Path) -> str | None:
@@ -275,8 +279,8 @@ def _external_table(source: ColumnSource, wants: Sequence[type[ColumnTable]] = (
 
     table = ForeignTable(source, best_fit(source, wants))
     for column, name, *_ in table.layout.columns:
-        said = unit_in_name(table.layout.table, column, name)
-        STATED.get().note_use(name, kind_of(column), said, source.path)
+        reported = unit_in_name(table.layout.table, column, name)
+        STATED.get().note_use(name, kind_of(column), reported, source.path)
     names = (f"{s.name} is {s.column.name}" + (f" [{s.unit}]" if s.unit else "") for s in table.layout.columns)
     log_detail(
         f"{source.path}: {source.kind} of another program, read as {table.layout.table.NAME}: {', '.join(names)}"
@@ -381,7 +385,8 @@ def scene_in(path: Path) -> Scene | None:
     if content is Content.OTHER and (header := header_of_table(path)):
         raise InputError(
             f"{path}: is a table ({', '.join(header[:4])}, ...), not a scene: stations have name, x and y; are the "
-            "measurements and the scene swapped?"
+            "measurements and the scene swapped?",
+            id="wrong-content",
         )
     return read_scene(path)
 
@@ -412,10 +417,10 @@ def check_unit(
 
 
 def common_unit(inputs: Iterable[Opened | None]) -> tuple[str, str]:
-    """The unit of lengths of inputs that are used without a scene, and the file that decides it.
+    """Unit of lengths of inputs that are used without a scene, and the file that decides it.
 
-    It is that of the first of ours.  Of external tables it is that of the first, but metres where one of them has
-    lengths without a unit.
+    The first occlog table that states a unit decides.  Without one the first external table does, and the unit is m if
+    an external table has lengths without a unit.
     """
     opened = [each for each in inputs if each is not None]
     for each in opened:

@@ -127,7 +127,7 @@ def _of_file(path: Path) -> Iterator[FileContent]:
         with path.open("rb") as file:
             head = file.read(512)
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}", id="unreadable-file") from error
     if head.startswith((RECORDING_MAGIC, *BAG_MAGICS)):
         bag = is_foreign_bag(path)
         yield FileContent(*((FileKind.BAG, "bag of another program") if bag else (FileKind.RECORDING, "recording")))
@@ -395,7 +395,9 @@ def read_sequence_info(path: Path) -> SequenceInfo:
         try:
             parser.read_string(path.read_text(encoding="utf-8-sig"))
         except configparser.Error as error:
-            raise InputError(f"{path}: cannot be read: {' '.join(str(error).split())[:120]}") from None
+            raise InputError(
+                f"{path}: cannot be read: {' '.join(str(error).split())[:120]}", id="unreadable-file"
+            ) from None
         values = {key.lower(): value for each in parser.sections() for key, value in parser[each].items()}
         size = (int(values.get("imwidth", 0)), int(values.get("imheight", 0)))
     return SequenceInfo(values.get("name", ""), values.get("framerate"), size if min(size) > 0 else None)

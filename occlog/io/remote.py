@@ -60,7 +60,10 @@ def kind_of(url: str) -> str:
     found = _URL.match(url)
     kind = found.group(1).lower() if found else ""
     if kind not in PACKAGES or "::" in url:
-        raise UsageError(f"{public_url(url)}: {kind}: is not taken; give a file, or one of {', '.join(PACKAGES)}")
+        raise UsageError(
+            f"{public_url(url)}: {kind}: is not taken; give a file, or one of {', '.join(PACKAGES)}",
+            id="unsupported-format",
+        )
     return kind
 
 
@@ -127,7 +130,7 @@ def _as_output_error(url: str, failure: type[OcclogError] = InputError) -> Itera
     except ImportError as error:
         packages = PACKAGES[kind_of(url)]
         raise UsageError(
-            f"{public_url(url)}: requires a package that is not installed; pip install {packages}"
+            f"{public_url(url)}: requires a package that is not installed; pip install {packages}", id="missing-package"
         ) from error
     except FileNotFoundError as error:
         reason = _unreached(error)
@@ -206,7 +209,8 @@ def check_output(url: str) -> None:
     """UsageError for a URL that nothing can be written to."""
     if kind_of(url) in READ_ONLY:
         raise UsageError(
-            f"{public_url(url)}: nothing can be written to a web server; name a folder, or one in s3:// or gs://"
+            f"{public_url(url)}: nothing can be written to a web server; name a folder, or one in s3:// or gs://",
+            id="not-applicable",
         )
 
 
@@ -264,7 +268,9 @@ class Cache:
         remote_version = version(url)
         if remote_version.size is not None and remote_version.size > self.limit:
             raise InputError(
-                f"{public_url(url)}: has {remote_version.size} bytes, limit {self.limit}; raise {option('cache_limit')}"
+                f"{public_url(url)}: has {remote_version.size} bytes, limit {self.limit}; raise "
+                f"{option('cache_limit')}",
+                id="input-too-large",
             )
         key = hashlib.sha256(f"{identity(url)}\0{remote_version.size}\0{remote_version.mark}".encode()).hexdigest()[:32]
         # Without a mark a change of the file cannot be noticed
@@ -296,7 +302,8 @@ class Cache:
         if hash_file(video) not in [link.get("sha256") for link in open_recording(recording).videos.values()]:
             video.unlink()
             raise InputError(
-                f"{public_url(there)}: is not the video that {recording.name} links to (SHA-256); put that one there"
+                f"{public_url(there)}: is not the video that {recording.name} links to (SHA-256); put that one there",
+                id="file-changed",
             )
 
     def _fetch(self, url: str, file: Path, wanted: int | None) -> None:
@@ -305,7 +312,7 @@ class Cache:
         size = fetch(url, file)
         if wanted is not None and size != wanted:
             file.unlink()
-            raise InputError(f"{public_url(url)}: came with {size} bytes of {wanted}; try again")
+            raise InputError(f"{public_url(url)}: came with {size} bytes of {wanted}; try again", id="transfer-failed")
 
     @contextmanager
     def _using(self, key: str) -> Iterator[Path]:
@@ -330,7 +337,10 @@ class Cache:
     def _managed(self) -> Iterator[None]:
         """Hold off other processes from the locks meanwhile.  UsageError where the system has no such locks."""
         if "fcntl" not in globals():
-            raise UsageError("recordings at URLs need file locks, which this system lacks; copy them into a folder")
+            raise UsageError(
+                "recordings at URLs need file locks, which this system lacks; copy them into a folder",
+                id="missing-package",
+            )
         self.folder.mkdir(parents=True, exist_ok=True)
         with (self.folder / LOCK).open("a") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
@@ -389,7 +399,7 @@ def _alone(lock: IO[str]) -> bool:
 
 
 def _size(folder: Path) -> int:
-    """Bytes of the files in a folder, which whoever uses it may remove meanwhile."""
+    """Total size of the files in a folder [bytes]; files that another process removes meanwhile do not count."""
     total = 0
     for location, _, names in os.walk(folder):
         for name in names:

@@ -179,13 +179,15 @@ def choose(
         recorded: experiments on the recording that was given.
     """
     if paper not in PAPERS:
-        raise UsageError(f"no experiments of {paper!r}; there are those of: {', '.join(PAPERS)}")
+        raise UsageError(f"no experiments of {paper!r}; there are those of: {', '.join(PAPERS)}", id="unknown-name")
     known = {e.item: e for e in (*PAPERS[paper], *recorded)}
     for item in items:
         if item not in known:
             near = difflib.get_close_matches(item, known, n=1)
             hint = f"did you mean {near[0]!r}?" if near else ""
-            raise UsageError(f"{paper} has no experiment {item!r}; {hint or 'it has: ' + ', '.join(known)}")
+            raise UsageError(
+                f"{paper} has no experiment {item!r}; {hint or 'it has: ' + ', '.join(known)}", id="unknown-name"
+            )
     return [e for e in known.values() if everything or e.item in items]
 
 

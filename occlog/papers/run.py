@@ -72,7 +72,7 @@ class ReproduceRequest:
 def list_papers(as_json: bool, only: str | None = None) -> None:
     """Print the experiments of all papers, or of one; UsageError for an unknown one."""
     if only is not None and only not in PAPERS:
-        raise UsageError(f"no experiments of {only!r}; there are those of: {', '.join(PAPERS)}")
+        raise UsageError(f"no experiments of {only!r}; there are those of: {', '.join(PAPERS)}", id="unknown-name")
     papers = {p: experiments for p, experiments in PAPERS.items() if only in (None, p)}
     if as_json:
         console.echo_summary({p: {e.item: e.title for e in experiments} for p, experiments in papers.items()}, True)
@@ -105,9 +105,9 @@ def run_reproduce(request: ReproduceRequest) -> None:
 def _run_papers(request: ReproduceRequest) -> None:
     """Run all experiments of all papers, each paper in its own folder; count the verdicts."""
     if not request.everything:
-        raise UsageError("name a paper, or give --all or --list")
+        raise UsageError("name a paper, or give --all or --list", id="missing-option")
     if request.sizes:
-        raise UsageError("--size requires a paper, as several have an experiment of the same name")
+        raise UsageError("--size requires a paper, as several have an experiment of the same name", id="missing-option")
     output = request.output
     if output is not None:
         _make_folder(output)
@@ -223,12 +223,14 @@ def recorded_of(paper: str, request: ReproduceRequest) -> tuple[Experiment, ...]
 def _check_recorded(paper: str, request: ReproduceRequest) -> None:
     """Raise UsageError for options of a recording that do not go together."""
     if request.data is not None and (request.bearings is not None or request.scene is not None):
-        raise UsageError("--data has its own bearings and scene; leave --bearings and --scene out")
+        raise UsageError(
+            "--data has its own bearings and scene; leave --bearings and --scene out", id="conflicting-options"
+        )
     if (request.bearings is None) != (request.scene is None):
-        raise UsageError("--scene goes with --bearings; give both")
+        raise UsageError("--scene goes with --bearings; give both", id="missing-option")
     option = "data" if request.data is not None else "bearings" if request.bearings is not None else None
     if option is not None and paper in PAPERS and paper not in RECORDED:
-        raise UsageError(f"{paper} has no experiment on a recording; leave --{option} out")
+        raise UsageError(f"{paper} has no experiment on a recording; leave --{option} out", id="not-applicable")
 
 
 def _check_names(paper: str, request: ReproduceRequest, recorded: Sequence[Experiment]) -> None:
@@ -237,10 +239,12 @@ def _check_names(paper: str, request: ReproduceRequest, recorded: Sequence[Exper
         return
     wanting = [item for item in request.items if item in RECORDED.get(paper, ()) and not recorded]
     if wanting:
-        raise UsageError(f"{wanting[0]} requires a recording; give --data DIR, or --bearings and --scene")
+        raise UsageError(
+            f"{wanting[0]} requires a recording; give --data DIR, or --bearings and --scene", id="missing-option"
+        )
     if not request.items and not request.everything:
         known = ", ".join(e.item for e in (*PAPERS[paper], *recorded))
-        raise UsageError(f"name an experiment of {paper} ({known}), or give --all")
+        raise UsageError(f"name an experiment of {paper} ({known}), or give --all", id="missing-option")
 
 
 def sizes_of(given: Sequence[str], items: Sequence[str]) -> dict[str, tuple[int, int]]:
@@ -251,7 +255,10 @@ def sizes_of(given: Sequence[str], items: Sequence[str]) -> dict[str, tuple[int,
         if found is None or int(found[2]) < 2 or int(found[3]) < 10:
             raise UsageError(f"--size {text!r}: give ITEM=RUNSxSTEPS, from 2x10 up, as fig12=4x1000")
         if found[1] not in items:
-            raise UsageError(f"--size {text!r}: {found[1]} is not among the experiments to run: {', '.join(items)}")
+            raise UsageError(
+                f"--size {text!r}: {found[1]} is not among the experiments to run: {', '.join(items)}",
+                id="unknown-name",
+            )
         sizes[found[1]] = (int(found[2]), int(found[3]))
     return sizes
 

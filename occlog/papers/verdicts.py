@@ -502,9 +502,11 @@ def _mean(points: Sequence[StatementPoint]) -> Measure:
 
 def _verdict(key: str, statement: str, m: Measure, *, paper: float | None, word: str, rule: str) -> StatementVerdict:
     value, error = (None if math.isnan(x) else x for x in (m.value, m.error))
-    said = rule if word != UNDECIDED else f"{rule}; the error bar is too large to state" if value is not None else rule
+    reported = (
+        rule if word != UNDECIDED else f"{rule}; the error bar is too large to state" if value is not None else rule
+    )
     if value is None and word == UNDECIDED:
-        said = f"{rule}; it could not be measured"
+        reported = f"{rule}; it could not be measured"
     return StatementVerdict(
         key,
         statement,
@@ -513,7 +515,7 @@ def _verdict(key: str, statement: str, m: Measure, *, paper: float | None, word:
         error_bar=error,
         runs=m.runs,
         verdict=word,
-        rule=said,
+        rule=reported,
     )
 
 
@@ -560,7 +562,7 @@ def stated(key: str, statement: str, paper: float, m: Measure) -> StatementVerdi
     return judge(key, statement, m, around(paper, NEAR), around(paper, FAR), rule=rule, paper=paper)
 
 
-def printed(key: str, said: str, number: float, row: PaperRow | None) -> StatementVerdict:
+def printed(key: str, statement: str, number: float, row: PaperRow | None) -> StatementVerdict:
     """Judge a printed number to its digits: within two units of the last, as its inputs are rounded too."""
     digits = len(f"{number}".split(".")[1])
     near = 2.0 * 10.0**-digits
@@ -568,7 +570,7 @@ def printed(key: str, said: str, number: float, row: PaperRow | None) -> Stateme
     rule = f"printed digits: off by at most two units of the last; in part within {NEAR:.0%}"
     value = exact(math.nan if row is None else row.mean)
     good, part = Interval(number - near, number + near), Interval(number - fair, number + fair)
-    return judge(key, said, value, good, part, rule=rule, paper=number)
+    return judge(key, statement, value, good, part, rule=rule, paper=number)
 
 
 def factor(key: str, statement: str, paper: float, low: PaperRow | None, high: PaperRow | None) -> StatementVerdict:

@@ -82,7 +82,8 @@ class PlanConfig(Settings):
     )
     settling_s: float = setting(
         60.0,
-        "Time for which the filter has tracked a target when it comes to a position.",
+        "Duration for which the target has been tracked when it reaches a position. Longer durations approach "
+        "the steady state.",
         unit="s",
         people=8.0,
         above=0,

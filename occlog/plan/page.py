@@ -57,7 +57,7 @@ def _svg(figure: Figure) -> bytes:
 
 
 def size_of(what: MapPicture) -> tuple[float, float]:
-    """Inches of a picture with maps that have the room's shape."""
+    """Width and height of a picture of maps in inches, with the aspect ratio of the room."""
     extent = np.diff(_limits(what), axis=0)[0]
     return WIDTH, float(np.clip(0.44 * WIDTH * extent[1] / extent[0] + 1.9, 3.4, 9.0))
 

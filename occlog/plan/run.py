@@ -87,11 +87,13 @@ def _check(request: PlanRequest) -> None:
     """UsageError for what contradicts each other, a picture of another format, or a page that is not named so."""
     candidates, walls = option("candidates"), option("along_walls")
     if request.candidates is not None and request.along_walls is not None:
-        raise UsageError(f"{candidates} and {walls} exclude each other; name all positions in one file")
+        raise UsageError(
+            f"{candidates} and {walls} exclude each other; name all positions in one file", id="conflicting-options"
+        )
     if request.candidates is None and request.along_walls is None and request.add is not None:
-        raise UsageError(f"{option('add')} adds candidates; give {candidates} or {walls}")
+        raise UsageError(f"{option('add')} adds candidates; give {candidates} or {walls}", id="missing-option")
     if request.spacing is not None and request.along_walls is None:
-        raise UsageError(f"{option('spacing')} is of positions along the walls; add {walls}")
+        raise UsageError(f"{option('spacing')} is of positions along the walls; add {walls}", id="missing-option")
     if request.picture is not None and request.picture.suffix.lower() not in PICTURES:
         raise UsageError(f"{request.picture}: the picture is PNG or SVG; name it so")
     if request.report is not None and request.report.suffix.lower() not in (".html", ".htm"):
@@ -103,7 +105,10 @@ def _candidates(request: PlanRequest, scene: Scene) -> tuple[Sensor, ...]:
     if request.along_walls is not None:
         like = scene.camera(request.along_walls)
         if scene.room is None:
-            raise InputError(f"{request.scene}: the scene has no room, so that there are no walls; add `room` to it")
+            raise InputError(
+                f"{request.scene}: the scene has no room, so that there are no walls; add `room` to it",
+                id="missing-value",
+            )
         return along_walls(scene, like, request.spacing or _perimeter(scene.room) / PLACES)
     if request.candidates is None:
         return ()
@@ -111,14 +116,20 @@ def _candidates(request: PlanRequest, scene: Scene) -> tuple[Sensor, ...]:
     if other.length_unit != scene.length_unit:
         raise InputError(
             f"{request.candidates}: lengths are in {other.length_unit}, but the scene's in {scene.length_unit}; "
-            "use the same unit"
+            "use the same unit",
+            id="unit-mismatch",
         )
     found = sensors_of(other)
     if not found:
-        raise InputError(f"{request.candidates}: has no camera with a pose and no microphone array; list candidates")
+        raise InputError(
+            f"{request.candidates}: has no camera with a pose and no microphone array; list candidates",
+            id="too-few-sensors",
+        )
     own = {sensor.name for sensor in scene.sensors}
     if taken := next((sensor.name for sensor in found if sensor.name in own), None):
-        raise InputError(f"{request.candidates}: {taken} is a sensor of the scene already; give it another name")
+        raise InputError(
+            f"{request.candidates}: {taken} is a sensor of the scene already; give it another name", id="duplicate-name"
+        )
     return found
 
 
@@ -132,7 +143,9 @@ def _places(path: Path | None, scene: Scene) -> tuple[Floats | None, tuple[Loss,
         return None, ()
     opened = open_input(path, Tracks, Truth)
     if opened.length_unit not in (None, scene.length_unit):
-        raise InputError(f"{path}: lengths are in {opened.length_unit}, but the scene's in {scene.length_unit}")
+        raise InputError(
+            f"{path}: lengths are in {opened.length_unit}, but the scene's in {scene.length_unit}", id="unit-mismatch"
+        )
     if opened.has(Truth):
         truth = opened.read(Truth)
         return np.column_stack([truth.x, truth.y]), opened.losses

@@ -83,7 +83,9 @@ def prepare(
     """
     cells, own = cells_of(scene, config.cells), sensors_of(scene)
     if not own and not also:
-        raise InputError("plan: the scene has no camera with a pose and no microphone array; add sensors to it")
+        raise InputError(
+            "plan: the scene has no camera with a pose and no microphone array; add sensors to it", id="too-few-sensors"
+        )
     dt = 1.0 / max(rate_of(sensor, config) for sensor in (*own, *also))
     steps = max(2, round(config.settling_s / dt))
     size = len(cells.xy) * config.samples_per_cell * steps
@@ -91,7 +93,8 @@ def prepare(
         raise InputError(
             f"plan: {len(cells.xy)} positions x {config.samples_per_cell} samples x {steps} steps are {size}, "
             f"must be at most {MAX_WALK_STEPS}; "
-            "take fewer cells or samples, or a shorter settling time"
+            "take fewer cells or samples, or a shorter settling time",
+            id="problem-too-large",
         )
     people = simulate_crowd(scene, config, dt, steps, seed)
     visits = cell_visits(cells, people, steps)

@@ -80,7 +80,9 @@ def cells_of(scene: Scene, count: int) -> FloorCells:
         InputError: the scene has no room.
     """
     if scene.room is None:
-        raise InputError("plan: the scene has no room, so that the walking area is unknown; add `room` to it")
+        raise InputError(
+            "plan: the scene has no room, so that the walking area is unknown; add `room` to it", id="missing-value"
+        )
     low, high = scene.room.min(axis=0), scene.room.max(axis=0)
     floor = make_floor(scene.room, [o.polygon for o in scene.occluders])
     size = math.sqrt(float(np.prod(high - low)) / count)
@@ -91,7 +93,7 @@ def cells_of(scene: Scene, count: int) -> FloorCells:
             break
         size *= math.sqrt(max(len(xy), 1) / count)
     if not len(xy):
-        raise InputError("plan: the room has no free floor; make static occluders smaller")
+        raise InputError("plan: the room has no free floor; make static occluders smaller", id="no-room")
     return FloorCells(np.ascontiguousarray(xy), (high - low) / _numbers(low, high, size))
 
 
@@ -129,12 +131,13 @@ def simulate_crowd(scene: Scene, config: PlanConfig, dt: float, steps: int, seed
     try:
         state = populate(n, floor, world.diameter, rng)
     except ValueError as error:
-        raise InputError(f"plan: {error}; use fewer or smaller people, or a larger room") from error
+        raise InputError(f"plan: {error}; use fewer or smaller people, or a larger room", id="no-room") from error
     crossing = CROSSINGS * float(np.hypot(*np.ptp(floor.room, axis=0))) / (config.speed * dt)
     if crossing * n > MAX_PLACES:
         raise InputError(
             f"plan: at a speed of {config.speed:g} crossing the room takes {crossing:.2g} steps of {dt:g} s, must be "
-            f"at most {MAX_PLACES // n} with {n} people; state a higher speed, a lower rate, or fewer people"
+            f"at most {MAX_PLACES // n} with {n} people; state a higher speed, a lower rate, or fewer people",
+            id="problem-too-large",
         )
     across = math.ceil(crossing)
     count = across + steps - 1 + max(-(-WALKED // n), across)
@@ -155,7 +158,10 @@ def crowd_size(scene: Scene, config: PlanConfig) -> int:
     cells = cells_of(scene, FINE)
     number = round(config.density * len(cells.xy) * float(cells.size.prod()))
     if number > MAX_PEOPLE:
-        raise InputError(f"plan: density {config.density:g} is {number} people, must be at most {MAX_PEOPLE}; lower it")
+        raise InputError(
+            f"plan: density {config.density:g} is {number} people, must be at most {MAX_PEOPLE}; lower it",
+            id="problem-too-large",
+        )
     return number
 
 

@@ -138,7 +138,9 @@ def find(name: str, *kinds: str) -> Plugin | None:
     found = [plugin for plugin in installed() if plugin.name == name and plugin.kind in kinds]
     if len(found) > 1:
         packages = " and ".join(plugin.package for plugin in found)
-        raise UsageError(f"plug-in {name}: {packages} both have one of that name; uninstall one of them")
+        raise UsageError(
+            f"plug-in {name}: {packages} both have one of that name; uninstall one of them", id="duplicate-name"
+        )
     return found[0] if found else None
 
 
@@ -146,7 +148,9 @@ def named(name: str) -> list[Plugin]:
     """All plug-ins of a name, of whatever kind; UsageError, with the nearest name, if missing."""
     found = [plugin for plugin in installed() if plugin.name == name]
     if not found:
-        raise UsageError(f"no plug-in {name!r} is installed; {did_you_mean(name, [p.name for p in installed()])}")
+        raise UsageError(
+            f"no plug-in {name!r} is installed; {did_you_mean(name, [p.name for p in installed()])}", id="unknown-name"
+        )
     return found
 
 

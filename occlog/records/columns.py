@@ -176,7 +176,10 @@ def _joined(c: Column, parts: list[NDArray[np.generic]]) -> NDArray[np.generic]:
         return np.concatenate(parts)
     (length, *others) = sorted({part.shape[1] for part in parts} - {0}) or [0]
     if others:
-        raise InputError(f"{c.name}: vectors of {length} and of {others[0]} numbers in one table; all must be equal")
+        raise InputError(
+            f"{c.name}: vectors of {length} and of {others[0]} numbers in one table; all must be equal",
+            id="incompatible-inputs",
+        )
     return np.concatenate([p if p.shape[1] else np.full((len(p), length), np.nan, dtype=c.dtype) for p in parts])
 
 
@@ -242,7 +245,9 @@ def _check_times(name: str, c: Column, values: NDArray[np.generic]) -> None:
             bounded_ns(int(extreme))
         except ValueError as error:
             row = int(np.argwhere(values == extreme)[0, 0])
-            raise InputError(f"{name}.{c.name}: row {row}: {error}; want ns since 1970") from None
+            raise InputError(
+                f"{name}.{c.name}: row {row}: {error}; want ns since 1970", id="time-out-of-range"
+            ) from None
 
 
 def check_order(table: ColumnTable) -> None:
@@ -252,7 +257,8 @@ def check_order(table: ColumnTable) -> None:
     if len(back):
         row = int(back[0]) + 1
         raise InputError(
-            f"{type(table).__name__}: t_ns goes back at row {row} ({t_ns[row]} after {t_ns[row - 1]}); sort by time"
+            f"{type(table).__name__}: t_ns goes back at row {row} ({t_ns[row]} after {t_ns[row - 1]}); sort by time",
+            id="unsorted-times",
         )
 
 
@@ -312,10 +318,12 @@ def check_copies(table: ColumnTable) -> None:
     copies, twice = repeated_rows(table)
     if copies.any():
         where = key_of(table, first_row(copies))
-        raise InputError(f"{type(table).__name__}: a row is repeated ({where}); omit the copies")
+        raise InputError(f"{type(table).__name__}: a row is repeated ({where}); omit the copies", id="duplicate-row")
     if table.ONCE and twice.any():
         where = key_of(table, first_row(twice))
-        raise InputError(f"{type(table).__name__}: {where}: is there twice, with other values; keep one of them")
+        raise InputError(
+            f"{type(table).__name__}: {where}: is there twice, with other values; keep one of them", id="duplicate-row"
+        )
 
 
 def key_of(table: ColumnTable, row: int) -> str:

@@ -329,6 +329,11 @@ VERDICT: dict[str, Message] = {
         "{fit:.0%} of the people that other cameras see have a box if {change}, and {now:.0%} as it is",
         "correct the calibration or the files of boxes",
     ),
+    "camera-error": Message(
+        W,
+        "boxes of several cameras: {change}",
+        "correct the calibration or its clock",
+    ),
     "camera-gap": Message(
         W,
         "camera {sensors} has no box from {begin_s:.1f} to {end_s:.1f} s, though another one detects {people} times in "
@@ -400,6 +405,22 @@ VERDICT: dict[str, Message] = {
         "the clock of camera {sensors} is {late_s:+.3f} s (+- {sigma_s:.3f} s) late; the scene states it",
         "ingest again with this scene, or with {option[clock_offset]}",
     ),
+    "lens-from-people": Message(
+        N,
+        "camera {sensors}: focal length {focal:.0f} px (+- {sigma:.0f}), estimated from people, without distortion",
+        "calibrate it by a board ({option[board]} 9x6) if you can",
+    ),
+    "board-coverage": Message(
+        W,
+        "camera {sensors}: the board was in {share:.0%} of the image (allowed: {allowed:.0%}); elsewhere the lens is "
+        "not known",
+        "move the board to the borders and corners",
+    ),
+    "board-residual": Message(
+        W,
+        "camera {sensors}: corners of the board are {residual:.2g} px off (allowed: {allowed:.2g})",
+        "hold a flat board still, and fix the focus",
+    ),
     "camera-times-disjoint": Message(
         W,
         "camera {sensors} has no time in common with another camera: it begins {offset_s:+.3g} s after the others",
@@ -464,7 +485,9 @@ VERDICT: dict[str, Message] = {
         "no first ellipse began a tracker in {sensors}: nothing is tracked there",
         "give some, or omit the view ({option[without]})",
     ),
-    "single-view": Message(N, "there is one view, and none to assist it: {option[method]} {method} {does}"),
+    "single-view": Message(
+        N, "there is one view only, so other views cannot assist it: {option[method]} {method} {does}"
+    ),
     "views-without-links": Message(
         N,
         "no geometry links the views: {option[method]} {method} {does}",
@@ -505,6 +528,11 @@ VERDICT: dict[str, Message] = {
         W,
         "all cameras are upright and see one place if their extrinsics are {change}",
         "correct the files of the calibration",
+    ),
+    "camera-extrinsics-fit-if": Message(
+        W,
+        "camera {sensors} is above the ground and sees what the others see if its extrinsics are {change}",
+        "correct its file of the calibration",
     ),
     "vertical-uncertain": Message(
         W,

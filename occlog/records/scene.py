@@ -269,7 +269,10 @@ class Scene:
     def __post_init__(self) -> None:
         """Check the number of sensors; InputError above `MAX_SENSORS`."""
         if (count := len(self.sensors)) > MAX_SENSORS:
-            raise InputError(f"scene: {count} sensors, at most {MAX_SENSORS}; remove those without measurements")
+            raise InputError(
+                f"scene: {count} sensors, at most {MAX_SENSORS}; remove those without measurements",
+                id="problem-too-large",
+            )
 
     @property
     def sensors(self) -> tuple[Camera | MicrophoneArray | TagReader, ...]:
@@ -282,7 +285,7 @@ class Scene:
             if camera.name == name:
                 return camera
         known = ", ".join(c.name for c in self.cameras) or "none"
-        raise InputError(f"scene: no camera named {name!r}; the scene has: {known}")
+        raise InputError(f"scene: no camera named {name!r}; the scene has: {known}", id="unknown-sensor")
 
     @cached_property
     def views(self) -> ViewPrior | None:
@@ -293,7 +296,9 @@ class Scene:
         if self.room is not None:
             return None
         if not self.cameras and not self.arrays:
-            raise InputError("scene: neither a room nor a sensor defines where targets can be; add `room`")
+            raise InputError(
+                "scene: neither a room nor a sensor defines where targets can be; add `room`", id="missing-value"
+            )
         return view_prior(self)
 
     @cached_property
@@ -308,7 +313,9 @@ class Scene:
         if self.room is not None:
             return self.room
         if not self.cameras and not self.arrays and not self.readers:
-            raise InputError("scene: neither a room nor a sensor defines where targets can be; add `room`")
+            raise InputError(
+                "scene: neither a room nor a sensor defines where targets can be; add `room`", id="missing-value"
+            )
         (x0, y0), (x1, y1) = box_around(self)
         return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
 

@@ -186,7 +186,9 @@ def whole_times(chunks: Iterable[T]) -> Iterator[T]:
         if not len(chunk):
             continue
         if held is not None and times(chunk)[0] < times(held)[-1]:
-            raise InputError(f"{chunk.NAME}: t_ns goes back between two chunks; sort the table by t_ns")
+            raise InputError(
+                f"{chunk.NAME}: t_ns goes back between two chunks; sort the table by t_ns", id="unsorted-times"
+            )
         rows = chunk if held is None else type(chunk).concat([held, chunk])
         cut = int(np.searchsorted(times(rows), times(rows)[-1]))
         if cut:
@@ -239,7 +241,10 @@ class TableBuffer(Generic[T]):
         if chunk is not None:
             first, last = int(times(chunk)[0]), int(times(chunk)[-1])
             if first < self.until:
-                raise InputError(f"{self._name}: t_ns goes back between two chunks ({first}); sort the table by t_ns")
+                raise InputError(
+                    f"{self._name}: t_ns goes back between two chunks ({first}); sort the table by t_ns",
+                    id="unsorted-times",
+                )
             self.rows = self._kind.concat([self.rows, chunk])
             self.until = last
         if self._next is None:

@@ -26,6 +26,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from html import escape
 from importlib import resources
 from typing import Any, NamedTuple
@@ -43,6 +44,7 @@ from occlog.colours import TARGETS, TARGETS_DARK
 from .content.model import TIME_LABEL
 
 
+@cache
 def template(name: str, package: str = "occlog.report", folder: str = "templates") -> Template:
     """A template of a package; a value that is missing is an error."""
     environment = Environment(

@@ -280,14 +280,14 @@ def _beside(
     """Sections of bearings, and all estimates between which they are; evidence is collected meanwhile."""
     sight = SightEvidence(reference.evidence, scene, reference.made, ())
     tracks, bearings = TableBuffer(reference.tracks(), Tracks), TableBuffer(stream(), Bearings)
-    said: TableBuffer[Diagnostics] | None = None
+    diagnostics: TableBuffer[Diagnostics] | None = None
     if reference.diagnostics is not None:
         rows = in_rows_of(reference.tracks(), reference.diagnostics())
-        said = TableBuffer(rows, Diagnostics)
-    sides: list[TableBuffer[Any]] = [tracks, bearings, *([] if said is None else [said])]
+        diagnostics = TableBuffer(rows, Diagnostics)
+    sides: list[TableBuffer[Any]] = [tracks, bearings, *([] if diagnostics is None else [diagnostics])]
     margins = [max(NEAR_NS, sight.margin_ns), *[sight.margin_ns] * (len(sides) - 1)]
     for limits in in_step(sides, margins):
-        sight.update(limits, tracks, bearings, said)
+        sight.update(limits, tracks, bearings, diagnostics)
         yield reference.posts.about(limits, tracks), limits.of(bearings)
     sight.finish()
 
@@ -398,11 +398,11 @@ def in_files(paths: Mapping[str, Path], unit: str | None, scene: Scene | None) -
         kind = next((kind for kind in kinds if found.has(kind)), kinds[-1])
         if found.recording is not None and not found.has(kind):
             return None
-        said = None
+        statement = None
         if found.recording is None and found.foreign is None:
             header = describe(path)
-            said = int(header["rows"]), frozenset(column["name"] for column in header["columns"])
-        return StreamedTable(kind, opened_rows(found, kind) or partial(found.rows, kind), said)
+            statement = int(header["rows"]), frozenset(column["name"] for column in header["columns"])
+        return StreamedTable(kind, opened_rows(found, kind) or partial(found.rows, kind), statement)
 
     return opened
 
@@ -549,7 +549,10 @@ class _Reading:
 
         found = self._thin("tracks", given, watched())
         if (count := len(np.unique(found.table.target_id))) > MAX_DRAWN_TRACKS:
-            raise InputError(f"report: {count} tracks, a page draws at most {MAX_DRAWN_TRACKS}; report on parts")
+            raise InputError(
+                f"report: {count} tracks, a page draws at most {MAX_DRAWN_TRACKS}; report on parts",
+                id="problem-too-large",
+            )
         whole = found.whole
         self._evidence.rows = whole.rows
         if not self._unknown:
@@ -701,10 +704,10 @@ class _Reading:
         leading = self._whole.get("tracks") or self._whole.get("truth")
         reference = None
         if self._scene is not None and "tracks" in self._whole and "people" not in self._figures:
-            tracks, said = self._open("tracks", Tracks), self._open("diagnostics", Diagnostics)
-            same = said is not None and self._whole["diagnostics"].rows == self._whole["tracks"].rows
+            tracks, diagnostics = self._open("tracks", Tracks), self._open("diagnostics", Diagnostics)
+            same = diagnostics is not None and self._whole["diagnostics"].rows == self._whole["tracks"].rows
             assert tracks is not None
-            fared = said.chunks if said is not None and same else None
+            fared = diagnostics.chunks if diagnostics is not None and same else None
             reference = BearingReference(tracks.chunks, fared, self._posts, self._evidence, self._made, self._without())
         step_ns = float("nan") if leading is None else leading.step_ns
         steps = self._steps, step_ns

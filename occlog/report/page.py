@@ -311,7 +311,7 @@ def floorplan(data: ReportInput) -> Plot:
     if (gone := outside(data)) > 0:
         drawn_note = " of those that are drawn lie" if data.drawn("tracks") else ""
         words.append(f"{plural(gone, 'estimate')}{drawn_note} outside the drawing.")
-    words += [said] if (said := data.drawn("tracks", "truth")) else []
+    words += [diagnostics] if (diagnostics := data.drawn("tracks", "truth")) else []
     return plot("plan", "Floor plan", " ".join(words), (WIDTH, height), lambda f: draw_floorplan(f, data))
 
 
@@ -354,8 +354,8 @@ def _everybody(data: ReportInput) -> list[Plot]:
 
 def _drawn(data: ReportInput, *names: str) -> str:
     """Drawings of tables, as the end of a caption; nothing where all of them is."""
-    said = data.drawn(*names)
-    return f" {said[:-1]}; figures are of all." if said else ""
+    diagnostics = data.drawn(*names)
+    return f" {diagnostics[:-1]}; figures are of all." if diagnostics else ""
 
 
 def _whose(data: ReportInput, target: int) -> str:
@@ -377,8 +377,8 @@ def _accuracy(data: ReportInput, target: int) -> list[Plot]:
     )
     if "z" in axes:
         caption = f"On the ground: {caption}. The lowest row is the height"
-    if said := data.drawn("errors", "bound"):
-        caption += f". {said[:-1]}{largest}; figures are of all"
+    if diagnostics := data.drawn("errors", "bound"):
+        caption += f". {diagnostics[:-1]}{largest}; figures are of all"
     owner_note = f", {data.whose_errors(target)}" if data.relabelled else _whose(data, target)
     heading = f"Error and bound over time{owner_note}"
     size = (WIDTH, 5.6 if axes == "xy" else 6.7)

@@ -75,11 +75,9 @@ def _figures(figure: FigureBase, data: ReportInput) -> None:
     step = 0.98 / max(len(shown), 6)
     for i, item in enumerate(shown):
         x = 0.012 + i * step
-        figure.text(x, 0.36, f"{item.value} {label(item.unit, 8)}".strip(), fontsize=15, va="center")
-        words = f"{item.name}, {item.note}" if item.note else item.name
-        figure.text(
-            x, 0.08, label(words, 36), fontsize=8.5 if len(shown) < 7 else 7.5, va="center", color=COLOURS["muted"]
-        )
+        figure.text(x, 0.42, f"{item.value} {label(item.unit, 8)}".strip(), fontsize=15, va="center")
+        words = f"{label(item.name, 36)}\n{label(item.note, 36)}"
+        figure.text(x, 0.22, words, fontsize=8.5 if len(shown) < 7 else 7.5, va="top", color=COLOURS["muted"])
 
 
 def _head(figure: FigureBase, text: str) -> None:

@@ -63,11 +63,12 @@ def from_folder(request: PageRequest) -> PageRequest:
 
 
 def _in_images(request: PageRequest, folder: Path, found: Mapping[str, Path]) -> PageRequest:
-    """The same for a run whose tracks are in images, with the images themselves."""
+    """Report of a run with tracks in images, with the images themselves."""
     tracks = folder / "view_tracks.parquet"
     if not tracks.is_file():
         raise InputError(
-            f"{folder}: holds no tracks.parquet and no view_tracks.parquet, so it is not the folder of a finished run"
+            f"{folder}: holds no tracks.parquet and no view_tracks.parquet, so it is not the folder of a finished run",
+            id="wrong-content",
         )
     files = {name: path for name, path in found.items() if name in ("events", "metrics")}
     if "scene" in found and request.recording is None and open_recording(found["scene"]).cameras:
@@ -93,7 +94,7 @@ def has_tracks_in_images(tracks: Path | None) -> bool:
 
 
 def read_input(request: PageRequest, whole: Collection[str] = ()) -> ReportInput:
-    """Everything that was named; the scene of the recording with the truth or the bearings if no other is named.
+    """Everything that was named; the scene of the recording with truth, bearings or images if no other is named.
 
     Args:
         request: inputs.
@@ -152,7 +153,8 @@ def _scene(paths: PageRequest) -> Scene | None:
 
     if paths.scene is not None:
         return load_scene(paths.scene, None, paths.scene)
-    opened = (open_input(path) for path in (paths.truth, paths.bearings) if path is not None)
+    named = (paths.truth, paths.bearings, paths.images, paths.recording)
+    opened = (open_input(path) for path in named if path is not None)
     return next((each.scene for each in opened if each.recording is not None), None)
 
 
@@ -190,13 +192,15 @@ def run_report(request: PageRequest, job: Job) -> JobResult:
     paths = request.found
     if paths.output is None:
         raise UsageError(
-            f"no output: give -o (the page), or {option('recording')} with {option('video')} or {option('frame')}"
+            f"no output: give -o (the page), or {option('recording')} with {option('video')} or {option('frame')}",
+            id="missing-option",
         )
     if paths.tracks is None and paths.scene is None:
-        raise UsageError(f"nothing to show: give TRACKS, a run folder, or {option('scene')}")
+        raise UsageError(f"nothing to show: give TRACKS, a run folder, or {option('scene')}", id="missing-option")
     if paths.tracks is not None and paths.scene is None and content_of(paths.tracks) is Content.RECORDING:
         raise UsageError(
-            f"{paths.tracks}: is a recording, not tracks; show it by {option('scene')}, with tracks or alone"
+            f"{paths.tracks}: is a recording, not tracks; show it by {option('scene')}, with tracks or alone",
+            id="wrong-content",
         )
     if paths.in_images:
         _check_in_images(paths)
@@ -230,7 +234,10 @@ def _check_in_images(paths: PageRequest) -> None:
     others = ("scene", "bearings", "errors", "bound", "diagnostics", "occluders")
     for name in others:
         if getattr(paths, name) is not None:
-            raise UsageError(f"{option(name)}: {paths.tracks} has tracks in images; the page takes none, leave it out")
+            raise UsageError(
+                f"{option(name)}: {paths.tracks} has tracks in images; the page takes none, leave it out",
+                id="not-applicable",
+            )
 
 
 def write(made: Mapping[Path, bytes], *, overwrite: bool) -> None:

@@ -136,7 +136,8 @@ def _refuse_copies(table: Measurements, row: Ints, packed: RangeMeasurements) ->
         raise InputError(
             f"measurements: a value of {str(table.sensor[n])!r} at {time_words(table.t_ns[n])} is there twice, "
             "and would count "
-            "as two that agree; remove one of the rows"
+            "as two that agree; remove one of the rows",
+            id="duplicate-row",
         )
 
 
@@ -326,7 +327,8 @@ class DistanceMeasurementFeed:
             if rest is not None and len(rest) and len(chunk) and chunk.t_ns[0] < rest.t_ns[-1]:
                 raise InputError(
                     f"measurements: time {time_words(chunk.t_ns[0])} comes after {time_words(rest.t_ns[-1])}; "
-                    "sort by t_ns"
+                    "sort by t_ns",
+                    id="unsorted-times",
                 )
             keep = np.ones(len(chunk), dtype=np.bool_)
             if sensors is not None:
@@ -431,7 +433,8 @@ def pack(
             raise InputError(
                 f"measurements: the {WORDS.get(name, name)} of {str(table.sensor[own][silent][0])!r} at "
                 f"{time_words(table.t_ns[own][silent][0])} has no standard deviation; give a column "
-                f"sigma_{name}{remedy}"
+                f"sigma_{name}{remedy}",
+                id="missing-column",
             )
         other = reference[own] if name in DIFFERENCES else station[own]
         parts.append(
@@ -479,7 +482,8 @@ def _as_length(
         if config.speed is None:
             raise InputError(
                 "measurements: time differences in seconds want the speed of propagation (sound, light, or metres a "
-                "second): set propagation"
+                "second): set propagation",
+                id="missing-unit",
             )
         speed = config.speed * at.metre
         return DIFFERENCE, value * speed, _filled(sigma * speed, config.sigma_range_difference)
@@ -497,9 +501,12 @@ def _numbers(names: np.ndarray, at: StationModel, column: str) -> Ints:
     found, inverse = np.unique(names, return_inverse=True)
     for name in found.tolist():
         if name not in at.names:
-            raise InputError(f"measurements: no station {name!r} in the scene ({column}); {nearest(name, at.names)}")
+            raise InputError(
+                f"measurements: no station {name!r} in the scene ({column}); {nearest(name, at.names)}",
+                id="unknown-sensor",
+            )
         if not np.isfinite(at.position[at.names.index(name), :2]).all():
-            raise InputError(f"measurements: {name!r} has no place in the scene; add its position")
+            raise InputError(f"measurements: {name!r} has no place in the scene; add its position", id="unknown-sensor")
     return np.array([at.names.index(name) for name in found.tolist()], dtype=np.int64)[inverse]
 
 
@@ -511,7 +518,8 @@ def _rise2(at: StationModel, station: Ints, reference: Ints, height: float | Non
         if (used.any() and np.ptp(z[used]) > 0.0) or (z[used] != 0.0).any():
             raise InputError(
                 "measurements: stations have heights (z), so that distances are in space; say how high the targets "
-                f"are: {option('tag_height')}"
+                f"are: {option('tag_height')}",
+                id="missing-value",
             )
         return np.zeros(len(z))
     return np.asarray((z - height) ** 2)

@@ -126,7 +126,7 @@ def sensor_names(scene: Scene) -> tuple[str, ...]:
 
 
 class BearingRows(NamedTuple):
-    """Which rows of the bearings to use."""
+    """Selection of rows of bearings by sensor, target and label."""
 
     sensors: Collection[str]
     targets: Collection[int] | None = None  # labelled rows of others are omitted; None: all
@@ -157,7 +157,8 @@ def scans_of(chunks: Iterable[Bearings], scene: Scene, use: BearingRows, window_
         if last_ns is not None and chunk.t_ns[0] < last_ns:
             raise InputError(
                 f"bearings: row {count}: sensor {str(chunk.sensor[0])!r}: time {time_words(chunk.t_ns[0])} comes after "
-                f"{time_words(last_ns)}; sort by t_ns"
+                f"{time_words(last_ns)}; sort by t_ns",
+                id="unsorted-times",
             )
         last_ns, count = int(chunk.t_ns[-1]), count + len(chunk)
         table = Bearings.concat([rest, _chosen(chunk, use)])
@@ -184,11 +185,14 @@ def _check_sensors(chunk: Bearings, names: tuple[str, ...], unplaced: set[str], 
     found, first = np.unique(chunk.sensor, return_index=True)
     for name, row in zip(found.tolist(), (first + offset).tolist(), strict=True):
         if name not in names:
-            raise InputError(f"bearings: row {row}: no sensor {name!r} in the scene; {nearest(name, names)}")
+            raise InputError(
+                f"bearings: row {row}: no sensor {name!r} in the scene; {nearest(name, names)}", id="unknown-sensor"
+            )
         if name in unplaced:
             raise InputError(
                 f"bearings: row {row}: camera {name!r} has no pose in the scene; add its position and yaw, "
-                f"or leave {name} out"
+                f"or leave {name} out",
+                id="missing-pose",
             )
 
 
@@ -250,7 +254,8 @@ def _check_single(table: Bearings, sensor: Ints, scan: Ints, order: Ints) -> Non
             f"bearings: sensor {str(table.sensor[row])!r} has two rows for target {table.target_id[row]} at "
             f"{time_words(table.t_ns[row])}; a sensor has one row a target and time (candidates that may be of "
             "any object "
-            "have target_id -1)"
+            "have target_id -1)",
+            id="duplicate-row",
         )
 
 
@@ -262,8 +267,8 @@ def choose_sensors(
     only, without = list(only), list(without)
     for name in (*only, *without):
         if name not in names:
-            raise UsageError(f"no sensor {name!r} in the scene; {nearest(name, names)}")
+            raise UsageError(f"no sensor {name!r} in the scene; {nearest(name, names)}", id="unknown-sensor")
     used = frozenset(only or names) - frozenset(without)
     if not used:
-        raise UsageError("no sensor is left to track with; omit fewer of them")
+        raise UsageError("no sensor is left to track with; omit fewer of them", id="too-few-sensors")
     return used

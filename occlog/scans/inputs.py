@@ -57,13 +57,17 @@ class MeasurementInputs:
         own = measured.has(Doa) and (doa is None or measured.recording is None)
         directions = [*([measured] if own else []), *([open_input(doa)] if doa is not None else [])]
         if doa_labels and not directions:
-            raise UsageError(f"{option('doa_labels')} requires directions of arrival; give some ({option('doa')})")
+            raise UsageError(
+                f"{option('doa_labels')} requires directions of arrival; give some ({option('doa')})",
+                id="missing-option",
+            )
         alone = distances and not measured.has(Bearings) and not measured.has(Doa)
         # Any external table with times, sensors and identities might be reads without strengths
         alone = alone and (measured.has(Measurements) or (reads and measured.foreign is None and measured.has(Reads)))
         if not distances and measured.has(Measurements):
             raise InputError(
-                f"{bearings}: holds measurements of distances, which methods apf, ekf, fix, map and ukf take"
+                f"{bearings}: holds measurements of distances, which methods apf, ekf, fix, map and ukf take",
+                id="wrong-content",
             )
         if not alone and (doa is None or measured.recording is None):
             more: tuple[type[ColumnTable], ...] = (Measurements,) if distances else ()
@@ -144,4 +148,4 @@ def _not_empty(chunks: Iterable[Bearings], path: Path) -> Iterator[Bearings]:
         rows += len(chunk)
         yield chunk
     if rows == 0:
-        raise InputError(f"{path}: has no rows; nothing can be tracked from it")
+        raise InputError(f"{path}: has no rows; nothing can be tracked from it", id="empty-input")

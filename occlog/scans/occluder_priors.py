@@ -71,7 +71,8 @@ def _by_time(chunks: Iterable[Occluders] | Iterable[Hulls]) -> Iterator[tuple[in
         if rest is not None and chunk.t_ns[0] < rest.t_ns[-1]:
             raise InputError(
                 f"{chunk.NAME}: time {time_words(chunk.t_ns[0])} comes after {time_words(rest.t_ns[-1])}; sort "
-                "the rows by t_ns"
+                "the rows by t_ns",
+                id="unsorted-times",
             )
         table = chunk if rest is None else type(chunk).concat([rest, chunk])  # type: ignore[list-item]
         starts = [0, *(np.flatnonzero(np.diff(table.t_ns)) + 1).tolist()]
@@ -176,7 +177,10 @@ def moving_people(opened: Opened, length_unit: str, start_s: float, people: Peop
         _between(opened, Tracks, after_ns, people) if opened.has(Tracks) else _between(opened, Truth, after_ns, people)
     )
     if not len(rows):
-        raise InputError(f"{opened.path}: has no rows from {start_s:g} s after its first one on; no obstacle to avoid")
+        raise InputError(
+            f"{opened.path}: has no rows from {start_s:g} s after its first one on; no obstacle to avoid",
+            id="empty-input",
+        )
     return obstacles_of(rows, start_ns, people)
 
 

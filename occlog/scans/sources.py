@@ -60,7 +60,9 @@ def bearings_of_doa(chunks: Iterable[Doa], scene: Scene, labels: bool = False) -
             if name not in sigmas:
                 row = offset + int(np.flatnonzero(chunk.sensor == name)[0])
                 known = ", ".join(sigmas) or "none"
-                raise InputError(f"doa: row {row}: the scene has no array {name!r}; it has: {known}")
+                raise InputError(
+                    f"doa: row {row}: the scene has no array {name!r}; it has: {known}", id="unknown-sensor"
+                )
         own = np.array([sigmas[name] for name in chunk.sensor.tolist()], dtype=np.float64)
         upward = np.array([across[name] for name in chunk.sensor.tolist()], dtype=np.float64)
         upward = np.where(np.isnan(chunk.sigma_elevation), upward, chunk.sigma_elevation)
@@ -83,7 +85,8 @@ def bearings_of_doa(chunks: Iterable[Doa], scene: Scene, labels: bool = False) -
     if labels and not noted:
         raise InputError(
             f"doa: none of {offset} directions has an identity (source_id); leave {option('doa_labels')} out, or give "
-            "the log a column `id`"
+            "the log a column `id`",
+            id="missing-labels",
         )
 
 

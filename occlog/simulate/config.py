@@ -385,7 +385,8 @@ class RenderConfig(Settings):
     )
     diameter: float = setting(
         3.33,
-        "Diameter of an object in a scene with a unit of unknown length: it is taken as 0.5 m.",
+        "Diameter of an object, in the unit of the scene. Where the length of that unit is unknown, one diameter "
+        "is taken as 0.5 m.",
         unit="length",
         people=0.5,
         above=0,

@@ -62,10 +62,14 @@ APPEARANCE = "appearance.json"
 def run_scene(request: SceneRequest, job: Job) -> JobResult:
     """Make the recording of a scene from a file."""
     if request.scene is None:
-        raise UsageError(f"no scene: give SCENE (a file), or {option('scene')} {' or '.join(KINDS)}")
+        raise UsageError(
+            f"no scene: give SCENE (a file), or {option('scene')} {' or '.join(KINDS)}", id="missing-option"
+        )
     if request.scene.name in KINDS and not request.scene.exists():
         name = request.scene
-        raise UsageError(f"{name}: no such file; the video of {name} is made with {option('scene')} {name}")
+        raise UsageError(
+            f"{name}: no such file; the video of {name} is made with {option('scene')} {name}", id="file-not-found"
+        )
     scene = load_scene(request.scene, None, request.scene)
     script = None if request.paths is None else read_paths(request.paths)
     return _write(make_setup(scene, request, script), request, job)
@@ -131,31 +135,38 @@ def _check_request(scene: Scene, request: SceneRequest) -> None:
     of_video = [flag_of(RenderConfig, name) for name in request.look]
     of_video += [flag_of(StoreConfig, name) for name in request.store]
     if of_video and not request.render:
-        raise UsageError(f"{of_video[0]} is about video; add {option('render')}")
+        raise UsageError(f"{of_video[0]} is about video; add {option('render')}", id="missing-option")
     if (request.avoidance or request.avoid is not None) and request.world.get("motion") != "field":
         flag = option("avoid") if request.avoid is not None else flag_of(FieldConfig, next(iter(request.avoidance)))
-        raise UsageError(f"{flag} is about walkers that avoid obstacles; add {option('motion')} field")
+        raise UsageError(
+            f"{flag} is about walkers that avoid obstacles; add {option('motion')} field", id="missing-option"
+        )
     if request.sound and not scene.arrays:
         flag = flag_of(SoundConfig, next(iter(request.sound)))
-        raise UsageError(f"{flag} is about microphone arrays, but the scene has none")
+        raise UsageError(f"{flag} is about microphone arrays, but the scene has none", id="too-few-sensors")
     kinds = configure(MeasureConfig(), request.measure).kinds
     if request.reads and not scene.readers and "strength" not in kinds:
         flag = flag_of(ReadConfig, next(iter(request.reads)))
-        raise UsageError(f"{flag} is about readers of tags, but the scene has none")
+        raise UsageError(f"{flag} is about readers of tags, but the scene has none", id="too-few-sensors")
     if request.measure and not kinds:
         flag = flag_of(MeasureConfig, next(iter(request.measure)))
         raise UsageError(
-            f"{flag} is about measurements of distances; add {option('measure')} range, difference or strength"
+            f"{flag} is about measurements of distances; add {option('measure')} range, difference or strength",
+            id="missing-option",
         )
     stations = sum(c.placed for c in scene.cameras) + len(scene.arrays)
     if kinds and stations < (2 if kinds == ("difference",) else 1):
         raise UsageError(
             f"{option('measure')} {request.measure['measure']} requires cameras or arrays "
             f"with a position, of differences two; "
-            f"the scene has {stations}"
+            f"the scene has {stations}",
+            id="too-few-sensors",
         )
     if request.seconds is not None and "steps" in request.world:
-        raise UsageError(f"{option('seconds')} and {option('steps')} both state how long the recording is; give one")
+        raise UsageError(
+            f"{option('seconds')} and {option('steps')} both state how long the recording is; give one",
+            id="conflicting-options",
+        )
 
 
 def _walkers(scene: Scene, request: SceneRequest) -> WorldConfig:
@@ -171,7 +182,8 @@ def _scripted(scene: Scene, request: SceneRequest, script: MotionScript) -> Worl
     """Number and times of the steps, and sizes; options go before the file of paths, and that before the defaults."""
     if script.length_unit not in (None, scene.length_unit):
         raise InputError(
-            f"{option('paths')}: its length unit is {script.length_unit}, the scene's {scene.length_unit}; make one"
+            f"{option('paths')}: its length unit is {script.length_unit}, the scene's {scene.length_unit}; make one",
+            id="unit-mismatch",
         )
     defaults = replace(WorldConfig.in_unit(scene.length_unit), object_height=None)
     rate_hz = script.rate_hz if request.rate_hz is None else request.rate_hz
@@ -196,7 +208,9 @@ def _times(defaults: WorldConfig, rate_hz: float | None, seconds: float | None) 
 def people_setup(request: SimulatePeopleRequest) -> Setup:
     """All settings of the video of people of similar appearance; without `fps` 25 frames a second."""
     if "occluders" in request.world:
-        raise UsageError(f"{option('occluders')}: all people of this scene are targets; leave it out")
+        raise UsageError(
+            f"{option('occluders')}: all people of this scene are targets; leave it out", id="not-applicable"
+        )
     size = {} if request.size is None else dict(zip(("width", "height"), request.size, strict=True))
     people = configure(PeopleConfig(), {**request.people, **size})
     rate_hz = request.fps or 25.0

@@ -123,9 +123,10 @@ def _first(floor: Ground, n: int, config: WorldConfig, seed: int, people: Moving
             if not len(there) or distance(world.xy[:, None], there).min() >= config.diameter:
                 return world
     except ValueError as error:
-        raise InputError(f"simulate: {error}; use fewer or smaller objects, or a larger room") from error
+        raise InputError(f"simulate: {error}; use fewer or smaller objects, or a larger room", id="no-room") from error
     raise InputError(
-        f"simulate: no positions found for {n} objects next to {len(there)} people; use fewer or smaller ones"
+        f"simulate: no positions found for {n} objects next to {len(there)} people; use fewer or smaller ones",
+        id="no-room",
     )
 
 

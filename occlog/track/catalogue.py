@@ -265,7 +265,7 @@ METHODS = Methods(OURS)
 def entry(name: str) -> MethodEntry:
     """The method's line in the table; UsageError names the nearest method, or all."""
     if name not in METHODS:
-        raise UsageError(f"no tracking method {name!r}; {did_you_mean(name, METHODS)}")
+        raise UsageError(f"no tracking method {name!r}; {did_you_mean(name, METHODS)}", id="unknown-name")
     return METHODS[name]
 
 
@@ -280,7 +280,7 @@ def tracker(name: str) -> AnyMethod:
     """The method of that name, which takes bearings; UsageError names the ones there are."""
     if name not in METHODS or METHODS[name].takes_in != BEARINGS:
         in_world = [n for n, e in METHODS.items() if e.takes_in == BEARINGS]
-        raise UsageError(f"no tracking method {name!r}; there are: {', '.join(in_world)}")
+        raise UsageError(f"no tracking method {name!r}; there are: {', '.join(in_world)}", id="unknown-name")
     plugin = METHODS[name].plugin
     if plugin is not None:
         from .plugin_filter import method_of

@@ -194,7 +194,7 @@ def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Lo
             f"{option('calibration')} wants estimates to write; add "
             f"{option('set.calibrate')}joint or {option('set.calibrate')}initial"
         )
-    measured, said = distance_measurements(request, inputs)
+    measured, reported = distance_measurements(request, inputs)
     sensors = choose_sensors(inputs.scene, request.cameras, request.without, readers=measured is not None)
     targets = request.targets or None
     selection = make_selection(request)
@@ -237,7 +237,7 @@ def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Lo
         "selection": None if selection is None else asdict(selection),
         **asdict(config),
         **({"use_recovered": True} if request.use_recovered else {}),
-        **said,
+        **reported,
         **({} if plugin is None else {"plugin": f"{plugin.package} {plugin.version}"}),
     }
     # Write all tables while they stream
@@ -286,21 +286,24 @@ def distance_measurements(
         if request.measured or request.path_loss is not None:
             first = next(iter(request.measured), "path_loss").replace("_", "-")
             raise UsageError(
-                f"--{first} goes with ranges, strengths or time differences; give {option('measurements')}"
+                f"--{first} goes with ranges, strengths or time differences; give {option('measurements')}",
+                id="missing-option",
             )
         return None, {}
     config = configure(DistanceMeasurementConfig.in_unit(inputs.scene.length_unit), dict(request.measured))
     method = tracker(request.method)
     if config.range_bias and not (isinstance(method, Batch) and method.biases):
-        raise UsageError("range-bias: method map alone estimates constant errors of ranges; choose it")
+        raise UsageError(
+            "range-bias: method map alone estimates constant errors of ranges; choose it", id="not-applicable"
+        )
     radio = None if request.path_loss is None else radio_of(request, inputs.scene)
     name = None if request.path_loss is None else request.path_loss.name
-    said = {
+    reported = {
         "measurements": {**asdict(config), "path_loss": name, "radio": None if radio is None else _note_inputs(radio)}
     }
     return DistanceMeasurementFeed(
         inputs.measurements, inputs.scene, config, radio, with_times=request.method == "fix"
-    ), said
+    ), reported
 
 
 def _note_inputs(radio: Radio) -> dict[str, Any]:
@@ -314,11 +317,16 @@ def radio_of(request: TrackRequest, scene: Scene) -> Radio:
     spec = read_path_loss(request.path_loss)
     if spec.length_unit != scene.length_unit:
         raise UsageError(
-            f"{request.path_loss}: is in {spec.length_unit}, but the scene in {scene.length_unit}; fit it in this scene"
+            f"{request.path_loss}: is in {spec.length_unit}, but the scene in "
+            f"{scene.length_unit}; fit it in this scene",
+            id="unit-mismatch",
         )
     for twice in ("rssi_power", "rssi_exponent"):
         if twice in request.measured:
-            raise UsageError(f"{option('path_loss')} and --{twice.replace('_', '-')} say the same; give one of them")
+            raise UsageError(
+                f"{option('path_loss')} and --{twice.replace('_', '-')} say the same; give one of them",
+                id="conflicting-options",
+            )
     power = {r.name: r.power for r in spec.readers}
     return Radio(power, spec.exponent, SignalErrors(spec.noise_db, spec.shadow_db, spec.shadow_s), spec.height)
 
@@ -335,7 +343,7 @@ def one_at_a_time(
     blind = {c.name for c in scene.cameras if not c.placed}
     names = [n for n in sensor_names(scene) if n in sensors and n not in blind]
     if not names:
-        raise UsageError("no sensor with a pose is left to take turns; omit fewer of them")
+        raise UsageError("no sensor with a pose is left to take turns; omit fewer of them", id="too-few-sensors")
     return round_robin(checked(chunks, scene, sensors), names, seconds)
 
 
@@ -347,12 +355,15 @@ def make_config(request: TrackRequest, unit: str) -> Settings:
         values |= motion_settings(request.motion, unit, values)
     if request.initial_positions:
         if "start" in values:
-            raise UsageError(f"{option('start')} and {option('set.start')} say the same; give one of them")
+            raise UsageError(
+                f"{option('start')} and {option('set.start')} say the same; give one of them", id="conflicting-options"
+            )
         values["start"] = parse_starts(request.initial_positions, request.method, unit)
     if request.answer_delay is not None:
         if "answer_delay_s" in values:
             raise UsageError(
-                f"{option('answer_delay')} and {option('set.answer_delay_s')} say the same; give one of them"
+                f"{option('answer_delay')} and {option('set.answer_delay_s')} say the same; give one of them",
+                id="conflicting-options",
             )
         delay = request.answer_delay
         values["answer_delay_s"] = max_router_delay(delay) if isinstance(delay, Path) else delay
@@ -363,11 +374,15 @@ def motion_settings(path: Path, unit: str, given: Mapping[str, Any]) -> dict[str
     """Settings of a motion model in a file; UsageError for another unit, or for settings that say the same."""
     motion = read_motion(path)
     if motion.length_unit != unit:
-        raise UsageError(f"{path}: is in {motion.length_unit}, but the scene in {unit}; fit a model in this scene")
+        raise UsageError(
+            f"{path}: is in {motion.length_unit}, but the scene in {unit}; fit a model in this scene",
+            id="unit-mismatch",
+        )
     for name in ("A", "Sigma", "model_step_s", "process_noise_velocity", "process_noise_position"):
         if name in given:
             raise UsageError(
-                f"{option('motion')} and {option('set')} {name}=... both say how targets move; give one of them"
+                f"{option('motion')} and {option('set')} {name}=... both say how targets move; give one of them",
+                id="conflicting-options",
             )
     A, sigma = tuple(motion.A.ravel().tolist()), tuple(motion.sigma.ravel().tolist())
     return {"A": A, "Sigma": sigma, "model_step_s": motion.step_s}
@@ -388,7 +403,8 @@ def max_router_delay(path: Path) -> float:
     if len(cases) > 1:
         raise UsageError(
             f"{path}: has delays of {len(cases)} cases ({cases[0]}; {cases[1]}...); make those of one protocol, size "
-            "of images and share of objects by `occlog traffic`"
+            "of images and share of objects by `occlog traffic`",
+            id="incompatible-inputs",
         )
     return float(ends.delay_s.max())
 
@@ -401,10 +417,14 @@ def make_selection(request: TrackRequest) -> SelectConfig | None:
     if "policy" not in given:
         raise UsageError(
             f"{option('n_cameras')}, {option('selection_interval')}, {option('max_blind_scans')}, "
-            f"{option('select_model')} and {option('camera_order')} go with {option('select')}; add it"
+            f"{option('select_model')} and {option('camera_order')} go with {option('select')}; add it",
+            id="missing-option",
         )
     if "camera_order" in given and given["policy"] != "fixed":
-        raise UsageError(f"{option('camera_order')} goes with {option('select')} fixed, not {given['policy']}")
+        raise UsageError(
+            f"{option('camera_order')} goes with {option('select')} fixed, not {given['policy']}",
+            id="conflicting-options",
+        )
     return configure(SelectConfig(), given)
 
 
@@ -414,7 +434,9 @@ def parse_starts(texts: tuple[str, ...], method: str, unit: str) -> str:
         return ",".join(_with_velocity(text, unit) for text in texts)
     if len(texts) > 1:
         raise UsageError(
-            f"{option('start')} says where one target is; give it once, or use {option('method')} imm (method {method})"
+            f"{option('start')} says where one target is; give it once, or use {option('method')} imm "
+            f"(method {method})",
+            id="not-applicable",
         )
     return parse_start(texts[0], unit)
 

@@ -34,19 +34,30 @@ def command(*args: object) -> str:
 def test_tracks_have_the_bytes_of_the_command(
     files: Path, tmp_path: Path, method: str, setting: dict[str, float]
 ) -> None:
-    told = [part for name, value in setting.items() for part in ("--set", f"{name}={value}")]
+    reported = [part for name, value in setting.items() for part in ("--set", f"{name}={value}")]
     bearings, stations = files / "bearings.csv", files / "stations.csv"
     out, fared = tmp_path / "tracks.parquet", tmp_path / "diagnostics.parquet"
     printed = command(
-        "track", bearings, "--scene", stations, "--method", method, "-o", out, "--diagnostics", fared, "--json", *told
+        "track",
+        bearings,
+        "--scene",
+        stations,
+        "--method",
+        method,
+        "-o",
+        out,
+        "--diagnostics",
+        fared,
+        "--json",
+        *reported,
     )
     result = occlog.track(bearings, stations, method=method, **setting)
     result.tracks.save(tmp_path / "mine.parquet")
     result["diagnostics"].save(tmp_path / "fared.parquet")
     assert (tmp_path / "mine.parquet").read_bytes() == out.read_bytes()
     assert (tmp_path / "fared.parquet").read_bytes() == fared.read_bytes()
-    said = json.loads(printed)
-    assert {**said, "losses": None, "tracks": None} == {**result.summary, "losses": None, "tracks": None}
+    content = json.loads(printed)
+    assert {**content, "losses": None, "tracks": None} == {**result.summary, "losses": None, "tracks": None}
 
 
 def test_figures_are_those_of_the_command(files: Path, tmp_path: Path) -> None:
@@ -54,8 +65,8 @@ def test_figures_are_those_of_the_command(files: Path, tmp_path: Path) -> None:
     command("track", files / "bearings.csv", "--scene", files / "stations.csv", "--method", "fix", "-o", tracks)
     printed = command("evaluate", tracks, "--truth", files / "truth.csv", "--errors", out, "--json")
     found = occlog.evaluate(tracks, files / "truth.csv")
-    said = json.loads(printed)
-    assert all(said[name] == value for name, value in found.metrics.items() if value == value)
+    result = json.loads(printed)
+    assert all(result[name] == value for name, value in found.metrics.items() if value == value)
     found["errors"].save(tmp_path / "mine.parquet")
     assert (tmp_path / "mine.parquet").read_bytes() == out.read_bytes()
 

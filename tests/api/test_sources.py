@@ -114,7 +114,7 @@ def test_messages_name_arguments_and_leave_commands_as_they_are() -> None:
     assert str(error.value) == "bearings: holds no scene; give one with scene"
 
 
-def test_without_polars_the_remedy_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_polars_the_remedy_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "polars", None)
     with pytest.raises(occlog.UsageError, match="polars is not installed"):
         occlog.read(truth_frame(), "truth").to_polars()

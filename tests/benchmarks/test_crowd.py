@@ -66,9 +66,9 @@ def test_gaps_are_filled_by_straight_lines_without_a_covariance() -> None:
 def test_boxes_of_the_same_people_make_groups_at_half_their_height(walkers: Case) -> None:
     now = walkers.boxes[walkers.boxes[:, 0] == 0]
     middles = {c: 0.5 * (now[now[:, 1] == c, 2:4] + now[now[:, 1] == c, 4:6]) for c in range(3)}
-    places = sorted(groups(middles, dict(enumerate(walkers.matrices))), key=lambda p: float(p[1]))
-    assert len(places) == 2
-    np.testing.assert_allclose(np.array(places), [[4.0, 3.5, 0.85], [4.0, 6.5, 0.85]], atol=0.15)
+    positions = sorted(groups(middles, dict(enumerate(walkers.matrices))), key=lambda p: float(p[1]))
+    assert len(positions) == 2
+    np.testing.assert_allclose(np.array(positions), [[4.0, 3.5, 0.85], [4.0, 6.5, 0.85]], atol=0.15)
 
 
 def test_files_are_written_as_ingest_reads_them(walkers: Case, tmp_path: Path) -> None:

@@ -36,10 +36,10 @@ def test_three_of_seven_cameras_follow_people_at_two_frames_a_second(shared_data
     if not folder.is_dir():
         pytest.skip("the annotations of WILDTRACK are not there")
     scene = scene_of(folder, room=True)
-    told = {"detection_probability": 0.85, "false_alarm_probability": 0.05}
+    reported = {"detection_probability": 0.85, "false_alarm_probability": 0.05}
     everybody = people(folder, scene, Noise(), seed=7)[::5]
     found = [
-        [follow(p, scene, "apf", told, selection=selection) for p in everybody]
+        [follow(p, scene, "apf", reported, selection=selection) for p in everybody]
         for selection in (None, SelectConfig("greedy", 3))
     ]
     whole, some = (np.array([o.rmse for o in part]) for part in found)

@@ -16,6 +16,8 @@ from occlog.calibrate.config import CalibrateConfig
 from occlog.calibrate.stage import calibrate
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
+from occlog.io.formats.calibration.common import CalibrationOptions
+from occlog.io.formats.calibration.reader import read_calibration
 from occlog.io.formats.scenes.scene import read_scene
 from occlog.records.scene import Camera, Scene
 
@@ -68,6 +70,18 @@ def test_rough_poses_are_corrected(folder: Path, capsys: pytest.CaptureFixture[s
     assert set(summary["cameras"]) == {"cam0", "cam1", "cam2"}
     assert all(0.0 < each["sigma_yaw_deg"] < 1.0 for each in summary["cameras"].values())
     assert all(camera.sigma_position > 0.0 for camera in found)
+
+
+def test_a_calibration_of_another_program_is_written(folder: Path, tmp_path: Path) -> None:
+    """COLMAP's model has the cameras of the scene."""
+    asked = ["calibrate", "-q", str(folder / "walk.mcap"), "--max-clock-offset", "0", "--set", "rounds=0"]
+    for name in ("scene.yaml", "colmap"):
+        assert run([*asked, "-o", str(tmp_path / name)]) == ExitCode.DONE
+    found = read_calibration([tmp_path / "colmap"], "auto", CalibrationOptions("m")).cameras
+    for one, other in zip(found, read_scene(tmp_path / "scene.yaml").cameras, strict=True):
+        np.testing.assert_allclose(one.position, other.position, atol=1e-9)
+        np.testing.assert_allclose(one.rotation, other.rotation, atol=1e-9)
+    assert run([*asked, "-o", str(tmp_path / "colmap")]) == ExitCode.EXISTS
 
 
 def test_late_clocks_are_found_without_poses() -> None:

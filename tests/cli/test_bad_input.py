@@ -334,8 +334,10 @@ main.cli.main = work
 main.main([])
 """)
     run_it = [sys.executable, "-m", "program"]
-    told = {**os.environ, "OCCLOG_DEBUG": debug}
-    done = subprocess.run(run_it, cwd=tmp_path, env=told, stderr=subprocess.PIPE, text=True, timeout=50, check=False)
+    reported = {**os.environ, "OCCLOG_DEBUG": debug}
+    done = subprocess.run(
+        run_it, cwd=tmp_path, env=reported, stderr=subprocess.PIPE, text=True, timeout=50, check=False
+    )
     lines = done.stderr.splitlines()
     assert lines[-1].startswith("occlog: error: x.parquet: exists")
     assert ("RuntimeWarning" in done.stderr) == bool(debug)

@@ -35,11 +35,11 @@ def test_a_dry_run_writes_nothing_and_says_what_it_would_write(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert run([*CASES[name], "--dry-run", "--json"]) == ExitCode.DONE
-    said = json.loads(capsys.readouterr().out)
+    result = json.loads(capsys.readouterr().out)
     written = [word for word in CASES[name] if word.startswith(("a", "b")) and len(word) < 8]
-    assert said["would_write"] == written
-    assert said["would_replace"] == []
-    assert set(said["reads"]) >= {word for word in CASES[name] if word.startswith("/")} - {RECORDING}
+    assert result["would_write"] == written
+    assert result["would_replace"] == []
+    assert set(result["reads"]) >= {word for word in CASES[name] if word.startswith("/")} - {RECORDING}
     assert not list(tmp_path.iterdir())
 
 
@@ -91,7 +91,7 @@ def test_figures_of_each_of_many_take_a_line_each(capsys: pytest.CaptureFixture[
         (1e-9, "1e-09"),
     ],
 )
-def test_large_figures_are_told_without_powers_of_ten(
+def test_large_figures_are_reported_without_powers_of_ten(
     capsys: pytest.CaptureFixture[str], value: float, words: str
 ) -> None:
     echo_summary({"seconds": value}, as_json=False)

@@ -22,13 +22,13 @@ def stage(quiet: bool) -> None:
 
 
 @pytest.mark.parametrize(("words", "lines"), [([], 1), (["-q"], 0), (["--quiet"], 0)])
-def test_compilation_is_told_once_unless_the_command_is_quiet(words: list[str], lines: int, capsys: Any) -> None:
+def test_compilation_is_reported_once_unless_the_command_is_quiet(words: list[str], lines: int, capsys: Any) -> None:
     with stage.make_context("occlog", words) as ctx, with_compile_notice():
         stage.invoke(ctx)
-    said = capsys.readouterr()
-    assert said.err.count("\n") == lines
-    assert said.err.startswith("occlog: compiling, once") == bool(lines)
-    assert said.out == ""
+    captured = capsys.readouterr()
+    assert captured.err.count("\n") == lines
+    assert captured.err.startswith("occlog: compiling, once") == bool(lines)
+    assert captured.out == ""
     assert not COMPILING
 
 

@@ -86,20 +86,22 @@ def test_provenance_has_the_digest_of_what_was_piped(
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "expected"),
     [
         ("berings.parquet", "berings.parquet: no such file; did you mean {}/bearings.parquet?"),
         ("tracks.csv", "tracks.csv: no such file; check the name and the folder"),
         ("bearings.parquet/a", "a: no such file; check the name and the folder"),
     ],
 )
-def test_a_missing_input_is_told_with_the_nearest_name(name: str, said: str, tmp_path: Path, capsys: Any) -> None:
+def test_a_missing_input_is_reported_with_the_nearest_name(
+    name: str, expected: str, tmp_path: Path, capsys: Any
+) -> None:
     (tmp_path / "bearings.parquet").write_bytes(b"PAR1")
     assert run(["evaluate", str(tmp_path / name)]) == ExitCode.BAD_INPUT
-    assert said.format(tmp_path) in capsys.readouterr().err
+    assert expected.format(tmp_path) in capsys.readouterr().err
 
 
-def test_a_missing_input_is_told_before_anything_heavy_is_loaded(tmp_path: Path) -> None:
+def test_a_missing_input_is_reported_before_anything_heavy_is_loaded(tmp_path: Path) -> None:
     code = """
 import sys
 from occlog.cli.main import run

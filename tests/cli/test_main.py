@@ -110,10 +110,10 @@ def test_every_command_has_help_that_ends_in_an_example(name: str) -> None:
 def test_exit_code_2_for_usage_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     for args in (["info"], ["info", "--wrong"], ["schema", "nope"]):
         assert run(args) == ExitCode.USAGE
-        said = capsys.readouterr()
-        assert said.out == ""
-        assert said.err.count("\n") == 1
-        assert said.err.startswith("occlog: error: ")
+        captured = capsys.readouterr()
+        assert captured.out == ""
+        assert captured.err.count("\n") == 1
+        assert captured.err.startswith("occlog: error: ")
     done = occlog("trakc")
     assert (done.returncode, done.stdout) == (ExitCode.USAGE, "")
     assert done.stderr.count("\n") == 1
@@ -138,10 +138,10 @@ def test_exit_code_4_for_bad_input_is_one_line(
     if content is not None:
         path.write_bytes(content)
     assert run(["info", str(path)]) == ExitCode.BAD_INPUT
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err.count("\n") == 1
-    assert str(path) in said.err
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert str(path) in captured.err
 
 
 def closed_pipe() -> int:
@@ -217,8 +217,16 @@ def test_a_full_standard_output_is_one_line() -> None:
 @pytest.mark.parametrize(
     ("args", "wanted"),
     [
-        (["info", "no.parquet"], {"error": "no such file", "file": "no.parquet", "exit_code": 4}),
-        (["fix-nothing" * 40], {"file": None, "exit_code": 2}),
+        (
+            ["info", "no.parquet"],
+            {"id": "file-not-found", "error": "no such file", "file": "no.parquet", "exit_code": 4},
+        ),
+        (["fix-nothing" * 40], {"id": "unknown-name", "file": None, "exit_code": 2}),
+        (["track", "b.csv", "--method", "apff"], {"id": "unknown-name", "exit_code": 2}),
+        (["track", "b.csv", "--particle", "9"], {"id": "unknown-name", "exit_code": 2}),
+        (["track", "b.csv", "--particles", "-9"], {"id": "invalid-option", "exit_code": 2}),
+        (["track", "--method", "apf"], {"id": "missing-option", "exit_code": 2}),
+        (["track", "b.csv", "--set", "particles=0", "-o", "t.parquet"], {"id": "invalid-setting", "exit_code": 2}),
         (["trakc"], {"error": "No such command 'trakc'. Did you mean 'track'?", "file": None, "exit_code": 2}),
         (["schema", "trcks"], {"error": "no schema 'trcks'", "hint": "did you mean 'tracks'?", "exit_code": 2}),
     ],
@@ -228,12 +236,12 @@ def test_an_error_is_an_object_where_json_is_asked_for(args: list[str], wanted: 
     out, err = capsys.readouterr()
     found = json.loads(err)
     assert out == ""
-    assert set(found) == {"error", "file", "hint", "exit_code"}
+    assert set(found) == {"id", "error", "file", "hint", "exit_code"}
     assert found.items() >= wanted.items()
     assert code == found["exit_code"]
 
 
-def test_an_option_before_the_command_is_told_where_it_goes(capsys: Any) -> None:
+def test_an_option_before_the_command_is_reported_where_it_goes(capsys: Any) -> None:
     assert run(["--overwrite", "info", "x"]) == ExitCode.USAGE
     assert "options go after it: occlog COMMAND --overwrite" in capsys.readouterr().err
 
@@ -267,9 +275,9 @@ def test_control_characters_of_names_do_not_reach_the_terminal(tmp_path: Path, w
     table.write_text(f"time,id,x,y,{wicked}\n0,1,1,2,3\n", encoding="utf-8")
     words = [sys.executable, "-m", "occlog", *words, str(table)]
     done = subprocess.run(words, cwd=tmp_path, capture_output=True, check=False)
-    said = (done.stdout + done.stderr).decode()
-    assert said
-    assert not set(said) & set("\u202e\u009b\u200f\ufeff\x1b")
+    stdout = (done.stdout + done.stderr).decode()
+    assert stdout
+    assert not set(stdout) & set("\u202e\u009b\u200f\ufeff\x1b")
 
 
 def test_progress_bars_keep_what_moves_the_cursor() -> None:

@@ -97,7 +97,7 @@ def test_the_range_of_an_option_is_that_of_the_setting(power: str, good: bool) -
     assert call(both, "--power", power).exit_code == (0 if good else 2)
 
 
-def test_a_value_that_only_the_settings_refuse_is_told_as_it_was_typed() -> None:
+def test_a_value_that_only_the_settings_refuse_is_reported_as_it_was_typed() -> None:
     done = call(both, "--tones", "1,2,3")
     assert done.exit_code == 2
     assert "--tones 1,2,3: must be 2 numbers" in done.output
@@ -128,7 +128,7 @@ def test_help_without_a_choice_shows_the_default_variant_only_where_asked_to() -
     assert "Kinds (" not in call(switch(True), "--kind", "siren", "--help").output
 
 
-def test_a_default_is_told_for_metres_and_for_units_of_their_own() -> None:
+def test_a_default_is_reported_for_metres_and_for_units_of_their_own() -> None:
     (row,) = [p for p in options_of(Lamp) if p.name == "power"]
     assert row.help == "Of the lamp. [default: 1]"
     tones = next(p for p in options_of(Siren) if p.name == "tones")

@@ -39,196 +39,200 @@ class UndeclaredSetting(Own):
 
 
 class GivesATuple(Own):
-    def step(self, moment: TargetScan) -> object:
-        place = super().step(moment)
-        return None if place is None else (*place.xy,)
+    def step(self, scan: TargetScan) -> object:
+        estimate = super().step(scan)
+        return None if estimate is None else (*estimate.xy,)
 
 
 class GivesNan(Own):
-    def step(self, moment: TargetScan) -> object:
-        place = super().step(moment)
-        return None if place is None else place._replace(xy=place.xy * np.nan)
+    def step(self, scan: TargetScan) -> object:
+        estimate = super().step(scan)
+        return None if estimate is None else estimate._replace(xy=estimate.xy * np.nan)
 
 
 class Lopsided(Own):
-    def step(self, moment: TargetScan) -> object:
-        place = super().step(moment)
-        return None if place is None else place._replace(covariance=place.covariance + 1e-3 * np.eye(2, k=1))
+    def step(self, scan: TargetScan) -> object:
+        estimate = super().step(scan)
+        return None if estimate is None else estimate._replace(covariance=estimate.covariance + 1e-3 * np.eye(2, k=1))
 
 
 class NegativeVariance(Own):
-    def step(self, moment: TargetScan) -> object:
-        place = super().step(moment)
-        return None if place is None else place._replace(covariance=-place.covariance)
+    def step(self, scan: TargetScan) -> object:
+        estimate = super().step(scan)
+        return None if estimate is None else estimate._replace(covariance=-estimate.covariance)
 
 
 class SwapsAxes(Own):
-    def step(self, moment: TargetScan) -> object:
-        place = super().step(moment)
-        return None if place is None else place._replace(xy=place.xy[::-1])
+    def step(self, scan: TargetScan) -> object:
+        estimate = super().step(scan)
+        return None if estimate is None else estimate._replace(xy=estimate.xy[::-1])
 
 
 class BoldCovariance(Own):
-    def step(self, moment: TargetScan) -> object:
-        place = super().step(moment)
-        return None if place is None else place._replace(covariance=1e-4 * place.covariance)
+    def step(self, scan: TargetScan) -> object:
+        estimate = super().step(scan)
+        return None if estimate is None else estimate._replace(covariance=1e-4 * estimate.covariance)
 
 
 class OwnEntropy(Own):
-    def step(self, moment: TargetScan) -> object:
-        place = super().step(moment)
-        return None if place is None else place._replace(xy=place.xy + 1e-9 * np.random.default_rng().normal(size=2))
+    def step(self, scan: TargetScan) -> object:
+        estimate = super().step(scan)
+        return (
+            None
+            if estimate is None
+            else estimate._replace(xy=estimate.xy + 1e-9 * np.random.default_rng().normal(size=2))
+        )
 
 
 class SharedGenerator(Own):
-    def step(self, moment: TargetScan) -> object:
+    def step(self, scan: TargetScan) -> object:
         np.random.normal()  # noqa: NPY002
-        return super().step(moment)
+        return super().step(scan)
 
 
 class StateOfTheClass(Own):
     last = np.zeros(2)
 
-    def step(self, moment: TargetScan) -> object:
-        place = super().step(moment)
-        if place is None:
+    def step(self, scan: TargetScan) -> object:
+        estimate = super().step(scan)
+        if estimate is None:
             return None
-        mixed = place._replace(xy=place.xy + 1e-6 * type(self).last)
-        type(self).last = place.xy
+        mixed = estimate._replace(xy=estimate.xy + 1e-6 * type(self).last)
+        type(self).last = estimate.xy
         return mixed
 
 
 class ChangesInputs(Own):
-    def step(self, moment: TargetScan) -> object:
-        moment.bearings[:] += 0.0001
-        return super().step(moment)
+    def step(self, scan: TargetScan) -> object:
+        scan.bearings[:] += 0.0001
+        return super().step(scan)
 
 
 class ChangesResults(Own):
-    def step(self, moment: TargetScan) -> object:
-        place = super().step(moment)
-        if place is None:
+    def step(self, scan: TargetScan) -> object:
+        estimate = super().step(scan)
+        if estimate is None:
             return None
         self.held = self.__dict__.get("held", np.zeros(2))
-        self.held[:] = place.xy
-        return place._replace(xy=self.held)
+        self.held[:] = estimate.xy
+        return estimate._replace(xy=self.held)
 
 
 class Prints(Own):
-    def step(self, moment: TargetScan) -> object:
-        print("step", moment.t_ns)  # noqa: T201
-        return super().step(moment)
+    def step(self, scan: TargetScan) -> object:
+        print("step", scan.t_ns)  # noqa: T201
+        return super().step(scan)
 
 
 class Warns(Own):
-    def step(self, moment: TargetScan) -> object:
+    def step(self, scan: TargetScan) -> object:
         warnings.warn("it is late", RuntimeWarning, stacklevel=2)
-        return super().step(moment)
+        return super().step(scan)
 
 
 class SetsEnvironment(Own):
-    def step(self, moment: TargetScan) -> object:
+    def step(self, scan: TargetScan) -> object:
         os.environ["OMP_NUM_THREADS"] = "7"
-        return super().step(moment)
+        return super().step(scan)
 
 
 class KeepsHistory(Own):
-    def step(self, moment: TargetScan) -> object:
-        self.__dict__.setdefault("history", []).append(moment)
-        return super().step(moment)
+    def step(self, scan: TargetScan) -> object:
+        self.__dict__.setdefault("history", []).append(scan)
+        return super().step(scan)
 
 
 class WantsRows(Own):
-    def step(self, moment: TargetScan) -> object:
-        moment.bearings.max()
-        return super().step(moment)
+    def step(self, scan: TargetScan) -> object:
+        scan.bearings.max()
+        return super().step(scan)
 
 
 class TakesNanForNumbers(Own):
-    def step(self, moment: TargetScan) -> object:
-        place = super().step(moment)
-        return None if place is None else place._replace(velocity=np.full(2, moment.bearings.sum()))
+    def step(self, scan: TargetScan) -> object:
+        estimate = super().step(scan)
+        return None if estimate is None else estimate._replace(velocity=np.full(2, scan.bearings.sum()))
 
 
 class CountsStepsInAGap(Own):
-    def step(self, moment: TargetScan) -> object:
-        before = self.__dict__.setdefault("before", moment.t_ns)
-        self.before = moment.t_ns
-        if moment.t_ns - before > 60 * 10**9:
+    def step(self, scan: TargetScan) -> object:
+        before = self.__dict__.setdefault("before", scan.t_ns)
+        self.before = scan.t_ns
+        if scan.t_ns - before > 60 * 10**9:
             raise IndexError("no such row")
-        return super().step(moment)
+        return super().step(scan)
 
 
 class DividesByTheTime(Own):
-    def step(self, moment: TargetScan) -> object:
+    def step(self, scan: TargetScan) -> object:
         before = self.__dict__.get("before", 0)
-        self.before = moment.t_ns
-        1 / (moment.t_ns - before)
-        return super().step(moment)
+        self.before = scan.t_ns
+        1 / (scan.t_ns - before)
+        return super().step(scan)
 
 
 class FailsWhenTimeGoesBack(Own):
-    def step(self, moment: TargetScan) -> object:
-        before = self.__dict__.setdefault("before", moment.t_ns)
-        self.before = moment.t_ns
-        assert moment.t_ns >= before
-        return super().step(moment)
+    def step(self, scan: TargetScan) -> object:
+        before = self.__dict__.setdefault("before", scan.t_ns)
+        self.before = scan.t_ns
+        assert scan.t_ns >= before
+        return super().step(scan)
 
 
 class WantsThreeSensors(Own):
-    def step(self, moment: TargetScan) -> object:
-        if moment.sensors and len(set(moment.sensors)) == 2:
+    def step(self, scan: TargetScan) -> object:
+        if scan.sensors and len(set(scan.sensors)) == 2:
             raise KeyError("south")
-        return super().step(moment)
+        return super().step(scan)
 
 
 class WantsTwoSensors(Own):
-    def step(self, moment: TargetScan) -> object:
-        if len(set(moment.sensors)) == 1:
+    def step(self, scan: TargetScan) -> object:
+        if len(set(scan.sensors)) == 1:
             raise KeyError("second sensor")
-        return super().step(moment)
+        return super().step(scan)
 
 
 class OneRowASensor(Own):
-    def step(self, moment: TargetScan) -> object:
-        if len(set(moment.sensors)) < len(moment.sensors):
+    def step(self, scan: TargetScan) -> object:
+        if len(set(scan.sensors)) < len(scan.sensors):
             raise ValueError("a sensor is there twice")
-        return super().step(moment)
+        return super().step(scan)
 
 
 class RoundsSigma(Own):
-    def step(self, moment: TargetScan) -> object:
-        return super().step(moment._replace(sigma=np.round(moment.sigma, 4)))
+    def step(self, scan: TargetScan) -> object:
+        return super().step(scan._replace(sigma=np.round(scan.sigma, 4)))
 
 
 class BelievesTheFirst(Own):
-    def step(self, moment: TargetScan) -> object:
-        place = super().step(moment)
-        far = 5.0 if moment.sensors[:1] == ("west",) else 0.0
-        return None if place is None else place._replace(xy=place.xy + far)
+    def step(self, scan: TargetScan) -> object:
+        estimate = super().step(scan)
+        far = 5.0 if scan.sensors[:1] == ("west",) else 0.0
+        return None if estimate is None else estimate._replace(xy=estimate.xy + far)
 
 
 class DoesNotWrap(Own):
-    def step(self, moment: TargetScan) -> object:
-        wrong = np.where(moment.bearings < -2.0, moment.bearings + 0.5, moment.bearings)
-        return super().step(moment._replace(bearings=wrong))
+    def step(self, scan: TargetScan) -> object:
+        wrong = np.where(scan.bearings < -2.0, scan.bearings + 0.5, scan.bearings)
+        return super().step(scan._replace(bearings=wrong))
 
 
 class NearTheOrigin(Own):
-    def step(self, moment: TargetScan) -> object:
-        place = super().step(moment)
-        return None if place is None else place._replace(xy=np.clip(place.xy, -500.0, 500.0))
+    def step(self, scan: TargetScan) -> object:
+        estimate = super().step(scan)
+        return None if estimate is None else estimate._replace(xy=np.clip(estimate.xy, -500.0, 500.0))
 
 
 class OffByMetres(Own):
-    def step(self, moment: TargetScan) -> object:
-        place = super().step(moment)
-        return None if place is None else place._replace(xy=place.xy + 2.0)
+    def step(self, scan: TargetScan) -> object:
+        estimate = super().step(scan)
+        return None if estimate is None else estimate._replace(xy=estimate.xy + 2.0)
 
 
 class SecondsInFloat32(Own):
-    def step(self, moment: TargetScan) -> object:
-        return super().step(moment._replace(t_ns=int(np.float32(moment.t_ns * 1e-9)) * 10**9))
+    def step(self, scan: TargetScan) -> object:
+        return super().step(scan._replace(t_ns=int(np.float32(scan.t_ns * 1e-9)) * 10**9))
 
 
 FAULTS = {

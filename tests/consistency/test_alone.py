@@ -56,7 +56,7 @@ def test_half_of_the_bearings_near_another_are_enough(together: int, one_at_a_ti
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize(("false", "said"), [(0.0, False), (0.2, True)])
-def test_one_false_bearing_in_five_where_cameras_do_not_overlap_is_said(false: float, said: bool) -> None:
+@pytest.mark.parametrize(("false", "reported"), [(0.0, False), (0.2, True)])
+def test_one_false_bearing_in_five_where_cameras_do_not_overlap_is_reported(false: float, reported: bool) -> None:
     """[Rahimi] Sec. 6: some false bearings agree with a motion that is as probable; run 17 has a NEES of 150."""
-    assert ("measurements-unconfirmed" in solve(17, false, {}).said) is said
+    assert ("measurements-unconfirmed" in solve(17, false, {}).said) is reported

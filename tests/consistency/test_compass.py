@@ -62,8 +62,8 @@ def test_lines_that_meet_have_no_misfit_and_lines_that_meet_behind_have_the_most
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize(("column", "said"), [("bearing_deg", True), ("compass_deg", False)])
-def test_a_log_of_a_compass_is_tracked_by_its_column_and_warned_of_without(tmp_path, capsys, column, said) -> None:
+@pytest.mark.parametrize(("column", "reported"), [("bearing_deg", True), ("compass_deg", False)])
+def test_a_log_of_a_compass_is_tracked_by_its_column_and_warned_of_without(tmp_path, capsys, column, reported) -> None:
     rows = table(15, compass=True, sigma=0.01)
     lines = [f"{t},{s},{np.degrees(b):.4f},0.6,0" for t, s, b in zip(rows.t_ns, rows.sensor, rows.bearing, strict=True)]
     (tmp_path / "b.csv").write_text("\n".join([f"time,station,{column},sigma_deg,id", *lines]) + "\n")
@@ -71,6 +71,6 @@ def test_a_log_of_a_compass_is_tracked_by_its_column_and_warned_of_without(tmp_p
     (tmp_path / "s.csv").write_text("\n".join(["name,x,y", *places]) + "\n")
     out = ["--method", "fix", "-o", str(tmp_path / "t.parquet"), "--json"]
     assert run(["track", str(tmp_path / "b.csv"), "--scene", str(tmp_path / "s.csv"), *out]) == ExitCode.DONE
-    told = capsys.readouterr()
-    assert ("degrees clockwise from north" in told.err) is said
-    assert ('"plausible": true' in told.out) is not said
+    captured = capsys.readouterr()
+    assert ("degrees clockwise from north" in captured.err) is reported
+    assert ('"plausible": true' in captured.out) is not reported

@@ -38,7 +38,7 @@ def against(found: Diagnostics) -> str:
 
 
 @pytest.mark.parametrize(
-    ("a", "said"),
+    ("a", "expected"),
     [
         ("1" * 20, "." * 20),
         ("1" * 4 + "0" * 16, "." * 10 + "x" * 10),  # at least two thirds of ten bearings
@@ -48,8 +48,8 @@ def against(found: Diagnostics) -> str:
         ("---0" * 5, "." * 20),  # too few in a second
     ],
 )
-def test_a_sensor_contradicts_by_most_of_its_bearings_of_the_last_second(a: str, said: str) -> None:
-    assert against(SensorDisagreement().judged(notes(20), residuals({"a": a, "b": "1" * 20}))) == said
+def test_a_sensor_contradicts_by_most_of_its_bearings_of_the_last_second(a: str, expected: str) -> None:
+    assert against(SensorDisagreement().judged(notes(20), residuals({"a": a, "b": "1" * 20}))) == expected
 
 
 def test_single_false_bearings_of_several_sensors_are_no_contradiction() -> None:

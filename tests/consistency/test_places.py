@@ -138,13 +138,13 @@ def test_scenes_without_walls_and_room_say_nothing() -> None:
 @pytest.mark.parametrize("what", ["outside-room", "detection-through-wall"])
 def test_a_few_rows_are_no_finding_but_more_than_chance_are(what: str) -> None:
     n = 1000
-    for share, said in ((MAX_FLAGGED_SHARE, False), (2.0 * MAX_FLAGGED_SHARE, True)):
+    for share, reported in ((MAX_FLAGGED_SHARE, False), (2.0 * MAX_FLAGGED_SHARE, True)):
         bad = round(share * n)
         places = (
             PositionConsistency(n, bad) if what == "outside-room" else PositionConsistency(n, 0, {"east": (n, bad)})
         )
         codes = [f.id for f in findings(ConsistencyEvidence(rows=n, positions=places).checks(one_target=True))]
-        assert codes == [what] * said
+        assert codes == [what] * reported
     few = PositionConsistency(MIN_SAMPLES - 1, MIN_SAMPLES - 1, {"east": (MIN_SAMPLES - 1, MIN_SAMPLES - 1)})
     assert not findings(ConsistencyEvidence(rows=n, positions=few).checks(one_target=True))
 

@@ -100,8 +100,8 @@ def test_every_method_names_the_station(method: str) -> None:
     assert not said_of(made, made.table, method)
     columns = {c.name: getattr(made.table, c.name) for c in Measurements.columns()}
     columns["range"] = columns["range"] + np.where(made.table.sensor == "s1", 0.8, 0.0)
-    (said,) = said_of(made, Measurements(**columns), method)
-    assert said.sensors == ("s1",)
-    assert abs(said.figures["size"] - 0.8) < 0.25
+    (message,) = said_of(made, Measurements(**columns), method)
+    assert message.sensors == ("s1",)
+    assert abs(message.figures["size"] - 0.8) < 0.25
     if method == "map":
         assert not said_of(made, Measurements(**columns), method, range_bias=2.0)

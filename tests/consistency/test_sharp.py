@@ -16,17 +16,17 @@ def bearings(sigma: float, u_px: float = np.nan) -> Bearings:
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "expected"),
     [
         (bearings(1e-12), ["measurement-noise-small"]),
         (bearings(MIN_SIGMA_RAD), []),
         (bearings(1e-12, u_px=100.0), []),  # the reading's noise counts
     ],
 )
-def test_noise_that_no_sensor_has_is_told(given: Bearings, said: list[str]) -> None:
+def test_noise_that_no_sensor_has_is_reported(given: Bearings, expected: list[str]) -> None:
     sharp = SmallNoiseCheck()
     assert list(sharp.watch([given, given])) == [given, given]
-    assert [f.id for f in findings(sharp.checks())] == said
+    assert [f.id for f in findings(sharp.checks())] == expected
     assert all(
         f.text.startswith("2 bearings of a state a standard deviation down to 1e-12 rad")
         for f in findings(sharp.checks())

@@ -96,9 +96,9 @@ def test_residual_and_its_variance_by_hand() -> None:
     # 5 m in front of the camera, 0.02 rad off, sigma 0.01 rad; the estimate's 0.03 m across make 0.006 rad
     sensor = SCENE.cameras[0]
     rows = seen_from(sensor, np.zeros(1, np.int64), standing(1), off=0.02)
-    told = bearing_residuals(rows, sensor, standing(1), np.diag([9.0, 0.03**2])[None])
-    assert told.residual[0] == pytest.approx(2.0)
-    assert told.spread[0] == pytest.approx(0.36)
+    residuals = bearing_residuals(rows, sensor, standing(1), np.diag([9.0, 0.03**2])[None])
+    assert residuals.residual[0] == pytest.approx(2.0)
+    assert residuals.spread[0] == pytest.approx(0.36)
 
 
 def test_pixels_have_the_variance_of_eq_2_at_the_estimate() -> None:
@@ -107,9 +107,9 @@ def test_pixels_have_the_variance_of_eq_2_at_the_estimate() -> None:
     xy = np.array([[5.0, 5.0]])
     rows = seen_from(sensor, np.zeros(1, np.int64), xy, off=0.05)
     rows = dataclasses.replace(rows, u_px=azimuth_to_u(rows.bearing, 0.0, F), sigma_px=np.array([3.0]))
-    told = bearing_residuals(rows, sensor, xy, np.zeros((1, 2, 2)))
+    residuals = bearing_residuals(rows, sensor, xy, np.zeros((1, 2, 2)))
     eq2 = F**2 * 4 * 0.01**2 + F**2 * 2 / 25 * 0.1**2 + 3.0**2
-    assert told.residual[0] == pytest.approx(0.05 / (math.sqrt(eq2) / (2 * F)))
+    assert residuals.residual[0] == pytest.approx(0.05 / (math.sqrt(eq2) / (2 * F)))
 
 
 def test_squares_of_a_kalman_filter_are_as_expected() -> None:

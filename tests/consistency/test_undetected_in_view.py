@@ -41,10 +41,10 @@ def unseen(bearings: Bearings, begin_s: float, end_s: float) -> Bearings:
 
 
 @pytest.mark.parametrize("method", ["apf", "ekf", "joint"])
-def test_four_seconds_without_a_detection_in_plain_view_are_said(method: str) -> None:
+def test_four_seconds_without_a_detection_in_plain_view_are_reported(method: str) -> None:
     made = record("walk", 4, seed=500)
-    notes, said = followed(made, unseen(made.bearings, 20.0, 24.0), method)
-    assert "undetected-in-view" in said
+    notes, reported = followed(made, unseen(made.bearings, 20.0, 24.0), method)
+    assert "undetected-in-view" in reported
     flagged = np.char.find(notes.quality_flags, "undetected_in_view") >= 0
     late = (notes.t_ns - notes.t_ns[0]) / NS
     assert flagged[(late >= 22.0) & (late < 24.0)].mean() > 0.9
@@ -55,6 +55,6 @@ def test_misses_by_chance_are_not() -> None:
     """Half of all frames, two cameras: 10 recordings, of which none has so improbable a row."""
     for seed in range(10):
         made = record("walk", 2 if seed % 2 else 4, miss=0.5, seed=600 + seed)
-        notes, said = followed(made, made.bearings, "ekf")
+        notes, reported = followed(made, made.bearings, "ekf")
         assert not (np.char.find(notes.quality_flags, "undetected_in_view") >= 0).any()
-        assert "undetected-in-view" not in said
+        assert "undetected-in-view" not in reported

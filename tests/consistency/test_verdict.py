@@ -108,7 +108,7 @@ def test_chance_may_break_a_limit_with_one_run_in_a_thousand() -> None:
 @pytest.mark.parametrize(
     ("share", "code"), [(MAX_DEPLETED_SHARE, "particles-depleted"), (MAX_RESTART_SHARE, "track-loss")]
 )
-def test_shares_of_rows_are_said_beyond_their_limit(share: float, code: str) -> None:
+def test_shares_of_rows_are_reported_beyond_their_limit(share: float, code: str) -> None:
     def made(count: int) -> Diagnostics:
         return fared(few=count) if code == "particles-depleted" else fared(fallback=("restart", count))
 
@@ -119,7 +119,9 @@ def test_shares_of_rows_are_said_beyond_their_limit(share: float, code: str) -> 
 @pytest.mark.parametrize(
     ("blind", "found"), [(MAX_BLIND_SHARE, []), (MAX_BLIND_SHARE + 0.05, ["selection-without-view"])]
 )
-def test_cameras_that_were_selected_in_vain_are_said_beyond_half_of_the_rows(blind: float, found: list[str]) -> None:
+def test_cameras_that_were_selected_in_vain_are_reported_beyond_half_of_the_rows(
+    blind: float, found: list[str]
+) -> None:
     rows = fared()
     saw = np.where(np.arange(N) < blind * N, 1, 2).astype(np.int32)
     assert codes(diagnostics=replace(rows, n_detected=saw, selected=np.full(N, "cam1,cam2,cam3"))) == found
@@ -154,7 +156,7 @@ def test_an_honest_covariance_needs_care_and_is_plausible() -> None:
     assert plausible(found)
 
 
-def test_a_target_that_no_sensor_ever_saw_is_told() -> None:
+def test_a_target_that_no_sensor_ever_saw_is_reported() -> None:
     (found,) = said(diagnostics=fared(seen=0))
     assert (found.id, found.severity) == ("targets-never-detected", "note")
     assert (found.targets, found.figures) == ((0,), {"count": 1, "of": 1})
@@ -168,7 +170,7 @@ def test_a_filter_that_begins_anew_in_nearly_every_row_says_how_far_apart_rows_a
     assert said(diagnostics=replace(fared(fallback=("gap", round(0.5 * N))), t_ns=minutes)) == ()
 
 
-def test_places_that_are_contested_are_said_beyond_one_row_in_ten() -> None:
+def test_places_that_are_contested_are_reported_beyond_one_row_in_ten() -> None:
     assert codes(diagnostics=fared(fallback=("possible_outlier", round(MAX_POSSIBLE_OUTLIER_SHARE * N)))) == []
     assert codes(diagnostics=fared(fallback=("possible_outlier", round(MAX_POSSIBLE_OUTLIER_SHARE * N) + 1))) == [
         "possible-outlier"
@@ -176,13 +178,13 @@ def test_places_that_are_contested_are_said_beyond_one_row_in_ten() -> None:
 
 
 @pytest.mark.parametrize("fallback", [value for value, (_, allowed) in FALLBACKS.items() if not allowed][:3])
-def test_rows_of_a_batch_method_that_failed_are_said(fallback: str) -> None:
+def test_rows_of_a_batch_method_that_failed_are_reported(fallback: str) -> None:
     found = said(diagnostics=fared(fallback=(fallback, 1)))
     assert [f.id for f in found] == [FALLBACKS[fallback][0]]
     assert not plausible(found)
 
 
-def test_more_than_a_quarter_not_believed_is_said_of_the_sensor() -> None:
+def test_more_than_a_quarter_not_believed_is_reported_of_the_sensor() -> None:
     def two(n: int, doubted: int) -> tuple[Residuals]:
         return (Residuals.merge([residuals(n, doubted=doubted), residuals(n, sensor="cam2")]),)
 
@@ -195,7 +197,7 @@ def test_more_than_a_quarter_not_believed_is_said_of_the_sensor() -> None:
 
 
 @pytest.mark.parametrize(("doubted", "said_of_it"), [(0.02, []), (0.05, ["measurements-unconfirmed"])])
-def test_bearings_not_believed_are_said_sooner_where_one_sensor_at_a_time_sees_the_target(
+def test_bearings_not_believed_are_reported_sooner_where_one_sensor_at_a_time_sees_the_target(
     doubted: float, said_of_it: list[str]
 ) -> None:
     assert codes(parts=(residuals(N, doubted=round(doubted * N)),)) == said_of_it
@@ -204,7 +206,7 @@ def test_bearings_not_believed_are_said_sooner_where_one_sensor_at_a_time_sees_t
 @pytest.mark.parametrize(
     ("nis", "code"), [(NIS_HIGH, None), (1.01 * NIS_HIGH, "nis-large"), (NIS_LOW, None), (0.99 * NIS_LOW, "nis-small")]
 )
-def test_residuals_that_are_not_as_stated_are_said(nis: float, code: str | None) -> None:
+def test_residuals_that_are_not_as_stated_are_reported(nis: float, code: str | None) -> None:
     found = nis_check("the bearings", Ratio(nis, 0.02), 1000.0)
     assert (None if found is None else found.id) == code
 
@@ -215,7 +217,7 @@ def test_residuals_that_chance_can_have_made_are_not_said() -> None:
     assert nis_check("the bearings", Ratio(4.0, 4.0), 1000.0) is None
 
 
-def test_by_how_much_noise_is_misstated_is_said() -> None:
+def test_by_how_much_noise_is_misstated_is_reported() -> None:
     (large,) = said(parts=(residuals(N, 2.1),))
     assert large.text.startswith("the bearings are 2.1 times as far from the track as stated (NIS 4.4, allowed: 2.25)")
     (small,) = said(parts=(residuals(N, 1 / 2.1),))
@@ -228,7 +230,7 @@ def test_one_sensor_whose_residuals_are_too_large_is_named() -> None:
     assert found.text.startswith("the bearings of cam7 are 2.0 times as far")
 
 
-def test_motion_that_is_livelier_than_stated_is_said_of_the_target() -> None:
+def test_motion_that_is_livelier_than_stated_is_reported_of_the_target() -> None:
     found = ConsistencyEvidence(rows=1)
     found.agreements.moves(3, MAX_MOTION_VARIANCE_FACTOR)
     found.agreements.moves(4, 2.25 * MAX_MOTION_VARIANCE_FACTOR)

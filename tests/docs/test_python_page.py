@@ -21,8 +21,8 @@ def test_the_python_of_the_page_runs(
     names: dict[str, object] = {}
     for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL):
         exec(compile(block, "docs/how-to/python.md", "exec"), names)
-    said = capsys.readouterr().out.strip()
-    assert f"prints `{said}`" in page
+    stdout = capsys.readouterr().out.strip()
+    assert f"prints `{stdout}`" in page
     assert (tmp_path / "report.html").is_file()
 
 

@@ -100,15 +100,15 @@ def test_outputs_are_kept_with_their_provenance(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "expected"),
     [
         ({"quick": True}, "--quick"),
         ({"made": {"command": "", "seed": 0, "version": "", "commit": "0123456789ab-dirty"}}, "clean checkout"),
         ({"made": {"command": "", "seed": 0, "version": "", "commit": None}}, "unknown"),
     ],
 )
-def test_what_is_no_record_is_refused(tmp_path: Path, changes: dict[str, object], said: str) -> None:
+def test_what_is_no_record_is_refused(tmp_path: Path, changes: dict[str, object], expected: str) -> None:
     outputs(tmp_path / "out", **changes)
-    with pytest.raises(RefusedError, match=said):
+    with pytest.raises(RefusedError, match=expected):
         keep([tmp_path / "out"], tmp_path)
     assert not (tmp_path / "rahimi.json").exists()

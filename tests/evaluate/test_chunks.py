@@ -60,7 +60,7 @@ def chunks(table: T, rows: int) -> Callable[[], Iterator[T]]:
 
 def evaluated(
     rows: int,
-    place: Scene,
+    made_scene: Scene,
     config: EvaluateConfig,
     many: MultiTargetConfig | None = None,
     made: TrackProvenance | None = None,
@@ -74,7 +74,9 @@ def evaluated(
         )
     parts: dict[type[ColumnTable], list[Any]] = {}
     sources = EvaluationSources(**given, made=made or TrackProvenance())
-    result = Evaluator(sources, place, config).run(lambda part: parts.setdefault(type(part), []).append(part), many)
+    result = Evaluator(sources, made_scene, config).run(
+        lambda part: parts.setdefault(type(part), []).append(part), many
+    )
     return result, {kind.NAME: kind.concat(found) for kind, found in parts.items()}
 
 
@@ -235,11 +237,11 @@ def test_fewer_diagnostics_than_tracks_are_refused() -> None:
         list(in_rows_of([case.tracks], [case.diagnostics.take(slice(1, None))]))
 
 
-def test_an_error_in_time_is_said_of_the_whole() -> None:
+def test_an_error_in_time_is_reported_of_the_whole() -> None:
     case = simulated(1)
     late = replace(case.truth, t_ns=case.truth.t_ns + 10**9 * NS)
-    with pytest.raises(InputError, match="the truth covers the time of no estimate") as said:
+    with pytest.raises(InputError, match="the truth covers the time of no estimate") as raised:
         evaluated(WHOLE, case.place, EvaluateConfig(match="optimal"), tracks=case.tracks, truth=late)
     with pytest.raises(InputError) as again:
         evaluated(7, case.place, EvaluateConfig(match="optimal"), tracks=case.tracks, truth=late)
-    assert str(again.value) == str(said.value)
+    assert str(again.value) == str(raised.value)

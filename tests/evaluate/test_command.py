@@ -90,8 +90,8 @@ FULL = ["evaluate", "tracks.parquet", "--truth", "recording.mcap", "--bearings",
 def test_all_outputs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code = run([*FULL, "-o", "metrics.json", "--errors", "errors.parquet", "--bound", "bound.parquet"])
     assert code == ExitCode.DONE
-    said = capsys.readouterr()
-    assert f"occlog: lost earlier: {LOSS}\n" in said.err
+    captured = capsys.readouterr()
+    assert f"occlog: lost earlier: {LOSS}\n" in captured.err
     values = json.loads((folder / "metrics.json").read_text())
     assert values["rmse_m"] == pytest.approx(0.6)
     assert values["detection_rate"] == 1.0
@@ -109,9 +109,9 @@ def test_all_outputs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert len(read_table(folder / "errors.parquet", Errors)) == 5
     assert len(read_table(folder / "bound.parquet", Bound)) == 5
     assert read_provenance(folder / "bound.parquet").command == "evaluate"
-    assert "RMSE" in said.out
-    assert "RMSE / bound" in said.out
-    assert "wrote metrics.json" in said.err
+    assert "RMSE" in captured.out
+    assert "RMSE / bound" in captured.out
+    assert "wrote metrics.json" in captured.err
 
 
 def test_same_input_gives_the_same_bytes(folder: Path) -> None:
@@ -389,10 +389,10 @@ def test_positions_of_another_program_are_paired_by_distance_and_need_no_covaria
         run(["evaluate", "mine.csv", "--truth", "truth.csv", "--scene", "scene.yaml", "-o", "own.json"])
         == ExitCode.DONE
     )
-    said = capsys.readouterr()
-    assert "matching by distance" in said.err
-    assert "note: estimates have no covariance" in said.err
-    assert "plausible: yes" in said.out
+    captured = capsys.readouterr()
+    assert "matching by distance" in captured.err
+    assert "note: estimates have no covariance" in captured.err
+    assert "plausible: yes" in captured.out
     figures = json.loads((folder / "own.json").read_text())
     assert figures["rmse_m"] == pytest.approx(0.3)
     assert not [name for name in figures if name.startswith("nees")]
@@ -411,8 +411,8 @@ def test_a_truth_that_counts_frames_needs_their_rate(tmp_path: Path, capsys: pyt
     (tmp_path / "tracks.csv").write_text("\n".join(["time,id,x,y", *rows]) + "\n")
     command = ["evaluate", str(tmp_path / "tracks.csv"), "--truth", str(truth), "--json"]
     assert run(command) == ExitCode.BAD_INPUT
-    said = json.loads(capsys.readouterr().err)
-    assert (said["error"], said["hint"]) == ("column frame counts frames, not times", "give the frame rate (--fps)")
+    result = json.loads(capsys.readouterr().err)
+    assert (result["error"], result["hint"]) == ("column frame counts frames, not times", "give the frame rate (--fps)")
     assert run([*command, "--fps", "25"]) == ExitCode.DONE
     assert json.loads(capsys.readouterr().out)["rmse_m"] == pytest.approx(0.2)
     counted(tmp_path, "tracks.csv")

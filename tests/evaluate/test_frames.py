@@ -161,8 +161,8 @@ def test_targets_beyond_ten_are_in_the_file_alone(
         writer.table(truth)
     write_table(folder / "many.parquet", tracks, Provenance("test"))
     asked = ("many.parquet", "--truth", "many.mcap")
-    told = figures(capsys, *asked, "-o", "m.json", "--fail-if", "rmse_target_3>9")
-    assert sum("_target_" in name for name in told) == 7 * shown
+    reported = figures(capsys, *asked, "-o", "m.json", "--fail-if", "rmse_target_3>9")
+    assert sum("_target_" in name for name in reported) == 7 * shown
     assert sum("_target_" in name for name in json.loads(Path("m.json").read_text())) == 7 * people
     assert run(["evaluate", *asked, "-q"]) == ExitCode.DONE
     text = capsys.readouterr().out

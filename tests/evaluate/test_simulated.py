@@ -26,13 +26,13 @@ PLACE = scene(
 )
 
 
-def world(steps: int, occluders: int, seed: int, place: Scene = PLACE) -> Truth:
+def world(steps: int, occluders: int, seed: int, made_scene: Scene = PLACE) -> Truth:
     config = WorldConfig(steps=steps, targets=1, occluders=occluders, diameter=1.0)
-    return Truth.concat(simulate_truth(place, config, seed))
+    return Truth.concat(simulate_truth(made_scene, config, seed))
 
 
-def seen(truth: Truth, seed: int, place: Scene = PLACE, **options: float) -> Bearings:
-    return Bearings.concat(observe(place, [truth], ObserveConfig(diameter=1.0, **options), seed))
+def seen(truth: Truth, seed: int, made_scene: Scene = PLACE, **options: float) -> Bearings:
+    return Bearings.concat(observe(made_scene, [truth], ObserveConfig(diameter=1.0, **options), seed))
 
 
 @pytest.mark.parametrize("occluders", [0, 6])
@@ -63,7 +63,7 @@ def test_misses_and_false_alarms_come_back_as_rates() -> None:
     assert abs(m["false_alarms"] / unseen - 0.2) < 0.03 + 4 * math.sqrt(0.16 / unseen)
 
 
-def test_unlabelled_bearings_are_told_apart_from_clutter() -> None:
+def test_unlabelled_bearings_are_distinguished_from_clutter() -> None:
     truth = world(600, 3, 7)
     labelled = seen(truth, 7)
     columns = {c.name: getattr(labelled, c.name) for c in Bearings.columns()}

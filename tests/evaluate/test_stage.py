@@ -107,7 +107,7 @@ def test_not_a_number_breaks() -> None:
     assert "nees_mean is not a number" in line
 
 
-def test_every_broken_threshold_is_told_in_order() -> None:
+def test_every_broken_threshold_is_reported_in_order() -> None:
     lines = failures(METRICS, [parse_threshold(t) for t in ("rmse>0.5", "bound_ratio>9", "none>0", "rmse_x>0.1")])
     assert [line.split(":")[0] for line in lines] == ["rmse>0.5", "none>0", "rmse_x>0.1"]
 

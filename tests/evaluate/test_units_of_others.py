@@ -36,10 +36,10 @@ def test_lengths_without_a_unit_are_metres_beside_others(
 
     same = rows(tmp_path / "c.csv", "cm" if tracks else "", ERROR_M)
     assert run(["compare", str(mine), str(same), "--truth", str(true), "--json"]) == ExitCode.DONE
-    told = json.loads(capsys.readouterr().out)
-    (found,) = [row for row in told["rows"] if row["figure"] == "matched_rmse"]
+    result = json.loads(capsys.readouterr().out)
+    (found,) = [row for row in result["rows"] if row["figure"] == "matched_rmse"]
     for which in ("first", "this"):
-        assert found[which] * METRES[told["length_unit"]] == pytest.approx(ERROR_M, rel=1e-9)
+        assert found[which] * METRES[result["length_unit"]] == pytest.approx(ERROR_M, rel=1e-9)
 
 
 def test_a_page_of_two_runs_says_the_unit_of_its_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -47,6 +47,6 @@ def test_a_page_of_two_runs_says_the_unit_of_its_figures(tmp_path: Path, capsys:
     mine, true = rows(tmp_path / "a.csv", "", ERROR_M), rows(tmp_path / "b.csv", "ft", 0.0)
     page = tmp_path / "page.html"
     assert run(["report", str(mine), str(mine), "--truth", str(true), "-o", str(page), "--json"]) == ExitCode.DONE
-    told = json.loads(capsys.readouterr().out)
-    assert told["length_unit"] == "m"
-    assert told["figures"]["matched_rmse"]["a"] == pytest.approx(ERROR_M, rel=1e-9)
+    result = json.loads(capsys.readouterr().out)
+    assert result["length_unit"] == "m"
+    assert result["figures"]["matched_rmse"]["a"] == pytest.approx(ERROR_M, rel=1e-9)

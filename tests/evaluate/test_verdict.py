@@ -58,19 +58,19 @@ def test_what_cannot_be_asked_is_not_applicable() -> None:
     assert status["effective sample size"] == "not applicable"
 
 
-@pytest.mark.parametrize(("factor", "said"), [(0.22, []), (0.18, ["nees-small"]), (1.0, []), (1.4, [])])
-def test_covariances_that_are_about_right_pass(factor: float, said: list[str]) -> None:
-    assert codes(chi_square(factor)) == said
+@pytest.mark.parametrize(("factor", "expected"), [(0.22, []), (0.18, ["nees-small"]), (1.0, []), (1.4, [])])
+def test_covariances_that_are_about_right_pass(factor: float, expected: list[str]) -> None:
+    assert codes(chi_square(factor)) == expected
 
 
-def test_covariances_that_are_too_small_are_said_with_the_numbers() -> None:
+def test_covariances_that_are_too_small_are_reported_with_the_numbers() -> None:
     found = judge(chi_square(1.2 * NEES_HIGH))
     (only,) = findings(found)
     assert (only.id, only.severity) == ("nees-large", "warning")
     assert "mean NEES 4.8, allowed: 4;" in only.text
 
 
-def test_many_errors_outside_of_the_ellipse_are_said_though_a_few_make_the_mean() -> None:
+def test_many_errors_outside_of_the_ellipse_are_reported_though_a_few_make_the_mean() -> None:
     def with_outside(share: float) -> np.ndarray:
         nees = chi_square(0.5)
         nees[np.random.default_rng(1).permutation(N)[: round(share * N)]] = CHI2_95_2D + 1e-6
@@ -80,13 +80,13 @@ def test_many_errors_outside_of_the_ellipse_are_said_though_a_few_make_the_mean(
     assert codes(with_outside(1.3 * MAX_OUTSIDE_95_SHARE)) == ["nees-large"]
 
 
-def test_one_error_of_a_million_squared_sigmas_is_said_if_others_are_outside() -> None:
+def test_one_error_of_a_million_squared_sigmas_is_reported_if_others_are_outside() -> None:
     nees = chi_square(2.0)
     nees[7] = 1e7
     assert "nees-large" in codes(nees)
 
 
-def test_singular_covariances_are_said() -> None:
+def test_singular_covariances_are_reported() -> None:
     nees = chi_square()
     nees[: round(0.01 * N)] = np.nan
     assert codes(nees) == []
@@ -96,15 +96,15 @@ def test_singular_covariances_are_said() -> None:
 
 
 @pytest.mark.parametrize(
-    ("rate", "said"), [(MIN_DETECTION_RATE, []), (MIN_DETECTION_RATE - 0.1, ["low-detection-rate"])]
+    ("rate", "expected"), [(MIN_DETECTION_RATE, []), (MIN_DETECTION_RATE - 0.1, ["low-detection-rate"])]
 )
-def test_bearings_that_are_not_of_the_truth_are_said(rate: float, said: list[str]) -> None:
-    assert codes(detection_rate=rate, visible=500.0) == said
+def test_bearings_that_are_not_of_the_truth_are_reported(rate: float, expected: list[str]) -> None:
+    assert codes(detection_rate=rate, visible=500.0) == expected
     assert codes(detection_rate=rate, visible=2.0) == []
 
 
 @pytest.mark.parametrize(
-    ("nees", "there", "own", "said"),
+    ("nees", "there", "own", "reported"),
     [
         (9.0, 9.0, 1.0, True),
         (1.0, 9.0, 1.0, False),  # errors are as large as they say
@@ -113,19 +113,19 @@ def test_bearings_that_are_not_of_the_truth_are_said(rate: float, said: list[str
     ],
 )
 def test_bearings_that_agree_with_the_tracks_and_not_with_the_truth_are_of_something_else(
-    monkeypatch: pytest.MonkeyPatch, nees: float, there: float, own: float, said: bool
+    monkeypatch: pytest.MonkeyPatch, nees: float, there: float, own: float, reported: bool
 ) -> None:
     monkeypatch.setattr(ResidualStatistics, "nis", Ratio(own, 0.1))
     monkeypatch.setattr(ResidualStatistics, "doubted", 0.0)
     found = judge(chi_square(nees), {"bearing_nis": there})
-    assert ("truth-of-another-target" in {f.id for f in found}) == said
+    assert ("truth-of-another-target" in {f.id for f in found}) == reported
 
 
 @pytest.mark.parametrize(
-    ("ratio", "said"), [(MAX_BOUND_RATIO, []), (MAX_BOUND_RATIO + 0.01, ["error-far-above-bound"])]
+    ("ratio", "expected"), [(MAX_BOUND_RATIO, []), (MAX_BOUND_RATIO + 0.01, ["error-far-above-bound"])]
 )
-def test_an_error_far_above_the_bound_is_a_note(ratio: float, said: list[str]) -> None:
-    assert codes(bound_ratio=ratio, bound_estimates=float(MIN_SAMPLES)) == said
+def test_an_error_far_above_the_bound_is_a_note(ratio: float, expected: list[str]) -> None:
+    assert codes(bound_ratio=ratio, bound_estimates=float(MIN_SAMPLES)) == expected
     assert codes(bound_ratio=ratio, bound_estimates=MIN_SAMPLES - 1.0) == []
 
 

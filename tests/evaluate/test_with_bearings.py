@@ -33,8 +33,8 @@ def test_bearings_and_directions_in_a_recording_give_the_same(tmp_path: Path) ->
     assert run([*args, "-o", str(tmp_path / "m.json")]) == ExitCode.DONE
     found = json.loads((tmp_path / "m.json").read_text())
     whole = evaluate(case.tracks, case.truth, case.bearings, case.place)
-    told = {n: np.nan if found[n] is None else found[n] for n in whole.metrics}
-    assert told == pytest.approx(whole.metrics, rel=1e-10, abs=1e-13, nan_ok=True)
+    findings = {n: np.nan if found[n] is None else found[n] for n in whole.metrics}
+    assert findings == pytest.approx(whole.metrics, rel=1e-10, abs=1e-13, nan_ok=True)
 
 
 def test_tracks_without_covariances_are_compared_with_bearings(

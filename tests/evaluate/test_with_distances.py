@@ -53,8 +53,13 @@ def distances(case: Case, seed: int, false: float = 0.0) -> Measurements:
             sure = np.full(n, 0.1)
             sigmas = {"sigma_range": sure, "sigma_rssi": nan, "sigma_range_difference": sure}
             who = np.where(random.random(n) < 0.1, 90, target).astype(np.int32)
-            told = {"t_ns": t_ns, "sensor": np.full(n, name), "target_id": who, "reference": np.full(n, names[k - 1])}
-            rows.append(Measurements.of(**told, **columns, **sigmas))
+            reported = {
+                "t_ns": t_ns,
+                "sensor": np.full(n, name),
+                "target_id": who,
+                "reference": np.full(n, names[k - 1]),
+            }
+            rows.append(Measurements.of(**reported, **columns, **sigmas))
     return Measurements.merge(rows)
 
 
@@ -87,8 +92,8 @@ def test_differences_are_refused_for_the_share_of_all_of_them(
     monkeypatch.setattr(opening, "iter_table", partial(iter_table, rows=10))
     assert run([*args_of(tmp_path, tables, case), "-q"]) == code
     assert (tmp_path / "m.json").exists() == (code == ExitCode.DONE)
-    said = capsys.readouterr().err
-    assert ("differences are longer than their stations are apart" in said) == (code != ExitCode.DONE)
+    stderr = capsys.readouterr().err
+    assert ("differences are longer than their stations are apart" in stderr) == (code != ExitCode.DONE)
 
 
 @pytest.mark.parametrize("make", [hand_made, simulated])
@@ -99,9 +104,9 @@ def test_noise_at_known_places(tmp_path: Path, make: object) -> None:
     assert len(noise) > 1
     args = args_of(tmp_path, {"truth": case.truth, "bearings": case.bearings}, case)
     assert run([*args, "--write-scene", str(tmp_path / "new.yaml")]) == ExitCode.DONE
-    told = json.loads((tmp_path / "m.json").read_text())
+    content = json.loads((tmp_path / "m.json").read_text())
     wanted = figures_of(noise)
-    assert {name: told[name] for name in wanted} == pytest.approx(wanted, rel=1e-12)
+    assert {name: content[name] for name in wanted} == pytest.approx(wanted, rel=1e-12)
     new, scene = read_scene(tmp_path / "new.yaml"), scene_with(case.place, noise)
     for ours, theirs in zip(new.cameras, scene.cameras, strict=True):
         assert ours.sigma_read_px == pytest.approx(theirs.sigma_read_px, rel=1e-12)

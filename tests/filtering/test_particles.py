@@ -30,7 +30,7 @@ def test_impossible_particles_get_no_weight():
     assert log_sum == pytest.approx(np.log(4.0))
 
 
-def test_no_weight_at_all_is_told_by_the_sum():
+def test_no_weight_at_all_is_reported_by_the_sum():
     weights, log_sum = normalise_log_weights(np.full(4, -np.inf))
     assert log_sum == -np.inf
     np.testing.assert_array_equal(weights, 0.25)

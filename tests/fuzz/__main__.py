@@ -68,7 +68,7 @@ def attempt(name: str, options: argparse.Namespace, seed: int, out: Path, curren
     seeds = reader.seeds
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (used + SPARE, resource.RLIM_INFINITY))
-    begin, told = time.monotonic(), 0.0
+    begin, reported = time.monotonic(), 0.0
     counts: Counter[str] = Counter()
     findings: dict[str, str] = {}
     random = Random(seed)
@@ -82,7 +82,7 @@ def attempt(name: str, options: argparse.Namespace, seed: int, out: Path, curren
     with watching() as watch:
 
         def one(data: bytes) -> str:
-            nonlocal told
+            nonlocal reported
             current.put(data)
             outcome = watch.outcome(reader, data)
             counts["finding" if outcome.found else outcome.kind] += 1
@@ -91,8 +91,8 @@ def attempt(name: str, options: argparse.Namespace, seed: int, out: Path, curren
                 (out / f"finding-{hashlib.sha256(outcome.kind.encode()).hexdigest()[:8]}").write_bytes(data)
                 tell()
             elapsed = time.monotonic() - begin
-            if elapsed - told > TELL_S or sum(counts.values()) == inputs:
-                told = elapsed
+            if elapsed - reported > TELL_S or sum(counts.values()) == inputs:
+                reported = elapsed
                 tell()
             if outcome.found:  # nothing begins there again: what takes long would
                 return ""
@@ -199,13 +199,13 @@ def run(name: str, options: argparse.Namespace) -> dict[str, object]:
             sys.stdout.flush()
             os._exit(status)
     _, status = os.waitpid(child, 0)
-    told: dict[str, object] = json.loads((out / "done.json").read_text()) if (out / "done.json").is_file() else {}
+    result: dict[str, object] = json.loads((out / "done.json").read_text()) if (out / "done.json").is_file() else {}
     code = os.waitstatus_to_exitcode(status)
     if code:
         (out / "input").write_bytes(current.get())
         what = signal.Signals(-code).name if code < 0 else f"exit {code}"
-        told.setdefault("findings", {})[f"crash {what}"] = "the last input is in `input`"  # type: ignore[index]
-    return {"reader": name, "inputs": 0, "seconds": 0.0, **told}
+        result.setdefault("findings", {})[f"crash {what}"] = "the last input is in `input`"  # type: ignore[index]
+    return {"reader": name, "inputs": 0, "seconds": 0.0, **result}
 
 
 def _commands(options: argparse.Namespace) -> int:
@@ -213,11 +213,11 @@ def _commands(options: argparse.Namespace) -> int:
     commands = importlib.import_module("tests.fuzz.commands")
     names = [n for n in commands.sections() if n != "inputs" and (not options.readers or n in options.readers)]
     total = 0
-    for name, told in commands.try_commands(names, options.inputs, options.seconds, options.seed, options.out):
-        total += len(told["findings"])
-        codes = ", ".join(f"{code}: {count}" for code, count in sorted(told["codes"].items()))
-        print(f"{name:12} {told['inputs']:>6} inputs {told['seconds']:>7.1f} s  exit codes {codes}", flush=True)
-        for kind, detail in told["findings"].items():
+    for name, reported in commands.try_commands(names, options.inputs, options.seconds, options.seed, options.out):
+        total += len(reported["findings"])
+        codes = ", ".join(f"{code}: {count}" for code, count in sorted(reported["codes"].items()))
+        print(f"{name:12} {reported['inputs']:>6} inputs {reported['seconds']:>7.1f} s  exit codes {codes}", flush=True)
+        for kind, detail in reported["findings"].items():
             print(f"    {kind}: {detail}", flush=True)
     return total
 
@@ -241,10 +241,12 @@ def main() -> None:
     chosen = [n for n in names if not options.readers or any(n.startswith(word) for word in options.readers)]
     total = 0
     for name in chosen:
-        told = run(name, options)
-        findings: dict[str, str] = told.get("findings", {})  # type: ignore[assignment]
+        reported = run(name, options)
+        findings: dict[str, str] = reported.get("findings", {})  # type: ignore[assignment]
         total += len(findings)
-        print(f"{name:32} {told['inputs']:>9} inputs {told['seconds']:>8} s  {len(findings)} findings", flush=True)
+        print(
+            f"{name:32} {reported['inputs']:>9} inputs {reported['seconds']:>8} s  {len(findings)} findings", flush=True
+        )
         for kind, detail in findings.items():
             print(f"    {kind}: {detail}", flush=True)
     sys.exit(1 if total else 0)

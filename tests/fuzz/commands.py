@@ -406,7 +406,7 @@ def try_commands(
         shutil.copytree(out / "made", root / "made")
         lines = sum(len(sections()[name]) for name in names)
         for name in names:
-            told: dict[str, Any] = {"inputs": 0, "seconds": 0.0, "codes": Counter(), "findings": {}}
+            findings: dict[str, Any] = {"inputs": 0, "seconds": 0.0, "codes": Counter(), "findings": {}}
             for line in sections()[name]:
                 server = os.fork()
                 if not server:
@@ -418,11 +418,11 @@ def try_commands(
                 os.waitpid(server, 0)
                 found = json.loads((root / "told.json").read_text())
                 (root / "told.json").unlink()
-                told["inputs"] += found["inputs"]
-                told["seconds"] += found["seconds"]
-                told["codes"].update(found["codes"])
-                told["findings"] = found["findings"] | told["findings"]
-            yield name, told
+                findings["inputs"] += found["inputs"]
+                findings["seconds"] += found["seconds"]
+                findings["codes"].update(found["codes"])
+                findings["findings"] = found["findings"] | findings["findings"]
+            yield name, findings
     finally:
         shutil.rmtree(root)
 

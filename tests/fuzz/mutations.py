@@ -474,12 +474,12 @@ def _pack_parquet(data: bytes, number: int, part: bytes) -> bytes:
     if number == 0:
         return part
     table, out = _table(data), io.BytesIO()
-    told = dict(table.schema.metadata or {})
-    if number <= len(told):
-        table = table.replace_schema_metadata({**told, list(told)[number - 1]: part})
+    reported = dict(table.schema.metadata or {})
+    if number <= len(reported):
+        table = table.replace_schema_metadata({**reported, list(reported)[number - 1]: part})
     else:
         places = [n for n, field in enumerate(table.schema) if pa.types.is_primitive(field.type)]
-        place = places[number - len(told) - 1]
+        place = places[number - len(reported) - 1]
         field = table.schema.field(place)
         kind = np.dtype(np.int8 if pa.types.is_boolean(field.type) else field.type.to_pandas_dtype())
         values = np.frombuffer(part.ljust(len(table) * kind.itemsize, b"\0"), kind, len(table))

@@ -226,6 +226,10 @@ BOXES = (
     "frame,camera,id,left,top,width,height,confidence,class\n0,a,1,1,2,3,4,0.5,person\n0,b,1,5,6,7,8,0.7,person\n"
     "1,a,1,2,3,4,5,0.9,person\n"
 )
+MARKED = (
+    "camera,u,v,x,y\nleft,640,678,2,2\nleft,336,461,2,5\nleft,999,420,6,2\nleft,709,337,6,5\nleft,688,441,4,3.5\n"
+    "right,281,420,2,2\nright,571,337,2,5\nright,640,678,6,2\nright,944,461,6,5\n"
+)
 MOT = "1,1,10,20,12,30,0.9,-1,-1,-1\n2,1,11,20,12,30,0.8,-1,-1,-1\n2,2,1.5,2,3,4,1,-1,-1,-1\n"
 KITTI = (
     "0 1 Pedestrian 0 0 -1.5 10 20 30 60 1.7 0.5 0.6 1 2 3 0.1 0.9\n1 -1 DontCare -1 -1 -10 5 5 9 9 -1 -1 -1 -1 -1 -1 "

@@ -18,6 +18,7 @@ from .structure import OTHERS, places, replaced
 from .watch import EVERY, Watch, watching
 
 MOST_NODES = 60
+LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 ARRAYS = (np.zeros(0), np.zeros((3, 3)), np.full((3, 3), np.nan), np.array("x"), np.zeros((2, 2), complex), np.int64(7))
 
 
@@ -68,7 +69,7 @@ def inputs(data: bytes) -> Iterator[bytes]:
         if text.lstrip().startswith("<"):
             yield from changed_xml(text)
             return
-        value = yaml.safe_load(text)
+        value = yaml.load(text, LOADER)
     except (UnicodeDecodeError, yaml.YAMLError, ElementTree.ParseError, ValueError):
         return
     if isinstance(value, dict | list):

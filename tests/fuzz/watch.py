@@ -92,13 +92,13 @@ class Watch:
         self._said()  # what others said since
         outcome = self._read(reader, path)
         left = _files(self._folder) - before
-        said = self._said()
+        reported = self._said()
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         grown, self._peak = (peak - self._peak) >> 10, max(peak, self._peak)
         if outcome.found:
             return outcome
-        if said and not reader.noisy:
-            return Outcome("standard error", said)
+        if reported and not reader.noisy:
+            return Outcome("standard error", reported)
         if left:
             for each in left:
                 Path(each).unlink()
@@ -115,8 +115,8 @@ class Watch:
         except HangError as error:
             return Outcome("hang", _place(error))
         except (Exception, SystemExit) as error:
-            said = " ".join(str(error).split())[:200]
-            return Outcome(f"{type(error).__name__} {_place(error)}", said)
+            statement = " ".join(str(error).split())[:200]
+            return Outcome(f"{type(error).__name__} {_place(error)}", statement)
         finally:
             signal.setitimer(signal.ITIMER_PROF, 0)
             signal.setitimer(signal.ITIMER_REAL, 0)
@@ -126,10 +126,10 @@ class Watch:
         size = os.fstat(self._error).st_size
         if not size:
             return ""
-        said = os.pread(self._error, 400, 0).decode(errors="replace")
+        reported = os.pread(self._error, 400, 0).decode(errors="replace")
         os.ftruncate(self._error, 0)
         os.lseek(self._error, 0, os.SEEK_SET)
-        return " ".join(said.split())
+        return " ".join(reported.split())
 
 
 def _files(folder: str | Path) -> set[str]:

@@ -78,9 +78,9 @@ def test_a_bag_becomes_a_recording_with_calibrated_cameras(bag: Path, capsys: py
     first = next(recording.frames(["cam_front"]))
     sent = cv2.imdecode(np.frombuffer(ros.compressed(0, "", ros.picture(0)).data, np.uint8), cv2.IMREAD_COLOR)
     assert np.array_equal(first.decode(), sent)
-    said = capsys.readouterr().err
-    assert "world 'map', m, right-handed, 2 cameras at cam_back (4.00, 0.00, 2.00)" in said
-    assert "camera cam_back: 6 frames, times from header stamps of /cam_back/image_raw/compressed" in said
+    stderr = capsys.readouterr().err
+    assert "world 'map', m, right-handed, 2 cameras at cam_back (4.00, 0.00, 2.00)" in stderr
+    assert "camera cam_back: 6 frames, times from header stamps of /cam_back/image_raw/compressed" in stderr
 
 
 def test_topics_are_named_by_options_or_a_file(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -189,7 +189,7 @@ def test_bags_are_unpacked_that_are_compressed_as_files_or_message_by_message(tm
     assert len(times(made(base), "cam_front")) == 6
 
 
-def test_sqlite_bags_are_read_and_their_damage_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_sqlite_bags_are_read_and_their_damage_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     base = ros.write_db3(tmp_path / "bag.db3", ros.two_cameras(20))
     assert len(times(made(base), "cam_back")) == 20
     data = base.read_bytes()
@@ -235,11 +235,13 @@ def test_poses_follow_the_chain_of_frames_to_the_world(tmp_path: Path) -> None:
     assert np.allclose(recording.scene.cameras[0].position, [0.5, 0.1, 3])
 
 
-def test_a_calibration_that_changes_is_told(tmp_path: Path) -> None:
+def test_a_calibration_that_changes_is_reported(tmp_path: Path) -> None:
     """A camera that zoomed kept its first calibration without a word."""
     same, other = (ros.camera_info(START + STEP, "cam_optical") for _ in "ab")
     other.k[0] *= 2
-    again = [("/cam/camera_info", INFO, START + n * STEP, told) for n, told in ((1, same), (2, other), (3, other))]
+    again = [
+        ("/cam/camera_info", INFO, START + n * STEP, reported) for n, reported in ((1, same), (2, other), (3, other))
+    ]
     assert not made(ros.write_mcap(tmp_path / "b.mcap", rig(again[0]))).losses
     recording = made(ros.write_mcap(tmp_path / "b.mcap", rig(*again)), code=ExitCode.LOSSY)
     (loss,) = recording.losses
@@ -511,7 +513,9 @@ def clocks(header_s: Sequence[float], log_s: Sequence[float], kind: str, folder:
 
 
 @pytest.mark.parametrize("kind", ["mcap", "bag", "db3"])
-def test_a_clock_that_is_set_back_is_said_with_place_and_size_and_nothing_is_sorted(tmp_path: Path, kind: str) -> None:
+def test_a_clock_that_is_set_back_is_reported_with_place_and_size_and_nothing_is_sorted(
+    tmp_path: Path, kind: str
+) -> None:
     """H4, case c06: messages of one chunk of MCAP were sorted, so that the last images came first, without a word."""
     times_s = [0.05 * k - (30 if k >= 20 else 0) for k in range(30)]
     recording = made(clocks(times_s, times_s, kind, tmp_path), code=ExitCode.LOSSY)
@@ -532,7 +536,7 @@ def test_messages_that_overtook_others_are_put_in_order_with_a_word(
     assert "/cam/image_raw: 2 messages of b.mcap came up to 0.05 s out of order" in capsys.readouterr().err
 
 
-def test_stamps_that_count_from_the_start_of_a_device_are_said(
+def test_stamps_that_count_from_the_start_of_a_device_are_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """H7, case c08."""

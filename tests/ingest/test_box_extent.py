@@ -56,23 +56,23 @@ def found(sizes: Mapping[str, tuple[int, int]], tables: list[Boxes], known: tupl
 
 
 @pytest.mark.parametrize("true", [(1280, 720), (640, 360), (960, 540), (3840, 2160)])
-def test_boxes_that_end_at_another_size_are_told_with_the_factor(true: tuple[int, int]) -> None:
+def test_boxes_that_end_at_another_size_are_reported_with_the_factor(true: tuple[int, int]) -> None:
     rng = np.random.default_rng(4)
-    said = warning({"a": SIZE, "b": SIZE}, [boxes(name, rng, true, true) for name in "ab"])
-    assert said is not None
+    message = warning({"a": SIZE, "b": SIZE}, [boxes(name, rng, true, true) for name in "ab"])
+    assert message is not None
     factor = max(true[0] / 1920, 1920 / true[0])
-    assert f"end at {true[0]} x {true[1]} px, not at 1920 x 1080 (factor {factor:.4g})" in said
-    assert f"{true[0]}x{true[1]}, which scales the calibration" in said
+    assert f"end at {true[0]} x {true[1]} px, not at 1920 x 1080 (factor {factor:.4g})" in message
+    assert f"{true[0]}x{true[1]}, which scales the calibration" in message
     known = warning({"a": SIZE, "b": SIZE}, [boxes(name, rng, true, true) for name in "ab"], ("a", "b"))
     assert known is not None
     assert "give boxes in pixels of these images" in known
 
 
-def test_boxes_of_larger_images_are_told_where_no_border_ends_them() -> None:
+def test_boxes_of_larger_images_are_reported_where_no_border_ends_them() -> None:
     rng = np.random.default_rng(4)
-    said = warning({"a": (960, 540)}, [boxes("a", rng, SIZE)])
-    assert said is not None
-    assert "of its boxes end beyond its images" in said
+    message = warning({"a": (960, 540)}, [boxes("a", rng, SIZE)])
+    assert message is not None
+    assert "of its boxes end beyond its images" in message
 
 
 def test_corners_for_sizes_are_named_with_the_camera() -> None:
@@ -87,7 +87,7 @@ def test_corners_for_sizes_are_named_with_the_camera() -> None:
     assert check.id == "boxes-end-beyond"
 
 
-def test_a_single_camera_is_told_where_both_borders_agree() -> None:
+def test_a_single_camera_is_reported_where_both_borders_agree() -> None:
     rng = np.random.default_rng(4)
     assert warning({"a": SIZE}, [boxes("a", rng, (1280, 720), (1280, 720))]) is not None
 
@@ -162,14 +162,14 @@ def test_boxes_beyond_80_degrees_of_a_fisheye_are_lost_and_counted(
     (tmp_path / "boxes.csv").write_text("\n".join(["frame,camera,left,top,right,bottom", *lines]) + "\n")
     command = ["ingest", "-o", str(tmp_path / "r.mcap"), "--calibration", str(tmp_path / "c.toml"), "--fps", "10"]
     assert run([*command, "--boxes", str(tmp_path / "boxes.csv")]) == ExitCode.LOSSY
-    said = capsys.readouterr().err
-    assert "more than 80 degrees off the axis of a fisheye lens (2 lost)" in said
+    stderr = capsys.readouterr().err
+    assert "more than 80 degrees off the axis of a fisheye lens (2 lost)" in stderr
     table = open_recording(tmp_path / "r.mcap").read(Boxes)
     assert [int(((table.frame == k) & (table.box >= 0)).sum()) for k in range(3)] == [2, 0, 1]
     assert sorted(set(table.frame.tolist())) == [0, 1, 2]  # a frame without the box is one without a detection
 
 
-def test_boxes_of_larger_images_are_lost_in_the_order_of_time_and_the_size_is_told(
+def test_boxes_of_larger_images_are_lost_in_the_order_of_time_and_the_size_is_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Frames that lose their only box stand between frames that keep theirs."""
@@ -178,9 +178,9 @@ def test_boxes_of_larger_images_are_lost_in_the_order_of_time_and_the_size_is_to
     (tmp_path / "boxes.csv").write_text("\n".join(["frame,camera,left,top,right,bottom", *lines]) + "\n")
     command = ["ingest", "-o", str(tmp_path / "r.mcap"), "--calibration", str(tmp_path / "c.toml"), "--fps", "10"]
     assert run([*command, "--boxes", str(tmp_path / "boxes.csv")]) == ExitCode.LOSSY
-    said = capsys.readouterr().err
-    assert "wholly outside the image of 1920 x 1080 px (20 lost)" in said
-    assert "warning: camera a: 50% of its boxes end beyond its images" in said
+    stderr = capsys.readouterr().err
+    assert "wholly outside the image of 1920 x 1080 px (20 lost)" in stderr
+    assert "warning: camera a: 50% of its boxes end beyond its images" in stderr
     table = open_recording(tmp_path / "r.mcap").read(Boxes)
     assert table.frame.tolist() == list(range(40))
     assert (table.box >= 0).tolist() == [k % 2 == 0 for k in range(40)]

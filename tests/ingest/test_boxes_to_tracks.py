@@ -81,9 +81,9 @@ def test_two_commands_make_tracks_of_yolo_text_and_a_kalibr_file(
     placed = ["--calibration", str(tmp_path / "camchain.yaml"), "--up", "auto", "--ground-height", "-3"]
     how = ["--boxes", str(tmp_path / "yolo"), "--class", "0", "--fps", "10", "--first-number", "1"]
     assert run(["ingest", "-o", str(recording), *how, *placed]) == ExitCode.DONE
-    said = capsys.readouterr().err
-    assert "kalibr, m, right-handed, 4 cameras" in said
-    assert "skipped: class 13" in said
+    stderr = capsys.readouterr().err
+    assert "kalibr, m, right-handed, 4 cameras" in stderr
+    assert "skipped: class 13" in stderr
     assert run(["track", str(recording), "--method", "jipda", "-o", str(tracks)]) == ExitCode.DONE
 
     # The world is turned and shifted from the hall's: the cameras tell by how much.
@@ -94,11 +94,11 @@ def test_two_commands_make_tracks_of_yolo_text_and_a_kalibr_file(
     turn, shift = onto(mine, np.array([c.position[:2] for c in scene.cameras]))
     rows = read_table(tracks, PeopleTracks)
     rows = rows.take(rows.t_ns >= 10 * STEP_NS)
-    places = np.column_stack([rows.x, rows.y]) @ turn.T + shift
+    positions = np.column_stack([rows.x, rows.y]) @ turn.T + shift
     errors = []
     for t_ns in np.unique(rows.t_ns).tolist():
         true = np.array([place(k, t_ns * 1e-9) for k in range(PEOPLE)])
-        off = np.linalg.norm(places[rows.t_ns == t_ns][:, None] - true, axis=2)
+        off = np.linalg.norm(positions[rows.t_ns == t_ns][:, None] - true, axis=2)
         assert off.shape == (PEOPLE, PEOPLE)
         errors.append(off.min(axis=0))
     assert len(np.unique(rows.target_id)) == PEOPLE

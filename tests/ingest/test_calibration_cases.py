@@ -22,7 +22,7 @@ def ingest(folder: Path, output: Path, options: str, monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize(
-    ("case", "options", "said"),
+    ("case", "options", "expected"),
     [
         ("v16-left-handed-world", f"{FOUR} --calibration P", "the world seems to be left-handed (Unity, MultiviewX)"),
         ("v17-fisheye-coefficients-without-flag", f"{TWO} --calibration calib", "state which: --lens-model fisheye"),
@@ -30,17 +30,17 @@ def ingest(folder: Path, output: Path, options: str, monkeypatch: pytest.MonkeyP
         ("w04_calibration_of_other_size", THREE, "(factor 1.5); if images had that size, give --image-size 1280x720"),
     ],
 )
-def test_what_a_calibration_lacks_is_said(
+def test_what_a_calibration_lacks_is_reported(
     shared_cases: Path,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
     case: str,
     options: str,
-    said: str,
+    expected: str,
 ) -> None:
     ingest(shared_cases / case, tmp_path / "w.mcap", options, monkeypatch)
-    assert said in capsys.readouterr().err
+    assert expected in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

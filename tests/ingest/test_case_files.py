@@ -41,8 +41,8 @@ def test_images_stated_to_be_video_are_refused_with_what_to_do(
 ) -> None:
     bag = shared_cases / "c13_compressed_video" / "fox_video.mcap"
     assert run(["ingest", str(bag), "-o", str(tmp_path / "x.mcap")]) == ExitCode.BAD_INPUT
-    said = capsys.readouterr().err
-    assert "topic /left/image: video is stated to be h264, and its data are JPEG; record it as jpeg" in said
+    stderr = capsys.readouterr().err
+    assert "topic /left/image: video is stated to be h264, and its data are JPEG; record it as jpeg" in stderr
 
 
 START = 1_714_564_800
@@ -73,8 +73,8 @@ def test_a_truth_with_a_clock_that_was_set_back_is_a_warning(
     times = [START + 0.1 * k - 30.0 * (k >= 20) for k in range(40)]
     (tmp_path / "truth.csv").write_text("time,id,x,y\n" + "".join(f"{t:.1f},1,{k},0\n" for k, t in enumerate(times)))
     assert run(["ingest", "--truth", str(tmp_path / "truth.csv"), "-o", str(tmp_path / "x.mcap")]) == ExitCode.DONE
-    assert "warning:" in (said := capsys.readouterr().err)
-    assert "line 22: time goes back by 29.9 s" in said
+    assert "warning:" in (stderr := capsys.readouterr().err)
+    assert "line 22: time goes back by 29.9 s" in stderr
 
 
 def test_many_identities_are_ingested_in_linear_time(tmp_path: Path) -> None:

@@ -42,9 +42,9 @@ def place(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def ingest(place: Path, *args: str, scene: bool = True, output: str = "out.mcap") -> int:
-    given = ["--scene", str(place / "scene.yaml")] if scene else []
-    return run(["ingest", "-o", str(place / output), *given, "-q", *args])
+def ingest(folder: Path, *args: str, scene: bool = True, output: str = "out.mcap") -> int:
+    given = ["--scene", str(folder / "scene.yaml")] if scene else []
+    return run(["ingest", "-o", str(folder / output), *given, "-q", *args])
 
 
 def shown(recording: McapRecording) -> list[tuple[str, int, int, int]]:
@@ -135,8 +135,8 @@ def test_the_error_of_a_clock_is_taken_out(place: Path, videos: dict[str, Path])
     assert found["cam2", 20] == 8_000_000_000
     assert found["cam1", 20] == 8_000_000_000 - 5_000_000 - 1_000_000
     assert recording.read(Doa).t_ns.tolist() == [8 * 10**9 - 5 * 10**6, 10 * 10**9 - 5 * 10**6 - 2 * 10**6]
-    told = recording.provenance.parameters["time_sources"]["cam1"]
-    assert told == "container time stamps; clock late taken out (5000000 ns, 1000 ppm)"
+    parameters = recording.provenance.parameters["time_sources"]["cam1"]
+    assert parameters == "container time stamps; clock late taken out (5000000 ns, 1000 ppm)"
 
 
 @pytest.mark.parametrize(("rows", "lost"), [(FRAMES - 5, "5 lost"), (FRAMES + 3, "3 lost")])
@@ -331,9 +331,9 @@ def children(pid: int) -> list[int]:
     return [int(each) for each in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
-def started(place: Path, video: Path) -> tuple[subprocess.Popen[bytes], list[int]]:
+def started(folder: Path, video: Path) -> tuple[subprocess.Popen[bytes], list[int]]:
     """An ingest of long videos, running, and its decoders with the process that forked them."""
-    args = [sys.executable, "-m", "occlog", "ingest", "-o", str(place / "out.mcap"), "--allow-uncalibrated"]
+    args = [sys.executable, "-m", "occlog", "ingest", "-o", str(folder / "out.mcap"), "--allow-uncalibrated"]
     args += [text for k in range(3) for text in ("--video", f"c{k}={video}")]
     process = subprocess.Popen([*args, "--store", "png"], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     deadline = time.monotonic() + 20
@@ -388,7 +388,7 @@ def test_folders_of_yolo_text_become_boxes_of_the_calibrated_cameras(
     assert boxes.target_id.tolist() == [4, 4, -1, -1, 4, 4]
 
 
-def test_boxes_outside_the_image_are_lost_and_those_over_its_border_are_told(
+def test_boxes_outside_the_image_are_lost_and_those_over_its_border_are_reported(
     place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     table = place / "boxes.csv"
@@ -414,16 +414,16 @@ def test_a_choice_of_frames_cuts_true_positions_and_counts_the_boxes_that_are_ta
     given = ["--scene", str(place / "scene.yaml"), "--boxes", str(place / "b.csv"), "--fps", "10"]
     given += ["--truth", str(place / "t.csv")]
     assert run(["ingest", "-o", str(place / "out.mcap"), *given, "--frames", "2:10"]) == ExitCode.DONE
-    said = capsys.readouterr().err
-    assert "7 boxes of 1 camera, skipped: 22 boxes of other frames; frames 2 to 9" in said
-    assert "boxes: 7; 1 more row is of frames in which a camera saw no person" in said
+    stderr = capsys.readouterr().err
+    assert "7 boxes of 1 camera, skipped: 22 boxes of other frames; frames 2 to 9" in stderr
+    assert "boxes: 7; 1 more row is of frames in which a camera saw no person" in stderr
     # Frames 2 to 9 are at 0.2 to 0.9 s; half a frame more belongs to the first and the last one.
-    assert "truth: 183 of 200 true positions are of other frames than 2:10, and skipped" in said
+    assert "truth: 183 of 200 true positions are of other frames than 2:10, and skipped" in stderr
     truth = open_recording(place / "out.mcap").read(Truth)
     assert (truth.t_ns[0], truth.t_ns[-1], len(truth)) == (150_000_000, 950_000_000, 17)
     assert run(["ingest", "-o", str(place / "all.mcap"), *given]) == ExitCode.DONE
-    said = capsys.readouterr().err
-    assert "true positions go on 7 s after the last frame with boxes; people there count as missed" in said
+    stderr = capsys.readouterr().err
+    assert "true positions go on 7 s after the last frame with boxes; people there count as missed" in stderr
     assert len(open_recording(place / "all.mcap").read(Truth)) == 200
 
 
@@ -435,8 +435,8 @@ def test_folders_of_other_names_than_the_cameras_are_all_named_and_taken_without
         (place / "yolo" / name / "000000.txt").write_text("0 0.5 0.5 0.25 0.5 0.75\n")
     given = ("--boxes", str(place / "yolo"), "--fps", "10", "--image-size", "160x120")
     assert ingest(place, *given) == ExitCode.BAD_INPUT
-    said = capsys.readouterr().err
-    assert "cameras 'back', 'front' are none of cam1, cam2; give each folder with its camera (CAMERA=" in said
+    stderr = capsys.readouterr().err
+    assert "cameras 'back', 'front' are none of cam1, cam2; give each folder with its camera (CAMERA=" in stderr
     assert ingest(place, *given, "--allow-uncalibrated") == ExitCode.DONE
     recording = open_recording(place / "out.mcap")
     assert {c.name: c.placed for c in recording.scene.cameras} == {
@@ -456,19 +456,19 @@ def test_a_folder_of_boxes_given_as_calibration_is_named(place: Path, capsys: py
 
 
 @pytest.mark.parametrize(
-    ("option", "text", "said"),
+    ("option", "text", "expected"),
     [
         ("--boxes", "frame,camera,left,top,w,h\n0,cam1,1,1,9,9\n0,cam01,50,1,9,9\n", "cameras 'cam01' and 'cam1'"),
         ("--doa", "time,sensor,azimuth_deg\n0,mic1,10\n1,mic01,20\n", "arrays 'mic01' and 'mic1'"),
     ],
 )
 def test_two_labels_of_a_file_are_not_one_sensor(
-    place: Path, capsys: pytest.CaptureFixture[str], option: str, text: str, said: str
+    place: Path, capsys: pytest.CaptureFixture[str], option: str, text: str, expected: str
 ) -> None:
     (place / "scene.yaml").write_text(SCENE.replace("name: mic", "name: mic1"))
     (place / "t.csv").write_text(text)
     assert ingest(place, option, str(place / "t.csv"), "--fps", "10") == ExitCode.BAD_INPUT
-    assert said in capsys.readouterr().err
+    assert expected in capsys.readouterr().err
 
 
 def test_two_labels_of_a_sidecar_are_not_one_camera(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -514,7 +514,7 @@ def test_a_camera_does_not_take_the_calibration_of_one_that_has_its_very_name(
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "expected"),
     [
         (
             ("--start-time", "cma1=5"),
@@ -526,11 +526,11 @@ def test_a_camera_does_not_take_the_calibration_of_one_that_has_its_very_name(
     ],
 )
 def test_times_that_no_sensor_takes_are_refused(
-    place: Path, capsys: pytest.CaptureFixture[str], options: tuple[str, ...], said: str
+    place: Path, capsys: pytest.CaptureFixture[str], options: tuple[str, ...], expected: str
 ) -> None:
     (place / "boxes.csv").write_text("frame,left,top,w,h\n0,1,1,9,9\n")
     assert ingest(place, "--boxes", f"cam1={place / 'boxes.csv'}", "--fps", "10", *options) == ExitCode.USAGE
-    assert said in capsys.readouterr().err
+    assert expected in capsys.readouterr().err
 
 
 def test_a_start_time_holds_for_a_column_of_times_too(place: Path) -> None:
@@ -604,9 +604,9 @@ def test_directions_that_stand_in_logs_twice_count_once(place: Path, capsys: pyt
         (place / f"{name}.csv").write_text("time,sensor,azimuth_deg\n" + "".join(lines))
     assert run(["ingest", "-o", str(place / "o.mcap"), "--scene", str(place / "scene.yaml"),
                 *[f"--doa={place / name}.csv" for name in "aba"]]) == ExitCode.DONE  # fmt: skip
-    said = capsys.readouterr().err
-    assert "note: b.csv: 2 directions skipped, as exact duplicates of rows of this file or an earlier one" in said
-    assert "note: a.csv: 4 directions skipped, as exact duplicates" in said
+    stderr = capsys.readouterr().err
+    assert "note: b.csv: 2 directions skipped, as exact duplicates of rows of this file or an earlier one" in stderr
+    assert "note: a.csv: 4 directions skipped, as exact duplicates" in stderr
     assert open_recording(place / "o.mcap").read(Doa).t_ns.tolist() == [0, 0, 10**9, 10**9, 2 * 10**9]
     assert run(["ingest", "-o", str(place / "c.mcap"), "--scene", str(place / "scene.yaml"),
                 f"--doa={place / 'c.csv'}"]) == ExitCode.DONE  # fmt: skip

@@ -86,9 +86,9 @@ def test_the_folder_of_wildtrack_is_ingested_as_it_ships(tmp_path: Path, capsys:
     assert (first.x[0], first.y[0]) == pytest.approx((-3 + 0.025 * 85, -9 + 0.025 * 360))
     boxes = TruthBoxes.concat(recording.tables(TruthBoxes))
     assert set(boxes.frame.tolist()) == set(FRAMES)
-    said = capsys.readouterr().err
-    assert "opencv-pairs, cm -> m, right-handed" in said
-    assert "true positions, projected, are off the feet of true boxes" in said
+    stderr = capsys.readouterr().err
+    assert "opencv-pairs, cm -> m, right-handed" in stderr
+    assert "true positions, projected, are off the feet of true boxes" in stderr
 
 
 def test_wildtrack_without_images_wants_boxes_and_takes_its_own(

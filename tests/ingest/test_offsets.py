@@ -35,11 +35,11 @@ def place(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def ingest(place: Path, *offsets: str) -> int:
-    given = ["--scene", str(place / "scene.yaml"), "--boxes", str(place / "b.csv"), "--fps", "10"]
+def ingest(folder: Path, *offsets: str) -> int:
+    given = ["--scene", str(folder / "scene.yaml"), "--boxes", str(folder / "b.csv"), "--fps", "10"]
     given += ["--start-time", "1"]
-    given += ["--doa", str(place / "d.csv"), *(word for text in offsets for word in ("--clock-offset", text))]
-    return run(["ingest", "-o", str(place / "out.mcap"), "--overwrite", "-q", *given])
+    given += ["--doa", str(folder / "d.csv"), *(word for text in offsets for word in ("--clock-offset", text))]
+    return run(["ingest", "-o", str(folder / "out.mcap"), "--overwrite", "-q", *given])
 
 
 def test_offsets_are_added_and_recorded(place: Path) -> None:

@@ -52,7 +52,7 @@ def test_a_clock_that_is_set_is_named() -> None:
     assert found(Times({"a": frames(np.where(steps < 10.0, steps, steps + 1.7e9))})) == [("clock-jump", ("a",))]
 
 
-def test_a_truth_of_another_time_is_told() -> None:
+def test_a_truth_of_another_time_is_reported() -> None:
     times = Times({"a": frames(np.arange(0.0, 30.0, 0.1))}, true=TimeSpanNs(100 * NS, 120 * NS))
     assert found(times) == [("truth-times-disjoint", ())]
 

@@ -88,8 +88,8 @@ def test_inverted_extrinsics_of_all_cameras_are_named_in_place_of_the_world() ->
     assert ids(inverted, None, None) == ["extrinsics-fit-if"]
 
 
-def distances(places: np.ndarray) -> np.ndarray:
-    return np.linalg.norm(places[:, None] - places, axis=2)
+def distances(positions: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(positions[:, None] - positions, axis=2)
 
 
 @pytest.fixture
@@ -112,9 +112,9 @@ def ingest(folder: Path, *more: str) -> int:
 
 def test_a_world_at_a_camera_is_noticed_and_stays(folder, capsys):
     assert ingest(folder) == ExitCode.DONE
-    said = capsys.readouterr().err
-    assert "warning: the world of the calibration seems not to be upright" in said
-    assert "deg from z" in said
+    stderr = capsys.readouterr().err
+    assert "warning: the world of the calibration seems not to be upright" in stderr
+    assert "deg from z" in stderr
     np.testing.assert_allclose(open_recording(folder / "out.mcap").scene.camera("b").position, 0.0, atol=1e-9)
 
 
@@ -137,9 +137,9 @@ def test_a_world_at_a_camera_is_turned_with_its_truth_and_provenance_says_how(fo
     ground = -float(CAMERAS[1].position[2])
     options = ["--up", direction, "--ground-height", str(ground), "--truth", str(folder / "truth.csv")]
     assert ingest(folder, *options) == ExitCode.DONE
-    said = capsys.readouterr().err
-    assert "warning" not in said
-    assert "world turned upright" in said
+    stderr = capsys.readouterr().err
+    assert "warning" not in stderr
+    assert "world turned upright" in stderr
     recording = open_input(folder / "out.mcap", Truth)
     assert recording.scene is not None
     found = {c.name: c for c in recording.scene.cameras}
@@ -165,22 +165,22 @@ def test_a_truth_without_heights_is_refused(folder, capsys):
     assert "has no heights" in capsys.readouterr().err
 
 
-def test_an_unknown_ground_below_no_camera_is_told(folder, capsys):
+def test_an_unknown_ground_below_no_camera_is_reported(folder, capsys):
     assert ingest(folder, "--up", "auto") == ExitCode.DONE
     assert "state the height of the ground" in capsys.readouterr().err
 
 
 def test_an_upright_world_is_left_alone():
-    said: list[str] = []
-    assert find_turn(CAMERAS, None, None, said.append) is None
-    turn = find_turn(CAMERAS, None, 0.5, said.append)
-    assert not said
+    reported: list[str] = []
+    assert find_turn(CAMERAS, None, None, reported.append) is None
+    turn = find_turn(CAMERAS, None, 0.5, reported.append)
+    assert not reported
     assert not ids(CAMERAS, None, None)
     assert turn is not None
     np.testing.assert_allclose(turn.camera(CAMERAS[0]).position, [0.0, 0.0, 2.0])
 
 
-def test_cameras_that_look_the_same_way_are_told_to_leave_the_pitch_open():
+def test_cameras_that_look_the_same_way_are_reported_to_leave_the_pitch_open():
     assert ids(CAMERAS[:1], "auto", None) == ["vertical-uncertain"]
 
 
@@ -226,7 +226,7 @@ def projections(cameras: tuple[Camera, ...], axes: np.ndarray) -> dict[str, np.n
 
 
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
-def test_a_left_handed_world_is_told_and_mirrored_with_the_truth(tmp_path, capsys, axis):
+def test_a_left_handed_world_is_reported_and_mirrored_with_the_truth(tmp_path, capsys, axis):
     """Matrices of a mirrored world: the cameras of the right-handed one come back, and so do true positions."""
     axes = mirror_matrix(axis)
     folder = tmp_path / "P"
@@ -242,15 +242,15 @@ def test_a_left_handed_world_is_told_and_mirrored_with_the_truth(tmp_path, capsy
     command += ["--image-size", "640x480", "--truth", str(tmp_path / "truth.csv")]
     command += [part for name in "abc" for part in ("--boxes", f"{name}={tmp_path / name}.csv")]
     assert run(command) == ExitCode.DONE
-    said = capsys.readouterr().err
-    assert "the world seems to be left-handed" in said
-    assert "--mirror y" in said
-    assert "axes do not meet in front of any camera" in said
-    assert "meet near" not in said
+    stderr = capsys.readouterr().err
+    assert "the world seems to be left-handed" in stderr
+    assert "--mirror y" in stderr
+    assert "axes do not meet in front of any camera" in stderr
+    assert "meet near" not in stderr
     assert run([*command, "--mirror", axis]) == ExitCode.DONE
-    said = capsys.readouterr().err
-    assert f"left-handed ({axis} is mirrored)" in said
-    assert "warning" not in said
+    stderr = capsys.readouterr().err
+    assert f"left-handed ({axis} is mirrored)" in stderr
+    assert "warning" not in stderr
     recording = open_recording(tmp_path / "r.mcap")
     scene, truth = recording.scene, recording.read(Truth)
     assert scene is not None
@@ -270,8 +270,8 @@ def test_rotations_of_a_left_handed_world_are_refused_and_mirrored(tmp_path):
     with pytest.raises(InputError, match=r"determinant -1.*left-handed"):
         read_calibration([tmp_path / "c.toml"])
     found = read_calibration([tmp_path / "c.toml"], options=CalibrationOptions(mirror="z")).cameras
-    said: list[str] = []
-    turn = find_turn(found, "y", None, said.append, "z")
+    reported: list[str] = []
+    turn = find_turn(found, "y", None, reported.append, "z")
     assert turn is not None
     assert not ids(tuple(turn.camera(c) for c in found), None, None)
     heights = [turn.camera(c).position[2] for c in found]
@@ -290,14 +290,14 @@ def test_a_rig_that_faces_outwards_is_not_left_handed():
 
 
 @pytest.mark.parametrize("up", ["auto", None])
-def test_a_ground_of_the_wrong_sign_is_told_with_the_cameras_that_are_below(up):
+def test_a_ground_of_the_wrong_sign_is_reported_with_the_cameras_that_are_below(up):
     (found,) = (check for check in checks(CAMERAS, up, 2.6) if check.found)
     assert (found.id, found.status, found.sensors) == ("camera-not-above-ground", "failed", ("a", "b"))
     assert "(lowest at z = -0.40 m)" in found.text
     assert "negative below the origin" in found.text
 
 
-def test_a_camera_at_the_height_of_the_ground_is_told_and_one_just_above_is_not():
+def test_a_camera_at_the_height_of_the_ground_is_reported_and_one_just_above_is_not():
     (found,) = (check for check in checks(CAMERAS, None, 2.2) if check.found)
     assert found.text.startswith("camera b is not above the ground (lowest at z = 0.00 m)")
     assert not ids(CAMERAS, None, 2.19)
@@ -349,3 +349,22 @@ def test_a_left_handed_world_is_not_called_inverted() -> None:
         Camera(c.name, axes @ c.position, -axes @ c.rotation, c.focal_px, c.principal_px, c.image_size) for c in CAMERAS
     ]
     assert [c.id for c in world_checks(mirrored, None, ground_stated=False) if c.found] == ["world-left-handed"]
+
+
+@pytest.mark.parametrize("how", ["inverted", "centres"])
+@pytest.mark.parametrize("k", [0, 1, 2])
+def test_a_single_camera_that_is_misread_and_below_the_ground_is_named_with_its_cause(k: int, how: str) -> None:
+    wrong = tuple(misread(c, how) if n == k else c for n, c in enumerate(CAMERAS))
+    found = [c for c in checks(wrong, None, None) if c.found]
+    if wrong[k].position[2] <= 0.0:
+        assert [c.id for c in found] == ["camera-extrinsics-fit-if"]
+        assert found[0].sensors == (CAMERAS[k].name,)
+        assert how in found[0].text
+        assert len(found[0].text) <= 160
+    else:
+        assert "camera-extrinsics-fit-if" not in [c.id for c in found]
+
+
+def test_a_camera_below_the_ground_that_no_other_meaning_mends_is_only_low() -> None:
+    low = replace(CAMERAS[1], position=np.array([60.0, 10.0, -2.2]))
+    assert ids((CAMERAS[0], low, CAMERAS[2]), None, None) == ["camera-not-above-ground"]

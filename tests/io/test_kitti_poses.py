@@ -57,7 +57,7 @@ def test_times_that_are_missing_or_of_another_sequence_are_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for times, words in (
-        (0, "put the times of the sequence beside it as 00_times.txt, one a line [s]"),
+        (0, "put the times of the sequence into its folder as 00_times.txt, one a line [s]"),
         (N - 2, "12 poses or more; times.txt has 10 times; one each is needed"),
         (N + 2, "12 poses; times.txt has 14 times; one each is needed"),
     ):

@@ -139,17 +139,17 @@ def test_what_is_missing_is_named_with_its_remedy(tmp_path: Path) -> None:
 
 def test_a_table_of_another_kind_names_what_it_holds(tmp_path: Path) -> None:
     path = table(tmp_path / "t.parquet")
-    for wants, said in (
+    for wants, reported in (
         ((Tracks,), "expected tracks$"),
         ((Tracks, Hulls), "expected tracks or hulls$"),
         ((Tracks, Hulls, Doa), "expected tracks, hulls or doa$"),
     ):
-        with pytest.raises(InputError, match=r"t.parquet: holds truth; " + said):
+        with pytest.raises(InputError, match=r"t.parquet: holds truth; " + reported):
             open_input(path, *wants)
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "said"),
+    ("name", "content", "expected"),
     [
         ("none.parquet", None, "no such file; a recording or a table was expected"),
         ("empty.mcap", b"", "is empty"),
@@ -160,12 +160,12 @@ def test_a_table_of_another_kind_names_what_it_holds(tmp_path: Path) -> None:
     ],
 )
 def test_a_damaged_file_is_explained_by_the_reader_of_its_kind(
-    tmp_path: Path, name: str, content: bytes | None, said: str
+    tmp_path: Path, name: str, content: bytes | None, expected: str
 ) -> None:
     path = tmp_path / name
     if content is not None:
         path.write_bytes(content)
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=expected):
         open_input(path)
 
 

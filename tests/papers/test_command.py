@@ -138,7 +138,7 @@ def test_every_experiment_can_be_given_a_size() -> None:
 
 
 @pytest.mark.parametrize(
-    ("args", "code", "said"),
+    ("args", "code", "expected"),
     [
         ([], ExitCode.USAGE, "--list"),
         (["erkan", "--list"], ExitCode.USAGE, "erkan"),
@@ -155,11 +155,13 @@ def test_every_experiment_can_be_given_a_size() -> None:
         (["ercan", "fig6", "--size", "fig7=2x50"], ExitCode.USAGE, "fig7 is not among"),
     ],
 )
-def test_bad_input_is_one_line(args: list[str], code: ExitCode, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_input_is_one_line(
+    args: list[str], code: ExitCode, expected: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert run(["reproduce", *args]) == code
     error = capsys.readouterr().err
     assert error.count("\n") == 1
-    assert said in error
+    assert expected in error
 
 
 def test_output_that_is_a_file_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -40,10 +40,10 @@ def test_rahimi_bearings_leave_what_the_paper_says() -> None:
 
 @pytest.mark.parametrize(("speed", "cameras", "left"), [(False, 1, 1), (True, 1, 0), (False, 2, 0), (True, 2, 0)])
 def test_rahimi_open_dimensions(speed: bool, cameras: int, left: int) -> None:
-    places = np.array([[0.0, 0.0], [6.0, 0.0]])[:cameras]
-    assert rahimi.open_dimensions(places, np.array([1.0, 3.0]), np.array([0.2, 0.05]), speed=speed) == left
+    positions = np.array([[0.0, 0.0], [6.0, 0.0]])[:cameras]
+    assert rahimi.open_dimensions(positions, np.array([1.0, 3.0]), np.array([0.2, 0.05]), speed=speed) == left
     # Along one bearing neither place nor velocity is known but in direction
-    assert rahimi.open_dimensions(places[:1], np.array([1.0, 3.0]), np.array([0.1, 0.3]), speed=False) == 2
+    assert rahimi.open_dimensions(positions[:1], np.array([1.0, 3.0]), np.array([0.1, 0.3]), speed=False) == 2
 
 
 @pytest.fixture(scope="module")

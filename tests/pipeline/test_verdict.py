@@ -91,9 +91,9 @@ def test_track_stores_what_it_checked_with_its_tracks(done: Path) -> None:
 def test_a_strict_run_names_the_stage_the_finding_and_the_camera(done: Path, folder: Path, capsys: Any) -> None:
     args = ["run", str(folder / "plain.yaml"), "-o", str(done), "--strict"]
     assert run(args) == ExitCode.THRESHOLD
-    told = capsys.readouterr()
-    assert f"plausible: no (track: camera-fits-if {CROOKED}, camera-rotated {CROOKED}" in " ".join(told.out.split())
-    assert f"warning: track: camera {CROOKED} is rotated " in told.err
+    captured = capsys.readouterr()
+    assert f"plausible: no (track: camera-fits-if {CROOKED}, camera-rotated {CROOKED}" in " ".join(captured.out.split())
+    assert f"warning: track: camera {CROOKED} is rotated " in captured.err
     assert run([*args, "--json"]) == ExitCode.THRESHOLD
     summary = json.loads(capsys.readouterr().out)
     warning = next(each for each in summary["warnings"] if each["id"] == "camera-rotated")
@@ -128,9 +128,9 @@ def test_a_batch_names_it_and_its_tables_carry_it(
     out = folder / "all"
     args = ["batch", str(folder / "batch.yaml"), str(done / "recording.mcap"), "-o", str(out), "--tables", "tracks"]
     assert run([*args, "--strict"]) == ExitCode.THRESHOLD
-    told = capsys.readouterr()
-    assert "not plausible: 1" in " ".join(told.out.split())
-    assert f"plausible: no (track: camera-fits-if {CROOKED}, camera-rotated {CROOKED}" in told.err
+    captured = capsys.readouterr()
+    assert "not plausible: 1" in " ".join(captured.out.split())
+    assert f"plausible: no (track: camera-fits-if {CROOKED}, camera-rotated {CROOKED}" in captured.err
     (row,) = pq.read_table(out / "runs.parquet").to_pylist()
     assert row["plausible"] is False
     assert any(text.startswith(f"track: camera-rotated: camera {CROOKED} is rotated ") for text in row["warnings"])
@@ -140,9 +140,9 @@ def test_a_batch_names_it_and_its_tables_carry_it(
 
 def test_info_says_that_tracks_are_not_plausible(done: Path, capfd: pytest.CaptureFixture[str]) -> None:
     assert run(["info", str(done / "tracks.parquet")]) == ExitCode.DONE
-    said = capfd.readouterr().out
-    assert "plausible no (track: camera-fits-if b, camera-rotated b" in said
-    assert "warning: track: " in said
+    stdout = capfd.readouterr().out
+    assert "plausible no (track: camera-fits-if b, camera-rotated b" in stdout
+    assert "warning: track: " in stdout
 
 
 def test_stages_before_track_store_what_they_checked(
@@ -153,9 +153,9 @@ def test_stages_before_track_store_what_they_checked(
     assert run(["fuse", str(bearings), "--scene", str(recording), "-o", str(fused), "-q"]) == ExitCode.DONE
     assert [verdict.stage for verdict in verdicts_of_file(fused)] == ["ingest", "detect", "fuse"]
     assert run(["info", str(fused)]) == ExitCode.DONE
-    said = capfd.readouterr().out
-    assert "checked   detect: 5 passed" in said
-    assert "checked   fuse: 0 passed, 1 not applicable" in said
+    stdout = capfd.readouterr().out
+    assert "checked   detect: 5 passed" in stdout
+    assert "checked   fuse: 0 passed, 1 not applicable" in stdout
 
 
 def test_a_strict_run_ends_with_6_where_ingest_finds_a_sensor_of_another_time(
@@ -176,9 +176,9 @@ def test_diff_and_export_say_that_tracks_are_not_plausible(done: Path, tmp_path:
     good = tuple(replace_struct(verdict, plausible=True, checks=()) for verdict in made.judged)
     write_table(other, read_table(tracks, PeopleTracks), replace(made, verdicts=good))
     assert run(["diff", str(tracks), str(other)]) == ExitCode.DIFFERENT
-    said = capsys.readouterr().out
-    assert "different  tracks.parquet: verdict" in said
-    assert f"camera-rotated {CROOKED}' in A, '' in B" in said
+    stdout = capsys.readouterr().out
+    assert "different  tracks.parquet: verdict" in stdout
+    assert f"camera-rotated {CROOKED}' in A, '' in B" in stdout
     for name in ("tracks.csv", "view.mcap"):
         assert run(["export", str(tracks), "-o", str(tmp_path / name)]) == ExitCode.DONE
         assert f"warning: track: camera {CROOKED} is rotated " in capsys.readouterr().err

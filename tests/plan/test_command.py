@@ -41,27 +41,27 @@ def test_all_outputs_of_one_call_agree(tmp_path: Path, capsys: pytest.CaptureFix
         "--spacing", "6", "--add", "1",
         "--remove", "-o", str(table), "--picture", str(picture), "--report", str(page), "--json",
     )  # fmt: skip
-    told = json.loads(capsys.readouterr().out)
+    result = json.loads(capsys.readouterr().out)
     assert code == ExitCode.DONE
     rows = read_table(table, PlanMap)
-    assert told["cells"] == len(rows)
-    assert told["rmse_m"] == pytest.approx(float(np.sqrt(rows.weight @ rows.rmse**2)))
-    assert told["share_within"] == pytest.approx(float(rows.weight[rows.rmse < 0.3].sum()))
+    assert result["cells"] == len(rows)
+    assert result["rmse_m"] == pytest.approx(float(np.sqrt(rows.weight @ rows.rmse**2)))
+    assert result["share_within"] == pytest.approx(float(rows.weight[rows.rmse < 0.3].sum()))
     np.testing.assert_allclose(rows.seen_by_0 + rows.seen_by_1 + rows.seen_by_2, 1.0, atol=1e-12)
-    errors = [row["rmse_m"] for row in told["candidates"]]
+    errors = [row["rmse_m"] for row in result["candidates"]]
     assert errors == sorted(errors)
-    assert errors[-1] <= told["rmse_m"]
-    assert told["added"] == told["candidates"][:1]
-    assert {row["name"] for row in told["without"]} == {"southwest", "southeast", "northeast", "northwest"}
-    assert min(row["rmse_m"] for row in told["without"]) >= told["rmse_m"]
+    assert errors[-1] <= result["rmse_m"]
+    assert result["added"] == result["candidates"][:1]
+    assert {row["name"] for row in result["without"]} == {"southwest", "southeast", "northeast", "northwest"}
+    assert min(row["rmse_m"] for row in result["without"]) >= result["rmse_m"]
     assert read_provenance(table).parameters["people"] == 4
     assert picture.read_bytes().startswith(b"<?xml")
     text = page.read_text()
     assert "default-src 'none'" in text
     assert "<script" not in text
     assert "<image" not in text
-    assert f"{told['rmse_m']:.3f}" in text
-    assert told["added"][0]["name"] in text
+    assert f"{result['rmse_m']:.3f}" in text
+    assert result["added"][0]["name"] in text
 
 
 def test_lengths_are_in_the_scenes_unit(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
@@ -99,15 +99,15 @@ def test_candidates_of_a_file_are_ranked_for_a_person(tmp_path: Path, capsys: py
     assert line.index("a 0.") < line.index("b 0.")
 
 
-def test_a_blind_room_is_said_to_be_blind(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_a_blind_room_is_reported_to_be_blind(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     room = "room: [[0, 0], [20, 0], [20, 20], [0, 20]]\n"
     scene = scene_file(tmp_path / "blind.yaml", room + f"cameras: [{CAMERA % ('only', 0.1, 0.1, 45)}]\n")
     assert run(["plan", str(scene), *QUICK[:-1], "--json"]) == ExitCode.DONE
     out, err = capsys.readouterr()
-    told = json.loads(out)
-    assert told["unlocalised_share"] > 0.5
-    assert "no sensor sees the target" in told["warnings"][0]
-    assert told["warnings"][0] in err
+    result = json.loads(out)
+    assert result["unlocalised_share"] > 0.5
+    assert "no sensor sees the target" in result["warnings"][0]
+    assert result["warnings"][0] in err
 
 
 @pytest.mark.parametrize(

@@ -80,12 +80,12 @@ def all_turns(ways: Floats, reports: Reports, prior: Floats, motion: Motion, dt:
                         P[:2, 2:], P[2:, :2], P[2:, 2:] = 0.0, 0.0, fresh * np.eye(2)
                     x, P = F @ x, F @ P @ F.T + np.diag([motion.sigma**2 * dt] * 2 + [0.0, 0.0])
                 xx, xy, yy = reports.information[:, i, t]
-                told = np.array([[xx, xy], [xy, yy]])
-                if not told.any():
+                reported = np.array([[xx, xy], [xy, yy]])
+                if not reported.any():
                     continue
                 # Measurements along the axes of the information, one by one
-                values, axes = np.linalg.eigh(told)
-                z = axes.T @ (told @ ways[i, t] + reports.noise[:, i, t])
+                values, axes = np.linalg.eigh(reported)
+                z = axes.T @ (reported @ ways[i, t] + reports.noise[:, i, t])
                 for value, axis, measured in zip(values, axes.T, z, strict=True):
                     if value < 1e-9:
                         continue
@@ -119,12 +119,12 @@ def test_a_few_hypotheses_stand_for_every_possible_turn():
     off = np.hypot(*(found.position - exact.position)[:, 0].T)
     assert np.median(off / spread) < 0.02
     assert math.sqrt(np.mean(off**2)) < 0.1 * math.sqrt(np.mean(spread**2))
-    told = np.trace(found.covariance[:, 0], axis1=1, axis2=2)
-    assert math.sqrt(told.mean()) == pytest.approx(math.sqrt(np.mean(spread**2)), rel=0.03)
+    reported = np.trace(found.covariance[:, 0], axis1=1, axis2=2)
+    assert math.sqrt(reported.mean()) == pytest.approx(math.sqrt(np.mean(spread**2)), rel=0.03)
 
 
 @pytest.mark.parametrize("belief", [FilterNoise(0.0, 0.0), FilterNoise(0.1, 0.5)])
-def test_errors_are_as_large_as_they_are_said_to_be(belief: FilterNoise):
+def test_errors_are_as_large_as_they_are_reported_to_be(belief: FilterNoise):
     """Seen by two, by none, by one and by none again, 4000 walkers; error bars of the ratios are 0.4 to 2 %."""
     motion, steps, many = Motion(1.2, 0.4, 0.05), 100, 4000
     ways = walkers(motion, DT, steps, many)
@@ -133,9 +133,9 @@ def test_errors_are_as_large_as_they_are_said_to_be(belief: FilterNoise):
     information[0, :, 70:90] = 100.0
     found = errors_along(ways, reports_of(information), (np.zeros(2), np.eye(2)), motion, belief, DT, keep=60)
     square = np.sum((found.position - ways[:, 40:]) ** 2, axis=-1).mean(axis=0)
-    told = np.trace(found.covariance, axis1=-2, axis2=-1).mean(axis=0)
+    reported = np.trace(found.covariance, axis1=-2, axis2=-1).mean(axis=0)
     for part in (slice(0, 10), slice(10, 20), slice(30, 50), slice(50, 60)):
-        assert math.sqrt(square[part].mean()) == pytest.approx(math.sqrt(told[part].mean()), rel=0.1)
+        assert math.sqrt(square[part].mean()) == pytest.approx(math.sqrt(reported[part].mean()), rel=0.1)
 
 
 def test_who_is_seen_to_walk_straight_on_by_one_camera_is_not_thought_to_turn():

@@ -67,8 +67,10 @@ def lonely(ways: Floats) -> Walked:
 
 def known_at_once(walked: Walked, *sensors: MicrophoneArray) -> Floats:
     """(2, 2) covariance of a place that may be anywhere, after one report of each sensor."""
-    told = [information_of_sensor(s, Scene(arrays=sensors, room=ROOM), walked, SMALL, 0).information for s in sensors]
-    total = np.sum(told, axis=0)
+    reported = [
+        information_of_sensor(s, Scene(arrays=sensors, room=ROOM), walked, SMALL, 0).information for s in sensors
+    ]
+    total = np.sum(reported, axis=0)
     start = np.zeros(2), 1e8 * np.eye(2)
     reports = Reports(total, np.zeros((2, *total.shape[1:])))
     found = errors_along(walked.ways, reports, start, Motion(1.2, 0.4, 0.05), FilterNoise(0.1, 0.5), 0.1)

@@ -87,8 +87,8 @@ def simulated_sight(seed: int) -> Bools:
     """(T,) by how few of the corner cameras a simulated target is seen, after 10 s."""
     world = replace(WorldConfig.in_unit("m"), steps=600, targets=1, occluders=11, wall_clearance=0.0)
     truth = Truth.concat(simulate_truth(SCENE, world, seed))
-    places = np.stack([truth.x, truth.y, np.zeros(len(truth))], axis=-1).reshape(600, 12, 3)[100:]
-    return sum(visible(c, SCENE.blockers(c.ground), places, 0, 0.5).astype(np.int64) for c in CORNERS)
+    positions = np.stack([truth.x, truth.y, np.zeros(len(truth))], axis=-1).reshape(600, 12, 3)[100:]
+    return sum(visible(c, SCENE.blockers(c.ground), positions, 0, 0.5).astype(np.int64) for c in CORNERS)
 
 
 def test_people_hide_the_target_as_often_and_as_long_as_in_the_simulator():
@@ -104,7 +104,7 @@ def test_people_hide_the_target_as_often_and_as_long_as_in_the_simulator():
     truths = [Truth.concat(simulate_truth(SCENE, world, seed)) for seed in range(100, 140)]
     paths = np.concatenate([np.column_stack([t.x, t.y])[100 * 12 :] for t in truths])
     plan = prepare(SCENE, replace(CROWD, settling_s=0.6, cells=144), seed=0, paths=paths)
-    seen = sum(told.seen.astype(np.int64) for told in plan.information.values()) < 2
+    seen = sum(reported.seen.astype(np.int64) for reported in plan.information.values()) < 2
     now = plan.weight @ seen[:, -1].reshape(len(plan.weight), -1).mean(axis=1)
     both = plan.weight @ (seen[:, -1] & seen[:, -6]).reshape(len(plan.weight), -1).mean(axis=1)
     for found, expected in ((whole, now), (lasting, both)):
@@ -166,9 +166,9 @@ def test_a_filter_of_these_moments_is_as_far_off_in_a_crowd_as_it_says():
     start = ROOM.mean(axis=0), 3.0 * np.eye(2)
     found = errors_along(truth, Reports(information, noise), start, motion, FilterNoise(0.0, 0.0), dt, keep=100)
     square = np.sum((found.position - truth[:, 20:]) ** 2, axis=-1).mean(axis=0)
-    told = np.trace(found.covariance, axis1=-2, axis2=-1).mean(axis=0)
+    reported = np.trace(found.covariance, axis1=-2, axis2=-1).mean(axis=0)
     for part in (slice(40, 50), slice(80, 100), slice(100)):
-        assert math.sqrt(square[part].mean()) == pytest.approx(math.sqrt(told[part].mean()), rel=0.12)
+        assert math.sqrt(square[part].mean()) == pytest.approx(math.sqrt(reported[part].mean()), rel=0.12)
 
 
 def test_people_who_would_walk_for_ever_are_refused() -> None:

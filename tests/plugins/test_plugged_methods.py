@@ -58,9 +58,9 @@ def called(*args: object) -> Result:
 
 def failed(capsys: pytest.CaptureFixture[str], *args: object) -> tuple[int, str]:
     code = run([str(a) for a in args])
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1, said
-    return code, said
+    stderr = capsys.readouterr().err
+    assert stderr.count("\n") == 1, stderr
+    return code, stderr
 
 
 def test_a_method_of_others_is_used_like_ours(walk: Path) -> None:
@@ -85,12 +85,12 @@ def test_settings_of_others_are_shown_and_checked_like_ours(walk: Path, capsys: 
     listed = called("track", "--help").output
     assert "extended Kalman filter in thirty lines" in listed
     args = ("track", walk / "bearings.csv", "--scene", walk / "stations.csv", "-o", walk / "t.parquet", "--method")
-    code, said = failed(capsys, *args, "own", "--set", "sigma_b=1")
-    assert (code, "did you mean 'sigma_a'" in said) == (2, True)
-    code, said = failed(capsys, *args, "own", "--sigma-a", "0")
+    code, message = failed(capsys, *args, "own", "--set", "sigma_b=1")
+    assert (code, "did you mean 'sigma_a'" in message) == (2, True)
+    code, message = failed(capsys, *args, "own", "--sigma-a", "0")
     assert code == 2
-    code, said = failed(capsys, *args, "owm")
-    assert (code, "did you mean 'own'" in said) == (2, True)
+    code, message = failed(capsys, *args, "owm")
+    assert (code, "did you mean 'own'" in message) == (2, True)
 
 
 @pytest.mark.parametrize(
@@ -117,9 +117,9 @@ def test_plug_ins_that_fail_break_no_other_command(walk: Path) -> None:
 
 
 def test_plug_ins_are_listed_and_checked(walk: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    said = {each["name"]: each for each in json.loads(called("plugin", "list", "--json").stdout)["plugins"]}
-    assert said["own"]["package"] == "occlog-own-filter 1.0"
-    assert "is not used: occlog has one of that name itself" in said["fix"]["summary"]
+    stdout = {each["name"]: each for each in json.loads(called("plugin", "list", "--json").stdout)["plugins"]}
+    assert stdout["own"]["package"] == "occlog-own-filter 1.0"
+    assert "is not used: occlog has one of that name itself" in stdout["fix"]["summary"]
     assert run(["plugin", "check", "own"]) == 0
     assert "31 checks, 0 faults" in capsys.readouterr().out
     assert run(["plugin", "check", "fails"]) == 6

@@ -95,10 +95,10 @@ def done(*args: object) -> dict[str, object]:
 def failed(capsys: pytest.CaptureFixture[str], *args: object) -> tuple[int, str]:
     capsys.readouterr()
     code = run([str(a) for a in args])
-    said = capsys.readouterr().err
-    lines = [line for line in said.splitlines() if line.startswith("occlog: ") or "rror" in line]
-    assert len(lines) == 1, said
-    return code, said
+    stderr = capsys.readouterr().err
+    lines = [line for line in stderr.splitlines() if line.startswith("occlog: ") or "rror" in line]
+    assert len(lines) == 1, stderr
+    return code, stderr
 
 
 def tracks_of(folder: Path) -> Path:
@@ -151,12 +151,12 @@ def test_settings_of_a_reader_are_options_under_its_name(folder: Path, capsys: p
     assert "--compass-sigma-deg" in shown
     assert "Error of the compass." in shown
     assert "--compass-sigma-deg" not in called("track", "--help").output
-    code, said = failed(capsys, *args, folder / "c.pq", "--reader", "compass", "--compass-sigma-deg", 0)
-    assert (code, "--compass-sigma-deg" in said) == (2, True)
-    code, said = failed(capsys, *args, folder / "c.pq", "--reader", "compas")
-    assert (code, "did you mean 'compass'" in said) == (2, True)
-    code, said = failed(capsys, "info", folder / "bearings.csv", "--reader", "compass")
-    assert (code, "no input has a name that ends in .compass" in said) == (2, True)
+    code, message = failed(capsys, *args, folder / "c.pq", "--reader", "compass", "--compass-sigma-deg", 0)
+    assert (code, "--compass-sigma-deg" in message) == (2, True)
+    code, message = failed(capsys, *args, folder / "c.pq", "--reader", "compas")
+    assert (code, "did you mean 'compass'" in message) == (2, True)
+    code, message = failed(capsys, "info", folder / "bearings.csv", "--reader", "compass")
+    assert (code, "no input has a name that ends in .compass" in message) == (2, True)
 
 
 def test_a_reader_is_used_by_ingest(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -186,8 +186,8 @@ def test_a_reader_is_used_by_ingest(folder: Path, capsys: pytest.CaptureFixture[
         assert found["left_px"].tolist() == [10.0, 11.0, 12.0, 13.0, 14.0]
         assert occlog.open(folder / "r.mcap").provenance["readers"][0]["package"] == "row-log 2"
         (folder / "boxes.rows").write_text("\n".join([*rows, "cam 5 0.5 10 20 30 60 1.8"]), encoding="utf-8")
-        code, said = failed(capsys, *args, "--allow-uncalibrated", "--overwrite", "-q")
-        assert (code, "boxes.rows: row 6: confidence 1.8" in said) == (4, True)
+        code, message = failed(capsys, *args, "--allow-uncalibrated", "--overwrite", "-q")
+        assert (code, "boxes.rows: row 6: confidence 1.8" in message) == (4, True)
     finally:
         sys.path.remove(str(folder))
 
@@ -225,7 +225,7 @@ def test_a_stage_of_a_run_names_its_reader(folder: Path, capsys: pytest.CaptureF
         assert "nowhere.yaml: no such file" in failed(capsys, "run", config, "-o", folder / "out", "-q")[1]
         assert occlog.read(folder / "out/recording.mcap", "boxes")["left_px"][0] == 23.0
         assert reader_of(folder / "boxes.txt") is None  # it holds for its stage alone
-        for old, new, said in (
+        for old, new, reported in (
             ("reader: lines", "reader: line", "line 6: ingest.reader: 'line': no such reader; did you mean 'lines'?"),
             ("reader: lines", "lines_shift_px: 3", "line 6: ingest.lines_shift_px: unknown key"),
             ("reader: lines", "reader: compass", "line 6: ingest.reader: compass: no input has a name that ends in"),
@@ -235,7 +235,7 @@ def test_a_stage_of_a_run_names_its_reader(folder: Path, capsys: pytest.CaptureF
             assert run(["run", str(config), "-o", str(folder / "other"), "-q"]) == 4
             lines = capsys.readouterr().err.splitlines()
             assert len(lines) == 1
-            assert said in lines[0]
+            assert reported in lines[0]
     finally:
         sys.path.remove(str(folder))
 
@@ -246,11 +246,11 @@ def test_a_reader_that_refuses_or_fails_gives_one_line(folder: Path, capsys: pyt
         ("fails-reader", "plug-in fails-reader (bad-parts 0.3): KeyError: 1 at "),
         ("lies-reader", "plug-in lies-reader (bad-parts 0.3): "),
     ):
-        code, said = failed(capsys, "info", folder / "walk.bad", "--reader", name)
-        assert (code, words in said) == (4, True), said
-    code, said = failed(capsys, "info", folder / "walk.bad")
+        code, message = failed(capsys, "info", folder / "walk.bad", "--reader", name)
+        assert (code, words in message) == (4, True), message
+    code, message = failed(capsys, "info", folder / "walk.bad")
     assert code == 2
-    assert "readers fails-reader and lies-reader and refuses" in said
+    assert "readers fails-reader and lies-reader and refuses" in message
 
 
 # Exporters
@@ -267,10 +267,10 @@ def test_an_exporter_of_others_is_a_format(folder: Path, capsys: pytest.CaptureF
     assert called("export", tracks, "--to", "gnuplot", "-o", "-").stdout == "\n".join(lines) + "\n"
     assert done("export", tracks, "--to", "gnuplot", "-o", folder / "u.dat", "--target", 9)["rows"] == 0
     assert "gnuplot's blocks of t x y" in called("export", "--help").output
-    code, said = failed(capsys, "export", folder / "bearings.csv", "--to", "gnuplot", "-o", folder / "v.dat")
-    assert (code, "tracks" in said) == (4, True)
-    code, said = failed(capsys, "export", tracks, "--to", "gnuplit", "-o", folder / "v.dat")
-    assert (code, "did you mean 'gnuplot'" in said) == (2, True)
+    code, message = failed(capsys, "export", folder / "bearings.csv", "--to", "gnuplot", "-o", folder / "v.dat")
+    assert (code, "tracks" in message) == (4, True)
+    code, message = failed(capsys, "export", tracks, "--to", "gnuplit", "-o", folder / "v.dat")
+    assert (code, "did you mean 'gnuplot'" in message) == (2, True)
 
 
 @pytest.mark.parametrize(
@@ -285,8 +285,8 @@ def test_an_exporter_of_others_is_a_format(folder: Path, capsys: pytest.CaptureF
 def test_an_exporter_that_fails_gives_one_line_and_no_file(
     folder: Path, capsys: pytest.CaptureFixture[str], name: str, words: str
 ) -> None:
-    code, said = failed(capsys, "export", tracks_of(folder), "--to", name, "-o", folder / "t.dat")
-    assert (code, words in said) == (4, True), said
+    code, message = failed(capsys, "export", tracks_of(folder), "--to", name, "-o", folder / "t.dat")
+    assert (code, words in message) == (4, True), message
     assert not (folder / "t.dat").exists()
 
 
@@ -306,18 +306,18 @@ def test_a_metric_of_others_is_a_figure(folder: Path, capsys: pytest.CaptureFixt
     with pytest.raises(occlog.UsageError, match="gaps has no setting 'x'"):
         occlog.evaluate(tracks, folder / "truth.csv", metrics={"gaps": {"x": 1}})
     assert run([str(a) for a in (*args, "--fail-if", "gaps_longest_s>0.4")]) == 6
-    code, said = failed(capsys, *args, "--fail-if", "gaps_shortest_s>0.4")
-    assert (code, "did you mean" in said, "gaps_longest_s" in said) == (2, True, True)
-    code, said = failed(capsys, *args[:4], "--fail-if", "gaps_longest_s>0.4")
+    code, message = failed(capsys, *args, "--fail-if", "gaps_shortest_s>0.4")
+    assert (code, "did you mean" in message, "gaps_longest_s" in message) == (2, True, True)
+    code, message = failed(capsys, *args[:4], "--fail-if", "gaps_longest_s>0.4")
     assert code == 2
-    code, said = failed(capsys, "evaluate", tracks, "--bearings", folder / "bearings.csv", "--metric", "gaps")
-    assert (code, "--metric is for TRACKS on the ground with --truth" in said) == (2, True)
+    code, message = failed(capsys, "evaluate", tracks, "--bearings", folder / "bearings.csv", "--metric", "gaps")
+    assert (code, "--metric is for TRACKS on the ground with --truth" in message) == (2, True)
     for name, words in (
         ("fails-metric", "plug-in fails-metric (bad-parts 0.3): ValueError: invalid literal"),
         ("lies-metric", "plug-in lies-metric (bad-parts 0.3): figures gives b, which units does not declare"),
     ):
-        code, said = failed(capsys, *args[:4], "--metric", name)
-        assert (code, words in said) == (4, True), said
+        code, message = failed(capsys, *args[:4], "--metric", name)
+        assert (code, words in message) == (4, True), message
 
 
 # Detectors and trackers of one camera
@@ -343,8 +343,8 @@ def test_a_detector_of_others_finds_boxes_and_a_tracker_follows_them(folder: Pat
     with pytest.raises(occlog.UsageError, match="has no setting 'treshold'; did you mean 'threshold'"):
         occlog.detect(recording, method="bright", treshold=200)
     assert "--bright-threshold" in called("detect", "--method", "bright", "--help").output
-    said = done("track", views, "--method", "overlap", "-o", folder / "boxes.parquet")
-    assert (said["identities"], said["frames"], said["skipped"]) == (4, 16, 0)
+    output = done("track", views, "--method", "overlap", "-o", folder / "boxes.parquet")
+    assert (output["identities"], output["frames"], output["skipped"]) == (4, 16, 0)
     boxes = read_table(folder / "boxes.parquet", Boxes)
     for sensor, wanted in (("a", 2), ("b", 2)):
         own = boxes.take(boxes.sensor == sensor)
@@ -364,14 +364,14 @@ def test_detectors_and_trackers_that_fail_give_one_line(folder: Path, capsys: py
         ("fails-detector", "plug-in fails-detector (bad-parts 0.3): ZeroDivisionError: division by zero at "),
         ("lies-detector", "camera a: frame 0: box 0 is -1 x 5 px; width and height must be above 0"),
     ):
-        code, said = failed(capsys, "detect", recording, "--method", name, "-o", out, "-q")
-        assert (code, words in said) == (4, True), said
-    code, said = failed(capsys, "detect", recording, "--method", "brigth", "-o", out)
-    assert (code, "did you mean 'bright'" in said) == (2, True)
-    code, said = failed(capsys, "detect", recording, "--method", "bright", "--fuse", "-o", out)
+        code, message = failed(capsys, "detect", recording, "--method", name, "-o", out, "-q")
+        assert (code, words in message) == (4, True), message
+    code, message = failed(capsys, "detect", recording, "--method", "brigth", "-o", out)
+    assert (code, "did you mean 'bright'" in message) == (2, True)
+    code, message = failed(capsys, "detect", recording, "--method", "bright", "--fuse", "-o", out)
     assert (
         code,
-        "--fuse is an option of --method auto, network, background, outlines, components, not of" in said,
+        "--fuse is an option of --method auto, network, background, outlines, components, not of" in message,
     ) == (
         2,
         True,
@@ -382,15 +382,15 @@ def test_detectors_and_trackers_that_fail_give_one_line(folder: Path, capsys: py
         ("fails-view", "plug-in fails-view (bad-parts 0.3): RuntimeError: no more at "),
         ("lies-view", "plug-in lies-view (bad-parts 0.3): camera a: frame 0: identity 0 is twice in one frame"),
     ):
-        code, said = failed(capsys, "track", out, "--method", name, "-o", folder / "t.parquet", "-q")
-        assert (code, words in said) == (4, True), said
+        code, message = failed(capsys, "track", out, "--method", name, "-o", folder / "t.parquet", "-q")
+        assert (code, words in message) == (4, True), message
     for args, words in (
         (("--window", 1), "takes each frame of a camera by itself"),
         (("--cameras", "c"), "no camera 'c'"),
         (("--diagnostics", "d.parquet"), "--diagnostics"),
     ):
-        code, said = failed(capsys, "track", out, "--method", "overlap", *args, "-o", folder / "t.parquet", "-q")
-        assert (code, words in said) == (2, True), said
+        code, message = failed(capsys, "track", out, "--method", "overlap", *args, "-o", folder / "t.parquet", "-q")
+        assert (code, words in message) == (2, True), message
     assert not (folder / "t.parquet").exists()
 
 
@@ -398,8 +398,8 @@ def test_detectors_and_trackers_that_fail_give_one_line(folder: Path, capsys: py
 
 
 def test_plug_ins_are_listed_by_kind_and_checked(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    told = json.loads(called("plugin", "list", "--json").stdout)["plugins"]
-    kinds = {each["name"]: each["kind"] for each in told if each["package"] == "occlog-own-parts 1.0"}
+    result = json.loads(called("plugin", "list", "--json").stdout)["plugins"]
+    kinds = {each["name"]: each["kind"] for each in result if each["package"] == "occlog-own-parts 1.0"}
     assert kinds == {
         "bright": "detector",
         "compass": "reader",
@@ -411,10 +411,10 @@ def test_plug_ins_are_listed_by_kind_and_checked(folder: Path, capsys: pytest.Ca
     assert "exporter: 20 checks, 0 faults" in capsys.readouterr().out
     assert run(["plugin", "check", "compass", "--sample", str(folder / "walk.compass")]) == 0
     assert "reader: 22 checks, 0 faults" in capsys.readouterr().out
-    code, said = failed(capsys, "plugin", "check", "compass")
-    assert (code, "--sample FILE" in said) == (2, True)
-    code, said = failed(capsys, "plugin", "check", "gaps", "--sample", folder / "walk.compass")
-    assert (code, "--sample is for readers" in said) == (2, True)
+    code, message = failed(capsys, "plugin", "check", "compass")
+    assert (code, "--sample FILE" in message) == (2, True)
+    code, message = failed(capsys, "plugin", "check", "gaps", "--sample", folder / "walk.compass")
+    assert (code, "--sample is for readers" in message) == (2, True)
     assert run(["plugin", "check", "lies-metric"]) == 6
     assert "figures: figures gives b, which units does not declare" in capsys.readouterr().out
 
@@ -423,8 +423,8 @@ def test_settings_of_a_plug_in_have_a_schema(folder: Path, capsys: pytest.Captur
     found = json.loads(called("schema", "bright").stdout)
     assert found["title"] == "plug-in bright (occlog-own-parts 1.0): settings"
     assert found["properties"]["threshold"]["maximum"] == 255
-    code, said = failed(capsys, "schema", "brigth")
-    assert (code, "did you mean 'bright'" in said) == (2, True)
+    code, message = failed(capsys, "schema", "brigth")
+    assert (code, "did you mean 'bright'" in message) == (2, True)
 
 
 def test_no_plug_in_is_looked_for_where_all_names_are_ours(folder: Path) -> None:
@@ -486,8 +486,8 @@ def test_methods_and_metrics_of_others_go_through_a_run(folder: Path, capsys: py
         ("metric: gaps", "metric: gap", "evaluate.metric: 'gap': no such metric; did you mean 'gaps'?"),
     ):
         config.write_text(RUN.replace(old, new), encoding="utf-8")
-        code, said = failed(capsys, "run", config, "-o", folder / "other", "--quiet", "--dry-run")
-        assert (code in (2, 4), words in said) == (True, True), said
+        code, message = failed(capsys, "run", config, "-o", folder / "other", "--quiet", "--dry-run")
+        assert (code in (2, 4), words in message) == (True, True), message
 
 
 def test_a_detector_of_others_goes_through_a_run(folder: Path) -> None:

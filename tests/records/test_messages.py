@@ -58,8 +58,8 @@ def test_ids_are_unique_and_in_kebab_case() -> None:
 
 @pytest.mark.parametrize("id", VERDICT)
 def test_messages_fit_into_a_line(id: str) -> None:
-    said = typical(VERDICT[id])
-    assert len(said) <= MAX_CHARACTERS, f"{len(said)}: {said}"
+    reported = typical(VERDICT[id])
+    assert len(reported) <= MAX_CHARACTERS, f"{len(reported)}: {reported}"
 
 
 def test_every_id_is_used_and_every_used_id_is_declared() -> None:
@@ -72,6 +72,6 @@ def test_every_id_is_used_and_every_used_id_is_declared() -> None:
 
 def test_options_are_spelled_and_further_names_counted() -> None:
     message = VERDICT["view-without-tracks"]
-    said = spelled(message.fill(sensors=("a", "b", "c", "d", "e")))
-    assert said.startswith("no first ellipse began a tracker in a, b, c, 2 more: ")
-    assert "--without" in said
+    reported = spelled(message.fill(sensors=("a", "b", "c", "d", "e")))
+    assert reported.startswith("no first ellipse began a tracker in a, b, c, 2 more: ")
+    assert "--without" in reported

@@ -27,8 +27,8 @@ def camera(x=0.0, y=0.0, yaw=0.0, pitch=0.0, roll=0.0, z=0.0, focal=500.0, size=
     return Camera("c", np.array([x, y, z]), rotation, focal_px, principal, size, **({"fov": fov} | more))
 
 
-def inside(scene: Scene, *places: tuple[float, float]) -> list[bool]:
-    return inside_polygon(np.array(places, dtype=np.float64), scene.region).tolist()
+def inside(scene: Scene, *positions: tuple[float, float]) -> list[bool]:
+    return inside_polygon(np.array(positions, dtype=np.float64), scene.region).tolist()
 
 
 def test_a_room_is_the_region_and_there_is_no_prior_of_views():

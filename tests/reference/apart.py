@@ -26,13 +26,13 @@ class Outcome(NamedTuple):
 
     Attributes:
         code: its exit code; below 0: the signal that ended it.
-        told: what it wrote, to standard output and standard error.
+        output: what it wrote, to standard output and standard error.
         kib: memory that it took at most [KiB].
         seconds: processor time [s].
     """
 
     code: int
-    told: str
+    output: str
     kib: int
     seconds: float
 
@@ -52,15 +52,15 @@ def run_apart(*arguments: object) -> Outcome:
         server.stdin.write(f"{json.dumps(asked)}\n")
         server.stdin.flush()
         code, seconds = json.loads(server.stdout.readline())
-        told = "".join((Path(folder) / name).read_text() for name in ("out", "err"))
+        reported = "".join((Path(folder) / name).read_text() for name in ("out", "err"))
         memory = Path(folder) / "memory"
-        return Outcome(code, told, int(memory.read_text()) if memory.exists() else 0, seconds)
+        return Outcome(code, reported, int(memory.read_text()) if memory.exists() else 0, seconds)
 
 
 def check_apart(*arguments: object) -> Outcome:
     """Run a command that must keep what is promised of small files: memory, time, no traceback."""
     outcome = run_apart(*arguments)
-    assert "Traceback" not in outcome.told
+    assert "Traceback" not in outcome.output
     assert 0 < outcome.kib < MOST_KIB, outcome
     assert outcome.seconds < MOST_SECONDS, outcome
     return outcome

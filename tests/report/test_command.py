@@ -96,20 +96,20 @@ def test_json_summary(folder: Path, capsys: Any) -> None:
     out, err = capsys.readouterr()
     assert err == ""
     verdict = {"plausible": None, "warnings": []}
-    told = json.loads(out)
-    assert [loss["count"] for loss in told.pop("lost_earlier")] == [3]
-    assert told == {"page": str(page), "targets": 1, "tracks": 5, "bearings": 10, **verdict, "losses": []}
+    result = json.loads(out)
+    assert [loss["count"] for loss in result.pop("lost_earlier")] == [3]
+    assert result == {"page": str(page), "targets": 1, "tracks": 5, "bearings": 10, **verdict, "losses": []}
     assert "Track and lines of sight" in page.read_text()
 
 
-def test_bearings_of_sensors_that_the_scene_lacks_are_told(folder: Path, capsys: Any) -> None:
+def test_bearings_of_sensors_that_the_scene_lacks_are_reported(folder: Path, capsys: Any) -> None:
     """They stood in a table of the page alone."""
     (folder / "scene.yaml").write_text(SCENE.replace("north", "south"))
     args = ["report", str(folder), "--scene", str(folder / "scene.yaml"), "-o", str(folder / "r.html"), "--json"]
     assert run(args) == ExitCode.DONE
-    told = capsys.readouterr()
-    assert "warning: bearings of 'north', not in the scene, are counted and not drawn; give the scene" in told.err
-    assert json.loads(told.out)["unknown_sensors"] == ["north"]
+    captured = capsys.readouterr()
+    assert "warning: bearings of 'north', not in the scene, are counted and not drawn; give the scene" in captured.err
+    assert json.loads(captured.out)["unknown_sensors"] == ["north"]
 
 
 def test_a_scene_alone(folder: Path) -> None:
@@ -130,7 +130,7 @@ def test_outputs_are_not_overwritten_unless_asked(folder: Path, capsys: Any) -> 
 
 
 @pytest.mark.parametrize(
-    ("args", "code", "said"),
+    ("args", "code", "expected"),
     [
         ([], ExitCode.USAGE, "nothing to show"),
         (["none.parquet"], ExitCode.BAD_INPUT, "no such file"),
@@ -145,13 +145,13 @@ def test_outputs_are_not_overwritten_unless_asked(folder: Path, capsys: Any) -> 
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(
-    folder: Path, capsys: Any, monkeypatch: Any, args: list[str], code: int, said: str
+    folder: Path, capsys: Any, monkeypatch: Any, args: list[str], code: int, expected: str
 ) -> None:
     monkeypatch.chdir(folder.parent)
     Path("feet.yaml").write_text(f"length_unit: ft{SCENE}")
     assert report(*args, "-o", "report.html", "--png", "report.png") == code
     err = capsys.readouterr().err
-    assert said in err
+    assert expected in err
     assert "Traceback" not in err
     assert not list(Path().glob("report.*"))
 

@@ -148,19 +148,19 @@ def pages(
     args: list[str], folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> tuple[list[str], list[str], Path]:
     """Words of a page of whole tables and of one of long ones, read in pieces, which are to be the same; the latter."""
-    said, summaries = [], []
+    statement, summaries = [], []
     for most, rows in ((10**6, 10**6), (100, 37)):
         monkeypatch.setattr(rule, "MAX_ROWS", most)
         monkeypatch.setattr(opening, "iter_table", partial(iter_table, rows=rows))
         monkeypatch.setattr(sources, "AT_ONCE", rows)
         page = folder / f"{most}.html"
         assert run([*args, "--overwrite", "--json", "-o", str(page)]) == ExitCode.DONE
-        said.append(words(page))
+        statement.append(words(page))
         summaries.append(json.loads(capsys.readouterr().out.splitlines()[-1]) | {"page": ""})
     assert summaries[0] == summaries[1]
-    whole, part = said
+    whole, part = statement
     assert not any("Drawn:" in text for text in whole)
-    plain = [[" ".join(CAPTIONS.sub("", text).strip(" .").split()) for text in page] for page in said]
+    plain = [[" ".join(CAPTIONS.sub("", text).strip(" .").split()) for text in page] for page in statement]
     assert plain[0] == plain[1]
     return whole, part, page
 

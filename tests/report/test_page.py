@@ -308,7 +308,7 @@ def test_time_axis(start: int, length_s: int, unit: str, begin: str) -> None:
     assert axis.duration == f"{length_s / per_unit:.4g} {unit}"
 
 
-def test_long_times_are_told_in_a_unit_that_suits_them() -> None:
+def test_long_times_are_reported_in_a_unit_that_suits_them() -> None:
     """Of hours they were written as `3e+04 s`."""
     data = run(steps=200)
     assert data.tracks is not None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ NS = 1_000_000_000
 SEEDS = range(300, 312)
 
 
+@cache
 def two(seed: int, motion: str = "walk", **values: float) -> tuple[Bearings, Recording]:
     """Bearings of two people, labels 0 and 1."""
     one, other = (record(motion, 4, seed=s, **values) for s in (seed, seed + 1000))  # type: ignore[arg-type]
@@ -69,34 +71,34 @@ def test_false_bearings_are_no_exchange_and_rarely_a_jump() -> None:
 
 
 def test_labels_exchanged_in_all_cameras_are_named_and_exchanged_back() -> None:
-    said, right = 0, 0
+    statement, right = 0, 0
     for seed in SEEDS:
         bearings, made = two(seed)
         begin = bearings.t_ns[0] + 10 * NS
         given = exchanged(bearings, (bearings.t_ns >= begin) & (bearings.t_ns < begin + 3 * NS))
         found, events = follow(made, [given])
-        said += any(one.targets == (0, 1) for one in events.exchanges)
+        statement += any(one.targets == (0, 1) for one in events.exchanges)
         right += same(found, bearings)
         if same(found, bearings):
             assert [(one.begin_ns, one.end_ns, one.sensor) for one in events.exchanges] == [(begin, begin + 3 * NS, "")]
-        kept, told = follow(made, [given], repair=False)
+        kept, reported = follow(made, [given], repair=False)
         assert same(kept, given)
-        assert told.exchanges == events.exchanges
+        assert reported.exchanges == events.exchanges
     # Where both people are within half a metre of each other, no motion tells which label is whose
-    assert said == len(SEEDS)
+    assert statement == len(SEEDS)
     assert right >= 9
 
 
 def test_labels_exchanged_in_one_camera_are_named_with_the_camera() -> None:
-    said = 0
+    reported = 0
     for seed in SEEDS:
         bearings, made = two(seed)
         begin = bearings.t_ns[0] + 10 * NS
         own = (bearings.t_ns >= begin) & (bearings.t_ns < begin + 10 * NS) & (bearings.sensor == "cam2")
         _, events = follow(made, [exchanged(bearings, own)])
-        said += any(one.sensor == "cam2" and one.targets == (0, 1) for one in events.exchanges)
+        reported += any(one.sensor == "cam2" and one.targets == (0, 1) for one in events.exchanges)
         assert all(one.sensor in ("cam2", "") for one in events.exchanges)
-    assert said >= 9
+    assert reported >= 9
 
 
 def test_where_chunks_are_cut_does_not_matter() -> None:
@@ -113,7 +115,7 @@ def test_where_chunks_are_cut_does_not_matter() -> None:
 
 def test_a_label_that_continues_with_another_person_jumps() -> None:
     """Half of the way the label is that of one person, then of another one; the other has no label of its own."""
-    said = 0
+    reported = 0
     for seed in SEEDS:
         one, other = (record("walk", 4, seed=s) for s in (seed, seed + 1000))
         cut = one.bearings.t_ns[0] + 20 * NS
@@ -123,8 +125,8 @@ def test_a_label_that_continues_with_another_person_jumps() -> None:
         joined = Bearings.merge([one.bearings.take(early), other.bearings.take(late)])
         _, events = follow(one, [joined])
         assert all(abs(jump.begin_ns - cut) <= NS for jump in events.jumps)
-        said += bool(events.jumps) or far < 2.0
-    assert said >= 11
+        reported += bool(events.jumps) or far < 2.0
+    assert reported >= 11
 
 
 def displaced(made: Recording, begin: float, distance: float) -> Bearings:

@@ -127,8 +127,8 @@ def test_scans_of_both_kinds_are_joined_in_the_order_of_time_wherever_chunks_are
         )
         found = list(feed.joined(iter(directions)))
         assert [s.t_ns for s in found] == [0, 10, 20, 25, 40]
-        told = [[] if s.measured is None else s.measured.distances.value.tolist() for s in found]
-        assert told == [[1, 2], [3], [], [4], [5]]
+        reported = [[] if s.measured is None else s.measured.distances.value.tolist() for s in found]
+        assert reported == [[1, 2], [3], [], [4], [5]]
         assert [len(s.sensor) for s in found] == [0, 1, 1, 0, 1]
 
 

@@ -41,18 +41,18 @@ def test_time_is_since_the_same_station_read_the_same_target_however_tables_are_
     rng = np.random.default_rng(3)
     t_s = np.sort(rng.uniform(0, 20, 60))
     sensor, target = rng.choice(["a", "b"], 60).tolist(), rng.integers(0, 2, 60).tolist()
-    told = np.where(rng.random(60) < 0.2, 7.0, np.nan)
-    whole = reads(t_s, sensor, target, told)
+    reported = np.where(rng.random(60) < 0.2, 7.0, np.nan)
+    whole = reads(t_s, sensor, target, reported)
     how = SignalErrors()
     found = with_sigmas(whole, how, {})
     before: dict[tuple[str, int], float] = {}
     for k in range(60):
         key = (sensor[k], target[k])
         wanted = sigmas(how, np.array([whole.t_ns[k] / NS - before.get(key, -np.inf)]))[0]
-        assert found.sigma_rssi[k] == pytest.approx(7.0 if told[k] == 7.0 else wanted, rel=1e-6)
+        assert found.sigma_rssi[k] == pytest.approx(7.0 if reported[k] == 7.0 else wanted, rel=1e-6)
         before[key] = whole.t_ns[k] / NS
     alone = with_sigmas(whole, how, None).sigma_rssi
-    np.testing.assert_allclose(alone[np.isnan(told)], np.hypot(how.noise_db, how.shadow_db))
+    np.testing.assert_allclose(alone[np.isnan(reported)], np.hypot(how.noise_db, how.shadow_db))
     last: dict[tuple[str, int], int] = {}
     parts = [with_sigmas(whole.take(slice(k, k + 7)), how, last) for k in range(0, 60, 7)]
     np.testing.assert_array_equal(Measurements.concat(parts).sigma_rssi, found.sigma_rssi)

@@ -84,7 +84,7 @@ def test_one_stream_is_passed_on_as_it_is():
     assert list(within_times([[chunk]])) == [chunk]
 
 
-def test_identities_of_the_log_are_those_of_targets_where_that_is_said():
+def test_identities_of_the_log_are_those_of_targets_where_that_is_reported():
     log = doa([0, 0, 1], [0.1, np.nan, 0.2])
     log = replace(log, source_id=np.array([4, UNLABELLED, 7], dtype=np.int32))
     (found,) = bearings_of_doa([log], SCENE, labels=True)

@@ -209,7 +209,7 @@ def test_bad_options_are_one_line_and_leave_no_file(
     assert sorted(p.name for p in tmp_path.iterdir()) == ["room.yaml"]
 
 
-def test_a_scene_that_cannot_be_rendered_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_scene_that_cannot_be_rendered_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "r.mcap"
     assert simulate(EXAMPLES / "room100.yaml", out, "--render") == ExitCode.BAD_INPUT
     assert "camera cam1 has no image size; give image_size_px" in capsys.readouterr().err

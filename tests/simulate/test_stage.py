@@ -95,18 +95,18 @@ def test_people_have_the_same_size_in_metres_and_feet():
         ({"targets": -1}, "targets is -1, must be at least 0"),
     ],
 )
-def test_impossible_values_are_told(values, says):
+def test_impossible_values_are_reported(values, says):
     with pytest.raises(InputError, match=says):
         WorldConfig(**values)
 
 
-def test_a_world_without_objects_is_told():
+def test_a_world_without_objects_is_reported():
     with pytest.raises(InputError, match="targets and occluders are both 0; give at least one object"):
         truth(WorldConfig(targets=0))
 
 
 @pytest.mark.jit
-def test_a_room_that_is_too_small_is_told():
+def test_a_room_that_is_too_small_is_reported():
     with pytest.raises(InputError, match="use fewer or smaller objects, or a larger room"):
         truth(WorldConfig(steps=2, occluders=100, diameter=30.0))
 

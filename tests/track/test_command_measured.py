@@ -33,7 +33,7 @@ def files(folder: Path) -> None:
     own = np.random.default_rng(1)
     rng, paths = np.random.default_rng(0), {name: [] for name in ("ranges", "rssi", "tdoa", "radar", "bearings")}
     for t, xy in zip(TIMES.tolist(), walked(), strict=True):
-        far = {name: float(np.hypot(*(xy - place))) for name, place in PLACES.items()}
+        far = {name: float(np.hypot(*(xy - position))) for name, position in PLACES.items()}
         for name, d in far.items():
             paths["ranges"].append(f"{t},{name},{d + 0.1 * rng.standard_normal():.6f},0.1")
             paths["rssi"].append(f"{t},{name},{-60 - 20 * np.log10(d) + 3 * rng.standard_normal():.3f}")
@@ -92,17 +92,17 @@ def test_bearings_with_ranges_are_smoothed(tmp_path: Path, method: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("cells", "said"),
+    ("cells", "expected"),
     [(",,30,1", "without a range"), ("2,0.1,30,", "sigma_bearing"), ("2,0.1,30,-1", "above 0")],
 )
 def test_a_bearing_wants_a_range_and_a_standard_deviation(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], cells: str, said: str
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], cells: str, expected: str
 ) -> None:
     files(tmp_path)
     with (tmp_path / "radar.csv").open("a") as file:
         file.write(f"7,a,{cells}\n")
     assert track(tmp_path, "radar", "ekf") == ExitCode.BAD_INPUT
-    assert said in capsys.readouterr().err
+    assert expected in capsys.readouterr().err
 
 
 @pytest.mark.jit
@@ -120,8 +120,8 @@ def test_a_log_of_five_columns_becomes_a_track(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], method: str, log: str, more: list[str], most: float
 ) -> None:
     files(tmp_path)
-    told = ["--residuals", str(tmp_path / "r.parquet"), "--json"]
-    assert track(tmp_path, log, method, *more, *told) == ExitCode.DONE
+    reported = ["--residuals", str(tmp_path / "r.parquet"), "--json"]
+    assert track(tmp_path, log, method, *more, *reported) == ExitCode.DONE
     summary = json.loads(capsys.readouterr().out)
     assert "bearings" not in summary
     assert summary["measurements"] == len(TIMES) * PER_TIME.get(log, 4)
@@ -158,15 +158,15 @@ def test_bearings_and_ranges_of_one_station_are_a_place(
     # The bound says that it lacks the ranges where they are not given
     compare = ["evaluate", str(tmp_path / "t.parquet"), "--truth", truth_of(tmp_path)]
     compare += ["--scene", str(tmp_path / "stations.csv"), "--bearings", str(tmp_path / "bearings.csv")]
-    for more, said in (([], True), (["--measurements", str(tmp_path / "ranges.csv")], False)):
+    for more, text in (([], True), (["--measurements", str(tmp_path / "ranges.csv")], False)):
         assert run([*compare, *more]) == ExitCode.DONE
-        assert ("the bound knows nothing of the ranges" in capsys.readouterr().err) == said
+        assert ("the bound knows nothing of the ranges" in capsys.readouterr().err) == text
 
 
 def test_two_ranges_are_flagged_as_ambiguous(tmp_path: Path) -> None:
     files(tmp_path)
-    said = ["--without", "a,b", "--diagnostics", str(tmp_path / "d.parquet"), "--overwrite"]
-    assert track(tmp_path, "ranges", "fix", *said) == ExitCode.DONE
+    text = ["--without", "a,b", "--diagnostics", str(tmp_path / "d.parquet"), "--overwrite"]
+    assert track(tmp_path, "ranges", "fix", *text) == ExitCode.DONE
     assert set(read_table(tmp_path / "d.parquet", Diagnostics).fallback.tolist()) == {"ambiguous"}
 
 
@@ -198,9 +198,9 @@ def test_what_cannot_be_says_why(
     (tmp_path / "occluders.csv").write_text("t,id,x,y,cov_xx,cov_xy,cov_yy\n0,1,5,4,0.1,0,0.1\n")
     more = [text.replace("OCCLUDERS", str(tmp_path / "occluders.csv")) for text in more]
     assert track(tmp_path, log, method, *more) in (ExitCode.USAGE, ExitCode.BAD_INPUT)
-    said = capsys.readouterr().err
-    assert message in said
-    assert "Traceback" not in said
+    stderr = capsys.readouterr().err
+    assert message in stderr
+    assert "Traceback" not in stderr
 
 
 @pytest.mark.parametrize(
@@ -278,6 +278,6 @@ def test_advice_on_boxes_without_a_calibration_leads_to_a_calibration(
     assert run(["detect", walk, "-o", str(tmp_path / "b.parquet")]) == ExitCode.DONE
     assert "no camera has a pose in space" in capsys.readouterr().err
     assert run(["track", walk, "--method", method, "-o", str(tmp_path / "t.parquet")]) == ExitCode.BAD_INPUT
-    said = capsys.readouterr().err
-    assert message in said
-    assert "bmct" not in said
+    stderr = capsys.readouterr().err
+    assert message in stderr
+    assert "bmct" not in stderr

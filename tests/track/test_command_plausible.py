@@ -151,7 +151,7 @@ def test_what_is_as_stated_is_plausible(method: list[str], tmp_path, capsys) -> 
 
 @pytest.mark.jit
 @pytest.mark.parametrize("method", METHODS, ids=lambda m: m[-1])
-def test_noise_that_is_stated_too_small_is_said_with_its_factor(method: list[str], tmp_path, capsys) -> None:
+def test_noise_that_is_stated_too_small_is_reported_with_its_factor(method: list[str], tmp_path, capsys) -> None:
     files = record(tmp_path, stated_px=1.0, true_px=2.5)
     for command in ([*files.track, *method], files.evaluate):
         found = told(capsys, command)
@@ -176,7 +176,7 @@ def test_a_camera_that_is_turned_is_named(tmp_path, capsys) -> None:
 
 
 @pytest.mark.jit
-def test_too_few_particles_are_said(tmp_path, capsys) -> None:
+def test_too_few_particles_are_reported(tmp_path, capsys) -> None:
     files = record(tmp_path, stated_px=0.5, true_px=0.5)
     found = told(capsys, [*files.track, "--particles", "8"])
     assert "particles-depleted" in found.warnings
@@ -191,7 +191,7 @@ def test_nearly_exact_bearings_are_right_or_said_to_be_wrong(tmp_path, capsys) -
 
 
 @pytest.mark.jit
-def test_a_crowd_offered_to_a_filter_of_one_target_is_said(tmp_path, capsys) -> None:
+def test_a_crowd_offered_to_a_filter_of_one_target_is_reported(tmp_path, capsys) -> None:
     files = record(tmp_path, people=6, labelled=False)
     found = told(capsys, files.track)
     assert found.warnings["several-targets"].endswith("label the candidates, or give the start")
@@ -199,12 +199,14 @@ def test_a_crowd_offered_to_a_filter_of_one_target_is_said(tmp_path, capsys) -> 
 
 
 @pytest.mark.jit
-def test_two_people_offered_to_a_filter_of_one_target_are_said(tmp_path, capsys) -> None:
+def test_two_people_offered_to_a_filter_of_one_target_are_reported(tmp_path, capsys) -> None:
     assert "several-targets" in told(capsys, record(tmp_path, people=2, labelled=False).track).warnings
 
 
 @pytest.mark.jit
-def test_one_person_of_a_crowd_who_is_followed_from_a_given_start_is_said_to_be_among_others(tmp_path, capsys) -> None:
+def test_one_person_of_a_crowd_who_is_followed_from_a_given_start_is_reported_to_be_among_others(
+    tmp_path, capsys
+) -> None:
     files, (x, y) = record(tmp_path, people=6, labelled=False), walks(6, 0)[0, 0]
     assert "several-targets" in told(capsys, [*files.track, "--start", f"{x},{y},0.3"]).warnings
 
@@ -215,7 +217,7 @@ def test_one_person_without_label_is_one_target(tmp_path, capsys) -> None:
 
 
 @pytest.mark.jit
-def test_the_truth_of_somebody_else_is_said(tmp_path, capsys) -> None:
+def test_the_truth_of_somebody_else_is_reported(tmp_path, capsys) -> None:
     files = record(tmp_path, people=2)
     assert run([*files.track, "--target", "0", "-q"]) == ExitCode.DONE
     other = tmp_path / "other.parquet"

@@ -48,7 +48,7 @@ def test_ten_percent_false_bearings_are_left_out_and_said() -> None:
     found = [followed("fix", seed, 0.1, reject=True) for seed in SEEDS]
     errors = [error for _, error, _, _ in found]
     given = [followed("fix", seed, 0.1, reject=False)[1] for seed in SEEDS]
-    assert all("outliers" in said for _, _, said, _ in found)
+    assert all("outliers" in reported for _, _, reported, _ in found)
     assert np.median(errors) < 0.6 * np.median(given)
 
 
@@ -72,8 +72,8 @@ def test_hypotheses_halve_the_error_of_a_filter_with_a_gate_alone(method: str) -
 @pytest.mark.parametrize("method", ["ekf", "fix"])
 def test_nothing_is_left_out_or_said_of_true_bearings(method: str) -> None:
     for seed in SEEDS:
-        _, _, said, tracks = followed(method, seed, 0.0, reject=True)
+        _, _, reported, tracks = followed(method, seed, 0.0, reject=True)
         _, _, _, same = followed(method, seed, 0.0, reject=False)
-        assert "outliers" not in said
+        assert "outliers" not in reported
         # A bearing in 10,000 is beyond the gate by chance
         assert np.mean((tracks.x == same.x[: len(tracks)]) if len(tracks) == len(same) else 0.0) > 0.9

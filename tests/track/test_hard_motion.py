@@ -32,22 +32,22 @@ def followed(made: Recording, **settings: float) -> tuple[float, set[str]]:
 
 
 @pytest.mark.parametrize("false", [0.0, pytest.param(0.1, marks=pytest.mark.statistics)])
-def test_a_zig_zag_that_one_camera_at_a_time_sees_is_said_to_be_livelier_than_stated(false: float) -> None:
+def test_a_zig_zag_that_one_camera_at_a_time_sees_is_reported_to_be_livelier_than_stated(false: float) -> None:
     """Covariances are too small by a factor of up to three there, and more with false bearings."""
     made = record("zig-zag", 4, false=false, miss=0.0, asynchronous=True, seed=101)
-    nees, said = followed(made)
+    nees, reported = followed(made)
     assert nees < 6.0
-    assert "process-noise-small" in said
+    assert "process-noise-small" in reported
 
 
 @pytest.mark.statistics
 @pytest.mark.parametrize("motion", ["walk", "zig-zag"])
 def test_an_acceleration_that_is_stated_too_small_is_found_out_or_said(motion: str) -> None:
-    nees, said = followed(record(motion, 4, seed=100), process_noise_velocity=0.3)
-    assert nees < 3.0 or "process-noise-small" in said
+    nees, reported = followed(record(motion, 4, seed=100), process_noise_velocity=0.3)
+    assert nees < 3.0 or "process-noise-small" in reported
 
 
 def test_walking_as_expected_is_plausible() -> None:
-    nees, said = followed(record("walk", 4, seed=100))
+    nees, reported = followed(record("walk", 4, seed=100))
     assert nees < 3.0
-    assert not said
+    assert not reported

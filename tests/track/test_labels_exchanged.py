@@ -23,7 +23,7 @@ NS = 1_000_000_000
 @pytest.mark.parametrize(
     "method", ["apf", "ekf", *(pytest.param(name, marks=pytest.mark.statistics) for name in ("map", "fix", "joint"))]
 )
-def test_exchanged_labels_are_said_flagged_and_repaired(method: str) -> None:
+def test_exchanged_labels_are_reported_flagged_and_repaired(method: str) -> None:
     one, other = (record("walk", 4, seed=s) for s in (304, 1304))
     second = replace(other.bearings, target_id=np.ones(len(other.bearings), dtype=np.int32))
     bearings = Bearings.merge([one.bearings, second])
@@ -39,9 +39,9 @@ def test_exchanged_labels_are_said_flagged_and_repaired(method: str) -> None:
         summary = TrackSummary(one.scene, joint=False)
         for part in parts:
             summary.add(part)
-        said = next(check for check in findings(summary.checks()) if check.id == "labels-exchanged")
-        assert said.targets == (0, 1)
-        assert said.figures["begin_s"] == pytest.approx(10.0)
+        reported = next(check for check in findings(summary.checks()) if check.id == "labels-exchanged")
+        assert reported.targets == (0, 1)
+        assert reported.figures["begin_s"] == pytest.approx(10.0)
         flagged = np.char.find(notes.quality_flags, "exchanged_labels") >= 0
         np.testing.assert_array_equal(flagged, (notes.t_ns >= begin) & (notes.t_ns < begin + 3 * NS))
         truth = np.array([one.xy, other.xy])[tracks.target_id, np.searchsorted(one.t_ns, tracks.t_ns)]

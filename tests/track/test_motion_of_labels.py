@@ -29,8 +29,8 @@ def followed(made: Recording, method: str, **settings: float) -> tuple[float, Ch
     for part in parts:
         summary.add(part)
     away = np.column_stack([tracks.x, tracks.y]) - made.xy[np.searchsorted(made.t_ns, tracks.t_ns)]
-    said = [check for check in findings(summary.checks()) if check.id == "process-noise-small"]
-    return float(normalised_squared_errors(away, covariances(tracks)).mean()), said[0] if said else None
+    reported = [check for check in findings(summary.checks()) if check.id == "process-noise-small"]
+    return float(normalised_squared_errors(away, covariances(tracks)).mean()), reported[0] if reported else None
 
 
 @pytest.mark.parametrize(
@@ -44,25 +44,25 @@ def followed(made: Recording, method: str, **settings: float) -> tuple[float, Ch
     ],
 )
 def test_a_zig_zag_makes_the_verdict_of_gaussian_filters_fail(method: str, cameras: int) -> None:
-    _, said = followed(record("zig-zag", cameras, seed=810), method)
-    assert said is not None
-    assert said.severity == "warning"
-    assert "rms_speed" in said.text
+    _, reported = followed(record("zig-zag", cameras, seed=810), method)
+    assert reported is not None
+    assert reported.severity == "warning"
+    assert "rms_speed" in reported.text
 
 
 @pytest.mark.statistics
 def test_it_is_a_note_of_apf_and_a_warning_of_smoothed_tracks_and_the_remedy_helps() -> None:
     made = record("zig-zag", 2, seed=812)
-    nees, said = followed(made, "apf")
+    nees, reported = followed(made, "apf")
     assert nees < 4.0
-    assert said is not None
-    assert said.severity == "note"
+    assert reported is not None
+    assert reported.severity == "note"
     _, smoothed = followed(made, "apf", smooth=True)
     assert smoothed is not None
     assert smoothed.severity == "warning"
-    nees, said = followed(made, "apf", smooth=True, process_noise_velocity=2.0)
+    nees, reported = followed(made, "apf", smooth=True, process_noise_velocity=2.0)
     assert nees < 3.0
-    assert said is None
+    assert reported is None
 
 
 @pytest.mark.statistics

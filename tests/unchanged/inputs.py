@@ -20,6 +20,7 @@ from tests.fuzz import seeds  # noqa: E402
 
 TEXTS = {
     "boxes.csv": seeds.BOXES,
+    "marked.csv": seeds.MARKED,
     "mot.txt": seeds.MOT,
     "mot_truth.txt": "1,1,10,20,12,30,1,1,1\n2,1,11,20,12,30,1,1,1\n2,2,2,2,3,4,1,1,1\n",
     "kitti.txt": seeds.KITTI,

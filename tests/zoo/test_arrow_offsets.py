@@ -76,7 +76,7 @@ def test_offsets_that_lead_out_of_their_buffer_are_damage(
     good, bad = change
     assert data.count(good) == 1
     path.write_bytes(data.replace(good, bad))
-    told = check_apart("export", path, "-o", out)
-    assert told.code == ExitCode.BAD_INPUT
-    assert "damaged or not an Arrow file (In column 1: " in told.told
+    outcome = check_apart("export", path, "-o", out)
+    assert outcome.code == ExitCode.BAD_INPUT
+    assert "damaged or not an Arrow file (In column 1: " in outcome.output
     assert not out.exists()

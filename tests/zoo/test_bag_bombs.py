@@ -43,9 +43,9 @@ def test_tables_that_make_up_their_rows_are_refused(tmp_path: Path, script: str,
     path = tmp_path / "a.db3"
     with closing(sqlite3.connect(path)) as base:
         base.executescript(script)
-    told = check_apart("info", path)
-    assert (told.code, told.told.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
-    assert words in told.told
+    outcome = check_apart("info", path)
+    assert (outcome.code, outcome.output.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
+    assert words in outcome.output
 
 
 def looped(path: Path, depth: int) -> None:
@@ -79,6 +79,6 @@ def looped(path: Path, depth: int) -> None:
 def test_pages_that_refer_to_one_page_are_not_read_without_end(tmp_path: Path) -> None:
     path = tmp_path / "a.db3"
     looped(path, 8)
-    told = check_apart("info", path)
-    assert told.code == ExitCode.DONE
-    assert "damaged SQLite file: the rest cannot be read" in told.told
+    outcome = check_apart("info", path)
+    assert outcome.code == ExitCode.DONE
+    assert "damaged SQLite file: the rest cannot be read" in outcome.output

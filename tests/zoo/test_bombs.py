@@ -88,11 +88,11 @@ def test_the_size_of_a_chunk_is_what_comes_out_of_it(
     for name, given, topics in [(name, given, topics) for name, given in kinds.items() for topics in (True, False)]:
         path = mcap(tmp_path / "r.mcap", *given, topics=topics)
         code = run(["track", str(path), "--scene", SCENE, "-o", str(tmp_path / "t.parquet")])
-        told = capfd.readouterr().err.splitlines()
-        assert (code, len(told)) == (ExitCode.BAD_INPUT, 1), (name, told)
+        stderr = capfd.readouterr().err.splitlines()
+        assert (code, len(stderr)) == (ExitCode.BAD_INPUT, 1), (name, stderr)
         # The chunk is gone through, and what the index states of it is not asked
         words = "damaged" if name == "an index that states more" else f"or more; the limit is {LIMIT}"
-        assert words in told[0], (name, told)
+        assert words in stderr[0], (name, stderr)
         with pytest.raises(InputError), open_mcap(path):
             pass
     assert list(tmp_path.iterdir()) == [tmp_path / "r.mcap"]

@@ -29,9 +29,9 @@ def test_scans_without_end_are_not_decoded(tmp_path: Path) -> None:
     folder.mkdir()
     (folder / "0.jpg").write_bytes(progressive(9900, 3000))
     words = ["--images", f"a={folder}", "--fps", "10", "--allow-uncalibrated", "-o", tmp_path / "r.mcap"]
-    told = check_apart("ingest", *words)
-    assert told.code == ExitCode.BAD_INPUT
-    assert f"scans; a JPEG image of at most {MAX_SCANS} was expected" in told.told
+    outcome = check_apart("ingest", *words)
+    assert outcome.code == ExitCode.BAD_INPUT
+    assert f"scans; a JPEG image of at most {MAX_SCANS} was expected" in outcome.output
 
 
 def bitmap(side: int) -> bytes:
@@ -59,9 +59,9 @@ def test_the_limit_of_pixels_holds_for_every_kind(tmp_path: Path, name: str, dat
     folder.mkdir()
     (folder / name).write_bytes(data)
     words = ["--images", f"a={folder}", "--fps", "10", "--allow-uncalibrated", "-o", tmp_path / "r.mcap"]
-    told = check_apart("ingest", *words)
-    assert told.code == ExitCode.BAD_INPUT
-    assert f"has more pixels than the limit, {MAX_PIXELS}" in told.told
+    outcome = check_apart("ingest", *words)
+    assert outcome.code == ExitCode.BAD_INPUT
+    assert f"has more pixels than the limit, {MAX_PIXELS}" in outcome.output
 
 
 def test_progressive_images_are_read() -> None:

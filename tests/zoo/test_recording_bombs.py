@@ -51,8 +51,8 @@ def indexed(one: bytes, times: int, messages: int, unpacked: int) -> bytes:
     topics = struct.pack("<HQ", 1, 1)
     entry = struct.pack("<QQQQI", 1, 1, len(HEAD + TYPES), len(one), len(topics)) + topics + struct.pack("<Q", 0)
     entry = record(8, entry + text("zstd") + struct.pack("<QQ", len(one) - 61, unpacked))
-    told = struct.pack("<QHIIIIQQI", messages, 1, 1, 0, 0, times, 1, 1, 10) + struct.pack("<HQ", 1, messages)
-    return whole(TYPES + one, TYPES + entry * times + record(11, told))
+    reported = struct.pack("<QHIIIIQQI", messages, 1, 1, 0, 0, times, 1, 1, 10) + struct.pack("<HQ", 1, messages)
+    return whole(TYPES + one, TYPES + entry * times + record(11, reported))
 
 
 def many(one: bytes) -> bytes:
@@ -77,9 +77,9 @@ def test_chunks_come_to_no_more_than_their_file_allows(
     path, out = tmp_path / "a.mcap", tmp_path / "out.mcap"
     path.write_bytes(make())
     assert path.stat().st_size < 40_000
-    told = check_apart(command, path, *(["-o", out] if command == "recover" else []))
-    assert (told.code, told.told.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
-    assert words in told.told
+    outcome = check_apart(command, path, *(["-o", out] if command == "recover" else []))
+    assert (outcome.code, outcome.output.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
+    assert words in outcome.output
     assert not out.exists()
 
 
@@ -123,9 +123,9 @@ def test_rows_of_one_time_are_not_read_without_end(tmp_path: Path, rows: int, wo
     path = tmp_path / "a.mcap"
     path.write_bytes(whole(types + chunk(message(told_rows.encode()))))
     assert path.stat().st_size < 20_000
-    told = check_apart("export", path, "-o", tmp_path / "a.csv")
-    assert (told.code, told.told.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
-    assert words in told.told
+    outcome = check_apart("export", path, "-o", tmp_path / "a.csv")
+    assert (outcome.code, outcome.output.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
+    assert words in outcome.output
 
 
 def test_damage_behind_damage_does_not_take_the_square_of_its_places(tmp_path: Path) -> None:

@@ -60,14 +60,14 @@ def with_large_pages(table: pa.Table, size: int) -> bytes:
     zeros = pa.Codec("zstd").compress(bytes(size), asbytes=True)
     made = bytearray(b"PAR1")
     for column in footer[4].value[1][0][1].value[1]:
-        told = column[3].value
-        reader = Structs(data, told[9].value)
+        reported = column[3].value
+        reader = Structs(data, reported[9].value)
         head = reader.struct()
         body = data[reader.at : reader.at + head[3].value]
-        if told[3].value[1] != [b"t_ns"]:
+        if reported[3].value[1] != [b"t_ns"]:
             head[2], head[3], body = Field(I32, size), Field(I32, len(zeros)), zeros
         page = written(head) + body
-        told[9], told[7], column[2] = Field(I64, len(made)), Field(I64, len(page)), Field(I64, len(made))
+        reported[9], reported[7], column[2] = Field(I64, len(made)), Field(I64, len(page)), Field(I64, len(made))
         made += page
     end = written(footer)
     return bytes(made) + end + len(end).to_bytes(4, "little") + b"PAR1"
@@ -124,7 +124,7 @@ def test_memory_stays_as_it_was(tmp_path: Path, name: str, make: Callable[[], by
     for arguments in (["export", path, "-o", out], ["doctor", path]):
         outcome = check_apart(*arguments)
         assert outcome.code == ExitCode.BAD_INPUT
-        assert words in outcome.told
+        assert words in outcome.output
     assert not out.exists()
 
 
@@ -147,9 +147,9 @@ def test_one_long_list_among_many_rows_is_not_one_for_each(tmp_path: Path, name:
         path.write_bytes(as_arrow(table))
     else:
         pq.write_table(table, path, compression="zstd")
-    told = check_apart("export", path, "-o", tmp_path / "o.csv")
-    assert (told.code, told.told.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
-    assert f"a list of {numbers} numbers among {rows} rows" in told.told
+    outcome = check_apart("export", path, "-o", tmp_path / "o.csv")
+    assert (outcome.code, outcome.output.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
+    assert f"a list of {numbers} numbers among {rows} rows" in outcome.output
 
 
 def test_vectors_are_read_in_parts_of_few_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -174,9 +174,9 @@ def test_rows_that_are_held_to_be_put_in_order_have_a_limit(tmp_path: Path, orde
     )
     times = np.arange(rows)[::-1] // 10 if order == "back" else np.zeros(rows, np.int64)
     path.write_bytes(as_parquet(pa.table({"t_ns": times, "sensor": names, "azimuth_rad": np.zeros(rows)})))
-    told = check_apart("export", path, "-o", tmp_path / "o.csv")
-    assert (told.code, told.told.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
-    assert "unsorted rows or rows of one time" in told.told
+    outcome = check_apart("export", path, "-o", tmp_path / "o.csv")
+    assert (outcome.code, outcome.output.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
+    assert "unsorted rows or rows of one time" in outcome.output
 
 
 def test_texts_of_our_tables_take_no_more_than_their_file_may(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -232,9 +232,9 @@ def test_footers_take_no_more_memory_than_their_file_may(
 ) -> None:
     path = tmp_path / "t.parquet"
     path.write_bytes(with_footer(change))
-    told = check_apart("info", path)
-    assert (told.code, told.told.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
-    assert words in told.told
+    outcome = check_apart("info", path)
+    assert (outcome.code, outcome.output.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
+    assert words in outcome.output
 
 
 def test_all_groups_together_unpack_to_no_more_than_their_file_may(

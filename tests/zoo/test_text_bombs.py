@@ -37,9 +37,9 @@ CASES: dict[str, tuple[str, Callable[[], str], str]] = {
 def test_texts_take_no_longer_than_is_promised(tmp_path: Path, name: str, make: Callable[[], str], words: str) -> None:
     path = tmp_path / name
     path.write_text(make(), encoding="utf-8")
-    told = check_apart("info", path)
-    assert (told.code, told.told.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
-    assert words in told.told
+    outcome = check_apart("info", path)
+    assert (outcome.code, outcome.output.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
+    assert words in outcome.output
     assert check_apart("doctor", path).code in (ExitCode.LOSSY, ExitCode.BAD_INPUT)
 
 
@@ -49,8 +49,8 @@ def test_tables_of_toml_take_no_more_than_is_promised(tmp_path: Path) -> None:
     words = ["--boxes", f"a={boxes}", "--fps", "10", "--calibration", path, "-o", tmp_path / "r.mcap"]
     lines = [f"[a{n}.b.c.d]" for n in range(200_000)]
     path.write_text("\n".join(lines), encoding="utf-8")
-    told = check_apart("ingest", *words)
-    assert (told.code, told.told.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
+    outcome = check_apart("ingest", *words)
+    assert (outcome.code, outcome.output.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
     with pytest.raises(InputError, match=f"in TOML of at most {MAX_TOML_BYTES} bytes"):
         toml_values(path.read_text(encoding="utf-8"), path, "a calibration")
     # As much as may be
@@ -61,9 +61,11 @@ def test_tables_of_toml_take_no_more_than_is_promised(tmp_path: Path) -> None:
 def test_a_packed_text_has_no_lines_without_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.csv.gz"
     path.write_bytes(gzip.compress(b"t,sensor,azimuth_deg\n" + b"\n" * 100_000_000, 9))
-    told = check_apart("export", path, "-o", tmp_path / "b.csv")
-    assert (told.code, told.told.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
-    assert f"line {FREE_LINES + 1}: more lines than measurements in {path.stat().st_size} packed bytes" in told.told
+    outcome = check_apart("export", path, "-o", tmp_path / "b.csv")
+    assert (outcome.code, outcome.output.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
+    assert (
+        f"line {FREE_LINES + 1}: more lines than measurements in {path.stat().st_size} packed bytes" in outcome.output
+    )
     # As many as may be, and one more; in text that is not packed any number
     monkeypatch.setattr(csv_rows, "FREE_LINES", 1000)
     plain = tmp_path / "a.csv"
@@ -77,21 +79,24 @@ def test_a_packed_text_has_no_lines_without_end(tmp_path: Path, monkeypatch: pyt
                 assert len(list(text_lines(path, packed))) == lines
 
 
-JSON = {
-    "objects": ("[" + ",".join(["{}"] * 4_000_000) + "]", "4000001 objects and lists in 12000001 characters of JSON"),
-    "lists": ("[" + ",".join(["[]"] * 4_000_000) + "]", "4000001 objects and lists in"),
-    "lines of lists": ("[]\n" * 900_000 + "\n" * 5_000_000, "5900000 lines in"),
-    "numbers": ("[" + ",".join(["1"] * 6_000_000) + "]", "entry 1: '1'; an object with a box was expected"),
+JSON: dict[str, tuple[Callable[[], str], str]] = {
+    "objects": (
+        lambda: "[" + ",".join(["{}"] * 4_000_000) + "]",
+        "4000001 objects and lists in 12000001 characters of JSON",
+    ),
+    "lists": (lambda: "[" + ",".join(["[]"] * 4_000_000) + "]", "4000001 objects and lists in"),
+    "lines of lists": (lambda: "[]\n" * 900_000 + "\n" * 5_000_000, "5900000 lines in"),
+    "numbers": (lambda: "[" + ",".join(["1"] * 6_000_000) + "]", "entry 1: '1'; an object with a box was expected"),
 }
 
 
-@pytest.mark.parametrize(("text", "words"), JSON.values(), ids=JSON)
-def test_json_has_no_more_objects_than_say_anything(tmp_path: Path, text: str, words: str) -> None:
+@pytest.mark.parametrize(("make", "words"), JSON.values(), ids=JSON)
+def test_json_has_no_more_objects_than_say_anything(tmp_path: Path, make: Callable[[], str], words: str) -> None:
     path = tmp_path / "a.json"
-    path.write_text(text, encoding="utf-8")
-    told = check_apart("ingest", "--boxes", f"a={path}", "--fps", "10", "-o", tmp_path / "r.mcap")
-    assert (told.code, told.told.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
-    assert words in told.told
+    path.write_text(make(), encoding="utf-8")
+    outcome = check_apart("ingest", "--boxes", f"a={path}", "--fps", "10", "-o", tmp_path / "r.mcap")
+    assert (outcome.code, outcome.output.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
+    assert words in outcome.output
 
 
 def test_the_limits_of_json(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -143,9 +143,9 @@ def test_a_wrong_file_is_one_line_and_leaves_nothing(
     Path(kind.file).write_bytes(kind.content if isinstance(kind.content, bytes) else kind.content.encode())
     before = sorted(tmp_path.iterdir())
     code = run(COMMANDS[kind.command].format(file=kind.file).split())
-    told = capfd.readouterr().err.splitlines()
-    assert code == ExitCode.BAD_INPUT, told
-    assert len(told) == 1, told
-    assert kind.file in told[0]
-    assert kind.words in told[0]
+    stderr = capfd.readouterr().err.splitlines()
+    assert code == ExitCode.BAD_INPUT, stderr
+    assert len(stderr) == 1, stderr
+    assert kind.file in stderr[0]
+    assert kind.words in stderr[0]
     assert sorted(tmp_path.iterdir()) == before

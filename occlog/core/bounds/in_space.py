@@ -184,7 +184,7 @@ def plane_bound(
 ) -> Floats:
     """(T, 4, 4) bounds of a plane's state with the projected angle of each sensor, [Lee] Sec. 2.3.1.
 
-    Arguments as in `direct_bound`; P0 is (4, 4), on the plane's axes, and `used` states whose
+    Arguments as in `direct_bound`; P0 is (4, 4), on the plane's axes, and `used` states which
     angle of this plane was taken.  A blind plane adds no information.
     """
     each = [

@@ -187,7 +187,7 @@ def _refine(x: float, y: float, o: Floats, beta: Floats, sigma: Floats, loss: in
 def _crossing_sine(x: float, y: float, o: Floats, beta: Floats, sigma: Floats, loss: int) -> float:
     """Widest crossing, as a sine, of two lines that point at (x, y) with at least half weight; 0 if missing.
 
-    With the Gaussian loss every line has to point there, so one that looks away makes it 0.
+    With the Gaussian loss every line has to point there, so one that points away makes it 0.
     """
     widest = 0.0
     for i in range(beta.shape[0]):

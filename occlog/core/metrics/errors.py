@@ -108,11 +108,6 @@ def quantile(values: Floats, q: float) -> float:
     return float(np.quantile(values, q)) if len(values) else math.nan
 
 
-def root_mean_square(values: Floats) -> float:
-    """Root of the mean square; NaN without values."""
-    return math.sqrt(float(np.mean(np.square(values)))) if len(values) else math.nan
-
-
 def ratio_or_nan(part: float, whole: float) -> float:
     """Part divided by whole; NaN where the whole is 0 or one of them is NaN."""
     return part / whole if whole else math.nan

@@ -28,7 +28,7 @@ with hidden(CONFIGURATION):
     from numba.core import config
     from numba.core.caching import CompileResultCacheImpl, FunctionCache
 
-# Numba looks for the file again whenever it compiles; missing of this name, anywhere
+# Numba searches for the file again whenever it compiles; missing of this name, anywhere
 config._config_fname = os.devnull
 config.reload_config()
 

@@ -84,7 +84,7 @@ def polygon_priors(polygons: Sequence[Floats], diameter: float) -> Priors:
 
 
 def no_priors() -> Priors:
-    """No occluder at all."""
+    """Priors of zero occluders."""
     return gaussian_priors(np.empty((0, 2)), np.empty((0, 2, 2)), 1.0)
 
 

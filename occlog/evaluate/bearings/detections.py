@@ -263,7 +263,8 @@ class RegionFigures:
         if view is not None and box is not None and not self._shared:
             raise InputError(
                 f"views: no frame of theirs (first: {view[0]} at {in_seconds(view[1])} s) is among the true boxes "
-                f"(first: {box[0]} at {in_seconds(box[1])} s); times and sensor names must be the same"
+                f"(first: {box[0]} at {in_seconds(box[1])} s); times and sensor names must be the same",
+                id="disjoint-inputs",
             )
         out = self._whole.figures("") | {"views_without_truth": self._views - self._used}
         for own, name in zip(self._classes, CLASSES, strict=True):

@@ -121,7 +121,9 @@ class HeldOutFigures:
         whole, out = _Figures(self._config, self._in_memory), Metrics()
         for name in self._sensors:
             if not self._rows[name]:
-                raise InputError(f"bearings: no row of the held-out sensor {name!r}; give bearings that include it")
+                raise InputError(
+                    f"bearings: no row of the held-out sensor {name!r}; give bearings that include it", id="empty-input"
+                )
             figures = _Figures(self._config, self._in_memory)
             for target in self._targets:
                 aside = self._aside.get((name, target))
@@ -305,11 +307,14 @@ def held_out_box_metrics(tracks: PeopleTracks, boxes: Boxes | Views, scene: Scen
     for name in config.held_out:
         if name not in cameras:
             raise InputError(
-                f"held out: camera {name!r} is not in the scene, or has no pose; the scene has: {', '.join(cameras)}"
+                f"held out: camera {name!r} is not in the scene, or has no pose; the scene has: {', '.join(cameras)}",
+                id="unknown-sensor",
             )
         frames = frames_of_boxes(boxes, name)
         if not len(frames.t_ns):
-            raise InputError(f"views: no row of the held-out camera {name!r}; give boxes that include it")
+            raise InputError(
+                f"views: no row of the held-out camera {name!r}; give boxes that include it", id="empty-input"
+            )
         own = tally(cameras[name], frames, walkers, config, 0)
         steps = np.unique(np.rint(np.linspace(0.1, 0.9, CHANCE_SHIFTS) * len(frames.t_ns)).astype(int)).tolist()
         other = [tally(cameras[name], frames, walkers, config, s) for s in steps if 0 < s < len(frames.t_ns)]

@@ -386,7 +386,8 @@ class NoiseFromTruth:
         if not out:
             raise InputError(
                 f"{option('write_scene')}: no camera has {MIN_READINGS} readings [px] of a visible target at a "
-                "known position; record more, or give the truth at more times"
+                "known position; record more, or give the truth at more times",
+                id="insufficient-data",
             )
         return out
 

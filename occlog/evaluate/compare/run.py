@@ -70,7 +70,8 @@ def runs_of(method: Path, truth: Path | None) -> dict[str, ComparedRun]:
     }
     if not found:
         raise InputError(
-            f"{method}: holds no {TRACKS}; name a table of tracks, a run folder, or a folder of run folders"
+            f"{method}: holds no {TRACKS}; name a table of tracks, a run folder, or a folder of run folders",
+            id="wrong-content",
         )
     runs = {name: ComparedRun(path, _truth(truth, path.parent, name)) for name, path in found.items()}
     if truth is not None and truth.is_dir():
@@ -88,7 +89,9 @@ def _truth(truth: Path | None, folder: Path | None, name: str) -> Path:
             there = [path for path in there if path.suffix.lower() in USUAL] or there
             if len(there) > 1:
                 names = " and ".join(path.name for path in there[:2])
-                raise InputError(f"{location.parent}: {names} are both named as the run {name}; keep one")
+                raise InputError(
+                    f"{location.parent}: {names} are both named as the run {name}; keep one", id="duplicate-name"
+                )
             if there:
                 return there[0]
         raise InputError(f"{truth}: holds no truth of the run {name}: a file {stem}.mcap, .parquet or .csv")
@@ -96,7 +99,7 @@ def _truth(truth: Path | None, folder: Path | None, name: str) -> Path:
         return truth
     if folder is not None and (folder / RECORDING).is_file():
         return folder / RECORDING
-    raise UsageError("nothing states where the targets truly were; give --truth")
+    raise UsageError("nothing states where the targets truly were; give --truth", id="missing-option")
 
 
 def _check_apart(truth: Path, runs: dict[str, ComparedRun]) -> None:
@@ -107,7 +110,8 @@ def _check_apart(truth: Path, runs: dict[str, ComparedRun]) -> None:
         if other != name:
             raise InputError(
                 f"{run.truth}: would be the truth of the runs {other} and {name}; put their truths into folders of "
-                f"{truth} as theirs are"
+                f"{truth} as theirs are",
+                id="duplicate-name",
             )
 
 
@@ -124,7 +128,8 @@ def paired(methods: Sequence[Path], truth: Path | None) -> tuple[list[str], list
         if lacking:
             which = ", ".join(name or "(itself)" for name in lacking[:3]) + (" ..." if len(lacking) > 3 else "")
             raise InputError(
-                f"{method}: holds no run of {which}, which another one has; runs are compared on the same recordings"
+                f"{method}: holds no run of {which}, which another one has; runs are compared on the same recordings",
+                id="disjoint-inputs",
             )
     return names, runs
 
@@ -151,7 +156,8 @@ def parse_condition(condition: str) -> Condition:
         )
     if found[1] not in FIGURES:
         raise UsageError(
-            f"{option('fail_if')} {condition!r}: there is no figure {found[1]!r}; there are {', '.join(FIGURES)}"
+            f"{option('fail_if')} {condition!r}: there is no figure {found[1]!r}; there are {', '.join(FIGURES)}",
+            id="unknown-name",
         )
     return Condition(found[1], margin)
 
@@ -160,7 +166,9 @@ def run_compare(request: CompareRequest, job: Job) -> JobResult:
     """Compare, and write the table as Markdown."""
     methods = request.methods
     if len(methods) < 2:
-        raise UsageError("name two methods at least: the one that others are compared with comes first")
+        raise UsageError(
+            "name two methods at least: the one that others are compared with comes first", id="missing-option"
+        )
     conditions = [parse_condition(each) for each in request.fail_if]
     found = compare_runs(methods, request.truth, request.metrics, conditions, request.match_distance, request.seed)
     if request.markdown is not None:
@@ -193,12 +201,15 @@ def compare_runs(
     """
     for name in figures:
         if name not in FIGURES:
-            raise UsageError(f"{option('metric')} {name}: there is no such figure; there are {', '.join(FIGURES)}")
+            raise UsageError(
+                f"{option('metric')} {name}: there is no such figure; there are {', '.join(FIGURES)}", id="unknown-name"
+            )
     names, runs = paired(methods, truth)
     unit = _unit([run for own in runs for run in own.values()])
     if match_distance is None and unit not in METRES:
         raise UsageError(
-            f"lengths are in {unit!r}: give {option('match_distance')}, how near a track is that meets a target"
+            f"lengths are in {unit!r}: give {option('match_distance')}, how near a track is that meets a target",
+            id="missing-unit",
         )
     limit = MATCH_M / METRES[unit] if match_distance is None else match_distance
     begin_work()
@@ -248,10 +259,15 @@ def _sums(run: ComparedRun, first: ComparedRun, limit: float, unit: str) -> Floa
     """Return the contributions of each true frame of a recording to the figures of a run."""
     tracks, truth = open_in_unit(run.tracks, unit).read(Tracks), open_in_unit(run.truth, unit).read(Truth)
     if run.truth != first.truth and not _same(truth, open_in_unit(first.truth, unit).read(Truth)):
-        raise InputError(f"{run.truth}: is not the truth of {first.tracks}; runs are compared with the same truth")
+        raise InputError(
+            f"{run.truth}: is not the truth of {first.tracks}; runs are compared with the same truth",
+            id="disjoint-inputs",
+        )
     times: Ints = times_of(tracks, truth)
     if not len(truth):
-        raise InputError(f"{run.truth}: holds no true positions, so there are no frames to compare runs in")
+        raise InputError(
+            f"{run.truth}: holds no true positions, so there are no frames to compare runs in", id="wrong-content"
+        )
     if len(tracks) and len(times):
         _check_clocks(run, tracks.t_ns, times)
     config = MultiTargetConfig(match_distance=limit)
@@ -265,7 +281,8 @@ def _check_clocks(run: ComparedRun, tracks: Ints, truth: Ints) -> None:
     if b < c or d < a:
         raise InputError(
             f"{run.tracks}: no estimate is from the time of the truth {run.truth}: tracks {in_seconds(a)} to "
-            f"{in_seconds(b)} s, truth {in_seconds(c)} to {in_seconds(d)} s; check the clocks"
+            f"{in_seconds(b)} s, truth {in_seconds(c)} to {in_seconds(d)} s; check the clocks",
+            id="disjoint-inputs",
         )
 
 

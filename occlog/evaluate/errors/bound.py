@@ -223,7 +223,7 @@ class Bounds:
         path: ObjectPath,
         measured: StationMeasurements | None,
     ) -> Records:
-        """A target's time steps of a section."""
+        """Rows of information (measurements and motion) of one target in a section of the recording."""
         known = self._targets[target]
         mine = {
             name: found.observations.take(found.observations.target == target) for name, found in observations.items()

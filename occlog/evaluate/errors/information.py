@@ -117,7 +117,8 @@ class StationMeasurements(NamedTuple):
 def distances_in_space() -> InputError:
     """Description of distances where the bound is in space."""
     return InputError(
-        f"evaluate: distances are used by the bound on the ground alone; give {option('bound_dimension')} ground"
+        f"evaluate: distances are used by the bound on the ground alone; give {option('bound_dimension')} ground",
+        id="not-applicable",
     )
 
 
@@ -135,7 +136,8 @@ def dimension(target: int, *, high: bool, in_space: bool, config: EvaluateConfig
     if not high:
         raise InputError(
             f"truth: target {target} has no height (z), which a bound in space needs; "
-            f"give {option('bound_dimension')} ground"
+            f"give {option('bound_dimension')} ground",
+            id="missing-value",
         )
     return 3
 

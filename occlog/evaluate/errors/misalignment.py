@@ -130,8 +130,8 @@ class DelaySums:
         if found is None:
             return outcome(DELAY, (), unless="too few pairs with a target that moves")
         matters = abs(found.seconds) > found.limit * found.sigma and found.gain > MIN_GAIN
-        said = [_delayed(found, *self._rmse(found), unit)] if matters else []
-        return outcome(DELAY, said, delay_s=found.seconds, sigma_s=found.sigma)
+        reported = [_delayed(found, *self._rmse(found), unit)] if matters else []
+        return outcome(DELAY, reported, delay_s=found.seconds, sigma_s=found.sigma)
 
     def _rmse(self, found: Delay) -> tuple[float, float]:
         """RMSE of the pairs, and that without the delay."""

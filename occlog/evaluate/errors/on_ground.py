@@ -67,7 +67,8 @@ def pairs_by_number(known: EvaluationSurvey) -> dict[int, int]:
     if known.tracks and known.targets and not pairs:
         raise InputError(
             f"tracks: no track number ({_some(list(known.tracks))}) is a target of the truth "
-            f"({_some(list(known.targets))}); pair them by distance ({option('match')} optimal)"
+            f"({_some(list(known.targets))}); pair them by distance ({option('match')} optimal)",
+            id="disjoint-inputs",
         )
     return pairs
 
@@ -113,6 +114,8 @@ class Gaps:
 
 class NoCommonTimeError(InputError):
     """The truth covers the time of no estimate."""
+
+    default_id = "disjoint-inputs"
 
 
 def errors_of_pairs(tracks_ns: tuple[int, int], truth_ns: tuple[int, int], config: EvaluateConfig) -> NoCommonTimeError:
@@ -185,7 +188,7 @@ def settled(errors: Errors, config: EvaluateConfig, begun: dict[int, int] | None
 
 def no_targets() -> InputError:
     """Description of a truth that has rows, but none of a target."""
-    return InputError("truth: has no rows of role target; nothing to compare with")
+    return InputError("truth: has no rows of role target; nothing to compare with", id="empty-input")
 
 
 class PairSums:

@@ -186,7 +186,10 @@ MAX_PAIRS = 10_000_000
 def _check_identities(lives: Mapping[int, Lifetime], name: str) -> None:
     """InputError for more than `MAX_IDENTITIES` targets or tracks."""
     if len(lives) > MAX_IDENTITIES:
-        raise InputError(f"evaluate: more than {MAX_IDENTITIES} {name} cannot be compared; evaluate parts of the time")
+        raise InputError(
+            f"evaluate: more than {MAX_IDENTITIES} {name} cannot be compared; evaluate parts of the time",
+            id="problem-too-large",
+        )
 
 
 def check_pairs(known: EvaluationSurvey) -> None:
@@ -199,7 +202,8 @@ def check_pairs(known: EvaluationSurvey) -> None:
     if (pairs := len(first) * len(its_first) - int(apart)) > MAX_PAIRS:
         raise InputError(
             f"evaluate: {pairs} pairs of a target and a track at the same time, at most {MAX_PAIRS} can be compared; "
-            "evaluate parts of the area"
+            "evaluate parts of the area",
+            id="problem-too-large",
         )
 
 

@@ -200,5 +200,8 @@ def sensors_of(scene: Scene, names: Iterable[str], source: str = "bearings") -> 
             )
         else:
             known = ", ".join([*cameras, *arrays]) or "none"
-            raise InputError(f"{source}: sensor {name!r} is not in the scene, or has no pose; the scene has: {known}")
+            raise InputError(
+                f"{source}: sensor {name!r} is not in the scene, or has no pose; the scene has: {known}",
+                id="unknown-sensor",
+            )
     return out

@@ -111,7 +111,7 @@ def _changes(tracks: SampledBoxes, truth: SampledBoxes) -> Iterator[tuple[str, S
 
 
 def _of_boxes() -> Iterator[tuple[str, Callable[[Floats], Floats]]]:
-    """Other meanings of four numbers of a box."""
+    """Other interpretations of the four numbers of a box (corners, centres, scaled), with their conversion to ltwh."""
     yield "", np.array
     for scale in SCALES:
         yield f"boxes multiplied by {scale:.3g} (images of another size)", partial(np.multiply, scale)

@@ -108,7 +108,8 @@ def _configured(request: EvaluateRequest, ours: Opened | None) -> MultiTargetCon
     if config.gospa_cutoff is not None and config.gospa_cutoff > 1:
         raise UsageError(
             f"{option('gospa_cutoff')} {config.gospa_cutoff:g}: boxes are at most 1 apart (1 - IoU); in pixels "
-            f"there is {option('gospa_px')}"
+            f"there is {option('gospa_px')}",
+            id="not-applicable",
         )
     return config
 
@@ -119,7 +120,8 @@ def compared_boxes(
     """Open tracks and truth and lay them against each other; with the settings, the scene of the truth, and notes."""
     if request.tracks is None or request.truth is None:
         raise UsageError(
-            f"tracks in images need {option('truth')}: a recording or a table with true boxes, or MOTChallenge text"
+            f"tracks in images need {option('truth')}: a recording or a table with true boxes, or MOTChallenge text",
+            id="missing-option",
         )
     text, counted = _is_text(request.tracks), annotation_format(request.truth)
     ours = None if text else open_input(request.tracks)
@@ -156,10 +158,10 @@ def _uncounted(path: Path, marks: Marks, rule: str) -> tuple[str, ...]:
     kinds = Counter(marks.kind[skipped].tolist())
     classes = ", ".join(f"class {kind}: {count}" for kind, count in sorted(kinds.items()))
     how = f"{option('benchmark')} mot15"
-    said = f"{int(skipped.sum())} of {len(skipped)} true boxes do not count by the rules of {rule} ({classes})"
+    statement = f"{int(skipped.sum())} of {len(skipped)} true boxes do not count by the rules of {rule} ({classes})"
     if skipped.all():
-        raise InputError(f"{path}: {said}; where class {min(kinds)} is of people, count all boxes: {how}")
-    return (f"{path}: {said}; {how} counts all boxes",)
+        raise InputError(f"{path}: {statement}; where class {min(kinds)} is of people, count all boxes: {how}")
+    return (f"{path}: {statement}; {how} counts all boxes",)
 
 
 def _timed(ours: Opened, theirs: Opened) -> Sides:
@@ -184,7 +186,8 @@ def _benchmark(truth: Path, config: MultiTargetConfig, text: bool) -> str:
         return "mot17" if classes else "mot15"
     if config.benchmark in DISTRACTORS and not classes:
         raise UsageError(
-            f"{option('benchmark')} {config.benchmark}: {truth} has no column of classes, which is its eighth"
+            f"{option('benchmark')} {config.benchmark}: {truth} has no column of classes, which is its eighth",
+            id="missing-column",
         )
     return config.benchmark
 
@@ -266,7 +269,8 @@ def _sole_camera(path: Path, boxes: Boxes, config: MultiTargetConfig) -> str:
     names = list(config.cameras) or np.unique(boxes.sensor).tolist()
     if len(names) != 1:
         raise UsageError(
-            f"{path}: has cameras {', '.join(names)}; state with {option('camera')} NAME which one the text is of"
+            f"{path}: has cameras {', '.join(names)}; state with {option('camera')} NAME which one the text is of",
+            id="ambiguous-input",
         )
     return str(names[0])
 
@@ -285,14 +289,20 @@ def _read_text(
     head = first_line(path, "MOTChallenge text")
     if is_kitti(head):
         raise InputError(
-            f"{path}: is KITTI text, not MOTChallenge text; ingest it (occlog ingest --boxes CAMERA={path.name})"
+            f"{path}: is KITTI text, not MOTChallenge text; ingest it (occlog ingest --boxes CAMERA={path.name})",
+            id="wrong-content",
         )
     if is_header(head):
-        raise InputError(f"{path}: begins with a header, which MOTChallenge text has not; ingest other tables of boxes")
+        raise InputError(
+            f"{path}: begins with a header, which MOTChallenge text has not; ingest other tables of boxes",
+            id="unknown-format",
+        )
     file, how = [BoxFile(path, camera)], BoxOptions(drop_zero=marked, use_confidence=marked)
     survey = survey_boxes(file, (), how)
     if survey.stop > MAX_FRAMES:
-        raise InputError(f"{path}: frame {survey.stop}; text may have {MAX_FRAMES} frames; correct the number")
+        raise InputError(
+            f"{path}: frame {survey.stop}; text may have {MAX_FRAMES} frames; correct the number", id="input-too-large"
+        )
     if last is not None:
         survey = replace(survey, ranges={camera: range(max(survey.stop, last + 1))})
     rows = read_boxes(file, survey, times, (), how, table)

@@ -190,9 +190,9 @@ class ImageTrackFigures:
         return failure_rows(found, points)
 
     def merge(self, other: ImageTrackFigures) -> None:
-        """Take in another recording, in which every view is another one; figures of single views are dropped.
+        """Add the sums of another recording, with different cameras; figures of single views are dropped.
 
-        No frame is added after it.
+        Frames cannot be added afterwards.
         """
         # Of one view identities across views are those of the view
         self._across, across = (
@@ -376,11 +376,15 @@ class _Side:
         """InputError where a camera, or of the truth any frame, that is asked for is missing."""
         if missing := [name for name in config.cameras if name not in self.cameras]:
             raise InputError(
-                f"{what}: no camera {', '.join(missing)}; there is {', '.join(sorted(self.cameras)) or 'none'}"
+                f"{what}: no camera {', '.join(missing)}; there is {', '.join(sorted(self.cameras)) or 'none'}",
+                id="unknown-sensor",
             )
         if what == "truth" and config.frames is not None and self.frames is not None and not self.rows:
             first, stop = config.frames
-            raise InputError(f"truth: no row in frames {first}:{stop}; they are {self.frames[0]} to {self.frames[1]}")
+            raise InputError(
+                f"truth: no row in frames {first}:{stop}; they are {self.frames[0]} to {self.frames[1]}",
+                id="empty-input",
+            )
 
 
 class ComparedBoxes:
@@ -436,7 +440,7 @@ class ComparedBoxes:
             self.tracks = np.unique(np.concatenate([self.tracks, keys_of(part.tracks)]), axis=0)
         self.frames: list[int] = frames.tolist()
         if counts.get("estimates_other_frames") and not counts["estimates_compared"]:
-            raise InputError(self._disjoint_note())
+            raise InputError(self._disjoint_note(), id="disjoint-inputs")
         del counts["estimates_compared"]
         self.counts = counts | {
             "frames": float(sum(self.frames)),

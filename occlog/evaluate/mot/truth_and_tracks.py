@@ -134,14 +134,15 @@ def compared_views(ours: Collection[str], theirs: Collection[str]) -> tuple[tupl
     """
     tracked, true = sorted(ours), sorted(theirs)
     if not true:
-        raise InputError("truth: has no boxes; nothing to compare with")
+        raise InputError("truth: has no boxes; nothing to compare with", id="empty-input")
     if not tracked:  # nothing was tracked at all, which is to be counted
         return tuple(true), ()
     both = tuple(name for name in true if name in ours)
     if not both:
         raise InputError(
             f"tracks: their cameras ({', '.join(tracked)}) are none of the truth ({', '.join(true)}); "
-            "the names must be the same"
+            "the names must be the same",
+            id="disjoint-inputs",
         )
     return both, tuple(name for name in true if name not in ours)
 
@@ -183,7 +184,8 @@ def _check_identities(what: str, boxes: Boxes, view: Ints, cell: Ints) -> None:
             found = words or f"target {boxes.target_id[row]} twice"
             raise InputError(
                 f"{what}: camera {boxes.sensor[row]}, frame {boxes.frame[row]}: {found}; "
-                "each object needs its own identity in every frame"
+                "each object needs its own identity in every frame",
+                id="duplicate-row",
             )
 
 
@@ -291,7 +293,7 @@ def read_annotation(path: Path, name: str, camera: str, config: MultiTargetConfi
     truth = TruthBoxes.concat(tables)
     if not len(truth):
         chosen = "" if config.frames is None else f" in frames {config.frames[0]}:{config.frames[1]}"
-        raise InputError(f"{path}: has no true box{chosen}; nothing to compare with")
+        raise InputError(f"{path}: has no true box{chosen}; nothing to compare with", id="empty-input")
     return truth
 
 
@@ -322,10 +324,15 @@ def timed_like(truth: TruthBoxes, tracks: Boxes, camera: str, config: MultiTarge
     t_ns = own.t_ns[row]
     stop = int(truth.frame.max()) + 1
     if stop > MAX_FRAMES:
-        raise InputError(f"{path}: frame {stop - 1}; there may be {MAX_FRAMES} frames; correct the number")
+        raise InputError(
+            f"{path}: frame {stop - 1}; there may be {MAX_FRAMES} frames; correct the number", id="input-too-large"
+        )
     rate = float(NS / np.median(np.diff(t_ns) / np.diff(frame)))
     if config.fps is not None and abs(config.fps - rate) > SAME_RATE * rate:
-        raise UsageError(f"{option('fps')} {config.fps:g}: the tracks have {rate:.4g} frames a second; leave it out")
+        raise UsageError(
+            f"{option('fps')} {config.fps:g}: the tracks have {rate:.4g} frames a second; leave it out",
+            id="not-applicable",
+        )
     known = dict(zip(frame.tolist(), t_ns.tolist(), strict=True))
     return replace(truth, t_ns=table_times(known, 0, stop, f"tracks of {camera}").at(truth.frame))
 
@@ -340,9 +347,14 @@ def check_counted(path: Path, name: str | None, text: bool, config: MultiTargetC
         config: as given.
     """
     if config.fps is not None and name is None and not text:
-        raise UsageError(f"{option('fps')} is for a truth that counts frames; {path} has times, leave it out")
+        raise UsageError(
+            f"{option('fps')} is for a truth that counts frames; {path} has times, leave it out", id="not-applicable"
+        )
     if config.first_number is not None and name != "xml":
-        raise UsageError(f"{option('first_number')} is for true boxes in XML; the frames of {path} have their numbers")
+        raise UsageError(
+            f"{option('first_number')} is for true boxes in XML; the frames of {path} have their numbers",
+            id="not-applicable",
+        )
 
 
 IOU_THRESHOLD = 0.5

@@ -111,7 +111,9 @@ def make_tolerances(
         of_columns = {c.unit for table in TABLES.values() for c in table.columns()}
         known = {in_length_unit(unit, length) for unit in of_columns for length in (*METRES, "unit")}
         for unit in set(units) - known:
-            raise UsageError(f"--tol-unit {unit}: no column has this unit; units: {', '.join(sorted(known))}")
+            raise UsageError(
+                f"--tol-unit {unit}: no column has this unit; units: {', '.join(sorted(known))}", id="unknown-column"
+            )
     return Tolerances(Limit(atol, rtol), columns, units, _duration(time_tol))
 
 

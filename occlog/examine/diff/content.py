@@ -212,9 +212,9 @@ def content(path: Path, settings: DiffSettings) -> bytes:
     try:
         data = path.read_bytes()
     except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
+        raise InputError(f"{path}: no such file", id="file-not-found") from None
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}", id="unreadable-file") from error
     if settings.provenance:
         return data
     if HTML.match(data):

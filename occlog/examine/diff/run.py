@@ -47,10 +47,10 @@ def compare_paths(a: Path, b: Path, settings: DiffSettings) -> list[DiffResult]:
     """
     for path in (a, b):
         if not path.exists():
-            raise InputError(f"{path}: no such file or folder")
+            raise InputError(f"{path}: no such file or folder", id="file-not-found")
     if a.is_dir() != b.is_dir():
         folder, file = (a, b) if a.is_dir() else (b, a)
-        raise UsageError(f"{folder} is a folder and {file} is a file; give two of one kind")
+        raise UsageError(f"{folder} is a folder and {file} is a file; give two of one kind", id="incompatible-inputs")
     if a.is_dir() and b.is_dir():
         return _compare_folders(a, b, settings)
     kinds = kind_of(a), kind_of(b)
@@ -60,7 +60,8 @@ def compare_paths(a: Path, b: Path, settings: DiffSettings) -> list[DiffResult]:
     if kinds[0] != kinds[1]:
         raise UsageError(
             f"{a.name} and {b.name} are of different kinds; give two tables, two recordings, "
-            "or two other files with the same ending"
+            "or two other files with the same ending",
+            id="incompatible-inputs",
         )
     return compare_files(a, b, a.name, settings)
 

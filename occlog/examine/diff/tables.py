@@ -50,14 +50,20 @@ def _check_kinds(a: Path, b: Path, settings: DiffSettings) -> None:
     """Raise UsageError for tables of two kinds, and for tolerances of columns that they do not have."""
     said_a, said_b = describe(a), describe(b)
     if said_a["schema"] != said_b["schema"]:
-        raise UsageError(f"{a} holds {said_a['schema']} and {b} holds {said_b['schema']}; give two tables of one kind")
+        raise UsageError(
+            f"{a} holds {said_a['schema']} and {b} holds {said_b['schema']}; give two tables of one kind",
+            id="incompatible-inputs",
+        )
     _check_named(said_a["schema"], [c["name"] for c in said_a["columns"]], settings)
 
 
 def _check_named(table: str, names: list[str], settings: DiffSettings) -> None:
     for wanted in settings.tolerances.columns:
         if wanted.rpartition(".")[2] not in names:
-            raise UsageError(f"{option('tol')} {wanted}: {table} has no such column; {did_you_mean(wanted, names)}")
+            raise UsageError(
+                f"{option('tol')} {wanted}: {table} has no such column; {did_you_mean(wanted, names)}",
+                id="unknown-column",
+            )
 
 
 def _compare_others(a: Opened, b: Opened, name: str, settings: DiffSettings, alone: bool) -> DiffResult:
@@ -127,7 +133,9 @@ def _compare_ours(a: Path, b: Path, name: str, settings: DiffSettings) -> list[D
     said_a, said_b = describe(a), describe(b)
     schema = diff_schemas(name, said_a, said_b)
     if said_a["schema"] not in TABLES:
-        raise InputError(f"{a}: unknown table {said_a['schema']!r}; occlog knows {', '.join(TABLES)}")
+        raise InputError(
+            f"{a}: unknown table {said_a['schema']!r}; occlog knows {', '.join(TABLES)}", id="unknown-name"
+        )
     if any(found.column != "length_unit" and found.key.get("entry") != "unit" for found in schema):
         # Rows of different tables, or with different columns, cannot be joined.
         found = DiffResult(name, "rows", count_a=said_a["rows"], count_b=said_b["rows"], schema=schema)

@@ -57,13 +57,13 @@ class Finding(NamedTuple):
         }
 
     def __str__(self) -> str:
-        said = self.as_dict()
+        reported = self.as_dict()
         location = f" {self.location}:" if self.location else ""
         more = f" (and {self.n_locations - 1} more like it)" if self.n_locations > 1 else ""
-        limit = f"; limit: {said['limit']}" if said["limit"] else ""
-        remedy = f"; {said['remedy']}" if said["remedy"] else ""
+        limit = f"; limit: {reported['limit']}" if reported["limit"] else ""
+        remedy = f"; {reported['remedy']}" if reported["remedy"] else ""
         value = f": {self.value}" if self.value else ""
-        return f"{self.severity}: {self.file}:{location} {said['what']}{value}{more}{limit}{remedy}"
+        return f"{self.severity}: {self.file}:{location} {reported['what']}{value}{more}{limit}{remedy}"
 
 
 _PLACE = re.compile(r"^((?:among )?(?:line|rows?|entry|after line|byte) [\d andto]*\d)(?: \(from 0\))?: ")

@@ -175,7 +175,7 @@ def check_image_file(path: Path, findings: Findings) -> None:
     try:
         size = check_input(path, "an image").stat().st_size
         if size > MAX_IMAGE_BYTES:
-            raise InputError(f"{path}: {size} bytes; the limit is {MAX_IMAGE_BYTES}")
+            raise InputError(f"{path}: {size} bytes; the limit is {MAX_IMAGE_BYTES}", id="input-too-large")
         decode_apart(path.read_bytes(), str(path))
     except (InputError, OSError) as error:
         findings.refused("image", error)

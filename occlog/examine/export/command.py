@@ -21,7 +21,7 @@ from .formats import FORMATS, FOXGLOVE, RERUN, VIEWERS, format_of
 if TYPE_CHECKING:
     from occlog.io.files.geodetic import Origin
 
-LIST = "\n".join(f"      {name:<9}{'/'.join(f.endings) or '(--to)':<17}{f.doc}" for name, f in FORMATS.items())
+LIST = "\n".join(f"      {name:<15}{'/'.join(f.endings) or '(--to)':<19}{f.doc}" for name, f in FORMATS.items())
 
 
 @click.command(
@@ -30,10 +30,11 @@ LIST = "\n".join(f"      {name:<9}{'/'.join(f.endings) or '(--to)':<17}{f.doc}" 
     flag="--to",
     kind=EXPORTER,
     ours=tuple(FORMATS),
-    short_help="Export a table to the format of another program.",
+    short_help="Export a table or cameras to the format of another program.",
     help=f"""Export a table from FILE (a table or a recording) to an external format, or all of it for a viewer.
 
-    A run folder can be exported for a viewer too.
+    A run folder can be exported for a viewer too, and the cameras of a scene (a file, or that of a recording) to
+    calibrations of other programs, with positions in metres.
 
     The ending of the output determines the format, or --to:
 
@@ -46,6 +47,7 @@ LIST = "\n".join(f"      {name:<9}{'/'.join(f.endings) or '(--to)':<17}{f.doc}" 
       occlog export view_tracks.parquet --camera cam1 --to mot -o cam1.txt
       occlog export tracks.parquet --origin 52.5163,13.3777 -o tracks.geojson
       occlog export run/ -o run.mcap --layout run.json
+      occlog export scene.yaml -o calibration/colmap
     """,
 )
 @click.argument("file", type=options.INPUT)
@@ -69,7 +71,12 @@ LIST = "\n".join(f"      {name:<9}{'/'.join(f.endings) or '(--to)':<17}{f.doc}" 
 )
 @click.option("--scene", type=options.INPUT, default=None, help="Scene file, for image sizes (coco) and viewers.")
 @click.option("--recording", type=options.INPUT, default=None, help="Viewers: images and scene, if not in the folder.")
-@click.option("--layout", type=options.PATH, default=None, help="Viewers, not rerun: also write the layout to import.")
+@click.option(
+    "--layout",
+    type=options.PATH,
+    default=None,
+    help="For viewers other than rerun: also write a layout file, which the viewer can import.",
+)
 @click.option(
     "--quality",
     type=click.IntRange(1, 100),
@@ -122,6 +129,12 @@ def command(
         {"--recording": recording, "--layout": layout, "--quality": quality, "--height": height, "--every": every},
         "is for viewers' formats only",
     )
+    if name is not None and name in FORMATS and FORMATS[name].cameras:
+        named = {"--table": table, "--target": targets, "--camera": camera, "--origin": origin, "--scene": scene}
+        _refuse(named, f"format {name} has all cameras of a scene; leave it out")
+        from .cameras import run_export_cameras
+
+        return console.finish(*run_export_cameras(file, output, name, overwrite=overwrite, quiet=quiet), as_json)
     from .run import STANDARD, ExportRequest, run_export
 
     request = ExportRequest(

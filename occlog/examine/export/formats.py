@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from occlog.io.formats.calibration.outputs import OUTPUTS
+
 ANY, PLACES, IN_IMAGES = "any table", "tracks, truth", "boxes, truth_boxes, views, view_tracks"
 PLACE_TABLES = ("tracks", "truth")
 IMAGE_TABLES = ("view_tracks", "truth_boxes", "boxes", "views")
 
 
 VIEWERS, FOXGLOVE, RERUN = "viewers", "foxglove", "rerun"
-"""Formats for viewers: for all of them, and smaller ones for some."""
+SCENE = "scene"
+"""Formats for viewers: for all of them, and smaller ones for some; and for scenes."""
 PROGRAMS = {"rerun": RERUN, "foxglove": FOXGLOVE, "foxglove-studio": FOXGLOVE, "lichtblick": FOXGLOVE}
 """Programs that are searched for, in this order, and the format that each takes."""
 
@@ -25,12 +28,14 @@ class ExportFormat:
         tables: names of the tables that it takes, the first that an input holds is taken; none: any.
         doc: one line of what it is.
         viewer: whether it shows everything that a run folder or a recording holds, and is no table.
+        cameras: whether it holds the cameras of a scene, and is no table.
     """
 
     endings: tuple[str, ...]
     tables: Sequence[str]
     doc: str
     viewer: bool = False
+    cameras: bool = False
 
 
 FORMATS: dict[str, ExportFormat] = {
@@ -46,8 +51,10 @@ FORMATS: dict[str, ExportFormat] = {
     VIEWERS: ExportFormat((".mcap",), (), "a run or a recording for Foxglove, Lichtblick and Rerun", viewer=True),
     FOXGLOVE: ExportFormat((), (), "as viewers, without data that Foxglove and Lichtblick do not need", viewer=True),
     RERUN: ExportFormat((), (), "as viewers, without data that Rerun does not draw", viewer=True),
+    **{name: ExportFormat(of.endings, (), of.doc, cameras=True) for name, of in OUTPUTS.items()},
+    SCENE: ExportFormat((".yaml", ".yml"), (), "the scene of a recording, or of a table of stations", cameras=True),
 }
-"""Every format by the name that `--to` takes."""
+"""Every format by the name that `--to` takes; the first with the ending of a name is taken."""
 
 
 def format_of(name: str) -> str | None:

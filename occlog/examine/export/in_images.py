@@ -90,9 +90,13 @@ def chosen_camera(cameras: list[str], camera: str | None) -> str | None:
     UsageError where there are several and none is named, InputError where that one is not there.
     """
     if camera is None and len(cameras) > 1:
-        raise UsageError(f"the text holds one camera, and there are {', '.join(cameras)}; choose one (camera)")
+        raise UsageError(
+            f"the text holds one camera, and there are {', '.join(cameras)}; choose one (camera)", id="ambiguous-input"
+        )
     if camera is not None and camera not in cameras:
-        raise InputError(f"no boxes of camera {camera!r}; there are: {', '.join(cameras) or 'none'}")
+        raise InputError(
+            f"no boxes of camera {camera!r}; there are: {', '.join(cameras) or 'none'}", id="unknown-sensor"
+        )
     return camera if camera is not None else next(iter(cameras), None)
 
 
@@ -109,14 +113,19 @@ def sequence_info(found: Cameras, camera: str | None, folder: str, scene: Scene 
         InputError: the size of the images is not known, or there is no rate, of one frame or none.
     """
     if not found.ends:
-        raise InputError("there is no row, so that nothing is known of the video")
+        raise InputError("there is no row, so that nothing is known of the video", id="empty-input")
     chosen = camera if camera is not None else min(found.ends)
     size = next((c.image_size for c in scene.cameras if c.name == chosen), None) if scene is not None else None
     if size is None:
-        raise InputError(f"the size of the images of {chosen} is not known, which seqinfo.ini has; give their scene")
+        raise InputError(
+            f"the size of the images of {chosen} is not known, which seqinfo.ini has; give their scene",
+            id="missing-image-size",
+        )
     first, last = found.ends[chosen]
     if last.t_ns == first.t_ns:
-        raise InputError(f"{chosen} has one frame only, so that the frame rate in seqinfo.ini is not known")
+        raise InputError(
+            f"{chosen} has one frame only, so that the frame rate in seqinfo.ini is not known", id="insufficient-data"
+        )
     rate_hz = NS * float(last.number - first.number) / float(last.t_ns - first.t_ns)
     return SequenceInfo(folder, last.number + 1, round(rate_hz, 6), *size)
 

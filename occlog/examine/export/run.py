@@ -102,7 +102,9 @@ def chosen_rows(rows: ColumnTable, name: str, targets: Sequence[int], camera: st
         if not given:
             continue
         if not hasattr(rows, column):
-            raise UsageError(f"{option}: format {name} writes {rows.NAME}, which have none; leave it out")
+            raise UsageError(
+                f"{option}: format {name} writes {rows.NAME}, which have none; leave it out", id="not-applicable"
+            )
         rows = rows.take(np.isin(getattr(rows, column), given))
     return rows
 
@@ -156,7 +158,8 @@ def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, .
         known = ", ".join(ending for entry in FORMATS.values() for ending in entry.endings)
         raise UsageError(
             f"{request.output}: its name does not state the format; end it in one of {known}, or name the format (to): "
-            f"{', '.join(FORMATS)}"
+            f"{', '.join(FORMATS)}",
+            id="unknown-format",
         )
     form = FORMATS[name] if request.exporter is None else format_of_plugin(request.exporter)
     _check_request(request, name, form)
@@ -165,7 +168,9 @@ def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, .
         check_outputs([request.input, request.scene], (request.output, info), request.overwrite)
     opened = open_input(request.input)
     if name != "geojson" and origin_is_unused():
-        raise UsageError(f"origin: format {name} takes none, and the input has no latitudes and longitudes")
+        raise UsageError(
+            f"origin: format {name} takes none, and the input has no latitudes and longitudes", id="not-applicable"
+        )
     table = _table(opened, form, name, request.table)
     scene = load_scene(request.scene, None, request.scene) if request.scene is not None else opened.scene
     unit = opened.length_unit or ("m" if scene is None else scene.length_unit)
@@ -187,7 +192,7 @@ def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, .
             try:
                 summary["rows"], found, missed = _write_text(name, opened, table, request, file, (unit, scene))
             except (InputError, UsageError) as error:
-                raise type(error)(f"{request.input}: {error}") from None
+                raise type(error)(f"{request.input}: {error}", id=error.id) from None
             if info is not None and found is not None:
                 try:
                     about = sequence_info(found, request.camera, info.resolve().parent.name, scene)
@@ -214,12 +219,13 @@ def _check_request(request: ExportRequest, name: str, form: ExportFormat) -> Non
     """UsageError for options that the format does not take."""
     if request.exporter is None:
         if request.targets and form.tables != FORMATS["tum"].tables:
-            raise UsageError(f"target: format {name} writes all rows; leave it out")
+            raise UsageError(f"target: format {name} writes all rows; leave it out", id="not-applicable")
         if request.camera is not None and form.tables != FORMATS["mot"].tables:
-            raise UsageError(f"camera: format {name} has no images; leave it out")
+            raise UsageError(f"camera: format {name} has no images; leave it out", id="not-applicable")
     if name == "geojson" and request.origin is None:
         raise UsageError(
-            "origin: format geojson requires the position of the scene's origin on earth, as 52.5163,13.3777"
+            "origin: format geojson requires the position of the scene's origin on earth, as 52.5163,13.3777",
+            id="missing-value",
         )
 
 
@@ -227,7 +233,7 @@ def _table(opened: Opened, form: ExportFormat, name: str, wanted: str | None) ->
     """The table to write; InputError where the input does not hold one that the format takes."""
     takes = list(form.tables) or list(TABLES)
     if wanted is not None and wanted not in takes:
-        raise UsageError(f"table: format {name} takes {', '.join(takes)}, not {wanted}")
+        raise UsageError(f"table: format {name} takes {', '.join(takes)}, not {wanted}", id="not-applicable")
     asked = [TABLES[each] for each in ([wanted] if wanted is not None else takes)]
     opened.require(*asked, remedy=f"format {name} takes {', '.join(takes)}")
     return opened.widest(next((table for table in asked if opened.has(table)), asked[0]))
@@ -253,7 +259,7 @@ def _write_text(
     if issubclass(table, Tracks | Truth):
         return _write_places(name, opened, table, request, file, world[0], missed), None, missed.words()
     if not issubclass(table, Boxes | Views | ViewTracks):
-        raise InputError(f"format {name} takes no {table.NAME}")
+        raise InputError(f"format {name} cannot hold {table.NAME}; choose another format", id="not-applicable")
     return *_write_boxes(name, opened, table, request, file, world[1], missed), missed.words()
 
 

@@ -59,9 +59,11 @@ def check_targets(chunks: Iterable[Tracks | Truth], targets: tuple[int, ...]) ->
     known = sorted({identity for part in chunks for identity in np.unique(part.target_id[_used(part)]).tolist()})
     for target in targets:
         if target not in known:
-            raise InputError(f"no target {target}; there are: {', '.join(map(str, known)) or 'none'}")
+            raise InputError(
+                f"no target {target}; there are: {', '.join(map(str, known)) or 'none'}", id="unknown-name"
+            )
     if not known:
-        raise InputError("there are no rows to write")
+        raise InputError("there are no rows to write", id="empty-input")
     return sorted(set(targets)) or known
 
 
@@ -112,7 +114,7 @@ def check_one_target(names: list[int]) -> None:
     """UsageError for several targets, of which TUM text holds one."""
     if len(names) > 1:
         few = ", ".join(map(str, names[:10])) + (f" and {len(names) - 10} more" if len(names) > 10 else "")
-        raise UsageError(f"TUM text holds one target, and there are {few}; choose one (target)")
+        raise UsageError(f"TUM text holds one target, and there are {few}; choose one (target)", id="ambiguous-input")
 
 
 def tum_text(positions: ExportedPositions) -> str:
@@ -149,7 +151,7 @@ def geojson_texts(
         InputError: the unit's length in metres is not known.
     """
     if length_unit not in METRES:
-        raise InputError(f"lengths are in {length_unit}, of which the length in metres is not known")
+        raise InputError(f"lengths are in {length_unit}, of which the length in metres is not known", id="missing-unit")
     counts: Counter[int] = Counter()
     for positions in pieces():
         names, rows = np.unique(positions.identity, return_counts=True)
@@ -245,7 +247,7 @@ def trc_texts(pieces: Callable[[], Iterable[ExportedPositions]], length_unit: st
         InputError: the unit's length in metres is not known, or more than `MAX_CELLS` cells.
     """
     if length_unit not in METRES:
-        raise InputError(f"lengths are in {length_unit}, of which the length in metres is not known")
+        raise InputError(f"lengths are in {length_unit}, of which the length in metres is not known", id="missing-unit")
     unit = length_unit if length_unit in ("m", "mm") else "mm"
     known: set[int] = set()
     steps, last, start, n_steps = Spool(), None, 0, 0
@@ -260,7 +262,8 @@ def trc_texts(pieces: Callable[[], Iterable[ExportedPositions]], length_unit: st
     if (cells := 3 * len(names) * n_steps) > MAX_CELLS:
         raise InputError(
             f"{len(names)} targets at {n_steps} times are {cells} cells in TRC, at most {MAX_CELLS}; export targets by "
-            "--target, or to CSV"
+            "--target, or to CSV",
+            id="problem-too-large",
         )
     rate = NS / quantiles(steps.blocks, steps.count, [0.5])[0] if steps.count else 1.0
     yield "\n".join([

@@ -131,7 +131,10 @@ def find_inputs(path: Path, recording: Path | None, scene: Path | None) -> Viewe
     files = _files(path) if path.is_dir() else [path]
     for given in (path, recording):
         if given is not None and not given.is_dir() and (made := viewer_format_of(given)) is not None:
-            raise UsageError(f"{given}: is an export for {made}; name the run or the recording that it was made from")
+            raise UsageError(
+                f"{given}: is an export for {made}; name the run or the recording that it was made from",
+                id="wrong-content",
+            )
     # The recording that was named comes first: its rows count, not those of one in the folder
     opened = [open_input(each) for each in [*([recording] if recording is not None else []), *files]]
     recordings = [each.recording for each in opened if each.recording is not None]
@@ -142,9 +145,12 @@ def find_inputs(path: Path, recording: Path | None, scene: Path | None) -> Viewe
                 found[table.NAME] = each
     source = recordings[0] if recordings else None
     if not found and (source is None or not source.cameras):
-        raise InputError(f"{path}: holds nothing that viewers show: no images, tracks or other tables that they draw")
+        raise InputError(
+            f"{path}: holds nothing that viewers show: no images, tracks or other tables that they draw",
+            id="wrong-content",
+        )
     if source is None and recording is not None:
-        raise UsageError(f"{recording}: is no recording")
+        raise UsageError(f"{recording}: is no recording", id="wrong-content")
     resolved = scene_in(scene) if scene is not None else (source.scene if source is not None else None)
     return ViewerInputs(found, source, resolved, _unit(list(found.values()), resolved))
 
@@ -174,7 +180,10 @@ def _files(folder: Path) -> list[Path]:
     names = [RECORDING, *(f"{table.NAME}.parquet" for table in SHOWN)]
     files = [folder / name for name in names if (folder / name).is_file()]
     if not files:
-        raise InputError(f"{folder}: holds no {RECORDING} and no tables of a run, so it is not the folder of a run")
+        raise InputError(
+            f"{folder}: holds no {RECORDING} and no tables of a run, so it is not the folder of a run",
+            id="wrong-content",
+        )
     return files
 
 

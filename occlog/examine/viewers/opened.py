@@ -57,14 +57,15 @@ def run_view(request: ViewRequest, *, quiet: bool = False) -> tuple[dict[str, ob
     program, viewer = find_viewer(request.viewer, started=not request.only_print, takes=made)
     if made is not None:
         if request.output is not None:
-            raise UsageError(f"{request.input}: is an export for {made}; omit {option('output')}")
+            raise UsageError(f"{request.input}: is an export for {made}; omit {option('output')}", id="wrong-content")
         if request.every is not None:
             raise UsageError(
-                f"{request.input}: is an export for {made}; give {option('every')} where it is made (occlog export)"
+                f"{request.input}: is an export for {made}; give {option('every')} to occlog export, which makes it",
+                id="wrong-content",
             )
         return {"command": _start(program, viewer, request.input, started=not request.only_print)}, ()
     if request.only_print and request.output is None:
-        raise UsageError(f"{option('print')}: the file must stay for the command; name it with -o")
+        raise UsageError(f"{option('print')}: the file must stay for the command; name it with -o", id="missing-option")
     with ExitStack() as stack:
         output = request.output
         if output is None:
@@ -113,11 +114,12 @@ def find_viewer(named: str | None, *, started: bool, takes: str | None = None) -
     if named is not None:
         found = shutil.which(named)
         if found is None and started:
-            raise UsageError(f"{option('viewer')} {named}: no such program; {_others()}")
+            raise UsageError(f"{option('viewer')} {named}: no such program; {_others()}", id="missing-package")
         kind = PROGRAMS.get(Path(named).stem.lower()) or (RERUN if "rerun" in named.lower() else FOXGLOVE)
         if takes not in (None, VIEWERS, kind):
             raise UsageError(
-                f"{option('viewer')} {named}: the file is an export for {takes}; view the run that it was made from"
+                f"{option('viewer')} {named}: the file is an export for {takes}; view the run that it was made from",
+                id="wrong-content",
             )
         return found or named, kind
     for name, kind in programs.items():
@@ -125,7 +127,7 @@ def find_viewer(named: str | None, *, started: bool, takes: str | None = None) -
         if found is not None:
             return found, kind
     if started:
-        raise UsageError(f"no viewer is installed ({', '.join(programs)}); {_others()}")
+        raise UsageError(f"no viewer is installed ({', '.join(programs)}); {_others()}", id="missing-package")
     return next(iter(programs.items()))
 
 

@@ -112,7 +112,7 @@ def run_viewers(request: ViewerTask, *, quiet: bool = False) -> tuple[dict[str, 
                 sink.write(item)
             if not out.messages:
                 why = "tracks and boxes in images need --recording" if inputs.recording is None else "tables are empty"
-                raise InputError(f"{request.input}: there is nothing to show: {why}")
+                raise InputError(f"{request.input}: there is nothing to show: {why}", id="wrong-content")
             losses = (*_previous_losses(inputs), *sink.losses)
             made = _provenance(inputs, request, losses)
             out.annotate(made)

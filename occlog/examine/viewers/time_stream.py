@@ -1,6 +1,6 @@
 """Messages of a viewer in the order of time: rows of tables and frames.
 
-At one time truth comes first, then what the filter said of itself, then estimates, and images last: an image is drawn
+At one time truth comes first, then the diagnostics of the filter, then estimates, and images last: an image is drawn
 over with the values known by then.
 
 Fewer time steps of a long recording: what viewers keep in memory grows with what a file holds.

@@ -299,7 +299,7 @@ class ArrowCells:
     def _check_range(self, name: str, values: Floats | Ints, unit: str) -> None:
         limit = MAX_NS // UNITS[unit]
         if not ((values >= -limit) & (values <= limit)).all():
-            raise InputError(f"{self._path}: column {name}: a time is out of range for {unit}")
+            raise InputError(f"{self._path}: column {name}: a time is out of range for {unit}", id="time-out-of-range")
 
     def _check_steps(self, name: str, unit: str) -> None:
         """InputError for times in floats too short for them: float32 has every 128th second since 1970 alone."""

@@ -58,7 +58,7 @@ class GeodeticColumns(NamedTuple):
 
 
 def geodetic_columns(names: Sequence[str]) -> GeodeticColumns | None:
-    """Columns of positions on the earth; None where there are none, or positions in the scene stand beside them.
+    """Columns of positions on the earth; None if missing, or if the table has positions in the scene.
 
     Heights count only where the origin states its own.
     """

@@ -225,8 +225,8 @@ def lay_out(
     for number, (column, known, wanted) in enumerate(_sought(table)):  # type: ignore[arg-type]
         spelled = _find(column, there, known) if number in named else None
         if spelled is not None:
-            said = unit_in_name(table, column, spelled.name)
-            stated = STATED.get().unit_of(spelled.name, kind_of(column), said, path)
+            reported = unit_in_name(table, column, spelled.name)
+            stated = STATED.get().unit_of(spelled.name, kind_of(column), reported, path)
             found.append(spelled._replace(unit=stated or spelled.unit, stated=bool(stated)))
         elif column.name == TIME and fps is not None and (counted := frame_column(names)) is not None:
             found.append(Spelling(column, counted, "", fps=fps))
@@ -353,7 +353,10 @@ def _find(column: Column, there: Mapping[str, str], known: Mapping[str, str]) ->
         # The table's own name states it, whatever else could
         own = [s for s in found if plain_name(s.name) == column.name]
         if not own:
-            raise InputError(f"columns {' and '.join(s.name for s in found)} both state {column.name}; keep one")
+            raise InputError(
+                f"columns {' and '.join(s.name for s in found)} both state {column.name}; keep one",
+                id="conflicting-values",
+            )
         found = own
     if column.name in EDGES:
         name, others = EDGES[column.name]
@@ -379,7 +382,7 @@ def _check_case(layout: TableLayout, names: Sequence[str]) -> None:
     for name in names:
         low = plain_name(name)
         if low in used and low in first:
-            raise InputError(f"columns {first[low]!r} and {name!r} have one name; keep one")
+            raise InputError(f"columns {first[low]!r} and {name!r} have one name; keep one", id="duplicate-name")
         first.setdefault(low, name)
 
 
@@ -389,10 +392,15 @@ def _check_angles(layout: TableLayout, there: Mapping[str, str]) -> None:
     for s in layout.columns:
         if s.column.unit == "rad" and not s.unit and stated:
             raise InputError(
-                f"column {s.name} does not state its unit; name it {s.name}_deg or {s.name}_rad, or give its input unit"
+                f"column {s.name} does not state its unit; name it {s.name}_deg or {s.name}_rad, "
+                "or give its input unit",
+                id="missing-unit",
             )
         if _is_time_difference(s.column) and not s.unit and TIME not in there:
-            raise InputError(f"column {s.name} does not state its unit; name it {s.name}_s, {s.name}_us or {s.name}_m")
+            raise InputError(
+                f"column {s.name} does not state its unit; name it {s.name}_s, {s.name}_us or {s.name}_m",
+                id="missing-unit",
+            )
 
 
 def _check_lengths(layout: TableLayout) -> None:
@@ -409,5 +417,6 @@ def _check_lengths(layout: TableLayout) -> None:
                 alike = [e.name + ending(e.column, unit) if e is bare else e.name for e in (first, s)]
             raise InputError(
                 (f"column {bare.name} does not state its unit: " if bare is not None else "")
-                + f"columns {first.name} and {s.name} have several units; give all lengths one ({', '.join(alike)})"
+                + f"columns {first.name} and {s.name} have several units; give all lengths one ({', '.join(alike)})",
+                id="conflicting-values",
             )

@@ -270,7 +270,9 @@ def find_source(path: Path) -> ColumnSource | None:
     """
     found = _find_source(path)
     if found is not None and len(found.names) > MAX_COLUMNS:
-        raise InputError(f"{path}: {len(found.names)} columns; a table of at most {MAX_COLUMNS} was expected")
+        raise InputError(
+            f"{path}: {len(found.names)} columns; a table of at most {MAX_COLUMNS} was expected", id="input-too-large"
+        )
     columns = None if found is None or found.trajectories is not None else geodetic_columns(found.names)
     if found is None or columns is None:
         return found
@@ -292,7 +294,7 @@ def parquet_parts(folder: Path) -> tuple[Path, ...]:
             return ()
         found.append(path)
     if len(found) > MAX_PARTS:
-        raise InputError(f"{folder}: more than {MAX_PARTS} files; write the table in fewer parts")
+        raise InputError(f"{folder}: more than {MAX_PARTS} files; write the table in fewer parts", id="input-too-large")
     return tuple(found)
 
 
@@ -321,7 +323,8 @@ def _find_parts(folder: Path) -> ColumnSource | None:
         if first is not None and set(names) != set(first):
             others = sorted(set(names) ^ set(first))
             raise InputError(
-                f"{part}: its columns are not those of {parts[0].name}: {', '.join(others[:5])}; name one file"
+                f"{part}: its columns are not those of {parts[0].name}: {', '.join(others[:5])}; name one file",
+                id="incompatible-inputs",
             )
         first = first or names
     return None if first is None else ColumnSource(folder, "Parquet", first, parts=parts)
@@ -438,5 +441,6 @@ def _translated(path: Path, kind: str) -> Iterator[None]:
     except (pa.ArrowException, OSError, ValueError, KeyError, MemoryError) as error:
         reason = " ".join(str(error).split())[:160]
         raise InputError(
-            f"{path}: damaged or not {'an' if kind == 'Arrow' else 'a'} {kind} file ({reason}); make it again"
+            f"{path}: damaged or not {'an' if kind == 'Arrow' else 'a'} {kind} file ({reason}); make it again",
+            id="damaged-file",
         ) from error

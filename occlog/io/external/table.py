@@ -101,7 +101,10 @@ class ForeignTable:
         if own is None or own == length_unit:
             return
         if not {own, length_unit} <= METRES.keys():
-            raise InputError(f"{self.source.path}: lengths are in {own}, which cannot be converted to {length_unit}")
+            raise InputError(
+                f"{self.source.path}: lengths are in {own}, which cannot be converted to {length_unit}",
+                id="unit-mismatch",
+            )
         self.wanted_unit = length_unit
 
     def rows(self, table: type[T]) -> Iterator[T]:
@@ -152,7 +155,8 @@ class ForeignTable:
         if held > max(FREE_BYTES, HELD_PER_BYTE * size):
             raise InputError(
                 f"{self.source.path}: unsorted rows or rows of one time need {held} bytes in a file of {size}; "
-                "sort them by time, or shorten the longest text"
+                "sort them by time, or shorten the longest text",
+                id="input-too-large",
             )
 
     def _is_in_order(self, layout: TableLayout) -> bool:
@@ -326,7 +330,8 @@ def check_fits(source: ColumnSource, layout: TableLayout) -> None:
     if layout.missing and (nested := [n for n in source.nested if n not in layout.names]):
         raise InputError(
             f"{source.path}: column {nested[0]} has several values in a row, and {', '.join(layout.missing)} of "
-            f"{layout.table.NAME} is missing; write one column for each value"
+            f"{layout.table.NAME} is missing; write one column for each value",
+            id="missing-column",
         )
     if layout.missing:
         raise InputError(f"{source.path}: {describe_missing(layout, source.names)}")
@@ -468,7 +473,8 @@ def _as_table(source: ColumnSource, table: type[T], values: Values, row: NDArray
             remedy = "times are whole seconds: write their fractions" if whole else "remove one, or state identities"
             raise InputError(
                 f"{source.path}: rows {min(row[k], row[k + 1])} and {max(row[k], row[k + 1])} (from 0): "
-                f"{key} {values[key][k]} is twice at {time_words(values[TIME][k])}; {remedy}"
+                f"{key} {values[key][k]} is twice at {time_words(values[TIME][k])}; {remedy}",
+                id="duplicate-row",
             )
     try:
         return table.of(**values)
@@ -482,7 +488,10 @@ def _check_copies(source: ColumnSource, made: ColumnTable, row: NDArray[np.gener
     copies, _ = repeated_rows(made, "box" if isinstance(made, Boxes) else "")
     if copies.any():
         k = first_row(copies)
-        raise InputError(f"{source.path}: row {row[k]} (from 0) is a duplicate ({key_of(made, k)}); remove the copies")
+        raise InputError(
+            f"{source.path}: row {row[k]} (from 0) is a duplicate ({key_of(made, k)}); remove the copies",
+            id="duplicate-row",
+        )
 
 
 def _join(parts: Sequence[Values]) -> Values:

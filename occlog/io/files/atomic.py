@@ -52,7 +52,7 @@ def no_links_out_of(folder: Path) -> Iterator[None]:
 def check_writable(path: Path, overwrite: bool) -> None:
     """Raise unless `path` may become an output: before any work is done for it."""
     if str(path) == "-":
-        raise UsageError("-: nothing is written to standard output; name a file")
+        raise UsageError("-: nothing is written to standard output; name a file", id="not-applicable")
     only = _ONLY.get()
     if only is not None and only not in Path(os.path.realpath(path)).parents:
         raise OutputError(f"{path}: is outside of {only}; all outputs must be in it")
@@ -78,9 +78,9 @@ def check_outputs(inputs: Iterable[Path | None], outputs: Iterable[Path | None],
     used = {os.path.realpath(p) for p in read}  # Path.resolve fails on a link to itself
     for n, path in enumerate(wanted):
         if os.path.realpath(path) in used:
-            raise UsageError(f"{path}: is an input too; give the output another name")
+            raise UsageError(f"{path}: is an input too; give the output another name", id="conflicting-options")
         if os.path.realpath(path) in {os.path.realpath(p) for p in wanted[:n]}:
-            raise UsageError(f"{path}: is named for two outputs; give each its own name")
+            raise UsageError(f"{path}: is named for two outputs; give each its own name", id="duplicate-name")
         check_writable(path, overwrite)
     note_files(read, wanted)
 
@@ -324,7 +324,9 @@ def alone_with(path: Path, command: str, patience: float = 0.0) -> Iterator[None
         end = time.monotonic() + patience
         while not _locked(descriptor):
             if time.monotonic() >= end:
-                raise UsageError(f"{path}: another `occlog {command}` works with it; wait, or name another one")
+                raise UsageError(
+                    f"{path}: another `occlog {command}` works with it; wait, or name another one", id="output-busy"
+                )
             time.sleep(0.05)
         yield
     finally:

@@ -138,7 +138,8 @@ def positions_on_earth(degrees: Floats, heights: Floats | None, where: str) -> F
         longitude, latitude = degrees[0].tolist() if len(degrees) else (13.3777, 52.5163)
         raise UsageError(
             f"{where}: has latitudes and longitudes; state where the scene's origin is: {option('origin')} "
-            f"{latitude:.7f},{longitude:.7f} (its first position)"
+            f"{latitude:.7f},{longitude:.7f} (its first position)",
+            id="missing-value",
         )
     stated.used, origin = True, stated.origin
     if origin.height is None or heights is None:

@@ -45,13 +45,13 @@ class StatedUnits:
             *(_text(file, unit) for (file, _), unit in self.kinds.items()),
         )
 
-    def unit_of(self, name: str, kind: str, said: str, path: Path | None = None) -> str:
+    def unit_of(self, name: str, kind: str, by_name: str, path: Path | None = None) -> str:
         """The unit of a column.
 
         Args:
             name: of the file's column.
             kind: what it measures, of `KINDS`; empty: nothing that has a unit to state.
-            said: the unit that its name states; empty: none.
+            by_name: the unit that its name states; empty: none.
             path: the file; None: it is not known.
 
         Raises:
@@ -61,23 +61,24 @@ class StatedUnits:
         found = _find(self.columns, path, name.strip().lower())
         if found is None:
             of_kind = _find(self.kinds, path, kind)
-            return said or ("" if of_kind is None else self.kinds[of_kind])
+            return by_name or ("" if of_kind is None else self.kinds[of_kind])
         stated = self.columns[found]
         if stated not in KINDS.get(kind, ()):
             wanted = f"units of {kind}s are {', '.join(KINDS[kind])}" if kind else "it has no unit"
-            raise InputError(f"column {name} cannot be in {stated}; {wanted}")
-        if said and said != stated:
+            raise InputError(f"column {name} cannot be in {stated}; {wanted}", id="unit-mismatch")
+        if by_name and by_name != stated:
             raise UsageError(
-                f"column {name} is in {said} by its name, and stated to be in {stated}; state no other unit"
+                f"column {name} is in {by_name} by its name, and stated to be in {stated}; state no other unit",
+                id="unit-mismatch",
             )
         return stated
 
-    def note_use(self, name: str, kind: str, said: str, path: Path | None = None) -> None:
+    def note_use(self, name: str, kind: str, by_name: str, path: Path | None = None) -> None:
         """Remember that a table has such a column."""
         found, of_kind = _find(self.columns, path, name.strip().lower()), _find(self.kinds, path, kind)
         if found is not None:
             self.used.add(_text(found[0], f"{found[1]}={self.columns[found]}"))
-        elif not said and of_kind is not None:
+        elif not by_name and of_kind is not None:
             self.used.add(_text(of_kind[0], self.kinds[of_kind]))
 
     def unused(self) -> tuple[str, ...]:
@@ -117,12 +118,13 @@ def stated_units(texts: Sequence[str]) -> Iterator[StatedUnits]:
         file, _, rest = part.rpartition(":")
         name, _, unit = rest.rpartition("=")
         if unit not in known:
-            raise UsageError(f"input units: {part!r}: no unit {unit!r}; {did_you_mean(unit, known)}")
+            raise UsageError(f"input units: {part!r}: no unit {unit!r}; {did_you_mean(unit, known)}", id="unknown-name")
         where, key = (columns, name.strip().lower()) if name else (kinds, _kind_of(unit))
         if where.setdefault((file, key), unit) != unit:
             before = where[file, key]
             raise UsageError(
-                f"input units: {_text(file, name or key)} is stated to be in {before} and in {unit}; state one"
+                f"input units: {_text(file, name or key)} is stated to be in {before} and in {unit}; state one",
+                id="duplicate-name",
             )
     found = StatedUnits(columns, kinds)
     token = STATED.set(found)

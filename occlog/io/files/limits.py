@@ -39,7 +39,9 @@ def check_regular(path: Path, mode: int, what: str) -> None:
     """InputError unless the mode is of a regular file: a pipe waits for ever, and is read once."""
     if not stat.S_ISREG(mode):
         kind = _KINDS.get(stat.S_IFMT(mode), "no file")
-        raise InputError(f"{path}: is {kind}; {what} was expected; give a file, or - for standard input")
+        raise InputError(
+            f"{path}: is {kind}; {what} was expected; give a file, or - for standard input", id="not-a-file"
+        )
 
 
 def check_input(path: Path, what: str) -> Path:
@@ -50,18 +52,18 @@ def check_input(path: Path, what: str) -> Path:
         if stat.S_ISDIR(status.st_mode):
             bag = any(path.glob("*.mcap")) or any(path.glob("*.db3"))
             hint = f"; {FOREIGN_BAG}" if bag else ""
-            raise InputError(f"{path}: is a folder; {what} was expected{hint}")
+            raise InputError(f"{path}: is a folder; {what} was expected{hint}", id="not-a-file")
         check_regular(path, status.st_mode, what)
         with path.open("rb"):
             pass
     except FileNotFoundError:
-        raise InputError(f"{path}: no such file; {what} was expected") from None
+        raise InputError(f"{path}: no such file; {what} was expected", id="file-not-found") from None
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}", id="unreadable-file") from error
     except ValueError:  # a zero byte
-        raise InputError(f"{str(path)!r}: no name of a file; {what} was expected") from None
+        raise InputError(f"{str(path)!r}: no name of a file; {what} was expected", id="not-a-file") from None
     if status.st_size == 0:
-        raise InputError(f"{path}: is empty (0 bytes); {what} was expected; make it again")
+        raise InputError(f"{path}: is empty (0 bytes); {what} was expected; make it again", id="empty-input")
     return path
 
 
@@ -124,7 +126,7 @@ ODAS_BY_INGEST = (
 
 
 def is_skipped_zstd(head: bytes) -> bool:
-    """Return whether data of zstd begin with a frame to skip, which holds notes of whoever packed them."""
+    """Return whether data of zstd begin with a skippable frame, which holds metadata."""
     return head[1:4] == b"\x2a\x4d\x18" and head[0] & 0xF0 == 0x50
 
 
@@ -194,10 +196,10 @@ def guarded(where: Path | str, what: str) -> Iterator[None]:
     try:
         yield
     except RecursionError:
-        raise InputError(f"{where}: nested too deeply; {what} was expected") from None
+        raise InputError(f"{where}: nested too deeply; {what} was expected", id="input-too-large") from None
     except FAILURES as error:
         reason = " ".join(str(error).split())[:140] or type(error).__name__
-        raise InputError(f"{where}: cannot be read ({reason}); {what} was expected") from error
+        raise InputError(f"{where}: cannot be read ({reason}); {what} was expected", id="unreadable-file") from error
 
 
 @contextmanager
@@ -214,11 +216,13 @@ def read_configuration(path: Path, what: str, *, limit: int = MAX_CONFIGURATION_
     path = check_input(path, what)
     size = path.stat().st_size
     if size > limit:
-        raise InputError(f"{path}: {size} bytes; {what} was expected, of at most {limit} bytes")
+        raise InputError(f"{path}: {size} bytes; {what} was expected, of at most {limit} bytes", id="input-too-large")
     try:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: byte {error.start}: not UTF-8 text; {what} was expected") from error
+        raise InputError(
+            f"{path}: byte {error.start}: not UTF-8 text; {what} was expected", id="wrong-encoding"
+        ) from error
 
 
 def check_texts(texts: Iterable[str], rows: int, where: Path | str) -> None:
@@ -240,7 +244,9 @@ def check_text(value: str, where: Path | str) -> None:
         value.encode()
     except UnicodeEncodeError as error:
         half = f"\\u{ord(value[error.start]):04x}"
-        raise InputError(f"{where}: {half} is half a character; write the whole character") from None
+        raise InputError(
+            f"{where}: {half} is half a character; write the whole character", id="wrong-encoding"
+        ) from None
 
 
 FREE_ROWS, MAX_ROWS_PER_BYTE = 1_000_000, 20
@@ -265,4 +271,6 @@ def exceeded_limit(size: int, rows: int, unpacked: int) -> str:
 def check_declared_size(path: Path, size: int, rows: int, unpacked: int) -> None:
     """InputError for a file of `size` bytes that promises more than such a file can hold."""
     if fault := exceeded_limit(size, rows, unpacked):
-        raise InputError(f"{path}: promises {fault} in a file of {size} bytes, which no measurements fit into")
+        raise InputError(
+            f"{path}: promises {fault} in a file of {size} bytes, which no measurements fit into", id="input-too-large"
+        )

@@ -33,11 +33,17 @@ def last_number(name: str) -> str | None:
 
 
 TABLE, RECORDING = ".parquet", ".mcap"
-WRITTEN = {TABLE: ("tables", "Parquet"), RECORDING: ("recordings", "MCAP")}
+WRITTEN = {
+    TABLE: ("tables", "Parquet"),
+    RECORDING: ("recordings", "MCAP"),
+    ".html": ("pages", "HTML"),
+    ".md": ("reports", "Markdown"),
+    ".png": ("pictures", "PNG"),
+}
 """Content of files with an ending, and the name of the format."""
 PROMISING = (
     *(".csv", ".tsv", ".txt", ".json", ".jsonl", ".geojson", ".xlsx", ".feather", ".arrow", ".npz", ".mat"),
-    *(".yaml", ".yml", ".html", ".png", ".svg", ".mp4", ".gz", TABLE, RECORDING),
+    *(".yaml", ".yml", ".pdf", ".svg", ".jpg", ".mp4", ".gz", *WRITTEN),
 )
 """Endings of names that promise a format."""
 
@@ -78,7 +84,10 @@ def check_meaning(meant: dict[str, str], label: str, name: str, where: str, *, w
     """
     other = meant.setdefault(name, label)
     if other != label:
-        raise InputError(f"{where}: {what}s {other!r} and {label!r} would both be {name}; give them names in use")
+        raise InputError(
+            f"{where}: {what}s {other!r} and {label!r} would both be {name}; give them names in use",
+            id="duplicate-name",
+        )
 
 
 def means_none(given: str, names: Sequence[str]) -> bool:

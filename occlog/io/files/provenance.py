@@ -199,7 +199,8 @@ def provenance_from_json(text: str | bytes, where: Path) -> Provenance:
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(
             f"{where}: its provenance is damaged ({type(error).__name__}), so that earlier losses are "
-            "unknown; make it again"
+            "unknown; make it again",
+            id="damaged-file",
         ) from error
 
 
@@ -222,4 +223,4 @@ def hash_file(path: Path) -> str:
         with Path(path).open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}", id="unreadable-file") from error

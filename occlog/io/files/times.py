@@ -91,12 +91,14 @@ def parse_time(text: str, unit: str = "s") -> int:
     if not value.is_finite():
         raise InputError(f"time {text!r}: {_fault(text.strip())}")
     if value.adjusted() > 30:  # before any arithmetic, which could overflow
-        raise InputError(f"time {text!r}: out of range")
+        raise InputError(f"time {text!r}: out of range", id="time-out-of-range")
     if unit == "s" and abs(value) > LATEST_S:
-        raise InputError(f"time {text!r}: too large for seconds; name the column t_ms, t_us or t_ns")
+        raise InputError(
+            f"time {text!r}: too large for seconds; name the column t_ms, t_us or t_ns", id="time-out-of-range"
+        )
     ns = int((value * UNITS[unit]).to_integral_value())
     if abs(ns) > MAX_NS:
-        raise InputError(f"time {text!r}: out of range for {unit}")
+        raise InputError(f"time {text!r}: out of range for {unit}", id="time-out-of-range")
     step = last_place(text) * UNITS[unit]
     if step > COARSEST_NS:
         raise InputError(f"time {text!r}: {coarse(step)}; write all digits, or t_ns in whole numbers")
@@ -224,7 +226,9 @@ def time_column(rows: CsvRows) -> str | None:
     """Unit of the column of times that a table has, None if it has none; InputError for two."""
     found = [unit for unit in TIME_COLUMNS if rows.has(unit)]
     if len(found) > 1:
-        raise InputError(f"{rows.path}: two columns of times ({' and '.join(found)}); keep one")
+        raise InputError(
+            f"{rows.path}: two columns of times ({' and '.join(found)}); keep one", id="conflicting-values"
+        )
     return found[0] if found else None
 
 
@@ -247,7 +251,8 @@ def check_unit(rows: CsvRows, interval_s: Floats) -> None:
     column = next((f"column {name}" for name in UNITLESS if named and name in head), "times without a header")
     raise InputError(
         f"{rows.path}: {column}: {usual:g} s from frame to frame if these are seconds; name the column after its unit: "
-        "t_ms, t_us or t_ns, or t_s if they are"
+        "t_ms, t_us or t_ns, or t_s if they are",
+        id="missing-unit",
     )
 
 
@@ -261,7 +266,7 @@ def read_sidecar(path: Path, cameras: Sequence[str]) -> dict[str, Ints]:
     """
     found = list(iter_times(path))
     if not found:
-        raise InputError(f"{path}: holds a header and no row; {WHAT} was expected")
+        raise InputError(f"{path}: holds a header and no row; {WHAT} was expected", id="empty-input")
     parts, unit = [rows for rows, _ in found], found[0][1]
     rows = CsvRows(
         path,
@@ -295,7 +300,9 @@ def iter_times(path: Path) -> Iterator[tuple[CsvRows, str]]:
             rows = part if header else _named(part)
             unit = time_column(rows)
             if unit is None:
-                raise InputError(f"{path}: no column of times; name one of them time (seconds) or t_ns")
+                raise InputError(
+                    f"{path}: no column of times; name one of them time (seconds) or t_ns", id="missing-column"
+                )
             yield rows, unit
 
 
@@ -332,7 +339,9 @@ def _by_camera(rows: CsvRows, unit: str, cameras: Sequence[str]) -> dict[str, In
         check_meaning(meant, label, name, str(rows.path))
         out[name] = _in_order(rows, t_ns[picked], picked)
     if not out:
-        raise InputError(f"{rows.path}: contains {str(given[0])!r}, but none of {', '.join(cameras)}")
+        raise InputError(
+            f"{rows.path}: contains {str(given[0])!r}, but none of {', '.join(cameras)}", id="missing-column"
+        )
     return out
 
 

@@ -43,7 +43,7 @@ def read_gpx(path: Path) -> Iterator[CsvRows]:
     if points:
         yield _rows(path, points, number)
     if not number:
-        raise InputError(f"{path}: no track (<trk>) has a point (<trkpt>); {WHAT} was expected")
+        raise InputError(f"{path}: no track (<trk>) has a point (<trkpt>); {WHAT} was expected", id="empty-input")
 
 
 def _points(path: Path) -> Iterator[tuple[int, str, float, float, float]]:
@@ -57,14 +57,17 @@ def _points(path: Path) -> Iterator[tuple[int, str, float, float, float]]:
                     event, element = next(events, ("", None))
                 except ElementTree.ParseError as error:
                     raise InputError(
-                        f"{path}: line {error.position[0]}: not XML ({error}); correct or export it again"
+                        f"{path}: line {error.position[0]}: not XML ({error}); correct or export it again",
+                        id="invalid-syntax",
                     ) from None
             if element is None:
                 return
             name = element.tag.rpartition("}")[2]
             depth += 1 if event == "start" else -1
             if depth > MAX_DEPTH:
-                raise InputError(f"{path}: more than {MAX_DEPTH} elements in one another; {WHAT} was expected")
+                raise InputError(
+                    f"{path}: more than {MAX_DEPTH} elements in one another; {WHAT} was expected", id="input-too-large"
+                )
             if event == "start":
                 track += name == "trk"
                 continue
@@ -73,7 +76,7 @@ def _points(path: Path) -> Iterator[tuple[int, str, float, float, float]]:
                 texts = {child.tag.rpartition("}")[2]: (child.text or "").strip() for child in element}
                 where = f"{path}: point {number}"
                 if not texts.get("time"):
-                    raise InputError(f"{where}: has no <time>; export the track with its times")
+                    raise InputError(f"{where}: has no <time>; export the track with its times", id="missing-value")
                 values = [element.get("lat"), element.get("lon"), texts.get("ele") or "nan"]
                 try:
                     latitude, longitude, height = (float(value or "") for value in values)
@@ -91,7 +94,7 @@ def _rows(path: Path, points: list[tuple[int, str, float, float, float]], last: 
     where = f"{path}: points {numbers[0]} to {numbers[-1]}"
     if has_heights() and np.isnan(heights).any():
         bad = int(numbers[np.isnan(heights)][0])
-        raise InputError(f"{path}: point {bad}: has no <ele>; leave the height out of the origin")
+        raise InputError(f"{path}: point {bad}: has no <ele>; leave the height out of the origin", id="missing-value")
     xyz = positions_on_earth(degrees, np.array(heights) if has_heights() else None, where)
     if np.isfinite(heights).any():
         note_unused_heights(str(path))

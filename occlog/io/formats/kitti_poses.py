@@ -46,8 +46,8 @@ def read_kitti(path: Path) -> Iterator[CsvRows]:
     Raises:
         InputError: a line has not 12 numbers, there is no file of times, or it has another number of lines.
     """
-    beside = _times_file(path)
-    times = _times(beside)
+    times_file = _times_file(path)
+    times = _times(times_file)
     first, low, high = 0, np.full(3, np.inf), np.full(3, -np.inf)
     for rows in read_plain(path, WHAT):
         if len(rows.cells) != COLUMNS:
@@ -55,14 +55,17 @@ def read_kitti(path: Path) -> Iterator[CsvRows]:
         position = np.column_stack([rows.floats(str(column)) for column in (3, 7, 11)])
         last = first + len(rows)
         if last > len(times):
-            raise InputError(f"{path}: {last} poses or more; {beside.name} has {len(times)} times; one each is needed")
+            raise InputError(
+                f"{path}: {last} poses or more; {times_file.name} has {len(times)} times; one each is needed"
+            )
         low, high = np.minimum(low, position.min(axis=0)), np.maximum(high, position.max(axis=0))
         yield _in_the_scene(rows, position, times[first:last])
         first = last
     if first != len(times):
-        raise InputError(f"{path}: {first} poses; {beside.name} has {len(times)} times; one each is needed")
+        raise InputError(f"{path}: {first} poses; {times_file.name} has {len(times)} times; one each is needed")
     note_once(
-        f"note: {path}: poses of KITTI with the times of {beside.name}; x is forward (z of the file), y is left (-x), "
+        f"note: {path}: poses of KITTI with the times of {times_file.name}; x is forward (z of the file), y is "
+        "left (-x), "
         "z is up (-y)"
     )
     _, climb, way = (high - low).tolist()
@@ -81,12 +84,14 @@ def _in_the_scene(rows: CsvRows, position: Floats, times: Sequence[str]) -> CsvR
 
 
 def _times_file(path: Path) -> Path:
-    """The file of times beside the poses: NAME_times.txt, or times.txt."""
+    """The file of times in the folder of the poses: NAME_times.txt, or times.txt."""
     names = (f"{path.stem}_times.txt", "times.txt")
     found = next((path.with_name(name) for name in names if path.with_name(name).is_file()), None)
     if found is None:
         raise InputError(
-            f"{path}: {WHAT} have no times; put the times of the sequence beside it as {names[0]}, one a line [s]"
+            f"{path}: {WHAT} have no times; put the times of the sequence into its folder as {names[0]}, one a "
+            "line [s]",
+            id="missing-times",
         )
     return found
 

@@ -139,12 +139,12 @@ def read_positions(path: Path, options: PositionOptions) -> PositionLog:
     else:
         parts = [*_without_header(path, options)]
     if not parts or not sum(len(part.line) for part in parts):
-        raise InputError(f"{path}: holds no positions; {WHAT} was expected")
+        raise InputError(f"{path}: holds no positions; {WHAT} was expected", id="empty-input")
     rows = _Rows._make(np.concatenate(column) for column in zip(*parts, strict=True))
     counted = bool((rows.t_ns == NO_TIME).all())
     rows, skipped = _chosen(rows, options.frames) if counted else (rows, 0)
     if not len(rows.line):
-        raise InputError(f"{path}: holds no position of the frames that are chosen")
+        raise InputError(f"{path}: holds no position of the frames that are chosen", id="empty-input")
     step = _frame_step(rows.frame) if counted else 0
     if counted:
         rows = _timed(path, rows, options)
@@ -194,10 +194,11 @@ def _binary_parts(path: Path, options: PositionOptions) -> Iterator[TextPart]:
             raise InputError(
                 f"{path}: unknown column {name!r}; {WHAT} has "
                 f"{', '.join(names[0] for names in FORMAT.names.values())}; or skip it "
-                f"({option('ignore_extra_columns')})"
+                f"({option('ignore_extra_columns')})",
+                id="unknown-column",
             )
         if key in columns:
-            raise InputError(f"{path}: two columns are called {key}; keep one")
+            raise InputError(f"{path}: two columns are called {key}; keep one", id="duplicate-name")
         if key is not None:
             columns[key] = name
     parts = list(source.cells(list(columns.values())))
@@ -208,7 +209,7 @@ def _binary_parts(path: Path, options: PositionOptions) -> Iterator[TextPart]:
     count = sum(len(part) for part in parts)
     missing = [name for name in ("x", "y") if name not in cells]
     if missing:
-        raise InputError(f"{path}: has no column {' and '.join(missing)}; add it")
+        raise InputError(f"{path}: has no column {' and '.join(missing)}; add it", id="missing-column")
     rows = CsvRows(path, np.arange(1, count + 1), cells, location="row")
     yield TextPart(rows, {name: column.values(rows, name) for name, column in FORMAT.columns.items()})
 
@@ -226,7 +227,9 @@ def _with_header(part: TextPart, options: PositionOptions) -> _Rows:
     elif rows.has("frame"):
         t_ns = np.full(n, NO_TIME)
     else:
-        raise InputError(f"{rows.path}: has neither a column of times (time, t_ns) nor frame; add one")
+        raise InputError(
+            f"{rows.path}: has neither a column of times (time, t_ns) nor frame; add one", id="missing-column"
+        )
     return _Rows(
         line=rows.lines,
         t_ns=t_ns,
@@ -361,7 +364,8 @@ def _times_of(path: Path, source: str, options: PositionOptions) -> FrameTimes:
     times = options.times.get(source, options.times.get(""))
     if times is None:
         raise UsageError(
-            f"{path}: counts frames, and no file states their times; give the frame rate ({option('fps')})"
+            f"{path}: counts frames, and no file states their times; give the frame rate ({option('fps')})",
+            id="missing-times",
         )
     return times
 

@@ -132,7 +132,7 @@ def read_reads(
         tags.append(part["tag"])
         strengths.append(part["rssi"])
     if not times:
-        raise InputError(f"{path}: holds no reads; {TAG_READS.what} was expected")
+        raise InputError(f"{path}: holds no reads; {TAG_READS.what} was expected", id="empty-input")
     sensor, tag, rssi = np.concatenate(names), np.concatenate(tags), np.concatenate(strengths)
     t_ns = _world_times(np.concatenate(times), sensor, clocks or {})
     late = int(np.count_nonzero(np.diff(t_ns) < 0))

@@ -53,7 +53,9 @@ def read_geojson(path: Path) -> Iterator[CsvRows]:
     value = parse_json(path.read_bytes(), path, "GeoJSON")
     features = value.get("features") if isinstance(value, dict) else None
     if not isinstance(features, list) or value.get("type") != COLLECTION:
-        raise InputError(f"{path}: is no {COLLECTION}; GeoJSON with a list of features was expected")
+        raise InputError(
+            f"{path}: is no {COLLECTION}; GeoJSON with a list of features was expected", id="unknown-format"
+        )
     origin = _origin(path, value.get(ORIGIN))
     for number, feature in enumerate(features, start=1):
         identity, t_ns, corners = _feature(path, number, feature)
@@ -77,7 +79,8 @@ def _origin(path: Path, value: object) -> Origin:
     if not all(_is_number(v) for v in values):
         raise InputError(
             f"{path}: does not state where the scene's origin is: {option('origin')} LAT,LON, or the member "
-            f'"{ORIGIN}": {{"{KEYS[0]}": 52.5163, "{KEYS[1]}": 13.3777, "{KEYS[2]}": 0}} next to "features"'
+            f'"{ORIGIN}": {{"{KEYS[0]}": 52.5163, "{KEYS[1]}": 13.3777, "{KEYS[2]}": 0}} next to "features"',
+            id="missing-value",
         )
     found = Origin(*(float(v) for v in values))
     if abs(found.latitude) > FARTHEST or abs(found.longitude) > 180:
@@ -92,7 +95,9 @@ def _feature(path: Path, number: int, feature: object) -> tuple[int, list[int], 
     shape = _member(feature, "geometry")
     kind, coordinates = shape.get("type"), shape.get("coordinates")
     if kind not in ("LineString", "Point"):
-        raise InputError(f"{location}: its geometry is {kind!r}; LineString or Point was expected")
+        raise InputError(
+            f"{location}: its geometry is {kind!r}; LineString or Point was expected", id="unsupported-format"
+        )
     corners = [coordinates] if kind == "Point" else coordinates
     good = isinstance(corners, list) and all(
         isinstance(corner, list) and len(corner) in (2, 3) and all(_is_number(v) for v in corner) for corner in corners
@@ -105,7 +110,7 @@ def _feature(path: Path, number: int, feature: object) -> tuple[int, list[int], 
     identity: Any = properties.get("target_id")
     t_ns: Any = properties.get("t_ns")
     if not _is_whole(identity):
-        raise InputError(f"{location}: has no whole number target_id among its properties")
+        raise InputError(f"{location}: has no whole number target_id among its properties", id="missing-value")
     if not isinstance(t_ns, list) or len(t_ns) != len(corners) or not all(_is_whole(t) for t in t_ns):
         raise InputError(
             f"{location}: requires t_ns, a list of whole numbers, one for each of its {len(corners)} corners"
@@ -165,13 +170,17 @@ def _lines(path: Path) -> Iterator[str]:
                 yield line.rstrip("\r\n")
         except UnicodeDecodeError as error:
             bad = error.object[error.start]
-            raise InputError(f"{path}: byte {bad:#04x}: not UTF-8 text; TRC was expected") from None
+            raise InputError(
+                f"{path}: byte {bad:#04x}: not UTF-8 text; TRC was expected", id="wrong-encoding"
+            ) from None
 
 
 def _header(path: Path) -> list[str]:
     lines = list(islice(_lines(path), HEADER))
     if len(lines) < HEADER:
-        raise InputError(f"{path}: {len(lines)} lines; TRC has a header of {HEADER}; make it again")
+        raise InputError(
+            f"{path}: {len(lines)} lines; TRC has a header of {HEADER}; make it again", id="unknown-format"
+        )
     return lines
 
 
@@ -187,7 +196,7 @@ def _targets(path: Path, header: list[str]) -> list[str]:
     """Identities of the markers, in order, as text."""
     markers = [cell.strip() for cell in header[3].split("\t")[2:] if cell.strip()]
     if not markers:
-        raise InputError(f"{path}: line 4: names no marker; target_0, target_1, ... were expected")
+        raise InputError(f"{path}: line 4: names no marker; target_0, target_1, ... were expected", id="missing-value")
     found = [_MARKER.match(marker) for marker in markers]
     for marker, match in zip(markers, found, strict=True):
         if match is None:
@@ -198,7 +207,7 @@ def _targets(path: Path, header: list[str]) -> list[str]:
     numbers = [match[1] for match in found if match is not None]
     twice = first_double(numbers)
     if twice is not None:
-        raise InputError(f"{path}: line 4: marker target_{twice} is there twice; name each once")
+        raise InputError(f"{path}: line 4: marker target_{twice} is there twice; name each once", id="duplicate-name")
     return numbers
 
 
@@ -207,7 +216,9 @@ def _targets_of(path: Path, line: int, text: str, targets: list[str]) -> Iterato
     cells = [cell.strip() for cell in text.split("\t")]
     wanted = 2 + 3 * len(targets)
     if max(map(len, cells)) > MAX_CELL:
-        raise InputError(f"{path}: line {line}: a cell of more than {MAX_CELL} characters; correct this line")
+        raise InputError(
+            f"{path}: line {line}: a cell of more than {MAX_CELL} characters; correct this line", id="input-too-large"
+        )
     if len(cells) > wanted and any(cells[wanted:]):
         raise InputError(f"{path}: line {line}: {len(cells)} cells; {len(targets)} markers have {wanted}")
     cells += [""] * (wanted - len(cells))

@@ -95,7 +95,9 @@ def read_board(path: Path, sync_ns: Mapping[int, int] | None) -> Truth:
         sync_ns: time [ns] of every synchronisation index, from `read_sync_times`.
     """
     if sync_ns is None:
-        raise UsageError(f"{path}: counts synchronisation indices; give their times (timestamps.csv)")
+        raise UsageError(
+            f"{path}: counts synchronisation indices; give their times (timestamps.csv)", id="missing-times"
+        )
     sync, corner, xyz = _read(path)
     names, column = np.unique(corner, return_inverse=True)
     times, row = np.unique(sync, return_inverse=True)
@@ -104,7 +106,8 @@ def read_board(path: Path, sync_ns: Mapping[int, int] | None) -> Truth:
         first = np.unique(row * len(names) + column, return_index=True)[1]
         double = int(np.setdiff1d(np.arange(len(row)), first)[0])
         raise InputError(
-            f"{path}: a corner is there twice at sync_index {sync[double]}; remove the copies, or split the file"
+            f"{path}: a corner is there twice at sync_index {sync[double]}; remove the copies, or split the file",
+            id="duplicate-row",
         )
     grid[row, column] = xyz
     there = np.isfinite(grid[:, :, 0])
@@ -115,10 +118,13 @@ def read_board(path: Path, sync_ns: Mapping[int, int] | None) -> Truth:
         whole = there.all(axis=1)
         middle, kept = grid[whole].mean(axis=1), times[whole]
     if not len(kept):
-        raise InputError(f"{path}: at no time are all corners of the board there, and fewer than 3 are there always")
+        raise InputError(
+            f"{path}: at no time are all corners of the board there, and fewer than 3 are there always",
+            id="insufficient-data",
+        )
     missing = [int(s) for s in kept if int(s) not in sync_ns]
     if missing:
-        raise InputError(f"{path}: sync_index {missing[0]} has no time in the time stamps")
+        raise InputError(f"{path}: sync_index {missing[0]} has no time in the time stamps", id="missing-times")
     t_ns = np.array([sync_ns[int(s)] for s in kept], dtype=np.int64)
     n = len(kept)
     with naming(path):
@@ -139,7 +145,7 @@ def _read(path: Path) -> tuple[Ints, Ints, Floats]:
         corner.append(part["corner"] + 1_000_000 * part["object"])  # of several boards
         xyz.append(np.column_stack([part[axis] for axis in "xyz"]))
     if not sync:
-        raise InputError(f"{path}: holds a header and no row; {CORNERS.what} were expected")
+        raise InputError(f"{path}: holds a header and no row; {CORNERS.what} were expected", id="empty-input")
     return np.concatenate(sync), np.concatenate(corner), np.concatenate(xyz)
 
 
@@ -219,7 +225,10 @@ def _frames(path: Path, first_number: int) -> Iterator[tuple[int, list[Row]]]:
         if frame < 0:
             raise InputError(f"{path}: frame {frame + first_number} is before the first number, {first_number}")
         if frame <= last:
-            raise InputError(f"{path}: frame {frame + first_number} does not come after the one before it; sort them")
+            raise InputError(
+                f"{path}: frame {frame + first_number} does not come after the one before it; sort them",
+                id="unsorted-times",
+            )
         yield frame, _objects(element, frame, f"{path}: frame {frame + first_number}")
         last, found = frame, True
         element.clear()
@@ -237,7 +246,8 @@ def _elements(path: Path) -> Iterator[Element]:
                     end = next(ends, None)
                 except ElementTree.ParseError as error:
                     raise InputError(
-                        f"{path}: line {error.position[0]}: not XML ({error}); correct or export it again"
+                        f"{path}: line {error.position[0]}: not XML ({error}); correct or export it again",
+                        id="invalid-syntax",
                     ) from None
             if end is None:
                 return
@@ -333,7 +343,8 @@ class TruthOptions:
             return self.times[self.camera]
         if not self.times:
             raise UsageError(
-                f"{where}: counts frames, and no file states their times; give the frame rate ({option('fps')})"
+                f"{where}: counts frames, and no file states their times; give the frame rate ({option('fps')})",
+                id="missing-times",
             )
         first, *others = self.times.values()
         if not all(times.same_as(first) for times in others):
@@ -364,7 +375,7 @@ def _row_times(part: TextPart, options: TruthOptions) -> Ints:
         return part.times()
     path = part.rows.path
     if not part.rows.has("frame"):
-        raise InputError(f"{path}: has neither a column of times (time, t_ns) nor frame; add one")
+        raise InputError(f"{path}: has neither a column of times (time, t_ns) nor frame; add one", id="missing-column")
     try:
         return options.frame_times(path.name).at(part["frame"] - options.boxes.first_number)
     except InputError as error:
@@ -374,7 +385,7 @@ def _row_times(part: TextPart, options: TruthOptions) -> Ints:
 def _gather(path: Path, parts: list[Positions]) -> Truth:
     """All positions in the order of time; InputError where a target is at two positions at once."""
     if not parts:
-        raise InputError(f"{path}: holds a header and no row; true positions were expected")
+        raise InputError(f"{path}: holds a header and no row; true positions were expected", id="empty-input")
     p = Positions._make(np.concatenate(column) for column in zip(*parts, strict=True))
     note_clock_set(path, "line", p.line, p.t_ns, [p.target_id])
     order = np.lexsort((p.target_id, p.t_ns))
@@ -384,7 +395,8 @@ def _gather(path: Path, parts: list[Positions]) -> Truth:
         k = int(double[0])
         raise InputError(
             f"{path}: lines {min(p.line[k : k + 2])} and {max(p.line[k : k + 2])}: target {p.target_id[k]} is twice at "
-            f"{time_words(p.t_ns[k])}; remove one"
+            f"{time_words(p.t_ns[k])}; remove one",
+            id="duplicate-row",
         )
     with naming(path):
         return Truth.of(t_ns=p.t_ns, target_id=p.target_id, role=p.role, x=p.x, y=p.y, z=p.z)
@@ -422,7 +434,9 @@ def read_truth(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes
     probe = Probe(path, WHAT)
     if path.is_dir():
         if options.format not in ("auto", "wildtrack") or not FORMATS["wildtrack"].sniff(probe):
-            raise InputError(f"{path}: is a folder without annotations of WILDTRACK; ground truth was expected")
+            raise InputError(
+                f"{path}: is a folder without annotations of WILDTRACK; ground truth was expected", id="unknown-format"
+            )
         return _read_wildtrack(path, options)
     check_input(path, WHAT)
     return FORMATS[_format(probe, options.format)].read(path, options)
@@ -435,7 +449,9 @@ def _format(probe: Probe, stated: str) -> str:
         remedy, head = "name its columns in a header line", probe.cells
         if is_header(head):
             remedy = f"its header is {', '.join(head)[:120]}; time (or t_ns, frame), x and y were expected, perhaps id"
-        raise InputError(f"{probe.path}: not ground truth of a known format ({', '.join(FORMATS)}); {remedy}")
+        raise InputError(
+            f"{probe.path}: not ground truth of a known format ({', '.join(FORMATS)}); {remedy}", id="unknown-format"
+        )
     return name
 
 
@@ -445,7 +461,9 @@ def _one_camera(path: Path, options: TruthOptions) -> str:
         return options.camera
     if len(options.cameras) == 1:
         return options.cameras[0]
-    raise UsageError(f"{path}: holds boxes of one camera and does not name it; give it as CAMERA={path.name}")
+    raise UsageError(
+        f"{path}: holds boxes of one camera and does not name it; give it as CAMERA={path.name}", id="camera-not-named"
+    )
 
 
 def _read_boxes(path: Path, options: TruthOptions, camera: str | None) -> Iterator[TruthBoxes]:
@@ -502,7 +520,8 @@ def _read_xml(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]
     camera = _one_camera(path, options)
     if camera not in options.times:
         raise UsageError(
-            f"{path}: counts frames, and no file states their times; give the frame rate ({option('fps')})"
+            f"{path}: counts frames, and no file states their times; give the frame rate ({option('fps')})",
+            id="missing-times",
         )
     return read_xml_boxes(path, camera, options.times, options.boxes)
 

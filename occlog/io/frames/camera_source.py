@@ -54,7 +54,8 @@ class CameraSource:
         if t_ns > MAX_NS:
             raise InputError(
                 f"{self.path}: frame {frame.index}: a time of {t_ns / NS:.6g} s is out of range; times from 1970 to "
-                f"2115 can be held; give the frame rate ({option('fps')}), or time stamps ({option('timestamps')})"
+                f"2115 can be held; give the frame rate ({option('fps')}), or time stamps ({option('timestamps')})",
+                id="time-out-of-range",
             )
 
     def _with_times(self) -> Iterator[tuple[int, Delivered]]:
@@ -84,7 +85,7 @@ class CameraSource:
         good = all(s is not None for s in stamps) and bool((np.diff([s or 0 for s in stamps]) > 0).all())
         if not good:
             if not self.decoder.rate_hz:
-                raise InputError(f"{self.path}: has neither time stamps nor a frame rate; give one")
+                raise InputError(f"{self.path}: has neither time stamps nor a frame rate; give one", id="missing-times")
             rate = as_rate(self.decoder.rate_hz)
             self.times = rate_times(rate, "stated by the file", self.times.start_ns).by(self.times.clock)
         for frame in chain(head, delivered):
@@ -120,6 +121,6 @@ def image_source(
     """Start reading an image folder; `store` may also be keep: PNG and JPEG files as they are."""
     files = [(i, str(file)) for i, file in folder.files if i >= start and (stop is None or i < stop)]
     if not files:
-        raise InputError(f"{folder.path}: holds no image of frames {start} to {stop}")
+        raise InputError(f"{folder.path}: holds no image of frames {start} to {stop}", id="empty-input")
     job = DecodingJob(kind="images", path=str(folder.path), files=files, store=store, quality=quality)
     return CameraSource(name, folder.path, start_decoder(job), folder.times, whole=False)

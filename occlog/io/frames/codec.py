@@ -287,7 +287,7 @@ def check_image(data: bytes, where: str) -> None:
     """InputError for images that are too large, or damaged by their marks and check sums."""
     size = image_size(data)
     if size is not None and size[0] * size[1] > MAX_PIXELS:
-        raise InputError(f"{where}: {size[0]} x {size[1]} px; the limit is {MAX_PIXELS} pixels")
+        raise InputError(f"{where}: {size[0]} x {size[1]} px; the limit is {MAX_PIXELS} pixels", id="input-too-large")
     damage = image_damage(data)
     if damage:
         raise InputError(f"{where}: {damage}")
@@ -306,10 +306,12 @@ def decode_image(data: bytes, where: str) -> Image:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), how) if data else None
     except cv2.error as error:
         if error.func == "validateInputImageSize":
-            raise InputError(f"{where}: has more pixels than the limit, {MAX_PIXELS}") from None
-        raise InputError(f"{where}: cannot be decoded ({' '.join(str(error.err).split())})") from None
+            raise InputError(f"{where}: has more pixels than the limit, {MAX_PIXELS}", id="input-too-large") from None
+        raise InputError(
+            f"{where}: cannot be decoded ({' '.join(str(error.err).split())})", id="damaged-file"
+        ) from None
     if image is None:
-        raise InputError(f"{where}: not an image that can be decoded ({len(data)} bytes)")
+        raise InputError(f"{where}: not an image that can be decoded ({len(data)} bytes)", id="damaged-file")
     if unscaled and most is not None:
         return scaled(image, most)
     _check_depth(data, where)

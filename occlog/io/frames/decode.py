@@ -117,7 +117,10 @@ class FrameLedger:
         faults = "".join(
             f"; {location}: {what}" for location, what in (self._container.problems if self._container else ())
         )
-        raise InputError(f"{self._path}: not one of the requested frames can be used{faults}; copy or repair the file")
+        raise InputError(
+            f"{self._path}: not one of the requested frames can be used{faults}; copy or repair the file",
+            id="damaged-file",
+        )
 
     def report(self, lost: Callable[[Loss], None]) -> None:
         """Report everything that is missing from the range, and possible faults in it."""
@@ -255,9 +258,12 @@ def _open(path: Path, container: Container | None) -> cv2.VideoCapture:
             capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
         return capture
     if container is None:
-        raise InputError(f"{path}: not a video file that can be read (MP4, MKV and AVI are, and what FFmpeg knows)")
+        raise InputError(
+            f"{path}: not a video file that can be read (MP4, MKV and AVI are, and what FFmpeg knows)",
+            id="unknown-format",
+        )
     faults = _faults(container) or "; its header is damaged"
-    raise InputError(f"{path}: the video cannot be opened{faults}; copy or repair it")
+    raise InputError(f"{path}: the video cannot be opened{faults}; copy or repair it", id="damaged-file")
 
 
 def _describe(
@@ -269,7 +275,9 @@ def _describe(
 ) -> VideoFile:
     size = (int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)))
     if size[0] * size[1] > MAX_PIXELS:
-        raise InputError(f"{path}: frames of {size[0]} x {size[1]} px; the limit is {MAX_PIXELS} pixels")
+        raise InputError(
+            f"{path}: frames of {size[0]} x {size[1]} px; the limit is {MAX_PIXELS} pixels", id="input-too-large"
+        )
     allow_pixels(size[0] * size[1])
     fps = capture.get(cv2.CAP_PROP_FPS)
     rate = float(container.rate) if container and container.rate else fps
@@ -279,21 +287,24 @@ def _describe(
     there = frames if container is None or frames is None else frames - int(container.broken.sum())
     heard: list[str] = []
 
-    def said() -> str:
+    def output() -> str:
         text = complaint()
         if text and not heard:
             heard.append(text)
         return text
 
-    said()  # opening decodes the first pictures, of which FFmpeg writes again when they are decoded in turn
-    pictures = _raw_pictures(there, capture, said, MIRRORED.get(container.mirror) if container else None)
+    output()  # opening decodes the first pictures, of which FFmpeg writes again when they are decoded in turn
+    pictures = _raw_pictures(there, capture, output, MIRRORED.get(container.mirror) if container else None)
     first = next(pictures, None)
     image, unconverted = first.fetch(None) if first is not None else (None, "")
     if unconverted:
-        raise InputError(f"{path}: {_remedied(path, unconverted)}")
+        raise InputError(f"{path}: {_remedied(path, unconverted)}", id="damaged-file")
     if first is None or image is None:
         decoder = f"; the decoder states: {heard[0]}" if heard else ""
-        raise InputError(f"{path}: not one frame can be decoded{_faults(container)}{decoder}; copy or repair the file")
+        raise InputError(
+            f"{path}: not one frame can be decoded{_faults(container)}{decoder}; copy or repair the file",
+            id="damaged-file",
+        )
     size = (image.shape[1], image.shape[0])
     rate_hz = rate if 1e-6 < rate <= 1e6 else None
     code = struct.pack("<I", int(capture.get(cv2.CAP_PROP_CODEC_PIXEL_FORMAT)) & 0xFFFFFFFF)
@@ -438,7 +449,7 @@ def _raw_pictures(
     ordinal = misses = missed = 0
     while misses <= PATIENCE + max((frames or 0) - ordinal - missed, 0):
         good = capture.grab()
-        said = complaint()
+        text = complaint()
         if not good:
             misses += 1
             continue
@@ -452,7 +463,7 @@ def _raw_pictures(
                 image.append((found if found is None or mirror is None else mirror(found), why))
             return image[0]
 
-        yield _Raw(ordinal + missed, pos * 1e6 if math.isfinite(pos) else math.nan, said, fetch)
+        yield _Raw(ordinal + missed, pos * 1e6 if math.isfinite(pos) else math.nan, text, fetch)
         ordinal += 1
 
 
@@ -468,8 +479,8 @@ def _retrieve(
         ok, image = capture.retrieve(target)
     except cv2.error:
         return None, ""
-    said = complaint()
-    return (image, said) if ok and image is not None and image.size > 0 else (None, said)
+    text = complaint()
+    return (image, text) if ok and image is not None and image.size > 0 else (None, text)
 
 
 def _trusted(container: Container | None, pictures: Iterator[_Raw], misplaced: Callable[[], None]) -> Iterator[_Raw]:

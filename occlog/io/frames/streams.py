@@ -84,7 +84,10 @@ def video_times(
     repeats = container.stamped and container.pts_ns is not None
     if rate is None:
         if repeats:
-            raise InputError(f"{path}: the times of its frames repeat, and it states no frame rate; give one, or times")
+            raise InputError(
+                f"{path}: the times of its frames repeat, and it states no frame rate; give one, or times",
+                id="unsorted-times",
+            )
         return FrameTimes(STAMPS, start_ns)
     origin = "time stamps of the file repeat" if repeats else "stated by the file"
     return rate_times(rate, origin, start_ns, container.steps)
@@ -105,12 +108,14 @@ NS_DIGITS = 18
 def list_images(folder: Path) -> list[Path]:
     """Image files of a folder in natural order (img2 before img10); InputError if missing."""
     if not folder.exists():
-        raise InputError(f"{folder}: no such folder; a folder of images was expected")
+        raise InputError(f"{folder}: no such folder; a folder of images was expected", id="file-not-found")
     if not folder.is_dir():
-        raise InputError(f"{folder}: is not a folder; a folder of images was expected (videos are given one by one)")
+        raise InputError(
+            f"{folder}: is not a folder; a folder of images was expected (videos are given one by one)", id="not-a-file"
+        )
     names = natural_sorted(p.name for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and p.is_file())
     if not names:
-        raise InputError(f"{folder}: holds no image ({', '.join(SUFFIXES)})")
+        raise InputError(f"{folder}: holds no image ({', '.join(SUFFIXES)})", id="empty-input")
     return [folder / name for name in names]
 
 
@@ -122,7 +127,9 @@ def numbers_of(files: list[Path]) -> list[int]:
     for file in files:
         found = last_number(file.stem)
         if found is None:
-            raise InputError(f"{file}: has no number in its name; number the images, or give time stamps")
+            raise InputError(
+                f"{file}: has no number in its name; number the images, or give time stamps", id="missing-times"
+            )
         number = int(found) if len(found) < MAX_DIGITS else MAX_FRAMES
         if number >= MAX_FRAMES:
             raise InputError(
@@ -134,7 +141,8 @@ def numbers_of(files: list[Path]) -> list[int]:
         if numbers[n] <= numbers[n - 1]:
             raise InputError(
                 f"{files[n]}: number {numbers[n]} does not come after {numbers[n - 1]} of {files[n - 1].name}; "
-                "rename the images, or give time stamps"
+                "rename the images, or give time stamps",
+                id="unsorted-times",
             )
     return numbers
 
@@ -168,11 +176,11 @@ def load(
         except InputError as error:
             lost(Loss(file.parent.name, file.name, str(error).removeprefix(f"{file.name}: "), 1))
             continue
-        said = complaint()
+        text = complaint()
         found = (image.shape[1], image.shape[0])
-        if said or found != size:
+        if text or found != size:
             odd = f"{found[0]} x {found[1]} px where {size[0]} x {size[1]} was expected"
-            lost(Loss(file.parent.name, file.name, f"the decoder met damage ({said})" if said else odd, 1))
+            lost(Loss(file.parent.name, file.name, f"the decoder met damage ({text})" if text else odd, 1))
             continue
         picture = Picture(index, float("nan"), image)
         del image  # only whoever takes it holds it: the next may need as much memory
@@ -219,11 +227,16 @@ def read_folders(
         elif name in numbers:
             out[name] = _numbered(name, folder, files, numbers[name], base, fps, start)
         elif start:
-            raise UsageError(f"{folder}: names of images are times since 1970; omit the start time")
+            raise UsageError(
+                f"{folder}: names of images are times since 1970; omit the start time", id="not-applicable"
+            )
         else:
             far = next((file for file in files if len(file.stem) > MAX_DIGITS or int(file.stem) > MAX_NS), None)
             if far is not None:
-                raise InputError(f"{far}: its time in ns is out of range; times from 1970 to 2115 can be held")
+                raise InputError(
+                    f"{far}: its time in ns is out of range; times from 1970 to 2115 can be held",
+                    id="time-out-of-range",
+                )
             table = np.array([int(file.stem) for file in files], dtype=np.int64)
             out[name] = ImageFolder(
                 folder, tuple(enumerate(files)), FrameTimes("file names (ns)", 0, _rising(files, table))
@@ -245,7 +258,8 @@ def _numbered(
     if name not in fps:
         raise UsageError(
             f"{folder}: nothing states when its images were taken; give the frame rate ({option('fps')}), or time "
-            f"stamps ({option('timestamps')} {name}=FILE), or name them by their time in ns"
+            f"stamps ({option('timestamps')} {name}=FILE), or name them by their time in ns",
+            id="missing-times",
         )
     if numbers[0] < base:
         raise InputError(f"{files[0]}: number {numbers[0]} is before the first number, {base}; give a smaller one")
@@ -256,5 +270,5 @@ def _numbered(
 def _rising(files: list[Path], table: Ints) -> Ints:
     back = np.flatnonzero(np.diff(table) <= 0)
     if len(back):
-        raise InputError(f"{files[int(back[0]) + 1]}: its time repeats or goes back; rename it")
+        raise InputError(f"{files[int(back[0]) + 1]}: its time repeats or goes back; rename it", id="unsorted-times")
     return table

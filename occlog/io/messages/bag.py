@@ -99,7 +99,8 @@ class Bag:
                     where = self._packed.get(file.path, file.path)
                     raise InputError(
                         f"{where}: topic {topic.name} holds {topic.kind} ({topic.encoding}), but {old.kind} "
-                        f"({old.encoding}) before; ingest them one by one"
+                        f"({old.encoding}) before; ingest them one by one",
+                        id="incompatible-inputs",
                     )
                 count = None if old.messages is None or topic.messages is None else old.messages + topic.messages
                 out[topic.name] = old._replace(messages=count)
@@ -131,7 +132,8 @@ class Bag:
                     if unpacked > most:
                         raise InputError(
                             f"{self._packed.get(file.path, file.path)}: the compressed messages of a file of {size} "
-                            f"bytes unpack to more than {most} bytes, as those of no recording do"
+                            f"bytes unpack to more than {most} bytes, as those of no recording do",
+                            id="input-too-large",
                         )
                     yield message._replace(data=data)
         # Topics that are no longer needed were not read to the end.
@@ -181,13 +183,15 @@ class Bag:
                     if target.tell() > limit:
                         raise InputError(
                             f"{path}: unpacks to more than {MAX_GROWTH} times its size, as no recording does; unpack "
-                            "it with zstd -d if it is one"
+                            "it with zstd -d if it is one",
+                            id="input-too-large",
                         )
             except zstandard.ZstdError as error:
                 self._losses.append(Loss(path.name, f"after {target.tell()} unpacked bytes", f"damaged zstd ({error})"))
             if not target.tell():
                 raise InputError(
-                    f"{path}: nothing of it can be unpacked: its zstd is cut off or damaged; copy it again"
+                    f"{path}: nothing of it can be unpacked: its zstd is cut off or damaged; copy it again",
+                    id="damaged-file",
                 )
         return out
 
@@ -221,8 +225,8 @@ def open_bag(paths: Collection[Path]) -> Bag:
             ros1 = f"; give its bags of ROS 1 as files: {where}/*.bag" if any(where.glob("*.bag")) else ""
             if loss is not None:
                 source = next((path for path in paths if path.name == loss.source), where / loss.source)
-                raise InputError(f"{source}: {loss.what}")
-            raise InputError(f"{where}: holds no .mcap or .db3 file{ros1}")
+                raise InputError(f"{source}: {loss.what}", id="damaged-file")
+            raise InputError(f"{where}: holds no .mcap or .db3 file{ros1}", id="unsupported-format")
         if len(bag.files) > 1:
             bag.files = _in_order(bag.files)
     except BaseException:
@@ -255,7 +259,7 @@ def _add(bag: Bag, path: Path) -> None:
         if reader is None:
             mistaken = describe_unsupported(path)
             what = "neither an MCAP file nor a .db3 or .bag file of ROS" if mistaken is None else f"is {mistaken}"
-            raise InputError(f"{path}: {what}; {WHAT} was expected")
+            raise InputError(f"{path}: {what}; {WHAT} was expected", id="empty-input")
         bag.files.append(reader(unpacked, path.name))
     except InputError as error:
         if len(bag.paths) == 1 and not bag.paths[0].is_dir():
@@ -315,7 +319,7 @@ def _listed(path: Path, bag: Bag) -> list[Path]:
 
 
 def _packed_or_not(path: Path) -> Path:
-    """The file of a name, or what it was packed to, or unpacked to: versions of rosbag2 name the one or the other."""
+    """The existing file among a name with and without the ending of compression: versions of rosbag2 list either."""
     others = (_bare(path), *(path.with_name(path.name + ending) for ending in PACKED))
     # Unlike methods of Path these take names of any length
     return path if os.path.exists(path) else next((other for other in others if os.path.isfile(other)), path)  # noqa: PTH110, PTH113
@@ -336,7 +340,9 @@ def _information(path: Path) -> dict[str, object]:
     content = documents[0] if len(documents) == 1 else None
     found = content.get("rosbag2_bagfile_information") if isinstance(content, dict) else None
     if not isinstance(found, dict):
-        raise InputError(f"{path}: not metadata of a ROS 2 bag; remove it to take all files of the folder")
+        raise InputError(
+            f"{path}: not metadata of a ROS 2 bag; remove it to take all files of the folder", id="unknown-format"
+        )
     return found
 
 
@@ -395,7 +401,7 @@ class BagDecoder:
             raise
         except (*FAILURES, RecursionError) as error:
             reason = " ".join(str(error).split())[:80] or type(error).__name__
-            raise InputError(f"topic {topic}: not a message of type {kind} ({reason})") from None
+            raise InputError(f"topic {topic}: not a message of type {kind} ({reason})", id="damaged-file") from None
 
 
 def survey(bag: Bag, asked: Sequence[tuple[str, str]], *, transforms_too: bool = True) -> BagSurvey:
@@ -462,7 +468,7 @@ def survey(bag: Bag, asked: Sequence[tuple[str, str]], *, transforms_too: bool =
             out.frames[camera] = out.frames.get(camera) or info.header.frame
     unread = next((topic for topic in out.map.images.values() if topic not in sizes), None)
     if unread is not None:
-        raise InputError(f"topic {unread}: holds no image that can be read; leave it out")
+        raise InputError(f"topic {unread}: holds no image that can be read; leave it out", id="unsupported-format")
     return out
 
 

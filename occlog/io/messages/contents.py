@@ -74,7 +74,10 @@ def intrinsics(info: InfoMessage, *, rectified: bool, where: str) -> Intrinsics 
         or matrix[2].tolist() != [0, 0, 1]
         or not (matrix[0, 0] > 0 < matrix[1, 1])
     ):
-        raise InputError(f"{where}: its matrix {matrix.tolist()} is not [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
+        raise InputError(
+            f"{where}: its matrix {matrix.tolist()} is not [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]",
+            id="invalid-calibration",
+        )
     region = region_of(info.size, info.binning, info.roi, where)
     focal, principal = region.intrinsics(np.array([matrix[0, 0], matrix[1, 1]]), matrix[:2, 2])
     if rectified:
@@ -82,11 +85,13 @@ def intrinsics(info: InfoMessage, *, rectified: bool, where: str) -> Intrinsics 
         with np.errstate(over="ignore", invalid="ignore"):
             rotates = np.isfinite(turn).all() and np.abs(turn @ turn.T - np.eye(3)).max() <= 1e-3
         if not rotates or np.linalg.det(turn) < 0:
-            raise InputError(f"{where}: its matrix R is not a rotation; give a calibration file or a scene")
+            raise InputError(
+                f"{where}: its matrix R is not a rotation; give a calibration file or a scene", id="invalid-calibration"
+            )
         shift = -float(info.p[0, 3]) / float(matrix[0, 0])
         return Intrinsics(focal, principal, region.size, Lens(), turn, shift)
     if not np.isfinite(info.distortion).all():
-        raise InputError(f"{where}: its distortion {info.distortion.tolist()} is not finite")
+        raise InputError(f"{where}: its distortion {info.distortion.tolist()} is not finite", id="invalid-calibration")
     lens = lens_of(info.model, info.distortion, where)
     return Intrinsics(focal, principal, region.size, lens, np.eye(3), shift=0.0)
 
@@ -160,22 +165,27 @@ def stored(message: ImageMessage, where: str, store: str | None, quality: int) -
 def pixels(message: ImageMessage, where: str) -> Image:
     """(h, w, 3) BGR or (h, w) grey; InputError as `stored`."""
     if message.size is None and is_video(message.encoding):
-        raise InputError(f"{where}: a picture of video, which needs those before it")
+        raise InputError(f"{where}: a picture of video, which needs those before it", id="unsupported-format")
     if message.size is None and message.encoding.lower() in OTHER_CODECS:
         raise InputError(
             f"{where}: video as {message.encoding} is not read (h264 and h265 are); write it to a file, its times to "
-            f"another, and give {option('video')} and {option('timestamps')}"
+            f"another, and give {option('video')} and {option('timestamps')}",
+            id="unsupported-format",
         )
     if message.size is None:
         return decode_apart(message.data, f"{where} ({message.encoding})")
     (width, height), encoding = message.size, message.encoding
     if not is_picture(message):
-        raise InputError(f"{where}: pixels of encoding {encoding!r} cannot be read; known: {', '.join(ENCODINGS)}")
+        raise InputError(
+            f"{where}: pixels of encoding {encoding!r} cannot be read; known: {', '.join(ENCODINGS)}",
+            id="unsupported-format",
+        )
     each, code = (1, None) if encoding in _GREY else _COLOURS[encoding]
     step = message.step or width * each
     if not (0 < width * height <= MAX_PIXELS and step >= width * each and len(message.data) >= step * height):
         raise InputError(
-            f"{where}: {len(message.data)} bytes are not {width} x {height} pixels of {encoding}, {step} bytes a row"
+            f"{where}: {len(message.data)} bytes are not {width} x {height} pixels of {encoding}, {step} bytes a row",
+            id="damaged-file",
         )
     rows = np.frombuffer(message.data, np.uint8, count=step * height).reshape(height, step)[:, : width * each]
     image = np.ascontiguousarray(rows if each == 1 else rows.reshape(height, width, each))
@@ -259,7 +269,9 @@ class Transforms:
         while out[-1] in self.edges:
             parent = self.edges[out[-1]].parent
             if parent in out or len(out) > MAX_DEPTH:
-                raise InputError(f"transforms: frame {parent!r} is its own parent; the tree has no root")
+                raise InputError(
+                    f"transforms: frame {parent!r} is its own parent; the tree has no root", id="invalid-calibration"
+                )
             out.append(parent)
         return out
 
@@ -278,7 +290,7 @@ class Transforms:
         up, down = self.chain(frame), self.chain(world)
         common = next((name for name in up if name in down), None)
         if common is None:
-            raise InputError(f"no transforms lead from frame {world!r} to {frame!r}")
+            raise InputError(f"no transforms lead from frame {world!r} to {frame!r}", id="missing-pose")
         path = [*up[: up.index(common)], *down[: down.index(common)]]
         for name in path:
             edge = self.edges[name]
@@ -287,7 +299,8 @@ class Transforms:
             if not edge.still:
                 raise InputError(
                     f"frame {frame!r} moves in {world!r}: {name!r} in {edge.parent!r} by {edge.moved:.3g} m and "
-                    f"{math.degrees(edge.turned):.3g} degrees"
+                    f"{math.degrees(edge.turned):.3g} degrees",
+                    id="invalid-calibration",
                 )
         a, b = self._to(frame, common), self._to(world, common)
         return FramePose(b.rotation.T @ a.rotation, b.rotation.T @ (a.translation - b.translation))
@@ -305,13 +318,16 @@ class Transforms:
 def rotation_of(message: TransformMessage) -> Floats:
     """(3, 3) rotation of a unit quaternion (x, y, z, w); InputError for another length, or a position that is none."""
     if not np.isfinite(message.translation).all():
-        raise InputError(f"transform of frame {message.child!r}: its translation is not finite")
+        raise InputError(
+            f"transform of frame {message.child!r}: its translation is not finite", id="invalid-calibration"
+        )
     with np.errstate(over="ignore", invalid="ignore"):  # infinite values and NaN are refused
         length = float(np.linalg.norm(message.quaternion))
     if not abs(length - 1) <= UNIT_SLACK:
         raise InputError(
             f"transform of frame {message.child!r}: a quaternion of length {length:.4g}; it must be 1 to within "
-            f"{UNIT_SLACK}"
+            f"{UNIT_SLACK}",
+            id="invalid-calibration",
         )
     x, y, z, w = message.quaternion / length
     # fmt: off
@@ -349,7 +365,7 @@ def _truth_on_earth(message: PoseMessage, t_ns: int, first: int) -> Truth:
     degrees, heights = message.positions[:, :2], message.positions[:, 2]
     known = has_heights()
     if known and not np.isfinite(heights).all():
-        raise InputError("a position without a height; leave the height out of the origin")
+        raise InputError("a position without a height; leave the height out of the origin", id="missing-value")
     x, y, z = positions_on_earth(degrees, heights if known else None, "a position on the earth").T
     if np.isfinite(heights).all():
         note_unused_heights("positions on the earth")
@@ -380,7 +396,8 @@ class MessageBoxRows:
         self.labels.update(b.label for b in message.boxes)
         if not self.classes and len(self.labels) > 1:
             raise InputError(
-                f"boxes of classes {', '.join(map(repr, self.labels))}; choose the class that is requested"
+                f"boxes of classes {', '.join(map(repr, self.labels))}; choose the class that is requested",
+                id="ambiguous-input",
             )
         frame, self.frames = self.frames, self.frames + 1
         edges = np.array([b[:4] for b in kept], dtype=np.float64).reshape(-1, 4)

@@ -291,7 +291,9 @@ def _detection(entry: Any) -> BoxDetection:
     position = getattr(centre, "position", centre)
     width, height = float(entry.bbox.size_x), float(entry.bbox.size_y)
     if float(getattr(centre, "theta", 0.0)):
-        raise InputError(f"a box that is turned by {float(centre.theta):g} rad; upright ones were expected")
+        raise InputError(
+            f"a box that is turned by {float(centre.theta):g} rad; upright ones were expected", id="unsupported-format"
+        )
     best: tuple[float, str] = (float("nan"), "")
     for result in entry.results:
         hypothesis = getattr(result, "hypothesis", result)
@@ -392,7 +394,8 @@ def decoder(topic: BagTopic) -> Decode:
         return _json
     raise InputError(
         f"topic {topic.name}: messages of type {topic.kind or '(none)'} in the encoding {topic.encoding!r} cannot be "
-        "read; known: ros1, cdr, json, and protobuf of foxglove's types"
+        "read; known: ros1, cdr, json, and protobuf of foxglove's types",
+        id="unsupported-format",
     )
 
 
@@ -407,7 +410,7 @@ def _foxglove(topic: BagTopic) -> Decode:
     try:
         module = importlib.import_module(f"foxglove_schemas_protobuf.{name}_pb2")
     except ImportError:
-        raise InputError(f"topic {topic.name}: type {topic.kind} is not known") from None
+        raise InputError(f"topic {topic.name}: type {topic.kind} is not known", id="unsupported-format") from None
     message: Any = getattr(module, name)
     listed = name in LISTS
 
@@ -456,12 +459,14 @@ def _ros(topic: BagTopic) -> Decode:
         serde = importlib.import_module("rosbags.serde")
     except ImportError:
         raise UsageError(
-            f"topic {topic.name}: messages of ROS require the package rosbags, which is not installed; {INSTALL}"
+            f"topic {topic.name}: messages of ROS require the package rosbags, which is not installed; {INSTALL}",
+            id="missing-package",
         ) from None
     if len(topic.definition) > LONGEST_DEFINITION:
         raise InputError(
             f"topic {topic.name}: type {topic.kind}: its definition has {len(topic.definition)} bytes; at most "
-            f"{LONGEST_DEFINITION} are read"
+            f"{LONGEST_DEFINITION} are read",
+            id="input-too-large",
         )
     kind = _ros_name(topic.kind)
     try:

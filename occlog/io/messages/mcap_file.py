@@ -84,7 +84,9 @@ class McapFile:
         summary: Summary | None = None
         with path.open("rb") as file:
             if file.read(len(MAGIC)) != MAGIC:
-                raise InputError(f"{path}: not an MCAP file (it does not begin with the MCAP mark)")
+                raise InputError(
+                    f"{path}: not an MCAP file (it does not begin with the MCAP mark)", id="unknown-format"
+                )
         try:
             with open_mcap(path) as (_, found):
                 summary = found

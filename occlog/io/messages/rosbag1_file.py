@@ -81,7 +81,10 @@ class Rosbag1File:
         with path.open("rb") as file:
             if (head := file.read(len(VERSION))) != VERSION:
                 version = head.removeprefix(ROS1_MAGIC).decode("ascii", "replace").strip()
-                raise InputError(f"{path}: a bag of ROS 1 of version {version!r}; 2.0 is read; convert it: rosbag fix")
+                raise InputError(
+                    f"{path}: a bag of ROS 1 of version {version!r}; 2.0 is read; convert it: rosbag fix",
+                    id="unsupported-format",
+                )
             try:
                 self._read_index(file)
             except _DAMAGE as error:
@@ -134,7 +137,8 @@ class Rosbag1File:
             raise ValueError("its first record is not that of a bag")
         if encryptor := header.fields.get(b"encryptor", b""):
             raise InputError(
-                f"{self.path}: encrypted by {encryptor.decode('utf-8', 'replace')}; decrypt it: rosbag decrypt"
+                f"{self.path}: encrypted by {encryptor.decode('utf-8', 'replace')}; decrypt it: rosbag decrypt",
+                id="unsupported-format",
             )
         (at,) = _U64.unpack(header.fields[b"index_pos"])
         if at == 0:
@@ -273,7 +277,8 @@ class Rosbag1File:
         if old != (kind, md5):
             raise InputError(
                 f"{self.path}: topic {name} holds {kind}, but {old[0]} before"
-                f"{' of another definition' if old[0] == kind else ''}; write the one of them to a bag: rosbag filter"
+                f"{' of another definition' if old[0] == kind else ''}; write the one of them to a bag: rosbag filter",
+                id="incompatible-inputs",
             )
         if number not in self._topics:
             if len(self._topics) >= MAX_CONNECTIONS:

@@ -40,7 +40,9 @@ class SqliteFile:
             with closing(self._connect()) as base:
                 self._topics = self._read_topics(base)
         except sqlite3.Error as error:
-            raise InputError(f"{path}: not a ROS 2 bag that can be read ({error}); copy it again") from None
+            raise InputError(
+                f"{path}: not a ROS 2 bag that can be read ({error}); copy it again", id="damaged-file"
+            ) from None
         self._note_side_files()
 
     def topics(self) -> list[BagTopic]:
@@ -111,7 +113,8 @@ class SqliteFile:
             hidden = base.execute("SELECT 1 FROM pragma_table_xinfo(?) WHERE hidden", (name,)).fetchone()
             if kind != "table" or hidden or str(sql).upper().split()[:2] != ["CREATE", "TABLE"]:
                 raise InputError(
-                    f"{self.path}: {name} is no plain table, as it is in bags of ROS 2; copy the bag again"
+                    f"{self.path}: {name} is no plain table, as it is in bags of ROS 2; copy the bag again",
+                    id="damaged-file",
                 )
 
     def _read_topics(self, base: sqlite3.Connection) -> dict[int, BagTopic]:

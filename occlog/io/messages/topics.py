@@ -72,7 +72,10 @@ def map_topics(topics: Mapping[str, BagTopic], asked: Sequence[tuple[str, str]],
     for name, topic in asked:
         kind = _kind_asked(topics, name, topic)
         if name in named[kind]:
-            raise UsageError(f"topic {topic}: {name} already has {kind.value} in {named[kind][name]}; give one")
+            raise UsageError(
+                f"topic {topic}: {name} already has {kind.value} in {named[kind][name]}; give one",
+                id="conflicting-options",
+            )
         named[kind][name] = topic
     shown = set(pictures)
     found = {
@@ -113,7 +116,7 @@ def _kind_asked(topics: Mapping[str, BagTopic], name: str, topic: str) -> TopicK
     """Return the kind of a topic named by the user, by its type."""
     if topic not in topics:
         known = ", ".join(topics) or "none"
-        raise UsageError(f"topic {topic}: the bag has no such topic; it has: {known}")
+        raise UsageError(f"topic {topic}: the bag has no such topic; it has: {known}", id="unknown-name")
     kind = kind_of(topics[topic].kind)
     if kind is None:
         raise UsageError(f"topic {topic}: messages of type {topics[topic].kind or '(none)'} cannot be taken")
@@ -125,7 +128,8 @@ def _kind_asked(topics: Mapping[str, BagTopic], name: str, topic: str) -> TopicK
 def _identity(name: str, topic: str) -> int:
     if not (name.isascii() and name.isdigit() and int(name) < 2**31):
         raise UsageError(
-            f"topic {topic}: holds true positions; name it by the number of its (first) target, for example 0={topic}"
+            f"topic {topic}: holds true positions; name it by the number of its (first) target, for example 0={topic}",
+            id="camera-not-named",
         )
     return int(name)
 
@@ -168,7 +172,8 @@ def name_cameras(images: Sequence[str]) -> dict[str, str]:
         if safe in found:
             raise UsageError(
                 f"topics {found[safe]} and {topic} would both be camera {safe!r}; name them: "
-                f"{option('topic')} {safe[:60]}_1={found[safe]} {option('topic')} {safe[:60]}_2={topic}"
+                f"{option('topic')} {safe[:60]}_1={found[safe]} {option('topic')} {safe[:60]}_2={topic}",
+                id="duplicate-name",
             )
         found[safe] = topic
     return found
@@ -218,7 +223,8 @@ def _named_by_path(topics: Sequence[str]) -> dict[str, str]:
         name = safe_name("_".join(parts).strip() or "odas")
         if name in out:
             raise InputError(
-                f"topics {out[name]} and {topic}: both hold directions of {name}; name the one that is to be taken"
+                f"topics {out[name]} and {topic}: both hold directions of {name}; name the one that is to be taken",
+                id="ambiguous-input",
             )
         out[name] = topic
     return out

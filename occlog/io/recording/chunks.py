@@ -57,7 +57,10 @@ def is_of_occlog(path: Path) -> bool:
 
 def damaged_mcap(path: Path, what: str) -> InputError:
     """Message on a damaged file: fault and remedy."""
-    return InputError(f"{path}: damaged MCAP file: {what}; copy it again, or salvage it: {SALVAGE.format(path=path)}")
+    return InputError(
+        f"{path}: damaged MCAP file: {what}; copy it again, or salvage it: {SALVAGE.format(path=path)}",
+        id="damaged-file",
+    )
 
 
 MAX_CHUNK_BYTES = 128 * 1024 * 1024
@@ -158,7 +161,7 @@ def check_chunk(path: Path, file: IO[bytes], index: ChunkIndex) -> ChunkSize:
     head = chunk_head(start)
     for name in (index.compression, head.compression):
         if name not in KNOWN_COMPRESSION:
-            raise InputError(f"{where}: unknown compression {name!r}")
+            raise InputError(f"{where}: unknown compression {name!r}", id="unsupported-format")
     (packed,) = struct.unpack_from("<Q", start, head.begin - 8)
     size = max(index.uncompressed_size, head.declared)
     size = max(size, stated_size(start[head.begin :], head.compression) if head.compression else packed)
@@ -166,7 +169,9 @@ def check_chunk(path: Path, file: IO[bytes], index: ChunkIndex) -> ChunkSize:
         file.seek(index.chunk_start_offset + HEAD.size + head.begin)
         size = _lz4_size(file, packed)
     if size > MAX_CHUNK_BYTES:
-        raise InputError(f"{where} unpacks to {size} bytes or more; the limit is {MAX_CHUNK_BYTES}")
+        raise InputError(
+            f"{where} unpacks to {size} bytes or more; the limit is {MAX_CHUNK_BYTES}", id="input-too-large"
+        )
     return ChunkSize(packed, size)
 
 
@@ -205,7 +210,8 @@ class DecompressionCount:
         if self._free < 0:
             raise InputError(
                 f"{self._path}: the chunks of a file of {self._size} bytes hold {FREE_RECORDS} records more than "
-                f"one for each {BYTES_PER_RECORD} packed bytes, as those of no recording do"
+                f"one for each {BYTES_PER_RECORD} packed bytes, as those of no recording do",
+                id="input-too-large",
             )
 
     def add_bytes(self, unpacked: int) -> None:
@@ -215,7 +221,8 @@ class DecompressionCount:
         if self._unpacked > most:
             raise InputError(
                 f"{self._path}: the chunks of a file of {self._size} bytes unpack to more than {most} bytes, as those "
-                "of no recording do"
+                "of no recording do",
+                id="input-too-large",
             )
 
 

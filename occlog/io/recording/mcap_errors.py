@@ -67,7 +67,8 @@ def translate_mcap(path: Path, file: IO[bytes] | None = None) -> Iterator[None]:
         location = f"near byte {file.tell()}: " if file is not None and not file.closed else ""
         raise InputError(
             f"{path}: {location}damaged MCAP file ({type(error).__name__}: {reason}); "
-            f"copy it again, or salvage it: {SALVAGE.format(path=path)}"
+            f"copy it again, or salvage it: {SALVAGE.format(path=path)}",
+            id="damaged-file",
         ) from error
 
 
@@ -152,13 +153,14 @@ def _check_ends(path: Path, file: IO[bytes]) -> None:
     if file.read(8) != RECORDING_MAGIC:
         mistaken = describe_unsupported(path)
         what = "not an MCAP file (it does not begin with the MCAP mark)" if mistaken is None else f"is {mistaken}"
-        raise InputError(f"{path}: {what}")
+        raise InputError(f"{path}: {what}", id="damaged-file")
     size = file.seek(0, io.SEEK_END)
     file.seek(max(size - 8, 0))
     if size < 2 * 8 + FOOTER_BYTES or file.read(8) != RECORDING_MAGIC:
         raise InputError(
             f"{path}: truncated: the MCAP end mark is missing after {size} bytes; "
-            f"copy it again, or salvage it: {SALVAGE.format(path=path)}"
+            f"copy it again, or salvage it: {SALVAGE.format(path=path)}",
+            id="damaged-file",
         )
 
 
@@ -188,7 +190,9 @@ def read_attachment(path: Path, file: IO[bytes], offset: int, length: int) -> by
     raw = file.read(length)
     crc = struct.unpack("<I", raw[-4:])[0]
     if len(raw) != length or (crc and zlib.crc32(raw[9:-4]) != crc):
-        raise InputError(f"{path}: attachment at byte {offset}: wrong check sum; copy the file again")
+        raise InputError(
+            f"{path}: attachment at byte {offset}: wrong check sum; copy the file again", id="damaged-file"
+        )
     stream = ReadDataStream(io.BytesIO(raw[9:]))
     stream.read8(), stream.read8()
     stream.read_prefixed_string(), stream.read_prefixed_string()

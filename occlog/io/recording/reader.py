@@ -58,7 +58,8 @@ class LinkedVideo:
         # Other losses were reported when the video was ingested.
         why = f"the decoder of {self.path} {self._video.death}" if self._video.death else ""
         raise InputError(
-            f"{self.where}: frame {index}: {why or f'cannot be decoded from {self.path}'}; ingest it again"
+            f"{self.where}: frame {index}: {why or f'cannot be decoded from {self.path}'}; ingest it again",
+            id="damaged-file",
         )
 
 
@@ -66,10 +67,13 @@ def open_linked(recording: Path, sensor: str, link: dict[str, str] | None) -> Li
     """The video of a camera; InputError unless it is where the recording states and has not changed."""
     where = f"{recording}: camera {sensor}"
     if not link or "path" not in link or "sha256" not in link:
-        raise InputError(f"{where}: has frame times but no link to its video; ingest it again")
+        raise InputError(f"{where}: has frame times but no link to its video; ingest it again", id="wrong-content")
     path = linked_path(recording, sensor, link["path"])
     if hash_file(path) != link["sha256"]:
-        raise InputError(f"{where}: {path} is not the video that was ingested (its content changed); ingest it again")
+        raise InputError(
+            f"{where}: {path} is not the video that was ingested (its content changed); ingest it again",
+            id="file-changed",
+        )
     return LinkedVideo(path, where)
 
 
@@ -164,7 +168,8 @@ class McapRecording:
             if sensor in last and stamp <= last[sensor]:
                 raise InputError(
                     f"{self.path}: camera {sensor}: frame {index}: time {time_words(stamp)} does not come after "
-                    f"{time_words(last[sensor])}; each frame needs its own, later time"
+                    f"{time_words(last[sensor])}; each frame needs its own, later time",
+                    id="unsorted-times",
                 )
             last[sensor] = stamp
             yield Frame(stamp, sensor, index, decode, encoded)
@@ -198,9 +203,9 @@ class McapRecording:
 
 
 def linked_videos(path: Path) -> tuple[Path, ...]:
-    """Files of the videos that a recording links to, those of its folder also if missing.
+    """Paths of the videos that a recording links to; paths inside its folder are listed even if the files are missing.
 
-    Without files that are no recordings, cannot be opened, or may not be opened.
+    Empty for a file that is not a recording or cannot be opened.
     """
     try:
         if content_of(path, "a recording") is not Content.RECORDING:
@@ -237,7 +242,9 @@ def check_recorded(t_ns: int, path: Path, topic: str, number: int) -> None:
     try:
         bounded_ns(t_ns)
     except ValueError as error:
-        raise InputError(f"{path}: {topic}: message {number}: {error}; times are ns since 1970") from None
+        raise InputError(
+            f"{path}: {topic}: message {number}: {error}; times are ns since 1970", id="time-out-of-range"
+        ) from None
 
 
 def parse_image(encoding: str, data: bytes, where: str) -> tuple[int, bytes]:
@@ -251,7 +258,9 @@ def parse_image(encoding: str, data: bytes, where: str) -> tuple[int, bytes]:
         stamp = image.timestamp.seconds * NS + image.timestamp.nanos
         return bounded_ns(stamp), image.data
     except (DecodeError, msgspec.DecodeError, ValueError) as error:
-        raise InputError(f"{where}: not a {IMAGE_SCHEMA} message ({' '.join(str(error).split())[:80]})") from error
+        raise InputError(
+            f"{where}: not a {IMAGE_SCHEMA} message ({' '.join(str(error).split())[:80]})", id="damaged-file"
+        ) from error
 
 
 class _JsonTime(msgspec.Struct):

@@ -261,7 +261,10 @@ class _Pass:
 
     def _read(self, at: int, length: int) -> bytes:
         if length > MAX_CHUNK_BYTES:
-            raise InputError(f"{self._path}: record of {length} bytes at byte {at}; the limit is {MAX_CHUNK_BYTES}")
+            raise InputError(
+                f"{self._path}: record of {length} bytes at byte {at}; the limit is {MAX_CHUNK_BYTES}",
+                id="input-too-large",
+            )
         return self._file.read(length)
 
     def _chunk(self, at: int, length: int) -> None:

@@ -120,7 +120,8 @@ class RowCollector(Generic[T]):
         if len(data) > MAX_MESSAGE_BYTES:
             raise InputError(
                 f"{self._source}: topic {topic}: a message of {len(data)} bytes; rows are read of messages of at most "
-                f"{MAX_MESSAGE_BYTES}"
+                f"{MAX_MESSAGE_BYTES}",
+                id="input-too-large",
             )
         try:
             message = self._decoder.decode(data)
@@ -129,13 +130,15 @@ class RowCollector(Generic[T]):
         except (msgspec.DecodeError, ValueError, RecursionError) as error:
             reason = " ".join(str(error).split())[:100]
             raise InputError(
-                f"{self._source}: topic {topic}: not a message of {schema_of(self._table)} ({reason})"
+                f"{self._source}: topic {topic}: not a message of {schema_of(self._table)} ({reason})",
+                id="damaged-file",
             ) from error
         self.rows += n
         if self.rows > MAX_ROWS_AT_ONCE:
             raise InputError(
                 f"{self._source}: topic {topic}: more than {MAX_ROWS_AT_ONCE} rows of one time, up to "
-                f"{time_words(message.t_ns)}; this many are not held at once"
+                f"{time_words(message.t_ns)}; this many are not held at once",
+                id="input-too-large",
             )
         for name, values in given.items():
             self._lists[name].extend(values)

@@ -166,7 +166,8 @@ class RecordingWriter:
         if t_ns < 0:
             raise InputError(
                 f"{self._path}: a time of {t_ns / NS:.6g} s is before 1970, which a recording cannot hold; give the "
-                f"origin of the times (ingest {option('start_time')}), or later times"
+                f"origin of the times (ingest {option('start_time')}), or later times",
+                id="time-out-of-range",
             )
         self._writer.add_message(channel, log_time=t_ns, publish_time=t_ns, sequence=sequence, data=data)
         self.messages += 1

@@ -39,4 +39,4 @@ def read_container(path: Path) -> Container | None:
                 return avi.parse(data)
             return mkv.parse(data) if mkv.recognised(data) else None
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read: {error}") from error
+        raise InputError(f"{path}: cannot be read: {error}", id="unreadable-file") from error

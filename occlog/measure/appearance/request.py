@@ -38,7 +38,13 @@ class LearnRequest(Request):
         "Tracks or truth: positions and identities of people. [default: truth of RECORDING, or the floor below "
         "boxes with an identity]"
     )
-    labelled: bool = setting(False, "Identities of boxes are those of the tracks.", option="--labelled", shown="")
+    labelled: bool = setting(
+        False,
+        "Use the identities of the boxes, which are numbered as the tracks are, "
+        "instead of associating boxes and tracks by position.",
+        option="--labelled",
+        shown="",
+    )
     scene: Path | None = scene_file()
     settings: Mapping[str, object] = group(lambda: LearnConfig)
 

@@ -79,7 +79,8 @@ class SightingInput:
         if not self._boxes.has(Views) and not any(o.recording is not None and o.recording.cameras for o in recordings):
             raise InputError(
                 f"{files.images or files.boxes}: holds no images, and the boxes bring no colours; give the recording "
-                "with the video, or views of `occlog detect`"
+                "with the video, or views of `occlog detect`",
+                id="wrong-content",
             )
 
     @property
@@ -109,20 +110,24 @@ class SightingInput:
             if not found:
                 raise InputError(
                     f"{self.files.boxes}: no box has an identity with a path on the floor; give tracks, for "
-                    "example those of `occlog track` with method jipda"
+                    "example those of `occlog track` with method jipda",
+                    id="missing-labels",
                 )
             return found
         source: Opened = self._tracks
         rows = source.read(Truth) if source.has(Truth) else source.read(Tracks)
         if not len(rows):
-            raise InputError(f"{source.path}: has no rows; it contains no track")
+            raise InputError(f"{source.path}: has no rows; it contains no track", id="empty-input")
         return paths_of_rows(rows, config)
 
 
 def run_learn(request: LearnRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """Learn and write; the summary, and the losses."""
     if request.boxes is not None and request.views is not None:
-        raise UsageError(f"{option('boxes')} and {option('views')} are two sources of boxes; give one of them")
+        raise UsageError(
+            f"{option('boxes')} and {option('views')} are two sources of boxes; give one of them",
+            id="conflicting-options",
+        )
     boxes = request.boxes or request.views or request.recording
     inputs = SightingInput(SightingFiles(boxes, request.recording, request.tracks, request.scene), request.labelled)
     config: LearnConfig = configure(LearnConfig.in_unit(inputs.scene.length_unit), request.settings)
@@ -141,7 +146,8 @@ def run_learn(request: LearnRequest, job: Job) -> tuple[dict[str, object], tuple
     if not len(gallery):
         raise InputError(
             f"{boxes}: no side of any person was seen in {config.min_samples} boxes: of {tally.boxes} boxes "
-            f"{tally.of_tracks} are of a track; check that boxes, images and {inputs.positions} are of one recording"
+            f"{tally.of_tracks} are of a track; check that boxes, images and {inputs.positions} are of one recording",
+            id="insufficient-data",
         )
     losses = (*inputs.losses, *tally.losses())
     parameters = {"positions": inputs.positions, "labelled": inputs.own_identity, **asdict(config)}

@@ -272,7 +272,7 @@ def _whole_times(chunks: Iterable[Boxes] | Iterable[Views]) -> Iterator[Boxes | 
         if not len(whole):
             continue
         if (np.diff(whole.t_ns) < 0).any():
-            raise InputError("boxes: times go back; sort the rows by t_ns")
+            raise InputError("boxes: times go back; sort the rows by t_ns", id="unsorted-times")
         cut = int(np.searchsorted(whole.t_ns, whole.t_ns[-1]))
         if cut:
             yield whole.take(slice(0, cut))
@@ -362,7 +362,8 @@ def observe_boxes(
         if colours.shape[1] and colours.shape[1] != bins_of(levels):
             raise InputError(
                 f"boxes: their colours are in {APPEARANCE_BINS} bins ({VIEWS_LEVELS} levels), but {bins_of(levels)} "
-                f"({levels} levels) are requested; learn with {VIEWS_LEVELS} levels, or give boxes with their images"
+                f"({levels} levels) are requested; learn with {VIEWS_LEVELS} levels, or give boxes with their images",
+                id="incompatible-inputs",
             )
         if not colours.shape[1]:
             image = stream.at(each)

@@ -78,7 +78,7 @@ class GalleryArrays(NamedTuple):
 def sides_of(gallery: Gallery) -> GalleryArrays:
     """The sides of a gallery's targets; InputError for an empty one, or one with bins of no number of levels."""
     if not len(gallery):
-        raise InputError("gallery: has no rows; learn one")
+        raise InputError("gallery: has no rows; make one with occlog appearance learn", id="empty-input")
     bins, angles = int(gallery.bins[0]), int(gallery.angles[0])
     levels = round((np.sqrt(4.0 * bins + 1.0) - 1.0) / 2.0)
     if bins_of(levels) != bins:

@@ -49,7 +49,8 @@ def run_label(request: LabelRequest, job: Job) -> tuple[dict[str, object], tuple
         if not tally.frames:
             raise InputError(
                 f"{request.tracks}: no track is there at the time of any frame of {request.bearings}; give tracks of "
-                f"the same recording, or a longer {option('max_gap')}"
+                f"the same recording, or a longer {option('max_gap')}",
+                id="disjoint-inputs",
             )
     return {"bearings": str(request.output), **tally.summary()}, losses
 
@@ -91,7 +92,9 @@ class LabelTally:
 def run_match(request: MatchRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """Match and write; the summary, and the losses."""
     if request.reidentified is not None and request.tracks is None:
-        raise UsageError(f"{option('reidentified')}: needs tracks to rename; give {option('tracks')}")
+        raise UsageError(
+            f"{option('reidentified')}: needs tracks to rename; give {option('tracks')}", id="missing-option"
+        )
     naming = NamingConfig(**request.naming)  # type: ignore[arg-type]
     opened = open_input(request.gallery, Gallery)
     sides = sides_of(opened.read(Gallery))
@@ -132,7 +135,8 @@ def run_match(request: MatchRequest, job: Job) -> tuple[dict[str, object], tuple
         if not decisions.rows:
             raise InputError(
                 f"{request.bearings}: no box was compared: {tally.boxes} boxes in {tally.frames} frames; check that "
-                "boxes and images are of one recording"
+                "boxes and images are of one recording",
+                id="disjoint-inputs",
             )
         summary: dict[str, object] = {"matches": str(request.output), "frames": tally.frames, **decisions.summary()}
         if tracks is not None:

@@ -100,7 +100,8 @@ def in_parts(
         if held and seen.frame.t_ns < held[-1].frame.t_ns:
             raise InputError(
                 f"camera {seen.frame.sensor}: frame {seen.frame.index}: time {time_words(seen.frame.t_ns)} is before "
-                f"{time_words(held[-1].frame.t_ns)} of the frame read before it; frames must come in the order of time"
+                f"{time_words(held[-1].frame.t_ns)} of the frame read before it; frames must come in the order of time",
+                id="unsorted-times",
             )
         if len(held) >= rows and seen.frame.t_ns != held[-1].frame.t_ns:
             yield _part(held, scene, config)

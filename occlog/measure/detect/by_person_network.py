@@ -104,7 +104,7 @@ def network_in_words(detector: NetworkDetector) -> str:
 
 
 def check_of(detector: NetworkDetector) -> Check:
-    """A check that states the network and its threshold."""
+    """Passed check of the verdict, with the network and its confidence threshold as its text."""
     text = f"{network_in_words(detector)}, boxes of confidence {detector.least:g} and more"
     return Check(DETECTOR, "passed", text=text, figures={"min_confidence": detector.least})
 

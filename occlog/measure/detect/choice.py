@@ -1,6 +1,6 @@
 """Choose between a network and background subtraction for each camera, and detect with both in one recording.
 
-Rule: in frames spread evenly over the recording, count those in which the network finds somebody, and those in which a
+Rule: in frames spread evenly over the recording, count those in which the network finds a person, and those in which a
 region of the size of a person differs from the empty scene.  Background subtraction is used where the second number is
 `MIN_MOVING` or more and the first less than `MIN_FOUND_RATIO` of it: people move, and the network does not know them
 (thermal images, views from above, drawings).
@@ -51,7 +51,7 @@ class Probe(NamedTuple):
 
     Attributes:
         frames: number of frames.
-        found: number of frames in which the network finds somebody.
+        found: number of frames in which the network finds a person.
         moving: number of frames with a region of the size of a person that differs from the empty scene.
     """
 

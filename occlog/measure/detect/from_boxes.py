@@ -93,14 +93,15 @@ def scan_labels(chunks: Iterable[Boxes], scope: str, config: DetectConfig) -> La
             if before[:3] == after[:3]:
                 raise InputError(
                     f"camera {after[1]}: frame {after[3]}: two boxes have the identity {after[2]}; one target has one "
-                    "box in a frame: correct the identities, or detect without labels"
+                    "box in a frame: correct the identities, or detect without labels",
+                    id="duplicate-row",
                 )
         for t_ns, sensor, identity, _ in keys:
             key = labels.key(sensor, identity)
             target = labels.number.setdefault(key, identity if scope == GLOBAL else len(labels.number))
             labels.span[target] = (labels.span.get(target, (t_ns, t_ns))[0], t_ns)
     if not labels.number:
-        raise InputError("no box has an identity that could be a target's; detect without labels")
+        raise InputError("no box has an identity that could be a target's; detect without labels", id="missing-labels")
     return labels
 
 

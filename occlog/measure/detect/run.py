@@ -39,6 +39,7 @@ from occlog.records.tables import Bearings, Boxes, Tracks, Views
 from occlog.records.verdicts import Check, finding
 from occlog.request import Form
 from occlog.runner import Job
+from occlog.scans.clocks import stated_clocks
 from occlog.settings import configure
 
 from .by_background.learning import TargetBox, learn_from, sample_frames
@@ -62,7 +63,7 @@ def run_detect(request: DetectRequest, job: Job) -> tuple[dict[str, object], lis
     """Detect and write; the summary, and the input that was lost."""
     of_fusion = (e.key for e in Form(DetectRequest).entries() if e.field == "fusion" and e.of.name in request.fusion)
     if not request.fuse and (key := next(of_fusion, None)) is not None:
-        raise UsageError(f"{option(key)} is an option of the fusion; add {option('fuse')}")
+        raise UsageError(f"{option(key)} is an option of the fusion; add {option('fuse')}", id="missing-option")
     opened = open_recording(request.recording)
     scene = load_scene(request.scene, opened.scene, request.recording)
     left = SkippedFrames()
@@ -77,7 +78,8 @@ def run_detect(request: DetectRequest, job: Job) -> tuple[dict[str, object], lis
         work.parameters |= {"fusion": asdict(config)}
     earlier = () if request.track_feedback is None else open_input(request.track_feedback).losses
     lost = dict.fromkeys((*opened.losses, *earlier))
-    whole = {"cameras": list(request.cameras), **work.parameters}
+    applied = {} if opened.scene is None else stated_clocks(opened.scene)
+    whole = {"cameras": list(request.cameras), **work.parameters, **applied}
     files = list(dict.fromkeys((*request.inputs, *work.files)))
     losses, tally = write_detections(job, detections, whole, lost, left, scene, files, fused, work.checks)
     summary: dict[str, object] = {"bearings": str(request.output), **work.summary, **_figures(tally)}
@@ -116,7 +118,7 @@ def write_detections(
     """
     provenance = job.provenance(parameters, inputs=inputs)
     losses, tally, checked = list(lost), Counter[str](), Checked(scene)
-    fields = {job.request.table_of(name): name for name in job.request.files(output=True)}
+    fields = {job.request.file_field(name).table: name for name in job.request.files(output=True)}
     with job.tables(provenance, scene.length_unit) as tables:
         for part in parts:
             found: dict[str, ColumnTable] = {Bearings.NAME: part.bearings, Views.NAME: part.views}
@@ -165,18 +167,20 @@ def _detections(request: DetectRequest, recording: McapRecording, scene: Scene, 
         raise UsageError(
             f"{recording.path}: {option('label_scope')} makes targets of the identities of "
             f"boxes, and nothing is detected in boxes of "
-            "this recording; leave it out"
+            "this recording; leave it out",
+            id="wrong-content",
         )
     if recording.cameras:
         return _from_images(request, recording, scene, config, left, job)
     if request.method == NETWORK:
-        raise InputError(f"{recording.path}: holds no images; a network detects in images")
+        raise InputError(f"{recording.path}: holds no images; a network detects in images", id="wrong-content")
     if recording.has(Boxes):
         if request.track_feedback is not None:
             raise UsageError(
                 f"{recording.path}: {option('track_feedback')} limits detection in images, or labelled "
                 f"bearings; boxes are candidates of "
-                "any person, to which `occlog label` gives the identity of tracks"
+                "any person, to which `occlog label` gives the identity of tracks",
+                id="not-applicable",
             )
         only = _sensors_of(request, [c.name for c in scene.cameras])
         chunks = job.progress(_rows_of(recording.tables(Boxes), only), "detect")
@@ -196,7 +200,8 @@ def _detections(request: DetectRequest, recording: McapRecording, scene: Scene, 
         return Work(_simulated_bearings(rows, near, positions), {"input": "bearings", **used})
     hint = "" if recording.ours else f"; {FOREIGN_BAG}"
     raise InputError(
-        f"{recording.path}: holds neither images, nor boxes, nor bearings; there is nothing to detect in{hint}"
+        f"{recording.path}: holds neither images, nor boxes, nor bearings; there is nothing to detect in{hint}",
+        id="wrong-content",
     )
 
 
@@ -204,7 +209,9 @@ def _sensors_of(request: DetectRequest, known: list[str]) -> tuple[str, ...]:
     """Names of the sensors with rows that are taken, empty: all; UsageError for one that the scene has not."""
     for name in request.cameras:
         if name not in known:
-            raise UsageError(f"{request.recording}: no camera {name!r}; there are {', '.join(known) or 'none'}")
+            raise UsageError(
+                f"{request.recording}: no camera {name!r}; there are {', '.join(known) or 'none'}", id="unknown-sensor"
+            )
     return request.cameras
 
 
@@ -227,13 +234,17 @@ def _near(
     """
     if request.track_feedback is None:
         if "feedback_gate" in request.settings:
-            raise UsageError(f"{option('feedback_gate')} goes with {option('track_feedback')}; add it")
+            raise UsageError(
+                f"{option('feedback_gate')} goes with {option('track_feedback')}; add it", id="missing-option"
+            )
         return None, {}
     opened = open_input(request.track_feedback, Tracks)
     check_unit(opened, length_unit, error=InputError)
     tracks = opened.read(Tracks).with_covariance()
     if not len(tracks):
-        raise InputError(f"{request.track_feedback}: has no tracks; leave {option('track_feedback')} out")
+        raise InputError(
+            f"{request.track_feedback}: has no tracks; leave {option('track_feedback')} out", id="not-applicable"
+        )
     return track_feedback(tracks, config.feedback_gate), {"feedback_gate": config.feedback_gate}
 
 
@@ -261,7 +272,8 @@ def _from_images(
     elif request.embed is not None:
         why = reason or f"{option('method')} is {config.method}"
         raise UsageError(
-            f"{option('embed')} is for boxes of a network, and background subtraction is used ({why}); leave it out"
+            f"{option('embed')} is for boxes of a network, and background subtraction is used ({why}); leave it out",
+            id="not-applicable",
         )
     else:
         detector = None
@@ -334,7 +346,8 @@ def _check_embed(request: DetectRequest | NetworkRequest) -> None:
     """UsageError for settings of the network for re-identification without one."""
     if request.embed is None and {"embed_pixel_scaling", "embed_size"} & set(request.network):
         raise UsageError(
-            f"{option('embed_pixel_scaling')} and {option('embed_size')} go with {option('embed')}; add it"
+            f"{option('embed_pixel_scaling')} and {option('embed_size')} go with {option('embed')}; add it",
+            id="missing-option",
         )
 
 
@@ -348,17 +361,19 @@ def images_of(request: Detection, detector: str) -> tuple[McapRecording, Scene, 
     opened = open_recording(request.recording)
     scene = load_scene(request.scene, opened.scene, request.recording)
     if not opened.cameras:
-        raise InputError(f"{request.recording}: holds no images; {detector} detects in images")
+        raise InputError(f"{request.recording}: holds no images; {detector} detects in images", id="wrong-content")
     sensors = cameras_of(request.cameras, opened)
     known = [camera.name for camera in scene.cameras]
     if unknown := [name for name in sensors if name not in known]:
         raise InputError(
             f"{request.recording}: images of camera {unknown[0]!r}, which is not in the scene "
-            f"({', '.join(known) or 'no camera'}); give the scene with it ({option('scene')})"
+            f"({', '.join(known) or 'no camera'}); give the scene with it ({option('scene')})",
+            id="unknown-sensor",
         )
     if "bearings" in request.files(output=True) and not any(scene.camera(name).placed for name in sensors):
         raise UsageError(
-            f"{request.recording}: no camera has a pose, so that there are no bearings; leave {option('bearings')} out"
+            f"{request.recording}: no camera has a pose, so that there are no bearings; leave {option('bearings')} out",
+            id="missing-pose",
         )
     return opened, scene, sensors
 
@@ -368,7 +383,9 @@ def cameras_of(only: tuple[str, ...], recording: McapRecording) -> tuple[str, ..
     for name in only:
         if name not in recording.cameras:
             known = ", ".join(recording.cameras)
-            raise UsageError(f"{recording.path}: no images of camera {name!r}; there are images of {known}")
+            raise UsageError(
+                f"{recording.path}: no images of camera {name!r}; there are images of {known}", id="unknown-sensor"
+            )
     return only or recording.cameras
 
 

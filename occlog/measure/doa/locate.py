@@ -177,7 +177,8 @@ def library() -> ModuleType:
         return importlib.import_module("pyroomacoustics.doa")
     except ImportError as error:
         raise UsageError(
-            "occlog listen requires the package pyroomacoustics, which is not installed; pip install pyroomacoustics"
+            "occlog listen requires the package pyroomacoustics, which is not installed; pip install pyroomacoustics",
+            id="missing-package",
         ) from error
 
 
@@ -238,7 +239,8 @@ def speed_of_sound(config: DoaConfig, unit: str) -> float:
         return config.speed_of_sound
     if unit not in METRES:
         raise UsageError(
-            f"listen: the scene's lengths are in {unit}; give the speed of sound in lengths of the scene a second"
+            f"listen: the scene's lengths are in {unit}; give the speed of sound in lengths of the scene a second",
+            id="missing-unit",
         )
     return 343.0 / METRES[unit]
 
@@ -279,7 +281,8 @@ def make_grid(array: MicrophoneArray, band: Band, speed: float, config: DoaConfi
         allowed = direction(a, e) @ normal > -1e-9
     if allowed.size > MAX_POINTS:
         raise UsageError(
-            f"listen: a grid of {step:g} degrees has {allowed.size} directions, too many; take a wider grid"
+            f"listen: a grid of {step:g} degrees has {allowed.size} directions, too many; take a wider grid",
+            id="problem-too-large",
         )
     return DirectionGrid(azimuth, elevation, allowed)
 

@@ -81,7 +81,7 @@ def parse_channels(parts: tuple[str, ...]) -> tuple[int, ...]:
         raise UsageError(f"{option('channels')} {text}: expected numbers from 1, with commas")
     found = tuple(int(part) - 1 for part in parts)
     if len(set(found)) != len(found):
-        raise UsageError(f"{option('channels')} {text}: names a channel twice")
+        raise UsageError(f"{option('channels')} {text}: names a channel twice", id="duplicate-name")
     return found
 
 
@@ -130,14 +130,16 @@ def _scene(plan: _Plan) -> Scene:
     more = [a for name, path in plan.arrays for a in read_arrays(path, name)]
     if more and scene.length_unit != "m":
         raise UsageError(
-            f"{option('arrays')}: tables are in m, but {plan.scene} in {scene.length_unit}; use one of them"
+            f"{option('arrays')}: tables are in m, but {plan.scene} in {scene.length_unit}; use one of them",
+            id="unit-mismatch",
         )
     arrays = (*scene.arrays, *more)
     if (double := first_double([a.name for a in arrays])) is not None:
-        raise UsageError(f"array {double}: is given twice; keep one")
+        raise UsageError(f"array {double}: is given twice; keep one", id="duplicate-name")
     if not arrays:
         raise UsageError(
-            f"no array with known microphones; give {option('scene')} with microphone_arrays, or {option('arrays')}"
+            f"no array with known microphones; give {option('scene')} with microphone_arrays, or {option('arrays')}",
+            id="too-few-sensors",
         )
     return replace(scene, arrays=arrays)
 
@@ -148,10 +150,13 @@ def _arrays(plan: _Plan, scene: Scene) -> dict[str, Path]:
     out: dict[str, Path] = {}
     for label, path in plan.sounds:
         if label is None and len(names) > 1:
-            raise UsageError(f"{path}: does not name its array; give ARRAY={path.name} (arrays: {', '.join(names)})")
+            raise UsageError(
+                f"{path}: does not name its array; give ARRAY={path.name} (arrays: {', '.join(names)})",
+                id="camera-not-named",
+            )
         name = names[0] if label is None else match_sensor(label, names, str(path), what="array")
         if name in out:
-            raise UsageError(f"array {name}: has two files; give each array one")
+            raise UsageError(f"array {name}: has two files; give each array one", id="duplicate-name")
         out[name] = path
     return out
 
@@ -172,7 +177,8 @@ def _directions(
             f"{sound.path}: {sound.frames} samples ({sound.frames / sound.rate:.3g} s) are shorter than a frame of "
             f"{least} ({least / sound.rate:.3g} s), so that no direction can be found; "
             f"take a shorter {option('frame')} and "
-            f"{option('window')}, or leave the file out"
+            f"{option('window')}, or leave the file out",
+            id="insufficient-data",
         )
     blocks = channels.watch(_blocks(sound, plan.channels))
     found = estimate_directions(blocks, sound.rate, array, scene.length_unit, plan.config, start, tally)

@@ -74,9 +74,11 @@ def _check_pixels(pair: ViewPair, a: Camera | None, b: Camera | None) -> None:
     if pair.undistorted:
         raise InputError(
             f"the fundamental matrix of {pair.a} and {pair.b} needs undistorted pixels, but no scene has the "
-            "lens distortion of these cameras; give the scene that it was made with"
+            "lens distortion of these cameras; give the scene that it was made with",
+            id="incompatible-inputs",
         )
     raise InputError(
         f"the fundamental matrix of {pair.a} and {pair.b} is for distorted pixels, but the scene has lens "
-        "distortion; make the matrix again with `occlog epipolar` and the scene"
+        "distortion; make the matrix again with `occlog epipolar` and the scene",
+        id="incompatible-inputs",
     )

@@ -73,6 +73,7 @@ def _check_pairs(pairs: ViewPairs, views: Sequence[TrackedView], file: Path) -> 
     if len(others) == len(pairs.pairs):
         raise InputError(
             f"{file}: none of its pairs ({', '.join(others)}) is of two of the views used ({', '.join(names)}); "
-            "give matrices of these views, or none"
+            "give matrices of these views, or none",
+            id="disjoint-inputs",
         )
     return (f"{file}: not used: {', '.join(others)}; the views are {', '.join(names)}",) if others else ()

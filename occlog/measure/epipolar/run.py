@@ -60,18 +60,25 @@ def run_epipolar(request: EpipolarRequest, job: Job) -> tuple[dict[str, object],
 def _check_usage(request: EpipolarRequest) -> None:
     output = request.output
     if request.matches is not None and request.tracks is not None:
-        raise UsageError(f"{option('matches')} and {option('from_tracks')} are two sources of matches; give one")
+        raise UsageError(
+            f"{option('matches')} and {option('from_tracks')} are two sources of matches; give one",
+            id="conflicting-options",
+        )
     some = request.matches is not None or request.tracks is not None
     if request.check and not some:
-        raise UsageError(f"{option('check')} requires matches; give {option('matches')} or {option('from_tracks')}")
+        raise UsageError(
+            f"{option('check')} requires matches; give {option('matches')} or {option('from_tracks')}",
+            id="missing-option",
+        )
     if request.check and output is not None:
-        raise UsageError(f"{option('check')} writes nothing; leave -o out, or {option('check')}")
+        raise UsageError(f"{option('check')} writes nothing; leave -o out, or {option('check')}", id="not-applicable")
     if not request.check and output is None:
-        raise UsageError(f"name the output with -o, or give {option('check')}")
+        raise UsageError(f"name the output with -o, or give {option('check')}", id="missing-option")
     if not request.check and some and request.fundamental is not None:
         raise UsageError(
             f"matrices come from {option('fundamental')} or from matches; give one, or "
-            f"{option('check')} to compare them"
+            f"{option('check')} to compare them",
+            id="conflicting-options",
         )
     if output is not None and is_recording_name(output) and request.recording is None:
         raise UsageError(f"{output}: a recording is copied; name the one that is to hold the matrices")
@@ -84,7 +91,7 @@ def _scene(request: EpipolarRequest, recording: McapRecording | None) -> Scene |
 
 
 def _find(request: EpipolarRequest, config: EpipolarConfig, scene: Scene | None) -> ViewPairs:
-    """The matrices that are to be written."""
+    """Fundamental matrices from a file, from matches or tracks, or from the poses of the scene."""
     if request.fundamental is not None:
         return read_epipolar(request.fundamental)
     if request.matches is not None or request.tracks is not None:
@@ -92,7 +99,8 @@ def _find(request: EpipolarRequest, config: EpipolarConfig, scene: Scene | None)
     if scene is None:
         raise UsageError(
             f"the geometry of the views is unknown; give {option('scene')}, "
-            f"{option('matches')}, {option('from_tracks')} or {option('fundamental')}"
+            f"{option('matches')}, {option('from_tracks')} or {option('fundamental')}",
+            id="missing-option",
         )
     return calibrated_pairs(scene)
 
@@ -107,7 +115,8 @@ def _checks(
         if scene is None:
             raise UsageError(
                 f"{option('check')} requires something to check; give {option('fundamental')}, "
-                f"{option('scene')} or a recording with either"
+                f"{option('scene')} or a recording with either",
+                id="missing-option",
             )
         pairs = calibrated_pairs(scene)
     return checked_pairs(pairs, _matches(request, config), scene, config.inlier_threshold_px)
@@ -124,7 +133,8 @@ def _matches(request: EpipolarRequest, config: EpipolarConfig) -> tuple[PointMat
         pairs = ", ".join(f"{m.a}-{m.b}" for m in found) or "none"
         raise InputError(
             f"{request.matches or request.tracks}: no matches between two of the selected cameras; pairs in the "
-            f"file: {pairs}"
+            f"file: {pairs}",
+            id="insufficient-data",
         )
     return kept
 
@@ -142,7 +152,9 @@ def _only(pairs: ViewPairs, only: tuple[str, ...]) -> ViewPairs:
     kept = tuple(p for p in pairs.pairs if not only or (p.a in only and p.b in only))
     if not kept:
         there = ", ".join(f"{p.a}-{p.b}" for p in pairs.pairs)
-        raise UsageError(f"{option('cameras')} {','.join(only)}: names no pair of views; pairs there: {there}")
+        raise UsageError(
+            f"{option('cameras')} {','.join(only)}: names no pair of views; pairs there: {there}", id="unknown-sensor"
+        )
     return ViewPairs(kept)
 
 
@@ -153,7 +165,9 @@ def _check_names(pairs: ViewPairs, recording: McapRecording) -> None:
         for name in (pair.a, pair.b):
             if name not in known:
                 cameras = ", ".join(sorted(set(known))) or "none"
-                raise InputError(f"{recording.path}: has no camera {name!r} of the pair; cameras: {cameras}")
+                raise InputError(
+                    f"{recording.path}: has no camera {name!r} of the pair; cameras: {cameras}", id="unknown-sensor"
+                )
 
 
 def _warn(pairs: ViewPairs, scene: Scene | None, job: Job) -> None:

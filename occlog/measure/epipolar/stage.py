@@ -51,7 +51,8 @@ def calibrated_pairs(scene: Scene) -> ViewPairs:
     if not pairs:
         raise InputError(
             f"scene: {len(placed)} of {len(scene.cameras)} cameras have a pose; a fundamental matrix needs two, at "
-            "different positions; calibrate more, or give matches"
+            "different positions; calibrate more, or give matches",
+            id="too-few-sensors",
         )
     return ViewPairs(tuple(pairs))
 
@@ -111,7 +112,9 @@ def _estimated(m: PointMatches, scene: Scene | None, config: EpipolarConfig) -> 
 def _checked(pairs: ViewPairs, m: PointMatches, scene: Scene | None, tolerance_px: float) -> PairCheck:
     pair = pairs.find(m.a, m.b)
     if pair is None:
-        raise InputError(f"{m.where}: no fundamental matrix of these views to check; choose other cameras")
+        raise InputError(
+            f"{m.where}: no fundamental matrix of these views to check; choose other cameras", id="disjoint-inputs"
+        )
     a, b, undistorted = _ideal(m, scene)
     if pair.undistorted != undistorted:
         pixels = "without lens distortion" if pair.undistorted else "as recorded, but the scene has lens distortion"

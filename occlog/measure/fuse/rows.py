@@ -60,7 +60,8 @@ def _joined(held: T, more: T) -> T:
     if len(held) and len(more) and more.t_ns[0] < held.t_ns[-1]:
         raise InputError(
             f"{held.NAME}: time {time_words(more.t_ns[0])} comes after {time_words(held.t_ns[-1])}; sort the "
-            "rows by t_ns"
+            "rows by t_ns",
+            id="unsorted-times",
         )
     return type(held).concat([held, more.sorted()])
 

@@ -38,12 +38,14 @@ def run_fuse(request: FuseRequest, job: Job) -> tuple[dict[str, object], tuple[L
     """Fuse and write; the summary, and earlier losses."""
     if request.fused_views is not None and request.views is None:
         raise UsageError(
-            f"{option('fused_views')} requires the views of the bearings; give them with {option('views')}"
+            f"{option('fused_views')} requires the views of the bearings; give them with {option('views')}",
+            id="missing-option",
         )
     if open_input(request.bearings).table == Tracks.NAME:
         raise UsageError(
             f"{request.bearings}: holds tracks; name those of another group of cameras with {option('with')}, or give "
-            "bearings"
+            "bearings",
+            id="wrong-content",
         )
     inputs = MeasurementInputs(request.bearings, request.scene)
     views = [] if request.views is None else inputs.open(request.views, Views)

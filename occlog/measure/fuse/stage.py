@@ -93,7 +93,10 @@ def fuse(parts: Iterable[Detections], scene: Scene, config: FuseConfig | None = 
         names, inverse = np.unique(part.bearings.sensor, return_inverse=True)
         for name in names.tolist():
             if name not in known:
-                raise InputError(f"bearings: no sensor {name!r} in the scene; {nearest(name, tuple(sorted(known)))}")
+                raise InputError(
+                    f"bearings: no sensor {name!r} in the scene; {nearest(name, tuple(sorted(known)))}",
+                    id="unknown-sensor",
+                )
         camera_of = np.array([index_of.get(name, -1) for name in names.tolist()], dtype=np.int64)[inverse]
         yield _fuse_part(part, camera_of, cameras, state, config)
 
@@ -194,7 +197,8 @@ def _fuse_target(
         raise InputError(
             f"bearings: sensor {str(twice)!r} has two rows for target {target} at {time_words(step.t_ns)}; a "
             "sensor has one "
-            "row a target and time (candidates that may be of any object have target_id -1)"
+            "row a target and time (candidates that may be of any object have target_id -1)",
+            id="duplicate-row",
         )
     seen = own[ledger.bearings.seen[own]]
     memory = state.targets.get(target, ObjectMemory())

@@ -77,7 +77,8 @@ def placed_cameras(scene: Scene, config: FuseConfig) -> PlacedCameras:
         why = f"; {blind} more have no pose" if blind else ""
         raise InputError(
             f"fuse: the scene has {len(cameras)} camera{'s' * (len(cameras) != 1)} with a pose{why}; fusion needs at "
-            "least two, calibrated"
+            "least two, calibrated",
+            id="too-few-sensors",
         )
     region = scene.room
     if region is None:

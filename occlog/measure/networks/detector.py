@@ -107,7 +107,8 @@ def open_embedder(path: Path, config: NetworkConfig, threads: int) -> Embedder:
     if len(flat) != 1 or not 2 <= outputs[flat[0]][0].size <= LONGEST_VECTOR:
         raise InputError(
             f"{path}: its outputs are {shapes(outputs)}; one with a vector of 2 to {LONGEST_VECTOR} numbers for each "
-            "image was expected"
+            "image was expected",
+            id="unsupported-network",
         )
     return Embedder(network, config.embed_pixel_scaling, flat[0], outputs[flat[0]][0].size)
 
@@ -313,7 +314,7 @@ def open_detector(
         reading = recognise(outputs, network.size, count, config.head, metadata)
         of_classes = names_of(reading.classes, declared, names)
     except InputError as error:
-        raise error if str(names) in str(error) else InputError(f"{path}: {error}") from None
+        raise error if str(names) in str(error) else InputError(f"{path}: {error}", id=error.id) from None
     return NetworkDetector(
         network=network,
         reading=reading,

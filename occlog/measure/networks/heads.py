@@ -129,7 +129,7 @@ def recognise(
     """
     task = metadata.get("task", "")
     if task and task not in ("detect", *WITH_MORE):
-        raise InputError(f"the network is for {task!r}, not for detection")
+        raise InputError(f"the network is for {task!r}, not for detection", id="unsupported-network")
     more = task in WITH_MORE
     heads = [head] if head is not None else _candidates(outputs, size, names, more)
     if metadata.get("end2end") == "True" and END2END in heads:
@@ -138,18 +138,21 @@ def recognise(
     if head is not None and not readings:
         raise InputError(
             f"its outputs are not those of head {head}: {shapes(outputs)}{_named_classes(names)}; leave the "
-            f"head out to have it recognised"
+            f"head out to have it recognised",
+            id="unsupported-network",
         )
     if len(readings) != 1:
         maybe = f"may be of {', '.join(each.head for each in readings)}" if readings else "are of no head that is known"
         raise InputError(
             f"its outputs {maybe}: {shapes(outputs)}{_named_classes(names)}; state which head it has (head: "
-            f"{', '.join(HEADS)})"
+            f"{', '.join(HEADS)})",
+            id="unsupported-network",
         )
     if readings[0].head in LOGITS and readings[0].classes == PLAIN_DETR:
         raise InputError(
             f"it is DETR, with class scores that need a softmax: unsupported; export RT-DETR or YOLO instead: "
-            f"{shapes(outputs)}"
+            f"{shapes(outputs)}",
+            id="unsupported-network",
         )
     return readings[0]
 
@@ -321,7 +324,8 @@ def _check_scores(head: str, scores: Floats32) -> None:
     if scores.size and not (scores.min() >= -SCORE_SLACK and scores.max() <= 1.0 + SCORE_SLACK):
         raise InputError(
             f"scores from {scores.min():.4g} to {scores.max():.4g} are no confidences, 0 to 1, as {head} has them; it "
-            "has another head, or was exported without its last step"
+            "has another head, or was exported without its last step",
+            id="unsupported-network",
         )
 
 
@@ -330,7 +334,8 @@ def _check_places(head: str, boxes: Floats, *, shares: bool) -> None:
         return
     what = "shares of an image" if shares else "pixels"
     raise InputError(
-        f"coordinates up to {np.abs(boxes).max():.4g} are no {what}, as {head} has them; it has another head"
+        f"coordinates up to {np.abs(boxes).max():.4g} are no {what}, as {head} has them; it has another head",
+        id="unsupported-network",
     )
 
 
@@ -391,13 +396,18 @@ def read_names(path: Path) -> dict[int, str]:
     """Names from a text file, one a line, the first of class 0."""
     check_input(path, "names of classes (text, one a line)")
     if path.stat().st_size > LONGEST_FILE:
-        raise InputError(f"{path}: has {path.stat().st_size} bytes; names of classes have at most {LONGEST_FILE}")
+        raise InputError(
+            f"{path}: has {path.stat().st_size} bytes; names of classes have at most {LONGEST_FILE}",
+            id="input-too-large",
+        )
     try:
         lines = path.read_text(encoding="utf-8").rstrip().splitlines()
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: is not UTF-8 text ({error.reason}); write one name a line") from None
+        raise InputError(
+            f"{path}: is not UTF-8 text ({error.reason}); write one name a line", id="wrong-encoding"
+        ) from None
     if not lines:
-        raise InputError(f"{path}: holds no name; write one a line")
+        raise InputError(f"{path}: holds no name; write one a line", id="empty-input")
     if any(not line.strip() for line in lines):
         row = next(k for k, line in enumerate(lines, 1) if not line.strip())
         raise InputError(f"{path}: line {row}: is empty; write one name a line, the first of class 0")
@@ -446,18 +456,19 @@ def wanted_classes(asked: Sequence[str], names: ClassNames, count: int | None) -
         if text.isdecimal():
             most = count if count is not None else max(names.names, default=0) + 1
             if int(text) >= most:
-                raise UsageError(f"class {text}: the network has the classes 0 to {most - 1}")
+                raise UsageError(f"class {text}: the network has the classes 0 to {most - 1}", id="unknown-name")
             found.add(int(text))
             continue
         if not names.names:
             raise UsageError(
                 f"class {text!r}: the network does not name its {count} classes; give the class's number, or their "
-                "names in a file"
+                "names in a file",
+                id="unknown-name",
             )
         if text.casefold() not in numbers:
             near = difflib.get_close_matches(text.casefold(), numbers, n=1)
             some = ", ".join(list(names.names.values())[:8]) + (", ..." if len(names.names) > 8 else "")
             hint = f"did you mean {names.names[numbers[near[0]]]!r}?" if near else f"it has {some}"
-            raise UsageError(f"class {text!r}: the network has no such class; {hint}")
+            raise UsageError(f"class {text!r}: the network has no such class; {hint}", id="unknown-name")
         found.add(numbers[text.casefold()])
     return np.array(sorted(found), dtype=np.int64)

@@ -78,7 +78,8 @@ class ImageNetwork:
             if values.dtype.kind not in "fiu" or values.shape[:1] != (images,):
                 raise InputError(
                     f"{self.file.path}: output {name} is {values.dtype} {values.shape} for {images} images; numbers "
-                    "for each image were expected"
+                    "for each image were expected",
+                    id="unsupported-network",
                 )
         return {name: values.astype(np.float32) for name, values in outputs.items()}
 
@@ -102,7 +103,9 @@ def ready(path: Path, runtime: str, threads: int, size: tuple[int, int] | None, 
     count, _, high, wide = image.shape or (None, 3, None, None)
     of_file = _whole_size(file, wide, high, size)
     if count is not None and batch not in (1, count):
-        raise UsageError(f"{path}: takes {count} images at a time, not {batch}; leave the batch out")
+        raise UsageError(
+            f"{path}: takes {count} images at a time, not {batch}; leave the batch out", id="not-applicable"
+        )
     found = ImageNetwork(
         file, SubprocessRuntime(file, runtime, threads), image, extent, of_file, count or batch, count is None
     )
@@ -117,13 +120,15 @@ def _inputs(file: OnnxFile) -> tuple[Port, str]:
     sizes = [p.name for p in others if p.kind == "int64" and p.shape is not None and p.shape[-1:] == (2,)]
     if len(images) != 1 or len(others) > 1 or len(sizes) != len(others):
         raise InputError(
-            f"{file.path}: its inputs are {_ports(file.inputs)}; one for images (B x 3 x H x W) was expected"
+            f"{file.path}: its inputs are {_ports(file.inputs)}; one for images (B x 3 x H x W) was expected",
+            id="unsupported-network",
         )
     (image,) = images
     if image.kind not in ("float32", "float16", "") or (image.shape is not None and image.shape[1] not in (3, None)):
         raise InputError(
             f"{file.path}: its input is {_ports(images)}; images of fractional numbers with three channels first "
-            "(B x 3 x H x W) were expected; export it so"
+            "(B x 3 x H x W) were expected; export it so",
+            id="unsupported-network",
         )
     return image, sizes[0] if sizes else ""
 
@@ -141,11 +146,14 @@ def _whole_size(file: OnnxFile, wide: int | None, high: int | None, asked: tuple
             h, w = ast.literal_eval(file.metadata["imgsz"])
             requested = int(w), int(h)
         except (KeyError, ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
-            raise UsageError(f"{file.path}: leaves the size of its images open; give it (size, in pixels)") from None
+            raise UsageError(
+                f"{file.path}: leaves the size of its images open; give it (size, in pixels)", id="missing-image-size"
+            ) from None
     size = (wide or (requested or (0, 0))[0], high or (requested or (0, 0))[1])
     if asked is not None and asked != size:
         raise UsageError(
-            f"{file.path}: its images are {size[0]} x {size[1]} px, not {asked[0]} x {asked[1]}; leave the size out"
+            f"{file.path}: its images are {size[0]} x {size[1]} px, not {asked[0]} x {asked[1]}; leave the size out",
+            id="not-applicable",
         )
     if not all(1 <= side <= LARGEST_SIDE for side in size):
         raise InputError(f"{file.path}: images of {size[0]} x {size[1]} px; sides of 1 to {LARGEST_SIDE} px are taken")

@@ -92,7 +92,11 @@ class HullConfig(Settings):
         metavar="SECONDS",
     )
     deletion_time_s: float = setting(
-        0.5, "Time for which an identity is kept without a polygon.", unit="s", at_most=1e9, at_least=0
+        0.5,
+        "Maximum time for which an occluder keeps its identity while no polygon is found.",
+        unit="s",
+        at_most=1e9,
+        at_least=0,
     )
     coasting_s: float = setting(
         0.3,
@@ -143,7 +147,7 @@ class AcousticConfig(Settings):
     )
     confirmation_time_s: float = setting(
         0.3,
-        "Minimum time for which a source has been detected.",
+        "Minimum time for which a source has been detected before it gives priors.",
         unit="s",
         at_most=1e9,
         at_least=0,

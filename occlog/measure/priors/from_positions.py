@@ -141,12 +141,14 @@ def _step(state: _FilterState, m: _MeasurementStep, config: PositionPriorConfig)
     """Advance the filters to a time step and take its measurements in."""
     if (same := np.diff(m.identity) == 0).any():
         raise InputError(
-            f"priors: occluder {m.identity[1:][same][0]} has two positions at {time_words(m.t_ns)}; leave one of them"
+            f"priors: occluder {m.identity[1:][same][0]} has two positions at {time_words(m.t_ns)}; leave one of them",
+            id="duplicate-row",
         )
     if state.t_ns is not None:
         if m.t_ns < state.t_ns:
             raise InputError(
-                f"priors: time {time_words(m.t_ns)} comes after {time_words(state.t_ns)}; sort the rows by t_ns"
+                f"priors: time {time_words(m.t_ns)} comes after {time_words(state.t_ns)}; sort the rows by t_ns",
+                id="unsorted-times",
             )
         # Drop filters after a long silence: an occluder that comes back starts afresh
         keep = m.t_ns - state.measured_ns <= config.max_coasting_s * 1e9

@@ -44,7 +44,10 @@ def acoustic_priors(chunks: Iterable[Doa], scene: Scene, config: AcousticConfig)
         UsageError: a scene with fewer than two arrays.
     """
     if len(scene.arrays) < 2:
-        raise UsageError(f"the scene has {len(scene.arrays)} microphone arrays; to locate sources takes at least 2")
+        raise UsageError(
+            f"the scene has {len(scene.arrays)} microphone arrays; to locate sources takes at least 2",
+            id="too-few-sensors",
+        )
     nothing = np.empty(0, dtype=np.int64)
     followed = _Sources(nothing, nothing, nothing, initiate(np.empty((0, 2)), np.empty((0, 2, 2)), 1.0))
     before, fresh = 0, 0
@@ -81,7 +84,8 @@ def _time_steps(chunks: Iterable[Doa], window_ns: int) -> Iterator[tuple[int, Do
             continue
         if rest is not None and chunk.t_ns[0] < rest.t_ns[-1]:
             raise InputError(
-                f"doa: time {time_words(chunk.t_ns[0])} comes after {time_words(rest.t_ns[-1])}; sort the rows by t_ns"
+                f"doa: time {time_words(chunk.t_ns[0])} comes after {time_words(rest.t_ns[-1])}; sort the rows by t_ns",
+                id="unsorted-times",
             )
         table = chunk if rest is None else Doa.concat([rest, chunk])
         while len(table) and table.t_ns[-1] - table.t_ns[0] > window_ns:
@@ -98,7 +102,9 @@ def _directions(rows: Doa, scene: Scene) -> SourceDirections:
     index_of = {a.name: i for i, a in enumerate(scene.arrays)}
     for name in np.unique(rows.sensor).tolist():
         if name not in index_of:
-            raise InputError(f"doa: the scene has no array {name!r}; it has: {', '.join(index_of)}")
+            raise InputError(
+                f"doa: the scene has no array {name!r}; it has: {', '.join(index_of)}", id="unknown-sensor"
+            )
     array = np.array([index_of[name] for name in rows.sensor.tolist()], dtype=np.int64)
     positions = np.array([a.position[:2] for a in scene.arrays])
     sigmas = np.array([a.sigma for a in scene.arrays], dtype=np.float64)

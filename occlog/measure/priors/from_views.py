@@ -161,10 +161,14 @@ def _split(chunks: Iterable[Views] | Iterable[Bearings], scene: Scene) -> Iterat
             continue
         for name in np.unique(chunk.sensor).tolist():
             if name not in names and name not in arrays:
-                raise InputError(f"{chunk.NAME}: no camera {name!r} in the scene; it has: {', '.join(names) or 'none'}")
+                raise InputError(
+                    f"{chunk.NAME}: no camera {name!r} in the scene; it has: {', '.join(names) or 'none'}",
+                    id="unknown-sensor",
+                )
         if rest is not None and chunk.t_ns[0] < rest.t_ns[-1]:
             raise InputError(
-                f"{chunk.NAME}: time {time_words(chunk.t_ns[0])} comes after {time_words(rest.t_ns[-1])}; sort by t_ns"
+                f"{chunk.NAME}: time {time_words(chunk.t_ns[0])} comes after {time_words(rest.t_ns[-1])}; sort by t_ns",
+                id="unsorted-times",
             )
         table = chunk if rest is None else type(chunk).concat([rest, chunk])  # type: ignore[list-item]
         cut = int(np.searchsorted(table.t_ns, table.t_ns[-1]))

@@ -105,7 +105,7 @@ def cones(view: HullCamera, of_runs: Floats) -> list[shapely.Geometry]:
 
 
 def _merged(of_runs: Floats) -> list[tuple[float, float]]:
-    """Runs that overlap as one; (centre, width), by rising lower end."""
+    """Union of intervals (centre, width): those that overlap are joined; sorted by lower end."""
     spans = sorted((float(c - 0.5 * w), float(c + 0.5 * w)) for c, w in of_runs)
     out: list[list[float]] = []
     for low, high in spans:

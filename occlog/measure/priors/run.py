@@ -65,7 +65,7 @@ def _not_empty(chunks: Iterable[T], path: Path) -> Iterator[T]:
         rows += len(chunk)
         yield chunk
     if rows == 0:
-        raise InputError(f"{path}: has no rows; nothing can be found from it")
+        raise InputError(f"{path}: has no rows; nothing can be found from it", id="empty-input")
 
 
 def run_kalman(request: KalmanRequest, job: Job) -> Result:
@@ -75,13 +75,16 @@ def run_kalman(request: KalmanRequest, job: Job) -> Result:
     unit = source.scene.length_unit if source.scene is not None else source.unit
     tracks = source.opened.recording is None and source.opened.has(Tracks)
     if tracks and not measured:
-        raise UsageError(f"{path}: tracks are measurements, not the truth; add {option('measured')}")
+        raise UsageError(
+            f"{path}: tracks are measurements, not the truth; add {option('measured')}", id="missing-option"
+        )
     defaults = PositionPriorConfig.in_unit(unit)
     config = configure(replace(defaults, measurement_noise=0.0) if tracks else defaults, request.settings)
     if measured and config.measurement_noise == 0 and not tracks:
         raise UsageError(
             f"{option('measured')} positions need a {option('measurement_noise')} above 0; omit "
-            f"{option('measured')} if they are exact"
+            f"{option('measured')} if they are exact",
+            id="missing-option",
         )
     if measured:
         rows: Iterator[Tracks] | Iterator[Truth] = (
@@ -99,7 +102,9 @@ def run_kalman(request: KalmanRequest, job: Job) -> Result:
             tables.write(output=table)
             tally.add(table)
         if not tally.identities:
-            raise InputError(f"{path}: no row is of a moving occluder; priors need rows of the role occluder")
+            raise InputError(
+                f"{path}: no row is of a moving occluder; priors need rows of the role occluder", id="empty-input"
+            )
     head = {"occluders": str(request.output), "source": "kalman", "measurement_noise": config.measurement_noise}
     return {**head, **tally.summary()}, source.losses
 
@@ -123,7 +128,7 @@ def run_hull(request: HullRequest, job: Job) -> Result:
             tally.add(part.occluders)
             candidates, n_steps = candidates + part.candidates, n_steps + part.n_steps
         if not n_steps:
-            raise InputError(f"{path}: no row is of the chosen cameras; choose others")
+            raise InputError(f"{path}: no row is of the chosen cameras; choose others", id="empty-input")
     summary = {"occluders": str(request.output), "source": "hull", "cameras": len(used), **tally.summary()}
     return {**summary, "candidates_per_step": candidates / n_steps}, losses
 
@@ -137,11 +142,13 @@ def cameras_of(request: HullRequest, scene: Scene) -> list[str]:
     names = tuple(c.name for c in scene.cameras)
     for name in (*request.cameras, *request.without):
         if name not in names:
-            raise UsageError(f"no camera {name!r} in the scene; {nearest(name, names)}")
+            raise UsageError(f"no camera {name!r} in the scene; {nearest(name, names)}", id="unknown-sensor")
     placed = [c.name for c in scene.cameras if c.placed and c.name not in request.without]
     used = [name for name in placed if not request.cameras or name in request.cameras]
     if len(used) < 2:
-        raise UsageError(f"{len(used)} cameras with a pose are left; a visual hull needs at least 2")
+        raise UsageError(
+            f"{len(used)} cameras with a pose are left; a visual hull needs at least 2", id="too-few-sensors"
+        )
     return used
 
 

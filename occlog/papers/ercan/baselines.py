@@ -71,8 +71,8 @@ def _point(
 def judge(table: Table) -> list[StatementVerdict]:
     """Judge what Sec. 4 states about Kalman filters, at every number of cameras."""
 
-    def lower(key: str, said: str, low: str, high: str) -> StatementVerdict:
-        return v.pairs(f"baselines-{key}", said, v.matched(table, low, high))
+    def lower(key: str, statement: str, low: str, high: str) -> StatementVerdict:
+        return v.pairs(f"baselines-{key}", statement, v.matched(table, low, high))
 
     def found(name: str, x: float | None = CAMERAS) -> PaperRow | None:
         return v.find(table, name, x)
@@ -98,16 +98,16 @@ def judge(table: Table) -> list[StatementVerdict]:
     ]
     apf, ekf = found(f"{APF}, {SHARP}"), found(f"{EKF}, {SHARP}")
     if apf is not None and ekf is not None:
-        said = (
+        statement = (
             "With sharp bearings and no person in between an extended Kalman filter is as good as particles: quotient."
         )
         rule = f"quotient of the errors at most {AS_GOOD}; in part up to {NEARLY}"
         good, fair = v.at_most(AS_GOOD), v.at_most(NEARLY)
-        out.append(v.judge("baselines-sharp", said, quotient_of(ekf, apf), good, fair, rule=rule))
+        out.append(v.judge("baselines-sharp", statement, quotient_of(ekf, apf), good, fair, rule=rule))
     apf, rest = found(f"{APF}, {FALSE}"), [found(f"{name}, {FALSE}") for name in (EKF, UKF, IEKF)]
     if apf is not None:
-        said = "With false bearings every Kalman filter has a larger error than particles."
-        out.append(v.pairs("baselines-false", said, [(apf, r) for r in rest if r is not None]))
+        statement = "With false bearings every Kalman filter has a larger error than particles."
+        out.append(v.pairs("baselines-false", statement, [(apf, r) for r in rest if r is not None]))
     return out
 
 

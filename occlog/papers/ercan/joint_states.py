@@ -125,16 +125,16 @@ def judge(table: Table) -> list[StatementVerdict]:
         return []
     cost = power_of([PaperRow(JOINT, r.x, r.each["seconds"]) for r in joint])
     ess = [PaperRow(JOINT, r.x, r.each["ess"]) for r in joint]
-    said = "With as many particles the joint filter costs more than in proportion to the objects: exponent."
-    grows = v.judge("joint-cost", said, cost, v.above(1.0), rule="exponent of the number of objects above 1")
-    said = "Of its particles fewer count, by this factor from the fewest objects to the most."
+    statement = "With as many particles the joint filter costs more than in proportion to the objects: exponent."
+    grows = v.judge("joint-cost", statement, cost, v.above(1.0), rule="exponent of the number of objects above 1")
+    statement = "Of its particles fewer count, by this factor from the fewest objects to the most."
     rule = f"at least {LEFT:g}; in part from {SOME:g} on"
     fewer = v.judge(
-        "joint-particles", said, quotient_of(ess[0], ess[-1]), v.at_least(LEFT), v.at_least(SOME), rule=rule
+        "joint-particles", statement, quotient_of(ess[0], ess[-1]), v.at_least(LEFT), v.at_least(SOME), rule=rule
     )
     both = v.matched(table, SEPARATE, JOINT)
-    said = "Separate filters, then priors, have a lower error than one joint filter of as many particles."
-    return [grows, fewer, v.pairs("joint-error", said, both)]
+    statement = "Separate filters, then priors, have a lower error than one joint filter of as many particles."
+    return [grows, fewer, v.pairs("joint-error", statement, both)]
 
 
 JOINT_STATES = Experiment(

@@ -102,18 +102,18 @@ def recorded_target(scene: Scene, bearings: Bearings) -> Recorded:
         bearings: labelled or not; of labelled ones only those of the first target are used.
     """
     if scene.length_unit != "m":
-        raise InputError(f"the recording is in {scene.length_unit}, the experiment requires metres")
+        raise InputError(f"the recording is in {scene.length_unit}, the experiment requires metres", id="unit-mismatch")
     config = replace(ApfConfig.in_unit("m"), particles=4000)
     tracks = Tracks.concat([p.tracks for p in track([bearings], scene, TrackingTask(config, 0))])
     if len(tracks) <= SKIP + 1:
-        raise InputError(f"{len(tracks)} times with detections, expected more than {SKIP + 1}")
+        raise InputError(f"{len(tracks)} times with detections, expected more than {SKIP + 1}", id="insufficient-data")
     target = tracks.target_id[0]
     tracks = tracks.take(tracks.target_id == target)
     own = np.isin(bearings.target_id, (UNLABELLED, target)) & np.isin(bearings.t_ns, tracks.t_ns)
     mine = assign(scene, bearings.take(own), tracks)
     found = set(mine.sensor[mine.seen].tolist())
     if len(found) < 2:
-        raise InputError(f"{len(found)} cameras saw the target, expected at least 2")
+        raise InputError(f"{len(found)} cameras saw the target, expected at least 2", id="too-few-sensors")
     positions = stand_in(scene, mine, min(LINES, len(found)))
     return Recorded(scene, mine.take(np.isin(mine.t_ns, positions.t_ns)), positions)
 
@@ -151,7 +151,9 @@ def stand_in(scene: Scene, mine: Bearings, lines: int) -> Truth:
     met = triangulated_points(mine, scene, EvaluateConfig(triangulation_min_sensors=lines))[TARGET]
     good = met.status == TRIANGULATED
     if good.sum() < MEETINGS:
-        raise InputError(f"{lines} lines of sight met at {good.sum()} times, expected at least {MEETINGS}")
+        raise InputError(
+            f"{lines} lines of sight met at {good.sum()} times, expected at least {MEETINGS}", id="insufficient-data"
+        )
     at, xy = met.t_ns[good], met.xy[good]
     weight = 1.0 / np.sqrt(met.covariance[good, 0, 0] + met.covariance[good, 1, 1])
     times = np.unique(mine.t_ns)
@@ -241,7 +243,7 @@ def read_source(source: RecordedFiles) -> tuple[Scene, Bearings]:
     path = Path(source.scene)
     scene = scene_in(path)
     if scene is None:
-        raise UsageError(f"{path}: this recording holds no scene; give a scene file instead")
+        raise UsageError(f"{path}: this recording holds no scene; give a scene file instead", id="missing-scene")
     return scene, read_table(Path(source.bearings), Bearings)
 
 
@@ -262,7 +264,7 @@ def _files(folder: Path) -> list[Path]:
     table, calibration = folder / TABLE, folder / CALIBRATION
     for path, there in ((table, table.is_file()), (calibration, calibration.is_dir())):
         if not there:
-            raise InputError(f"{path}: not found; give the folder of cmc_detections")
+            raise InputError(f"{path}: not found; give the folder of cmc_detections", id="file-not-found")
     return [table, *sorted(p for p in calibration.iterdir() if p.is_file() and not p.name.startswith("."))]
 
 
@@ -380,7 +382,9 @@ def _error(recorded: Recorded, tracks: Tracks) -> float:
     """Return the root mean square distance from the stand-in for the truth, without the first `SKIP` estimates."""
     positions, tracks = recorded.positions, tracks.take(slice(SKIP, None))
     if not len(tracks):
-        raise InputError(f"no more than {SKIP} estimates, which are skipped; give more steps or more cameras")
+        raise InputError(
+            f"no more than {SKIP} estimates, which are skipped; give more steps or more cameras", id="insufficient-data"
+        )
     row = np.searchsorted(positions.t_ns, tracks.t_ns)
     return float(np.sqrt(np.mean((tracks.x - positions.x[row]) ** 2 + (tracks.y - positions.y[row]) ** 2)))
 
@@ -533,18 +537,18 @@ def judge14(table: Table) -> list[StatementVerdict]:
         v.pairs(f"{item}-priors", "Priors give a lower error than none.", v.matched(table, PRIOR, NONE)),
     ]
     for key, name in (("known", KNOWN), ("priors", PRIOR), ("none", NONE)):
-        said = f"Every further camera lowers the error ({name})."
-        out.append(v.pairs(f"{item}-cameras-{key}", said, v.neighbours(v.series(table, name))))
+        statement = f"Every further camera lowers the error ({name})."
+        out.append(v.pairs(f"{item}-cameras-{key}", statement, v.neighbours(v.series(table, name))))
     return out
 
 
 def judge15(table: Table) -> list[StatementVerdict]:
     """Judge the statements about Fig. 15."""
-    item, said = ITEMS[1], "Greedy selection is close to brute force."
-    out = [v.close(f"{item}-brute-force", said, v.matched(table, GREEDY, BRUTE))]
+    item, statement = ITEMS[1], "Greedy selection is close to brute force."
+    out = [v.close(f"{item}-brute-force", statement, v.matched(table, GREEDY, BRUTE))]
     for name in HEURISTICS:
-        said = f"Greedy selection is better than the policy `{name}`."
-        out.append(v.pairs(f"{item}-{name}", said, v.matched(table, GREEDY, name)))
+        statement = f"Greedy selection is better than the policy `{name}`."
+        out.append(v.pairs(f"{item}-{name}", statement, v.matched(table, GREEDY, name)))
     points = [pair for name in HEURISTICS for pair in v.matched(table, GREEDY, name)]
-    said = "The differences are no larger than the variation over the runs."
-    return [*out, v.close(f"{item}-variation", said, points)]
+    statement = "The differences are no larger than the variation over the runs."
+    return [*out, v.close(f"{item}-variation", statement, points)]

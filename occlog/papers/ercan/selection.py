@@ -103,8 +103,8 @@ def judge12(table: Table) -> list[StatementVerdict]:
         ),
     ]
     if six is not None and everything is not None:
-        said = "Six cameras selected greedily do as well as all twelve."
-        out.append(v.close("fig12-six", said, [(everything, six)]))
+        statement = "Six cameras selected greedily do as well as all twelve."
+        out.append(v.close("fig12-six", statement, [(everything, six)]))
     return [*out, *priors_error("fig12", table, 11.5), *judge_worst_case(table, "fig12", 47.9)]
 
 
@@ -145,8 +145,8 @@ def fig15(size: Size, execute: Execute) -> Table:
 
 def judge15(table: Table) -> list[StatementVerdict]:
     """Judge the statements about Fig. 15."""
-    said = "Greedy selection is close to brute force."
-    out = [v.close("fig15-brute-force", said, v.matched(table, GREEDY, BRUTE)), *_heuristics("fig15", table)]
+    statement = "Greedy selection is close to brute force."
+    out = [v.close("fig15-brute-force", statement, v.matched(table, GREEDY, BRUTE)), *_heuristics("fig15", table)]
     points = [pair for name in HEURISTICS for pair in v.matched(table, GREEDY, name)]
     out.append(v.close("fig15-variation", "The differences are no larger than the variation over the runs.", points))
     return [*out, *priors_error("fig15", table, 12.1)]
@@ -199,8 +199,8 @@ def judge14(table: Table) -> list[StatementVerdict]:
         v.close("fig14-small", "The difference is small against the variation over the runs.", known_none),
     ]
     for key, name in (("known", KNOWN), ("priors", PRIOR), ("none", NONE)):
-        said = f"Every further camera lowers the error ({name})."
-        out.append(v.pairs(f"fig14-cameras-{key}", said, v.neighbours(v.series(table, name))))
+        statement = f"Every further camera lowers the error ({name})."
+        out.append(v.pairs(f"fig14-cameras-{key}", statement, v.neighbours(v.series(table, name))))
     return [*out, *priors_error("fig14", table, 12.1), *judge_worst_case(table, "fig14", 77.5)]
 
 
@@ -242,8 +242,8 @@ def by_period(size: Size, execute: Execute) -> Table:
 def judge(table: Table) -> list[StatementVerdict]:
     """Judge that the error is lower with more frequent selections."""
     rows = v.series(table, GREEDY)
-    said = "Selecting again more often gives better tracking: RMSE lower with the shorter time, by."
-    return [v.pairs("selection-period", said, list(pairwise(rows)))]
+    statement = "Selecting again more often gives better tracking: RMSE lower with the shorter time, by."
+    return [v.pairs("selection-period", statement, list(pairwise(rows)))]
 
 
 SELECTION_PERIOD = Experiment(

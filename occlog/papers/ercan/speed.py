@@ -161,17 +161,17 @@ def judge10(table: Table) -> list[StatementVerdict]:
         if len(rows) < 2 or len(none) < 2:
             continue
         power, growth = power_of(rows), quotient_of(rows[-1], rows[0])
-        said = f"Time grows about linearly with the cameras ({name}): exponent of N."
+        statement = f"Time grows about linearly with the cameras ({name}): exponent of N."
         rule = f"exponent of N at most {LINEAR}; in part up to {NEARLY}"
         linear, nearly = v.at_most(LINEAR), v.at_most(NEARLY)
-        out.append(v.judge(f"fig10-linear-{key}", said, power, linear, nearly, rule=rule, paper=1.0))
+        out.append(v.judge(f"fig10-linear-{key}", statement, power, linear, nearly, rule=rule, paper=1.0))
         most = 2.0 ** (rows[-1].x - rows[0].x)
-        said = f"Time grows much less than 2^N ({name}): from the fewest cameras to the most, by this factor."
+        statement = f"Time grows much less than 2^N ({name}): from the fewest cameras to the most, by this factor."
         rule = "below half of 2^N; in part below 2^N"
         half, whole = v.below(0.5 * most), v.below(most)
-        out.append(v.judge(f"fig10-exponential-{key}", said, growth, half, whole, rule=rule, paper=most))
-        said = f"Time grows about as without priors ({name}): quotient of the two growths."
-        out.append(v.stated(f"fig10-as-none-{key}", said, 1.0, quotient_of(_growth(rows), _growth(none))))
+        out.append(v.judge(f"fig10-exponential-{key}", statement, growth, half, whole, rule=rule, paper=most))
+        statement = f"Time grows about as without priors ({name}): quotient of the two growths."
+        out.append(v.stated(f"fig10-as-none-{key}", statement, 1.0, quotient_of(_growth(rows), _growth(none))))
     return out
 
 

@@ -130,8 +130,8 @@ def judge7(table: Table) -> list[StatementVerdict]:
         v.pairs("fig7-rises", "Better priors give a lower error.", v.neighbours(rows[::-1])),
     ]
     if cross is not None:
-        said = "The error of tracker and priors are equal at this one."
-        out.append(v.stated("fig7-crossing", said, 3.72, mean_of(cross)))
+        statement = "The error of tracker and priors are equal at this one."
+        out.append(v.stated("fig7-crossing", statement, 3.72, mean_of(cross)))
         if none is not None:
             out.append(_sd_factor("fig7-deviation", cross, none))
     if known is not None and none is not None:
@@ -179,17 +179,17 @@ def needed(grid: list[float], rmse: list[float], target: float = TARGET) -> floa
 def judge8(table: Table) -> list[StatementVerdict]:
     """Judge the statements about Fig. 8."""
     rows = [r for r in v.series(table, NEEDED) if r.runs]
-    said = "The more cameras, the less accurate the priors may be for an RMSE of 3."
+    statement = "The more cameras, the less accurate the priors may be for an RMSE of 3."
     last, worst = (rows[-1] if rows else None), v.find(table, WORST)
     # From the number of cameras on that need no priors, more cameras cannot lower the need.
     points = [(a, b) for a, b in pairwise(rows) if worst is None or min(a.values) < worst.mean]
-    out = [v.pairs("fig8-trade-off", said, points)]
+    out = [v.pairs("fig8-trade-off", statement, points)]
     if last is not None:
         rule = f"RMSE without priors and with all cameras: at most {TARGET:g}; in part up to 35 % above"
-        said = "With enough cameras no priors are needed."
+        statement = "With enough cameras no priors are needed."
         none = sample(last.each["rmse_none"])
         good, fair = v.at_most(TARGET), v.at_most(1.35 * TARGET)
-        out.append(v.judge("fig8-no-priors", said, none, good, fair, rule=rule, paper=TARGET))
+        out.append(v.judge("fig8-no-priors", statement, none, good, fair, rule=rule, paper=TARGET))
     return out
 
 
@@ -230,8 +230,8 @@ def _gap(pair: v.Pair) -> PaperRow:
 
 def _spread(item: str, wide: list[PaperRow], narrow: list[PaperRow]) -> StatementVerdict:
     """Judge that deviations over the runs are larger where less is known of the occluders: their quotient against 1."""
-    said = "The error differs more from run to run without priors than with known positions, by this factor."
-    return v.judge(f"{item}-variation", said, _deviations(wide, narrow), v.above(1.0), rule="above 1")
+    statement = "The error differs more from run to run without priors than with known positions, by this factor."
+    return v.judge(f"{item}-variation", statement, _deviations(wide, narrow), v.above(1.0), rule="above 1")
 
 
 def _deviations(wide: list[PaperRow], narrow: list[PaperRow]) -> Measure:
@@ -249,9 +249,11 @@ def _deviations(wide: list[PaperRow], narrow: list[PaperRow]) -> Measure:
 
 
 def _sd_factor(key: str, narrow: PaperRow, wide: PaperRow) -> StatementVerdict:
-    said = "From none to priors as good as the tracker, the deviation over the runs falls by this factor."
+    statement = "From none to priors as good as the tracker, the deviation over the runs falls by this factor."
     rule = "within 10 % of it; in part if above 1"
-    return v.judge(key, said, _deviations([wide], [narrow]), v.around(3.4, v.NEAR), v.above(1.0), rule=rule, paper=3.4)
+    return v.judge(
+        key, statement, _deviations([wide], [narrow]), v.around(3.4, v.NEAR), v.above(1.0), rule=rule, paper=3.4
+    )
 
 
 NOTE = "Priors by a Kalman filter on virtual measurements; M = 40 moving occluders, 1000 particles."

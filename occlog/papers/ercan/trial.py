@@ -113,8 +113,8 @@ def judge_worst_case(table: Table, item: str, paper: float) -> list[StatementVer
     row = find(table, WORST)
     if row is None:
         return []
-    said = "Error without tracking, of the middle of the room."
-    return [stated(f"{item}-rmse-max", said, paper, mean_of(row))]
+    statement = "Error without tracking, of the middle of the room."
+    return [stated(f"{item}-rmse-max", statement, paper, mean_of(row))]
 
 
 def priors_error(item: str, rows: Sequence[PaperRow], paper: float) -> list[StatementVerdict]:
@@ -123,8 +123,8 @@ def priors_error(item: str, rows: Sequence[PaperRow], paper: float) -> list[Stat
     if not given:
         return []
     of_runs = sample([math.fsum(own) / len(own) for own in zip(*given, strict=True)])
-    said = "Error of the occluders' priors (set by the noise of the virtual measurements)."
-    return [stated(f"{item}-rmse-occ", said, paper, of_runs)]
+    statement = "Error of the occluders' priors (set by the noise of the virtual measurements)."
+    return [stated(f"{item}-rmse-occ", statement, paper, of_runs)]
 
 
 def kalman(sigma: float, q: float = 1.2) -> Values:

@@ -35,7 +35,7 @@ EXAMPLES = 100
 class LeeStatement(NamedTuple):
     """A statement, and the range of its quantity."""
 
-    said: str
+    statement: str
     good: v.Interval
     rule: str
 
@@ -128,7 +128,7 @@ def equations(size: Size, execute: Execute) -> Table:  # noqa: ARG001
 def judge(table: Table) -> list[StatementVerdict]:
     """Judge each statement by its quantity, which has no error bar."""
     return [
-        v.judge(row.series, s.said, exact(row.mean), s.good, rule=s.rule)
+        v.judge(row.series, s.statement, exact(row.mean), s.good, rule=s.rule)
         for row in table
         if (s := STATEMENTS[row.series])
     ]

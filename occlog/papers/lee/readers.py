@@ -100,9 +100,9 @@ def judge_errors(table: Table) -> list[StatementVerdict]:
     ]
     nine, twenty_five = printed[0], printed[-1]
     same, fair = v.around(1.0, v.NEAR), v.around(1.0, v.FAR)
-    said = "The refined position hardly depends on the readers (Eq. 5.39): median with 9 over that with 25."
+    statement = "The refined position hardly depends on the readers (Eq. 5.39): median with 9 over that with 25."
     rule = f"within {v.NEAR:.0%} of 1; in part within {v.FAR:.0%}"
-    out.append(v.judge("refine-readers", said, quotient_of(nine, twenty_five), same, fair, rule=rule, paper=1.0))
+    out.append(v.judge("refine-readers", statement, quotient_of(nine, twenty_five), same, fair, rule=rule, paper=1.0))
     return out
 
 
@@ -147,23 +147,29 @@ def judge_counts(table: Table) -> list[StatementVerdict]:
         ),
     }
     out = []
-    for series, (paper, said) in printed.items():
+    for series, (paper, statement) in printed.items():
         row = v.find(table, series)
         if row is not None:
             key, holds = f"virtual-{series.split()[0]}", row.mean == paper
-            out.append(v.fact(key, said, holds=holds, measured=row.mean, rule="the same number", paper=float(paper)))
+            out.append(
+                v.fact(key, statement, holds=holds, measured=row.mean, rule="the same number", paper=float(paper))
+            )
     eight = v.find(table, "eight readers in two rows")
     if eight is not None:
-        said = "Eight readers make 26 virtual sensors (the layout is lost): one of the random layouts does; their mean."
+        statement = (
+            "Eight readers make 26 virtual sensors (the layout is lost): one of the random layouts does; their mean."
+        )
         rule = f"one of {eight.runs} layouts has as many; they have {min(eight.values):g} to {max(eight.values):g}"
         holds = float(EIGHT) in eight.values
-        out.append(v.fact("virtual-eight", said, holds=holds, measured=eight.mean, rule=rule, paper=float(EIGHT)))
+        out.append(v.fact("virtual-eight", statement, holds=holds, measured=eight.mean, rule=rule, paper=float(EIGHT)))
     ring, most = v.find(table, "twelve readers in a ring"), v.find(table, "twelve readers, at most")
     if ring is not None and most is not None:
-        said = "Readers that are far from each other make fewer than the bound: a ring of 12."
+        statement = "Readers that are far from each other make fewer than the bound: a ring of 12."
         holds = ring.mean <= most.mean
         out.append(
-            v.fact("virtual-bound", said, holds=holds, measured=ring.mean, rule="at most the bound", paper=most.mean)
+            v.fact(
+                "virtual-bound", statement, holds=holds, measured=ring.mean, rule="at most the bound", paper=most.mean
+            )
         )
     return out
 

@@ -269,7 +269,9 @@ def run_views_trial(spec: Spec) -> dict[str, float]:
 def defaults_of(method: str) -> MipfConfig:
     """Return the default settings of a method by name; InputError for an unknown name."""
     if method not in CONFIGS:
-        raise InputError(f"trial: no method {method!r} that tracks in images; there are: {', '.join(CONFIGS)}")
+        raise InputError(
+            f"trial: no method {method!r} that tracks in images; there are: {', '.join(CONFIGS)}", id="unknown-name"
+        )
     return CONFIGS[method]()
 
 
@@ -306,9 +308,9 @@ def _staging(spec: Spec) -> Staging:
 def _check(spec: Spec, keys: tuple[str, ...]) -> None:
     for key in spec:
         if key not in keys:
-            raise InputError(f"trial: unknown key {key!r}; it has: {', '.join(keys)}")
+            raise InputError(f"trial: unknown key {key!r}; it has: {', '.join(keys)}", id="unknown-key")
     if "seed" in keys and "seed" not in spec:
-        raise InputError("trial: seed is missing")
+        raise InputError("trial: seed is missing", id="missing-value")
 
 
 @functools.lru_cache(maxsize=32)

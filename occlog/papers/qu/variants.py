@@ -98,11 +98,15 @@ def judge(variant: VideoVariant, table: Table) -> list[StatementVerdict]:
         own = v.series(table, f"BMCT, {name}")
         pairs = v.matched(table, f"BMCT, {name}", f"IDMOT, {name}")
         pairs = [(low, high) for low, high in pairs if variant is not VIEWS or low.x > 1]
-        said = f"Cooperation pays at any number of {variant.label}: mean rate of {name} below that of IDMOT, by [%]."
-        out.append(everywhere(f"{variant.item}-{rate}", said.replace("number of radius", "radius"), pairs))
+        statement = (
+            f"Cooperation pays at any number of {variant.label}: mean rate of {name} below that of IDMOT, by [%]."
+        )
+        out.append(everywhere(f"{variant.item}-{rate}", statement.replace("number of radius", "radius"), pairs))
         if variant is VIEWS:
-            said = f"With more cameras failures are avoided: rate of {name} of BMCT lower with one view more, by [%]."
-            out.append(everywhere(f"views-{rate}-more", said, v.neighbours(own)))
+            statement = (
+                f"With more cameras failures are avoided: rate of {name} of BMCT lower with one view more, by [%]."
+            )
+            out.append(everywhere(f"views-{rate}-more", statement, v.neighbours(own)))
     found = [verdict for verdict in out if verdict is not None]
     return [*found, _cost(variant, table)] if variant in (BALLS, VIEWS) else found
 
@@ -112,12 +116,12 @@ def _cost(variant: VideoVariant, table: Table) -> StatementVerdict:
     rows = v.series(table, f"BMCT, {RATES['fr_p']}")
     times = [PaperRow("time", r.x, r.each["frame_ms"]) for r in rows if r.x > 1]  # one view has no collaboration
     what = "cameras" if variant is VIEWS else "targets"
-    said = (
+    statement = (
         f"The cost of BMCT grows linearly with the number of {what}: exponent of the CPU time of a frame of all views."
     )
     rule = f"at most {LINEAR:g}; in part {NEARLY:g}"
     limits = v.at_most(LINEAR), v.at_most(NEARLY)
-    return v.judge(f"{variant.item}-cost", said, power_of(times), *limits, rule=rule, paper=1.0)
+    return v.judge(f"{variant.item}-cost", statement, power_of(times), *limits, rule=rule, paper=1.0)
 
 
 def _experiment(variant: VideoVariant) -> Experiment:

@@ -33,7 +33,7 @@ ALONE, SPEED_KNOWN, TWO, RADIAL = "fig1-scale", "fig1-speed", "fig1-two", "sec7-
 class RahimiStatement(NamedTuple):
     """A statement, and the range of its quantity."""
 
-    said: str
+    statement: str
     good: v.Interval
     rule: str
 
@@ -94,7 +94,7 @@ def judge(table: Table) -> list[StatementVerdict]:
     out = []
     for row in table:
         s = STATEMENTS[row.series]
-        out.append(v.judge(row.series, s.said, exact(row.mean), s.good, rule=s.rule))
+        out.append(v.judge(row.series, s.statement, exact(row.mean), s.good, rule=s.rule))
     return out
 
 

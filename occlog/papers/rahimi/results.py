@@ -78,17 +78,19 @@ def judge4(table: Table) -> list[StatementVerdict]:
     between, beyond = v.find(table, BETWEEN), v.find(table, BEYOND)
     median, side = whole.extra["median"], 2.0 * HALF
     rule = f"at most {CLOSE:.0%} of the room's side; in part up to twice that"
-    said = (
+    statement = (
         f"The estimated trajectory is close to the true one: median RMSE [m] of the problems (mean {whole.mean:.3g})."
     )
     near, fair = v.at_most(CLOSE * side), v.at_most(2.0 * CLOSE * side)
     out = [
-        v.judge("fig4-close", said, estimate(median, whole.extra["median_error"], whole.runs), near, fair, rule=rule),
+        v.judge(
+            "fig4-close", statement, estimate(median, whole.extra["median_error"], whole.runs), near, fair, rule=rule
+        ),
         v.pairs("fig4-ends", "The first and last tenth are worse than the rest, by this much [m].", [(middle, ends)]),
     ]
     if between is not None and beyond is not None and between.runs:
-        said = "Errors before the first or after the last detection are larger than between two [m]."
-        out.append(v.pairs("fig4-beyond", said, [(between, beyond)]))
+        statement = "Errors before the first or after the last detection are larger than between two [m]."
+        out.append(v.pairs("fig4-beyond", statement, [(between, beyond)]))
     return out
 
 

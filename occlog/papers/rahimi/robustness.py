@@ -86,24 +86,26 @@ def judge_false(table: Table) -> list[StatementVerdict]:
         if row is not None and own is not None:
             out.append(_adds(f"false-{name.replace(', ', '-').replace(' ', '-')}", name, own, row))
     start = v.matched(table, CAUCHY, LINEAR, (10.0,))
-    said = "Robust costs must start from the axes: with a linear fit the error is higher by this much [m]."
-    out.append(v.pairs("false-start", said, start))
+    statement = "Robust costs must start from the axes: with a linear fit the error is higher by this much [m]."
+    out.append(v.pairs("false-start", statement, start))
     other = v.find(table, SQUARE_LINEAR, 0.0)
     if other is not None and clean is not None:
         off = max(abs(a - b) for a, b in zip(clean.values, other.values, strict=True))
-        said = "For squares and clean data the start does not matter: largest difference of the RMSE [m]."
+        statement = "For squares and clean data the start does not matter: largest difference of the RMSE [m]."
         rule = f"below {SAME:g} m in every problem"
-        out.append(v.judge("false-start-squares", said, exact(off, clean.runs), v.below(SAME), rule=rule))
+        out.append(v.judge("false-start-squares", statement, exact(off, clean.runs), v.below(SAME), rule=rule))
     return out
 
 
 def _adds(key: str, name: str, clean: PaperRow, row: PaperRow) -> StatementVerdict:
     """Judge what false bearings add, as a share of the clean error, run by run."""
     ratio, error = quotient(row, clean)
-    said = f"10 % of false bearings add less than {LOSES:.0%} to the mean RMSE with clean data ({name}): share added."
+    statement = (
+        f"10 % of false bearings add less than {LOSES:.0%} to the mean RMSE with clean data ({name}): share added."
+    )
     rule = f"below {LOSES:.0%}; in part below twice that"
     added = estimate(ratio - 1.0, error, row.runs)
-    return v.judge(key, said, added, v.below(LOSES), v.below(2.0 * LOSES), rule=rule)
+    return v.judge(key, statement, added, v.below(LOSES), v.below(2.0 * LOSES), rule=rule)
 
 
 def covariance(size: Size, execute: Execute) -> Table:
@@ -146,10 +148,10 @@ def judge_covariance(table: Table) -> list[StatementVerdict]:
 
 def _consistent(key: str, what: str, row: PaperRow) -> StatementVerdict:
     """Judge a mean against 2; the error bar is that of the problems' means, as errors within a problem depend."""
-    said = f"The normalised squared error is 2 in the mean, as the covariance states ({what})."
+    statement = f"The normalised squared error is 2 in the mean, as the covariance states ({what})."
     low, high = RIGHT_WITHIN
     rule = f"from {low:g} to {high:g}; in part within a factor of 2"
-    return v.judge(key, said, mean_of(row), v.Interval(low, high), v.Interval(1.0, 4.0), rule=rule, paper=2.0)
+    return v.judge(key, statement, mean_of(row), v.Interval(low, high), v.Interval(1.0, 4.0), rule=rule, paper=2.0)
 
 
 FALSE = Experiment(

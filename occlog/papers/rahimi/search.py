@@ -83,9 +83,11 @@ def judge3(table: Table) -> list[StatementVerdict]:
 
 
 def _start(off: float, runs: int) -> StatementVerdict:
-    said = "The search starts with seen points 1 m along the axes and unseen ones at the origin: largest deviation [m]."
+    statement = (
+        "The search starts with seen points 1 m along the axes and unseen ones at the origin: largest deviation [m]."
+    )
     rule = "below 1e-6 m in every problem"
-    return v.judge("fig3-start", said, exact(off, runs), v.below(1e-6), rule=rule, paper=0.0)
+    return v.judge("fig3-start", statement, exact(off, runs), v.below(1e-6), rule=rule, paper=0.0)
 
 
 def _iterations(moving: Sequence[PaperRow]) -> list[StatementVerdict]:
@@ -93,7 +95,7 @@ def _iterations(moving: Sequence[PaperRow]) -> list[StatementVerdict]:
     open_ = round(math.fsum(moving[-1].values))
     runs = moving[-1].runs
     counts = [math.fsum(values) for values in zip(*(r.values for r in moving), strict=True)]
-    said = (
+    statement = (
         f"Iterations until it has converged (median {float(np.median(counts)):g}, most {max(counts):g}; "
         "the paper shows one problem)."
     )
@@ -101,7 +103,7 @@ def _iterations(moving: Sequence[PaperRow]) -> list[StatementVerdict]:
     most, half = v.at_least(MOST), v.at_least(HALF_OF_THEM)
     return [
         v.judge("fig3-converges", "Problems converge: share of them.", converged, most, half, rule=rule),
-        v.stated("fig3-iterations", said, PAPER_ITERATIONS, sample(counts)),
+        v.stated("fig3-iterations", statement, PAPER_ITERATIONS, sample(counts)),
     ]
 
 

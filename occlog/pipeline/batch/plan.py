@@ -99,19 +99,25 @@ def _places(pattern: str, results: str) -> Iterable[str]:
     if Path(pattern).is_file():  # also one with a name that has brackets
         return [_absolute(pattern)]
     if Path(pattern).is_dir():
-        raise InputError(f"{pattern}: is a folder; name the recordings in it: '{Path(pattern) / '*.mcap'}'")
+        raise InputError(
+            f"{pattern}: is a folder; name the recordings in it: '{Path(pattern) / '*.mcap'}'", id="not-a-file"
+        )
     if not glob.has_magic(pattern):
-        raise InputError(f"{pattern}: no such file; check the name and the folder")
+        raise InputError(f"{pattern}: no such file; check the name and the folder", id="file-not-found")
     names = list(islice(glob.iglob(pattern, recursive=True), MAX_PATHS + 1))  # noqa: PTH207
     if len(names) > MAX_PATHS:
         raise InputError(
             f"{pattern}: more than {MAX_PATHS:,} paths; where links lead back into their own folder name folders "
-            "without them"
+            "without them",
+            id="input-too-large",
         )
     own = os.path.realpath(results) if results and not is_url(results) else ""
     names = sorted(name for name in names if _may_be_file(name) and not (own and _is_below(name, own)))
     if not names:
-        raise InputError(f"{pattern}: finds no file; check the pattern, and quote it so that the shell leaves it alone")
+        raise InputError(
+            f"{pattern}: finds no file; check the pattern, and quote it so that the shell leaves it alone",
+            id="file-not-found",
+        )
     return [_absolute(name) for name in names]
 
 
@@ -150,7 +156,9 @@ def _found(pattern: str, results: str) -> list[str]:
     below = f"{results.replace(':///', '://')}/"
     urls = [url for url in find(pattern) if not (results and url.replace(":///", "://").startswith(below))]
     if not urls:
-        raise InputError(f"{without_secrets(pattern)}: finds no file; check the pattern and what you may list")
+        raise InputError(
+            f"{without_secrets(pattern)}: finds no file; check the pattern and what you may list", id="file-not-found"
+        )
     return urls
 
 

@@ -65,7 +65,10 @@ def batch_folder(output: str, results: Sequence[str], cache: Cache) -> Iterator[
     check_output(output)
     names = names_in(output)
     if names and MARK not in names:
-        raise UsageError(f"{public_url(output)}: holds files but no {MARK}, so it is not of a batch; name a new folder")
+        raise UsageError(
+            f"{public_url(output)}: holds files but no {MARK}, so it is not of a batch; name a new folder",
+            id="wrong-content",
+        )
     with cache.scratch() as folder:
         write_json(folder / MARK, _mark())
         put(folder / MARK, f"{output}/{MARK}")
@@ -81,9 +84,12 @@ def _prepare(output: Path) -> Path:
         raise OutputError(f"{output}: is a file; name a folder for the batch")
     mark = output / MARK
     if output.is_dir() and not mark.exists() and any(not each.name.endswith(PARTIAL) for each in output.iterdir()):
-        raise UsageError(f"{output}: holds files but no {MARK}, so it is not of a batch; name a new or empty folder")
+        raise UsageError(
+            f"{output}: holds files but no {MARK}, so it is not of a batch; name a new or empty folder",
+            id="wrong-content",
+        )
     if mark.exists() and read_json(mark).get("program") != "occlog":
-        raise InputError(f"{mark}: not of a batch; name a new or empty folder")
+        raise InputError(f"{mark}: not of a batch; name a new or empty folder", id="wrong-content")
     try:
         output.mkdir(parents=True, exist_ok=True)
         with no_links_out_of(output):
@@ -236,7 +242,7 @@ class _Run:
 
     def _failed(self, found: RecordingOutcome, error: Exception) -> RecordingOutcome:
         """The outcome with the error, in one line that names no folder of this machine."""
-        text, code = explain(error)
+        text, code, _ = explain(error)
         for path, name in self._names.items():
             for each in {path, " ".join(path.split())} - {"/"}:
                 text = text.replace(each, name)

@@ -209,7 +209,7 @@ def run_batch(request: BatchRequest, *, strict: bool, quiet: bool, as_json: bool
     """
     for name in request.tables:
         if name not in TABLES:
-            raise UsageError(f"{option('tables')}: no table {name!r}; {did_you_mean(name, TABLES)}")
+            raise UsageError(f"{option('tables')}: no table {name!r}; {did_you_mean(name, TABLES)}", id="unknown-name")
     config = read_config(request.config, ())
     sources = sources_of(request.recordings, request.output)
     _check_config(config)
@@ -252,7 +252,9 @@ def _check_places(request: BatchRequest, sources: Sequence[BatchRecording]) -> N
         p for p in (request.output, *(source.location for source in sources)) if is_url(p) and kind_of(p) == "memory"
     ]
     if here and (request.workers > 1 or request.scheduler is not None):
-        raise UsageError(f"{here[0]}: is in the memory of this process; give {option('workers')} 1")
+        raise UsageError(
+            f"{here[0]}: is in the memory of this process; give {option('workers')} 1", id="not-applicable"
+        )
 
 
 def _outcomes(

@@ -32,7 +32,10 @@ def executor_of(
         settings = dict(jobs)
         location = settings.pop(JOB_FOLDER, None) or folder
         if location is None:
-            raise UsageError(f"--scheduler {scheduler}: give a folder that all machines see: --job {JOB_FOLDER}=PATH")
+            raise UsageError(
+                f"--scheduler {scheduler}: give a folder that all machines see: --job {JOB_FOLDER}=PATH",
+                id="missing-option",
+            )
         return Jobs(JOB_CLUSTERS[scheduler], Path(location), settings)
     if scheduler is not None:
         return RayCluster(scheduler) if scheduler.partition(":")[0] == "ray" else DaskCluster(scheduler)

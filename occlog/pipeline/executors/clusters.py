@@ -44,7 +44,8 @@ class DaskCluster:
             import distributed
         except ImportError as error:
             raise UsageError(
-                "a scheduler requires the package distributed; pip install distributed, or use local processes"
+                "a scheduler requires the package distributed; pip install distributed, or use local processes",
+                id="missing-package",
             ) from error
         library: Any = distributed  # it has no types
         try:
@@ -53,7 +54,8 @@ class DaskCluster:
             client = library.Client(self._address, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
             raise UsageError(
-                f"scheduler {self._address}: does not answer ({error}); start it, or use processes of this machine"
+                f"scheduler {self._address}: does not answer ({error}); start it, or use processes of this machine",
+                id="scheduler-failed",
             ) from error
         with _quiet(), client:
             if not client.nthreads():
@@ -86,7 +88,8 @@ class DaskCluster:
                 found = Lost("its workers died (out of memory, killed, or a crash of a library)")
             except (asyncio.CancelledError, concurrent.futures.CancelledError) as error:
                 raise InputError(
-                    f"scheduler {self._address}: is gone; start it again: the same command goes on where it was"
+                    f"scheduler {self._address}: is gone; start it again: the same command goes on where it was",
+                    id="scheduler-failed",
                 ) from error
             except (RuntimeError, ImportError) as error:
                 if isinstance(error, RuntimeError) and "deserializ" not in str(error):
@@ -94,7 +97,8 @@ class DaskCluster:
                 words = " ".join(str(error).split())[:120]
                 raise InputError(
                     f"scheduler {self._address}: it or a worker cannot read the work ({words}); install occlog "
-                    f"{__version__} there, in the environment that it is started in"
+                    f"{__version__} there, in the environment that it is started in",
+                    id="scheduler-failed",
                 ) from error
             yield running[future], found
 
@@ -136,7 +140,8 @@ class RayCluster:
             import ray
         except ImportError as error:
             raise UsageError(
-                "Ray is not installed; pip install 'ray[client]', or use processes of this machine"
+                "Ray is not installed; pip install 'ray[client]', or use processes of this machine",
+                id="missing-package",
             ) from error
         library: Any = ray
         try:
@@ -147,7 +152,9 @@ class RayCluster:
                 include_dashboard=False if self._address == "ray" else None,
             )
         except (ConnectionError, RuntimeError, ValueError, OSError) as error:
-            raise UsageError(f"scheduler {self._address}: does not answer ({error}); start it") from error
+            raise UsageError(
+                f"scheduler {self._address}: does not answer ({error}); start it", id="scheduler-failed"
+            ) from error
         try:
             # It takes functions alone, not those with some arguments bound
             remote = library.remote(num_cpus=1)(done_alike)
@@ -234,7 +241,7 @@ def _library() -> Any:
     try:
         import submitit
     except ImportError as error:
-        raise UsageError("jobs require the package submitit; pip install submitit") from error
+        raise UsageError("jobs require the package submitit; pip install submitit", id="missing-package") from error
     return submitit
 
 

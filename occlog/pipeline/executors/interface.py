@@ -42,7 +42,9 @@ class Executor(Protocol):
 def done_alike(version: str, work: Callable[[T], R], piece: T) -> R:
     """Do a piece of work on another machine; InputError where its occlog is another one, with other figures."""
     if version != __version__:
-        raise InputError(f"a worker has occlog {__version__}, this is {version}; install the same")
+        raise InputError(
+            f"a worker has occlog {__version__}, this is {version}; install the same", id="version-mismatch"
+        )
     return work(piece)
 
 

@@ -43,7 +43,9 @@ def scheduler_options(command: F) -> F:
 def job_settings(texts: Sequence[str], scheduler: str | None) -> dict[str, str]:
     """The settings of `--job`; UsageError where they are none, or there are no jobs."""
     if texts and scheduler not in JOB_CLUSTERS:
-        raise UsageError(f"--job {texts[0]}: only goes with --scheduler {' or '.join(JOB_CLUSTERS)}")
+        raise UsageError(
+            f"--job {texts[0]}: only goes with --scheduler {' or '.join(JOB_CLUSTERS)}", id="not-applicable"
+        )
     settings = {}
     for text in texts:
         name, given, value = text.partition("=")

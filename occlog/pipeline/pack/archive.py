@@ -93,7 +93,9 @@ def read_manifest(data: bytes, where: str) -> Manifest:
     try:
         manifest = msgspec.json.decode(data, type=Manifest)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise InputError(f"{where}: not a manifest of `occlog pack` ({error}); pack the run again") from error
+        raise InputError(
+            f"{where}: not a manifest of `occlog pack` ({error}); pack the run again", id="unknown-format"
+        ) from error
     check_names(manifest, where, "it is not unpacked")
     if any(f"{key_of_name(file.path)}/".startswith(f"{key_of_name(manifest.folder)}/") for file in manifest.inputs):
         raise InputError(f"{where}: has inputs in its run folder {manifest.folder!r}; pack the run again")
@@ -111,7 +113,9 @@ def check_names(manifest: Manifest, where: str, so: str) -> None:
             key = key_of_name(file.path)
             if key in met:
                 both = f"{met[key]!r} and {file.path!r}"
-                raise InputError(f"{where}: names a file twice where case does not count, {both}; {so}")
+                raise InputError(
+                    f"{where}: names a file twice where case does not count, {both}; {so}", id="duplicate-name"
+                )
             met[key] = file.path
     check_name(manifest.folder, where, so)
 
@@ -187,7 +191,7 @@ class Packer:
                 digest.update(part)
                 out.write(part)
         if digest.hexdigest() != entry.sha256:
-            raise InputError(f"{path}: changed while it was packed; pack the run again")
+            raise InputError(f"{path}: changed while it was packed; pack the run again", id="file-changed")
 
     def close(self) -> None:
         """Write the archive's index."""
@@ -208,7 +212,9 @@ def _guarded(path: Path) -> Iterator[None]:
         yield
     except FAILURES as error:
         reason = " ".join(str(error).split())[:120] or type(error).__name__
-        raise InputError(f"{path}: damaged, or no archive of `occlog pack` ({reason}); copy it again") from error
+        raise InputError(
+            f"{path}: damaged, or no archive of `occlog pack` ({reason}); copy it again", id="damaged-file"
+        ) from error
 
 
 def unpack(path: Path, folder: Path) -> Manifest:
@@ -236,13 +242,14 @@ def unpack(path: Path, folder: Path) -> Manifest:
         wanted = manifest.members()
         for name in sorted({*wanted, MANIFEST, LOCK} ^ set(members)):
             fault = "is missing" if name not in members else f"is not in {MANIFEST}"
-            raise InputError(f"{path}: {name} {fault}; nothing was unpacked: copy or pack it again")
+            raise InputError(f"{path}: {name} {fault}; nothing was unpacked: copy or pack it again", id="damaged-file")
         with _guarded(path), archive.open(members[LOCK]) as source:
             wanted_lock = lock_text(manifest)
             same = source.read(len(wanted_lock) + 1) == wanted_lock
         if not same:
             raise InputError(
-                f"{path}: {LOCK} has other versions than {MANIFEST}; nothing was unpacked: copy or pack it again"
+                f"{path}: {LOCK} has other versions than {MANIFEST}; nothing was unpacked: copy or pack it again",
+                id="file-changed",
             )
         _check_space(path, members, folder)
         for name, entry in wanted.items():
@@ -255,7 +262,9 @@ def _members(path: Path, archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]
     """The members by name; InputError for any that is no plain file inside the archive."""
     infos = archive.infolist()
     if len(infos) > MAX_FILES:
-        raise InputError(f"{path}: {len(infos)} files; the limit is {MAX_FILES}: pack a run with fewer inputs")
+        raise InputError(
+            f"{path}: {len(infos)} files; the limit is {MAX_FILES}: pack a run with fewer inputs", id="input-too-large"
+        )
     found: dict[str, zipfile.ZipInfo] = {}
     for info in infos:
         check_name(info.filename, str(path), "it is not unpacked")
@@ -272,17 +281,21 @@ def _members(path: Path, archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]
             else ""
         )
         if fault:
-            raise InputError(f"{path}: {info.filename}: is {fault}; nothing was unpacked: copy or pack it again")
+            raise InputError(
+                f"{path}: {info.filename}: is {fault}; nothing was unpacked: copy or pack it again", id="damaged-file"
+            )
         found[key_of_name(info.filename)] = info
     limit, total = FREE_BYTES + MAX_GROWTH * path.stat().st_size, sum(info.file_size for info in infos)
     if total > limit:
         raise InputError(
-            f"{path}: unpacks to {total} bytes; the limit of an archive of its size is {limit}; pack the run again"
+            f"{path}: unpacks to {total} bytes; the limit of an archive of its size is {limit}; pack the run again",
+            id="input-too-large",
         )
     large = next((i for i in infos if i.filename == MANIFEST and i.file_size > MAX_MANIFEST_BYTES), None)
     if large is not None:
         raise InputError(
-            f"{path}: {MANIFEST}: {large.file_size} bytes; the limit is {MAX_MANIFEST_BYTES}; pack the run again"
+            f"{path}: {MANIFEST}: {large.file_size} bytes; the limit is {MAX_MANIFEST_BYTES}; pack the run again",
+            id="input-too-large",
         )
     return {info.filename: info for info in infos}
 
@@ -307,7 +320,7 @@ def _copy(
             digest.update(part)
             out.write(part)
     if size != entry.bytes or digest.hexdigest() != entry.sha256:
-        raise InputError(f"{where}: is not what {MANIFEST} states (size or SHA-256); {remedy}")
+        raise InputError(f"{where}: is not what {MANIFEST} states (size or SHA-256); {remedy}", id="file-changed")
 
 
 def take(source: Path, target: Path, entry: PackedFile) -> None:

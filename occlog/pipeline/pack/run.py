@@ -55,7 +55,8 @@ def pack_run(folder: Path, config: Path, output: Path, *, include: bool, overwri
     """
     if not (folder / STATE).is_file():
         raise UsageError(
-            f"{folder}: has no {STATE}, so it is not a run folder; make one: occlog run {config} -o FOLDER"
+            f"{folder}: has no {STATE}, so it is not a run folder; make one: occlog run {config} -o FOLDER",
+            id="wrong-content",
         )
     wanted = read_config(config)
     _check_relative(wanted)
@@ -136,7 +137,8 @@ def _check_unpackable(manifest: Manifest, folder: Path) -> None:
     count = len({*manifest.members(), MANIFEST, LOCK})
     if count > MAX_FILES:
         raise InputError(
-            f"{folder}: {count} files with its inputs; the limit is {MAX_FILES}; leave them out: {option('reference')}"
+            f"{folder}: {count} files with its inputs; the limit is {MAX_FILES}; leave them out: {option('reference')}",
+            id="input-too-large",
         )
 
 

@@ -324,7 +324,8 @@ def outcomes(folder: Path) -> dict[str, StageOutcome]:
             not each.name.endswith(PARTIAL) and each.name != CONFIGURATION for each in folder.iterdir()
         ):
             raise UsageError(
-                f"{folder}: holds files but no {STATE}, so it is not a run folder; name a new or empty one"
+                f"{folder}: holds files but no {STATE}, so it is not a run folder; name a new or empty one",
+                id="wrong-content",
             )
         return {}
     try:
@@ -333,7 +334,7 @@ def outcomes(folder: Path) -> dict[str, StageOutcome]:
     except (KeyError, TypeError, AttributeError, ValueError, OSError):
         whole = False
     if not whole:
-        raise InputError(f"{path}: not the state of a run; remove it to do every stage again")
+        raise InputError(f"{path}: not the state of a run; remove it to do every stage again", id="damaged-file")
     return found
 
 

@@ -210,27 +210,27 @@ def plugin_of(key: str, name: str, kind: str) -> Plugin:
     plugin = find(name, kind)
     if plugin is None:
         known = did_you_mean(name, (each.name for each in installed(kind)))
-        raise UsageError(f"{option(key)}: {name!r}: no such {kind}; {known}")
+        raise UsageError(f"{option(key)}: {name!r}: no such {kind}; {known}", id="unknown-key")
     return plugin
 
 
 def setting_of(entry: RequestEntry, value: object) -> object:
     """The value of a setting, of what YAML has for it; UsageError, which names the key, where it states none."""
-    said, kind = declaration(entry.of), kind_of(entry.owner, entry.of.name)
+    spec, kind = declaration(entry.of), kind_of(entry.owner, entry.of.name)
     if plain_kind(kind) is bool:
         if not isinstance(value, bool):
             raise UsageError(f"{option(entry.key)}: expected true or false, got {value!r}")
         return value
     texts = [str(each) for each in listed(value)]
-    if said.whole:
+    if spec.whole:
         return tuple(texts)
     try:
-        if said.frames or said.size:
-            return read_pair(("x" if said.size else ":").join(texts), said.size)
+        if spec.frames or spec.size:
+            return read_pair(("x" if spec.size else ":").join(texts), spec.size)
         found: Any = read_value(",".join(texts), kind, entry.key)
     except UsageError as error:
         raise UsageError(f"{option(entry.key)}: {str(error).removeprefix(f'setting {entry.key}: ')}") from error
-    return found if said.scale == 1.0 or found is None else found * said.scale
+    return found if spec.scale == 1.0 or found is None else found * spec.scale
 
 
 def _file(entry: RequestEntry, value: object, kept: Path | None) -> float | Path:

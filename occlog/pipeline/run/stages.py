@@ -81,16 +81,23 @@ def read_config(path: Path, sources: tuple[str, ...] = SOURCES) -> Config:
     values = read_yaml(path, dict, "a run configuration (YAML)")
     for key in values:
         if key not in KEYS:
-            raise InputError(f"{path}: unknown key {key!r}; {_nearest(str(key), KEYS)}")
+            raise InputError(f"{path}: unknown key {key!r}; {_nearest(str(key), KEYS)}", id="unknown-key")
     if values.get("occlog_run") != 1:
         raise InputError(
-            f"{path}: expected `occlog_run: 1` (the version of this format), got {values.get('occlog_run')!r}"
+            f"{path}: expected `occlog_run: 1` (the version of this format), got {values.get('occlog_run')!r}",
+            id="version-mismatch",
         )
     given = [s for s in SOURCES if s in values]
     if given and not sources:
-        raise InputError(f"{path}: {given[0]}: a batch has its recordings from the command line; remove this key")
+        raise InputError(
+            f"{path}: {given[0]}: a batch has its recordings from the command line; remove this key",
+            id="not-applicable",
+        )
     if sources and len(given) != 1:
-        raise InputError(f"{path}: give exactly one of {', '.join(sources)}; got {', '.join(given) or 'none'}")
+        raise InputError(
+            f"{path}: give exactly one of {', '.join(sources)}; got {', '.join(given) or 'none'}",
+            id="conflicting-options",
+        )
     for name in ("simulate", "ingest", "listen", *STAGES):
         if not isinstance(values.get(name) or {}, dict):
             raise InputError(f"{path}: {name}: expected keys and values, got {values[name]!r}")
@@ -113,7 +120,7 @@ def refused_in(config: Config, stage: str) -> Iterator[None]:
     except NoSceneError as error:
         where = _place(config, stage, ("scene",)) if "scene" in config.stage(stage) else config.at("scene")
         raise InputError(
-            f"{where}: {error.where} holds no scene; name here a scene file or a recording with one"
+            f"{where}: {error.where} holds no scene; name here a scene file or a recording with one", id="missing-scene"
         ) from error
     except UsageError as error:
         if not error.options:
@@ -211,7 +218,9 @@ def _of_table(config: Config, folder: Path, out: dict[str, Path]) -> Iterator[Ru
     if "table" in config.values:
         measured = config.path.resolve().parent / str(config.values["table"])
         if "scene" not in config.values:
-            raise InputError(f"{config.at('table')}: a table holds no scene; give a key `scene` with the sensors")
+            raise InputError(
+                f"{config.at('table')}: a table holds no scene; give a key `scene` with the sensors", id="missing-scene"
+            )
     else:
         measured = folder / "doa.parquet"
         given = {"scene": config.values["scene"]} if "scene" in config.values else None
@@ -239,7 +248,10 @@ def _without_views(
         scene: key `scene`.
     """
     if config.values.get("detect"):
-        raise InputError(f"{config.at('detect')}: there are no images and no boxes to detect in; remove this key")
+        raise InputError(
+            f"{config.at('detect')}: there are no images and no boxes to detect in; remove this key",
+            id="not-applicable",
+        )
     method = str(config.stage("track").get("method", VERB.default))
     known = [entry.key for entry in form_of_method(method).entries()]
     config, tracked = _with_particles(config, folder, {"output": out["tracks"]})
@@ -279,7 +291,8 @@ def _with_particles(config: Config, folder: Path, tracked: dict[str, Path]) -> t
     asked = values.pop(PARTICLES, False)
     if not isinstance(asked, bool):
         raise InputError(
-            f"{config.at('track', PARTICLES)}: expected true or false (outputs of a run are in its folder)"
+            f"{config.at('track', PARTICLES)}: expected true or false (outputs of a run are in its folder)",
+            id="not-applicable",
         )
     if asked:
         tracked = {**tracked, PARTICLES: folder / f"{Particles.NAME}.parquet"}
@@ -297,7 +310,7 @@ def _overlay(
         source: dict[str, object] = {"recording": str(recording), **inputs}
         yield _stage(config, OVERLAY, drawn, (str(tracks),), source, "report")
     elif OVERLAY in config.values:
-        raise InputError(f"{config.path}: overlay: the recording holds no video; remove this key")
+        raise InputError(f"{config.path}: overlay: the recording holds no video; remove this key", id="not-applicable")
 
 
 def _of_everybody(config: Config) -> bool:
@@ -306,7 +319,7 @@ def _of_everybody(config: Config) -> bool:
     if method not in METHODS or METHODS[method].takes_in != BOXES:
         return False
     if "priors" in config.values:
-        raise InputError(f"{config.path}: priors: method {method} takes none; remove this key")
+        raise InputError(f"{config.path}: priors: method {method} takes none; remove this key", id="not-applicable")
     return True
 
 
@@ -377,7 +390,8 @@ def _has_positions(config: Config, recording: Path) -> bool:
     if found and _has_video(config, recording):
         raise InputError(
             f"{config.path}: the recording holds positions and images; detect people in the images first, and ingest "
-            "their boxes with the positions"
+            "their boxes with the positions",
+            id="wrong-content",
         )
     return found
 
@@ -397,7 +411,7 @@ def _priors(
     values = config.stage("priors")
     kind = values.get("source", "hull")
     if kind not in PRIORS:
-        raise InputError(f"{config.path}: priors.source: {kind!r}; {_nearest(str(kind), PRIORS)}")
+        raise InputError(f"{config.path}: priors.source: {kind!r}; {_nearest(str(kind), PRIORS)}", id="unknown-name")
     outputs = {"output": folder / "occluders.parquet"}
     if kind == "hull":
         outputs["hulls"] = folder / "hulls.parquet"
@@ -459,7 +473,9 @@ def _stage(
 ) -> RunStage:
     for key in outputs:
         if key in config.stage(name):
-            raise InputError(f"{config.path}: {name}.{key}: outputs of a run are in its folder; remove this key")
+            raise InputError(
+                f"{config.path}: {name}.{key}: outputs of a run are in its folder; remove this key", id="not-applicable"
+            )
     verb, _, source = (verb or name).partition(" ")
     values = {**(inputs or {}), **config.stage(name), **outputs}
     with refused_in(config, name):
@@ -473,7 +489,9 @@ def _stage(
         known = stage.keys()
     for key in stage.values:
         if key not in known:
-            raise InputError(f"{config.at(name, key)}: unknown key; {_hint(stage, declared, key, known)}")
+            raise InputError(
+                f"{config.at(name, key)}: unknown key; {_hint(stage, declared, key, known)}", id="unknown-key"
+            )
     return stage
 
 

@@ -190,10 +190,10 @@ def _of_recording(made: Choices) -> None:
     item = made.only(made.found.of(FileKind.RECORDING), "recording")
     made.put("", "recording", item.path)
     opened = open_recording(item.path)
-    said = [counted(len(opened.cameras), "camera with images", "cameras with images")] if opened.cameras else []
+    reported = [counted(len(opened.cameras), "camera with images", "cameras with images")] if opened.cameras else []
     named = {"boxes": Boxes, "bearings": Bearings, "directions": Doa, "reads of tags": Reads, "true positions": Truth}
-    said += [word for word, table in {**named, "true boxes": TruthBoxes}.items() if opened.has(table)]
-    made.say(f"recording {made.shown(item.path)}: {', '.join(said) or 'no measurements'}")
+    reported += [word for word, table in {**named, "true boxes": TruthBoxes}.items() if opened.has(table)]
+    made.say(f"recording {made.shown(item.path)}: {', '.join(reported) or 'no measurements'}")
     _truth_of_evaluation(made, opened.has(Truth))
     scene = opened.scene
     if (scenes := made.found.of(FileKind.SCENE)) and not made.has("", "scene"):
@@ -246,13 +246,6 @@ def _of_dataset(made: Choices, folder: Path) -> None:
     _method(made, "boxes")
 
 
-class CameraInput(NamedTuple):
-    """Inputs of one camera."""
-
-    name: str
-    items: tuple[Item, ...]
-
-
 def _of_cameras(made: Choices) -> None:
     """Videos, images and boxes with their calibration."""
     found = made.found
@@ -276,7 +269,9 @@ def _of_cameras(made: Choices) -> None:
     positions = _put_positions(made)
     keys = made.values.get("ingest", {}).keys() | made.given.get("ingest", {}).keys()
     if not keys & {"video", "images", "boxes", "positions"}:
-        raise InputError(f"{', '.join(map(str, made.sources))}: no camera is left that can be used; see above")
+        raise InputError(
+            f"{', '.join(map(str, made.sources))}: no camera is left that can be used; see above", id="too-few-sensors"
+        )
     if calibration is not None:
         _put_calibration(made, calibration)
     _rates(made, opened, renamed)
@@ -380,7 +375,9 @@ def _check_doubles(made: Choices) -> None:
             if other is not item:
                 raise InputError(
                     f"{item.path}: camera {item.name}, as {made.shown(other.path)}; name one: "
-                    f"--as '{made.shown(item.path)}={kind.value}:NAME', or leave it out: {made.shown(item.path)}=unused"
+                    f"--as '{made.shown(item.path)}={kind.value}:NAME', or leave it out: "
+                    f"{made.shown(item.path)}=unused",
+                    id="ambiguous-input",
                 )
     both = {i.name for i in made.found.of(FileKind.VIDEO)} & {i.name for i in made.found.of(FileKind.IMAGES)}
     for item in made.found.of(FileKind.IMAGES):
@@ -399,7 +396,7 @@ class OpenedCalibration(NamedTuple):
 
 
 def _calibration_items(made: Choices) -> list[Item]:
-    """Files of the one calibration of a bag."""
+    """Files that together are the calibration of the cameras of a bag."""
     groups = _calibrations(made)
     chosen = _choose_calibration(made, groups, [], {})
     return [] if chosen is None else list(chosen.items)
@@ -493,7 +490,8 @@ def _match(made: Choices, calibration: OpenedCalibration | None, names: Sequence
     if lost == list(names) and not scene:
         raise InputError(
             f"cameras {', '.join(names)} are none of the calibration's ({', '.join(known)}); name each: "
-            f"--as '{_path_of(made, names[0])}:{known[0]}'"
+            f"--as '{_path_of(made, names[0])}:{known[0]}'",
+            id="unknown-sensor",
         )
     for name in lost if not scene else ():
         why = f"it has no calibration (calibrated: {', '.join(known)})"
@@ -553,7 +551,10 @@ def _choose_class(made: Choices, used: Sequence[Item], opened: OpenedBoxes) -> N
     named = {name for label in found for name in label}
     best = next((name for name in PEOPLE if name in named), None)
     if best is None:
-        raise InputError(f"boxes are of several classes: {words}; choose that of people: --set ingest.class=NAME")
+        raise InputError(
+            f"boxes are of several classes: {words}; choose that of people: --set ingest.class=NAME",
+            id="ambiguous-input",
+        )
     note = ", person in COCO" if best == "0" else ""
     made.guess("ingest", "class", [best], f"boxes of class {best}{note}, of {words}")
 
@@ -611,7 +612,8 @@ def _rates(made: Choices, opened: OpenedBoxes, renamed: Mapping[str, str]) -> No
     rates = list(dict.fromkeys(info.rate for info in infos if info.rate))
     if len(rates) > 1:
         raise InputError(
-            f"sequences have the frame rates {', '.join(rates)}; give one sequence, or --set ingest.fps=RATE"
+            f"sequences have the frame rates {', '.join(rates)}; give one sequence, or --set ingest.fps=RATE",
+            id="ambiguous-input",
         )
     if rates and not times:
         made.guess("ingest", "fps", rates[0], f"frame rate: {rates[0]} fps, of seqinfo.ini")
@@ -640,7 +642,10 @@ def _rates(made: Choices, opened: OpenedBoxes, renamed: Mapping[str, str]) -> No
 
 
 def _need_rate(what: str) -> None:
-    raise InputError(f"{what}: counts frames, and no file states their rate or times; give it: --set ingest.fps=RATE")
+    raise InputError(
+        f"{what}: counts frames, and no file states their rate or times; give it: --set ingest.fps=RATE",
+        id="missing-times",
+    )
 
 
 def _check_size(made: Choices, size: tuple[int, int]) -> None:
@@ -650,7 +655,8 @@ def _check_size(made: Choices, size: tuple[int, int]) -> None:
             if camera.image_size not in (None, size):
                 raise InputError(
                     f"seqinfo.ini: images of {size[0]} x {size[1]} px, but camera {camera.name} is calibrated for "
-                    f"{camera.image_size[0]} x {camera.image_size[1]}; give the calibration of these images"
+                    f"{camera.image_size[0]} x {camera.image_size[1]}; give the calibration of these images",
+                    id="image-size-mismatch",
                 )
 
 
@@ -729,7 +735,8 @@ def _of_logs(made: Choices) -> None:
         stations = found.of(FileKind.STATIONS)
         if not stations and not found.of(FileKind.SCENE) and not made.has("ingest", "readers"):
             raise InputError(
-                f"{reads[0].path}: reads of tags without the positions of the readers; give a table reader,x,y"
+                f"{reads[0].path}: reads of tags without the positions of the readers; give a table reader,x,y",
+                id="missing-pose",
             )
         if stations:
             item = made.only(stations, "table of readers")
@@ -751,7 +758,8 @@ def _put_sound(made: Choices) -> None:
     tables = made.found.of(FileKind.STATIONS, FileKind.MICROPHONES)
     if not tables and not made.found.of(FileKind.SCENE) and not made.has("ingest", "arrays"):
         raise InputError(
-            f"{logs[0].path}: directions without the positions of their arrays; give a table name,x,y[,z] or a scene"
+            f"{logs[0].path}: directions without the positions of their arrays; give a table name,x,y[,z] or a scene",
+            id="missing-pose",
         )
     if tables and not made.has("ingest", "arrays"):
         made.put("ingest", "arrays", [item.path for item in tables])
@@ -766,7 +774,8 @@ def _put_sound(made: Choices) -> None:
             if name is None:
                 raise InputError(
                     f"{item.path}: directions of which array? ({', '.join(arrays)}): "
-                    f"--as '{made.shown(item.path)}=doa:NAME'"
+                    f"--as '{made.shown(item.path)}=doa:NAME'",
+                    id="camera-not-named",
                 )
         own.append(item.path if name is None else f"{name}={item.path}")
         of = "" if name is None else f" of array {name}"
@@ -776,7 +785,8 @@ def _put_sound(made: Choices) -> None:
     if any("odas" in item.words for item in logs) and made.value("ingest", "odas_hop") is None:
         raise InputError(
             f"{logs[0].path}: ODAS counts hops, and only its configuration states their length, hopSize / fS: "
-            "--set ingest.odas_hop=0.008"
+            "--set ingest.odas_hop=0.008",
+            id="missing-times",
         )
 
 
@@ -809,7 +819,8 @@ def _of_sound(made: Choices) -> None:
     sounds, tables, scenes = found.of(FileKind.SOUND), found.of(FileKind.MICROPHONES), found.of(FileKind.SCENE)
     if not tables and not scenes and not made.given.get("listen"):
         raise InputError(
-            f"{sounds[0].path}: sound without the positions of the microphones; give a table x,y,z or a scene"
+            f"{sounds[0].path}: sound without the positions of the microphones; give a table x,y,z or a scene",
+            id="missing-pose",
         )
     names = [item.name for item in tables]
     if scenes:
@@ -831,7 +842,8 @@ def _of_sound(made: Choices) -> None:
         name = _same(item.name, names) or (names[0] if len(names) == len(sounds) == 1 else None)
         if name is None:
             raise InputError(
-                f"{item.path}: sound of which array? ({', '.join(names)}): --as '{made.shown(item.path)}=sound:NAME'"
+                f"{item.path}: sound of which array? ({', '.join(names)}): --as '{made.shown(item.path)}=sound:NAME'",
+                id="camera-not-named",
             )
         own.append(f"{name}={item.path}")
         made.say(f"sound: {made.shown(item.path)} of array {name}", f"--as '{made.shown(item.path)}=sound:NAME'")
@@ -857,7 +869,8 @@ def _of_table(made: Choices) -> None:
     scenes = made.found.of(FileKind.SCENE) or made.found.of(FileKind.STATIONS)
     if not scenes and not made.has("", "scene"):
         raise InputError(
-            f"{item.path}: measurements without the positions of the sensors; give a scene or a table name,x,y"
+            f"{item.path}: measurements without the positions of the sensors; give a scene or a table name,x,y",
+            id="missing-pose",
         )
     if scenes:
         scene = made.only(scenes, "scene")
@@ -879,7 +892,8 @@ def _need_deviations(made: Choices, item: Item) -> None:
         if value in names and f"sigma_{value}" not in names and not made.has("track", f"sigma_{value}"):
             raise InputError(
                 f"{item.path}: {value} has no standard deviation (no column sigma_{value}); give it: "
-                f"--set track.sigma_{value}=NUMBER"
+                f"--set track.sigma_{value}=NUMBER",
+                id="missing-value",
             )
 
 

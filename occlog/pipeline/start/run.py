@@ -111,7 +111,9 @@ def read_settings(texts: Sequence[str]) -> dict[str, dict[str, object]]:
         known = known_keys(stage, values) if stage else ()
         for key in values if known else ():
             if key not in known:
-                raise UsageError(f"--set {stage}.{key}: unknown key; {did_you_mean(key, known, owner=stage)}")
+                raise UsageError(
+                    f"--set {stage}.{key}: unknown key; {did_you_mean(key, known, owner=stage)}", id="unknown-key"
+                )
     return out
 
 

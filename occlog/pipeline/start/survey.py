@@ -102,9 +102,9 @@ def read_stated(texts: Sequence[str], sources: Sequence[Path]) -> dict[Path, Sta
         places = [Path(where), *(source / where for source in sources if source.is_dir())]
         path = next((place for place in places if where and place.exists()), None)
         if path is None:
-            raise UsageError(f"--as {text}: no such file; expected PATH=KIND or PATH=KIND:NAME")
+            raise UsageError(f"--as {text}: no such file; expected PATH=KIND or PATH=KIND:NAME", id="file-not-found")
         if word not in words:
-            raise UsageError(f"--as {text}: no kind {word!r}; {did_you_mean(word, words)}")
+            raise UsageError(f"--as {text}: no kind {word!r}; {did_you_mean(word, words)}", id="unknown-name")
         if name and safe_name(name) != name:
             raise UsageError(f"--as {text}: {name!r} cannot be the name of a sensor; try {safe_name(name)!r}")
         out[path.resolve()] = Stated(None if word == UNUSED else FileKind(word), name)
@@ -125,7 +125,7 @@ def survey(sources: Sequence[Path], stated: Mapping[Path, Stated]) -> Survey:
     seen: set[Path] = set()
     for source in sources:
         if not source.exists():
-            raise InputError(f"{source}: no such file or folder; give a folder, a bag, or files")
+            raise InputError(f"{source}: no such file or folder; give a folder, a bag, or files", id="file-not-found")
         _look(source, source, 0, stated, found, seen)
     return found
 
@@ -136,14 +136,14 @@ def _look(path: Path, root: Path, depth: int, stated: Mapping[Path, Stated], fou
     if own in seen or (depth and path.name.startswith(".")):
         return
     seen.add(own)
-    said = stated.get(own)
-    if said is not None and said.kind is None:
+    reported = stated.get(own)
+    if reported is not None and reported.kind is None:
         found.unused.append((path, "as stated"))
         return
-    if path.is_dir() and said is None and (path / "run.json").is_file():
+    if path.is_dir() and reported is None and (path / "run.json").is_file():
         found.unused.append((path, "a run folder"))
         return
-    if path.is_dir() and said is None and is_wildtrack(path):
+    if path.is_dir() and reported is None and is_wildtrack(path):
         found.items.append(Item(path, FileKind.DATASET, "WILDTRACK as it ships", ""))
         return
     try:
@@ -151,8 +151,8 @@ def _look(path: Path, root: Path, depth: int, stated: Mapping[Path, Stated], fou
     except InputError as error:
         found.unused.append((path, str(error).removeprefix(f"{path}: ")))
         return
-    if said is not None or contents:
-        found.items.append(_item(path, root, contents, said))
+    if reported is not None or contents:
+        found.items.append(_item(path, root, contents, reported))
     elif not path.is_dir():
         found.unused.append((path, "no format that is known" if path.stat().st_size else "empty"))
     if path.is_dir() and not (found.items and found.items[-1].path == path and found.items[-1].kind in CLOSED):
@@ -188,12 +188,14 @@ def _look_into(
         found.unused.append((path, f"entries after the first {MAX_ENTRIES}"))
 
 
-def _item(path: Path, root: Path, contents: Sequence[FileContent], said: Stated | None) -> Item:
-    name = said.name if said is not None and said.name else name_of(path, root)
+def _item(path: Path, root: Path, contents: Sequence[FileContent], stated: Stated | None) -> Item:
+    name = stated.name if stated is not None and stated.name else name_of(path, root)
     kinds = tuple(content.kind for content in contents)
-    if said is not None and said.kind is not None:
-        words = next((c.words for c in contents if c.kind is said.kind), "as stated")
-        return Item(path, said.kind, words, name, tuple(k for k in kinds if k is not said.kind), True, bool(said.name))
+    if stated is not None and stated.kind is not None:
+        words = next((c.words for c in contents if c.kind is stated.kind), "as stated")
+        return Item(
+            path, stated.kind, words, name, tuple(k for k in kinds if k is not stated.kind), True, bool(stated.name)
+        )
     kind = kinds[0]
     if FileKind.TRUTH in kinds and FileKind.BOXES in kinds:
         # Boxes with identities are those of a tracker, or the truth: the name decides, and is stated

@@ -58,14 +58,14 @@ class Store:
         try:
             data = path.read_bytes()
         except OSError as error:
-            raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+            raise InputError(f"{path}: cannot be read: {error.strerror}", id="unreadable-file") from error
         for number, line in enumerate(data.split(b"\n")[:-1], start=1):
             try:
                 row = json.loads(line)
                 self.results[row["key"]] = {n: math.nan if v is None else float(v) for n, v in row["result"].items()}
             except (ValueError, KeyError, TypeError, AttributeError) as error:
                 raise InputError(
-                    f"{path}: line {number}: is no finished trial; remove the file to begin again"
+                    f"{path}: line {number}: is no finished trial; remove the file to begin again", id="damaged-file"
                 ) from error
         self._good = data.rfind(b"\n") + 1
 

@@ -102,7 +102,9 @@ def _check_value(part: str, method: str, name: str, value: object) -> None:
         return
     if part == "track" and name == "method":
         if entry(str(value)).takes_in != BEARINGS:
-            raise UsageError(f"{value} takes no bearings, which trials make; name a method that does, e.g. apf")
+            raise UsageError(
+                f"{value} takes no bearings, which trials make; name a method that does, e.g. apf", id="not-applicable"
+            )
         return
     of: dict[str, type[Settings]] = {"simulate": WorldConfig, "observe": ObserveConfig, "select": SelectConfig}
     given = tuple(value) if isinstance(value, list) else value
@@ -111,7 +113,7 @@ def _check_value(part: str, method: str, name: str, value: object) -> None:
 
 def _check_priors(name: str, value: object) -> None:
     if name not in ("kind", *PRIOR_NUMBERS):
-        raise UsageError(f"unknown key; {did_you_mean(name, ('kind', *PRIOR_NUMBERS))}")
+        raise UsageError(f"unknown key; {did_you_mean(name, ('kind', *PRIOR_NUMBERS))}", id="unknown-key")
     if name == "kind" and value not in PRIORS:
         raise UsageError(f"{value!r}: must be one of {', '.join(PRIORS)}")
     if name in PRIOR_NUMBERS and (isinstance(value, bool) or not isinstance(value, int | float) or value <= 0):
@@ -154,7 +156,7 @@ def _combined(spec: SweepSpec, scene: str) -> list[Setting]:
     for axis in axes:
         count *= len(axis)
     if count > MAX_TRIALS:
-        raise InputError(f"{count} trials, limit {MAX_TRIALS}; vary less or lower runs")
+        raise InputError(f"{count} trials, limit {MAX_TRIALS}; vary less or lower runs", id="problem-too-large")
     found = []
     for case in cases:
         for combination in itertools.product(*axes):

@@ -94,7 +94,9 @@ def run_sweep(
         write_bytes(folder / "summary.csv", to_csv(rows), overwrite=True)
         write_bytes(folder / "timings.csv", to_csv(trial_rows(settings, times_of)), overwrite=True)
     if unknown:
-        raise UsageError(f"{option('figures')}: no figure {unknown[0]!r}; there are: {', '.join(results[0])}")
+        raise UsageError(
+            f"{option('figures')}: no figure {unknown[0]!r}; there are: {', '.join(results[0])}", id="unknown-name"
+        )
     if as_json:
         console.echo_summary({"sweep": str(folder), "trials": len(trials), "settings": rows}, as_json=True)
     else:

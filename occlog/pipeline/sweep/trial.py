@@ -96,10 +96,10 @@ def run_trial(spec: Spec) -> dict[str, float]:
 def _check(spec: Spec) -> None:
     for key in spec:
         if key not in KEYS:
-            raise InputError(f"trial: unknown key {key!r}; it has: {', '.join(KEYS)}")
+            raise InputError(f"trial: unknown key {key!r}; it has: {', '.join(KEYS)}", id="unknown-key")
     for key in ("scene", "seed"):
         if key not in spec:
-            raise InputError(f"trial: {key} is missing")
+            raise InputError(f"trial: {key} is missing", id="missing-value")
 
 
 def _seed(seed: int, run: int) -> int:

@@ -101,7 +101,10 @@ def _add_inputs(archive: Path, manifest: Manifest, inputs: Path | None, folder: 
     for file in manifest.inputs:
         if not file.included:
             if inputs is None:
-                raise UsageError(f"{archive}: {file.path} is not in it; give the folder of its inputs: --inputs FOLDER")
+                raise UsageError(
+                    f"{archive}: {file.path} is not in it; give the folder of its inputs: --inputs FOLDER",
+                    id="unknown-name",
+                )
             take(inputs / file.path, folder / file.path, file)
 
 
@@ -116,11 +119,15 @@ def _make_again(manifest: Manifest, folder: Path, made: Path, begin: Callable[[s
                 named = (*places_of(text), *files_of(text))
                 outside = [p for p in named if folder not in p.resolve().parents]
                 if outside:
-                    raise InputError(f"stage {stage.name} names {outside[0]}, which is not in the archive")
+                    raise InputError(
+                        f"stage {stage.name} uses {outside[0]}, which is not in the archive; pack the run again"
+                    )
                 unused -= {path.resolve() for path in named}
     if unused:
         first = min(unused).relative_to(folder / INPUTS)
-        raise InputError(f"no stage names {counted(len(unused), 'input')} of it, such as {first}; pack the run again")
+        raise InputError(
+            f"no stage uses {counted(len(unused), 'input')} of the archive, such as {first}; pack the run again"
+        )
     return list(do_stages(config, made, force=False, dry_run=False, begin=begin))
 
 

@@ -246,11 +246,12 @@ class Gallery(ColumnTable):
         bad |= (self.density[:, int(self.bins[0]) :] != 0).any(axis=1)
         if bad.any():
             raise InputError(
-                f"Gallery: row {first_row(bad)}: density is none: at least 0, of sum 1, and 0 after the bins"
+                f"Gallery: row {first_row(bad)}: density is invalid; its values must be at least 0 with sum 1, "
+                "and 0 beyond the bins"
             )
         pairs = np.column_stack([self.target_id, self.angle])
         if len(np.unique(pairs, axis=0)) < len(pairs):
-            raise InputError("Gallery: a target has two rows of one angle")
+            raise InputError("Gallery: a target has two rows of one angle", id="duplicate-row")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

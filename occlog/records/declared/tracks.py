@@ -70,7 +70,8 @@ class Tracks(ColumnTable):
         if (unknown := np.isnan(self.cov_xx)).any():
             raise InputError(
                 f"tracks: row {first_row(unknown)} (target {self.target_id[first_row(unknown)]}) has no covariance, "
-                "which is wanted here; give the columns cov_xx, cov_xy and cov_yy"
+                "which is wanted here; give the columns cov_xx, cov_xy and cov_yy",
+                id="missing-column",
             )
         return self
 
@@ -261,7 +262,9 @@ class Residuals(ColumnTable):
         check_order(self)
         bad = ~((self.inlier_probability >= 0.0) & (self.inlier_probability <= 1.0) & (self.expected_variance >= 0.0))
         if bad.any():
-            raise InputError(f"Residuals: row {first_row(bad)}: want 0 <= believed <= 1 and expected >= 0")
+            raise InputError(
+                f"Residuals: row {first_row(bad)}: inlier_probability must be 0 to 1 and expected_variance at least 0"
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -374,7 +377,7 @@ class Bound(ColumnTable):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cooperation(ColumnTable):
-    """When a tracker of sounds asked cameras where its targets are, why, and what they said.
+    """When a tracker of sounds asked cameras where its targets are, why, and what they answered.
 
     Each row is one request for one target; several at one time share their frames, which
     are counted in the first of them.

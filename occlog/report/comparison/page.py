@@ -121,8 +121,8 @@ def build_markdown(found: RunComparisonPage) -> str:
     out += [f"- {plain(f'{letter}: {side.name}')}" for letter, side in found.sides]
     out += ["", *(f"- {plain(sentence)}" for sentence in words.sentences(found)), ""]
     for letter, side in found.sides:
-        said, _ = words.verdict_words(side)
-        out += [f"**{letter}: {plain(said)}.**", ""]
+        reported, _ = words.verdict_words(side)
+        out += [f"**{letter}: {plain(reported)}.**", ""]
         out += [f"- **{plain(check.id)}** ({stage}): {plain(check.text)}" for stage, check in side.data.findings]
         out += [""] if side.data.findings else []
     if rows := words.figure_rows(found):

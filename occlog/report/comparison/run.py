@@ -81,9 +81,12 @@ def files_of(run: Path, shared: PageRequest) -> PageRequest:
     """
     found = replace(shared, tracks=run).found
     if found.tracks is not None and content_of(found.tracks) is Content.RECORDING:
-        raise UsageError(f"{run}: is a recording, not tracks; name run folders or tables of tracks")
+        raise UsageError(f"{run}: is a recording, not tracks; name run folders or tables of tracks", id="wrong-content")
     if found.in_images:
-        raise InputError(f"{run}: has tracks in images; two runs are shown side by side where tracks are on the ground")
+        raise InputError(
+            f"{run}: has tracks in images; two runs are shown side by side where tracks are on the ground",
+            id="wrong-content",
+        )
     return found
 
 
@@ -98,10 +101,11 @@ def open_run(name: str, paths: PageRequest) -> ReportRun:
     if data is None or tracks is None or len(tracks) > MAX_ROWS:
         raise InputError(
             f"{file}: holds {rows if tracks is None else len(tracks):,} estimates, of a run {MAX_ROWS:,} at most are "
-            "aligned with another; name runs of a part of the recording, or compare figures alone (occlog compare)"
+            "aligned with another; name runs of a part of the recording, or compare figures alone (occlog compare)",
+            id="problem-too-large",
         )
     if not len(tracks):
-        raise InputError(f"{file}: holds no estimates, so that there is nothing to compare")
+        raise InputError(f"{file}: holds no estimates, so that there is nothing to compare", id="empty-input")
     return ReportRun(name, file, tracks, data)
 
 
@@ -109,10 +113,13 @@ def check_scenes(a: ReportRun, b: ReportRun) -> None:
     """InputError where two runs are not of one scene."""
     if a.data.unit != b.data.unit:
         raise InputError(
-            f"{b.file}: lengths are in {b.data.unit}, those of {a.file} in {a.data.unit}; name two runs of one scene"
+            f"{b.file}: lengths are in {b.data.unit}, those of {a.file} in {a.data.unit}; name two runs of one scene",
+            id="unit-mismatch",
         )
     if not same_room(a.data.scene, b.data.scene):
-        raise InputError(f"{a.file} and {b.file} are of different scenes; name two runs of one scene")
+        raise InputError(
+            f"{a.file} and {b.file} are of different scenes; name two runs of one scene", id="disjoint-inputs"
+        )
 
 
 def truth_of(files: Sequence[PageRequest], unit: str) -> tuple[Path, Truth] | None:
@@ -128,7 +135,8 @@ def truth_of(files: Sequence[PageRequest], unit: str) -> tuple[Path, Truth] | No
         if first is not None and not same_rows(truth, first[1]):
             raise InputError(
                 f"{path}: is another truth than that of {first[0]}: the runs are of different recordings; name two "
-                "runs of one recording, or give the truth of both"
+                "runs of one recording, or give the truth of both",
+                id="disjoint-inputs",
             )
         first = first or (path, truth)
     return None if first is None or not (first[1].role == "target").any() else first
@@ -142,9 +150,9 @@ def run_beside(request: RunComparisonRequest, job: Job) -> JobResult:
         InputError: a run is missing, damaged, too long, or of another scene, truth or time than the other.
     """
     if request.output is None:
-        raise UsageError("no output: give -o (the page)")
+        raise UsageError("no output: give -o (the page)", id="missing-option")
     if request.png is not None:
-        raise UsageError(f"{option('png')}: of two runs there is a page alone; leave it out")
+        raise UsageError(f"{option('png')}: of two runs there is a page alone; leave it out", id="not-applicable")
     assert request.tracks is not None
     files, names = request.runs, names_of(request.tracks, request.other)
     config = configure(RunComparisonConfig(), request.settings)

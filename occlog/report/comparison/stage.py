@@ -75,9 +75,9 @@ def notes_on_time(a: Tracks, b: Tracks, *, truth: bool) -> Iterator[str]:
         if own_end - end > step:
             parts.append(f"{letter} goes on for {TimeAxis(end, own_end).duration} longer")
     if parts:
-        said = f"{' and '.join(parts)}: the runs are aligned in their common time"
+        statement = f"{' and '.join(parts)}: the runs are aligned in their common time"
         more = "; figures are of all true frames, in which a run that is not there misses its people" if truth else ""
-        yield said + more
+        yield statement + more
 
 
 def notes_on_truth(found: ErrorsOverTime, near: float, unit: str) -> Iterator[str]:

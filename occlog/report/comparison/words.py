@@ -151,7 +151,8 @@ def lengths_of(config: RunComparisonConfig, unit: str) -> tuple[float, float]:
     if near is None or tolerance is None:
         raise UsageError(
             f"lengths are in {unit!r}: give {option('match_distance')}, how near a track is that meets another, and "
-            f"{option('divergence_distance')}"
+            f"{option('divergence_distance')}",
+            id="missing-unit",
         )
     return near, tolerance
 
@@ -341,14 +342,14 @@ def of_identities(found: RunComparisonPage) -> str:
     if truth is not None:
         a, b = len(truth.a.changes), len(truth.b.changes)
         own = [len(unmatched_changes(x, y, lasting_ns(found))) for x, y in ((truth.a, truth.b), (truth.b, truth.a))]
-        said = (
+        statement = (
             f"Another track goes on with a person {counted(a, 'time')} in A and {counted(b, 'time')} in B; {own[0]} of "
             f"A and {own[1]} of B the other run does not have"
             if a or b
             else "In neither run another track goes on with a person"
         )
         switches = counted(truth.switches[0], "identity switch", "identity switches")
-        return f"{said}. CLEAR-MOT counts {switches} in A and {truth.switches[1]} in B."
+        return f"{statement}. CLEAR-MOT counts {switches} in A and {truth.switches[1]} in B."
     changed = _changed(found.in_b) + _changed(found.in_a)
     if not changed:
         return "No track changes its partner."
@@ -390,9 +391,9 @@ def figure_rows(found: RunComparisonPage) -> list[FigureRow]:
         comparison.rows, text.rows_of(comparison, 1), strict=True
     ):
         unit = f" [{found.unit}]" if row.figure == "matched_rmse" else ""
-        said = f"B {verdict}" if verdict in ("better", "worse") else verdict
+        statement = f"B {verdict}" if verdict in ("better", "worse") else verdict
         name, meaning = NAMES.get(row.figure, row.figure) + unit, MEANINGS.get(row.figure, "")
-        out.append(FigureRow(name, meaning, a, b, difference, interval, p, said))
+        out.append(FigureRow(name, meaning, a, b, difference, interval, p, statement))
     return out
 
 

@@ -260,7 +260,7 @@ def _flat(values: Mapping[str, object], prefix: str = "") -> list[tuple[str, Val
     """Scalars of a mapping with dotted paths; entries that begin with `_` (provenance) are skipped."""
     out: list[tuple[str, Value]] = []
     for key, value in values.items():
-        if str(key).startswith("_") or key == "plausible":  # said with its reasons elsewhere
+        if str(key).startswith("_") or key == "plausible":  # shown with its reasons elsewhere
             continue
         if isinstance(value, Mapping):
             out += _flat(value, f"{prefix}{key}.")

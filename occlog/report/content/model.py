@@ -134,7 +134,9 @@ class ReportInput:
     def __post_init__(self) -> None:
         """Raise InputError where there is nothing to draw."""
         if self.scene is None and self.tracks is None:
-            raise InputError("report: neither a scene nor tracks are given; give at least one of them")
+            raise InputError(
+                "report: neither a scene nor tracks are given; give at least one of them", id="missing-option"
+            )
 
     @cached_property
     def figures(self) -> ReportFigures:
@@ -157,8 +159,8 @@ class ReportInput:
     def drawn(self, *names: str) -> str:
         """A sentence on the drawing of the tables of these names; empty: all of them."""
         parts = {name: self.whole[name] for name in names if name in self.whole and self.whole[name].every > 1}
-        said = [f"one time in {w.every} of the {w.rows:,} rows of {name}" for name, w in parts.items()]
-        return f"Drawn: {', '.join(said)}." if said else ""
+        reported = [f"one time in {w.every} of the {w.rows:,} rows of {name}" for name, w in parts.items()]
+        return f"Drawn: {', '.join(reported)}." if reported else ""
 
     @property
     def unit(self) -> str:

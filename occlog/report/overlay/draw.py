@@ -65,7 +65,7 @@ class FrameDrawing(NamedTuple):
     lines: Sequence[tuple[int, Floats]] = ()  # target and (k, 2) points of an epipolar line
     positions: Sequence[TruePosition] = ()
     boxed: bool = False  # true boxes instead of crosses
-    notes: Sequence[str] = ()  # said at the bottom
+    notes: Sequence[str] = ()  # written at the bottom
     ways: Sequence[LineDrawing] = ()
     ranks: Mapping[
         int, int

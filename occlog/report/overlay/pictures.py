@@ -287,7 +287,9 @@ def _first_image(recording: McapRecording, name: str, lost: LostFrames) -> Image
         image = lost.image(frame)
         if image is not None:
             return image
-    raise InputError(f"{recording.path}: no image of camera {name} can be decoded; leave it out (camera)")
+    raise InputError(
+        f"{recording.path}: no image of camera {name} can be decoded; leave it out (camera)", id="damaged-file"
+    )
 
 
 def _rig(

@@ -170,7 +170,7 @@ class Latest(Generic[T]):
 
 
 class OverlayTables(NamedTuple):
-    """Tables of the world: tracks, what the filter said of itself, and the input with true positions.
+    """Tables of the world: tracks, the diagnostics of the filter, and the input with true positions.
 
     `unit`: of their lengths; None: as the files have them.
     """
@@ -202,8 +202,8 @@ class GroundTrackPositions:
 
     def move(self, t_ns: int) -> None:
         """Go on to a time."""
-        for said in self._diagnostics.until(t_ns) if self._diagnostics is not None else ():
-            self._diagnostics_drawing.add(said)
+        for diagnostics in self._diagnostics.until(t_ns) if self._diagnostics is not None else ():
+            self._diagnostics_drawing.add(diagnostics)
         for rows in self._tracks.until(t_ns):
             self.crowd.add(people_of(rows, self._metres, self._diagnostics_drawing))
         for true in self._truth.until(t_ns) if self._truth is not None else ():

@@ -69,12 +69,17 @@ def _check(asked: OverlayRequest) -> None:
     """UsageError for what does not go together."""
     if asked.tracks is None and asked.truth is None and asked.ground_tracks is None:
         raise UsageError(
-            f"nothing to draw: give TRACKS (a table or a run folder), or true boxes with {option('truth')}, or both"
+            f"nothing to draw: give TRACKS (a table or a run folder), or true boxes with {option('truth')}, or both",
+            id="missing-option",
         )
     if (asked.png is None) != (asked.frame is None):
-        raise UsageError(f"{option('png')} and {option('frame')} belong together: the picture of one frame")
+        raise UsageError(
+            f"{option('png')} and {option('frame')} belong together: the picture of one frame", id="conflicting-options"
+        )
     if asked.video is None and asked.png is None:
-        raise UsageError(f"no output: give {option('video')}, or {option('png')} with {option('frame')}")
+        raise UsageError(
+            f"no output: give {option('video')}, or {option('png')} with {option('frame')}", id="missing-option"
+        )
     if asked.video is not None and asked.video.suffix.lower() not in SHOWN:
         raise UsageError(f"{asked.video}: video can be {' or '.join(SHOWN)}; name it so")
 
@@ -86,7 +91,7 @@ def classify_inputs(asked: OverlayRequest) -> OverlayRequest:
         found = {name: given / f"{name}.parquet" for name in ("view_tracks", "tracks", "diagnostics")}
         found = {name: path for name, path in found.items() if path.is_file()}
         if not found.keys() & {"view_tracks", "tracks"}:
-            raise InputError(f"{given}: holds no tracks, so it is not the folder of a finished run")
+            raise InputError(f"{given}: holds no tracks, so it is not the folder of a finished run", id="wrong-content")
         world = asked.ground_tracks or found.get("tracks")
         return replace(
             asked,
@@ -104,11 +109,12 @@ def _check_shown(asked: OverlayRequest, shown: int, png: bytes, pictures: Pictur
         raise InputError(f"{asked.recording}: camera {pictures.first} has no frame {asked.frame}")
     if asked.video is not None and not shown:
         first, last = asked.frames or (0, 0)
-        raise InputError(f"{asked.recording}: camera {pictures.first} has no frame in {first}:{last}")
+        raise InputError(f"{asked.recording}: camera {pictures.first} has no frame in {first}:{last}", id="empty-input")
     if asked.video is not None and pictures.strange():
         raise InputError(
-            f"{asked.tracks}: no row is of a frame shown of {asked.recording} (time and camera must agree); "
-            "are these the tracks of this recording?"
+            f"{asked.tracks}: no row matches a frame of {asked.recording} in time and camera; "
+            "are these the tracks of this recording?",
+            id="disjoint-inputs",
         )
 
 
@@ -123,10 +129,13 @@ def _summary(asked: OverlayRequest, names: list[str], shown: int, rate: float, p
 
 def _cameras(recording: McapRecording, asked: tuple[str, ...]) -> list[str]:
     if not recording.cameras:
-        raise InputError(f"{recording.path}: holds no video to draw over")
+        raise InputError(f"{recording.path}: holds no video to draw over", id="wrong-content")
     for name in asked:
         if name not in recording.cameras:
-            raise InputError(f"{recording.path}: no video of camera {name!r}; it has: {', '.join(recording.cameras)}")
+            raise InputError(
+                f"{recording.path}: no video of camera {name!r}; it has: {', '.join(recording.cameras)}",
+                id="unknown-sensor",
+            )
     return list(dict.fromkeys(asked)) or list(recording.cameras)
 
 

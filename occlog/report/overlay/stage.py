@@ -25,7 +25,7 @@ BENT = 65
 
 
 class OverlayFrameRows(NamedTuple):
-    """The rows of one frame of one view; None: there is no such table."""
+    """Rows of each table for one frame of one camera; None where the table is not given."""
 
     tracks: ViewTracks | None
     truth: TruthBoxes | None

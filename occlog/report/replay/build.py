@@ -203,22 +203,22 @@ def _layers(truth: object, sight: object, priors: object, sensors: list[dict[str
 
 def _words(steps: ReplaySteps, sight_every: int, images: Thumbnails | None) -> str:
     count, all_of = len(steps.data.figures.times), steps.count
-    said = [
+    reported = [
         f"{count:,} of {all_of:,} time steps: every {steps.every}-th." if steps.every > 1 else f"{count:,} time steps."
     ]
     if sight_every > 1:
-        said.append(f"Lines of sight are those of every {sight_every}-th of them.")
+        reported.append(f"Lines of sight are those of every {sight_every}-th of them.")
     if steps.data.in_images:
-        said.append("Positions are those of the centres of targets in the image, to the right and down.")
+        reported.append("Positions are those of the centres of targets in the image, to the right and down.")
         dashed = "without a box in the frame" if steps.data.boxes_stated else "on which its neighbours alone act"
-        said += [f"A dashed outline is of a target {dashed}."] if images is not None else []
+        reported += [f"A dashed outline is of a target {dashed}."] if images is not None else []
     else:
-        said.append("A dashed ring is a target that no sensor sees, or of which something is uncertain.")
-    said += ["A cross is where one truly is."] if steps.truth() else []
-    said.append(f"Positions are rounded to {steps.step:.1g} {steps.data.unit}.")
+        reported.append("A dashed ring is a target that no sensor sees, or of which something is uncertain.")
+    reported += ["A cross is where one truly is."] if steps.truth() else []
+    reported.append(f"Positions are rounded to {steps.step:.1g} {steps.data.unit}.")
     if not steps.same and not steps.data.in_images:
-        said.append("Identities are the tracker's own, not those of the truth.")
-        said += ["Errors are from the true target that a track is paired with."] if steps.pairs else []
+        reported.append("Identities are the tracker's own, not those of the truth.")
+        reported += ["Errors are from the true target that a track is paired with."] if steps.pairs else []
     if images is not None:
-        said.append(images.words)
-    return " ".join(filter(None, said))
+        reported.append(images.words)
+    return " ".join(filter(None, reported))

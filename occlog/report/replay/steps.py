@@ -161,7 +161,7 @@ class ReplaySteps:
         return np.asarray((self.kept - self.data.time.start_ns) / NS)
 
     def at(self, t_ns: Ints) -> tuple[Ints, Ints]:
-        """Rows at times that are kept, and the time step of each."""
+        """Rows of a table at the times that the page shows, and the time step of each row."""
         step = np.searchsorted(self.kept, t_ns)
         inside = np.minimum(step, len(self.kept) - 1)
         rows = np.flatnonzero((step < len(self.kept)) & (self.kept[inside] == t_ns))
@@ -242,8 +242,10 @@ class ReplaySteps:
             names[there] = diagnostics.seen_by[at[there]]
             # Some methods do not state which sensors saw the target
             known[there] = (diagnostics.seen_by[at[there]] != "") | (diagnostics.n_detected[at[there]] == 0)
-            said = np.where(diagnostics.quality_flags != "", diagnostics.quality_flags, diagnostics.fallback)[at[there]]
-            doubt[there] = np.where(doubt[there] == "", said, doubt[there])
+            reported = np.where(diagnostics.quality_flags != "", diagnostics.quality_flags, diagnostics.fallback)[
+                at[there]
+            ]
+            doubt[there] = np.where(doubt[there] == "", reported, doubt[there])
         return names, known, doubt
 
     def truth(self) -> dict[str, Packed]:

@@ -106,11 +106,11 @@ def thumbnails(
     for frame in opened.frames():
         known.setdefault(frame.sensor, []).append(frame.t_ns)
     if not known:
-        raise InputError(f"{recording}: holds no images; omit {option('images')}")
+        raise InputError(f"{recording}: holds no images; omit {option('images')}", id="wrong-content")
     times = np.unique(np.concatenate(list(known.values())))
     size = _size(opened, known, sources, targets) * BASE64
     if not size:
-        raise InputError(f"{recording}: no image of it can be decoded; omit {option('images')}")
+        raise InputError(f"{recording}: no image of it can be decoded; omit {option('images')}", id="damaged-file")
     count = max(min(int(MARGIN * limit // size), MAX_TIME_STEPS, len(times)), 1)
     chosen_ns = times[np.unique(np.linspace(0, len(times) - 1, count).round().astype(np.int64))]
     chosen = {name: _before(np.array(own, dtype=np.int64), chosen_ns) for name, own in known.items()}

@@ -88,7 +88,8 @@ def ball_paths(config: BallsConfig, seed: int) -> BallPaths:
     if not (reach > 0).all():
         raise InputError(
             f"balls: a radius of {config.radius:g} px does not fit into the box of half lengths "
-            f"{', '.join(f'{h:g}' for h in reach + config.radius)}; make the balls smaller or the images larger"
+            f"{', '.join(f'{h:g}' for h in reach + config.radius)}; make the balls smaller or the images larger",
+            id="no-room",
         )
     # Place the balls in the scene that all views see ([Qu] Sec. 4.1)
     start = _start(config, reach, generator(seed, RandomStream.WORLD_START))
@@ -133,10 +134,14 @@ def _start(config: BallsConfig, reach: Floats, rng: np.random.Generator) -> Floa
             return placed
     where = f"{config.balls} balls of radius {config.radius:g} px that start separately"
     if config.start_separated:
-        raise InputError(f"balls: no room for {where}; take fewer or smaller ones, or let them overlap initially")
+        raise InputError(
+            f"balls: no room for {where}; take fewer or smaller ones, or let them overlap initially", id="no-room"
+        )
     if config.collide:
-        raise InputError(f"balls: no room for {where}, as balls that collide must; take fewer or smaller ones")
-    raise InputError(f"balls: {config.balls} are more than the {TRIES} that there can be; take fewer")
+        raise InputError(
+            f"balls: no room for {where}, as balls that collide must; take fewer or smaller ones", id="no-room"
+        )
+    raise InputError(f"balls: {config.balls} are more than the {TRIES} that there can be; take fewer", id="no-room")
 
 
 def _way(config: BallsConfig, velocity: Floats, rngs: list[np.random.Generator]) -> Floats:

@@ -126,7 +126,9 @@ def render(
 
 def _checked(camera: Camera) -> Camera:
     if camera.image_size is None:
-        raise InputError(f"render: camera {camera.name} has no image size; give image_size_px in the scene")
+        raise InputError(
+            f"render: camera {camera.name} has no image size; give image_size_px in the scene", id="missing-image-size"
+        )
     if not camera.above_floor:
         raise InputError(
             f"render: camera {camera.name} is {camera.position[2]:g} above the floor, must be above 0; "

@@ -117,7 +117,8 @@ def people_apart(scene: Scene, people: int, seed: int) -> Floats:
             return positions[kept]
     raise InputError(
         f"people: no positions of {people} people without occlusions in {len(scene.cameras)} cameras; "
-        "take fewer of either, or let them overlap in the first frame"
+        "take fewer of either, or let them overlap in the first frame",
+        id="no-room",
     )
 
 

@@ -100,10 +100,11 @@ def track_batch(
             yield from given
     if not met:
         if not unlabelled:
-            raise InputError("bearings: no row is of the chosen targets and sensors; choose others")
+            raise InputError("bearings: no row is of the chosen targets and sensors; choose others", id="empty-input")
         raise InputError(
             f"bearings: none of {unlabelled} candidates has a label; this method wants labelled bearings: label them "
-            f"with `occlog label`, or use the identities of a DOA log ({option('doa_labels')})"
+            f"with `occlog label`, or use the identities of a DOA log ({option('doa_labels')})",
+            id="missing-labels",
         )
     waiting += [_advance(g, k, method, names, last=True)[1] for k, g in sorted(targets.items())]
     yield from _until(waiting, FOREVER_NS)[0]

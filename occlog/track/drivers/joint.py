@@ -45,7 +45,8 @@ def track_joint(
     seeing = [c for c in scene.cameras if c.placed and c.name in use.sensors]
     if asking and len(seeing) < 2:
         raise UsageError(
-            f"cooperate: {','.join(sorted(asking))} requires two cameras with a pose; {len(seeing)} are in use"
+            f"cooperate: {','.join(sorted(asking))} requires two cameras with a pose; {len(seeing)} are in use",
+            id="too-few-sensors",
         )
     rng, helping = generator(tracking.seed, RandomStream.TRACK, 0), generator(tracking.seed, RandomStream.COOPERATE, 0)
     state, memory = method.init(scene, config, rng), when_to_ask.RequestMemory()
@@ -85,7 +86,8 @@ def track_joint(
     if not heard:
         raise InputError(
             "bearings: no row is of a microphone array of the scene, which this method needs; give directions of "
-            "arrival (doa), or use method apf for bearings of cameras"
+            "arrival (doa), or use method apf for bearings of cameras",
+            id="too-few-sensors",
         )
     if later is not None:
         rows += later.rest()
@@ -134,9 +136,15 @@ def track_joint_objects(
     Candidates without a label are omitted.  UsageError for priors of occluders or a selection of cameras.
     """
     if occluders is not None:
-        raise UsageError(f"occluders: method {tracking.method} follows those who hide others itself; leave it out")
+        raise UsageError(
+            f"occluders: method {tracking.method} follows those who hide others itself; leave it out",
+            id="not-applicable",
+        )
     if tracking.selection is not None:
-        raise UsageError(f"select: method {tracking.method} cannot predict where one target will be; leave it out")
+        raise UsageError(
+            f"select: method {tracking.method} cannot predict where one target will be; leave it out",
+            id="not-applicable",
+        )
     names, rng = sensor_names(scene), generator(tracking.seed, RandomStream.TRACK, 0)
     state, rows = method.init(scene, tracking.config, rng), list[EstimateRow]()
     later: BackwardSmoother[tuple[State, int], Config, EstimateRow] | None

@@ -86,7 +86,8 @@ def _selector(
         return None
     if method.prediction is None:
         raise UsageError(
-            f"select: method {tracking.method} cannot predict where the target will be; leave the selection out"
+            f"select: method {tracking.method} cannot predict where the target will be; leave the selection out",
+            id="not-applicable",
         )
     usable = frozenset(tracking.rows(scene).sensors)
     return Selector(method.prediction, tracking.config, scene, tracking.selection, usable)

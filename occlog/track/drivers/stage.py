@@ -62,9 +62,15 @@ def track(
     method = tracker(tracking.method)
     takes = isinstance(method, Online | Batch) and method.measured
     if measured is not None and not takes:
-        raise UsageError(f"measurements: method {tracking.method} takes directions alone; use apf, ekf, ukf or map")
+        raise UsageError(
+            f"measurements: method {tracking.method} takes directions alone; use apf, ekf, ukf or map",
+            id="not-applicable",
+        )
     if measured is not None and tracking.selection is not None:
-        raise UsageError("select: cameras are selected by what they see alone; leave select or the measurements out")
+        raise UsageError(
+            "select: cameras are selected by what they see alone; leave select or the measurements out",
+            id="not-applicable",
+        )
     started = not isinstance(method, Joint) and method.started(tracking.config)
     doubts = QualityFlags(
         scene,
@@ -147,11 +153,11 @@ def _tracked(
         return
     why = "takes all that was recorded at once" if isinstance(method, Batch) else "asks cameras itself (cooperate)"
     if tracking.selection is not None:
-        raise UsageError(f"select: method {tracking.method} {why}; leave select out")
+        raise UsageError(f"select: method {tracking.method} {why}; leave select out", id="not-applicable")
     if isinstance(method, Batch):
         yield from track_batch(bearings, scene, method, tracking, occluders, measured)
         return
     if occluders is not None:
-        raise UsageError(f"occluders: method {tracking.method} {why}; leave occluders out")
+        raise UsageError(f"occluders: method {tracking.method} {why}; leave occluders out", id="not-applicable")
     # Method imm alone has one state for all targets
     yield from track_joint(bearings, scene, method, cast("TrackingTask[ImmConfig]", tracking))

@@ -78,6 +78,9 @@ def feed_of(
     if occluders is None:
         return None
     if method.occluders is None:
-        raise UsageError(f"occluders: method {tracking.method} knows nothing of moving occluders; leave occluders out")
+        raise UsageError(
+            f"occluders: method {tracking.method} knows nothing of moving occluders; leave occluders out",
+            id="not-applicable",
+        )
     terms = method.occluders(tracking.config)
     return OccluderFeed(occluders, terms.diameter, round(terms.max_age_s * NS))

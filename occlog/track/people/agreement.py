@@ -127,8 +127,8 @@ class CameraAgreement:
         enough = self.expected >= MIN_EXPECTED_DETECTIONS
         return np.where(enough, self.met / np.maximum(self.expected, 1.0), np.nan)
 
-    def checks(self, tally: BoxStatistics) -> tuple[Check, ...]:
-        """Checks of the cameras with their findings."""
+    def checks(self, tally: BoxStatistics, unit: str = "m") -> tuple[Check, ...]:
+        """Checks of the cameras with their findings; `unit` of lengths."""
         boxes, whole = int(tally.boxes.sum()), tally.boxes + tally.outside + tally.twice
         known, angles = np.isfinite(self.shares), np.abs(self.angles[np.isfinite(self.angles_limit)])
         few = f"fewer than {MIN_EXPECTED_DETECTIONS} people seen elsewhere should be seen plainly in each camera"
@@ -159,7 +159,7 @@ class CameraAgreement:
             *outcome(STATIC, self._static()),
             *outcome(BOXES, self._boxes(tally), unless="" if whole.any() else "there are no boxes"),
         )
-        return (*outcome(FITS, self._causes(found)), *found)
+        return (*outcome(FITS, self._causes(found, unit)), *found)
 
     def _common(self) -> Iterator[Check]:
         """State the error of position that all cameras share, if it is large."""
@@ -216,11 +216,14 @@ class CameraAgreement:
                     allowed=1.0 - MIN_ASSOCIATED_SHARE,
                 )
 
-    def _causes(self, checks: Sequence[Check]) -> Iterator[Check]:
-        """State the mistakes that explain why boxes of cameras do not fit each other."""
-        for each in self._faults.found(doubtful=any(check.status == "failed" for check in checks)):
+    def _causes(self, checks: Sequence[Check], unit: str) -> Iterator[Check]:
+        """State the mistakes that explain why boxes of cameras do not fit, or else errors of calibrations."""
+        mistakes = self._faults.found(doubtful=any(check.status == "failed" for check in checks))
+        for each in mistakes:
             names = [self.names[c] for c in each.cameras]
             yield finding(FITS, "camera-fits-if", sensors=names, fit=each.fit, now=each.now, change=each.words)
+        for cameras, words in [] if mistakes else self._faults.errors(unit):
+            yield finding(FITS, "camera-error", sensors=[self.names[c] for c in cameras], change=words)
 
     def _gaps(self) -> Iterator[Check]:
         """Find cameras without boxes for a time, while others see people in their views."""

@@ -20,7 +20,20 @@ from occlog.core.geometry.camera import array_rotation
 from occlog.records.scene import Camera
 
 from .frame_detections import FrameDetectionsWithIds
-from .pair_errors import PairFit, fit_pairs, movements, radial_errors, without_radial_error
+from .pair_errors import (
+    FOCAL,
+    HEIGHT,
+    LATE,
+    RADIAL,
+    YAW,
+    CameraError,
+    camera_errors,
+    fit_pairs,
+    lens_matters,
+    lens_offset,
+    rotation,
+    without_radial_error,
+)
 from .pair_overlap import (
     BoxesOfCamera,
     Overlap,
@@ -63,6 +76,9 @@ REFINEMENTS = 5
 """Medians of the differences within a cell about the one before."""
 WINDOW_S, MIN_WINDOWS, MAX_WINDOWS = 1.5, 6, 24
 """Duration of the parts of a recording that are compared, and their number."""
+MIN_FOCAL, MIN_RAISED, MIN_ROTATION, MIN_LATE_S = 0.02, 0.06, math.radians(0.4), 0.03
+"""Least errors of calibrations that are stated: share of the focal length, height of a camera in heights of people,
+rotation [rad], and delay [s]."""
 MIN_GAP_S, MIN_GAP_FRAMES = 2.0, 10.0
 """Shortest time without a box that is stated, also in intervals between frames with boxes."""
 MIN_IN_WINDOW, BAD_SHARE = 12, 0.55
@@ -137,6 +153,18 @@ class CameraFaults:
         """
         return self._search.found(doubtful=doubtful) if self._compared else []
 
+    def errors(self, unit: str) -> list[tuple[tuple[int, ...], str]]:
+        """Errors of calibrations that are too small to change overlaps much: numbers of cameras, and words.
+
+        Args:
+            unit: of lengths, for the words.
+        """
+        if not self._compared:
+            return []
+        # The filter states and corrects rotations that last
+        stated = (each for each in self._search.errors if each.kind != YAW or each.since or each.until)
+        return [(each.cameras, self._search.words(each, unit)) for each in stated]
+
     def gaps(self) -> list[Gap]:
         """The longest gap of each camera."""
         return self._search.gaps() if self._compared else []
@@ -190,49 +218,81 @@ class _Search:
                 trusted = [c for c in trusted if c not in best.cameras]
                 agreement = self._agreement(trusted)
             low = [c for c in low if c not in tried and c in trusted and agreement[c] < limit]
-        return out or self._for_a_while() or self._moved() or self._lenses()
+        return out or self._for_a_while()
 
     @cached_property
-    def _fit(self) -> PairFit:
-        """Errors of the cameras by pairs of them."""
-        every = max(1, round(sum(len(view.boxes) for view in self.views) / MAX_BOXES_OF_PAIRS))
-        return fit_pairs([view.every(every) for view in self.views], len(self.t_ns), self.height)
+    def errors(self) -> list[CameraError]:
+        """Errors of the calibrations of cameras by pairs of them, also those too small to change overlaps."""
+        # Boxes of cameras that do not fit at all are paired by chance
+        fitting = [c for c, own in enumerate(self._agreement(range(len(self.views)))) if own >= MIN_FIT]
+        if len(fitting) < 2:
+            return []
+        views = [self.views[c] for c in fitting]
+        every = max(1, round(sum(len(view.boxes) for view in views) / MAX_BOXES_OF_PAIRS))
+        normal = fit_pairs(views, self.t_ns, self.height, every)
 
-    def _moved(self) -> list[FittingChange]:
-        """A camera that was pushed during the recording."""
-        out: list[FittingChange] = []
-        for each in movements(self._fit):
-            c, last = each.camera, len(self.t_ns) - 1
-            at = round(each.share * last)
-            late = bool(np.linalg.norm(each.after) > np.linalg.norm(each.before))
-            first, end = (at, last) if late else (0, at)
-            change = _rotated(c, self.views[c], -(each.after if late else each.before))
-            within = self._during(first, end)
-            now, after = (within._overlap({c: view.during(first, end)}) for view in (self.views[c], change.views[c]))
-            if after.mean > now.mean:
-                begin, end_s = ((int(self.t_ns[k]) - int(self.t_ns[0])) / NS for k in (first, end))
-                words = f"{change.words} from {begin:.1f} to {end_s:.1f} s"
-                out.append(FittingChange((c,), words, after.share, now.share))
+        def named(error: CameraError) -> CameraError:
+            return error._replace(cameras=tuple(fitting[c] for c in error.cameras))
+
+        out: list[CameraError] = []
+        for each in camera_errors(normal, lambda error: self._matters(named(error))):
+            if each.since:
+                # Boxes are paired better with one orientation of each camera; either part may be as calibrated
+                ends = (0, each.since - 1), (each.since, len(self.t_ns))
+                parts = ([view.during(*end) for view in views] for end in ends)
+                c = each.cameras[0]
+                before, after = (rotation(fit_pairs(part, self.t_ns, self.height, every), c) for part in parts)
+                if np.linalg.norm(after) >= np.linalg.norm(before):
+                    each = each._replace(values=after[None])
+                else:
+                    each = each._replace(values=before[None], since=0, until=each.since)
+            out.append(named(each))
         return out
 
-    def _lenses(self) -> list[FittingChange]:
-        """Lenses of another distortion than stated; near the middle of images boxes fit with either."""
-        change = self._other_lenses
-        if change is None:
-            return []
-        own = tuple(change.views)
-        now, after = self._overlap({c: self.views[c] for c in own}), self._overlap(change.views)
-        return [FittingChange(own, change.words, after.share, now.share)]
+    def _matters(self, error: CameraError) -> bool:
+        """Whether an error of cameras is large enough to be stated."""
+        if error.kind == RADIAL:
+            pairs = zip(error.cameras, error.values[:, 0].tolist(), strict=True)
+            return any(lens_matters(self.views[c], k) for c, k in pairs)
+        least = {YAW: MIN_ROTATION, FOCAL: MIN_FOCAL, HEIGHT: MIN_RAISED, LATE: MIN_LATE_S}[error.kind]
+        return float(np.linalg.norm(error.values, axis=1).max()) >= least
 
     @cached_property
     def _other_lenses(self) -> _Change | None:
         """Other distortions of all cameras that have a significant error; None: none has."""
-        found = radial_errors(self.views, self._fit)
-        if not found:
+        views = {
+            c: without_radial_error(self.views[c], k)
+            for each in self.errors
+            if each.kind == RADIAL
+            for c, k in zip(each.cameras, each.values[:, 0].tolist(), strict=True)
+        }
+        if not views:
             return None
-        views = {each.camera: without_radial_error(self.views[each.camera], each.coefficient) for each in found}
-        names = ", ".join(f"{self.views[e.camera].camera.name} by {e.offset_px:+.0f} px" for e in found)
-        return _Change(f"the lens distortion at the border is off: {names} (missing, or of another model)", views)
+        return _Change(" and ".join(self.words(each) for each in self.errors if each.kind == RADIAL), views)
+
+    def words(self, error: CameraError, unit: str = "") -> str:
+        """An error of cameras in words; `unit` of lengths."""
+        c, value = error.cameras[0], float(error.values[0, 0])
+        name = self.views[c].camera.name
+        if error.kind == RADIAL:
+            pairs = list(zip(error.cameras, error.values[:, 0].tolist(), strict=True))
+            px = [lens_offset(self.views[c], k) for c, k in pairs]
+            size = f"{px[0]:+.0f} px" if len(px) == 1 else f"{min(px):+.0f} to {max(px):+.0f} px"
+            owner = name if len(px) == 1 else "all cameras"
+            return f"the lens of {owner} is off by {size} at the border (missing, or of another model)"
+        if error.kind == FOCAL:
+            owner = name if len(error.cameras) == 1 else "all cameras"
+            return f"the focal length of {owner} is {abs(value):.1%} too {'long' if value > 0.0 else 'short'}"
+        if error.kind == HEIGHT:
+            side = "above" if value > 0.0 else "below"
+            return f"{name} is {abs(value) * self.height:.2g} {unit} {side} its stated height"
+        if error.kind == LATE:
+            return f"the clock of {name} is {abs(value):.2g} s {'late' if value > 0.0 else 'early'}"
+        yaw_deg, pitch_deg = -np.degrees(error.values[0])
+        begin_s, end_s = (float(self.t_ns[k] - self.t_ns[0]) / NS for k in (error.since, error.until))
+        when = f"from {begin_s:.1f} s on" if error.since else f"until {end_s:.1f} s" if error.until else ""
+        turned = f"{name} is rotated by {yaw_deg:+.1f} deg about the vertical and {pitch_deg:+.1f} deg in pitch"
+        return f"{turned} {when}".rstrip()
 
     def _agreement(self, trusted: Sequence[int]) -> list[float]:
         """Agreement of each camera with the trusted ones; -1: too few people are expected."""

@@ -279,7 +279,10 @@ def frame_detections(
     for part in _whole_times(chunks):
         names, code = np.unique(part.sensor, return_inverse=True)
         if unknown := [name for name in names.tolist() if name not in known]:
-            raise InputError(f"boxes: no camera {unknown[0]!r} in the scene; {nearest(unknown[0], tuple(known))}")
+            raise InputError(
+                f"boxes: no camera {unknown[0]!r} in the scene; {nearest(unknown[0], tuple(known))}",
+                id="unknown-sensor",
+            )
         numbers = np.array([index_of.get(name, -1) for name in names.tolist()], dtype=np.int64)[code.reshape(-1)]
         order = np.lexsort((part.number, numbers, part.t_ns))
         rows, camera = part.take(order), numbers[order]
@@ -343,7 +346,7 @@ def _whole_times(chunks: Iterable[DetectionFrameRows]) -> Iterator[DetectionFram
         if not len(chunk.t_ns):
             continue
         if (np.diff(chunk.t_ns) < 0).any() or (held and chunk.t_ns[0] < held[-1].t_ns[-1]):
-            raise InputError("boxes: times go back; sort the rows by t_ns")
+            raise InputError("boxes: times go back; sort the rows by t_ns", id="unsorted-times")
         cut = int(np.searchsorted(chunk.t_ns, chunk.t_ns[-1]))
         if cut or (held and held[-1].t_ns[-1] != chunk.t_ns[0]):
             yield _joined([*held, chunk.take(slice(0, cut))])

@@ -13,13 +13,14 @@ from typing import ClassVar, TypeVar
 
 import numpy as np
 
-from occlog.array_types import Floats
+from occlog.array_types import NS, Floats
 from occlog.errors import InputError, UsageError
 from occlog.io.open import Opened, check_unit, input_losses, load_scene, open_input
 from occlog.records.frames import gaps_of, inside
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Bearings, Boxes, Doa, Positions, Views
+from occlog.scans.clocks import ClockChange, applied_clocks, clock_changes, clocks_of, with_applied_clocks
 from occlog.scans.grouping import nearest
 from occlog.scans.sources import bearings_of_doa
 from occlog.settings import LENGTH_POWER, METRES, Settings, configure, declaration, declared
@@ -40,6 +41,7 @@ from .frame_detections import (
     rows_of_boxes,
     rows_of_views,
 )
+from .retimed import retimed
 
 S = TypeVar("S", bound=Settings)
 
@@ -156,6 +158,7 @@ class PeopleInput:
         if self.opened.made_in_a_scene:
             check_unit(self.opened, self.scene.length_unit)
         self.notes: list[str] = []
+        self._apply_clocks()
         self._doa = self._directions()
         self.sources = self._sources()
         self.cameras = self._cameras()
@@ -181,6 +184,35 @@ class PeopleInput:
     def names(self) -> tuple[str, ...]:
         """Names of the cameras and sources of positions in use."""
         return tuple(c.name for c in self.views)
+
+    def _apply_clocks(self) -> None:
+        """Compare the clocks of the scene with those by which the times of the input were corrected."""
+        applied = applied_clocks(self.opened)
+        self._applied = {} if applied is None else applied
+        if applied is not None:
+            self.scene = with_applied_clocks(self.scene, applied)
+        elif any(clock.offset_ns or clock.drift_ppm for clock in clocks_of(self.scene).values()):
+            self.notes.append(
+                f"note: clocks of the scene are not applied to {self.request.bearings}, which does not state by which "
+                "its times were corrected; ingest with this scene"
+            )
+        self._known = applied is not None
+
+    @property
+    def clock_changes(self) -> dict[int, ClockChange]:
+        """Clocks of the scene that differ from those by which times were corrected, by number of the camera."""
+        return clock_changes(self.cameras, self.scene, self._applied) if self._known else {}
+
+    def clock_figures(self) -> dict[str, object]:
+        """Corrections of the cameras' times [s] for the summary; empty: none."""
+        changes = self.clock_changes
+        added = {self.cameras[c].name: (e.before.offset_ns - e.after.offset_ns) / NS for c, e in changes.items()}
+        return {"clock_corrections_s": added} if added else {}
+
+    def _in_world_time(self, frames: Iterator[FrameDetectionsWithIds]) -> Iterator[FrameDetectionsWithIds]:
+        """Frames at the times that the clocks of the scene give them."""
+        changes = self.clock_changes
+        return retimed(frames, changes, len(self.cameras)) if changes else frames
 
     def _require_detections(self) -> None:
         """InputError where the input has neither boxes nor positions; a table of positions goes into a recording."""
@@ -222,7 +254,8 @@ class PeopleInput:
             seen = recording is not None and recording.cameras
             images = ", or track people in the images (method sort)" if seen else ""
             raise InputError(
-                f"{self.request.bearings}: {which}, so no position on the floor can be found; {remedy}{images}"
+                f"{self.request.bearings}: {which}, so no position on the floor can be found; {remedy}{images}",
+                id="missing-pose",
             )
         if left:
             self.notes.append(
@@ -241,7 +274,7 @@ class PeopleInput:
         known = (*(c.name for c in self.scene.cameras), *others)
         for name in (*self.request.cameras, *self.request.without):
             if name not in known:
-                raise UsageError(f"no camera {name!r} in the scene; {nearest(name, known)}")
+                raise UsageError(f"no camera {name!r} in the scene; {nearest(name, known)}", id="unknown-sensor")
         return [
             c
             for c in self.scene.cameras
@@ -262,12 +295,12 @@ class PeopleInput:
         boxes, foreign = self.opened.has(Boxes), self.opened.foreign
         views = () if boxes else self.opened.rows(Views)
         chunks = rows_of_boxes(self.opened.rows(Boxes)) if boxes else rows_of_views(views, self.COLOURS_OF_BOXES)
-        found = frame_detections(chunks, self.cameras, known, self.tally)
+        found = self._in_world_time(frame_detections(chunks, self.cameras, known, self.tally))
         # Our boxes have a row for each frame without any; others tell of such frames by leaving numbers out
         if boxes and (foreign is None or not foreign.fits(RegionFrameTimes)):
             return found
         index_of = {camera.name: c for c, camera in enumerate(self.cameras)}
-        return in_order(found, self._empty(index_of))
+        return in_order(found, self._in_world_time(self._empty(index_of)))
 
     def _empty(self, index_of: Mapping[str, int]) -> Iterator[FrameDetectionsWithIds]:
         """Frames of a table of regions, or of external boxes, without a detection, counted."""
@@ -324,7 +357,8 @@ class PeopleInput:
                 raise InputError(
                     f"{self.request.bearings}: no person is {config.person_height:.3g} {unit} tall "
                     "(setting person_height), so the "
-                    f"lengths of the scene are not in {unit}; {remedy}"
+                    f"lengths of the scene are not in {unit}; {remedy}",
+                    id="unit-mismatch",
                 )
             share = tall / config.person_height
             if np.isfinite(share) and not 1.0 / WRONG_UNIT_HEIGHT_RATIO < share < WRONG_UNIT_HEIGHT_RATIO:
@@ -332,7 +366,8 @@ class PeopleInput:
                     remedy += f", or else how tall people are (setting person_height, {tall:.3g})"
                 raise InputError(
                     f"{self.request.bearings}: by their boxes people are {tall:.3g} {unit} tall, so the lengths of the "
-                    f"scene are not in {unit}, or its cameras are not where it says; {remedy}"
+                    f"scene are not in {unit}, or its cameras are not where it says; {remedy}",
+                    id="unit-mismatch",
                 )
             return 1.0 / METRES[unit], config
         stated = configure(JipdaConfig(), {k: v for k, v in given.items() if k == "person_height"}).person_height
@@ -349,12 +384,14 @@ class PeopleInput:
         elif not self.cameras:
             raise InputError(
                 f"{self.request.bearings}: the scene does not state its unit of length ({unit}), and positions do not "
-                "determine how tall people are; state their height in the setting person_height"
+                "determine how tall people are; state their height in the setting person_height",
+                id="missing-unit",
             )
         else:
             raise InputError(
                 f"{self.request.bearings}: the scene does not state its unit of length ({unit}), and the boxes do not "
-                "determine how tall people are; state it in the setting person_height"
+                "determine how tall people are; state it in the setting person_height",
+                id="missing-unit",
             )
         return metre, configure(in_units_of(JipdaConfig(), metre), given)
 
@@ -364,8 +401,13 @@ class ImageInput(PeopleInput):
 
     COLOURS_OF_BOXES: ClassVar[bool] = True
 
-    def __init__(self, request: TrackInImagesRequest) -> None:
-        """Open the boxes; without a scene the cameras are those that the rows name."""
+    def __init__(self, request: TrackInImagesRequest, *, in_world_time: bool = False) -> None:
+        """Open the boxes; without a scene the cameras are those that the rows name.
+
+        Args:
+            request: of tracks in images.
+            in_world_time: times are those of the clocks of the scene; else those of the input, which images have.
+        """
         self.request = request
         self.opened = open_input(request.bearings)
         self.opened.require(Boxes, Views, remedy=_remedy(self.opened))
@@ -373,10 +415,13 @@ class ImageInput(PeopleInput):
         has_scene = request.scene is not None or (stated is not None and stated.cameras)
         self.scene = load_scene(request.scene, stated, request.bearings) if has_scene else self._named()
         self.notes = []
+        self._known = False
+        if in_world_time:
+            self._apply_clocks()
         self._doa = None
         self.cameras = tuple(self._chosen())
         if not self.cameras:
-            raise UsageError("no camera is left to track in; use at least one")
+            raise UsageError("no camera is left to track in; use at least one", id="too-few-sensors")
         self.sources, self.views = (), self.cameras
         self.tally = BoxStatistics.of(len(self.cameras))
         self.numbers = {}
@@ -387,7 +432,7 @@ class ImageInput(PeopleInput):
         rows = self.opened.rows(Boxes) if self.opened.has(Boxes) else self.opened.rows(Views)
         names = sorted({name for part in rows for name in np.unique(part.sensor).tolist()})
         if not names:
-            raise InputError(f"{self.request.bearings}: holds no boxes")
+            raise InputError(f"{self.request.bearings}: holds no boxes", id="empty-input")
         pose = np.zeros(3), np.eye(3), np.ones(2), np.zeros(2)
         return Scene(tuple(Camera(name, *pose, placed=False) for name in names))
 
@@ -415,7 +460,8 @@ def _refuse_positions(path: Path) -> None:
     if {"x", "y"} <= set(names) and not {"left", "x1", "width"} & set(names):
         raise InputError(
             f"{path}: holds positions on the ground; make a recording of them by `occlog ingest --positions "
-            f"{path.name}`, and track that"
+            f"{path.name}`, and track that",
+            id="wrong-content",
         )
 
 

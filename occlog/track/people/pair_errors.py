@@ -1,31 +1,38 @@
-"""Errors of lens distortion, and cameras that moved, by least squares from people whom two cameras locate.
+"""Errors of single cameras, by least squares from people whom two cameras locate.
 
-Each camera locates the person in a box by feet on the ground and head above them.  Where two cameras differ,
-rotations of them, radial distortion that their calibrations lack, and the distance of the feet from the lower edge
-explain it: the normal equations of all pairs of cameras, in batches of time, give these with standard errors.
+Each camera locates the person in a box by feet on the ground and head above them.  Where two cameras differ, errors of
+their orientations, lenses, focal lengths and heights explain it, and the distance of the feet from the lower edge: the
+normal equations of all pairs of cameras.  Of one error of one camera, or of a push during the recording, the one with
+the largest evidence is stated (MacKay 1992): the others are as small as those of usual calibrations.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Floats, Ints
-from occlog.track.methods.jipda.normal_equations import MIN_BATCHES, solve_batches
+from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.track.methods.jipda.normal_equations import newey_west
 
 from .pair_overlap import FEET_HEIGHTS, BoxesOfCamera, ideal, located, located_by_ends, paired_rows, upright
 
 BATCHES, ITERATIONS, MIN_PAIRS = 24, 2, 10
 """Batches of time, iterations of pairing and least squares, and pairs of boxes of two cameras that count."""
-YAW, PITCH, RADIAL, FEET = range(4)
-OWN = 3
+YAW, PITCH, RADIAL, FOCAL, HEIGHT, LATE, FEET = range(7)
+OWN = 6
 """Parameters of a camera, before that of all: feet."""
-PRIOR = np.array([0.03, 0.03, 0.2, 0.1])
-"""Standard deviations of the parameters before any box: rotations [rad], coefficient of the squared radius, distance of
-the feet beyond the lower edge (in addition to `FEET_HEIGHTS`) in heights of people."""
+PRIOR = np.array([0.03, 0.03, 0.2, 0.06, 0.1, 0.2, 0.1])
+"""Standard deviations of the parameters of pairs before any box: rotations [rad], coefficient of the squared radius,
+share of the focal length, height of the camera in heights of people, delay [s], and distance of the feet beyond the
+lower edge (in addition to `FEET_HEIGHTS`) in heights of people."""
+USUAL = np.array([0.1, 0.1, 0.15, 0.1, 0.2, 0.02])
+"""Standard deviations of the errors of usual calibrations, relative to `PRIOR`: 0.17 degrees, 0.03, 0.6 %, 3 cm,
+4 ms."""
+FAULT = np.array([2.0, 2.0, 1.0, 1.5, 2.0, 1.0])
+"""Those of an error that is to be stated."""
 EDGE_PX, EDGE_SHARE, ACROSS = 3.0, 0.02, 0.7
 """Errors of upper and lower edges: pixels, and share of the height; those of middles, relative to these."""
 BODY_HEIGHTS = np.array([0.03, 0.03, 0.015])
@@ -36,130 +43,224 @@ of the prior standard deviations that is left after an iteration."""
 STUDENT = 6.0
 """Weights fall with the squared distance over this, as those of Student's t."""
 RADIUS_QUANTILE, MIN_OFFSET_HEIGHTS = 0.95, 0.05
-"""Quantile of the boxes' radii at which the offset is stated, and the least that matters, in median heights of boxes:
-smaller ones are no larger than errors of boxes."""
-MAX_RADIAL, MIN_OF_ROTATION = 0.6, 2.0
-"""Largest coefficient of a lens, and least offset relative to that by a rotation of any camera; otherwise there is
-another mistake."""
-LIMIT_FACTOR = 1.4
-"""Ratio of critical values of Bartlett's weights over a quarter of the batches to those of Student's t (Kiefer and
-Vogelsang 2005, Table 1: fixed b)."""
-MIN_MOVEMENT = np.radians(1.0)
-"""Least rotation during a recording that is stated [rad]."""
+"""Quantile of the boxes' radii at which an offset of the lens is stated, and the least that matters, in median heights
+of boxes: smaller ones are no larger than errors of boxes."""
+MAX_RADIAL = 0.6
+"""Largest coefficient of a lens; otherwise there is another mistake."""
+TILTED = 0.5
+"""Standard deviation of a pitch that all cameras share, relative to `PRIOR`."""
+MIN_INFLATION = 0.2
+"""Least ratio of the variance of errors of boxes to the stated one."""
+MOVED = 4.0
+"""Logarithm of the odds of an error that lasts against a movement: errors that wander resemble movements."""
+MIN_LOG_RATIO = 10.0
+"""Logarithm of the ratio of evidences from which an error is significant."""
+EDGE_BATCHES = 3
+"""A camera moves at least so many batches after the begin, and before the end."""
+BASE_S = 0.4
+"""Velocities are those between positions by one camera this time before and after."""
+MAX_BEND_HEIGHTS, MAX_SPEED_HEIGHTS = 0.25, 2.0
+"""Largest distance of a position from the middle of those two, and speed of people [heights/s]."""
 STEP = 1e-3
 """Step of the difference quotients."""
 
 
-class RadialError(NamedTuple):
-    """Radial distortion that a calibration lacks.
+class CameraError(NamedTuple):
+    """An error of one camera, or of all of them.
 
     Attributes:
-        camera: its number.
-        coefficient: k; points at the radius r of the ideal image are at r (1 + k r^2).
-        offset_px: that offset at the radius within which 95 % of the camera's boxes are [px].
+        cameras: their numbers.
+        kind: first parameter: `YAW` for a rotation, `RADIAL`, `FOCAL`, `HEIGHT` or `LATE`.
+        values: (n, 1 or 2) what the calibration of each camera lacks: added to the angles of points in the ideal image
+            [rad], radial coefficient, share by which the stated focal length is too long, height in heights of people,
+            seconds by which what it shows is old.
+        since: number of the time step from which it holds; 0: always.
+        log_ratio: logarithm of its evidence over that of usual errors alone.
+        until: number of the time step up to which it holds; 0: to the end.
     """
 
-    camera: int
-    coefficient: float
-    offset_px: float
-
-
-class Movement(NamedTuple):
-    """A rotation of a camera at a time of the recording.
-
-    Attributes:
-        camera: its number.
-        share: of the time steps that are before.
-        before, after: (2,) errors of yaw and pitch [rad]: what its points in the ideal image lack.
-    """
-
-    camera: int
-    share: float
-    before: Floats
-    after: Floats
-
-
-class PairFit(NamedTuple):
-    """Parameters of C cameras.
-
-    Attributes:
-        values: (C, 4) least squares.
-        limit: (C,) least significant coefficients of the radius.
-        normal: (B, K, K + 1) normal equations of cameras as they are stated.
-    """
-
+    cameras: tuple[int, ...]
+    kind: int
     values: Floats
-    limit: Floats
+    since: int
+    log_ratio: float
+    until: int = 0
+
+
+class Evidence(NamedTuple):
+    """Normal equations with a prior of the parameters.
+
+    Attributes:
+        normal: (T, K, K + 1) of each time step, of cameras as they are stated.
+        prior: (K, K) covariance of the parameters.
+    """
+
     normal: Floats
+    prior: Floats
+
+    def solved(self) -> tuple[Floats, Floats, float]:
+        """Parameters (K,), their covariance (K, K), and the logarithm of the evidence."""
+        N, b = self.normal[..., :-1].sum(axis=0), self.normal[..., -1].sum(axis=0)
+        inside = np.eye(len(b)) + N @ self.prior
+        covariance = self.prior @ np.linalg.inv(inside)
+        x = covariance @ b
+        return x, covariance, 0.5 * float(b @ x) - 0.5 * float(np.linalg.slogdet(inside)[1])
 
 
-def fit_pairs(views: Sequence[BoxesOfCamera], steps: int, person_height: float) -> PairFit:
-    """Least squares of all pairs of cameras.
+def fit_pairs(views: Sequence[BoxesOfCamera], t_ns: Ints, person_height: float, every: int = 1) -> Floats:
+    """(T, K, K + 1) normal equations of all pairs of cameras by time step, for C cameras as they are stated.
+
+    The K parameters, in units of `PRIOR`, are `OWN` of each camera, and the distance of the feet.
 
     Args:
         views: cameras with their boxes.
-        steps: number of time steps.
+        t_ns: (T,) times of the steps.
         person_height: in the scene's unit.
+        every: step between the time steps with boxes that count.
     """
-    cameras = [_LocatingCamera(view, person_height) for view in views]
+    cameras = [_LocatingCamera(view, t_ns, person_height, every) for view in views]
+    steps = len(t_ns)
     C, count = len(cameras), OWN * len(cameras) + 1
-    values, limit, first = np.zeros((C, len(PRIOR))), np.full(C, np.inf), None
-    for _ in range(ITERATIONS):
+    x = np.zeros(count)
+    normal = np.zeros((steps, count, count + 1))
+    for iteration in range(ITERATIONS):
         for c, camera in enumerate(cameras):
-            camera.locate(values[c], 1.0 if first is None else SETTLED)
-        normal = np.zeros((BATCHES, count, count + 1))
+            camera.locate(np.append(x[OWN * c : OWN * (c + 1)], x[-1]) * PRIOR, SETTLED if iteration else 1.0)
+        normal = np.zeros((steps, count, count + 1))
         for a, b in combinations(range(C), 2):
             own = np.r_[OWN * a : OWN * (a + 1), OWN * b : OWN * (b + 1), OWN * C]
             part = _of_pair(cameras[a], cameras[b], steps, person_height)
-            normal[np.ix_(range(BATCHES), own, np.r_[own, count])] += part
-        solution, found = solve_batches(normal, 1.0)
-        values[:, :OWN] += solution[:-1].reshape(C, OWN) * PRIOR[:OWN]
-        values[:, FEET] += solution[-1] * PRIOR[FEET]
-        limit = LIMIT_FACTOR * found[RADIAL:-1:OWN] * PRIOR[RADIAL]
-        first = normal if first is None else first
-    return PairFit(values, limit, np.zeros((BATCHES, count, count + 1)) if first is None else first)
+            normal[np.ix_(range(steps), own, np.r_[own, count])] += part
+        normal[..., -1] += normal[..., :-1] @ x
+        x = Evidence(normal, np.eye(count)).solved()[0]
+    return normal
 
 
-def movements(fit: PairFit) -> list[Movement]:
-    """The camera that rotated most at one time, if significantly, one in a million by chance."""
-    C = len(fit.values)
-    parts = [(fit.normal[:s], fit.normal[s:]) for s in range(MIN_BATCHES, BATCHES - MIN_BATCHES + 1)]
-    # The split with the least sum of squares
-    split = max(range(len(parts)), key=lambda k: sum(_explained(part) for part in parts[k]))
-    solved = [solve_batches(part, 1.0) for part in parts[split]]
-    angles, limits = (np.array([each[n][:-1].reshape(C, OWN)[:, :RADIAL] for each in solved]) for n in (0, 1))
-    change, limit = (
-        np.abs(angles[1] - angles[0]) * PRIOR[:RADIAL],
-        LIMIT_FACTOR * np.linalg.norm(limits, axis=0) * PRIOR[:RADIAL],
-    )
-    change[~(change > np.maximum(limit, MIN_MOVEMENT))] = 0.0
-    if not change.any():
-        return []
-    c = int(np.argmax(np.linalg.norm(change, axis=1)))
-    before, after = angles[:, c] * PRIOR[:RADIAL]
-    return [Movement(c, (MIN_BATCHES + split) / BATCHES, before, after)]
+def camera_errors(normal: Floats, matters: Callable[[CameraError], bool]) -> list[CameraError]:
+    """Significant errors of cameras, the one with the largest evidence first, then those that remain with it.
 
-
-def _explained(normal: Floats) -> float:
-    """Squares that the least-squares solution of batches (B, K, K + 1) explains."""
-    N, b = normal[..., :-1].sum(axis=0) + np.eye(normal.shape[1]), normal[..., -1].sum(axis=0)
-    return float(b @ np.linalg.solve(N, b))
-
-
-def radial_errors(views: Sequence[BoxesOfCamera], fit: PairFit) -> list[RadialError]:
-    """Significant errors of radial distortion that matter, one in a million by chance."""
-    values, limit = fit.values, fit.limit
-    size = np.abs(values[:, RADIAL])
-    rotations = np.abs(values[:, [YAW, PITCH]]).max(axis=1) * [view.camera.focal_px.mean() for view in views]
-    out: list[RadialError] = []
-    for c in np.flatnonzero((size > limit) & (size < MAX_RADIAL)).tolist():
-        own, k = views[c], float(values[c, RADIAL])
-        radii = np.linalg.norm(ideal(own.camera, _edge_middles(own.boxes)), axis=1)
-        offset_px = k * float(np.nanquantile(radii, RADIUS_QUANTILE)) ** 3 * float(own.camera.focal_px.mean())
-        tall = float(np.median(own.boxes[:, 3] - own.boxes[:, 1]))
-        if abs(offset_px) > max(MIN_OFFSET_HEIGHTS * tall, MIN_OF_ROTATION * float(rotations.max())):
-            out.append(RadialError(c, k, offset_px))
+    Args:
+        normal: (T, K, K + 1) of `fit_pairs`.
+        matters: whether an error is large enough to be stated.
+    """
+    K = normal.shape[1]
+    C = K // OWN
+    usual = np.diag(np.append(np.tile(USUAL, C), 1.0) ** 2)
+    # Bodies that are unlike the model tilt all cameras alike
+    usual[PITCH:-1:OWN, PITCH:-1:OWN] += TILTED**2
+    now = Evidence(normal / _inflation(normal), usual)
+    # A movement is no scatter
+    now = now._replace(normal=normal / _inflation(normal, max(movements(now), key=_log_ratio, default=None)))
+    out: list[CameraError] = []
+    for _ in range(C):
+        _, _, before = now.solved()
+        best = max((*static_errors(now, before), *movements(now)), key=_log_ratio)
+        if best.log_ratio < MIN_LOG_RATIO:
+            break
+        # With one error of a camera corrected the other ones are not linear any more
+        if matters(best) and not {c for each in out for c in each.cameras} & set(best.cameras):
+            out.append(best)
+        if best.since:
+            break
+        now = now._replace(prior=now.prior + _prior_of(best.cameras, best.kind, K))
     return out
+
+
+def rotation(normal: Floats, camera: int) -> Floats:
+    """(2,) yaw and pitch that a camera's points in the ideal image lack [rad], by least squares of all parameters."""
+    x = Evidence(normal, np.eye(normal.shape[1])).solved()[0]
+    own = _parameters([camera], YAW)[0]
+    return np.asarray(x[own] * PRIOR[:RADIAL])
+
+
+def _log_ratio(error: CameraError) -> float:
+    return error.log_ratio
+
+
+def _inflation(normal: Floats, movement: CameraError | None = None) -> float:
+    """By how much variances of sums over time are larger than those of independent errors with stated covariances.
+
+    Args:
+        normal: (T, K, K + 1) of each time step.
+        movement: that is estimated, too.
+    """
+    T, K = normal.shape[:2]
+    if movement is not None:
+        moved = np.r_[:K, _parameters(movement.cameras, movement.kind)[0]]
+        normal = normal[:, moved][:, :, np.r_[moved, K]]
+        normal[: movement.since, K:], normal[: movement.since, :, K:-1] = 0.0, 0.0
+    batches = np.add.reduceat(normal, np.unique(np.arange(BATCHES) * T // BATCHES), axis=0)
+    x = Evidence(batches, np.eye(normal.shape[1])).solved()[0]
+    off = batches[:, :K, -1] - batches[:, :K, :-1] @ x
+    nominal = np.einsum("bkk->k", batches[:, :K, :K])
+    seen = nominal > 0.0
+    if not seen.any():
+        return 1.0
+    return max(float(np.mean(newey_west(off[:, seen]) / nominal[seen])), MIN_INFLATION)
+
+
+def _parameters(cameras: Sequence[int], kind: int) -> Ints:
+    """(n, 1 or 2) numbers of the parameters of a kind of error."""
+    own = [YAW, PITCH] if kind == YAW else [kind]
+    numbers: Ints = np.array(cameras, dtype=np.int64)[:, None] * OWN + np.array(own, dtype=np.int64)
+    return numbers
+
+
+def _prior_of(cameras: Sequence[int], kind: int, count: int) -> Floats:
+    """(K, K) covariance of an error to be stated; that of several cameras is common to them."""
+    out = np.zeros((count, count))
+    for k, own in enumerate(_parameters(cameras, kind).T):
+        out[np.ix_(own, own)] = FAULT[kind + k] ** 2
+    return out
+
+
+def static_errors(now: Evidence, before: float) -> Iterator[CameraError]:
+    """Errors that last for the whole recording; `before`: logarithm of the evidence without any."""
+    K = now.normal.shape[1]
+    every = tuple(range(K // OWN))
+    summed = now._replace(normal=now.normal.sum(axis=0, keepdims=True))
+    for cameras in (*((c,) for c in every), every):
+        for kind in (YAW, RADIAL, FOCAL, HEIGHT, LATE) if len(cameras) == 1 else (RADIAL, FOCAL):
+            x, _, after = summed._replace(prior=now.prior + _prior_of(cameras, kind, K)).solved()
+            own = _parameters(cameras, kind)
+            scale = PRIOR[kind : kind + own.shape[1]]
+            yield CameraError(cameras, kind, x[own] * scale, 0, after - before)
+
+
+def movements(now: Evidence) -> Iterator[CameraError]:
+    """The best time of a rotation of each camera during the recording."""
+    T, K = now.normal.shape[:2]
+    x, covariance, _ = now.solved()
+    margin = max(EDGE_BATCHES * T // BATCHES, 1)
+    after = np.cumsum(now.normal[::-1], axis=0)[::-1][margin : T - margin]
+    if not len(after):
+        return
+    for c in range(K // OWN):
+        own = _parameters([c], YAW)[0]
+        A = after[:, :, own]  # (S, K, 2)
+        r = after[:, own, -1] - A.transpose(0, 2, 1) @ x
+        D = A[:, own] - A.transpose(0, 2, 1) @ covariance @ A
+        inside = np.eye(2) + D * FAULT[YAW] ** 2
+        change = FAULT[YAW] ** 2 * np.linalg.solve(inside, r[..., None])[..., 0]
+        gain = 0.5 * (r * change).sum(axis=1) - 0.5 * np.linalg.slogdet(inside)[1]
+        s = int(np.argmax(gain))
+        log_ratio = float(gain[s]) - float(np.log(len(gain))) - MOVED
+        yield CameraError((c,), YAW, change[s][None] * PRIOR[:RADIAL], margin + s, log_ratio)
+
+
+def lens_offset(view: BoxesOfCamera, coefficient: float) -> float:
+    """Offset [px] of a radial coefficient k at the radius within which 95 % of the boxes are.
+
+    Points at the radius r of the ideal image are at r (1 + k r^2).
+    """
+    radii = np.linalg.norm(ideal(view.camera, _edge_middles(view.boxes)), axis=1)
+    return coefficient * float(np.nanquantile(radii, RADIUS_QUANTILE)) ** 3 * float(view.camera.focal_px.mean())
+
+
+def lens_matters(view: BoxesOfCamera, coefficient: float) -> bool:
+    """Whether a radial error is larger than errors of boxes, and not that of another mistake."""
+    tall = float(np.median(view.boxes[:, 3] - view.boxes[:, 1]))
+    return abs(lens_offset(view, coefficient)) > MIN_OFFSET_HEIGHTS * tall and abs(coefficient) < MAX_RADIAL
 
 
 def without_radial_error(view: BoxesOfCamera, coefficient: float) -> BoxesOfCamera:
@@ -182,26 +283,40 @@ def _edge_middles(boxes: Floats) -> Floats:
 class _LocatingCamera:
     """A camera, and the people in its boxes: feet and heads in the ideal image, and where these place them."""
 
-    def __init__(self, view: BoxesOfCamera, person_height: float) -> None:
+    def __init__(self, view: BoxesOfCamera, t_ns: Ints, person_height: float, every: int) -> None:
         """Take the boxes that locate a person."""
         self.camera, self.height = view.camera, person_height
-        own = np.isfinite(located(view, person_height)).all(axis=1)
-        boxes, self.steps = view.boxes[own], view.steps[own]
+        people = located(view, person_height)
+        known = np.isfinite(people).all(axis=1)
+        people, boxes, steps = people[known, :2], view.boxes[known], view.steps[known]
+        own = steps % every == 0
+        self.velocities = _velocities(people, steps, own, t_ns, person_height)
+        boxes, self.steps = boxes[own], steps[own]
         self.ends = upright(self.camera, boxes)
-        self.errors, slopes = self.covariance(self.ends), self.slopes(self.ends)[..., :OWN]
+        self.errors, slopes = self.covariance(self.ends), self.slopes(self.ends, self.velocities)[..., :OWN]
         self.by_prior = slopes @ slopes.transpose(0, 2, 1)
         known = np.isfinite(self.errors).all(axis=(1, 2)) & np.isfinite(self.by_prior).all(axis=(1, 2))
         self.ends[:, ~known] = np.nan
         self.locate(np.zeros(len(PRIOR)), 1.0)
 
     def locate(self, values: Floats, prior: float) -> None:
-        """Locate the people with parameters (4,) that are uncertain by a share of the prior standard deviations."""
-        self.people, self.covariances = self.located(self.ends, values), self.errors + prior**2 * self.by_prior
+        """Locate the people with parameters (7,) that are uncertain by a share of the prior standard deviations."""
+        self.people = self.located(self.ends, values)
+        self.people[:, :2] += values[LATE] * self.velocities
+        self.covariances = self.errors + prior**2 * self.by_prior
 
     def located(self, ends: Floats, values: Floats) -> Floats:
-        """(n, 3) x, y and height of people by their feet and heads (2, n, 2), with the parameters (4,)."""
-        feet, head = ends * (1.0 + values[RADIAL] * (ends**2).sum(axis=-1, keepdims=True)) + values[[YAW, PITCH]]
-        return located_by_ends(self.camera, feet, head, (FEET_HEIGHTS + values[FEET]) * self.height)
+        """(..., n, 3) x, y and height of people by feet and heads (2, ..., n, 2).
+
+        `values`: (7,) or (..., 1, 7) parameters, of which the delay does not count.
+        """
+        feet, head = (
+            xy * (1.0 + values[..., FOCAL] + values[..., RADIAL] * (xy**2).sum(axis=-1))[..., None]
+            + values[..., :RADIAL]
+            for xy in ends
+        )
+        beyond, raised = (FEET_HEIGHTS + values[..., FEET]) * self.height, values[..., HEIGHT] * self.height
+        return located_by_ends(self.camera, feet, head, beyond, raised)
 
     def seen(self, people: Floats) -> Floats:
         """(2, n, 2) feet and heads of people (n, 3) in the ideal image."""
@@ -209,26 +324,76 @@ class _LocatingCamera:
         at = (np.stack([feet, people]) - self.camera.position) @ self.camera.rotation
         return np.asarray(at[..., :2] / at[..., 2:])
 
-    def slopes(self, ends: Floats) -> Floats:
-        """(n, 3, 4) derivatives of where people are by the parameters, in prior standard deviations."""
-        steps = STEP * np.eye(len(PRIOR))
-        parts = [self.located(ends, e) - self.located(ends, -e) for e in steps]
-        return np.asarray(np.stack(parts, axis=2) * PRIOR / (2.0 * STEP))
+    def slopes(self, ends: Floats, velocities: Floats) -> Floats:
+        """(n, 3, 7) derivatives of where people are by the parameters, in prior standard deviations."""
+        steps = STEP * np.eye(len(PRIOR))[:, None]
+        apart = self.located(ends, steps) - self.located(ends, -steps)
+        out = np.moveaxis(apart, 0, 2) / (2.0 * STEP)
+        out[:, :2, LATE] = velocities
+        return np.asarray(out * PRIOR)
 
     def covariance(self, ends: Floats) -> Floats:
         """(n, 3, 3) covariance of where people are, by errors of boxes and posture."""
         none = np.zeros(len(PRIOR))
         sigma = np.hypot(EDGE_PX / self.camera.focal_px.mean(), EDGE_SHARE * (ends[0, :, 1] - ends[1, :, 1]))
-        moves = STEP * np.array([[[1.0, 0.0], [1.0, 0.0]], [[0.0, 1.0], [0.0, 0.0]], [[0.0, 0.0], [0.0, 1.0]]])
-        parts = [self.located(ends + m[:, None], none) - self.located(ends - m[:, None], none) for m in moves]
-        by_edge = np.stack(parts, axis=2) / (2.0 * STEP) * [ACROSS, 1.0, 1.0] * sigma[:, None, None]
+        moves = (
+            STEP * np.array([[[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]], [[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]]])[:, :, None]
+        )
+        apart = self.located(ends[:, None] + moves, none) - self.located(ends[:, None] - moves, none)
+        by_edge = np.moveaxis(apart, 0, 2) / (2.0 * STEP) * [ACROSS, 1.0, 1.0] * sigma[:, None, None]
         body = np.diag((BODY_HEIGHTS * self.height) ** 2)
         return np.asarray(by_edge @ by_edge.transpose(0, 2, 1) + body)
 
 
+def _velocities(people: Floats, steps: Ints, own: Bools, t_ns: Ints, person_height: float) -> Floats:
+    """(n, 2) velocities of people in some boxes of a camera, from those before and after on the straightest line.
+
+    Args:
+        people: (m, 2) positions.
+        steps: (m,) time steps.
+        own: (m,) mask of n boxes.
+        t_ns: (T,) times of the steps.
+        person_height: in the scene's unit.
+
+    Returns:
+        0 of boxes without such a line.
+    """
+    T = len(t_ns)
+    out = np.zeros((int(own.sum()), 2))
+    lag = max(round(BASE_S * NS / max(float(np.median(np.diff(t_ns))), 1.0)), 1) if T > 1 else 1
+    whole = _positions_by_step(people, steps, T + 2 * lag, lag)
+    here, when = people[own], steps[own]
+    before, after = whole[when][:, :, None], whole[when + 2 * lag][:, None]
+    if not (len(here) and before.shape[1]):
+        return out
+    seconds = (t_ns[np.minimum(when + lag, T - 1)] - t_ns[np.maximum(when - lag, 0)]) / NS
+    # Squares of two numbers: norms take four times as long
+    farthest = MAX_SPEED_HEIGHTS * person_height * seconds
+    fast = ((after - before) ** 2 @ [1.0, 1.0]) > (farthest**2)[:, None, None]
+    bend = (0.5 * (before + after) - here[:, None, None]) ** 2 @ [1.0, 1.0]
+    bend = np.where(fast | ~np.isfinite(bend), np.inf, bend).reshape(len(here), -1)
+    best = np.argmin(bend, axis=1)
+    k = np.arange(len(here))
+    straight = bend[k, best] < (MAX_BEND_HEIGHTS * person_height) ** 2
+    p, q = np.divmod(best, whole.shape[1])
+    change = after[k, 0, q] - before[k, p, 0]
+    out[straight] = (change / np.maximum(seconds, 1e-9)[:, None])[straight]
+    return out
+
+
+def _positions_by_step(people: Floats, steps: Ints, count: int, first: int) -> Floats:
+    """(T, most people, 2) positions by time step, filled with NaN, with steps counted from `first` on."""
+    counts = np.bincount(steps + first, minlength=count)
+    out = np.full((count, int(counts.max(initial=0)), 2), np.nan)
+    order = np.argsort(steps, kind="stable")
+    when = steps[order] + first
+    out[when, np.arange(len(order)) - (np.cumsum(counts) - counts)[when]] = people[order]
+    return out
+
+
 def _of_pair(a: _LocatingCamera, b: _LocatingCamera, steps: int, person_height: float) -> Floats:
-    """(B, 7, 8) normal equations of two cameras: their parameters, and that of all."""
-    out = np.zeros((BATCHES, 2 * OWN + 1, 2 * OWN + 2))
+    """(T, 11, 12) normal equations of two cameras by time step: their parameters, and that of all."""
+    out = np.zeros((steps, 2 * OWN + 1, 2 * OWN + 2))
     i, j = _of_one_person(a, b, MAX_APART_HEIGHTS * person_height)
     if len(i) < MIN_PAIRS:
         return out
@@ -239,11 +404,12 @@ def _of_pair(a: _LocatingCamera, b: _LocatingCamera, steps: int, person_height: 
     ends = [each.seen(b.people[j] + share) for each in (a, b)]
     weight = np.linalg.inv(a.covariance(ends[0]) + b.covariance(ends[1]))
     weight /= (1.0 + np.einsum("ni,nij,nj->n", apart, weight, apart) / STUDENT)[:, None, None]
-    first, second = a.slopes(ends[0]), b.slopes(ends[1])
+    velocities = 0.5 * (a.velocities[i] + b.velocities[j])
+    first, second = a.slopes(ends[0], velocities), b.slopes(ends[1], velocities)
     G = np.concatenate([-first[..., :OWN], second[..., :OWN], second[..., OWN:] - first[..., OWN:]], axis=2)
     sums = G.transpose(0, 2, 1) @ weight @ np.concatenate([G, apart[..., None]], axis=2)
     there = np.isfinite(sums).all(axis=(1, 2))
-    np.add.at(out, (a.steps[i] * BATCHES // steps)[there], sums[there])
+    np.add.at(out, a.steps[i][there], sums[there])
     return out
 
 

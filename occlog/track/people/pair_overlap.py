@@ -157,22 +157,26 @@ def upright(camera: Camera, boxes: Floats) -> Floats:
     return out
 
 
-def located_by_ends(camera: Camera, feet: Floats, head: Floats, beyond: Floats | float) -> Floats:
-    """(n, 3) x, y and height of people by points (n, 2) of the ideal image; NaN: feet are not on the ground.
+def located_by_ends(
+    camera: Camera, feet: Floats, head: Floats, beyond: Floats | float, raised: Floats | float = 0.0
+) -> Floats:
+    """(..., n, 3) x, y and height of people by points (..., n, 2) of the ideal image; NaN: feet are not on the ground.
 
     Args:
         camera: with a pose.
         feet: lowest points.
         head: highest points.
         beyond: distance of the axis of a body from its lowest point.
+        raised: height of the camera above that of its pose.
     """
+    z = camera.position[2] + raised
     with np.errstate(all="ignore"):
-        below, above = (np.column_stack([xy, np.ones(len(xy))]) @ camera.rotation.T for xy in (feet, head))
-        along, away = np.hypot(below[:, 0], below[:, 1]), -camera.position[2] / below[:, 2]
+        below, above = (xy @ camera.rotation[:, :2].T + camera.rotation[:, 2] for xy in (feet, head))
+        along, away = np.hypot(below[..., 0], below[..., 1]), -z / below[..., 2]
         distance = np.where(away > 0.0, away * along + beyond, np.nan)
-        ground = camera.position[:2] + (distance / along)[:, None] * below[:, :2]
-        height = camera.position[2] + distance * above[:, 2] / np.hypot(above[:, 0], above[:, 1])
-    return np.column_stack([ground, height])
+        ground = camera.position[:2] + (distance / along)[..., None] * below[..., :2]
+        height = z + distance * above[..., 2] / np.hypot(above[..., 0], above[..., 1])
+    return np.concatenate([ground, height[..., None]], axis=-1)
 
 
 def projected_people(camera: Camera, people: Floats) -> Floats:

@@ -367,7 +367,8 @@ def _images(inputs: PeopleInput) -> Opened | None:
             return opened
     raise InputError(
         f"{inputs.request.bearings}: a gallery needs appearance, and there are no images, and the boxes have no "
-        f"colours; give the recording with the video for {option('scene')}, or views of `occlog detect`"
+        f"colours; give the recording with the video for {option('scene')}, or views of `occlog detect`",
+        id="wrong-content",
     )
 
 

@@ -237,7 +237,7 @@ class PeopleSummary(_Counts):
         tally, heights = self.inputs.tally, self.inputs.heights
         compared = np.count_nonzero(np.isfinite(heights)) > 1
         return (
-            *self.agreement.checks(tally),
+            *self.agreement.checks(tally, self.inputs.scene.length_unit),
             *outcome(OUTSIDE, self._lost()),
             *outcome(SIZES, self._tall(), unless="" if compared else UNSIZED),
             *self.identities(),
@@ -327,7 +327,9 @@ class ImageSummary(_Counts):
 def run_track_in_images(request: TrackInImagesRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """Track in the image of each camera and write; return the summary, and previous losses."""
     if request.window is not None:
-        raise UsageError(f"{option('window')}: method {request.method} takes each frame of a camera by itself")
+        raise UsageError(
+            f"{option('window')}: method {request.method} takes each frame of a camera by itself", id="not-applicable"
+        )
     inputs = ImageInput(request)
     config = configure(SortConfig(), request.settings)
     parameters = {"method": request.method, "births": "detections", "cameras": list(inputs.names), **asdict(config)}
@@ -384,4 +386,11 @@ def run_track_people(request: TrackPeopleRequest, job: Job) -> tuple[dict[str, o
     names_of = {"output": "tracks"}
     written = {names_of.get(name, name): str(path) for name, path in request.files(output=True).items()}
     metrics = {} if names is None else names.figures()
-    return {**written, "method": request.method, **summary.figures(), **summary_of(made.judged), **metrics}, losses
+    return {
+        **written,
+        "method": request.method,
+        **summary.figures(),
+        **inputs.clock_figures(),
+        **summary_of(made.judged),
+        **metrics,
+    }, losses

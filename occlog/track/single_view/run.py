@@ -26,7 +26,8 @@ def run_track_single_view(request: SingleViewRequest, job: Job) -> tuple[dict[st
     """Follow and write; return the summary, and what had been lost before."""
     if request.window is not None:
         raise UsageError(
-            f"{option('window')}: method {request.method} takes each frame of a camera by itself; leave it out"
+            f"{option('window')}: method {request.method} takes each frame of a camera by itself; leave it out",
+            id="not-applicable",
         )
     opened = open_input(request.bearings, Boxes, Views, remedy=REMEDY)
     unit = opened.length_unit or "m"
@@ -59,9 +60,14 @@ def run_track_single_view(request: SingleViewRequest, job: Job) -> tuple[dict[st
             tables.write(output=part)
         for name in (*request.cameras, *request.without):
             if name not in seen:
-                raise UsageError(f"no camera {name!r} in {request.bearings}; there are {', '.join(sorted(seen))}")
+                raise UsageError(
+                    f"no camera {name!r} in {request.bearings}; there are {', '.join(sorted(seen))}",
+                    id="unknown-sensor",
+                )
         if not trackers.cameras:
-            raise InputError(f"{request.bearings}: no camera is left to track in; use at least one")
+            raise InputError(
+                f"{request.bearings}: no camera is left to track in; use at least one", id="too-few-sensors"
+            )
         empty = () if trackers.numbers else (finding(FOUND, "no-tracks"),)
         tables.annotate(job.judged(provenance, outcome(FOUND, empty, people=len(trackers.numbers))))
     summary: dict[str, object] = {
@@ -77,5 +83,5 @@ def _plugin(method: str) -> Plugin:
     """The plug-in of a method that is one."""
     plugin = METHODS[method].plugin
     if plugin is None:
-        raise UsageError(f"method {method} is no tracker of one camera")
+        raise UsageError(f"method {method} is no tracker of one camera", id="not-applicable")
     return plugin

@@ -18,7 +18,7 @@ class CameraTrackers:
     """A tracker for each camera, and what their identities are called: a number is of one camera alone."""
 
     def __init__(self, plugin: Plugin, make: Callable[[str], ViewTracker]) -> None:
-        """Nobody has been seen yet.
+        """State before the first frame.
 
         Args:
             plugin: for messages.

@@ -116,8 +116,8 @@ def test_trajectories_in_two_pieces_have_the_bounds_of_whole_ones(n: int, cut: i
     first = crlb.posterior_bound(I0, F0, Q0, P0)
     second = crlb.posterior_bound(I1, F1, Q1, first[-1])
     np.testing.assert_array_equal(np.concatenate([first, second]), filtered)
-    after, told = crlb.smoothing_bound_before(second, I1, F1, Q1, np.zeros((n, n)))
-    before, _ = crlb.smoothing_bound_before(first, I0, F0, Q0, told)
+    after, reported = crlb.smoothing_bound_before(second, I1, F1, Q1, np.zeros((n, n)))
+    before, _ = crlb.smoothing_bound_before(first, I0, F0, Q0, reported)
     np.testing.assert_array_equal(np.concatenate([before, after]), smoothed)
 
 
@@ -249,12 +249,12 @@ def test_a_random_walk_seen_long_enough_has_the_bounds_of_the_textbook() -> None
 
 
 def test_a_target_that_stands_has_one_bound_at_all_steps_when_it_is_smoothed() -> None:
-    told, none = np.tile(np.diag([4.0, 1.0]), (5, 1, 1)), np.zeros((5, 2, 2))
+    reported, none = np.tile(np.diag([4.0, 1.0]), (5, 1, 1)), np.zeros((5, 2, 2))
     F = np.tile(np.eye(2), (5, 1, 1))
-    smoothed = crlb.smoothing_bound(told, F, none, np.eye(2))
+    smoothed = crlb.smoothing_bound(reported, F, none, np.eye(2))
     np.testing.assert_allclose(smoothed, np.tile(np.diag([1 / 21, 1 / 6]), (5, 1, 1)))
     # What is known for certain stays so
-    np.testing.assert_allclose(crlb.smoothing_bound(told, F, none, np.diag([1.0, 0.0]))[:, 1, 1], 0.0)
+    np.testing.assert_allclose(crlb.smoothing_bound(reported, F, none, np.diag([1.0, 0.0]))[:, 1, 1], 0.0)
 
 
 @pytest.mark.parametrize("size", [1e3, 1e18, 1e27])

@@ -106,7 +106,7 @@ def test_plane_information_is_that_of_the_numerical_gradient(plane: int) -> None
     assert not information[0].any()
 
 
-def test_nothing_is_told_on_the_sensors_axis_and_in_a_blind_plane() -> None:
+def test_nothing_is_reported_on_the_sensors_axis_and_in_a_blind_plane() -> None:
     overhead = (POSITION + np.array([0.0, 0.0, 2.0]))[None]
     assert not bounds3d.direction_information(overhead, POSITION, np.eye(3), *SIGMAS).any()
     for plane in (XY, YZ, ZX):

@@ -150,7 +150,7 @@ def test_a_match_fits_up_to_the_tolerance_from_both_lines():
 
 
 def test_eight_matches_are_enough():
-    check_fundamental(ROWS, *in_rows(100.0 * np.arange(8), 100.0 * np.arange(8)), tolerance_px=3.0)
+    assert check_fundamental(ROWS, *in_rows(100.0 * np.arange(8), 100.0 * np.arange(8)), tolerance_px=3.0).fits
 
 
 @pytest.mark.parametrize("scale", [10.0, 0.1])

@@ -143,7 +143,7 @@ def test_runs_that_are_the_same_do_not_differ() -> None:
 
 @pytest.mark.statistics
 @pytest.mark.parametrize(("recordings", "frames", "rho"), [(1, 1200, 0.8), (4, 300, 0.8), (12, 100, 0.9)])
-def test_false_alarms_come_as_often_as_is_said(recordings: int, frames: int, rho: float) -> None:
+def test_false_alarms_come_as_often_as_is_reported(recordings: int, frames: int, rho: float) -> None:
     rng = np.random.default_rng(5)
     count, alarms = 200, 0
     for _ in range(count):

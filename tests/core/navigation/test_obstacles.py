@@ -44,11 +44,11 @@ def test_nearest_points_on_polygons_are_on_their_nearest_edges():
 
 
 def test_nearest_points_on_discs_are_on_the_border_or_just_behind_a_place_inside():
-    places = np.array([[3.0, 0.0], [0.5, 0.0]])
-    found = nearest_on_discs(places, np.zeros((2, 2)), np.array([1.0, 0.0]))
+    positions = np.array([[3.0, 0.0], [0.5, 0.0]])
+    found = nearest_on_discs(positions, np.zeros((2, 2)), np.array([1.0, 0.0]))
     np.testing.assert_allclose(found[:, 0], [[1.0, 0.0], [0.5, 0.0]], atol=1e-6)
     np.testing.assert_allclose(found[:, 1], 0.0)
-    np.testing.assert_allclose(direction(places, found[:, 0]), [[1.0, 0.0], [1.0, 0.0]])
+    np.testing.assert_allclose(direction(positions, found[:, 0]), [[1.0, 0.0], [1.0, 0.0]])
 
 
 def test_least_distances_to_moving_points_are_those_of_the_whole_step():

@@ -49,7 +49,7 @@ def test_radii_widen_the_region():
     assert steered(10.0, wide, radius=0.70).state[0] == SteeringState.PREVENT
 
 
-def test_oscillation_is_recognised_and_told_apart_from_escapes():
+def test_oscillation_is_recognised_and_distinguished_from_escapes():
     toward = -OUT[None]
     plain = steered(9.0, previous=toward)
     assert plain.recognised[0]

@@ -52,11 +52,11 @@ def run(folder: Path, name: str, factor: float, before: str = "", **variables: s
     return done.stdout.split()
 
 
-def test_a_kernel_is_taken_from_the_cache_and_only_compilation_is_told(tmp_path: Path) -> None:
+def test_a_kernel_is_taken_from_the_cache_and_only_compilation_is_reported(tmp_path: Path) -> None:
     impatient = "from occlog.core.numerics import jit; jit.PATIENCE_S = 0.0; "
-    told = "from occlog.console.notes import COMPILING; COMPILING.append(lambda _: print('compiling')); "
-    assert run(tmp_path, "Given", 3.0, before=impatient + told) == ["compiling", "6.0", "0"]
-    assert run(tmp_path, "Given", 3.0, before=impatient + told) == ["6.0", "1"]
+    reported = "from occlog.console.notes import COMPILING; COMPILING.append(lambda _: print('compiling')); "
+    assert run(tmp_path, "Given", 3.0, before=impatient + reported) == ["compiling", "6.0", "0"]
+    assert run(tmp_path, "Given", 3.0, before=impatient + reported) == ["6.0", "1"]
 
 
 @pytest.mark.parametrize(
@@ -67,15 +67,15 @@ def test_a_kernel_is_taken_from_the_cache_and_only_compilation_is_told(tmp_path:
         ([(0.0, "start"), (1.0, "start"), (1.1, "end"), (1.9, "end")], None),  # what is inside counts once
     ],
 )
-def test_long_compilation_is_told_as_soon_as_a_kernel_begins_or_ends(
+def test_long_compilation_is_reported_as_soon_as_a_kernel_begins_or_ends(
     steps: list[tuple[float, str]], told_at: float | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    clock, told = {"now": 0.0}, []
+    clock, reported = {"now": 0.0}, []
     monkeypatch.setattr(jit.time, "perf_counter", lambda: clock["now"])
-    watch = jit.Stopwatch(lambda: told.append(clock["now"]))
+    watch = jit.Stopwatch(lambda: reported.append(clock["now"]))
     for clock["now"], kind in steps:
         watch.notify(Event("numba:compile", EventStatus.START if kind == "start" else EventStatus.END))
-    assert (told[0] if told else None) == told_at
+    assert (reported[0] if reported else None) == told_at
 
 
 def test_an_index_that_names_a_type_that_is_gone_counts_as_empty(tmp_path: Path) -> None:

@@ -17,10 +17,10 @@ from occlog.core.occlusion.priors import gaussian_priors
 SIGMA, DIAMETER = 2.0, 3.0
 
 
-def closed_form(places: np.ndarray, mean: np.ndarray) -> np.ndarray:
+def closed_form(positions: np.ndarray, mean: np.ndarray) -> np.ndarray:
     """[Ercan] Eq. 7 of an isotropic prior, for which it is exact, from a camera at the origin."""
-    r = np.hypot(*places.T)
-    u = places / r[:, None]
+    r = np.hypot(*positions.T)
+    u = positions / r[:, None]
     a, b = u @ mean, u[:, 0] * mean[1] - u[:, 1] * mean[0]
     scale = SIGMA * np.sqrt(2.0)
     across = erf((DIAMETER / 2 - b) / scale) + erf((DIAMETER / 2 + b) / scale)
@@ -40,15 +40,15 @@ def closed_form(places: np.ndarray, mean: np.ndarray) -> np.ndarray:
 )
 def test_isotropic_priors_are_those_of_equation_7_wherever_they_are(form: int, distance: float, mean: tuple) -> None:
     angles = np.linspace(-0.1, 0.15, 7)
-    places = (distance + np.linspace(-1, 1, 7))[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    positions = (distance + np.linspace(-1, 1, 7))[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
     priors = gaussian_priors(np.array([mean]), SIGMA**2 * np.eye(2)[None], DIAMETER)
-    got = blocking_probabilities(places, np.arange(7), 0.0, 0.0, priors, form, 8.5)[0]
-    np.testing.assert_allclose(got, closed_form(places, np.array(mean)), atol=1e-9)
-    np.testing.assert_allclose(visibility_probability(places, np.arange(7), 0.0, 0.0, priors, form, 8.5), 1.0 - got)
+    got = blocking_probabilities(positions, np.arange(7), 0.0, 0.0, priors, form, 8.5)[0]
+    np.testing.assert_allclose(got, closed_form(positions, np.array(mean)), atol=1e-9)
+    np.testing.assert_allclose(visibility_probability(positions, np.arange(7), 0.0, 0.0, priors, form, 8.5), 1.0 - got)
 
 
 def test_a_known_position_hides_from_the_border_of_the_rectangle_on() -> None:
-    places, none = np.array([[10.0, 0.0]]), np.zeros((1, 2, 2))
+    positions, none = np.array([[10.0, 0.0]]), np.zeros((1, 2, 2))
     for at, hidden in (
         ((5.0, 1.5), 1.0),
         ((5.0, -1.5), 1.0),
@@ -59,7 +59,7 @@ def test_a_known_position_hides_from_the_border_of_the_rectangle_on() -> None:
         ((10.0 + 1e-9, 0.0), 0.0),
     ):
         priors = gaussian_priors(np.array([at]), none, DIAMETER)
-        assert blocking_probabilities(places, np.arange(1), 0.0, 0.0, priors, PRINTED, 8.5).tolist() == [[hidden]]
+        assert blocking_probabilities(positions, np.arange(1), 0.0, 0.0, priors, PRINTED, 8.5).tolist() == [[hidden]]
 
 
 @pytest.mark.parametrize(("aside", "counts"), [(0.999, True), (1.001, False)])

@@ -152,7 +152,7 @@ def test_ten_sources_at_once(shared_data: Path, tmp_path: Path, capsys: pytest.C
     assert run([*args, "--overwrite", "--fail-if", "doa_error_median_deg>1"]) == ExitCode.THRESHOLD
 
 
-def test_what_was_lost_in_making_directions_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_was_lost_in_making_directions_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rows = table([(0.0, "mic", 5.0)])
     for name in ("found", "true"):
         write_table(
@@ -160,9 +160,9 @@ def test_what_was_lost_in_making_directions_is_said(tmp_path: Path, capsys: pyte
         )
     args = ["--doa", str(tmp_path / "found.parquet"), "--truth-azimuths", str(tmp_path / "true.parquet")]
     assert run(["evaluate", *args, "-o", str(tmp_path / "m.json")]) == ExitCode.DONE
-    told, kept = capsys.readouterr().err, json.loads((tmp_path / "m.json").read_text())["_provenance"]["losses"]
+    stderr, kept = capsys.readouterr().err, json.loads((tmp_path / "m.json").read_text())["_provenance"]["losses"]
     for name in ("found", "true"):
-        assert f"lost earlier: {name}.log: line 7: gone" in told
+        assert f"lost earlier: {name}.log: line 7: gone" in stderr
     assert [each["source"] for each in kept] == ["found.log", "true.log"]
     with pytest.warns(occlog.OcclogWarning, match=r"found\.log: line 7"):
         found = occlog.evaluate(doa=tmp_path / "found.parquet", truth_azimuths=tmp_path / "true.parquet")

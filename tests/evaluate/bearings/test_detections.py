@@ -18,8 +18,8 @@ NAN = math.nan
 EAST = camera("east", 0.0, 10.0, 0.0)  # looks along +x: true u is -100 (y - 10) / x
 
 
-def figures(bearings, true, place: Scene, **options) -> dict[str, float]:
-    return evaluate(None, true, bearings, place, EvaluateConfig(**options)).metrics
+def figures(bearings, true, made_scene: Scene, **options) -> dict[str, float]:
+    return evaluate(None, true, bearings, made_scene, EvaluateConfig(**options)).metrics
 
 
 def test_five_frames_by_hand() -> None:
@@ -63,9 +63,9 @@ def test_sensors_add_up_as_counts_not_as_rates() -> None:
 
 
 def test_static_occluder_hides() -> None:
-    place = scene(EAST, occluders=(box("pillar", 4, 9, 6, 11),))
+    made_scene = scene(EAST, occluders=(box("pillar", 4, 9, 6, 11),))
     true = truth(T5, [[10, 10], [10, 10], [3, 10], [10, 15], [10, 10]])
-    m = figures(pixels(EAST, T5, [NAN, NAN, NAN, NAN, 1.0]), true, place)
+    m = figures(pixels(EAST, T5, [NAN, NAN, NAN, NAN, 1.0]), true, made_scene)
     assert m["visible"] == 2  # in front of the pillar, and beside it
     assert m["correct_rejections"] == 2
     assert m["detected_hidden"] == 1  # a bearing that is right although the target should be hidden
@@ -116,15 +116,15 @@ def test_candidates_are_paired_one_to_one_and_strays_counted() -> None:
 
 def test_candidates_go_to_visible_objects_before_hidden_ones() -> None:
     # The occluder at u = -2 is behind a pillar; the candidate at -2 is the target's at 0, not the occluder's
-    place = scene(EAST, occluders=(box("pillar", 14, 10.15, 16, 11),))
+    made_scene = scene(EAST, occluders=(box("pillar", 14, 10.15, 16, 11),))
     true = both(truth([0.0], [10, 10]), truth([0.0], [18, 10.36], 5, "occluder"))
-    m = figures(pixels(EAST, [0.0], [-2.0], target=-1), true, place)
+    m = figures(pixels(EAST, [0.0], [-2.0], target=-1), true, made_scene)
     assert (m["detected"], m["missed"], m["false_alarms"]) == (1, 0, 0)
     # Without the pillar it is the nearer object's
     m = figures(pixels(EAST, [0.0], [-2.0], target=-1), true, scene(EAST))
     assert (m["detected"], m["missed"], m["false_alarms"]) == (0, 1, 0)
     # A second candidate may still be of the hidden one
-    m = figures(pixels(EAST, [0.0, 0.0], [-2.0, -3.0], target=-1), true, place)
+    m = figures(pixels(EAST, [0.0, 0.0], [-2.0, -3.0], target=-1), true, made_scene)
     assert (m["detected"], m["false_alarms"]) == (1, 0)
 
 
@@ -143,10 +143,10 @@ def test_labelled_row_takes_precedence_over_candidates_of_its_frame() -> None:
 
 
 def test_array_directions_wrap_around_and_go_through_walls() -> None:
-    place = scene(arrays=(array("ear", 15.0, 10.0),), occluders=(box("wall", 9, 0, 11, 20),))
+    made_scene = scene(arrays=(array("ear", 15.0, 10.0),), occluders=(box("wall", 9, 0, 11, 20),))
     true = truth(T5, [[5, 10.001], [5, 9.999], [5, 10.001], [5, 9.999], [5, 10]])
     reported = [-math.pi + 0.01, math.pi - 0.01, math.pi - 0.3, NAN, math.pi]
-    m = figures(directions("ear", T5, reported, 0.02), true, place)
+    m = figures(directions("ear", T5, reported, 0.02), true, made_scene)
     assert (m["visible"], m["detected"], m["false_alarms"], m["missed"]) == (5, 3, 1, 2)
     errors = np.array([0.01 + 1e-4, 0.01 + 1e-4, 0.0])
     assert m["bearing_rms_mrad"] == pytest.approx(1e3 * math.sqrt(np.mean(errors**2)), rel=1e-6)

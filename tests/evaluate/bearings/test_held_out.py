@@ -23,9 +23,9 @@ EAST, NORTH = camera("east", 0, 10, 0), camera("north", 10, 0, 90)
 PLACE = scene(EAST, NORTH)
 
 
-def figures(found: Tracks, bearings: Bearings, place: Scene = PLACE, **options) -> dict[str, float]:
+def figures(found: Tracks, bearings: Bearings, made_scene: Scene = PLACE, **options) -> dict[str, float]:
     config = EvaluateConfig(**({"held_out": ("east",)} | options))
-    return evaluate(found, None, bearings, place, config).metrics
+    return evaluate(found, None, bearings, made_scene, config).metrics
 
 
 def test_labelled_rows_by_hand() -> None:
@@ -59,10 +59,10 @@ def test_nearest_candidate_and_gate() -> None:
 
 
 def test_only_frames_in_which_the_target_should_be_visible() -> None:
-    place = scene(EAST, NORTH, occluders=(box("pillar", 4, 9, 6, 11),))
+    made_scene = scene(EAST, NORTH, occluders=(box("pillar", 4, 9, 6, 11),))
     # behind the pillar; out of the field of view; behind the camera is outside the room; in view; no estimate near
     found = tracks([0.0, 1.0, 2.0], [[10, 10], [2, 18], [10, 15]])
-    m = figures(found, pixels(EAST, [0.0, 1.0, 2.0, 9.0], [0, 0, -50, 0]), place)
+    m = figures(found, pixels(EAST, [0.0, 1.0, 2.0, 9.0], [0, 0, -50, 0]), made_scene)
     assert m["held_out_frames"] == 1
     assert m["held_out_rms_px"] == pytest.approx(0.0, abs=1e-9)
 
@@ -110,8 +110,10 @@ def test_two_held_out_sensors_are_added_up() -> None:
 
 
 def test_array_has_angles_only_and_they_wrap() -> None:
-    place = scene(EAST, arrays=(array("ear", 15.0, 10.0),))
-    m = figures(tracks(T5, [5, 10.01]), directions("ear", T5, [-math.pi + 0.01] * 5, 0.02), place, held_out=("ear",))
+    made_scene = scene(EAST, arrays=(array("ear", 15.0, 10.0),))
+    m = figures(
+        tracks(T5, [5, 10.01]), directions("ear", T5, [-math.pi + 0.01] * 5, 0.02), made_scene, held_out=("ear",)
+    )
     assert m["held_out_rms_mrad"] == pytest.approx(11.0, rel=1e-4)
     assert math.isnan(m["held_out_rms_px"])
 

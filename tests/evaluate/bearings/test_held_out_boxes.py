@@ -30,15 +30,15 @@ SCENE = scene_from_yaml(YAML, "scene")
 FRAMES = 20
 
 
-def tracks(*places: tuple[float, float], height: float = 2.0) -> PeopleTracks:
+def tracks(*positions: tuple[float, float], height: float = 2.0) -> PeopleTracks:
     """People who stand at these places."""
-    n = FRAMES * len(places)
-    t = np.repeat(np.arange(FRAMES), len(places))
-    x, y = np.tile(np.array(places, dtype=np.float64).reshape(-1, 2), (FRAMES, 1)).T
+    n = FRAMES * len(positions)
+    t = np.repeat(np.arange(FRAMES), len(positions))
+    x, y = np.tile(np.array(positions, dtype=np.float64).reshape(-1, 2), (FRAMES, 1)).T
     nan, one = np.full(n, np.nan), np.ones(n)
     return PeopleTracks.of(
         t_ns=t * NS,
-        target_id=np.tile(np.arange(len(places), dtype=np.int32), FRAMES),
+        target_id=np.tile(np.arange(len(positions), dtype=np.int32), FRAMES),
         x=x,
         y=y,
         vx=nan,
@@ -50,12 +50,12 @@ def tracks(*places: tuple[float, float], height: float = 2.0) -> PeopleTracks:
     )
 
 
-def boxes(places: list[tuple[float, float]], down: float = 0.0, sensor: str = "east") -> Boxes:
+def boxes(positions: list[tuple[float, float]], down: float = 0.0, sensor: str = "east") -> Boxes:
     """Boxes of people 2 m high at these places, moved down by some pixels, in every frame of the camera."""
     parts = []
     camera = next(c for c in SCENE.cameras if c.name == sensor)
     corners: list[Floats] = []
-    for x, y in places:
+    for x, y in positions:
         feet, head = camera.project(np.array([[x, y, 0.0], [x, y, 2.0]]))
         corners.append(np.array([feet[0] - 20.0, head[1] + down, 40.0, feet[1] - head[1]]))
     for frame in range(FRAMES):

@@ -85,7 +85,7 @@ def test_nothing_to_meet_gives_no_figures() -> None:
     assert "come from 2 sensors within" in alone.notes[0]
 
 
-def test_bearings_of_nobody_in_particular_compare_with_nothing_and_a_line_says_so() -> None:
+def test_bearings_of_no_person_in_particular_compare_with_nothing_and_a_line_says_so() -> None:
     nameless = both(pixels(EAST, T5, [0] * 5, target=-1), pixels(NORTH, T5, [0] * 5, target=-1))
     assert "no bearing has a target label" in evaluate(tracks(T5, [10, 10]), None, nameless, PLACE).notes[0]
     assert not evaluate(tracks(T5, [10, 10]), None, rows_to([10] * 5, [10] * 5), PLACE).notes
@@ -105,9 +105,9 @@ def test_scans_within_a_window_hold_each_sensor_once() -> None:
 
 
 def test_directions_of_arrays_meet_lines_of_cameras_across_the_cut() -> None:
-    place = scene(EAST, arrays=(array("ear", 20.0, 10.5),))
+    made_scene = scene(EAST, arrays=(array("ear", 20.0, 10.5),))
     bearings = both(pixels(EAST, [0.0], [-10.0]), directions("ear", [0.0], [-math.pi + 0.01], 0.01))
-    found = triangulated_points(bearings, place, EvaluateConfig())[0]
+    found = triangulated_points(bearings, made_scene, EvaluateConfig())[0]
     # y = 10 + x / 10 and y = 10.5 - (20 - x) tan 0.01
     slope = math.tan(0.01)
     x = (0.5 - 20 * slope) / (0.1 - slope)

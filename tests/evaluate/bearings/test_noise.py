@@ -33,17 +33,17 @@ def scene(n: int) -> Scene:
     )
 
 
-def bearings(place: Scene, scans: int, scale: float, false: float = 0.0, seed: int = 1) -> Bearings:
+def bearings(made_scene: Scene, scans: int, scale: float, false: float = 0.0, seed: int = 1) -> Bearings:
     """Of a target that stands about anywhere within 4 m of the middle; noise is `scale` times what is stated."""
     rng = np.random.default_rng(seed)
-    xy, n = rng.uniform(-3.0, 3.0, (scans, 2)), len(place.cameras)
-    away = xy[:, None] - np.array([c.ground for c in place.cameras])
+    xy, n = rng.uniform(-3.0, 3.0, (scans, 2)), len(made_scene.cameras)
+    away = xy[:, None] - np.array([c.ground for c in made_scene.cameras])
     angle = np.arctan2(away[..., 1], away[..., 0]) + scale * STATED * rng.standard_normal((scans, n))
     angle = np.where(rng.random((scans, n)) < false, angle + rng.uniform(-0.7, 0.7, (scans, n)), angle)
     angle = (angle.ravel() + np.pi) % (2.0 * np.pi) - np.pi
     return Bearings.of(
         t_ns=np.repeat(SECOND * np.arange(scans), n),
-        sensor=np.tile([c.name for c in place.cameras], scans),
+        sensor=np.tile([c.name for c in made_scene.cameras], scans),
         target_id=np.zeros(scans * n, dtype=np.int32),
         seen=np.ones(scans * n, dtype=bool),
         bearing=angle,
@@ -54,11 +54,11 @@ def bearings(place: Scene, scans: int, scale: float, false: float = 0.0, seed: i
     )
 
 
-def noise_metrics(rows: Bearings, place: Scene, config: EvaluateConfig) -> dict[str, float]:
+def noise_metrics(rows: Bearings, made_scene: Scene, config: EvaluateConfig) -> dict[str, float]:
     found, own = NoiseFigures(config), labelled(rows, config)
     found.see(own)
     for scans in ScanCuts(config).update(own, LAST):
-        found.update(scans, sensors_of(place, set(own.sensor.tolist())))
+        found.update(scans, sensors_of(made_scene, set(own.sensor.tolist())))
     return found.result()
 
 
@@ -66,9 +66,9 @@ def noise_metrics(rows: Bearings, place: Scene, config: EvaluateConfig) -> dict[
 @pytest.mark.parametrize("scale", [0.3, 1.0, 2.5])
 @pytest.mark.parametrize("sensors", [3, 5])
 def test_the_factor_is_found_with_and_without_false_bearings(scale: float, sensors: int) -> None:
-    place = scene(sensors)
+    made_scene = scene(sensors)
     for false in (0.0, 0.05, 0.2):
-        found = noise_metrics(bearings(place, 600, scale, false), place, EvaluateConfig())
+        found = noise_metrics(bearings(made_scene, 600, scale, false), made_scene, EvaluateConfig())
         assert found["measurement_noise_scale"] == pytest.approx(scale, rel=0.1)
         assert found["measurement_noise_px"] == pytest.approx(5.0 * found["measurement_noise_scale"])
         assert found["measurement_noise_scans"] == 600

@@ -81,9 +81,9 @@ def test_a_run_that_is_worse_is_found_and_fails(tmp_path: Path, capsys: pytest.C
     for bad in ("hota worse", "matched_rmse worse by 0.1"):
         assert compared(a, b, more=(*truth, *figures, *fine, "--fail-if", bad)) == ExitCode.THRESHOLD
     assert compared(b, a, more=(*truth, "--fail-if", "matched_rmse worse")) == ExitCode.DONE
-    told = capsys.readouterr().err
-    assert "--fail-if matched_rmse worse by 0.1: method 2 has 0.28" in told
-    assert "--fail-if hota worse: method 2: not decided; identities that were exchanged stay so" in told
+    stderr = capsys.readouterr().err
+    assert "--fail-if matched_rmse worse by 0.1: method 2 has 0.28" in stderr
+    assert "--fail-if hota worse: method 2: not decided; identities that were exchanged stay so" in stderr
 
 
 def test_lost_people_lower_idf1_and_mota(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -113,9 +113,9 @@ def test_folders_of_runs_are_paired_by_name_and_recordings_are_drawn(
     paths = (tmp_path / "old", tmp_path / "new")
     more = ("--truth", str(truths), "--markdown", str(page), "--metric", "matched_rmse", "--metric", "hota")
     assert compared(*paths, more=more) == ExitCode.DONE
-    told = capsys.readouterr().out
-    assert "400 frames of 10 recordings; 10 recordings exchanged" in told
-    assert told.count("  worse\n") == 2
+    stdout = capsys.readouterr().out
+    assert "400 frames of 10 recordings; 10 recordings exchanged" in stdout
+    assert stdout.count("  worse\n") == 2
     assert "| matched_rmse | " in page.read_text()
     assert compared(*paths, more=more) == ExitCode.EXISTS
     (tmp_path / "new/runs/r3/tracks.parquet").unlink()
@@ -153,9 +153,9 @@ def test_short_recordings_are_not_decided_and_fail_as_that(tmp_path: Path, capsy
     a, b = write(tmp_path / "a", 1, frames=8), write(tmp_path / "b", 1, noise=0.3, frames=8, tracker=1)
     more = ("--truth", str(a / "truth.parquet"))
     assert compared(a, b, more=(*more, "--fail-if", "matched_rmse worse")) == ExitCode.THRESHOLD
-    told = capsys.readouterr()
-    assert "not decided" in told.out
-    assert "fewer than 20" in told.err
+    captured = capsys.readouterr()
+    assert "not decided" in captured.out
+    assert "fewer than 20" in captured.err
 
 
 def test_a_run_that_meets_nobody_has_no_error_to_be_compared(
@@ -184,10 +184,10 @@ def test_a_truth_of_another_clock_is_refused_and_no_tracks_are_a_result(
         moved = Truth.of(**{c.name: getattr(other, c.name) for c in Truth.columns()} | {"t_ns": other.t_ns + clock})
         write_table(tmp_path / "moved.parquet", moved, Provenance("simulate"), overwrite=True)
         assert compared(a, b, more=("--truth", str(tmp_path / "moved.parquet"))) == ExitCode.BAD_INPUT
-        told = capsys.readouterr()
-        assert "no estimate is from the time of the truth" in told.err
-        assert "check the clocks" in told.err
-        assert told.out == ""
+        captured = capsys.readouterr()
+        assert "no estimate is from the time of the truth" in captured.err
+        assert "check the clocks" in captured.err
+        assert captured.out == ""
 
 
 def test_what_cannot_be_compared_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -205,9 +205,9 @@ def test_what_cannot_be_compared_is_one_line(tmp_path: Path, capsys: pytest.Capt
         ((a, b), ("--truth", str(b / "tracks.parquet")), ExitCode.BAD_INPUT, "holds tracks"),
     ):
         assert compared(*paths, more=more) == code, words
-        told = capsys.readouterr().err
-        assert words in told
-        assert told.count("\n") <= 4
+        stderr = capsys.readouterr().err
+        assert words in stderr
+        assert stderr.count("\n") <= 4
 
 
 def test_truths_of_two_methods_must_have_the_same_rows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

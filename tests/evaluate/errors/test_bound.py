@@ -21,8 +21,10 @@ NORTH = camera("north", 10.0, 0.0, 90.0)
 BOTH = scene(EAST, NORTH)
 
 
-def bound_of(bearings: Bearings, true: Truth, place: Scene = BOTH, found: Tracks | None = None, **options) -> Bound:
-    return evaluate(found, true, bearings, place, EvaluateConfig(**options)).bound
+def bound_of(
+    bearings: Bearings, true: Truth, made_scene: Scene = BOTH, found: Tracks | None = None, **options
+) -> Bound:
+    return evaluate(found, true, bearings, made_scene, EvaluateConfig(**options)).bound
 
 
 def test_one_step_by_hand() -> None:
@@ -92,11 +94,11 @@ def test_noise_is_eq_2_with_the_bearings_own_reading() -> None:
 
 
 def test_sensors_without_pixels_count_by_their_angle() -> None:
-    place = scene(EAST, arrays=(array("ear", 10.0, 0.0),))
+    made_scene = scene(EAST, arrays=(array("ear", 10.0, 0.0),))
     bearings = both(
         directions("ear", [0.0], [math.pi / 2], 0.1), directions("east", [0.0], [0.0], 0.2)
     )  # the camera's rows have no pixels either
-    bound = bound_of(bearings, truth([0.0], [10, 10]), place, prior_covariance=(1.0, 0.0, 1.0))
+    bound = bound_of(bearings, truth([0.0], [10, 10]), made_scene, prior_covariance=(1.0, 0.0, 1.0))
     assert bound.bound_xx[0] == pytest.approx(1 / (1 + 1 / (10 * 0.1) ** 2))
     assert bound.bound_yy[0] == pytest.approx(1 / (1 + 1 / (10 * 0.2) ** 2))
 

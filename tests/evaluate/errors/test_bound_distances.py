@@ -60,20 +60,22 @@ def test_of_one_moment_it_is_the_inverse_of_prior_and_fisher_information() -> No
     )
     rows = table(sensor=["a"], rssi=[-75.0], sigma_rssi=[4.0])
     slope = 20.0 / np.log(10.0) / far  # dB for a metre
-    told = by_hand(np.outer(a, a) * (slope / 4.0) ** 2)
-    assert bound(rows, DistanceMeasurementConfig(tag_height=0.5), scene(2.0)) == pytest.approx(told)
+    reported = by_hand(np.outer(a, a) * (slope / 4.0) ** 2)
+    assert bound(rows, DistanceMeasurementConfig(tag_height=0.5), scene(2.0)) == pytest.approx(reported)
 
 
 def test_differences_ranges_and_bearings_add_up() -> None:
     (a, far), (b, _) = towards("a"), towards("b")
     rows = table(sensor=["b"], reference=["a"], tdoa=[0.0], sigma_tdoa=[1e-3])
-    told = np.outer(b - a, b - a) / 0.343**2
-    assert bound(rows, DistanceMeasurementConfig(propagation_speed="sound"), scene()) == pytest.approx(by_hand(told))
+    reported = np.outer(b - a, b - a) / 0.343**2
+    assert bound(rows, DistanceMeasurementConfig(propagation_speed="sound"), scene()) == pytest.approx(
+        by_hand(reported)
+    )
     nan = [np.nan]
     seen = {"t_ns": [0], "sensor": ["a"], "target_id": [0], "seen": [True], "u_px": nan, "sigma_px": nan, "score": nan}
     bearings = Bearings.of(**seen, bearing=[np.arctan2(4.0, 3.0)], sigma=[0.01])
     across = np.array([-a[1], a[0]]) / far / 0.01
-    both = by_hand(told + np.outer(across, across))
+    both = by_hand(reported + np.outer(across, across))
     assert bound(rows, DistanceMeasurementConfig(propagation_speed="sound"), scene(), bearings) == pytest.approx(both)
 
 

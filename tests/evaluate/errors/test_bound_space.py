@@ -38,8 +38,8 @@ def everything() -> Bearings:
     return both(seen_by_camera(slice(1, None, 3)), *parts, heard(EARS[2], TIMES, PATH, sigma_up=0.1))
 
 
-def bound_of(bearings: Bearings, place: Scene = PLACE, bound_dimension: str = "space", **options: object) -> Bound:
-    return evaluate(None, TRUE, bearings, place, EvaluateConfig(bound_dimension=bound_dimension, **options)).bound  # type: ignore[arg-type]
+def bound_of(bearings: Bearings, made_scene: Scene = PLACE, bound_dimension: str = "space", **options: object) -> Bound:
+    return evaluate(None, TRUE, bearings, made_scene, EvaluateConfig(bound_dimension=bound_dimension, **options)).bound  # type: ignore[arg-type]
 
 
 def covariances(bound: Bound) -> np.ndarray:
@@ -151,11 +151,11 @@ def test_azimuth_of_a_tilted_array_has_the_variance_that_it_has() -> None:
     east, north, _ = (lines @ WALL.rotation.T).T
     variance = np.var(np.arctan2(north, east))
     ear = replace(WALL, sigma=sigma)
-    place = scene(EAST, arrays=(ear,))
+    made_scene = scene(EAST, arrays=(ear,))
     true = truth([0.0], xyz[:2], z=xyz[2])
     rows = heard(ear, [0.0], xyz, sigma_up=sigma_up)
     config = EvaluateConfig(prior_covariance=(1.0, 0.0, 1.0))
-    bound = evaluate(None, true, rows, place, config).bound
+    bound = evaluate(None, true, rows, made_scene, config).bound
     J = np.eye(2) + crlb.bearing_information(xyz[None, :2], WALL.position[:2], np.sqrt([variance]))[0]
     P = np.array([[bound.bound_xx[0], bound.bound_xy[0]], [bound.bound_xy[0], bound.bound_yy[0]]])
     across = np.array([-(xyz[1] - WALL.position[1]), xyz[0] - WALL.position[0]])
@@ -230,7 +230,7 @@ def test_bound_in_space_needs_true_heights() -> None:
         evaluate(None, truth(TIMES, PATH[:, :2]), everything(), PLACE, EvaluateConfig(bound_dimension="space"))
 
 
-def test_candidates_are_told_apart_by_their_elevations() -> None:
+def test_candidates_are_distinguished_by_their_elevations() -> None:
     """Two people behind one another, one on a gallery: only the elevation says who was heard."""
     low, high = truth(TIMES, [12.0, 10.5], 0, z=1.0), truth(TIMES, [14.0, 11.0], 1, z=4.0)
     rows = heard(CEILING, TIMES, [14.0, 11.0, 4.0], target=UNLABELLED)
@@ -308,7 +308,7 @@ def test_an_extended_kalman_filter_in_space_reaches_the_bound_and_not_less(seed:
     """Walks of known drift, two arrays, one of them tilted, and a camera: mean squared error over mean bound."""
     rng, runs, steps, sigma_v = np.random.default_rng(seed), 40, 25, 0.1
     ears = [array("ceiling", 10.0, 10.0, 3.0, sigma=0.02), array("wall", 1.0, 9.0, 1.5, sigma=0.03, pitch=0.7)]
-    place = scene(camera("eye", 0.0, 10.0, 0.0), arrays=tuple(ears), room_height=3.0)
+    made_scene = scene(camera("eye", 0.0, 10.0, 0.0), arrays=tuple(ears), room_height=3.0)
     t, P0 = np.arange(steps), np.diag([0.25, 0.25, 0.04])
     config = EvaluateConfig(
         bound_dimension="space",
@@ -336,7 +336,7 @@ def test_an_extended_kalman_filter_in_space_reaches_the_bound_and_not_less(seed:
         heard_rows = [heard(ear, t, x) for ear in ears]
         u = -100.0 * (x[:, 1] - 10.0) / x[:, 0]
         rows = both(pixels(camera("eye", 0.0, 10.0, 0.0), t, u), *heard_rows)
-        bounds[run] = evaluate(None, truth(t, x[:, :2], z=x[:, 2]), rows, place, config).bound.bound_space ** 2
+        bounds[run] = evaluate(None, truth(t, x[:, :2], z=x[:, 2]), rows, made_scene, config).bound.bound_space ** 2
     per_run = squared.mean(axis=1) / bounds.mean()
     error_bar = per_run.std() / math.sqrt(runs)
     assert 1 - 3 * error_bar < per_run.mean() < 1.1 + 3 * error_bar

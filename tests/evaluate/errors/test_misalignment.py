@@ -98,10 +98,10 @@ def test_a_delay_is_found_with_its_error_and_lasting_errors_are_none() -> None:
         assert [check.id for check in delay_of(seed, 0.0).checks("m")] == [""]
 
 
-def test_tracks_that_are_early_are_said_to_be_so() -> None:
-    (said,) = delay_of(3, -0.15).checks("m")
-    assert said.id == "tracks-delayed"
-    assert "ahead of" in said.text
+def test_tracks_that_are_early_are_reported_to_be_so() -> None:
+    (findings,) = delay_of(3, -0.15).checks("m")
+    assert findings.id == "tracks-delayed"
+    assert "ahead of" in findings.text
 
 
 def test_many_windows_are_joined_and_change_nothing_but_the_error() -> None:
@@ -251,7 +251,7 @@ def test_tracks_in_ms_or_mm_are_named(
 ) -> None:
     folder = shared_cases / "v21-tracks-in-ms-or-mm"
     assert run(["evaluate", str(folder / tracks), "--truth", str(folder / "truth.csv"), "--json"]) == 0
-    assert [said["id"] for said in json.loads(capsys.readouterr().out)["warnings"]] == [id]
+    assert [stdout["id"] for stdout in json.loads(capsys.readouterr().out)["warnings"]] == [id]
 
 
 def test_a_truth_of_frames_numbered_two_lower_is_a_delay(
@@ -269,6 +269,6 @@ def test_a_truth_of_frames_numbered_two_lower_is_a_delay(
     for name, text in (("tracks.csv", late), ("truth.csv", true)):
         (tmp_path / name).write_text("\n".join(text) + "\n")
     assert run(["evaluate", str(tmp_path / "tracks.csv"), "--truth", str(tmp_path / "truth.csv"), "--json"]) == 0
-    (said,) = json.loads(capsys.readouterr().out)["warnings"]
-    assert said["id"] == "tracks-delayed"
-    assert said["figures"]["delay_s"] == pytest.approx(0.2, abs=4.0 * said["figures"]["sigma_s"])
+    (stdout,) = json.loads(capsys.readouterr().out)["warnings"]
+    assert stdout["id"] == "tracks-delayed"
+    assert stdout["figures"]["delay_s"] == pytest.approx(0.2, abs=4.0 * stdout["figures"]["sigma_s"])

@@ -105,10 +105,10 @@ def test_a_frame_in_which_only_distractors_are_is_a_frame(capsys: pytest.Capture
 
 @pytest.mark.parametrize("kind", [0, 14, -1])
 def test_a_class_that_cannot_be_is_named_with_its_line(kind: int, capsys: pytest.CaptureFixture[str]) -> None:
-    said = error(capsys, [f"1,1,{BOX},1,1,1.0", f"2,1,{BOX},1,{kind},1.0"])
-    assert "gt.txt" in said
-    assert "line 2" in said
-    assert f"class {kind}" in said
+    message = error(capsys, [f"1,1,{BOX},1,1,1.0", f"2,1,{BOX},1,{kind},1.0"])
+    assert "gt.txt" in message
+    assert "line 2" in message
+    assert f"class {kind}" in message
 
 
 def test_rules_for_classes_want_a_column_of_classes(capsys: pytest.CaptureFixture[str]) -> None:
@@ -140,15 +140,15 @@ def test_boxes_that_do_not_count_are_stated_by_class(capsys: pytest.CaptureFixtu
     Path("gt.txt").write_text("".join(f"{line}\n" for line in truth))
     Path("ours.txt").write_text(f"1,1,{BOX},1,-1,-1,-1\n")
     assert run(["evaluate", "ours.txt", "--truth", "gt.txt"]) == ExitCode.DONE
-    said = capsys.readouterr().err
-    assert "3 of 4 true boxes do not count by the rules of mot17 (class 2: 2, class 7: 1)" in said
-    assert "--benchmark mot15 counts all boxes" in said
+    stderr = capsys.readouterr().err
+    assert "3 of 4 true boxes do not count by the rules of mot17 (class 2: 2, class 7: 1)" in stderr
+    assert "--benchmark mot15 counts all boxes" in stderr
 
 
 def test_a_truth_in_which_no_box_counts_is_refused_with_its_class(capsys: pytest.CaptureFixture[str]) -> None:
-    said = error(capsys, [f"1,1,{BOX},1,2,1.0", f"2,1,{BOX},1,2,1.0"])
-    assert "2 of 2 true boxes do not count by the rules of mot17 (class 2: 2)" in said
-    assert "count all boxes: --benchmark mot15" in said
+    message = error(capsys, [f"1,1,{BOX},1,2,1.0", f"2,1,{BOX},1,2,1.0"])
+    assert "2 of 2 true boxes do not count by the rules of mot17 (class 2: 2)" in message
+    assert "count all boxes: --benchmark mot15" in message
 
 
 @pytest.mark.parametrize(("truth", "rows"), [("gt_mixed.txt", 300), ("gt_class2.txt", 300)])

@@ -121,11 +121,11 @@ def error(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int
 
 def test_outputs_and_figures(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run([*EVALUATE, "-o", "m.json", "--failures", "f.parquet", "--mot", "mot"]) == ExitCode.DONE
-    told = capsys.readouterr()
+    captured = capsys.readouterr()
     # Where no kernels are kept yet, a line before these says that they are compiled
-    assert told.err.splitlines()[-3:] == ["occlog: wrote m.json", "occlog: wrote f.parquet", "occlog: wrote mot"]
-    assert "targets without a tracker, FR_p" in told.out
-    table, verdict = told.out.strip().split("\n\n")[-2:]
+    assert captured.err.splitlines()[-3:] == ["occlog: wrote m.json", "occlog: wrote f.parquet", "occlog: wrote mot"]
+    assert "targets without a tracker, FR_p" in captured.out
+    table, verdict = captured.out.strip().split("\n\n")[-2:]
     assert [line.split()[0] for line in table.splitlines()[-3:]] == ["sensor", "east", "north"]
     assert "plausible" in verdict
     metrics = json.loads((folder / "m.json").read_text())
@@ -269,7 +269,9 @@ def _notes(capsys: pytest.CaptureFixture[str]) -> str:
     return capsys.readouterr().err
 
 
-def test_a_recording_that_is_not_that_of_the_tracks_is_told(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_recording_that_is_not_that_of_the_tracks_is_reported(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Times and cameras are the same in all three recordings; one has no video, so that nothing can be said of it."""
     for name, level in (("own", 10), ("other", 20)):
         with RecordingWriter(folder / f"{name}.mcap", scene_from_yaml(SCENE, "scene"), MADE) as writer:
@@ -277,10 +279,10 @@ def test_a_recording_that_is_not_that_of_the_tracks_is_told(folder: Path, capsys
             writer.image("east", 0, 0, encode_image(np.full((8, 8, 3), level, dtype=np.uint8), "png", 0), "png")
     made = Provenance("track", {"births": "initial"}, 0, hash_inputs([folder / "own.mcap"]))
     write_table(folder / "v.parquet", view_tracks(), made)
-    for name, told in (("own", False), ("recording", False), ("other", True)):
+    for name, reported in (("own", False), ("recording", False), ("other", True)):
         assert run(["evaluate", "v.parquet", "--truth", f"{name}.mcap"]) == ExitCode.DONE
         line = "other.mcap: v.parquet was made from another file (own.mcap)"
-        assert (line in _notes(capsys)) == told
+        assert (line in _notes(capsys)) == reported
     write_table(folder / "old.parquet", view_tracks(), Provenance("track", {"births": "initial"}))
     assert run(["evaluate", "old.parquet", "--truth", "other.mcap"]) == ExitCode.DONE
     assert "another file" not in _notes(capsys)
@@ -432,9 +434,9 @@ def test_units_without_a_length_need_a_distance(folder: Path, capsys: pytest.Cap
     (folder / "scene.yaml").write_text(SCENE.replace("occlog_scene: 1", "occlog_scene: 1\nlength_unit: unit"))
     ground = ["evaluate", "tracks.parquet", "--truth", "positions.parquet", "--scene", "scene.yaml"]
     assert run(ground) == ExitCode.DONE
-    told = capsys.readouterr()
-    assert "give --match-distance" in told.err
-    assert "MOTA" not in told.out
+    captured = capsys.readouterr()
+    assert "give --match-distance" in captured.err
+    assert "MOTA" not in captured.out
     assert figures([*ground, "--match-distance", "1"], capsys)["motp_unit"] == pytest.approx(0.5)
 
 
@@ -470,7 +472,7 @@ def test_published_figures_come_out(
         ("--settling-time", "1e300"),
     ],
 )
-def test_values_of_which_powers_and_times_cannot_be_told_are_refused(
+def test_values_of_which_powers_and_times_cannot_be_reported_are_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, value: str
 ) -> None:
     assert run([*two_walkers(tmp_path), option, value]) == ExitCode.USAGE

@@ -14,14 +14,14 @@ def figures(whole: float, recall: float = 0.98) -> dict[str, float]:
     return {"rmse_m": whole, "matched_rmse_m": 0.5, "recall": recall, "id_switches": 3.0}
 
 
-@pytest.mark.parametrize(("whole", "said"), [(1.0, False), (1.01, True), (math.nan, False)])
-def test_it_is_said_from_twice_the_error_of_the_pairs_on(whole: float, said: bool) -> None:
-    assert matchings_differ(figures(whole), "m") is said
-    assert bool(notes(figures(whole), "m", "id")) is said
-    assert (summary_lines(figures(whole), "m")[0] == "errors") is not said
+@pytest.mark.parametrize(("whole", "reported"), [(1.0, False), (1.01, True), (math.nan, False)])
+def test_it_is_reported_from_twice_the_error_of_the_pairs_on(whole: float, reported: bool) -> None:
+    assert matchings_differ(figures(whole), "m") is reported
+    assert bool(notes(figures(whole), "m", "id")) is reported
+    assert (summary_lines(figures(whole), "m")[0] == "errors") is not reported
 
 
-def test_without_pairs_nothing_is_said() -> None:
+def test_without_pairs_nothing_is_reported() -> None:
     assert not notes({"rmse_m": 3.0}, "m", "id")
 
 

@@ -75,7 +75,7 @@ def test_what_makes_boxes_fit_is_named(
     assert "100% with" in text
 
 
-def test_nothing_is_said_of_tracks_that_fit_or_of_other_objects(
+def test_nothing_is_reported_of_tracks_that_fit_or_of_other_objects(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     truth = rows(2)

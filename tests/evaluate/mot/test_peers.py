@@ -117,10 +117,10 @@ def text_with_classes(seed: int) -> tuple[list[str], list[str]]:
     rng = np.random.default_rng(seed)
     truth, tracks = [], []
     kinds = rng.permutation([1] * 8 + [*range(2, 14)])
-    places = rng.uniform([0.0, 0.0], [400.0, 100.0], (len(kinds), 2))
+    positions = rng.uniform([0.0, 0.0], [400.0, 100.0], (len(kinds), 2))
     for frame in range(1, 41):
-        places += rng.normal(0.0, 3.0, places.shape)
-        for label, (kind, (x, y)) in enumerate(zip(kinds.tolist(), places.tolist(), strict=True), start=1):
+        positions += rng.normal(0.0, 3.0, positions.shape)
+        for label, (kind, (x, y)) in enumerate(zip(kinds.tolist(), positions.tolist(), strict=True), start=1):
             if rng.random() < 0.1:
                 continue
             mark = int(kind == 1 and rng.random() < 0.9)

@@ -179,7 +179,7 @@ def test_a_track_that_begins_on_nothing_belongs_to_the_first_target_it_is_on() -
     assert (got["position_failures"], got["label_failures"]) == (2, 4)  # 8 has no target of its own beside 9
 
 
-def test_frames_are_told_by_time_or_by_number() -> None:
+def test_frames_are_reported_by_time_or_by_number() -> None:
     tracks, true = table(Boxes, tracked_rows()), truth()
     late = Boxes.of(
         **{c.name: getattr(tracks, c.name) for c in Boxes.columns() if c.name != "t_ns"}, t_ns=tracks.t_ns + 7

@@ -110,7 +110,7 @@ def test_what_does_not_go_together_is_refused(
     assert words in capsys.readouterr().err
 
 
-def test_what_was_lost_in_making_any_input_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_was_lost_in_making_any_input_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     args = []
     for n in range(2):
         for side, table in zip(("tracks", "truth"), crowd(n), strict=True):
@@ -119,7 +119,7 @@ def test_what_was_lost_in_making_any_input_is_said(tmp_path: Path, capsys: pytes
         args += ["--also"] * n + [str(tmp_path / f"tracks{n}.parquet")]
         args += ["--truth"] * (1 - n) + [str(tmp_path / f"truth{n}.parquet")]
     assert run(["evaluate", *args, "-o", str(tmp_path / "m.json")]) == ExitCode.DONE
-    told, kept = capsys.readouterr().err, json.loads((tmp_path / "m.json").read_text())["_provenance"]["losses"]
+    stderr, kept = capsys.readouterr().err, json.loads((tmp_path / "m.json").read_text())["_provenance"]["losses"]
     for name in ("tracks0", "truth0", "tracks1", "truth1"):
-        assert f"lost earlier: {name}.log: line 7: was lost" in told
+        assert f"lost earlier: {name}.log: line 7: was lost" in stderr
     assert [each["source"] for each in kept] == ["tracks0.log", "truth0.log", "tracks1.log", "truth1.log"]

@@ -160,7 +160,7 @@ def test_angles_are_wrapped(folder: tuple[Path, Path], capsys: Any) -> None:
     assert diff(capsys, a, b)[0] == ExitCode.DONE
 
 
-def test_other_units_and_columns_are_said_first(folder: tuple[Path, Path], capsys: Any) -> None:
+def test_other_units_and_columns_are_reported_first(folder: tuple[Path, Path], capsys: Any) -> None:
     a, b = folder[0] / "tracks.parquet", folder[1] / "tracks.parquet"
     write_table(b, tracks(), OTHER, overwrite=True, length_unit="ft")
     code, out, _ = diff(capsys, a, b)
@@ -260,7 +260,7 @@ def test_frames_by_their_pixels(tmp_path: Path, capsys: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    ("args", "code", "said"),
+    ("args", "code", "expected"),
     [
         (["a/tracks.parquet", "a/none.parquet"], ExitCode.BAD_INPUT, "no such file"),
         (["a", "none"], ExitCode.BAD_INPUT, "no such"),
@@ -280,13 +280,13 @@ def test_frames_by_their_pixels(tmp_path: Path, capsys: Any) -> None:
     ],
 )
 def test_wrong_usage_is_one_line(
-    folder: tuple[Path, Path], capsys: Any, monkeypatch: Any, args: list[str], code: int, said: str
+    folder: tuple[Path, Path], capsys: Any, monkeypatch: Any, args: list[str], code: int, expected: str
 ) -> None:
     monkeypatch.chdir(folder[0].parent)
     found, out, err = diff(capsys, *args)
     assert found == code
     assert out == ""
-    assert said in err
+    assert expected in err
     assert len([line for line in err.splitlines() if line.startswith("occlog: error")]) == 1
     assert "Traceback" not in err
 

@@ -155,7 +155,7 @@ def test_schemas() -> None:
     assert all(d.kind == "schema" for d in found)
 
 
-def test_another_unit_of_length_is_said_once() -> None:
+def test_another_unit_of_length_is_reported_once() -> None:
     def said(unit: str) -> dict[str, Any]:
         units = {"x": unit, "v": f"{unit}/s", "p": f"{unit}^2", "u": "px"}
         columns = [{"name": name, "type": "double", "unit": u} for name, u in units.items()]

@@ -122,9 +122,9 @@ def test_an_export_of_a_wider_table_is_the_same_and_read_as_wide(tmp_path: Path,
     assert run(["diff", ours, again]) == run(["diff", exported, again]) == ExitCode.DIFFERENT
     capsys.readouterr()
     assert run(["info", exported]) == ExitCode.DONE
-    told = capsys.readouterr().out
-    assert "vx_m_s: vx [m/s]" in told
-    assert "quality_flags: quality_flags\n" in told
+    stdout = capsys.readouterr().out
+    assert "vx_m_s: vx [m/s]" in stdout
+    assert "quality_flags: quality_flags\n" in stdout
 
 
 def test_trajectories_are_compared_with_tables(tmp_path: Path, capsys: Any) -> None:

@@ -348,20 +348,20 @@ def test_the_command_says_it_in_lines_and_in_json(tmp_path: Path, capsys: pytest
     assert capsys.readouterr().out == ""
     table(gap, lambda t: t.take([*range(10), *range(20, 40)]))
     assert run(["doctor", str(gap), str(whole)]) == ExitCode.LOSSY
-    told = capsys.readouterr()
-    assert told.out.count("\n") == 1
-    assert told.out.startswith(f"warning: {gap}: sensor cam1: after 2023-11-14T22:13:20.900Z: no data: for 1.1 s")
-    assert told.err == "occlog: 2 files: 1 warning\n"
+    captured = capsys.readouterr()
+    assert captured.out.count("\n") == 1
+    assert captured.out.startswith(f"warning: {gap}: sensor cam1: after 2023-11-14T22:13:20.900Z: no data: for 1.1 s")
+    assert captured.err == "occlog: 2 files: 1 warning\n"
     (tmp_path / "scene.yaml").write_text("occlog_scene: 2\n")
     assert run(["doctor", str(tmp_path), "--json"]) == ExitCode.BAD_INPUT
-    said = json.loads(capsys.readouterr().out)
-    Draft202012Validator(finding_schema()).validate(said)
-    assert (said["files"], said["errors"], said["warnings"], said["notes"]) == (3, 1, 1, 0)
-    assert {f["kind"] for f in said["findings"]} == {"gap", "unreadable"}
+    result = json.loads(capsys.readouterr().out)
+    Draft202012Validator(finding_schema()).validate(result)
+    assert (result["files"], result["errors"], result["warnings"], result["notes"]) == (3, 1, 1, 0)
+    assert {f["kind"] for f in result["findings"]} == {"gap", "unreadable"}
     assert run(["doctor", str(tmp_path / "nothing.mcap")]) == ExitCode.BAD_INPUT
 
 
-def test_a_file_of_an_unknown_kind_is_told_where_it_was_named(tmp_path: Path) -> None:
+def test_a_file_of_an_unknown_kind_is_reported_where_it_was_named(tmp_path: Path) -> None:
     path = tmp_path / "a.xyz"
     path.write_bytes(b"\1\2\3")
     assert kinds_of(path) == ["unknown"]
@@ -392,7 +392,7 @@ def test_a_clock_that_restarts_is_named_in_tables_of_others(tmp_path: Path) -> N
     assert not found_in(path)
 
 
-def test_names_that_are_lists_are_told_and_stop_nothing(tmp_path: Path) -> None:
+def test_names_that_are_lists_are_reported_and_stop_nothing(tmp_path: Path) -> None:
     lists = pa.DictionaryArray.from_arrays(pa.array([0, 0]), pa.array([["a", "b"]]))
     path = tmp_path / "b.arrow"
     for sensor in (lists, pa.array([["a"], ["b"]]), pa.array([{"a": 1}, None])):

@@ -41,7 +41,7 @@ def boxes(frames: tuple[int, ...], boxed: tuple[int, ...], names: tuple[int, ...
 
 
 @pytest.mark.parametrize(
-    ("table", "to", "unit", "told"),
+    ("table", "to", "unit", "expected"),
     [
         (
             truth(),
@@ -66,23 +66,25 @@ def boxes(frames: tuple[int, ...], boxed: tuple[int, ...], names: tuple[int, ...
         (boxes((0, 1, 2), (0, 2)), "coco", "m", []),
     ],
 )
-def test_what_is_not_held_is_told(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], table: ColumnTable, to: str, unit: str, told: list[str]
+def test_what_is_not_held_is_reported(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], table: ColumnTable, to: str, unit: str, expected: list[str]
 ) -> None:
     write_table(tmp_path / "in.parquet", table, Provenance("test"), length_unit=unit)
     args = ["export", str(tmp_path / "in.parquet"), "-o", str(tmp_path / "out.txt"), "--to", to]
     args += ["--origin", "52,13"] if to == "geojson" else []
     assert run([*args, "--json"]) == ExitCode.DONE
     printed = capsys.readouterr()
-    said = json.loads(printed.out).get("not_representable", [])
-    assert len(said) == len(told)
-    assert all(each.startswith(want) for each, want in zip(said, told, strict=True)), said
-    assert printed.err.count("not held by") == (1 if told else 0)
+    result = json.loads(printed.out).get("not_representable", [])
+    assert len(result) == len(expected)
+    assert all(each.startswith(want) for each, want in zip(result, expected, strict=True)), result
+    assert printed.err.count("not held by") == (1 if expected else 0)
     assert run([*args, "--overwrite", "-q"]) == ExitCode.DONE
     assert "not held by" not in capsys.readouterr().err
 
 
-def test_it_is_told_where_the_table_goes_to_standard_output(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_is_reported_where_the_table_goes_to_standard_output(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     write_table(tmp_path / "in.parquet", truth(), Provenance("test"))
     assert run(["export", str(tmp_path / "in.parquet"), "-o", "-", "--to", "trc"]) == ExitCode.DONE
     assert START in capsys.readouterr().err

@@ -127,10 +127,10 @@ def test_transform_and_calibration_project_as_the_camera_does(shown: dict[str, A
         [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
     ])  # fmt: skip
-    place = np.array([getattr(pose.translation, n) for n in "xyz"])
+    position = np.array([getattr(pose.translation, n) for n in "xyz"])
     ((_, seen),) = shown["foxglove"]["/camera/east/calibration"]
     point = np.array([2.0, 1.3, 0.4])
-    ahead = np.array(seen.P).reshape(3, 4) @ np.append(turn.T @ (point - place), 1.0)
+    ahead = np.array(seen.P).reshape(3, 4) @ np.append(turn.T @ (point - position), 1.0)
     np.testing.assert_allclose(ahead[:2] / ahead[2], CAMERA.project(point[None])[0], atol=1e-9)
     assert (seen.width, seen.height, list(seen.K)[:3]) == (64, 48, [60.0, 0.0, 31.5])
 
@@ -303,9 +303,9 @@ def test_numbers_and_log_say_what_the_rows_say(shown: dict[str, Any]) -> None:
     assert rows[0][1].ess == 80.5
     assert np.isnan(rows[1][1].ess)
     assert [m.x for _, m in shown["foxglove"]["/tracks/7"]] == [1.0, 1.0]
-    said = [(t_ns, m.level, m.name, m.message) for t_ns, m in shown["foxglove"]["/log"]]
+    reported = [(t_ns, m.level, m.name, m.message) for t_ns, m in shown["foxglove"]["/log"]]
     warn = Log.Level.WARNING
-    assert said == [
+    assert reported == [
         (NS, warn, "target 7", "possible_switch with 3, probability 0.25"),
         (2 * NS, warn, "target 3", "restart"),
     ]
@@ -386,7 +386,7 @@ def test_a_damaged_image_is_a_loss(tmp_path: Path, capsys: pytest.CaptureFixture
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "expected"),
     [
         (["--target", "3"], "--target: format viewers shows everything"),
         (["--to", "rerun", "--layout", "x.json"], "--layout: format rerun takes none"),
@@ -394,10 +394,10 @@ def test_a_damaged_image_is_a_loss(tmp_path: Path, capsys: pytest.CaptureFixture
     ],
 )
 def test_options_that_do_not_fit_are_refused(
-    shown: dict[str, Any], arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
+    shown: dict[str, Any], arguments: list[str], expected: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(["export", str(shown["in"]), "-o", str(shown["in"] / "new.mcap"), *arguments]) == ExitCode.USAGE
-    assert said in capsys.readouterr().err
+    assert expected in capsys.readouterr().err
     assert not (shown["in"] / "new.mcap").exists()
 
 

@@ -11,7 +11,8 @@ from occlog.core.geometry.camera import rotation_from_angles
 from occlog.examine.viewers.drawings.foxglove import point_cloud
 from occlog.examine.viewers.drawings.people import Palette, PeopleDrawing, PersonEstimate
 from occlog.examine.viewers.drawings.shapes import DrawingGroup, Polyline, dashes, dense, triangles
-from occlog.examine.viewers.drawings.world import quaternion, shadows, walls
+from occlog.examine.viewers.drawings.world import shadows, walls
+from occlog.io.formats.calibration.ros import rotation_quaternion
 from occlog.records.scene import Scene
 
 SQUARE = np.array([[2.0, -0.25], [2.5, -0.25], [2.5, 0.25], [2.0, 0.25]])
@@ -56,7 +57,7 @@ def test_shadows_of_several_eyes_are_those_of_each_alone() -> None:
 @pytest.mark.parametrize("angles", [(0.3, -0.2, 0.1), (np.pi, 0.0, 0.0), (-2.0, 1.4, 3.0), (0.0, 0.0, np.pi)])
 def test_quaternions_turn_as_their_matrices_do(angles: tuple[float, float, float]) -> None:
     rotation = rotation_from_angles(*angles)
-    x, y, z, w = quaternion(rotation)
+    x, y, z, w = rotation_quaternion(rotation)
     axis, v = np.array([x, y, z]), np.array([0.3, -1.0, 2.0])
     turned = v + 2.0 * np.cross(axis, np.cross(axis, v) + w * v)
     np.testing.assert_allclose(turned, rotation @ v, atol=1e-12)

@@ -40,9 +40,9 @@ def test_the_viewer_that_is_installed_is_started(
     assert run(["view", str(table), "--json", "-q"]) == ExitCode.DONE
     shown = json.loads(capsys.readouterr().out)
     assert shown["format"] == ("rerun" if name == "rerun" else "foxglove")
-    said = (table.parent / "said").read_text().split()
-    assert said[-1] == shown["output"]
-    assert said[:-1] == (["--bind", "127.0.0.1", "--new"] if name == "rerun" else [])
+    statement = (table.parent / "said").read_text().split()
+    assert statement[-1] == shown["output"]
+    assert statement[:-1] == (["--bind", "127.0.0.1", "--new"] if name == "rerun" else [])
     assert not Path(shown["output"]).exists()
 
 

@@ -102,48 +102,48 @@ def assert_alike(found, want):
 @pytest.mark.parametrize("seed", range(3))
 def test_independent_cameras_are_those_of_the_plain_form(seed, cameras, M, spread, kind, form):
     rng, scene = np.random.default_rng(seed), room100()
-    model, looks, xy = detection(scene, rng if seed else None), looks_of(scene, rng, cameras), near(seed, spread)
+    model, packed, xy = detection(scene, rng if seed else None), looks_of(scene, rng, cameras), near(seed, spread)
     mean, covariance = people(rng, M, kind)
     given = ref.RefPriors(mean, covariance, 3.33, improved=form == IMPROVED)
-    a, b, assigned = parts_of(scene, looks, xy, model)
-    share = np.column_stack([ref.clear(xy, scene.cameras[i].ground, given) for i in looks.sensor])
+    a, b, assigned = parts_of(scene, packed, xy, model)
+    share = np.column_stack([ref.clear(xy, scene.cameras[i].ground, given) for i in packed.sensor])
     want = ref.independent(a, b, assigned, share, FLOOR)
-    assert_alike(among(scene, looks, xy, model, gaussian_priors(mean, covariance, 3.33), INDEPENDENT, form), want)
+    assert_alike(among(scene, packed, xy, model, gaussian_priors(mean, covariance, 3.33), INDEPENDENT, form), want)
 
 
 @pytest.mark.parametrize(("cameras", "M", "spread"), [(2, 5, 10.0), (4, 12, 2.0), (6, 20, 4.0)])
 @pytest.mark.parametrize("seed", range(4))
 def test_recursion_is_the_sum_over_all_patterns(seed, cameras, M, spread):
     rng, scene = np.random.default_rng(seed), room100()
-    model, looks, xy = detection(scene, rng if seed else None), looks_of(scene, rng, cameras), near(seed, spread, 150)
+    model, packed, xy = detection(scene, rng if seed else None), looks_of(scene, rng, cameras), near(seed, spread, 150)
     mean, covariance = people(rng, M)
     given = ref.RefPriors(mean, covariance, 3.33)
-    a, b, assigned = parts_of(scene, looks, xy, model)
-    q = np.stack([ref.hiding(xy, scene.cameras[i].ground, given) for i in looks.sensor], axis=1)
+    a, b, assigned = parts_of(scene, packed, xy, model)
+    q = np.stack([ref.hiding(xy, scene.cameras[i].ground, given) for i in packed.sensor], axis=1)
     chances = lambda rows, use: ref.patterns_disjoint(q[np.ix_(rows, use)])  # noqa: E731
     want = ref.over_patterns(a, b, assigned, chances, FLOOR)
-    assert_alike(among(scene, looks, xy, model, gaussian_priors(mean, covariance, 3.33), RECURSION), want)
+    assert_alike(among(scene, packed, xy, model, gaussian_priors(mean, covariance, 3.33), RECURSION), want)
 
 
 @pytest.mark.parametrize("probability", [INDEPENDENT, RECURSION, EXACT])
 def test_without_anybody_it_is_the_plain_likelihood(probability):
     rng, scene = np.random.default_rng(3), with_array(room100(), (50, 5))
-    model, looks, xy = detection(scene, rng), looks_of(scene, rng, 8), near(3, 20.0)
+    model, packed, xy = detection(scene, rng), looks_of(scene, rng, 8), near(3, 20.0)
     free = np.ones(len(xy), dtype=np.bool_)
-    plain = log_likelihood(xy, looks, pack_sensors(scene), pack_noise(scene), model, free)
-    found = among(scene, looks, xy, model, no_priors(), probability, floor=0.0)
+    plain = log_likelihood(xy, packed, pack_sensors(scene), pack_noise(scene), model, free)
+    found = among(scene, packed, xy, model, no_priors(), probability, floor=0.0)
     np.testing.assert_allclose(found, plain, atol=1e-9)
 
 
 @pytest.mark.parametrize("probability", [INDEPENDENT, RECURSION, EXACT])
 def test_places_off_the_floor_are_impossible_and_others_as_before(probability):
     rng, scene = np.random.default_rng(4), room100()
-    model, looks, xy = detection(scene), looks_of(scene, rng, 3), near(4, 3.0, 40)
+    model, detections_of_step, xy = detection(scene), looks_of(scene, rng, 3), near(4, 3.0, 40)
     priors, free = gaussian_priors(*people(rng, 6), 3.33), rng.random(40) < 0.7
     packed = pack_sensors(scene), pack_noise(scene), model
     occlusion = Occlusion(probability, QUADRATURE, FLOOR, 5.5)
-    found = log_likelihood_among(xy, looks, *packed, free, priors, occlusion)
-    everywhere = among(scene, looks, xy, model, priors, probability, QUADRATURE)
+    found = log_likelihood_among(xy, detections_of_step, *packed, free, priors, occlusion)
+    everywhere = among(scene, detections_of_step, xy, model, priors, probability, QUADRATURE)
     assert np.all(found[~free] == -np.inf)
     np.testing.assert_allclose(found[free], everywhere[free], atol=1e-6)
 
@@ -153,15 +153,15 @@ def test_who_certainly_hides_the_target_leaves_the_floor():
     scene, model = room100(), detection(room100())
     camera = scene.cameras[0].ground
     xy = TARGET[None]
-    looks = pack_scan(scan(0, [(0, true_u(scene, TARGET)[0])]), read_noise(scene), True)
-    a, b, assigned = parts_of(scene, looks, xy, model)
+    packed = pack_scan(scan(0, [(0, true_u(scene, TARGET)[0])]), read_noise(scene), True)
+    a, b, assigned = parts_of(scene, packed, xy, model)
     assert assigned[0, 0]
     priors = gaussian_priors((camera + 0.5 * (TARGET - camera))[None], np.zeros((1, 2, 2)), 3.33)
     for probability, want in ((INDEPENDENT, FLOOR * a[0, 0] + b[0]), (RECURSION, max(b[0], FLOOR * a[0, 0]))):
-        found = among(scene, looks, xy, model, priors, probability)
+        found = among(scene, packed, xy, model, priors, probability)
         assert found[0] == pytest.approx(np.log(want), abs=1e-9)
     aside = gaussian_priors((camera + 1.5 * (TARGET - camera))[None], np.zeros((1, 2, 2)), 3.33)
-    assert among(scene, looks, xy, model, aside, RECURSION)[0] == pytest.approx(np.log(a[0, 0]), abs=1e-9)
+    assert among(scene, packed, xy, model, aside, RECURSION)[0] == pytest.approx(np.log(a[0, 0]), abs=1e-9)
 
 
 @pytest.mark.parametrize("temper", [0.0, 0.3, 1.0])
@@ -169,12 +169,12 @@ def test_tempered_probabilities_are_powers_of_those_of_independent_cameras(tempe
     rng, scene = np.random.default_rng(11), room100()
     model, xy = detection(scene, rng), near(11, 3.0, 80)
     true = true_u(scene, TARGET)
-    looks = pack_scan(scan(0, [(0, true[0]), (3, None), (5, true[5] + 1.0)]), read_noise(scene), True)
+    packed = pack_scan(scan(0, [(0, true[0]), (3, None), (5, true[5] + 1.0)]), read_noise(scene), True)
     priors = gaussian_priors(*people(rng, 30), 3.33)
-    a, b, assigned = parts_of(scene, looks, xy, model)
+    a, b, assigned = parts_of(scene, packed, xy, model)
     sensors, free = pack_sensors(scene), np.ones(len(xy), dtype=np.bool_)
     want = np.ones(len(xy))
-    for k, i in enumerate(looks.sensor):
+    for k, i in enumerate(packed.sensor):
         rows = np.flatnonzero(assigned[:, k])
         grid = make_grid(xy, free, priors, 5.5)
         share = np.ones(len(xy))
@@ -182,7 +182,7 @@ def test_tempered_probabilities_are_powers_of_those_of_independent_cameras(tempe
         clear, blocked = np.maximum(share, FLOOR) ** temper, np.maximum(1.0 - share, FLOOR) ** temper
         want *= np.where(assigned[:, k], clear * a[:, k] + blocked * b[k], a[:, k])
     occlusion = Occlusion(INDEPENDENT, IMPROVED, FLOOR, far=5.5, temper=temper)
-    found = log_likelihood_among(xy, looks, sensors, pack_noise(scene), model, free, priors, occlusion)
+    found = log_likelihood_among(xy, packed, sensors, pack_noise(scene), model, free, priors, occlusion)
     assert assigned.any(axis=0).all()
     assert_alike(found, want)
 
@@ -194,7 +194,7 @@ def test_candidates_count_as_a_mixture_too(probability):
     model, xy = detection(scene, rng), near(6, 3.0, 60)
     true = true_u(scene, TARGET)
     rows = [(0, true[0], np.nan, 0.7), (0, 12.0, np.nan, 0.2), (5, true[5], np.nan, 0.9), (7, None)]
-    looks = pack_scan(scan(0, rows, labelled=False), read_noise(scene), True)
+    packed = pack_scan(scan(0, rows, labelled=False), read_noise(scene), True)
     mean, covariance = people(rng, 20)
     a, assigned = np.ones((60, 3)), np.zeros((60, 3), dtype=bool)
     plain = reference_scene(scene)
@@ -210,17 +210,17 @@ def test_candidates_count_as_a_mixture_too(probability):
     given = ref.RefPriors(mean, covariance, 3.33, floor=FLOOR, recursion=probability == RECURSION)
     want = ref.among(xy, cameras, a, np.ones(3), assigned, given)
     assert assigned.any(axis=0).all()
-    assert_alike(among(scene, looks, xy, model, gaussian_priors(mean, covariance, 3.33), probability), want)
+    assert_alike(among(scene, packed, xy, model, gaussian_priors(mean, covariance, 3.33), probability), want)
 
 
 @pytest.mark.parametrize("probability", [RECURSION, EXACT])
 def test_too_many_cameras_for_subsets_are_refused(probability):
     scene = room100()
     many = type(scene)(scene.cameras[:1] * 17, (), (), (), scene.room, length_unit="unit")
-    looks = pack_scan(scan(0, [(i, None) for i in range(17)]), read_noise(many), True)
+    packed = pack_scan(scan(0, [(i, None) for i in range(17)]), read_noise(many), True)
     priors = gaussian_priors(np.array([[10.0, 10.0]]), 4.0 * np.eye(2)[None], 3.33)
     with pytest.raises(ValueError, match="likelihood=independent"):
-        among(many, looks, TARGET[None], detection(many), priors, probability)
+        among(many, packed, TARGET[None], detection(many), priors, probability)
 
 
 def test_sixteen_cameras_are_summed_over_their_subsets():
@@ -238,11 +238,11 @@ def test_sixteen_cameras_are_summed_over_their_subsets():
 @pytest.mark.parametrize("probability", [INDEPENDENT, RECURSION])
 def test_people_hide_a_target_from_cameras_of_any_field_of_view(probability, fov_deg):
     scene = replace(room100(), cameras=(replace(room100().cameras[0], fov=np.radians(fov_deg)),))
-    looks = pack_scan(scan(0, [(0, None)]), read_noise(scene), True)
+    packed = pack_scan(scan(0, [(0, None)]), read_noise(scene), True)
     middle = 0.5 * (scene.cameras[0].ground + TARGET)
     priors = gaussian_priors(middle[None], 0.01 * np.eye(2)[None], 3.0)
     model = detection(scene)._replace(miss=np.full(1, 1e-3))
-    free = among(scene, looks, TARGET[None], model, no_priors(), probability)
-    hidden = among(scene, looks, TARGET[None], model, priors, probability)
+    free = among(scene, packed, TARGET[None], model, no_priors(), probability)
+    hidden = among(scene, packed, TARGET[None], model, priors, probability)
     assert free[0] == pytest.approx(np.log(1e-3), abs=0.2)
     assert hidden[0] > -0.01

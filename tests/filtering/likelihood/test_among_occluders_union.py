@@ -148,7 +148,7 @@ def test_the_cases_have_everything() -> None:
 @pytest.mark.parametrize(("seed", "N", "M"), CASES)
 def test_independent_cameras(seed: int, N: int, M: int, form: int) -> None:
     case = Case(seed, N, M, 24)
-    q = np.stack([hiding(case.xy, place, case.persons, form) for place in case.places], axis=1)
+    q = np.stack([hiding(case.xy, position, case.persons, form) for position in case.places], axis=1)
     share = np.prod(1 - q, axis=2)
     want = ref.independent(case.a, case.b, case.assigned, share, FLOOR)
     case.check(case.found(INDEPENDENT, form), want)
@@ -165,7 +165,7 @@ def test_independent_cameras(seed: int, N: int, M: int, form: int) -> None:
 @pytest.mark.parametrize(("seed", "N", "M"), CASES)
 def test_recursion(seed: int, N: int, M: int, form: int) -> None:
     case = Case(seed, N, M, 24)
-    q = np.stack([hiding(case.xy, place, case.persons, form) for place in case.places], axis=1)
+    q = np.stack([hiding(case.xy, position, case.persons, form) for position in case.places], axis=1)
     chances = lambda rows, use: ref.patterns_disjoint(q[np.ix_(rows, use)])  # noqa: E731
     want = ref.over_patterns(case.a, case.b, case.assigned, chances, FLOOR)
     case.check(case.found(RECURSION, form), want)
@@ -178,7 +178,7 @@ def test_recursion_where_eq_8_is_clipped(seed: int, M: int) -> None:
     case = Case(seed, 6, 0, 40)
     rng = np.random.default_rng(seed)
     case.persons = [(TARGET + rng.normal(0, 1.5, 2), 0.3 * np.eye(2)) for _ in range(M)]
-    q = np.stack([hiding(case.xy, place, case.persons, IMPROVED) for place in case.places], axis=1)
+    q = np.stack([hiding(case.xy, position, case.persons, IMPROVED) for position in case.places], axis=1)
 
     def likelihood(least: float):
         def chances(rows, use):

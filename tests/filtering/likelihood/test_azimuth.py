@@ -31,9 +31,11 @@ SIGMA_RANGE, SIGMA_BEARING = 0.2, math.radians(1.0)
 
 def polar(xy: tuple[float, float], far: float, angle: float) -> RangeMeasurements:
     """A range and a bearing of a station at a place."""
-    place, none = np.tile(np.array(xy), (2, 1)), np.zeros(2)
+    position, none = np.tile(np.array(xy), (2, 1)), np.zeros(2)
     kind, sigma = np.array([RANGE, PLAIN["bearing"]]), np.array([SIGMA_RANGE, SIGMA_BEARING])
-    return RangeMeasurements(kind, np.array([far, angle]), sigma, place, none, place, none, np.zeros(2, dtype=np.int64))
+    return RangeMeasurements(
+        kind, np.array([far, angle]), sigma, position, none, position, none, np.zeros(2, dtype=np.int64)
+    )
 
 
 def test_the_gradient_is_that_of_the_azimuth() -> None:

@@ -25,11 +25,11 @@ def packed_scene(scene):
 
 
 def factors_of(scene, given, xy, model=PAPER, use_score=True):
-    looks = pack_scan(given, read_noise(scene), use_score)
+    packed = pack_scan(given, read_noise(scene), use_score)
     xy, (sensors, noise) = np.atleast_2d(xy), packed_scene(scene)
     columns = []
-    for k, i in enumerate(looks.sensor):
-        columns.append(factors(xy, k, looks, sensors, noise, spread(model, scene), seen_from(xy, i, sensors))[0])
+    for k, i in enumerate(packed.sensor):
+        columns.append(factors(xy, k, packed, sensors, noise, spread(model, scene), seen_from(xy, i, sensors))[0])
     return np.column_stack(columns)
 
 
@@ -40,10 +40,10 @@ def spread(model, scene):
 
 
 def loglik_of(scene, given, xy, model=PAPER, free=None):
-    looks = pack_scan(given, read_noise(scene), True)
+    detections_of_step = pack_scan(given, read_noise(scene), True)
     free = np.ones(len(xy), dtype=np.bool_) if free is None else free
     packed = pack_sensors(scene), pack_noise(scene), spread(model, scene)
-    return log_likelihood(xy, looks, *packed, free)
+    return log_likelihood(xy, detections_of_step, *packed, free)
 
 
 def density(camera, xy, u, sigma_read):
@@ -214,9 +214,9 @@ def test_a_scan_without_looks_changes_nothing():
 def test_agreement_tells_which_looks_support_a_place():
     xy = np.array([[30.0, 30.0]])
     u = true_u(SCENE, xy[0])
-    looks = pack_scan(scan(0, [(0, u[0] + 2.0), (2, u[2] + 60.0), (6, None)]), read_noise(SCENE), True)
+    detections_of_step = pack_scan(scan(0, [(0, u[0] + 2.0), (2, u[2] + 60.0), (6, None)]), read_noise(SCENE), True)
     packed = pack_sensors(SCENE), pack_noise(SCENE), spread(PAPER._replace(false=1e-4), SCENE)
-    assert likely_inliers(xy, looks, *packed).tolist() == [True, False, False]
+    assert likely_inliers(xy, detections_of_step, *packed).tolist() == [True, False, False]
     candidates = scan(0, [(0, u[0] + 2.0), (0, 50.0), (2, u[2] + 60.0)], labelled=False)
     assert likely_inliers(xy, pack_scan(candidates, read_noise(SCENE), True), *packed).tolist() == [True, False]
 
@@ -227,10 +227,10 @@ def test_a_look_agrees_when_the_target_is_more_likely_than_anything_else(labelle
     xy = np.array([[30.0, 30.0]])
     sensors, noise = packed_scene(SCENE)
     u = true_u(SCENE, xy[0])[0] + 2.0
-    looks = pack_scan(scan(0, [(0, u)], labelled=labelled), read_noise(SCENE), True)
-    odds = density(SCENE.cameras[0], xy, u, np.sqrt(looks.variance[0]))[0] * noise.width_px[0] * (1.0 + more)
+    packed = pack_scan(scan(0, [(0, u)], labelled=labelled), read_noise(SCENE), True)
+    odds = density(SCENE.cameras[0], xy, u, np.sqrt(packed.variance[0]))[0] * noise.width_px[0] * (1.0 + more)
     if labelled:
         model = PAPER._replace(hit=0.01 / odds, miss=0.5, false=0.02)
     else:
         model = PAPER._replace(candidate=0.75, clutter=odds * 0.75 / 0.25)
-    assert likely_inliers(xy, looks, sensors, noise, spread(model, SCENE)).tolist() == [more < 0]
+    assert likely_inliers(xy, packed, sensors, noise, spread(model, SCENE)).tolist() == [more < 0]

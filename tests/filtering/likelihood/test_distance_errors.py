@@ -35,8 +35,8 @@ def test_the_density_is_the_convolution_of_a_gaussian_and_an_exponential(rate: f
     for u in (-4.0, 0.0, 2.5, 12.0):
         gauss = np.exp(-0.5 * (u - e) ** 2 / variance) / np.sqrt(2.0 * np.pi * variance)
         there = 0.7 * gauss[0] + 0.3 * np.trapezoid(gauss * rate * np.exp(-rate * e), e)
-        told = density(np.array([u]), errors(0.3, 0.0, rate), variance)[0]
-        assert told == pytest.approx(there, rel=1e-4, abs=1e-15)
+        reported = density(np.array([u]), errors(0.3, 0.0, rate), variance)[0]
+        assert reported == pytest.approx(there, rel=1e-4, abs=1e-15)
 
 
 @pytest.mark.parametrize(("late", "early"), [(0.0, 0.0), (0.2, 0.0), (0.2, 0.3)])
@@ -49,11 +49,11 @@ def test_the_density_integrates_to_one(late: float, early: float) -> None:
 @pytest.mark.parametrize("own", [errors(0.0, 0.0, 1.0, 3.7), errors(0.1, 0.0, 0.1, 3.7), errors(0.2, 0.3, 0.5, 3.7)])
 def test_slopes_are_those_of_finite_differences_and_curvatures_are_not_below_zero(own: DistanceErrors) -> None:
     u, step = np.linspace(-12.0, 40.0, 500)[:, None], 1e-5
-    told = score_and_information(u, own)
+    reported = score_and_information(u, own)
     slope = (log_density(u - step, own) - log_density(u + step, own)) / (2.0 * step)
-    np.testing.assert_allclose(told.slope, slope, rtol=1e-5, atol=1e-7)
-    assert ((told.weight >= 0.0) & (told.weight <= 1.0)).all()
-    np.testing.assert_allclose(told.direct, inlier_probability(u, own))
+    np.testing.assert_allclose(reported.slope, slope, rtol=1e-5, atol=1e-7)
+    assert ((reported.weight >= 0.0) & (reported.weight <= 1.0)).all()
+    np.testing.assert_allclose(reported.direct, inlier_probability(u, own))
 
 
 def test_a_late_signal_is_not_false_and_an_early_one_is() -> None:

@@ -49,18 +49,18 @@ def test_means_are_distances_in_space() -> None:
 
 def test_gradients_are_those_of_finite_differences() -> None:
     xy = np.random.default_rng(0).uniform(-5, 9, (50, 2))
-    told = linearise(rows(), xy).gradient
+    reported = linearise(rows(), xy).gradient
     for axis in (0, 1):
         step = STEP * np.eye(2)[axis]
         slope = (residuals(rows(), xy - step) - residuals(rows(), xy + step)) / (2 * STEP)
-        np.testing.assert_allclose(told[..., axis], slope, rtol=1e-6, atol=1e-6)
+        np.testing.assert_allclose(reported[..., axis], slope, rtol=1e-6, atol=1e-6)
 
 
 def test_at_a_station_everything_is_finite() -> None:
     flat = rows()._replace(rise2=np.zeros(3), other_rise2=np.zeros(3))
-    told = linearise(flat, np.array([[0.0, 0.0], [4.0, 1.0]]))
-    assert np.isfinite(told.residual).all()
-    assert np.isfinite(told.gradient).all()
+    reported = linearise(flat, np.array([[0.0, 0.0], [4.0, 1.0]]))
+    assert np.isfinite(reported.residual).all()
+    assert np.isfinite(reported.gradient).all()
 
 
 @pytest.mark.parametrize("n", [0, 1, 2])
@@ -75,8 +75,8 @@ def test_the_density_of_a_value_integrates_to_one_and_its_information_is_the_var
     there = density(xy)
     assert np.trapezoid(there, z[:, 0]) == pytest.approx(1.0, abs=1e-9)
     score = np.stack([(np.log(density(xy + d)) - np.log(density(xy - d))) / (2 * STEP) for d in STEP * np.eye(2)])
-    told = np.trapezoid(score[:, None] * score[None] * there, z[:, 0])
-    np.testing.assert_allclose(information(one, xy)[0], told, rtol=1e-5, atol=1e-6)
+    reported = np.trapezoid(score[:, None] * score[None] * there, z[:, 0])
+    np.testing.assert_allclose(information(one, xy)[0], reported, rtol=1e-5, atol=1e-6)
 
 
 def test_at_the_bend_a_value_is_as_likely_false_as_true() -> None:

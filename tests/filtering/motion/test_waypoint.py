@@ -31,8 +31,8 @@ def run(n, motion, dt, steps, rng, waiting=0.0, **start):
     for _ in range(steps):
         arrived = waypoint.reached(p, motion, FLOOR)
         regime = waypoint.choose_regimes(p, arrived, dt, motion, rng.random(n))
-        places = rng.uniform(0, 100, (int(np.sum(regime == CHANGE)), 2))
-        p = waypoint.move(p, regime, places, AT_ONCE, rng.standard_normal((n, 2)), dt, motion)
+        positions = rng.uniform(0, 100, (int(np.sum(regime == CHANGE)), 2))
+        p = waypoint.move(p, regime, positions, AT_ONCE, rng.standard_normal((n, 2)), dt, motion)
     return p
 
 

@@ -212,7 +212,7 @@ def test_coco_images_name_frame_and_camera_and_may_be_empty(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("second", "said"),
+    ("second", "expected"),
     [
         ({"file_name": "b/000001.jpg"}, "is of folder b, and the first image of camera cam1 of folder a"),
         ({"file_name": "b/000002.jpg"}, "omit cam1=, so that each has its own"),
@@ -223,11 +223,11 @@ def test_coco_images_name_frame_and_camera_and_may_be_empty(tmp_path: Path) -> N
         ({"file_name": "a/000002.jpg", "video_id": 2}, "is of folder a, video 2, and the first"),
     ],
 )
-def test_coco_of_several_cameras_is_not_one_camera_s(tmp_path: Path, second: dict[str, object], said: str) -> None:
+def test_coco_of_several_cameras_is_not_one_camera_s(tmp_path: Path, second: dict[str, object], expected: str) -> None:
     """Where the numbers of frames differed, they became one camera."""
     images = [{"id": 0, "file_name": "a/000001.jpg"}, {"id": 1, **second}]
     path = saved(tmp_path / "c.json", {**COCO, "images": images, "annotations": []})
-    with pytest.raises(InputError, match=f"image 2: .*{said}"):
+    with pytest.raises(InputError, match=f"image 2: .*{expected}"):
         read(BoxFile(path, "cam1"))
 
 

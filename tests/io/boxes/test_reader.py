@@ -167,7 +167,7 @@ def test_a_malformed_row_is_named_by_line_value_and_remedy(tmp_path: Path, text:
     assert "\n" not in str(caught.value)
 
 
-def test_without_a_camera_or_a_time_it_is_said_which_option_helps(tmp_path: Path) -> None:
+def test_without_a_camera_or_a_time_it_is_reported_which_option_helps(tmp_path: Path) -> None:
     path = write(tmp_path, "frame,left,top,w,h\n0,1,1,1,1\n")
     with pytest.raises(InputError, match=r"has no column camera; add it, or name the camera: CAMERA=boxes\.csv"):
         survey_boxes([BoxFile(path, None)], (), BoxOptions())

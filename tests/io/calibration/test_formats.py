@@ -341,7 +341,7 @@ def test_the_matrix_of_opencv_storage_under_the_names_in_use(tmp_path: Path, key
     assert found.cameras[0].focal_px.tolist() == [500, 510]
 
 
-def test_a_matrix_under_another_name_is_told_of_with_those_that_are_known(tmp_path: Path) -> None:
+def test_a_matrix_under_another_name_is_reported_of_with_those_that_are_known(tmp_path: Path) -> None:
     (tmp_path / "left.yml").write_text(STORAGE.replace("camera_matrix:", "lens:"))
     with pytest.raises(InputError, match=r"where one file has both, the matrix is called camera_matrix, .* mtx, "):
         read_calibration([tmp_path / "left.yml"])
@@ -452,20 +452,20 @@ def stored(tmp_path: Path, matrix: str, extra: str = "") -> Path:
 
 
 @pytest.mark.parametrize(
-    ("matrix", "said"),
+    ("matrix", "expected"),
     [
         ("800., 0., 0., 0., 800., 0., 640., 360., 1.", "it is transposed, as MATLAB has it"),
         ("800., 9., 640., 0., 800., 360., 0., 0., 1.", "a skew of 4 px"),
         ("800., 0., 640., 0., 800., 360., 0., 0., 2.", "expected .*fx, 0, cx"),
     ],
 )
-def test_a_matrix_that_is_none_of_a_camera_is_refused(tmp_path: Path, matrix: str, said: str) -> None:
+def test_a_matrix_that_is_none_of_a_camera_is_refused(tmp_path: Path, matrix: str, expected: str) -> None:
     """The principal point of a transposed one was (0, 0), and a skew was not looked at."""
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=expected):
         read_calibration([stored(tmp_path, matrix)])
     k = np.array([float(cell) for cell in matrix.split(",")]).reshape(3, 3)
     np.savez(tmp_path / "cam.npz", K=k, R=np.eye(3), t=np.zeros(3), image_size=[1280, 720])
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=expected):
         read_calibration([tmp_path / "cam.npz"])
 
 

@@ -148,7 +148,7 @@ def test_in_toml_a_lens_that_is_not_stated_to_be_a_fisheye_is_none_and_it_is_not
     paths = toml(tmp_path, FISHEYE, {})
     found = read_calibration(paths)
     assert found.cameras[0].distortion_model == "brown"
-    assert any("k1, k2, p1, p2 are assumed" in said for said in found.notes)
+    assert any("k1, k2, p1, p2 are assumed" in note for note in found.notes)
     assert one(paths, lens_model="fisheye").distortion_model == "equidistant"
     assert not read_calibration(toml(tmp_path, FISHEYE, {"fisheye": False})).notes
 
@@ -166,7 +166,7 @@ def test_a_fisheye_of_180_degrees_is_used_up_to_80_off_its_axis(tmp_path: Path) 
     (path,) = storage(tmp_path, np.array([-0.03, 0.004, -0.002, 0.0003]), {"fisheye_model": 1})
     path.write_text(path.read_text().replace("900.0", "420.0").replace("905.0", "420.0"))
     found = read_calibration([path])
-    assert any("more than 80 degrees off its axis; what lies beyond, 26% of the image" in said for said in found.notes)
+    assert any("more than 80 degrees off its axis; what lies beyond, 26% of the image" in note for note in found.notes)
     (camera,) = found.cameras
     edge = camera.project(np.array([[np.tan(np.radians(79.9)), 0.0, 1.0], [np.tan(np.radians(80.1)), 0.0, 1.0]]))
     assert camera.usable(edge).tolist() == [True, False]

@@ -66,7 +66,7 @@ def test_binning_and_region_of_ros_scale_and_shift_the_pixels(
     assert camera.image_size == size
     wanted = (whole.project(POINTS) - roi[:2] + 0.5) / bins - 0.5
     np.testing.assert_allclose(camera.project(POINTS), wanted, atol=1e-9)
-    assert any("of a sensor of 1280 x 720" in said for said in found.notes) == (size != (1280, 720))
+    assert any("of a sensor of 1280 x 720" in note for note in found.notes) == (size != (1280, 720))
 
 
 @pytest.mark.parametrize(
@@ -110,7 +110,7 @@ def test_video_of_qualisys_is_the_stated_part_of_the_sensor_at_the_stated_rows(
     points = POINTS @ whole.rotation.T
     wanted = (whole.project(points) - limits[:2] + 0.5) * scale - 0.5
     np.testing.assert_allclose(camera.project(points), wanted, atol=1e-9)
-    assert any("video_resolution" in said for said in found.notes) == (scale != 1.0 or limits[0] > 0)
+    assert any("video_resolution" in note for note in found.notes) == (scale != 1.0 or limits[0] > 0)
 
 
 def test_rows_that_a_sensor_does_not_have_are_refused(tmp_path: Path) -> None:
@@ -150,7 +150,7 @@ def matrix_of(tmp_path: Path, size: tuple[int, int], focal: float, x: float, y: 
 
 
 @pytest.mark.parametrize(
-    ("size", "middle", "said"),
+    ("size", "middle", "expected"),
     [
         ((1280, 720), (640.0, 355.0), ""),
         ((1280, 720), (540.0, 300.0), ""),
@@ -160,12 +160,12 @@ def matrix_of(tmp_path: Path, size: tuple[int, int], focal: float, x: float, y: 
         ((1280, 720), (0.0, 0.0), "the middle of images of 1 x 1 px"),
     ],
 )
-def test_a_matrix_of_images_of_another_size_than_stated_is_told(
-    tmp_path: Path, size: tuple[int, int], middle: tuple[float, float], said: str
+def test_a_matrix_of_images_of_another_size_than_stated_is_reported(
+    tmp_path: Path, size: tuple[int, int], middle: tuple[float, float], expected: str
 ) -> None:
     (found,) = read_calibration([matrix_of(tmp_path, size, 900.0, *middle)]).checks
-    assert found.id == ("principal-point-off" if said else "")
-    assert said in found.text
+    assert found.id == ("principal-point-off" if expected else "")
+    assert expected in found.text
 
 
 @pytest.mark.parametrize(

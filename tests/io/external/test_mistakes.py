@@ -154,20 +154,20 @@ def test_columns_of_one_name_in_other_letters_are_refused(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    ("cells", "said"),
+    ("cells", "expected"),
     [
         ("t_ns,x,y/9e18,1,1", "t_ns is '9e18'"),
         ("t_ns,x,y/9000000000000000000,1,1", "out of range"),
         ("t,x,y/1_0,1,1", "neither a number"),
     ],
 )
-def test_times_that_cannot_be_are_refused(tmp_path: Path, cells: str, said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_times_that_cannot_be_are_refused(tmp_path: Path, cells: str, expected: str) -> None:
+    with pytest.raises(InputError, match=expected):
         open_input(text(tmp_path / "t.csv", *cells.split("/"))).read(Truth)
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "kind", "said"),
+    ("name", "value", "kind", "expected"),
     [
         ("t", 1_714_562_800.25, pa.float32(), "t is 1714562816 in float: known to 128 s only, and 1 ms is the limit"),
         ("t_ns", 1.7e18, pa.float32(), "known to 137.439 s only"),
@@ -177,12 +177,12 @@ def test_times_that_cannot_be_are_refused(tmp_path: Path, cells: str, said: str)
     ],
 )
 def test_times_in_floats_that_are_too_short_are_refused(
-    tmp_path: Path, name: str, value: object, kind: pa.DataType, said: str
+    tmp_path: Path, name: str, value: object, kind: pa.DataType, expected: str
 ) -> None:
     """They collapsed to every 128th second without a word."""
     numbers = [np.float16(value)] if kind == pa.float16() else [value]
     path = parquet(tmp_path, **{name: pa.array(numbers, kind), "x": pa.array([1.0]), "y": pa.array([1.0])})
-    with pytest.raises(InputError, match=f"row 0: .*{said}"):
+    with pytest.raises(InputError, match=f"row 0: .*{expected}"):
         open_input(path).read(Truth)
 
 
@@ -201,7 +201,7 @@ def test_times_in_text_that_lost_digits_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "x", "said"),
+    ("name", "x", "expected"),
     [
         ("x", pa.array([5_500_000.3], pa.float32()), "x is known to 0.5 only, and 0.01 is the limit"),
         ("x_cm", pa.array([2e7], pa.float32()), "x_cm is known to 2 cm only, and 1 cm is the limit"),
@@ -210,7 +210,7 @@ def test_times_in_text_that_lost_digits_are_refused(tmp_path: Path) -> None:
     ],
 )
 def test_places_in_floats_that_are_too_short_are_refused(
-    tmp_path: Path, name: str, x: pa.Array | str, said: str
+    tmp_path: Path, name: str, x: pa.Array | str, expected: str
 ) -> None:
     """Northings of UTM in float32 lie half a metre apart."""
     y = "y_cm" if name == "x_cm" else "y"
@@ -218,7 +218,7 @@ def test_places_in_floats_that_are_too_short_are_refused(
         path = text(tmp_path / "t.csv", "t,x,y", f"0,{x},1")
     else:
         path = parquet(tmp_path, **{"t_ns": pa.array([0]), name: x, y: pa.array([1.0])})
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=expected):
         open_input(path).read(Truth)
 
 
@@ -336,6 +336,6 @@ def test_a_clock_that_was_set_back_is_stated(tmp_path: Path, capsys: pytest.Capt
         rows = [rows[n] for n in np.random.default_rng(0).permutation(len(rows)).tolist()]
     path = text(tmp_path / "t.csv", "time,id,x,y", *(f"{1000 + t / 10},{person},{person},2" for t, person in rows))
     assert run(["diff", str(path), str(path)]) == ExitCode.DONE
-    said = capsys.readouterr().err
-    assert ("row 40: time goes back by 29.9 s" in said) == (kind == "set back")
-    assert ("goes back" in said) == (kind == "set back")
+    stderr = capsys.readouterr().err
+    assert ("row 40: time goes back by 29.9 s" in stderr) == (kind == "set back")
+    assert ("goes back" in stderr) == (kind == "set back")

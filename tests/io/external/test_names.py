@@ -90,9 +90,9 @@ def test_two_columns_of_one_meaning_are_refused_but_the_own_name_counts() -> Non
 @pytest.mark.parametrize(("name", "wrong"), [("elevatoin_deg", True), ("note", False), ("temperature", False)])
 def test_a_name_that_is_nearly_right_is_not_passed_over(name: str, wrong: bool) -> None:
     names = ("time", "station", "azimuth_deg", name)
-    said = misspelled(lay_out(names, Doa), names)
-    assert (said is not None) == wrong
-    assert said is None or "did you mean 'elevation_deg'?" in said
+    message = misspelled(lay_out(names, Doa), names)
+    assert (message is not None) == wrong
+    assert message is None or "did you mean 'elevation_deg'?" in message
 
 
 def test_a_column_of_pixels_is_not_a_length() -> None:

@@ -77,8 +77,8 @@ def write(path: Path, rows: int, options: dict[str, object], seed: int = 1) -> N
 
 
 def by_library(path: Path) -> list[list[Chunk]]:
-    told, groups = pq.read_metadata(path), []
-    for group in map(told.row_group, range(told.num_row_groups)):
+    reported, groups = pq.read_metadata(path), []
+    for group in map(reported.row_group, range(reported.num_row_groups)):
         chunks = []
         for column in map(group.column, range(group.num_columns)):
             begin = column.data_page_offset
@@ -156,9 +156,9 @@ def test_a_page_header_without_its_statedis_none(missing: int) -> None:
 def changed(data: bytes, number: int, field: Field, *, column: int = 2) -> bytes:
     """A Parquet file with another field in the description of a column."""
     length = int.from_bytes(data[-8:-4], "little")
-    told = Structs(data, len(data) - 8 - length).struct()
-    told[ROW_GROUPS].value[1][0][COLUMNS].value[1][column][CHUNK].value[number] = field
-    end = written(told)
+    reported = Structs(data, len(data) - 8 - length).struct()
+    reported[ROW_GROUPS].value[1][0][COLUMNS].value[1][column][CHUNK].value[number] = field
+    end = written(reported)
     return data[: -8 - length] + end + len(end).to_bytes(4, "little") + b"PAR1"
 
 
@@ -180,19 +180,19 @@ def test_statistics_that_do_not_fit_are_one_line(tmp_path: Path, column: int) ->
     path.write_bytes(changed(tracks(), HISTOGRAMS, SHORT, column=column))
     done = check_apart("doctor", path)
     if done.code == ExitCode.DONE:  # a library that does not read these statistics
-        assert "nothing found" in done.told
+        assert "nothing found" in done.output
         return
     assert done.code == ExitCode.BAD_INPUT
-    assert f"{path}: cannot be read: damaged or not a Parquet file" in done.told
+    assert f"{path}: cannot be read: damaged or not a Parquet file" in done.output
 
 
-def test_times_of_a_table_are_told_whatever_its_statistics_are(tmp_path: Path) -> None:
+def test_times_of_a_table_are_reported_whatever_its_statistics_are(tmp_path: Path) -> None:
     write_table(tmp_path / "ours.parquet", random_table(Tracks, 50, 1), Provenance("track"))
     rows = pq.read_table(tmp_path / "ours.parquet")
     pq.write_table(rows, path := tmp_path / "plain.parquet")
     path.write_bytes(changed(path.read_bytes(), HISTOGRAMS, SHORT, column=0))
     done = check_apart("info", path, "--json")
-    assert json.loads(done.told.strip())["time_ns"] == [rows["t_ns"][0].as_py(), rows["t_ns"][-1].as_py()]
+    assert json.loads(done.output.strip())["time_ns"] == [rows["t_ns"][0].as_py(), rows["t_ns"][-1].as_py()]
 
 
 @pytest.mark.parametrize(
@@ -214,18 +214,18 @@ def test_columns_that_cannot_be(tmp_path: Path, number: int, field: Field, reaso
         groups_in(path)
 
 
-def of(groups: int, **told: int) -> bytes:
+def of(groups: int, **reported: int) -> bytes:
     """A footer of groups of one row and 100 columns of no bytes, if nothing else is told."""
     chunk = {PATH: Field(LIST, (BINARY, [b"a"])), sizes.PACKED: Field(I64, 0), sizes.DATA_PAGE: Field(I64, 4)}
     column = {CHUNK: Field(STRUCT, chunk | {1: Field(I32, 1)})}
     counts = {
-        sizes.GROUP_BYTES: Field(I64, told.get("unpacked", 0)),
-        sizes.GROUP_ROWS: Field(I64, told.get("each", 1)),
+        sizes.GROUP_BYTES: Field(I64, reported.get("unpacked", 0)),
+        sizes.GROUP_ROWS: Field(I64, reported.get("each", 1)),
     }
     group = {COLUMNS: Field(LIST, (STRUCT, [column] * 100)), **counts}
-    rows = Field(I64, told.get("rows", groups))
+    rows = Field(I64, reported.get("rows", groups))
     end = written({sizes.NUM_ROWS: rows, ROW_GROUPS: Field(LIST, (STRUCT, [group] * groups))})
-    return b"PAR1" + end + (len(end) + told.get("longer", 0)).to_bytes(4, "little") + b"PAR1"
+    return b"PAR1" + end + (len(end) + reported.get("longer", 0)).to_bytes(4, "little") + b"PAR1"
 
 
 @pytest.mark.parametrize(
@@ -288,9 +288,9 @@ def test_encrypted_files_say_that_they_are(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], plain_footer: bool
 ) -> None:
     path, rows = tmp_path / "a.parquet", pa.table({"t_ns": [1], "x": [2.0]})
-    told = encryption.EncryptionConfiguration("a", column_keys={"b": ["x"]}, plaintext_footer=plain_footer)
+    reported = encryption.EncryptionConfiguration("a", column_keys={"b": ["x"]}, plaintext_footer=plain_footer)
     factory = encryption.CryptoFactory(lambda _: Keys())
-    properties = factory.file_encryption_properties(encryption.KmsConnectionConfig(), told)
+    properties = factory.file_encryption_properties(encryption.KmsConnectionConfig(), reported)
     with pq.ParquetWriter(path, rows.schema, encryption_properties=properties) as writer:
         writer.write_table(rows)
     assert run(["info", str(path)]) == ExitCode.BAD_INPUT

@@ -86,9 +86,9 @@ def exif(order: str, turn: int) -> bytes:
 @pytest.mark.parametrize("order", "<>")
 def test_a_size_is_that_of_the_image_turned_as_its_exif_data_say(order: str, turn: int) -> None:
     pixels = np.zeros((8, 24, 3), np.uint8)
-    told = b"Exif\0\0" + exif(order, turn)
+    reported = b"Exif\0\0" + exif(order, turn)
     jpg, png = (cv2.imencode(kind, pixels)[1].tobytes() for kind in (".jpg", ".png"))
-    jpg = jpg[:2] + b"\xff\xe1" + struct.pack(">H", len(told) + 2) + told + jpg[2:]
+    jpg = jpg[:2] + b"\xff\xe1" + struct.pack(">H", len(reported) + 2) + reported + jpg[2:]
     png = png[:33] + png_part(b"eXIf", exif(order, turn)) + png[33:]
     for data in (jpg, png):
         image = decode_image(data, "x")

@@ -43,13 +43,13 @@ def test_so_many_lost_stretches_are_listed_and_the_rest_is_added_up(holes: int, 
     assert found[-1].place.startswith("1 more sections in frames") == (holes > MAX_STRETCHES)
 
 
-@pytest.mark.parametrize(("met", "told"), [(979, False), (978, True)])
-def test_an_estimated_count_may_be_two_percent_and_a_frame_too_high(met: int, told: bool) -> None:
+@pytest.mark.parametrize(("met", "reported"), [(979, False), (978, True)])
+def test_an_estimated_count_may_be_two_percent_and_a_frame_too_high(met: int, reported: bool) -> None:
     ledger = FrameLedger(Path("v.ts"), None, 1000, SIZE, 0, None)
     for index in range(met):
         assert ledger.accept(index)
         ledger.fits(index, SIZE)
-    assert [loss.count for loss in losses(ledger)] == ([1000 - met] if told else [])
+    assert [loss.count for loss in losses(ledger)] == ([1000 - met] if reported else [])
 
 
 def test_a_range_begins_with_its_first_frame_and_ends_before_its_last() -> None:

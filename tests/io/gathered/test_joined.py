@@ -42,8 +42,8 @@ def test_all_rows_are_there_beside_their_recording(tmp_path: Path, monkeypatch: 
     assert whole["recording"].to_pylist() == ["a"] * 5 + ["b"] * 6 + ["c"] * 7
     expected = np.concatenate([read_table(path, Tracks).x for path in made.values()])
     assert np.array_equal(whole["x"].to_numpy(), expected)
-    told = describe(tmp_path / "all.parquet")
-    assert (told["schema"], told["length_unit"], told["rows"]) == ("batch.tracks", "m", 18)
+    reported = describe(tmp_path / "all.parquet")
+    assert (reported["schema"], reported["length_unit"], reported["rows"]) == ("batch.tracks", "m", 18)
     assert read_provenance(tmp_path / "all.parquet").losses == MADE.losses
 
 

@@ -43,7 +43,7 @@ def read(*paths: Path) -> tuple[list[bytes], list[str]]:
         return found, [str(loss) for loss in bag.losses]
 
 
-def test_a_file_that_the_metadata_do_not_name_is_told(tmp_path: Path) -> None:
+def test_a_file_that_the_metadata_do_not_name_is_reported(tmp_path: Path) -> None:
     """A recorder that was killed, or a copy that was interrupted, leaves such a folder."""
     for number in range(3):
         written(tmp_path / f"b_{number}.db3", b"%d" % number, first=number)
@@ -86,7 +86,7 @@ def test_a_file_that_is_there_unpacked_too_is_read_once(tmp_path: Path, listed: 
 
 
 @pytest.mark.parametrize(("mode", "log"), [("WAL", "b.db3-wal"), ("DELETE", "b.db3-journal")])
-def test_writes_that_are_still_beside_the_file_are_told(tmp_path: Path, mode: str, log: str) -> None:
+def test_writes_that_are_still_beside_the_file_are_reported(tmp_path: Path, mode: str, log: str) -> None:
     made = tmp_path / "made"
     made.mkdir()
     base = written(made / "b.db3", b"one")
@@ -188,14 +188,14 @@ def test_metadata_may_name_a_file_without_its_packing(tmp_path: Path, named: str
 
 
 @pytest.mark.parametrize(
-    ("count", "said"),
+    ("count", "expected"),
     [
         (1, []),  # nothing is lost: the remarks say it
         (2, []),
         (5, ["metadata.yaml: /a: messages that it counts are not in the files (it counts 5, and there are 2)"]),
     ],
 )
-def test_metadata_that_count_other_messages_than_there_are(tmp_path: Path, count: int, said: list[str]) -> None:
+def test_metadata_that_count_other_messages_than_there_are(tmp_path: Path, count: int, expected: list[str]) -> None:
     folder = tmp_path / "bag"
     folder.mkdir()
     written(folder / "b.db3", b"one", b"two")
@@ -205,7 +205,7 @@ def test_metadata_that_count_other_messages_than_there_are(tmp_path: Path, count
     )
     found, lost = read(folder)
     assert found == [b"one", b"two"]
-    assert [line[: len(words)] for line, words in zip(lost, said, strict=True)] == said
+    assert [line[: len(words)] for line, words in zip(lost, expected, strict=True)] == expected
     with open_bag([folder]) as bag:
         assert len(list(bag.messages(["/a"]))) == 2
         less = "metadata.yaml counts 1 messages, and there are 2, which were read; write it again: ros2 bag reindex"

@@ -68,7 +68,7 @@ def test_a_chunk_that_would_unpack_to_too_much_is_refused_unpacked(compression: 
         unpacked(data, "brotli", 1000)
 
 
-def test_a_record_longer_than_the_file_is_told_with_its_place(tmp_path: Path) -> None:
+def test_a_record_longer_than_the_file_is_reported_with_its_place(tmp_path: Path) -> None:
     path = write(tmp_path / "b.mcap")
     data = bytearray(path.read_bytes())
     with path.open("rb") as file:

@@ -43,7 +43,7 @@ def test_without_a_frame_it_is_the_first_and_other_cameras_are_left_out(tmp_path
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
+    ("line", "reported"),
     [
         ("view1,0,160,20,5,4,0", "line 2: x_px is 160, outside the image of camera view1, which reaches from -0.5 to"),
         ("view1,0,10,-3,5,4,0", "line 2: y_px is -3, outside the image"),
@@ -57,10 +57,10 @@ def test_without_a_frame_it_is_the_first_and_other_cameras_are_left_out(tmp_path
         ("view1,0,10,20,5,4", "line 2: 6 cells, but the first line has 7"),
     ],
 )
-def test_an_ellipse_that_cannot_be_is_named(tmp_path, line, said):
+def test_an_ellipse_that_cannot_be_is_named(tmp_path, line, reported):
     with pytest.raises(InputError, match=r"e\.csv: ") as caught:
         read_ellipses(written(tmp_path / "e.csv", line), SIZES, CAMERAS)
-    assert said in str(caught.value)
+    assert reported in str(caught.value)
     assert "\n" not in str(caught.value)
 
 

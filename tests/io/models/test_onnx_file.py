@@ -132,7 +132,7 @@ WEIGHTS = {
 @pytest.mark.parametrize("case", WEIGHTS)
 def test_weights_are_as_many_as_their_dimensions_say(tmp_path: Path, case: str, typed: bool) -> None:
     """OpenCV read what lies behind them in memory, or ended the process."""
-    sides, values, told = WEIGHTS[case]
+    sides, values, reported = WEIGHTS[case]
     tensor = onnx.TensorProto(name="w", dims=sides, data_type=1)
     if typed:
         tensor.float_data.extend(values.tolist())
@@ -142,7 +142,7 @@ def test_weights_are_as_many_as_their_dimensions_say(tmp_path: Path, case: str, 
     model = onnx.load(path)
     model.graph.initializer.append(tensor)
     path.write_bytes(model.SerializeToString())
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=reported):
         read_onnx(path)
 
 

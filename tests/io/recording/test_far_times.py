@@ -74,8 +74,8 @@ def test_images_of_far_times_are_lost_and_the_others_taken(
         assert [m.log_ns for m in opened.messages({"/camera/a/image"})] == [S, 2 * S, 3 * S]
         assert [(each.place, each.count) for each in opened.losses] == [("time of recording", 1)]
     assert run(["doctor", str(path)]) == ExitCode.LOSSY
-    said = capsys.readouterr().out
-    assert said.count("out of range") == 2
+    stdout = capsys.readouterr().out
+    assert stdout.count("out of range") == 2
     assert run(["ingest", str(path), "--allow-uncalibrated", "-o", str(tmp_path / "r.mcap")]) == ExitCode.LOSSY
     assert "out of range" in capsys.readouterr().err
 

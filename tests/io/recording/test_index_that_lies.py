@@ -44,15 +44,15 @@ def lying(path: Path, *lies: str, library: str = "occlog test") -> Path:
         if "chunks" in lies:
             for index in vars(writer)["_Writer__chunk_indices"]:
                 index.message_index_offsets.pop(b)
-        told = vars(writer)["_Writer__statistics"]
+        reported = vars(writer)["_Writer__statistics"]
         if "zero" in lies:
-            told.channel_message_counts[b] = 0
+            reported.channel_message_counts[b] = 0
         if "out" in lies:
-            told.channel_message_counts.pop(b)
+            reported.channel_message_counts.pop(b)
         if "other" in lies:
-            told.channel_message_counts.update({a: 10, b: 0})
+            reported.channel_message_counts.update({a: 10, b: 0})
         if "total" in lies:
-            told.message_count -= 5
+            reported.message_count -= 5
         if library == "occlog test":
             add_metadata(writer, {METADATA: {"format": FORMAT, "provenance": Provenance("test").json()}})
         writer.finish()
@@ -88,7 +88,7 @@ def test_the_topic_is_read_in_bags_of_others(tmp_path: Path, lies: tuple[str, ..
         assert len(bag.losses) == (lies in LESS)
 
 
-def test_an_index_that_counts_more_than_it_leads_to_is_told(tmp_path: Path) -> None:
+def test_an_index_that_counts_more_than_it_leads_to_is_reported(tmp_path: Path) -> None:
     path = lying(tmp_path / "r.mcap", "other")
     with open_bag([path]) as bag:
         assert len(list(bag.messages({"/a"}))) == 5

@@ -118,7 +118,7 @@ def refusal(path: Path, data: bytes) -> str:
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording of images and rows: somebody crosses a room."""
     path, room, places = tmp_path_factory.mktemp("whole") / "r.mcap", scene(), walk(6)
-    t, xy = np.arange(6) * STEP_NS / 1e9, np.array([place[:2] for place in places])
+    t, xy = np.arange(6) * STEP_NS / 1e9, np.array([position[:2] for position in places])
     with RecordingWriter(path, room, Provenance("test")) as out:
         for k, person in enumerate(places):
             for cam in room.cameras:
@@ -162,9 +162,9 @@ def test_stages_take_a_recording_without_an_index_and_doctor_and_recover_say_so(
     assert run(["diff", str(whole), str(path)]) == ExitCode.DONE
     capsys.readouterr()
     assert run(["doctor", str(path)]) == ExitCode.DONE
-    said = capsys.readouterr().out
-    assert "no index" in said
-    assert "occlog recover" in said
+    stdout = capsys.readouterr().out
+    assert "no index" in stdout
+    assert "occlog recover" in stdout
     assert run(["recover", str(path), "-o", str(tmp_path / "again.mcap")]) == ExitCode.DONE
     assert open_recording(tmp_path / "again.mcap").indexed
     assert run(["doctor", str(whole)]) == ExitCode.DONE
@@ -240,7 +240,7 @@ def test_each_flipped_bit_of_a_file_without_an_index_is_found(tmp_path: Path) ->
         assert read(path) == wanted
 
 
-def test_damage_is_said_with_its_place(tmp_path: Path) -> None:
+def test_damage_is_reported_with_its_place(tmp_path: Path) -> None:
     path = tmp_path / "r.mcap"
     data = small(path, TIMES, enable_data_crcs=False)
     places = [(at, code) for at, code, _ in records_of(data)]
@@ -294,8 +294,8 @@ def test_definitions_that_are_missing_or_contradict_are_refused(tmp_path: Path) 
     path = tmp_path / "r.mcap"
     path.write_bytes(loose_file(channel(1, 0, "/a"), channel(1, 0, "/a"), message(1, 7, b"x")))
     assert read(path) == [(7, "/a", "x")]
-    said = refusal(path, loose_file(channel(1, 0, "/a"), message(1, 7, b"x"), channel(1, 0, "/b")))
-    assert "channel 1 is defined a second time, and otherwise" in said
+    reported = refusal(path, loose_file(channel(1, 0, "/a"), message(1, 7, b"x"), channel(1, 0, "/b")))
+    assert "channel 1 is defined a second time, and otherwise" in reported
     assert "channel 2, which is not defined" in refusal(path, loose_file(channel(1, 0, "/a"), message(2, 7, b"x")))
     assert "channel 1 at byte 25 is of schema 3, which is not defined" in refusal(path, loose_file(channel(1, 3, "/a")))
     schema = (3, struct.pack("<H", 3) + text("s") + text("") + text(""))

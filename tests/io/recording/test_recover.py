@@ -221,9 +221,9 @@ def test_the_command_lists_losses_and_later_stages_carry_them(
     assert run(["info", str(cut)]) == ExitCode.BAD_INPUT
     assert f"salvage it: `occlog recover {cut} -o OUT.mcap`" in capsys.readouterr().err
     assert run(["recover", str(cut), "-o", str(out), "--json"]) == ExitCode.LOSSY
-    told = capsys.readouterr()
-    assert json.loads(told.out)["messages"] == len(messages(out)) > 40
-    assert "lost: hall.mcap: byte" in told.err
+    captured = capsys.readouterr()
+    assert json.loads(captured.out)["messages"] == len(messages(out)) > 40
+    assert "lost: hall.mcap: byte" in captured.err
     assert run(["info", str(out), "--json"]) == ExitCode.DONE
     assert "the file is cut" in capsys.readouterr().out
     assert run(["recover", str(cut), "-o", str(out)]) == ExitCode.EXISTS
@@ -241,7 +241,7 @@ def test_a_table_is_made_again_by_its_command(tmp_path: Path, capsys: pytest.Cap
     ):
         path.write_bytes(data)
         assert run(["recover", str(path), "-o", str(out)]) == ExitCode.BAD_INPUT
-        told = capsys.readouterr().err
-        assert words in told
-        assert told.count("\n") == 1
+        stderr = capsys.readouterr().err
+        assert words in stderr
+        assert stderr.count("\n") == 1
         assert not out.exists()

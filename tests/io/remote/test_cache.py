@@ -161,7 +161,7 @@ class Odd(Quiet):
         self.send_error(405)
 
 
-def test_two_files_of_one_path_and_answers_that_stop_are_told_apart(
+def test_two_files_of_one_path_and_answers_that_stop_are_distinguished(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whoever worked on the first got the bytes of the second."""
@@ -193,13 +193,13 @@ def test_a_web_server_is_read_and_its_signature_is_not_told(tmp_path: Path) -> N
         with Cache(tmp_path / "cache", 10**6).holding(f"{url}/a.mcap?signature=s3cret") as path:
             assert path.name == "a.mcap"
             assert path.read_bytes() == LARGE
-        with pytest.raises(InputError, match=r"b\.mcap: no such file") as told:
+        with pytest.raises(InputError, match=r"b\.mcap: no such file") as raised:
             Cache(tmp_path / "cache", 10**6).holding(f"{url}/b.mcap?signature=s3cret").__enter__()
-        assert "s3cret" not in str(told.value)
+        assert "s3cret" not in str(raised.value)
         for answer in (401, 403, 503):
-            with pytest.raises(InputError, match=f"cannot be reached: {answer}, .*; try again") as told:
+            with pytest.raises(InputError, match=f"cannot be reached: {answer}, .*; try again") as raised:
                 Cache(tmp_path / "cache", 10**6).holding(f"{url}/{answer}?signature=s3cret").__enter__()
-            assert "s3cret" not in str(told.value)
+            assert "s3cret" not in str(raised.value)
     finally:
         server.shutdown()
         server.server_close()

@@ -30,6 +30,6 @@ def test_what_opens_a_url_is_not_told() -> None:
     assert "store.example/hall.mcap" in words
 
 
-def test_a_query_that_names_another_file_is_told_apart_from_a_signature() -> None:
+def test_a_query_that_names_another_file_is_distinguished_from_a_signature() -> None:
     assert identity(SIGNED) == "https://store.example/hall.mcap"
     assert identity("https://me:word@h/get?file=1&Expires=9&X-Goog-Date=2&part=b#x") == "https://h/get?file=1&part=b"

@@ -147,11 +147,11 @@ def test_idle_sources_and_those_straight_above_are_left_out_with_a_note(
     heard, idle, above = source(3, 0, 1, 0), source(4, 1, 0, 0, 0.0), source(5, 0, 0, 1)
     table, _ = read(tmp_path, hop(1, heard, idle, above) + hop(2, idle))
     assert table.source_id.tolist() == [3]
-    said = capsys.readouterr().err
-    assert "note:" in said
-    assert "2 directions without activity left out" in said
-    assert "1 directions straight up or down left out" in said
-    assert "warning" not in said
+    stderr = capsys.readouterr().err
+    assert "note:" in stderr
+    assert "2 directions without activity left out" in stderr
+    assert "1 directions straight up or down left out" in stderr
+    assert "warning" not in stderr
 
 
 def test_a_stream_without_any_direction_is_a_warning(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -159,8 +159,8 @@ def test_a_stream_without_any_direction_is_a_warning(tmp_path: Path, capsys: pyt
     path.write_text("".join(hop(k) for k in range(5)))
     array = MicrophoneArray("mic", np.zeros(3))
     assert list(read_doa(path, [array], DoaOptions(sensor="mic", hop=Fraction(1, 125), start_ns=0))) == []
-    assert "warning:" in (said := capsys.readouterr().err)
-    assert "5 hops and no direction" in said
+    assert "warning:" in (stderr := capsys.readouterr().err)
+    assert "5 hops and no direction" in stderr
 
 
 def test_a_list_of_json_is_named(tmp_path: Path) -> None:

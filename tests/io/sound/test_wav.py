@@ -95,7 +95,7 @@ def test_what_is_cut_off_is_counted(tmp_path: Path) -> None:
         (b"LIST\0\0\0\0" * 2000, True),
     ],
 )
-def test_samples_behind_those_of_the_header_are_told(tmp_path: Path, behind: bytes, lost: bool) -> None:
+def test_samples_behind_those_of_the_header_are_reported(tmp_path: Path, behind: bytes, lost: bool) -> None:
     """A header has room for 4 GiB alone: of 5 GiB it says one, and a recorder may not say what it added."""
     data = np.arange(10, dtype="<i2").tobytes()
     path = wav(tmp_path / "a.wav", data + behind, length=len(data))

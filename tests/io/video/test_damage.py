@@ -196,7 +196,7 @@ def test_what_is_no_video_is_one_clear_line(tmp_path: Path, name: str, data: byt
     assert "\n" not in str(caught.value)
 
 
-def test_missing_files_and_folders_are_told_apart(tmp_path: Path) -> None:
+def test_missing_files_and_folders_are_distinguished(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such file"):
         examine(tmp_path / "none.mp4")
     with pytest.raises(InputError, match="is a folder"):

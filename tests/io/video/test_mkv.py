@@ -62,7 +62,7 @@ def test_blocks_count_from_their_cluster_in_both_directions(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(("time", "tick_ns"), [(2**63, 1), (2**40, 2**30), (1, 2**64 - 1)])
-def test_times_beyond_all_numbers_are_told(tmp_path: Path, time: int, tick_ns: int) -> None:
+def test_times_beyond_all_numbers_are_reported(tmp_path: Path, time: int, tick_ns: int) -> None:
     """They ended the command with an error of NumPy, or became other times."""
     data = video(cluster(time, block(0), block(1))).replace(number(0x2AD7B1, 1_000_000), number(0x2AD7B1, tick_ns))
     found = parsed(tmp_path, data)
@@ -77,7 +77,7 @@ def test_a_track_may_have_ticks_of_its_own(tmp_path: Path, scale: float, shown: 
     assert times(parsed(tmp_path, data)) == shown
 
 
-def test_faults_are_told_up_to_a_limit(tmp_path: Path) -> None:
+def test_faults_are_reported_up_to_a_limit(tmp_path: Path) -> None:
     """Four bytes made one: 4 MB took 320 MB, and a million lines."""
     rest = b"\x1f\x43\xb6\x75\x81\x00" * 1000
     problems = parsed(tmp_path, video(cluster(0, block(0)), rest)).problems
@@ -100,13 +100,13 @@ def test_a_cluster_of_unknown_size_ends_where_the_next_begins(tmp_path: Path) ->
     assert found.problems == ()
 
 
-def test_a_wrong_check_sum_is_told_and_a_right_one_is_not(tmp_path: Path) -> None:
+def test_a_wrong_check_sum_is_reported_and_a_right_one_is_not(tmp_path: Path) -> None:
     content = number(0xE7, 0) + block(0) + block(40)
-    for change, told in ((0, False), (1, True)):
+    for change, reported in ((0, False), (1, True)):
         crc = element(0xBF, struct.pack("<I", zlib.crc32(content) ^ change), b"\x84")
         found = parsed(tmp_path, video(element(0x1F43B675, crc + content)))
         assert times(found) == [0, 40]
-        assert any("wrong check sum of this cluster" in what for _, what in found.problems) == told
+        assert any("wrong check sum of this cluster" in what for _, what in found.problems) == reported
 
 
 def test_the_frames_of_a_cut_file_are_counted_by_its_duration(tmp_path: Path) -> None:

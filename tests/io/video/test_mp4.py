@@ -112,21 +112,21 @@ def test_an_edit_list_may_begin_with_a_pause_and_play_parts_that_go_on(
         [(50, 0, 0), (12, 0, SPEED)],
     ],
 )
-def test_that_an_edit_list_changes_times_is_told(tmp_path: Path, edits: list[tuple[int, ...]]) -> None:
+def test_that_an_edit_list_changes_times_is_reported(tmp_path: Path, edits: list[tuple[int, ...]]) -> None:
     """Frames were left out, shown twice or at other times without a word."""
     found = parsed(tmp_path, movie(samples(), edits=edits))
     assert found.frames is None
     assert [place for place, _ in found.problems] == ["edit list"]
 
 
-def test_times_beyond_all_numbers_are_told(tmp_path: Path) -> None:
+def test_times_beyond_all_numbers_are_reported(tmp_path: Path) -> None:
     """They became other times."""
     found = parsed(tmp_path, movie(samples(sizes=(1,) * 9, duration=2**31 - 1), scale=1))
     assert found.frames is None
     assert "beyond 2^62 ns" in found.problems[-1][1]
 
 
-def test_a_table_of_times_that_is_too_short_is_told(tmp_path: Path) -> None:
+def test_a_table_of_times_that_is_too_short_is_reported(tmp_path: Path) -> None:
     """The mean of 40 ms and of the missing ones, 0, was taken for the frame rate: twice the right one."""
     found = parsed(
         tmp_path, movie(samples(sizes=(1,) * 4).replace(struct.pack(">II", 4, 40), struct.pack(">II", 2, 40)))
@@ -203,17 +203,17 @@ def fragments(runs: list[tuple[int, int, bytes]], clock: int = 0) -> bytes:
 def test_runs_of_fragments_are_as_each_sample_says(tmp_path: Path, flags: int) -> None:
     """Against a loop over samples: default durations and sizes are 7 and 11, and times go on from run to run."""
     rng = np.random.default_rng(flags)
-    runs, told, clock = [], [], 30
+    runs, reported, clock = [], [], 30
     for count in (3, 1, 4):
         names = [bit for bit in (0x100, 0x200, 0x400, 0x800) if flags & bit]
         rows = [{name: int(rng.integers(1, 50)) for name in names} for _ in range(count)]
         runs.append((flags, count, b"".join(struct.pack(">i", row[name]) for row in rows for name in names)))
         for row in rows:
-            told.append(clock + row.get(0x800, 0))
+            reported.append(clock + row.get(0x800, 0))
             clock += row.get(0x100, 7)
     found = parsed(tmp_path, fragments(runs, 30))
     assert found.pts_ns is not None
-    assert found.pts_ns.tolist() == [(t - min(told)) * 1_000_000 for t in sorted(told)]
+    assert found.pts_ns.tolist() == [(t - min(reported)) * 1_000_000 for t in sorted(reported)]
 
 
 def test_runs_of_more_samples_than_the_file_has_bytes_for_are_not_believed(tmp_path: Path) -> None:

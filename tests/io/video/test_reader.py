@@ -115,7 +115,7 @@ def test_zeros_behind_an_avi_file_are_no_fault(tmp_path: Path) -> None:
     assert (found.frames, found.problems) == (5, ())
 
 
-def test_an_avi_header_that_was_never_completed_is_told(tmp_path: Path) -> None:
+def test_an_avi_header_that_was_never_completed_is_reported(tmp_path: Path) -> None:
     found = of(tmp_path / "v.avi", avi([jpeg(k) for k in range(5)], announced=0))
     assert found is not None
     assert found.frames == 5

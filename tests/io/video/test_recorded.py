@@ -50,7 +50,7 @@ def test_the_size_in_the_parameters_of_h264(shared_data: Path, name: str) -> Non
     assert size_changes(shared_data / name) == [(0.0, FILES[name][1])]
 
 
-def test_changed_bytes_in_h264_are_told_by_the_decoder(shared_data: Path, tmp_path: Path) -> None:
+def test_changed_bytes_in_h264_are_reported_by_the_decoder(shared_data: Path, tmp_path: Path) -> None:
     data = bytearray((shared_data / "pose2sim_demo/single/videos/cam01.mp4").read_bytes())
     for k in range(20):
         data[len(data) // 2 + 7 * k] ^= 0xFF

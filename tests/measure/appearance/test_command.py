@@ -53,7 +53,7 @@ def label(folder, *args, source="true.mcap", out="matches.parquet", gallery="gal
     return run(["label", *files, "-q", *args])
 
 
-def test_people_are_told_apart_by_the_side_that_is_seen(folder, capsys):
+def test_people_are_distinguished_by_the_side_that_is_seen(folder, capsys):
     assert learn(folder, "--json") == ExitCode.DONE
     summary = json.loads(capsys.readouterr().out)
     assert summary["sides"] == {"0": "1 7", "1": "1 7"}
@@ -174,7 +174,7 @@ def test_inputs_that_do_not_fit_are_one_line(folder, capsys):
     assert learn(folder, *other) == refused(capsys, ExitCode.BAD_INPUT, "no camera 'hall' in the scene")
 
 
-def test_frames_that_are_missing_are_told(folder, capsys):
+def test_frames_that_are_missing_are_reported(folder, capsys):
     late = people.box_table(people.frames(60)[1], (0, 1))
     write_table(folder / "late.parquet", late, Provenance("detect"))
     assert learn(folder, "--boxes", str(folder / "late.parquet"), "--labelled") == ExitCode.LOSSY

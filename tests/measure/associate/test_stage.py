@@ -179,7 +179,7 @@ def test_rows_with_a_label_stay_and_their_track_gets_no_other():
     assert table.target_id.tolist() == [1, 4, 1, 4, 8]  # in the order of the key
 
 
-def test_what_is_of_nobody_can_be_kept():
+def test_what_is_of_no_person_can_be_kept():
     rows = candidates([(0, "cam1", 0.5), (0, "cam1", 1.3), (5, "cam2", 0.2), (6, "cam2", None)])
     path = tracks([ray(0.5, 1)])
     assert labelled(rows, path)[0] == [(0.0, "cam1", 1, 0.5)]
@@ -221,11 +221,11 @@ def slow(rows, path, gate):
     out = []
     for t, s in sorted(set(zip(rows.t_ns.tolist(), rows.sensor.tolist(), strict=True))):
         mine = np.flatnonzero((rows.t_ns == t) & (rows.sensor == s))
-        told = set(rows.target_id[mine].tolist()) - {UNLABELLED}
+        reported = set(rows.target_id[mine].tolist()) - {UNLABELLED}
         out += [(t, s, k, float(b)) for k, b in zip(rows.target_id[mine], rows.bearing[mine], strict=True) if k >= 0]
         free = [i for i in mine.tolist() if rows.target_id[i] < 0 and rows.seen[i]]
         at = {}
-        for k in sorted(set(path.target_id.tolist()) - told):
+        for k in sorted(set(path.target_id.tolist()) - reported):
             own = path.take(path.target_id == k)
             place = np.searchsorted(own.t_ns, t)
             exact = t in own.t_ns.tolist()
@@ -327,8 +327,8 @@ def test_labels_of_a_simulated_recording_are_right():
     """Four targets that hide each other, a tenth missed, at low noise: 99 of 100 labels at least."""
     scene = room100(pillar=True, sigma_position=0.05, sigma_yaw=0.001, sigma_read_px=0.1)
     truth = list(simulate_truth(scene, WorldConfig(steps=600, targets=4), 5))
-    told = Bearings.concat(list(observe(scene, truth, ObserveConfig(miss_probability=0.1), 5)))
-    free = replace(told, target_id=np.full(len(told), UNLABELLED, dtype=np.int32))
+    reported = Bearings.concat(list(observe(scene, truth, ObserveConfig(miss_probability=0.1), 5)))
+    free = replace(reported, target_id=np.full(len(reported), UNLABELLED, dtype=np.int32))
     rng, n = np.random.default_rng(6), sum(len(t) for t in truth)
     noise = 0.1 * rng.standard_normal((2, n))
     t_ns, target, x, y = (np.concatenate([getattr(t, c) for t in truth]) for c in ("t_ns", "target_id", "x", "y"))
@@ -345,10 +345,10 @@ def test_labels_of_a_simulated_recording_are_right():
         cov_yy=variance,
     )
     found = Bearings.concat([p.bearings for p in label([free], [paths], scene, LabelConfig())])
-    np.testing.assert_array_equal(found.t_ns, told.t_ns)  # a row for every target and frame, seen or not
-    np.testing.assert_array_equal(found.sensor, told.sensor)
-    np.testing.assert_array_equal(found.target_id, told.target_id)
-    right = (found.seen == told.seen) & (~told.seen | (found.bearing == told.bearing))
-    assert told.seen.sum() > 8000
+    np.testing.assert_array_equal(found.t_ns, reported.t_ns)  # a row for every target and frame, seen or not
+    np.testing.assert_array_equal(found.sensor, reported.sensor)
+    np.testing.assert_array_equal(found.target_id, reported.target_id)
+    right = (found.seen == reported.seen) & (~reported.seen | (found.bearing == reported.bearing))
+    assert reported.seen.sum() > 8000
     assert right[found.seen].mean() >= 0.99
-    assert right[told.seen].mean() >= 0.99  # of three sigmas on one side or another 0.3 % are left out
+    assert right[reported.seen].mean() >= 0.99  # of three sigmas on one side or another 0.3 % are left out

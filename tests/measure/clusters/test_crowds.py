@@ -30,8 +30,8 @@ def crowds(mask: np.ndarray, apart: SeparateSightings | None = None) -> Crowds:
 def test_silhouettes_hold_several_once_several_were_seen_apart() -> None:
     touching, apart, alone = (np.zeros((240, 320), dtype=np.uint8) for _ in range(3))
     for mask, places in ((touching, ((150, 120), (168, 104))), (apart, ((80, 120), (200, 120))), (alone, ((80, 120),))):
-        for place in places:
-            person(mask, *place)
+        for position in places:
+            person(mask, *position)
     seen = SeparateSightings()
     for _ in range(2 * APART_FRAMES):  # one person, and two who touch, were never seen apart
         crowds(alone, seen)

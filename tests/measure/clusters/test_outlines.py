@@ -36,8 +36,8 @@ def log_free(people: list[tuple[float, float, float]]) -> np.ndarray:
 
 def log_likelihood(foreground: np.ndarray, people: list[tuple[float, float, float]]) -> float:
     """Of all cells: foreground has the probability 1 - (1 - SPECKS) prod (1 - p)."""
-    nobody = (1.0 - CLUTTER_PROBABILITY) * np.exp(log_free(people))
-    return float(np.sum(foreground * np.log1p(-nobody) + (1.0 - foreground) * np.log(nobody)))
+    empty = (1.0 - CLUTTER_PROBABILITY) * np.exp(log_free(people))
+    return float(np.sum(foreground * np.log1p(-empty) + (1.0 - foreground) * np.log(empty)))
 
 
 def drawn(people: list[tuple[float, float, float]], seed: int) -> np.ndarray:
@@ -54,7 +54,7 @@ def test_one_more_person_is_worth_the_rise_of_the_likelihood() -> None:
     assert gain(foreground, log_free([first]), *second) == pytest.approx(want, rel=1e-9)
 
 
-def test_a_person_covers_the_share_of_a_square_of_their_height_that_is_said() -> None:
+def test_a_person_covers_the_share_of_a_square_of_their_height_that_is_reported() -> None:
     total = sum(
         1.0 - np.exp(not_covered(50.0, 40.0, HEIGHT, column, row)) for row in range(23, 58) for column in range(42, 59)
     )

@@ -100,15 +100,15 @@ def test_a_camera_without_pose_gives_nan_and_no_regions_give_none() -> None:
 @pytest.mark.jit
 def test_errors_of_made_up_people_stay_within_what_is_stated() -> None:
     # Bodies here are symmetric, so what posture would add is missing: errors must be below the stated sigma.
-    place = scene(camera("a", 0.0, 0.0, 45.0, sigma_read_px=0.5), camera("b", 8.0, 0.0, 135.0, sigma_read_px=0.5))
+    made_scene = scene(camera("a", 0.0, 0.0, 45.0, sigma_read_px=0.5), camera("b", 8.0, 0.0, 135.0, sigma_read_px=0.5))
     path = walk(30)
-    learned = Learned(empty={c.name: background(c.name) for c in place.cameras})
-    parts = detect(frames(place, 30, lambda k: [path[k]]), place, DetectConfig(), 1, learned)
+    learned = Learned(empty={c.name: background(c.name) for c in made_scene.cameras})
+    parts = detect(frames(made_scene, 30, lambda k: [path[k]]), made_scene, DetectConfig(), 1, learned)
     got = Bearings.concat(p.bearings for p in parts)
     errors = []
     for row in range(len(got)):
         x, y, _ = path[int(got.t_ns[row] // 100_000_000)]
-        cam = place.camera(str(got.sensor[row]))
+        cam = made_scene.camera(str(got.sensor[row]))
         errors.append(
             wrap_angle(got.bearing[row] - np.arctan2(y - cam.position[1], x - cam.position[0])) / got.sigma[row]
         )

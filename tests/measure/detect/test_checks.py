@@ -32,12 +32,12 @@ def test_nothing_is_found_in_clean_boxes(people: int, px: float) -> None:
 
 def without(given: Boxes, name: str) -> Boxes:
     """The boxes, with frames of one camera without any."""
-    nobody = given.sensor == name
-    gone = {key: np.where(nobody, np.nan, getattr(given, key)) for key in ("left_px", "top_px", "width_px")}
-    gone |= {key: np.where(nobody, np.nan, getattr(given, key)) for key in ("height_px", "confidence")}
+    empty = given.sensor == name
+    gone = {key: np.where(empty, np.nan, getattr(given, key)) for key in ("left_px", "top_px", "width_px")}
+    gone |= {key: np.where(empty, np.nan, getattr(given, key)) for key in ("height_px", "confidence")}
     first = np.concatenate([[True], np.diff(given.t_ns) != 0]) | (given.sensor != np.roll(given.sensor, 1))
-    box = np.where(nobody, np.int32(-1), given.box)
-    return replace(given, box=box, target_id=box, **gone).take(~nobody | first)
+    box = np.where(empty, np.int32(-1), given.box)
+    return replace(given, box=box, target_id=box, **gone).take(~empty | first)
 
 
 def test_a_camera_that_detects_nobody_is_named() -> None:
@@ -64,7 +64,7 @@ def test_a_false_box_that_stays_is_named(seed: int) -> None:
     assert found(Boxes.merge([clean, still.take(frames % 33 != 0)])) == {"static-detection": ("c",)}
 
 
-def test_boxes_outside_the_image_are_told() -> None:
+def test_boxes_outside_the_image_are_reported() -> None:
     clean = boxes(SCENE, 10.0)
     moved = replace(clean, left_px=clean.left_px + np.where(clean.sensor == "a", 0.5 * SIZE[0], 0.0))
     assert found(moved) == {"boxes-outside-image": ("a",)}

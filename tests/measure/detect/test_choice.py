@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -27,19 +28,20 @@ SIDE = 400
 DRAWN = camera("drawn", 0.0, 0.0, 45.0)
 
 
-def filmed(count: int = STEPS) -> list[np.ndarray]:
-    """Frames of a man on a treadmill, cut and made smaller."""
+@cache
+def filmed() -> list[np.ndarray]:
+    """Frames of a man on a treadmill, made smaller."""
     film, out = cv2.VideoCapture(str(FILM)), []
-    for _ in range(count):
+    for _ in range(STEPS):
         ok, image = film.read()
         assert ok
         scale = SIDE / min(image.shape[:2])
         out.append(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
+    assert out[0].shape[:2] == (HEIGHT, WIDTH)
     return out
 
 
-FILMED = filmed()
-HEIGHT, WIDTH = FILMED[0].shape[:2]
+HEIGHT, WIDTH = 706, 400
 REAL = camera(
     "real",
     8.0,
@@ -57,7 +59,7 @@ def record(path: Path, *cameras: Camera, command: str = "test") -> Path:
         for k in range(STEPS):
             for cam in cameras:
                 people = [walk(STEPS)[k], (7.0, 1.5 + 0.15 * k, BLUE)]
-                image = FILMED[k] if cam.name == "real" else picture(cam, people, k)
+                image = filmed()[k] if cam.name == "real" else picture(cam, people, k)
                 out.image(cam.name, k * STEP_NS, k, cv2.imencode(".png", image)[1].tobytes(), "png")
     return path
 
@@ -107,9 +109,9 @@ def test_one_network_for_one_camera_and_background_subtraction_for_another(
     both = record(tmp_path / "r.mcap", DRAWN, REAL)
     mean_network(tmp_path / "reid.onnx")
     assert detect(both, tmp_path / "both", "--embed", str(tmp_path / "reid.onnx")) == ExitCode.DONE
-    said = capsys.readouterr()
-    assert json.loads(said.out)["method"] == "network (real), background"
-    assert "camera drawn: the network finds people in 0 of 12 frames, and regions of their size move in" in said.err
+    captured = capsys.readouterr()
+    assert json.loads(captured.out)["method"] == "network (real), background"
+    assert "camera drawn: the network finds people in 0 of 12 frames, and regions of their size move in" in captured.err
     for name, method in (("drawn", "background"), ("real", "network")):
         only = detect(both, tmp_path / name, "--method", method, "--cameras", name)
         assert only == ExitCode.DONE

@@ -130,10 +130,10 @@ def test_exit_code_3_for_frames_that_cannot_be_used(tmp_path: Path, capsys: pyte
 
     source = record(tmp_path / "bad.mcap", damage)
     assert detect(source, tmp_path) == ExitCode.LOSSY
-    told = capsys.readouterr().err.splitlines()
-    assert any("a: frames 7 to 8: image is 40 x 30 px" in line and "(2 lost)" in line for line in told)
-    assert any("b: frame 3: the end mark of a PNG image is missing" in line for line in told)
-    assert not any("Traceback" in line for line in told)
+    stderr = capsys.readouterr().err.splitlines()
+    assert any("a: frames 7 to 8: image is 40 x 30 px" in line and "(2 lost)" in line for line in stderr)
+    assert any("b: frame 3: the end mark of a PNG image is missing" in line for line in stderr)
+    assert not any("Traceback" in line for line in stderr)
     assert [loss.count for loss in read_provenance(tmp_path / "b.parquet").losses] == [2, 1]
     assert read_provenance(tmp_path / "v.parquet").parameters["frames_left_out"] == {"a": [[7, 8]], "b": [[3, 3]]}
     assert len(read_table(tmp_path / "b.parquet", Bearings)) == 2 * STEPS - 3
@@ -214,13 +214,13 @@ def test_bad_options_are_one_line_and_leave_no_file(
     message: str,
 ) -> None:
     assert detect(recording, tmp_path, *args) == code
-    told = capsys.readouterr().err
-    assert message in told
-    assert "Traceback" not in told
+    stderr = capsys.readouterr().err
+    assert message in stderr
+    assert "Traceback" not in stderr
     assert list(tmp_path.iterdir()) == []
 
 
-def test_bad_appearances_are_told(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_appearances_are_reported(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for text in ("{", '[{"target_id": 1}]', '[{"target_id": 1, "appearance": [1, 2]}]'):
         (tmp_path / "t.json").write_text(text)
         assert detect(recording, tmp_path, "--target", str(tmp_path / "t.json")) == ExitCode.BAD_INPUT

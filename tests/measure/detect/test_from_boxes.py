@@ -89,8 +89,8 @@ def test_wider_boxes_and_boxes_at_the_border_are_more_uncertain() -> None:
 
 
 def test_a_camera_without_pose_gives_views_only() -> None:
-    place = scene(replace(camera("a", 0.0, 0.0, 45.0), placed=False), camera("b", 8.0, 0.0, 135.0))
-    got = run(place)
+    made_scene = scene(replace(camera("a", 0.0, 0.0, 45.0), placed=False), camera("b", 8.0, 0.0, 135.0))
+    got = run(made_scene)
     assert set(got.bearings.sensor.tolist()) == {"b"}
     assert np.isnan(got.views.bearing[got.views.sensor == "a"]).all()
 

@@ -38,7 +38,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return simulated(tmp_path_factory.mktemp("grey"), "colour")
 
 
-def found(film: list[tuple[Frame, Image]], place: Scene, truth: TruthBoxes, colours: bool) -> tuple[float, float]:
+def found(film: list[tuple[Frame, Image]], made_scene: Scene, truth: TruthBoxes, colours: bool) -> tuple[float, float]:
     """Recall and precision of regions at an intersection over union of a half."""
 
     def frames() -> Iterator[Frame]:
@@ -47,8 +47,8 @@ def found(film: list[tuple[Frame, Image]], place: Scene, truth: TruthBoxes, colo
             yield replace(frame, decode=partial(lambda each: each, shown))
 
     config = DetectConfig()
-    learned, _ = learn(frames(), place, config)
-    views = Views.concat([part.views for part in detect(frames(), place, config, 2, learned)])
+    learned, _ = learn(frames(), made_scene, config)
+    views = Views.concat([part.views for part in detect(frames(), made_scene, config, 2, learned)])
     hits = 0
     for frame, _ in film:
         true, got = (
@@ -82,10 +82,10 @@ def test_targets_of_a_grey_simulation_are_seen_and_those_with_colours_are_report
     out = ["-o", str(tmp_path / "b.parquet"), "--overwrite"]
     capsys.readouterr()
     assert run(["detect", str(made), *out, "--json"]) == ExitCode.DONE
-    told = capsys.readouterr()
-    summary = json.loads(told.out)
+    captured = capsys.readouterr()
+    summary = json.loads(captured.out)
     assert summary["seen"] > 0.7 * summary["rows"]
-    assert "never detected" not in told.err
+    assert "never detected" not in captured.err
     coloured = open_recording(room).attachment("appearance.json")
     assert coloured is not None
     (tmp_path / "colour.json").write_bytes(coloured)

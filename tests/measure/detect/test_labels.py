@@ -77,8 +77,8 @@ def test_views_have_the_identity_as_a_hint_with_labels_or_without() -> None:
     (plain,) = detect_boxes([BOXES], scene(), config)
     assert sorted(plain.views.tracklet_id.tolist()) == [-1, 3, 7, 7]
     assert (plain.views.target_id == -1).all()
-    (told,) = detect_boxes([BOXES], scene(), config, scan_labels([BOXES], GLOBAL, config))
-    assert (told.views.target_id == told.views.tracklet_id).all()
+    (reported,) = detect_boxes([BOXES], scene(), config, scan_labels([BOXES], GLOBAL, config))
+    assert (reported.views.target_id == reported.views.tracklet_id).all()
 
 
 def test_two_boxes_of_one_identity_in_a_frame_are_refused() -> None:
@@ -88,6 +88,6 @@ def test_two_boxes_of_one_identity_in_a_frame_are_refused() -> None:
 
 
 def test_boxes_without_any_identity_are_refused() -> None:
-    nobody = replace(BOXES, target_id=np.full(len(BOXES), -1, dtype=np.int32))
+    empty = replace(BOXES, target_id=np.full(len(BOXES), -1, dtype=np.int32))
     with pytest.raises(InputError, match="no box has an identity"):
-        scan_labels([nobody], CAMERA, DetectConfig())
+        scan_labels([empty], CAMERA, DetectConfig())

@@ -126,7 +126,7 @@ def test_false_bearings_fall_where_places_are_fed_back(tmp_path: Path, capsys) -
 
 
 @pytest.mark.jit
-def test_places_are_in_the_unit_of_the_scene_have_covariances_and_their_losses_are_told(
+def test_places_are_in_the_unit_of_the_scene_have_covariances_and_their_losses_are_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "scene.yaml").write_text(ROOM)

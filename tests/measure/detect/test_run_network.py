@@ -133,9 +133,9 @@ def test_frames_that_cannot_be_used_are_lost_and_the_rest_is_as_it_was(
     whole = read_table(tmp_path / "v.parquet", Views)
     command = ["detect", str(tmp_path / "bad.mcap"), "--onnx", str(folder / "people.onnx"), "-q"]
     assert run([*command, "-o", str(tmp_path / "w.parquet")]) == ExitCode.LOSSY
-    told = capsys.readouterr().err
-    assert "frames 2 to 3" in told
-    assert "image is 20 x 20 px in colour, the camera's first was 160 x 120 px in colour" in told
+    stderr = capsys.readouterr().err
+    assert "frames 2 to 3" in stderr
+    assert "image is 20 x 20 px in colour, the camera's first was 160 x 120 px in colour" in stderr
     rest = read_table(tmp_path / "w.parquet", Views)
     gone = ((whole.sensor == "a") & np.isin(whole.frame, [2, 3])) | ((whole.sensor == "b") & (whole.frame == 7))
     assert_array_equal(rest.left_px, whole.left_px[~gone])
@@ -227,8 +227,8 @@ def test_what_does_not_fit_is_a_usage_error(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], args: list[str], fault: str
 ) -> None:
     assert detect(folder, tmp_path, *args) == ExitCode.USAGE
-    told = capsys.readouterr().err
-    assert fault in told
+    stderr = capsys.readouterr().err
+    assert fault in stderr
     assert not (tmp_path / "v.parquet").exists()
 
 
@@ -249,9 +249,9 @@ def test_a_file_that_is_no_network_is_bad_input_in_one_line(
     if data is not None:
         (tmp_path / "x.onnx").write_bytes(data)
     assert detect(folder, tmp_path, model=str(tmp_path / "x.onnx")) == ExitCode.BAD_INPUT
-    told = capsys.readouterr().err
-    assert fault in told
-    assert told.count("\n") == 1
+    stderr = capsys.readouterr().err
+    assert fault in stderr
+    assert stderr.count("\n") == 1
 
 
 def test_a_network_that_gives_no_numbers_loses_the_frames(
@@ -262,7 +262,9 @@ def test_a_network_that_gives_no_numbers_loses_the_frames(
     assert "frames 0 to 11: the network gives numbers that are not finite" in capsys.readouterr().err
 
 
-def test_classes_that_are_assumed_are_said(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_classes_that_are_assumed_are_reported(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     people_network(tmp_path / "p.onnx")
     command = ["detect", str(folder / "room.mcap"), "--onnx", str(tmp_path / "p.onnx")]
     assert run([*command, "-o", str(tmp_path / "v.parquet")]) == ExitCode.DONE

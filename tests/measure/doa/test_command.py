@@ -54,9 +54,9 @@ def test_sound_to_a_track(folder: Path, capsys: pytest.CaptureFixture[str]) -> N
     start = ["--start-time", "2024-05-01T12:00:00Z", "--start-time", "mic2=1714564800.25"]
     args = ["listen", "--scene", "scene.yaml", "mic1=mic1.wav", "mic2=mic2.wav", "-o", "doa.parquet", *start, *FAST]
     assert run([*args, "--json"]) == ExitCode.DONE
-    told = json.loads(capsys.readouterr().out)
-    assert told["rows"] == {"mic1": 4, "mic2": 4}
-    assert told["silent_frames"] == {"mic1": 0, "mic2": 0}
+    result = json.loads(capsys.readouterr().out)
+    assert result["rows"] == {"mic1": 4, "mic2": 4}
+    assert result["silent_frames"] == {"mic1": 0, "mic2": 0}
     doa = read_table(folder / "doa.parquet", Doa)
     assert (np.diff(doa.t_ns) > 0).all()
     assert doa.t_ns[0] == 1_714_564_800_250_000_000  # the middle of the first frame

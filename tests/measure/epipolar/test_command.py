@@ -76,30 +76,30 @@ def right(folder, name, lens, limit):
 def test_matrices_from_poses_and_from_matches(folder, capsys, lens):
     name = "lens" if lens else "scene"
     assert epipolar(folder, "--scene", f"{name}.yaml", "-o", "poses.json", "--json") == ExitCode.DONE
-    told = json.loads(capsys.readouterr().out)
-    assert told["pairs"]["a-b"] == {"source": "calibration", "undistorted": lens}
+    result = json.loads(capsys.readouterr().out)
+    assert result["pairs"]["a-b"] == {"source": "calibration", "undistorted": lens}
     assert len(right(folder, "poses.json", lens, 1e-6).pairs) == 3
 
     args = ["--matches", f"{name}.csv", "-o", "matches.json", "--json", "-q"]
     assert epipolar(folder, *args, "--scene", f"{name}.yaml") == ExitCode.DONE
-    told = json.loads(capsys.readouterr().out)["pairs"]
-    assert list(told) == ["a-b", "c-a"]
-    assert told["a-b"]["matches"] == 60
-    assert told["a-b"]["inliers"] >= 55
-    assert 0.2 < told["a-b"]["noise_px"] < 0.6
-    assert told["a-b"]["undistorted"] is lens
+    result = json.loads(capsys.readouterr().out)["pairs"]
+    assert list(result) == ["a-b", "c-a"]
+    assert result["a-b"]["matches"] == 60
+    assert result["a-b"]["inliers"] >= 55
+    assert 0.2 < result["a-b"]["noise_px"] < 0.6
+    assert result["a-b"]["undistorted"] is lens
     right(folder, "matches.json", lens, 2.0)
 
     for known in ("poses.json", "matches.json"):
         args = ["--check", "--matches", f"{name}.csv", "--fundamental", known, "--scene", f"{name}.yaml", "--json"]
         assert epipolar(folder, *args) == ExitCode.DONE
-        told = json.loads(capsys.readouterr().out)
-        assert told["agree"] is True
-        assert told["pairs"]["c-a"]["median_px"] < 0.6 < told["pairs"]["c-a"]["most_px"] + 0.3
-        assert told["pairs"]["a-b"]["share"] > 0.98 > 0.2 > told["pairs"]["a-b"]["chance"]
+        result = json.loads(capsys.readouterr().out)
+        assert result["agree"] is True
+        assert result["pairs"]["c-a"]["median_px"] < 0.6 < result["pairs"]["c-a"]["most_px"] + 0.3
+        assert result["pairs"]["a-b"]["share"] > 0.98 > 0.2 > result["pairs"]["a-b"]["chance"]
 
 
-def test_a_person_is_told_a_line_for_each_pair(folder, capsys):
+def test_a_person_is_reported_a_line_for_each_pair(folder, capsys):
     assert epipolar(folder, "--matches", "scene.csv", "-o", "m.json") == ExitCode.DONE
     out = capsys.readouterr().out
     assert "a-b: source matches" in out
@@ -116,9 +116,9 @@ def test_wrong_matrices_are_noticed(folder, capsys):
     capsys.readouterr()
     args = ["--check", "--matches", "scene.csv", "--fundamental", "moved.json", "--json"]
     assert epipolar(folder, *args) == ExitCode.THRESHOLD
-    told = json.loads(capsys.readouterr().out)
-    assert told["agree"] is False
-    assert told["pairs"]["a-b"]["median_px"] > 10
+    result = json.loads(capsys.readouterr().out)
+    assert result["agree"] is False
+    assert result["pairs"]["a-b"]["median_px"] > 10
     args = ["--check", "--matches", "scene.csv", "--scene", "scene.yaml", "--cameras", "a,c", "--json"]
     assert epipolar(folder, *args) == ExitCode.DONE
     assert list(json.loads(capsys.readouterr().out)["pairs"]) == ["c-a"]
@@ -194,8 +194,12 @@ def test_a_copy_of_a_recording_holds_them(folder, capsys):
 def test_targets_are_matches(folder, capsys):
     recording(folder)
     assert epipolar(folder, "--from-tracks", "walk.mcap", "-o", "boxes.json", "--json") == ExitCode.DONE
-    told = json.loads(capsys.readouterr().out)["pairs"]
-    assert {name: pair["matches"] for name, pair in told.items()} == {"a-b": 27, "a-c": 27, "b-c": 27}  # those visible
+    result = json.loads(capsys.readouterr().out)["pairs"]
+    assert {name: pair["matches"] for name, pair in result.items()} == {
+        "a-b": 27,
+        "a-c": 27,
+        "b-c": 27,
+    }  # those visible
     right(folder, "boxes.json", False, 1e-6)
     table = view_tracks(scene().cameras, walks(200), np.random.default_rng(0), sigma=0.5)
     write_table(folder / "tracks.parquet", table, Provenance("track"))
@@ -342,9 +346,9 @@ def test_recorded_corners_agree_with_the_calibration_and_tell_it(tmp_path, share
     assert np.median(calibrated) < 1.1
 
     assert epipolar(tmp_path, "--matches", "corners.csv", "--scene", "scene.yaml", "-o", "m.json", "--json") == 0
-    told = json.loads(capsys.readouterr().out)["pairs"]
-    assert all(pair["error_px"] < 1.0 and pair["inliers"] > 0.9 * pair["matches"] for pair in told.values())
-    assert all(pair["parallax_px"] > 15 for pair in told.values())
+    result = json.loads(capsys.readouterr().out)["pairs"]
+    assert all(pair["error_px"] < 1.0 and pair["inliers"] > 0.9 * pair["matches"] for pair in result.values())
+    assert all(pair["parallax_px"] > 15 for pair in result.values())
     # The estimated lines are nearer to the corners than those of the calibration, which also has to suit all cameras.
     args = ["--check", "--matches", "corners.csv", "--scene", "scene.yaml", "--fundamental", "m.json", "--json"]
     assert epipolar(tmp_path, *args) == ExitCode.DONE

@@ -18,7 +18,9 @@ PLACES = {"a": (6, 0, 2), "b": (0, 7, 1.5), "c": (-5, -5, 3)}
 
 
 def cameras(**more):
-    return [looking(name, np.array(place, dtype=float), (0, 0, 1), 600.0, **more) for name, place in PLACES.items()]
+    return [
+        looking(name, np.array(position, dtype=float), (0, 0, 1), 600.0, **more) for name, position in PLACES.items()
+    ]
 
 
 def views(*names):

@@ -38,10 +38,10 @@ def test_the_ends_are_above_and_below_the_centre():
 
 def people(heights, steps=60):
     """True boxes from feet to heads of people of some heights."""
-    places = walks(steps, len(heights)) * [1, 1, 0]
+    positions = walks(steps, len(heights)) * [1, 1, 0]
     parts = []
     for camera in CAMERAS:
-        feet, heads = (camera.project((places + up).reshape(-1, 3)) for up in (0, np.outer(heights, [0, 0, 1])))
+        feet, heads = (camera.project((positions + up).reshape(-1, 3)) for up in (0, np.outer(heights, [0, 0, 1])))
         n = len(feet)
         parts.append(
             TruthBoxes.of(
@@ -57,14 +57,14 @@ def people(heights, steps=60):
                 confidence=np.full(n, np.nan),
             )
         )
-    return TruthBoxes.merge(parts), places
+    return TruthBoxes.merge(parts), positions
 
 
 def test_heads_and_feet_of_people_tell_the_matrix():
-    boxes, places = people(np.array([1.6, 1.75, 1.9]))
+    boxes, positions = people(np.array([1.6, 1.75, 1.9]))
     matches = matches_of_tracks([boxes], "here", "ends")
     pair = estimated_pairs(matches, Scene(cameras=tuple(CAMERAS))).pairs[0]
-    a, b = (camera.project(places.reshape(-1, 3) + np.array([0, 0, 1.2])) for camera in CAMERAS)
+    a, b = (camera.project(positions.reshape(-1, 3) + np.array([0, 0, 1.2])) for camera in CAMERAS)
     assert np.median(epipolar_distances(pair.matrix, a, b)) < 1.5
 
 

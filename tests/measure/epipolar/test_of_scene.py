@@ -73,7 +73,7 @@ def test_errors_of_estimated_lines(n, noise, wrong, middle, most):
 @pytest.mark.parametrize(("n", "noise", "wrong"), [(30, 0.0, 0.0), (30, 0.5, 0.0), (60, 1.0, 0.2), (200, 1.0, 0.4)])
 @pytest.mark.parametrize("kind", ["floor", "plane", "turn"])
 def test_planes_and_turns_are_refused(kind, n, noise, wrong):
-    said = []
+    reported = []
     for seed in range(10):
         rng = np.random.default_rng(seed)
         cameras = rig(rng)
@@ -87,8 +87,8 @@ def test_planes_and_turns_are_refused(kind, n, noise, wrong):
             cameras = [cameras[0], replace(cameras[0], rotation=turned)]
         with pytest.raises(ValueError, match=r"one plane|on a line|expected error|agree with") as caught:
             estimate_fundamental(*matches(rng, cameras, points, noise, wrong))
-        said.append("one plane" in str(caught.value))
-    assert np.mean(said) >= 0.7  # some planes are seen from their edge, as a line
+        reported.append("one plane" in str(caught.value))
+    assert np.mean(reported) >= 0.7  # some planes are seen from their edge, as a line
 
 
 def test_feet_and_heads_are_enough_and_feet_with_few_heads_are_not():

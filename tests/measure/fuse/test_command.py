@@ -84,8 +84,8 @@ def test_a_camera_that_is_turned_has_its_detections_removed_and_is_named(tmp_pat
     write_table(turned, replace(rows, bearing=wrap_angle(rows.bearing + off)), Provenance("test"), overwrite=True)
     assert run(["fuse", str(turned), "--scene", str(walk), "-o", str(fused), "-q"]) == ExitCode.DONE
     (verdict,) = [each for each in read_provenance(fused).judged if each.stage == "fuse"]
-    told = [(check.id, check.sensors) for check in verdict.checks if check.found]
-    assert told == ([("many-detections-rejected", (crooked,))] if degrees else [])
+    reported = [(check.id, check.sensors) for check in verdict.checks if check.found]
+    assert reported == ([("many-detections-rejected", (crooked,))] if degrees else [])
     assert verdict.plausible is (not degrees)
 
 

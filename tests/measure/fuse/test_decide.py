@@ -71,7 +71,7 @@ def test_three_cameras_that_agree_recover_the_fourth() -> None:
     assert (got.memory.absent, got.memory.met) == (0, 1)
 
 
-def test_without_detections_nothing_is_declared_and_no_place_is_told() -> None:
+def test_without_detections_nothing_is_declared_and_no_place_is_reported() -> None:
     got = decision(confirmed(), sight([]))
     assert not got.declared
     assert got.value == -np.inf

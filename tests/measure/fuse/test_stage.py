@@ -233,8 +233,8 @@ def test_a_frame_that_says_nothing_of_a_target_is_a_look_at_it():
     assert (len(own), own.cause[0]) == (1, "recovered")
 
 
-def candidates(step: int, where: Scene, places: Sequence[Sequence[float]], extra: Sequence[Row] = ()) -> list[Row]:
-    rows = [(step, c.name, -1, to(where, c.name, xy)) for xy in places for c in where.cameras]
+def candidates(step: int, where: Scene, positions: Sequence[Sequence[float]], extra: Sequence[Row] = ()) -> list[Row]:
+    rows = [(step, c.name, -1, to(where, c.name, xy)) for xy in positions for c in where.cameras]
     return [*rows, *extra]
 
 
@@ -353,7 +353,7 @@ def test_chances_of_a_camera_come_from_the_scene():
     assert set(of_step(fused(rows, keen), 0).values()) == {GONE, NOTHING}
 
 
-def test_input_that_cannot_be_fused_is_told_in_one_line():
+def test_input_that_cannot_be_fused_is_reported_in_one_line():
     rows = table(look(0, scene(1), PLACE), scene(1))
     with pytest.raises(InputError, match="1 camera with a pose; fusion needs at least two"):
         fused(rows, scene(1))

@@ -64,7 +64,7 @@ def test_outputs_are_those_of_the_program_in_this_process(tmp_path: Path) -> Non
         assert_array_equal(apart.run(feeds)["output0"], here.run(feeds)["output0"], strict=True)
 
 
-def test_a_process_that_is_killed_is_told_and_none_is_left(tmp_path: Path) -> None:
+def test_a_process_that_is_killed_is_reported_and_none_is_left(tmp_path: Path) -> None:
     apart = SubprocessRuntime(read_onnx(colour_network(tmp_path / "red.onnx")), "opencv", 1)
     pid = apart._process.pid
     os.kill(pid, signal.SIGKILL)

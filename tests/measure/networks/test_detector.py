@@ -116,7 +116,7 @@ def test_sizes_are_width_and_height() -> None:
     assert (size_of("640"), size_of("960x544"), size_of(None)) == ((640, 640), (960, 544), None)
 
 
-def test_rtdetr_is_told_the_size_of_its_own_images(tmp_path: Path) -> None:
+def test_rtdetr_is_reported_the_size_of_its_own_images(tmp_path: Path) -> None:
     nodes = [
         helper.make_node("Cast", ["orig_target_sizes"], ["size"], to=1),
         helper.make_node("Concat", ["size", "size"], ["edges"], axis=1),

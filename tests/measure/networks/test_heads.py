@@ -96,7 +96,7 @@ def test_a_head_is_recognised_and_read_as_its_makers_do(head: str) -> None:
 
 
 @pytest.mark.parametrize("head", [YOLO, YOLOV5])
-def test_yolo_is_told_by_the_number_of_places_where_it_looks_without_names(head: str) -> None:
+def test_yolo_is_reported_by_the_number_of_places_where_it_looks_without_names(head: str) -> None:
     reading = recognise(outputs(head), SIZE, None, None, {})
     assert (reading.head, reading.classes) == (head, CLASSES)
 
@@ -135,7 +135,7 @@ def test_outputs_that_are_of_no_head_or_of_several_are_refused(
         recognise({"output0": np.zeros(shape, np.float32)}, SIZE, names, None, {})
 
 
-def test_a_head_that_is_said_is_taken_where_it_fits_and_else_refused() -> None:
+def test_a_head_that_is_reported_is_taken_where_it_fits_and_else_refused() -> None:
     out = {"output0": np.zeros((1, 300, 6), np.float32)}
     assert recognise(out, SIZE, 2, ULTRALYTICS_DETR, {}).classes == 2
     assert recognise(out, SIZE, 2, None, {"end2end": "True"}).head == END2END
@@ -143,7 +143,7 @@ def test_a_head_that_is_said_is_taken_where_it_fits_and_else_refused() -> None:
         recognise(out, SIZE, 2, RTMDET, {})
 
 
-def test_one_class_is_told_apart_by_the_number_of_boxes() -> None:
+def test_one_class_is_distinguished_by_the_number_of_boxes() -> None:
     for n, head in ((3 * PLACES, YOLOV5), (300, END2END)):
         assert recognise({"o": np.zeros((1, n, 6), np.float32)}, SIZE, 1, None, {}).head == head
 

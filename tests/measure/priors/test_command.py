@@ -112,8 +112,8 @@ def test_what_was_lost_of_the_bearings_is_lost_for_hulls_too(tmp_path, capsys) -
     table, lost = views(), Loss("a.mp4", "frame 7", "cannot be decoded", 1)
     write_table(seen, table, Provenance("detect"))
     frames = {n: getattr(table, n) for n in ("t_ns", "sensor", "bearing", "sigma", "u_px", "sigma_px")}
-    nobody = {"target_id": np.full(len(table), -1, np.int32), "seen": np.zeros(len(table), bool)}
-    write_table(looked, Bearings.of(**frames, **nobody, score=frames["sigma"]), Provenance("detect", losses=(lost,)))
+    empty = {"target_id": np.full(len(table), -1, np.int32), "seen": np.zeros(len(table), bool)}
+    write_table(looked, Bearings.of(**frames, **empty, score=frames["sigma"]), Provenance("detect", losses=(lost,)))
     args = ["--scene", str(tmp_path / "room.yaml"), "--bearings", str(looked), "-o", str(out)]
     assert run(["priors", "hull", str(seen), *args]) == ExitCode.DONE
     assert read_provenance(out).losses == (lost,)

@@ -37,10 +37,10 @@ def scene(names="abcd", pitch_deg: float = 0.0) -> Scene:
     return Scene(cameras=cameras, room=ROOM)
 
 
-def views_of(place: Scene, people, t_ns: int = 0, target: int | None = None, missing=()) -> Views:
+def views_of(made_scene: Scene, people, t_ns: int = 0, target: int | None = None, missing=()) -> Views:
     """Boxes around people, 0.5 m wide and 1.7 m high, as their silhouettes project."""
     rows = []
-    for c in place.cameras:
+    for c in made_scene.cameras:
         for k, p in enumerate(people):
             if (c.name, k) in missing:
                 continue
@@ -71,20 +71,20 @@ def views_of(place: Scene, people, t_ns: int = 0, target: int | None = None, mis
     ).sorted()
 
 
-def frames_of(place: Scene, t_ns: int) -> Bearings:
-    n = len(place.cameras)
+def frames_of(made_scene: Scene, t_ns: int) -> Bearings:
+    n = len(made_scene.cameras)
     nan = dict.fromkeys(("bearing", "sigma", "u_px", "sigma_px", "score"), np.full(n, np.nan))
     return Bearings.of(
         t_ns=np.full(n, t_ns),
-        sensor=[c.name for c in place.cameras],
+        sensor=[c.name for c in made_scene.cameras],
         target_id=np.full(n, -1, np.int32),
         seen=np.zeros(n, bool),
         **nan,
     ).sorted()
 
 
-def run(views, place: Scene, config: HullConfig = CONFIG, frames=None) -> tuple[Hulls, Occluders]:
-    parts = list(hull_priors(views, place, config, frames))
+def run(views, made_scene: Scene, config: HullConfig = CONFIG, frames=None) -> tuple[Hulls, Occluders]:
+    parts = list(hull_priors(views, made_scene, config, frames))
     return Hulls.concat(p.hulls for p in parts), Occluders.concat(p.occluders for p in parts)
 
 
@@ -128,8 +128,8 @@ def test_coordinates_of_maps_lose_nobody() -> None:
 
 @pytest.mark.parametrize("pitch", [-20.0, 0.0, 15.0])
 def test_pitched_cameras(pitch: float) -> None:
-    place = scene(pitch_deg=pitch)
-    found = shapes(run([views_of(place, PEOPLE)], place)[0])
+    made_scene = scene(pitch_deg=pitch)
+    found = shapes(run([views_of(made_scene, PEOPLE)], made_scene)[0])
     assert len(found) == 2
     assert all(any(s.contains(shapely.Point(p)) for s in found) for p in PEOPLE)
 
@@ -147,38 +147,40 @@ def test_target_is_left_out_and_hides_what_is_behind() -> None:
 
 
 def test_frames_without_anybody_count_only_if_told() -> None:
-    place = scene()
-    views = views_of(place, PEOPLE[:1], missing={("d", 0)})
+    made_scene = scene()
+    views = views_of(made_scene, PEOPLE[:1], missing={("d", 0)})
     strict = replace(CONFIG, max_missed_views=0)
-    assert len(shapes(run([views], place, strict)[0])) == 1  # d may not have had a frame
-    hulls, gaussians = run([views], place, strict, [frames_of(place, 0)])
+    assert len(shapes(run([views], made_scene, strict)[0])) == 1  # d may not have had a frame
+    hulls, gaussians = run([views], made_scene, strict, [frames_of(made_scene, 0)])
     assert hulls.occluder_id.tolist() == gaussians.occluder_id.tolist() == [-1]
-    assert len(shapes(run([views], place, CONFIG, [frames_of(place, 0)])[0])) == 1  # one camera may miss him
+    assert len(shapes(run([views], made_scene, CONFIG, [frames_of(made_scene, 0)])[0])) == 1  # one camera may miss him
 
 
 def test_moments_without_clusters_are_rows() -> None:
-    place = scene()
-    hulls, _ = run([views_of(place, PEOPLE)], place, CONFIG, [frames_of(place, t) for t in (0, TENTH, 9 * TENTH)])
+    made_scene = scene()
+    hulls, _ = run(
+        [views_of(made_scene, PEOPLE)], made_scene, CONFIG, [frames_of(made_scene, t) for t in (0, TENTH, 9 * TENTH)]
+    )
     assert np.unique(hulls.t_ns).tolist() == [0, TENTH, 9 * TENTH]
     assert hulls.occluder_id[hulls.t_ns == 9 * TENTH].tolist() == [-1]
 
 
 def test_chunks_do_not_matter_and_identities_stay() -> None:
-    place = scene()
-    table = Views.concat(views_of(place, [(x + 0.1 * k, y) for x, y in PEOPLE], k * TENTH) for k in range(6))
-    whole, _ = run([table], place)
-    cut, _ = run([table.take(slice(k, k + 3)) for k in range(0, len(table), 3)], place)
+    made_scene = scene()
+    table = Views.concat(views_of(made_scene, [(x + 0.1 * k, y) for x, y in PEOPLE], k * TENTH) for k in range(6))
+    whole, _ = run([table], made_scene)
+    cut, _ = run([table.take(slice(k, k + 3)) for k in range(0, len(table), 3)], made_scene)
     assert all(np.array_equal(getattr(whole, c.name), getattr(cut, c.name)) for c in Hulls.columns())
     assert len(np.unique(whole.occluder_id)) == 2
 
 
 def test_window_gathers_cameras_that_are_not_in_step() -> None:
-    place = scene()
-    whole = views_of(place, PEOPLE)
+    made_scene = scene()
+    whole = views_of(made_scene, PEOPLE)
     shift = np.array([1_000_000 * "abcd".index(s) for s in whole.sensor.tolist()])
     late = replace_times(whole, shift)
-    assert shapes(run([late], place)[0]) == []
-    hulls, _ = run([late], place, replace(CONFIG, window_s=0.01))
+    assert shapes(run([late], made_scene)[0]) == []
+    hulls, _ = run([late], made_scene, replace(CONFIG, window_s=0.01))
     assert len(shapes(hulls)) == 2
     assert np.unique(hulls.t_ns).tolist() == [3_000_000]
 
@@ -188,11 +190,11 @@ def replace_times(table: Views, t_ns) -> Views:
 
 
 def test_bad_input_is_named() -> None:
-    place = scene()
-    views = views_of(place, PEOPLE)
+    made_scene = scene()
+    views = views_of(made_scene, PEOPLE)
     with pytest.raises(InputError, match="no camera 'd'"):
         run([views], scene("abc"))
     with pytest.raises(InputError, match="sort"):
-        run([replace_times(views, np.full(len(views), 5)), views], place)
+        run([replace_times(views, np.full(len(views), 5)), views], made_scene)
     with pytest.raises(InputError, match="dilation is -1"):
         HullConfig(dilation=-1.0)

@@ -51,8 +51,8 @@ def look(cam: Camera, people, scene: Scene, width: float = 0.4) -> CameraCones:
 
 def polygons(names, people, missing=(), misses=0, scene=None):
     scene = scene or Scene(cameras=CAMERAS, room=ROOM)
-    looks = [look(scene.camera(n), [p for p in people if (n, p) not in missing], scene) for n in names]
-    return hull(looks, ROOM, 2, misses, 1e-3)
+    detections = [look(scene.camera(n), [p for p in people if (n, p) not in missing], scene) for n in names]
+    return hull(detections, ROOM, 2, misses, 1e-3)
 
 
 def holds(found, point) -> bool:
@@ -109,10 +109,10 @@ def test_camera_that_cannot_see_a_place_says_nothing_about_it() -> None:
     ):
         scene = Scene(cameras=(*CAMERAS[:2], corner), room=ROOM, occluders=(wall,) if corner.range > 9 else ())
         person = (3.0, 6.5)  # behind the wall as seen from the corner
-        looks = [look(scene.camera(n), [person], scene) for n in ("south", "west")]
+        detections = [look(scene.camera(n), [person], scene) for n in ("south", "west")]
         view = hull_camera(corner, scene)
         assert not view.visible.contains(shapely.Point(person))
-        found = hull([*looks, CameraCones(view.visible, [])], ROOM, 2, 0, 1e-3)
+        found = hull([*detections, CameraCones(view.visible, [])], ROOM, 2, 0, 1e-3)
         assert len(found) == 1
         assert holds(found, person)
 
@@ -197,7 +197,7 @@ def test_identities_stay_through_a_gap() -> None:
     assert [s.identity for s in seen] == [1]
 
 
-def test_phantoms_cannot_be_told_apart_without_more_cameras() -> None:
+def test_phantoms_cannot_be_distinguished_without_more_cameras() -> None:
     """All four crossings stay: any two of them may be the people."""
     _, seen = track_polygons(HullMemory(), 0, polygons(("south", "west"), PEOPLE), RULES)
     assert len(seen) == 4

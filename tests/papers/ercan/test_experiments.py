@@ -71,11 +71,11 @@ def test_every_experiment_is_listed_once() -> None:
 
 
 @pytest.mark.parametrize(
-    ("paper", "items", "said"),
+    ("paper", "items", "expected"),
     [("erkan", [], "erkan"), ("ercan", ["fig66"], "fig6")],
 )
-def test_unknown_names_are_refused(paper: str, items: list[str], said: str) -> None:
-    with pytest.raises(UsageError, match=said):
+def test_unknown_names_are_refused(paper: str, items: list[str], expected: str) -> None:
+    with pytest.raises(UsageError, match=expected):
         catalogue.choose(paper, items, everything=False)
 
 

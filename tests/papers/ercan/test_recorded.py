@@ -75,7 +75,7 @@ def small() -> Recorded:
 
 
 @pytest.mark.jit
-def test_filters_are_told_of_the_people_who_hide() -> None:
+def test_filters_are_reported_of_the_people_who_hide() -> None:
     """Known positions at a frame are those by which its detections are dropped; priors are near them."""
     recorded = small()
     crowd = crowd_of(recorded, 3)
@@ -84,12 +84,12 @@ def test_filters_are_told_of_the_people_who_hide() -> None:
     known, vague = (OccluderFeed([crowd.priors[k]], DIAMETER, 10**9) for k in ("known", "kalman"))
     for t in times.tolist():
         true = crowd.people.take(crowd.people.t_ns == t)
-        told = known.at(t)
-        np.testing.assert_array_equal(told.mean, np.column_stack([true.x, true.y]))
-        assert not told.sigma.any()
+        reported = known.at(t)
+        np.testing.assert_array_equal(reported.mean, np.column_stack([true.x, true.y]))
+        assert not reported.sigma.any()
         guess = vague.at(t)
         assert guess.sigma.min() > 0
-        assert np.hypot(*(guess.mean - told.mean).T).max() < 6 * 12.8 * 0.0254  # six deviations of the measurements
+        assert np.hypot(*(guess.mean - reported.mean).T).max() < 6 * 12.8 * 0.0254  # six deviations of the measurements
     assert crowd.priors["none"] is None
     np.testing.assert_array_equal(crowd.left.seen, recorded.bearings.seen & ~crowd.gone)
     kept = crowd.left.seen
@@ -140,14 +140,14 @@ def test_an_experiment_needs_its_recording(tmp_path: Path, capsys: pytest.Captur
         assert error.count("\n") == 1
         return code, error
 
-    for args, said in {
+    for args, text in {
         (): "give --data DIR, or --bearings and --scene",
         ("--scene", scene_file): "goes with --bearings",
         ("--data", str(tmp_path), "--bearings", bearings): "leave --bearings and --scene out",
     }.items():
         code, error = told(*args)
         assert code == ExitCode.USAGE
-        assert said in error
+        assert text in error
     code, error = told("--data", str(tmp_path))
     assert code == ExitCode.BAD_INPUT
     assert str(tmp_path / "CMC1_detections.csv") in error

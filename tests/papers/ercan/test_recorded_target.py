@@ -86,9 +86,9 @@ def test_the_shipped_folder_is_read_as_by_the_commands(shared_data: Path, tmp_pa
     ingest = ["--boxes", str(data / "CMC1_detections.csv"), "--calibration", str(data / "calibration")]
     assert run(["ingest", "-o", mcap, *ingest, "--image-size", "1920x1024", "--fps", RATE, "-q"]) == ExitCode.DONE
     assert run(["detect", mcap, "-o", table, "-q"]) == ExitCode.DONE
-    told = read_table(Path(table), Bearings).sorted()
+    reported = read_table(Path(table), Bearings).sorted()
     for name in ("t_ns", "sensor", "seen", "bearing", "sigma", "u_px", "sigma_px", "score"):
-        np.testing.assert_array_equal(getattr(bearings.sorted(), name), getattr(told, name), err_msg=name)
+        np.testing.assert_array_equal(getattr(bearings.sorted(), name), getattr(reported, name), err_msg=name)
     assert scene.room is not None
     assert [c.name for c in scene.cameras] == ["cam1", "cam2", "cam3", "cam4"]
 

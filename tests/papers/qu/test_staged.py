@@ -27,21 +27,21 @@ def seen(scene: str, seed: int, balls: int) -> np.ndarray:
     return np.stack([camera.project(centres.reshape(-1, 3)).reshape(120, balls, 2) for camera in ball_cameras(config)])
 
 
-def gaps(places: np.ndarray) -> np.ndarray:
-    return np.linalg.norm(places[..., 1, :] - places[..., 0, :], axis=-1)
+def gaps(positions: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(positions[..., 1, :] - positions[..., 0, :], axis=-1)
 
 
 @pytest.mark.parametrize("scene", [name for name in SCENES if not name.startswith("decoys")])
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_two_balls_start_and_end_apart_and_hide_one_another_in_one_view_alone(scene, seed) -> None:
-    places = seen(scene, seed, 2)
-    near = gaps(places)
+    positions = seen(scene, seed, 2)
+    near = gaps(positions)
     view = 0 if scene in ("together", "opposite") else 1
     assert near[:, [0, -1]].min() > 2.0 * RADIUS
     assert near[view].min() < 0.4 * RADIUS
     assert near[1 - view].min() > 4.0 * RADIUS
-    assert ((places > RADIUS - 1) & (places < np.array([320, 240]) - RADIUS)).all()
-    steps = np.diff(places[view], axis=0)
+    assert ((positions > RADIUS - 1) & (positions < np.array([320, 240]) - RADIUS)).all()
+    steps = np.diff(positions[view], axis=0)
     side = (steps[:, 0] * steps[:, 1]).sum(axis=-1)
     if scene == "opposite":
         assert (side < 0).all()
@@ -51,7 +51,7 @@ def test_two_balls_start_and_end_apart_and_hide_one_another_in_one_view_alone(sc
         assert np.mean(near[0] < RADIUS) > 0.3  # for long
 
 
-def test_balls_on_one_row_cannot_be_told_apart_by_the_lines() -> None:
+def test_balls_on_one_row_cannot_be_distinguished_by_the_lines() -> None:
     for scene in ("row-overtaking", "row-falling-back"):
         rows = seen(scene, 1, 2)[..., 1]
         assert np.abs(rows[..., 0] - rows[..., 1]).max() < 0.3 * RADIUS
@@ -59,12 +59,12 @@ def test_balls_on_one_row_cannot_be_told_apart_by_the_lines() -> None:
 
 @pytest.mark.parametrize("scene", ["decoys-on-line", "decoys-off-line"])
 def test_decoys_never_touch_and_are_on_one_row_or_in_one_column(scene) -> None:
-    places = seen(scene, 4, 4)
-    away = np.linalg.norm(places[:, :, :, None] - places[:, :, None], axis=-1)[..., *np.triu_indices(4, 1)]
+    positions = seen(scene, 4, 4)
+    away = np.linalg.norm(positions[:, :, :, None] - positions[:, :, None], axis=-1)[..., *np.triu_indices(4, 1)]
     assert away.min() > 2.2 * RADIUS
-    assert ((places > RADIUS - 1) & (places < np.array([320, 240]) - RADIUS)).all()
+    assert ((positions > RADIUS - 1) & (positions < np.array([320, 240]) - RADIUS)).all()
     axis = 1 if scene == "decoys-on-line" else 0
-    np.testing.assert_allclose(np.ptp(places[..., axis], axis=-1), 0.0, atol=0.1)
+    np.testing.assert_allclose(np.ptp(positions[..., axis], axis=-1), 0.0, atol=0.1)
 
 
 def test_unknown_scenes_and_wrong_numbers_of_balls_are_refused() -> None:

@@ -170,7 +170,7 @@ def test_a_trial_of_several_methods_is_that_of_each() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "expected"),
     [
         ({"balls": {"views": 9}}, "views is 9, must be at least 1 and at most 6"),
         ({"method": "magic"}, "no method 'magic'"),
@@ -179,9 +179,9 @@ def test_a_trial_of_several_methods_is_that_of_each() -> None:
         ({"use": 0}, "use is 0, must be 1 to 2"),
     ],
 )
-def test_what_cannot_be_is_refused(change: dict[str, object], said: str) -> None:
+def test_what_cannot_be_is_refused(change: dict[str, object], expected: str) -> None:
     spec = {"kind": "qu-views", "seed": 1, "balls": SMALL, "method": "mipf", **change}
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=expected):
         run_views_trial(spec)
 
 

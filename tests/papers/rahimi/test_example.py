@@ -140,9 +140,9 @@ def made_up(T: int, rng: np.random.Generator, scale: float = 1.0) -> Solved:
     columns = {c.name: getattr(diagnostics, c.name) for c in Diagnostics.columns()}
     del columns["fallback"]
     flags = np.where(np.arange(T) < T // 4, "unobservable", "")
-    told = functools.partial(Diagnostics.of, t_ns=tracks.t_ns, target_id=tracks.target_id, fallback=flags)
+    reported = functools.partial(Diagnostics.of, t_ns=tracks.t_ns, target_id=tracks.target_id, fallback=flags)
     count, nothing = np.ones(T, dtype=np.int32), np.full(T, np.nan)
-    diagnostics = told(
+    diagnostics = reported(
         ess=nothing,
         log_likelihood=nothing,
         n_observing=count,

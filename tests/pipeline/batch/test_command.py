@@ -75,8 +75,8 @@ def test_failures_are_listed_and_the_rest_goes_on(
     simulated: Path, whole: tuple[Path, str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     out, printed, warned = whole
-    told = json.loads(printed)
-    assert (told["recordings"], told["done"], told["failed"], told["up_to_date"]) == (3, 2, 1, 0)
+    result = json.loads(printed)
+    assert (result["recordings"], result["done"], result["failed"], result["up_to_date"]) == (3, 2, 1, 0)
     assert warned.startswith(f"occlog: failed: cut: detect: {simulated / 'cut.mcap'}: ")
     assert f"`occlog recover {simulated / 'cut.mcap'} -o OUT.mcap`" in warned, "the remedy works where it is read"
     rows = {row["recording"]: row for row in pq.read_table(out / "runs.parquet").to_pylist()}
@@ -244,8 +244,8 @@ def test_an_object_store_holds_recordings_and_results(
     args = ["batch", str(simulated / "batch.yaml"), "memory://in/*.mcap", "-o", "memory://out/it", "--workers", "1"]
     args += ["-q", "--json", "--cache", str(tmp_path / "cache")]
     assert run(args) == ExitCode.LOSSY
-    told = json.loads(capsys.readouterr().out)
-    assert (told["done"], told["failed"], told["folder"]) == (1, 1, "memory://out/it")
+    result = json.loads(capsys.readouterr().out)
+    assert (result["done"], result["failed"], result["folder"]) == (1, 1, "memory://out/it")
     first = {name: system.cat_file(name) for name in system.find("/out/it")}
     assert run(args) == ExitCode.LOSSY
     assert json.loads(capsys.readouterr().out)["up_to_date"] == 1

@@ -135,7 +135,9 @@ def test_names_of_bytes_become_text() -> None:
         (".", "is a folder; name the recordings in it"),
     ],
 )
-def test_what_is_not_there_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pattern: str, words: str) -> None:
+def test_what_is_not_there_is_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pattern: str, words: str
+) -> None:
     touch(tmp_path, "hall.mcap")
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=words.replace("*", r"\*")):

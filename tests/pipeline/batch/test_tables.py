@@ -25,9 +25,9 @@ def test_many_losses_stand_in_the_table_of_runs_and_not_all_in_the_metadata_of_e
     ]
     gather(tmp_path, tmp_path / "runs", outcomes, [], config)
     for name in ("runs.parquet", "metrics.parquet"):
-        told = read_provenance(tmp_path / name).losses
-        assert len(told) == 2 * (MAX_LOSSES + 1)
-        assert told[0] == Loss("hall: camera a", "frame 0", "is damaged", 2)
-        assert told[-1] == Loss("yard", "other positions", "5 more losses; runs.parquet lists them", 10)
+        parameters = read_provenance(tmp_path / name).losses
+        assert len(parameters) == 2 * (MAX_LOSSES + 1)
+        assert parameters[0] == Loss("hall: camera a", "frame 0", "is damaged", 2)
+        assert parameters[-1] == Loss("yard", "other positions", "5 more losses; runs.parquet lists them", 10)
         assert run(["doctor", str(tmp_path / name)]) == ExitCode.DONE, "it was said to be of a newer version"
     assert all(len(row["losses"]) == len(lost) for row in pq.read_table(tmp_path / "runs.parquet").to_pylist())

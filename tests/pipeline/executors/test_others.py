@@ -66,7 +66,7 @@ FAKE_SLURM = {
 """Programs that say what those of Slurm say of jobs that fail at once."""
 
 
-def test_slurm_gets_one_script_with_the_settings_and_jobs_that_fail_are_told(
+def test_slurm_gets_one_script_with_the_settings_and_jobs_that_fail_are_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("submitit")

@@ -77,8 +77,8 @@ def verify(path: Path, capsys: pytest.CaptureFixture[str], *args: str) -> tuple[
 def changed(source: Path, target: Path, **changes: object) -> Path:
     """An archive with other entries in its manifest."""
     with zipfile.ZipFile(source) as old, zipfile.ZipFile(target, "w") as new:
-        told = json.dumps({**json.loads(old.read(MANIFEST)), **changes}).encode()
-        others = {MANIFEST: told, LOCK: lock_text(msgspec.json.decode(told, type=Manifest))}
+        content = json.dumps({**json.loads(old.read(MANIFEST)), **changes}).encode()
+        others = {MANIFEST: content, LOCK: lock_text(msgspec.json.decode(content, type=Manifest))}
         for name in old.namelist():
             new.writestr(name, others.get(name) or old.read(name))
     return target
@@ -89,12 +89,12 @@ def test_an_archive_has_all_that_the_run_was_made_of_and_the_same_bytes_each_tim
     with zipfile.ZipFile(packed / "x.zip") as file:
         names = set(file.namelist())
         lock = file.read(LOCK).decode()
-        told = json.loads(file.read(MANIFEST))
+        content = json.loads(file.read(MANIFEST))
     recorded = {f"{INPUTS}/recordings/room.mcap", f"{INPUTS}/recordings/cam1.avi"}
     assert {*recorded, f"{INPUTS}/study/run.yaml", MANIFEST, LOCK} <= names
     assert {f"{OUTPUTS}/tracks.parquet", f"{OUTPUTS}/metrics.json", f"{OUTPUTS}/report.html"} <= names
-    assert f"numpy=={told['versions']['numpy']}" in lock.splitlines()
-    assert str(packed) not in json.dumps(told)
+    assert f"numpy=={content['versions']['numpy']}" in lock.splitlines()
+    assert str(packed) not in json.dumps(content)
     with zipfile.ZipFile(packed / "bare.zip") as file:
         assert [name for name in file.namelist() if name.startswith(INPUTS)] == [f"{INPUTS}/study/run.yaml"]
 
@@ -194,11 +194,13 @@ def test_what_is_made_and_not_in_the_archive_is_named(
 ) -> None:
     """An archive that tells of no outputs would be made again to the same bytes whatever they were."""
     with zipfile.ZipFile(packed / "x.zip") as old, zipfile.ZipFile(tmp_path / "x.zip", "w") as new:
-        told = json.loads(old.read(MANIFEST))
+        content = json.loads(old.read(MANIFEST))
         for name in old.namelist():
             if not name.startswith(OUTPUTS):
                 data = (
-                    json.dumps({**told, "outputs": [], "stages": {}}).encode() if name == MANIFEST else old.read(name)
+                    json.dumps({**content, "outputs": [], "stages": {}}).encode()
+                    if name == MANIFEST
+                    else old.read(name)
                 )
                 new.writestr(name, data)
     code, found = verify(tmp_path / "x.zip", capsys)
@@ -212,12 +214,12 @@ def test_a_configuration_may_name_no_file_outside_of_the_archive(
 ) -> None:
     text = CONFIG.replace("../recordings/room.mcap", str(packed / "recordings" / "room.mcap")).encode()
     with zipfile.ZipFile(packed / "x.zip") as old, zipfile.ZipFile(tmp_path / "x.zip", "w") as new:
-        told = json.loads(old.read(MANIFEST))
-        for file in told["inputs"]:
+        content = json.loads(old.read(MANIFEST))
+        for file in content["inputs"]:
             if file["path"] == "study/run.yaml":
                 file |= {"sha256": sha256(text).hexdigest(), "bytes": len(text)}
         for name in old.namelist():
-            data = {MANIFEST: json.dumps(told).encode(), f"{INPUTS}/study/run.yaml": text}
+            data = {MANIFEST: json.dumps(content).encode(), f"{INPUTS}/study/run.yaml": text}
             new.writestr(name, data.get(name, old.read(name)))
     code, found = verify(tmp_path / "x.zip", capsys)
     assert (code, "which is not in the archive" in str(found["error"])) == (ExitCode.BAD_INPUT, True)
@@ -228,12 +230,12 @@ def test_an_input_that_no_stage_names_is_refused(
 ) -> None:
     text = b"cache_dir: /tmp"
     with zipfile.ZipFile(packed / "x.zip") as old, zipfile.ZipFile(tmp_path / "x.zip", "w") as new:
-        told = json.loads(old.read(MANIFEST))
+        content = json.loads(old.read(MANIFEST))
         more = {"path": "study/.numba_config.yaml", "sha256": sha256(text).hexdigest(), "bytes": len(text)}
-        told["inputs"].append(more)
+        content["inputs"].append(more)
         new.writestr(f"{INPUTS}/{more['path']}", text)
         for name in old.namelist():
-            new.writestr(name, json.dumps(told).encode() if name == MANIFEST else old.read(name))
+            new.writestr(name, json.dumps(content).encode() if name == MANIFEST else old.read(name))
     code, found = verify(tmp_path / "x.zip", capsys)
     assert code == ExitCode.BAD_INPUT
     assert "study/.numba_config.yaml" in str(found["error"])

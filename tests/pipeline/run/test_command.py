@@ -95,8 +95,8 @@ def test_all_stages_then_only_what_changed(config: Path, capsys: pytest.CaptureF
     assert stages(config, capsys, "--dry-run")["evaluate"] == "would run"
     (config.parent / "out" / "metrics.json").write_text('{"rmse_m": 7}')
     assert run(["run", str(config), "-o", str(config.parent / "out"), "--dry-run"]) == ExitCode.DONE
-    told = capsys.readouterr().out
-    assert "rmse" not in told
+    stdout = capsys.readouterr().out
+    assert "rmse" not in stdout
     assert stages(config, capsys)["evaluate"] == "done"
 
 
@@ -140,8 +140,8 @@ def test_other_packages_are_named_where_they_are_why_stages_would_run(
     values["versions"] |= {"scipy": "1.0", "gone": "2.0"}
     state.write_text(json.dumps(values))
     assert run(["run", str(config), "-o", str(state.parent), "--dry-run"]) == ExitCode.DONE
-    said = capsys.readouterr().err
-    assert "was made with other packages: gone 2.0, now none, scipy 1.0, now " in said
+    stderr = capsys.readouterr().err
+    assert "was made with other packages: gone 2.0, now none, scipy 1.0, now " in stderr
 
 
 def test_a_change_that_leaves_outputs_the_same_stops_early(config: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -154,7 +154,7 @@ def test_a_change_that_leaves_outputs_the_same_stops_early(config: Path, capsys:
     assert again["report"] in ("done", "up to date")
 
 
-def test_missed_threshold_is_told_after_all_was_made(config: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_missed_threshold_is_reported_after_all_was_made(config: Path, capsys: pytest.CaptureFixture[str]) -> None:
     config.write_text(CONFIG + "evaluate: {fail_if: ['rmse>0.0001']}\n")
     assert run(["run", str(config), "-o", str(config.parent / "out"), "-q"]) == ExitCode.THRESHOLD
     assert "rmse" in capsys.readouterr().err
@@ -367,9 +367,9 @@ def test_a_recording_without_a_scene_asks_for_the_key_not_the_option(
     config = tmp_path / "run.yaml"
     config.write_text(f"occlog_run: 1\nrecording: r.mcap\ntrack: {{}}\n{more}\n")
     assert run(["run", str(config), "-o", str(tmp_path / "out")]) == ExitCode.BAD_INPUT
-    said = capsys.readouterr().err.splitlines()[-1]
-    assert said.startswith(f"occlog: error: {config.with_name(place)}: ")
-    assert said.endswith("r.mcap holds no scene; name here a scene file or a recording with one")
+    stderr = capsys.readouterr().err.splitlines()[-1]
+    assert stderr.startswith(f"occlog: error: {config.with_name(place)}: ")
+    assert stderr.endswith("r.mcap holds no scene; name here a scene file or a recording with one")
 
 
 def test_the_scene_of_a_run_is_that_of_every_stage(tmp_path: Path) -> None:
@@ -428,8 +428,8 @@ def test_weights_beside_a_network_are_inputs(tmp_path: Path, monkeypatch: pytest
     model, weights = tmp_path / "net.onnx", tmp_path / "net.bin"
     model.write_bytes(b"network")
     weights.write_bytes(b"weights")
-    told = OnnxFile(model, (), (), {}, (weights,))
-    monkeypatch.setattr(run_inputs, "read_onnx", {model: told}.__getitem__)
+    reported = OnnxFile(model, (), (), {}, (weights,))
+    monkeypatch.setattr(run_inputs, "read_onnx", {model: reported}.__getitem__)
     assert files_of(str(model)) == [model, weights]
 
 
@@ -450,9 +450,9 @@ def test_what_a_stage_made_goes_with_the_stage(tmp_path: Path, capsys: pytest.Ca
     (folder / "errors.parquet").write_bytes(b"of somebody else")
     record(known=False)
     assert run(["run", str(config), "-o", str(folder), "--json", "-q"]) == ExitCode.DONE
-    told = json.loads(capsys.readouterr().out)
-    assert "evaluate" not in told["stages"]
-    assert told["metrics"] == {}
+    result = json.loads(capsys.readouterr().out)
+    assert "evaluate" not in result["stages"]
+    assert result["metrics"] == {}
     assert "evaluate" not in outcomes(folder)
     assert not (folder / "metrics.json").exists()
     assert (folder / "errors.parquet").read_bytes() == b"of somebody else"
@@ -514,7 +514,7 @@ def test_a_command_waits_for_the_one_before_it(tmp_path: Path) -> None:
     other.join()
 
 
-def test_what_was_lost_is_said_of_stages_that_are_up_to_date_too(
+def test_what_was_lost_is_reported_of_stages_that_are_up_to_date_too(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The stages of the run lost nothing themselves."""
@@ -531,9 +531,9 @@ def test_what_was_lost_is_said_of_stages_that_are_up_to_date_too(
         assert run(words) == ExitCode.DONE
         out = capsys.readouterr()
         assert "occlog: lost earlier: cam.avi: frame 3: gone" in out.err
-        told = json.loads(out.out)
-        assert set(told["stages"].values()) == {what}
-        assert [loss["place"] for loss in told["losses"]] == ["frame 3"]
+        result = json.loads(out.out)
+        assert set(result["stages"].values()) == {what}
+        assert [loss["place"] for loss in result["losses"]] == ["frame 3"]
 
 
 @pytest.mark.parametrize("name", ["run.json", "views.parquet", "tracks.parquet"])
@@ -567,15 +567,15 @@ def test_a_state_that_names_files_elsewhere_is_refused_and_removes_none(
     folder.mkdir()
     (folder / "link").symlink_to(tmp_path)
     for name in ("../mine.txt", str(elsewhere), "link/mine.txt"):
-        told = {"key": "", "code": 0, "outputs": {name: hash_file(elsewhere)}}
-        write_json(folder / "run.json", {"stages": {"listen": told}}, overwrite=True)
+        reported = {"key": "", "code": 0, "outputs": {name: hash_file(elsewhere)}}
+        write_json(folder / "run.json", {"stages": {"listen": reported}}, overwrite=True)
         assert run(["run", str(config), "-o", str(folder)]) == ExitCode.BAD_INPUT
         assert "run.json: not the state of a run; remove it" in capsys.readouterr().err
         assert elsewhere.exists()
 
 
 @pytest.mark.parametrize(
-    "told",
+    "reported",
     [
         {"code": "abc"},
         {"code": None},
@@ -589,10 +589,10 @@ def test_a_state_that_names_files_elsewhere_is_refused_and_removes_none(
         {"more": 1},
     ],
 )
-def test_a_state_of_other_kinds_is_refused(tmp_path: Path, told: dict[str, object]) -> None:
+def test_a_state_of_other_kinds_is_refused(tmp_path: Path, reported: dict[str, object]) -> None:
     whole: dict[str, object] = {"key": "", "code": 3, "outputs": {"a/b": "c"}}
     write_json(tmp_path / "run.json", {"stages": {"track": whole}})
     assert outcomes(tmp_path)["track"].code == ExitCode.LOSSY
-    write_json(tmp_path / "run.json", {"stages": {"track": whole | told}}, overwrite=True)
+    write_json(tmp_path / "run.json", {"stages": {"track": whole | reported}}, overwrite=True)
     with pytest.raises(InputError, match="not the state of a run; remove it to do every stage again"):
         outcomes(tmp_path)

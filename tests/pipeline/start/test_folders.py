@@ -73,17 +73,17 @@ def test_yolo_text_with_opencv_and_a_truth_that_counts_from_another_frame(folder
     make.opencv(folder / "calib", hall("abc"))
     make.truth_csv(folder / "truth.csv", framed=True)
     make.litter(folder)
-    code, said = start()
+    code, output = start()
     assert code == ExitCode.BAD_INPUT
-    assert said.splitlines()[-1].endswith("no file states their rate or times; give it: --set ingest.fps=RATE")
+    assert output.splitlines()[-1].endswith("no file states their rate or times; give it: --set ingest.fps=RATE")
     assert not (folder.parent / "out").exists()
-    code, said = start(*FPS)
+    code, output = start(*FPS)
     assert code == ExitCode.DONE
-    assert "boxes of class 0, person in COCO, of 0 (407), 56 (150)  [--set ingest.class=...]" in said
-    assert "boxes count frames from 1, the truth from 0  [--set ingest.first_number=...]" in said
-    assert "not used: README.txt, costs.csv, notes.md: no format that is known" in said
-    assert "not used: thumbnails: pictures that by their name are no camera's" in said
-    assert ".git" not in said
+    assert "boxes of class 0, person in COCO, of 0 (407), 56 (150)  [--set ingest.class=...]" in output
+    assert "boxes count frames from 1, the truth from 0  [--set ingest.first_number=...]" in output
+    assert "not used: README.txt, costs.csv, notes.md: no format that is known" in output
+    assert "not used: thumbnails: pictures that by their name are no camera's" in output
+    assert ".git" not in output
     all_found(folder)
     assert {file.name for file in (folder.parent / "out").iterdir()} >= PAGE
     # The configuration has the choices as comments, and runs as it is, from any folder
@@ -99,11 +99,11 @@ def test_yolo_text_with_opencv_and_a_truth_that_counts_from_another_frame(folder
 @pytest.mark.jit
 def test_a_motchallenge_sequence_is_tracked_in_the_image(folder: Path, start: Start) -> None:  # 2
     make.mot(folder, "a", "HALL-01")
-    code, said = start()
-    assert code == ExitCode.DONE, said
-    assert "frame rate: 10 fps, of seqinfo.ini  [--set ingest.fps=...]" in said
-    assert "ground truth: HALL-01/gt/gt.txt (boxes, mot) of camera HALL-01" in said
-    assert "method sort: people in the image of each camera, since no pose is known" in said
+    code, output = start()
+    assert code == ExitCode.DONE, output
+    assert "frame rate: 10 fps, of seqinfo.ini  [--set ingest.fps=...]" in output
+    assert "ground truth: HALL-01/gt/gt.txt (boxes, mot) of camera HALL-01" in output
+    assert "method sort: people in the image of each camera, since no pose is known" in output
     found = metrics(folder)
     assert found["mota"] > 0.9
     assert found["idf1"] > 0.9
@@ -114,9 +114,9 @@ def test_a_video_alone_gives_its_people(folder: Path, start: Start) -> None:  # 
     """A woman goes away in the first seconds, and a man comes in the last ones."""
     shutil.copy(ROOT / "sample_data" / "people" / "one-by-one.mp4", folder / "one by one.mp4")
     short = ("--set", "ingest.frames=20:110", "--set", "overlay.frames=20:24")
-    code, said = start(*short, source=folder / "one by one.mp4")
-    assert code == ExitCode.DONE, said
-    assert "camera one_by_one" in said
+    code, output = start(*short, source=folder / "one by one.mp4")
+    assert code == ExitCode.DONE, output
+    assert "camera one_by_one" in output
     rows = read_table(folder.parent / "out" / "view_tracks.parquet", ViewTracks)
     spans = [rows.frame[rows.target_id == k] for k in np.unique(rows.target_id).tolist()]
     assert [(int(s.min()) <= 22, int(s.max()) >= 108) for s in spans] == [(True, False), (False, True)]
@@ -135,9 +135,9 @@ def test_a_bag_of_boxes_without_images(folder: Path, start: Start) -> None:  # 3
             x, y = make.place(person, frame / make.RATE)
             lines.append(f"{make.START + frame * make.STEP_NS},{person},{x:.4f},{y:.4f}")
     (folder / "truth.csv").write_text("\n".join(lines) + "\n")
-    code, said = start()
-    assert code == ExitCode.DONE, said
-    assert "camera cam_a: boxes /cam_a/yolo/detections, calibration /cam_a/camera_info" in said
+    code, output = start()
+    assert code == ExitCode.DONE, output
+    assert "camera cam_a: boxes /cam_a/yolo/detections, calibration /cam_a/camera_info" in output
     all_found(folder)
 
 
@@ -148,31 +148,31 @@ def test_kalibr_and_videos_want_the_height_of_the_ground(folder: Path, start: St
     scene = make.videos(folder, source, names)
     make.kalibr(folder / "camchain.yaml", scene)
     cv2.imwrite(str(folder / "plan_2.png"), np.zeros((24, 32, 3), np.uint8))
-    code, said = start()
+    code, output = start()
     assert code == ExitCode.BAD_INPUT
-    assert "the height of the ground is unknown" in said
-    assert "--set ingest.ground_height=-2.5" in said
+    assert "the height of the ground is unknown" in output
+    assert "--set ingest.ground_height=-2.5" in output
     height = f"ingest.ground_height={-scene.cameras[0].position[2]:g}"
-    code, said = start("--set", height, "--write-only")
-    assert code == ExitCode.DONE, said
-    assert "the calibration's world is not upright: turned by the cameras' horizons  [--set ingest.up=...]" in said
+    code, output = start("--set", height, "--write-only")
+    assert code == ExitCode.DONE, output
+    assert "the calibration's world is not upright: turned by the cameras' horizons  [--set ingest.up=...]" in output
     # COLMAP has no unit of lengths, images no rate: each is asked for in one line
     shutil.rmtree(folder)
     folder.mkdir()
     make.videos(folder, source, {name: f"{name}.mp4" for name in names})  # 6
     make.colmap(folder / "sparse" / "0", scene)
-    code, said = start(out="colmap")
-    assert (code, "--set ingest.calibration_unit=m" in said) == (ExitCode.BAD_INPUT, True)
-    code, said = start("--set", "ingest.calibration_unit=m", "--write-only", out="colmap")
+    code, output = start(out="colmap")
+    assert (code, "--set ingest.calibration_unit=m" in output) == (ExitCode.BAD_INPUT, True)
+    code, output = start("--set", "ingest.calibration_unit=m", "--write-only", out="colmap")
     assert code == ExitCode.DONE
-    assert "times of view1.mp4: container time stamps" in said
+    assert "times of view1.mp4: container time stamps" in output
     shutil.rmtree(folder)
     make.pictures(folder / "images", source)  # 8
     make.opencv(folder / "calib", scene)
-    code, said = start(out="pictures")
-    assert (code, "--set ingest.fps=RATE" in said) == (ExitCode.BAD_INPUT, True)
-    code, said = start(*FPS, "--write-only", out="pictures")
-    assert code == ExitCode.DONE, said
+    code, output = start(out="pictures")
+    assert (code, "--set ingest.fps=RATE" in output) == (ExitCode.BAD_INPUT, True)
+    code, output = start(*FPS, "--write-only", out="pictures")
+    assert code == ExitCode.DONE, output
     written = yaml.safe_load((folder.parent / "pictures" / "run.yaml").read_text())
     assert written["ingest"]["images"] == {name: f"../{folder.name}/images/{name}" for name in names}
     assert written["track"] == {"method": "jipda"}
@@ -185,10 +185,10 @@ def test_coco_of_scaled_images(folder: Path, start: Start) -> None:  # 5
     make.opencv(folder / "calib", hall("abc"))
     make.kalibr(folder / "old.yaml", hall("abc"))
     make.truth_csv(folder / "gt.csv")
-    code, said = start(*FPS)
-    assert code == ExitCode.DONE, said
-    assert "camera a: frames of 320 x 240 px, calibrated for 640 x 480: taken for scaled by 0.5" in said
-    assert "calib/c.yaml, not old.yaml: it has 3 of 3 cameras, the other 0  [--as old.yaml=calibration]" in said
+    code, output = start(*FPS)
+    assert code == ExitCode.DONE, output
+    assert "camera a: frames of 320 x 240 px, calibrated for 640 x 480: taken for scaled by 0.5" in output
+    assert "calib/c.yaml, not old.yaml: it has 3 of 3 cameras, the other 0  [--as old.yaml=calibration]" in output
     all_found(folder)
     # Homographies of the ground in the place of the calibrations: the size of the images is that of COCO
     shutil.rmtree(folder / "calib")
@@ -196,10 +196,10 @@ def test_coco_of_scaled_images(folder: Path, start: Start) -> None:  # 5
     for camera in CAMERAS:
         make.coco(folder / f"{camera}.json", camera)
     make.homographies(folder / "homographies", hall("abc"))
-    code, said = start(*FPS, out="homographies")
-    assert code == ExitCode.DONE, said
-    assert "calibration: of images of 640 x 480 px, as the boxes are  [--set ingest.image_size=...]" in said
-    assert "of a homography (image to ground), with square pixels, the principal point in the middle" in said
+    code, output = start(*FPS, out="homographies")
+    assert code == ExitCode.DONE, output
+    assert "calibration: of images of 640 x 480 px, as the boxes are  [--set ingest.image_size=...]" in output
+    assert "of a homography (image to ground), with square pixels, the principal point in the middle" in output
     all_found(folder, "homographies")
 
 
@@ -207,9 +207,9 @@ def test_coco_of_scaled_images(folder: Path, start: Start) -> None:  # 5
 def test_annotations_of_wildtrack_are_boxes_and_truth(folder: Path, start: Start) -> None:  # 9
     make.wildtrack(folder / "annotations", hall("abc"))
     make.pairs(folder / "calibrations", hall("abc"))
-    code, said = start("--set", "ingest.fps=10")
-    assert code == ExitCode.DONE, said
-    assert "annotated boxes stand for those of a detector, without errors of one" in said
+    code, output = start("--set", "ingest.fps=10")
+    assert code == ExitCode.DONE, output
+    assert "annotated boxes stand for those of a detector, without errors of one" in output
     all_found(folder)
 
 
@@ -220,12 +220,12 @@ def test_cvat_with_a_camera_that_has_no_calibration(folder: Path, start: Start) 
     make.cvat(folder / "stairs.xml", "a")
     make.opencv(folder / "calib", hall("abc"))
     make.truth_csv(folder / "truth.csv")
-    code, said = start(*FPS)
-    assert code == ExitCode.DONE, said
+    code, output = start(*FPS)
+    assert code == ExitCode.DONE, output
     assert (
-        "camera stairs: not used, it has no calibration (calibrated: a, b, c)  [--as 'stairs.xml=boxes:NAME']" in said
+        "camera stairs: not used, it has no calibration (calibrated: a, b, c)  [--as 'stairs.xml=boxes:NAME']" in output
     )
-    assert "boxes of class person, of person (407), chair (150)  [--set ingest.class=...]" in said
+    assert "boxes of class person, of person (407), chair (150)  [--set ingest.class=...]" in output
     all_found(folder)
 
 
@@ -246,9 +246,9 @@ def test_bearings_and_ranges_with_stations(folder: Path, start: Start) -> None: 
     make.measured(
         folder / "ranges.csv", "time,anchor,range_m", lambda x, y: f"{np.hypot(x, y) + 0.1 * rng.standard_normal():.3f}"
     )
-    code, said = start(out="ranges")
+    code, output = start(out="ranges")
     assert code == ExitCode.BAD_INPUT
-    assert "--set track.sigma_range=NUMBER" in said
+    assert "--set track.sigma_range=NUMBER" in output
     assert start("--set", "track.sigma_range=0.1", out="ranges")[0] == ExitCode.DONE
     assert metrics(folder, "ranges")["rmse_m"] < 0.2
 
@@ -258,8 +258,8 @@ def test_odas_and_signal_strengths(folder: Path, start: Start) -> None:  # 12, 1
     make.stations(folder / "arrays.csv", "array")
     make.walk_csv(folder / "truth.csv")
     make.odas(folder)
-    code, said = start()
-    assert (code, "--set ingest.odas_hop=0.008" in said) == (ExitCode.BAD_INPUT, True)
+    code, output = start()
+    assert (code, "--set ingest.odas_hop=0.008" in output) == (ExitCode.BAD_INPUT, True)
     assert start("--set", "ingest.odas_hop=0.008")[0] == ExitCode.DONE
     assert metrics(folder)["rmse_m"] < 0.25
     shutil.rmtree(folder)
@@ -272,9 +272,9 @@ def test_odas_and_signal_strengths(folder: Path, start: Start) -> None:  # 12, 1
         return f"0,{-50 - 20 * np.log10(np.hypot(x, y)) + rng.standard_normal():.2f}"
 
     make.measured(folder / "rssi.csv", "time,anchor,tag,rssi", strength)
-    code, said = start(out="rssi")
-    assert code == ExitCode.DONE, said
-    assert "method rssi: tags by signal strengths, since the ranges of readers are unknown" in said
+    code, output = start(out="rssi")
+    assert code == ExitCode.DONE, output
+    assert "method rssi: tags by signal strengths, since the ranges of readers are unknown" in output
     assert metrics(folder, "rssi")["rmse_m"] < 2.0
 
 
@@ -282,9 +282,9 @@ def test_odas_and_signal_strengths(folder: Path, start: Start) -> None:  # 12, 1
 def test_sound_gives_directions(folder: Path, start: Start) -> None:  # 13
     pytest.importorskip("pyroomacoustics")
     make.sound(folder)
-    code, said = start()
-    assert code == ExitCode.DONE, said
-    assert "the result is directions (doa.parquet), no tracks" in said
+    code, output = start()
+    assert code == ExitCode.DONE, output
+    assert "the result is directions (doa.parquet), no tracks" in output
     found = read_table(folder.parent / "out" / "doa.parquet", Doa)
     assert np.degrees(np.median(found.azimuth)) == pytest.approx(60.0, abs=2.0)
 
@@ -293,21 +293,21 @@ def test_sound_gives_directions(folder: Path, start: Start) -> None:  # 13
 def test_a_recording_with_a_truth(folder: Path, start: Start) -> None:  # 15
     make.recording(folder / "walk.mcap")
     make.truth_parquet(folder / "truth.parquet")
-    code, said = start()
-    assert code == ExitCode.DONE, said
-    assert "recording walk.mcap: boxes" in said
-    assert "ground truth: truth.parquet (true positions, table of occlog)  [--set evaluate.truth=...]" in said
+    code, output = start()
+    assert code == ExitCode.DONE, output
+    assert "recording walk.mcap: boxes" in output
+    assert "ground truth: truth.parquet (true positions, table of occlog)  [--set evaluate.truth=...]" in output
     all_found(folder)
 
 
 def test_what_cannot_be_used_is_one_line(folder: Path, start: Start) -> None:
-    code, said = start()
-    assert (code, said.count("\n")) == (ExitCode.BAD_INPUT, 1)
-    assert "nothing to track: empty" in said
+    code, output = start()
+    assert (code, output.count("\n")) == (ExitCode.BAD_INPUT, 1)
+    assert "nothing to track: empty" in output
     make.litter(folder)
-    code, said = start()
+    code, output = start()
     assert code == ExitCode.BAD_INPUT
-    assert "nothing to track: 5 files or folders of no known format; give videos" in said
+    assert "nothing to track: 5 files or folders of no known format; give videos" in output
     assert start(source=folder / "nothing")[0] == ExitCode.BAD_INPUT
     assert start("--set", "fps=25")[0] == ExitCode.USAGE
     assert start("--as", "README.txt=movie")[0] == ExitCode.USAGE
@@ -318,17 +318,17 @@ def test_cameras_of_other_names_are_not_guessed(folder: Path, start: Start) -> N
     for camera in CAMERAS:
         make.coco(folder / f"{camera}.json", camera)
     make.opencv(folder / "calib", hall("abc"), names={"a": "left", "b": "right", "c": "middle"})
-    code, said = start(*FPS)
+    code, output = start(*FPS)
     assert code == ExitCode.BAD_INPUT
-    assert "cameras a, b, c are none of the calibration's (left, middle, right); name each" in said
+    assert "cameras a, b, c are none of the calibration's (left, middle, right); name each" in output
     named = [f"{camera}.json=boxes:{name}" for camera, name in zip(CAMERAS, ("left", "right", "middle"), strict=True)]
-    code, said = start(*FPS, *(word for each in named for word in ("--as", each)), "--write-only")
-    assert code == ExitCode.DONE, said
-    assert "boxes: b.json (COCO), 134 of right" in said
-    code, said = start(*FPS, "--as", "a.json=boxes:left", "--as", "b.json=unused", "--write-only", "--overwrite")
-    assert code == ExitCode.DONE, said
-    assert "camera c: not used, it has no calibration" in said
-    assert "not used: b.json: as stated" in said
+    code, output = start(*FPS, *(word for each in named for word in ("--as", each)), "--write-only")
+    assert code == ExitCode.DONE, output
+    assert "boxes: b.json (COCO), 134 of right" in output
+    code, output = start(*FPS, "--as", "a.json=boxes:left", "--as", "b.json=unused", "--write-only", "--overwrite")
+    assert code == ExitCode.DONE, output
+    assert "camera c: not used, it has no calibration" in output
+    assert "not used: b.json: as stated" in output
 
 
 def test_ingest_notes_frames_that_count_from_another_number(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -337,9 +337,9 @@ def test_ingest_notes_frames_that_count_from_another_number(tmp_path: Path, caps
     make.truth_csv(tmp_path / "truth.csv", framed=True)
     given = ["--boxes", str(tmp_path / "yolo"), "--calibration", str(tmp_path / "calib" / "a.yaml"), "--fps", "10"]
     given += ["--truth", str(tmp_path / "truth.csv"), "--overwrite", "-o", str(tmp_path / "walk.mcap")]
-    told = "boxes begin at frame 1, true positions (truth.csv) at frame 0; where both mean the first frame, state it: "
+    text = "boxes begin at frame 1, true positions (truth.csv) at frame 0; where both mean the first frame, state it: "
     assert run(["ingest", *given]) == ExitCode.DONE
-    assert f"{told}--first-number 1, --truth-first-number 0" in capsys.readouterr().err
+    assert f"{text}--first-number 1, --truth-first-number 0" in capsys.readouterr().err
     assert run(["ingest", *given, "--first-number", "1", "--truth-first-number", "0"]) == ExitCode.DONE
     assert "boxes begin at" not in capsys.readouterr().err
     assert int(open_recording(tmp_path / "walk.mcap").read(Truth).t_ns.min()) == 0
@@ -348,13 +348,13 @@ def test_ingest_notes_frames_that_count_from_another_number(tmp_path: Path, caps
 def test_a_sequence_of_another_size_than_the_calibration_is_refused(folder: Path, start: Start) -> None:
     make.mot(folder, "a", "a")
     make.opencv(folder / "calib", hall("a"), scale=2.0)
-    code, said = start()
+    code, output = start()
     assert code == ExitCode.BAD_INPUT
-    assert "images of 640 x 480 px, but camera a is calibrated for 1280 x 960" in said
+    assert "images of 640 x 480 px, but camera a is calibrated for 1280 x 960" in output
 
 
 @pytest.mark.parametrize(
-    ("setting", "said"),
+    ("setting", "expected"),
     [
         ("ingest.fp=10", "--set ingest.fp: unknown key; did you mean 'fps'?"),
         ("ingst.fps=10", "did you mean 'ingest'?"),
@@ -363,8 +363,8 @@ def test_a_sequence_of_another_size_than_the_calibration_is_refused(folder: Path
         ("overlay.vido=a.webm", "--set overlay.vido: unknown key; did you mean 'video'?"),
     ],
 )
-def test_a_misspelt_key_is_said_before_anything_is_inspected(setting: str, said: str) -> None:
-    with pytest.raises(UsageError, match=re.escape(said)):
+def test_a_misspelt_key_is_reported_before_anything_is_inspected(setting: str, expected: str) -> None:
+    with pytest.raises(UsageError, match=re.escape(expected)):
         read_settings([setting])
 
 

@@ -87,7 +87,7 @@ def test_two_commands_do_not_work_in_one_folder(tmp_path):
     assert (tmp_path / "out" / "trials.jsonl").read_bytes() == store
 
 
-def test_unknown_figures_and_contradictions_are_told(tmp_path):
+def test_unknown_figures_and_contradictions_are_reported(tmp_path):
     wrong = sweep(tmp_path, "--figures", "rsme")
     assert isinstance(wrong.exception, UsageError)
     assert "no figure 'rsme'" in str(wrong.exception)
@@ -131,7 +131,7 @@ def test_values_that_a_trial_would_refuse_are_named_before_any_trial(tmp_path, o
     assert not (tmp_path / "out").exists()
 
 
-def test_a_trial_that_fails_is_told_with_its_files(tmp_path):
+def test_a_trial_that_fails_is_reported_with_its_files(tmp_path):
     failed = sweep(tmp_path, text=TEXT + "skip: 10\n").exception
     assert isinstance(failed, TrialError)
     assert str(failed).startswith(f"{tmp_path / 'sweep.yaml'}: scene scene.yaml: 4 of 4 trials failed; the first is")

@@ -33,7 +33,7 @@ def test_any_number_of_workers_gives_the_same_in_the_same_order():
     assert [[r[n] for n in names] for r in two] == expected
 
 
-def test_a_scheduler_that_is_not_there_is_told():
+def test_a_scheduler_that_is_not_there_is_reported():
     pytest.importorskip("distributed")
     code = (
         "import sys\nfrom sweep_scene import trial\nfrom occlog.pipeline.sweep.engine import run_all\n"
@@ -150,9 +150,9 @@ def test_equal_descriptions_for_different_functions_are_different_trials(tmp_pat
 
 
 def test_progress_counts_every_trial_once():
-    told = []
-    run_all([TRIALS[0], TRIALS[0], TRIALS[1]], progress=told.append)
-    assert sum(told) == 3
+    reported = []
+    run_all([TRIALS[0], TRIALS[0], TRIALS[1]], progress=reported.append)
+    assert sum(reported) == 3
 
 
 def test_the_store_can_be_in_a_folder_that_is_not_there_yet(tmp_path):

@@ -49,7 +49,7 @@ def test_everything_that_varies_is_combined(tmp_path):
         ("vary: {simulate.steps: [1, 2]}\nruns: 3\n", "twice|repeated|duplicate"),
     ],
 )
-def test_a_file_that_does_not_fit_is_told(tmp_path, text, words):
+def test_a_file_that_does_not_fit_is_reported(tmp_path, text, words):
     with pytest.raises(InputError, match=rf"sweep\.yaml: .*({words})"):
         settings(tmp_path, text)
 
@@ -60,7 +60,7 @@ def test_too_many_trials_are_refused(tmp_path):
         settings(tmp_path, "vary:\n" + axes)
 
 
-def test_a_missing_scene_is_told(tmp_path):
+def test_a_missing_scene_is_reported(tmp_path):
     (tmp_path / "sweep.yaml").write_text(HEAD)
     with pytest.raises(InputError, match=r"scene\.yaml"):
         settings_of(tmp_path / "sweep.yaml", read_sweep(tmp_path / "sweep.yaml"))

@@ -85,7 +85,7 @@ def test_selection_lowers_the_messages():
         ({"skip": 10}, InputError, "skip fewer"),
     ],
 )
-def test_what_does_not_fit_is_told(changes, error, words):
+def test_what_does_not_fit_is_reported(changes, error, words):
     with pytest.raises(error, match=words):
         run_trial(trial(**changes))
 
@@ -98,8 +98,8 @@ def test_an_estimate_is_lost_when_it_is_more_than_a_fifth_of_the_room_away():
     truth = Truth.of(t_ns=t, target_id=target, role=["target"] * 2, x=np.zeros(2), y=np.zeros(2), z=none)
     columns = {c.name: none for c in Tracks.columns()} | {"t_ns": t, "target_id": target, "y": np.zeros(2)}
     for x, lost in ((2.0, 0.0), (2.001, 0.5)):
-        places = {"x": np.array([x, 0.0]), "cov_xx": t + 1.0, "cov_xy": 0.0 * t, "cov_yy": t + 1.0}
-        tracks = Tracks.of(**columns | places)
+        positions = {"x": np.array([x, 0.0]), "cov_xx": t + 1.0, "cov_xy": 0.0 * t, "cov_yy": t + 1.0}
+        tracks = Tracks.of(**columns | positions)
         assert errors_of(tracks, truth, scene, 0)["lost"] == lost
     assert errors_of(tracks, truth, scene, 1)["estimates"] == 1
     with pytest.raises(InputError, match="skip fewer"):

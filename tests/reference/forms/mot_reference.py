@@ -68,8 +68,8 @@ def objects(scene: Scene, side: int, view: int | None = None, seed: int | None =
     width = next((len(place) for sides in scene.values() for part in sides for place in part.values()), 2)
     order = np.arange(len(rows)) if seed is None else np.random.default_rng(seed).permutation(len(rows))
     frame, label = (np.array([rows[n][k] for n in order], dtype=np.int64) for k in range(2))
-    places = np.array([rows[n][2] for n in order], dtype=np.float64).reshape(-1, width)
-    return Objects(frame, label, places, None if view is None else np.full(len(rows), view, dtype=np.int64))
+    positions = np.array([rows[n][2] for n in order], dtype=np.float64).reshape(-1, width)
+    return Objects(frame, label, positions, None if view is None else np.full(len(rows), view, dtype=np.int64))
 
 
 def clear(scene: Scene, similar: Measure, distance: Measure, memory: float, most: bool) -> dict[str, float]:

@@ -64,13 +64,13 @@ def make_environment(folder: Path) -> Path:
     return python
 
 
-def _cannot_install(said: str) -> NoReturn:
+def _cannot_install(expected: str) -> NoReturn:
     """Skip where there is no network, unless the comparison is required; fail with all that pip said otherwise."""
     what = f"{' and '.join(PACKAGES)} cannot be installed"
     required = os.environ.get("OCCLOG_PEERS_REQUIRED", "0") not in ("", "0")
-    if required or not any(words in said.lower() for words in NO_NETWORK):
-        pytest.fail(f"{what}:\n{said.strip()}", pytrace=False)
-    last = (said.strip().splitlines() or ["pip says nothing"])[-1]
+    if required or not any(words in expected.lower() for words in NO_NETWORK):
+        pytest.fail(f"{what}:\n{expected.strip()}", pytrace=False)
+    last = (expected.strip().splitlines() or ["pip says nothing"])[-1]
     pytest.skip(f"{what} without a network: {last}")
 
 

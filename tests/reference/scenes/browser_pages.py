@@ -15,14 +15,14 @@ EVIL = "</script><script>window.evil=1</script>\"'><img src=x onerror=window.evi
 @contextmanager
 def opening(browser: Any, shown: Path) -> Iterator[Open]:
     """Opens pages, by default `shown`; at the end they must have asked for nothing and complained of nothing."""
-    contexts, said, asked = [], [], []
+    contexts, statement, asked = [], [], []
 
     def go(path: Path = shown, at: str = "", **how: Any) -> Any:
         contexts.append(browser.new_context(**({"viewport": {"width": 1280, "height": 900}} | how)))
-        contexts[-1].complaints = said
+        contexts[-1].complaints = statement
         page = contexts[-1].new_page()
-        page.on("console", lambda message: said.append(message.text))
-        page.on("pageerror", lambda error: said.append(str(error)))
+        page.on("console", lambda message: statement.append(message.text))
+        page.on("pageerror", lambda error: statement.append(str(error)))
         page.on("request", lambda request: asked.append(request.url))
         page.goto(path.as_uri() + at)
         if how.get("java_script_enabled", True):
@@ -32,7 +32,7 @@ def opening(browser: Any, shown: Path) -> Iterator[Open]:
     yield go
     for context in contexts:
         context.close()
-    assert said == []
+    assert statement == []
     assert all(url.startswith(("file:", "data:image/jpeg")) for url in asked), asked
     assert sum(url.startswith("file:") for url in asked) == len(contexts)
 

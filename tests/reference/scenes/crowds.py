@@ -129,12 +129,12 @@ def crowd(
             own = [i for i in range(people) if _seen(i, boxes, far, hidden, rng) and rng.random() > miss]
             found = boxes[own].reshape(-1, 4)
             found = found + rng.normal(0.0, px, found.shape)
-            nobody = []
+            empty = []
             for _ in range(rng.poisson(false)):
                 w, u, v = rng.uniform(30.0, 120.0), rng.uniform(0.0, 1280.0), rng.uniform(50.0, 720.0)
-                nobody.append([u - 0.5 * w, v - 2.9 * w, u + 0.5 * w, v])
-            found = np.concatenate([found, np.array(nobody).reshape(-1, 4)])
-            look = _histograms(clothes[own], len(nobody), alike, paint)
+                empty.append([u - 0.5 * w, v - 2.9 * w, u + 0.5 * w, v])
+            found = np.concatenate([found, np.array(empty).reshape(-1, 4)])
+            look = _histograms(clothes[own], len(empty), alike, paint)
             # A detector's boxes end at the border of the image
             found = np.clip(found, 0.0, [1279.0, 719.0, 1279.0, 719.0])
             large = (found[:, 2] - found[:, 0] > 4.0) & (found[:, 3] - found[:, 1] > 8.0)
@@ -167,21 +167,21 @@ def _histograms(clothes: Floats, nobody: int, alike: float, rng: np.random.Gener
 
 
 def _bodies(
-    view: Camera, places: Floats, height: Floats, girth: Floats, ring: Floats, metre: float, lean: Floats
+    view: Camera, positions: Floats, height: Floats, girth: Floats, ring: Floats, metre: float, lean: Floats
 ) -> tuple[Floats, Floats]:
     """Boxes (n, 4) of all points of n bodies, NaN of those that are not in the image, and their distances (n,)."""
-    points = np.empty((len(places), len(ring), 3))
+    points = np.empty((len(positions), len(ring), 3))
     across, up = girth[:, None, None] * ring[:, :2], height[:, None] * ring[:, 2]
     cos, sin = np.cos(lean)[:, None], np.sin(lean)[:, None]
-    points[..., :2] = places[:, None] + across
+    points[..., :2] = positions[:, None] + across
     points[..., 0] += (cos - 1.0) * across[..., 0] + sin * up
     points[..., 2] = np.maximum(cos * up - sin * across[..., 0], 0.0)
-    pixels = view.project(points.reshape(-1, 3) * metre).reshape(len(places), len(ring), 2)
+    pixels = view.project(points.reshape(-1, 3) * metre).reshape(len(positions), len(ring), 2)
     boxes = np.concatenate([pixels.min(axis=1), pixels.max(axis=1)], axis=1)
     u, v = 0.5 * (boxes[:, 0] + boxes[:, 2]), 0.5 * (boxes[:, 1] + boxes[:, 3])
     shown = np.isfinite(boxes).all(axis=1) & (u > 0.0) & (u < 1279.0) & (v > 0.0) & (v < 719.0)
     boxes[~shown] = np.nan
-    return boxes, np.hypot(*(places * metre - view.position[:2]).T)
+    return boxes, np.hypot(*(positions * metre - view.position[:2]).T)
 
 
 def _seen(i: int, boxes: Floats, far: Floats, hidden: float, rng: np.random.Generator) -> bool:

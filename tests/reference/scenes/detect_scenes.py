@@ -67,12 +67,12 @@ def walk(n: int) -> list[tuple[float, float, tuple[int, int, int]]]:
 
 
 def frames(
-    place: Scene, n: int, people: Callable[[int], list[tuple[float, float, tuple[int, int, int]]]]
+    made_scene: Scene, n: int, people: Callable[[int], list[tuple[float, float, tuple[int, int, int]]]]
 ) -> list[Frame]:
     """Frames of all cameras at n times."""
     out = []
     for k in range(n):
-        for number, cam in enumerate(place.cameras):
+        for number, cam in enumerate(made_scene.cameras):
             image = picture(cam, people(k), 1000 * number + k)
             out.append(Frame(k * STEP_NS, cam.name, k, functools.partial(_copy, image)))
     return out

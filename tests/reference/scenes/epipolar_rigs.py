@@ -23,8 +23,8 @@ def rig(rng, distance=None, **more):
     for name, angle in (("a", first), ("b", second)):
         r = rng.uniform(6, 14) if distance is None else distance
         focal = rng.uniform(450, 900) if distance is None else 62.5 * r
-        place = [r * np.cos(angle), r * np.sin(angle), rng.uniform(1, 4)]
-        cameras.append(looking(name, place, rng.normal([0, 0, 1], 0.3), focal, rng.normal(0, 0.1), **more))
+        position = [r * np.cos(angle), r * np.sin(angle), rng.uniform(1, 4)]
+        cameras.append(looking(name, position, rng.normal([0, 0, 1], 0.3), focal, rng.normal(0, 0.1), **more))
     return cameras
 
 

@@ -48,25 +48,25 @@ def seconds(values: Sequence[float]) -> np.ndarray:
 
 
 def truth(t: Sequence[float], xy: Any, target: int = 0, role: str = "target", z: Any = np.nan) -> Truth:
-    places = np.broadcast_to(np.asarray(xy, dtype=np.float64), (len(t), 2))
+    positions = np.broadcast_to(np.asarray(xy, dtype=np.float64), (len(t), 2))
     return Truth.of(
         t_ns=seconds(t),
         target_id=np.full(len(t), target, dtype=np.int32),
         role=np.full(len(t), role),
-        x=places[:, 0],
-        y=places[:, 1],
+        x=positions[:, 0],
+        y=positions[:, 1],
         z=np.broadcast_to(np.asarray(z, dtype=np.float64), len(t)),
     )
 
 
 def tracks(t: Sequence[float], xy: Any, target: int = 0, var: float = 1.0) -> Tracks:
-    places = np.broadcast_to(np.asarray(xy, dtype=np.float64), (len(t), 2))
+    positions = np.broadcast_to(np.asarray(xy, dtype=np.float64), (len(t), 2))
     n = len(t)
     return Tracks.of(
         t_ns=seconds(t),
         target_id=np.full(n, target, dtype=np.int32),
-        x=places[:, 0],
-        y=places[:, 1],
+        x=positions[:, 0],
+        y=positions[:, 1],
         vx=np.full(n, np.nan),
         vy=np.full(n, np.nan),
         cov_xx=np.full(n, var),

@@ -32,8 +32,8 @@ def ring_scene(cameras: int = 8, size: float = 100.0) -> Scene:
         )
     room = size * np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=float)
     pillar = 0.06 * size * (room / size - 0.5)
-    places = size * np.array([[0.3, 0.3], [0.7, 0.55]])
-    occluders = tuple(Occluder(f"pillar {i}", pillar + place) for i, place in enumerate(places))
+    positions = size * np.array([[0.3, 0.3], [0.7, 0.55]])
+    occluders = tuple(Occluder(f"pillar {i}", pillar + place) for i, place in enumerate(positions))
     return Scene(cameras=tuple(out), occluders=occluders, room=room)
 
 

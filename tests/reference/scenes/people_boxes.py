@@ -127,14 +127,14 @@ def table(sensors: list[str], rows: NDArray[np.float64]) -> Boxes:
 def truth(seconds: float = 10.0, *, metre: float = 1.0, people: int = PEOPLE, step_ns: int = STEP_NS) -> Truth:
     """Where everybody is at the times of the frames."""
     at = [(f * step_ns, k) for f in range(round(seconds * 1e9) // step_ns) for k in range(people)]
-    places = metre * np.array([place(k, t * 1e-9) for t, k in at])
+    positions = metre * np.array([place(k, t * 1e-9) for t, k in at])
     nothing = np.full(len(at), np.nan)
     return Truth.of(
         t_ns=np.array([t for t, _ in at], dtype=np.int64),
         target_id=np.array([k for _, k in at], dtype=np.int32),
         role=np.full(len(at), "target"),
-        x=places[:, 0],
-        y=places[:, 1],
+        x=positions[:, 0],
+        y=positions[:, 1],
         z=nothing,
     )
 

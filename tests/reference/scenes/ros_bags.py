@@ -73,12 +73,12 @@ def camera_info(t_ns: int, frame: str, **values: Any) -> Any:
     """A calibration of a camera of 64 x 48 px and f = 50 px, unless `values` say otherwise."""
     k = np.array([50.0, 0, 31.5, 0, 50.0, 23.5, 0, 0, 1])
     roi = make("sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
-    told = {
+    reported = {
         "height": 48, "width": 64, "distortion_model": "plumb_bob", "d": np.zeros(5), "k": k,
         "r": np.eye(3).reshape(-1), "p": np.insert(k.reshape(3, 3), 3, 0, axis=1).reshape(-1), "binning_x": 0,
         "binning_y": 0, "roi": roi, **values,
     }  # fmt: skip
-    return make("sensor_msgs/msg/CameraInfo", header=header(t_ns, frame), **told)
+    return make("sensor_msgs/msg/CameraInfo", header=header(t_ns, frame), **reported)
 
 
 def quaternion(rotation: np.ndarray) -> tuple[float, float, float, float]:

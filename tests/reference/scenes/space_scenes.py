@@ -97,12 +97,12 @@ def follow(module, scene: Scene, scans, config, rng) -> Followed:
 
 def in_space(estimates) -> tuple[np.ndarray, np.ndarray]:
     """Places (T, 3) and covariances (T, 3, 3)."""
-    places = np.array([[*e.xy, e.height.z] for e in estimates])
+    positions = np.array([[*e.xy, e.height.z] for e in estimates])
     rows = [
         [[*e.covariance[0], e.height.covariance[0]], [*e.covariance[1], e.height.covariance[1]], e.height.covariance]
         for e in estimates
     ]
-    return places, np.array(rows)
+    return positions, np.array(rows)
 
 
 def nees(found, truth) -> np.ndarray:

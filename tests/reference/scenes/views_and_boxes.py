@@ -16,7 +16,7 @@ def seen(seed: int, moments: int = 40) -> tuple[Views, TruthBoxes]:
             n = int(random.integers(0, 5))
             box = np.column_stack([random.uniform(0, 100, (n, 2)), random.uniform(20, 40, (n, 2))])
             place = dict(zip(("left_px", "top_px", "width_px", "height_px"), box.T, strict=True))
-            nobody = {name: np.full(max(n, 1), np.nan) for name in place}
+            empty = {name: np.full(max(n, 1), np.nan) for name in place}
             at = {"t_ns": np.full(max(n, 1), t * 10**8), "sensor": np.full(max(n, 1), sensor)}
             at |= {"frame": np.full(max(n, 1), t)}
             true.append(
@@ -25,7 +25,7 @@ def seen(seed: int, moments: int = 40) -> tuple[Views, TruthBoxes]:
                     box=np.arange(n, dtype=np.int32) if n else np.array([-1], np.int32),
                     target_id=np.arange(max(n, 1), dtype=np.int32),
                     confidence=np.full(max(n, 1), np.nan),
-                    **(place if n else nobody),
+                    **(place if n else empty),
                 )
             )
             found = box[random.random(n) < 0.8] + random.normal(0, 2, (1, 4))

@@ -85,15 +85,15 @@ def tracked(
     state, rng = begun(method, frames, config, seed, **settings)
     out = []
     for t, frame in enumerate(frames[1:], 1):
-        state, said = advance(between(t, state), frame_set(frame, without(t)), rng)
-        out.append(said)
+        state, report = advance(between(t, state), frame_set(frame, without(t)), rng)
+        out.append(report)
     return out, state
 
 
-def off(frames: Sequence[BallsFrame], said: Sequence[TrackerOutlines]) -> np.ndarray:
+def off(frames: Sequence[BallsFrame], reported: Sequence[TrackerOutlines]) -> np.ndarray:
     """(T, V, n) distances of the trackers from the centres of their balls; inf without tracker."""
-    out = np.full((len(said), *frames[0].ellipses.shape[:2]), np.inf)
-    for t, (frame, one) in enumerate(zip(frames[1:], said, strict=True)):
+    out = np.full((len(reported), *frames[0].ellipses.shape[:2]), np.inf)
+    for t, (frame, one) in enumerate(zip(frames[1:], reported, strict=True)):
         true = frame.ellipses[one.view, one.target_id, :2]
         out[t, one.view, one.target_id] = np.linalg.norm(one.ellipse[:, :2] - true, axis=1)
     return out

@@ -149,8 +149,8 @@ def test_hovering_says_both_runs_and_people_can_be_switched_off(opened: Open) ->
     page.mouse.move(x, y)
     tip = page.locator("#replay-tip-b")
     tip.wait_for(state="visible")
-    told = tip.bounding_box()
-    assert 0 < told["y"] - y < 60
+    reported = tip.bounding_box()
+    assert 0 < reported["y"] - y < 60
     assert "A: 12" in tip.inner_text()
     assert "apart [m]: 0.700" in tip.inner_text()
     page.mouse.move(box["x"] + 2, box["y"] + 2)

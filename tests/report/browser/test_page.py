@@ -119,8 +119,8 @@ def test_hovering_says_the_values_of_a_target(opened: Open) -> None:
     tip = page.locator("#replay-tip")
     tip.wait_for(state="visible")
     assert "target: 2" in tip.inner_text()
-    said = tip.inner_text().split("x, y [m]: ")[1].split("\n")[0]
-    np.testing.assert_allclose([float(v) for v in said.split(",")], [row.x[0], row.y[0]], atol=0.01)
+    reported = tip.inner_text().split("x, y [m]: ")[1].split("\n")[0]
+    np.testing.assert_allclose([float(v) for v in reported.split(",")], [row.x[0], row.y[0]], atol=0.01)
     page.mouse.move(box["x"] + 2, box["y"] + 2)
     tip.wait_for(state="hidden")
 

@@ -60,17 +60,17 @@ def test_page_words_and_summary_of_two_run_folders(runs: tuple[Path, Path], tmp_
     assert report(*runs, "-o", page, "--markdown", markdown, "--json") == ExitCode.DONE
     out, err = capsys.readouterr()
     assert "lost earlier in A: east: frame 7: cut short (3 lost)" in err
-    said = json.loads(out)
-    assert (said["a"], said["b"], said["same"], said["frames"]) == ("old", "new", False, 60)
-    assert said["true_frames"] == 60
-    assert said["first_divergence"] == {
+    result = json.loads(out)
+    assert (result["a"], result["b"], result["same"], result["frames"]) == ("old", "new", False, 60)
+    assert result["true_frames"] == 60
+    assert result["first_divergence"] == {
         "kind": "another partner", "seconds": 2.5, "t_ns": 25 * STEP, "a": 10, "b": 11, "distance": 0.0,
     }  # fmt: skip
-    assert said["changes"] == said["switches"] == {"a": 0, "b": 2}
-    assert said["figures"]["mota"]["a"] == 1.0
-    assert said["figures"]["mota"]["b"] == pytest.approx(1 - 2 / 180)
-    assert said["figures"]["idf1"]["verdict"] == "not decided"
-    assert said["figures"]["recall"] == {"a": 1, "b": 1, "difference": 0, "low": 0, "high": 0, "p": 1} | {
+    assert result["changes"] == result["switches"] == {"a": 0, "b": 2}
+    assert result["figures"]["mota"]["a"] == 1.0
+    assert result["figures"]["mota"]["b"] == pytest.approx(1 - 2 / 180)
+    assert result["figures"]["idf1"]["verdict"] == "not decided"
+    assert result["figures"]["recall"] == {"a": 1, "b": 1, "difference": 0, "low": 0, "high": 0, "p": 1} | {
         "verdict": "no difference shown"
     }
     text = words(page)
@@ -95,27 +95,27 @@ def test_the_same_command_makes_the_same_bytes(runs: tuple[Path, Path], tmp_path
 def test_a_run_beside_itself_is_the_same(runs: tuple[Path, Path], tmp_path: Path, capsys: Any) -> None:
     page = tmp_path / "same.html"
     assert report(runs[0], runs[0], "-o", page, "--json", "-q") == ExitCode.DONE
-    said = json.loads(capsys.readouterr().out)
-    assert said["same"] is True
-    assert said["heading"] == "The two runs are the same"
-    assert (said["a"], said["b"]) == ("old", "old, again")
-    assert "first_divergence" not in said
-    assert all(figure["difference"] == 0 for figure in said["figures"].values())
-    assert {figure["verdict"] for figure in said["figures"].values()} == {"no difference shown"}
+    result = json.loads(capsys.readouterr().out)
+    assert result["same"] is True
+    assert result["heading"] == "The two runs are the same"
+    assert (result["a"], result["b"]) == ("old", "old, again")
+    assert "first_divergence" not in result
+    assert all(figure["difference"] == 0 for figure in result["figures"].values())
+    assert {figure["verdict"] for figure in result["figures"].values()} == {"no difference shown"}
     assert "Every estimate of one is an estimate of the other" in words(page)
 
 
-def test_a_run_that_is_worse_is_told_so_with_its_interval(tmp_path: Path, capsys: Any) -> None:
+def test_a_run_that_is_worse_is_reported_so_with_its_interval(tmp_path: Path, capsys: Any) -> None:
     table = tracks(900)
     table.y[:] += np.random.default_rng(3).normal(0, 0.3, len(table))
     a, b = write_run(tmp_path / "a", tracks(900)), write_run(tmp_path / "b", table)
     write_table(tmp_path / "truth.parquet", truth(900), Provenance("simulate"))
     page = tmp_path / "beside.html"
     assert report(a, b, "--truth", tmp_path / "truth.parquet", "-o", page, "--json", "-q") == ExitCode.DONE
-    said = json.loads(capsys.readouterr().out)
-    figure = said["figures"]["matched_rmse"]
-    assert said["heading"].startswith("B is worse in")
-    assert "RMSE of pairs" in said["heading"]
+    result = json.loads(capsys.readouterr().out)
+    figure = result["figures"]["matched_rmse"]
+    assert result["heading"].startswith("B is worse in")
+    assert "RMSE of pairs" in result["heading"]
     assert figure["verdict"] == "worse"
     assert figure["low"] < 0.3 < figure["high"]
     assert f"{figure['low']:+.4f} to {figure['high']:+.4f}" in words(page)
@@ -123,7 +123,7 @@ def test_a_run_that_is_worse_is_told_so_with_its_interval(tmp_path: Path, capsys
     assert run(["compare", str(a), str(b), "--truth", str(tmp_path / "truth.parquet"), "--json"]) == ExitCode.DONE
     compared = {row["figure"]: row for row in json.loads(capsys.readouterr().out)["rows"]}
     assert compared["matched_rmse"]["low"] == figure["low"]
-    assert compared["mota"]["p_holm"] == said["figures"]["mota"]["p"]
+    assert compared["mota"]["p_holm"] == result["figures"]["mota"]["p"]
 
 
 def test_without_truth_the_page_says_what_it_can(tmp_path: Path, capsys: Any) -> None:
@@ -132,21 +132,21 @@ def test_without_truth_the_page_says_what_it_can(tmp_path: Path, capsys: Any) ->
     page = tmp_path / "beside.html"
     files = (a / "tracks.parquet", b / "tracks.parquet")
     assert report(*files, "-o", page, "--json") == ExitCode.DONE
-    said = json.loads(capsys.readouterr().out)
-    assert (said["a"], said["b"]) == ("a/tracks", "b/tracks")
-    assert "figures" not in said
-    assert said["first_divergence"]["kind"] == "a alone"
+    result = json.loads(capsys.readouterr().out)
+    assert (result["a"], result["b"]) == ("a/tracks", "b/tracks")
+    assert "figures" not in result
+    assert result["first_divergence"]["kind"] == "a alone"
     assert "Only ground truth shows which run is better" in words(page)
     assert "Errors over time" not in words(page)
 
 
-def test_another_span_of_time_is_told(tmp_path: Path, capsys: Any) -> None:
+def test_another_span_of_time_is_reported(tmp_path: Path, capsys: Any) -> None:
     a, b = write_run(tmp_path / "a", tracks(60)), write_run(tmp_path / "b", tracks(40, start=10))
     write_table(tmp_path / "truth.parquet", truth(60), Provenance("simulate"))
     page = tmp_path / "beside.html"
     assert report(a, b, "--truth", tmp_path / "truth.parquet", "-o", page, "-q", "--json") == ExitCode.DONE
-    said = json.loads(capsys.readouterr().out)
-    assert (said["frames"], said["true_frames"]) == (40, 60)  # the second as `compare` has it
+    result = json.loads(capsys.readouterr().out)
+    assert (result["frames"], result["true_frames"]) == (40, 60)  # the second as `compare` has it
     text = words(page)
     assert "A begins 1 s earlier and A goes on for 1 s longer: the runs are aligned" in text
     assert "in which a run that is not there misses its people" in text
@@ -163,7 +163,7 @@ def made_of(folder: Path, *inputs: tuple[str, str]) -> Path:
     return folder
 
 
-def test_runs_of_different_recordings_are_told_so(tmp_path: Path, capsys: Any) -> None:
+def test_runs_of_different_recordings_are_reported_so(tmp_path: Path, capsys: Any) -> None:
     one, two, scene = ("hall.mcap", "11" * 32), ("hall.mcap", "22" * 32), ("scene.yaml", "33" * 32)
     a = made_of(write_run(tmp_path / "a", tracks()), ("bearings.parquet", "aa" * 32), one)
     runs = {
@@ -175,9 +175,9 @@ def test_runs_of_different_recordings_are_told_so(tmp_path: Path, capsys: Any) -
         page = tmp_path / f"{name}.html"
         assert report(a, run_folder, "-o", page, "--json") == ExitCode.DONE
         notes = json.loads(capsys.readouterr().out).get("notes", [])
-        told = "A was made of hall.mcap (11111111), B of another recording, hall.mcap (22222222): differences"
-        assert (told in words(page)) == (name == "other")
-        assert [note.startswith(told) for note in notes] == ([True] if name == "other" else [])
+        text = "A was made of hall.mcap (11111111), B of another recording, hall.mcap (22222222): differences"
+        assert (text in words(page)) == (name == "other")
+        assert [note.startswith(text) for note in notes] == ([True] if name == "other" else [])
 
 
 def far_away(frame: np.ndarray, label: np.ndarray, x: np.ndarray, y: np.ndarray) -> None:
@@ -185,14 +185,14 @@ def far_away(frame: np.ndarray, label: np.ndarray, x: np.ndarray, y: np.ndarray)
     y += 300.0
 
 
-def test_a_run_that_is_on_nobody_is_told_so(runs: tuple[Path, Path], tmp_path: Path, capsys: Any) -> None:
+def test_a_run_that_is_on_nobody_is_reported_so(runs: tuple[Path, Path], tmp_path: Path, capsys: Any) -> None:
     far = write_run(tmp_path / "far", tracks(60, far_away))
     page = tmp_path / "beside.html"
     assert report(runs[0], far, "-o", page, "--json", "-q") == ExitCode.DONE
-    said = json.loads(capsys.readouterr().out)
-    assert said["figures"]["recall"]["b"] == 0.0
-    assert "b" not in said["figures"]["matched_rmse"]
-    assert said["figures"]["matched_rmse"]["verdict"] == "not decided"
+    result = json.loads(capsys.readouterr().out)
+    assert result["figures"]["recall"]["b"] == 0.0
+    assert "b" not in result["figures"]["matched_rmse"]
+    assert result["figures"]["matched_rmse"]["verdict"] == "not decided"
     assert "No track of B is ever within 1 m of a true target: is B of the recording that the truth is of?" in words(
         page
     )
@@ -211,7 +211,7 @@ def test_settings_change_what_counts(tmp_path: Path, capsys: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    ("args", "code", "said"),
+    ("args", "code", "expected"),
     [
         (["a", "none"], ExitCode.BAD_INPUT, "none: no such file"),
         (["a", "empty"], ExitCode.BAD_INPUT, "holds no tracks.parquet"),
@@ -231,7 +231,7 @@ def test_settings_change_what_counts(tmp_path: Path, capsys: Any) -> None:
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(
-    tmp_path: Path, capsys: Any, monkeypatch: Any, args: list[str], code: int, said: str
+    tmp_path: Path, capsys: Any, monkeypatch: Any, args: list[str], code: int, expected: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
     with_recording(write_run(Path("a"), tracks()))
@@ -252,7 +252,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
     write_table(Path("truth.parquet"), truth(), Provenance("simulate"))
     assert report(*args, "-o", "beside.html", "--markdown", "beside.md") == code
     err = capsys.readouterr().err
-    assert said in err
+    assert expected in err
     assert "Traceback" not in err
     assert not list(Path().glob("beside.*"))
 
@@ -291,9 +291,9 @@ def test_strict_asks_both_runs(tmp_path: Path, capsys: Any) -> None:
     assert report(a, b, *args) == ExitCode.DONE
     assert "B: warning: report: the covariances are too small" in capsys.readouterr().err
     assert report(a, b, *args, "--strict", "--json") == report(b, a, *args, "--strict", "--json") == ExitCode.THRESHOLD
-    said = json.loads(capsys.readouterr().out.splitlines()[0])
-    assert said["plausible"] is False
-    assert [(w["run"], w["id"]) for w in said["warnings"]] == [("b", "nees-large")]
+    result = json.loads(capsys.readouterr().out.splitlines()[0])
+    assert result["plausible"] is False
+    assert [(w["run"], w["id"]) for w in result["warnings"]] == [("b", "nees-large")]
     assert "B: Not reliable as they are" not in words(tmp_path / "x.html")  # the runs changed places
     assert "A: Not reliable as they are" in words(tmp_path / "x.html")
 
@@ -326,7 +326,7 @@ def test_names_are_the_ends_of_paths_that_tell_runs_apart(tmp_path: Path) -> Non
         (["a", "--recording", "b", "--frame", "1"], "overlay"),
     ],
 )
-def test_two_runs_are_told_from_a_run_with_options(args: list[str], kind: str | None) -> None:
+def test_two_runs_are_distinguished_from_a_run_with_options(args: list[str], kind: str | None) -> None:
     command = load_command("report")
     assert isinstance(command, VariantCommand)
     assert command.choose(args) == kind

@@ -17,6 +17,7 @@ from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
 from occlog.records.losses import Loss
 from occlog.records.tables import PeopleTracks
+from occlog.report.comparison import plots
 from occlog.report.comparison.config import RunComparisonConfig
 from occlog.report.comparison.page import build_markdown, build_page
 from occlog.report.comparison.run import ReportRun, align_runs
@@ -91,29 +92,33 @@ def test_true_places_are_once_in_the_page_and_switches_are_marked(tmp_path: Path
     assert data["changes"] == [2.5]
 
 
-def test_long_runs_are_thinned_but_keep_the_moments_that_the_page_leads_to() -> None:
-    frames = 12_001
-    found = beside(tracks(frames), tracks(frames, moved(1, 7001, 7001, 0.7)))
+def test_long_runs_are_thinned_but_keep_the_moments_that_the_page_leads_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a tenth of the estimates that a page may show, in a tenth of the bytes."""
+    assert MAX_SHOWN == 45_000
+    monkeypatch.setattr(plots, "MAX_SHOWN", MAX_SHOWN // 10)
+    frames = 1201
+    found = beside(tracks(frames), tracks(frames, moved(1, 701, 701, 0.7)))
     page = build_page(found)
     data = data_of(page)
     times = packed(data["times"])
-    every = -(-2 * 3 * frames // MAX_SHOWN)
+    every = -(-2 * 3 * frames // (MAX_SHOWN // 10))
     assert every == 2
     assert len(times) == len(range(0, frames, every)) + 1
-    k = int(np.searchsorted(times, 700.1 - 1e-9))
-    assert times[k] == 700.1
+    k = int(np.searchsorted(times, 70.1 - 1e-9))
+    assert times[k] == 70.1
     assert packed(data["apart"])[k] == 0.7
-    assert len(page) < 2_000_000
+    assert len(page) - len(build_page(beside(tracks(), tracks()))) < 200_000
     assert f"{len(times):,} of {frames:,} time steps: every 2-th." in page
 
 
-def test_the_largest_distance_between_kept_moments_is_not_lost() -> None:
-    frames = 12_001
-    change = moved(1, 6001, 6003, 0.7)
+def test_the_largest_distance_between_kept_moments_is_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(plots, "MAX_SHOWN", MAX_SHOWN // 10)
+    frames = 1201
+    change = moved(1, 601, 603, 0.7)
     data = data_of(build_page(beside(tracks(frames), tracks(frames, change))))
     apart = packed(data["apart"])
     times = packed(data["times"])
-    assert set(np.round(times[apart > 0.5], 6).tolist()) == {600.1, 600.2, 600.4}
+    assert set(np.round(times[apart > 0.5], 6).tolist()) == {60.1, 60.2, 60.4}
 
 
 @pytest.mark.drawn

@@ -12,7 +12,7 @@ from occlog.report.content.accuracy import ErrorsAgainstBound
 
 def tables(*, smoothed: bool) -> tuple[Errors, Bound]:
     """Errors and bounds of two targets, each with rows that the other has not; heights and smoothing now and then."""
-    data, random = run(steps=300, targets=2), np.random.default_rng(4)
+    data, random = run(steps=100, targets=2), np.random.default_rng(4)
     assert data.errors is not None
     assert data.bound is not None
     n = len(data.errors)
@@ -22,8 +22,8 @@ def tables(*, smoothed: bool) -> tuple[Errors, Bound]:
     columns = {c.name: getattr(data.bound, c.name) for c in Bound.columns()}
     columns |= {"bound_zz": np.full(n, 0.04), "bound_space": np.hypot(data.bound.bound, 0.2)}
     if smoothed:
-        told = (data.bound.target_id == 1) | (random.random(n) < 0.7)
-        columns["smoothed"] = np.where(told, 0.5 * data.bound.bound, np.nan)
+        reported = (data.bound.target_id == 1) | (random.random(n) < 0.7)
+        columns["smoothed"] = np.where(reported, 0.5 * data.bound.bound, np.nan)
     bound = Bound.of(**columns)
     return errors.take(random.random(n) < 0.9), bound.take(random.random(n) < 0.8)
 

@@ -46,7 +46,7 @@ def test_the_track_is_the_one_that_was_there() -> None:
     assert matching_tracks(errors, tracks) == {1: 7, 2: 8}
 
 
-def test_two_tracks_at_one_place_are_told_apart_by_other_times() -> None:
+def test_two_tracks_at_one_place_are_distinguished_by_other_times() -> None:
     errors, tracks = tables((0, 1, 7, 0.0), (0, 2, 8, 0.0), (1, 1, 7, 1.0), (1, 2, 8, 6.0))
     assert matching_tracks(errors, tracks) == {1: 7, 2: 8}
 
@@ -89,7 +89,7 @@ def test_labels_of_bearings_are_no_names_of_tracks_that_have_their_own() -> None
     assert "What each sensor saw, target" not in page
 
 
-def test_the_same_names_are_told_as_ever() -> None:
+def test_the_same_names_are_reported_as_ever() -> None:
     data = renamed({0: 0, 1: 1})
     assert not data.relabelled
     page = build_page(data)

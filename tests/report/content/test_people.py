@@ -52,7 +52,7 @@ def test_figures_are_the_same_in_chunks_of_any_length(rows: int) -> None:
         assert got.share == pytest.approx(np.mean([camera in text.split(",") for text in tracks.seen_by.tolist()]))
 
 
-def test_of_nobody_is_known_whether_they_are_there() -> None:
+def test_of_no_person_is_known_whether_they_are_there() -> None:
     streams = PeopleStreams()
     streams.add(replace(hall(1), existence_probability=np.full(len(hall(1)), np.nan)))
     assert not streams.any

@@ -103,11 +103,11 @@ def test_the_nearest_candidate_is_taken_where_none_is_labelled() -> None:
     own = moved(data.bearings, target_id=np.full(len(data.bearings), -1))
     away = np.where(own.seen, wrap_angle(own.bearing + 0.7), np.nan)
     both = Bearings.merge([own, moved(own, bearing=away)])
-    nobody = replace(data, bearings=both)
-    want, found = data.residuals[0].drawn, nobody.residuals[0].drawn
+    empty = replace(data, bearings=both)
+    want, found = data.residuals[0].drawn, empty.residuals[0].drawn
     np.testing.assert_array_equal(found.residual, want.residual)
     np.testing.assert_array_equal(found.t_ns, want.t_ns)
-    assert nobody.sight[0].rows == 0
+    assert empty.sight[0].rows == 0
 
 
 @pytest.mark.parametrize(("fov", "sensor"), [(2 * np.pi, False), (7.0, False), (2 * np.pi - 1e-6, True)])

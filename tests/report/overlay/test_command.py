@@ -182,8 +182,8 @@ def test_the_same_input_gives_the_same_bytes(folder: Path) -> None:
 
 
 def test_images_in_which_nobody_was_found_are_shown(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    nobody = tracks_of([0]).take(np.zeros(0, dtype=np.int64))
-    write_table(folder / "t.parquet", nobody, Provenance("track"), overwrite=True)
+    empty = tracks_of([0]).take(np.zeros(0, dtype=np.int64))
+    write_table(folder / "t.parquet", empty, Provenance("track"), overwrite=True)
     assert report(folder, "--video", str(folder / "o.avi"), "--json") == ExitCode.DONE
     summary = json.loads(capsys.readouterr().out)
     assert (summary["frames"], summary["tracks"]) == (N, 0)
@@ -242,9 +242,9 @@ def test_an_image_that_is_damaged_is_lost_and_the_others_are_drawn(
     args = ["report", "--recording", str(recording), "--truth", str(tmp_path / "boxes.parquet"), "--json"]
     out = tmp_path / "o.avi"
     assert run([*args, "--scale", "2", "--video", str(out)]) == ExitCode.LOSSY
-    told = json.loads(capsys.readouterr().out)
-    assert told["frames"] == N
-    assert [(loss["place"], loss["count"]) for loss in told["losses"]] == [("frame 0", 1), ("frame 3", 1)]
+    result = json.loads(capsys.readouterr().out)
+    assert result["frames"] == N
+    assert [(loss["place"], loss["count"]) for loss in result["losses"]] == [("frame 0", 1), ("frame 3", 1)]
     pictures = frames_of(out)
     assert len(pictures) == N
     middles = [picture[BAR + 20 : BAR + 60].mean() for picture in pictures]
@@ -287,7 +287,7 @@ def test_an_image_that_is_damaged_is_lost_and_the_others_are_drawn(
         (["t", "--recording", "no.mcap", "--video", "o.avi"], ExitCode.BAD_INPUT, "no.mcap: no such file"),
     ],
 )
-def test_what_cannot_be_drawn_is_said_in_one_line(
+def test_what_cannot_be_drawn_is_reported_in_one_line(
     folder: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
@@ -309,7 +309,7 @@ def test_what_cannot_be_drawn_is_said_in_one_line(
     assert sorted(p.name for p in folder.iterdir()) == before
 
 
-def test_tracks_of_another_recording_are_told(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_tracks_of_another_recording_are_reported(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     used = folder / "r.mcap"
     for name, of in (("t", used), ("u", folder / "f.parquet")):
         made = Provenance("track", {"births": "initial"}, 0, hash_inputs([of]))
@@ -326,7 +326,7 @@ def test_nothing_is_replaced_unasked(folder: Path) -> None:
     assert open_recording(folder / "r.mcap").cameras == ("view1", "view2")
 
 
-def test_what_was_lost_of_the_tracks_and_failures_is_told(folder, capsys):
+def test_what_was_lost_of_the_tracks_and_failures_is_reported(folder, capsys):
     losses = Loss("view1", "frame 4", "cut short", 1), Loss("view2", "frame 5", "cut short", 1)
     times = [k * STEP for k in range(N)]
     write_table(folder / "t.parquet", tracks_of(times), Provenance("track", losses=losses[:1]), overwrite=True)
@@ -334,5 +334,5 @@ def test_what_was_lost_of_the_tracks_and_failures_is_told(folder, capsys):
     write_table(folder / "f.parquet", failures, Provenance("evaluate", losses=losses), overwrite=True)
     args = ["--failures", str(folder / "f.parquet"), "--frame", "1", "--png", str(folder / "o.png")]
     assert report(folder, *args) == ExitCode.DONE
-    told = [line for line in capsys.readouterr().err.splitlines() if "lost earlier" in line]
-    assert told == [f"occlog: lost earlier: {loss}" for loss in losses]
+    stderr = [line for line in capsys.readouterr().err.splitlines() if "lost earlier" in line]
+    assert stderr == [f"occlog: lost earlier: {loss}" for loss in losses]

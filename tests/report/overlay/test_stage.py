@@ -155,7 +155,7 @@ def test_failures_and_truth():
 def test_a_frame_without_any_target_draws_nothing():
     scene = Scene(cameras=cameras())
     nan = [np.nan]
-    nobody = TruthBoxes.of(
+    none_of_them = TruthBoxes.of(
         t_ns=[0],
         sensor=["a"],
         frame=[7],
@@ -168,5 +168,7 @@ def test_a_frame_without_any_target_draws_nothing():
         confidence=nan,
     )
     empty = tracks(scene.cameras[0], [], [], ())
-    shot = frame_shot(0, 7, [OverlayFrameRows(empty, nobody, None), OverlayFrameRows(None, None, None)], rig(scene))
+    shot = frame_shot(
+        0, 7, [OverlayFrameRows(empty, none_of_them, None), OverlayFrameRows(None, None, None)], rig(scene)
+    )
     assert shot.positions == shot.outlines == []

@@ -115,8 +115,8 @@ def test_who_saw_a_target_and_what_is_doubtful_come_from_tracks_of_everybody_or_
     data = run(steps=10, targets=1, cameras=2)
     diagnostics = data.diagnostics
     assert diagnostics is not None
-    said = [c.name for c in Diagnostics.columns()]
-    more = {name: getattr(diagnostics, name) for name in said}
+    reported = [c.name for c in Diagnostics.columns()]
+    more = {name: getattr(diagnostics, name) for name in reported}
     more["seen_by"] = np.array(["camera 1"] * 5 + [""] * 5)
     more["n_detected"] = np.array([1] * 5 + [0] * 4 + [2])
     more["fallback"] = np.array([""] * 9 + ["restart"])
@@ -175,8 +175,8 @@ def test_moving_occluders_are_polygons_of_95_percent() -> None:
     corners = places(values, "hulls")[: rule.CORNERS] - [50, 40]
     inverse = np.linalg.inv([[4.0, 1.0], [1.0, 1.0]])
     np.testing.assert_allclose(np.einsum("ki,ij,kj->k", corners, inverse, corners), 5.991, rtol=0.02)
-    nobody = Hulls.of(t_ns=[0], occluder_id=[-1], corner=[0], x=[np.nan], y=[np.nan])
-    assert len(columns(told(run(steps=10, cameras=1, occluders=nobody)), "hulls")["x"]) == 0
+    empty = Hulls.of(t_ns=[0], occluder_id=[-1], corner=[0], x=[np.nan], y=[np.nan])
+    assert len(columns(told(run(steps=10, cameras=1, occluders=empty)), "hulls")["x"]) == 0
 
 
 def test_what_lies_far_outside_of_the_plan_is_marked_and_does_not_coarsen_the_rest() -> None:

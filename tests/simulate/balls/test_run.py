@@ -51,8 +51,8 @@ def test_the_recording_holds_the_video_and_what_is_true(
         seen = boxes.take(boxes.sensor == camera.name)
         assert seen.target_id.tolist() == 5 * [0, 1, 2]
         middle = np.column_stack([seen.left_px + 0.5 * seen.width_px, seen.top_px + 0.5 * seen.height_px])
-        places = camera.project(np.column_stack([truth.x, truth.y, truth.z]))
-        np.testing.assert_allclose(middle, places, atol=0.01)
+        positions = camera.project(np.column_stack([truth.x, truth.y, truth.z]))
+        np.testing.assert_allclose(middle, positions, atol=0.01)
         np.testing.assert_allclose(seen.width_px, 12.0, atol=0.01)
         assert np.array_equal(seen.visible, np.concatenate([f.share[k] for f in want]))
     assert recording.provenance.parameters["balls"]["radius"] == 6.0

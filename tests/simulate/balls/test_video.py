@@ -28,8 +28,8 @@ def sphere(centre, radius, n=60_000):
 
 
 def at(config, *centres):
-    places = np.array([centres], dtype=float)
-    return BallPaths(places, np.broadcast_to(np.eye(3), (1, len(centres), 3, 3)))
+    positions = np.array([centres], dtype=float)
+    return BallPaths(positions, np.broadcast_to(np.eye(3), (1, len(centres), 3, 3)))
 
 
 @pytest.mark.parametrize("distance", [1e6, 900.0, 660.0])
@@ -217,6 +217,6 @@ def test_panels_folded_into_one_octant_are_those_of_the_whole_ball():
         ({"distance": 300.0}, "outside the box"),
     ],
 )
-def test_what_cannot_be_is_said(change, says):
+def test_what_cannot_be_is_reported(change, says):
     with pytest.raises(InputError, match=says):
         ball_paths(replace(BallsConfig(), **change), 1)

@@ -219,13 +219,13 @@ def test_targets_look_like_their_reference_and_others_do_not():
         (camera(position=(0.2, 0.3, 0.0)), "camera a is 0 above the floor, must be above 0; give position"),
     ],
 )
-def test_a_camera_that_cannot_be_rendered_is_told(cam, says):
+def test_a_camera_that_cannot_be_rendered_is_reported(cam, says):
     with pytest.raises(InputError, match=says):
         frames_of(scene(cam), still((3.0, 3.0)))
 
 
 @pytest.mark.parametrize("values", [{"noise": -1.0}, {"light_period_s": 0.0}, {"workers": 0}, {"light_drift": 1.0}])
-def test_impossible_values_are_told_by_render(values):
+def test_impossible_values_are_reported_by_render(values):
     with pytest.raises(InputError, match=f"render: {next(iter(values))} is"):
         RenderConfig(**values)
 

@@ -41,10 +41,10 @@ def test_noise_and_mean_of_both_angles():
 
 
 def test_range_height_unknown_and_silence_of_occluders():
-    places = np.array([[[24.0, 5.0, 1.0], [6.0, 6.0, 1.0]], [[26.0, 5.0, 1.0], [6.0, 6.0, 1.0]]])
-    got = heard(places)
+    positions = np.array([[[24.0, 5.0, 1.0], [6.0, 6.0, 1.0]], [[26.0, 5.0, 1.0], [6.0, 6.0, 1.0]]])
+    got = heard(positions)
     assert got.t_ns.tolist() == [0]
-    flat = places.copy()
+    flat = positions.copy()
     flat[..., 2] = np.nan
     got = heard(flat, n_targets=2)
     assert got.t_ns.tolist() == [0, 0, 10**9]
@@ -53,12 +53,12 @@ def test_range_height_unknown_and_silence_of_occluders():
 
 
 def test_misses_rates_and_order():
-    places = np.tile([[10.0, 5.0, 1.0], [0.0, 5.5, 1.0], [5.0, 0.0, 1.0]], (1001, 1, 1))
-    got = heard(places, ObserveConfig(miss_probability=0.25), n_targets=3)
+    positions = np.tile([[10.0, 5.0, 1.0], [0.0, 5.5, 1.0], [5.0, 0.0, 1.0]], (1001, 1, 1))
+    got = heard(positions, ObserveConfig(miss_probability=0.25), n_targets=3)
     assert abs(len(got) / 3003 - 0.75) < 4 * np.sqrt(0.1875 / 3003)
     assert all((np.diff(got.azimuth[got.t_ns == t]) >= 0).all() for t in np.unique(got.t_ns)[:100])
     slow = MicrophoneArray("slow", ARRAY.position, rate_hz=0.25)
-    got = heard(places, arrays=(ARRAY, slow))
+    got = heard(positions, arrays=(ARRAY, slow))
     assert got.t_ns[got.sensor == "slow"].tolist() == [k * 4 * 10**9 for k in range(251)]
 
 

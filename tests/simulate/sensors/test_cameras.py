@@ -64,8 +64,8 @@ def test_visibility_agrees_with_shapely():
 def test_walls_of_a_bent_room_hide():
     room = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 30.0], [30.0, 30.0], [30.0, 100.0], [0.0, 100.0]])
     scene = Scene(cameras=(camera(xy=(100.0, 0.0), yaw_deg=180.0, fov=np.pi),), room=room, length_unit="unit")
-    places = np.array([[[10.0, 10.0]], [[10.0, 95.0]]])
-    assert seen_by(scene, places).seen.tolist() == [True, False]
+    positions = np.array([[[10.0, 10.0]], [[10.0, 95.0]]])
+    assert seen_by(scene, positions).seen.tolist() == [True, False]
 
 
 @pytest.mark.parametrize("place", [(30.0, 20.0), (5.0, 60.0)])
@@ -137,10 +137,10 @@ def test_targets_hide_each_other_and_discs_can_be_switched_off():
 
 def test_misses_and_false_alarms_have_their_probability():
     n, scene = 4000, Scene(cameras=(camera(),), length_unit="unit")
-    place = np.tile([40.0, 40.0], (n, 1, 1))
-    missed = ~seen_by(scene, place, ObserveConfig(miss_probability=0.3)).seen
+    position = np.tile([40.0, 40.0], (n, 1, 1))
+    missed = ~seen_by(scene, position, ObserveConfig(miss_probability=0.3)).seen
     assert abs(missed.mean() - 0.3) < 4 * np.sqrt(0.21 / n)
-    behind = -place
+    behind = -position
     false = seen_by(scene, behind, ObserveConfig(false_alarm_probability=0.2))
     assert abs(false.seen.mean() - 0.2) < 4 * np.sqrt(0.16 / n)
     z = false.u_px[false.seen]
@@ -181,13 +181,13 @@ def test_a_camera_without_pose_is_left_out():
         ({"diameter": -1.0}, "diameter is -1.0"),
     ],
 )
-def test_impossible_values_are_told_by_observe(values, says):
+def test_impossible_values_are_reported_by_observe(values, says):
     with pytest.raises(InputError, match=says):
         ObserveConfig(**values)
 
 
 def test_a_cameras_own_probabilities_come_before_the_configuration():
     n, scene = 4000, Scene(cameras=(camera(detection=0.6, false_alarm=0.0),), length_unit="unit")
-    place = np.tile([40.0, 40.0], (n, 1, 1))
-    seen = seen_by(scene, place, ObserveConfig(miss_probability=0.0, false_alarm_probability=1.0)).seen
+    position = np.tile([40.0, 40.0], (n, 1, 1))
+    seen = seen_by(scene, position, ObserveConfig(miss_probability=0.0, false_alarm_probability=1.0)).seen
     assert abs(seen.mean() - 0.6) < 4 * np.sqrt(0.24 / n)

@@ -42,14 +42,16 @@ def test_a_reader_reads_the_tags_in_its_range_on_the_floor_and_no_occluder() -> 
 
 def test_strength_falls_with_the_distance_in_space_and_begins_with_the_reader_s_own_power() -> None:
     # 3-4-5: the tag is 3 m away on the floor and 4 m below.
-    places = grid([[(3.0, 0.0, -2.0), (0.0, 0.0, 1.0)]])
-    usual = read(scene(), SURE, places)
+    positions = grid([[(3.0, 0.0, -2.0), (0.0, 0.0, 1.0)]])
+    usual = read(scene(), SURE, positions)
     assert usual.tag.tolist() == ["12", "3"]
     np.testing.assert_allclose(usual.rssi, [-60.0, -60.0 - 20.0 * np.log10(5.0)])
-    own = read(scene(power=-50.0), SURE, places)
+    own = read(scene(power=-50.0), SURE, positions)
     np.testing.assert_allclose(own.rssi, usual.rssi + 10.0)
     steep = read(
-        scene(), ReadConfig(read_detection_probability=1.0, noise_db=0.0, shadow_db=0.0, path_loss_exponent=3.0), places
+        scene(),
+        ReadConfig(read_detection_probability=1.0, noise_db=0.0, shadow_db=0.0, path_loss_exponent=3.0),
+        positions,
     )
     np.testing.assert_allclose(steep.rssi, [-60.0, -60.0 - 30.0 * np.log10(5.0)])
 
@@ -67,22 +69,24 @@ def test_a_tag_of_unknown_height_is_on_the_floor_and_one_that_is_not_there_is_no
 
 
 def test_weak_signals_are_not_read() -> None:
-    places = grid([[(3.0, 0.0, -2.0), (0.0, 0.0, 1.0)]])
+    positions = grid([[(3.0, 0.0, -2.0), (0.0, 0.0, 1.0)]])
     exactly = ReadConfig(read_detection_probability=1.0, noise_db=0.0, shadow_db=0.0, min_rssi_dbm=-60.0)
-    assert read(scene(), exactly, places).target_id.tolist() == [12]
+    assert read(scene(), exactly, positions).target_id.tolist() == [12]
 
 
 def test_reads_have_the_stated_probabilities_noise_and_shadowing() -> None:
     # One tag in range, one out of it, looked at every second.
-    places = grid([[(1.0, 0.0, 2.0), (9.0, 0.0, 2.0)]] * 4000)
+    positions = grid([[(1.0, 0.0, 2.0), (9.0, 0.0, 2.0)]] * 4000)
     config = ReadConfig(
         read_detection_probability=0.8, read_false_alarm_probability=0.1, noise_db=2.0, shadow_db=3.0, shadow_s=4.0
     )
-    found = read(scene(range=3.0), config, places)
-    shares = [np.mean(np.isin(places.t_ns, found.t_ns[found.target_id == n])) for n in (3, 12)]
+    found = read(scene(range=3.0), config, positions)
+    shares = [np.mean(np.isin(positions.t_ns, found.t_ns[found.target_id == n])) for n in (3, 12)]
     np.testing.assert_allclose(shares, [0.8, 0.1], atol=0.02)
     sure = read(
-        scene(range=3.0), ReadConfig(read_detection_probability=1.0, noise_db=2.0, shadow_db=3.0, shadow_s=4.0), places
+        scene(range=3.0),
+        ReadConfig(read_detection_probability=1.0, noise_db=2.0, shadow_db=3.0, shadow_s=4.0),
+        positions,
     )
     level = sure.rssi[sure.target_id == 3] + 60.0
     assert np.var(level) == pytest.approx(2.0**2 + 3.0**2, rel=0.1)
@@ -92,11 +96,11 @@ def test_reads_have_the_stated_probabilities_noise_and_shadowing() -> None:
 
 
 def test_chunks_do_not_change_what_is_read_and_a_rate_of_its_own_is_kept() -> None:
-    places = grid([[(1.0 + 0.1 * k, 0.0, 2.0), (2.0, 0.0, 2.0)] for k in range(8)])
+    positions = grid([[(1.0 + 0.1 * k, 0.0, 2.0), (2.0, 0.0, 2.0)] for k in range(8)])
     config = ReadConfig(read_detection_probability=0.9)
-    whole = read(scene(rate_hz=2.0), config, places, seed=5)
+    whole = read(scene(rate_hz=2.0), config, positions, seed=5)
     assert set(np.diff(np.unique(whole.t_ns)).tolist()) <= {NS // 2, NS}
-    parts = [places._replace(t_ns=places.t_ns[s], xyz=places.xyz[s]) for s in (slice(0, 3), slice(3, 8))]
+    parts = [positions._replace(t_ns=positions.t_ns[s], xyz=positions.xyz[s]) for s in (slice(0, 3), slice(3, 8))]
     split = read(scene(rate_hz=2.0), config, *parts, seed=5)
     assert split.t_ns.tolist() == whole.t_ns.tolist()
     np.testing.assert_allclose(split.rssi, whole.rssi)

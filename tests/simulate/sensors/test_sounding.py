@@ -72,12 +72,12 @@ def test_mean_is_by_direction_not_by_place_and_the_silent_and_far_do_not_count()
 
 
 def test_arc_and_azimuth_differ_where_heights_do():
-    places = np.array([[[5.0, 0.0, 0.0], [5.0, 0.0, 5.0]]])  # one azimuth, 45 degrees apart
-    assert len(heard(places, array(resolution=0.5))) == 2
-    flat = heard(places, array(resolution=0.5, planar=True))
+    positions = np.array([[[5.0, 0.0, 0.0], [5.0, 0.0, 5.0]]])  # one azimuth, 45 degrees apart
+    assert len(heard(positions, array(resolution=0.5))) == 2
+    flat = heard(positions, array(resolution=0.5, planar=True))
     assert len(flat) == 1
     assert np.isnan(flat.elevation).all()
-    wide = heard(places, array(resolution=0.8))
+    wide = heard(positions, array(resolution=0.8))
     assert np.allclose([wide.azimuth[0], wide.elevation[0]], [0.0, np.pi / 8], atol=1e-6)
     high = on_circle(0, 90, z=100.0, radius=1.0)  # 90 degrees apart in azimuth, 0.8 along the arc
     assert len(heard(high, array(resolution=0.05))) == 1
@@ -127,17 +127,17 @@ def test_many_sources_and_times_are_those_of_each_time():
 
 
 def test_scripted_silence_is_from_up_to():
-    places = np.tile(on_circle(0.0, 90.0), (10, 1, 1))
-    got = heard(places, array(), SoundConfig(label_doa=True), silent={1: np.array([[2, 4], [7, 20]]) * 10**9})
+    positions = np.tile(on_circle(0.0, 90.0), (10, 1, 1))
+    got = heard(positions, array(), SoundConfig(label_doa=True), silent={1: np.array([[2, 4], [7, 20]]) * 10**9})
     assert (got.t_ns[got.source_id == 1] // 10**9).tolist() == [0, 1, 4, 5, 6]
     assert (got.source_id == 0).sum() == 10
 
 
 def test_random_silence_has_its_means_whatever_the_chunks_and_is_one_for_all_arrays():
     n, steps, means = 200, 2000, (6.0, 2.0)
-    places = np.tile(np.ones((1, n, 3)), (steps, 1, 1))
+    positions = np.tile(np.ones((1, n, 3)), (steps, 1, 1))
     sound = SoundConfig(sound_and_silence_s=means, label_doa=True)
-    got = heard(places, array(), sound)
+    got = heard(positions, array(), sound)
     on = np.zeros((steps, n), dtype=bool)
     on[got.t_ns // 10**9, got.source_id] = True
     # correlation time 1 / (1/6 + 1/2) = 1.5 s, so that a second's sample counts for tanh(1 / 3) = 0.32 of one
@@ -147,7 +147,7 @@ def test_random_silence_has_its_means_whatever_the_chunks_and_is_one_for_all_arr
     stay = on[1:][on[:-1]].mean()
     want = 0.75 + 0.25 * math.exp(-(1 / 6 + 1 / 2))
     assert abs(stay - want) < 4 * math.sqrt(want * (1 - want) / on[:-1].sum())
-    grid = grid_of(places[:300, :5])
+    grid = grid_of(positions[:300, :5])
     halves = [grid._replace(t_ns=grid.t_ns[s], xyz=grid.xyz[s]) for s in (slice(0, 123), slice(123, None))]
     scene = Scene(arrays=(array(), MicrophoneArray("other", np.zeros(3), rate_hz=0.5)))
     split = Doa.concat(observe_arrays(scene, halves, ObserveConfig(), 3, sound))
@@ -162,8 +162,8 @@ def test_random_silence_has_its_means_whatever_the_chunks_and_is_one_for_all_arr
 
 def test_false_directions_are_poisson_in_number_and_even_on_the_sphere():
     steps, rate = 20_000, 0.7
-    nobody = np.full((steps, 1, 3), np.nan)
-    got = heard(nobody, array(rate_hz=None), SoundConfig(false_alarm_rate=rate, step_s=0.5))
+    empty = np.full((steps, 1, 3), np.nan)
+    got = heard(empty, array(rate_hz=None), SoundConfig(false_alarm_rate=rate, step_s=0.5))
     n = rate * 0.5 * steps
     assert abs(len(got) - n) < 4 * math.sqrt(n)
     counts = np.bincount(got.t_ns // 10**9, minlength=steps)
@@ -173,18 +173,18 @@ def test_false_directions_are_poisson_in_number_and_even_on_the_sphere():
         assert abs(even.mean()) < 4 / math.sqrt(3 * n)
         assert abs(even.var() * 3 - 1) < 4 * math.sqrt(0.8 / n)
     assert (got.source_id == -1).all()
-    flat = heard(nobody, array(planar=True), SoundConfig(false_alarm_rate=rate, step_s=0.5))
-    unknown = heard(nobody, array(), SoundConfig(false_alarm_rate=rate, step_s=0.5, known_heights=False))
+    flat = heard(empty, array(planar=True), SoundConfig(false_alarm_rate=rate, step_s=0.5))
+    unknown = heard(empty, array(), SoundConfig(false_alarm_rate=rate, step_s=0.5, known_heights=False))
     assert len(flat) == len(unknown) == len(got)
     assert np.isnan(flat.elevation).all()
     assert np.isnan(unknown.elevation).all()
 
 
 def test_what_is_asked_for_besides_leaves_the_noise_alone():
-    places = np.tile(on_circle(0.0, 90.0, z=1.0), (50, 1, 1))
-    plain = heard(places, array(sigma=0.1), SoundConfig(label_doa=True))
+    positions = np.tile(on_circle(0.0, 90.0, z=1.0), (50, 1, 1))
+    plain = heard(positions, array(sigma=0.1), SoundConfig(label_doa=True))
     more = heard(
-        places, array(sigma=0.1), SoundConfig(label_doa=True, false_alarm_rate=0.5, sound_and_silence_s=(5.0, 5.0))
+        positions, array(sigma=0.1), SoundConfig(label_doa=True, false_alarm_rate=0.5, sound_and_silence_s=(5.0, 5.0))
     )
     real = more.take(more.source_id >= 0)
     rows = np.flatnonzero(np.isin(plain.t_ns * 2 + plain.source_id, real.t_ns * 2 + real.source_id))
@@ -248,14 +248,14 @@ def test_near_the_pole_directions_come_down_on_its_other_side(pose):
 
 
 def test_range_is_in_space():
-    places = np.array([[[3.0, 0.0, 3.9], [3.0, 0.0, 4.1], [5.01, 0.0, math.nan]]])
-    got = heard(places, array(range=5.0), SoundConfig(label_doa=True))
+    positions = np.array([[[3.0, 0.0, 3.9], [3.0, 0.0, 4.1], [5.01, 0.0, math.nan]]])
+    got = heard(positions, array(range=5.0), SoundConfig(label_doa=True))
     assert got.source_id.tolist() == [0]
 
 
 def test_merged_directions_are_missed_as_one():
-    places = np.tile(on_circle(10.0, 11.0), (4000, 1, 1))
-    got = heard(places, array(resolution=0.1), miss=0.3)
+    positions = np.tile(on_circle(10.0, 11.0), (4000, 1, 1))
+    got = heard(positions, array(resolution=0.1), miss=0.3)
     assert abs(len(got) / 4000 - 0.7) < 4 * math.sqrt(0.21 / 4000)
 
 

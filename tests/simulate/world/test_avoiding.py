@@ -147,9 +147,9 @@ def test_a_recording_of_walkers_that_avoid_people_says_how_often_they_were_walke
     capsys.readouterr()
     args = ["--motion", "field", "--avoid", str(walk), "--influence-distance", "1.2", "--seed", "3"]
     assert run(["simulate", room, "-o", str(among), *short, *args]) == ExitCode.DONE
-    told = json.loads(capsys.readouterr().out)
-    assert told["people_avoided"] == 3
-    assert told["collisions"] >= 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["people_avoided"] == 3
+    assert result["collisions"] >= 0
     made = open_recording(among).provenance
     assert made.parameters["world"]["motion"] == "field"
     assert made.parameters["field"]["influence_distance"] == 1.2

@@ -75,8 +75,8 @@ def test_nobody_hides_another_at_the_start(seed: int) -> None:
     rim = np.column_stack([0.3 * np.cos(turns), 0.3 * np.sin(turns)])
     for camera in scene.cameras:
         covered = []
-        for place in places:
-            body = np.concatenate([np.column_stack([place + rim, np.full(40, z)]) for z in (0.0, 0.9, 1.8)])
+        for position in places:
+            body = np.concatenate([np.column_stack([position + rim, np.full(40, z)]) for z in (0.0, 0.9, 1.8)])
             pixels = camera.project(body)
             covered.append((pixels.min(axis=0), pixels.max(axis=0)))
         for i, (low, high) in enumerate(covered):

@@ -134,6 +134,6 @@ def test_walking_on_equals_walking_at_once():
 
 
 @pytest.mark.jit
-def test_a_full_room_is_told():
+def test_a_full_room_is_reported():
     with pytest.raises(ValueError, match=r"after \d+ objects of diameter 50"):
         populate(10, ground(SQUARE), 50.0, np.random.default_rng(0))

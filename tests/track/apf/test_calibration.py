@@ -129,8 +129,8 @@ def test_corrected_sensors_are_those_of_a_scene_with_moved_cameras():
     np.testing.assert_allclose(found.xy, pack_sensors(scene).xy + errors[:, :2])
     yaw = np.arctan2(found.axis[:, 1], found.axis[:, 0])
     np.testing.assert_allclose(np.exp(1j * yaw), np.exp(1j * (np.radians([45, 90, 135, 180]) + errors[:, 2])))
-    places = rng.uniform(0, 100, (500, 2))
-    same = np.mean(seen_from(places, 0, found) == seen_from(places, 0, pack_sensors(scene)))
+    positions = rng.uniform(0, 100, (500, 2))
+    same = np.mean(seen_from(positions, 0, found) == seen_from(positions, 0, pack_sensors(scene)))
     assert 0.9 < same <= 1.0
 
 

@@ -57,17 +57,17 @@ def test_every_policy_writes_what_it_selected(policy, base, tmp_path, capsys):
         "0",
     ]
     assert run([*base, *args, "--diagnostics", str(diagnostics), "--json"]) == ExitCode.DONE
-    said = json.loads(capsys.readouterr().out)
+    stdout = json.loads(capsys.readouterr().out)
     table = read_table(diagnostics, Diagnostics)
     cameras = 8 if policy == "all" else 3
     assert {len(s.split(",")) for s in table.selected} == {cameras}
     np.testing.assert_array_equal(table.n_observing, cameras)
     assert np.isfinite(table.predicted_mse).sum() == STEPS / 2
-    said = said["network"]
-    assert said["selections"] == STEPS / 2
-    assert said["bytes_all_cameras"] == 8 * STEPS * 18
-    assert said["bytes"] == 18 * cameras * STEPS + 4 * (said["messages"] - cameras * STEPS)
-    assert said["share_saved"] == pytest.approx(1 - said["bytes"] / said["bytes_all_cameras"])
+    stdout = stdout["network"]
+    assert stdout["selections"] == STEPS / 2
+    assert stdout["bytes_all_cameras"] == 8 * STEPS * 18
+    assert stdout["bytes"] == 18 * cameras * STEPS + 4 * (stdout["messages"] - cameras * STEPS)
+    assert stdout["share_saved"] == pytest.approx(1 - stdout["bytes"] / stdout["bytes_all_cameras"])
 
 
 def test_the_order_of_fixed_cameras(base, tmp_path):
@@ -87,7 +87,7 @@ def test_the_order_of_fixed_cameras(base, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("args", "said"),
+    ("args", "reported"),
     [
         (["--n-cameras", "3"], "--select; add it"),
         (["--selection-interval", "2"], "--select; add it"),
@@ -116,21 +116,21 @@ def test_the_order_of_fixed_cameras(base, tmp_path):
         (["--select", "greedy", "--n-cameras", "2", *WITHOUT], "2 cameras of 1"),
     ],
 )
-def test_what_does_not_fit_is_one_line(args, said, base, tmp_path, capsys):
+def test_what_does_not_fit_is_one_line(args, reported, base, tmp_path, capsys):
     assert run([*base, *args]) == ExitCode.USAGE
     error = capsys.readouterr().err
     assert error.count("\n") == 1
-    assert said in error
+    assert reported in error
     assert not (tmp_path / "tracks.parquet").exists()
 
 
 def test_without_a_count_there_are_four(base, tmp_path, capsys):
     assert run([*base, "--select", "greedy", "--max-blind-scans", "0", "--json"]) == ExitCode.DONE
-    said = json.loads(capsys.readouterr().out)
-    said = said["network"]
-    assert said["selections"] == STEPS / 5
+    stdout = json.loads(capsys.readouterr().out)
+    stdout = stdout["network"]
+    assert stdout["selections"] == STEPS / 5
     reports = 4 * STEPS
-    assert said["bytes"] == 18 * reports + 4 * (said["messages"] - reports)
+    assert stdout["bytes"] == 18 * reports + 4 * (stdout["messages"] - reports)
 
 
 def test_too_many_subsets_are_refused(tmp_path, capsys):

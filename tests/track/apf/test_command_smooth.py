@@ -121,12 +121,14 @@ def test_evaluation_of_smoothed_tracks_has_the_bound_of_smoothing(folder, capsys
     assert track(folder, *few("--smooth")) == ExitCode.DONE
     tracks = read_table(folder / "tracks.parquet", Tracks)
     xy = {k: path(k) for k in (0, 3)}
-    places = np.array(
+    positions = np.array(
         [xy[k][t // 1_000_000_000] for k, t in zip(tracks.target_id.tolist(), tracks.t_ns.tolist(), strict=True)]
     )
     nothing = np.zeros(len(tracks))
     role = np.full(len(tracks), "target")
-    truth = Truth.of(t_ns=tracks.t_ns, target_id=tracks.target_id, role=role, x=places[:, 0], y=places[:, 1], z=nothing)
+    truth = Truth.of(
+        t_ns=tracks.t_ns, target_id=tracks.target_id, role=role, x=positions[:, 0], y=positions[:, 1], z=nothing
+    )
     write_table(folder / "truth.parquet", truth, Provenance("simulate"))
     files = ["--truth", "truth.parquet", "--bearings", "bearings.parquet", "--scene", "scene.yaml"]
     capsys.readouterr()

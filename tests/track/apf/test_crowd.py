@@ -22,12 +22,12 @@ def test_among_160_people_priors_are_not_worse_than_none_and_covariances_hold(tm
         made = [str(ROOT / "examples" / "room100.yaml"), "-o", room, "--steps", "120", "--seed", seed]
         assert run(["simulate", *made, "--occluders", "160", "-q", "--overwrite"]) == ExitCode.DONE
         assert run(["priors", "kalman", room, "-o", priors, "--seed", seed, "-q", "--overwrite"]) == ExitCode.DONE
-        for told in (True, False):
-            also = ["--occluders", priors] if told else []
+        for reported in (True, False):
+            also = ["--occluders", priors] if reported else []
             assert run(["track", room, *also, "-o", tracks, "--overwrite", "-q"]) == ExitCode.DONE
             capsys.readouterr()
             assert run(["evaluate", tracks, "--truth", room, "--json"]) == ExitCode.DONE
             found = json.loads(capsys.readouterr().out)
-            rmse[told].append(found["rmse_unit"])
+            rmse[reported].append(found["rmse_unit"])
             assert found["nees_mean"] < 4.0
     assert np.mean(rmse[True]) < 1.2 * np.mean(rmse[False])

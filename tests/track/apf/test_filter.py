@@ -63,7 +63,7 @@ def test_the_posterior_is_that_of_a_grid_filter(proposal):
     # The grid: prior, likelihood by the kernel (tested elsewhere), motion by convolution
     axis = np.arange(0.5, 60, 0.25)
     x, y = np.meshgrid(axis, axis + 20, indexing="ij")
-    places = np.column_stack([x.ravel(), y.ravel()])
+    positions = np.column_stack([x.ravel(), y.ravel()])
     model = apf.init(scene, config, rng).model
     density = np.exp(-0.5 * ((x - 20) ** 2 + (y - 50) ** 2) / 3.0**2)
     reach = np.arange(-40, 41) * 0.25
@@ -74,7 +74,7 @@ def test_the_posterior_is_that_of_a_grid_filter(proposal):
             density = np.apply_along_axis(np.convolve, 0, density, kernel, mode="same")
             density = np.apply_along_axis(np.convolve, 1, density, kernel, mode="same")
         density /= density.sum()
-        loglik = likelihood(model, places, pack_scan(given, model.read_px, True)).reshape(x.shape)
+        loglik = likelihood(model, positions, pack_scan(given, model.read_px, True)).reshape(x.shape)
         density = density * np.exp(loglik)
         log_evidence.append(math.log(density.sum()))
         density /= density.sum()
@@ -197,7 +197,7 @@ def test_particles_are_drawn_anew_when_none_can_be():
     assert np.isfinite(estimates[1].log_likelihood)
 
 
-def test_a_scan_that_nothing_can_explain_is_told_by_nan():
+def test_a_scan_that_nothing_can_explain_is_reported_by_nan():
     scene = room100(cameras=2, sigma_position=0.1, sigma_yaw=0.001, sigma_read_px=0.5)
     config = ApfConfig(particles=300, false_alarm_probability=0.0, out_of_view_likelihood=0.0, track_loss_count=0)
     # Cameras at (0, 0) and (50, 0) whose sight lines part

@@ -52,9 +52,9 @@ def test_a_step_is_that_of_the_plain_form(seed, seen, dt, noises):
     config = ApfConfig(particles=L, track_loss_count=0, **options)
     state, u = state_with(scene, config, seed), readings(scene, seed)
     u = u if seen else np.full_like(u, np.nan)
-    looks = pack_scan(scan(dt, [(i, None if np.isnan(v) else v) for i, v in enumerate(u)]), state.model.read_px, True)
+    packed = pack_scan(scan(dt, [(i, None if np.isnan(v) else v) for i, v in enumerate(u)]), state.model.read_px, True)
     rng = np.random.default_rng(seed + 100)
-    draw = auxiliary_step(state.model, state.particles, state.weights, looks, dt, rng)
+    draw = auxiliary_step(state.model, state.particles, state.weights, packed, dt, rng)
     # The same numbers again, in the order in which the step draws them
     rng = np.random.default_rng(seed + 100)
     draws = ref.ScanDraws(
@@ -111,17 +111,17 @@ def test_the_moments_are_those_of_many_particles_that_do_not_look(seed, noises):
     scene, dt = room100(focal=200.0), 0.5
     rows = [(i, None if u is None else u * 200.0 / 70.0) for i, u in rows_of(room100(), 2 * seed)]
     state = state_with(scene, ApfConfig(particles=L, track_loss_count=0, **noises), seed)
-    looks = pack_scan(scan(dt, rows), state.model.read_px, True)
+    packed = pack_scan(scan(dt, rows), state.model.read_px, True)
     blind = state.model._replace(
         config=ApfConfig(particles=200_000, proposal="bootstrap", defensive_fraction=1.0, track_loss_count=0, **noises)
     )
-    wide = auxiliary_step(blind, state.particles, state.weights, looks, dt, np.random.default_rng(9))
+    wide = auxiliary_step(blind, state.particles, state.weights, packed, dt, np.random.default_rng(9))
     mean, covariance = mean_and_covariance(wide.weights, wide.particles.xy)
     velocity = wide.weights @ waypoint.velocities(wide.particles)
     runs = []
     for run in range(80):
         draw = auxiliary_step(
-            state.model, state.particles, state.weights, looks, dt, np.random.default_rng([seed, run])
+            state.model, state.particles, state.weights, packed, dt, np.random.default_rng([seed, run])
         )
         # A mean over runs is one of importance sampling if each counts by its likelihood
         runs.append((np.exp(draw.log_likelihood - wide.log_likelihood), draw))
@@ -160,8 +160,8 @@ def test_sharp_bearings_leave_more_particles_than_without_a_look(focal, factor):
     sizes = {}
     for proposal in ("adapted", "bootstrap"):
         state = state_with(scene, ApfConfig(particles=1000, proposal=proposal, track_loss_count=0), 0, spread=1.0)
-        looks = pack_scan(scan(0.5, rows), state.model.read_px, True)
-        draw = auxiliary_step(state.model, state.particles, state.weights, looks, 0.5, np.random.default_rng(0))
+        packed = pack_scan(scan(0.5, rows), state.model.read_px, True)
+        draw = auxiliary_step(state.model, state.particles, state.weights, packed, 0.5, np.random.default_rng(0))
         sizes[proposal] = effective_sample_size(draw.weights)
     assert sizes["adapted"] > 800
     assert sizes["adapted"] > factor * sizes["bootstrap"]
@@ -171,8 +171,8 @@ def test_parents_are_those_that_the_particles_came_from():
     """Who goes on keeps the destination of its parent."""
     scene = room100()
     state = state_with(scene, ApfConfig(particles=L, track_loss_count=0), 3)
-    looks = pack_scan(scan(0.5, rows_of(scene)), state.model.read_px, True)
-    draw = auxiliary_step(state.model, state.particles, state.weights, looks, 0.5, np.random.default_rng(0))
+    packed = pack_scan(scan(0.5, rows_of(scene)), state.model.read_px, True)
+    draw = auxiliary_step(state.model, state.particles, state.weights, packed, 0.5, np.random.default_rng(0))
     kept = draw.particles.regime != waypoint.CHANGE
     assert kept.any()
     np.testing.assert_array_equal(draw.particles.destination[kept], state.particles.destination[draw.parents][kept])

@@ -188,7 +188,7 @@ def test_a_large_cloud_is_thinned_without_changing_much():
 
 
 @pytest.mark.parametrize(
-    ("values", "said"),
+    ("values", "reported"),
     [
         ({"policy": "best"}, "one of greedy"),
         ({"model": "flat"}, "one of perspective"),
@@ -211,8 +211,8 @@ def test_a_large_cloud_is_thinned_without_changing_much():
         ({"selection_interval": float("inf")}, "finite and above 0"),
     ],
 )
-def test_settings_that_make_no_sense_are_refused(values, said):
-    with pytest.raises(InputError, match=said):
+def test_settings_that_make_no_sense_are_refused(values, reported):
+    with pytest.raises(InputError, match=reported):
         read_selection(values)
 
 

@@ -210,7 +210,7 @@ def test_whom_cameras_find_is_a_track_with_its_label():
     assert errors(tracks, 5, TWO[0])[0][0] < 0.5
 
 
-def test_what_is_missing_is_said():
+def test_what_is_missing_is_reported():
     cameras = rows(SCENE, TWO, cameras=True)
     with pytest.raises(InputError, match="no row is of a microphone array"):
         run([cameras.take(np.char.startswith(cameras.sensor, "c"))])

@@ -97,8 +97,8 @@ def test_a_target_that_was_met_gets_candidates_but_no_rows_of_others() -> None:
 
 @pytest.mark.parametrize(("targets", "identity"), [(None, FIRST_TARGET), ((9, 3), 9)])
 def test_candidates_alone_make_one_track(targets, identity) -> None:
-    nobody = replace(seen(3), target_id=np.full(3 * len(NAMES), UNLABELLED, dtype=np.int32))
-    tracks, _ = run([nobody], targets=targets)
+    empty = replace(seen(3), target_id=np.full(3 * len(NAMES), UNLABELLED, dtype=np.int32))
+    tracks, _ = run([empty], targets=targets)
     assert tracks.target_id.tolist() == [identity] * 3
 
 

@@ -50,9 +50,9 @@ def test_fixes_of_a_field_log(
     assert len(pairs) >= len(known) - max(without)
     x, y, east, north = np.array(pairs).T
     assert np.median(np.hypot(x - east, y - north)) == pytest.approx(median, rel=0.1)
-    told = read_table(tmp_path / "how.parquet", Diagnostics)
-    assert set(told.fallback[told.n_detected == 2].tolist()) == {"two_lines"}
-    assert (told.n_detected >= 2).all()
+    reported = read_table(tmp_path / "how.parquet", Diagnostics)
+    assert set(reported.fallback[reported.n_detected == 2].tolist()) == {"two_lines"}
+    assert (reported.n_detected >= 2).all()
 
 
 @pytest.mark.parametrize("args", [["--set", "estimator=mean"], ["--start", "1,2"], ["--set", "loss_threshold=0"]])

@@ -18,13 +18,13 @@ def scene(rng: np.random.Generator, n: int, sigma: float) -> tuple[np.ndarray, n
     """Places around a target, bearings with errors, and the target."""
     target = rng.uniform(-1, 1, 2)
     angle = np.linspace(0, 2 * np.pi, n, endpoint=False) + rng.uniform(0, 0.3, n)
-    places = target + np.column_stack([np.cos(angle), np.sin(angle)]) * rng.uniform(3, 8, n)[:, None]
-    away = target - places
-    return places, np.arctan2(away[:, 1], away[:, 0]) + sigma * rng.standard_normal(n), target
+    positions = target + np.column_stack([np.cos(angle), np.sin(angle)]) * rng.uniform(3, 8, n)[:, None]
+    away = target - positions
+    return positions, np.arctan2(away[:, 1], away[:, 0]) + sigma * rng.standard_normal(n), target
 
 
-def log_likelihood(places: np.ndarray, bearings: np.ndarray, xy: np.ndarray) -> float:
-    away = xy - places
+def log_likelihood(positions: np.ndarray, bearings: np.ndarray, xy: np.ndarray) -> float:
+    away = xy - positions
     return float(np.cos(bearings - np.arctan2(away[:, 1], away[:, 0])).sum())
 
 
@@ -130,9 +130,9 @@ def test_robust_estimators_do_not_follow_an_outlier(estimator: str) -> None:
 
 
 def test_two_bearings_meet_and_have_the_stated_spread() -> None:
-    places, bearings = np.array([[0.0, 0.0], [10.0, 0.0]]), np.radians([45.0, 135.0])
+    positions, bearings = np.array([[0.0, 0.0], [10.0, 0.0]]), np.radians([45.0, 135.0])
     for estimator in ESTIMATORS:
-        found = fix(places, bearings, np.full(2, 0.01), estimator)
+        found = fix(positions, bearings, np.full(2, 0.01), estimator)
         assert isinstance(found, Fix)
         assert not found.estimated
         assert np.allclose(found.xy, [5.0, 5.0])
@@ -141,10 +141,10 @@ def test_two_bearings_meet_and_have_the_stated_spread() -> None:
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 def test_no_position_where_lines_are_parallel_or_meet_behind(estimator: str) -> None:
-    places = np.array([[0.0, 0.0], [10.0, 0.0], [20.0, 0.0]])
+    positions = np.array([[0.0, 0.0], [10.0, 0.0], [20.0, 0.0]])
     sigma = np.full(3, 0.01)
-    assert fix(places, np.radians([90.0, 90.0, 90.0]), sigma, estimator) is None
-    assert fix(places[:2], np.radians([135.0, 45.0]), sigma[:2], estimator) is None
+    assert fix(positions, np.radians([90.0, 90.0, 90.0]), sigma, estimator) is None
+    assert fix(positions[:2], np.radians([135.0, 45.0]), sigma[:2], estimator) is None
 
 
 def test_concentration_of_small_and_of_large_errors() -> None:
@@ -158,16 +158,16 @@ def test_concentration_of_small_and_of_large_errors() -> None:
 
 def test_crossings_against_their_definition() -> None:
     rng = np.random.default_rng(1)
-    places, bearings = rng.normal(size=(6, 2)), rng.uniform(-np.pi, np.pi, 6)
-    points = crossings(places, bearings)
+    positions, bearings = rng.normal(size=(6, 2)), rng.uniform(-np.pi, np.pi, 6)
+    points = crossings(positions, bearings)
     for i in range(6):
         for j in range(6):
             if i == j:
                 assert np.isnan(points[i, j]).all()
                 continue
             u, v = ([np.cos(b), np.sin(b)] for b in (bearings[i], bearings[j]))
-            along = np.linalg.solve(np.column_stack([u, np.negative(v)]), places[j] - places[i])[0]
-            expected = places[i] + along * np.array(u) if along > 0 else np.full(2, np.nan)
+            along = np.linalg.solve(np.column_stack([u, np.negative(v)]), positions[j] - positions[i])[0]
+            expected = positions[i] + along * np.array(u) if along > 0 else np.full(2, np.nan)
             assert np.allclose(points[i, j], expected, equal_nan=True)
     assert repeated_median(np.zeros((1, 2)), np.zeros(1)) is None
 

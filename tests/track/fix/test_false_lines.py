@@ -47,10 +47,10 @@ def test_probability_and_moment_are_those_of_a_grid(n: int, false: float) -> Non
         bearings[2] += 0.6  # two of three agree
     found = modes(positions, bearings, np.full(n, SIGMA), BEND)
     lines = FalseLines(widths, false, BEND, found=True)
-    probability, moment = false_line_moment(found, positions, bearings, np.full(n, SIGMA), lines, REGION)
+    probability, second_moment = false_line_moment(found, positions, bearings, np.full(n, SIGMA), lines, REGION)
     share, second = by_grid(found, positions, bearings, widths, false)
     assert probability == pytest.approx(share, rel=0.15)
-    assert_allclose(moment, second, rtol=0.15, atol=0.5)
+    assert_allclose(second_moment, second, rtol=0.15, atol=0.5)
 
 
 def test_what_is_improbable_does_not_count_until_a_false_bearing_was_found() -> None:
@@ -58,9 +58,9 @@ def test_what_is_improbable_does_not_count_until_a_false_bearing_was_found() -> 
     bearings = towards(positions, np.array([4.0, 3.0]))
     found = modes(positions, bearings, sigma, BEND)
     lines = FalseLines(np.full(2, 1.7), 1e-3, BEND, found=False)
-    probability, moment = false_line_moment(found, positions, bearings, sigma, lines, REGION)
+    probability, second_moment = false_line_moment(found, positions, bearings, sigma, lines, REGION)
     assert probability == 0.0
-    assert not moment.any()
+    assert not second_moment.any()
     lines = lines._replace(found=True)
     assert 0.0 < false_line_moment(found, positions, bearings, sigma, lines, REGION)[0] < 0.01
 
@@ -74,11 +74,11 @@ def test_two_lines_that_coincide_do_not_confirm_a_third() -> None:
     assert depends_on_one(found, positions, sigma)
     widths = np.full(3, 1.7)
     lines = FalseLines(widths, 0.1, BEND, found=True)
-    probability, moment = false_line_moment(found, positions, bearings, sigma, lines, REGION)
+    probability, second_moment = false_line_moment(found, positions, bearings, sigma, lines, REGION)
     share, second = by_grid(found, positions, bearings, widths, 0.1)
     # The integral across two lines of equal width is up to 1.4 times too large
     assert 0.9 * share < probability < 1.6 * share
-    assert_allclose(moment, second, rtol=0.3, atol=0.5)
+    assert_allclose(second_moment, second, rtol=0.3, atol=0.5)
     # Crossings at large angles confirm each other
     positions[1] = [5.0, 8.0]
     found = modes(positions, towards(positions, np.array([4.0, 3.3])), sigma, BEND)
@@ -90,7 +90,7 @@ def test_lines_that_meet_outside_the_room_are_probably_false() -> None:
     bearings = towards(positions, np.array([4.0, 12.0]))
     found = modes(positions, bearings, sigma, BEND)
     lines = FalseLines(np.full(2, 1.7), 0.05, BEND, found=True)
-    probability, moment = false_line_moment(found, positions, bearings, sigma, lines, REGION)
+    probability, second_moment = false_line_moment(found, positions, bearings, sigma, lines, REGION)
     assert probability > 0.9
     # The room is 4 m and more away
-    assert moment[1, 1] > 16.0
+    assert second_moment[1, 1] > 16.0

@@ -105,7 +105,7 @@ def test_where_chunks_are_cut_does_not_matter() -> None:
     assert np.array_equal(one[0].x, more[0].x)
 
 
-def test_two_bearings_are_told_apart_from_more() -> None:
+def test_two_bearings_are_distinguished_from_more() -> None:
     rows = [
         (k, s, 1, direction(s, np.array([5.0, 4.0]))) for k, n in ((0, 2), (1, 4)) for s in NAMES[1 - n // 4 : 4][:n]
     ]

@@ -23,10 +23,10 @@ NO_LINES = BearingLines(np.empty((0, 2)), np.empty(0), np.empty(0), BEND)
 
 
 def measured(
-    kind: int, xy: np.ndarray, sigma: float, places: np.ndarray = PLACES, rise2: float = 0.0
+    kind: int, xy: np.ndarray, sigma: float, positions: np.ndarray = PLACES, rise2: float = 0.0
 ) -> RangeMeasurements:
     """Without errors, of all stations; differences are to the first."""
-    own = places[1:] if kind == DIFFERENCE else places
+    own = positions[1:] if kind == DIFFERENCE else positions
     n = len(own)
     rows = RangeMeasurements(
         kind=np.full(n, kind),
@@ -34,7 +34,7 @@ def measured(
         sigma=np.full(n, sigma),
         position=own,
         rise2=np.full(n, rise2),
-        other=np.tile(places[0], (n, 1)) if kind == DIFFERENCE else own,
+        other=np.tile(positions[0], (n, 1)) if kind == DIFFERENCE else own,
         other_rise2=np.full(n, rise2),
         station=np.arange(n),
         bend=BEND,
@@ -51,9 +51,9 @@ def test_two_ranges_say_two_places_and_the_covariance_holds_both() -> None:
 
 
 def test_stations_on_a_line_do_not_tell_one_side_from_the_other() -> None:
-    places = np.array([[0.0, 0.0], [5.0, 0.0], [12.0, 0.0]])
+    positions = np.array([[0.0, 0.0], [5.0, 0.0], [12.0, 0.0]])
     for kind in (RANGE, DIFFERENCE):
-        found = modes_of(NO_LINES, measured(kind, np.array([4.0, 3.0]), 0.02, places))
+        found = modes_of(NO_LINES, measured(kind, np.array([4.0, 3.0]), 0.02, positions))
         assert sorted(np.round(found.xy, 4).tolist()) == [[4.0, -3.0], [4.0, 3.0]], kind
 
 
@@ -73,8 +73,8 @@ def test_a_range_and_a_bearing_of_one_station_are_a_place() -> None:
 
 
 def test_one_false_range_of_five_is_found() -> None:
-    places = np.vstack([PLACES, [[5.0, 9.0]]])
-    rows = measured(RANGE, np.array([3.0, 4.0]), 0.05, places)
+    positions = np.vstack([PLACES, [[5.0, 9.0]]])
+    rows = measured(RANGE, np.array([3.0, 4.0]), 0.05, positions)
     rows.value[1] += 2.0  # a reflection
     found = modes_of(NO_LINES, rows)
     np.testing.assert_allclose(found.xy[0], [3.0, 4.0], atol=1e-6)
@@ -160,7 +160,7 @@ def test_where_circles_nearly_touch_the_spread_is_that_of_the_likelihood(aside: 
 
 
 @pytest.mark.parametrize(
-    ("residual", "believed", "elsewhere", "said"),
+    ("residual", "believed", "elsewhere", "reported"),
     [
         ([0.5, -0.5, 0.8, 0.1], [1, 1, 1, 1], 0.0, False),
         ([0.5, -0.5, 0.8, 0.1], [1, 1, 1, 1], 0.02, False),
@@ -173,10 +173,10 @@ def test_where_circles_nearly_touch_the_spread_is_that_of_the_likelihood(aside: 
     ],
 )
 def test_other_places_and_a_large_scatter_contest_a_place(
-    residual: list[float], believed: list[int], elsewhere: float, said: bool
+    residual: list[float], believed: list[int], elsewhere: float, reported: bool
 ) -> None:
     one = np.zeros((1, 2)), np.eye(2)[None], np.array([believed], dtype=float), np.array([residual]), np.ones(1)
-    assert has_rival_mode(Modes(*one, elsewhere)) == said
+    assert has_rival_mode(Modes(*one, elsewhere)) == reported
 
 
 def test_with_a_false_range_of_four_rows_that_nothing_contests_are_near_the_bound() -> None:
@@ -207,8 +207,8 @@ def test_with_a_false_range_of_four_rows_that_nothing_contests_are_near_the_boun
 @pytest.mark.parametrize("false", [0, 60])
 def test_of_200_ranges_the_place_is_found_though_not_all_circles_are_crossed(false: int) -> None:
     rng = np.random.default_rng(24)
-    places, xy = rng.uniform(0.0, 100.0, (200, 2)), np.array([31.0, 64.0])
-    rows = measured(RANGE, xy, 0.05, places)
+    positions, xy = rng.uniform(0.0, 100.0, (200, 2)), np.array([31.0, 64.0])
+    rows = measured(RANGE, xy, 0.05, positions)
     value = rows.value + rng.normal(0.0, 0.05, 200)
     value[rng.permutation(200)[:false]] += rng.uniform(2.0, 30.0, false)
     found = modes_of(NO_LINES, rows._replace(value=value))

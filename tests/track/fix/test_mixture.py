@@ -63,7 +63,7 @@ def test_the_first_mode_is_the_highest_place_of_a_grid() -> None:
                 assert log_likelihood(near, PLACES, bearings, sigma) <= here + 1e-6, k
 
 
-def test_where_it_cannot_be_told_which_of_three_is_false_the_covariance_holds_all_crossings() -> None:
+def test_where_it_cannot_be_reported_which_of_three_is_false_the_covariance_holds_all_crossings() -> None:
     xy = np.array([4.0, 3.0])
     bearings = towards(PLACES[:3], xy)
     bearings[1] += 0.5

@@ -61,10 +61,10 @@ def misses(table: ViewTracks, seed: int = 3) -> np.ndarray:
 def refused(capsys, code: ExitCode, wanted: ExitCode = ExitCode.BAD_INPUT) -> str:
     """The one line of an error."""
     assert code == wanted
-    said = capsys.readouterr().err.strip()
-    assert said.count("\n") == 0
-    assert "Traceback" not in said
-    return said
+    stderr = capsys.readouterr().err.strip()
+    assert stderr.count("\n") == 0
+    assert "Traceback" not in stderr
+    return stderr
 
 
 def test_names_are_those_of_the_methods():
@@ -119,11 +119,11 @@ def test_grey_video(tmp_path):
     assert len(result(tmp_path)) == 2 * 3 * FRAMES
 
 
-def test_a_view_that_ends_early_is_told_and_the_other_goes_on(tmp_path, capsys):
+def test_a_view_that_ends_early_is_reported_and_the_other_goes_on(tmp_path, capsys):
     path = record_balls(tmp_path / "early.mcap", keep=lambda view, frame: view == "view1" or frame < 7)
     assert track(path, tmp_path) == ExitCode.DONE
-    said = capsys.readouterr()
-    assert "note: view view2 ends 0.36 s before the others, after 7 frames" in said.err
+    captured = capsys.readouterr()
+    assert "note: view view2 ends 0.36 s before the others, after 7 frames" in captured.err
     table = result(tmp_path)
     assert table.frame[table.sensor == "view1"].max() == FRAMES - 1
     assert table.frame[table.sensor == "view2"].max() == 6
@@ -161,9 +161,9 @@ def test_frames_that_are_lost_are_listed(tmp_path, capsys):
 
     path = record_balls(tmp_path / "lost.mcap", change=change)
     assert track(path, tmp_path, "--json") == ExitCode.LOSSY
-    said = capsys.readouterr()
-    assert "occlog: lost: view2: frames 4 to 5: " in said.err
-    summary = json.loads(said.out)
+    captured = capsys.readouterr()
+    assert "occlog: lost: view2: frames 4 to 5: " in captured.err
+    summary = json.loads(captured.out)
     assert summary["frames"] == {"view1": FRAMES, "view2": FRAMES - 3}
     assert [loss["count"] for loss in summary["losses"]] == [1, 2]
     assert len(read_provenance(tmp_path / "t.parquet").losses) == 2
@@ -174,17 +174,17 @@ def test_frames_that_are_lost_are_listed(tmp_path, capsys):
 
 def test_ellipses_that_cannot_be_are_refused_and_nothing_is_written(balls, tmp_path, capsys):
     path = tmp_path / "e.csv"
-    for line, said in (
+    for line, message in (
         ("view1,0,400,60,11,11,0", "e.csv: line 2: x_px is 400, outside the image of camera view1"),
         ("view1,0,40,60,0,11,0", "line 2: a_px is 0;"),
         ("door,0,40,60,11,11,0", "line 2: camera 'door' is none of view1, view2"),
         ("view1,0,40,60,11,11,0\nview1,0,50,60,11,11,0", "line 3: target 0 is in camera view1 already (line 2)"),
     ):
         path.write_text(f"{HEADER}\n{line}\n")
-        assert said in refused(capsys, track(balls, tmp_path, initial=path))
+        assert message in refused(capsys, track(balls, tmp_path, initial=path))
     path.write_text(f"{HEADER},frame\nview1,0,40,60,11,11,0,99\n")
-    said = refused(capsys, track(balls, tmp_path, initial=path))
-    assert "line 2: frame 99 of target 0: camera view1 has no such frame; it has 0 to 15; correct it" in said
+    message = refused(capsys, track(balls, tmp_path, initial=path))
+    assert "line 2: frame 99 of target 0: camera view1 has no such frame; it has 0 to 15; correct it" in message
     assert not (tmp_path / "t.parquet").exists()
 
 
@@ -204,8 +204,8 @@ def test_inputs_without_images(balls, tmp_path, capsys):
         capsys, track(bearings, tmp_path, initial=None)
     )
     plain = record_balls(tmp_path / "plain.mcap", keep=lambda view, frame: False)
-    said = refused(capsys, track(plain, tmp_path, initial=None))
-    assert "plain.mcap: holds no images; method bmct tracks in images" in said
+    message = refused(capsys, track(plain, tmp_path, initial=None))
+    assert "plain.mcap: holds no images; method bmct tracks in images" in message
     assert "no images of camera 'view9'; did you mean" in refused(
         capsys, track(balls, tmp_path, "--cameras", "view9"), ExitCode.USAGE
     )
@@ -228,10 +228,10 @@ def test_options_of_tracking_in_images_go_with_no_other_method(balls, tmp_path, 
     )
 
 
-def test_one_view_has_no_help_and_is_told(balls, tmp_path, capsys):
+def test_one_view_has_no_help_and_is_reported(balls, tmp_path, capsys):
     assert track(balls, tmp_path, "--cameras", "view2") == ExitCode.DONE
-    said = capsys.readouterr().err
-    assert "there is one view, and none to assist it: --method bmct does what idmot does" in said
+    stderr = capsys.readouterr().err
+    assert "there is one view, and none to assist it: --method bmct does what idmot does" in stderr
     table = result(tmp_path)
     assert set(table.sensor.tolist()) == {"view2"}
     assert not set(table.likelihood_mode.tolist()) & {"bmct", "cmct"}
@@ -242,8 +242,8 @@ def test_views_of_which_nothing_is_known_track_alone(tmp_path, capsys):
     assert track(path, tmp_path) == ExitCode.DONE
     assert "no geometry links the views" in capsys.readouterr().err
     assert len(result(tmp_path)) == 2 * 3 * FRAMES
-    said = refused(capsys, track(path, tmp_path, "--ground-tracks", str(tmp_path / "w.parquet")))
-    assert "no camera has a pose, so nothing can be told of the ground" in said
+    message = refused(capsys, track(path, tmp_path, "--ground-tracks", str(tmp_path / "w.parquet")))
+    assert "no camera has a pose, so nothing can be told of the ground" in message
 
 
 def matrices(path: Path, shift_px: float) -> Path:
@@ -258,26 +258,26 @@ def matrices(path: Path, shift_px: float) -> Path:
 def test_a_wrong_fundamental_matrix_is_noticed_said_and_not_used(balls, tmp_path, capsys):
     good, bad = matrices(tmp_path / "good.json", 0.0), matrices(tmp_path / "bad.json", 30.0)
     assert track(balls, tmp_path, "--fundamental", str(good), "--json") == ExitCode.DONE
-    said = capsys.readouterr()
-    assert "does not fit" not in said.err
-    checks = json.loads(said.out)["loop_checks"]["view1-view2"]
+    captured = capsys.readouterr()
+    assert "does not fit" not in captured.err
+    checks = json.loads(captured.out)["loop_checks"]["view1-view2"]
     assert checks["failed"] < 0.2 * checks["checks"]
     assert track(balls, tmp_path, "--fundamental", str(bad), "--json") == ExitCode.DONE
-    said = capsys.readouterr()
-    assert "warning: views view1, view2: the fundamental matrix does not fit: 100% of" in said.err
-    assert "; give another (--fundamental)" in said.err
+    captured = capsys.readouterr()
+    assert "warning: views view1, view2: the fundamental matrix does not fit: 100% of" in captured.err
+    assert "; give another (--fundamental)" in captured.err
     table = result(tmp_path)
     assert not set(table.likelihood_mode.tolist()) & {"bmct", "cmct"}
     assert np.mean(misses(table) < 1.0) > 0.9
     assert read_provenance(tmp_path / "t.parquet").parameters["geometry"] == {"view1-view2": "bad.json"}
 
 
-def test_matrices_of_other_views_are_told_or_refused(balls, tmp_path, capsys):
+def test_matrices_of_other_views_are_reported_or_refused(balls, tmp_path, capsys):
     good = json.loads(matrices(tmp_path / "good.json", 0.0).read_text())["pairs"][0]
     path = tmp_path / "f.json"
     path.write_text(json.dumps({"pairs": [{**good, "a": "door"}, {**good, "a": "door", "b": "hall"}]}))
-    said = refused(capsys, track(balls, tmp_path, "--fundamental", str(path)))
-    assert "f.json: none of its pairs (door-view2, door-hall) is of two of the views used (view1, view2)" in said
+    message = refused(capsys, track(balls, tmp_path, "--fundamental", str(path)))
+    assert "f.json: none of its pairs (door-view2, door-hall) is of two of the views used (view1, view2)" in message
     assert not (tmp_path / "t.parquet").exists()
     assert track(balls, tmp_path, "-q") == ExitCode.DONE
     video = ["report", str(tmp_path / "t.parquet"), "--recording", str(balls), "--frame", "1", "--png"]
@@ -294,16 +294,16 @@ def test_a_scene_that_is_given_comes_before_matrices_in_the_recording(balls, tmp
     bad = matrices(tmp_path / "bad.json", 30.0)
     assert run(["epipolar", str(balls), "--fundamental", str(bad), "-o", str(held), "-q"]) == ExitCode.DONE
     scene.write_text(scene_to_yaml(small_scene()))
-    told = {}
+    parameters = {}
     for args in ((), ("--scene", str(scene))):
         capsys.readouterr()
         assert track(held, tmp_path, *args, method="mipf") == ExitCode.DONE
-        told[len(args)] = read_provenance(tmp_path / "t.parquet").parameters["geometry"]["view1-view2"]
+        parameters[len(args)] = read_provenance(tmp_path / "t.parquet").parameters["geometry"]["view1-view2"]
         assert ("does not fit" in capsys.readouterr().err) == (not args)
-    assert told == {0: "recording", 2: "poses"}
+    assert parameters == {0: "recording", 2: "poses"}
 
 
-def test_a_view_without_first_ellipses_and_a_run_without_any_are_told(balls, tmp_path, capsys):
+def test_a_view_without_first_ellipses_and_a_run_without_any_are_reported(balls, tmp_path, capsys):
     path = tmp_path / "e.csv"
     path.write_text(f"{HEADER}\nview1,0,60,60,11,11,0\n")
     assert track(balls, tmp_path, initial=path) == ExitCode.DONE
@@ -335,8 +335,10 @@ def test_the_largest_identity_leaves_room_for_others(balls, tmp_path):
 
 
 def test_nothing_could_begin_a_tracker(balls, tmp_path, capsys):
-    said = refused(capsys, track(balls, tmp_path, "--set", "confirmation_frames=0", initial=None), ExitCode.USAGE)
-    assert "confirmation_frames is 0, so detections begin no tracker; give --initial-ellipses, or 1 or more" in said
+    message = refused(capsys, track(balls, tmp_path, "--set", "confirmation_frames=0", initial=None), ExitCode.USAGE)
+    assert (
+        "confirmation_frames is 0, so detections initiate no tracker; give --initial-ellipses, or 1 or more" in message
+    )
 
 
 @pytest.mark.parametrize("how", ["late", pytest.param("apart", marks=pytest.mark.statistics)])
@@ -391,8 +393,8 @@ def test_detections_of_a_file(balls, tmp_path, capsys):
     assert read_provenance(tmp_path / "t.parquet").parameters["births"] == "both"
     later = {c.name: getattr(truth, c.name) for c in Boxes.columns()} | {"t_ns": truth.t_ns + 7}
     write_table(path, Boxes.of(**later), Provenance("test"), overwrite=True)
-    said = refused(capsys, track(balls, tmp_path, "--detections", str(path), initial=None))
-    assert "regions is of the time of a frame of view1, view2" in said
+    message = refused(capsys, track(balls, tmp_path, "--detections", str(path), initial=None))
+    assert "regions is of the time of a frame of view1, view2" in message
     write_table(path, Bearings.empty(), Provenance("test"), overwrite=True)
     assert "holds bearings; expected boxes or views" in refused(
         capsys, track(balls, tmp_path, "--detections", str(path), initial=None)
@@ -458,7 +460,7 @@ def test_every_method_ends_trackers_that_nothing_supports(balls, tmp_path, metho
     seen = boxes.take(boxes.frame < 6)
     frames = boxes.take((boxes.frame >= 6) & (boxes.box == 0))
     nan = np.full(len(frames), np.nan)
-    nobody = {c.name: getattr(frames, c.name) for c in Boxes.columns()} | {
+    empty = {c.name: getattr(frames, c.name) for c in Boxes.columns()} | {
         "box": np.full(len(frames), -1, np.int32),
         "left_px": nan,
         "top_px": nan,
@@ -466,7 +468,7 @@ def test_every_method_ends_trackers_that_nothing_supports(balls, tmp_path, metho
         "height_px": nan,
     }
     path = tmp_path / "boxes.parquet"
-    write_table(path, Boxes.concat([seen, Boxes.of(**nobody)]), Provenance("test"))
+    write_table(path, Boxes.concat([seen, Boxes.of(**empty)]), Provenance("test"))
     args = ("-q", "--detections", str(path), "--set", "max_coasting_frames=3")
     assert track(balls, tmp_path, *args, method=method, initial=None) == ExitCode.DONE
     table = result(tmp_path)
@@ -502,9 +504,9 @@ def test_tables_may_be_of_a_longer_recording(tmp_path, capsys):
     table = tmp_path / "truth.parquet"
     write_table(table, TruthBoxes.of(**long), Provenance("test"))
     assert track(path, tmp_path, method="mipf", initial=table) == ExitCode.DONE
-    said = capsys.readouterr().err
-    assert "1 of 1 first ellipses began no tracker: the video ends before them" in said
-    assert "no target was found" in said
+    stderr = capsys.readouterr().err
+    assert "1 of 1 first ellipses began no tracker: the video ends before them" in stderr
+    assert "no target was found" in stderr
 
 
 def test_what_was_lost_of_first_ellipses_and_of_matrices_is_listed(balls, tmp_path):

@@ -66,12 +66,12 @@ def test_frames_of_one_time_are_counted_once():
     assert found[0].cameras == found[1].cameras
 
 
-def test_whom_else_the_frames_show_is_told_too():
+def test_whom_else_the_frames_show_is_reported_too():
     found = requests(standing()).ask([ask(0, HERE)], [ask(4, THERE, cause="shared")], 0)
     assert [(r.answer.ask.number, r.frames) for r in found] == [(0, 2), (4, 0)]
     np.testing.assert_allclose(found[1].answer.position, THERE, atol=1e-9)
-    nobody = requests(standing(places=(HERE,))).ask([ask(0, HERE)], [ask(4, THERE, cause="shared")], 0)
-    assert [r.answer.ask.number for r in nobody] == [0]
+    empty = requests(standing(places=(HERE,))).ask([ask(0, HERE)], [ask(4, THERE, cause="shared")], 0)
+    assert [r.answer.ask.number for r in empty] == [0]
 
 
 def test_labels_go_before_distance():

@@ -94,7 +94,7 @@ def test_starts_of_several_targets(folder, capsys):
 
 
 @pytest.mark.parametrize(
-    ("more", "code", "said"),
+    ("more", "code", "reported"),
     [
         (["--cooperate", "often"], ExitCode.USAGE, "--cooperate often: must be of none, periodic"),
         (["--cameras", "a1,a2,c1", "--cooperate", "spread"], ExitCode.USAGE, "requires two cameras with a pose"),
@@ -113,10 +113,10 @@ def test_starts_of_several_targets(folder, capsys):
         ),
     ],
 )
-def test_what_cannot_be_is_said_in_one_line(folder, capsys, more, code, said):
+def test_what_cannot_be_is_reported_in_one_line(folder, capsys, more, code, reported):
     assert run(folder, "bad", *more) == code
     error = capsys.readouterr().err
-    assert said in error
+    assert reported in error
     assert error.count("\n") == 1
     assert not (folder / "bad.parquet").exists()
 
@@ -127,7 +127,7 @@ def test_options_of_cooperation_go_with_the_method(folder, capsys):
     assert "--cooperate is an option of --method imm, not of --method apf" in capsys.readouterr().err
 
 
-def test_nobody_heard_is_told(folder, capsys):
+def test_nobody_heard_is_reported(folder, capsys):
     code = occlog(
         [
             "track",

@@ -158,12 +158,12 @@ def test_an_answer_moves_the_cloud_and_gives_its_label(fix, tolerance):
     state, report = at("spread", (6, 6), (9, 9), sigma=2.0, config=config)
     question = requests_after_scan(state, report, RequestMemory(), RNG(0))[0][0]
     answer = CameraAnswer(question, np.array([7.0, 5.0]), 1e-4 * np.eye(2), 4)
-    new, told, _ = apply_answer(state, report, [answer], RequestMemory(), RNG(0))
+    new, reported, _ = apply_answer(state, report, [answer], RequestMemory(), RNG(0))
     track = new.tracks[0]
     assert np.hypot(*(track.cloud.states[:, ::2].mean(axis=0) - [7.0, 5.0])) < tolerance
     assert track.label == 4
     assert track.exists == 1.0
-    np.testing.assert_allclose(told.beliefs[0].estimate.mean[::2], [7.0, 5.0], atol=tolerance)
+    np.testing.assert_allclose(reported.beliefs[0].estimate.mean[::2], [7.0, 5.0], atol=tolerance)
     assert new.tracks[1] is state.tracks[1]
 
 

@@ -53,15 +53,15 @@ def track(recording: Path, out: Path, *options: str) -> int:
 @pytest.mark.jit
 @pytest.mark.parametrize("method", ["direct3d", "pps"])
 def test_arrays_of_two_rates_give_a_track_with_height(recording, tmp_path, capsys, method) -> None:
-    out, told = tmp_path / "t.parquet", tmp_path / "d.parquet"
-    assert track(recording, out, "--method", method, "--diagnostics", str(told)) == 0
+    out, reported = tmp_path / "t.parquet", tmp_path / "d.parquet"
+    assert track(recording, out, "--method", method, "--diagnostics", str(reported)) == 0
     tracks = read_table(out, Tracks)
     assert len(tracks) == 145  # 121 times of one array, 49 of the other, 25 in common
     assert np.isfinite(tracks.z).all()
     assert (tracks.cov_zz > 0).all()
     late = tracks.t_ns > tracks.t_ns[0] + 2_000_000_000
     assert np.abs(tracks.z[late] - 1.6).max() < 0.8
-    used = set(read_table(told, Diagnostics).cameras.tolist())
+    used = set(read_table(reported, Diagnostics).cameras.tolist())
     assert used == {"north", "west", "north,west"}
     capsys.readouterr()
     assert run(["evaluate", str(out), "--truth", str(recording), "--json"]) == 0
@@ -79,7 +79,7 @@ def test_same_seed_same_track_and_another_seed_another(recording, tmp_path) -> N
 
 
 @pytest.mark.parametrize(
-    ("options", "code", "said"),
+    ("options", "code", "reported"),
     [
         (["--method", "direct3d", "--set", "likelihood=round"], ExitCode.USAGE, "one of product, cone"),
         (["--method", "pps", "--set", "likelihood=cone"], ExitCode.USAGE, "no setting 'likelihood'"),
@@ -88,10 +88,10 @@ def test_same_seed_same_track_and_another_seed_another(recording, tmp_path) -> N
         (["--method", "direct3d", "--set", "turn_plane=yx"], ExitCode.USAGE, "one of xy, yz, zx"),
     ],
 )
-def test_bad_settings_are_one_line(recording, tmp_path, capsys, options, code, said) -> None:
+def test_bad_settings_are_one_line(recording, tmp_path, capsys, options, code, reported) -> None:
     assert track(recording, tmp_path / "t.parquet", *options) == code
     error = capsys.readouterr().err
-    assert said in error
+    assert reported in error
     assert error.count("\n") == 1
 
 

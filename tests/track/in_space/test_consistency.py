@@ -36,7 +36,7 @@ START, SPREAD = np.array([3.0, 2.0, 1.4, 0.4, 0.3, 0.0]), np.array([0.3, 0.3, 0.
 )
 def test_errors_are_those_that_are_stated_and_smoothing_lowers_them(method: str, q: float, sigma: float) -> None:
     module, settings = METHODS[method]
-    scene, told, squares = room(), {"filter": [], "smoother": []}, {"filter": [], "smoother": []}
+    scene, reported, squares = room(), {"filter": [], "smoother": []}, {"filter": [], "smoother": []}
     for seed in range(6):
         rng = np.random.default_rng([seed, round(1e4 * q), round(1e4 * sigma)])
         truth = walk(START, 40, 0.1, q, rng)
@@ -52,11 +52,11 @@ def test_errors_are_those_that_are_stated_and_smoothing_lowers_them(method: str,
         found = follow(module, scene, scans, config, rng)
         assert not any(e.fallback for e in found.estimates)
         for name, own in (("filter", found.filtered), ("smoother", found.smoothed)):
-            told[name].append(nees(own, truth[:, :3]).mean())
+            reported[name].append(nees(own, truth[:, :3]).mean())
             squares[name].append(np.mean(np.sum((own[0] - truth[:, :3]) ** 2, axis=1)))
     # Errors of a run go together: its mean has a standard deviation of about 1 (filter) and 2 (smoother, q = 0)
-    assert 2.0 < np.mean(told["filter"]) < 4.0
-    assert 2.0 < np.mean(told["smoother"]) < (4.0 if q else 5.0)
+    assert 2.0 < np.mean(reported["filter"]) < 4.0
+    assert 2.0 < np.mean(reported["smoother"]) < (4.0 if q else 5.0)
     assert np.sqrt(np.mean(squares["smoother"])) < 0.9 * np.sqrt(np.mean(squares["filter"]))
     # Every array alone tells a place across its sight line to sigma times the distance
     assert np.sqrt(np.mean(squares["filter"])) < 6.0 * sigma
@@ -65,7 +65,7 @@ def test_errors_are_those_that_are_stated_and_smoothing_lowers_them(method: str,
 def test_a_target_that_leaves_the_room_is_known_as_well_outside() -> None:
     """To be outside costs once; at every scan it would make the filter sure of a wrong place."""
     leaving = np.array([5.0, 3.0, 1.4, 1.2, 0.2, 0.0])  # the wall is at 8 m
-    scene, told = room(), []
+    scene, reported = room(), []
     for seed in range(4):
         rng = np.random.default_rng([seed, 1])
         truth = walk(leaving, 60, 0.1, 0.0, rng)
@@ -76,8 +76,8 @@ def test_a_target_that_leaves_the_room_is_known_as_well_outside() -> None:
             process_noise_density=0.0,
         )
         found = follow(direct3d, scene, scans, config, rng)
-        told.append(nees(found.filtered, truth[:, :3])[truth[:, 0] > 8.0].mean())
-    assert np.mean(told) < 5.0  # a factor at every scan gives 23
+        reported.append(nees(found.filtered, truth[:, :3])[truth[:, 0] > 8.0].mean())
+    assert np.mean(reported) < 5.0  # a factor at every scan gives 23
 
 
 @pytest.mark.statistics

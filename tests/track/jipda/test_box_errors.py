@@ -59,7 +59,7 @@ def test_noise_is_a_constant_and_a_share_of_the_size() -> None:
 
 
 @pytest.mark.jit
-def test_errors_that_last_are_told_from_those_that_do_not() -> None:
+def test_errors_that_last_are_distinguished_from_those_that_do_not() -> None:
     assert correlated_noise(taught()) < 0.007**2
     assert np.sqrt(correlated_noise(taught(lasting=0.03, frames=600))) == pytest.approx(0.03, rel=0.25)
 
@@ -71,7 +71,7 @@ def test_the_sway_of_bodies_is_what_white_acceleration_does_not_explain() -> Non
 
 
 @pytest.mark.jit
-def test_errors_that_go_on_from_look_to_look_are_told_from_those_that_are_new() -> None:
+def test_errors_that_go_on_from_look_to_look_are_distinguished_from_those_that_are_new() -> None:
     assert correlated_noise_factor(taught()) < 1.2
     assert correlated_noise_factor(taught(lasting=0.03, bias=0.06)) < 1.6
     # Noise of 3 px has a correlation of 0.6 and 1 % of the height is new each time

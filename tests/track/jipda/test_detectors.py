@@ -133,7 +133,7 @@ def test_a_look_is_blind_if_that_is_more_probable_than_that_everybody_was_missed
     assert not blind_frames(look_at(0), np.ones(9), np.zeros((1, 9))).any()
 
 
-def test_a_box_of_nobody_is_expected_where_it_was() -> None:
+def test_a_box_of_no_person_is_expected_where_it_was() -> None:
     old = np.array([[100.0, 50.0, 130.0, 120.0]])
     boxes = look_at(2)._replace(box=np.concatenate([old + 1.0, old + 60.0]))
     again, noise, size = np.array([0.5]), rates(prior_statistics(1, JipdaConfig())).noise, np.array([[480.0, 360.0]])
@@ -148,7 +148,7 @@ def test_a_box_of_nobody_is_expected_where_it_was() -> None:
     np.testing.assert_array_equal(persistent_clutter_density(boxes, [no_clutter()], again, noise, size), [0.0, 0.0])
 
 
-def test_boxes_of_nobody_are_never_sure_to_be_there_again() -> None:
+def test_boxes_of_no_person_are_never_sure_to_be_there_again() -> None:
     counts = prior_statistics(1, JipdaConfig())
     assert persistent_clutter_rate(counts) == pytest.approx(0.25)
     assert persistent_clutter_rate(replace(counts, again=np.array([[99.0, 100.0]]))) == MAX_PERSISTENT_CLUTTER

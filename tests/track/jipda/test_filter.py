@@ -19,16 +19,16 @@ def follow(made: Crowd, config: JipdaConfig | None = None) -> list[TrackSnapshot
     """Moments of the filter."""
     state = initial_state(made.scene, made.scene.cameras, config or JipdaConfig.in_unit(made.scene.length_unit))
     out = []
-    for looks in made.moments:
-        state, moment = step(state, looks)
-        out.append(moment)
+    for frames_of_step in made.moments:
+        state, snapshot = step(state, frames_of_step)
+        out.append(snapshot)
     return out
 
 
-def emptied(look: FrameDetections) -> FrameDetections:
+def emptied(frame_detections: FrameDetections) -> FrameDetections:
     """The same look at nobody."""
     none = np.zeros(0, dtype=np.int64)
-    return look._replace(
+    return frame_detections._replace(
         boxes=np.zeros((0, 4)), score=np.zeros(0), tracklet_id=none, appearance=np.zeros((0, 0)), row=none
     )
 
@@ -36,22 +36,22 @@ def emptied(look: FrameDetections) -> FrameDetections:
 def pairs(made: Crowd, moments: list[TrackSnapshot], within: float = 1.0) -> list[tuple[int, int, int, float]]:
     """Frame, person, identity and normalised squared error of each pair of truth and estimate."""
     out = []
-    for t, moment in enumerate(moments):
-        apart = made.truth[t][:, None] - moment.mean[None, :, :2]
+    for t, snapshot in enumerate(moments):
+        apart = made.truth[t][:, None] - snapshot.mean[None, :, :2]
         far = np.hypot(apart[..., 0], apart[..., 1])
         for i, j in zip(*linear_sum_assignment(np.minimum(far, 2.0 * within)), strict=True):
             if far[i, j] < within:
-                nees = apart[i, j] @ np.linalg.solve(moment.covariance[j, :2, :2], apart[i, j])
-                out.append((t, int(i), int(moment.ids[j]), float(nees)))
+                nees = apart[i, j] @ np.linalg.solve(snapshot.covariance[j, :2, :2], apart[i, j])
+                out.append((t, int(i), int(snapshot.ids[j]), float(nees)))
     return out
 
 
 def test_everybody_of_a_crowd_is_followed_with_one_identity() -> None:
     made = crowd(people=8, cameras=4, frames=60, seed=3)
-    moments = follow(made)
-    found = pairs(made, moments)
+    snapshots = follow(made)
+    found = pairs(made, snapshots)
     assert len(found) >= 0.97 * 8 * 60
-    assert sum(len(m.ids) for m in moments) <= len(found) + 0.02 * 8 * 60
+    assert sum(len(m.ids) for m in snapshots) <= len(found) + 0.02 * 8 * 60
     identities = {(i, k) for _, i, k, _ in found}
     assert len(identities) <= 9
 
@@ -107,8 +107,8 @@ def test_the_same_boxes_give_the_same_bytes() -> None:
 def test_steps_leave_their_state_as_it_is() -> None:
     made = crowd(people=3, frames=6, seed=7)
     state = initial_state(made.scene, made.scene.cameras, JipdaConfig())
-    for looks in made.moments[:5]:
-        state, _ = step(state, looks)
+    for frames_of_step in made.moments[:5]:
+        state, _ = step(state, frames_of_step)
     first = step(state, made.moments[5])[1]
     again = step(state, made.moments[5])[1]
     assert first.mean.tobytes() == again.mean.tobytes()
@@ -119,7 +119,7 @@ def test_nobody_is_found_where_there_are_no_boxes() -> None:
     assert all(len(m.ids) == 0 and not m.events for m in follow(made))
 
 
-def test_boxes_of_nobody_confirm_hardly_anybody() -> None:
+def test_boxes_of_no_person_confirm_hardly_anybody() -> None:
     made = crowd(people=1, frames=40, miss=1.0, false=1.0)
     assert sum(len(m.ids) for m in follow(made)) <= 4
 
@@ -132,29 +132,32 @@ def test_one_camera_and_the_floor_are_enough() -> None:
 
 def test_supports_name_boxes_of_their_camera_and_sum_to_at_most_one() -> None:
     made = crowd(people=5, frames=10, seed=8)
-    for looks, moment in zip(made.moments, follow(made), strict=True):
+    for frames_of_step, snapshot in zip(made.moments, follow(made), strict=True):
         total: dict[tuple[int, int], float] = {}
-        for _, c, row, p, joint in zip(*moment.support, strict=True):
-            assert row < len(looks[c].boxes)
+        for _, c, row, p, joint in zip(*snapshot.support, strict=True):
+            assert row < len(frames_of_step[c].boxes)
             total[c, row] = total.get((c, row), 0.0) + p - 0.5 * joint
         assert all(v <= 1.05 for v in total.values())
 
 
-def test_births_and_deaths_are_told() -> None:
+def test_births_and_deaths_are_reported() -> None:
     made = crowd(people=3, frames=50, seed=9)
-    gone = [[emptied(look) for look in looks] for looks in made.moments[20:]]
-    moments = follow(made._replace(moments=made.moments[:20] + gone))
-    events = [e.kind for m in moments for e in m.events]
+    gone = [[emptied(frame_detections) for frame_detections in frames_of_step] for frames_of_step in made.moments[20:]]
+    snapshots = follow(made._replace(moments=made.moments[:20] + gone))
+    events = [e.kind for m in snapshots for e in m.events]
     assert events.count("initiated") == events.count("terminated") >= 3
-    assert len(moments[-1].ids) == 0
+    assert len(snapshots[-1].ids) == 0
 
 
 @pytest.mark.parametrize(("people", "moments"), [(2, 1), (10, 4)])
 def test_everybody_outlives_moments_at_which_all_cameras_are_blind(people: int, moments: int) -> None:
     made = crowd(people=people, frames=30, hz=10.0, seed=4)
     blind = range(20, 20 + moments)
-    looks = [[emptied(look) for look in looks] if t in blind else looks for t, looks in enumerate(made.moments)]
-    found = follow(made._replace(moments=looks))
+    frames_of_step = [
+        [emptied(frame_detections) for frame_detections in frames_of_step] if t in blind else frames_of_step
+        for t, frames_of_step in enumerate(made.moments)
+    ]
+    found = follow(made._replace(moments=frames_of_step))
     before = set(found[19].ids.tolist())
     assert len(before) == people
     assert all(before <= set(found[t].ids.tolist()) for t in [*blind, blind.stop])
@@ -165,8 +168,11 @@ def test_after_years_everybody_is_found_anew(years: int) -> None:
     """Clocks that begin in 1970 and are set while they record make such gaps."""
     made = crowd(people=4, frames=60, hz=10.0, seed=5)
     gap = years * 365 * 86_400 * NS
-    looks = [[look._replace(t_ns=look.t_ns + gap * (t >= 30)) for look in now] for t, now in enumerate(made.moments)]
-    found = follow(made._replace(moments=looks))
+    frames_of_step = [
+        [frame_detections._replace(t_ns=frame_detections.t_ns + gap * (t >= 30)) for frame_detections in now]
+        for t, now in enumerate(made.moments)
+    ]
+    found = follow(made._replace(moments=frames_of_step))
     assert len(found[29].ids) == len(found[59].ids) == 4
     assert not set(found[29].ids.tolist()) & set(found[59].ids.tolist())
     off = np.linalg.norm(found[59].mean[:, None, :2] - made.truth[59], axis=2)
@@ -175,31 +181,42 @@ def test_after_years_everybody_is_found_anew(years: int) -> None:
 
 def test_one_blind_camera_takes_nobody_away() -> None:
     made = crowd(people=6, cameras=3, frames=40, seed=4)
-    blind = [[emptied(looks[0]), *looks[1:]] if t >= 15 else looks for t, looks in enumerate(made.moments)]
-    moments = follow(made._replace(moments=blind))
-    assert len(pairs(made, moments)) > 0.9 * 6 * 40
+    blind = [
+        [emptied(frames_of_step[0]), *frames_of_step[1:]] if t >= 15 else frames_of_step
+        for t, frames_of_step in enumerate(made.moments)
+    ]
+    snapshots = follow(made._replace(moments=blind))
+    assert len(pairs(made, snapshots)) > 0.9 * 6 * 40
 
 
 def test_looks_at_slightly_different_times_are_one_moment() -> None:
     made = crowd(people=3, frames=20, seed=10)
     shifted = [
-        [look._replace(t_ns=look.t_ns - 1_000_000 * c) for c, look in enumerate(looks)] for looks in made.moments
+        [
+            frame_detections._replace(t_ns=frame_detections.t_ns - 1_000_000 * c)
+            for c, frame_detections in enumerate(frames_of_step)
+        ]
+        for frames_of_step in made.moments
     ]
-    moments = follow(made._replace(moments=shifted))
-    assert len(pairs(made, moments)) >= 0.9 * 3 * 20
+    snapshots = follow(made._replace(moments=shifted))
+    assert len(pairs(made, snapshots)) >= 0.9 * 3 * 20
 
 
 def test_hints_that_follow_people_keep_their_identities() -> None:
     made = crowd(people=4, frames=20, seed=11)
     hinted = []
-    for t, looks in enumerate(made.moments):
+    for t, frames_of_step in enumerate(made.moments):
         row = []
-        for c, look in enumerate(looks):
-            feet = np.column_stack([0.5 * (look.boxes[:, 0] + look.boxes[:, 2]), look.boxes[:, 3]])
-            place = np.column_stack([made.truth[t], np.zeros(4)])
-            far = np.linalg.norm(feet[:, None] - made.scene.cameras[c].project(place)[None], axis=2)
+        for c, frame_detections in enumerate(frames_of_step):
+            feet = np.column_stack(
+                [0.5 * (frame_detections.boxes[:, 0] + frame_detections.boxes[:, 2]), frame_detections.boxes[:, 3]]
+            )
+            position = np.column_stack([made.truth[t], np.zeros(4)])
+            far = np.linalg.norm(feet[:, None] - made.scene.cameras[c].project(position)[None], axis=2)
             near = np.nan_to_num(far, nan=np.inf)
-            row.append(look._replace(tracklet_id=np.where(near.min(axis=1) < 15.0, near.argmin(axis=1), NO_ID)))
+            row.append(
+                frame_detections._replace(tracklet_id=np.where(near.min(axis=1) < 15.0, near.argmin(axis=1), NO_ID))
+            )
         hinted.append(row)
     found = pairs(made, follow(made._replace(moments=hinted)))
     assert len({(i, k) for _, i, k, _ in found}) == 4
@@ -207,7 +224,7 @@ def test_hints_that_follow_people_keep_their_identities() -> None:
 
 def test_a_camera_that_did_not_look_says_nothing_of_visibility() -> None:
     made = crowd(people=3, cameras=3, frames=10, seed=12)
-    without: list[list[FrameDetections]] = [looks[:2] for looks in made.moments]
+    without: list[list[FrameDetections]] = [frames_of_step[:2] for frames_of_step in made.moments]
     last = follow(made._replace(moments=without))[-1]
     assert len(last.ids)
     assert np.isnan(last.visibility[:, 2]).all()
@@ -225,7 +242,7 @@ def test_people_are_kept_apart_once_in_a_while_however_often_cameras_look() -> N
         EXCLUSION_INTERVAL_NS + 1,
         2 * EXCLUSION_INTERVAL_NS,
     ):
-        state, _ = step(state, [look._replace(t_ns=t_ns) for look in made.moments[0]])
+        state, _ = step(state, [frame_detections._replace(t_ns=t_ns) for frame_detections in made.moments[0]])
         kept.append(state.exclusion_ns)
     assert kept == [0, 0, EXCLUSION_INTERVAL_NS, EXCLUSION_INTERVAL_NS, 2 * EXCLUSION_INTERVAL_NS]
     state = initial_state(made.scene, made.scene.cameras, JipdaConfig(exclusion_radius=0.0))

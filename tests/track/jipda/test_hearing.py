@@ -51,8 +51,8 @@ def followed(sound: bool) -> list[TrackSnapshot]:
         heard = [direction(a, k, rng) for a in range(2)]
         for each in heard if sound else []:
             state = update_by_directions(state, each, ARRAYS[each.sensor])
-        state, moment = step(state, [look(c, k, rng) for c in range(2)])
-        found.append(moment)
+        state, snapshot = step(state, [look(c, k, rng) for c in range(2)])
+        found.append(snapshot)
     return found
 
 
@@ -79,7 +79,7 @@ def test_the_covariance_holds_the_error() -> None:
     assert np.mean(nees) < 4.0
 
 
-def test_a_direction_of_nobody_moves_nobody() -> None:
+def test_a_direction_of_no_person_moves_nobody() -> None:
     rng = np.random.default_rng(2)
     state = initial_state(SCENE, CAMERAS, JipdaConfig())
     for k in range(10):

@@ -111,16 +111,16 @@ def test_a_selection_is_refused_in_one_line_that_says_what_to_do(command: list[s
 
 
 @pytest.mark.parametrize(
-    ("option", "said"),
+    ("option", "expected"),
     [
         (["--occluders", "seen.parquet"], "--occluders is an option of"),
         (["--particles", "100"], "--particles is an option of"),
         (["--set", "sigma_points=visible"], "points"),
     ],
 )
-def test_options_of_other_filters_are_refused(command: list[str], option: list[str], said: str, capsys) -> None:
+def test_options_of_other_filters_are_refused(command: list[str], option: list[str], expected: str, capsys) -> None:
     assert run([*command, "--method", "ekf", *option]) == ExitCode.USAGE
-    assert said in capsys.readouterr().err
+    assert expected in capsys.readouterr().err
     assert not Path(command[5]).exists()
 
 

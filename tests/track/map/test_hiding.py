@@ -23,9 +23,9 @@ CORNERS = ((-5, -4, 45), (5, -4, 135), (5, 4, 225), (-5, 4, -45))
 ROOM = {"half": 6.0, "fov": np.radians(100.0), "sigma_read_px": 3.0}
 
 
-def people(*places: tuple[float, float], sigma: float = 0.0) -> Priors:
+def people(*positions: tuple[float, float], sigma: float = 0.0) -> Priors:
     """Half a metre wide each."""
-    return gaussian_priors(np.array(places, dtype=float), np.tile(sigma**2 * np.eye(2), (len(places), 1, 1)), 0.5)
+    return gaussian_priors(np.array(positions, dtype=float), np.tile(sigma**2 * np.eye(2), (len(positions), 1, 1)), 0.5)
 
 
 def made(blind=frozenset()):
@@ -125,15 +125,15 @@ def test_a_term_is_part_of_the_cost_and_its_derivatives() -> None:
     hints = QuadraticPriors(
         np.array([1, 3]), rng.normal(size=(2, 2)), rng.normal(size=(2, 2)), np.array([[2.0, 0.5, 1.0]] * 2)
     )
-    told = bare._replace(hints=hints)
-    g, H = (a - b for a, b in zip(derivatives(told, X, 0.0), derivatives(bare, X, 0.0), strict=True))
+    reported = bare._replace(hints=hints)
+    g, H = (a - b for a, b in zip(derivatives(reported, X, 0.0), derivatives(bare, X, 0.0), strict=True))
     assert_allclose(H[[1, 3]], hints.bend)
     assert not H[[0, 2]].any()
     for i in range(X.size):
         low, high = X.copy(), X.copy()
         low.flat[i] -= 1e-5
         high.flat[i] += 1e-5
-        rise = [cost(told, Y) - cost(bare, Y) for Y in (low, high)]
+        rise = [cost(reported, Y) - cost(bare, Y) for Y in (low, high)]
         assert (rise[1] - rise[0]) / 2e-5 == pytest.approx(g.flat[i], abs=1e-6)
 
 

@@ -114,10 +114,10 @@ def solved(given: list[Scan]) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize(("late", "better"), [(0.5, 0.92), (0.0, 1.06)])
 def test_late_signals_that_are_expected_do_less_harm_and_none_where_there_are_none(late: float, better: float) -> None:
     figures = []
-    for told in (0.0, 0.05):
+    for reported in (0.0, 0.05):
         squares, nees = [], []
         for seed in range(3):
-            given, path = walk(seed, late=late, told=told)
+            given, path = walk(seed, late=late, told=reported)
             xy, spread = solved(given)
             away = xy - path
             squares.append((away**2).sum(axis=1).mean())

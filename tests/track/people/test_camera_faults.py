@@ -189,31 +189,79 @@ def test_a_camera_that_was_pushed_is_named_with_its_rotation() -> None:
     assert own.name == "b"
 
 
-def test_a_camera_that_is_pushed_by_little_during_the_recording_is_named_with_the_time() -> None:
-    turn = rotation_from_angles(np.radians(CORNERS["b"][2] + 3.0), np.radians(-20.0), 0.0)
+def errors(faults: CameraFaults) -> dict[tuple[str, ...], str]:
+    """Errors of calibrations in words by the names of their cameras."""
+    return {tuple(NAMES[c] for c in cameras): words for cameras, words in faults.errors("m")}
+
+
+@pytest.mark.parametrize("turn_deg", [0.6, 3.0])
+def test_a_camera_that_is_pushed_by_little_during_the_recording_is_named_with_the_time(turn_deg: float) -> None:
+    turn = rotation_from_angles(np.radians(CORNERS["b"][2] + turn_deg), np.radians(-20.0), 0.0)
     pushed = found(changed("b", rotation=turn), cameras())._samples
     faults = found(cameras(), cameras())
     # The first 12 of 20 s are of the camera as it was
     faults._samples[120:] = pushed[120:]
-    (words,) = said(faults, doubtful=False).values()
+    ((names, words),) = errors(faults).items()
+    assert names == ("b",)
     assert words.startswith("b is rotated by +")
-    assert abs(float(words.split()[4]) - 3.0 * np.cos(np.radians(20.0))) < 0.3
-    begin, end = (float(word) for word in words.split()[-4:] if word.replace(".", "").isdigit())
-    # A part of the time since 12 s
-    assert 11.0 <= begin < end <= 20.0
+    assert abs(float(words.split()[4]) - turn_deg * np.cos(np.radians(20.0))) < 0.1 + 0.05 * turn_deg
+    assert abs(float(words.split()[-3]) - 12.0) <= 0.1
 
 
-@pytest.mark.parametrize("whose", [("c",), NAMES])
-def test_lenses_of_another_distortion_are_named_with_the_offset(whose: tuple[str, ...]) -> None:
+def test_a_camera_that_was_calibrated_after_it_was_pushed_is_rotated_until_then() -> None:
+    turn = rotation_from_angles(np.radians(CORNERS["b"][2] + 2.0), np.radians(-20.0), 0.0)
+    pushed = found(changed("b", rotation=turn), cameras())._samples
+    faults = found(cameras(), cameras())
+    faults._samples[:90] = pushed[:90]
+    words = errors(faults)[("b",)]
+    assert words.startswith("b is rotated by +1.")
+    assert words.endswith("until 9.0 s")
+
+
+def test_cameras_that_are_right_have_no_error() -> None:
+    assert errors(found(cameras(), cameras())) == {}
+
+
+@pytest.mark.parametrize("bent_cameras", [("c",), NAMES])
+def test_lenses_of_another_distortion_are_named_with_the_offset(bent_cameras: tuple[str, ...]) -> None:
     bent = np.array([-0.2, 0.08, 0.0, 0.0, 0.0])
-    true = [replace(each, distortion=bent) if each.name in whose else each for each in cameras()]
-    ((names, words),) = said(found(true, cameras(), spread=1.9), doubtful=False).items()
-    assert names == whose
-    assert words.startswith("the lens distortion at the border is off: ")
-    offsets = [float(word) for word in words.split() if word[0] in "+-"]
-    assert len(offsets) == len(whose)
+    true = [replace(each, distortion=bent) if each.name in bent_cameras else each for each in cameras()]
+    ((names, words),) = errors(found(true, cameras(), spread=1.9)).items()
+    assert names == bent_cameras
+    assert words.startswith(f"the lens of {bent_cameras[0] if len(bent_cameras) == 1 else 'all cameras'} is off by +")
+    offsets = [float(word) for word in words.split() if word[0] == "+"]
     # 0.2 r^3 f, for boxes of which 95 % are within 0.6 to 0.8 focal lengths of the middle
     assert all(0.2 * 800.0 * 0.5**3 < offset < 0.2 * 800.0 * 0.9**3 for offset in offsets)
+
+
+def test_a_focal_length_that_is_stated_too_long_is_named_with_its_error() -> None:
+    focal = next(each for each in cameras() if each.name == "c").focal_px
+    words = errors(found(cameras(), changed("c", focal_px=1.05 * focal)))[("c",)]
+    assert words.startswith("the focal length of c is ")
+    assert words.endswith("% too long")
+    assert abs(float(words.split()[6].rstrip("%")) - 5.0) < 0.3
+
+
+def test_a_camera_above_its_stated_height_is_named_with_the_difference() -> None:
+    own = next(each for each in cameras() if each.name == "d").position
+    words = errors(found(cameras(), changed("d", position=own - [0.0, 0.0, 0.3])))[("d",)]
+    assert words.startswith("d is 0.")
+    assert words.endswith(" m above its stated height")
+    assert abs(float(words.split()[2]) - 0.3) < 0.03
+
+
+@pytest.mark.parametrize("late", [1, -3])
+def test_a_camera_with_another_clock_is_named_with_its_delay(late: int) -> None:
+    faults = found(cameras(), cameras())
+    boxes = [each.get(0) for _, each in faults._samples]
+    for k, (_, each) in enumerate(faults._samples):
+        each.pop(0, None)
+        if 0 <= k - late < len(boxes) and boxes[k - late] is not None:
+            each[0] = boxes[k - late]
+    words = errors(faults)[("a",)]
+    assert words.startswith("the clock of a is ")
+    assert words.endswith("late" if late > 0 else "early")
+    assert abs(float(words.split()[5]) - 0.1 * abs(late)) < 0.01
 
 
 def test_times_without_boxes_are_found_where_others_see_people() -> None:

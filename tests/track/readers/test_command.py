@@ -123,9 +123,9 @@ def test_strengths_of_reads_are_measurements_of_other_methods_with_the_fitted_pa
     found = errors(folder, tracks)
     assert found["rmse_m"] < 0.6  # one read of 3 dB at 4 m is good for 1.4 m
     assert 1.0 < found["nees_mean"] < 3.5
-    said = read_provenance(tracks).parameters["measurements"]
-    assert said["radio"]["exponent"] == read_path_loss(loss).exponent
-    assert said["path_loss"] == "loss.json"
+    parameters = read_provenance(tracks).parameters["measurements"]
+    assert parameters["radio"]["exponent"] == read_path_loss(loss).exponent
+    assert parameters["path_loss"] == "loss.json"
 
 
 def test_virtual_sensors_are_written_with_their_readers(folder: Path) -> None:

@@ -36,12 +36,12 @@ def test_two_readers_cut_a_lens() -> None:
 
 def test_regions_are_those_of_points_drawn_at_random() -> None:
     rng = np.random.default_rng(1)
-    places, ranges = rng.uniform(0.0, 10.0, (6, 2)), rng.uniform(1.5, 4.0, 6)
+    positions, ranges = rng.uniform(0.0, 10.0, (6, 2)), rng.uniform(1.5, 4.0, 6)
     room = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [4.0, 10.0], [4.0, 6.0], [0.0, 6.0]])
-    found = virtual_sensors(places, ranges, room)
+    found = virtual_sensors(positions, ranges, room)
     points = rng.uniform(0.0, 10.0, (400_000, 2))
     points = points[shapely.contains_xy(shapely.Polygon(room), points)]
-    inside = np.linalg.norm(points[:, None] - places, axis=2) <= ranges
+    inside = np.linalg.norm(points[:, None] - positions, axis=2) <= ranges
     tried = 0
     for member, area, centroid, covariance in zip(*found, strict=True):
         own = points[(inside == member).all(axis=1)]
@@ -68,9 +68,9 @@ def test_moments_of_a_rectangle_with_a_hole_far_from_the_origin() -> None:
 
 def test_a_region_of_two_pieces_is_one_virtual_sensor() -> None:
     # The small disc of the second reader cuts the large one's ring, a bar cuts the ring into two pieces
-    places, ranges = np.array([[0.0, 0.0], [0.0, 0.0]]), np.array([3.0, 1.0])
+    positions, ranges = np.array([[0.0, 0.0], [0.0, 0.0]]), np.array([3.0, 1.0])
     bar = np.array([[-5.0, -0.5], [5.0, -0.5], [5.0, 0.5], [-5.0, 0.5]])
-    found = virtual_sensors(places, ranges, bar)
+    found = virtual_sensors(positions, ranges, bar)
     assert sorted(found.members.sum(axis=1).tolist()) == [1, 2]
     assert_allclose(found.centroid, np.zeros((2, 2)), atol=1e-9)
 
@@ -88,5 +88,5 @@ def test_most_virtual_sensors_is_a_sum_of_binomials(readers: int, overlap: int, 
 
 def test_three_circles_that_all_overlap_make_seven() -> None:
     angles = np.radians([90.0, 210.0, 330.0])
-    places = np.column_stack([np.cos(angles), np.sin(angles)])
-    assert len(virtual_sensors(places, np.full(3, 1.5)).area) == 7
+    positions = np.column_stack([np.cos(angles), np.sin(angles)])
+    assert len(virtual_sensors(positions, np.full(3, 1.5)).area) == 7

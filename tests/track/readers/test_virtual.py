@@ -17,7 +17,7 @@ def test_the_place_is_the_reference_point_of_the_one_virtual_sensor() -> None:
     assert found.matched.all()
 
 
-def test_readers_that_cover_no_place_together_are_said_and_the_nearest_sets_are_taken() -> None:
+def test_readers_that_cover_no_place_together_are_reported_and_the_nearest_sets_are_taken() -> None:
     found = locate(LENS, np.array([[True, False, True]]), 1.0, 0.0)
     assert not found.matched[0]
     # One reader differs: {1} and {3}; their areas weigh them
@@ -42,13 +42,13 @@ def test_probabilities_weigh_the_regions_by_bayes() -> None:
 
 def test_the_covariance_is_that_of_the_errors_of_tags_that_are_read_by_chance() -> None:
     rng = np.random.default_rng(2)
-    places = np.array([[2.0, 2.0], [5.0, 2.0], [2.0, 5.0], [5.0, 5.0]])
+    positions = np.array([[2.0, 2.0], [5.0, 2.0], [2.0, 5.0], [5.0, 5.0]])
     room = np.array([[0.0, 0.0], [7.0, 0.0], [7.0, 7.0], [0.0, 7.0]])
     xy = rng.uniform(0.0, 7.0, (40_000, 2))
-    inside = np.linalg.norm(xy[:, None] - places, axis=2) <= 2.5
+    inside = np.linalg.norm(xy[:, None] - positions, axis=2) <= 2.5
     xy, inside = xy[inside.any(axis=1)], inside[inside.any(axis=1)]
     seen = rng.random(inside.shape) < np.where(inside, 0.8, 0.1)
-    regions = virtual_sensors(places, np.full(4, 2.5), room)
+    regions = virtual_sensors(positions, np.full(4, 2.5), room)
     found = locate(regions, seen, 0.8, 0.1)
     error = xy - found.xy
     nees = np.einsum("ni,nij,nj->n", error, np.linalg.inv(found.covariance), error)

@@ -51,8 +51,8 @@ def test_identities_are_of_one_camera_and_chunks_do_not_matter(cuts: tuple[int, 
     whole = boxes(ROWS)
     chunks = [whole.take(slice(a, b)) for a, b in zip((0, *cuts), (*cuts, len(whole)), strict=True)]
     found = Boxes.concat(follow(chunks, trackers, lambda _: True))
-    told = list(zip(found.t_ns.tolist(), found.sensor.tolist(), found.target_id.tolist(), strict=True))
-    assert told == [(0, "a", 0), (0, "a", 1), (0, "b", 2), (1, "a", 1), (1, "b", -1), (2, "a", -1)]
+    reported = list(zip(found.t_ns.tolist(), found.sensor.tolist(), found.target_id.tolist(), strict=True))
+    assert reported == [(0, "a", 0), (0, "a", 1), (0, "b", 2), (1, "a", 1), (1, "b", -1), (2, "a", -1)]
     assert found.box.tolist() == [0, 1, 0, 0, -1, -1]
     assert np.isnan(found.width_px[4:]).all()
     assert [len(each.boxes) for each in own["a"].seen] == [2, 2, 0]

@@ -69,7 +69,7 @@ def test_colours_undo_an_exchange_at_a_crossing() -> None:
     assert len(linked(exchanged, TIMES, SortConfig(), NOTHING, AREA)[0]) == 2
 
 
-def test_a_link_that_may_be_of_another_person_is_said() -> None:
+def test_a_link_that_may_be_of_another_person_is_reported() -> None:
     """Two people stand close together, are not detected for two seconds, and stand there again."""
     before = [track(range(0, 30), 0.0, 300.0, 0), track(range(0, 30), 0.0, 345.0, 1000)]
     after = [track(range(50, 80), 0.0, 300.0, 2000), track(range(50, 80), 0.0, 345.0, 3000)]

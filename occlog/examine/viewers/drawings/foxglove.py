@@ -66,7 +66,7 @@ def _colour(target: object, colour: Rgba) -> None:
 
 
 def _place(pose: Pose, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> None:
-    pose.position.SetInParent()  # the schema requires it said even at the origin
+    pose.position.SetInParent()  # the schema requires it even at the origin
     pose.position.x, pose.position.y, pose.position.z = x, y, z
     pose.orientation.w = 1.0
 

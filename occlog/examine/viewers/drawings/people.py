@@ -110,20 +110,20 @@ class DiagnosticsDrawing:
             self.seen_by[target] = names if names or not rows.n_detected[k] else None
 
 
-def people_of(rows: Tracks, metres: float, said: DiagnosticsDrawing | None = None) -> list[PersonEstimate]:
+def people_of(rows: Tracks, metres: float, diagnostics: DiagnosticsDrawing | None = None) -> list[PersonEstimate]:
     """The targets of rows of one time.
 
     Args:
         rows: of tracks, one a target.
         metres: length of the unit of the rows.
-        said: by the filter of its targets, where the rows do not state; None: nothing.
+        diagnostics: of the filter for its targets, where the rows do not state; None: nothing.
     """
-    said = DiagnosticsDrawing() if said is None else said
+    diagnostics = DiagnosticsDrawing() if diagnostics is None else diagnostics
     wide = rows if isinstance(rows, PeopleTracks) else None
     covariance = np.stack([rows.cov_xx, rows.cov_xy, rows.cov_xy, rows.cov_yy], axis=1).reshape(-1, 2, 2) * metres**2
     out = []
     for k, target in enumerate(rows.target_id.tolist()):
-        doubt, seen = said.quality_flags.get(target, ""), said.seen_by.get(target)
+        doubt, seen = diagnostics.quality_flags.get(target, ""), diagnostics.seen_by.get(target)
         height, width = np.nan, np.nan
         if wide is not None:
             height, width = metres * float(wide.height[k]), metres * float(wide.width[k])

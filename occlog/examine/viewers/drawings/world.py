@@ -18,6 +18,7 @@ from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 
 from occlog.array_types import Floats
+from occlog.io.formats.calibration.ros import rotation_quaternion
 from occlog.records.scene import Camera, MicrophoneArray, Occluder, Scene
 
 from .people import Palette, PeopleDrawing, PersonEstimate
@@ -68,7 +69,7 @@ def frame_transforms(scene: Scene, t_ns: int, metres: float) -> bytes:
         entry.timestamp.FromNanoseconds(t_ns)
         position, turn = entry.translation, entry.rotation
         position.x, position.y, position.z = (metres * sensor.position).tolist()
-        turn.x, turn.y, turn.z, turn.w = quaternion(sensor.rotation).tolist()
+        turn.x, turn.y, turn.z, turn.w = rotation_quaternion(sensor.rotation).tolist()
     data: bytes = message.SerializeToString(deterministic=True)
     return data
 
@@ -107,21 +108,6 @@ def smaller_camera(camera: Camera, shrunk: float) -> Camera:
         principal_px=shrunk * (camera.principal_px + 0.5) - 0.5,
         image_size=None,
     )
-
-
-def quaternion(rotation: Floats) -> Floats:
-    """(4,) x, y, z, w >= 0 of a rotation (3, 3): the eigenvector of Bar-Itzhack's matrix, stable for all angles."""
-    r = rotation
-    k = np.array(
-        [
-            [r[0, 0] - r[1, 1] - r[2, 2], 0, 0, 0],
-            [r[1, 0] + r[0, 1], r[1, 1] - r[0, 0] - r[2, 2], 0, 0],
-            [r[2, 0] + r[0, 2], r[2, 1] + r[1, 2], r[2, 2] - r[0, 0] - r[1, 1], 0],
-            [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], r[0, 0] + r[1, 1] + r[2, 2]],
-        ]
-    )
-    q = np.asarray(np.linalg.eigh(k)[1][:, -1])
-    return q if q[3] >= 0 or math.isclose(q[3], 0.0) else -q
 
 
 NAME_SIZE = 0.25

@@ -50,11 +50,11 @@ def to_texts(values: pa.Array, where: str, longest: int | None = None) -> String
     texts = ["" if text is None else str(text) for text in coded.dictionary.to_pylist()]
     most = max(map(len, texts), default=0)
     if longest is not None and most > longest:
-        raise InputError(f"{where}: a text of {most} characters; shorten it to {longest}")
+        raise InputError(f"{where}: a text of {most} characters; shorten it to {longest}", id="input-too-large")
     check_texts(texts, max(len(values), len(texts)), where)
     which = to_numpy(coded.indices.fill_null(0))
     if len(which) and coded.null_count < len(which) and not 0 <= int(which.min()) <= int(which.max()) < len(texts):
-        raise InputError(f"{where}: the file is damaged: a row refers to a missing text")
+        raise InputError(f"{where}: the file is damaged: a row refers to a missing text", id="damaged-file")
     out = np.asarray(texts or [""], dtype=np.str_)[which]
     if coded.null_count:
         out[to_numpy(coded.is_null())] = ""
@@ -113,7 +113,8 @@ def check_statements(path: Path, entries: Mapping[bytes, bytes]) -> None:
         if stated.decode(errors="replace") != _sum(unit, provenance):
             raise InputError(
                 f"{path}: damaged: its unit of lengths or its provenance changed since it was written (wrong check "
-                "sum); make it again"
+                "sum); make it again",
+                id="damaged-file",
             )
 
 
@@ -171,9 +172,12 @@ def vectors(c: Column, values: pa.Array) -> NDArray[np.generic]:
             if others
             else "numbers are missing"
         )
-        raise InputError(f"column {c.name}: {fault}")
+        raise InputError(f"column {c.name}: {fault}", id="damaged-file")
     if len(values) * length > max(MAX_NUMBERS, 2 * len(numbers)):
-        raise InputError(f"column {c.name}: a list of {length} numbers among {len(values)} rows, most without any")
+        raise InputError(
+            f"column {c.name}: a list of {length} numbers among {len(values)} rows, most without any",
+            id="input-too-large",
+        )
     out = np.full((len(values), length), np.nan, dtype=c.dtype)
     out[lengths > 0] = to_numpy(numbers).reshape(-1, max(length, 1))
     return out
@@ -184,21 +188,29 @@ def check_schema(path: Path, schema: pa.Schema, table: type[ColumnTable]) -> Non
     found = (schema.metadata or {}).get(SCHEMA_KEY.encode(), b"").decode()
     name, _, version = found.partition("/")
     if name != table.NAME:
-        raise InputError(f"{path}: holds {found or 'no occlog table'}, expected {table.NAME}/{table.VERSION}")
+        raise InputError(
+            f"{path}: holds {found or 'no occlog table'}, expected {table.NAME}/{table.VERSION}", id="wrong-content"
+        )
     if not version.isdigit() or int(version) > table.VERSION:
-        raise InputError(f"{path}: holds {found}, which is newer than {name}/{table.VERSION}; update occlog")
+        raise InputError(
+            f"{path}: holds {found}, which is newer than {name}/{table.VERSION}; update occlog", id="version-mismatch"
+        )
     known = {c.name for kind in (table, *TABLES.values(), *WIDER) if name == kind.NAME for c in kind.columns()}
     for field in schema:  # of another program's column there is no meaning
         if field.name not in known and {b"unit", b"doc"} & (field.metadata or {}).keys():
             hint = f"did you mean {near[0]!r}? " if (near := nearest(field.name, known)) else ""
-            raise InputError(f"{path}: damaged: {name} has no column {field.name!r}; {hint}make it again")
+            raise InputError(
+                f"{path}: damaged: {name} has no column {field.name!r}; {hint}make it again", id="damaged-file"
+            )
     for c in table.columns():
         if schema.get_field_index(c.name) < 0:
             if c.name in schema.names:
-                raise InputError(f"{path}: column {c.name} is there twice; make it again")
+                raise InputError(f"{path}: column {c.name} is there twice; make it again", id="duplicate-name")
             if c.optional:  # a file of an older version
                 continue
-            raise InputError(f"{path}: column {c.name} is missing; {table.NAME} has {', '.join(schema.names)}")
+            raise InputError(
+                f"{path}: column {c.name} is missing; {table.NAME} has {', '.join(schema.names)}", id="missing-column"
+            )
         have, kind = schema.field(c.name).type, _ARROW[c.kind]
         if c.width == ANY_WIDTH:
             if not (pa.types.is_list(have) and have.value_type == kind):

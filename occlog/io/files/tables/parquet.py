@@ -55,7 +55,8 @@ def in_parts(path: Path, size: int, batches: Iterable[pa.RecordBatch]) -> Iterat
         if total > most:
             raise InputError(
                 f"{path}: column {name}: a list of {width} numbers among {batch.num_rows} rows, each of which takes "
-                "as much memory; write lists of one length"
+                "as much memory; write lists of one length",
+                id="input-too-large",
             )
         step = max(NUMBERS_AT_ONCE // max(width, 1), 1)
         for start in range(0, batch.num_rows, step):
@@ -81,7 +82,9 @@ def translate_read_errors(path: Path) -> Iterator[None]:
         raise error if str(path) in str(error) else InputError(f"{path}: {error}") from error
     except (pa.ArrowException, OSError, ValueError, KeyError, MemoryError) as error:
         reason = " ".join(str(error).split())[:160]
-        raise InputError(f"{path}: damaged or not a Parquet file ({reason}); make it again") from error
+        raise InputError(
+            f"{path}: damaged or not a Parquet file ({reason}); make it again", id="damaged-file"
+        ) from error
 
 
 @contextmanager
@@ -140,7 +143,7 @@ def schema_name_of(path: Path, schema: pa.Schema) -> str:
     """Name of the table with this Arrow schema; InputError for one that occlog did not write."""
     raw = (schema.metadata or {}).get(SCHEMA_KEY.encode())
     if raw is None:
-        raise InputError(f"{path}: has no {SCHEMA_KEY} entry, so it is not an occlog table")
+        raise InputError(f"{path}: has no {SCHEMA_KEY} entry, so it is not an occlog table", id="unknown-format")
     return str(raw.decode()).split("/", maxsplit=1)[0]
 
 
@@ -162,10 +165,13 @@ def iter_table(path: Path, table: type[T], rows: int = ROWS_PER_GROUP) -> Iterat
             if texts > most:
                 raise InputError(
                     f"{path}: texts of more than {most} bytes in a file of {size}, since every row takes "
-                    "as much as the longest; shorten it"
+                    "as much as the longest; shorten it",
+                    id="input-too-large",
                 )
             if last is not None and chunk.t_ns[0] < last.t_ns[-1]:  # type: ignore[attr-defined]
-                raise InputError(f"{path}: t_ns goes back between two chunks; sort the table by t_ns")
+                raise InputError(
+                    f"{path}: t_ns goes back between two chunks; sort the table by t_ns", id="unsorted-times"
+                )
             if whole:
                 check_copies(chunk)
                 held = _check_beside(held, chunk)
@@ -231,7 +237,9 @@ def groups_of(path: Path, tables: Mapping[str, type[ColumnTable]]) -> Iterator[R
     with opened_table(path) as file:
         name, first = schema_name_of(path, file.schema_arrow), 0
         if name not in tables:
-            raise InputError(f"{path}: holds {name!r}, which is no table of this version; update occlog")
+            raise InputError(
+                f"{path}: holds {name!r}, which is no table of this version; update occlog", id="version-mismatch"
+            )
         check_schema(path, file.schema_arrow, tables[name])
         for number in range(file.metadata.num_row_groups):
             rows = file.metadata.row_group(number).num_rows

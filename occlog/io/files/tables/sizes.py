@@ -188,7 +188,7 @@ def read_groups(path: Path, file: IO[bytes], size: int) -> list[RowGroupSizes]:
     """
     length, magic = END.unpack(os.pread(file.fileno(), END.size, max(size - END.size, 0)).rjust(END.size, b"\0"))
     if magic in UNREAD:
-        raise InputError(f"{path}: {UNREAD[magic]}")
+        raise InputError(f"{path}: {UNREAD[magic]}", id="damaged-file")
     if length > size - END.size:
         raise MalformedError("a footer that is longer than the file")
     footer = os.pread(file.fileno(), length, size - END.size - length)
@@ -354,7 +354,8 @@ class SizedFile(pq.ParquetFile):  # type: ignore[misc]  # the library has no typ
                 if before + unpacked > most:
                     raise InputError(
                         f"{self._path}: column {column} unpacks to more than {most} bytes in a file of {self._size} "
-                        "bytes, which no measurements fit into"
+                        "bytes, which no measurements fit into",
+                        id="input-too-large",
                     )
         self._checked.add((wanted, number))
         self._unpacked[wanted] += unpacked

@@ -260,7 +260,7 @@ def read_rows(
         lines = _split(path, file, commented=commented)
         line, header = next(lines, (0, []))
         if not header:
-            raise InputError(f"{path}: has no line with data; {what} was expected")
+            raise InputError(f"{path}: has no line with data; {what} was expected", id="empty-input")
         if all(_NUMBER.match(cell) for cell in header):
             known = ",".join(names[0] for names in columns.values())
             raise InputError(f"{path}: line {line}: a header line was expected, not data; name the columns: {known}")
@@ -279,7 +279,7 @@ def read_plain(path: Path, what: str, *, rows: int = ROWS_PER_CHUNK) -> Generato
         lines = _split(path, file)
         first = next(lines, None)
         if first is None:
-            raise InputError(f"{path}: has no line with data; {what} was expected")
+            raise InputError(f"{path}: has no line with data; {what} was expected", id="empty-input")
         names = [str(n) for n in range(len(first[1]))]
         yield from _chunks(path, _rejoin(first, lines), names, rows)
 
@@ -338,11 +338,15 @@ def text_lines(path: Path, file: TextIO) -> Iterator[tuple[int, str]]:
     most = math.inf if packed is None else max(FREE_LINES, packed)
     for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE + 1), ""), start=1):
         if len(line) > LONGEST_LINE:
-            raise InputError(f"{path}: line {number}: longer than {LONGEST_LINE} characters; rows were expected")
+            raise InputError(
+                f"{path}: line {number}: longer than {LONGEST_LINE} characters; rows were expected",
+                id="input-too-large",
+            )
         if number > most:
             raise InputError(
                 f"{path}: line {number}: more lines than measurements in {packed} packed bytes have; unpack the file "
-                "if it is right"
+                "if it is right",
+                id="input-too-large",
             )
         yield number, line
 
@@ -358,7 +362,7 @@ def _split(path: Path, file: TextIO, *, commented: bool = False) -> Iterator[tup
             if not text or (text.startswith("#") and not (commented and number == 1)):
                 continue
             if "\0" in line:
-                _refuse(InputError(f"{path}: line {number}: not text; a text table was expected"))
+                _refuse(InputError(f"{path}: line {number}: not text; a text table was expected", id="unknown-format"))
                 continue
             if reader is None and (stated := _SEPARATOR.match(line)) is not None:
                 reader = stated[1]
@@ -381,12 +385,15 @@ def _split(path: Path, file: TextIO, *, commented: bool = False) -> Iterator[tup
             yield number, cells
     except UnicodeDecodeError as error:
         raise InputError(
-            f"{path}: after line {number}: not UTF-8 text ({error.reason}), as a table should be; save it as UTF-8"
+            f"{path}: after line {number}: not UTF-8 text ({error.reason}), as a table should be; save it as UTF-8",
+            id="wrong-encoding",
         ) from None
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-        raise InputError(f"{path}: after line {number}: damaged gzip file ({error}); compress it again") from None
+        raise InputError(
+            f"{path}: after line {number}: damaged gzip file ({error}); compress it again", id="damaged-file"
+        ) from None
     except csv.Error as error:
-        raise InputError(f"{path}: line {number}: cannot be split into cells ({error})") from None
+        raise InputError(f"{path}: line {number}: cannot be split into cells ({error})", id="invalid-syntax") from None
 
 
 def _delimiter(text: str) -> str:
@@ -430,10 +437,13 @@ def _resolve(
             hint = f"did you mean {near[0]!r}? " if near else ""
             raise InputError(
                 f"{path}: line {line}: unknown column {cell!r}; {hint}known: {known}; "
-                "rename it, or ignore extra columns"
+                "rename it, or ignore extra columns",
+                id="unknown-column",
             )
         if name is not None and name in names:
-            raise InputError(f"{path}: line {line}: two columns are called {name!r}; remove or rename one")
+            raise InputError(
+                f"{path}: line {line}: two columns are called {name!r}; remove or rename one", id="duplicate-name"
+            )
         names.append(name)
     return names
 

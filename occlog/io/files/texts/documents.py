@@ -66,7 +66,7 @@ def parse_json(text: str | bytes, where: Path | str, what: str) -> Any:
         out = dict(pairs)
         if len(out) < len(pairs):
             double = first_double([key for key, _ in pairs])
-            raise InputError(f"{where}: key {str(double)[:40]!r} appears twice; keep one")
+            raise InputError(f"{where}: key {str(double)[:40]!r} appears twice; keep one", id="duplicate-name")
         return out
 
     with guarded(where, what):
@@ -74,7 +74,7 @@ def parse_json(text: str | bytes, where: Path | str, what: str) -> Any:
             value = json.loads(text, object_pairs_hook=once)
         except json.JSONDecodeError as error:
             raise InputError(
-                f"{where}: line {error.lineno}: not valid JSON: {error.msg}; {what} was expected"
+                f"{where}: line {error.lineno}: not valid JSON: {error.msg}; {what} was expected", id="invalid-syntax"
             ) from error
         if _may_have_surrogates(text):
             check_text(json.dumps(value, ensure_ascii=False), where)
@@ -85,7 +85,10 @@ def check_number(count: int, what: str, size: int, where: Path | str) -> None:
     """InputError for more objects, or whatever it is, than a JSON text of `size` can have."""
     most = max(FREE_VALUES, size // BYTES_PER_VALUE)
     if count > most:
-        raise InputError(f"{where}: {count} {what} in {size} characters of JSON; at most {most} are read; split it")
+        raise InputError(
+            f"{where}: {count} {what} in {size} characters of JSON; at most {most} are read; split it",
+            id="input-too-large",
+        )
 
 
 def _may_have_surrogates(text: str | bytes) -> bool:
@@ -134,14 +137,19 @@ def toml_values(text: str, where: Path | str, what: str) -> Mapping[str, Any]:
     """The values of a TOML text; InputError for anything else."""
     size = len(text.encode(errors="replace"))
     if size > MAX_TOML_BYTES:
-        raise InputError(f"{where}: {size} bytes; {what} was expected, in TOML of at most {MAX_TOML_BYTES} bytes")
+        raise InputError(
+            f"{where}: {size} bytes; {what} was expected, in TOML of at most {MAX_TOML_BYTES} bytes",
+            id="input-too-large",
+        )
     if _LONG_KEY.search(text):
-        raise InputError(f"{where}: a key of more than {MAX_KEY_PARTS} parts; {what} was expected")
+        raise InputError(
+            f"{where}: a key of more than {MAX_KEY_PARTS} parts; {what} was expected", id="input-too-large"
+        )
     with guarded(where, what):
         try:
             return tomllib.loads(text)
         except tomllib.TOMLDecodeError as error:
-            raise InputError(f"{where}: not TOML ({error}); correct this line") from None
+            raise InputError(f"{where}: not TOML ({error}); correct this line", id="invalid-syntax") from None
 
 
 def parse_xml(text: str, path: Path) -> Element:
@@ -153,7 +161,7 @@ def parse_xml(text: str, path: Path) -> Element:
             return ElementTree.fromstring(text)
         except ElementTree.ParseError as error:
             raise InputError(
-                f"{path}: line {error.position[0]}: not XML ({error}); correct or export it again"
+                f"{path}: line {error.position[0]}: not XML ({error}); correct or export it again", id="invalid-syntax"
             ) from None
 
 
@@ -161,7 +169,7 @@ def required(parent: Element, name: str, where: str) -> Element:
     """The child of that name; InputError if missing."""
     child = parent.find(name)
     if child is None:
-        raise InputError(f"{where}: the part <{name}> is missing")
+        raise InputError(f"{where}: the part <{name}> is missing", id="missing-value")
     return child
 
 
@@ -170,7 +178,7 @@ def number(element: Element, name: str, where: str, default: float | None = None
     text = element.get(name)
     if text is None:
         if default is None:
-            raise InputError(f"{where}: <{element.tag}> has no {name}")
+            raise InputError(f"{where}: <{element.tag}> has no {name}", id="missing-value")
         return default
     try:
         value = float(text)

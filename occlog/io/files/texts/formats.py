@@ -157,7 +157,10 @@ class TextPart:
         """(n,) times [ns]; InputError without a column of times."""
         unit = time_column(self.rows)
         if unit is None:
-            raise InputError(f"{self.rows.path}: has no column of times; name one of them time (seconds) or t_ns")
+            raise InputError(
+                f"{self.rows.path}: has no column of times; name one of them time (seconds) or t_ns",
+                id="missing-column",
+            )
         return parse_times(self.rows, unit, unit)
 
 
@@ -178,7 +181,7 @@ def read_format(path: Path, table: TextFormat, *, ignore_extra: bool = False) ->
         if missing:
             absent = " and ".join(table.columns[name].names[0] for name in missing)
             known = ", ".join(names[0] for names in table.names.values())
-            raise InputError(f"{path}: has no column {absent}; add it ({table.what} has {known})")
+            raise InputError(f"{path}: has no column {absent}; add it ({table.what} has {known})", id="missing-column")
         yield TextPart(rows, {name: column.values(rows, name) for name, column in table.columns.items()})
 
 
@@ -216,11 +219,16 @@ class Probe:
         """The whole text; InputError if it is no UTF-8, or of more than `MAX_TEXT` bytes."""
         path = check_input(self.path, self.what)
         if path.stat().st_size > MAX_TEXT:
-            raise InputError(f"{path}: {path.stat().st_size} bytes; {self.what} was expected, of at most {MAX_TEXT}")
+            raise InputError(
+                f"{path}: {path.stat().st_size} bytes; {self.what} was expected, of at most {MAX_TEXT}",
+                id="input-too-large",
+            )
         try:
             return path.read_text(encoding="utf-8-sig")
         except UnicodeDecodeError as error:
-            raise InputError(f"{path}: byte {error.start}: not UTF-8 text; {self.what} was expected") from None
+            raise InputError(
+                f"{path}: byte {error.start}: not UTF-8 text; {self.what} was expected", id="wrong-encoding"
+            ) from None
 
 
 def is_folder(probe: Probe) -> bool:
@@ -271,5 +279,7 @@ def recognise(formats: Mapping[str, FileFormat[R]], probe: Probe, stated: str = 
     if stated == "auto":
         return next((name for name, each in formats.items() if each.sniff(probe)), None)
     if stated not in formats:
-        raise UsageError(f"{family} format {stated!r} is not known; known: auto, {', '.join(formats)}")
+        raise UsageError(
+            f"{family} format {stated!r} is not known; known: auto, {', '.join(formats)}", id="unknown-name"
+        )
     return stated

@@ -74,7 +74,9 @@ class BoundedLoader(_SafeLoader):
 
 
 def _too_many(where: Path | str) -> InputError:
-    return InputError(f"{where}: more than {MAX_NODES} entries with its aliases expanded; write it out plainly")
+    return InputError(
+        f"{where}: more than {MAX_NODES} entries with its aliases expanded; write it out plainly", id="input-too-large"
+    )
 
 
 def compose_yaml(text: str, where: Path | str, loader: type[BoundedLoader]) -> yaml.Node | None:
@@ -106,7 +108,9 @@ def _check_nodes(root: yaml.Node, where: Path | str) -> None:
             for key, value in node.value:
                 if not isinstance(key, yaml.ScalarNode):
                     line = key.start_mark.line + 1
-                    raise InputError(f"{where}: line {line}: a list or a mapping cannot be a key; give a name")
+                    raise InputError(
+                        f"{where}: line {line}: a list or a mapping cannot be a key; give a name", id="invalid-syntax"
+                    )
                 _check_scalar(key, where)
                 waiting.append(value)
         elif isinstance(node, yaml.SequenceNode):
@@ -120,7 +124,10 @@ def _check_scalar(node: yaml.ScalarNode, where: Path | str) -> None:
     location = f"{where}: line {node.start_mark.line + 1}"
     check_text(node.value, location)
     if node.tag in _NUMBERS and len(node.value) > LONGEST_NUMBER:
-        raise InputError(f"{location}: a number of {len(node.value)} characters; at most {LONGEST_NUMBER} are read")
+        raise InputError(
+            f"{location}: a number of {len(node.value)} characters; at most {LONGEST_NUMBER} are read",
+            id="input-too-large",
+        )
 
 
 class _Unknowing(BoundedLoader):
@@ -154,7 +161,9 @@ def yaml_documents(text: str, where: Path | str, what: str) -> list[Any]:
     except _TooManyError:
         raise _too_many(where) from None
     except yaml.YAMLError as error:
-        raise InputError(f"{where}: not YAML ({' '.join(str(error).split())[:100]}); {what} was expected") from None
+        raise InputError(
+            f"{where}: not YAML ({' '.join(str(error).split())[:100]}); {what} was expected", id="invalid-syntax"
+        ) from None
 
 
 T = TypeVar("T")
@@ -265,7 +274,8 @@ def _values(text: str, source: str) -> tuple[Any, dict[str, int]]:
         except yaml.YAMLError as error:
             if text.startswith("%YAML") and "opencv-" in text:
                 raise InputError(
-                    f"{source}: a calibration of OpenCV; give it to occlog ingest {option('calibration')}"
+                    f"{source}: a calibration of OpenCV; give it to occlog ingest {option('calibration')}",
+                    id="wrong-content",
                 ) from None
             raise InputError(f"{source}: {_yaml_problem(error)}") from error
         known = raw, lines
@@ -290,7 +300,10 @@ def _lines(node: yaml.Node, location: str, source: str) -> Iterator[tuple[str, i
         seen: set[str] = set()
         for key, value in node.value:
             if key.value in seen:
-                raise InputError(f"{source}: line {key.start_mark.line + 1}: key {key.value!r} appears twice; keep one")
+                raise InputError(
+                    f"{source}: line {key.start_mark.line + 1}: key {key.value!r} appears twice; keep one",
+                    id="duplicate-name",
+                )
             seen.add(key.value)
             yield from _lines(value, f"{location}.{key.value}", source)
     elif isinstance(node, yaml.SequenceNode):

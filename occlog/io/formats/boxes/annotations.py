@@ -48,15 +48,24 @@ def open_cvat(path: Path, wanted: BoxReadOptions) -> BoxSource:
         InputError: the camera is not named, or the file is no such XML.
     """
     if wanted.camera is None:
-        raise InputError(f"{path}: annotations of CVAT are of one camera and do not name it; give CAMERA={path.name}")
+        raise InputError(
+            f"{path}: annotations of CVAT are of one camera and do not name it; give CAMERA={path.name}",
+            id="camera-not-named",
+        )
     if path.stat().st_size > MAX_BYTES:
-        raise InputError(f"{path}: {path.stat().st_size} bytes; {WHAT} of at most {MAX_BYTES} can be read; split it")
+        raise InputError(
+            f"{path}: {path.stat().st_size} bytes; {WHAT} of at most {MAX_BYTES} can be read; split it",
+            id="input-too-large",
+        )
     with guarded(path, WHAT):
         root = parse_xml(path.read_text(encoding="utf-8-sig"), path)
     records = [*_of_tracks(path, root), *_of_images(path, root)]
     listed = _listed(root)
     if not records and listed is None:
-        raise InputError(f"{path}: has no <track> and no <image>; {WHAT} were expected (CVAT for video, or for images)")
+        raise InputError(
+            f"{path}: has no <track> and no <image>; {WHAT} were expected (CVAT for video, or for images)",
+            id="unknown-format",
+        )
     records.sort(key=lambda record: _order(record[1]["frame"]))
     return BoxSource(
         _chunks(path, records),
@@ -104,9 +113,11 @@ def _of_images(path: Path, root: Element) -> Iterator[Record]:
 def _edges(box: Element, where: str) -> dict[str, str]:
     missing = [name for name in EDGES if box.get(name) is None]
     if missing:
-        raise InputError(f"{where}: has no {missing[0]}; {', '.join(EDGES)} were expected")
+        raise InputError(f"{where}: has no {missing[0]}; {', '.join(EDGES)} were expected", id="unknown-format")
     if float(box.get("rotation", "0") or "0"):
-        raise InputError(f"{where}: is rotated; turned boxes cannot be used: export upright ones")
+        raise InputError(
+            f"{where}: is rotated; turned boxes cannot be used: export upright ones", id="unsupported-format"
+        )
     return {name: str(box.get(key)) for key, name in EDGES.items()}
 
 

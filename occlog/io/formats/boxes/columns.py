@@ -138,9 +138,12 @@ def check_columns(rows: CsvRows, camera: str | None) -> CsvRows:
     if not (rows.has("right") and rows.has("bottom")) and not (rows.has("width") and rows.has("height")):
         missing.append("right and bottom (or width and height)")
     if missing:
-        raise InputError(f"{rows.path}: has no column {', '.join(missing)}; add it")
+        raise InputError(f"{rows.path}: has no column {', '.join(missing)}; add it", id="missing-column")
     if camera is None and not rows.has("camera"):
-        raise InputError(f"{rows.path}: has no column camera; add it, or name the camera: CAMERA={rows.path.name}")
+        raise InputError(
+            f"{rows.path}: has no column camera; add it, or name the camera: CAMERA={rows.path.name}",
+            id="camera-not-named",
+        )
     return rows
 
 
@@ -149,7 +152,9 @@ def _from_centres(rows: CsvRows) -> CsvRows:
     cells = dict(rows.cells)
     for centre, size, edge in (("centre_x", "width", "left"), ("centre_y", "height", "top")):
         if rows.has(centre) and rows.has(edge):
-            raise InputError(f"{rows.path}: has columns of both {edge} edges and centres; keep one")
+            raise InputError(
+                f"{rows.path}: has columns of both {edge} edges and centres; keep one", id="conflicting-values"
+            )
         if rows.has(centre) and rows.has(size):
             near = rows.floats(centre, blank=True) - 0.5 * rows.floats(size, blank=True)
             cells[edge] = np.array([repr(value) for value in near.tolist()], dtype=np.str_)
@@ -173,7 +178,9 @@ def rows_of(
     for n, (line, cells) in enumerate(records):
         if max(map(len, cells.values()), default=0) > MAX_CELL:
             where = f"{files[n] if files else path}: {location} {line}"
-            raise InputError(f"{where}: a cell of more than {MAX_CELL} characters; correct this {location}")
+            raise InputError(
+                f"{where}: a cell of more than {MAX_CELL} characters; correct this {location}", id="input-too-large"
+            )
     names = dict.fromkeys(name for _, cells in records for name in cells)
     columns = {name: np.array([cells.get(name, "") for _, cells in records], dtype=np.str_) for name in names}
     lines = np.array([line for line, _ in records], dtype=np.int64)
@@ -194,7 +201,8 @@ def _csv(path: Path, camera: str | None, ignore_extra: bool) -> Iterator[CsvRows
     head = {cell.lower() for cell in first_line(path, WHAT)}
     if {"x", "y"} <= head and not head & {BOX, *COLUMNS["left"], *COLUMNS["width"]}:
         raise InputError(
-            f"{path}: holds positions on the ground (x, y) and no boxes; give it as positions ({option('positions')})"
+            f"{path}: holds positions on the ground (x, y) and no boxes; give it as positions ({option('positions')})",
+            id="wrong-content",
         )
     if not head & {*COLUMNS["frame"]}:
         known["image"] = IMAGE
@@ -238,7 +246,10 @@ def _split_box(rows: CsvRows) -> CsvRows:
 def open_mot(path: Path, wanted: BoxReadOptions) -> BoxSource:
     """Boxes of MOTChallenge text."""
     if wanted.camera is None:
-        raise InputError(f"{path}: a MOTChallenge file holds one camera and does not name it; give CAMERA={path.name}")
+        raise InputError(
+            f"{path}: a MOTChallenge file holds one camera and does not name it; give CAMERA={path.name}",
+            id="camera-not-named",
+        )
     return BoxSource(_mot(path), "MOTChallenge text", first_number=1)
 
 

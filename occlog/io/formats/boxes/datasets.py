@@ -74,7 +74,10 @@ def open_kitti(path: Path, wanted: BoxReadOptions) -> BoxSource:
         InputError: the camera is not named.
     """
     if wanted.camera is None:
-        raise InputError(f"{path}: KITTI's text holds one camera and does not name it; give CAMERA={path.name}")
+        raise InputError(
+            f"{path}: KITTI's text holds one camera and does not name it; give CAMERA={path.name}",
+            id="camera-not-named",
+        )
     return BoxSource(_kitti(path), "KITTI text", first_number=0)
 
 
@@ -115,7 +118,9 @@ def open_vatic(path: Path, wanted: BoxReadOptions) -> BoxSource:
         InputError: the camera is not named.
     """
     if wanted.camera is None:
-        raise InputError(f"{path}: VATIC text holds one camera and does not name it; give CAMERA={path.name}")
+        raise InputError(
+            f"{path}: VATIC text holds one camera and does not name it; give CAMERA={path.name}", id="camera-not-named"
+        )
     return BoxSource(_vatic_chunks(path), "VATIC text", first_number=0)
 
 
@@ -163,7 +168,9 @@ def frame_files(folder: Path) -> dict[int, Path]:
     for name in natural_sorted(names):
         number = int(last_number(Path(name).stem) or 0)
         if number in found:
-            raise InputError(f"{folder / name}: is frame {number}, as {found[number].name} is; keep one")
+            raise InputError(
+                f"{folder / name}: is frame {number}, as {found[number].name} is; keep one", id="duplicate-row"
+            )
         found[number] = folder / name
     return dict(sorted(found.items()))
 
@@ -218,7 +225,8 @@ def read_people(file: Path) -> list[AnnotatedPerson]:
     check_input(file, "annotations of a frame")
     if file.stat().st_size > MAX_ANNOTATION_BYTES:
         raise InputError(
-            f"{file}: {file.stat().st_size} bytes; annotations of at most {MAX_ANNOTATION_BYTES} were expected"
+            f"{file}: {file.stat().st_size} bytes; annotations of at most {MAX_ANNOTATION_BYTES} were expected",
+            id="input-too-large",
         )
     value = parse_json(file.read_bytes(), file, "annotations of a frame")
     if isinstance(value, dict) and isinstance(value.get("people"), list):
@@ -235,7 +243,8 @@ def _person(file: Path, n: int, person: Any) -> AnnotatedPerson:
         found = {view["viewNum"]: [view[edge] for edge in EDGES] for view in views}
     except (TypeError, KeyError) as error:
         raise InputError(
-            f"{where}: has no {error}; expected personID, positionID and views with {', '.join(EDGES)}"
+            f"{where}: has no {error}; expected personID, positionID and views with {', '.join(EDGES)}",
+            id="unknown-format",
         ) from None
     numbers = [identity, position, *found, *(edge for edges in found.values() for edge in edges)]
     if not all(isinstance(v, int | float) and not isinstance(v, bool) for v in numbers):
@@ -282,7 +291,10 @@ def camera_folders(path: Path) -> dict[str | None, Path]:
     found = {p.name: _labels(p) for p in sorted(path.iterdir()) if p.is_dir() and not p.name.startswith(".")}
     cameras: dict[str | None, Path] = {name: folder for name, folder in found.items() if folder is not None}
     if not cameras:
-        raise InputError(f"{path}: holds no file of labels (NAME_12.txt or 000012.txt, one a frame); name their folder")
+        raise InputError(
+            f"{path}: holds no file of labels (NAME_12.txt or 000012.txt, one a frame); name their folder",
+            id="unknown-format",
+        )
     return {name: cameras[name] for name in natural_sorted(str(n) for n in cameras)}
 
 
@@ -320,10 +332,15 @@ def open_folder(path: Path, wanted: BoxReadOptions) -> BoxSource:
     camera = wanted.camera
     folders = camera_folders(path)
     if camera is None and None in folders:
-        raise InputError(f"{path}: holds the labels of one camera and does not name it; give CAMERA={path.name}")
+        raise InputError(
+            f"{path}: holds the labels of one camera and does not name it; give CAMERA={path.name}",
+            id="camera-not-named",
+        )
     if camera is not None and None not in folders:
         names = ", ".join(str(name) for name in folders)
-        raise InputError(f"{path}: holds the labels of several cameras ({names}); give it without a camera")
+        raise InputError(
+            f"{path}: holds the labels of several cameras ({names}); give it without a camera", id="ambiguous-input"
+        )
     numbers = {name: _numbered(folder) for name, folder in folders.items()}
     listed = {str(name or ""): np.array(list(files), dtype=np.int64) for name, files in numbers.items()}
     named = tuple(str(name) for name in folders if name is not None)
@@ -338,7 +355,8 @@ def _numbered(folder: Path) -> dict[int, Path]:
         number = int(last_number(file.stem) or 0)
         if number in found:
             raise InputError(
-                f"{file}: is frame {number}, as {found[number].name} is; keep the files of one recording in a folder"
+                f"{file}: is frame {number}, as {found[number].name} is; keep the files of one recording in a folder",
+                id="duplicate-row",
             )
         found[number] = file
     return dict(sorted(found.items()))
@@ -372,12 +390,15 @@ def _read(file: Path, frame: int) -> list[Line]:
     check_input(file, "labels of a frame")
     if file.stat().st_size > MAX_LABEL_BYTES:
         raise InputError(
-            f"{file}: {file.stat().st_size} bytes; labels of a frame were expected, at most {MAX_LABEL_BYTES}"
+            f"{file}: {file.stat().st_size} bytes; labels of a frame were expected, at most {MAX_LABEL_BYTES}",
+            id="input-too-large",
         )
     try:
         text = file.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(f"{file}: byte {error.start}: not UTF-8 text; labels of a frame were expected") from None
+        raise InputError(
+            f"{file}: byte {error.start}: not UTF-8 text; labels of a frame were expected", id="wrong-encoding"
+        ) from None
     out: list[Line] = []
     seen: set[str] = set()
     for number, line in enumerate(text.splitlines(), start=1):
@@ -394,7 +415,8 @@ def _read(file: Path, frame: int) -> list[Line]:
         if " ".join(cells) in seen:
             raise InputError(
                 f"{file}: line {number}: duplicate box; Ultralytics appends to the files of an earlier "
-                "run: empty the folder and detect again"
+                "run: empty the folder and detect again",
+                id="duplicate-row",
             )
         seen.add(" ".join(cells))
         out.append((file, number, frame, cells))
@@ -406,13 +428,17 @@ def _tail(folder: Path, lines: list[Line]) -> tuple[str, ...]:
     counts = {len(numbers) for *_, numbers in lines}
     if 7 in counts:
         if 5 in counts:
-            raise InputError(f"{folder}: has lines of 5 and of 7 numbers; write all in one way")
+            raise InputError(
+                f"{folder}: has lines of 5 and of 7 numbers; write all in one way", id="incompatible-inputs"
+            )
         return ("confidence",)
     last = [numbers[5] for *_, numbers in lines if len(numbers) == 6]
     if last and all(text.isascii() and text.isdigit() and text.strip("0") for text in last):
         return ("id",)
     if last and 5 in counts:
-        raise InputError(f"{folder}: has lines with and without a confidence; write all in one way")
+        raise InputError(
+            f"{folder}: has lines with and without a confidence; write all in one way", id="incompatible-inputs"
+        )
     return ("confidence",)
 
 

@@ -140,7 +140,8 @@ def _check_camera(path: Path, boxes: Boxes) -> None:
     if len(cameras) > 1:
         raise InputError(
             f"{path}: boxes of {len(cameras)} cameras ({', '.join(cameras)}); MOTChallenge text holds one camera, "
-            "write a file for each"
+            "write a file for each",
+            id="ambiguous-input",
         )
     if len(boxes) and boxes.frame.min() < 0:
         raise InputError(f"{path}: frame {int(boxes.frame.min())}; frames are numbered from 0")
@@ -152,12 +153,16 @@ def _check_identities(path: Path, boxes: Boxes) -> None:
     if len(bad):
         raise InputError(
             f"{path}: the box in frame {boxes.frame[bad[0]]} has no identity; "
-            "leave it out, or write the boxes as detections"
+            "leave it out, or write the boxes as detections",
+            id="missing-labels",
         )
     twice = np.flatnonzero((np.diff(boxes.frame) == 0) & (np.diff(boxes.target_id) == 0))
     if len(twice):
         row = int(twice[0])
-        raise InputError(f"{path}: identity {boxes.target_id[row]} has two boxes in frame {boxes.frame[row]}; keep one")
+        raise InputError(
+            f"{path}: identity {boxes.target_id[row]} has two boxes in frame {boxes.frame[row]}; keep one",
+            id="duplicate-row",
+        )
 
 
 BENCHMARK = "MOT17-train"

@@ -68,14 +68,16 @@ def open_json(path: Path, wanted: BoxReadOptions) -> BoxSource:
     if value and "image_id" in value[0] and "bbox" in value[0]:
         if camera is None:
             raise InputError(
-                f"{path}: COCO results do not name their camera; give CAMERA={path.name}, or COCO with its images"
+                f"{path}: COCO results do not name their camera; give CAMERA={path.name}, or COCO with its images",
+                id="camera-not-named",
             )
         given = [(record, {"frame": _image_number(path, n, record)}) for n, record in enumerate(value, start=1)]
         folders = [str(Path(record["image_id"]).parent) for record, _ in given if isinstance(record["image_id"], str)]
         if len(set(folders)) > 1:
             raise InputError(
                 f"{path}: images of the folders {' and '.join(sorted(set(folders))[:2])}, which are not one camera; "
-                "give COCO with its images, or a file for each"
+                "give COCO with its images, or a file for each",
+                id="ambiguous-input",
             )
         return BoxSource(_rows(path, given, camera, ignore_extra, skip=("image_id", "id")), "COCO results")
     nothing: dict[str, str] = {}
@@ -89,11 +91,16 @@ def _no_object(path: Path, n: int, record: object) -> InputError:
 def _load(path: Path) -> Any:
     """The value in a file; a list of values where it has one a line."""
     if path.stat().st_size > MAX_BYTES:
-        raise InputError(f"{path}: {path.stat().st_size} bytes; JSON of at most {MAX_BYTES} can be read; split it")
+        raise InputError(
+            f"{path}: {path.stat().st_size} bytes; JSON of at most {MAX_BYTES} can be read; split it",
+            id="input-too-large",
+        )
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: byte {error.start}: not UTF-8 text; {WHAT} was expected") from None
+        raise InputError(
+            f"{path}: byte {error.start}: not UTF-8 text; {WHAT} was expected", id="wrong-encoding"
+        ) from None
     try:
         return parse_json(text, path, WHAT)
     except InputError as error:
@@ -126,17 +133,22 @@ def _cells(path: Path, n: int, record: object, ignore_extra: bool, skip: Sequenc
     if not isinstance(record, dict):
         raise _no_object(path, n, record)
     if LABEL_STUDIO & record.keys():
-        raise InputError(f"{path}: is JSON of Label Studio, which is not read; export it as COCO or YOLO")
+        raise InputError(
+            f"{path}: is JSON of Label Studio, which is not read; export it as COCO or YOLO", id="unsupported-format"
+        )
     out: dict[str, str] = {}
-    said: dict[str, str] = {}
+    reported: dict[str, str] = {}
     for key, value in record.items():
         name = key.lower()
         if name in skip or name in IGNORED:
             continue
         for meaning in BBOX if name == "bbox" else EDGES.values() if name == BOX else (MEANING.get(name, name),):
-            other = said.setdefault(meaning, key)
+            other = reported.setdefault(meaning, key)
             if other != key:
-                raise InputError(f"{path}: entry {n}: keys {other!r} and {key!r} both state {meaning}; leave one out")
+                raise InputError(
+                    f"{path}: entry {n}: keys {other!r} and {key!r} both state {meaning}; leave one out",
+                    id="conflicting-values",
+                )
         if name == BOX and isinstance(value, dict):
             if set(value) != set(EDGES):
                 raise InputError(f"{path}: entry {n}: box has {', '.join(value)}; expected {', '.join(EDGES)}")
@@ -155,7 +167,9 @@ def _cells(path: Path, n: int, record: object, ignore_extra: bool, skip: Sequenc
         elif not ignore_extra:
             near = get_close_matches(name, list(MEANING), n=1, cutoff=0.5)
             hint = f"did you mean {near[0]!r}? " if near else ""
-            raise InputError(f"{path}: entry {n}: unknown key {key!r}; {hint}rename it, or ignore extra columns")
+            raise InputError(
+                f"{path}: entry {n}: unknown key {key!r}; {hint}rename it, or ignore extra columns", id="unknown-column"
+            )
     return out
 
 
@@ -193,11 +207,15 @@ def _coco(path: Path, value: Record, camera: str | None) -> BoxSource:
         key = (cells.get("camera", ""), cells["frame"])
         if image.get("id") in images or key in seen:
             other = image["id"] if image["id"] in images else seen[key]
-            raise InputError(f"{path}: image {n}: is the same image or frame as image {other}; keep one")
+            raise InputError(
+                f"{path}: image {n}: is the same image or frame as image {other}; keep one", id="duplicate-row"
+            )
         images[image["id"]], seen[key] = cells, image["id"]
     annotations = value.get("annotations")
     if not isinstance(annotations, list):
-        raise InputError(f"{path}: COCO without annotations; expected images, annotations and categories")
+        raise InputError(
+            f"{path}: COCO without annotations; expected images, annotations and categories", id="unknown-format"
+        )
     names = _categories(path, value.get("categories") or [])
     records = []
     for n, annotation in enumerate(annotations, start=1):
@@ -225,10 +243,12 @@ def _categories(path: Path, categories: object) -> dict[object, str]:
     names: dict[object, str] = {}
     for n, category in enumerate(categories, start=1):
         if not isinstance(category, dict) or not isinstance(category.get("id"), int | str):
-            raise InputError(f"{path}: category {n}: has no id")
+            raise InputError(f"{path}: category {n}: has no id", id="missing-value")
         name = str(category.get("name"))
         if names.setdefault(category["id"], name) != name:
-            raise InputError(f"{path}: category {n}: has the id of {names[category['id']]!r}; give each its own")
+            raise InputError(
+                f"{path}: category {n}: has the id of {names[category['id']]!r}; give each its own", id="duplicate-name"
+            )
     return names
 
 
@@ -241,12 +261,14 @@ def _chunks(path: Path, records: Sequence[tuple[int, Mapping[str, str]]]) -> Ite
 def _image(path: Path, n: int, image: object, camera: str | None) -> dict[str, str]:
     """Frame and camera of an image of COCO."""
     if not isinstance(image, dict) or not isinstance(image.get("id"), int | str):
-        raise InputError(f"{path}: image {n}: has no id")
+        raise InputError(f"{path}: image {n}: has no id", id="missing-value")
     name = str(image.get("file_name", ""))
     key = next((k for k in FRAME_KEYS if isinstance(image.get(k), int)), None)
     found = last_number(Path(name).stem)
     if key is None and found is None:
-        raise InputError(f"{path}: image {n}: neither frame nor file_name {name!r} has the number of its frame")
+        raise InputError(
+            f"{path}: image {n}: neither frame nor file_name {name!r} has the number of its frame", id="missing-value"
+        )
     number = str(image[key] + 0) if key else found.lstrip("0") or "0" if found else "0"
     if len(number) > len(str(MAX_FRAMES)) or not 0 <= int(number) < MAX_FRAMES:
         raise InputError(
@@ -256,7 +278,10 @@ def _image(path: Path, n: int, image: object, camera: str | None) -> dict[str, s
     if camera is None:
         out["camera"] = _camera_of(image)
         if not out["camera"]:
-            raise InputError(f"{path}: image {n}: {name!r} names no camera (CAMERA/{name}); give CAMERA={path.name}")
+            raise InputError(
+                f"{path}: image {n}: {name!r} names no camera (CAMERA/{name}); give CAMERA={path.name}",
+                id="camera-not-named",
+            )
     return out
 
 
@@ -285,7 +310,8 @@ def _check_origin(path: Path, n: int, image: Record, camera: str | None, first: 
     raise InputError(
         f"{path}: image {n}: is of {_origin(image)}, and the first image of {owner} of {first}; "
         + (f"omit {camera}=, so that each has its own, or " if camera is not None else "")
-        + "give every image a key camera"
+        + "give every image a key camera",
+        id="image-size-mismatch",
     )
 
 

@@ -100,19 +100,21 @@ def table_times(found: dict[int, int], first: int, stop: int, where: str) -> Fra
         InputError: no frame has a time, or times go back, repeat or reach too far.
     """
     if not found:
-        raise InputError(f"{where}: no frame of a camera has a time; give the frame rate")
+        raise InputError(f"{where}: no frame of a camera has a time; give the frame rate", id="missing-times")
     frames = np.array(sorted(found), dtype=np.int64)
     t_ns = np.array([found[int(f)] for f in frames], dtype=np.int64)
     if (np.diff(t_ns) <= 0).any():
         k = int(np.flatnonzero(np.diff(t_ns) <= 0)[0])
         raise InputError(
             f"{where}: frame {frames[k + 1]} has time {time_words(t_ns[k + 1])}, not after the "
-            f"{time_words(t_ns[k])} of frame {frames[k]}"
+            f"{time_words(t_ns[k])} of frame {frames[k]}",
+            id="unsorted-times",
         )
     step = (t_ns[-1] - t_ns[0]) / max(int(frames[-1] - frames[0]), 1)
     if not step and stop - first > 1:
         raise InputError(
-            f"{where}: only frame {frames[0]} has a time, which does not determine the others; give the frame rate"
+            f"{where}: only frame {frames[0]} has a time, which does not determine the others; give the frame rate",
+            id="missing-times",
         )
     wanted = np.arange(stop)
     # Relative to the first time: float64 cannot hold ns since 1970 exactly.
@@ -121,7 +123,10 @@ def table_times(found: dict[int, int], first: int, stop: int, where: str) -> Fra
     relative[before] = (wanted[before] - frames[0]) * step
     relative[after] = float(t_ns[-1] - t_ns[0]) + (wanted[after] - frames[-1]) * step
     if np.abs(relative).max(initial=0.0) > MAX_NS:
-        raise InputError(f"{where}: {step / NS:g} s from one frame to the next lead to times that are out of range")
+        raise InputError(
+            f"{where}: {step / NS:g} s from one frame to the next lead to times that are out of range",
+            id="time-out-of-range",
+        )
     table = np.round(relative).astype(np.int64) + t_ns[0]
     table[frames[frames < stop]] = t_ns[frames < stop]
     return FrameTimes("column of times", 0, table)
@@ -314,9 +319,12 @@ def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOpt
         check_classes(where, options.classes, found.classes, found.classes + found.left_out)
     spans = [each for each in found.frames.values() if each.count]
     if not spans and not options.frames:
-        raise InputError(f"{where}: no row with a box; if nothing was detected in all frames, give the range of frames")
+        raise InputError(
+            f"{where}: no row with a box; if nothing was detected in all frames, give the range of frames",
+            id="empty-input",
+        )
     for name, farthest in found.farthest.items():
-        if farthest <= NORMALISED_PX and found.frames[name].boxed > 1:
+        if farthest <= NORMALISED_PX and found.boxes[name] > 1:
             path = next(file for file, own in zip(found.files, found.of_files, strict=True) if name in own)
             raise InputError(
                 f"{path}: camera {name}: no box reaches beyond {farthest:.3g} px; these seem to be shares of the "
@@ -494,6 +502,7 @@ class _BoxScan:
     left_out: Counter[tuple[str, ...]] = field(default_factory=Counter)
     shares: set[str] = field(default_factory=set)
     farthest: dict[str, float] = field(default_factory=dict)
+    boxes: Counter[str] = field(default_factory=Counter)
     of_files: list[tuple[str, ...]] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
     sizes: dict[str, tuple[int, int]] = field(default_factory=dict)
@@ -537,6 +546,7 @@ def _survey_file(file: BoxFile, known: Sequence[str], options: BoxOptions, found
             found.farthest |= dict.fromkeys(found.shares, math.inf)
         for n in np.unique(boxes.camera).tolist():
             name, edges = found.cameras[n], (boxes.left + boxes.width)[boxes.camera == n]
+            found.boxes[name] += len(edges)
             found.farthest[name] = max(found.farthest.get(name, -math.inf), float(edges.max()))
     if unusable is not None:
         unusable.check()
@@ -548,7 +558,8 @@ def _survey_file(file: BoxFile, known: Sequence[str], options: BoxOptions, found
         if double is not None:
             raise InputError(
                 f"{file.path}: camera {double}: has boxes in {before}, too, where each frame without one states that "
-                "nothing was detected; join the files"
+                "nothing was detected; join the files",
+                id="conflicting-values",
             )
     found.files.append(str(file.path))
     found.of_files.append(tuple(own))
@@ -666,7 +677,8 @@ def _check_corner(path: Path, names: set[str]) -> None:
     if {"x", "y"} <= names and names & {"w", "width"} and not names & set(COLUMNS["left"]):
         raise InputError(
             f"{path}: columns x and y: they may be a corner or the middle of a box; call them left and top, or give "
-            "left, top, right and bottom"
+            "left, top, right and bottom",
+            id="ambiguous-input",
         )
 
 
@@ -748,7 +760,8 @@ def _matched(
             remedy = f"give each folder with its camera (CAMERA={file.path / foreign[0]})"
         raise InputError(
             f"{file.path}: {'camera' if one else 'cameras'} {text} {'is' if one else 'are'} none of "
-            f"{', '.join(known)}; {remedy}, calibrate {'it' if one else 'them'}, or allow uncalibrated cameras"
+            f"{', '.join(known)}; {remedy}, calibrate {'it' if one else 'them'}, or allow uncalibrated cameras",
+            id="missing-pose",
         )
     names = [label if label in foreign else match_sensor(label, known, str(file.path)) for label in labels]
     for label, name in zip(labels, names, strict=True):
@@ -796,7 +809,8 @@ def _edges(
         if sizes is None or cameras[n] not in sizes:
             raise UsageError(
                 f"{rows.path}: is in shares of the image, and the image size of camera {cameras[n]} "
-                "is unknown; give the image size, a calibration that has it, or the video"
+                "is unknown; give the image size, a calibration that has it, or the video",
+                id="missing-image-size",
             )
         size[n] = sizes[cameras[n]]
     across, down = size[camera].T

@@ -169,7 +169,8 @@ def without_copies(
             if unusable is None:
                 raise InputError(
                     f"{path}: camera {camera}, {place} (from 0): the box at ({rows.left[row]:g}, {rows.top[row]:g}) px "
-                    "is a duplicate; remove the copies"
+                    "is a duplicate; remove the copies",
+                    id="duplicate-row",
                 )
             unusable.add(camera, COPIES, 1, place)
         yield rows.pick(np.sort(first))
@@ -185,7 +186,8 @@ def check_identities(chunks: Iterator[FileBoxRows], cameras: Sequence[str], path
             row = int(np.flatnonzero(same)[0])
             raise InputError(
                 f"{path}: camera {cameras[named.camera[row]]}, frame {named.frame[row]} (from 0): identity "
-                f"{named.target_id[row]} has two boxes; keep one, or leave the identities out"
+                f"{named.target_id[row]} has two boxes; keep one, or leave the identities out",
+                id="duplicate-row",
             )
         yield rows
 
@@ -318,14 +320,19 @@ def _table(
 def times_of(camera: str, times: Mapping[str, FrameTimes]) -> FrameTimes:
     """Times of a camera's frames; UsageError where nothing gives them."""
     if camera not in times:
-        raise UsageError(f"camera {camera}: its frames have no times; give {option('fps')} or {option('timestamps')}")
+        raise UsageError(
+            f"camera {camera}: its frames have no times; give {option('fps')} or {option('timestamps')}",
+            id="missing-times",
+        )
     return times[camera]
 
 
 def check_range(first: int, stop: int, where: str) -> None:
     """Raise InputError for a range of frames that is empty or absurdly long."""
     if stop <= first:
-        raise InputError(f"{where}: no row is in frames {first} to {stop}; give another range of frames")
+        raise InputError(
+            f"{where}: no row is in frames {first} to {stop}; give another range of frames", id="empty-input"
+        )
     if stop - first > 100_000_000:
         raise InputError(f"{where}: frames {first} to {stop - 1}; a frame number must be wrong")
 
@@ -353,7 +360,7 @@ def wanted_rows(rows: CsvRows, classes: Sequence[str]) -> Bools:
     """(n,) rows of one of the classes; InputError if the file has no classes."""
     labels = class_labels(rows)
     if not labels and len(rows):
-        raise InputError(f"{rows.path}: has no classes; choose no class, or add a column class")
+        raise InputError(f"{rows.path}: has no classes; choose no class, or add a column class", id="missing-column")
     wanted = {_plain(name) for name in classes}
     return np.array([bool(wanted & set(label)) for label in labels], dtype=np.bool_)
 
@@ -370,6 +377,10 @@ def check_classes(
     if wanted and all_ and not kept:
         numbered = all(name.isdigit() for label in all_ for name in label)
         hint = "; here classes have numbers only: give the number" if numbered else ""
-        raise InputError(f"{where}: no box is of class {', '.join(wanted)}; there are {in_words(all_)}{hint}")
+        raise InputError(
+            f"{where}: no box is of class {', '.join(wanted)}; there are {in_words(all_)}{hint}", id="empty-input"
+        )
     if not wanted and len(all_) > 1:
-        raise InputError(f"{where}: boxes of {len(all_)} classes: {in_words(all_)}; choose the class of people")
+        raise InputError(
+            f"{where}: boxes of {len(all_)} classes: {in_words(all_)}; choose the class of people", id="ambiguous-input"
+        )

@@ -194,11 +194,15 @@ def _load(path: Path) -> dict[str, Floats]:
     """Arrays of numbers in a file, by name; InputError where it cannot be read."""
     check_input(path, "a file of arrays")
     if path.stat().st_size > MAX_BYTES:
-        raise InputError(f"{path}: {path.stat().st_size} bytes; a calibration of at most {MAX_BYTES} was expected")
+        raise InputError(
+            f"{path}: {path.stat().st_size} bytes; a calibration of at most {MAX_BYTES} was expected",
+            id="input-too-large",
+        )
     content = path.read_bytes()
     if _HDF5 in content[:600]:
         raise InputError(
-            f"{path}: MATLAB file of version 7.3 (HDF5), which is not read; save('{path.name}', ..., '-v7')"
+            f"{path}: MATLAB file of version 7.3 (HDF5), which is not read; save('{path.name}', ..., '-v7')",
+            id="unsupported-format",
         )
     try:
         found = _read(path, content)
@@ -208,7 +212,8 @@ def _load(path: Path) -> dict[str, Floats]:
     for key, value in found.items():
         if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiu":
             raise InputError(
-                f"{path}: {key} is no array of numbers (structures and objects are not read); save P or K, R, t"
+                f"{path}: {key} is no array of numbers (structures and objects are not read); save P or K, R, t",
+                id="unsupported-format",
             )
     return {key: np.asarray(value, dtype=np.float64) for key, value in found.items()}
 
@@ -233,7 +238,9 @@ def _check_unpacked(path: Path, content: bytes) -> None:
         with zipfile.ZipFile(BytesIO(content)) as archive:
             size = sum(part.file_size for part in archive.infolist())
     if size > MAX_BYTES:
-        raise InputError(f"{path}: unpacks to more than {MAX_BYTES} bytes, more than a calibration may have")
+        raise InputError(
+            f"{path}: unpacks to more than {MAX_BYTES} bytes, more than a calibration may have", id="input-too-large"
+        )
 
 
 def _cameras(path: Path, options: CalibrationOptions) -> list[Camera]:
@@ -243,14 +250,17 @@ def _cameras(path: Path, options: CalibrationOptions) -> list[Camera]:
         named = {key: value for key, value in arrays.items() if value.shape == (3, 4)}
         if not named:
             shapes = ", ".join(f"{key} {value.shape}" for key, value in arrays.items())
-            raise InputError(f"{path}: has {shapes or 'nothing'}; expected P (3, 4) of each camera, or K, R and t")
+            raise InputError(
+                f"{path}: has {shapes or 'nothing'}; expected P (3, 4) of each camera, or K, R and t",
+                id="invalid-calibration",
+            )
         return [_camera(path, key, {"P": value}, options) for key, value in named.items()]
     matrices = _stack(parts["P" if "P" in parts else "K"], (3, 4) if "P" in parts else (3, 3), path)
     n = len(matrices)
     if "P" not in parts:
         for key in ("R", "t"):
             if key not in parts:
-                raise InputError(f"{path}: has K, but no {key}; expected K, R and t, or P")
+                raise InputError(f"{path}: has K, but no {key}; expected K, R and t, or P", id="missing-value")
     unused = [key for key in arrays if not any(arrays[key] is value for value in parts.values())]
     options.check_keys(path.name, unused, WITHOUT_EFFECT)
     columns = {key: _per_camera(value, key, n, path) for key, value in parts.items()}
@@ -268,9 +278,13 @@ def _stack(value: Floats, shape: tuple[int, int], path: Path) -> Floats:
         return np.moveaxis(value, 2, 0)
     if value.ndim == 3 and value.shape[1:] == shape:
         raise InputError(
-            f"{path}: an array of {value.shape}; it is ambiguous which axis counts the cameras; save one each"
+            f"{path}: an array of {value.shape}; it is ambiguous which axis counts the cameras; save one each",
+            id="ambiguous-input",
         )
-    raise InputError(f"{path}: an array of {value.shape}; expected {shape[0]} x {shape[1]} matrices, one a camera")
+    raise InputError(
+        f"{path}: an array of {value.shape}; expected {shape[0]} x {shape[1]} matrices, one a camera",
+        id="invalid-calibration",
+    )
 
 
 def _per_camera(value: Floats, key: str, n: int, path: Path) -> Floats:
@@ -293,7 +307,8 @@ def _per_camera(value: Floats, key: str, n: int, path: Path) -> Floats:
     if flat.ndim == 2 and flat.shape[0] == flat.shape[1] == n and key != "t":
         return flat
     raise InputError(
-        f"{path}: {key} has the shape {value.shape}, which does not fit {n} cameras; save it as ({n}, ...)"
+        f"{path}: {key} has the shape {value.shape}, which does not fit {n} cameras; save it as ({n}, ...)",
+        id="invalid-calibration",
     )
 
 
@@ -306,7 +321,7 @@ def _camera(path: Path, label: str, part: Mapping[str, Floats], options: Calibra
     name = re.sub(r"[_-]?(P|proj|projection)$", "", label) or label
     where = f"{path}: camera {name}"
     if not all(np.isfinite(value).all() for value in part.values()):
-        raise InputError(f"{where}: has numbers that are not finite")
+        raise InputError(f"{where}: has numbers that are not finite", id="invalid-calibration")
     if "P" in part:
         k, rotation, centre = take_apart(part["P"], where)
     else:

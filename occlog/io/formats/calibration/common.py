@@ -117,9 +117,9 @@ def numbers(value: object, what: str) -> Floats:
     try:
         array = np.array(value, dtype=np.float64)
     except (ValueError, TypeError):
-        raise InputError(f"{what} is not made of numbers, in rows of equal length") from None
+        raise InputError(f"{what} is not made of numbers, in rows of equal length", id="invalid-calibration") from None
     if not np.isfinite(array).all():
-        raise InputError(f"{what} has numbers that are not finite")
+        raise InputError(f"{what} has numbers that are not finite", id="invalid-calibration")
     return array
 
 
@@ -129,16 +129,20 @@ def check_camera_matrix(matrix: Floats, height: float, where: str) -> None:
     MATLAB's `IntrinsicMatrix` is its transpose, with the principal point at (0, 0).
     """
     if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
-        raise InputError(f"{where}: expected a 3 x 3 camera matrix")
+        raise InputError(f"{where}: expected a 3 x 3 camera matrix", id="invalid-calibration")
     below = np.array([matrix[1, 0], matrix[2, 0], matrix[2, 1], matrix[2, 2] - 1.0])
     if np.abs(below).max() > MAX_ROUNDING:
         hint = "; it is transposed, as MATLAB has it" if matrix[2, :2].any() and not matrix[:2, 2].any() else ""
         raise InputError(
-            f"{where}: camera matrix {matrix.tolist()}; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]{hint}"
+            f"{where}: camera matrix {matrix.tolist()}; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]{hint}",
+            id="invalid-calibration",
         )
     lean = abs(float(matrix[0, 1])) * height / 2 / max(abs(float(matrix[1, 1])), 1e-300)
     if not lean <= MAX_SKEW_PX:
-        raise InputError(f"{where}: has a skew of {lean:.2g} px at the edge of the image; the limit is {MAX_SKEW_PX:g}")
+        raise InputError(
+            f"{where}: has a skew of {lean:.2g} px at the edge of the image; the limit is {MAX_SKEW_PX:g}",
+            id="invalid-calibration",
+        )
 
 
 def yaml_values(text: str, path: Path) -> dict[str, object]:
@@ -146,7 +150,7 @@ def yaml_values(text: str, path: Path) -> dict[str, object]:
     documents = yaml_documents(text, path, WHAT)
     values = documents[0] if len(documents) == 1 else None
     if not isinstance(values, dict):
-        raise InputError(f"{path}: names no values in one document; {WHAT} was expected")
+        raise InputError(f"{path}: names no values in one document; {WHAT} was expected", id="empty-input")
     return {str(key): value for key, value in values.items()}
 
 
@@ -163,34 +167,41 @@ def scale_of(options: CalibrationOptions, own: str) -> float:
 def build_camera(pose: Pose, where: str, options: CalibrationOptions) -> Camera:
     """The camera of a pose; InputError where its numbers cannot be those of a camera."""
     if not pose.name.strip():
-        raise InputError(f"{where}: a camera has no name; give it one")
+        raise InputError(f"{where}: a camera has no name; give it one", id="missing-value")
     focal = _vector(pose.focal_px, 2, "focal length", where)
     principal = _vector(pose.principal_px, 2, "principal point", where)
     centre = _vector(pose.centre, 3, "camera centre", where)
     if not ((focal >= MIN_FOCAL_PX) & (focal <= MAX_FOCAL_PX)).all():
         raise InputError(
-            f"{where}: focal length {focal[0]:g}, {focal[1]:g} px; it must be {MIN_FOCAL_PX:g} to {MAX_FOCAL_PX:g}"
+            f"{where}: focal length {focal[0]:g}, {focal[1]:g} px; it must be {MIN_FOCAL_PX:g} to {MAX_FOCAL_PX:g}",
+            id="invalid-calibration",
         )
     if (far := np.abs(centre).max()) > MAX_COORDINATE:
-        raise InputError(f"{where}: a camera centre {far:g} away; it must be within {MAX_COORDINATE:g}")
+        raise InputError(
+            f"{where}: a camera centre {far:g} away; it must be within {MAX_COORDINATE:g}", id="invalid-calibration"
+        )
     size = pose.image_size or options.image_size
     if size is None:
-        raise InputError(f"{where}: does not state the size of the images; give the image size, WIDTHxHEIGHT")
+        raise InputError(
+            f"{where}: does not state the size of the images; give the image size, WIDTHxHEIGHT",
+            id="missing-image-size",
+        )
     if not (0 < size[0] < 65536 and 0 < size[1] < 65536):
-        raise InputError(f"{where}: images of {size[0]} x {size[1]} px; that cannot be")
+        raise InputError(f"{where}: images of {size[0]} x {size[1]} px; that cannot be", id="invalid-calibration")
     rotation = _rotation(pose.rotation, options.mirror is not None, where).T
     lens = read_lens(pose.lens, options.lens_model, where)
     wide = float(np.degrees(2.0 * np.arctan(0.5 * max(size) / focal.max())))
     if lens.model != "equidistant" and wide > MAX_FOV_DEG:
         raise InputError(
             f"{where}: focal length {focal[0]:.4g} px in images of {size[0]} x {size[1]} px ({wide:.0f} degrees wide); "
-            "give the matrix in pixels, not normalised or in mm"
+            "give the matrix in pixels, not normalised or in mm",
+            id="invalid-calibration",
         )
     with np.errstate(all="ignore"):
-        model, coefficients, said = checked_lens(lens, size, focal, principal, where)
+        model, coefficients, reported = checked_lens(lens, size, focal, principal, where)
         fov = camera_fov(size, focal, principal, coefficients, model, rotation)
-    if said:
-        options.notes.append(f"camera {pose.name}: {said}")
+    if reported:
+        options.notes.append(f"camera {pose.name}: {reported}")
     if not 1.0 / MAX_PIXEL_ASPECT < float(focal[1] / focal[0]) < MAX_PIXEL_ASPECT:
         found = finding(
             CALIBRATION, "focal-lengths-differ", sensors=[pose.name], fx_px=float(focal[0]), fy_px=float(focal[1])
@@ -229,7 +240,9 @@ def _other_middle(principal: Floats, size: tuple[int, int]) -> str:
 def _vector(values: Sequence[float] | Floats, n: int, what: str, where: str) -> Floats:
     array = np.asarray(values, dtype=np.float64).reshape(-1)
     if len(array) != n or not np.isfinite(array).all():
-        raise InputError(f"{where}: {what} {array.tolist()}; {n} finite numbers were expected")
+        raise InputError(
+            f"{where}: {what} {array.tolist()}; {n} finite numbers were expected", id="invalid-calibration"
+        )
     return array
 
 
@@ -241,14 +254,17 @@ def _rotation(matrix: Floats, mirrored: bool, where: str) -> Floats:
     """
     r = np.asarray(matrix, dtype=np.float64)
     if r.shape != (3, 3) or not np.isfinite(r).all():
-        raise InputError(f"{where}: the rotation is not a matrix of 3 x 3 finite numbers")
+        raise InputError(f"{where}: the rotation is not a matrix of 3 x 3 finite numbers", id="invalid-calibration")
     off = float(np.abs(r @ r.T - np.eye(3)).max())
     if not off <= 1e-3:
-        raise InputError(f"{where}: the rotation matrix is not orthonormal (off by {off:.2g}, limit 0.001)")
+        raise InputError(
+            f"{where}: the rotation matrix is not orthonormal (off by {off:.2g}, limit 0.001)", id="invalid-calibration"
+        )
     if np.linalg.det(r) < 0 and not mirrored:
         raise InputError(
             f"{where}: the rotation matrix is mirrored (determinant -1); an axis has the wrong sign, or the world is "
-            f"left-handed (Unity): mirror it, {option('mirror')} y"
+            f"left-handed (Unity): mirror it, {option('mirror')} y",
+            id="invalid-calibration",
         )
     u, _, vt = np.linalg.svd(r * np.sign(np.linalg.det(r)))
     return np.asarray(u @ vt)

@@ -55,13 +55,20 @@ def _camera(path: Path, options: CalibrationOptions) -> Camera:
     where = f"{path}: camera {name}"
     size = options.image_size
     if size is None:
-        raise InputError(f"{where}: a homography does not state the size of the images; give it, WIDTHxHEIGHT")
+        raise InputError(
+            f"{where}: a homography does not state the size of the images; give it, WIDTHxHEIGHT",
+            id="missing-image-size",
+        )
     matrix = matrix_of(read_text(path))
     if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
-        raise InputError(f"{where}: {matrix.shape} numbers; three rows of three finite ones were expected")
+        raise InputError(
+            f"{where}: {matrix.shape} numbers; three rows of three finite ones were expected", id="invalid-calibration"
+        )
     middle = 0.5 * (np.array(size, dtype=np.float64) - 1.0)
     if options.mirror == "z":
-        raise InputError(f"{where}: a homography states no z; mirror x or y ({option('mirror')} y)")
+        raise InputError(
+            f"{where}: a homography states no z; mirror x or y ({option('mirror')} y)", id="invalid-calibration"
+        )
     axes = mirror_matrix(options.mirror)
     pose, to_image = oriented(matrix, middle, where, axes)
     direction = "ground to image" if to_image else "image to ground"
@@ -89,7 +96,7 @@ def oriented(matrix: Floats, middle: Floats, where: str, axes: Floats) -> tuple[
         InputError: neither direction fits a camera above the ground, or both do.
     """
     if not abs(np.linalg.det(matrix)) > 1e-18 * np.linalg.norm(matrix) ** 3:
-        raise InputError(f"{where}: the homography cannot be inverted")
+        raise InputError(f"{where}: the homography cannot be inverted", id="invalid-calibration")
     found = [
         (ground_pose(each @ axes, middle), to)
         for each, to in ((matrix, True), (np.asarray(np.linalg.inv(matrix)), False))
@@ -99,19 +106,22 @@ def oriented(matrix: Floats, middle: Floats, where: str, axes: Floats) -> tuple[
         left = f"; the residual is {fits[0][0]:.2g}, and {MAX_MISFIT:g} is the limit" if fits else ""
         raise InputError(
             f"{where}: fits no camera with square pixels and its principal point in the middle{left}; is it of images "
-            "of this size, without distortion, to positions in one unit of length?"
+            "of this size, without distortion, to positions in one unit of length?",
+            id="invalid-calibration",
         )
     if len(fits) > 1 and fits[1][0] < CLEARER * fits[0][0]:
         raise InputError(
             f"{where}: may map the image to the ground or the ground to the image; give a calibration that states it "
-            "(P, or K, R and t)"
+            "(P, or K, R and t)",
+            id="ambiguous-input",
         )
     pose = next(pose for pose, to in found if to is fits[0][1])
     assert pose is not None
     if pose.centre[2] <= 0:
         raise InputError(
             f"{where}: its camera is below the ground: the axes of the ground are left-handed, as those of a map in "
-            f"pixels with y down; mirror it ({option('mirror')} y)"
+            f"pixels with y down; mirror it ({option('mirror')} y)",
+            id="invalid-calibration",
         )
     return pose, fits[0][1]
 

@@ -8,11 +8,12 @@ no chain, but `T_cam_imu` of every camera, the world is the frame of the IMU.  L
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 from occlog.array_types import Floats
 from occlog.errors import InputError, option
@@ -30,7 +31,7 @@ from .common import (
     scale_of,
     yaml_values,
 )
-from .lenses import Lens
+from .lenses import Lens, stated_coefficients
 
 KEYS = keys_of(
     "camera_model distortion_model distortion_coeffs intrinsics resolution t_cn_cnm1 t_cam_imu timeshift_cam_imu",
@@ -89,13 +90,18 @@ def _places(path: Path, cameras: Mapping[str, Mapping[str, object]], options: Ca
         options.notes.append("the world is the frame of the IMU")
         return {name: _transform(cameras[name], "T_cam_imu", f"{path}: {name}") for name in names}
     lacking = next(name for name in names[1:] if "T_cn_cnm1" not in cameras[name])
-    raise InputError(f"{path}: {lacking}: has no T_cn_cnm1, so that its position is not known; calibrate all together")
+    raise InputError(
+        f"{path}: {lacking}: has no T_cn_cnm1, so that its position is not known; calibrate all together",
+        id="missing-pose",
+    )
 
 
 def _transform(table: Mapping[str, object], key: str, where: str) -> Floats:
     matrix = numbers(table[key], f"{where}: {key}")
     if matrix.shape != (4, 4) or not np.allclose(matrix[3], [0, 0, 0, 1]):
-        raise InputError(f"{where}: {key} must be four rows of four numbers, the last one 0, 0, 0, 1")
+        raise InputError(
+            f"{where}: {key} must be four rows of four numbers, the last one 0, 0, 0, 1", id="invalid-calibration"
+        )
     return matrix
 
 
@@ -106,20 +112,31 @@ def _camera(
     options.check_keys(name, table, KEYS)
     model, lens = str(table.get("camera_model")), str(table.get("distortion_model", "none"))
     if model != "pinhole":
-        raise InputError(f"{where}: camera model {model}; only pinhole can be used: calibrate again with pinhole")
+        raise InputError(
+            f"{where}: camera model {model}; only pinhole can be used: calibrate again with pinhole",
+            id="unsupported-format",
+        )
     intrinsics = numbers(table.get("intrinsics"), f"{where}: intrinsics").reshape(-1)
     size = numbers(table.get("resolution"), f"{where}: resolution").reshape(-1)
     if intrinsics.shape != (4,) or size.shape != (2,):
-        raise InputError(f"{where}: expected intrinsics of 4 numbers (fu, fv, pu, pv) and a resolution of 2")
+        raise InputError(
+            f"{where}: expected intrinsics of 4 numbers (fu, fv, pu, pv) and a resolution of 2",
+            id="invalid-calibration",
+        )
     known = {"radtan": ("brown", 4), "equidistant": ("equidistant", 4), "none": ("brown", 0)}
     if lens not in known:
-        raise InputError(f"{where}: distortion model {lens}; only {', '.join(known)} can be used")
+        raise InputError(
+            f"{where}: distortion model {lens}; only {', '.join(known)} can be used", id="unsupported-format"
+        )
     kind, count = known[lens]
     given = numbers(table.get("distortion_coeffs", []), f"{where}: distortion_coeffs").reshape(-1)
     if count and len(given) != count:
-        raise InputError(f"{where}: {len(given)} distortion_coeffs; {lens} has {count}")
+        raise InputError(f"{where}: {len(given)} distortion_coeffs; {lens} has {count}", id="invalid-calibration")
     if not count and given.any():
-        raise InputError(f"{where}: distortion model none with distortion_coeffs {given.tolist()}; state their model")
+        raise InputError(
+            f"{where}: distortion model none with distortion_coeffs {given.tolist()}; state their model",
+            id="invalid-calibration",
+        )
     pose = Pose(
         name=name,
         focal_px=intrinsics[:2],
@@ -130,3 +147,29 @@ def _camera(
         lens=Lens(kind, given),
     )
     return build_camera(pose, where, options)
+
+
+def texts(cameras: Sequence[Camera], late_s: Mapping[str, float]) -> dict[str, str]:
+    """A chain by the name of its file, with the world as the frame of the IMU; positions are in metres.
+
+    `timeshift_cam_imu` is added to the times of images: minus the offset of the clock.
+    """
+    chain, names = {}, []
+    for n, camera in enumerate(cameras):
+        where = f"kalibr: camera {camera.name}"
+        turn = np.eye(4)
+        turn[:3, :3], turn[:3, 3] = camera.rotation.T, -camera.rotation.T @ camera.position
+        lens = stated_coefficients(camera.distortion_model, camera.distortion, (4,), where)
+        names.append(f"# cam{n}: {camera.name}\n")
+        chain[f"cam{n}"] = {
+            "T_cam_imu": turn.tolist(),
+            "camera_model": "pinhole",
+            "distortion_coeffs": lens.tolist(),
+            "distortion_model": "equidistant" if camera.distortion_model == "equidistant" else "radtan",
+            "intrinsics": [*camera.focal_px.tolist(), *camera.principal_px.tolist()],
+            "resolution": list(camera.image_size or ()),
+            "timeshift_cam_imu": 0.0 - late_s.get(camera.name, 0.0),
+        }
+    return {
+        "camchain.yaml": "".join(names) + yaml.safe_dump(chain, sort_keys=False, default_flow_style=None, width=200)
+    }

@@ -6,6 +6,7 @@ state which model they are of: four may be k1, k2, p1, p2 or those of a fisheye,
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -46,22 +47,33 @@ def read_lens(lens: Lens, wanted: str | None, where: str) -> Lens:
     """
     given = np.asarray(lens.coefficients, dtype=np.float64).reshape(-1)
     if not np.isfinite(given).all():
-        raise InputError(f"{where}: distortion {given.tolist()}; finite numbers were expected")
+        raise InputError(
+            f"{where}: distortion {given.tolist()}; finite numbers were expected", id="invalid-calibration"
+        )
     model = lens.model
     if model is None and wanted is not None:
         model = LENS_MODELS[wanted]
     if model is None and len(given) == 4 and given.any():
         raise InputError(
             f"{where}: 4 distortion coefficients, of a fisheye lens or k1, k2, p1, p2; state which: "
-            f"{option('lens_model')} fisheye or brown, or fisheye_model: 1 or 0 in the file"
+            f"{option('lens_model')} fisheye or brown, or fisheye_model: 1 or 0 in the file",
+            id="ambiguous-input",
         )
     model = model or "brown"
     if wanted is not None and model in LENS_MODELS.values() and LENS_MODELS[wanted] != model:
-        raise InputError(f"{where}: states another lens than {option('lens_model')} {wanted}; leave the option out")
+        raise InputError(
+            f"{where}: states another lens than {option('lens_model')} {wanted}; leave the option out",
+            id="conflicting-values",
+        )
     if model == "brown" and len(given) not in COUNTS and given[5:].any():
-        raise InputError(f"{where}: {len(given)} distortion coefficients; OpenCV's lenses have 4, 5, 8, 12 or 14")
+        raise InputError(
+            f"{where}: {len(given)} distortion coefficients; OpenCV's lenses have 4, 5, 8, 12 or 14",
+            id="invalid-calibration",
+        )
     if model == "equidistant" and given[4:].any():
-        raise InputError(f"{where}: {len(given)} distortion coefficients; a fisheye lens has 4")
+        raise InputError(
+            f"{where}: {len(given)} distortion coefficients; a fisheye lens has 4", id="invalid-calibration"
+        )
     if model == "brown" and given[5:].any():
         model = "opencv"
     coefficients = np.zeros(COEFFICIENTS[model])
@@ -90,7 +102,8 @@ def checked_lens(
         at = f" {found.fold_deg:.0f} degrees off its axis," if np.isfinite(found.fold_deg) else ""
         raise InputError(
             f"{where}: the lens folds{at} inside the image, and cannot be undone at its edge; calibrate with fewer "
-            "coefficients, or undistort the images"
+            "coefficients, or undistort the images",
+            id="invalid-calibration",
         )
     if not found.unused:
         return model, coefficients, ""
@@ -102,3 +115,29 @@ def checked_lens(
             f"{found.unused:.0%} of the image, is not used"
         ),
     )
+
+
+def stated_coefficients(model: str, coefficients: Floats, counts: Sequence[int], where: str) -> Floats:
+    """Coefficients of a lens in OpenCV's order, as many as a format has.
+
+    Args:
+        model: a key of `COEFFICIENTS`.
+        coefficients: as many as the model has.
+        counts: numbers of coefficients of a polynomial lens that the format has, rising.
+        where: for messages.
+
+    Returns:
+        The shortest that holds all that are not 0; four of an equidistant lens.
+
+    Raises:
+        InputError: the format has no such lens.
+    """
+    if model == "equidistant":
+        return np.asarray(coefficients[:4])
+    needed = int(np.flatnonzero(coefficients)[-1]) + 1 if coefficients.any() else 0
+    count = next((n for n in counts if n >= needed), None)
+    if count is None or (model == "tsai" and needed):
+        of = "Tsai's lens" if model == "tsai" else f"a lens with {needed} coefficients of OpenCV's"
+        remedy = "undistort the images" if model == "tsai" else "write opencv-storage"
+        raise InputError(f"{where}: this format cannot state {of}; {remedy}, or a scene (.yaml)")
+    return np.concatenate([coefficients, np.zeros(14)])[:count]

@@ -28,7 +28,7 @@ from .common import (
     scale_of,
     yaml_values,
 )
-from .lenses import Lens
+from .lenses import Lens, stated_coefficients
 from .opencv_toml import rotation_from_vector
 
 PLAIN_MATRIX = ("camera_matrix", "cameramatrix", "intrinsic_matrix", "k", "mtx")
@@ -93,12 +93,17 @@ def lens_of(values: dict[str, object], where: str) -> Lens:
     """The lens of a calibration; InputError for an unknown model, and for two that contradict each other."""
     stated: set[str] = set()
     for key, brown, fisheye in ((LENS[0], NO, YES), (LENS[1], NO, YES), (LENS[2], BROWN, FISHEYE)):
-        said = str(values.get(key, "")).strip().lower()
-        if said and said not in (*brown, *fisheye):
-            raise InputError(f"{where}: {key} {said} is not known; undistort the images, or leave it out")
-        stated |= {"equidistant" if said in fisheye else "brown"} if said else set()
+        text = str(values.get(key, "")).strip().lower()
+        if text and text not in (*brown, *fisheye):
+            raise InputError(
+                f"{where}: {key} {text} is not known; undistort the images, or leave it out", id="unsupported-format"
+            )
+        stated |= {"equidistant" if text in fisheye else "brown"} if text else set()
     if len(stated) > 1:
-        raise InputError(f"{where}: {' and '.join(k for k in LENS if k in values)} contradict each other; keep one")
+        raise InputError(
+            f"{where}: {' and '.join(k for k in LENS if k in values)} contradict each other; keep one",
+            id="conflicting-values",
+        )
     given = matrix_of(values, DISTORTION, where) if any(key in values for key in DISTORTION) else np.zeros(0)
     return Lens(next(iter(stated), None), given)
 
@@ -117,7 +122,9 @@ def extrinsics_of(values: dict[str, object], where: str) -> tuple[Floats, Floats
     if rotation.size == 3:
         rotation = rotation_from_vector(rotation.reshape(3), where)
     if rotation.shape != (3, 3) or translation.shape != (3,):
-        raise InputError(f"{where}: expected a rotation of 9 or 3 and a translation of 3 numbers")
+        raise InputError(
+            f"{where}: expected a rotation of 9 or 3 and a translation of 3 numbers", id="invalid-calibration"
+        )
     return rotation, translation
 
 
@@ -136,7 +143,7 @@ def storage_values(text: str, path: Path) -> dict[str, object]:
 def _from_json(text: str, path: Path) -> dict[str, object]:
     values = parse_json(text, path, "an OpenCV calibration")
     if not isinstance(values, dict):
-        raise InputError(f"{path}: names no values; an OpenCV calibration was expected")
+        raise InputError(f"{path}: names no values; an OpenCV calibration was expected", id="empty-input")
     return {str(key).lower(): value for key, value in values.items()}
 
 
@@ -164,7 +171,7 @@ def matrix_of(values: dict[str, object], names: tuple[str, ...], where: str) -> 
     """The first of the named values as an array."""
     key = next((name for name in names if name in values), None)
     if key is None:
-        raise InputError(f"{where}: has none of {', '.join(names)}; add one")
+        raise InputError(f"{where}: has none of {', '.join(names)}; add one", id="missing-value")
     value = values[key]
     shape = None
     if isinstance(value, dict):
@@ -178,7 +185,9 @@ def matrix_of(values: dict[str, object], names: tuple[str, ...], where: str) -> 
             raise ValueError
         return array.reshape(shape) if shape else array
     except (ValueError, TypeError):
-        raise InputError(f"{where}: {key} is not a matrix of numbers of the stated shape") from None
+        raise InputError(
+            f"{where}: {key} is not a matrix of numbers of the stated shape", id="invalid-calibration"
+        ) from None
 
 
 def _sizes(value: object) -> tuple[int, ...] | None:
@@ -205,3 +214,34 @@ def size_of(values: Mapping[str, Any]) -> tuple[int, int] | None:
             except (TypeError, ValueError, OverflowError):
                 return None
     return None
+
+
+def texts(cameras: Sequence[Camera], late_s: Mapping[str, float]) -> dict[str, str]:  # noqa: ARG001
+    """Files of cameras by name, one for each; positions are in metres."""
+    return {f"{camera.name}.yml": _text(camera) for camera in cameras}
+
+
+def _text(camera: Camera) -> str:
+    fisheye = camera.distortion_model == "equidistant"
+    focal, principal = camera.focal_px, camera.principal_px
+    lens = stated_coefficients(
+        camera.distortion_model, camera.distortion, (5, 8, 12, 14), f"opencv-storage: camera {camera.name}"
+    )
+    matrices = {
+        "camera_matrix": np.array([[focal[0], 0.0, principal[0]], [0.0, focal[1], principal[1]], [0.0, 0.0, 1.0]]),
+        "distortion_coefficients": lens[:, None],
+    }
+    if camera.placed:
+        turn = camera.rotation.T
+        matrices |= {"R": turn, "T": -turn @ camera.position[:, None]}
+    lines = [
+        "%YAML:1.0",
+        "---",
+        *(f"{key}: {value}" for key, value in zip(SIZE[0], camera.image_size or (), strict=True)),
+    ]
+    lines.append(f"{LENS[0]}: {int(fisheye)}")
+    for name, matrix in matrices.items():
+        data = ", ".join(repr(float(value)) for value in matrix.ravel())
+        lines += [f"{name}: !!opencv-matrix", f"   rows: {len(matrix)}", f"   cols: {matrix.shape[1]}", "   dt: d"]
+        lines.append(f"   data: [ {data} ]")
+    return "\n".join(lines) + "\n"

@@ -84,16 +84,21 @@ def _camera(key: str, table: dict[str, object], path: Path, options: Calibration
     if turns:
         options.findings.append(finding(CALIBRATION, "images-before-rotation", sensors=[name], turns=str(turns)))
     if table.get("rotation") is None or table.get("translation") is None:
-        raise InputError(f"{where}: has no rotation and translation; calibrate its pose")
+        raise InputError(f"{where}: has no rotation and translation; calibrate its pose", id="missing-pose")
     matrix = _array(table, "matrix", where)
     if matrix.shape != (3, 3) or matrix[0, 1] or matrix[1, 0] or matrix[2].tolist() != [0, 0, 1]:
-        raise InputError(f"{where}: matrix {matrix.tolist()}; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
+        raise InputError(
+            f"{where}: matrix {matrix.tolist()}; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]",
+            id="invalid-calibration",
+        )
     rotation = _array(table, "rotation", where)
     if rotation.size == 3:
         rotation = rotation_from_vector(rotation.reshape(3), where)
     translation = _array(table, "translation", where).reshape(-1)
     if rotation.shape != (3, 3) or translation.shape != (3,):
-        raise InputError(f"{where}: rotation and translation must have 9 (or 3) and 3 numbers")
+        raise InputError(
+            f"{where}: rotation and translation must have 9 (or 3) and 3 numbers", id="invalid-calibration"
+        )
     given = _array(table, "distortions", where) if "distortions" in table else np.zeros(0)
     model: str | None = "equidistant" if table.get("fisheye") else "brown"
     column = given.ndim == 2 and given.shape[1] == 1  # as of cv2.fisheye
@@ -120,7 +125,7 @@ def _array(table: dict[str, object], key: str, where: str) -> Floats:
     try:
         return np.array(table[key], dtype=np.float64)
     except (ValueError, TypeError):
-        raise InputError(f"{where}: {key} must be numbers in rows of equal length") from None
+        raise InputError(f"{where}: {key} must be numbers in rows of equal length", id="invalid-calibration") from None
 
 
 def _size(table: dict[str, object], where: str) -> tuple[int, int] | None:
@@ -128,7 +133,7 @@ def _size(table: dict[str, object], where: str) -> tuple[int, int] | None:
         return None
     size = _array(table, "size", where).reshape(-1)
     if len(size) != 2 or not np.isfinite(size).all():
-        raise InputError(f"{where}: size must be width and height in pixels")
+        raise InputError(f"{where}: size must be width and height in pixels", id="invalid-calibration")
     return int(size[0]), int(size[1])
 
 
@@ -138,7 +143,8 @@ def rotation_from_vector(vector: Floats, where: str) -> Floats:
     if angle > MAX_ANGLE:
         text = ", ".join(f"{value:.4g}" for value in vector)
         raise InputError(
-            f"{where}: rotation vector ({text}) of length {angle:.3g}, limit 2 pi; give radians, not degrees"
+            f"{where}: rotation vector ({text}) of length {angle:.3g}, limit 2 pi; give radians, not degrees",
+            id="invalid-calibration",
         )
     if angle < 1e-12:
         return np.eye(3)

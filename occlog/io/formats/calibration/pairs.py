@@ -69,19 +69,22 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
         found = lenses if any(name in values for name in MATRIX) else extrinsics
         name = _MARK.sub("", path.stem) or path.stem
         if name in found:
-            raise InputError(f"{path}: a second file of camera {name}, next to {found[name]}; keep one")
+            raise InputError(
+                f"{path}: a second file of camera {name}, next to {found[name]}; keep one", id="duplicate-name"
+            )
         found[name] = path
     for name in sorted(lenses.keys() ^ extrinsics.keys()):
         path, lacks = (lenses[name], "extrinsic") if name in lenses else (extrinsics[name], "intrinsic")
         raise InputError(
             f"{path}: camera {name} has no {lacks} file; give both, with names as {_example(lacks, name)}; where one "
             f"file has both, the matrix is called {', '.join(MATRIX)}, the position {' or '.join(ROTATION[::3])} and "
-            f"{' or '.join(TRANSLATION[:2])}"
+            f"{' or '.join(TRANSLATION[:2])}",
+            id="missing-value",
         )
     wildtrack = set(lenses) <= WILDTRACK.keys()
     if wildtrack:
-        said = ", ".join(f"{WILDTRACK[name]} = {name}" for name in sorted(lenses))
-        options.notes.append(f"WILDTRACK: lengths are cm, images of 1920 x 1080 px, {said}")
+        statement = ", ".join(f"{WILDTRACK[name]} = {name}" for name in sorted(lenses))
+        options.notes.append(f"WILDTRACK: lengths are cm, images of 1920 x 1080 px, {statement}")
     return tuple(_camera(name, lenses[name], extrinsics[name], wildtrack, options) for name in sorted(lenses))
 
 

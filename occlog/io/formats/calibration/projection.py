@@ -49,10 +49,15 @@ def _camera(path: Path, options: CalibrationOptions) -> Camera:
     try:
         matrix = matrix_of(read_text(path))
     except ValueError as error:
-        raise InputError(f"{where}: not a matrix of numbers ({error}); three rows of four were expected") from None
+        raise InputError(
+            f"{where}: not a matrix of numbers ({error}); three rows of four were expected", id="invalid-calibration"
+        ) from None
     if matrix.shape != (3, 4) or not np.isfinite(matrix).all():
         hint = "; transpose it (MATLAB has it so)" if matrix.shape == (4, 3) else ""
-        raise InputError(f"{where}: {matrix.shape} numbers; three rows of four finite ones were expected{hint}")
+        raise InputError(
+            f"{where}: {matrix.shape} numbers; three rows of four finite ones were expected{hint}",
+            id="invalid-calibration",
+        )
     k, rotation, centre = take_apart(matrix, where)
     return camera_of_parts(k, rotation, centre, options.image_size, options, name=name, where=where)
 
@@ -93,7 +98,10 @@ def take_apart(matrix: Floats, where: str = "matrix") -> tuple[Floats, Floats, F
     """
     left = matrix[:, :3]
     if not abs(np.linalg.det(left)) > 1e-12 * np.linalg.norm(left) ** 3:
-        raise InputError(f"{where}: the left 3 x 3 part cannot be inverted; the camera would be at infinity")
+        raise InputError(
+            f"{where}: the left 3 x 3 part cannot be inverted; the camera would be at infinity",
+            id="invalid-calibration",
+        )
     # P and -P show the same image; the one with a positive determinant has points in front at w > 0.
     matrix = matrix * np.sign(np.linalg.det(left))
     left = matrix[:, :3]

@@ -78,7 +78,10 @@ def _camera(element: Element, path: Path, options: CalibrationOptions) -> Camera
     name = element.get("serial") or element.get("name") or ""
     where = f"{path}: camera {name or '?'}"
     if element.get("viewrotation", "0") not in ("0", ""):
-        raise InputError(f"{where}: viewrotation {element.get('viewrotation')}; export it with a view rotation of 0")
+        raise InputError(
+            f"{where}: viewrotation {element.get('viewrotation')}; export it with a view rotation of 0",
+            id="unsupported-format",
+        )
     options.check_keys(name, element.attrib, KEYS["camera"])
     options.check_keys(name, (part.tag for part in element), KEYS)
     for part in element:
@@ -86,7 +89,9 @@ def _camera(element: Element, path: Path, options: CalibrationOptions) -> Camera
     inner = required(element, "intrinsic", where)
     transform = required(element, "transform", where)
     if number(inner, "skew", where, 0.0):
-        raise InputError(f"{where}: skew {inner.get('skew')}; cameras with a skew cannot be used")
+        raise InputError(
+            f"{where}: skew {inner.get('skew')}; cameras with a skew cannot be used", id="unsupported-format"
+        )
     r = np.array([[number(transform, f"r{i}{j}", where) for j in (1, 2, 3)] for i in (1, 2, 3)])
     region = _region(element, inner, where)
     focal, principal = region.intrinsics(
@@ -132,7 +137,8 @@ def _region(element: Element, inner: Element, where: str) -> ImageRegion:
         if found is not None and off > SENSOR_SLACK_PX:
             raise InputError(
                 f"{where}: fov_video_max is {low:g} to {high:g}, but the sensor of the lens {ends[0]:g} to "
-                f"{ends[1]:g} px (sensorMin{axis}, sensorMax{axis}); calibrate again, or correct one"
+                f"{ends[1]:g} px (sensorMin{axis}, sensorMax{axis}); calibrate again, or correct one",
+                id="invalid-calibration",
             )
     rows = min(most[2] - most[0], most[3] - most[1]) + 1
     rows = float(FULL_HD[0]) if FULL_HD[0] <= rows <= FULL_HD[1] else rows
@@ -141,7 +147,10 @@ def _region(element: Element, inner: Element, where: str) -> ImageRegion:
     if stated not in ("", "N/A", "none"):
         match = _ROWS.fullmatch(stated)
         if match is None or not 0 < int(match[1]) <= rows:
-            raise InputError(f"{where}: video_resolution {stated}; 540p or the like was expected, at most {rows:g}p")
+            raise InputError(
+                f"{where}: video_resolution {stated}; 540p or the like was expected, at most {rows:g}p",
+                id="invalid-calibration",
+            )
         scale = int(match[1]) / rows
     size = (int((right - left + 1) * scale + 0.5), int((bottom - top + 1) * scale + 0.5))
     return ImageRegion(size, np.array([left, top]), np.array([scale, scale]))

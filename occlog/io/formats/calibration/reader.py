@@ -128,19 +128,21 @@ def read_calibration(
     files = [file for path in paths for file in _files(path)]
     if not files:
         where = ", ".join(str(path) for path in paths)
-        raise UsageError(f"{where}: a folder without a calibration file; name the file (boxes are a separate input)")
+        raise UsageError(
+            f"{where}: a folder without a calibration file; name the file (boxes are a separate input)", id="not-a-file"
+        )
     name = recognise(IMPORTERS, Probe(files[0], WHAT), format, "calibration")
     if name is None:
         remedy = f"state it by {option('calibration_format')}, if it is one of {', '.join(IMPORTERS)}"
-        raise InputError(f"{files[0]}: not a calibration of a known format; {remedy}")
+        raise InputError(f"{files[0]}: not a calibration of a known format; {remedy}", id="unknown-format")
     options = options or CalibrationOptions()
     # Numbers beyond all range become infinite, and no camera has such
     with guarded(files[0], WHAT), np.errstate(all="ignore"):
         cameras = IMPORTERS[name].read(files, options)
     if not cameras:
-        raise InputError(f"{files[0]}: describes no camera ({IMPORTERS[name].doc})")
+        raise InputError(f"{files[0]}: describes no camera ({IMPORTERS[name].doc})", id="empty-input")
     if (double := first_double([c.name for c in cameras])) is not None:
-        raise InputError(f"{files[0]}: two cameras are named {double!r}; their names must differ")
+        raise InputError(f"{files[0]}: two cameras are named {double!r}; their names must differ", id="duplicate-name")
     unit = options.unit or (pairs.unit_of(files) if name == "opencv-pairs" else IMPORTERS[name].assumed)
     checks = outcome(CALIBRATION, [*options.findings, *_unused(options), *_distances(cameras)])
     return CalibrationFile(cameras, name, unit, tuple(options.notes), options.mirror, checks)

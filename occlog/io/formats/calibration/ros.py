@@ -9,12 +9,14 @@ Lengths are metres, and the lens is that of the raw images; `binning` and `roi` 
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import yaml
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
@@ -33,7 +35,7 @@ from .common import (
     read_text,
     scale_of,
 )
-from .lenses import Lens
+from .lenses import Lens, stated_coefficients
 
 LENSES = {
     "plumb_bob": "brown",
@@ -46,6 +48,8 @@ LENSES = {
     "": None,
 }
 """Models of lenses by their names in ROS."""
+WRITTEN = {5: "plumb_bob", 8: "rational_polynomial"}
+"""Names of polynomial lenses that are written, by the number of coefficients."""
 PLUMB_BOB = ("plumb_bob", "radtan")
 """Names of lenses with at most five coefficients."""
 KEYS = keys_of(
@@ -83,20 +87,26 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
             if any(key in part for key in ("camera_matrix", "k", "K")):
                 name = _name(path, part)
                 if name in lenses:
-                    raise InputError(f"{path}: camera {name} is in {lenses[name][0].name}, too; keep one")
+                    raise InputError(
+                        f"{path}: camera {name} is in {lenses[name][0].name}, too; keep one", id="duplicate-name"
+                    )
                 lenses[name] = (path, part)
             else:
                 tree |= dict(_transforms(path, part))
     if not lenses:
-        raise InputError(f"{paths[0]}: transforms without cameras; give the camera_info of each camera as well")
+        raise InputError(
+            f"{paths[0]}: transforms without cameras; give the camera_info of each camera as well", id="missing-pose"
+        )
     if not tree:
         raise InputError(
-            f"{paths[0]}: a camera_info does not state where the camera is; give the static transforms as well"
+            f"{paths[0]}: a camera_info does not state where the camera is; give the static transforms as well",
+            id="missing-pose",
         )
     roots = {_root(frame, tree, paths[-1]) for frame in tree}
     if len(roots) > 1:
         raise InputError(
-            f"{paths[-1]}: the transforms hang from {', '.join(sorted(roots))}; join them, the world must be one frame"
+            f"{paths[-1]}: the transforms hang from {', '.join(sorted(roots))}; join them, the world must be one frame",
+            id="invalid-calibration",
         )
     options.notes.append(f"the world is the frame {roots.pop()}, lenses are those of raw images")
     return tuple(_camera(name, *lenses[name], tree, options) for name in lenses)
@@ -107,7 +117,9 @@ def _documents(path: Path) -> Iterator[dict[str, object]]:
     for part in parts:
         for value in part if isinstance(part, list) else [part]:
             if not isinstance(value, dict):
-                raise InputError(f"{path}: {str(value)[:40]!r}; camera_info or transforms of ROS were expected")
+                raise InputError(
+                    f"{path}: {str(value)[:40]!r}; camera_info or transforms of ROS were expected", id="unknown-format"
+                )
             yield value
 
 
@@ -132,7 +144,8 @@ def _transforms(path: Path, part: Mapping[str, object]) -> Iterator[tuple[str, T
         q = _parts(values.get("rotation"), "xyzw", f"{where}: rotation")
         if abs(float(np.linalg.norm(q)) - 1) > 1e-3:
             raise InputError(
-                f"{where}: the rotation {q.tolist()} is no unit quaternion (length {np.linalg.norm(q):.4g})"
+                f"{where}: the rotation {q.tolist()} is no unit quaternion (length {np.linalg.norm(q):.4g})",
+                id="invalid-calibration",
             )
         yield str(child).lstrip("/"), Transform(str(parent).lstrip("/"), quaternion_rotation(q[3], *q[:3]), t)
 
@@ -142,7 +155,7 @@ def _parts(value: object, names: str, where: str) -> Floats:
         value = [value.get(name) for name in names]
     found = numbers(value, where).reshape(-1)
     if found.shape != (len(names),):
-        raise InputError(f"{where}: expected {len(names)} numbers: {', '.join(names)}")
+        raise InputError(f"{where}: expected {len(names)} numbers: {', '.join(names)}", id="invalid-calibration")
     return found
 
 
@@ -163,7 +176,7 @@ def _root(frame: str, tree: Mapping[str, Transform], path: Path) -> str:
         if frame not in tree:
             return frame
         frame = tree[frame].parent
-    raise InputError(f"{path}: the transforms of {frame} go in a circle; correct them")
+    raise InputError(f"{path}: the transforms of {frame} go in a circle; correct them", id="invalid-calibration")
 
 
 def _camera(
@@ -177,7 +190,8 @@ def _camera(
     if len(names) != 1:
         raise InputError(
             f"{where}: the transforms ({', '.join(tree)}) have no frame {name}_optical_frame; add it: images need the "
-            "optical frame (x right, y down, z forward)"
+            "optical frame (x right, y down, z forward)",
+            id="missing-pose",
         )
     rotation, position = np.eye(3), np.zeros(3)
     frame = names[0]
@@ -187,13 +201,13 @@ def _camera(
         frame = step.parent
     matrix = _matrix(part, ("camera_matrix", "k", "K"), f"{where}: camera matrix")
     if matrix.size != 9:
-        raise InputError(f"{where}: the camera matrix has {matrix.size} numbers, not 9")
+        raise InputError(f"{where}: the camera matrix has {matrix.size} numbers, not 9", id="invalid-calibration")
     given = _matrix(part, ("distortion_coefficients", "d", "D"), f"{where}: distortion").reshape(-1)
     lens = lens_of(str(part.get("distortion_model", "")), given, where)
     keys = ("image_width", "image_height") if "image_width" in part else ("width", "height")
     size = [part.get(key) for key in keys]
     if not all(isinstance(n, int) for n in size):
-        raise InputError(f"{where}: does not state the size of the images ({', '.join(keys)})")
+        raise InputError(f"{where}: does not state the size of the images ({', '.join(keys)})", id="missing-image-size")
     matrix = matrix.reshape(3, 3)
     whole = (int(str(size[0])), int(str(size[1])))
     check_camera_matrix(matrix, whole[1], where)
@@ -221,10 +235,15 @@ def lens_of(model: str, given: Floats, where: str) -> Lens:
     """
     kind = model.lower()
     if kind not in LENSES:
-        raise InputError(f"{where}: distortion model {model}; only {', '.join(m for m in LENSES if m)} can be used")
+        raise InputError(
+            f"{where}: distortion model {model}; only {', '.join(m for m in LENSES if m)} can be used",
+            id="unsupported-format",
+        )
     count = 4 if LENSES[kind] == "equidistant" else 5 if kind in PLUMB_BOB else 14
     if given[count:].any() or (count == 4 and len(given) not in (0, 4)):
-        raise InputError(f"{where}: {len(given)} distortion coefficients; {model} has {count}")
+        raise InputError(
+            f"{where}: {len(given)} distortion coefficients; {model} has {count}", id="invalid-calibration"
+        )
     return Lens(LENSES[kind], given)
 
 
@@ -247,7 +266,8 @@ def region_of(
     wide, high = width or whole[0] - x, height or whole[1] - y
     if min(*roi, *binning) < 0 or x + wide > whole[0] or y + high > whole[1] or wide < bins[0] or high < bins[1]:
         raise InputError(
-            f"{where}: binning {binning} and roi {roi} are no part of {whole[0]} x {whole[1]} px; correct them"
+            f"{where}: binning {binning} and roi {roi} are no part of {whole[0]} x {whole[1]} px; correct them",
+            id="invalid-calibration",
         )
     return ImageRegion((wide // bins[0], high // bins[1]), np.array([x, y], dtype=np.float64), 1.0 / np.array(bins))
 
@@ -270,7 +290,10 @@ def _roi(part: Mapping[str, object], name: str, options: CalibrationOptions, whe
     """Offsets and size of the region of interest; all 0 where it is not stated."""
     roi = part.get("roi") or {}
     if not isinstance(roi, dict):
-        raise InputError(f"{where}: roi {str(roi)[:40]!r}; x_offset, y_offset, width and height were expected")
+        raise InputError(
+            f"{where}: roi {str(roi)[:40]!r}; x_offset, y_offset, width and height were expected",
+            id="invalid-calibration",
+        )
     options.check_keys(name, (f"roi.{key}" for key in roi if key not in ROI_KEYS), ())
     x, y, width, height = (_whole(roi.get(k), f"{where}: roi.{k}") for k in ("x_offset", "y_offset", "width", "height"))
     return x, y, width, height
@@ -281,10 +304,68 @@ def _whole(value: object, where: str) -> int:
     if value is None:
         return 0
     if not isinstance(value, int) or isinstance(value, bool):
-        raise InputError(f"{where} {str(value)[:40]!r}; a whole number was expected")
+        raise InputError(f"{where} {str(value)[:40]!r}; a whole number was expected", id="invalid-calibration")
     return value
 
 
 def _matrix(part: Mapping[str, object], names: tuple[str, ...], where: str) -> Floats:
     value = next((part[name] for name in names if name in part), [])
     return numbers(value.get("data") if isinstance(value, dict) else value, where)
+
+
+def texts(cameras: Sequence[Camera], late_s: Mapping[str, float]) -> dict[str, str]:  # noqa: ARG001
+    """A `camera_info` of each camera and the transforms from `world` by names of files; positions are in metres."""
+    out, transforms = {}, []
+    for camera in cameras:
+        lens = stated_coefficients(
+            camera.distortion_model, camera.distortion, tuple(WRITTEN), f"ros: camera {camera.name}"
+        )
+        fisheye = camera.distortion_model == "equidistant"
+        width, height = camera.image_size or (0, 0)
+        (fx, fy), (cx, cy) = camera.focal_px.tolist(), camera.principal_px.tolist()
+        info = {
+            "image_width": width,
+            "image_height": height,
+            "camera_name": camera.name,
+            "camera_matrix": {"rows": 3, "cols": 3, "data": [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]},
+            "distortion_model": "equidistant" if fisheye else WRITTEN[len(lens)],
+            "distortion_coefficients": {"rows": 1, "cols": len(lens), "data": lens.tolist()},
+            "rectification_matrix": {"rows": 3, "cols": 3, "data": np.eye(3).ravel().tolist()},
+            "projection_matrix": {
+                "rows": 3, "cols": 4, "data": [fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+            },
+        }  # fmt: skip
+        out[f"{camera.name}.yaml"] = _dumped(info)
+        if camera.placed:
+            values = {
+                "translation": camera.position.tolist(),
+                "rotation": rotation_quaternion(camera.rotation).tolist(),
+            }
+            transform = {part: dict(zip("xyzw", each, strict=False)) for part, each in values.items()}
+            transforms.append(
+                {
+                    "header": {"frame_id": "world"},
+                    "child_frame_id": f"{camera.name}_optical_frame",
+                    "transform": transform,
+                }
+            )
+    return out | ({"tf_static.yaml": _dumped({"transforms": transforms})} if transforms else {})
+
+
+def _dumped(value: object) -> str:
+    return yaml.safe_dump(value, sort_keys=False, default_flow_style=None, width=200, allow_unicode=True)
+
+
+def rotation_quaternion(rotation: Floats) -> Floats:
+    """(4,) x, y, z, w >= 0 of a rotation (3, 3): the eigenvector of Bar-Itzhack's matrix, stable for all angles."""
+    r = rotation
+    k = np.array(
+        [
+            [r[0, 0] - r[1, 1] - r[2, 2], 0, 0, 0],
+            [r[1, 0] + r[0, 1], r[1, 1] - r[0, 0] - r[2, 2], 0, 0],
+            [r[2, 0] + r[0, 2], r[2, 1] + r[1, 2], r[2, 2] - r[0, 0] - r[1, 1], 0],
+            [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], r[0, 0] + r[1, 1] + r[2, 2]],
+        ]
+    )
+    q = np.asarray(np.linalg.eigh(k)[1][:, -1])
+    return q if q[3] >= 0 or math.isclose(q[3], 0.0) else -q

@@ -54,7 +54,7 @@ def _camera(path: Path, options: CalibrationOptions) -> Camera:
     focal = number(inner, "focal", where)
     dpx, dpy = number(geometry, "dpx", where), number(geometry, "dpy", where)
     if dpx <= 0 or dpy <= 0:
-        raise InputError(f"{where}: pixels of {dpx:g} x {dpy:g} mm; they must be above 0")
+        raise InputError(f"{where}: pixels of {dpx:g} x {dpy:g} mm; they must be above 0", id="invalid-calibration")
     _check_pixel(geometry, dpx, dpy, where)
     rotation = rotation_zyx(*(number(outer, axis, where) for axis in ("rx", "ry", "rz")))
     translation = np.array([number(outer, axis, where) for axis in ("tx", "ty", "tz")])
@@ -76,7 +76,10 @@ def _check_pixel(geometry: Element, dpx: float, dpy: float, where: str) -> None:
     dx, dy, ncx, nfx = (number(geometry, key, where, 0.0) for key in ("dx", "dy", "ncx", "nfx"))
     for key, size, other in (("dpx", dpx, dx * ncx / nfx if nfx else 0.0), ("dpy", dpy, dy)):
         if other and abs(size / other - 1) > MAX_RATIO:
-            raise InputError(f"{where}: {key} is {size:g} mm, but by the sensor's cells {other:g} mm; correct one")
+            raise InputError(
+                f"{where}: {key} is {size:g} mm, but by the sensor's cells {other:g} mm; correct one",
+                id="conflicting-values",
+            )
 
 
 def rotation_zyx(rx: float, ry: float, rz: float) -> Floats:

@@ -80,7 +80,10 @@ def read_ellipses(path: Path, sizes: Sizes, cameras: Sequence[str]) -> tuple[Giv
         for each in found:
             _check_inside(each, *sizes[each.sensor])
     if not found:
-        raise InputError(f"{path}: no ellipse of a target in {', '.join(sizes)}; give one for each target and view")
+        raise InputError(
+            f"{path}: no ellipse of a target in {', '.join(sizes)}; give one for each target and view",
+            id="missing-value",
+        )
     return tuple(found)
 
 
@@ -120,7 +123,8 @@ def _check_inside(given: GivenEllipse, width: int, height: int) -> None:
         if not -0.5 <= value <= most - 0.5:
             raise InputError(
                 f"{given.where}: {name} is {value:g}, outside the image of camera {given.sensor}, which reaches from "
-                f"-0.5 to {most - 0.5:g} px; correct it, or give a `frame` in which the target is inside"
+                f"-0.5 to {most - 0.5:g} px; correct it, or give a `frame` in which the target is inside",
+                id="image-size-mismatch",
             )
     longest = math.hypot(width, height)
     for name, value in (("a_px", given.ellipse[2]), ("b_px", given.ellipse[3])):
@@ -182,5 +186,7 @@ def _first_of(path: Path, chunks: Iterable[_EllipseRows], sizes: Sizes) -> list[
             if -0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5:
                 found[key] = GivenEllipse(f"{path}", *key, int(c.frame[row]), c.ellipse[row])
     if rows and anonymous == rows:
-        raise InputError(f"{path}: its boxes have no identity; give them as detections, not to begin with")
+        raise InputError(
+            f"{path}: its boxes have no identity; give them as detections, not to begin with", id="wrong-content"
+        )
     return list(found.values())

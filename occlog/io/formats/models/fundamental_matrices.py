@@ -68,7 +68,7 @@ def read_epipolar(path: Path) -> ViewPairs:
     if opened is not None and opened.recording is not None:
         found = attached_epipolar(opened.recording)
         if found is None:
-            raise InputError(f"{path}: holds no epipolar geometry; make it with `occlog epipolar`")
+            raise InputError(f"{path}: holds no epipolar geometry; make it with `occlog epipolar`", id="wrong-content")
         return found
     return _pairs(read_json(path), str(path))
 
@@ -116,7 +116,9 @@ def _pairs(values: object, where: str) -> ViewPairs:
         if len(names) < 2:
             raise InputError(f"{where}: pairs[{n}]: a and b are both {each.a!r}; name two cameras")
         if names in seen:
-            raise InputError(f"{where}: pairs[{n}]: cameras {each.a} and {each.b} are there twice; remove one")
+            raise InputError(
+                f"{where}: pairs[{n}]: cameras {each.a} and {each.b} are there twice; remove one", id="duplicate-name"
+            )
         seen.append(names)
         pairs.append(_pair(each, f"{where}: pairs[{n}] ({each.a}, {each.b})"))
     return ViewPairs(tuple(pairs))
@@ -150,13 +152,17 @@ def _sized(matrix: Floats) -> Floats:
 def _check_matrix(matrix: Floats, where: str) -> None:
     """InputError unless a matrix is finite and of rank 2, up to rounding in a text file."""
     if not np.isfinite(matrix).all():
-        raise InputError(f"{where}: the matrix has an entry that is not a finite number")
+        raise InputError(f"{where}: the matrix has an entry that is not a finite number", id="invalid-calibration")
     scale = np.diag([LARGE_PX, LARGE_PX, 1.0])  # so that coordinates are about 1
     size = np.linalg.svd(scale @ matrix @ scale, compute_uv=False)
     if not size[1] > 1e-9 * size[0]:
-        raise InputError(f"{where}: the matrix is all 0 or of rank 1; a fundamental matrix has rank 2")
+        raise InputError(
+            f"{where}: the matrix is all 0 or of rank 1; a fundamental matrix has rank 2", id="invalid-calibration"
+        )
     if size[2] > 0.02 * size[1]:
-        raise InputError(f"{where}: the matrix is far from rank 2, which a fundamental matrix has")
+        raise InputError(
+            f"{where}: the matrix is far from rank 2, which a fundamental matrix has", id="invalid-calibration"
+        )
 
 
 POINTS = ("xa_px", "ya_px", "xb_px", "yb_px")

@@ -187,7 +187,7 @@ def read_path_loss(path: Path) -> PathLossSpec:
         if not math.isfinite(value):
             raise InputError(f"{path}: {name} is {value}; expected a finite number")
     if (double := first_double([r.name for r in spec.readers])) is not None:
-        raise InputError(f"{path}: reader {double} is there twice; keep one")
+        raise InputError(f"{path}: reader {double} is there twice; keep one", id="duplicate-name")
     return spec
 
 

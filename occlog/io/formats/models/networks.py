@@ -85,16 +85,22 @@ def read_network(path: Path) -> NetworkSpec:
         raise InputError(f"{path}: a link leads from {loop} to itself; remove it")
     attached = [(s.name, s.router) for s in spec.sensors] + [(c.name, c.router) for c in spec.cameras]
     if (double := first_double([*nodes, *(name for name, _ in attached)])) is not None:
-        raise InputError(f"{path}: two nodes are named {double}; names must differ")
+        raise InputError(f"{path}: two nodes are named {double}; names must differ", id="duplicate-name")
     known = ", ".join(sorted(routers))
     for name, router in attached:
         if router not in routers:
-            raise InputError(f"{path}: {name}: no router {router!r} among the links; there are: {known}")
+            raise InputError(
+                f"{path}: {name}: no router {router!r} among the links; there are: {known}", id="unknown-sensor"
+            )
     for router, number in spec.objects.items():
         if router not in routers:
-            raise InputError(f"{path}: objects: no router {router!r} among the links; there are: {known}")
+            raise InputError(
+                f"{path}: objects: no router {router!r} among the links; there are: {known}", id="unknown-sensor"
+            )
         if number and not any(s.router == router for s in spec.sensors):
-            raise InputError(f"{path}: objects: router {router} has {number} objects, but no sensor; add one")
+            raise InputError(
+                f"{path}: objects: router {router} has {number} objects, but no sensor; add one", id="missing-value"
+            )
     if not any(spec.objects.values()):
         raise InputError(f"{path}: objects: no router has any; give at least one router a number of objects")
     _check_ways(path, spec, nodes)

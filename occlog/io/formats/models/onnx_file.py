@@ -48,8 +48,8 @@ class Port:
     """An input or an output of a network."""
 
     name: str
-    kind: str  # of its elements, as NumPy calls it; empty: not said, or none of `KINDS`
-    shape: tuple[int | None, ...] | None  # None in it: any; None: not said
+    kind: str  # of its elements, as NumPy calls it; empty: not stated, or none of `KINDS`
+    shape: tuple[int | None, ...] | None  # None in it: any; None: not stated
 
 
 @dataclass(frozen=True)
@@ -78,18 +78,26 @@ def read_onnx(path: Path) -> OnnxFile:
     path = check_input(path, "a network (ONNX)")
     size = path.stat().st_size
     if size >= MAX_BYTES:
-        raise InputError(f"{path}: has {size} bytes; an ONNX file has less than {MAX_BYTES}; it is damaged, or none")
+        raise InputError(
+            f"{path}: has {size} bytes; an ONNX file has less than {MAX_BYTES}; it is damaged, or none",
+            id="input-too-large",
+        )
     walk = _OnnxWalk()
     try:
         with path.open("rb") as file:
             # The last view of the bytes closes them.
             walk.model(memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)))
     except _DamageError as error:
-        raise InputError(f"{path}: not an ONNX model, or damaged ({error}); export it again") from None
+        raise InputError(
+            f"{path}: not an ONNX model, or damaged ({error}); export it again", id="damaged-file"
+        ) from None
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}", id="unreadable-file") from error
     if not walk.inputs or not walk.outputs:
-        raise InputError(f"{path}: not an ONNX model: it has no graph with an input and an output; export it again")
+        raise InputError(
+            f"{path}: not an ONNX model: it has no graph with an input and an output; export it again",
+            id="unknown-format",
+        )
     inputs = tuple(p for p in walk.inputs if p.name not in walk.given)
     return OnnxFile(path, inputs, tuple(walk.outputs), walk.metadata, _beside(path, walk.locations))
 
@@ -113,7 +121,9 @@ def _beside(path: Path, locations: list[str]) -> tuple[Path, ...]:
         found.append(check_input(external, f"weights of {path.name}"))
     total = sum(each.stat().st_size for each in found)
     if total > MAX_WEIGHTS:
-        raise InputError(f"{path}: its weights have {total} bytes; at most {MAX_WEIGHTS} are read")
+        raise InputError(
+            f"{path}: its weights have {total} bytes; at most {MAX_WEIGHTS} are read", id="input-too-large"
+        )
     return tuple(found)
 
 

@@ -72,5 +72,5 @@ SCHEMAS: dict[str, Callable[[], dict[str, object]]] = {
 def schema_text(name: str, schemas: Mapping[str, Callable[[], dict[str, object]]] = SCHEMAS) -> str:
     """A schema as JSON text; UsageError for a name that is none."""
     if name not in schemas:
-        raise UsageError(f"no schema {name!r}; there are {', '.join(schemas)}")
+        raise UsageError(f"no schema {name!r}; there are {', '.join(schemas)}", id="unknown-name")
     return json.dumps(schemas[name](), indent=2) + "\n"

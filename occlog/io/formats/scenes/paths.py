@@ -94,7 +94,9 @@ def _build(spec: PathsSpec, source: str) -> MotionScript:
     seen: set[int] = set()
     for t in spec.targets:
         if t.id in seen:
-            raise InputError(f"{source}: two targets have the id {t.id}; ids must differ, occluders' too")
+            raise InputError(
+                f"{source}: two targets have the id {t.id}; ids must differ, occluders' too", id="duplicate-name"
+            )
         seen.add(t.id)
     targets = [_target(t, f"{source}: target {t.id}") for t in spec.targets]
     return MotionScript(tuple(sorted(targets, key=lambda t: t.id)), spec.length_unit, spec.seconds, spec.rate_hz)
@@ -128,7 +130,7 @@ def _segments(spec: TargetSpec, flat: bool, where: str) -> tuple[Segment, ...]:
         location, before = f"{where}: segments[{i}]", done[-1].until_s if done else spec.from_s
         start = before if s.from_s is None else s.from_s
         if math.isinf(start):
-            raise InputError(f"{location}: give from_s, or until_s of the segment before")
+            raise InputError(f"{location}: give from_s, or until_s of the segment before", id="missing-value")
         if math.isinf(before):
             before = done[-1].from_s
         if start < before:
@@ -146,7 +148,9 @@ def _segments(spec: TargetSpec, flat: bool, where: str) -> tuple[Segment, ...]:
 
 def _segment(spec: SegmentSpec, start: float, end: float, flat: bool, where: str) -> Segment:
     if spec.lateral is not None and spec.acceleration is not None:
-        raise InputError(f"{where}: both lateral and acceleration are given; keep one, or make two segments")
+        raise InputError(
+            f"{where}: both lateral and acceleration are given; keep one, or make two segments", id="conflicting-values"
+        )
     if spec.plane is not None and spec.lateral is None:
         raise InputError(f"{where}: plane is of a turn; give lateral too")
     if flat and spec.plane in ("yz", "zx"):

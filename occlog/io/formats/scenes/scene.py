@@ -284,14 +284,14 @@ def _build(spec: SceneSpec, source: str) -> Scene:
 
 def _check_names(scene: Scene, source: str) -> None:
     if (double := first_double([s.name for s in scene.sensors])) is not None:
-        raise InputError(f"{source}: two sensors are named {double!r}; names must differ")
+        raise InputError(f"{source}: two sensors are named {double!r}; names must differ", id="duplicate-name")
     if (double := first_double([c.name for c in scene.clocks])) is not None:
-        raise InputError(f"{source}: two clocks are named {double!r}; names must differ")
+        raise InputError(f"{source}: two clocks are named {double!r}; names must differ", id="duplicate-name")
     clocks = {c.name for c in scene.clocks}
     for sensor, clock in ((s.name, s.clock) for s in scene.sensors):
         if clock is not None and clock not in clocks:
             known = ", ".join(sorted(clocks)) or "none"
-            raise InputError(f"{source}: {sensor}: clock {clock!r} is not defined; clocks: {known}")
+            raise InputError(f"{source}: {sensor}: clock {clock!r} is not defined; clocks: {known}", id="unknown-name")
 
 
 def _polygon(corners: list[tuple[float, float]], where: str) -> Floats:
@@ -310,7 +310,7 @@ def _polygon(corners: list[tuple[float, float]], where: str) -> Floats:
 
 def _angle(radians: float | None, degrees: float | None, key: str, where: str) -> float | None:
     if radians is not None and degrees is not None:
-        raise InputError(f"{where}: both {key} and {key}_deg are given; keep one")
+        raise InputError(f"{where}: both {key} and {key}_deg are given; keep one", id="conflicting-values")
     return math.radians(degrees) if degrees is not None else radians
 
 
@@ -324,7 +324,7 @@ def _camera(spec: CameraSpec, where: str) -> Camera:
     fov = _angle(spec.fov, spec.fov_deg, "fov", where)
     if fov is None:
         if size is None:
-            raise InputError(f"{where}: give fov_deg, or image_size_px to compute it")
+            raise InputError(f"{where}: give fov_deg, or image_size_px to compute it", id="missing-image-size")
         fov = camera_fov(size, focal, principal, distortion, model, rotation)
     return Camera(
         name=spec.name,
@@ -354,7 +354,8 @@ def _distortion(spec: DistortionSpec | None, where: str) -> tuple[Floats, str]:
     coefficients = np.zeros(COEFFICIENTS[spec.model])
     if len(spec.coefficients) > len(coefficients):
         raise InputError(
-            f"{where}: {len(spec.coefficients)} distortion coefficients; model {spec.model} has {len(coefficients)}"
+            f"{where}: {len(spec.coefficients)} distortion coefficients; model {spec.model} has {len(coefficients)}",
+            id="invalid-calibration",
         )
     coefficients[: len(spec.coefficients)] = spec.coefficients
     return coefficients, spec.model
@@ -365,18 +366,21 @@ def _rotation(spec: CameraSpec, where: str) -> tuple[Floats, bool]:
     angles = [_angle(getattr(spec, k), getattr(spec, f"{k}_deg"), k, where) for k in ("yaw", "pitch", "roll")]
     if spec.rotation is not None:
         if any(a is not None for a in angles):
-            raise InputError(f"{where}: both a rotation matrix and angles are given; keep one")
+            raise InputError(f"{where}: both a rotation matrix and angles are given; keep one", id="conflicting-values")
         matrix = np.asarray(spec.rotation, dtype=np.float64)
         error = float(np.abs(matrix @ matrix.T - np.eye(3)).max())
         if not error < 1e-3 or np.linalg.det(matrix) < 0:
-            raise InputError(f"{where}: rotation is not a rotation matrix (off by {error:.2g}, or mirrored)")
+            raise InputError(
+                f"{where}: rotation is not a rotation matrix (off by {error:.2g}, or mirrored)",
+                id="invalid-calibration",
+            )
         return matrix, spec.position is not None
     if spec.position is None:
         if any(a is not None for a in angles):
-            raise InputError(f"{where}: has angles but no position; add it, or omit the angles too")
+            raise InputError(f"{where}: has angles but no position; add it, or omit the angles too", id="missing-value")
         return camera_rotation(0.0, 0.0, 0.0), False
     if angles[0] is None:
-        raise InputError(f"{where}: has a position but no yaw_deg; add it")
+        raise InputError(f"{where}: has a position but no yaw_deg; add it", id="missing-pose")
     return camera_rotation(angles[0], angles[1] or 0.0, angles[2] or 0.0), True
 
 

@@ -62,10 +62,12 @@ def check_stations(path: Path) -> None:
     """InputError for a header with a column twice, or with positions in several units."""
     header = [cell.lower() for cell in first_line(path, WHAT)]
     if (double := first_double(header)) is not None:
-        raise InputError(f"{path}: line 1: two columns are called {double!r}; remove or rename one")
+        raise InputError(
+            f"{path}: line 1: two columns are called {double!r}; remove or rename one", id="duplicate-name"
+        )
     units = {name.partition("_")[2] for name in header if name in COLUMNS and name[0] in "xyz"}
     if len(units) > 1:
-        raise InputError(f"{path}: positions are in {_several(units)}; state all in one unit")
+        raise InputError(f"{path}: positions are in {_several(units)}; state all in one unit", id="unit-mismatch")
 
 
 def occurs_twice(path: Path) -> bool:
@@ -100,11 +102,12 @@ def read_stations(path: Path) -> Scene:
         if missing or not rows.has("name"):
             lacking = [*missing, *([] if rows.has("name") else ["name"])]
             raise InputError(
-                f"{path}: has no column {' and '.join(lacking)}; {WHAT} has name, x, y, perhaps z, sigma_deg, yaw_deg"
+                f"{path}: has no column {' and '.join(lacking)}; {WHAT} has name, x, y, perhaps z, sigma_deg, yaw_deg",
+                id="missing-column",
             )
         units = {_unit(name, path) for name in spelled.values() if name is not None}
         if len(units) > 1:
-            raise InputError(f"{path}: positions are in {_several(units)}; state all in one unit")
+            raise InputError(f"{path}: positions are in {_several(units)}; state all in one unit", id="unit-mismatch")
         unit = units.pop()
         position = np.column_stack([_numbers(rows, spelled[axis]) for axis in "xyz"])
         sigma = rows.floats("sigma_deg") if rows.has("sigma_deg") else None
@@ -147,16 +150,18 @@ def _in_the_scene(rows: CsvRows) -> CsvRows:
 
 def _unit(name: str, path: Path) -> str:
     """The unit of a column of positions: as its name states, or as it is stated; metres otherwise."""
-    said = name.partition("_")[2]
-    STATED.get().note_use(name, "length", said, path)
-    return STATED.get().unit_of(name, "length", said, path) or "m"
+    reported = name.partition("_")[2]
+    STATED.get().note_use(name, "length", reported, path)
+    return STATED.get().unit_of(name, "length", reported, path) or "m"
 
 
 def _spelled(rows: CsvRows, axis: str) -> str | None:
     """The column of an axis, whatever unit it states."""
     found = [name for name in COLUMNS if name.partition("_")[0] == axis and rows.has(name)]
     if len(found) > 1:
-        raise InputError(f"{rows.path}: columns {' and '.join(found)} both state {axis}; keep one")
+        raise InputError(
+            f"{rows.path}: columns {' and '.join(found)} both state {axis}; keep one", id="conflicting-values"
+        )
     return found[0] if found else None
 
 

@@ -110,7 +110,7 @@ def read_table(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator
         _check_limits(rows, "elevation", np.abs(elevation) > np.pi / 2, "must be within 90 degrees")
         azimuth = _angle(rows, "azimuth", options)
         if np.isnan(azimuth).any():
-            raise InputError(f"{path}: has no column azimuth_deg or azimuth_rad; add it")
+            raise InputError(f"{path}: has no column azimuth_deg or azimuth_rad; add it", id="missing-column")
         label = label or (str(rows.cells["sensor"][0]) if rows.has("sensor") else "")
         yield DoaRows(
             line=rows.lines,
@@ -132,7 +132,10 @@ def _sensors(rows: CsvRows, options: DoaOptions, label: str) -> Strings:
             check_one_sensor(rows, "sensor", options.sensor, label)
         return np.full(len(rows), options.sensor)
     if not rows.has("sensor"):
-        raise InputError(f"{rows.path}: has no column sensor; add it, or name the array: ARRAY={rows.path.name}")
+        raise InputError(
+            f"{rows.path}: has no column sensor; add it, or name the array: ARRAY={rows.path.name}",
+            id="camera-not-named",
+        )
     return rows.cells["sensor"]
 
 
@@ -142,10 +145,13 @@ def _angle(rows: CsvRows, name: str, options: DoaOptions) -> Floats:
     if not found:
         return np.full(len(rows), np.nan)
     if len(found) > 1:
-        raise InputError(f"{rows.path}: two columns are called {name}; keep one")
+        raise InputError(f"{rows.path}: two columns are called {name}; keep one", id="duplicate-name")
     unit = found[0].removeprefix("_") or options.unit
     if unit is None:
-        raise UsageError(f"{rows.path}: column {name} does not state its unit; name it {name}_deg, or state the unit")
+        raise UsageError(
+            f"{rows.path}: column {name} does not state its unit; name it {name}_deg, or state the unit",
+            id="missing-unit",
+        )
     values = rows.floats(name + found[0], blank=name != "azimuth")
     if unit == "rad":
         _check_limits(rows, name + found[0], np.abs(values) > 4 * np.pi, "is too large for radians; are these degrees?")

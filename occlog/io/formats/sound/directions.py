@@ -100,11 +100,13 @@ def _format(path: Path, options: DoaOptions) -> str:
     name = recognise(FORMATS, Probe(path, WHAT), options.format, "DOA")
     if name is None and Probe(path, WHAT).start.startswith(b"["):
         raise InputError(
-            f"{path}: is a list of JSON; write its objects one after another, as ODAS does, without [ ] and commas"
+            f"{path}: is a list of JSON; write its objects one after another, as ODAS does, without [ ] and commas",
+            id="unsupported-format",
         )
     if name is None:
         raise InputError(
-            f"{path}: has no column of azimuths (azimuth_deg, azimuth_rad); name the columns in a header line"
+            f"{path}: has no column of azimuths (azimuth_deg, azimuth_rad); name the columns in a header line",
+            id="missing-column",
         )
     return name
 
@@ -163,7 +165,8 @@ def _check_times(path: Path, rows: DoaRows, sensor: Strings, spans: dict[str, tu
             )
             raise InputError(
                 f"{path}: line {int(rows.line[mine[k]])}: time of {name} goes back by "
-                f"{(before[k] - t_ns[k]) / NS:.3g} s; {remedy}"
+                f"{(before[k] - t_ns[k]) / NS:.3g} s; {remedy}",
+                id="unsorted-times",
             )
         spans[name] = first, int(t_ns[-1])
 

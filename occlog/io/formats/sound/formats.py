@@ -75,7 +75,10 @@ def read_array(path: Path, name: str | None) -> MicrophoneArray:
     columns = [f"mic{n}_{axis}" for n in numbers for axis in "xyz"]
     missing = [c for c in (*ROTATION, *columns) if c not in head]
     if missing or not numbers:
-        raise InputError(f"{path}: has no column {(missing or ['mic1_x'])[0]}; {LOCATA_TABLE} of an array was expected")
+        raise InputError(
+            f"{path}: has no column {(missing or ['mic1_x'])[0]}; {LOCATA_TABLE} of an array was expected",
+            id="missing-column",
+        )
     parts = list(_locata_rows(path, (*PLACE, *ROTATION, *columns)))
     positions = np.concatenate([_values(rows, PLACE) for rows in parts])
     turns = np.concatenate([_values(rows, ROTATION) for rows in parts]).reshape(-1, 3, 3)
@@ -116,7 +119,7 @@ def read_source(path: Path) -> Truth:
 
 
 def _locata_rows(path: Path, columns: Sequence[str]) -> list[TextPart]:
-    """The rows of a table that has these columns, and perhaps others."""
+    """Rows of a LOCATA table, which must have these columns and may have others."""
     known = {name: FormatColumn((name,), RAW if name == "second" else WHOLE) for name in TIMES}
     parts = list(
         read_format(
@@ -124,7 +127,7 @@ def _locata_rows(path: Path, columns: Sequence[str]) -> list[TextPart]:
         )
     )
     if not parts:
-        raise InputError(f"{path}: has no row; {LOCATA_TABLE} was expected")
+        raise InputError(f"{path}: has no row; {LOCATA_TABLE} was expected", id="empty-input")
     return parts
 
 
@@ -206,14 +209,16 @@ def read_frida(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator
     array's own x axis.  The recordings have no time stamps.
     """
     if options.sensor is None:
-        raise UsageError(f"{path}: does not name its array; give it as ARRAY={path.name}")
+        raise UsageError(f"{path}: does not name its array; give it as ARRAY={path.name}", id="camera-not-named")
     numbers: dict[str, int] = {}
     algorithms: dict[str, None] = {}
     for part in read_format(path, FRIDA):
         number = np.array([numbers.setdefault(r, len(numbers)) for r in part["recording"].tolist()])
         algorithms.update(dict.fromkeys(part["algorithm"].tolist()))
         if options.algorithm is None and len(algorithms) > 1:
-            raise UsageError(f"{path}: holds estimates of {', '.join(algorithms)}; choose one algorithm")
+            raise UsageError(
+                f"{path}: holds estimates of {', '.join(algorithms)}; choose one algorithm", id="ambiguous-input"
+            )
         kept = part["algorithm"] == (options.algorithm or next(iter(algorithms)))
         if not kept.any():
             continue
@@ -221,7 +226,9 @@ def read_frida(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator
         azimuth = np.radians(part["estimate"][kept])
         yield azimuths_only(part.rows.lines[kept], t_ns, np.full(len(t_ns), options.sensor), azimuth)
     if options.algorithm is not None and options.algorithm not in algorithms:
-        raise UsageError(f"{path}: has no algorithm {options.algorithm!r}; it has {', '.join(algorithms)}")
+        raise UsageError(
+            f"{path}: has no algorithm {options.algorithm!r}; it has {', '.join(algorithms)}", id="unknown-name"
+        )
 
 
 def looks_like_telemetr(head: list[str]) -> bool:
@@ -289,17 +296,24 @@ def read_arrays(path: Path, name: str | None = None) -> tuple[MicrophoneArray, .
             raise UsageError(f"{path}: names its arrays; give the file without a name ({option('arrays')} {path.name})")
         scene = read_stations(path)
         if scene.length_unit != "m":
-            raise InputError(f"{path}: positions of arrays are in {scene.length_unit}; convert them to m")
+            raise InputError(
+                f"{path}: positions of arrays are in {scene.length_unit}; convert them to m", id="unit-mismatch"
+            )
         return scene.arrays
     if is_header(head):
         parts = [np.column_stack([part[axis] for axis in "xyz"]) for part in read_format(path, MICROPHONES)]
         if not parts:
-            raise InputError(f"{path}: holds a header and no row; columns x, y and z of microphones were expected")
+            raise InputError(
+                f"{path}: holds a header and no row; columns x, y and z of microphones were expected", id="empty-input"
+            )
         microphones = np.concatenate(parts)
         return (MicrophoneArray(name or path.stem, np.zeros(3), microphones=microphones),)
     plain = list(read_plain(path, ARRAY_POSITIONS))
     if (count := sum(map(len, plain))) > MAX_ARRAYS:
-        raise InputError(f"{path}: {count} rows; positions of at most {MAX_ARRAYS} direction finders were expected")
+        raise InputError(
+            f"{path}: {count} rows; positions of at most {MAX_ARRAYS} direction finders were expected",
+            id="input-too-large",
+        )
     if len(plain[0].cells) not in (2, 3):
         raise InputError(f"{path}: {len(plain[0].cells)} columns; x and y of direction finders were expected")
     positions = np.concatenate([np.column_stack([rows.floats(c) for c in rows.cells]) for rows in plain])
@@ -346,12 +360,13 @@ def read_odas(path: Path, options: DoaOptions, losses: list[Loss]) -> Iterator[D
         InputError: an object is not what ODAS writes; the line is named.
     """
     if options.sensor is None:
-        raise UsageError(f"{path}: does not name its array; give it as ARRAY={path.name}")
+        raise UsageError(f"{path}: does not name its array; give it as ARRAY={path.name}", id="camera-not-named")
     if options.hop is None:
         raise UsageError(
             f"{path}: its timeStamp counts hops; state the hop [s] ({option('odas_hop')}), "
             f"hopSize / fS of ODAS' configuration, "
-            "for example 0.008 or 128/16000"
+            "for example 0.008 or 128/16000",
+            id="missing-times",
         )
     rows: list[tuple[int, int, int, float, float, float]] = []
     hops = taken = idle = above = 0

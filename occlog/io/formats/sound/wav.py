@@ -103,7 +103,9 @@ def open_sound(path: Path) -> Sound:
     with path.open("rb") as file:
         kind = file.read(12)
         if len(kind) < 12 or kind[:4] not in (b"RIFF", b"RF64") or kind[8:] != b"WAVE":
-            raise InputError(f"{path}: is not {WHAT} (RIFF/WAVE); convert it, e.g. with `ffmpeg -i IN out.wav`")
+            raise InputError(
+                f"{path}: is not {WHAT} (RIFF/WAVE); convert it, e.g. with `ffmpeg -i IN out.wav`", id="unknown-format"
+            )
         form, start, length = _chunks(path, file, kind[:4] == b"RF64")
     channels, rate, bits, floats = _format(path, form)
     frame = channels * bits // 8
@@ -111,7 +113,7 @@ def open_sound(path: Path) -> Sound:
     known = length not in OPEN
     frames = min(there, length // frame) if known else there
     if frames == 0:
-        raise InputError(f"{path}: holds no sound (0 samples); make it again")
+        raise InputError(f"{path}: holds no sound (0 samples); make it again", id="empty-input")
     return Sound(
         path=path,
         channels=channels,
@@ -165,7 +167,9 @@ def _chunks(path: Path, file: BinaryIO, large: bool) -> tuple[bytes, int, int]:
         padding = length % 2
         if name == b"data":
             if form is None:
-                raise InputError(f"{path}: has no format (`fmt `) before its samples; convert it again")
+                raise InputError(
+                    f"{path}: has no format (`fmt `) before its samples; convert it again", id="damaged-file"
+                )
             return form, file.tell(), long_length if large and long_length is not None else length
         if name in (b"fmt ", b"ds64"):
             body = file.read(min(length, 4096))
@@ -175,13 +179,13 @@ def _chunks(path: Path, file: BinaryIO, large: bool) -> tuple[bytes, int, int]:
                 long_length = struct.unpack("<Q", body[8:16])[0]
             length -= len(body)
         file.seek(length + padding, os.SEEK_CUR)
-    raise InputError(f"{path}: has no samples (no `data`); the file is cut off or damaged")
+    raise InputError(f"{path}: has no samples (no `data`); the file is cut off or damaged", id="empty-input")
 
 
 def _format(path: Path, form: bytes) -> tuple[int, int, int, bool]:
     """Channels, rate, bits and whether they are floats; InputError for what cannot be read."""
     if len(form) < 16:
-        raise InputError(f"{path}: its format (`fmt `) is cut off; convert it again")
+        raise InputError(f"{path}: its format (`fmt `) is cut off; convert it again", id="damaged-file")
     tag, channels, rate, _, block, bits = struct.unpack("<HHIIHH", form[:16])
     if tag == EXTENSIBLE and len(form) >= 26:
         tag = struct.unpack("<H", form[24:26])[0]
@@ -189,13 +193,17 @@ def _format(path: Path, form: bytes) -> tuple[int, int, int, bool]:
     if bits not in good:
         raise InputError(
             f"{path}: samples of format {tag} with {bits} bits; expected 8 to 32 bit integers or 32 or 64 bit floats; "
-            "convert it, e.g. with `ffmpeg -i IN -c:a pcm_s16le out.wav`"
+            "convert it, e.g. with `ffmpeg -i IN -c:a pcm_s16le out.wav`",
+            id="unsupported-format",
         )
     if block != channels * bits // 8:
         raise InputError(
             f"{path}: {block} bytes for {channels} samples of {bits} bits; they are padded, or the header is damaged; "
-            "convert it, e.g. with `ffmpeg -i IN -c:a pcm_s16le out.wav`"
+            "convert it, e.g. with `ffmpeg -i IN -c:a pcm_s16le out.wav`",
+            id="damaged-file",
         )
     if not 1 <= channels <= MAX_CHANNELS or not 1 <= rate <= MAX_RATE:
-        raise InputError(f"{path}: {channels} channels at {rate} Hz cannot be; the header is damaged")
+        raise InputError(
+            f"{path}: {channels} channels at {rate} Hz cannot be; the header is damaged", id="damaged-file"
+        )
     return channels, rate, bits, tag == FLOAT

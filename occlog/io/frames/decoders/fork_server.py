@@ -71,9 +71,9 @@ class ForkedProcess:
             with suppress(OSError):
                 self._line.send(_KILL)
 
-    def _end(self, said: bytes) -> None:
+    def _end(self, reported: bytes) -> None:
         # Without a word the nursery itself was killed, and those of its processes that ran with it
-        self.returncode = _NUMBER.unpack(said)[0] if said else -signal.SIGKILL
+        self.returncode = _NUMBER.unpack(reported)[0] if reported else -signal.SIGKILL
         self._line.close()
 
 
@@ -118,13 +118,13 @@ class ForkServer:
                 os.close(each)
             far.close()
         forked = ForkedProcess(os.fdopen(stdin, "wb"), os.fdopen(stdout, "rb"), line)
-        said = line.recv(_NUMBER.size)
-        if not said:
+        reported = line.recv(_NUMBER.size)
+        if not reported:
             for pipe in (forked.stdin, forked.stdout):
                 pipe.close()
             line.close()
             raise OSError("the process that forks decoders has ended")
-        forked.pid = _NUMBER.unpack(said)[0]
+        forked.pid = _NUMBER.unpack(reported)[0]
         return forked
 
     def _send(self, environment: dict[str, str], descriptors: list[int]) -> None:

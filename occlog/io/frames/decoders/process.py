@@ -126,7 +126,7 @@ class Decoder:
         except InputError as error:
             raise InputError(f"{where}: {error}") from None
         if message is None:
-            raise InputError(f"{where}: the decoder {self._death()}")
+            raise InputError(f"{where}: the decoder {self._death()}", id="damaged-file")
         header, payload = message
         return payload if isinstance(payload, np.ndarray) else np.frombuffer(payload, np.uint8).reshape(header["s"])
 
@@ -146,7 +146,10 @@ class Decoder:
         try:
             message = self._receive()
             if message is None:
-                raise InputError(f"{self.path}: the decoder {self._death()} on opening it; copy or repair the file")
+                raise InputError(
+                    f"{self.path}: the decoder {self._death()} on opening it; copy or repair the file",
+                    id="damaged-file",
+                )
         except BaseException:
             self.close()
             raise
@@ -187,7 +190,8 @@ class Decoder:
             if message is None:
                 if last is None:
                     raise InputError(
-                        f"{self.path}: the decoder {self._death()} before the first frame; repair the file"
+                        f"{self.path}: the decoder {self._death()} before the first frame; repair the file",
+                        id="damaged-file",
                     )
                 self.death = self._death()
                 self.losses.append(Loss(self.path.name, f"after frame {last}", f"the decoder {self.death}"))
@@ -221,7 +225,7 @@ class Decoder:
         if received < size:
             return None
         if "error" in header:
-            raise InputError(header["error"])
+            raise InputError(header["error"], id="damaged-file")
         return header, payload
 
     def _death(self) -> str:

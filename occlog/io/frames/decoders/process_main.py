@@ -178,9 +178,9 @@ def _messages(job: DecodingJob, out: BinaryIO, log: Log, memory: int | None) -> 
         except MemoryError:
             send(out, {"error": "needs more memory than there is"})
             continue
-        said = log.news()
-        if said:
-            send(out, {"error": f"the decoder met damage ({said.replace(': ', ' ')})"})
+        text = log.news()
+        if text:
+            send(out, {"error": f"the decoder met damage ({text.replace(': ', ' ')})"})
         else:
             _send_image(out, {}, image, slots)
         del image  # the next may need as much memory
@@ -222,7 +222,9 @@ def _images(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> No
             _deliver(job, out, picture.index, picture.pos_ns, picture.image)
         del picture, data
     if not delivered:
-        raise InputError(f"{job['path']}: not one image can be used; first: {losses[0] if losses else 'none'}")
+        raise InputError(
+            f"{job['path']}: not one image can be used; first: {losses[0] if losses else 'none'}", id="damaged-file"
+        )
 
 
 def bytes_of(image: Image) -> memoryview:
@@ -243,7 +245,7 @@ def _first_image(job: DecodingJob, files: list[tuple[int, Path]]) -> tuple[Image
             return decode_image(data, file.name), data
         except (OSError, InputError) as error:
             reason = reason or str(error)
-    raise InputError(f"{job['path']}: not one image can be decoded ({reason})")
+    raise InputError(f"{job['path']}: not one image can be decoded ({reason})", id="damaged-file")
 
 
 def _deliver(

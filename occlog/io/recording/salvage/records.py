@@ -181,10 +181,11 @@ def intact_records(path: Path, damaged: DamageReporter) -> Iterator[McapRecord]:
         if begin.startswith(PARQUET_MAGIC):
             raise InputError(
                 f"{path}: is a table (Parquet); its columns and layout are described at its end only, so that "
-                "nothing can be salvaged of one that was cut: make it again"
+                "nothing can be salvaged of one that was cut: make it again",
+                id="wrong-content",
             )
         if begin != RECORDING_MAGIC:
-            raise InputError(f"{path}: not an MCAP file (it does not begin with the MCAP mark)")
+            raise InputError(f"{path}: not an MCAP file (it does not begin with the MCAP mark)", id="unknown-format")
         at, before, growth = 0, 0, DecompressionCount(path)
         while at < size:
             file.seek(at)

@@ -191,10 +191,13 @@ class _Salvage:
         if not ours and not any(name.startswith("occlog.") for name in self._names):
             raise InputError(
                 f"{self._source}: no occlog recording in its intact part; of a bag of another program "
-                "`occlog ingest` takes the intact messages, and lists the rest"
+                "`occlog ingest` takes the intact messages, and lists the rest",
+                id="damaged-file",
             )
         if not self._messages and not self._attached:
-            raise InputError(f"{self._source}: nothing is whole before the damage; there is nothing to salvage")
+            raise InputError(
+                f"{self._source}: nothing is whole before the damage; there is nothing to salvage", id="damaged-file"
+            )
         if SCENE_ATTACHMENT not in self._attached:
             self._lose(SCENE_ATTACHMENT, "the scene is lost; give later stages --scene")
         losses = (*dict.fromkeys(self._before), *self._losses)
@@ -298,7 +301,8 @@ class _Salvage:
             if self._first.schema_of(channel_id) == VIDEO_FRAME and VIDEO_METADATA + camera not in links:
                 raise InputError(
                     f"{self._source}: camera {camera}: the link to its video is lost; name its file: "
-                    f"{option('video')} {camera}=FILE"
+                    f"{option('video')} {camera}=FILE",
+                    id="damaged-file",
                 )
         return links
 

@@ -165,7 +165,7 @@ def _begin(samples: LearningFrames, image: Image, name: str, scene: Scene, confi
 
 
 def sample_limit(image_bytes: int, n_cameras: int) -> int:
-    """Samples of each camera that fit into memory, even so that none is wasted when the stride doubles."""
+    """Maximum number of samples per camera by memory; an even number, since every second one is dropped when full."""
     fits = SAMPLE_BYTES // max(1, image_bytes * n_cameras)
     return int(np.clip(fits, MIN_SAMPLES, MAX_SAMPLES)) // 2 * 2
 
@@ -192,7 +192,8 @@ def _targets(boxes: Sequence[TargetBox], samples: dict[str, LearningFrames], lea
         if image is None:
             raise InputError(
                 f"target {box.target_id}: the recording has no readable frame {box.frame} of camera {box.sensor!r}; "
-                f"it has {', '.join(f'{n} (0 to {s.count - 1})' for n, s in samples.items()) or 'no frames'}"
+                f"it has {', '.join(f'{n} (0 to {s.count - 1})' for n, s in samples.items()) or 'no frames'}",
+                id="disjoint-inputs",
             )
         found[box.target_id].append(appearance_in_box(image, learned.empty.get(box.sensor), box))
     return tuple(Target(i, np.stack(found[i])) for i in ids)
@@ -224,6 +225,7 @@ def appearance_in_box(image: Image, empty: Image | None, box: TargetBox) -> Floa
     if np.count_nonzero(mask) < MIN_PIXELS:
         raise InputError(
             f"{where}: only {np.count_nonzero(mask)} pixels differ from the empty scene, minimum {MIN_PIXELS}; "
-            "draw the box around the target, in a frame in which it moves"
+            "draw the box around the target, in a frame in which it moves",
+            id="insufficient-data",
         )
     return histogram(part, mask)

@@ -80,7 +80,7 @@ def check_targets(targets: Sequence[Target]) -> None:
     """UsageError where two targets have the same identity."""
     ids = [t.target_id for t in targets]
     if len(set(ids)) < len(ids):
-        raise UsageError(f"detect: target ids {ids} repeat; give each target its own")
+        raise UsageError(f"detect: target ids {ids} repeat; give each target its own", id="duplicate-name")
 
 
 @dataclass
@@ -284,7 +284,8 @@ def set_up(state: CameraState, image: Image) -> CameraSetup:
     if sizes is None:
         raise InputError(
             f"camera {camera.name}: the size of people in its images is unknown (no pose in an upright world with a "
-            f"known unit, no earlier detections); give their height in pixels ({option('person_height_px')})"
+            f"known unit, no earlier detections); give their height in pixels ({option('person_height_px')})",
+            id="missing-unit",
         )
     sizes = downscale_sizes(sizes, factor)
     prior = make_prior(sizes, STRENGTH, PENALTY, MIN_CLUSTER_RATIO)
@@ -338,7 +339,8 @@ def check_size(camera: Camera, size: tuple[int, int]) -> None:
         raise InputError(
             f"camera {camera.name}: frames are {size[0]} x {size[1]} px but the scene states "
             f"{camera.image_size[0]} x {camera.image_size[1]}; correct image_size_px, focal_px and "
-            "principal_point_px of the camera"
+            "principal_point_px of the camera",
+            id="image-size-mismatch",
         )
 
 

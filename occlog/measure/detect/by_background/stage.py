@@ -66,8 +66,8 @@ def detect(
 
     A frame gives one bearing row for each target, seen or not, and a view row for each
     region.  Frames that cannot be used are listed as losses and give no row, nor do the
-    first `warmup` frames of a camera without an image of the empty scene: nothing can be
-    said of what they show.  A camera without pose gives views only.
+    first `warmup` frames of a camera without an image of the empty scene: what they show
+    is unknown.  A camera without pose gives views only.
 
     Args:
         frames: in the order of time; each camera's also in the order of its index.
@@ -124,7 +124,8 @@ def batches(frames: Iterable[Frame], size: int) -> Iterator[list[Frame]]:
             raise InputError(
                 f"camera {frame.sensor}: frame {frame.index}: time {time_words(frame.t_ns)} is before "
                 f"{time_words(batch[-1].t_ns)} "
-                "of the frame read before it; frames must come in the order of time"
+                "of the frame read before it; frames must come in the order of time",
+                id="unsorted-times",
             )
         if len(batch) >= size and frame.t_ns != batch[-1].t_ns:
             yield batch

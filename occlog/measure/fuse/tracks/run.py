@@ -56,12 +56,12 @@ def figures(paths: tuple[Path, ...], groups: list[PeopleTracks], fused: FusedGro
     several = np.char.count(fused.tracks.source_ids, "-") < len(groups) - 1 if len(fused.tracks) else np.zeros(0)
     by_group: dict[str, object] = {}
     for index, (path, group) in enumerate(zip(paths, groups, strict=True)):
-        said: dict[str, object] = {"people": len(np.unique(group.target_id))}
+        reported: dict[str, object] = {"people": len(np.unique(group.target_id))}
         if index:
             agreement = fused.agreements[index - 1]
-            said |= {"matched_pairs": agreement.pairs}
-            said |= {"median_separation": agreement.distance} if agreement.pairs else {}
-        by_group[path.name if path.name not in by_group else str(path)] = said
+            reported |= {"matched_pairs": agreement.pairs}
+            reported |= {"median_separation": agreement.distance} if agreement.pairs else {}
+        by_group[path.name if path.name not in by_group else str(path)] = reported
     return {
         "people": len(np.unique(fused.tracks.target_id)),
         "rows": len(fused.tracks),
@@ -87,7 +87,7 @@ def _checks(
 def _apart(
     paths: tuple[Path, ...], groups: list[PeopleTracks], fused: FusedGroupTracks, config: TrackFusionConfig, unit: str
 ) -> Iterator[Check]:
-    """Groups without a person in common with those before, or displaced from them."""
+    """Findings on groups of cameras without a common person, or with a displacement, relative to earlier groups."""
     for path, group, agreement in zip(paths[1:], groups[1:], fused.agreements, strict=True):
         if not len(group):
             continue

@@ -250,8 +250,8 @@ def _fuse_matched(mine: JoinedTracks, theirs: PeopleTracks, config: TrackFusionC
         ]
     )
     columns = {c.name: getattr(mine, c.name) for c in JoinedTracks.columns()} | values
-    said = {"seen_by": np.array(seen_by, dtype=np.str_), "quality_flags": words_of(doubted, DOUBTS)}
-    return JoinedTracks(**{**columns, **said})
+    reported = {"seen_by": np.array(seen_by, dtype=np.str_), "quality_flags": words_of(doubted, DOUBTS)}
+    return JoinedTracks(**{**columns, **reported})
 
 
 def _means(tracks: PeopleTracks) -> Floats:

@@ -69,7 +69,8 @@ def _extra(name: str) -> ModuleType:
         return importlib.import_module(name)
     except ImportError as error:
         raise UsageError(
-            f"runtime {name}: is not installed ({error}); run: pip install {name}, or take another runtime"
+            f"runtime {name}: is not installed ({error}); run: pip install {name}, or take another runtime",
+            id="missing-package",
         ) from None
 
 
@@ -81,7 +82,8 @@ def _as_input_error(model: OnnxFile, called: str, errors: tuple[type[Exception],
     except errors as error:
         reason = " ".join(str(error).split())[:200]
         raise InputError(
-            f"{model.path}: {called} cannot {does} this network ({reason}); another runtime may, or export it again"
+            f"{model.path}: {called} cannot {does} this network ({reason}); another runtime may, or export it again",
+            id="unsupported-network",
         ) from None
 
 
@@ -96,7 +98,7 @@ class _OpenCv:
     def __post_init__(self) -> None:
         if any(port.kind == "float16" for port in self.model.inputs):
             raise InputError(f"{self.model.path}: requires numbers of 16 bits, which {self.called} does not take; use "
-                             f"the runtime {ONNXRUNTIME}")  # fmt: skip
+                             f"the runtime {ONNXRUNTIME}", id="unsupported-network")  # fmt: skip
         with _as_input_error(self.model, self.called, self.ERRORS, "load"), utf8_name(self.model.path) as name:
             self.net = cv2.dnn.readNetFromONNX(name)
 

@@ -76,7 +76,8 @@ class SubprocessRuntime:
             stdout.close()
             raise InputError(
                 f"{self._model.path}: {self.called} {self._death()} on {doing} this network; "
-                "another runtime may take it, or export it again"
+                "another runtime may take it, or export it again",
+                id="unsupported-network",
             ) from None
         if "usage" in answer:
             raise UsageError(str(answer["usage"]))

@@ -103,8 +103,8 @@ def judge17(table: Table) -> list[StatementVerdict]:
             continue
         which = {"printed": "as printed", "improved": "in its improved form"}.get(name, "by quadrature")
         off = row.extra["largest_error"]
-        said = f"Most positions are within 3 sigma of Monte Carlo: Eq. 7 {which} (largest error {off:.3g})."
-        out.append(v.judge(f"fig17-{name}", said, mean_of(row), v.above(MOST), v.above(0.5 * MOST), rule=rule))
+        statement = f"Most positions are within 3 sigma of Monte Carlo: Eq. 7 {which} (largest error {off:.3g})."
+        out.append(v.judge(f"fig17-{name}", statement, mean_of(row), v.above(MOST), v.above(0.5 * MOST), rule=rule))
     return out
 
 

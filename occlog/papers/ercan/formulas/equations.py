@@ -157,12 +157,12 @@ def judge(table: Table) -> list[StatementVerdict]:
 def _judge_noise(own: Mapping[str, PaperRow]) -> list[StatementVerdict]:
     rule = f"within {SAME:.0%} of that of drawn cameras; in part within {2.0 * SAME:.0%}"
     near, fair = v.around(1.0, SAME), v.around(1.0, 2.0 * SAME)
-    said = "is the variance that the calibration leaves, at the edge of the image: mean quotient."
+    statement = "is the variance that the calibration leaves, at the edge of the image: mean quotient."
     return [
-        v.judge("eq2", f"Eq. 2 {said}", mean_of(own[VARIANCE]), near, fair, rule=rule),
+        v.judge("eq2", f"Eq. 2 {statement}", mean_of(own[VARIANCE]), near, fair, rule=rule),
         v.judge(
             "appendix-b",
-            f"The last line of App. B, which has no square on its first bracket, {said}",
+            f"The last line of App. B, which has no square on its first bracket, {statement}",
             mean_of(own[PRINTED]),
             near,
             fair,
@@ -173,30 +173,39 @@ def _judge_noise(own: Mapping[str, PaperRow]) -> list[StatementVerdict]:
 
 def _judge_occlusions(table: Table, own: Mapping[str, PaperRow]) -> list[StatementVerdict]:
     close, counts = mean_of(own[CLOSE_PAIR]), len(COUNTS)
-    said = (
+    statement = (
         f"Hidden from one of two cameras {APART:g} units apart, a position is more often hidden from the other: mean."
     )
-    out = [v.judge("sec4.2-dependent", said, close, v.above(0.0), rule="above 0 by two standard errors")]
-    said = "Eqs. 8 and 9 approximate p(eta): mean distance in total variation from the exact probabilities, 8 cameras."
+    out = [v.judge("sec4.2-dependent", statement, close, v.above(0.0), rule="above 0 by two standard errors")]
+    statement = (
+        "Eqs. 8 and 9 approximate p(eta): mean distance in total variation from the exact probabilities, 8 cameras."
+    )
     last = v.find(table, RECURSION, float(COUNTS[-1]))
     far = sample(()) if last is None else mean_of(last)
     out.append(
         v.judge(
-            "eq9", said, far, v.at_most(SAME), v.at_most(2.0 * SAME), rule=f"at most {SAME:g}; in part {2 * SAME:g}"
+            "eq9",
+            statement,
+            far,
+            v.at_most(SAME),
+            v.at_most(2.0 * SAME),
+            rule=f"at most {SAME:g}; in part {2 * SAME:g}",
         )
     )
-    said = (
+    statement = (
         f"They are nearer to them than the product over cameras as if independent, at {counts} numbers of cameras: by."
     )
-    return [*out, v.pairs("sec4.2-product", said, v.matched(table, RECURSION, INDEPENDENT))]
+    return [*out, v.pairs("sec4.2-product", statement, v.matched(table, RECURSION, INDEPENDENT))]
 
 
 def _judge_cameras(own: Mapping[str, PaperRow]) -> list[StatementVerdict]:
     covered: Measure = mean_of(own[VERTICES])
-    said = f"Cameras on the vertices see more of the room ({covered.value:.0%}) than those on the edges: by this share."
-    out = [v.pairs("sec6.1-vertices", said, [(own[EDGES], own[VERTICES])])]
-    said = "Two orthogonal cameras locate better than two opposite ones: bound of the RMSE lower by this."
-    return [*out, v.pairs("sec6.1-orthogonal", said, [(own[ORTHOGONAL], own[OPPOSITE])])]
+    statement = (
+        f"Cameras on the vertices see more of the room ({covered.value:.0%}) than those on the edges: by this share."
+    )
+    out = [v.pairs("sec6.1-vertices", statement, [(own[EDGES], own[VERTICES])])]
+    statement = "Two orthogonal cameras locate better than two opposite ones: bound of the RMSE lower by this."
+    return [*out, v.pairs("sec6.1-orthogonal", statement, [(own[ORTHOGONAL], own[OPPOSITE])])]
 
 
 EQUATIONS = Experiment(

@@ -137,11 +137,13 @@ def judge_coefficients(table: Table) -> list[StatementVerdict]:
     ]
 
 
-def _nothing(table: Table, key: str, series: str, said: str, paper: float | None = None) -> StatementVerdict:
+def _nothing(table: Table, key: str, series: str, statement: str, paper: float | None = None) -> StatementVerdict:
     """Judge that something is 0 in every run, but for rounding."""
     row = v.find(table, series)
     most = max(row.values) if row is not None else float("nan")
-    return v.fact(key, said, holds=most <= EXACT, measured=most, rule=f"at most {EXACT:g} in every run", paper=paper)
+    return v.fact(
+        key, statement, holds=most <= EXACT, measured=most, rule=f"at most {EXACT:g} in every run", paper=paper
+    )
 
 
 def _biases(table: Table) -> list[StatementVerdict]:
@@ -150,17 +152,17 @@ def _biases(table: Table) -> list[StatementVerdict]:
     for series, name in ((SAME, "many"), (FEW, "few")):
         for same, closed in v.matched(table, series, f"{series}{CLOSED}"):
             values = round((same.x - 1.0) / (4.0 * (1.0 - closed.mean)))
-            said = (
+            statement = (
                 f"Two histograms of one object, m = {same.x:g} and {values} values each: below 1 by "
                 "(m - 1) / 8 (1 / n1 + 1 / n2) (of this project)."
             )
             below, error = 1.0 - same.mean, same.error
-            out.append(v.number(f"bias-{name}-{same.x:g}", said, 1.0 - closed.mean, below, error, same.runs))
+            out.append(v.number(f"bias-{name}-{same.x:g}", statement, 1.0 - closed.mean, below, error, same.runs))
     rows = [row for row in v.series(table, WITHOUT) if row.x <= ENOUGH]
     worst = max(rows, key=lambda row: abs(row.mean - 1.0))
-    said = f"Up to {ENOUGH} bins the coefficient of one object is 1 when its bias is corrected (of this project)."
+    statement = f"Up to {ENOUGH} bins the coefficient of one object is 1 when its bias is corrected (of this project)."
     rule = "the farthest from 1 is within .001"
-    out.append(v.judge("corrected", said, mean_of(worst), v.Interval(0.999, 1.001), rule=rule, paper=1.0))
+    out.append(v.judge("corrected", statement, mean_of(worst), v.Interval(0.999, 1.001), rule=rule, paper=1.0))
     return out
 
 

@@ -269,14 +269,16 @@ def judge_bins(table: Table) -> list[StatementVerdict]:
     """Judge that different people are separable and similar ones challenging."""
     out = []
     for name in ("rank-1", "AUC"):
-        said = f"Figs. 5-20 and 5-21: people of one skin and hair are harder to distinguish ({name} lower by this)."
+        statement = (
+            f"Figs. 5-20 and 5-21: people of one skin and hair are harder to distinguish ({name} lower by this)."
+        )
         points = v.matched(table, f"{ALIKE}, {name}", f"{DIFFERENT}, {name}")
-        out.append(v.pairs(f"race-{name}", said, points))
+        out.append(v.pairs(f"race-{name}", statement, points))
     row = v.find(table, f"{DIFFERENT}, AUC", float(bins_of(OWN_LEVELS)))
-    said = "Fig. 5-20: people of different skin and hair are distinguished by the coefficient; AUC with 72 bins."
+    statement = "Fig. 5-20: people of different skin and hair are distinguished by the coefficient; AUC with 72 bins."
     rule = "an AUC of at least .9; in part from .7 on"
     measured = sample(() if row is None else row.values)
-    return [*out, v.judge("separable", said, measured, v.at_least(0.9), v.at_least(0.7), rule=rule)]
+    return [*out, v.judge("separable", statement, measured, v.at_least(0.9), v.at_least(0.7), rule=rule)]
 
 
 def judge_angles(table: Table) -> list[StatementVerdict]:
@@ -288,12 +290,14 @@ def judge_angles(table: Table) -> list[StatementVerdict]:
             pooled = v.find(table, f"{words}, {name}, {POOLED}")
             if not rows or pooled is None:
                 continue
-            said = (
+            statement = (
                 f"Figs. 5-22, 5-23: seven angles are better than the front face alone; {words}: {name} higher by this."
             )
-            out.append(v.pairs(f"angles-{kind}-{name}", said, [(rows[0], rows[-1])]))
-            said = f"Seven angles are better than all sides together (of this project); {words}: {name} higher by this."
-            out.append(v.pairs(f"pooled-{kind}-{name}", said, [(pooled, rows[-1])]))
+            out.append(v.pairs(f"angles-{kind}-{name}", statement, [(rows[0], rows[-1])]))
+            statement = (
+                f"Seven angles are better than all sides together (of this project); {words}: {name} higher by this."
+            )
+            out.append(v.pairs(f"pooled-{kind}-{name}", statement, [(pooled, rows[-1])]))
     return out
 
 

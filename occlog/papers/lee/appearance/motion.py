@@ -132,23 +132,25 @@ def judge_motions(table: Table) -> list[StatementVerdict]:
             side, change = PRINTED[name][number]
             words = " and ".join([*([f"move {side}"] if side else []), *([f"get {change}"] if change else [])])
             row = v.find(table, f"moves {name}", float(number))
-            said = f"Fig. {figure}: who moves {name} is seen to {words} by camera {number}; share of the positions."
-            out.append(_share(f"motion-{name}-{number}", said, row))
+            statement = (
+                f"Fig. {figure}: who moves {name} is seen to {words} by camera {number}; share of the positions."
+            )
+            out.append(_share(f"motion-{name}-{number}", statement, row))
     row = v.find(table, "two who move alike")
-    said = (
+    statement = (
         "Two people who move in the same direction cannot be distinguished by that; share of cameras with equal signs."
     )
-    out.append(_share("motion-alike", said, row))
+    out.append(_share("motion-alike", statement, row))
     pairs = [(low, high) for low, high in [(v.find(table, "two who move oppositely"), row)] if low and high]
-    said = "People are distinguished by different movements (equal signs are rarer, by this)."
-    return [*out, v.pairs("motion-apart", said, pairs)]
+    statement = "People are distinguished by different movements (equal signs are rarer, by this)."
+    return [*out, v.pairs("motion-apart", statement, pairs)]
 
 
-def _share(key: str, said: str, row: PaperRow | None) -> StatementVerdict:
+def _share(key: str, statement: str, row: PaperRow | None) -> StatementVerdict:
     """Judge that a share is 1: at least .99 is reproduced, at least .5 in part."""
     measured = sample(() if row is None else row.values)
     rule = "a share of at least .99; in part from .5 on"
-    return v.judge(key, said, measured, v.at_least(0.99), v.at_least(0.5), rule=rule, paper=1.0)
+    return v.judge(key, statement, measured, v.at_least(0.99), v.at_least(0.5), rule=rule, paper=1.0)
 
 
 MOTION = Experiment(

@@ -192,12 +192,14 @@ def judge_changes(table: Table) -> list[StatementVerdict]:
         count, either, after, before = (rows[name] for name in ("count", "either", "after", "before"))
         if count is None or either is None or after is None or before is None:
             continue
-        said = f"({letter}) {case.what}: (3.14) does not fire (share of the runs in which it does)."
-        out.append(v.judge(f"fig3.8-{letter}", said, exact(count.mean, count.runs), v.at_most(0.0), rule="0"))
-        said = f"({letter}) {case.what}: (3.15) or (3.16) fires in {WITHIN} steps (share of the runs)."
-        out.append(_always(f"fig3.8-soon-{letter}", said, share_of(round(sum(either.values)), either.runs)))
-        said = f"({letter}) {case.what}: one of them holds in more of {WITHIN} steps after the change than before it."
-        out.append(v.pairs(f"fig3.8-more-{letter}", said, [(before, after)]))
+        statement = f"({letter}) {case.what}: (3.14) does not fire (share of the runs in which it does)."
+        out.append(v.judge(f"fig3.8-{letter}", statement, exact(count.mean, count.runs), v.at_most(0.0), rule="0"))
+        statement = f"({letter}) {case.what}: (3.15) or (3.16) fires in {WITHIN} steps (share of the runs)."
+        out.append(_always(f"fig3.8-soon-{letter}", statement, share_of(round(sum(either.values)), either.runs)))
+        statement = (
+            f"({letter}) {case.what}: one of them holds in more of {WITHIN} steps after the change than before it."
+        )
+        out.append(v.pairs(f"fig3.8-more-{letter}", statement, [(before, after)]))
     return out
 
 
@@ -267,15 +269,15 @@ def judge_sketches(table: Table) -> list[StatementVerdict]:
             row = v.find(table, title, float(figure.split(".")[1]))
             if wanted is None or row is None:
                 continue
-            said = f"Fig. {figure.replace('.', '-')}: {title} {'fires' if wanted else 'does not fire'}"
+            statement = f"Fig. {figure.replace('.', '-')}: {title} {'fires' if wanted else 'does not fire'}"
             held = share_of(round(sum(x == wanted for x in row.values)), row.runs)
-            out.append(_always(f"fig{figure}-drawn-{name}", f"{said} (share of the runs).", held))
+            out.append(_always(f"fig{figure}-drawn-{name}", f"{statement} (share of the runs).", held))
     return out
 
 
-def _always(key: str, said: str, share: Measure) -> StatementVerdict:
+def _always(key: str, statement: str, share: Measure) -> StatementVerdict:
     rule = f"share of at least {CERTAIN:g}; in part from 0.5"
-    return v.judge(key, said, share, v.at_least(CERTAIN), v.at_least(0.5), rule=rule)
+    return v.judge(key, statement, share, v.at_least(CERTAIN), v.at_least(0.5), rule=rule)
 
 
 DRAWN_EXPERIMENTS = (

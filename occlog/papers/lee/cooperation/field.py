@@ -85,15 +85,17 @@ def judge_variance(table: Table) -> list[StatementVerdict]:
     out = []
     for name, key in FORMS.items():
         rows = v.series(table, f"{MEAN}, {name}")
-        said = f"With each larger variance of the noise the error is larger ({name}; mean of the three objects) [m]."
-        out.append(v.pairs(f"fig3.4-grows-{key}", said, list(pairwise(rows))))
-        said = f"With the largest variance the error is larger than with none ({name}) [m]."
-        out.append(v.pairs(f"fig3.4-ends-{key}", said, [(rows[0], rows[-1])] if rows else []))
+        statement = (
+            f"With each larger variance of the noise the error is larger ({name}; mean of the three objects) [m]."
+        )
+        out.append(v.pairs(f"fig3.4-grows-{key}", statement, list(pairwise(rows))))
+        statement = f"With the largest variance the error is larger than with none ({name}) [m]."
+        out.append(v.pairs(f"fig3.4-ends-{key}", statement, [(rows[0], rows[-1])] if rows else []))
     for k, value in LARGEST_RMS.items():
         row = v.find(table, f"object {k}", LARGEST)
         if row is not None:
-            said = f"RMS error of object {k} with variance 5 (its path is lost; each run draws another) [m]."
-            out.append(v.stated(f"fig3.4-{k}", said, value, mean_of(row)))
+            statement = f"RMS error of object {k} with variance 5 (its path is lost; each run draws another) [m]."
+            out.append(v.stated(f"fig3.4-{k}", statement, value, mean_of(row)))
     return out
 
 
@@ -150,8 +152,8 @@ def judge_period(table: Table) -> list[StatementVerdict]:
     out = []
     for name, key in FORMS.items():
         rows = v.series(table, name)
-        said = f"The closer the visual period is to the acoustic one, the smaller the error ({name})."
-        out.append(v.pairs(f"fig3.6-{key}", said, list(pairwise(rows))))
+        statement = f"The closer the visual period is to the acoustic one, the smaller the error ({name})."
+        out.append(v.pairs(f"fig3.6-{key}", statement, list(pairwise(rows))))
     return out
 
 
@@ -173,13 +175,13 @@ def judge_policy(table: Table) -> list[StatementVerdict]:
     out = []
     none = v.find(table, f"{NONE}, {THESIS}")
     if none is not None:
-        said = "Without cameras the average error is 5.59 m."
-        out.append(v.stated("fig3.14-none", said, AVERAGE, mean_of(none)))
+        statement = "Without cameras the average error is 5.59 m."
+        out.append(v.stated("fig3.14-none", statement, AVERAGE, mean_of(none)))
     for row in v.series(table, f"{PRINTED}, {THESIS}"):
         for cause, (equation, key) in CONDITIONS.items():
-            said = f"({equation}) asks where the other two conditions do not: requests of a run by it alone."
+            statement = f"({equation}) asks where the other two conditions do not: requests of a run by it alone."
             alone = sample(row.each[f"alone_{cause}"])
-            out.append(v.judge(key, said, alone, v.above(0.0), rule="above 0 in the mean over the runs"))
+            out.append(v.judge(key, statement, alone, v.above(0.0), rule="above 0 in the mean over the runs"))
     for name, key in FORMS.items():
         period = v.series(table, f"{PERIODIC}, {name}")
         for policy, code in ((PRINTED, "printed"), (EDGE, "count"), (SPREAD, "spread")):
@@ -193,9 +195,9 @@ def judge_policy(table: Table) -> list[StatementVerdict]:
 
 def _cheaper(key: str, which: str, row: PaperRow, period: list[PaperRow]) -> StatementVerdict:
     """Judge by bootstrap over the runs whether a policy asks for fewer frames than the period of equal error."""
-    said = f"Asks for fewer frames than the period of equal error: {which}; frames saved."
+    statement = f"Asks for fewer frames than the period of equal error: {which}; frames saved."
     rule = "above 0 (bootstrap over runs)"
-    return v.judge(key, said, saved_frames(row, period), v.above(0.0), rule=rule)
+    return v.judge(key, statement, saved_frames(row, period), v.above(0.0), rule=rule)
 
 
 def saved_frames(row: PaperRow, period: list[PaperRow]) -> Measure:
@@ -247,12 +249,12 @@ def judge_object(table: Table) -> list[StatementVerdict]:
         for k, values in TABLE.items():
             row = v.find(table, name, float(k))
             if row is not None and row.values and not math.isnan(row.mean):
-                said = f"RMS error of object {k} {text} [m]."
-                out.append(v.stated(f"table3.1-{k}-{n}", said, values[n], mean_of(row)))
+                statement = f"RMS error of object {k} {text} [m]."
+                out.append(v.stated(f"table3.1-{k}-{n}", statement, values[n], mean_of(row)))
     between = v.find(table, STEPS_BETWEEN)
     if between is not None:
-        said = "Average time between requests of the printed triggers, of any object [steps]."
-        out.append(v.stated("table3.1-period", said, BETWEEN, mean_of(between)))
+        statement = "Average time between requests of the printed triggers, of any object [steps]."
+        out.append(v.stated("table3.1-period", statement, BETWEEN, mean_of(between)))
     return out
 
 

@@ -81,17 +81,17 @@ def judge_errors(table: Table) -> list[StatementVerdict]:
         ("sec3.2.2-lines", "Crossed lines of sight are better than Eq. 5.39: median lower by [m].", LINES, ONCE),
         ("sec3.2.2-passes", "Three passes of Eq. 5.39 are better than one: median lower by [m].", THRICE, ONCE),
     ]
-    out = [v.pairs(key, said, v.matched(table, low, high)) for key, said, low, high in pairs]
-    said = "Ten passes of Eq. 5.39 are as good as crossed lines of sight."
-    out.append(v.close("sec3.2.2-limit", said, v.matched(table, OFTEN, LINES)))
+    out = [v.pairs(key, statement, v.matched(table, low, high)) for key, statement, low, high in pairs]
+    statement = "Ten passes of Eq. 5.39 are as good as crossed lines of sight."
+    out.append(v.close("sec3.2.2-limit", statement, v.matched(table, OFTEN, LINES)))
     lines = v.find(table, f"{TRACK}, {LINES}")
     for key, way in (("once", ONCE), ("often", OFTEN)):
         row = v.find(table, f"{TRACK}, {way}")
         if row is not None and lines is not None:
-            said = (
+            statement = (
                 f"Tracks with the printed triggers are better with lines of sight than with {way}: RMSE lower by [m]."
             )
-            out.append(v.pairs(f"sec3.2.2-track-{key}", said, [(lines, row)]))
+            out.append(v.pairs(f"sec3.2.2-track-{key}", statement, [(lines, row)]))
     return out
 
 

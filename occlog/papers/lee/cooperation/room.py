@@ -71,8 +71,8 @@ def judge_shares(key: str, since: float, until: float) -> Callable[[Table], list
         for name in NAMES:
             used, left = (_average(table, f"{name}, {way}", since, until) for way in (WITH, WITHOUT))
             if used is not None and left is not None:
-                said = f"{name} asks less often if it gets answers ({since:g} to {until:g} s)."
-                out.append(v.pairs(f"{key}-{name}", said, [(used, left)]))
+                statement = f"{name} asks less often if it gets answers ({since:g} to {until:g} s)."
+                out.append(v.pairs(f"{key}-{name}", statement, [(used, left)]))
         return out
 
     return judge
@@ -83,14 +83,16 @@ def judge_silence(table: Table) -> list[StatementVerdict]:
     out = judge_shares("fig3.19", 7.0, 11.0)(table)
     row = _average(table, f"A1, {WITH}", 5.0, 7.0)
     if row is not None:
-        said = "While object 1 is silent A1 asks: number of objects and of measurements differ (share of the steps)."
-        out.insert(0, _certain("fig3.19-silence", said, row))
+        statement = (
+            "While object 1 is silent A1 asks: number of objects and of measurements differ (share of the steps)."
+        )
+        out.insert(0, _certain("fig3.19-silence", statement, row))
     return out
 
 
-def _certain(key: str, said: str, row: PaperRow) -> StatementVerdict:
+def _certain(key: str, statement: str, row: PaperRow) -> StatementVerdict:
     rule = f"share of at least {CERTAIN:g}; in part from 0.5"
-    return v.judge(key, said, mean_of(row), v.at_least(CERTAIN), v.at_least(0.5), rule=rule)
+    return v.judge(key, statement, mean_of(row), v.at_least(CERTAIN), v.at_least(0.5), rule=rule)
 
 
 def judge_final(table: Table) -> list[StatementVerdict]:
@@ -99,8 +101,8 @@ def judge_final(table: Table) -> list[StatementVerdict]:
     for name in NAMES:
         points = v.matched(table, f"{name}, {WITH}", f"{name}, {WITHOUT}")
         if points:
-            said = f"Final positions of {name} are nearer to the truth with cameras."
-            out.append(v.pairs(f"fig3.21-{name}", said, points))
+            statement = f"Final positions of {name} are nearer to the truth with cameras."
+            out.append(v.pairs(f"fig3.21-{name}", statement, points))
     return out
 
 

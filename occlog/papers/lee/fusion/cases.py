@@ -97,18 +97,18 @@ def judge_curves(table: Table) -> list[StatementVerdict]:
         for level, limit in zip((0.99, 0.50), limits, strict=True):
             for key, name in RULES.items():
                 rows = v.series(table, f"N = {n}, {name}")
-                said = f"{n} of 6 detect: P(G_1) above {level:g} up to a variance of this; by {name}."
-                out.append(_threshold(f"fig4.3-n{n}-{level:g}-{key}", said, limit, rows, level))
+                statement = f"{n} of 6 detect: P(G_1) above {level:g} up to a variance of this; by {name}."
+                out.append(_threshold(f"fig4.3-n{n}-{level:g}-{key}", statement, limit, rows, level))
     for n, limit in CROSSINGS:
         for key, name in RULES.items():
             one, more = (v.series(table, f"N = {k}, {name}") for k in (1, n))
-            said = f"Above a variance of {limit:g} one detecting sensor declares more often than {n}; by {name}."
+            statement = f"Above a variance of {limit:g} one detecting sensor declares more often than {n}; by {name}."
             pairs = [(b, a) for a, b in zip(one, more, strict=True) if a.x > limit]
-            out.append(v.pairs(f"fig4.3-crossing-{n}-{key}", said, pairs))
+            out.append(v.pairs(f"fig4.3-crossing-{n}-{key}", statement, pairs))
     return out
 
 
-def _threshold(key: str, said: str, limit: float, rows: list[PaperRow], level: float) -> StatementVerdict:
+def _threshold(key: str, statement: str, limit: float, rows: list[PaperRow], level: float) -> StatementVerdict:
     """Judge at which variance the share declared falls below a level, by linear interpolation, run by run."""
     n = min((r.runs for r in rows), default=0)
     crossings = [_crossing([(r.x, r.values[k]) for r in rows], level) for k in range(n)]
@@ -116,8 +116,8 @@ def _threshold(key: str, said: str, limit: float, rows: list[PaperRow], level: f
     if not found and n:  # the curve is above the level, or below it, everywhere
         ends = [rows[0], rows[-1]]
         outside = rows[-1].x if all(r.mean > level for r in ends) else rows[0].x
-        return v.stated(key, said + " It has no such limit: the end of the curve.", limit, exact(outside, n))
-    return v.stated(key, said, limit, sample(found))
+        return v.stated(key, statement + " It has no such limit: the end of the curve.", limit, exact(outside, n))
+    return v.stated(key, statement, limit, sample(found))
 
 
 def _crossing(curve: list[tuple[float, float]], level: float) -> float | None:
@@ -231,13 +231,13 @@ def judge_case(name: str, table: Table) -> list[StatementVerdict]:
             v.printed(key, f"Value of the decision, {how}, from the printed W and P_1.", c.value, v.find(table, row))
         )
     found = v.find(table, ITEMS[4])
-    said = f"The object is declared {'present' if c.declared else 'absent'} by (4.13)."
+    statement = f"The object is declared {'present' if c.declared else 'absent'} by (4.13)."
     if found is not None:
         right = v.above(0.0) if c.declared else v.at_most(0.0)
-        out.append(v.judge(f"{name}-declared", said, exact(found.mean), right, rule="sign"))
+        out.append(v.judge(f"{name}-declared", statement, exact(found.mean), right, rule="sign"))
     if c.value_plain is not None:
-        said = "Value of the decision by (4.3) without prior, by which the false object would be declared."
-        out.append(v.printed(f"{name}-value-plain", said, c.value_plain, v.find(table, ITEMS[6])))
+        statement = "Value of the decision by (4.3) without prior, by which the false object would be declared."
+        out.append(v.printed(f"{name}-value-plain", statement, c.value_plain, v.find(table, ITEMS[6])))
     return out
 
 

@@ -162,8 +162,8 @@ def judge_rates(table: Table) -> list[StatementVerdict]:
     missed = "Missed detections are recovered: detection rate higher by this"
     false = "False detections do not spread: fewer false reports a frame, by this"
     return [
-        *_judged(table, "detection", said=missed, low=f"{DETECTED}, before", high=f"{DETECTED}, after"),
-        *_judged(table, "false", said=false, low=f"{REPORTED}, after", high=f"{REPORTED}, before"),
+        *_judged(table, "detection", statement=missed, low=f"{DETECTED}, before", high=f"{DETECTED}, after"),
+        *_judged(table, "false", statement=false, low=f"{REPORTED}, after", high=f"{REPORTED}, before"),
     ]
 
 
@@ -172,15 +172,15 @@ def judge_errors(table: Table) -> list[StatementVerdict]:
     gains = "A filter gains by the fusion, recovered rows as not seen (of this project): RMSE lower by this"
     twice = "Recovered rows as measured count the same twice (of this project): RMSE higher by this"
     return [
-        *_judged(table, "fused", said=gains, low=IGNORE, high=RAW),
-        *_judged(table, "twice", said=twice, low=IGNORE, high=USE),
+        *_judged(table, "fused", statement=gains, low=IGNORE, high=RAW),
+        *_judged(table, "twice", statement=twice, low=IGNORE, high=USE),
     ]
 
 
-def _judged(table: Table, key: str, said: str, low: str, high: str) -> list[StatementVerdict]:
+def _judged(table: Table, key: str, statement: str, low: str, high: str) -> list[StatementVerdict]:
     """Judge that one series is below another, for each number of cameras."""
     found = [(n, v.matched(table, f"{n}, {low}", f"{n}, {high}")) for n in CAMERAS]
-    return [v.pairs(f"{key}-{n}", f"{said}; {n} cameras.", points) for n, points in found if points]
+    return [v.pairs(f"{key}-{n}", f"{statement}; {n} cameras.", points) for n, points in found if points]
 
 
 FUSION_EXPERIMENTS = (

@@ -77,13 +77,15 @@ def collided(robots: Drive) -> Bools:
 
 
 def shown(
-    key: str, said: str, good: bool, measured: float | None, rule: str, paper: float | None = None
+    key: str, statement: str, good: bool, measured: float | None, rule: str, paper: float | None = None
 ) -> StatementVerdict:
     """Verdict on a statement about a determinate quantity."""
-    return v.fact(key, said, holds=good, measured=measured, rule=rule, paper=paper)
+    return v.fact(key, statement, holds=good, measured=measured, rule=rule, paper=paper)
 
 
-def always(key: str, said: str, row: PaperRow | None, share: float, paper: float | None = None) -> StatementVerdict:
+def always(
+    key: str, statement: str, row: PaperRow | None, share: float, paper: float | None = None
+) -> StatementVerdict:
     """Verdict on a statement that states what always, or never, happens.
 
     Reproduced where the share over all trials is exactly that; not reproduced where it differs from it by more than
@@ -91,13 +93,15 @@ def always(key: str, said: str, row: PaperRow | None, share: float, paper: float
 
     Args:
         key: of the verdict.
-        said: the statement.
+        statement: the statement.
         row: share of trials in each run.
         share: what it must be, 0 or 1.
         paper: printed value; None: none.
     """
     found = estimate(math.nan, math.nan, 0) if row is None else mean_of(row)
-    return v.judge(key, said, found, v.Interval(share, share), rule=f"share of trials: {share:g} in all", paper=paper)
+    return v.judge(
+        key, statement, found, v.Interval(share, share), rule=f"share of trials: {share:g} in all", paper=paper
+    )
 
 
 FIRST, LAST, SPACING = 2.0, 14.0, 0.25

@@ -130,7 +130,7 @@ class RobotVerdict:
 def run_navigate(request: NavigateRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """Drive the robot and write its path; the summary, and the losses before."""
     if request.start_delay_s and request.obstacles is None:
-        raise UsageError(f"{option('start_delay')} is a time of {option('obstacles')}; add them")
+        raise UsageError(f"{option('start_delay')} is a time of {option('obstacles')}; add them", id="missing-option")
     discs = tuple(map(disc_of, request.disc_obstacles))
     scene = load_scene(request.scene, None, request.scene)
     config = configure(NavigateConfig.in_unit(scene.length_unit), request.settings)

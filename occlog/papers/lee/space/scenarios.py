@@ -124,22 +124,24 @@ def judge_scenario(scenario: int, table: Table) -> list[StatementVerdict]:
     ]
 
 
-def _reaches(key: str, said: str, rows: Sequence[PaperRow], bound: Sequence[PaperRow]) -> StatementVerdict:
+def _reaches(key: str, stated: str, rows: Sequence[PaperRow], bound: Sequence[PaperRow]) -> StatementVerdict:
     """Judge the ratio of error and bound on the axis where it is largest."""
     points = [
         v.StatementPoint(estimate(r.mean / b.mean, r.error / b.mean, r.runs), v.at_most(NEAR))
         for r, b in zip(rows, bound, strict=True)
     ]
     worst = max((p.measure for p in points), key=lambda m: m.value, default=None)
-    statement = f"{said}: RMSE over all instants to it, on the axis where that is most ({PARTICLES} particles)."
+    statement = f"{stated}: RMSE over all instants to it, on the axis where that is most ({PARTICLES} particles)."
     return v.judge_points(key, statement, points, rule=f"at most {NEAR:g} on every axis", shown=worst)
 
 
 def _below(key: str, planes: Sequence[PaperRow], direct: Sequence[PaperRow]) -> StatementVerdict:
     """Judge whether a bound of the planes is below the direct one."""
     ratio = exact(min(p.mean / d.mean for p, d in zip(planes, direct, strict=True)))
-    said = "PPS has the lower bound (the thesis' figures): bound of the planes to the direct one, where that is least."
-    return v.judge(key, said, ratio, v.below(1.0 - 1e-9), rule="below 1 on some axis")
+    statement = (
+        "PPS has the lower bound (the thesis' figures): bound of the planes to the direct one, where that is least."
+    )
+    return v.judge(key, statement, ratio, v.below(1.0 - 1e-9), rule="below 1 on some axis")
 
 
 def _angles(scenario: int) -> list[StatementVerdict]:
@@ -151,16 +153,18 @@ def _angles(scenario: int) -> list[StatementVerdict]:
         if scenario in printed:
             off = float(np.max(np.abs(np.array([angle.min(), angle.max()]) - printed[scenario])))
             low, high = printed[scenario]
-            said = f"{name} is between {low:g} and {high:g} degrees: largest difference of an end."
+            statement = f"{name} is between {low:g} and {high:g} degrees: largest difference of an end."
             key, rule = f"scenario{scenario}-{name}", "to the printed digits"
-            out.append(v.judge(key, said, exact(off), v.below(0.00501), rule=rule, paper=0.0))
+            out.append(v.judge(key, statement, exact(off), v.below(0.00501), rule=rule, paper=0.0))
     if scenario == 3:
         count = int(np.sum(select_as_printed(np.deg2rad(phi)[:, None])[:, 0, 1] == YZ))
-        said = (
+        statement = (
             "By the printed rule, xy and yz are selected in the first instants, xy and zx later: number of the first."
         )
         good = v.Interval(13.0, 13.0)
-        out.append(v.judge("scenario3-switch", said, exact(float(count)), good, rule="the same number", paper=13.0))
+        out.append(
+            v.judge("scenario3-switch", statement, exact(float(count)), good, rule="the same number", paper=13.0)
+        )
     return out
 
 
@@ -191,30 +195,34 @@ def particles_table(size: Size, execute: Execute) -> Table:
 def judge_particles(table: Table) -> list[StatementVerdict]:
     """Judge where PPS helps: everywhere ([Lee]), or where the filter in space has few particles (this project)."""
     few, many = (100.0, 300.0), (3000.0, 10_000.0)
-    said = "PPS has the lower error, relative to the direct bound"
+    statement = "PPS has the lower error, relative to the direct bound"
     out = [
-        v.pairs("particles-few", f"{said}, with 100 and 300 particles a filter.", v.matched(table, PPS, DIRECT, few)),
-        v.pairs("particles-many", f"{said}, with 3000 and 10000.", v.matched(table, PPS, DIRECT, many)),
+        v.pairs(
+            "particles-few", f"{statement}, with 100 and 300 particles a filter.", v.matched(table, PPS, DIRECT, few)
+        ),
+        v.pairs("particles-many", f"{statement}, with 3000 and 10000.", v.matched(table, PPS, DIRECT, many)),
         v.pairs(
             "particles-copies-few",
-            f"{said}, with 100 and 300 (mere copies).",
+            f"{statement}, with 100 and 300 (mere copies).",
             v.matched(table, PPS_COPIES, DIRECT_COPIES, few),
         ),
         v.pairs(
-            "particles-printed-few", f"{said}, with 100 and 300 (as printed).", v.matched(table, THESIS, DIRECT, few)
+            "particles-printed-few",
+            f"{statement}, with 100 and 300 (as printed).",
+            v.matched(table, THESIS, DIRECT, few),
         ),
         v.pairs(
             "particles-printed-many",
-            f"{said}, with 3000 and 10000 (as printed).",
+            f"{statement}, with 3000 and 10000 (as printed).",
             v.matched(table, THESIS, DIRECT, many),
         ),
     ]
     last = v.find(table, DIRECT, many[1])
     if last is not None:
-        said = "The direct method is near its bound at 10000 particles: RMSE in space to it, all scenarios."
+        statement = "The direct method is near its bound at 10000 particles: RMSE in space to it, all scenarios."
         near, twice = v.at_most(NEAR), v.at_most(2.0 * NEAR)
         rule = f"at most {NEAR:g}; in part: twice that"
-        out.append(v.judge("particles-bound", said, mean_of(last), near, twice, rule=rule))
+        out.append(v.judge("particles-bound", statement, mean_of(last), near, twice, rule=rule))
     return out
 
 
@@ -242,8 +250,8 @@ def judge_sensors(table: Table) -> list[StatementVerdict]:
     for way in WAYS:
         one, two = v.find(table, way, 1.0), v.find(table, way, 2.0)
         if one is not None and two is not None:
-            said = f"Two arrays give a lower error than one (Figs. 2-12, 2-13; {way}): difference of the RMSE [m]."
-            out.append(v.pairs(f"sensors-{way.replace(' ', '-')}", said, [(two, one)]))
+            statement = f"Two arrays give a lower error than one (Figs. 2-12, 2-13; {way}): difference of the RMSE [m]."
+            out.append(v.pairs(f"sensors-{way.replace(' ', '-')}", statement, [(two, one)]))
     return out
 
 

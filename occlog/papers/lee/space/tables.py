@@ -54,23 +54,27 @@ def judge_table(name: str, table: Table) -> list[StatementVerdict]:
     y = [(v.find(table, WEIGHTED, 2.0), v.find(table, EQUAL, 2.0))]
     pairs = [(a, b) for a, b in y if a is not None and b is not None]
     if name == "2.1":
-        said = "With right models both combinations are equal: difference of the RMSE of y [m]."
-        out.append(v.close(f"{key}-alike", said, pairs))
+        statement = "With right models both combinations are equal: difference of the RMSE of y [m]."
+        out.append(v.close(f"{key}-alike", statement, pairs))
     else:
-        said = "With a wrong model in one plane for 50 s the weights by planes keep the track: RMSE of y lower by [m]."
-        out.append(v.pairs(f"{key}-weighted", said, pairs))
-        said = (
+        statement = (
+            "With a wrong model in one plane for 50 s the weights by planes keep the track: RMSE of y lower by [m]."
+        )
+        out.append(v.pairs(f"{key}-weighted", statement, pairs))
+        statement = (
             "Inverse variances do not notice a wrong model (of this project): RMSE of y lower with weights by planes."
         )
         other = v.find(table, INVERSE, 2.0)
         if other is not None and pairs:
-            out.append(v.pairs(f"{key}-inverse", said, [(pairs[0][0], other)]))
+            out.append(v.pairs(f"{key}-inverse", statement, [(pairs[0][0], other)]))
     for way, printed in PRINTED[name].items():
         for j, value in enumerate(printed):
             row = v.find(table, way, j + 1.0)
             if row is not None:
-                said = f"RMSE of {AXIS_NAMES[j]} [m], {way} (the initial spread of the filters is not in the thesis)."
-                out.append(v.stated(f"{key}-{way}-{AXIS_NAMES[j]}", said, value, mean_of(row)))
+                statement = (
+                    f"RMSE of {AXIS_NAMES[j]} [m], {way} (the initial spread of the filters is not in the thesis)."
+                )
+                out.append(v.stated(f"{key}-{way}-{AXIS_NAMES[j]}", statement, value, mean_of(row)))
     return out
 
 

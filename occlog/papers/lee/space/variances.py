@@ -156,9 +156,11 @@ def judge(table: Table) -> list[StatementVerdict]:
             if drawn is not None:
                 off = estimate(drawn.mean / row.mean - 1.0, drawn.error / row.mean, drawn.runs)
                 points.append(v.StatementPoint(off, v.Interval(-SAME, SAME)))
-    said = f"First-order variances agree with Monte Carlo where they hold: largest deviation of {len(points)} points."
+    statement = (
+        f"First-order variances agree with Monte Carlo where they hold: largest deviation of {len(points)} points."
+    )
     worst = max((p.measure for p in points), key=lambda m: abs(m.value), default=None)
-    out = [v.judge_points("variances-first-order", said, points, rule=f"within {SAME:.0%}", shown=worst)]
+    out = [v.judge_points("variances-first-order", statement, points, rule=f"within {SAME:.0%}", shown=worst)]
     statements = {
         WRONG_YZ: ("Eq. 2.1 and 2.2 project on yz: share of directions where they are wrong.", 0.001),
         WRONG_ZX: ("Eq. 2.1 and 2.2 project on zx: share of directions where they are wrong.", 0.001),
@@ -173,14 +175,14 @@ def judge(table: Table) -> list[StatementVerdict]:
         if share_row is not None:
             out.append(_rarely(f"variances-{name}", text, mean_of(share_row), limit))
     never = share_of(round(xy_is_worst(0) * DIRECTIONS), DIRECTIONS)
-    said = "xy always is the second best plane: share of directions where it is the worst one."
-    return [*out, _rarely("variances-xy", said, never, 0.01)]
+    statement = "xy always is the second best plane: share of directions where it is the worst one."
+    return [*out, _rarely("variances-xy", statement, never, 0.01)]
 
 
-def _rarely(key: str, said: str, wrong: Measure, limit: float) -> StatementVerdict:
+def _rarely(key: str, statement: str, wrong: Measure, limit: float) -> StatementVerdict:
     """Judge that a statement is wrong for a small share of the directions; in part: for fewer than by chance."""
     rule = f"at most {limit:g}; in part: at most {CHANCE:g} (chance is 0.5)"
-    return v.judge(key, said, wrong, v.at_most(limit), v.at_most(CHANCE), rule=rule, paper=0.0)
+    return v.judge(key, statement, wrong, v.at_most(limit), v.at_most(CHANCE), rule=rule, paper=0.0)
 
 
 VARIANCES = Experiment(

@@ -91,11 +91,11 @@ def judge_sums(table: Table) -> list[StatementVerdict]:
     out = []
     keys = {"degrees": "fig2.7-larger", "radians": "fig2.7-unit"}
     for unit, key in keys.items():
-        said = f"The sum of weights of the yz-plane is larger than that in space (densities in {unit})."
-        out.append(v.pairs(key, said, v.matched(table, f"{SPACE}, {unit}", f"{PLANE}, {unit}")))
-    said = "A larger variance lowers the sum of the yz-plane by a smaller share than that in space."
+        statement = f"The sum of weights of the yz-plane is larger than that in space (densities in {unit})."
+        out.append(v.pairs(key, statement, v.matched(table, f"{SPACE}, {unit}", f"{PLANE}, {unit}")))
+    statement = "A larger variance lowers the sum of the yz-plane by a smaller share than that in space."
     points = v.matched(table, f"{SPACE}, relative", f"{PLANE}, relative", VARIANCES[1:])
-    out.append(v.pairs("fig2.7-sensitive", said, points))
+    out.append(v.pairs("fig2.7-sensitive", statement, points))
     return out
 
 

@@ -98,13 +98,17 @@ def judge_end_to_end(table: Table) -> list[StatementVerdict]:
     for scenario, (low, high) in {1: PROTOCOLS, 2: PROTOCOLS[::-1], 3: PROTOCOLS[::-1]}.items():
         for channel in CHANNELS:
             points = v.matched(table, f"{scenario}, {low}, {channel}", f"{scenario}, {high}, {channel}")
-            said = f"Scenario {scenario}: {low.upper()} has a lower delay than {high.upper()}; channel: {channel}."
+            statement = f"Scenario {scenario}: {low.upper()} has a lower delay than {high.upper()}; channel: {channel}."
             gaps = [b.mean - a.mean for a, b in points]
-            out.append(_ordered(f"traffic-{scenario}-{channel}", said, gaps, "image sizes"))
+            out.append(_ordered(f"traffic-{scenario}-{channel}", statement, gaps, "image sizes"))
     for channel in CHANNELS:
         points = v.matched(table, f"3, sbvc, {channel}", f"2, sbvc, {channel}")
-        said = f"Images get to the server sooner from R5: SBVC is faster in scenario 3 than in 2; channel: {channel}."
-        out.append(_ordered(f"traffic-closer-{channel}", said, [b.mean - a.mean for a, b in points], "image sizes"))
+        statement = (
+            f"Images get to the server sooner from R5: SBVC is faster in scenario 3 than in 2; channel: {channel}."
+        )
+        out.append(
+            _ordered(f"traffic-closer-{channel}", statement, [b.mean - a.mean for a, b in points], "image sizes")
+        )
     sizes, shares = [], []
     for scenario in SCENARIOS:
         for protocol in PROTOCOLS:
@@ -120,8 +124,8 @@ def judge_end_to_end(table: Table) -> list[StatementVerdict]:
             by_size = v.series(table, f"{scenario}, {protocol}, {SHARED}")
             by_share = v.series(table, f"{scenario}, {protocol}, by share")
             ratios.append((by_size[-1].mean / by_size[0].mean) - (by_share[-1].mean / by_share[0].mean))
-    said = "Ten times larger images delay more than ten times more objects (factor of the delay higher by this)."
-    out.append(_ordered("traffic-more-by-size", said, ratios, "scenarios and protocols"))
+    statement = "Ten times larger images delay more than ten times more objects (factor of the delay higher by this)."
+    out.append(_ordered("traffic-more-by-size", statement, ratios, "scenarios and protocols"))
     return out
 
 
@@ -133,21 +137,23 @@ def judge_hops(table: Table) -> list[StatementVerdict]:
             low = v.find(table, f"sbvc, {kind}", float(scenario))
             high = v.find(table, f"rbvc, {kind}", float(scenario))
             if low is not None and high is not None:
-                said = f"Scenario {scenario}: a hop of {kind} takes longer with RBVC."
+                statement = f"Scenario {scenario}: a hop of {kind} takes longer with RBVC."
                 key = f"hops-{scenario}-{kind.split()[0]}"
-                out.append(_ordered(key, said, [high.mean - low.mean], "difference"))
+                out.append(_ordered(key, statement, [high.mean - low.mean], "difference"))
         air = [v.find(table, f"{p}, {AIR}", float(scenario)) for p in PROTOCOLS]
         if air[0] is not None and air[1] is not None:
-            said = f"Scenario {scenario}: the sum of visual sensing is larger with RBVC."
-            out.append(_ordered(f"hops-{scenario}-sum", said, [air[0].mean - air[1].mean], "difference"))
+            statement = f"Scenario {scenario}: the sum of visual sensing is larger with RBVC."
+            out.append(_ordered(f"hops-{scenario}-sum", statement, [air[0].mean - air[1].mean], "difference"))
     return out
 
 
-def _ordered(key: str, said: str, gaps: list[float], of: str) -> StatementVerdict:
+def _ordered(key: str, statement: str, gaps: list[float], of: str) -> StatementVerdict:
     """Judge that all gaps are above 0; `measured` is the smallest."""
     points = [v.StatementPoint(exact(gap), v.above(0.0)) for gap in gaps]
     shown = exact(min(gaps)) if gaps else None
-    return v.judge_points(key, said, points, rule=f"in this order ({of}); shown: the smallest difference", shown=shown)
+    return v.judge_points(
+        key, statement, points, rule=f"in this order ({of}); shown: the smallest difference", shown=shown
+    )
 
 
 TRAFFIC_EXPERIMENTS = (

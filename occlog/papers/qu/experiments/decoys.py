@@ -75,10 +75,10 @@ def judge_decoys(table: Table) -> list[StatementVerdict]:
         wrong, free = v.find(table, f"{label}, {on}"), v.find(table, f"{label}, {off}")
         if wrong is None or free is None or bmct is None:
             continue
-        said = f"{label} may attach to wrong targets near the epipolar line: share of trackers after a loss [%]."
+        statement = f"{label} may attach to wrong targets near the epipolar line: share of trackers after a loss [%]."
         rule = f"at least {MAY:g} %; in part half of that"
         out += [
-            v.judge(f"cmct-{key}-wrong", said, mean_of(wrong), v.at_least(MAY), v.at_least(0.5 * MAY), rule=rule),
+            v.judge(f"cmct-{key}-wrong", statement, mean_of(wrong), v.at_least(MAY), v.at_least(0.5 * MAY), rule=rule),
             ordered(
                 f"cmct-{key}-line",
                 f"The line is the cause ({label}): more than with others off it, by [%].",

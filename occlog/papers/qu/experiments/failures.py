@@ -123,7 +123,7 @@ def judge_failures(table: Table) -> list[StatementVerdict]:
     """Judge the growth of what suffices, the printed numbers, and that more particles are more stable."""
     out = []
     own = {name: [c for c in curves_of(table, name) if c.targets <= 6] for name in (BMCT, MCMC)}
-    for name, good, said in (
+    for name, good, statement in (
         (BMCT, v.at_most(LINEAR), "What BMCT needs grows linearly with the targets"),
         (MCMC, v.above(LINEAR), "What the joint filter (MCMC) needs grows faster than linearly with the targets"),
     ):
@@ -135,7 +135,9 @@ def judge_failures(table: Table) -> list[StatementVerdict]:
         rule = f"exponent {'at most' if name == BMCT else 'above'} {LINEAR:g} (bootstrap over videos)"
         paper = float(np.polyfit(np.log(list(PRINTED[name])), np.log(list(PRINTED[name].values())), 1)[0])
         key = f"table2-rates-{name.lower()}"
-        out.append(v.judge(f"{key}-growth", f"{said}: exponent of their number.", power, good, rule=rule, paper=paper))
+        out.append(
+            v.judge(f"{key}-growth", f"{statement}: exponent of their number.", power, good, rule=rule, paper=paper)
+        )
         for c in curves:
             need = bootstrapped(runs, lambda d, c=c: enough(c.totals, c.rates[:, d].mean(axis=1)), RESAMPLES)  # type: ignore[misc]
             said_n = f"Total particles of {name} that suffice for {c.targets} targets."
@@ -147,8 +149,8 @@ def judge_failures(table: Table) -> list[StatementVerdict]:
 def _more_stable(name: str, table: Table) -> list[StatementVerdict]:
     """Judge that failures with the most particles are below those with the fewest; nothing if missing."""
     ends = [(rows[-1], rows[0]) for n in (4, 5, 6, 8) if (rows := v.series(table, series_of(name, n)))]
-    said = f"More particles are more stable ({name}): failures with the fewest less those with the most, by [%]."
-    verdict = everywhere(f"table2-rates-{name.lower()}-stable", said, ends)
+    statement = f"More particles are more stable ({name}): failures with the fewest less those with the most, by [%]."
+    verdict = everywhere(f"table2-rates-{name.lower()}-stable", statement, ends)
     return [] if verdict is None else [verdict]
 
 

@@ -117,7 +117,7 @@ def judge7(table: Table) -> list[StatementVerdict]:
     hijacked, n = end["mipf"], end["mipf"].runs
     failed = sum(x > 0 for x in end["idmot"].values)
     whole = sum(x == 0 for x in end["bmct"].values)
-    said = (
+    statement = (
         "IDMOT has improved the performance: share of trackers off their target at the end lower than MIPF's, by [%]."
     )
     better = "BMCT rectifies these problems: share of trackers off their target at the end lower than IDMOT's, by [%]."
@@ -130,7 +130,7 @@ def judge7(table: Table) -> list[StatementVerdict]:
             v.above(10.0),
             rule="above a third; in part above 10 %",
         ),
-        ordered("fig7-idmot", said, end["idmot"], end["mipf"]),
+        ordered("fig7-idmot", statement, end["idmot"], end["mipf"]),
         v.judge(
             "fig7-idmot-fails",
             "IDMOT still has failures: share of the videos that end with a tracker off its target.",

@@ -117,8 +117,8 @@ def judge_loop(table: Table) -> list[StatementVerdict]:
         idmot, right = v.find(table, f"{IDMOT}, {name}"), v.find(table, f"{BMCT}, {name}", 0.0)
         if idmot is None or right is None:
             continue
-        said = f"With the right lines the rate of {name} of BMCT is below that of IDMOT, by [%]."
-        out.append(ordered(f"loop-{rate}-right", said, right, idmot))
+        statement = f"With the right lines the rate of {name} of BMCT is below that of IDMOT, by [%]."
+        out.append(ordered(f"loop-{rate}-right", statement, right, idmot))
         wrong = [r for r in v.series(table, f"{BMCT}, {name}") if r.x > 0]
         wrong += [r for r in table if r.series.startswith(f"{BMCT}, lines") and r.series.endswith(name)]
         out.append(_not_inferior(rate, name, idmot, wrong))
@@ -130,28 +130,30 @@ def _noticed(table: Table) -> list[StatementVerdict]:
     noticed = next((r for r in table if r.series.startswith("frames until a wrong tracker")), None)
     if over is None or noticed is None:
         return []
-    said = (
+    statement = (
         f"A tracker that was put on another target is noticed, or finds back, within {WITHIN} frames: share of them "
         f"(noticed: {noticed.extra['share']:.0%}, those after a median of {noticed.extra['median']:.3g} frames)."
     )
     over_all = share_of(round(math.fsum(over.values)), over.runs)
     rule = f"at least {MOSTLY:.0%}; in part half"
-    return [v.judge("loop-noticed", said, over_all, v.at_least(MOSTLY), v.at_least(0.5), rule=rule)]
+    return [v.judge("loop-noticed", statement, over_all, v.at_least(MOSTLY), v.at_least(0.5), rule=rule)]
 
 
 def _alarms(table: Table) -> list[StatementVerdict]:
     rows = v.series(table, f"{BMCT}, {RATES['fr_p']}")
     out = []
     if rows and rows[0].x == 0.0:
-        said = "False alarms are rare: share of the checks of sound targets with the result bad, with the right lines."
+        statement = (
+            "False alarms are rare: share of the checks of sound targets with the result bad, with the right lines."
+        )
         false, rule = sample(_known(rows[0].each["false_alarm"])), "at most 1 %; in part 5 %"
-        out.append(v.judge("loop-false-alarms", said, false, v.at_most(0.01), v.at_most(0.05), rule=rule))
+        out.append(v.judge("loop-false-alarms", statement, false, v.at_most(0.01), v.at_most(0.05), rule=rule))
     far = [r.each["bad"] for r in rows if r.x >= 45.0]
     if far:
-        said = "Wrong lines are noticed: share of the checks with the result bad, with lines 45 px and more away."
+        statement = "Wrong lines are noticed: share of the checks with the result bad, with lines 45 px and more away."
         of_runs = [math.fsum(run) / len(run) for run in zip(*far, strict=True)]
         bad, rule = sample(_known(of_runs)), "at least half; in part 20 %"
-        out.append(v.judge("loop-wrong-lines", said, bad, v.at_least(0.5), v.at_least(0.2), rule=rule))
+        out.append(v.judge("loop-wrong-lines", statement, bad, v.at_least(0.5), v.at_least(0.2), rule=rule))
     return out
 
 
@@ -163,9 +165,9 @@ def _not_inferior(rate: str, name: str, idmot: PaperRow, wrong: Sequence[PaperRo
     """Judge that no rate is higher; the verdict shows the worst."""
     points = [v.StatementPoint(difference_of(idmot, r), v.at_most(LITTLE)) for r in wrong]
     worst = max((p.measure for p in points), key=lambda m: m.value, default=None)
-    said = f"BMCT is never inferior to IDMOT, even with wrong lines: rate of {name} higher at worst by [%]."
+    statement = f"BMCT is never inferior to IDMOT, even with wrong lines: rate of {name} higher at worst by [%]."
     rule = f"higher by less than {LITTLE:g} %, for each kind of wrong lines"
-    return v.judge_points(f"loop-{rate}-not-inferior", said, points, rule=rule, paper=0.0, shown=worst)
+    return v.judge_points(f"loop-{rate}-not-inferior", statement, points, rule=rule, paper=0.0, shown=worst)
 
 
 LOOP = Experiment(
@@ -204,12 +206,12 @@ def judge_sweeps(table: Table) -> list[StatementVerdict]:
         once, twice, often = (v.find(table, name, float(n)) for n in SWEEPS)
         if once is None or twice is None or often is None:
             continue
-        said = f"Iterating gives better estimates: rate of {name} with two sweeps below that with one, by [%]."
-        out.append(ordered(f"sweeps-{rate}-helps", said, twice, once))
-        said = f"Twice is enough: rate of {name} with two sweeps above that with four, by [%]."
+        statement = f"Iterating gives better estimates: rate of {name} with two sweeps below that with one, by [%]."
+        out.append(ordered(f"sweeps-{rate}-helps", statement, twice, once))
+        statement = f"Twice is enough: rate of {name} with two sweeps above that with four, by [%]."
         rule = f"by at most {LITTLE:g} %; in part by {2.0 * LITTLE:g} %"
         more, limits = difference_of(often, twice), (v.at_most(LITTLE), v.at_most(2.0 * LITTLE))
-        out.append(v.judge(f"sweeps-{rate}-enough", said, more, *limits, rule=rule))
+        out.append(v.judge(f"sweeps-{rate}-enough", statement, more, *limits, rule=rule))
     return out
 
 

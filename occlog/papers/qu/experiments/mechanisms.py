@@ -79,7 +79,7 @@ def judge_mechanisms(table: Table) -> list[StatementVerdict]:
         )
         if idmot is None or bmct is None or free is None:
             continue
-        said = f"IDMOT fails ({what}): trackers off their target after the balls have parted [%]."
+        statement = f"IDMOT fails ({what}): trackers off their target after the balls have parted [%]."
         because = f"That is due to the {why}: more trackers off than with {control.label}, by [%]."
         rectified = f"BMCT rectifies it ({what}): fewer trackers off than with IDMOT, by [%]."
         rule, often, seldom = (
@@ -88,7 +88,7 @@ def judge_mechanisms(table: Table) -> list[StatementVerdict]:
             v.at_least(0.2 * OFTEN),
         )
         out += [
-            v.judge(f"fig7-{key}-fails", said, mean_of(idmot), often, seldom, rule=rule),
+            v.judge(f"fig7-{key}-fails", statement, mean_of(idmot), often, seldom, rule=rule),
             ordered(f"fig7-{key}-cause", because, free, idmot),
             ordered(f"fig7-{key}-bmct", rectified, bmct, idmot),
         ]
@@ -110,16 +110,20 @@ def _ends(table: Table) -> list[StatementVerdict]:
     out = []
     exchanged, lost = (_mean(table, "IDMOT", LINE, end) for end in ENDS.values())
     if exchanged is not None and lost is not None:
-        said = "Labels are exchanged (same line): trackers of IDMOT on the other ball, more than on none, by [%]."
-        out.append(ordered("fig7-line-exchanged", said, lost, exchanged))
+        statement = "Labels are exchanged (same line): trackers of IDMOT on the other ball, more than on none, by [%]."
+        out.append(ordered("fig7-line-exchanged", statement, lost, exchanged))
     some, none = (_mean(table, "IDMOT", (case,), ENDS["end_none"]) for case in CASES[:2])
     if some is not None and none is not None:
-        said = "A strong clutter attracts a tracker (same direction): more on no ball than without clutter, by [%]."
-        out.append(ordered("fig7-direction-clutter", said, none, some))
+        statement = (
+            "A strong clutter attracts a tracker (same direction): more on no ball than without clutter, by [%]."
+        )
+        out.append(ordered("fig7-direction-clutter", statement, none, some))
     idmot, bmct = (_mean(table, m, ROW) for m in ("IDMOT", "BMCT"))
     if idmot is not None and bmct is not None:
-        said = "BMCT rectifies it on an epipolar line, too (same epipolar line): fewer off than with IDMOT, by [%]."
-        out.append(ordered("fig7-row-bmct", said, bmct, idmot))
+        statement = (
+            "BMCT rectifies it on an epipolar line, too (same epipolar line): fewer off than with IDMOT, by [%]."
+        )
+        out.append(ordered("fig7-row-bmct", statement, bmct, idmot))
     return out
 
 

@@ -42,8 +42,10 @@ def judge_motion(table: Table) -> list[StatementVerdict]:
     """Judge BMCT against IDMOT at every motion, whether it tracks manoeuvring targets, and the remedy."""
     out = []
     for rate, name in RATES.items():
-        said = f"BMCT is robust in different conditions: rate of {name} below that of IDMOT at every motion, by [%]."
-        out.append(everywhere(f"motion-{rate}", said, v.matched(table, f"bmct, {name}", f"idmot, {name}")))
+        statement = (
+            f"BMCT is robust in different conditions: rate of {name} below that of IDMOT at every motion, by [%]."
+        )
+        out.append(everywhere(f"motion-{rate}", statement, v.matched(table, f"bmct, {name}", f"idmot, {name}")))
         for k, motion in enumerate(MOTIONS):
             plain, better = (v.find(table, f"{label}, {name}", k + 1.0) for label in ("bmct", REMEDY))
             if plain is not None and better is not None:
@@ -55,17 +57,19 @@ def _of_motion(rate: str, name: str, motion: str, plain: PaperRow, better: Paper
     """Judge BMCT and its remedy at one motion."""
     key, out = f"motion-{motion}-{rate}", []
     if rate == "fr_l":
-        said = f"BMCT tracks the targets ({motion}): rate of {name} [%]."
+        statement = f"BMCT tracks the targets ({motion}): rate of {name} [%]."
         rule = f"at most {LOW:g} %; in part {2.0 * LOW:g} %"
-        out.append(v.judge(f"{key}-followed", said, mean_of(plain), v.at_most(LOW), v.at_most(2.0 * LOW), rule=rule))
+        out.append(
+            v.judge(f"{key}-followed", statement, mean_of(plain), v.at_most(LOW), v.at_most(2.0 * LOW), rule=rule)
+        )
     if motion == "manoeuvre":
-        said = f"The remedy helps ({motion}): rate of {name} below that of BMCT, by [%]."
+        statement = f"The remedy helps ({motion}): rate of {name} below that of BMCT, by [%]."
         rule = "above 0 by two standard errors, run by run"
-        return [*out, v.judge(f"{key}-remedy", said, difference_of(better, plain), v.above(0.0), rule=rule)]
-    said = f"The remedy costs nothing ({motion}): rate of {name} higher than that of BMCT, by [%]."
+        return [*out, v.judge(f"{key}-remedy", statement, difference_of(better, plain), v.above(0.0), rule=rule)]
+    statement = f"The remedy costs nothing ({motion}): rate of {name} higher than that of BMCT, by [%]."
     rule = f"by at most {LITTLE:g} %; in part by {2.0 * LITTLE:g} %"
     worse = difference_of(plain, better)
-    return [*out, v.judge(f"{key}-cost", said, worse, v.at_most(LITTLE), v.at_most(2.0 * LITTLE), rule=rule)]
+    return [*out, v.judge(f"{key}-cost", statement, worse, v.at_most(LITTLE), v.at_most(2.0 * LITTLE), rule=rule)]
 
 
 MOTION = Experiment(

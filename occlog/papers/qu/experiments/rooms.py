@@ -102,10 +102,10 @@ def judge(recording: PaperVideo, table: Table) -> list[StatementVerdict]:
         rows = {label: row for label, row in own.items() if row is not None}
         if BMCT not in rows:
             continue
-        key, said = f"{recording.item}-{rate}", f"{recording.title}: rate of {name} of BMCT [%]."
+        key, statement = f"{recording.item}-{rate}", f"{recording.title}: rate of {name} of BMCT [%]."
         rule = f"at most {ROBUST:g} %; in part {2.0 * ROBUST:g} %"
         limits = v.at_most(ROBUST), v.at_most(2.0 * ROBUST)
-        out.append(v.judge(key, said, mean_of(rows[BMCT]), *limits, rule=rule))
+        out.append(v.judge(key, statement, mean_of(rows[BMCT]), *limits, rule=rule))
         for label, ending, why in (
             (IDMOT, "idmot", "The cameras help"),
             (NO_BACKGROUND, "background", "Background subtraction enhances the performance"),
@@ -116,10 +116,10 @@ def judge(recording: PaperVideo, table: Table) -> list[StatementVerdict]:
     bmct = v.find(table, f"{BMCT}, {RATES['fr_l']}")
     if recording is CAMPUS and bmct is not None:
         first, second = (PaperRow(h, 0.0, bmct.each[h]) for h in HALVES)
-        said = "Tracking is stable: trackers off their targets in the second half more than in the first, by [%]."
+        statement = "Tracking is stable: trackers off their targets in the second half more than in the first, by [%]."
         rule = f"at most {ROBUST:g} %; in part {2.0 * ROBUST:g} %"
         worse = difference_of(first, second)
-        out.append(v.judge("campus-stable", said, worse, v.at_most(ROBUST), v.at_most(2.0 * ROBUST), rule=rule))
+        out.append(v.judge("campus-stable", statement, worse, v.at_most(ROBUST), v.at_most(2.0 * ROBUST), rule=rule))
     return out
 
 

@@ -37,12 +37,12 @@ def judge1(table: Table) -> list[StatementVerdict]:
     out = []
     for name, row in ((COLLABORATION, collaboration), (INTERACTION, interaction)):
         what = "is negligible" if name == COLLABORATION else "costs much less than the local one"
-        said = f"The {name} likelihood {what}: its time over that of the local likelihood."
+        statement = f"The {name} likelihood {what}: its time over that of the local likelihood."
         rule = f"at most {SMALL:g}; in part {SOME:g}"
         small, some, printed = v.at_most(SMALL), v.at_most(SOME), PRINTED_MS[name] / PRINTED_MS[LOCAL]
-        out.append(v.judge(f"table1-{name}", said, quotient_of(row, local), small, some, rule=rule, paper=printed))
-    said = "Collaboration costs less than interaction, by [ms] a frame."
-    return [*out, v.pairs("table1-order", said, [(collaboration, interaction)])]
+        out.append(v.judge(f"table1-{name}", statement, quotient_of(row, local), small, some, rule=rule, paper=printed))
+    statement = "Collaboration costs less than interaction, by [ms] a frame."
+    return [*out, v.pairs("table1-order", statement, [(collaboration, interaction)])]
 
 
 TABLE1 = Experiment(

@@ -52,41 +52,45 @@ def judge2(table: Table) -> list[StatementVerdict]:
         sign = 1.0 if printed is PRINTED else -1.0
         rows = v.series(table, f"BMCT, {name}")
         paper = sign * _printed_exponent(printed["BMCT"])
-        said = f"BMCT's need of {what} grows linearly with the targets: exponent of their number."
-        out.append(_linear(f"table2-bmct-{what}", said, paper, rows))
+        statement = f"BMCT's need of {what} grows linearly with the targets: exponent of their number."
+        out.append(_linear(f"table2-bmct-{what}", statement, paper, rows))
         for f in (MCMC, SIR):
             paper = sign * _printed_exponent(printed["MCMC"]) if f is MCMC else math.nan
-            said = f"The need of the joint filter ({f}) of {what} grows faster than linearly: exponent."
+            statement = f"The need of the joint filter ({f}) of {what} grows faster than linearly: exponent."
             out.append(
-                _faster(f"table2-{f.split()[-1].lower()}-{what}", said, paper, v.series(table, f"{f}, {name}"), rows)
+                _faster(
+                    f"table2-{f.split()[-1].lower()}-{what}", statement, paper, v.series(table, f"{f}, {name}"), rows
+                )
             )
     out.append(_exponential(v.series(table, f"{SIR}, {TOTAL}")))
     for n, paper in PRINTED["MCMC"].items():
         row = v.find(table, f"MCMC, {TOTAL}", n)
         if row is not None and row.runs:
-            said = f"Total particles of MCMC-PF for {n} targets."
-            out.append(v.stated(f"table2-mcmc-{n}", said, paper, mean_of(row)))
+            statement = f"Total particles of MCMC-PF for {n} targets."
+            out.append(v.stated(f"table2-mcmc-{n}", statement, paper, mean_of(row)))
     quicker = v.matched(table, f"BMCT, {TIME}", f"MCMC, {TIME}", (4, 5, 6))
-    said = "BMCT is faster than MCMC-PF: CPU time of a frame lower, by [ms]."
-    return [*out, v.pairs("table2-faster", said, quicker)]
+    statement = "BMCT is faster than MCMC-PF: CPU time of a frame lower, by [ms]."
+    return [*out, v.pairs("table2-faster", statement, quicker)]
 
 
-def _linear(key: str, said: str, paper: float, rows: Sequence[PaperRow]) -> StatementVerdict:
+def _linear(key: str, statement: str, paper: float, rows: Sequence[PaperRow]) -> StatementVerdict:
     rule = f"exponent at most {LINEAR}; in part up to {NEARLY}"
-    return v.judge(key, said, power_of(rows), v.at_most(LINEAR), v.at_most(NEARLY), rule=rule, paper=paper)
+    return v.judge(key, statement, power_of(rows), v.at_most(LINEAR), v.at_most(NEARLY), rule=rule, paper=paper)
 
 
-def _faster(key: str, said: str, paper: float, rows: Sequence[PaperRow], bmct: Sequence[PaperRow]) -> StatementVerdict:
+def _faster(
+    key: str, statement: str, paper: float, rows: Sequence[PaperRow], bmct: Sequence[PaperRow]
+) -> StatementVerdict:
     """Judge that an exponent is above that of linear growth, or at least above that of BMCT."""
     own = power_of(bmct).value
     rule = f"exponent above {LINEAR}; in part above that of BMCT, {own:.2f}"
     good, fair = v.above(LINEAR), v.above(min(own, LINEAR))
-    return v.judge(key, said, power_of(rows), good, fair, rule=rule, paper=paper)
+    return v.judge(key, statement, power_of(rows), good, fair, rule=rule, paper=paper)
 
 
 def _exponential(rows: Sequence[PaperRow]) -> StatementVerdict:
     """Judge whether the numbers grow by the same factor with every target, rather than as a power."""
-    said = (
+    statement = (
         "Joint-state methods grow exponentially with the targets (joint SIR): squares left by a constant factor for "
         "every target, over those left by a power of their number."
     )
@@ -97,7 +101,7 @@ def _exponential(rows: Sequence[PaperRow]) -> StatementVerdict:
         y = np.log([row.values[k] for row in rows])
         by_factor, by_power = (np.polyfit(abscissa, y, 1, full=True)[1].item() for abscissa in (x, np.log(x)))
         left.append(by_factor / by_power if by_power > 0.0 else math.nan)
-    return v.judge("table2-sir-exponential", said, sample(left), v.below(1.0), rule=rule)
+    return v.judge("table2-sir-exponential", statement, sample(left), v.below(1.0), rule=rule)
 
 
 VIEWS = 2

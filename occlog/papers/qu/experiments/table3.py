@@ -108,8 +108,8 @@ def judge3(table: Table) -> list[StatementVerdict]:
         if len(rows) < len(METHODS):
             continue
         for low, high in (("bmct", "idmot"), ("idmot", "cmct"), ("cmct", "mipf")):
-            said = f"Rate of {name} of {low.upper()} below that of {high.upper()}, by [%]."
-            out.append(ordered(f"table3-{rate}-{low}-{high}", said, rows[low], rows[high]))
+            statement = f"Rate of {name} of {low.upper()} below that of {high.upper()}, by [%]."
+            out.append(ordered(f"table3-{rate}-{low}-{high}", statement, rows[low], rows[high]))
         out += [_much_lower(rate, name, rows), *_goals(rate, name, rows["bmct"])]
         if rate == "fr_p":
             out += _speed(rows)
@@ -120,16 +120,20 @@ def _much_lower(rate: str, name: str, rows: Mapping[str, PaperRow]) -> Statement
     """Judge the rate of BMCT against that of the best other method."""
     best = min((m for m in METHODS if m != "bmct"), key=lambda m: rows[m].mean)
     printed = PRINTED[rate]["bmct"] / PRINTED[rate]["idmot"]
-    said = f"BMCT has a much lower rate of {name} than the others: its rate over that of the best of them ({best})."
+    statement = (
+        f"BMCT has a much lower rate of {name} than the others: its rate over that of the best of them ({best})."
+    )
     rule = "at most a half; in part below 1; the printed one is of another video"
     ratio = quotient_of(rows["bmct"], rows[best])
-    return v.judge(f"table3-{rate}-much-lower", said, ratio, v.at_most(0.5), v.below(1.0), rule=rule, paper=printed)
+    return v.judge(
+        f"table3-{rate}-much-lower", statement, ratio, v.at_most(0.5), v.below(1.0), rule=rule, paper=printed
+    )
 
 
 def _goals(rate: str, name: str, row: PaperRow) -> list[StatementVerdict]:
     """Judge mean and median of BMCT; the median is at most a goal if at least half of the videos are."""
     mean, median = GOAL[rate]
-    said = f"Goal of this project: mean rate of {name} of BMCT at most [%]."
+    statement = f"Goal of this project: mean rate of {name} of BMCT at most [%]."
     rule = "at most that; in part up to twice that"
     goal, twice = v.at_most(mean), v.at_most(2.0 * mean)
     low = sum(x <= median for x in row.values)
@@ -138,7 +142,7 @@ def _goals(rate: str, name: str, row: PaperRow) -> list[StatementVerdict]:
         f"(the median is {row.extra['median']:.3g} %)."
     )
     return [
-        v.judge(f"table3-{rate}-mean", said, mean_of(row), goal, twice, rule=rule, paper=mean),
+        v.judge(f"table3-{rate}-mean", statement, mean_of(row), goal, twice, rule=rule, paper=mean),
         v.judge(f"table3-{rate}-median", half, share_of(low, row.runs), v.at_least(0.5), rule="at least half"),
     ]
 
@@ -148,15 +152,15 @@ def _speed(rows: Mapping[str, PaperRow]) -> list[StatementVerdict]:
     times = {m: PaperRow(m, 0.0, rows[m].each["frame_ms"]) for m in METHODS}
     out = []
     for other in ("mipf", "idmot"):
-        said = f"BMCT is nearly as fast as {other.upper()}: its speed over that of {other.upper()}."
+        statement = f"BMCT is nearly as fast as {other.upper()}: its speed over that of {other.upper()}."
         rule = "CPU time of a frame without drawing; at least 0.75; in part 0.5"
         speed, printed = quotient_of(times[other], times["bmct"]), PRINTED_FPS["bmct"] / PRINTED_FPS[other]
         near, half = v.at_least(0.75), v.at_least(0.5)
-        out.append(v.judge(f"table3-speed-{other}", said, speed, near, half, rule=rule, paper=printed))
-    said = "BMCT (60 particles) is faster than CMCT (100, as in the paper): by this factor."
+        out.append(v.judge(f"table3-speed-{other}", statement, speed, near, half, rule=rule, paper=printed))
+    statement = "BMCT (60 particles) is faster than CMCT (100, as in the paper): by this factor."
     rule = "CPU time of a frame without drawing; above 1.1; in part above 1"
     speed, printed = quotient_of(times["cmct"], times["bmct"]), PRINTED_FPS["bmct"] / PRINTED_FPS["cmct"]
-    return [*out, v.judge("table3-speed-cmct", said, speed, v.above(1.1), v.above(1.0), rule=rule, paper=printed)]
+    return [*out, v.judge("table3-speed-cmct", statement, speed, v.above(1.1), v.above(1.0), rule=rule, paper=printed)]
 
 
 TABLE3 = Experiment(

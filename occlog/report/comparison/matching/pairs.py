@@ -58,7 +58,9 @@ def common_times(a: Tracks, b: Tracks) -> Ints:
     start, end = max(s for s, _ in spans), min(e for _, e in spans)
     if start > end:
         text = " and ".join(f"{s / NS:.3f} s to {e / NS:.3f} s" for s, e in spans)
-        raise InputError(f"the runs have no time in common: {text}; name two runs of one recording")
+        raise InputError(
+            f"the runs have no time in common: {text}; name two runs of one recording", id="disjoint-inputs"
+        )
     times = np.union1d(a.t_ns, b.t_ns)
     found: Ints = times[(times >= start) & (times <= end)]
     return found

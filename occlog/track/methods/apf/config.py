@@ -310,6 +310,6 @@ def read_selection(values: Mapping[str, Any]) -> SelectConfig:
     known = [f.name for f in declared(SelectConfig)]
     for name in values:
         if name not in known:
-            raise InputError(f"select: unknown key {name!r}; it has: {', '.join(known)}")
+            raise InputError(f"select: unknown key {name!r}; it has: {', '.join(known)}", id="unknown-key")
     lists = {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
     return SelectConfig(**{**values, **lists})

@@ -87,14 +87,17 @@ def network(
     if config.camera_order:
         unknown = [n for n in config.camera_order if n not in names]
         if unknown:
-            raise UsageError(f"select: order: no camera {unknown[0]!r} in the scene; it has: {', '.join(names)}")
+            raise UsageError(
+                f"select: order: no camera {unknown[0]!r} in the scene; it has: {', '.join(names)}", id="unknown-sensor"
+            )
         order = tuple(names.index(n) for n in config.camera_order if names.index(n) in cameras)
         if config.policy == "fixed" and len(set(order)) < config.n_cameras:
             raise UsageError(f"select: order has {len(set(order))} usable cameras, want {config.n_cameras}")
     if config.policy == "brute-force" and math.comb(len(cameras), config.n_cameras) > MAX_SUBSETS:
         raise UsageError(
             f"select: brute-force of {config.n_cameras} out of {len(cameras)} cameras would try "
-            f"{math.comb(len(cameras), config.n_cameras)} subsets, limit {MAX_SUBSETS}; use greedy"
+            f"{math.comb(len(cameras), config.n_cameras)} subsets, limit {MAX_SUBSETS}; use greedy",
+            id="problem-too-large",
         )
     own = [scene.cameras[i].detection for i in cameras]
     hit = np.array([p if p is not None else 1.0 if detection is None else detection for p in own], dtype=np.float64)

@@ -62,9 +62,9 @@ MAX_REFINEMENTS = 8
 MIN_SECOND_MODE_PROBABILITY = 0.05
 """Minimum probability of a second mode that makes a position ambiguous."""
 MIN_RIVAL_LIKELIHOOD, MIN_SCATTER_SIGNIFICANCE = 0.005, 0.01
-"""Where a measurement is rejected others may be false, too: other positions with at least this share of the
-likelihood contest a position (where all are accepted, with `MIN_SECOND_MODE_PROBABILITY`), and so do residuals of what
-is accepted whose sum of squares is passed with a smaller probability than this."""
+"""Where a measurement is rejected, others may be false, too.  A position is then ambiguous if another one has at least
+the first share of its likelihood (where all are accepted: `MIN_SECOND_MODE_PROBABILITY`), or if a sum of squared
+residuals as large as that of the accepted measurements has less than the second probability."""
 
 
 class BearingLines(NamedTuple):

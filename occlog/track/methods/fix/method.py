@@ -119,7 +119,9 @@ def _mixed(state: FixState, scan: Scan, rows: Ints, distances: RangeMeasurements
     """
     config = state.config
     if config.estimator != MIXTURE:
-        raise UsageError(f"estimator {config.estimator} takes bearings alone; with measurements use {MIXTURE}")
+        raise UsageError(
+            f"estimator {config.estimator} takes bearings alone; with measurements use {MIXTURE}", id="not-applicable"
+        )
     if len(rows) + len(distances.kind) < 2:
         return None
     lines = BearingLines(state.positions[scan.sensor[rows]], scan.bearing[rows], scan.sigma[rows], config.bent)

@@ -47,7 +47,7 @@ class CommonErrorStatistics:
 
 
 def prior_common_error(metre: float) -> CommonErrorStatistics:
-    """Create the prior."""
+    """Prior of the errors common to all boxes of a camera, on a grid of standard deviations and correlation times."""
     sigma = np.repeat(SIGMAS_M, len(CORRELATION_TIMES_S))
     G = len(sigma)
     none = np.zeros(0, dtype=np.int64)

@@ -47,8 +47,7 @@ class Batches:
 def solve_batches(batches: Floats, prior_precision: float = 0.0) -> tuple[Floats, Floats]:
     """Solve normal equations N p = b that are sums of batches, with the errors of means of correlated batches.
 
-    The covariance is that of Newey and West (1987): errors of batches up to a quarter of all batches apart are
-    correlated, with Bartlett's weights.
+    The covariance is that of `newey_west`.
 
     Args:
         batches: (B, K, K + 1) N and b of each batch, in the order of time.
@@ -67,13 +66,23 @@ def solve_batches(batches: Floats, prior_precision: float = 0.0) -> tuple[Floats
     N, b = N[:, seen][:, :, seen], b[:, seen]
     inverse = np.linalg.pinv(N.sum(axis=0) + prior_precision * np.eye(len(N[0])), hermitian=True)
     solution = inverse @ b.sum(axis=0)
-    off = (b - N @ solution) @ inverse
-    variance = (off**2).sum(axis=0)
-    lags = max(round(LAG_SHARE * B), 1)
-    for lag in range(1, min(lags + 1, B)):
-        weight = 1.0 - lag / (lags + 1.0)
-        variance += 2.0 * weight * (off[lag:] * off[:-lag]).sum(axis=0)
-    variance = np.maximum(variance, (off**2).sum(axis=0))
+    variance = newey_west((b - N @ solution) @ inverse)
     p[seen] = solution
     limit[seen] = -float(stdtrit(B - 1.0, 0.5 * FALSE_PROBABILITY)) * np.sqrt(variance * B / (B - 1.0))
     return p, limit
+
+
+def newey_west(off: Floats) -> Floats:
+    """Variances (K,) of the sums of correlated batches (B, K), no smaller than those of uncorrelated ones.
+
+    Those of Newey and West (1987): errors of batches up to a quarter of all batches apart are correlated, with
+    Bartlett's weights.
+    """
+    B = len(off)
+    variance = (off**2).sum(axis=0)
+    out = variance.copy()
+    lags = max(round(LAG_SHARE * B), 1)
+    for lag in range(1, min(lags + 1, B)):
+        weight = 1.0 - lag / (lags + 1.0)
+        out += 2.0 * weight * (off[lag:] * off[:-lag]).sum(axis=0)
+    return np.asarray(np.maximum(out, variance))

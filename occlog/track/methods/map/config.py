@@ -90,7 +90,7 @@ class MapConfig(Settings):
         at_most=1,
     )
     occluder_diameter: float = setting(3.33, "Diameter of a moving occluder.", unit="length", above=0, people=0.5)
-    prior_max_age_s: float = setting(5.0, "Older priors are not used.", unit="s", above=0)
+    prior_max_age_s: float = setting(5.0, "Maximum age of occluder priors; older ones are not used.", unit="s", above=0)
 
     # Constraints
     in_front_constraint: bool = setting(True, "Constrain a detected target to lie in front of the camera.")
@@ -121,7 +121,8 @@ class MapConfig(Settings):
     # Search, [Rahimi] Sec. 6
     initialisation: str | None = setting(
         None,
-        "Initial trajectory: `consensus` of most bearings, camera `axes` (the paper), or a `linear` problem.",
+        "Initial trajectory: `consensus` (RANSAC over bearings), `axes` (points on the optical axes of the "
+        "cameras, as in [Rahimi]) or `linear` (linear least squares).",
         choices=("consensus", "axes", "linear"),
         nothing="consensus; axes with loss square",
     )

@@ -65,10 +65,14 @@ def mixed_search(
     config = pending.config
     if record.occluders:
         raise UsageError(
-            "map: priors of occluders and measurements of distances do not go together; leave one out, or use apf"
+            "map: priors of occluders and measurements of distances do not go together; leave one out, or use apf",
+            id="conflicting-options",
         )
     if config.solver != "newton":
-        raise UsageError(f"map: solver {config.solver} takes bearings alone; use newton with measurements of distances")
+        raise UsageError(
+            f"map: solver {config.solver} takes bearings alone; use newton with measurements of distances",
+            id="not-applicable",
+        )
     assert record.measured is not None
     here = local(record.measured, pending.origin)
     # Search from each of the most probable paths: room, walls and the motion in full tell modes apart
@@ -76,7 +80,8 @@ def mixed_search(
     if biases is not None and config.lag_s is not None:
         raise UsageError(
             f"map: biases of ranges are estimated from whole records; leave {option('lag')} or "
-            f"{option('range_bias')} out"
+            f"{option('range_bias')} out",
+            id="conflicting-options",
         )
     seen = here if biases is None else biases.corrected(here)
     paths = mode_starts(problem_of(pending, record), record, pending, seen)

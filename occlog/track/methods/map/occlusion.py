@@ -80,8 +80,8 @@ def occlusion_terms(
             continue
         temper = 1.0 if not priors.sigma.any() else config.occlusion_tempering
         # All other information on the state
-        said = None if before is None or t not in old else _term(before.hints, old[t])
-        rest = cavity_distribution(X[t, ::2], spread[t, ::2, ::2], said)
+        reported = None if before is None or t not in old else _term(before.hints, old[t])
+        rest = cavity_distribution(X[t, ::2], spread[t, ::2, ::2], reported)
         if rest is None or math.sqrt(np.linalg.eigvalsh(rest[1])[-1]) > MAX_RELATIVE_SIGMA * pending.extent:
             continue
         mean, covariance = rest
@@ -106,7 +106,7 @@ def occlusion_terms(
             continue
         # The Gaussian factor that leads to the same moments
         site = matched(points, weights * np.exp(temper * (total - total.max())), mean, covariance)
-        made.append((t, *(site if said is None else _between(said, site))))
+        made.append((t, *(site if reported is None else _between(reported, site))))
     return OccluderHints(lean, _hints(made))
 
 

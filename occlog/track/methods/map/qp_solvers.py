@@ -26,7 +26,8 @@ def program_solver(name: str) -> Solver:
     except ImportError as error:
         raise UsageError(
             f"solver={name} requires the package {name}, which is not installed; pip install {name}, "
-            "or leave the setting out"
+            "or leave the setting out",
+            id="missing-package",
         ) from error
     solve = {"clarabel": _clarabel, "osqp": _osqp}[name]
     return lambda program: solve(package, program)

@@ -101,7 +101,8 @@ def fill(record: TargetRecord, longest_s: float | None) -> TargetRecord:
     if pieces.sum() > MAX_STATES:
         raise InputError(
             f"map: max_state_gap_s {longest_s:g} makes {pieces.sum():.3g} states of {len(record.t_ns)} times; "
-            f"at most {MAX_STATES:.0e} are possible: give a larger one"
+            f"at most {MAX_STATES:.0e} are possible: give a larger one",
+            id="problem-too-large",
         )
     pieces = pieces.astype(np.int64)
     if not (pieces > 1).any():

@@ -70,7 +70,10 @@ def windows_of(
         if first is None:
             first = int(chunk.t_ns[0])
         elif chunk.t_ns[0] < last:
-            raise InputError(f"reads: time {time_words(chunk.t_ns[0])} comes after {time_words(last)}; sort by t_ns")
+            raise InputError(
+                f"reads: time {time_words(chunk.t_ns[0])} comes after {time_words(last)}; sort by t_ns",
+                id="unsorted-times",
+            )
         last = int(chunk.t_ns[-1])
         kept = np.isin(chunk.sensor, list(readers))
         if targets:
@@ -145,7 +148,9 @@ class ReadsInput:
         self._chunks = self._checked(opened.rows(Reads))
         first = next(self._chunks, None)
         if first is None:
-            raise InputError(f"{request.bearings}: holds no reads of the chosen tags and readers; choose others")
+            raise InputError(
+                f"{request.bearings}: holds no reads of the chosen tags and readers; choose others", id="empty-input"
+            )
         self.first_ns = int(first.t_ns[0])
         self._chunks = chain([first], self._chunks)
 
@@ -166,7 +171,8 @@ class ReadsInput:
             if len(strange):
                 name = str(chunk.sensor[strange[0]])
                 raise InputError(
-                    f"{self.request.bearings}: reader {name!r} is not in the scene; {nearest(name, known)}"
+                    f"{self.request.bearings}: reader {name!r} is not in the scene; {nearest(name, known)}",
+                    id="unknown-sensor",
                 )
             kept = np.isin(chunk.sensor, self.names)
             if self.request.targets:
@@ -179,11 +185,14 @@ class ReadsInput:
         spec = read_path_loss(path)
         if spec.length_unit != self.scene.length_unit:
             raise UsageError(
-                f"{path}: is in {spec.length_unit}, but the scene in {self.scene.length_unit}; fit it in this scene"
+                f"{path}: is in {spec.length_unit}, but the scene in {self.scene.length_unit}; fit it in this scene",
+                id="unit-mismatch",
             )
         known = {r.name for r in spec.readers}
         if (missing := next((r.name for r in self.readers if r.name not in known), None)) is not None:
-            raise InputError(f"{path}: has no reader {missing}; fit it to reads of all readers, or leave it out")
+            raise InputError(
+                f"{path}: has no reader {missing}; fit it to reads of all readers, or leave it out", id="unknown-sensor"
+            )
         return spec
 
     def virtual(self) -> tuple[VirtualConfig, ReaderRegions, Floats]:
@@ -211,7 +220,8 @@ class ReadsInput:
         if usual is None:
             raise InputError(
                 f"{self.request.bearings}: how far reader {reader.name} reads is not known; state it in the table of "
-                "readers (range), in the setting reader_range, or fit it with `occlog fit-readers`"
+                "readers (range), in the setting reader_range, or fit it with `occlog fit-readers`",
+                id="missing-value",
             )
         return usual
 
@@ -253,12 +263,13 @@ class ReadsInput:
         """The bearings of the cameras that refine; None: none do."""
         if config.refine is None:
             if self._sights is not None:
-                raise UsageError("sights are of cameras that refine; name the cameras (refine)")
+                raise UsageError("sights are of cameras that refine; name the cameras (refine)", id="not-applicable")
             return None
         cameras = tuple(self._camera(name) for name in dict.fromkeys(config.refine))
         if config.refine_method != "rays" and len(cameras) != 2:
             raise UsageError(
-                f"{config.refine_method} requires two cameras to refine with, got {len(cameras)}; use rays"
+                f"{config.refine_method} requires two cameras to refine with, got {len(cameras)}; use rays",
+                id="too-few-sensors",
             )
         remedy = "give bearings of the cameras that refine (sights)"
         bearings = (self._sights or self._opened).rows(Bearings, remedy=remedy)
@@ -268,7 +279,10 @@ class ReadsInput:
         """A camera with a pose; UsageError names those there are."""
         known = tuple(c.name for c in self.scene.cameras if c.placed)
         if name not in known:
-            raise UsageError(f"no camera {name!r} with a pose in the scene; cameras: {', '.join(known) or 'none'}")
+            raise UsageError(
+                f"no camera {name!r} with a pose in the scene; cameras: {', '.join(known) or 'none'}",
+                id="unknown-sensor",
+            )
         return self.scene.camera(name)
 
     def parameters(self, config: VirtualConfig | RssiConfig) -> dict[str, object]:
@@ -287,15 +301,15 @@ def choose_readers(scene: Scene, request: ReadsRequest) -> tuple[TagReader, ...]
     """The readers to use; UsageError for a name that there is not, or where none is left."""
     known = tuple(r.name for r in scene.readers)
     if not known:
-        raise InputError(f"{request.bearings}: its scene has no readers; give a scene that has")
+        raise InputError(f"{request.bearings}: its scene has no readers; give a scene that has", id="too-few-sensors")
     for name in (*request.cameras, *request.without):
         if name not in known:
-            raise UsageError(f"no reader {name!r} in the scene; {nearest(name, known)}")
+            raise UsageError(f"no reader {name!r} in the scene; {nearest(name, known)}", id="unknown-sensor")
     chosen = tuple(
         r for r in scene.readers if (not request.cameras or r.name in request.cameras) and r.name not in request.without
     )
     if not chosen:
-        raise UsageError("no reader is left; omit fewer of them")
+        raise UsageError("no reader is left; omit fewer of them", id="too-few-sensors")
     return chosen
 
 
@@ -312,7 +326,9 @@ FITTED = {
 def refuse_twice(given: Mapping[str, object], names: tuple[str, ...]) -> None:
     """UsageError for a setting that is also in the file of path losses."""
     if (twice := next((n for n in names if n in given), None)) is not None:
-        raise UsageError(f"the file of path losses and the setting {twice} say the same; give one of them")
+        raise UsageError(
+            f"the file of path losses and the setting {twice} say the same; give one of them", id="conflicting-options"
+        )
 
 
 def path_loss_of(spec: PathLossSpec, readers: tuple[TagReader, ...]) -> PathLoss:

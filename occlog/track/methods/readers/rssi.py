@@ -70,7 +70,7 @@ class ShadowingState(NamedTuple):
 
 
 def no_shadowing(model: PathLoss, hypotheses: int) -> ShadowingState:
-    """Begin with the stationary distribution."""
+    """Initial state of the shadowing filter: mean 0 and the stationary variance for each reader."""
     readers = len(model.power)
     return ShadowingState(np.zeros((hypotheses, readers)), np.full(readers, model.shadow_db**2))
 

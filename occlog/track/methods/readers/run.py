@@ -94,7 +94,7 @@ def run_track_reads(request: ReadsRequest, job: Job) -> tuple[dict[str, object],
         parameters, lines, form = inputs.parameters(config), inputs.sight_lines(config), config.refine_method
     else:
         if request.virtual_sensors is not None:
-            raise UsageError(f"method {request.method} has no virtual sensors to write")
+            raise UsageError(f"method {request.method} has no virtual sensors to write", id="not-applicable")
         rssi, rules = inputs.rssi()
         tracked = track_rssi(windows, rules, inputs.names, request.seed, rssi)
         parameters, lines, form = inputs.parameters(rssi), inputs.sight_lines(rssi), rssi.refine_method
@@ -110,7 +110,9 @@ def run_track_reads(request: ReadsRequest, job: Job) -> tuple[dict[str, object],
             tables.write(output=part)
             summary.add(part)
         if not summary.rows:
-            raise InputError(f"{request.bearings}: no read is as strong as the threshold; lower it")
+            raise InputError(
+                f"{request.bearings}: no read is as strong as the threshold; lower it", id="insufficient-data"
+            )
         made = provenance.with_checks(summary.checks())
         tables.annotate(made)
     console.note_findings(texts_of(made.judged, "track"), job.quiet)

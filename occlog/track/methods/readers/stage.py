@@ -43,7 +43,7 @@ def track_virtual(
     """
     for part in windows:
         detected = (part.count > 0) & (np.where(np.isnan(part.rssi), np.inf, part.rssi) >= thresholds)
-        # Nobody detects it: there is no virtual sensor of no reader
+        # No reader detects it, so there is no virtual sensor
         kept = np.asarray(detected.any(axis=1))
         rows, seen = part.take(kept), detected[kept]
         found = locate(regions, seen, detection, stray)

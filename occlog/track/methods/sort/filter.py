@@ -363,7 +363,7 @@ class SortFilter:
         )  # fmt: skip
 
     def _end(self, detected: Bools) -> list[Event]:
-        """End tracks that have left, that do not exist, or whose position is lost."""
+        """End tracks that have left, that do not exist, or have lost their position."""
         at = self.targets
         least = np.where(at.id >= 0, MIN_CONFIRMED, MIN_TENTATIVE)
         left = inside_shares(boxes_of(at.mean[..., 0]), self.size) < MIN_INSIDE

@@ -290,11 +290,11 @@ def link_ratios(ends: Ends, i: int, after: Ints, config: SortConfig, likeness: F
     ahead = mean[:3, 0] + gap * mean[:3, 1]
     spread = cov[:3, 0] + 2.0 * gap * cov[:3, 1] + gap**2 * cov[:3, 2] + density * gap**3 / 3.0 + to_cov[:, :3, 0]
     went = _log_t(to[:, :3, 0] - ahead, spread)
-    # Velocities agree better than those of anybody
+    # Velocities agree better than those of two arbitrary people
     drift = cov[:2, 2] + to_cov[:, :2, 2] + density[:2] * gap
-    anybody = 2.0 * (config.sigma_speed * height) ** 2
+    arbitrary = 2.0 * (config.sigma_speed * height) ** 2
     off = to[:, :2, 1] - mean[:2, 1]
-    went += (-0.5 * off**2 / drift - 0.5 * np.log(drift / anybody)).sum(axis=1)
+    went += (-0.5 * off**2 / drift - 0.5 * np.log(drift / arbitrary)).sum(axis=1)
     stroll = np.column_stack([(SIGMA_STROLL * height) ** 2 * gap] * 2 + [np.full(len(after), SIGMA_SIZE_RATE**2)])
     turned = _log_t(to[:, :3, 0] - mean[:3, 0], stroll + cov[:3, 0] + to_cov[:, :3, 0])
     out = np.logaddexp(went + np.log(1.0 - STROLLED), turned + np.log(STROLLED))

@@ -19,19 +19,19 @@ def test_sums_are_those_of_a_dictionary(seed: int, dense: int, monkeypatch: pyte
     monkeypatch.setattr(couples, "DENSE", dense)
     monkeypatch.setattr(couples, "PENDING", 50)
     rng, found = np.random.default_rng(seed), TargetTrackSums(7, 9, sums=2)
-    told: dict[tuple[int, int], list[float]] = defaultdict(lambda: [0.0, 0.0])
+    reported: dict[tuple[int, int], list[float]] = defaultdict(lambda: [0.0, 0.0])
     for _ in range(60):
         target, track = np.divmod(rng.choice(40, rng.integers(0, 12), replace=False), 9)
         values = rng.normal(size=(2, len(target)))
         found.add(target, track, values)
         for n, couple in enumerate(zip(target.tolist(), track.tolist(), strict=True)):
-            told[couple] = [told[couple][s] + values[s, n] for s in (0, 1)]
+            reported[couple] = [reported[couple][s] + values[s, n] for s in (0, 1)]
     every = np.divmod(np.arange(63), 9)
-    expected = np.array([told.get((i, j), [0.0, 0.0]) for i, j in zip(*every, strict=True)]).T
+    expected = np.array([reported.get((i, j), [0.0, 0.0]) for i, j in zip(*every, strict=True)]).T
     assert np.array_equal(found.at(*every), expected)
     target, track, values = found.all()
-    assert list(zip(target.tolist(), track.tolist(), strict=True)) == sorted(told)
-    assert np.array_equal(values, np.array([told[each] for each in sorted(told)]).T)
+    assert list(zip(target.tolist(), track.tolist(), strict=True)) == sorted(reported)
+    assert np.array_equal(values, np.array([reported[each] for each in sorted(reported)]).T)
 
 
 @pytest.mark.parametrize("dense", [0, couples.DENSE])

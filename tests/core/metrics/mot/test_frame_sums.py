@@ -15,12 +15,12 @@ def scene(seed: int, frames: int = 40, people: int = 5) -> MatchedFrames:
     """People on a floor, tracks that miss, invent and exchange."""
     rng = np.random.default_rng(seed)
     cell, label = np.repeat(np.arange(frames), people), np.tile(np.arange(people), frames)
-    place = np.column_stack([label * 2.0, 0.1 * cell]) + rng.normal(0, 0.1, (len(cell), 2))
+    position = np.column_stack([label * 2.0, 0.1 * cell]) + rng.normal(0, 0.1, (len(cell), 2))
     there = rng.random(len(cell)) < 0.9
     names = np.where(cell > 20, np.array([1, 0, 7, 3, 4])[label], label)
     kept = rng.random(len(cell)) < 0.85
-    found = place + rng.normal(0, 0.4, place.shape)
-    truth = Objects(cell[there], label[there], place[there])
+    found = position + rng.normal(0, 0.4, position.shape)
+    truth = Objects(cell[there], label[there], position[there])
     return of_points(truth, Objects(cell[kept], names[kept] + 10, found[kept]), 1.0)
 
 

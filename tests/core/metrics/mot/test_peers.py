@@ -122,8 +122,8 @@ def read(path: Path, table: type[B]) -> B:
 
 def side(boxes: Boxes, view: int) -> Objects:
     there = boxes.take(boxes.box >= 0)
-    place = np.column_stack([there.left_px, there.top_px, there.width_px, there.height_px])
-    return Objects(there.frame, there.target_id.astype(np.int64), place, np.full(len(there), view))
+    position = np.column_stack([there.left_px, there.top_px, there.width_px, there.height_px])
+    return Objects(there.frame, there.target_id.astype(np.int64), position, np.full(len(there), view))
 
 
 def test_trackeval_reads_what_is_written_and_gives_the_same_figures(

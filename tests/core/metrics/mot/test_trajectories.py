@@ -294,7 +294,7 @@ def test_ospa2_is_that_of_every_assignment(seed: int) -> None:
         assert ospa2(frames, 0.9, p).ospa2 == pytest.approx(plain_ospa2(frames, 0.9, p))
 
 
-def test_windows_end_where_they_are_told_and_are_cut_at_the_beginning() -> None:
+def test_windows_end_where_they_are_reported_and_are_cut_at_the_beginning() -> None:
     frames = random_frames(5, 3, 3, 12)
     got = ospa2_over_time(frames, 0.9, 1.0, 4, range(12))
     for end, value in enumerate(got):

@@ -46,8 +46,8 @@ def test_boxes_that_overlap_by_a_third_and_by_a_half() -> None:
 
 
 def test_equal_boxes_are_no_distance_apart_whatever_their_corners_round_to() -> None:
-    place = np.random.default_rng(1).uniform(0.1, 300.0, (500, 4))
-    boxes = Objects(np.arange(500), np.ones(500, dtype=np.int64), place)
+    position = np.random.default_rng(1).uniform(0.1, 300.0, (500, 4))
+    boxes = Objects(np.arange(500), np.ones(500, dtype=np.int64), position)
     got = gospa(of_boxes(boxes, boxes), cutoff=0.5, p=1.5)
     assert (got.localisation >= 0).all()
     np.testing.assert_allclose(got.gospa, 0.0, atol=1e-8)
@@ -227,12 +227,12 @@ def test_the_order_of_rows_does_not_matter() -> None:
     rng = np.random.default_rng(3)
     n, k = 40, 5
     frame, label = np.repeat(np.arange(n), k), np.tile(np.arange(k), n)
-    place = rng.uniform(0, 3, (n * k, 2))
-    near = place + rng.normal(0, 0.4, place.shape)
+    position = rng.uniform(0, 3, (n * k, 2))
+    near = position + rng.normal(0, 0.4, position.shape)
     order = rng.permutation(n * k)
-    one = of_points(Objects(frame, label, place), Objects(frame, label, near), 1.0)
+    one = of_points(Objects(frame, label, position), Objects(frame, label, near), 1.0)
     other = of_points(
-        Objects(frame[order], label[order], place[order]), Objects(frame[order], label[order], near[order]), 1.0
+        Objects(frame[order], label[order], position[order]), Objects(frame[order], label[order], near[order]), 1.0
     )
     assert clear_mot(one)[:-1] == clear_mot(other)[:-1]
     assert identity(one)[:-1] == identity(other)[:-1]
@@ -247,8 +247,8 @@ def test_a_thousand_frames_of_twenty_targets_take_less_than_a_second() -> None:
     rng = np.random.default_rng(0)
     n, k = 1000, 20
     frame, label = np.repeat(np.arange(n), k), np.tile(np.arange(k), n)
-    place = rng.uniform(0, 20, (1, k, 2)) + np.cumsum(rng.normal(0, 0.3, (n, k, 2)), axis=0)
-    truth = Objects(frame, label, place.reshape(-1, 2))
+    position = rng.uniform(0, 20, (1, k, 2)) + np.cumsum(rng.normal(0, 0.3, (n, k, 2)), axis=0)
+    truth = Objects(frame, label, position.reshape(-1, 2))
     tracks = truth._replace(position=truth.position + rng.normal(0, 0.3, truth.position.shape))
     took = []
     for _ in range(5):

@@ -107,16 +107,16 @@ def seen_by_first(views: list[View]) -> list[View]:
     ]
 
 
-def test_places_by_the_imu_beside_a_chain_of_kalibr_are_told_to_be_unused(tmp_path: Path) -> None:
+def test_places_by_the_imu_beside_a_chain_of_kalibr_are_reported_to_be_unused(tmp_path: Path) -> None:
     path = kalibr(tmp_path / "camchain.yaml", rig(), BROWN)
     chain = read_calibration([path])
-    assert not any("T_cam_imu" in said for said in chain.notes)
+    assert not any("T_cam_imu" in note for note in chain.notes)
     tables = yaml.safe_load(path.read_text())
     for table in tables.values():
         table["T_cam_imu"] = rows(np.diag([-1.0, -1.0, 1.0, 1.0]))
     path.write_text(yaml.safe_dump(tables))
     both = read_calibration([path])
-    assert any("T_cam_imu is not used: the cameras are placed by T_cn_cnm1" in said for said in both.notes)
+    assert any("T_cam_imu is not used: the cameras are placed by T_cn_cnm1" in note for note in both.notes)
     for camera, alone in zip(both.cameras, chain.cameras, strict=True):
         np.testing.assert_array_equal(camera.position, alone.position)
 
@@ -126,7 +126,7 @@ def test_a_chain_of_kalibr_is_followed_from_its_first_camera(tmp_path: Path, len
     views = rig()
     found = read_calibration([kalibr(tmp_path / "camchain.yaml", views, lens, model)])
     assert (found.format, found.unit) == ("kalibr", "m")
-    assert any("frame of cam0" in said for said in found.notes)
+    assert any("frame of cam0" in note for note in found.notes)
     moved = seen_by_first(views)
     for camera, view in zip(found.cameras, moved, strict=True):
         assert camera.position == pytest.approx(-view.rotation.T @ view.translation, abs=1e-9)
@@ -188,7 +188,7 @@ def test_camera_info_of_ros_is_placed_by_transforms_to_optical_frames(
     found = read_calibration([tmp_path])
     assert found.format == "ros"
     check(found, views, lens, fisheye=model == "equidistant", near=near)
-    assert any("the world is the frame map" in said for said in found.notes)
+    assert any("the world is the frame map" in note for note in found.notes)
 
 
 def test_the_message_of_ros_names_its_frame(tmp_path: Path) -> None:

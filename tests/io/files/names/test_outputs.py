@@ -27,6 +27,18 @@ def test_a_recording_is_not_written_under_the_name_of_another_format(
     assert run([*simulate, str(tmp_path / "no_ending")]) == ExitCode.DONE
 
 
+@pytest.mark.parametrize(("option", "name", "right"), [("-o", "a.png", "a.html"), ("--png", "a.jpg", "a.png")])
+def test_a_page_is_not_written_under_the_name_of_another_format(
+    option: str, name: str, right: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """HTML stood in files named .png."""
+    (tmp_path / "scene.yaml").write_text(SCENE)
+    report = ["report", "--scene", str(tmp_path / "scene.yaml"), option, str(tmp_path / name)]
+    assert run([*report, *([] if option == "-o" else ["-o", str(tmp_path / "b.html")])]) == ExitCode.USAGE
+    assert right in capsys.readouterr().err
+    assert not list(tmp_path.glob("*.html"))
+
+
 def test_what_is_neither_a_recording_nor_a_table_is_not_salvaged(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

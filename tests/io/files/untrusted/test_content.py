@@ -29,7 +29,7 @@ from occlog.records.tables import Tracks, Truth
         (b"RIFF\0\0\0\0WAVEfmt ", "is sound .WAV.; find directions in it by `occlog listen`"),
     ],
 )
-def test_a_video_and_sound_are_told_where_they_go(tmp_path: Path, head: bytes, words: str) -> None:
+def test_a_video_and_sound_are_reported_where_they_go(tmp_path: Path, head: bytes, words: str) -> None:
     path = tmp_path / "file.bin"
     path.write_bytes(head + bytes(100))
     with pytest.raises(InputError, match=words):
@@ -62,7 +62,7 @@ def test_tables_of_other_programs_are_refused_by_name(tmp_path: Path, name: str,
 
 
 @pytest.mark.parametrize("args", [["track"], ["ingest"]])
-def test_a_stream_of_odas_is_told_where_it_goes(
+def test_a_stream_of_odas_is_reported_where_it_goes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], args: list[str]
 ) -> None:
     (tmp_path / "sst.json").write_text('{"timeStamp": 1, "src": [{"id": 1, "x": 1, "y": 0, "z": 0, "activity": 1}]}\n')

@@ -42,7 +42,7 @@ def test_one_process_serves_many_images_and_goes_on_after_a_bad_one() -> None:
     assert [d.process.pid for d in apart._idle] == [before]
 
 
-def test_damage_that_only_libjpeg_sees_is_told() -> None:
+def test_damage_that_only_libjpeg_sees_is_reported() -> None:
     data = bytearray(cv2.imencode(".jpg", np.random.default_rng(1).integers(0, 255, (64, 64, 3), np.uint8))[1])
     data[len(data) // 2 : len(data) // 2 + 40] = b"\xff\xd0" * 20
     with pytest.raises(InputError, match=r"^x: the decoder met damage \("):

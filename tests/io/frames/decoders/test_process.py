@@ -157,7 +157,7 @@ def test_frames_that_are_stored_in_another_order_are_all_there(tmp_path: Path, n
     assert running.losses == []
 
 
-def test_dropped_frames_among_those_in_another_order_are_told(tmp_path: Path) -> None:
+def test_dropped_frames_among_those_in_another_order_are_reported(tmp_path: Path) -> None:
     """The decoder does not say which picture a dropped packet would have held back."""
     data = write_video(tmp_path / "v.avi", fourcc="mpg2").read_bytes()
     packets, at = [], data.index(b"movi") + 4
@@ -165,12 +165,12 @@ def test_dropped_frames_among_those_in_another_order_are_told(tmp_path: Path) ->
         (size,) = struct.unpack_from("<I", data, at + 4)
         packets.append(data[at + 8 : at + 8 + size])
         at += 8 + size + size % 2
-    for dropped, told in (([], 0), ([b"", b""], 1)):
+    for dropped, reported in (([], 0), ([b"", b""], 1)):
         path = tmp_path / "dropped.avi"
         path.write_bytes(avi([*packets[:8], *dropped, *packets[8:]], codec=b"mpg2"))
         with decoder(path) as running:
             assert len(list(running.delivered())) >= len(packets) - 1
-        assert [loss.place for loss in running.losses] == ["dropped frames"] * told
+        assert [loss.place for loss in running.losses] == ["dropped frames"] * reported
 
 
 @pytest.mark.parametrize("rule", ["stamps", "table"])
@@ -199,7 +199,7 @@ def test_frames_that_are_not_in_the_file_are_not_waited_for(tmp_path: Path) -> N
     assert losses[0].count == MAX_FRAMES - 5
 
 
-def test_why_nothing_can_be_decoded_is_told(tmp_path: Path) -> None:
+def test_why_nothing_can_be_decoded_is_reported(tmp_path: Path) -> None:
     """A codec that FFmpeg was built without (AV1) looked like damage."""
     path = tmp_path / "v.avi"
     path.write_bytes(avi([b"no picture at all"] * 3))
@@ -254,14 +254,14 @@ def test_images_that_cannot_be_used_are_listed_one_by_one(tmp_path: Path) -> Non
     with images(folder) as running:
         delivered = [f.index for f in running.delivered()]
     assert delivered == [0, 4]
-    told = {loss.place: loss.what for loss in running.losses}
-    assert list(told) == ["1.png", "2.png", "3.jpg", "5.jpg", "6.jpg", "7.jpg", "8.jpg"]
-    assert "cut short" in told["1.png"]
-    assert "check sum" in told["2.png"]
-    assert "cut short" in told["3.jpg"]
-    assert "80 x 60 px where 160 x 120" in told["6.jpg"]
-    assert "not an image" in told["7.jpg"]
-    assert "damage" in told["8.jpg"]
+    reported = {loss.place: loss.what for loss in running.losses}
+    assert list(reported) == ["1.png", "2.png", "3.jpg", "5.jpg", "6.jpg", "7.jpg", "8.jpg"]
+    assert "cut short" in reported["1.png"]
+    assert "check sum" in reported["2.png"]
+    assert "cut short" in reported["3.jpg"]
+    assert "80 x 60 px where 160 x 120" in reported["6.jpg"]
+    assert "not an image" in reported["7.jpg"]
+    assert "damage" in reported["8.jpg"]
     assert all(loss.count == 1 and loss.source == "cam" for loss in running.losses)
 
 

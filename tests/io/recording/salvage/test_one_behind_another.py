@@ -93,7 +93,7 @@ def test_a_second_recording_of_another_scene_is_left_out_and_counted(cut: int | 
     assert left == 2 * FRAMES
 
 
-def test_a_second_recording_without_its_beginning_is_told_by_its_definitions(tmp_path: Path) -> None:
+def test_a_second_recording_without_its_beginning_is_reported_by_its_definitions(tmp_path: Path) -> None:
     first, second = recording(tmp_path / "1.mcap"), recording(tmp_path / "2.mcap", scene=OTHER, seed=1)
     cut, begin = places(first, 6)[2], places(second, 6)[0]
     data = first[:cut] + second[begin:]
@@ -154,9 +154,9 @@ def test_frames_are_counted_and_dated_though_their_numbers_rise_by_five(
         pytest.skip("what the topics are is lost with the first chunk")
     got, found = recovered(tmp_path, bytes(data if whole else data[:last]))
     gone = [m for m in messages(tmp_path / "1.mcap") if m not in got and (whole or m[1] < 5 * 15)]
-    told = {key: count for key, count in counted(found).items() if count}
-    assert sum(told.values()) == len(gone) > 5
-    for (camera, place), count in told.items():
+    reported = {key: count for key, count in counted(found).items() if count}
+    assert sum(reported.values()) == len(gone) > 5
+    for (camera, place), count in reported.items():
         numbers = [number // 5 for topic, number, _ in gone if topic == f"/camera/{camera}/image"]
         after = f"1970-01-01T00:00:0{(numbers[-1] + 1) / 10:.3f}Z"
         before = f"1970-01-01T00:00:0{(numbers[0] - 1) / 10:.3f}Z to " if chunk else "before "
@@ -175,7 +175,7 @@ def test_files_that_follow_one_without_an_index_are_refused(tmp_path: Path) -> N
         pass
 
 
-def test_a_bag_behind_another_one_is_told(tmp_path: Path) -> None:
+def test_a_bag_behind_another_one_is_reported(tmp_path: Path) -> None:
     data = recording(tmp_path / "1.mcap")
     (tmp_path / "two.mcap").write_bytes(data + data)
     bag = McapFile(tmp_path / "two.mcap", "two")
@@ -198,43 +198,43 @@ def test_a_chunk_of_a_bag_that_looks_like_an_end_is_one_loss(tmp_path: Path) -> 
 def test_a_recording_that_stands_there_twice_counts_once(tmp_path: Path) -> None:
     """What came back had each message twice, so that no command read it."""
     data = recording(tmp_path / "a.mcap")
-    found, said = recovered(tmp_path, data + data)
+    found, output = recovered(tmp_path, data + data)
     assert found == messages(tmp_path / "a.mcap")
-    assert [loss.what for loss in said.losses if loss.place == "copies"] == [
+    assert [loss.what for loss in output.losses if loss.place == "copies"] == [
         "20 messages that are stored in the file twice, and count once"
     ] * 2
-    assert not any("skipped" in loss.what for loss in said.losses)
+    assert not any("skipped" in loss.what for loss in output.losses)
 
 
 @pytest.mark.parametrize("cut", [None, 2_600_000])
 def test_a_copy_that_follows_leaves_nothing_out(cut: int | None, tmp_path: Path) -> None:
     """A copy that was cut, and then one that is not: messages that are there were listed as left out, and as lost."""
     data = recording(tmp_path / "a.mcap")
-    found, said = recovered(tmp_path, data[:cut] + data)
+    found, output = recovered(tmp_path, data[:cut] + data)
     assert found == messages(tmp_path / "a.mcap")
-    assert any("stored in the file twice, and count once" in loss.what for loss in said.losses)
-    assert not any("skipped" in loss.what for loss in said.losses)
-    assert not any(counted(said).values())
+    assert any("stored in the file twice, and count once" in loss.what for loss in output.losses)
+    assert not any("skipped" in loss.what for loss in output.losses)
+    assert not any(counted(output).values())
 
 
 def test_another_recording_of_the_same_times_is_left_out(tmp_path: Path) -> None:
     """Two trials in one scene became one, in which everybody was twice."""
     data, other = recording(tmp_path / "a.mcap"), recording(tmp_path / "b.mcap", seed=1, start_ns=STEP_NS * FRAMES // 2)
-    found, said = recovered(tmp_path, data + other)
+    found, output = recovered(tmp_path, data + other)
     assert found[:40] == messages(tmp_path / "a.mcap")
     assert found[40:] == messages(tmp_path / "b.mcap")[20:]
-    assert any("not later than those before it are skipped" in loss.what and loss.count == 20 for loss in said.losses)
+    assert any("not later than those before it are skipped" in loss.what and loss.count == 20 for loss in output.losses)
 
 
 def test_chunks_that_stand_there_twice_count_once_and_exchanged_ones_are_taken(tmp_path: Path) -> None:
     data = recording(tmp_path / "a.mcap")
     first, second, third = (places(data, 6)[n] for n in range(3))
-    found, said = recovered(tmp_path, data[:second] + data[first:])
+    found, output = recovered(tmp_path, data[:second] + data[first:])
     assert found == messages(tmp_path / "a.mcap")
-    assert any("messages that are stored in the file twice, and count once" in loss.what for loss in said.losses)
-    found, said = recovered(tmp_path, data[:first] + data[second:third] + data[first:second] + data[third:])
+    assert any("messages that are stored in the file twice, and count once" in loss.what for loss in output.losses)
+    found, output = recovered(tmp_path, data[:first] + data[second:third] + data[first:second] + data[third:])
     assert sorted(found) == sorted(messages(tmp_path / "a.mcap"))
-    assert not any("twice" in loss.what for loss in said.losses)
+    assert not any("twice" in loss.what for loss in output.losses)
 
 
 def test_a_scene_whose_check_sum_is_wiped_is_not_taken(tmp_path: Path) -> None:
@@ -244,16 +244,23 @@ def test_a_scene_whose_check_sum_is_wiped_is_not_taken(tmp_path: Path) -> None:
     (length,) = struct.unpack_from("<Q", data, at + 1)
     end = at + 9 + length
     data[end - 20 : end] = bytes(20)
-    _, said = recovered(tmp_path, bytes(data))
-    assert any("attached file with a wrong check sum" in loss.what for loss in said.losses)
-    assert any(loss.place == "scene.yaml" for loss in said.losses)
+    _, output = recovered(tmp_path, bytes(data))
+    assert any("attached file with a wrong check sum" in loss.what for loss in output.losses)
+    assert any(loss.place == "scene.yaml" for loss in output.losses)
 
 
 def test_messages_without_numbers_are_copies_if_their_bytes_are_the_same() -> None:
     """MCAP has 0 for none: several of one time that say different things are no copies of each other."""
     part = SalvagedRecording(0)
-    said = [(5, b"a", False), (5, b"b", False), (5, b"a", True), (6, b"a", False), (5, b"b", True), (6, b"c", False)]
-    assert [part.is_copy("t", 0, t_ns, data) for t_ns, data, _ in said] == [copy for *_, copy in said]
+    reported = [
+        (5, b"a", False),
+        (5, b"b", False),
+        (5, b"a", True),
+        (6, b"a", False),
+        (5, b"b", True),
+        (6, b"c", False),
+    ]
+    assert [part.is_copy("t", 0, t_ns, data) for t_ns, data, _ in reported] == [copy for *_, copy in reported]
     assert part.copies == {"t": 2}
     assert [part.is_copy("n", number, 5 + number, b"") for number in (0, 1, 2, 0, 1, 3)] == [False] * 3 + [True] * 2 + [
         False

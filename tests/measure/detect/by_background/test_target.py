@@ -9,10 +9,10 @@ from occlog.measure.regions.regions import ForegroundRegions, normalised
 SECOND = 1_000_000_000
 
 
-def regions(*places: tuple[float, float, float], fill: float = 1.0) -> ForegroundRegions:
+def regions(*positions: tuple[float, float, float], fill: float = 1.0) -> ForegroundRegions:
     """Regions of x, y, pixels; a person is 10 px wide (standard deviation)."""
-    k = len(places)
-    table = np.array(places, dtype=np.float64).reshape(k, 3)
+    k = len(positions)
+    table = np.array(positions, dtype=np.float64).reshape(k, 3)
     person = np.tile([100.0, 0.0, 900.0], (k, 1))
     return ForegroundRegions(
         table[:, :2], person, np.zeros((k, 4)), table[:, 2], np.full(k, fill), person, np.full((k, 72), np.nan)

@@ -153,15 +153,15 @@ def test_case_studies_what_becomes_of_the_detections() -> None:
 # Bookkeeping
 
 
-@pytest.mark.parametrize("place", [(1.0, 0.0), (-0.6, 0.7), (9.0, 9.0), (0.0, 300.0)])
-def test_false_detection_of_one_camera_is_not_propagated(place: tuple[float, float]) -> None:
-    result = found([place, GONE, GONE, GONE])
+@pytest.mark.parametrize("position", [(1.0, 0.0), (-0.6, 0.7), (9.0, 9.0), (0.0, 300.0)])
+def test_false_detection_of_one_camera_is_not_propagated(position: tuple[float, float]) -> None:
+    result = found([position, GONE, GONE, GONE])
     assert not result.declared[0]
     assert result.cause.tolist() == [[REMOVED_FALSE, NOTHING, NOTHING, NOTHING]]
     assert result.removed.tolist() == [[True, False, False, False]]
     assert not result.recovered.any()
     assert not result.kept.any()
-    assert not found([place, GONE, GONE, GONE], at=GONE).declared[0]  # nor where no prediction is known
+    assert not found([position, GONE, GONE, GONE], at=GONE).declared[0]  # nor where no prediction is known
 
 
 def test_how_near_the_prediction_one_detection_carries_three_misses() -> None:

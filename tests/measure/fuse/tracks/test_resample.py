@@ -49,7 +49,7 @@ def test_without_velocities_a_row_beside_a_moment_stays_where_it_is() -> None:
 
 
 def test_no_rows_have_no_moments() -> None:
-    nobody = PeopleTracks.empty()
-    assert not len(step_times([nobody], 0))
-    assert not len(at_times(nobody, np.zeros(0, dtype=np.int64), 0, NS))
-    assert default_window([nobody]) == 0
+    empty = PeopleTracks.empty()
+    assert not len(step_times([empty], 0))
+    assert not len(at_times(empty, np.zeros(0, dtype=np.int64), 0, NS))
+    assert default_window([empty]) == 0

@@ -107,7 +107,7 @@ def test_velocities_that_one_group_does_not_know_are_not_known() -> None:
     assert np.isnan(tracks.vx).all()
 
 
-def test_a_group_of_nobody_changes_nothing() -> None:
+def test_a_group_of_no_person_changes_nothing() -> None:
     east = walk(4, TIMES, (0, 0), (1, 0))
     for groups in ([east, PeopleTracks.empty()], [PeopleTracks.empty(), east]):
         tracks = fuse_tracks(groups, CONFIG).tracks

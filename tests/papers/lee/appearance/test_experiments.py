@@ -95,7 +95,7 @@ def test_people_must_be_separable_and_alike_ones_harder():
 
 
 @pytest.mark.statistics
-def test_heads_of_different_people_are_told_apart_from_all_sides():
+def test_heads_of_different_people_are_distinguished_from_all_sides():
     found = faces_trial({"kind": "lee-faces", "probes": 1, "seed": 0, "run": 0})
     assert found["auc-different-bins-72"] > 0.9 > found["auc-alike-bins-72"]
     assert found["rank1-different-angles-7"] > found["rank1-different-angles-1"] + 0.1

@@ -26,9 +26,9 @@ def test_passes_of_the_projection_end_where_sight_lines_cross():
     np.testing.assert_allclose(lines, xy, atol=1e-6)
     error = []
     for way in ("Eq. 5.39", "Eq. 5.39, 3 passes", "Eq. 5.39, 10 passes"):
-        places, found = projected(reference, sights, PROJECTIONS[way])
+        positions, found = projected(reference, sights, PROJECTIONS[way])
         assert found.all()
-        error.append(np.median(np.hypot(*(places - xy).T)))
+        error.append(np.median(np.hypot(*(positions - xy).T)))
     assert error[0] > 5 * error[1] > 5 * error[2]
 
 

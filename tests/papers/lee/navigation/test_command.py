@@ -51,10 +51,10 @@ def people(tmp_path: Path, unit: str = "m", inputs: tuple[tuple[str, str], ...] 
 
 def test_the_printed_robot_reaches_its_goal_in_8_steps(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     code, path = navigate(tmp_path, *PRINTED)
-    told = json.loads(capsys.readouterr().out)
+    result = json.loads(capsys.readouterr().out)
     assert code == ExitCode.DONE
-    assert (told["reached"], told["end"], told["steps"]) == (True, "goal reached", 8)
-    assert (told["oscillation"], told["collision"], told["trap"]) == (True, False, False)
+    assert (result["reached"], result["end"], result["steps"]) == (True, "goal reached", 8)
+    assert (result["oscillation"], result["collision"], result["trap"]) == (True, False, False)
     rows = read_table(path, RobotPath)
     assert len(rows) == 9
     np.testing.assert_allclose(rows.x[:4], [12.0, 11.0, 10.0, 9.0])
@@ -63,10 +63,10 @@ def test_the_printed_robot_reaches_its_goal_in_8_steps(tmp_path: Path, capsys: p
     np.testing.assert_allclose((rows.attractive_x + rows.repulsive_x)[:3], rows.total_x[:3])
     assert rows.recognised.tolist() == [k == 3 for k in range(9)]
     assert (np.diff(rows.t_ns) == 1_000_000_000).all()
-    assert rows.clearance.min() == told["least_clearance"]
+    assert rows.clearance.min() == result["least_clearance"]
 
 
-def test_a_collision_is_said_in_words_and_is_exit_code_6_with_strict(
+def test_a_collision_is_reported_in_words_and_is_exit_code_6_with_strict(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     code, path = navigate(tmp_path, *PRINTED, "--force", "original", "--strict")
@@ -97,14 +97,14 @@ def test_a_picture_comes_with_the_path(tmp_path: Path):
     assert picture.read_bytes().startswith(PNG)
 
 
-def test_people_of_tracks_are_avoided_and_what_was_lost_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_people_of_tracks_are_avoided_and_what_was_lost_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     code, _ = navigate(tmp_path, *IN_ROOM, "--obstacles", str(people(tmp_path)))
     out, err = capsys.readouterr()
-    told = json.loads(out)
+    result = json.loads(out)
     assert code == ExitCode.DONE
     assert "frame 7" in err
-    assert told["reached"]
-    assert told["least_clearance"] > 0.0
+    assert result["reached"]
+    assert result["least_clearance"] > 0.0
 
 
 def test_people_of_a_recording_are_avoided_from_a_later_time_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

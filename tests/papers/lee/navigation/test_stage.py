@@ -39,13 +39,13 @@ def driven(
     course = course_of(scene, discs, moving, config)
     robots = Drive.at(np.array([start], dtype=np.float64))
     steps = list(drive(robots, np.array([goal], dtype=np.float64), course, config))
-    places = np.concatenate([step.xy for step in steps])
-    return places, robots, RobotVerdict(robots, 0, np.array(goal), course.names, config)
+    positions = np.concatenate([step.xy for step in steps])
+    return positions, robots, RobotVerdict(robots, 0, np.array(goal), course.names, config)
 
 
 def test_with_the_original_force_the_printed_robot_collides_from_9_9():
-    places, robots, verdict = driven(force="original", escape="none")
-    np.testing.assert_allclose(places, [[at, at] for at in (12.0, 11.0, 10.0, 9.0, 8.0)])
+    positions, robots, verdict = driven(force="original", escape="none")
+    np.testing.assert_allclose(positions, [[at, at] for at in (12.0, 11.0, 10.0, 9.0, 8.0)])
     assert robots.end[0] == End.COLLIDED
     assert verdict.words() == "collided with obstacle 1 in step 4"
     assert not verdict.reached
@@ -53,8 +53,8 @@ def test_with_the_original_force_the_printed_robot_collides_from_9_9():
 
 
 def test_with_the_prevention_the_printed_robot_goes_to_and_fro_for_ever():
-    places, robots, verdict = driven(escape="none")
-    np.testing.assert_allclose(places[3:6], [[9.0, 9.0], [10.0, 10.0], [9.0, 9.0]])
+    positions, robots, verdict = driven(escape="none")
+    np.testing.assert_allclose(positions[3:6], [[9.0, 9.0], [10.0, 10.0], [9.0, 9.0]])
     assert robots.end[0] == End.ENDLESS
     assert not verdict.trap
     assert "oscillates for ever before obstacle 1" in verdict.warning()
@@ -85,8 +85,8 @@ def test_both_sides_of_the_printed_line_are_alike():
 
 
 def test_a_robot_on_its_goal_has_reached_it_without_a_step():
-    places, robots, verdict = driven(start=(6.0, 6.5))
-    assert len(places) == 1
+    positions, robots, verdict = driven(start=(6.0, 6.5))
+    assert len(positions) == 1
     assert (robots.end[0], robots.steps[0]) == (End.REACHED, 0)
     assert verdict.figures()["length"] == 0.0
 
@@ -105,7 +105,7 @@ def test_a_local_minimum_is_a_trap_and_said_to_be_one():
     assert "a local minimum" in verdict.words()
 
 
-def test_steps_that_run_out_are_said_to():
+def test_steps_that_run_out_are_reported_to():
     _, robots, verdict = driven(discs=(), max_steps=3)
     assert (robots.end[0], robots.steps[0]) == (End.STOPPED, 3)
     assert "all 3 steps done, 4.243 from the goal" in verdict.words()
@@ -115,9 +115,9 @@ def test_steps_that_run_out_are_said_to():
 def test_robots_pass_a_pillar_on_either_side(shape: str):
     scene = Scene(room=ROOM, occluders=(PILLAR,))
     for side, y in ((1.0, 3.6), (-1.0, 2.4)):
-        places, _, verdict = driven(scene, (), (1.0, y), (7.0, y), shape=shape)
+        positions, _, verdict = driven(scene, (), (1.0, y), (7.0, y), shape=shape)
         assert verdict.reached, verdict.words()
-        beside = places[np.abs(places[:, 0] - 4.0) < 0.5, 1] - 3.0
+        beside = positions[np.abs(positions[:, 0] - 4.0) < 0.5, 1] - 3.0
         assert (side * beside > 0.5 + 0.25).all()
 
 
@@ -226,7 +226,7 @@ def test_many_robots_fare_as_each_alone():
 
 
 @pytest.mark.parametrize(
-    ("what", "place", "words"),
+    ("what", "position", "words"),
     [
         ("start", (4.0, 3.0), "inside static occluder pillar"),
         ("goal", (4.0, 3.0), "inside static occluder pillar"),
@@ -236,11 +236,11 @@ def test_many_robots_fare_as_each_alone():
         ("start", (3.35, 3.0), "0.15 from static occluder pillar"),
     ],
 )
-def test_places_where_no_robot_can_be_are_refused(what: str, place: tuple[float, float], words: str):
+def test_places_where_no_robot_can_be_are_refused(what: str, position: tuple[float, float], words: str):
     config = NavigateConfig.in_unit("m")
     course = course_of(Scene(room=ROOM, occluders=(PILLAR,)), (Disc(1.0, 1.0, 0.3),), None, config)
     with pytest.raises(InputError, match=words):
-        course.check_position(what, np.array(place), config)
+        course.check_position(what, np.array(position), config)
 
 
 def test_a_place_farther_from_a_wall_than_the_robots_radius_is_free():
@@ -262,12 +262,14 @@ def test_a_goal_within_the_circle_about_an_occluder_is_free_where_the_polygon_re
         course["circle"].check_position("goal", beside, config["circle"])
 
 
-@pytest.mark.parametrize("place", [(1.0, 3.0), (1.0, 1.0), (4.0, 5.5), (7.5, 5.5)])
-def test_a_guarded_robot_does_not_collide_with_what_stands_even_without_forces(place: tuple[float, float]):
+@pytest.mark.parametrize("position", [(1.0, 3.0), (1.0, 1.0), (4.0, 5.5), (7.5, 5.5)])
+def test_a_guarded_robot_does_not_collide_with_what_stands_even_without_forces(position: tuple[float, float]):
     scene = Scene(room=ROOM, occluders=(PILLAR,))
     for goal in ((7.0, 3.0), (0.3, 0.3), (4.0, 0.5)):
         for speed in (1.0, 4.0):
-            _, robots, _ = driven(scene, (Disc(2.0, 2.0, 0.2),), place, goal, repulsion=0.0, speed=speed, max_steps=100)
+            _, robots, _ = driven(
+                scene, (Disc(2.0, 2.0, 0.2),), position, goal, repulsion=0.0, speed=speed, max_steps=100
+            )
             assert robots.end[0] != End.COLLIDED
             assert robots.clearance[0] > 0.0
 
@@ -294,8 +296,8 @@ def test_a_robot_that_the_guard_holds_back_says_so_and_counts_no_way_that_it_did
         Scene(room=corridor, occluders=(screen,)),
         {"repulsion": 0.0, "force": "original", "shape": "polygon"},
     )
-    places, robots, verdict = driven(scene, (), (1.0, 0.3), (7.0, 0.3), max_steps=150, **forces)
+    positions, robots, verdict = driven(scene, (), (1.0, 0.3), (7.0, 0.3), max_steps=150, **forces)
     assert robots.end[0] in (End.ENDLESS, End.STOPPED)
     assert "where the guard holds it back" in verdict.words()
     assert verdict.trap
-    assert verdict.figures()["length"] == pytest.approx(np.hypot(*np.diff(places, axis=0).T).sum())
+    assert verdict.figures()["length"] == pytest.approx(np.hypot(*np.diff(positions, axis=0).T).sum())

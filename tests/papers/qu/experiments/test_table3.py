@@ -73,7 +73,7 @@ def test_order_counts_by_two_standard_errors_run_by_run() -> None:
     assert ordered("k", "", PaperRow("low", 1.0, (1.0, 1.5, 3.0)), one_of_many).verdict == v.UNDECIDED
 
 
-def test_nothing_is_said_of_the_order_of_rates_below_one_per_cent() -> None:
+def test_nothing_is_reported_of_the_order_of_rates_below_one_per_cent() -> None:
     small = PaperRow("low", 1.0, (0.0, 0.0, 0.0))
     assert ordered("k", "", small, PaperRow("high", 1.0, (0.98, 0.99, 0.99))).verdict == v.UNDECIDED
     assert ordered("k", "", small, PaperRow("high", 1.0, (1.0, 1.0, 1.01))).verdict == v.REPRODUCED

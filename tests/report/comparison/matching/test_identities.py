@@ -35,8 +35,8 @@ def test_another_track_is_another_piece_and_a_change() -> None:
 def test_what_passes_is_counted_and_left_out() -> None:
     found = follow([3] * 5 + [4, 4] + [3] * 5, 3)
     assert found == MatchedRuns((Piece(7, 3, 0, 11 * SECOND),), (), 2)
-    told = follow([3] * 5 + [4, 4] + [3] * 5, 2)
-    assert [change.after for change in told.changes] == [4, 3]
+    reported = follow([3] * 5 + [4, 4] + [3] * 5, 2)
+    assert [change.after for change in reported.changes] == [4, 3]
 
 
 def test_an_interruption_that_lasts_ends_a_piece_but_is_no_change() -> None:

@@ -49,10 +49,10 @@ def test_a_run_beside_itself_never_parts() -> None:
 def test_partners_part_at_the_frame_in_which_they_are_beyond_the_tolerance() -> None:
     _, found = parted(tracks(), tracks(60, moved(1, 20, 29, 0.6)))
     assert found.first is not None
-    kind, moment = found.first
+    kind, start = found.first
     assert kind == TOO_FAR_APART
-    assert (moment.t_ns, moment.a, moment.b) == (20 * STEP, 11, 11)
-    assert moment.distance == pytest.approx(0.6)
+    assert (start.t_ns, start.a, start.b) == (20 * STEP, 11, 11)
+    assert start.distance == pytest.approx(0.6)
     assert found.parted == 10
     assert [(s.start_ns, s.end_ns) for s in found.stretches] == [(20 * STEP, 29 * STEP)]
     assert [kind.frames for kind in found.kinds] == [10, 0, 0, 0]
@@ -67,10 +67,10 @@ def test_the_tolerance_itself_is_not_beyond_it(by: float, first: int | None) -> 
 def test_somebody_whom_one_run_alone_has_is_a_parting() -> None:
     _, found = parted(tracks(), tracks(60, lost(2, 30, 44)))
     assert found.first is not None
-    kind, moment = found.first
+    kind, start = found.first
     assert kind == ONLY_IN_A
-    assert (moment.t_ns, moment.a, moment.b) == (30 * STEP, 12, None)
-    assert moment.distance == pytest.approx(4.0)  # the nearest of B is its neighbour
+    assert (start.t_ns, start.a, start.b) == (30 * STEP, 12, None)
+    assert start.distance == pytest.approx(4.0)  # the nearest of B is its neighbour
     _, other = parted(tracks(60, lost(2, 30, 44)), tracks())
     assert other.first is not None
     assert other.first[0] == ONLY_B
@@ -89,10 +89,10 @@ def test_partners_beyond_the_distance_at_which_they_meet_are_both_alone() -> Non
 def test_an_exchange_of_identities_is_a_parting_though_places_are_the_same() -> None:
     pairs, found = parted(tracks(), tracks(60, exchanged_at(25)))
     assert found.first is not None
-    kind, moment = found.first
+    kind, start = found.first
     assert kind == OTHER
-    assert (moment.t_ns, moment.a, moment.b) == (25 * STEP, 10, 11)
-    assert moment.distance == 0.0
+    assert (start.t_ns, start.a, start.b) == (25 * STEP, 10, 11)
+    assert start.distance == 0.0
     assert found.parted == 0
     # 35 frames with the other one, 25 with the own one: most frames decide who is whom
     assert pairs.people == (PersonPair((10,), (11,)), PersonPair((11,), (10,)), PersonPair((12,), (12,)))

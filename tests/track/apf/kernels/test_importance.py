@@ -24,8 +24,8 @@ PLACE = np.array([31.0, 46.0])
 def looks_of(scene, rows, config=None, labelled=True):
     """Model, packed scan and rows of `measurements` for rows (sensor, u_px, ...)."""
     model = make_model(scene, config or ApfConfig())
-    looks = pack_scan(scan(1.0, rows, labelled), model.read_px, True)
-    return model, looks, importance.measurements(looks, model.sensors, model.noise, model.detection)
+    packed = pack_scan(scan(1.0, rows, labelled), model.read_px, True)
+    return model, packed, importance.measurements(packed, model.sensors, model.noise, model.detection)
 
 
 def heard(scene, bearing, sigma=0.02):
@@ -34,8 +34,12 @@ def heard(scene, bearing, sigma=0.02):
     columns = {"target_id": 0, "seen": True, "bearing": bearing, "sigma": sigma}
     columns |= {"u_px": np.nan, "sigma_px": np.nan, "score": np.nan}
     packed = Scan.of(SECOND, [len(scene.cameras)], **{name: np.array([value]) for name, value in columns.items()})
-    looks = pack_scan(packed, model.read_px, True)
-    return model, looks, importance.measurements(looks, model.sensors, model.noise, model.detection)
+    detections_of_step = pack_scan(packed, model.read_px, True)
+    return (
+        model,
+        detections_of_step,
+        importance.measurements(detections_of_step, model.sensors, model.noise, model.detection),
+    )
 
 
 def noisy_rows(scene, rng, sigma=2.0, place=PLACE):
@@ -130,9 +134,9 @@ def test_an_approximation_is_that_of_the_plain_form(seed, focal, p0):
     rows = noisy_rows(scene, rng)
     rows[1] = (rows[1][0], rows[1][1] + 30.0 * (seed % 2))
     config = ApfConfig(false_alarm_probability=1e-3, detection_probability=0.9)
-    _, looks, packed = looks_of(scene, rows, config)
+    _, detections_of_step, packed = looks_of(scene, rows, config)
     mean = rng.multivariate_normal(PLACE, p0 * np.eye(2), 200)
-    near = approximate(looks, packed, mean, p0)
+    near = approximate(detections_of_step, packed, mean, p0)
     plain = ref.laplace(
         mean,
         np.full(200, p0),
@@ -181,9 +185,9 @@ def test_far_cameras_give_the_posterior_of_a_linear_sensor_and_its_evidence(seed
 def test_the_predictive_likelihood_is_the_integral_of_prior_times_factors(seed, focal, tolerance, p0):
     rng = np.random.default_rng(seed)
     scene = room100(pillar=False, focal=focal, sigma_position=0.0, sigma_yaw=0.0)
-    model, looks, rows = looks_of(scene, noisy_rows(scene, rng))
+    model, packed, rows = looks_of(scene, noisy_rows(scene, rng))
     m0 = PLACE + np.sqrt(p0) * rng.standard_normal(2)
-    near = approximate(looks, rows, m0, p0)
+    near = approximate(packed, rows, m0, p0)
     # Over 7 standard deviations of the posterior about its mode
     P = covariances(near.root)[0]
     axis = np.linspace(-7, 7, 201)
@@ -192,8 +196,8 @@ def test_the_predictive_likelihood_is_the_integral_of_prior_times_factors(seed, 
     xy = near.mode[0] + grid @ root.T
     value = multivariate_normal.logpdf(xy, m0, p0 * np.eye(2))
     seen = np.ones(len(xy), dtype=np.bool_)
-    for k in range(len(looks.sensor)):
-        value += np.log(factors(xy, k, looks, model.sensors, model.noise, model.detection, seen)[0])
+    for k in range(len(packed.sensor)):
+        value += np.log(factors(xy, k, packed, model.sensors, model.noise, model.detection, seen)[0])
     evidence = np.exp(value).sum() * np.linalg.det(root) * (axis[1] - axis[0]) ** 2
     assert near.log_volume[0] + near.log_factors[0] == pytest.approx(np.log(evidence), abs=tolerance)
 
@@ -206,10 +210,10 @@ def test_a_false_bearing_is_not_believed(wrong, shift):
     others = [row for n, row in enumerate(rows) if n != wrong]
     rows[wrong] = (rows[wrong][0], rows[wrong][1] + shift)
     config = ApfConfig(false_alarm_probability=1e-2, detection_probability=0.9)
-    _, looks, packed = looks_of(scene, rows, config)
+    _, detections_of_step, packed = looks_of(scene, rows, config)
     _, fewer, without = looks_of(scene, others, config)
     m0, p0 = PLACE + 0.4, 0.25
-    near, better = approximate(looks, packed, m0, p0), approximate(fewer, without, m0, p0)
+    near, better = approximate(detections_of_step, packed, m0, p0), approximate(fewer, without, m0, p0)
     deviation = np.sqrt(np.linalg.eigvalsh(covariances(better.root)[0]).max())
     np.testing.assert_allclose(near.mode, better.mode, atol=0.3 * deviation)
     np.testing.assert_allclose(covariances(near.root), covariances(better.root), rtol=1e-2, atol=1e-9)
@@ -224,9 +228,9 @@ def test_of_a_looks_candidates_the_one_that_fits_is_believed():
     alone = [(i, u[i]) for i in (0, 2, 4)]
     crowd = [*alone, (0, u[0] + 90.0), (0, u[0] - 200.0), (2, u[2] + 55.0)]
     m0, p0 = PLACE + 0.3, 0.25
-    _, looks, rows = looks_of(scene, crowd, labelled=False)
+    _, packed, rows = looks_of(scene, crowd, labelled=False)
     _, fewer, without = looks_of(scene, alone, labelled=False)
-    near, single = approximate(looks, rows, m0, p0), approximate(fewer, without, m0, p0)
+    near, single = approximate(packed, rows, m0, p0), approximate(fewer, without, m0, p0)
     np.testing.assert_allclose(near.mode, single.mode, atol=1e-3)
     np.testing.assert_allclose(near.root, single.root, rtol=1e-2, atol=1e-9)
 
@@ -236,9 +240,9 @@ def test_of_a_looks_candidates_the_one_that_fits_is_believed():
 def test_nearly_exact_bearings_are_met(sigma_px, p0):
     scene = room100(pillar=False, focal=70.0, sigma_position=0.0, sigma_yaw=0.0)
     rows = [(i, u, sigma_px, np.nan) for i, u in enumerate(true_u(scene, PLACE)) if i in (0, 1, 3, 5)]
-    _, looks, packed = looks_of(scene, rows)
+    _, detections_of_step, packed = looks_of(scene, rows)
     mean = PLACE + np.sqrt(p0) * np.random.default_rng(0).standard_normal((100, 2))
-    near = approximate(looks, packed, mean, p0)
+    near = approximate(detections_of_step, packed, mean, p0)
     away = np.hypot(*(near.mode - PLACE).T)
     stated = np.sqrt(np.trace(covariances(near.root), axis1=1, axis2=2))
     # Prior and bearings pull by what they weigh: by no more than three standard deviations of the posterior, here
@@ -251,9 +255,9 @@ def test_nearly_exact_bearings_are_met(sigma_px, p0):
 
 def test_what_is_not_wanted_keeps_its_prior():
     scene = room100()
-    _, looks, rows = looks_of(scene, noisy_rows(scene, np.random.default_rng(0)))
+    _, packed, rows = looks_of(scene, noisy_rows(scene, np.random.default_rng(0)))
     mean, p0 = PLACE + np.zeros((2, 2)), np.array([4.0, 4.0])
-    near = importance.adapt(mean, p0, np.array([True, False]), looks.first, rows)
+    near = importance.adapt(mean, p0, np.array([True, False]), packed.first, rows)
     np.testing.assert_array_equal(near.mode[1], PLACE)
     np.testing.assert_array_equal(near.root[1], [2.0, 0.0, 2.0])
     assert (near.log_volume[1], near.log_factors[1]) == (0.0, 0.0)
@@ -262,8 +266,8 @@ def test_what_is_not_wanted_keeps_its_prior():
 
 def test_without_measurements_the_posterior_is_the_prior():
     scene = room100()
-    _, looks, rows = looks_of(scene, [(0, None), (3, None)])
-    near = approximate(looks, rows, [[20.0, 30.0]], 4.0)
+    _, packed, rows = looks_of(scene, [(0, None), (3, None)])
+    near = approximate(packed, rows, [[20.0, 30.0]], 4.0)
     np.testing.assert_allclose(near.mode, [[20.0, 30.0]])
     np.testing.assert_allclose(near.root, [[2.0, 0.0, 2.0]])
     np.testing.assert_allclose([near.log_volume[0], near.log_factors[0]], 0.0, atol=1e-12)
@@ -306,6 +310,6 @@ def test_late_signals_share_the_factor_of_a_distance_with_false_ones():
     np.testing.assert_allclose(packed[:, importance.SCALE], [0.9, 1.0, 0.81])
     u = np.array([3.0, 0.0, 3.0])  # a residual that only a detour or a false value explains
     whole = np.exp(log_density(u, rows.errors)) / np.sqrt(2.0 * np.pi) / 0.5
-    told = packed[:, importance.SCALE] * norm.pdf(u) / 0.5 + packed[:, importance.CLUTTER]
-    assert (told >= whole * 0.999).all()
-    assert (told <= 2.5 * whole).all()
+    reported = packed[:, importance.SCALE] * norm.pdf(u) / 0.5 + packed[:, importance.CLUTTER]
+    assert (reported >= whole * 0.999).all()
+    assert (reported <= 2.5 * whole).all()

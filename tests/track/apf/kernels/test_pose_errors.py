@@ -238,12 +238,12 @@ def test_residuals_are_the_shorter_way_round():
 @pytest.mark.parametrize(("share", "found"), [(0.99, False), (1.01, True)])
 def test_a_target_much_nearer_to_one_sensor_than_to_the_others_is_refused(share, found):
     """From sensors 100 apart the target is beside the first one, at `share * NEAREST` of its distance to the other."""
-    places = np.array([[0.0, 0.0], [100.0, 0.0]])
+    positions = np.array([[0.0, 0.0], [100.0, 0.0]])
     ratio = share * MIN_DISTANCE_RATIO
     target = np.array([0.0, 100.0 * ratio / np.sqrt(1.0 - ratio**2)])
-    away = target - places
+    away = target - positions
     sights = LabelledBearings(np.arange(2), np.arctan2(away[:, 1], away[:, 0]), np.full(2, 1e-6))
-    assert (meeting_point(sights, places, np.zeros((2, 3)), target * 1.02) is not None) == found
+    assert (meeting_point(sights, positions, np.zeros((2, 3)), target * 1.02) is not None) == found
 
 
 def test_evidence_for_fixed_errors_grows_with_scans_of_fixed_errors():

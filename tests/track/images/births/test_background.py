@@ -33,9 +33,9 @@ def test_what_moves_is_not_background_and_the_rest_is():
     pictures = [picture(k) for k in range(20)]
     frames = [Frame(40 * k, "a", k, lambda p=p: p) for k, p in enumerate(pictures)]
     models = background_models(frames, with_cameras(None, VIEWS), VIEWS)
-    moments = list(in_step(frames, VIEWS, 0, background=models))
-    for k, moment in enumerate(moments):
-        found = moment.frames.masks[0] > 0
+    time_steps = list(in_step(frames, VIEWS, 0, background=models))
+    for k, snapshot in enumerate(time_steps):
+        found = snapshot.frames.masks[0] > 0
         true = np.zeros((60, 80), dtype=bool)
         true[20:40, 5 + 3 * k : 17 + 3 * k] = True
         assert np.mean(found[true]) > 0.85  # corners are rounded

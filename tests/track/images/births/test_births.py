@@ -155,7 +155,7 @@ def test_a_region_is_followed_while_it_touches_that_of_the_frame_before(step, be
     assert len(births) == begins
 
 
-def test_the_one_that_moves_off_the_line_is_told_by_its_way():
+def test_the_one_that_moves_off_the_line_is_reported_by_its_way():
     # Both fit at the end, but only one did in all three frames
     def regions(k):
         return [rows(disc(50, 60), disc(120, 100 - 13 * k)), rows(disc(200, 60)) if k > 0 else rows()]

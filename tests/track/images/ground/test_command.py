@@ -58,9 +58,9 @@ def ground(folder, *args):
 
 def test_tracks_come_out_and_are_as_good_as_they_say(folder, capsys):
     assert ground(folder, "views.parquet", "--scene", "walk.mcap", "-o", "tracks.parquet", "--json") == ExitCode.DONE
-    told = json.loads(capsys.readouterr().out)
-    assert told["rows"] == told["times"] - told["not_triangulated"]["inconsistent"]
-    assert (told["targets"], told["times"], told["views"]["3"]) == ([0, 1], 200, 200 - told["skipped"])
+    result = json.loads(capsys.readouterr().out)
+    assert result["rows"] == result["times"] - result["not_triangulated"]["inconsistent"]
+    assert (result["targets"], result["times"], result["views"]["3"]) == ([0, 1], 200, 200 - result["skipped"])
     made = read_provenance(folder / "tracks.parquet")
     assert (made.command, made.parameters["target_height"], made.parameters["centre_error_share"]) == (
         "ground",
@@ -74,10 +74,10 @@ def test_tracks_come_out_and_are_as_good_as_they_say(folder, capsys):
     capsys.readouterr()
     args = ["evaluate", f"{folder}/exact.parquet", "--truth", f"{folder}/truth.parquet", "--scene"]
     assert run([*args, f"{folder}/scene.yaml", "--json"]) == ExitCode.DONE
-    told = json.loads(capsys.readouterr().out)
+    result = json.loads(capsys.readouterr().out)
     # 200 places: a standard error of 0.17 of a mean of 3
-    assert told["nees_space_mean"] == pytest.approx(3.0, abs=0.6)
-    assert told["rmse_space_m"] < 0.06
+    assert result["nees_space_mean"] == pytest.approx(3.0, abs=0.6)
+    assert result["rmse_space_m"] < 0.06
 
 
 def test_cameras_heights_and_what_was_lost(folder, capsys):

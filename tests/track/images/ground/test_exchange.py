@@ -45,12 +45,12 @@ def test_long_gaps_count_as_one_second():
 
 def test_second_moments_are_those_of_many_draws():
     rng = np.random.default_rng(0)
-    places = rng.uniform(-3, 3, (4, 3))
+    positions = rng.uniform(-3, 3, (4, 3))
     cov = np.broadcast_to(0.01 * np.eye(3), (4, 3, 3))
-    stated = spread_over_others(places, cov, np.full(4, 0.3))
+    stated = spread_over_others(positions, cov, np.full(4, 0.3))
     elsewhere = rng.random(200_000) < 0.3
-    truth = np.where(elsewhere[:, None], places[rng.integers(1, 4, 200_000)], places[0])
-    off = truth + rng.normal(0, 0.1, truth.shape) - places[0]
+    truth = np.where(elsewhere[:, None], positions[rng.integers(1, 4, 200_000)], positions[0])
+    off = truth + rng.normal(0, 0.1, truth.shape) - positions[0]
     assert np.allclose(stated[0], off.T @ off / len(off), atol=0.05)
 
 

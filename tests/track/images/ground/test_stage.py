@@ -45,19 +45,19 @@ def nees(tracks, places):
 @pytest.mark.parametrize("lens", [np.zeros(5), BROWN])
 def test_places_and_covariances_are_right_with_and_without_lens_distortion(lens):
     """1200 places of 3 degrees of freedom: the mean has a standard error of 0.07."""
-    scene, places = Scene(cameras=cameras(distortion=lens)), walks(600)
-    tracks, counts = fused([view_tracks(scene.cameras, places, np.random.default_rng(1))], scene)
+    scene, positions = Scene(cameras=cameras(distortion=lens)), walks(600)
+    tracks, counts = fused([view_tracks(scene.cameras, positions, np.random.default_rng(1))], scene)
     assert counts["times"] == len(tracks) + counts["inconsistent"] == 1200
     assert counts["inconsistent"] + counts["skipped"] < 8
-    assert nees(tracks, places).mean() == pytest.approx(3.0, abs=0.3)
-    assert np.sqrt((errors(tracks, places) ** 2).mean()) < 0.04
+    assert nees(tracks, positions).mean() == pytest.approx(3.0, abs=0.3)
+    assert np.sqrt((errors(tracks, positions) ** 2).mean()) < 0.04
     assert np.isnan(tracks.vx).all()
     assert np.isnan(tracks.vz).all()
 
 
 def test_where_chunks_are_cut_does_not_matter():
-    scene, places = Scene(cameras=cameras()), walks(20)
-    rows = view_tracks(scene.cameras, places, np.random.default_rng(2))
+    scene, positions = Scene(cameras=cameras()), walks(20)
+    rows = view_tracks(scene.cameras, positions, np.random.default_rng(2))
     whole, counts = fused([rows], scene)
     for size in (1, 5, 7):
         cut, again = fused([rows.take(slice(k, k + size)) for k in range(0, len(rows), size)], scene)
@@ -70,8 +70,8 @@ def test_where_chunks_are_cut_does_not_matter():
 
 
 def test_frames_within_the_window_are_of_one_time():
-    scene, places = Scene(cameras=cameras()), walks(50)
-    rows = view_tracks(scene.cameras, places, np.random.default_rng(3), delay_ns=3_000_000)
+    scene, positions = Scene(cameras=cameras()), walks(50)
+    rows = view_tracks(scene.cameras, positions, np.random.default_rng(3), delay_ns=3_000_000)
     alone, counts = fused([rows], scene, replace(EXACT, target_height=0.0))
     assert len(alone) == 0
     assert counts["single_view"] == counts["times"] == 300
@@ -84,12 +84,12 @@ def test_frames_within_the_window_are_of_one_time():
 
 
 def test_one_view_needs_a_height():
-    scene, places = Scene(cameras=cameras()[:1]), walks(400)
-    places[:, :, 2] = np.random.default_rng(0).normal(0.9, 0.1, places.shape[:2])
-    rows = view_tracks(scene.cameras, places, np.random.default_rng(4))
+    scene, positions = Scene(cameras=cameras()[:1]), walks(400)
+    positions[:, :, 2] = np.random.default_rng(0).normal(0.9, 0.1, positions.shape[:2])
+    rows = view_tracks(scene.cameras, positions, np.random.default_rng(4))
     tracks, counts = fused([rows], scene)
     assert counts["views_1"] == len(tracks) == 800
-    assert nees(tracks, places).mean() == pytest.approx(3.0, abs=0.4)
+    assert nees(tracks, positions).mean() == pytest.approx(3.0, abs=0.4)
     assert np.allclose(tracks.z, 0.9)
     assert len(fused([rows], replace(scene, length_unit="px"))[0]) == 0
     assert in_scene(GroundConfig(), replace(scene, length_unit="ft")).target_height == pytest.approx(0.9 / 0.3048)
@@ -101,8 +101,8 @@ def test_one_view_needs_a_height():
 
 def test_the_share_of_the_shape_widens_the_covariance_along_its_axes():
     """Ellipses of 40 px up and 12 px across, cameras nearly level: heights become the least sure."""
-    scene, places = Scene(cameras=cameras()), walks(10)
-    rows = view_tracks(scene.cameras, places, np.random.default_rng(5), sigma=0.5)
+    scene, positions = Scene(cameras=cameras()), walks(10)
+    rows = view_tracks(scene.cameras, positions, np.random.default_rng(5), sigma=0.5)
     none, some = (fused([rows], scene, replace(EXACT, centre_error_share=share))[0] for share in (0.0, 0.1))
     assert (none.cov_zz < none.cov_xx).all()
     assert (some.cov_zz > some.cov_xx).all()
@@ -110,19 +110,19 @@ def test_the_share_of_the_shape_widens_the_covariance_along_its_axes():
 
 
 def test_a_view_on_another_target_is_left_out():
-    scene, places = Scene(cameras=cameras()), walks(100)
-    rows = view_tracks(scene.cameras, places, np.random.default_rng(6))
+    scene, positions = Scene(cameras=cameras()), walks(100)
+    rows = view_tracks(scene.cameras, positions, np.random.default_rng(6))
     x, y, swapped = rows.x_px.copy(), rows.y_px.copy(), rows.sensor == "b"
     for values in (x, y):
         values[swapped] = values[swapped].reshape(-1, 2)[:, ::-1].ravel()
     tracks, counts = fused([replace(rows, x_px=x, y_px=y)], scene)
     assert counts["skipped"] > 150
-    assert np.median(np.linalg.norm(errors(tracks, places), axis=1)) < 0.06
+    assert np.median(np.linalg.norm(errors(tracks, positions), axis=1)) < 0.06
 
 
 def test_last_rows_of_trackers_that_are_gone_are_not_used():
-    scene, places = Scene(cameras=cameras()[:2]), walks(3, 1)
-    rows = view_tracks(scene.cameras, places, np.random.default_rng(7))
+    scene, positions = Scene(cameras=cameras()[:2]), walks(3, 1)
+    rows = view_tracks(scene.cameras, positions, np.random.default_rng(7))
     event = rows.lifecycle.astype("U10")
     event[-1] = "terminated"
     _, counts = fused([replace(rows, lifecycle=event)], scene, replace(EXACT, target_height=0.0))
@@ -131,8 +131,8 @@ def test_last_rows_of_trackers_that_are_gone_are_not_used():
 
 def test_cameras_without_a_pose_are_named():
     a, b, c = cameras()
-    scene, places = Scene(cameras=(a, replace(b, placed=False), c)), walks(3)
-    rows = view_tracks((a, b, c), places, np.random.default_rng(8))
+    scene, positions = Scene(cameras=(a, replace(b, placed=False), c)), walks(3)
+    rows = view_tracks((a, b, c), positions, np.random.default_rng(8))
     with pytest.raises(InputError, match="camera b has no pose"):
         fused([rows], scene)
     assert len(fused([rows], scene, only=("a", "c"))[0]) == 6
@@ -161,8 +161,8 @@ def test_settings_that_cannot_be_are_refused(name, value):
 
 def test_doubts_and_views_stand_in_the_rows():
     """View b has target 0 where target 1 is; target 1 is lost by all views but c after half of the time."""
-    scene, places = Scene(cameras=cameras()), walks(50)
-    rows = view_tracks(scene.cameras, places, np.random.default_rng(9))
+    scene, positions = Scene(cameras=cameras()), walks(50)
+    rows = view_tracks(scene.cameras, positions, np.random.default_rng(9))
     x, y = rows.x_px.copy(), rows.y_px.copy()
     first, second = ((rows.sensor == "b") & (rows.target_id == k) for k in (0, 1))
     x[first], y[first] = x[second], y[second]

@@ -57,12 +57,12 @@ def exact(places, prior, likelihood, strength):
 def chain_shares(rng, places, prior, likelihood, strength, moves):
     """Shares of all combinations in the samples of a chain."""
     n, k = len(prior), len(places)
-    whose = rng.integers(0, n, moves)
+    owner = rng.integers(0, n, moves)
     drawn = [rng.choice(k, moves, p=p) for p in prior]
-    which = np.concatenate([np.zeros(n, dtype=np.int64), np.choose(whose, drawn)])
-    targets = np.concatenate([np.arange(n), whose])
+    which = np.concatenate([np.zeros(n, dtype=np.int64), np.choose(owner, drawn)])
+    targets = np.concatenate([np.arange(n), owner])
     rows = run_chain(
-        places[which], whose, np.log(likelihood[targets, which]), np.log(1.0 - rng.random(moves)), strength, 200, 1
+        places[which], owner, np.log(likelihood[targets, which]), np.log(1.0 - rng.random(moves)), strength, 200, 1
     )
     return [tuple(s) for s in which[rows]]
 
@@ -71,13 +71,13 @@ def chain_shares(rng, places, prior, likelihood, strength, moves):
 def test_chain_has_the_exact_posterior(n, strength):
     """16 chains tell the error of each share."""
     rng = np.random.default_rng(10 + n)
-    places = np.array([disc(x, 0, 5) for x in (0, 4, 9)])
+    positions = np.array([disc(x, 0, 5) for x in (0, 4, 9)])
     prior = rng.dirichlet(np.full(3, 4.0), n)
     likelihood = rng.uniform(0.2, 1.0, (n, 3))
-    want = exact(places, prior, likelihood, strength)
+    want = exact(positions, prior, likelihood, strength)
     chains = np.zeros((16, *want.shape))
     for chain in chains:
-        samples = chain_shares(rng, places, prior, likelihood, strength, 1500)
+        samples = chain_shares(rng, positions, prior, likelihood, strength, 1500)
         np.add.at(chain, tuple(np.array(samples).T), 1.0 / len(samples))
     error = chains.std(axis=0, ddof=1) / 4.0
     assert (abs(chains.mean(axis=0) - want) < 5.0 * error + 1e-3).all()

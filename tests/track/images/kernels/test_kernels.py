@@ -158,12 +158,12 @@ def test_loop_check_without_matrix_says_nothing():
 
 def test_hysteresis_by_hand():
     good, run = np.array([True]), np.array([0])
-    said = []
+    reported = []
     for outcome in [APART] * 3 + [TOGETHER] + [APART] * 2 + [UNKNOWN] * 4 + [APART] * 2 + [TOGETHER] * 2:
         good, run = hysteresis(np.array([outcome]), good, run, 4, 2)
-        said.append(bool(good[0]))
+        reported.append(bool(good[0]))
     # Three in a row are not enough, one that holds starts the count again, unknown ones do not count.
-    assert said == [True] * 11 + [False, False, True]
+    assert reported == [True] * 11 + [False, False, True]
 
 
 def test_repulsion_by_the_printed_formula():

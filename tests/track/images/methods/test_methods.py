@@ -35,12 +35,12 @@ def crossing(rise=4.0):
 @pytest.mark.parametrize("method", METHODS)
 def test_a_ball_alone_is_followed(method):
     frames = film(ALONE, 2)
-    said, _ = tracked(method, frames, ALONE, particles=30)
+    report, _ = tracked(method, frames, ALONE, particles=30)
     # The motion adds 3 px a frame; the colours of a ball of 9 px hold the estimate within a third of it.
-    assert off(frames, said).max() < 4.5
-    assert np.median(off(frames, said)) < 1.5
-    assert all(one.lifecycle.tolist() == [0, 0] for one in said)
-    assert all((one.similarity > 0.8).all() and (one.ess >= 1).all() for one in said)
+    assert off(frames, report).max() < 4.5
+    assert np.median(off(frames, report)) < 1.5
+    assert all(one.lifecycle.tolist() == [0, 0] for one in report)
+    assert all((one.similarity > 0.8).all() and (one.ess >= 1).all() for one in report)
 
 
 @pytest.mark.jit
@@ -58,18 +58,18 @@ def test_balls_that_cross_keep_their_labels_with_two_views():
 def test_modes_say_what_was_done():
     frames = film(SMALL, 1)
     for method in ("mipf", "cmct"):
-        said, _ = tracked(method, frames[:3], particles=5)
-        assert all((one.likelihood_mode == MODES.index(method)).all() for one in said)
-    said, _ = tracked("bmct", frames[:20], particles=10)
-    touching = np.concatenate([one.touching.any(axis=1) for one in said])
+        report, _ = tracked(method, frames[:3], particles=5)
+        assert all((one.likelihood_mode == MODES.index(method)).all() for one in report)
+    report, _ = tracked("bmct", frames[:20], particles=10)
+    touching = np.concatenate([one.touching.any(axis=1) for one in report])
     mode, helped = (
-        np.concatenate([one.likelihood_mode for one in said]),
-        np.concatenate([one.assisting_views.any(axis=1) for one in said]),
+        np.concatenate([one.likelihood_mode for one in report]),
+        np.concatenate([one.assisting_views.any(axis=1) for one in report]),
     )
     assert (mode[helped] == MODES.index("bmct")).all()
     assert (mode[touching & ~helped] == MODES.index("idmot")).all()
     assert (mode[~touching & ~helped] == MODES.index("mipf")).all()
-    assert not np.concatenate([one.assisting_views[np.arange(len(one.view)), one.view] for one in said]).any()
+    assert not np.concatenate([one.assisting_views[np.arange(len(one.view)), one.view] for one in report]).any()
 
 
 def injected(state, moved):
@@ -94,8 +94,8 @@ def test_a_counterpart_that_is_moved_away_becomes_bad_and_good_again():
             state = injected(state, 24.0 - (state.trackers.estimate[1, 1] - frame.ellipses[1, 0, 1]))
         if t == 30:
             state = injected(state, -24.0)
-        state, said = advance(state, frame_set(frame), rng)
-        states.append(said.counterpart.tolist())
+        state, report = advance(state, frame_set(frame), rng)
+        states.append(report.counterpart.tolist())
     words = [GOOD if s == [GOOD, GOOD] else BAD if s == [BAD, BAD] else None for s in states]
     # Bad after 15 checks that fail, from frame 10 on; good after 5 that hold.
     assert words[: 10 - 1 + 14] == [GOOD] * 23
@@ -122,26 +122,26 @@ def test_a_wrong_matrix_is_noticed():
     wrong[1, 0] = wrong[0, 1].T
     state = initial_state(views_of(), ViewGeometry(wrong, (None, None)), BmctConfig(particles=5))
     state = initiate_trackers(state, frame_set(frames[0]), births_of(frames[0]))
-    _, said = advance(state, frame_set(frames[1]), np.random.default_rng(0))
-    assert (said.counterpart == BAD).all()
+    _, report = advance(state, frame_set(frames[1]), np.random.default_rng(0))
+    assert (report.counterpart == BAD).all()
 
 
 def test_without_geometry_nobody_is_a_counterpart():
     frames, unknown = film(SMALL, 1, 2), np.full((2, 2, 3, 3), np.nan)
     state = initial_state(views_of(), ViewGeometry(unknown, (None, None)), BmctConfig(particles=5))
     state = initiate_trackers(state, frame_set(frames[0]), births_of(frames[0]))
-    _, said = advance(state, frame_set(frames[1]), np.random.default_rng(0))
-    assert (said.counterpart == NONE).all()
-    assert not said.assisting_views.any()
+    _, report = advance(state, frame_set(frames[1]), np.random.default_rng(0))
+    assert (report.counterpart == NONE).all()
+    assert not report.assisting_views.any()
 
 
 @pytest.mark.jit
 @pytest.mark.parametrize("method", METHODS)
 def test_missing_frames_are_waited_out(method):
     frames = film(ALONE, 2)
-    said, _ = tracked(method, frames, ALONE, particles=30, without=lambda t: [1] if t % 3 == 0 or 12 < t < 17 else [])
-    assert [one.view.tolist() for one in said[:3]] == [[0, 1], [0, 1], [0]]
-    far = off(frames, said)[..., 0]
+    report, _ = tracked(method, frames, ALONE, particles=30, without=lambda t: [1] if t % 3 == 0 or 12 < t < 17 else [])
+    assert [one.view.tolist() for one in report[:3]] == [[0, 1], [0, 1], [0]]
+    far = off(frames, report)[..., 0]
     assert np.isinf(far[:, 1]).sum() == 12
     assert far[np.isfinite(far)].max() < 6.0
 
@@ -182,8 +182,8 @@ def blank_after(frames, last, centre=None):
 @pytest.mark.parametrize("method", METHODS)
 def test_trackers_end_when_nothing_is_left_of_their_targets(method):
     frames = blank_after(film(ALONE, 2), 5)
-    said, state = tracked(method, frames, ALONE, particles=10, max_lost_frames=8)
-    events = [one.lifecycle.tolist() for one in said]
+    report, state = tracked(method, frames, ALONE, particles=10, max_lost_frames=8)
+    events = [one.lifecycle.tolist() for one in report]
     ended = [t for t, event in enumerate(events, 1) if event and any(event)]
     assert min(ended) >= 5 + 8
     assert len(state.trackers.view) == 0
@@ -203,9 +203,9 @@ def test_a_tracker_whose_target_leaves_the_image_ends():
         if t == 0:
             state = initiate_trackers(state, now, [Birth(0, 7, np.array([40.0, 30.0, 8.0, 8.0, 0.0]))])
             continue
-        state, said = advance(state, now, rng)
-        if said.lifecycle.any():
-            event = int(said.lifecycle[0])
+        state, report = advance(state, now, rng)
+        if report.lifecycle.any():
+            event = int(report.lifecycle[0])
             break
     assert event == LEFT
     assert 18 <= t < 40
@@ -215,8 +215,8 @@ def test_a_tracker_whose_target_leaves_the_image_ends():
 @pytest.mark.jit
 def test_grey_video_is_followed():
     frames = [f._replace(images=tuple(i.mean(axis=2).astype(np.uint8) for i in f.images)) for f in film(ALONE, 2)]
-    said, _ = tracked("bmct", frames[:15], ALONE, particles=30)
-    assert off(frames[:15], said).max() < 6.0
+    report, _ = tracked("bmct", frames[:15], ALONE, particles=30)
+    assert off(frames[:15], report).max() < 6.0
 
 
 @pytest.mark.jit
@@ -236,9 +236,9 @@ def test_pixels_with_distortion_are_taken_to_those_without():
     state = initiate_trackers(state, frame_set(turned[0]), births_of(turned[0]))
     helped = 0
     for frame in turned[1:20]:
-        state, said = advance(state, frame_set(frame), np.random.default_rng(frame.frame))
-        assert (said.counterpart == GOOD).all()
-        helped += said.assisting_views.sum()
+        state, report = advance(state, frame_set(frame), np.random.default_rng(frame.frame))
+        assert (report.counterpart == GOOD).all()
+        helped += report.assisting_views.sum()
     assert helped > 0
 
 
@@ -277,7 +277,7 @@ def test_a_hijacked_tracker_starts_again_on_the_line():
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "said"),
+    ("name", "value", "reported"),
     [
         ("particles", "0", "at least 1"),
         ("alpha", "0.9", "at least 1"),
@@ -287,6 +287,6 @@ def test_a_hijacked_tracker_starts_again_on_the_line():
         ("collaboration_distance", "0.5", "at least touch"),
     ],
 )
-def test_settings_that_cannot_be_are_refused(name, value, said):
-    with pytest.raises(InputError, match=said):
+def test_settings_that_cannot_be_are_refused(name, value, reported):
+    with pytest.raises(InputError, match=reported):
         configure(BmctConfig(), {name: value})

@@ -34,13 +34,13 @@ def test_frames_are_those_of_the_plain_form(config, settings):
         before = state.trackers
         normals = twin.standard_normal(before.particles.shape)
         order, u = twin.permutation(len(state.views)), twin.random(len(before.view))
-        state, said = advance(state, frame_set(frame), rng)
+        state, report = advance(state, frame_set(frame), rng)
         bins = [ref.bins_of(image).astype(int) for image in frame.images]
         want = ref.frame(before, state.config, geometry_of(config).fundamental, bins, normals, order, u)
-        np.testing.assert_allclose(said.ellipse, want.estimate, rtol=1e-8, atol=1e-8)
-        np.testing.assert_array_equal(said.assisting_views, want.helped)
-        np.testing.assert_array_equal(said.touching, want.touching)
-        np.testing.assert_allclose(said.ess, 1 / (want.weights**2).sum(axis=1), rtol=1e-6)
+        np.testing.assert_allclose(report.ellipse, want.estimate, rtol=1e-8, atol=1e-8)
+        np.testing.assert_array_equal(report.assisting_views, want.helped)
+        np.testing.assert_array_equal(report.touching, want.touching)
+        np.testing.assert_allclose(report.ess, 1 / (want.weights**2).sum(axis=1), rtol=1e-6)
         np.testing.assert_allclose(state.trackers.velocity, want.velocity, rtol=1e-7, atol=1e-9)
         np.testing.assert_allclose(state.trackers.path, want.path, rtol=1e-7, atol=1e-8)
         np.testing.assert_allclose(state.trackers.particles, want.resampled, rtol=1e-9, atol=1e-9)

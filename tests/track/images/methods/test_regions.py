@@ -27,9 +27,9 @@ def frame_set(regions: tuple[np.ndarray | None, ...], image: np.ndarray | None =
     return FrameSet(0, np.zeros(1, dtype=np.int64), (image,), regions)
 
 
-def at(*places: tuple[float, float]) -> np.ndarray:
+def at(*positions: tuple[float, float]) -> np.ndarray:
     """Ellipses of one size."""
-    return np.array([[x, y, 6.0, 15.0, 0.0] for x, y in places]).reshape(-1, 5)
+    return np.array([[x, y, 6.0, 15.0, 0.0] for x, y in positions]).reshape(-1, 5)
 
 
 def test_colours_count_inside_boxes_only() -> None:

@@ -155,13 +155,13 @@ def test_frames_are_weak_when_the_best_particle_is_less_alike_than_the_limit():
 # Parts that only some methods have
 
 
-def test_counterparts_are_told_only_by_methods_that_check_them():
+def test_counterparts_are_reported_only_by_methods_that_check_them():
     frames = frames_at(1, BOTH, BOTH)
-    said = {}
+    report = {}
     for method, config in (("idmot", IdmotConfig(particles=5)), ("bmct", BmctConfig(particles=5))):
         state = state_of(config, [*FOUR[:3]], (BOTH, BOTH))
-        said[method] = advance(state, frames, rng())[1].counterpart.tolist()
-    assert said == {"idmot": [0, 0, 0], "bmct": [GOOD, NONE, GOOD]}
+        report[method] = advance(state, frames, rng())[1].counterpart.tolist()
+    assert report == {"idmot": [0, 0, 0], "bmct": [GOOD, NONE, GOOD]}
 
 
 # Ends

@@ -37,18 +37,18 @@ def seen(moments):
 
 def test_equal_times_make_a_moment():
     given = frames(*[(n, k, 40 * k) for n in "ab" for k in range(30)])
-    moments = list(in_step(given, VIEWS, 0))
-    assert seen(moments) == [(k, k) for k in range(30)]
-    assert [m.frames.t_ns for m in moments] == [40 * k for k in range(30)]
-    assert all((m.frames.images[1] == k).all() for k, m in enumerate(moments))
+    time_steps = list(in_step(given, VIEWS, 0))
+    assert seen(time_steps) == [(k, k) for k in range(30)]
+    assert [m.frames.t_ns for m in time_steps] == [40 * k for k in range(30)]
+    assert all((m.frames.images[1] == k).all() for k, m in enumerate(time_steps))
 
 
 def test_times_nearer_than_half_a_period_make_a_moment_and_keep_their_own_time():
     given = frames(*[("a", k, 40 * k) for k in range(5)], *[("b", k, 40 * k + 19) for k in range(5)])
-    moments = list(in_step(given, VIEWS, step_window([40, 40])))
-    assert seen(moments) == [(k, k) for k in range(5)]
-    assert moments[2].t_ns.tolist() == [80, 99]
-    assert moments[2].frames.t_ns == 99
+    time_steps = list(in_step(given, VIEWS, step_window([40, 40])))
+    assert seen(time_steps) == [(k, k) for k in range(5)]
+    assert time_steps[2].t_ns.tolist() == [80, 99]
+    assert time_steps[2].frames.t_ns == 99
     later = frames(*[("a", k, 40 * k) for k in range(5)], *[("b", k, 40 * k + 21) for k in range(5)])
     # Nearer to the next one
     assert seen(in_step(later, VIEWS, step_window([40, 40])))[:3] == [(0, -1), (1, 0), (2, 1)]
@@ -57,12 +57,12 @@ def test_times_nearer_than_half_a_period_make_a_moment_and_keep_their_own_time()
 @pytest.mark.parametrize("offset", [3, 7, 16])
 def test_a_slower_view_has_moments_without_a_frame(offset):
     given = frames(*[("a", k, 40 * k) for k in range(12)], *[("b", k, 100 * k + offset) for k in range(5)])
-    moments = list(in_step(given, VIEWS, step_window([40, 100])))
-    numbers = np.array(seen(moments))
+    time_steps = list(in_step(given, VIEWS, step_window([40, 100])))
+    numbers = np.array(seen(time_steps))
     assert [n for n in numbers[:, 0] if n >= 0] == list(range(12))
     assert [n for n in numbers[:, 1] if n >= 0] == list(range(5))
     both = (numbers >= 0).all(axis=1)
-    apart = np.array([abs(int(np.diff(m.t_ns)[0])) for m in moments])[both]
+    apart = np.array([abs(int(np.diff(m.t_ns)[0])) for m in time_steps])[both]
     assert both.sum() == 5
     assert apart.max() <= 20
 
@@ -76,16 +76,16 @@ def test_a_view_may_start_late_and_end_early():
     ]
 
 
-def test_frames_that_cannot_be_used_are_told_and_the_others_go_on():
+def test_frames_that_cannot_be_used_are_reported_and_the_others_go_on():
     other = np.zeros((6, 9, 3), np.uint8)
     deep = np.zeros((6, 8), np.uint16)
     given = frames(
         *[(n, k, 40 * k) for n in "ab" for k in range(6)],
         images={("a", 1): "cut short", ("b", 1): "cut short", ("b", 3): other, ("b", 4): deep},
     )
-    moments = list(in_step(given, VIEWS, 0))
-    assert seen(moments) == [(0, 0), (-1, -1), (2, 2), (3, -1), (4, -1), (5, 5)]
-    lost = [loss for m in moments for loss in m.lost]
+    time_steps = list(in_step(given, VIEWS, 0))
+    assert seen(time_steps) == [(0, 0), (-1, -1), (2, 2), (3, -1), (4, -1), (5, 5)]
+    lost = [loss for m in time_steps for loss in m.lost]
     assert lost[:3] == [
         (0, 1, "cut short"),
         (1, 1, "cut short"),
@@ -119,10 +119,10 @@ def test_frames_are_not_read_far_ahead():
             read += 1
             yield frame
 
-    moments = in_step(counted(), VIEWS, 0)
-    next(moments)
+    time_steps = in_step(counted(), VIEWS, 0)
+    next(time_steps)
     assert read < 60
-    moments.close()
+    time_steps.close()
 
 
 def test_times_must_not_go_back():

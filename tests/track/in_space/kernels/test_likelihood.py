@@ -226,11 +226,11 @@ def test_a_cloud_of_one_place_stays_there() -> None:
 def test_a_scan_that_hardly_a_particle_agrees_with_leaves_some_of_them() -> None:
     prior, x = np.full(1000, -math.log(1000)), np.linspace(0.0, 10.0, 1000)
     mild, sharp = -0.5 * (x - 5.0) ** 2, -0.5 * ((x - 30.0) / 0.01) ** 2
-    for told in (mild, sharp):
-        weights, log_sum = update_weights(prior, told, 12.0)
-        expected, total = normalise_log_weights(prior + told)
+    for reported in (mild, sharp):
+        weights, log_sum = update_weights(prior, reported, 12.0)
+        expected, total = normalise_log_weights(prior + reported)
         assert log_sum == total
-        if told is mild:
+        if reported is mild:
             np.testing.assert_array_equal(weights, expected)
         else:
             assert effective_sample_size(expected) < 1.001

@@ -74,9 +74,9 @@ def coloured(rng, moments=6, bare=3):
     count = rng.integers(1, 3, n).astype(float)
     count[rng.choice(n, bare, replace=False)] = 0.0
     look = vectors(n, 5, rng, np.arange(n) % 2) * count[:, None]
-    moment = np.repeat(np.arange(moments), 2)
-    at = np.column_stack([0.25 * moment, np.where(np.arange(n) % 2, 0.3, -0.3)]) + rng.normal(0.0, 0.1, (n, 2))
-    return moment, at, look, count
+    snapshot = np.repeat(np.arange(moments), 2)
+    at = np.column_stack([0.25 * snapshot, np.where(np.arange(n) % 2, 0.3, -0.3)]) + rng.normal(0.0, 0.1, (n, 2))
+    return snapshot, at, look, count
 
 
 def textbook(look, count, after, used):

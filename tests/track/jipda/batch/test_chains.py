@@ -85,16 +85,16 @@ def test_an_exchange_of_tails_keeps_the_messages_of_both_tracks():
 def test_two_people_who_cross_keep_their_ways():
     t = np.arange(9.0)
     one, other = np.column_stack([0.5 * t, 0.3 * t]), np.column_stack([0.5 * t, 2.4 - 0.3 * t])
-    places = places_at(np.repeat(np.arange(9), 2), np.stack([one, other], 1).reshape(-1, 2), np.full(18, 6.0))
+    positions = places_at(np.repeat(np.arange(9), 2), np.stack([one, other], 1).reshape(-1, 2), np.full(18, 6.0))
     looked = np.arange(10.0)[:, None]
     # At the crossing, in the middle, both turn back
     after = [i + 2 for i in range(16)] + [NO_NODE, NO_NODE]
     after[8], after[9] = 11, 10
     chain = chain_with(after, [True] * 18)
-    update_all_messages(places, WALK, looked, chain)
-    listed = candidates(places, WALK, 1.5)
+    update_all_messages(positions, WALK, looked, chain)
+    listed = candidates(positions, WALK, 1.5)
     known = empty_link_cache(listed)
-    sweep(places, WALK, looked, listed, known, chain, 0.1, np.random.default_rng(0).random((600, 4)))
+    sweep(positions, WALK, looked, listed, known, chain, 0.1, np.random.default_rng(0).random((600, 4)))
     # Which of the two places where they meet is whose, nothing says
     after = chain.after
     assert [after[after[6]], after[after[7]]] == [10, 11]

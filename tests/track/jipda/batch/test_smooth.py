@@ -32,10 +32,10 @@ def filtered(frames=60, hz=5.0):
     scene = crowd(5, cameras=4, frames=frames, hz=hz, seed=4)
     state = initial_state(scene.scene, scene.scene.cameras, configure(JipdaConfig.in_unit("m"), {}))
     states, moments = [], []
-    for looks in scene.moments:
-        state, moment = step(state, looks)
+    for frames_of_step in scene.moments:
+        state, snapshot = step(state, frames_of_step)
         states.append(state)
-        moments.append(moment)
+        moments.append(snapshot)
     return scene, states, moments
 
 
@@ -49,29 +49,29 @@ def emptied(look):
 def errors(moments, truth):
     """Distances of people to those in truth, and how often somebody in truth is given another identity."""
     off, last, switches = [], {}, 0
-    for moment, now in zip(moments, truth, strict=True):
-        apart = np.hypot(*(now[:, None] - moment.mean[None, :, :2]).transpose(2, 0, 1))
+    for snapshot, now in zip(moments, truth, strict=True):
+        apart = np.hypot(*(now[:, None] - snapshot.mean[None, :, :2]).transpose(2, 0, 1))
         for a, b in zip(*linear_sum_assignment(np.minimum(apart, 1.0)), strict=True):
             if apart[a, b] < 1.0:
                 off.append(apart[a, b])
-                switches += last.get(a, moment.ids[b]) != moment.ids[b]
-                last[a] = moment.ids[b]
+                switches += last.get(a, snapshot.ids[b]) != snapshot.ids[b]
+                last[a] = snapshot.ids[b]
     return np.array(off), switches
 
 
 def test_smoothed_people_are_nearer_to_the_truth_than_the_filters():
-    scene, states, moments = filtered()
-    smoothed = smooth(states[-1], scene.moments, moments, np.random.default_rng(0))
-    before, after = errors(moments, scene.truth), errors(smoothed, scene.truth)
-    assert len(smoothed) == len(moments)
+    scene, states, snapshots = filtered()
+    smoothed = smooth(states[-1], scene.moments, snapshots, np.random.default_rng(0))
+    before, after = errors(snapshots, scene.truth), errors(smoothed, scene.truth)
+    assert len(smoothed) == len(snapshots)
     assert len(after[0]) > 0.95 * len(before[0])
     assert np.sqrt(np.mean(after[0] ** 2)) < np.sqrt(np.mean(before[0] ** 2))
     assert after[1] <= before[1]
 
 
 def test_one_seed_gives_one_result():
-    scene, states, moments = filtered()
-    one, other = (smooth(states[-1], scene.moments, moments, np.random.default_rng(7)) for _ in range(2))
+    scene, states, snapshots = filtered()
+    one, other = (smooth(states[-1], scene.moments, snapshots, np.random.default_rng(7)) for _ in range(2))
     for a, b in zip(one, other, strict=True):
         assert a.ids.tolist() == b.ids.tolist()
         assert a.mean.tobytes() == b.mean.tobytes()
@@ -116,21 +116,25 @@ def test_a_person_whom_no_camera_sees_for_a_second_is_the_same_at_25_frames_a_se
     for t, looks in enumerate(scene.moments):
         if 40 <= t < 65:  # without the boxes of the first person
             seen_at = [
-                scene.scene.cameras[look.camera].project(np.array([[*scene.truth[t, 0], 0.9]]))[0] for look in looks
+                scene.scene.cameras[frame_detections.camera].project(np.array([[*scene.truth[t, 0], 0.9]]))[0]
+                for frame_detections in looks
             ]
             kept = [
-                np.abs(0.5 * (look.boxes[:, 0] + look.boxes[:, 2]) - at[0]) > 25.0
-                for look, at in zip(looks, seen_at, strict=True)
+                np.abs(0.5 * (frame_detections.boxes[:, 0] + frame_detections.boxes[:, 2]) - at[0]) > 25.0
+                for frame_detections, at in zip(looks, seen_at, strict=True)
             ]
             looks = [
-                look._replace(
-                    **{name: getattr(look, name)[k] for name in ("boxes", "score", "tracklet_id", "appearance", "row")}
+                frame_detections._replace(
+                    **{
+                        name: getattr(frame_detections, name)[k]
+                        for name in ("boxes", "score", "tracklet_id", "appearance", "row")
+                    }
                 )
-                for look, k in zip(looks, kept, strict=True)
+                for frame_detections, k in zip(looks, kept, strict=True)
             ]
         all_looks.append(looks)
-        state, moment = step(state, looks)
-        moments.append(moment)
+        state, snapshot = step(state, looks)
+        moments.append(snapshot)
     smoothed = smooth(state, all_looks, moments, np.random.default_rng(0))
     off, switches = errors(smoothed, scene.truth)
     assert switches == 0
@@ -143,9 +147,9 @@ def test_everybody_is_there_while_all_cameras_are_blind():
     state, looks, moments = states[29], list(scene.moments), moments[:30]
     for t in range(30, len(looks)):
         if t < 33:
-            looks[t] = [emptied(look) for look in looks[t]]
-        state, moment = step(state, looks[t])
-        moments.append(moment)
+            looks[t] = [emptied(frame_detections) for frame_detections in looks[t]]
+        state, snapshot = step(state, looks[t])
+        moments.append(snapshot)
     smoothed = smooth(state, looks, moments, np.random.default_rng(0))
     assert errors(smoothed, scene.truth)[1] == 0
     assert [m.ids.tolist() for m in smoothed[30:34]] == 4 * [smoothed[29].ids.tolist()]
@@ -156,80 +160,80 @@ def test_people_are_reported_whom_the_last_association_did_not_expect():
     scene = crowd(3, cameras=2, frames=30, hz=5.0, miss=0.6, false=0.5, seed=7)
     state = initial_state(scene.scene, scene.scene.cameras, configure(JipdaConfig.in_unit("m"), {}))
     moments = []
-    for looks in scene.moments:
-        state, moment = step(state, looks)
-        moments.append(moment)
-    for looks, moment in zip(
+    for frames_of_step in scene.moments:
+        state, snapshot = step(state, frames_of_step)
+        moments.append(snapshot)
+    for frames_of_step, snapshot in zip(
         scene.moments, smooth(state, scene.moments, moments, np.random.default_rng(0)), strict=True
     ):
-        says = moment.support
-        assert (says.person < len(moment.ids)).all()
-        assert all(row < len(looks[c].boxes) for c, row in zip(says.camera, says.row, strict=True))
+        says = snapshot.support
+        assert (says.person < len(snapshot.ids)).all()
+        assert all(row < len(frames_of_step[c].boxes) for c, row in zip(says.camera, says.row, strict=True))
 
 
 def test_births_and_deaths_are_those_of_the_identities():
-    scene, states, moments = filtered()
+    scene, states, snapshots = filtered()
     there = set()
-    for moment in smooth(states[-1], scene.moments, moments, np.random.default_rng(0)):
-        there |= {e.id for e in moment.events if e.kind == "initiated"}
-        there -= {e.id for e in moment.events if e.kind == "terminated"}
-        assert there == set(moment.ids.tolist())
-        assert (np.diff(moment.ids) > 0).all()
-        assert (moment.support.probability <= 1.0).all()
-        assert np.linalg.eigvalsh(moment.covariance).min(initial=1.0) > 0.0
+    for snapshot in smooth(states[-1], scene.moments, snapshots, np.random.default_rng(0)):
+        there |= {e.id for e in snapshot.events if e.kind == "initiated"}
+        there -= {e.id for e in snapshot.events if e.kind == "terminated"}
+        assert there == set(snapshot.ids.tolist())
+        assert (np.diff(snapshot.ids) > 0).all()
+        assert (snapshot.support.probability <= 1.0).all()
+        assert np.linalg.eigvalsh(snapshot.covariance).min(initial=1.0) > 0.0
 
 
 def through(lag_ns):
-    scene, states, moments = filtered()
+    scene, states, snapshots = filtered()
     window, out, most = SmoothingWindow(lag_ns, np.random.default_rng(0)), [], 0
-    for state, looks, moment in zip(states, scene.moments, moments, strict=True):
-        window, part = add(window, state, looks, moment)
+    for state, frames_of_step, snapshot in zip(states, scene.moments, snapshots, strict=True):
+        window, part = add(window, state, frames_of_step, snapshot)
         out += part
         most = max(most, len(window.snapshots))
     return out + finish(window, states[-1]), most
 
 
 def test_a_window_gives_every_moment_once_and_holds_few():
-    scene, _, moments = filtered()
+    scene, _, snapshots = filtered()
     out, most = through(2_000_000_000)
-    assert [m.t_ns for m in out] == [m.t_ns for m in moments]
+    assert [m.t_ns for m in out] == [m.t_ns for m in snapshots]
     assert most < 45
     off, switches = errors(out, scene.truth)
-    assert switches <= errors(moments, scene.truth)[1]
+    assert switches <= errors(snapshots, scene.truth)[1]
     assert np.sqrt(np.mean(off**2)) < 0.2
 
 
 def test_without_a_lag_the_window_is_the_whole_recording():
-    scene, states, moments = filtered()
-    whole = smooth(states[-1], scene.moments, moments, np.random.default_rng(0))
+    scene, states, snapshots = filtered()
+    whole = smooth(states[-1], scene.moments, snapshots, np.random.default_rng(0))
     out, most = through(None)
-    assert most == len(moments)
+    assert most == len(snapshots)
     for a, b in zip(out, whole, strict=True):
         assert a.mean.tobytes() == b.mean.tobytes()
 
 
 @pytest.mark.parametrize(("alike", "keeps"), [(0.33, False), (0.34, True)], ids=["slow 1.99", "slow 2.03"])
 def test_links_of_the_filter_are_kept_where_errors_of_boxes_go_on(alike, keeps):
-    scene, states, moments = filtered(frames=40, hz=10.0)
+    scene, states, snapshots = filtered(frames=40, hz=10.0)
     state = replace(states[-1], edges=replace(states[-1].edges, changes=np.array([1.0 + alike, 1.0])))
     drawn = np.random.default_rng(0)
-    smoothed = smooth(state, scene.moments, moments, drawn)
+    smoothed = smooth(state, scene.moments, snapshots, drawn)
     # Nothing is drawn where no chain runs
     assert (drawn.bit_generator.state == np.random.default_rng(0).bit_generator.state) == keeps
-    assert errors(smoothed, scene.truth)[1] <= errors(moments, scene.truth)[1]
+    assert errors(smoothed, scene.truth)[1] <= errors(snapshots, scene.truth)[1]
 
 
 def test_nothing_at_all_is_smoothed_to_nothing():
     scene, states, _ = filtered()
     assert smooth(states[-1], [], [], np.random.default_rng(0)) == []
-    empty = [[emptied(look) for look in looks] for looks in scene.moments[:3]]
+    empty = [[emptied(frame_detections) for frame_detections in frames_of_step] for frames_of_step in scene.moments[:3]]
     state = initial_state(scene.scene, scene.scene.cameras, states[0].config)
     out = []
-    for looks in empty:
-        state, moment = step(state, looks)
-        out.append(moment)
-    for moment in smooth(state, empty, out, np.random.default_rng(0)):
-        assert len(moment.ids) == 0
+    for frames_of_step in empty:
+        state, snapshot = step(state, frames_of_step)
+        out.append(snapshot)
+    for snapshot in smooth(state, empty, out, np.random.default_rng(0)):
+        assert len(snapshot.ids) == 0
 
 
 @cache
@@ -241,9 +245,9 @@ def paused(pause, seed, apart):
     steps = []
     for k, t in enumerate(kept):
         t_ns = round((0.1 * k + (pause if k >= 43 else 0.0)) * 1e9)
-        looks = [look._replace(t_ns=t_ns) for look in scene.moments[t]]
-        state, moment = step(state, looks)
-        steps.append((state, looks, moment))
+        frames_of_step = [frame_detections._replace(t_ns=t_ns) for frame_detections in scene.moments[t]]
+        state, snapshot = step(state, frames_of_step)
+        steps.append((state, frames_of_step, snapshot))
     return steps, scene.truth[kept]
 
 
@@ -254,8 +258,8 @@ def paused(pause, seed, apart):
 def test_everybody_is_followed_up_to_a_pause_and_from_its_end_on(pause, seed, apart, lag_ns):
     steps, truth = paused(pause, seed, apart)
     window, out = SmoothingWindow(lag_ns, np.random.default_rng(0)), []
-    for state, looks, moment in steps:
-        window, part = add(window, state, looks, moment)
+    for state, frames_of_step, snapshot in steps:
+        window, part = add(window, state, frames_of_step, snapshot)
         out += part
     out += finish(window, state)
     for side in (slice(0, 43), slice(43, 86)):

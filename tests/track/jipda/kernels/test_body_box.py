@@ -58,12 +58,12 @@ def sampled(view: Camera, x: float, y: float, height: float, width: float) -> Fl
     return np.concatenate([pixels.min(axis=0), pixels.max(axis=0)])
 
 
-@pytest.mark.parametrize("place", [(0.3, 1.0), (-2.0, 3.0), (1.5, -2.0)])
+@pytest.mark.parametrize("position", [(0.3, 1.0), (-2.0, 3.0), (1.5, -2.0)])
 @pytest.mark.parametrize("roll", [0.0, 0.2])
-def test_the_box_of_an_ideal_lens_is_that_of_the_ellipsoids_points(place: tuple[float, float], roll: float) -> None:
+def test_the_box_of_an_ideal_lens_is_that_of_the_ellipsoids_points(position: tuple[float, float], roll: float) -> None:
     view, box = camera(roll=roll), np.empty(4)
-    assert expected_box(pack_views([view]).lens[0], *place, 1.7, 0.5, box) > 0.0
-    np.testing.assert_allclose(box, sampled(view, *place, 1.7, 0.5), atol=0.05)
+    assert expected_box(pack_views([view]).lens[0], *position, 1.7, 0.5, box) > 0.0
+    np.testing.assert_allclose(box, sampled(view, *position, 1.7, 0.5), atol=0.05)
 
 
 @pytest.mark.parametrize("lens", ["brown", "tsai", "fisheye", "opencv"])

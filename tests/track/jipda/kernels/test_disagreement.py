@@ -17,7 +17,7 @@ RATES = DetectorModel(
 
 
 def test_a_common_shift_is_no_disagreement_and_noise_is_found_by_its_share() -> None:
-    rng, squares, kept, places = np.random.default_rng(0), [], [], []
+    rng, squares, kept, positions = np.random.default_rng(0), [], [], []
     believed = np.array([[5.3, 4.2, 0.0, 0.0, 1.7, 0.5]])
     covariance = np.diag([1.0, 1.0, 1.0, 1.0, 1e-8, 1e-8])[None]
     for _ in range(400):
@@ -30,11 +30,11 @@ def test_a_common_shift_is_no_disagreement_and_noise_is_found_by_its_share() -> 
         found = camera_disagreement(believed, covariance, VIEWS, made, RATES, owner, owner == 0)
         squares.append(found.residual**2)
         kept.append(found.kept)
-        places.append(found.position[0])
+        positions.append(found.position[0])
     # The filter is 0.36 m off, and the noise is still that of the edges
     share = np.mean(kept, axis=(0, 1))
     np.testing.assert_allclose(np.mean(squares, axis=(0, 1)) / share, [4.5, 18.0, 4.5, 18.0], rtol=0.25)
-    np.testing.assert_allclose(np.mean(places, axis=0), [5.0, 4.0], atol=0.05)
+    np.testing.assert_allclose(np.mean(positions, axis=0), [5.0, 4.0], atol=0.05)
 
 
 def test_boxes_that_are_not_good_say_nothing() -> None:

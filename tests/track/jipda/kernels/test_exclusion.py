@@ -18,14 +18,14 @@ def normal(rng: np.random.Generator, n: int) -> Floats:
 
 
 def one_of(
-    mean: Floats, covariance: Floats, place: Floats, spread: Floats, existence: float
+    mean: Floats, covariance: Floats, position: Floats, spread: Floats, existence: float
 ) -> tuple[Floats, Floats, float]:
     """Mean, covariance and share of the first of two people."""
     means, covariances = np.zeros((2, 1, 6)), np.tile(np.eye(6), (2, 1, 1, 1))
     means[0, 0], covariances[0, 0], weight = mean, covariance, np.ones((2, 1))
-    places, spreads = np.array([mean[:2], place]), np.array([covariance[:2, :2], spread])
-    means[1, 0, :2], covariances[1, 0, :2, :2] = place, spread
-    apply_exclusion(means, covariances, weight, places, spreads, np.array([0.3, existence]), S)
+    positions, spreads = np.array([mean[:2], position]), np.array([covariance[:2, :2], spread])
+    means[1, 0, :2], covariances[1, 0, :2, :2] = position, spread
+    apply_exclusion(means, covariances, weight, positions, spreads, np.array([0.3, existence]), S)
     return means[0, 0], covariances[0, 0], float(weight[0, 0])
 
 
@@ -33,12 +33,12 @@ def one_of(
 def test_moments_are_those_of_weighted_samples(seed: int) -> None:
     rng = np.random.default_rng(seed)
     mean, covariance, spread = rng.normal(0.0, 0.3, 6), normal(rng, 6), normal(rng, 2)
-    place, existence = mean[:2] + rng.normal(0.0, 0.2, 2), rng.uniform(0.3, 1.0)
+    position, existence = mean[:2] + rng.normal(0.0, 0.2, 2), rng.uniform(0.3, 1.0)
     N = 200_000
     states = rng.multivariate_normal(mean, covariance, N)
-    apart = states[:, :2] - rng.multivariate_normal(place, spread, N)
+    apart = states[:, :2] - rng.multivariate_normal(position, spread, N)
     left = 1.0 - existence * np.exp(-0.5 * (apart**2).sum(axis=1) / S**2)
-    got, got_covariance, share = one_of(mean, covariance, place, spread, existence)
+    got, got_covariance, share = one_of(mean, covariance, position, spread, existence)
     # The error of a weighted mean over N samples, from the samples
     assert abs(share - left.mean()) < 5.0 * left.std() / np.sqrt(N)
     wanted = left @ states / left.sum()

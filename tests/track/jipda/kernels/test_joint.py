@@ -171,7 +171,7 @@ def test_densities_are_those_of_the_edges_in_use(use: tuple[int, ...]) -> None:
     assert not W[~keep].any()
 
 
-def test_the_density_of_nobody_counts_the_edges_in_use() -> None:
+def test_the_density_of_no_person_counts_the_edges_in_use() -> None:
     box, every = np.array([10.0, 20.0, 60.0, 120.0]), np.ones(4, dtype=bool)
     size = np.log(20.0)
     assert log_clutter(box, every, 640.0, 480.0) == pytest.approx(-np.log(640.0 * 480.0 * 50.0 * 100.0 * size**2))

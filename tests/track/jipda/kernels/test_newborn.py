@@ -58,9 +58,9 @@ def boxes(people: Floats, cameras: tuple[int, ...] = (0, 1, 2, 3), height: float
 def found(made: PackedDetections, free: float = 1.0, everywhere: float = 0.01) -> tuple[Floats, Floats, Floats, Floats]:
     """New people, nobody being there before."""
     arrival = BirthIntensity(everywhere, 10.0, np.zeros((0, 2)), np.zeros(0), 1.0)
-    nobody = np.zeros((0, 6)), np.zeros(0), np.zeros(0)
+    empty = np.zeros((0, 6)), np.zeros(0), np.zeros(0)
     n = len(made.box)
-    return initiate_targets(VIEWS, made, RATES, BODY, arrival, *nobody, np.full(n, free), 30.0, math.log(0.05))
+    return initiate_targets(VIEWS, made, RATES, BODY, arrival, *empty, np.full(n, free), 30.0, math.log(0.05))
 
 
 def test_people_are_found_where_they_stand_each_once() -> None:
@@ -101,12 +101,12 @@ def test_bodies_are_as_tall_as_people(height: float, count: int) -> None:
 @pytest.mark.parametrize(("away", "more"), [(0.0, 1.0), (2.0, 0.135335), (4.1, 0.0)])
 def test_arrivals_are_expected_within_four_deviations_of_where_people_came_from(away: float, more: float) -> None:
     made = boxes(PLACES[:1])
-    nobody = np.zeros((0, 6)), np.zeros(0), np.zeros(0)
+    empty = np.zeros((0, 6)), np.zeros(0), np.zeros(0)
     odds = []
     for at in (0.0, 1e-3):
         arrival = BirthIntensity(1e-3, 10.0, PLACES[:1] + np.array([0.0, away]), np.array([at]), 1.0)
         odds.append(
-            initiate_targets(VIEWS, made, RATES, BODY, arrival, *nobody, np.ones(4), 30.0, math.log(0.05))[2].max()
+            initiate_targets(VIEWS, made, RATES, BODY, arrival, *empty, np.ones(4), 30.0, math.log(0.05))[2].max()
         )
     assert odds[1] - odds[0] == pytest.approx(math.log(1.0 + more), abs=0.02)
 

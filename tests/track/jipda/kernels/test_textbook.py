@@ -138,9 +138,9 @@ def test_likelihoods_of_two_are_those_of_their_outline(frame: Frame) -> None:
     got, own = plain(pair_likelihoods)(
         frame.pair, p.box, p.noise, p.spread, frame.visible, s.boxes, 0, frame.m, s.rates, 0, 1280.0, 720.0, NEW, GATE
     )  # fmt: skip
-    ratio, whose = outlines(frame)
+    ratio, owner = outlines(frame)
     np.testing.assert_allclose(got, ratio, rtol=1e-5, atol=1e-12)
-    np.testing.assert_allclose(own, np.array(whose).reshape(-1, 4), atol=1e-6)
+    np.testing.assert_allclose(own, np.array(owner).reshape(-1, 4), atol=1e-6)
 
 
 def associated(frame: Frame) -> tuple[joint.BoxAssociation, textbook.Association]:

@@ -81,22 +81,22 @@ def test_the_distribution_function_is_the_normal_one() -> None:
 PILLAR = np.array([[1.8, -0.35], [2.2, -0.3], [2.25, 0.2], [1.85, 0.25]])
 
 
-def behind(place: tuple[float, float], top: float, polygon: np.ndarray = PILLAR) -> np.ndarray:
+def behind(position: tuple[float, float], top: float, polygon: np.ndarray = PILLAR) -> np.ndarray:
     """Cells of a person, 1.8 m and 0.6 m, that a camera at the origin, 2.5 m high, sees past an occluder."""
     camera = Camera("a", np.array([0.0, 0.0, 2.5]), camera_rotation(0.0, 0.0, 0.0), np.ones(2), np.zeros(2), (9, 9))
     cells = np.ones((ROWS, COLUMNS))
-    occlude_by_static(pack_views([camera], [(polygon, top)]), 0, *place, 1.8, 0.6, cells)
+    occlude_by_static(pack_views([camera], [(polygon, top)]), 0, *position, 1.8, 0.6, cells)
     return cells
 
 
-@pytest.mark.parametrize("place", [(4.0, 0.0), (4.0, 0.4), (5.0, -0.9), (3.0, 0.3), (1.5, 0.0), (-4.0, 0.0)])
+@pytest.mark.parametrize("position", [(4.0, 0.0), (4.0, 0.4), (5.0, -0.9), (3.0, 0.3), (1.5, 0.0), (-4.0, 0.0)])
 @pytest.mark.parametrize("top", [1.2, 2.0, np.inf])
-def test_a_static_occluder_hides_what_points_on_the_sight_lines_meet(place: tuple[float, float], top: float) -> None:
-    cells, along = behind(place, top), np.linspace(0.0, 1.0, 4001)[:, None]
-    away = np.hypot(*place)
-    right = np.array([place[1], -place[0]]) / away
+def test_a_static_occluder_hides_what_points_on_the_sight_lines_meet(position: tuple[float, float], top: float) -> None:
+    cells, along = behind(position, top), np.linspace(0.0, 1.0, 4001)[:, None]
+    away = np.hypot(*position)
+    right = np.array([position[1], -position[0]]) / away
     for column in range(COLUMNS):
-        foot = np.array(place) + 0.6 * ((column + 0.5) / COLUMNS - 0.5) * right
+        foot = np.array(position) + 0.6 * ((column + 0.5) / COLUMNS - 0.5) * right
         inside = inside_polygon(along * foot, PILLAR)
         for row in range(ROWS):
             rise = 2.5 + along[:, 0] * (1.8 * (1.0 - (row + 0.5) / ROWS) - 2.5)

@@ -34,13 +34,13 @@ SHAPES += [Shape(f, "full") for f in ("cv", "damped", "full")]
 
 def walk(model: GaussMarkov, n: int, rng, noise: float = 0.0, dt=None, begin=(0, 1.0, 0, 0.5)) -> MeasuredPath:
     dt = np.full(n - 1, model.step_s) if dt is None else dt
-    x, places = np.array(begin, dtype=float), []
-    places.append(x)
+    x, positions = np.array(begin, dtype=float), []
+    positions.append(x)
     for A, sigma in zip(*transitions(model, dt), strict=True):
         x = A @ x + np.linalg.cholesky(sigma) @ rng.standard_normal(4)
-        places.append(x)
+        positions.append(x)
     t_ns = np.rint(np.concatenate([[0.0], np.cumsum(dt)]) * 1e9).astype(np.int64)
-    return MeasuredPath(t_ns, np.array(places)[:, [0, 2]] + noise * rng.standard_normal((n, 2)))
+    return MeasuredPath(t_ns, np.array(positions)[:, [0, 2]] + noise * rng.standard_normal((n, 2)))
 
 
 @pytest.mark.statistics
@@ -220,17 +220,17 @@ def test_units_only_scale() -> None:
 def test_given_noise_and_covariance_agree() -> None:
     rng = np.random.default_rng(13)
     path = walk(constant_velocity(0.4, 0.1, 0.25), 100, rng, noise=0.05)
-    told = fit_em([path], 0.25, Shape(noise=False), longest_gap_s=1.0, noise=0.05)
+    reported = fit_em([path], 0.25, Shape(noise=False), longest_gap_s=1.0, noise=0.05)
     stated = path._replace(cov=np.tile(0.0025 * np.eye(2), (100, 1, 1)))
     same = fit_em([stated], 0.25, Shape(noise=False), longest_gap_s=1.0)
-    assert_allclose(told.model.sigma, same.model.sigma)
-    assert told.noise is None
+    assert_allclose(reported.model.sigma, same.model.sigma)
+    assert reported.noise is None
     with pytest.raises(ValueError, match="no covariance"):
         fit_em([path], 0.25, Shape(noise=False), longest_gap_s=1.0)
 
 
 @pytest.mark.jit
-def test_what_positions_do_not_decide_is_said() -> None:
+def test_what_positions_do_not_decide_is_reported() -> None:
     """A free Sigma has directions that no position depends on: no standard error there."""
     rng = np.random.default_rng(14)
     paths = [walk(constant_velocity(0.4, 0.3, 0.25), 300, rng) for _ in range(3)]

@@ -33,12 +33,12 @@ def fixed(T: int, per: int, rng, *, noise: float, acceleration: float) -> Trajec
     step = np.repeat(np.arange(T), per)
     axis = np.column_stack([np.cos(angle), np.sin(angle)])
     h = axis[:, 0] * X[step, 2] - axis[:, 1] * X[step, 0]
-    place = (h + noise * rng.standard_normal(n))[:, None] * np.column_stack([-axis[:, 1], axis[:, 0]])
+    position = (h + noise * rng.standard_normal(n))[:, None] * np.column_stack([-axis[:, 1], axis[:, 0]])
     return TrajectoryProblem(
         steps,
         BearingLinesByStep(
             step=step,
-            position=np.ascontiguousarray(place),
+            position=np.ascontiguousarray(position),
             axis=axis,
             focal=np.ones(n),
             reading=np.zeros(n),
@@ -63,17 +63,17 @@ def test_sums_of_squares_and_their_freedoms() -> None:
     X = rng.normal(size=(6, 4))
     problem = TrajectoryProblem(random_steps(rng, 6), random_lines(rng, X, 3.0), NO_PLANES, 0, 1.0)
     spread = covariance(problem, X)
-    told = evidence(problem, X, spread)
-    assert told.lines == pytest.approx(np.sum(residuals(problem.lines, X) ** 2))
+    evidence_of = evidence(problem, X, spread)
+    assert evidence_of.lines == pytest.approx(np.sum(residuals(problem.lines, X) ** 2))
     H, s = dense_hessian(problem.steps, derivatives(problem, X, 0.0)[1]), problem.steps
     G = dense_hessian(s, np.zeros((6, 3)))
     # Variances that depend on the distance have curvature of their own beside that of the residuals.
-    assert told.steps_freedom == pytest.approx(np.trace(np.linalg.inv(H) @ (H - G)), rel=0.15)
+    assert evidence_of.steps_freedom == pytest.approx(np.trace(np.linalg.inv(H) @ (H - G)), rel=0.15)
     steps = 0.0
     for t in range(5):
         e = X[t + 1] - s.A[s.kind[t]] @ X[t]
         steps += e @ np.linalg.solve(s.sigma[s.kind[t]], e)
-    assert told.steps == pytest.approx(steps)
+    assert evidence_of.steps == pytest.approx(steps)
 
 
 @pytest.mark.parametrize(
@@ -84,9 +84,9 @@ def test_scales_are_those_of_the_noise(noise: float, acceleration: float) -> Non
     problem = fixed(800, 3, np.random.default_rng(1), noise=noise, acceleration=acceleration)
     right = rescaled(problem, noise**2, acceleration**2)
     X = solved(right)
-    told = evidence(right, X, covariance(right, X))
-    assert told.lines_scale == pytest.approx(1.0, rel=0.12)
-    assert told.steps_scale == pytest.approx(1.0, rel=0.2)
+    evidence_of = evidence(right, X, covariance(right, X))
+    assert evidence_of.lines_scale == pytest.approx(1.0, rel=0.12)
+    assert evidence_of.steps_scale == pytest.approx(1.0, rel=0.2)
     wrong = evidence(problem, solved(problem), covariance(problem, solved(problem)))
     assert (wrong.lines_scale > 1.5) == (noise > 1.0 or acceleration > 1.0)
 
@@ -101,13 +101,13 @@ def test_the_sandwich_is_that_of_dense_matrices() -> None:
     problem = fixed(12, 6, np.random.default_rng(2), noise=4.0, acceleration=1.0)
     X = solved(problem)
     spread = covariance(problem, X)
-    told = evidence(problem, X, spread)
+    evidence_of = evidence(problem, X, spread)
     H = dense_hessian(problem.steps, derivatives(problem, X, 0.0)[1])
     G = dense_hessian(problem.steps, np.zeros((12, 3)))
     C = np.linalg.inv(H)
-    want = C @ (told.lines_scale * (H - G) + max(told.steps_scale, 1.0) * G) @ C
+    want = C @ (evidence_of.lines_scale * (H - G) + max(evidence_of.steps_scale, 1.0) * G) @ C
     blocks = np.array([want[4 * t : 4 * t + 4, 4 * t : 4 * t + 4] for t in range(12)])
-    assert told.lines_scale > 3.0
+    assert evidence_of.lines_scale > 3.0
     assert_allclose(sandwich(problem, X, spread), blocks, rtol=0.05, atol=0.02 * np.abs(blocks).max())
 
 

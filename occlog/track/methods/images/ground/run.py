@@ -27,7 +27,8 @@ def run_ground(request: GroundRequest, job: Job) -> tuple[dict[str, object], tup
     view_tracks = open_input(request.view_tracks)
     if view_tracks.recording is not None:
         raise InputError(
-            f"{request.view_tracks}: is a recording; give view tracks (Parquet), which `occlog track` makes from it"
+            f"{request.view_tracks}: is a recording; give view tracks (Parquet), which `occlog track` makes from it",
+            id="wrong-content",
         )
     scene = load_scene(request.scene, None, request.view_tracks)
     if unknown := [name for name in request.cameras if name not in [c.name for c in scene.cameras]]:
@@ -75,11 +76,14 @@ class GroundSummary:
     def check(self, where: str) -> None:
         """Raise InputError where no target has a position at any time: no later command could use the tracks."""
         if not self.counts["times"]:
-            raise InputError(f"{where}: has no rows of these cameras; nothing can be brought together")
+            raise InputError(
+                f"{where}: has no rows of these cameras; nothing can be brought together", id="empty-input"
+            )
         if not self.targets:
             raise InputError(
                 f"{where}: no target has a position at any time ({self._why()}); targets need the same identity in two "
-                f"views with poses, or a height ({option('set.target_height')})"
+                f"views with poses, or a height ({option('set.target_height')})",
+                id="insufficient-data",
             )
 
     def _why(self) -> str:

@@ -179,11 +179,15 @@ def _check(chunk: ViewTracks, scene: Scene, cameras: Sequence[str], last_ns: int
     """Raise InputError for times that go back and for cameras without a pose."""
     if last_ns is not None and chunk.t_ns[0] < last_ns:
         raise InputError(
-            f"view tracks: row {seen}: time {time_words(chunk.t_ns[0])} comes after {time_words(last_ns)}; sort by t_ns"
+            f"view tracks: row {seen}: time {time_words(chunk.t_ns[0])} comes after "
+            f"{time_words(last_ns)}; sort by t_ns",
+            id="unsorted-times",
         )
     for name in np.unique(chunk.sensor).tolist():
         if (not cameras or name in cameras) and not scene.camera(name).placed:
-            raise InputError(f"view tracks: camera {name} has no pose in the scene; calibrate it, or leave it out")
+            raise InputError(
+                f"view tracks: camera {name} has no pose in the scene; calibrate it, or leave it out", id="missing-pose"
+            )
 
 
 def _starts(table: ViewTracks, window_ns: int) -> Ints:

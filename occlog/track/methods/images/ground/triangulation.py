@@ -4,7 +4,7 @@ A camera without distortion shows X at f (x / z, y / z) + c, where (x, y, z) is 
 the camera's axes.  Residuals are weighted by the inverse covariances of the centres
 (Gauss-Newton); the covariance of a position is the inverse of the information.  A point in one
 view alone has a position only with a prior on its height.  `triangulate_in_space` omits single views
-whose tracker is on something else.
+with a tracker on something else.
 
 Covariances of positions from views that may contradict each other.
 

@@ -30,7 +30,7 @@ class EllipseMotion(NamedTuple):
     sigma_axes: float  # of the half axes [px]
     limit: float  # largest change of a half axis, as a share of the first one
     sigma_rho: float  # of the angle [rad]
-    keep_rho: float = 1.0  # share of the turn from the first angle that stays
+    keep_rho: float = 1.0  # autoregressive coefficient of the deviation from the initial orientation
 
 
 @kernel

@@ -62,7 +62,12 @@ class MipfConfig(Settings):
         0.15, "Largest change of a half axis relative to its initial value.", at_least=0, below=1
     )
     sigma_rho: float = setting(0.05, "Process noise of the orientation per frame.", unit="rad", **AT_LEAST_0)
-    keep_rho: float = setting(0.9, "Share of a turn from the initial orientation that persists.", **SHARE)
+    keep_rho: float = setting(
+        0.9,
+        "Autoregressive coefficient per frame of the deviation from the initial orientation. Smaller values "
+        "return to it faster.",
+        **SHARE,
+    )
 
     # Local likelihood
     sigma_colour: float = setting(
@@ -98,7 +103,9 @@ class MipfConfig(Settings):
         **SHARE,
     )
     region_spread: float = setting(
-        0.1, "Standard deviation of the particles drawn at the region, relative to the radius.", **ABOVE_0
+        0.1,
+        "Standard deviation of the particles drawn around the foreground region, relative to the radius of the target.",
+        **ABOVE_0,
     )
     region_pull: float = setting(
         0.25,
@@ -143,7 +150,12 @@ class IdmotConfig(MipfConfig):
     inertia_angle: float = setting(0.6, "Angular tolerance of the motion similarity.", unit="rad", **ABOVE_0)
     inertia_speed: float = setting(2.0, "Speed tolerance of the motion similarity per frame.", unit="px", **ABOVE_0)
     memory: int = setting(8, "Number of displacements averaged for the reference motion.", **TURNS)
-    frozen: float = setting(0.1, "Learning rate of the reference motion while trackers interact.", **SHARE)
+    frozen: float = setting(
+        0.1,
+        "Learning rate of the reference motion while the tracker overlaps others. "
+        "Smaller values trust the motion before the overlap.",
+        **SHARE,
+    )
 
 
 @dataclass(frozen=True)
@@ -180,15 +192,16 @@ class BmctConfig(LoopCheckConfig, IdmotConfig):
     epipolar_band: float = setting(0.3, "Width of the epipolar band relative to the radius ([Qu] Eq. 5).", **ABOVE_0)
     clear_distance: float = setting(
         1.5,
-        "A counterpart nearer to other trackers than this multiple of the sum of radii (see "
-        "`collaboration_distance`) assists only "
-        "trackers that are nearer still; 0: every counterpart assists.",
+        "The tracker of the target in another view assists only if it is farther from other trackers than this "
+        "multiple "
+        "of the sum of radii, or farther than the assisted tracker is from its own neighbours. 0: always.",
         at_least=0,
     )
     sweeps: int = setting(2, "Sweeps over views for targets that are close to others in all views.", **TURNS)
     restart: bool = setting(
         True,
-        "Restart a tracker with failed loop checks on an epipolar line, if it is on another tracker or on nothing.",
+        "Restart a tracker that fails the loop check over several views: search along the epipolar line, if it "
+        "overlaps another tracker or no foreground.",
     )
     restart_similarity: float = setting(0.85, "Minimum colour similarity for a restart.", **SHARE)
 

@@ -3,9 +3,9 @@
 [Qu] lets the status of a counterpart change back "after reinitialization" and leaves open when
 and how.  Here a tracker restarts when all of its counterparts that were checked are bad, when
 its estimate is on another tracker or on something of other colours, and when one of its
-counterparts is clear of others and looks right: then it is this tracker that is wrong.  It
-moves to the position on the epipolar line that looks most like its target, unless another tracker
-is there or no position looks like it.
+counterparts is clear of others and consistent with its target: then it is this tracker that is wrong.  It
+moves to the position on the epipolar line with the highest similarity to its target, unless another tracker
+is there or no position is similar.
 
 Loop check of the trackers of one target in several views, [Qu] Sec. 3.4.2, and its outcome from frame to frame.
 

@@ -97,7 +97,9 @@ def survey(
         if view is not None and len(stamps) == STAMPS and not missing:
             break
     if view is None:
-        raise InputError(f"camera {name}: not one frame can be decoded ({why}); leave this camera out")
+        raise InputError(
+            f"camera {name}: not one frame can be decoded ({why}); leave this camera out", id="damaged-file"
+        )
     if camera is not None:
         check_size(camera, (view.width, view.height))
     # Frame numbers leave gaps where frames were lost: divide by them
@@ -166,7 +168,8 @@ def _groups(frames: Iterable[Frame], index_of: dict[str, int], window_ns: int) -
             raise InputError(
                 f"camera {frame.sensor}: frame {frame.index}: time {time_words(frame.t_ns)} is before "
                 f"{time_words(last)} of the frame "
-                "read before it; frames must come in the order of time"
+                "read before it; frames must come in the order of time",
+                id="unsorted-times",
             )
         last = frame.t_ns
         if frame.sensor not in index_of:

@@ -101,8 +101,9 @@ class ViewsInput:
         """Raise InputError where no camera has a pose, so that no place in the world can be found."""
         if not self._placed():
             raise InputError(
-                f"{self.request.bearings}: no camera has a pose, so nothing can be told of the ground; give a scene "
-                "with poses, or leave world out"
+                f"{self.request.bearings}: no camera has a pose, so positions on the ground are unknown; give a scene "
+                "with poses, or leave world out",
+                id="missing-pose",
             )
 
     def starts(self) -> tuple[tuple[Start, ...], int]:
@@ -191,7 +192,8 @@ def open_video(request: ViewsRequest) -> tuple[Opened, McapRecording]:
     if opened is None or opened.recording is None:
         raise InputError(
             f"{path}: is not a recording (.mcap); method {method} tracks in images: give a recording with video, "
-            "made with `occlog ingest` or `occlog simulate`"
+            "made with `occlog ingest` or `occlog simulate`",
+            id="wrong-content",
         )
     recording = opened.recording
     if not recording.cameras:
@@ -199,7 +201,8 @@ def open_video(request: ViewsRequest) -> tuple[Opened, McapRecording]:
         if recording.has(Boxes) and not recording.has(Bearings):
             other = "track all people by its boxes with method jipda, which wants cameras with a calibration"
         raise InputError(
-            f"{path}: holds no images; method {method} tracks in images: give a recording with video, or {other}"
+            f"{path}: holds no images; method {method} tracks in images: give a recording with video, or {other}",
+            id="wrong-content",
         )
     return opened, recording
 
@@ -208,10 +211,13 @@ def choose_views(recording: McapRecording, only: tuple[str, ...], without: tuple
     """Names of the cameras to track in; UsageError for one that has no images."""
     for name in (*only, *without):
         if name not in recording.cameras:
-            raise UsageError(f"{recording.path}: no images of camera {name!r}; {nearest(name, recording.cameras)}")
+            raise UsageError(
+                f"{recording.path}: no images of camera {name!r}; {nearest(name, recording.cameras)}",
+                id="unknown-sensor",
+            )
     names = tuple(n for n in recording.cameras if (not only or n in only) and n not in without)
     if not names:
-        raise UsageError("no camera is left to track in; omit fewer of them")
+        raise UsageError("no camera is left to track in; omit fewer of them", id="too-few-sensors")
     return names
 
 

@@ -303,7 +303,8 @@ def _check_met(stream: RegionStream | None, request: ViewsRequest, inputs: Views
     if stream is not None and stream.read and not stream.met:
         raise InputError(
             f"{request.detections or request.bearings}: none of its {stream.read} regions is of the time of a frame "
-            f"of {', '.join(inputs.names)}; give detections that were made from this recording"
+            f"of {', '.join(inputs.names)}; give detections that were made from this recording",
+            id="disjoint-inputs",
         )
 
 
@@ -323,6 +324,8 @@ def view_settings(request: ViewsRequest) -> tuple[MipfConfig, ViewsConfig]:
     config, stage = configure(CONFIGS[request.method](), own), configure(ViewsConfig(), others)
     if stage.confirmation_frames == 0 and request.initial_ellipses is None:
         raise UsageError(
-            f"confirmation_frames is 0, so detections begin no tracker; give {option('initial_ellipses')}, or 1 or more"
+            "confirmation_frames is 0, so detections initiate no tracker; give "
+            f"{option('initial_ellipses')}, or 1 or more",
+            id="not-applicable",
         )
     return config, stage

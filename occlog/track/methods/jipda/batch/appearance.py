@@ -8,7 +8,7 @@ cosine, is their product.  With S the sum over the n boxes of a track, the mean 
 The filter (`cues`) knows the similarities s of boxes to the mean of their own person, and o to that of others.  Means
 are less noisy than boxes: pairs of one person's boxes have the similarity s^2, pairs of two people's s o.  Where the
 mean of the pairs lies between determines the share of pairs that are one person's; a track of two people in equal
-parts, whose boxes are all rather similar to its mean, has half of them.  All boxes but one count, in that share, the
+parts, with boxes that are all rather similar to its mean, has half of them. All boxes but one count, in that share, the
 log of the ratio of the likelihoods at s and, in the rest, at o.  Since that depends on n and S alone, sums up to each
 position and from it on make a proposal of the chain cost one product, whatever the length of the tracks.
 """

@@ -2,7 +2,7 @@
 
 A person of height h and width w at (x, y) is the ellipsoid with the centre m = (x, y, h / 2) and the half axes
 w / 2, w / 2, h / 2.  In the camera's frame, p = R' (m - c) is its centre and A = R' diag(w^2, w^2, h^2) R / 4 its
-shape; its outline in the normalised image is the conic whose dual is C = A - p p' (Hartley and Zisserman 2004,
+shape; its outline in the normalised image is the conic with the dual C = A - p p' (Hartley and Zisserman 2004,
 Eq. 8.6, up to sign).  A line l touches the outline where l' C l = 0, at the point C l: the vertical and horizontal
 tangents are the box of an ideal lens.  A lens with distortion moves the four points of contact; the box is around
 them.

@@ -158,7 +158,7 @@ def advance_bank(
 
     Args:
         moments: (n, 2, G, 3, 10) of each axis and grid point.
-        fresh: (n,) people whose sequence begins here.
+        fresh: (n,) people with a sequence that begins here.
         dt: (n,) time since the last position [s], > 0; ignored where fresh.
         z: (n, 2) positions.
         noise: (n,) variances of their white errors, per axis.

@@ -16,6 +16,8 @@ MAX_RESIDUAL = 0.4
 """Boxes farther than this off, in heights, are of another person."""
 ANGLES = 2
 """Angles of a camera: about the vertical, and about its horizontal axis."""
+STATES = 3
+"""Position on the ground and height of a person, which are eliminated."""
 
 
 @kernel
@@ -46,83 +48,69 @@ def pose_residuals(
     Returns:
         (2 C, 2 C + 1) N and b of N angles = b [rad].
     """
-    C, M = views.lens.shape[0], boxes.box.shape[0]
-    out = np.zeros((ANGLES * C, ANGLES * C + 1))
-    box, slope, q, dq = np.empty(4), np.zeros((4, 6)), np.empty(3), np.empty(3)
+    angles, M = ANGLES * views.lens.shape[0], boxes.box.shape[0]
+    out = np.zeros((angles, angles + 1))
     frame = np.zeros(M, dtype=np.int64)
     for k in range(boxes.camera.shape[0]):
         frame[boxes.first[k] : boxes.first[k + 1]] = k
-    of, G, S = np.empty(M, dtype=np.int64), np.empty((M, 2, ANGLES)), np.empty((M, 2, 3))
-    r, weight = np.empty((M, 2)), np.empty((M, 2))
     for i in range(mean.shape[0]):
-        n = 0
+        # Columns: position and height of the person, angles, residual; two rows a box
+        rows, n = np.zeros((2 * M, STATES + angles + 1)), 0
         for j in range(M):
-            if owner[j] != i or not good[j]:
-                continue
-            c = boxes.camera[frame[j]]
-            lens = views.lens[c]
-            delay = boxes.delay[frame[j]]
-            if lens[MODEL] == GROUND_PLANE or box_and_slope(lens, mean[i], delay, box, slope) < 0.0:
-                continue
-            width, height = box[2] - box[0], box[3] - box[1]
-            far = False
-            for axis in range(2):
-                weight[n, axis] = 1.0 / axis_noise(rates, axis, width, height, 1.0)[0]
-                r[n, axis] = 0.5 * (boxes.box[j, axis] + boxes.box[j, axis + 2] - box[axis] - box[axis + 2])
-                far |= abs(r[n, axis]) > MAX_RESIDUAL * height
-                for k in range(3):
-                    at = k if k < 2 else 4
-                    S[n, axis, k] = 0.5 * (slope[axis, at] + slope[axis + 2, at])
-            if far:
-                continue
-            # Derivatives of the centre of the body, in the camera's frame: rotations about the vertical and about x
-            x, y = mean[i, 0] + delay * mean[i, 2] - lens[0], mean[i, 1] + delay * mean[i, 3] - lens[1]
-            z = 0.5 * mean[i, 4] - lens[2]
-            for k in range(3):
-                q[k] = lens[3 + k] * x + lens[6 + k] * y + lens[9 + k] * z
-            for angle in range(ANGLES):
-                if angle == 0:
-                    dq[0] = lens[11] * q[1] - lens[10] * q[2]
-                    dq[1] = lens[9] * q[2] - lens[11] * q[0]
-                    dq[2] = lens[10] * q[0] - lens[9] * q[1]
-                else:
-                    dq[0], dq[1], dq[2] = 0.0, q[2], -q[1]
-                for axis in range(2):
-                    G[n, axis, angle] = lens[12 + axis] * (dq[axis] - q[axis] * dq[2] / q[2]) / q[2]
-            of[n] = c
-            n += 1
-        if n < 2:
+            if owner[j] == i and good[j]:
+                c, delay = boxes.camera[frame[j]], boxes.delay[frame[j]]
+                n += centre_rows(mean[i], c, views.lens[c], delay, boxes.box[j], rates, rows[n : n + 2])
+        if n < 4:
             continue
-        A, a = np.zeros((3, 3)), np.zeros(3)
-        A[2, 2] = 1.0 / covariance[i, 4, 4]
-        B, g = np.zeros((n, 3, ANGLES)), np.zeros((n, ANGLES))
-        for m in range(n):
-            for axis in range(2):
-                w = weight[m, axis]
-                for k in range(3):
-                    a[k] += w * S[m, axis, k] * r[m, axis]
-                    for l in range(3):  # noqa: E741 - a column
-                        A[k, l] += w * S[m, axis, k] * S[m, axis, l]
-                    for angle in range(ANGLES):
-                        B[m, k, angle] += w * S[m, axis, k] * G[m, axis, angle]
-                for angle in range(ANGLES):
-                    g[m, angle] += w * G[m, axis, angle] * r[m, axis]
-        inverse = np.linalg.inv(A)
-        if not math.isfinite(inverse[0, 0]):
-            continue
-        for m in range(n):
-            row = ANGLES * of[m]
-            for p in range(ANGLES):
-                out[row + p, ANGLES * C] += g[m, p]
-                for axis in range(2):
-                    for angle in range(ANGLES):
-                        out[row + p, row + angle] += weight[m, axis] * G[m, axis, p] * G[m, axis, angle]
-                for k in range(3):
-                    share = 0.0
-                    for l in range(3):  # noqa: E741 - a column
-                        share += B[m, l, p] * inverse[l, k]
-                    out[row + p, ANGLES * C] -= share * a[k]
-                    for o in range(n):
-                        for angle in range(ANGLES):
-                            out[row + p, ANGLES * of[o] + angle] -= share * B[o, k, angle]
+        normal = rows[:n].T @ rows[:n]
+        normal[2, 2] += 1.0 / covariance[i, 4, 4]
+        inverse = np.linalg.inv(normal[:STATES, :STATES])
+        if math.isfinite(inverse[0, 0]):
+            cross = np.ascontiguousarray(normal[:STATES, STATES:])
+            out += (normal[STATES:, STATES:] - (cross.T @ inverse) @ cross)[:-1]
     return out
+
+
+@kernel
+def centre_rows(
+    state: Floats, camera: int, lens: Floats, delay: float, box: Floats, rates: DetectorModel, out: Floats
+) -> int:
+    """Fill the two rows of a box: derivatives of its centre and the residual, over the standard deviation.
+
+    Args:
+        state: (6,) person.
+        camera: index of the camera.
+        lens: row of the packed camera.
+        delay: of the frame after the state [s].
+        box: (4,) corners [px].
+        rates: of the detectors.
+        out: (2, 3 + 2 C + 1) zeros; filled.
+
+    Returns:
+        Number of rows: 2, or 0 of a box that is out of sight or too far off.
+    """
+    expected, slope = np.empty(4), np.zeros((4, 6))
+    if lens[MODEL] == GROUND_PLANE or box_and_slope(lens, state, delay, expected, slope) < 0.0:
+        return 0
+    width, height = expected[2] - expected[0], expected[3] - expected[1]
+    residual = 0.5 * (box[:2] + box[2:] - expected[:2] - expected[2:])
+    if np.abs(residual).max() > MAX_RESIDUAL * height:
+        return 0
+    # The centre of the body in the camera's frame, and its derivatives by rotations about the vertical and about x
+    x, y = state[0] + delay * state[2] - lens[0], state[1] + delay * state[3] - lens[1]
+    z = 0.5 * state[4] - lens[2]
+    q = lens[3:6] * x + lens[6:9] * y + lens[9:12] * z
+    up = lens[9:12]
+    turns = (
+        (up[2] * q[1] - up[1] * q[2], up[0] * q[2] - up[2] * q[0], up[1] * q[0] - up[0] * q[1]),
+        (0.0, q[2], -q[1]),
+    )
+    for axis in range(2):
+        weight = math.sqrt(1.0 / axis_noise(rates, axis, width, height, 1.0)[0])
+        for k, column in enumerate((0, 1, 4)):
+            out[axis, k] = weight * 0.5 * (slope[axis, column] + slope[axis + 2, column])
+        for angle, dq in enumerate(turns):
+            d = lens[12 + axis] * (dq[axis] - q[axis] * dq[2] / q[2]) / q[2]
+            out[axis, STATES + ANGLES * camera + angle] = weight * d
+        out[axis, -1] = weight * residual[axis]
+    return 2

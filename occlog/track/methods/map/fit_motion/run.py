@@ -41,7 +41,7 @@ def run_fit(request: FitMotionRequest, job: Job) -> tuple[dict[str, object], tup
         _check_step(paths, step_s, gap_s)
         fit = _fit(config, paths, step_s, gap_s)
     except ValueError as error:
-        raise InputError(f"{where}: {error}") from error
+        raise InputError(f"{where}: {error}", id="insufficient-data") from error
     motion = MotionModel(fit.model.A, fit.model.sigma, step_s, unit)
     figures = {**_figures(fit, config), "objects": len(paths), "gap_s": gap_s}
     details = {
@@ -129,7 +129,7 @@ def warnings(fit: MotionFit, config: FitConfig, paths: list[MeasuredPath]) -> li
             f"not converged after {fit.iterations} steps; simplify {option('form')} or {option('process_noise_form')}"
         )
     if fit.at_limit:
-        out.append(f"at its limit, so too small to be told from 0 (or too large): {', '.join(fit.at_limit)}")
+        out.append(f"at its limit, so indistinguishable from 0 (or too large): {', '.join(fit.at_limit)}")
     if fit.undecided:
         out.append(f"not decided by the data: {', '.join(fit.undecided)}; their standard errors are null")
     if config.form == "full":
@@ -152,14 +152,15 @@ def read_paths(request: FitMotionRequest, config: FitConfig) -> tuple[list[Measu
         table = opened.read(Truth) if opened.has(Truth) else opened.read(Tracks)
         if config.measurement_noise == COVARIANCE and not isinstance(table, Tracks):
             raise UsageError(
-                f"{opened.path}: truth has no covariance; give {option('measurement_noise')} LENGTH, or omit it"
+                f"{opened.path}: truth has no covariance; give {option('measurement_noise')} LENGTH, or omit it",
+                id="missing-option",
             )
         paths += paths_of(table, request.targets)
     found = sum(len(p.t_ns) for p in paths)
     if not found:
         names = ", ".join(str(p) for p in request.positions)
         of = f" of target {', '.join(map(str, request.targets))}" if request.targets else " of a target"
-        raise InputError(f"{names}: no positions{of}; choose others with {option('target')}")
+        raise InputError(f"{names}: no positions{of}; choose others with {option('target')}", id="insufficient-data")
     return paths, unit, input_losses(inputs)
 
 

@@ -4,8 +4,8 @@ Points strictly inside half-planes: where an interior point method can start.
 
 The most probable trajectory, [Rahimi] Sec. 5: Newton's method inside the constraints.
 
-A primal-dual interior point method: the inequalities enter by a logarithmic barrier whose
-weight mu falls to next to nothing, with multipliers that are estimated alongside.  Each
+A primal-dual interior point method: the inequalities enter by a logarithmic barrier with
+a weight mu that falls to nearly 0, and their multipliers are estimated with the states.  Each
 iteration takes time linear in the number of states (`occlog.track.methods.map.kernels.interior_point`).
 Steps start with the second derivatives of Gauss and Newton, which always lead downhill;
 near the minimum the exact ones are taken where they are positive, so that the last

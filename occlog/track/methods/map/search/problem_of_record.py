@@ -77,7 +77,9 @@ def begin(scene: Scene, config: MapConfig, returned: bool = False) -> Pending:
     low, high = scene.surroundings.min(axis=0), scene.surroundings.max(axis=0)
     extent = _extent(scene)
     if not extent > 0:
-        raise InputError("scene: the room has no extent, so that a trajectory has no scale; add `room`")
+        raise InputError(
+            "scene: the room has no extent, so that a trajectory has no scale; add `room`", id="missing-value"
+        )
     origin = 0.5 * (low + high) if _moves_freely(config) else np.zeros(2)
     # Without a room a target can be as far as sensors see.
     farthest = scene.region.max(axis=0) - scene.region.min(axis=0)

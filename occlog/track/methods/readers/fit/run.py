@@ -50,13 +50,17 @@ class _FitSamples:
         unknown = np.flatnonzero(~np.isin(reads.sensor, names))
         if len(unknown):
             raise InputError(
-                f"{opened.path}: reader {reads.sensor[unknown[0]]} is not in the scene; give its own scene"
+                f"{opened.path}: reader {reads.sensor[unknown[0]]} is not in the scene; give its own scene",
+                id="unknown-sensor",
             )
         gap_ns = round(self.config.max_gap_s * NS)
         for target in np.unique(reads.target_id).tolist():
             own, path = reads.take(reads.target_id == target), truth.take(truth.target_id == target)
             if not len(path):
-                raise InputError(f"{opened.path}: the truth has no target {target}, of which there are reads; add it")
+                raise InputError(
+                    f"{opened.path}: the truth has no target {target}, of which there are reads; add it",
+                    id="disjoint-inputs",
+                )
             positions = np.column_stack([path.x, path.y])
             self._strengths(own, *interpolate_positions(own.t_ns, path.t_ns, positions, gap_ns))
             self._windows(own, path, positions, gap_ns)
@@ -100,7 +104,8 @@ def run_fit_readers(request: FitReadersRequest, job: Job) -> tuple[dict[str, obj
     windows = sum(len(s.t_s) for s in gathered.stretches)
     if windows < MIN_WINDOWS:
         raise InputError(
-            f"{where}: {windows} windows have a true position, want {MIN_WINDOWS}; give more, or bridge longer gaps"
+            f"{where}: {windows} windows have a true position, want {MIN_WINDOWS}; give more, or bridge longer gaps",
+            id="insufficient-data",
         )
     positions = np.array([r.position for r in scene.readers])
     reader, rssi = np.concatenate(gathered.reader), np.concatenate(gathered.rssi)
@@ -171,13 +176,16 @@ def _common_scene(request: FitReadersRequest, inputs: list[Opened]) -> Scene:
     """The scene of all recordings; UsageError where their readers stand at other positions."""
     scene = load_scene(request.scene, inputs[0].scene, request.recordings[0])
     if not scene.readers:
-        raise InputError(f"{request.recordings[0]}: its scene has no readers; give a scene that has")
+        raise InputError(
+            f"{request.recordings[0]}: its scene has no readers; give a scene that has", id="too-few-sensors"
+        )
     wanted = _layout(scene)
     for opened in inputs:
         if opened.scene is not None and request.scene is None and _layout(opened.scene) != wanted:
             raise UsageError(
                 f"{opened.path}: its readers or its unit are not those of {inputs[0].path}; fit each alone, or give "
-                "the scene of all"
+                "the scene of all",
+                id="incompatible-inputs",
             )
     return scene
 

@@ -41,11 +41,11 @@ def test_looks_of_other_series_and_looks_that_are_missing_are_not_compared():
 def filtered():
     """A small crowd, the filter's state at the end, and what it said."""
     scene = crowd(5, cameras=4, frames=60, hz=5.0, seed=4)
-    state, moments = initial_state(scene.scene, scene.scene.cameras, configure(JipdaConfig.in_unit("m"), {})), []
-    for looks in scene.moments:
-        state, moment = step(state, looks)
-        moments.append(moment)
-    return scene, state, moments
+    state, snapshots = initial_state(scene.scene, scene.scene.cameras, configure(JipdaConfig.in_unit("m"), {})), []
+    for frames_of_step in scene.moments:
+        state, snapshot = step(state, frames_of_step)
+        snapshots.append(snapshot)
+    return scene, state, snapshots
 
 
 def swaying(look, pixels):
@@ -55,9 +55,9 @@ def swaying(look, pixels):
 
 
 def variances(pixels):
-    scene, state, moments = filtered()
-    looks = [[swaying(look, pixels) for look in group] for group in scene.moments]
-    smoothed = smooth(state, looks, moments, np.random.default_rng(0))
+    scene, state, snapshots = filtered()
+    frames_of_step = [[swaying(frame_detections, pixels) for frame_detections in group] for group in scene.moments]
+    smoothed = smooth(state, frames_of_step, snapshots, np.random.default_rng(0))
     return np.concatenate([m.covariance[:, 0, 0] for m in smoothed])
 
 

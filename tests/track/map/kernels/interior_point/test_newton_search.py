@@ -193,7 +193,7 @@ def test_the_start_is_left_alone_and_runs_are_equal() -> None:
     assert a.iterations == b.iterations
 
 
-def test_too_few_iterations_are_said() -> None:
+def test_too_few_iterations_are_reported() -> None:
     p, start, _ = example(0)
     solution = minimise(p, start, Options(1e-8, most=3))
     assert not solution.converged

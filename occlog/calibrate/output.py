@@ -1,0 +1,21 @@
+"""Output of `occlog calibrate`: a scene, or a calibration of another program by the name of the file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from occlog.io.files.atomic import write_bytes
+from occlog.io.formats.calibration.outputs import format_of
+from occlog.io.formats.calibration.writer import write_calibration
+from occlog.io.formats.scenes.scene import scene_to_yaml
+from occlog.records.scene import Scene
+from occlog.runner import Job
+
+
+def write_scene(path: Path, scene: Scene, comment: str, job: Job) -> None:
+    """Write a scene with a comment, or its cameras; a note states what the format does not hold."""
+    form = format_of(path)
+    if form is None:
+        write_bytes(path, (comment + scene_to_yaml(scene)).encode(), job.overwrite)
+    elif missed := write_calibration(path, scene, form, job.overwrite):
+        job.note(f"{path}: not held by {form}: {'; '.join(missed)}")

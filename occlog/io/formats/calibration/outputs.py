@@ -1,0 +1,38 @@
+"""Calibration formats that are written, by the names of outputs; loads nothing heavy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+
+class CalibrationOutput(NamedTuple):
+    """One format.
+
+    Attributes:
+        endings: of names of outputs that are of this format; those without a dot are folders.
+        doc: one line of what it is.
+    """
+
+    endings: tuple[str, ...]
+    doc: str
+
+
+OUTPUTS = {
+    "opencv-storage": CalibrationOutput(("opencv", "opencv.yml"), "folder of OpenCV's YAML, or .yml of one camera"),
+    "kalibr": CalibrationOutput(("camchain.yaml",), "Kalibr's camera chain, with offsets of clocks"),
+    "colmap": CalibrationOutput(("colmap",), "COLMAP's text model, a folder"),
+    "ros": CalibrationOutput(("camera_info",), "ROS camera_info and static transforms, a folder"),
+}
+"""Every format that is written, by its name in `occlog.io.formats.calibration.reader.IMPORTERS`."""
+
+
+def format_of(path: Path) -> str | None:
+    """The format that the name of an output asks for, a key of `OUTPUTS`; None: another one."""
+    low = path.name.lower()
+    return next((name for name, of in OUTPUTS.items() if low.endswith(of.endings)), None)
+
+
+def is_folder(path: Path, format: str) -> bool:
+    """Return whether the output of a format is a folder."""
+    return format != "kalibr" and path.suffix.lower() not in (".yml", ".yaml")

@@ -1,0 +1,85 @@
+"""Clocks of a scene that differ from those by which the times of an input were made: the difference is applied, once.
+
+A recording holds the scene that it was made with, and its times are corrected by the clocks of that. A scene that is
+given to `track` may state other ones, as after a calibration. A camera without a clock in it stays as it was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+from occlog.io.open import Opened
+from occlog.records.scene import Camera, Clock, Scene
+
+CLOCKS = "clocks"
+"""Parameter of a table's provenance: clocks by which the times of its cameras were corrected, by camera."""
+RIGHT = Clock("")
+
+
+class ClockChange(NamedTuple):
+    """Clock by which times were corrected, and the one by which they should be."""
+
+    before: Clock
+    after: Clock
+
+    def time(self, t_ns: int, first_ns: int) -> int:
+        """World time [ns] of a time that was corrected by the first clock; `first_ns` is the first of the sensor."""
+        elapsed = (t_ns - first_ns) / (1.0 - self.before.drift_ppm * 1e-6)
+        start = first_ns + self.before.offset_ns - self.after.offset_ns
+        return start + round(elapsed * (1.0 - self.after.drift_ppm * 1e-6))
+
+    @property
+    def differs(self) -> bool:
+        """Whether it changes any time."""
+        return self.before.offset_ns != self.after.offset_ns or self.before.drift_ppm != self.after.drift_ppm
+
+
+def clocks_of(scene: Scene) -> dict[str, Clock]:
+    """Clocks of the cameras that have one, by camera."""
+    named = {clock.name: clock for clock in scene.clocks}
+    return {camera.name: named[camera.clock] for camera in scene.cameras if camera.clock is not None}
+
+
+def applied_clocks(opened: Opened) -> dict[str, Clock] | None:
+    """Clocks by which the times of an input were corrected, by camera; None: not known."""
+    if opened.recording is not None:
+        return {} if opened.scene is None else clocks_of(opened.scene)
+    if opened.foreign is not None or opened.provenance.command != "detect":
+        return None
+    stated = opened.provenance.parameters.get(CLOCKS, {})
+    found = stated.items() if isinstance(stated, Mapping) else ()
+    return {name: Clock(name, int(each["offset_ns"]), float(each["drift_ppm"])) for name, each in found}
+
+
+def stated_clocks(scene: Scene) -> dict[str, object]:
+    """`CLOCKS` for the provenance of a table; empty: no clock is off."""
+    off = {name: c for name, c in clocks_of(scene).items() if c.offset_ns or c.drift_ppm}
+    values = {name: {"offset_ns": c.offset_ns, "drift_ppm": c.drift_ppm} for name, c in off.items()}
+    return {CLOCKS: values} if values else {}
+
+
+def with_applied_clocks(scene: Scene, applied: Mapping[str, Clock]) -> Scene:
+    """The scene with the clocks by which times were corrected for cameras that state none."""
+    names = {clock.name for clock in scene.clocks}
+    added: dict[str, Clock] = {}
+    cameras = []
+    for camera in scene.cameras:
+        clock = applied.get(camera.name) if camera.clock is None else None
+        if clock is not None:
+            name = clock.name if clock.name and clock.name not in names else f"{camera.name}-recorded"
+            while name in names and name not in added:
+                name += "-"
+            added[name] = replace(clock, name=name)
+            names.add(name)
+            camera = replace(camera, clock=name)
+        cameras.append(camera)
+    return replace(scene, cameras=tuple(cameras), clocks=(*scene.clocks, *added.values())) if added else scene
+
+
+def clock_changes(cameras: Sequence[Camera], scene: Scene, applied: Mapping[str, Clock]) -> dict[int, ClockChange]:
+    """Changes by number of the camera, of those that are there."""
+    stated = clocks_of(scene)
+    every = {c: ClockChange(applied.get(k.name, RIGHT), stated.get(k.name, RIGHT)) for c, k in enumerate(cameras)}
+    return {c: change for c, change in every.items() if change.differs}

@@ -1,0 +1,40 @@
+"""Frames at times of other clocks, in the order of these times."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator, Mapping
+
+from occlog.scans.clocks import ClockChange
+
+from .frame_detections import FrameDetectionsWithIds
+
+
+def retimed(
+    frames: Iterator[FrameDetectionsWithIds], changes: Mapping[int, ClockChange], count: int
+) -> Iterator[FrameDetectionsWithIds]:
+    """Frames at their changed times, in the order of these.
+
+    Args:
+        frames: of all cameras, in the order of time.
+        changes: by number of the camera.
+        count: number of cameras.
+    """
+    first: dict[int, int] = {}
+    waiting: list[tuple[int, int, FrameDetectionsWithIds]] = []
+
+    def changed(camera: int, t_ns: int) -> int:
+        change = changes.get(camera)
+        return t_ns if change is None else change.time(t_ns, first.get(camera, t_ns))
+
+    for n, each in enumerate(frames):
+        t_ns, camera = each.detections.t_ns, each.detections.camera
+        first.setdefault(camera, t_ns)
+        now = changed(camera, t_ns)
+        heapq.heappush(waiting, (now, n, each._replace(detections=each.detections._replace(t_ns=now))))
+        # Frames that come later have times from here on
+        settled = min(changed(c, t_ns) for c in range(count))
+        while waiting and waiting[0][0] < settled:
+            yield heapq.heappop(waiting)[2]
+    while waiting:
+        yield heapq.heappop(waiting)[2]
