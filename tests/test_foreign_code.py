@@ -39,6 +39,12 @@ def hostile(tmp_path: Path) -> Path:
     for name in IMPORTED:
         text = f"import os\nopen({str(folder / WITNESS)!r}, 'w').write({name!r})\nos._exit(99)\n"
         (folder / f"{name}.py").write_text(text)
+    # A package with plug-ins, and a configuration of matplotlib that names a module of this folder
+    (folder / "evil-1.0.dist-info").mkdir()
+    (folder / "evil-1.0.dist-info/METADATA").write_text("Metadata-Version: 2.1\nName: evil\nVersion: 1.0\n")
+    points = "".join(f"[occlog.{group}]\nevil = json:evil\n" for group in ("readers", "tracking_methods"))
+    (folder / "evil-1.0.dist-info/entry_points.txt").write_text(points)
+    (folder / "matplotlibrc").write_text("backend: module://json\n")
     return folder
 
 
@@ -105,10 +111,11 @@ def test_a_relative_folder_for_kernels_is_not_used(tmp_path: Path) -> None:
     assert not (tmp_path / "kernels").exists()
 
 
-@pytest.mark.parametrize("args", [("--version",), ("doctor", "missing.mcap")])
+@pytest.mark.parametrize("args", [("--version",), ("doctor", "missing.mcap"), ("plugin", "list")])
 def test_the_program_imports_nothing_of_the_current_folder(hostile: Path, args: tuple[str, ...]) -> None:
     done = started(hostile, "-m", "occlog", *args)
     assert done.returncode in (0, 4), done.stderr
+    assert "evil" not in done.stdout
     assert not (hostile / WITNESS).exists()
 
 

@@ -510,9 +510,12 @@ def pairs(values: Iterable[str], kind: Callable[[str], T]) -> tuple[tuple[str | 
 
 
 def frames_of(values: Iterable[str]) -> FrameChoice:
-    """The frames of `A:B` and `NAME=A:B`; UsageError for a camera that is named twice, or anything else."""
+    """The frames of `A:B` and `NAME=A:B`, or of two numbers; UsageError for anything else, or a camera twice."""
     common, own = None, {}
-    for name, text in pairs(values, str):
+    texts = tuple(values)
+    if len(texts) == 2 and all(text.isdecimal() for text in texts):  # a list in YAML
+        texts = (":".join(texts),)
+    for name, text in pairs(texts, str):
         try:
             chosen = read_pair(text, size=False)
         except UsageError as error:

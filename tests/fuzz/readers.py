@@ -309,7 +309,7 @@ READERS = {
         Reader("synchronisation", "timestamps.csv", read_sync_times, seeds.text(seeds.SYNC)),
         Reader("time stamps", "t.csv", lambda path: read_sidecar(path, ("a", "b")), seeds.text(*seeds.TIMES)),
         Reader("directions (CSV)", "d.csv", lambda path: _doa(path, None), seeds.text(seeds.DOA)),
-        Reader("directions (ODAS)", "d.json", _doa, seeds.text(seeds.ODAS)),
+        Reader("directions (ODAS)", "d.json", _doa, seeds.text(seeds.ODAS), noisy=True),
         Reader("directions (FRIDA)", "d.csv", _doa, seeds.text(seeds.FRIDA)),
         Reader("directions (telemetr)", "d.dat", _doa, seeds.text(seeds.TELEMETR)),
         Reader("arrays", "a.csv", read_arrays, seeds.text("x,y,z\n0,0,1\n0.1,0,1\n", "1 2\n3 4\n", seeds.LOCATA)),

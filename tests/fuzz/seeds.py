@@ -319,6 +319,8 @@ TIMES = (
     "frame,camera,t_ns\n0,a,1700000000000000000\n0,b,1700000000000000001\n1,a,1700000000100000000\n",
     "0.0\n0.1\n0.2\n",
     "time\n2024-01-01T00:00:00Z\n2024-01-01T00:00:00.1Z\n",
+    "2024-01-01 00:00:00,000\n2024-01-01 00:00:00,100\n",
+    "time [ms]\n0\n100\n",
 )
 LOCATA_HEAD = "year month day hour minute second x y z ref_vec_x ref_vec_y ref_vec_z " + " ".join(
     f"rotation_{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)

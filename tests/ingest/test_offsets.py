@@ -9,7 +9,7 @@ import pytest
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode, UsageError
-from occlog.ingest.plan import MAX_S, offsets_of, with_offsets
+from occlog.ingest.plan import MAX_S, frames_of, offsets_of, with_offsets
 from occlog.io.recording.reader import open_recording
 from occlog.records.scene import Clock, MicrophoneArray, Scene
 from occlog.records.tables import Boxes, Doa, Truth
@@ -130,3 +130,19 @@ def test_times_before_1970_are_refused(place: Path, capsys: pytest.CaptureFixtur
     assert ingest(place, "cam2=-1s") == ExitCode.DONE
     assert ingest(place, "cam2=-1001ms") == ExitCode.BAD_INPUT
     assert "a time of -0.001 s is before 1970, which a recording cannot hold" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("given", "common", "left"),
+    [
+        ((), None, None),
+        (("0:40",), (0, 40), (0, 40)),
+        (("0", "40"), (0, 40), (0, 40)),
+        (("left=2:9", "0:40"), (0, 40), (2, 9)),
+    ],
+)
+def test_frames_of_all_cameras_and_of_one(
+    given: tuple[str, ...], common: tuple[int, int] | None, left: tuple[int, int] | None
+) -> None:
+    frames = frames_of(given)
+    assert (frames.of("right"), frames.of("left"), bool(frames)) == (common, left, bool(given))

@@ -375,6 +375,15 @@ def test_label_studio_is_named(tmp_path: Path) -> None:
         read(BoxFile(saved(tmp_path / "b.json", [task]), "a"))
 
 
+@pytest.mark.parametrize("frame", ["1e-9", "x", "", "9" * 5000])
+def test_a_frame_of_cvat_that_is_no_number_is_refused(tmp_path: Path, frame: str) -> None:
+    box = f'<box frame="{frame}" outside="0" xtl="1" ytl="2" xbr="5" ybr="9"/>'
+    text = f'<?xml version="1.0"?><annotations><track id="1" label="person">{box}</track></annotations>'
+    path = saved(tmp_path / "a.xml", text)
+    with pytest.raises(InputError, match=r"box 1: (frame is|a cell of more)"):
+        read(BoxFile(path, "a"))
+
+
 def test_a_task_of_cvat_with_every_fifth_frame_has_no_others(tmp_path: Path) -> None:
     task = "<start_frame>0</start_frame><stop_frame>20</stop_frame><frame_filter>step=5</frame_filter>"
     box = '<box frame="{}" outside="0" xtl="1" ytl="2" xbr="21" ybr="42"/>'

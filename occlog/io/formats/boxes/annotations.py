@@ -26,6 +26,8 @@ from occlog.records.declared.sensors import MAX_FRAMES
 
 from .columns import BoxReadOptions, BoxSource, rows_of, stated_sizes
 
+LONGEST_NUMBER = 20
+"""Digits of a number of a frame at which it is none."""
 MAX_BYTES = 2**28
 ROWS_PER_CHUNK = 16_384
 EDGES = {"xtl": "left", "ytl": "top", "xbr": "right", "ybr": "bottom"}
@@ -64,7 +66,7 @@ def open_cvat(path: Path, wanted: BoxReadOptions) -> BoxSource:
             f"{path}: has no <track> and no <image>; {WHAT} were expected (CVAT for video, or for images)",
             id="unknown-format",
         )
-    records.sort(key=lambda record: int(record[1]["frame"]))
+    records.sort(key=lambda record: _order(record[1]["frame"]))
     return BoxSource(
         _chunks(path, records),
         "CVAT",
@@ -72,6 +74,11 @@ def open_cvat(path: Path, wanted: BoxReadOptions) -> BoxSource:
         first_number=0,
         sizes=stated_sizes(_sizes(root)),
     )
+
+
+def _order(frame: str) -> int:
+    """Number of a frame to sort by; 0 of a text that is none, which is refused with its row."""
+    return int(frame) if frame.isdecimal() and len(frame) < LONGEST_NUMBER else 0
 
 
 def _sizes(root: Element) -> Iterator[tuple[str, object, object]]:

@@ -324,7 +324,7 @@ def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOpt
             id="empty-input",
         )
     for name, farthest in found.farthest.items():
-        if farthest <= NORMALISED_PX and found.frames[name].boxed > 1:
+        if farthest <= NORMALISED_PX and found.boxes[name] > 1:
             path = next(file for file, own in zip(found.files, found.of_files, strict=True) if name in own)
             raise InputError(
                 f"{path}: camera {name}: no box reaches beyond {farthest:.3g} px; these seem to be shares of the "
@@ -502,6 +502,7 @@ class _BoxScan:
     left_out: Counter[tuple[str, ...]] = field(default_factory=Counter)
     shares: set[str] = field(default_factory=set)
     farthest: dict[str, float] = field(default_factory=dict)
+    boxes: Counter[str] = field(default_factory=Counter)
     of_files: list[tuple[str, ...]] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
     sizes: dict[str, tuple[int, int]] = field(default_factory=dict)
@@ -545,6 +546,7 @@ def _survey_file(file: BoxFile, known: Sequence[str], options: BoxOptions, found
             found.farthest |= dict.fromkeys(found.shares, math.inf)
         for n in np.unique(boxes.camera).tolist():
             name, edges = found.cameras[n], (boxes.left + boxes.width)[boxes.camera == n]
+            found.boxes[name] += len(edges)
             found.farthest[name] = max(found.farthest.get(name, -math.inf), float(edges.max()))
     if unusable is not None:
         unusable.check()
