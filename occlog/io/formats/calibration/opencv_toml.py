@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from occlog.array_types import Floats
@@ -90,7 +91,7 @@ def _camera(key: str, table: dict[str, object], path: Path, options: Calibration
         raise InputError(f"{where}: matrix {matrix.tolist()}; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
     rotation = _array(table, "rotation", where)
     if rotation.size == 3:
-        rotation = rotation_from_vector(rotation.reshape(3), where)
+        rotation = checked_rotation(rotation.reshape(3), where)
     translation = _array(table, "translation", where).reshape(-1)
     if rotation.shape != (3, 3) or translation.shape != (3,):
         raise InputError(f"{where}: rotation and translation must have 9 (or 3) and 3 numbers")
@@ -132,16 +133,12 @@ def _size(table: dict[str, object], where: str) -> tuple[int, int] | None:
     return int(size[0]), int(size[1])
 
 
-def rotation_from_vector(vector: Floats, where: str) -> Floats:
-    """(3, 3) rotation about a vector by its length [rad] (Rodrigues); InputError for one of more than a whole turn."""
+def checked_rotation(vector: Floats, where: str) -> Floats:
+    """(3, 3) rotation about a vector by its length [rad]; InputError for one of more than a whole turn."""
     angle = float(np.linalg.norm(vector))
     if angle > MAX_ANGLE:
         text = ", ".join(f"{value:.4g}" for value in vector)
         raise InputError(
             f"{where}: rotation vector ({text}) of length {angle:.3g}, limit 2 pi; give radians, not degrees"
         )
-    if angle < 1e-12:
-        return np.eye(3)
-    x, y, z = vector / angle
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
+    return np.asarray(cv2.Rodrigues(vector)[0])
