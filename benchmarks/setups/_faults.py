@@ -6,10 +6,11 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
 from benchmarks.setups._judge import Answer
-from benchmarks.setups._rigs import Rig, of_lens, other_camera, rotation_of
+from benchmarks.setups._rigs import Rig, of_lens, other_camera
 from occlog.array_types import Floats
 from occlog.records.scene import Camera
 
@@ -201,7 +202,7 @@ def _turned(rig: Rig, name: str, rng: Random) -> Camera:
     own = rig.cameras[name]
     # About the vertical and the horizontal axis: a roll alone does not come of a push
     axis = own.rotation @ (np.array([1.0, 1.0, 0.2]) * direction)
-    return replace(own, rotation=rotation_of(angle * axis / np.linalg.norm(axis)) @ own.rotation)
+    return replace(own, rotation=cv2.Rodrigues(angle * axis / np.linalg.norm(axis))[0] @ own.rotation)
 
 
 def _exchanged_for_a_while(rig: Rig, rng: Random) -> Answer:
@@ -308,7 +309,7 @@ def _yawed(rig: Rig, rng: Random) -> Answer:
     name = other_camera(rig, rng)
     own = rig.cameras[name]
     angle = rng.choice([-1.0, 1.0]) * np.exp(rng.uniform(np.log(0.5), np.log(10.0)))
-    turned = replace(own, rotation=rotation_of(np.radians([0.0, 0.0, angle])) @ own.rotation)
+    turned = replace(own, rotation=cv2.Rodrigues(np.radians([0.0, 0.0, angle]))[0] @ own.rotation)
     rig.boxes[name] = rig.shoot(name, turned)
     return Answer("rotated|orientation|moved", _either(rig, name))
 

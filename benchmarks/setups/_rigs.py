@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from benchmarks.references import scene
@@ -168,19 +169,9 @@ def of_lens(camera: Camera, lens: Floats, model: str) -> Camera:
 
 def _calibrated(camera: Camera, rng: np.random.Generator) -> Camera:
     """The camera as a good calibration has it: 0.1 degrees and 5 mm about each axis, focal length to 0.2 %."""
-    turn = rotation_of(np.radians(rng.normal(0.0, 0.1, 3)))
+    turn = cv2.Rodrigues(np.radians(rng.normal(0.0, 0.1, 3)))[0]
     moved = replace(camera, rotation=turn @ camera.rotation, position=camera.position + rng.normal(0.0, 0.005, 3))
     return replace(moved, focal_px=camera.focal_px * rng.normal(1.0, 0.002))
-
-
-def rotation_of(vector: Floats) -> Floats:
-    """(3, 3) rotation about a vector by its length [rad] (Rodrigues)."""
-    angle = float(np.linalg.norm(vector))
-    if not angle:
-        return np.eye(3)
-    x, y, z = vector / angle
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross)
 
 
 def vector_of(rotation: Floats) -> Floats:

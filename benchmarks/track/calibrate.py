@@ -10,6 +10,7 @@ together, after a similarity in the plane.  NEES is that of each parameter: 1 if
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -66,6 +67,7 @@ def errors(found: list[CameraResult], true: list[Camera], late: Floats) -> dict[
     z = np.array([abs(m) * found[c].camera.position[2] - true[c].position[2] for c in own])
     yaw = [angles_from_rotation(found[c].camera.rotation)[0] - angles_from_rotation(true[c].rotation)[0] for c in own]
     turned = np.angle(np.exp(1j * (np.array(yaw) + np.angle(m))))
+    sigma_yaw = [np.linalg.norm(found[c].camera.rotation[2] * found[c].sigma[:3]) for c in own]
     clock = np.array([found[c].late_s - late[c] for c in own]) + np.sort(late[own])[(len(own) - 1) // 2]
     sigma = np.array([found[c].sigma for c in own])
     # Without the direction of a similarity, errors of x and y are those along other axes
@@ -74,6 +76,7 @@ def errors(found: list[CameraResult], true: list[Camera], late: Floats) -> dict[
             np.abs(off) ** 2 / (sigma[:, 3] ** 2 + sigma[:, 4] ** 2),
             (z / sigma[:, 5]) ** 2,
             (clock / sigma[:, 8]) ** 2,
+            (turned / np.array(sigma_yaw)) ** 2,
         ]
     return {
         "position": np.abs(off), "height": np.abs(z), "yaw": np.degrees(np.abs(turned)), "clock": np.abs(clock),
@@ -81,17 +84,25 @@ def errors(found: list[CameraResult], true: list[Camera], late: Floats) -> dict[
     }  # fmt: skip
 
 
-def measured(rigs: int, seed: int, cameras: int, seconds: float, *, poses: bool, show: bool) -> dict[str, Any]:
+Case = tuple[list[FrameDetectionsWithIds], list[Camera], list[Camera], Floats]
+"""Frames, true and stated cameras, and by how much clocks are late [s]."""
+
+
+def room(seed: int, cameras: int, *, poses: bool) -> Case:
+    """A room with cameras about its walls."""
+    rig, rng = _rigs.rig(seed, cameras), np.random.default_rng((seed, 11))
+    true, late = [rig.cameras[name] for name in rig.names], rng.uniform(-MAX_LATE_S, MAX_LATE_S, cameras)
+    return frames_of(rig, late), true, stated(true, rng, poses=poses), late
+
+
+def measured(cases: Iterable[tuple[int, Case]], config: CalibrateConfig, *, show: bool) -> dict[str, Any]:
     """Medians and largest values over simulated rooms."""
-    _rigs.SECONDS = seconds
     every: list[dict[str, Floats]] = []
-    refused = left = 0
-    for k in range(seed, seed + rigs):
-        rig, rng = _rigs.rig(k, cameras), np.random.default_rng((k, 11))
-        true, late = [rig.cameras[name] for name in rig.names], rng.uniform(-MAX_LATE_S, MAX_LATE_S, cameras)
-        start = stated(true, rng, poses=poses)
+    refused = left = count = 0
+    for k, (frames, true, start, late) in cases:
+        count += 1
         try:
-            found = calibrate(frames_of(rig, late), Scene(tuple(start)), start, CalibrateConfig())
+            found = calibrate(frames, Scene(tuple(start)), start, config)
         except InputError as error:
             refused += 1
             print(f"{k}: refused: {error}") if show else None
@@ -101,20 +112,24 @@ def measured(rigs: int, seed: int, cameras: int, seconds: float, *, poses: bool,
         if show:
             worst = {name: float(np.max(values)) for name, values in every[-1].items() if name != "nees"}
             print(f"{k}: " + ", ".join(f"{name} {value:.3f}" for name, value in worst.items()), flush=True)
-    out: dict[str, Any] = {"rigs": rigs, "refused": refused, "cameras left": left}
+    out: dict[str, Any] = {"rigs": count, "refused": refused, "cameras left": left}
     for name in ("position", "height", "yaw", "clock"):
         values = np.concatenate([each[name] for each in every])
         out |= {f"{name}, median": float(np.median(values)), f"{name}, 95 %": float(np.percentile(values, 95))}
     nees = np.concatenate([each["nees"] for each in every])
-    for name, column in zip(("position", "height", "clock"), nees.T, strict=True):
+    for name, column in zip(("position", "height", "clock", "yaw"), nees.T, strict=True):
         finite = column[np.isfinite(column)]
+        if not len(finite):
+            continue
         out |= {f"NEES of {name}, mean": float(finite.mean()), f"NEES of {name}, median": float(np.median(finite))}
     return out
 
 
 def run(repeats: int = 5) -> dict[str, Any]:
     """Median error of positions; `repeats` rooms."""
-    found = measured(repeats, 91_000, 4, 30.0, poses=True, show=False)
+    _rigs.SECONDS = 30.0
+    rooms = ((k, room(k, 4, poses=True)) for k in range(91_000, 91_000 + repeats))
+    found = measured(rooms, CalibrateConfig(), show=False)
     return {"ratio": found["position, median"], "limit": LIMIT, "parts": found}
 
 
@@ -127,7 +142,10 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--without-poses", action="store_true")
     given = parser.parse_args()
-    found = measured(given.rigs, given.seed, given.cameras, given.seconds, poses=not given.without_poses, show=True)
+    _rigs.SECONDS = given.seconds
+    seeds, poses = range(given.seed, given.seed + given.rigs), not given.without_poses
+    rooms = ((k, room(k, given.cameras, poses=poses)) for k in seeds)
+    found = measured(rooms, CalibrateConfig(), show=True)
     print("\n".join(f"{name}: {value:.4g}" for name, value in found.items()))
 
 

@@ -1,39 +1,48 @@
 """Bundle adjustment of cameras and clocks over the boxes of walking people.
 
-Unknown are the cameras (orientation, position, focal length, radial distortion, offset of the clock), the path of each
-person (position and velocity at every time step, one height and width), and the mean height of people.  The
-measurements are the edges of boxes, by the body model of method `jipda`; paths have white acceleration.  Errors are of
-Student's t distribution, by iteratively reweighted least squares.  Each step of Levenberg and Marquardt eliminates the
-paths, which are chains in time, by banded Cholesky factors, and solves for the cameras (Triggs, McLauchlan, Hartley and
-Fitzgibbon 2000, Sec. 6).
+Unknown are the cameras (orientation, position, focal length, radial distortion, offset and drift of the clock), the
+path of each person (position and velocity at every time step, one height and width), the mean height of people, and the
+bias of the upper and lower edges of boxes, in common and of each camera.  The measurements are the edges of boxes, by
+the body model of method `jipda`; paths have white acceleration.  Errors are of Student's t distribution, by iteratively
+reweighted least squares.  Each step of Levenberg and Marquardt eliminates the paths, which are chains in time, by
+banded Cholesky factors, and solves for the cameras (Triggs, McLauchlan, Hartley and Fitzgibbon 2000, Sec. 6).
+
+Standard deviations are those of an M-estimator (Huber and Ronchetti 2009, Sec. 7.6), with the scale of errors corrected
+for what the paths absorb, and with errors that are correlated in time.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solveh_banded
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.records.scene import Camera
 from occlog.track.methods.jipda.interface import HEIGHT, STATE_SIZE, WIDTH
-from occlog.track.methods.jipda.kernels.body_box import BOTTOM, TOP, pack_views
+from occlog.track.methods.jipda.kernels.body_box import BOTTOM, LEFT, RIGHT, TOP, pack_views
 
 from .kernels import boxes_and_slopes, expected_boxes
 
-TURN, SHIFT, FOCAL, RADIAL, LATE = slice(0, 3), slice(3, 6), 6, 7, 8
+TURN, SHIFT, FOCAL, RADIAL, LATE, DRIFT, UPPER, LOWER = slice(0, 3), slice(3, 6), 6, 7, 8, 9, 10, 11
 """Parameters of a camera: rotation in its own frame [rad], translation in the world, logarithm of the focal length,
-first radial coefficient, and by how much its clock is late [s]."""
-PARAMETERS = 9
+first radial coefficient, by how much its clock is late [s], drift of the clock [1], and bias of the upper and the lower
+edges of its boxes, downwards, in heights of the box."""
+PARAMETERS = 12
+COMMON = 6
+"""Parameters of all cameras: mean height of people, and where heads, feet and shoulders differ from the ellipsoid of
+the body model: bias of upper and of lower edges [heights of the box], its change with the tangent of the angle from
+which people are seen, and height of the widest part above the middle [heights of a person]."""
 STEPS = np.array([1e-5] * 3 + [1e-4] * 3 + [1e-5, 1e-5])
 """Steps of difference quotients; lengths in heights of people."""
 DEGREES = 4.0
 """Degrees of freedom of the errors of edges."""
-ACCELERATION = 0.3
-"""Spectral density of the acceleration of a person per axis [m^2/s^3]."""
+ACCELERATION, MIN_ACCELERATION, MAX_ACCELERATION = 0.3, 0.005, 3.0
+"""Spectral density of the acceleration of a person per axis, to start from, and its limits [m^2/s^3]."""
 BODY_DRIFT = 0.01
 """Standard deviation by which height and width of a person change in one second, in metres."""
 SIGMA_SPEED = 1.0
@@ -42,8 +51,18 @@ ROUGH_ITERATIONS = (6, 6)
 """Steps before the noise is estimated, and before it is estimated again."""
 MAX_ITERATIONS, TOLERANCE = 25, 1e-4
 """Steps at most at the end, and relative decrease of the cost that ends the search."""
-SIGMA_EDGE_BIAS = 0.025
-"""Standard deviation of the bias of upper and lower edges of the boxes of one camera, in heights."""
+SIGMA_COMMON = np.array([0.025, 0.025, 0.06, 0.06, 0.15])
+"""Standard deviations of the parameters of all cameras but the mean height."""
+MAX_STEEPNESS = 2.0
+"""Largest tangent of an angle from which people are seen."""
+SIGMA_OWN_BIAS = 0.005
+"""Standard deviation of the difference of one camera's bias from it."""
+PROBES = 4
+"""Random vectors by which the share of errors that paths absorb is estimated."""
+AXES = ((LEFT, RIGHT), (TOP, BOTTOM))
+"""Edges of boxes that share a scale of errors."""
+MIN_DAMPING = 1e-9
+"""Relative damping of paths that keeps their equations solvable."""
 MAX_LAG = 40
 """Lags of the correlation of errors, in observations of one person by one camera."""
 
@@ -69,6 +88,29 @@ class Observations(NamedTuple):
     first: Ints
     time: Floats
 
+    @property
+    def stamps(self) -> Floats:
+        """(N,) stamped times [s]."""
+        return np.asarray(self.time[self.knot] + self.delay)
+
+
+class Clocks(NamedTuple):
+    """Clocks of C cameras: true time = stamp - late - drift (stamp - origin).
+
+    Attributes:
+        late: (C,) by how much each is late at the origin [s].
+        drift: (C,) by how much each is fast [1].
+        origin: stamp at which offsets are stated [s].
+    """
+
+    late: Floats
+    drift: Floats
+    origin: float
+
+    def errors(self, camera: Ints | int, stamps: Floats) -> Floats:
+        """(N,) by how much stamps (N,) of cameras are late [s]."""
+        return np.asarray(self.late[camera] + self.drift[camera] * (stamps - self.origin))
+
 
 class BodyPrior(NamedTuple):
     """People: mean height and width, their standard deviations, that of the mean height, and units in a metre."""
@@ -93,13 +135,13 @@ class Adjusted(NamedTuple):
 
     Attributes:
         cameras: with their poses.
-        values: (C, 9) changes of the parameters.
-        covariance: (C 9, C 9) of the parameters; 0 of those that are held.
+        values: (C, 12) changes of the parameters.
+        covariance: (C 12, C 12) of the parameters; 0 of those that are held.
         states: (K, 6) of the people at the knots.
         mean_height: of people.
         residual: (N, 4) observed minus expected edges [px]; NaN: not used.
         sigma: (N, 4) standard deviations of edges [px] that were found.
-        correlation: factor by which the correlation of errors in time widens variances.
+        correlation: largest factor by which correlation and outliers of errors widen variances.
         converged: the search ended by itself.
     """
 
@@ -115,7 +157,7 @@ class Adjusted(NamedTuple):
 
 
 def changed(camera: Camera, values: Floats) -> Camera:
-    """A camera after a change of its parameters (9,); the clock is not part of it."""
+    """A camera after a change of its parameters (12,); clock and biases are not part of it."""
     distortion = camera.distortion
     if values[RADIAL] != 0.0:
         distortion = np.array(distortion, dtype=np.float64)
@@ -123,7 +165,7 @@ def changed(camera: Camera, values: Floats) -> Camera:
         distortion[0] += values[RADIAL]
     return replace(
         camera,
-        rotation=camera.rotation @ rotation_of(values[TURN]),
+        rotation=camera.rotation @ cv2.Rodrigues(values[TURN])[0],
         position=camera.position + values[SHIFT],
         focal_px=camera.focal_px * np.exp(values[FOCAL]),
         distortion=distortion,
@@ -131,65 +173,68 @@ def changed(camera: Camera, values: Floats) -> Camera:
     )
 
 
-def rotation_of(turn: Floats) -> Floats:
-    """(3, 3) rotation about an axis (3,) by its length [rad], by Rodrigues' formula."""
-    angle = float(np.linalg.norm(turn))
-    x, y, z = turn
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    if angle < 1e-8:
-        return np.asarray(np.eye(3) + cross)
-    return np.asarray(np.eye(3) + np.sin(angle) / angle * cross + (1.0 - np.cos(angle)) / angle**2 * cross @ cross)
+@dataclass
+class Adjustment:
+    """Adjustment of cameras and clocks; `run` searches.
 
-
-def adjust(
-    cameras: Sequence[Camera],
-    seen: Observations,
-    states: Floats,
-    body: BodyPrior,
-    sigma: Floats,
-    late: Floats,
-    noise: NoiseModel,
-) -> Adjusted:
-    """Adjust cameras and clocks.
-
-    Args:
+    Attributes:
         cameras: C cameras, from where the search starts.
         seen: observations.
         states: (K, 6) of the people at the knots, to start from.
         body: of people.
-        sigma: (C, 9) prior standard deviations of the changes of the parameters; 0: held; inf: free.
-        late: (C,) offsets of the clocks to start from [s], which are also the means of their priors.
+        sigma_prior: (C, 12) prior standard deviations of the changes of the parameters; 0: held; inf: free.  Those of
+            the biases of edges are estimated from where they are not 0.
+        clocks: to start from, which are also the means of their priors.
         noise: of the edges, to start from.
     """
-    return _Adjustment(cameras, seen, states, body, sigma, late, noise).run()
 
+    cameras: Sequence[Camera]
+    seen: Observations
+    states: Floats
+    body: BodyPrior
+    sigma_prior: Floats
+    clocks: Clocks
+    noise: NoiseModel
 
-class _Adjustment:
-    """The search, with its state."""
-
-    def __init__(
-        self,
-        cameras: Sequence[Camera],
-        seen: Observations,
-        states: Floats,
-        body: BodyPrior,
-        sigma: Floats,
-        late: Floats,
-        noise: NoiseModel,
-    ) -> None:
-        self.cameras, self.seen, self.body = list(cameras), seen, body
-        self.late, self.noise = late, noise
-        C = len(cameras)
-        self.free = np.append((sigma > 0.0).ravel(), True)
+    def __post_init__(self) -> None:
+        """Begin at the start."""
+        C, seen = len(self.cameras), self.seen
+        self.free = np.append((self.sigma_prior > 0.0).ravel(), [True] + [False] * (COMMON - 1))
         with np.errstate(divide="ignore"):
-            precision = np.where(sigma > 0.0, 1.0 / sigma**2, 0.0).ravel()
-        self.precision = np.append(precision, 1.0 / body.sigma_mean**2)
-        self.values = np.zeros(C * PARAMETERS + 1)
-        self.states = states.copy()
-        self.motion = _motion(seen, body.metre)
+            precision = np.where(self.sigma_prior > 0.0, 1.0 / self.sigma_prior**2, 0.0).ravel()
+        self.precision = np.append(precision, [1.0 / self.body.sigma_mean**2] + [0.0] * (COMMON - 1))
+        bias: Floats = np.zeros((C, PARAMETERS))
+        bias[:, UPPER:] = SIGMA_OWN_BIAS
+        self.sigma_bias = np.append(bias.ravel(), [0.0, *SIGMA_COMMON])
+        self.values = np.zeros(C * PARAMETERS + COMMON)
+        self.states = self.states.copy()
+        self.acceleration = ACCELERATION
+        self.motion = _motion(seen, self.body.metre, self.acceleration)
         size = seen.box[:, 3] - seen.box[:, 1]
-        self.sigma = np.repeat(np.hypot(noise.pixels, noise.relative * size)[:, None], 4, axis=1)
-        self.correlation = 1.0
+        self.sigma = np.repeat(np.hypot(self.noise.pixels, self.noise.relative * size)[:, None], 4, axis=1)
+        own = np.arange(PARAMETERS) + PARAMETERS * seen.camera[:, None]
+        self.columns = np.column_stack([own, np.tile(C * PARAMETERS + np.arange(1, COMMON), (len(own), 1))])
+        self.biases = self._bias_slopes()
+
+    def _bias_slopes(self) -> Floats:
+        """(N, 4, 7) derivatives of the edges by the biases of their cameras and the common ones, at the start."""
+        seen, height = self.seen, self.body.height
+        out, box = np.zeros((len(seen.camera), 4, COMMON + 1)), np.zeros((len(seen.camera), 4))
+        delay, states = self._delays(self.values), self.states[seen.knot]
+        expected_boxes(pack_views(self.cameras).lens, seen.camera, states, delay, box)
+        box = np.where(np.isfinite(box).all(axis=1, keepdims=True), box, seen.box)
+        for c, camera in enumerate(self.cameras):
+            own = np.flatnonzero(seen.camera == c)
+            xy = states[own, :2] + delay[own, None] * states[own, 2:4]
+            away = np.maximum(np.linalg.norm(camera.position[:2] - xy, axis=1), 1e-9)
+            steep = np.clip((camera.position[2] - 0.5 * height) / away, -MAX_STEEPNESS, MAX_STEEPNESS)
+            size = box[own, BOTTOM] - box[own, TOP]
+            for k, edge in enumerate((TOP, BOTTOM)):
+                out[own, edge, k] = out[own, edge, 2 + k] = size
+                out[own, edge, 4 + k] = size * steep
+            ends = [camera.project(np.column_stack([xy, np.full(len(own), share * height)])) for share in (0.4, 0.6)]
+            out[own[:, None], [LEFT, RIGHT], 6] = np.nan_to_num((ends[1] - ends[0])[:, :1] / 0.2)
+        return out
 
     def run(self) -> Adjusted:
         """Search; rescale the noise; search on; the covariance at the end."""
@@ -197,15 +242,14 @@ class _Adjustment:
             self._search(limit)
             self._rescale()
         converged = self._search(MAX_ITERATIONS)
-        self.correlation = self._correlation()
-        equations = self._equations(self.values, self.states)
-        covariance = self._covariance(equations)
-        C = len(self.cameras)
+        C, equations = len(self.cameras), self._equations(self.values, self.states)
+        correlation = self._correlation(equations)
+        covariance = self._covariance(equations, correlation)
         residual = np.where(self.seen.use & equations.good[:, None], equations.residual, np.nan)
-        values = self.values[:-1].reshape(C, PARAMETERS)
+        values = self.values[:-COMMON].reshape(C, PARAMETERS)
         return Adjusted(
             [changed(c, v) for c, v in zip(self.cameras, values, strict=True)], values, covariance, self.states,
-            self.body.height + float(self.values[-1]), residual, self.sigma, self.correlation, converged,
+            self.body.height + float(self.values[-COMMON]), residual, self.sigma, float(correlation.max()), converged,
         )  # fmt: skip
 
     def _search(self, limit: int) -> bool:
@@ -231,14 +275,15 @@ class _Adjustment:
 
     def _delays(self, values: Floats) -> Floats:
         """(N,) true time of each observation after its knot [s]."""
-        late = self.late + values[:-1].reshape(-1, PARAMETERS)[:, LATE]
-        return np.asarray(self.seen.delay - late[self.seen.camera])
+        seen, change = self.seen, values[:-COMMON].reshape(-1, PARAMETERS)
+        clocks = Clocks(self.clocks.late + change[:, LATE], self.clocks.drift + change[:, DRIFT], self.clocks.origin)
+        return np.asarray(seen.delay - clocks.errors(seen.camera, seen.stamps))
 
     def _equations(self, values: Floats, states: Floats) -> _Equations:
         """Residuals, cost and derivatives."""
         seen, C = self.seen, len(self.cameras)
         N = len(seen.camera)
-        changes = values[:-1].reshape(C, PARAMETERS)
+        changes = values[:-COMMON].reshape(C, PARAMETERS)
         lens = pack_views([changed(c, v) for c, v in zip(self.cameras, changes, strict=True)]).lens
         delay, of_knot = self._delays(values), states[seen.knot]
         box, slope, good = np.zeros((N, 4)), np.zeros((N, 4, STATE_SIZE)), np.zeros(N, dtype=np.bool_)
@@ -253,24 +298,23 @@ class _Adjustment:
         cost += float(0.5 * (self.precision * values**2).sum())
         cost += self.motion.cost(states) + self._body_cost(values, states)
         weight = np.where(use, (DEGREES + 1.0) / (DEGREES + scaled**2) / self.sigma**2, 0.0)
-        return _Equations(cost, residual, weight, slope, lens, delay, good, values, states)
+        return _Equations(cost, residual, weight, slope, delay, good, values, states)
 
     def _body_cost(self, values: Floats, states: Floats) -> float:
         first = states[self.seen.first[:-1]]
-        tall = (first[:, HEIGHT] - self.body.height - values[-1]) / self.body.sigma_height
+        tall = (first[:, HEIGHT] - self.body.height - values[-COMMON]) / self.body.sigma_height
         wide = (first[:, WIDTH] - self.body.width) / self.body.sigma_width
         speed = first[:, 2:4] / (SIGMA_SPEED * self.body.metre)
         return float(0.5 * ((tall**2).sum() + (wide**2).sum() + (speed**2).sum()))
 
     def _camera_slopes(self, equations: _Equations) -> Floats:
-        """(N, 4, 9) derivatives of the expected boxes by the parameters of their cameras."""
+        """(N, 4, 17) derivatives of the expected boxes by the parameters of their cameras, and by the common biases."""
         seen, C = self.seen, len(self.cameras)
         N = len(seen.camera)
-        out = np.zeros((N, 4, PARAMETERS))
-        changes = equations.values[:-1].reshape(C, PARAMETERS)
-        free = self.free[:-1].reshape(C, PARAMETERS)
+        out = np.zeros((N, 4, PARAMETERS + COMMON - 1))
+        changes = equations.values[:-COMMON].reshape(C, PARAMETERS)
+        free = self.free[:-COMMON].reshape(C, PARAMETERS)
         of_knot = equations.states[seen.knot]
-        now = [changed(c, v) for c, v in zip(self.cameras, changes, strict=True)]
         high, low = np.zeros((N, 4)), np.zeros((N, 4))
         for k in range(LATE):
             if not free[:, k].any():
@@ -279,62 +323,73 @@ class _Adjustment:
             delta = np.zeros(PARAMETERS)
             delta[k] = step
             for sign, into in ((1.0, high), (-1.0, low)):
-                lens = pack_views([changed(c, sign * delta) for c in now]).lens
+                moved = [changed(c, v + sign * delta) for c, v in zip(self.cameras, changes, strict=True)]
+                lens = pack_views(moved).lens
                 expected_boxes(lens, seen.camera, of_knot, equations.delay, into)
             out[:, :, k] = np.nan_to_num((high - low) / (2.0 * step))
+        out[:, :, UPPER:] = self.biases
         out[:, :, LATE] = -np.einsum("nek,nk->ne", equations.slope[:, :, :2], of_knot[:, 2:4])
+        out[:, :, DRIFT] = out[:, :, LATE] * (seen.stamps - self.clocks.origin)[:, None]
         return out
 
-    def _reduced(self, equations: _Equations, damping: float, inflate: float = 1.0) -> _Reduced:
-        """Normal equations of cameras after the paths are eliminated."""
-        seen, C = self.seen, len(self.cameras)
-        K, M = len(seen.time), C * PARAMETERS + 1
-        weight = equations.weight / inflate
-        camera = self._camera_slopes(equations)
-        Js = equations.slope * weight[:, :, None]
-        A = np.zeros((K, STATE_SIZE, STATE_SIZE))
-        np.add.at(A, seen.knot, np.einsum("nei,nej->nij", Js, equations.slope))
-        g = np.zeros((K, STATE_SIZE))
+    def _paths(self, equations: _Equations, inflate: Floats) -> tuple[Floats, Floats, Floats]:
+        """Normal equations of the paths: (K, 6, 6) blocks of the diagonal and below it, and (K, 6) right side."""
+        seen, body, states = self.seen, self.body, equations.states
+        K, first = len(seen.time), seen.first[:-1]
+        Js = equations.slope * (equations.weight / inflate)[:, :, None]
+        A, g = np.zeros((K, STATE_SIZE, STATE_SIZE)), np.zeros((K, STATE_SIZE))
+        np.add.at(A, seen.knot, np.swapaxes(Js, 1, 2) @ equations.slope)
         np.add.at(g, seen.knot, np.einsum("nei,ne->ni", Js, equations.residual))
+        # Bodies, and velocities at the begin
+        means = (0.0, 0.0, body.height + equations.values[-COMMON], body.width)
+        sigmas = (SIGMA_SPEED * body.metre, SIGMA_SPEED * body.metre, body.sigma_height, body.sigma_width)
+        for k, mean, sigma in zip((2, 3, HEIGHT, WIDTH), means, sigmas, strict=True):
+            A[first, k, k] += 1.0 / sigma**2
+            g[first, k] -= (states[first, k] - mean) / sigma**2
+        off = self.motion.add(states, A, g)
+        # People whom no camera sees from where they are
+        A[:, np.arange(STATE_SIZE), np.arange(STATE_SIZE)] *= 1.0 + MIN_DAMPING
+        return A, off, g
+
+    def _solved(self, A: Floats, off: Floats, right: Floats) -> Floats:
+        """(K, 6, R) solutions of the paths' equations for the right sides (K, 6, R)."""
+        out = np.zeros_like(right)
+        first, R = self.seen.first, right.shape[2]
+        for p0, p1 in zip(first[:-1].tolist(), first[1:].tolist(), strict=True):
+            banded = _banded(A[p0:p1], off[p0 : p1 - 1])
+            solved = solveh_banded(banded, right[p0:p1].reshape(-1, R), lower=True)
+            out[p0:p1] = solved.reshape(p1 - p0, STATE_SIZE, R)
+        return out
+
+    def _reduced(self, equations: _Equations, damping: float, inflate: Floats = np.ones(4)) -> _Reduced:  # noqa: B008
+        """Normal equations of cameras after the paths are eliminated; `inflate` (4,): factors of the variances."""
+        seen, C, body = self.seen, len(self.cameras), self.body
+        K, M = len(seen.time), len(self.values)
+        A, off, g = self._paths(equations, inflate)
+        weight, camera = equations.weight / inflate, self._camera_slopes(equations)
+        Jc = camera * weight[:, :, None]
         B = np.zeros((K, STATE_SIZE, M))
-        of = seen.camera[:, None] * PARAMETERS + np.arange(PARAMETERS)
         np.add.at(
             B,
-            (seen.knot[:, None, None], np.arange(STATE_SIZE)[None, :, None], of[:, None, :]),
-            np.einsum("nei,nej->nij", Js, camera),
+            (seen.knot[:, None, None], np.arange(STATE_SIZE)[None, :, None], self.columns[:, None, :]),
+            np.swapaxes(equations.slope, 1, 2) @ Jc,
         )
-        Jc = camera * weight[:, :, None]
-        H, b = np.zeros((M, M)), np.zeros(M)
-        np.add.at(H, (of[:, :, None], of[:, None, :]), np.einsum("nei,nej->nij", Jc, camera))
-        np.add.at(b, of, np.einsum("nei,ne->ni", Jc, equations.residual))
-        # Priors: parameters, bodies, velocities at the begin
-        H[np.arange(M), np.arange(M)] += self.precision
-        b -= self.precision * equations.values
-        body, first = self.body, seen.first[:-1]
-        tall = equations.states[first, HEIGHT] - body.height - equations.values[-1]
-        p = 1.0 / body.sigma_height**2
-        A[first, HEIGHT, HEIGHT] += p
-        g[first, HEIGHT] -= p * tall
-        B[first, HEIGHT, -1] -= p
-        H[-1, -1] += p * len(first)
-        b[-1] += p * float(tall.sum())
-        q = 1.0 / body.sigma_width**2
-        A[first, WIDTH, WIDTH] += q
-        g[first, WIDTH] -= q * (equations.states[first, WIDTH] - body.width)
-        v = 1.0 / (SIGMA_SPEED * body.metre) ** 2
-        for k in (2, 3):
-            A[first, k, k] += v
-            g[first, k] -= v * equations.states[first, k]
-        off = self.motion.add(equations.states, A, g)
+        H, b = np.diag(self.precision), -self.precision * equations.values
+        for c in range(C):
+            own = np.flatnonzero(seen.camera == c)
+            if len(own):
+                of = self.columns[own[0]]
+                flat = Jc[own].reshape(-1, len(of))
+                H[np.ix_(of, of)] += flat.T @ camera[own].reshape(-1, len(of))
+                b[of] += flat.T @ equations.residual[own].ravel()
+        first, p = seen.first[:-1], 1.0 / body.sigma_height**2
+        mean = M - COMMON
+        B[first, HEIGHT, mean] -= p
+        H[mean, mean] += p * len(first)
+        b[mean] += p * float((equations.states[first, HEIGHT] - body.height - equations.values[mean]).sum())
         # Damping also keeps what nothing determines where it is
         A[:, np.arange(STATE_SIZE), np.arange(STATE_SIZE)] *= 1.0 + damping
-        solved = np.zeros((K, STATE_SIZE, M + 1))
-        right = np.concatenate([g[:, :, None], B], axis=2)
-        for p0, p1 in zip(seen.first[:-1].tolist(), seen.first[1:].tolist(), strict=True):
-            banded = _banded(A[p0:p1], off[p0 : p1 - 1])
-            solved[p0:p1] = solveh_banded(banded, right[p0:p1].reshape(-1, M + 1), lower=True).reshape(
-                p1 - p0, STATE_SIZE, M + 1
-            )
+        solved = self._solved(A, off, np.concatenate([g[:, :, None], B], axis=2))
         flat = B.reshape(-1, M)
         S = H - flat.T @ solved[:, :, 1:].reshape(-1, M)
         s = b - flat.T @ solved[:, :, 0].ravel()
@@ -352,74 +407,124 @@ class _Adjustment:
         return step, moved
 
     def _rescale(self) -> None:
-        """Set the noise to what residuals have: its parts in pixels and in heights, by small and large boxes."""
+        """Set the noise to what residuals have, and the accelerations of people."""
         equations = self._equations(self.values, self.states)
-        use = self.seen.use & equations.good[:, None]
+        use = equations.weight > 0.0
+        shares, of_motion = self._absorbed(equations)
+        left = 1.0 - shares
         size = np.repeat((self.seen.box[:, 3] - self.seen.box[:, 1])[:, None], 4, axis=1)
-        for axis in range(2):
-            own = use.copy()
-            own[:, [1 - axis, 3 - axis]] = False
+        for axis, edges in enumerate(AXES):
+            own = np.zeros_like(use)
+            own[:, edges] = use[:, edges]
             # Student's t with 4 degrees of freedom: the median of |x| is 0.741
-            square = np.abs(equations.residual[own]) / 0.741
+            square = np.abs(equations.residual[own]) / (0.741 * np.sqrt(left[axis]))
             low, high = np.median(size[own]) * 0.7, np.median(size[own]) * 1.3
             small, large = square[size[own] <= low], square[size[own] >= high]
             if len(small) < 20 or len(large) < 20:
                 scale = np.median(square / self.sigma[own])
-                self.sigma[:, [axis, axis + 2]] *= max(float(scale), 1e-3)
+                self.sigma[:, edges] *= max(float(scale), 1e-3)
                 continue
             a, b = float(np.median(small)), float(np.median(large))
             x, y = float(np.median(size[own][size[own] <= low])), float(np.median(size[own][size[own] >= high]))
             relative = max((b**2 - a**2) / (y**2 - x**2), 0.0)
             pixels = max(a**2 - relative * x**2, 0.25)
-            self.sigma[:, [axis, axis + 2]] = np.sqrt(pixels + relative * size[:, [axis, axis + 2]] ** 2)
+            self.sigma[:, edges] = np.sqrt(pixels + relative * size[:, edges] ** 2)
+        # Variance component of the accelerations (Förstner 1979)
+        if len(self.motion.inner):
+            square = self.motion.squares(self.states).mean() / (4.0 * (1.0 - of_motion))
+            self.acceleration = float(np.clip(self.acceleration * square, MIN_ACCELERATION, MAX_ACCELERATION))
+            self.motion = _motion(self.seen, self.body.metre, self.acceleration)
 
-    def _correlation(self) -> float:
-        """Factor by which the variance of a mean of errors is larger than of independent ones, 1 or more."""
-        seen = self.seen
-        equations = self._equations(self.values, self.states)
-        use = seen.use & equations.good[:, None]
-        influence = np.where(use, equations.residual * equations.weight * self.sigma, 0.0)
+    def _absorbed(self, equations: _Equations) -> tuple[Floats, float]:
+        """Shares of the variance of errors that the paths absorb.
+
+        The mean of the diagonal of the hat matrix, by random signs (Hutchinson 1990).
+
+        Returns:
+            (2,) of left and right, and of upper and lower edges; and that of the accelerations.
+        """
+        A, off, _ = self._paths(equations, np.ones(4))
+        seen, motion, rng = self.seen, self.motion, np.random.default_rng(0)
+        inner, root = motion.inner, np.sqrt(equations.weight)
+        signs = rng.choice([-1.0, 1.0], (PROBES, *root.shape)) * root
+        pushes = np.einsum("rlj,lij->rli", rng.choice([-1.0, 1.0], (PROBES, len(inner), 4)), _roots(motion))
+        right = np.zeros((len(seen.time), STATE_SIZE, 2 * PROBES))
+        np.add.at(right, seen.knot, np.einsum("nei,rne->nir", equations.slope, signs) @ np.eye(PROBES, 2 * PROBES))
+        forced = np.moveaxis(pushes, 0, 2) @ np.eye(PROBES, 2 * PROBES, PROBES)
+        right[inner + 1, :4] += forced
+        right[inner] -= np.einsum("lji,ljr->lir", motion.transition[:, :4], forced)
+        solved = self._solved(A, off, right)
+        hat = np.einsum("rne,nei,nir->ne", signs, equations.slope, solved[seen.knot][..., :PROBES]) / PROBES
+        use = equations.weight > 0.0
+        shares = [hat[:, edges].sum() / max(np.count_nonzero(use[:, edges]), 1) for edges in AXES]
+        moved = solved[inner + 1] - motion.transition @ solved[inner]
+        of_motion = np.einsum("rli,lir->", pushes, moved[:, :4, PROBES:]) / (PROBES * max(4 * len(inner), 1))
+        return np.clip(shares, 0.0, 0.9), float(np.clip(of_motion, 0.0, 0.99))
+
+    def _correlation(self, equations: _Equations) -> Floats:
+        """(4,) factors by which errors widen the variances of the normal equations, of each edge.
+
+        Errors of one person in one camera are correlated in time, those of left and right edges with each other; and
+        equations of an M-estimator have the mean of weights in place of the slope of the influence function.
+        """
+        seen, use = self.seen, equations.weight > 0.0
+        scaled = np.where(use, equations.residual / self.sigma, 0.0)
+        influence = (DEGREES + 1.0) * scaled / (DEGREES + scaled**2)
+        slope = (DEGREES + 1.0) * (DEGREES - scaled**2) / (DEGREES + scaled**2) ** 2
+        weight = (DEGREES + 1.0) / (DEGREES + scaled**2)
         person = np.searchsorted(seen.first, seen.knot, side="right") - 1
         order = np.lexsort((seen.knot, seen.camera, person))
-        x, group = influence[order], (person * len(self.cameras) + seen.camera)[order]
-        total = float((x**2).sum())
-        factor = 1.0
-        for lag in range(1, MAX_LAG + 1):
-            same = group[lag:] == group[:-lag]
-            if not same.any():
-                break
-            rho = float((x[lag:] * x[:-lag])[same].sum()) / max(total, 1e-12)
-            if rho < 0.02:
-                break
-            factor += 2.0 * rho
-        return factor
+        group = (person * len(self.cameras) + seen.camera)[order]
+        left = 1.0 - self._absorbed(equations)[0]
+        out = np.ones(4)
+        for axis, edges in enumerate(AXES):
+            x, used = influence[:, edges], use[:, edges]
+            robust = (x[used] ** 2).mean() / left[axis] * weight[:, edges][used].mean()
+            robust /= max(float(slope[:, edges][used].mean()), 0.1) ** 2
+            total = float((x**2).sum())
+            if axis == 0:
+                x = x.sum(axis=1, keepdims=True)
+            out[list(edges)] = robust * _time_factor(x[order], group, total)
+        return out
 
-    def _covariance(self, equations: _Equations) -> Floats:
-        """(C 9, C 9) covariance of the parameters, with errors that last.
-
-        Upper and lower edges of the boxes of a camera may also be off by a share of the height, all alike: a detector
-        has habits, and people are no ellipsoids.  These biases are consider parameters (Schmidt): they are not
-        estimated, and what they do to the estimates is added.
-        """
-        reduced = self._reduced(equations, 0.0, inflate=self.correlation)
-        S, solved = reduced.matrix, reduced.solved[:, :, 1:].reshape(-1, len(self.values))
+    def _inverse(self, matrix: Floats) -> Floats:
+        """Inverse for the parameters that are free, without directions that nothing determines; 0 elsewhere."""
         free = np.flatnonzero(self.free)
-        out = np.zeros_like(S)
-        out[np.ix_(free, free)] = np.linalg.pinv(S[np.ix_(free, free)], hermitian=True)
-        seen, weight = self.seen, equations.weight / self.correlation
-        camera = self._camera_slopes(equations)
-        of = seen.camera[:, None] * PARAMETERS + np.arange(PARAMETERS)
-        shifts = []
-        for c in range(len(self.cameras)):
-            for edge in (TOP, BOTTOM):
-                size = SIGMA_EDGE_BIAS * (seen.box[:, BOTTOM] - seen.box[:, TOP])
-                bias = np.where(seen.camera == c, size * weight[:, edge], 0.0)[:, None]
-                right, g = np.zeros(len(S)), np.zeros((len(seen.time), STATE_SIZE))
-                np.add.at(right, of, bias * camera[:, edge])
-                np.add.at(g, seen.knot, bias * equations.slope[:, edge])
-                shifts.append(out @ (right - solved.T @ g.ravel()))
-        out += sum(np.outer(shift, shift) for shift in shifts)
-        return out[:-1, :-1]
+        out, part = np.zeros_like(matrix), matrix[np.ix_(free, free)]
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(part), 1e-300))
+        out[np.ix_(free, free)] = scale[:, None] * np.linalg.pinv(part * np.outer(scale, scale), hermitian=True) * scale
+        return out
+
+    def _covariance(self, equations: _Equations, correlation: Floats) -> Floats:
+        """(C 12, C 12) covariance of the parameters.
+
+        Biases of edges are consider parameters (Schmidt 1966): they are not estimated, since small errors of the body
+        model would make them large, and what they do to the estimates is added.
+        """
+        exact = self._reduced(equations, 0.0).matrix
+        gain = self._inverse(exact) @ (exact * self.sigma_bias)
+        covariance = self._inverse(self._reduced(equations, 0.0, correlation).matrix) + gain @ gain.T
+        return np.asarray(covariance[:-COMMON, :-COMMON])
+
+
+def _time_factor(x: Floats, group: Ints, total: float) -> float:
+    """Factor by which the variance of a mean of errors is larger than that of independent ones, 1 or more.
+
+    Args:
+        x: (N, E) errors, those of a group in the order of time.
+        group: (N,) of each.
+        total: sum of squares of independent errors.
+    """
+    factor = float((x**2).sum()) / max(total, 1e-12)
+    for lag in range(1, MAX_LAG + 1):
+        same = group[lag:] == group[:-lag]
+        if not same.any():
+            break
+        rho = float((x[lag:] * x[:-lag])[same].sum()) / max(total, 1e-12)
+        if rho < 0.02:
+            break
+        factor += 2.0 * rho
+    return max(factor, 1.0)
 
 
 class _Equations(NamedTuple):
@@ -427,7 +532,6 @@ class _Equations(NamedTuple):
     residual: Floats
     weight: Floats
     slope: Floats
-    lens: Floats
     delay: Floats
     good: Bools
     values: Floats
@@ -450,6 +554,11 @@ class _Motion(NamedTuple):
     def _off(self, states: Floats) -> Floats:
         return np.asarray(states[self.inner + 1] - np.einsum("lij,lj->li", self.transition, states[self.inner]))
 
+    def squares(self, states: Floats) -> Floats:
+        """(L,) squared Mahalanobis lengths of the changes of position and velocity."""
+        off = self._off(states)[:, :4]
+        return np.asarray(np.einsum("li,lij,lj->l", off, self.precision[:, :4, :4], off))
+
     def cost(self, states: Floats) -> float:
         """Half the squared Mahalanobis length of all transitions."""
         off = self._off(states)
@@ -468,14 +577,14 @@ class _Motion(NamedTuple):
         return below
 
 
-def _motion(seen: Observations, metre: float) -> _Motion:
+def _motion(seen: Observations, metre: float, acceleration: float) -> _Motion:
     """Prior of the paths: white acceleration, and bodies that hardly change."""
     last = seen.first[1:] - 1
     inner = np.setdiff1d(np.arange(len(seen.time)), last)
     dt = seen.time[inner + 1] - seen.time[inner]
     L = len(inner)
     F, Q = np.tile(np.eye(STATE_SIZE), (L, 1, 1)), np.zeros((L, STATE_SIZE, STATE_SIZE))
-    q = ACCELERATION * metre**2
+    q = acceleration * metre**2
     for k in range(2):
         F[:, k, k + 2] = dt
         Q[:, k, k], Q[:, k + 2, k + 2] = q * dt**3 / 3.0, q * dt
@@ -483,6 +592,11 @@ def _motion(seen: Observations, metre: float) -> _Motion:
     for k in (HEIGHT, WIDTH):
         Q[:, k, k] = (BODY_DRIFT * metre) ** 2 * dt
     return _Motion(inner, F, np.asarray(np.linalg.inv(Q), dtype=np.float64))
+
+
+def _roots(motion: _Motion) -> Floats:
+    """(L, 4, 4) roots R of the precisions P = R R' of position and velocity."""
+    return np.asarray(np.linalg.cholesky(motion.precision[:, :4, :4]))
 
 
 def _banded(diagonal: Floats, below: Floats) -> Floats:

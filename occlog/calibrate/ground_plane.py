@@ -8,6 +8,7 @@ ground below it, x forward and z up.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,15 +16,13 @@ from scipy.optimize import least_squares
 
 from occlog.array_types import Bools, Floats
 from occlog.core.geometry.camera import angles_from_rotation, rotation_from_angles
-from occlog.core.geometry.lens import undistort
 from occlog.records.scene import Camera
+from occlog.track.people.pair_overlap import BORDER_PX, ideal, located_by_ends, upright
 
 MIN_BOXES = 30
 """Minimum number of whole boxes that determine a ground plane."""
 MAX_BOXES = 3000
 """Boxes that are used at most, evenly spread."""
-BORDER_PX = 3.0
-"""A box this near to the border of the image may be cut by it."""
 SIGMA_HEAD = 0.06
 """Standard deviation of the head in an image, in heights of the box: people differ, and walk."""
 SIGMA_ANGLE = np.radians(6.0)
@@ -56,9 +55,13 @@ class GroundPlane(NamedTuple):
 
     def positions(self, camera: Camera, boxes: Floats) -> Floats:
         """(n, 2) positions on the ground of the feet of boxes (n, 4), in the level frame; NaN above the horizon."""
-        foot = _ideal(camera, boxes)[0] @ rotation_from_angles(0.0, self.pitch, self.roll).T
-        down = np.where(foot[:, 2] < -MIN_SLOPE, -foot[:, 2], np.nan)
-        return np.asarray(self.height * foot[:, :2] / down[:, None])
+        level = replace(
+            camera,
+            position=np.array([0.0, 0.0, self.height]),
+            rotation=rotation_from_angles(0.0, self.pitch, self.roll),
+        )
+        feet, head = upright(level, boxes)
+        return located_by_ends(level, feet, head, 0.0)[:, :2]
 
 
 def whole(camera: Camera, boxes: Floats) -> Bools:
@@ -85,7 +88,7 @@ def ground_plane(camera: Camera, boxes: Floats, person_height: float) -> GroundP
     if len(used) < MIN_BOXES:
         return None
     used = used[np.unique(np.linspace(0, len(used) - 1, MAX_BOXES).round().astype(np.int64))]
-    foot, head = _ideal(camera, used)
+    foot, head = _ends(camera, used)
     tall = foot[:, 1] - head[:, 1]
     known = camera.placed and camera.position[2] > 0.0
     if known:
@@ -118,12 +121,9 @@ def ground_plane(camera: Camera, boxes: Floats, person_height: float) -> GroundP
     return GroundPlane(pitch, roll, float(np.exp(log_height)), rms, len(used))
 
 
-def _ideal(camera: Camera, boxes: Floats) -> tuple[Floats, Floats]:
+def _ends(camera: Camera, boxes: Floats) -> tuple[Floats, Floats]:
     """(n, 3) lines of sight of the feet and of the heads, in the camera's frame, with a forward component of 1."""
     middle = 0.5 * (boxes[:, 0] + boxes[:, 2])
-    out = []
-    for edge in (3, 1):
-        pixels = np.column_stack([middle, boxes[:, edge]])
-        ideal = undistort((pixels - camera.principal_px) / camera.focal_px, camera.distortion, camera.distortion_model)
-        out.append(np.column_stack([ideal, np.ones(len(ideal))]))
-    return out[0], out[1]
+    foot, head = (ideal(camera, np.column_stack([middle, boxes[:, edge]])) for edge in (3, 1))
+    one = np.ones((len(boxes), 1))
+    return np.hstack([foot, one]), np.hstack([head, one])

@@ -15,8 +15,6 @@ from occlog.errors import InputError
 from occlog.io.formats.calibration.homography import ground_pose
 from occlog.records.scene import Camera, camera_fov
 
-from .adjustment import rotation_of
-
 MIN_POINTS = 4
 SIGMA_MARK_PX = 3.0
 """Standard deviation of a mark, where the residuals of few points do not show it."""
@@ -71,7 +69,7 @@ def pose_of_points(camera: Camera, pixels: Floats, points: Floats) -> MarkedPose
     def changed(values: Floats) -> Camera:
         return replace(
             start,
-            rotation=start.rotation @ rotation_of(values[:3]),
+            rotation=start.rotation @ cv2.Rodrigues(values[:3])[0],
             position=start.position + spread * values[3:6],
             focal_px=start.focal_px * np.exp(values[6] if len(values) > 6 else 0.0),
         )

@@ -9,8 +9,9 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints
 from occlog.track.methods.jipda.interface import STATE_SIZE
+from occlog.track.people.pair_overlap import BORDER_PX
 
-from .adjustment import BodyPrior, Observations
+from .adjustment import BodyPrior, Clocks, Observations
 from .alignment import Complexes
 
 MATCH_HEIGHTS = 0.45
@@ -25,8 +26,6 @@ MIN_KNOTS = 5
 """Time steps of a person, at least."""
 MAX_KNOTS = 2500
 """Time steps of all people that are used at most: people whom most cameras see go first."""
-BORDER_PX = 3.0
-"""An edge of a box this near to the border of the image may be cut by it."""
 
 
 class Tracklet(NamedTuple):
@@ -55,18 +54,18 @@ def on_grid(t_s: Floats, xy: Complexes, times: Floats, max_gap_s: float) -> Comp
     return out
 
 
-def persons(tracklets: Sequence[Tracklet], late: Floats, times: Floats, max_gap_s: float, height: float) -> Ints:
+def persons(tracklets: Sequence[Tracklet], clocks: Clocks, times: Floats, max_gap_s: float, height: float) -> Ints:
     """(n,) number of the person of each tracklet.
 
     Args:
         tracklets: of all cameras.
-        late: (C,) offsets of the clocks [s].
+        clocks: of the cameras.
         times: grid on which positions are compared [s].
         max_gap_s: longest gap of a tracklet that is interpolated.
         height: of a person.
     """
     n = len(tracklets)
-    grid = np.array([on_grid(t.t_s - late[t.camera], t.xy, times, max_gap_s) for t in tracklets])
+    grid = np.array([on_grid(t.t_s - clocks.errors(t.camera, t.t_s), t.xy, times, max_gap_s) for t in tracklets])
     camera = np.array([t.camera for t in tracklets], dtype=np.int64)
     there = np.isfinite(grid)
     pairs: list[tuple[float, int, int]] = []
@@ -104,7 +103,7 @@ def _conflict(a: dict[int, np.ndarray], b: dict[int, np.ndarray]) -> bool:
 
 def observations(
     rows: Sequence[tuple[int, int, float, Floats, complex]],
-    late: Floats,
+    clocks: Clocks,
     window_s: float,
     sizes: Sequence[tuple[int, int] | None],
     body: BodyPrior,
@@ -113,13 +112,14 @@ def observations(
 
     Args:
         rows: person, camera, stamped time [s], box (4,), and position on the ground.
-        late: (C,) offsets of the clocks [s].
+        clocks: of the cameras.
         window_s: observations this near in time are of one time step.
         sizes: (C,) width and height of the images; None: not known.
         body: of people.
     """
     by_person: dict[int, list[int]] = {}
-    true = np.array([t - late[c] for _, c, t, _, _ in rows])
+    stamps = np.array([row[2] for row in rows])
+    true = stamps - clocks.errors(np.array([row[1] for row in rows], dtype=np.int64), stamps)
     for k, row in enumerate(rows):
         by_person.setdefault(row[0], []).append(k)
     chains: list[tuple[int, list[list[int]]]] = []

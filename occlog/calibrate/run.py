@@ -26,7 +26,7 @@ from occlog.track.people.frame_detections import FrameDetectionsWithIds
 from occlog.track.people.inputs import ImageInput
 from occlog.track.request import TrackInImagesRequest
 
-from .adjustment import FOCAL, LATE
+from .adjustment import DRIFT, FOCAL, LATE
 from .config import CalibrateConfig
 from .focal import FocalEstimate, focal_of_people, lens_unknown, with_focal
 from .marked import MarkedPose, pose_of_points
@@ -211,7 +211,7 @@ def _scene(scene: Scene, found: Calibrated, *, placed: bool) -> Scene:
         if each.is_late:
             clock = CLOCK.format(camera.name)
             before = clocks[camera.clock] if camera.clock is not None else Clock(clock)
-            clocks[clock] = Clock(clock, before.offset_ns + late_ns, before.drift_ppm)
+            clocks[clock] = Clock(clock, before.offset_ns + late_ns, before.drift_ppm + each.drift_ppm)
         sigma = float(np.sqrt(np.mean(each.sigma[3:5] ** 2)))
         cameras.append(replace(each.camera, clock=clock, sigma_position=sigma, sigma_yaw=_sigma_yaw(each)))
     changed = replace(scene, cameras=tuple(cameras), clocks=tuple(clocks.values()))
@@ -239,6 +239,8 @@ def _figures(each: CameraResult) -> dict[str, object]:
         "focal_px": [round(float(v), 2) for v in each.camera.focal_px],
         "clock_offset_s": round(each.late_s, 4),
         "sigma_clock_s": round(float(each.sigma[LATE]), 4),
+        "clock_drift_ppm": round(each.drift_ppm, 2),
+        "sigma_drift_ppm": round(float(each.sigma[DRIFT]) * 1e6, 2),
         "boxes": each.boxes,
         "residual_px": round(each.rms_px, 2),
     }
@@ -293,16 +295,22 @@ def _moved(found: Calibrated, stated: Sequence[Camera], config: CalibrateConfig,
 
 
 def _clocks(found: Calibrated) -> tuple[Check, ...]:
-    late = [each for each in found.cameras if each.is_late]
-    return outcome(
-        CLOCKS,
-        (
-            finding(
-                CLOCKS, "clock-offset-found", sensors=[e.camera.name], late_s=e.late_s, sigma_s=float(e.sigma[LATE])
+    return outcome(CLOCKS, _clock_findings(found))
+
+
+def _clock_findings(found: Calibrated) -> Iterator[Check]:
+    for each in found.cameras:
+        name, sigma = [each.camera.name], each.sigma
+        if each.is_late:
+            yield finding(CLOCKS, "clock-offset-found", sensors=name, late_s=each.late_s, sigma_s=float(sigma[LATE]))
+        if each.is_drifting:
+            yield finding(
+                CLOCKS, "clock-drift-found", sensors=name, ppm=each.drift_ppm, sigma_ppm=1e6 * float(sigma[DRIFT])
             )
-            for e in late
-        ),
-    )
+    # The clock that the others are compared with has no standard deviation
+    loose = [e.camera.name for e in found.cameras if e.estimated and e.sigma[LATE] > 0.0 and not e.sigma[DRIFT] > 0.0]
+    if loose:
+        yield finding(CLOCKS, "clock-drift-undetermined", sensors=loose)
 
 
 def _comment(found: Calibrated, unit: str) -> str:

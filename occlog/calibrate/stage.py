@@ -15,6 +15,7 @@ from dataclasses import replace
 from itertools import combinations
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
@@ -26,9 +27,11 @@ from occlog.track.methods.sort.config import SortConfig
 from occlog.track.people.frame_detections import FrameDetectionsWithIds, group_time_steps
 from occlog.track.people.image_tracks import CameraTracks
 from occlog.track.people.inputs import default_window
+from occlog.track.people.pair_overlap import MAX_DISTANCE_HEIGHTS
 from occlog.track.people.stage import JIPDA, track_people
 
 from .adjustment import (
+    DRIFT,
     FOCAL,
     LATE,
     PARAMETERS,
@@ -36,11 +39,11 @@ from .adjustment import (
     SHIFT,
     TURN,
     Adjusted,
+    Adjustment,
     BodyPrior,
+    Clocks,
     NoiseModel,
     Observations,
-    adjust,
-    rotation_of,
 )
 from .alignment import Complexes, PairAlignment, PlanarPose, align_pair, joined
 from .config import CalibrateConfig
@@ -53,14 +56,14 @@ MAX_GRID = 1200
 """Steps of that grid, at most: a longer recording is used from its beginning."""
 MAX_GAP_S = 1.6
 """Longest gap of a track that is interpolated on the grid [s]."""
-MAX_DISTANCE_HEIGHTS = 30.0
-"""Distance of a person from a camera, in heights, beyond which a box does not locate the person."""
 TOLERANCE = 4.0
 """Poses of pairs of cameras are searched within this many standard deviations of the stated ones."""
 MIN_ASSOCIATION = 0.9
 """Probability of an association of a box from which it is an observation."""
-SIGMA_LOG_FOCAL, SIGMA_RADIAL, SIGMA_LATE_S = 0.1, 0.3, 0.5
+SIGMA_LOG_FOCAL, SIGMA_RADIAL, SIGMA_LATE_S, SIGMA_DRIFT = 0.1, 0.3, 0.5, 1e-4
 """Prior standard deviations of what is estimated of a lens and a clock."""
+MIN_DRIFT_S = 60.0
+"""Shortest recording from which drift is estimated [s]: less makes as much of it as errors of offsets do."""
 MIN_LATE_S = 0.005
 """Least offset of a clock that is stated."""
 DETERMINED = 0.5
@@ -79,9 +82,10 @@ class CameraResult(NamedTuple):
     Attributes:
         camera: with its pose.
         estimated: it was; else it is left as it was stated.
-        sigma: (9,) standard deviations of its parameters, in the order of `adjustment`, relative to all cameras
+        sigma: (12,) standard deviations of its parameters, in the order of `adjustment`, relative to all cameras
             together; NaN: not estimated.
-        late_s: by how much its clock is late [s].
+        late_s: by how much its clock is late at the begin of the recording [s].
+        drift_ppm: by how much its clock is fast against that of one of the cameras [ppm]; 0 where it is not determined.
         boxes: number of boxes that determine it.
         rms_px: root mean square of their residuals, robust [px].
         undetermined: names of parameters that were asked for and that the boxes do not determine.
@@ -91,6 +95,7 @@ class CameraResult(NamedTuple):
     estimated: bool
     sigma: Floats
     late_s: float
+    drift_ppm: float
     boxes: int
     rms_px: float
     undetermined: tuple[str, ...] = ()
@@ -98,7 +103,14 @@ class CameraResult(NamedTuple):
     @property
     def is_late(self) -> bool:
         """Whether the offset of the clock is significant, and matters."""
-        return self.estimated and abs(self.late_s) > max(3.0 * float(self.sigma[LATE]), MIN_LATE_S)
+        return self.estimated and (
+            abs(self.late_s) > max(3.0 * float(self.sigma[LATE]), MIN_LATE_S) or self.is_drifting
+        )
+
+    @property
+    def is_drifting(self) -> bool:
+        """Whether the drift of the clock is significant."""
+        return self.estimated and abs(self.drift_ppm) > 3e6 * float(self.sigma[DRIFT]) > 0.0
 
 
 class Calibrated(NamedTuple):
@@ -109,7 +121,7 @@ class Calibrated(NamedTuple):
         people: number of people who determine it.
         mean_height: of people.
         sigma_frame: standard deviations of all cameras together: x, y (scene's unit), yaw [rad], scale [1].
-        covariance: (C 9, C 9) of the parameters, relative to all cameras together.
+        covariance: (C 12, C 12) of the parameters, relative to all cameras together.
         correlation: factor by which the correlation of the boxes' errors in time widens variances.
         converged: the adjustment ended by itself.
         seen: boxes that determine it.
@@ -131,7 +143,7 @@ class _Estimate(NamedTuple):
     """Cameras and clocks between rounds."""
 
     cameras: list[Camera]
-    late: Floats
+    clocks: Clocks
 
 
 Rows = list[tuple[int, int, float, Floats, complex]]
@@ -177,37 +189,34 @@ def calibrate(
     tracklets = [_tracklets(c, cameras[c], planes[c], boxes[c], height) for c in range(C)]
     poses = _aligned(cameras, tracklets, times, config, metre)
     used = np.array([pose is not None for pose in poses])
+    body = BodyPrior(
+        height, config.sigma_person_height * metre, BODY_WIDTH * metre, SIGMA_BODY_WIDTH * metre,
+        SIGMA_LOOSE_HEIGHT * metre, metre,
+    )  # fmt: skip
+    window_s = default_window(list(frames)) / NS
+    clocks = config.max_clock_offset > 0.0
+    sigma = _prior_sigmas(C, estimate, clocks=clocks, drift=clocks and times[-1] - times[0] >= MIN_DRIFT_S)
+    if sigma_log_focal is not None:
+        sigma[:, FOCAL] = sigma_log_focal
     if np.count_nonzero(used) < 2:
         raise InputError(
             "no two cameras see the same people for 3 s; record people who walk where cameras overlap, or raise "
             f"{option('max_clock_offset')}",
             id="insufficient-data",
         )
-    now = _initial(cameras, planes, poses, times[1] - times[0])
+    now = _initial(cameras, planes, poses, times)
     placed = [
         t._replace(xy=pose.position + np.exp(1j * pose.yaw) * t.xy)
         for own, pose in zip(tracklets, poses, strict=True)
         for t in own
         if pose is not None
     ]
-    body = BodyPrior(
-        height, config.sigma_person_height * metre, BODY_WIDTH * metre, SIGMA_BODY_WIDTH * metre,
-        SIGMA_LOOSE_HEIGHT * metre, metre,
-    )  # fmt: skip
-    group = persons(placed, now.late, times, MAX_GAP_S, height)
-    rows: Rows = [
-        (int(person), t.camera, float(when), box, complex(at))
-        for person, t in zip(group, placed, strict=True)
-        for when, box, at in zip(t.t_s, t.boxes, t.xy, strict=True)
-    ]
-    window_s = default_window(list(frames)) / NS
+    group = persons(placed, now.clocks, times, MAX_GAP_S, height)
+    rows = _rows(placed, group)
     step("adjust")
-    sigma = _prior_sigmas(C, estimate, clocks=config.max_clock_offset > 0.0)
-    if sigma_log_focal is not None:
-        sigma[:, FOCAL] = sigma_log_focal
     done, seen = _adjusted(rows, now, used, body, sigma, window_s)
     for _ in range(config.rounds):
-        now = _scaled_to(_Estimate(done.cameras, now.late + done.values[:, LATE]), height / done.mean_height)
+        now = _scaled_to(_Estimate(done.cameras, _after(now, done)), height / done.mean_height)
         step("associate")
         rows = _associated(frames, scene, now, used, config, metre, seed)
         step("adjust")
@@ -216,10 +225,31 @@ def calibrate(
     if loose.any():
         # What the boxes do not determine is as it was stated
         now = _Estimate(
-            [_with_lens(c, s) if any(k) else c for c, s, k in zip(now.cameras, cameras, loose, strict=True)], now.late
+            [_with_lens(c, s) if any(k) else c for c, s, k in zip(now.cameras, cameras, loose, strict=True)],
+            now.clocks._replace(drift=np.where(loose[:, DRIFT], 0.0, now.clocks.drift)),
         )
         done, seen = _adjusted(rows, now, used, body, np.where(loose, 0.0, sigma), window_s)
-    return _placed(cameras, done, seen, now.late + done.values[:, LATE], used, config, metre, loose)
+    return _placed(cameras, done, seen, _after(now, done), used, config, metre, loose)
+
+
+def _rows(tracklets: Sequence[Tracklet], group: Ints) -> Rows:
+    """Boxes of tracks with the numbers of their persons."""
+    return [
+        (int(person), t.camera, float(when), box, complex(at))
+        for person, t in zip(group, tracklets, strict=True)
+        for when, box, at in zip(t.t_s, t.boxes, t.xy, strict=True)
+    ]
+
+
+def _loose_names(loose: Bools) -> tuple[str, ...]:
+    return tuple(name for k, name in NAMES.items() if loose[k])
+
+
+def _after(now: _Estimate, done: Adjusted) -> Clocks:
+    """Clocks after an adjustment."""
+    return now.clocks._replace(
+        late=now.clocks.late + done.values[:, LATE], drift=now.clocks.drift + done.values[:, DRIFT]
+    )
 
 
 def tracks_in_images(frames: Sequence[FrameDetectionsWithIds], c: int, camera: Camera) -> list[tuple[Floats, Floats]]:
@@ -293,7 +323,7 @@ def _relative(a: Camera, b: Camera) -> PlanarPose:
 
 
 def _initial(
-    cameras: Sequence[Camera], planes: Sequence[GroundPlane | None], poses: Sequence[PlanarPose | None], step_s: float
+    cameras: Sequence[Camera], planes: Sequence[GroundPlane | None], poses: Sequence[PlanarPose | None], times: Floats
 ) -> _Estimate:
     """Cameras in the common frame of the alignment."""
     out, late = [], np.zeros(len(cameras))
@@ -301,13 +331,13 @@ def _initial(
         if plane is None or pose is None:
             out.append(camera)
             continue
-        late[c] = pose.late * step_s
+        late[c] = pose.late * (times[1] - times[0])
         position = np.array([pose.position.real, pose.position.imag, plane.height])
         rotation = rotation_from_angles(pose.yaw, plane.pitch, plane.roll)
         out.append(replace(camera, position=position, rotation=rotation, placed=True))
     used = np.array([pose is not None for pose in poses])
     late[used] -= _middle(late[used])
-    return _Estimate(out, late)
+    return _Estimate(out, Clocks(late, np.zeros(len(cameras)), float(0.5 * (times[0] + times[-1]))))
 
 
 def _middle(values: Floats) -> float:
@@ -315,18 +345,19 @@ def _middle(values: Floats) -> float:
     return float(np.sort(values)[(len(values) - 1) // 2])
 
 
-def _prior_sigmas(count: int, estimate: Collection[str], *, clocks: bool) -> Floats:
-    """(C, 9) prior standard deviations of the parameters; 0: held; inf: free."""
+def _prior_sigmas(count: int, estimate: Collection[str], *, clocks: bool, drift: bool) -> Floats:
+    """(C, 12) prior standard deviations of the parameters; 0: held; inf: free."""
     sigma = np.zeros((count, PARAMETERS))
     sigma[:, TURN] = sigma[:, SHIFT] = np.inf
     sigma[:, FOCAL] = SIGMA_LOG_FOCAL if "focal" in estimate else 0.0
     sigma[:, RADIAL] = SIGMA_RADIAL if "radial" in estimate else 0.0
     sigma[:, LATE] = SIGMA_LATE_S if clocks else 0.0
+    sigma[:, DRIFT] = SIGMA_DRIFT if drift else 0.0
     return sigma
 
 
 def _undetermined(done: Adjusted, sigma: Floats) -> Bools:
-    """(C, 9) parameters with a prior that the boxes hardly narrow."""
+    """(C, 12) parameters with a prior that the boxes hardly narrow."""
     found = np.sqrt(np.maximum(np.diag(done.covariance), 0.0)).reshape(sigma.shape)
     return np.asarray(np.isfinite(sigma) & (sigma > 0.0) & (found > DETERMINED * sigma))
 
@@ -340,7 +371,7 @@ def _adjusted(
     rows: Rows, now: _Estimate, used: Bools, body: BodyPrior, sigma: Floats, window_s: float
 ) -> tuple[Adjusted, Observations]:
     """A bundle adjustment; x and y of two cameras far apart are held, which is the frame, and one clock."""
-    seen, states = observations(rows, now.late, window_s, [c.image_size for c in now.cameras], body)
+    seen, states = observations(rows, now.clocks, window_s, [c.image_size for c in now.cameras], body)
     if not len(seen.time):
         raise InputError("no person is seen by two cameras for 5 time steps; record people who walk where they overlap")
     count = np.bincount(seen.camera, minlength=len(used))
@@ -350,13 +381,13 @@ def _adjusted(
     apart = np.linalg.norm(ground[:, None] - ground[None], axis=-1)
     for k in np.unravel_index(int(np.argmax(apart)), apart.shape):
         free[own[k], 3:5] = 0.0
-    free[own[int(np.argmax(count[own]))], LATE] = 0.0
-    return adjust(now.cameras, seen, states, body, free, now.late, NOISE), seen
+    free[own[int(np.argmax(count[own]))], [LATE, DRIFT]] = 0.0
+    return Adjustment(now.cameras, seen, states, body, free, now.clocks, NOISE).run(), seen
 
 
 def _scaled_to(now: _Estimate, scale: float) -> _Estimate:
     """The cameras with all lengths multiplied."""
-    return _Estimate([replace(c, position=c.position * scale) for c in now.cameras], now.late)
+    return _Estimate([replace(c, position=c.position * scale) for c in now.cameras], now.clocks)
 
 
 def _associated(
@@ -378,7 +409,7 @@ def _associated(
             continue
         for row, box in zip(each.detections.row.tolist(), each.detections.boxes, strict=True):
             box_of[c, row] = each.detections.t_ns / NS, box
-        t_ns = each.detections.t_ns - round(float(now.late[c]) * NS)
+        t_ns = each.detections.t_ns - round(float(now.clocks.errors(c, np.array(each.detections.t_ns / NS))) * NS)
         shifted.append(each._replace(detections=each.detections._replace(t_ns=t_ns, camera=int(number[c]))))
     shifted.sort(key=lambda each: each.detections.t_ns)
     cameras = [c for c, own in zip(now.cameras, used, strict=True) if own]
@@ -413,14 +444,13 @@ def _placed(
     stated: Sequence[Camera],
     done: Adjusted,
     seen: Observations,
-    late: Floats,
+    clocks: Clocks,
     used: Bools,
     config: CalibrateConfig,
     metre: float,
     loose: Bools,
 ) -> Calibrated:
     """The result in the world, by the stated poses and the mean height of people."""
-    C = len(stated)
     own = np.flatnonzero(used)
     known = [c for c in own.tolist() if stated[c].placed and stated[c].position[2] > 0.0]
     log_scale = float(np.log(config.person_height * metre / done.mean_height))
@@ -458,35 +488,61 @@ def _placed(
     else:
         information[3] = precision
     scale = float(np.exp(log_scale))
-    turned = rotation_of(np.array([0.0, 0.0, yaw]))
+    turned = cv2.Rodrigues(np.array([0.0, 0.0, yaw]))[0]
     offset = np.array([shift.real, shift.imag, 0.0])
     cameras = [
         replace(c, position=scale * turned @ c.position + offset, rotation=turned @ c.rotation) for c in done.cameras
     ]
     covariance = _inner(done.covariance, cameras, own, scale, turned)
-    late = late - _middle(late[own])
+    with np.errstate(divide="ignore"):
+        frame = 1.0 / np.sqrt(information)
+    names = [_loose_names(each) for each in loose]
+    return _result(stated, cameras, done, seen, clocks, used, covariance, frame, done.mean_height * scale, names)
+
+
+def _result(
+    stated: Sequence[Camera],
+    cameras: Sequence[Camera],
+    done: Adjusted,
+    seen: Observations,
+    clocks: Clocks,
+    used: Bools,
+    covariance: Floats,
+    frame: Floats,
+    mean_height: float,
+    undetermined: Sequence[tuple[str, ...]],
+) -> Calibrated:
+    """The result of an adjustment, with cameras in the world."""
+    own = np.flatnonzero(used)
+    # Offsets at the begin, as a scene states them
+    since = clocks.origin - float(seen.stamps.min())
+    late = clocks.late - _middle(clocks.late[own]) - clocks.drift * since
     results = []
     size = np.abs(done.residual)
-    for c in range(C):
+    for c in range(len(stated)):
         mine = seen.camera == c
         count = int(np.count_nonzero(mine))
         if not used[c] or not count:
-            results.append(CameraResult(stated[c], False, np.full(PARAMETERS, np.nan), 0.0, 0, float("nan")))
+            results.append(CameraResult(stated[c], False, np.full(PARAMETERS, np.nan), 0.0, 0.0, 0, float("nan")))
             continue
-        sigma = np.sqrt(np.maximum(np.diag(covariance)[c * PARAMETERS : (c + 1) * PARAMETERS], 0.0))
-        names = tuple(name for k, name in NAMES.items() if loose[c, k])
+        part = covariance[c * PARAMETERS : (c + 1) * PARAMETERS, c * PARAMETERS : (c + 1) * PARAMETERS]
+        variance = np.diag(part).copy()
+        variance[LATE] += since**2 * part[DRIFT, DRIFT] - 2.0 * since * part[LATE, DRIFT]
+        sigma = np.sqrt(np.maximum(variance, 0.0))
         rms = float(1.4826 * np.nanmedian(size[mine]))
-        results.append(CameraResult(cameras[c], True, sigma, float(late[c]), count, rms, names))
-    with np.errstate(divide="ignore"):
-        frame = 1.0 / np.sqrt(information)
+        results.append(
+            CameraResult(
+                cameras[c], True, sigma, float(late[c]), float(1e6 * clocks.drift[c]), count, rms, undetermined[c]
+            )
+        )
     return Calibrated(
-        results, len(seen.first) - 1, done.mean_height * scale, frame, covariance, done.correlation, done.converged,
-        seen, done.residual,
+        results, len(seen.first) - 1, mean_height, frame, covariance, done.correlation, done.converged, seen,
+        done.residual,
     )  # fmt: skip
 
 
 def _inner(covariance: Floats, cameras: Sequence[Camera], own: Ints, scale: float, turned: Floats) -> Floats:
-    """(C 9, C 9) covariance relative to all cameras together: without what a common similarity explains.
+    """(C 12, C 12) covariance relative to all cameras together: without what a common similarity explains.
 
     An S-transformation (Baarda 1973): x, y, yaw and scale of the positions of all cameras are held.
     """

@@ -421,6 +421,17 @@ VERDICT: dict[str, Message] = {
         "camera {sensors}: corners of the board are {residual:.2g} px off (allowed: {allowed:.2g})",
         "hold a flat board still, and fix the focus",
     ),
+    "clock-drift-found": Message(
+        N,
+        "the clock of camera {sensors} drifts by {ppm:+.1f} ppm (+- {sigma_ppm:.1f} ppm) against the others; the scene "
+        "states it",
+        "ingest again with this scene",
+    ),
+    "clock-drift-undetermined": Message(
+        N,
+        "the recording does not determine the drift of the clock of camera {sensors}, which is left at 0",
+        "use a longer recording where clocks drift",
+    ),
     "camera-times-disjoint": Message(
         W,
         "camera {sensors} has no time in common with another camera: it begins {offset_s:+.3g} s after the others",

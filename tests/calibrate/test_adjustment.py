@@ -8,18 +8,21 @@ from walking_people import cameras, people
 
 from occlog.array_types import Floats
 from occlog.calibrate.adjustment import (
+    COMMON,
+    DRIFT,
     FOCAL,
     LATE,
     PARAMETERS,
     RADIAL,
     SHIFT,
     TURN,
+    Adjustment,
     BodyPrior,
+    Clocks,
     NoiseModel,
     Observations,
-    _Adjustment,
+    _time_factor,
     changed,
-    rotation_of,
 )
 from occlog.calibrate.kernels import boxes_and_slopes
 from occlog.track.methods.jipda.kernels.body_box import pack_views
@@ -46,7 +49,7 @@ def observed(late: Floats) -> tuple[Observations, Floats]:
     return Observations(camera, knot, delay, box, use, STEPS * np.arange(P + 1), np.tile(t, P)), states
 
 
-def problem(noise_px: float = 0.0) -> tuple[_Adjustment, Floats]:
+def problem(noise_px: float = 0.0) -> tuple[Adjustment, Floats]:
     """Cameras that are off by 2 degrees and 0.2 m, the first one held; and the true offsets of the clocks."""
     rng = np.random.default_rng(1)
     late = np.array([0.0, 0.1, -0.15])
@@ -55,30 +58,46 @@ def problem(noise_px: float = 0.0) -> tuple[_Adjustment, Floats]:
     sigma = np.zeros((3, PARAMETERS))
     sigma[1:, TURN] = sigma[1:, SHIFT] = np.inf
     sigma[1:, FOCAL], sigma[1:, RADIAL], sigma[1:, LATE] = 0.1, 0.3, 0.5
+    sigma[1:, DRIFT] = 0.1
     off = np.zeros((3, PARAMETERS))
     off[1:, :6] = rng.normal(0.0, 1.0, (2, 6)) * ([0.035] * 3 + [0.2] * 3)
     start = [changed(c, v) for c, v in zip(cameras(), off, strict=True)]
-    return _Adjustment(
-        start, seen, states + rng.normal(0.0, 0.03, states.shape), BODY, sigma, np.zeros(3), NoiseModel(2.0, 0.0)
+    return Adjustment(
+        start,
+        seen,
+        states + rng.normal(0.0, 0.03, states.shape),
+        BODY,
+        sigma,
+        Clocks(np.zeros(3), np.zeros(3), 0.7),
+        NoiseModel(2.0, 0.0),
     ), late
 
 
 def test_gradient_is_that_of_the_cost() -> None:
-    """With the states held, the right side is minus the gradient by difference quotients."""
+    """With the states held, the right side is minus the gradient by difference quotients, away from the start."""
     one, _ = problem(2.0)
+    change = np.random.default_rng(2).normal(0.0, 1.0, len(one.values))
+    change *= np.append(
+        np.tile([0.01] * 6 + [0.02, 0.02, 0.05, 0.02, 0.01, 0.01], 3), [0.05, 0.02, 0.02, 0.03, 0.03, 0.1]
+    )
+    one.values = np.where(one.free, change, 0.0)
     equations = one._equations(one.values, one.states)
+    slopes = one._camera_slopes(equations) * (equations.weight * equations.residual)[:, :, None]
 
     def right(k: int) -> float:
+        if k >= 3 * PARAMETERS:
+            return float(slopes[:, :, k - 2 * PARAMETERS - 1].sum())
         camera, parameter = divmod(k, PARAMETERS)
-        own = one.seen.camera == camera
-        slope = one._camera_slopes(equations)[own, :, parameter]
-        return float((slope * equations.weight[own] * equations.residual[own]).sum())
+        return float(slopes[one.seen.camera == camera, :, parameter].sum())
 
-    for k in np.flatnonzero(one.free[:-1]):
+    for k in np.flatnonzero(one.free):
+        if k == 3 * PARAMETERS:  # the mean height of people is no parameter of boxes
+            continue
         step = np.zeros(len(one.values))
         step[k] = 1e-6
         costs = [one._equations(one.values + sign * step, one.states).cost for sign in (1.0, -1.0)]
-        assert right(int(k)) == pytest.approx(-(costs[0] - costs[1]) / 2e-6, rel=1e-4, abs=1e-2)
+        prior = -one.precision[k] * one.values[k]
+        assert right(int(k)) + prior == pytest.approx(-(costs[0] - costs[1]) / 2e-6, rel=1e-4, abs=1e-2)
 
 
 def test_step_is_that_of_dense_normal_equations() -> None:
@@ -97,7 +116,7 @@ def test_step_is_that_of_dense_normal_equations() -> None:
     np.testing.assert_allclose(moved.ravel(), x[M:], rtol=1e-5, atol=1e-7)
 
 
-def dense(one: _Adjustment, equations, size: int, M: int, K: int) -> tuple[Floats, Floats]:  # type: ignore[no-untyped-def]
+def dense(one: Adjustment, equations, size: int, M: int, K: int) -> tuple[Floats, Floats]:  # type: ignore[no-untyped-def]
     """Normal equations of all unknowns, row by row of the measurements."""
     H, g = np.zeros((size, size)), np.zeros(size)
     slopes = one._camera_slopes(equations)
@@ -110,7 +129,8 @@ def dense(one: _Adjustment, equations, size: int, M: int, K: int) -> tuple[Float
     for n, (camera, knot) in enumerate(zip(one.seen.camera, one.seen.knot, strict=True)):
         for edge in range(4):
             row = np.zeros(size)
-            row[camera * PARAMETERS : (camera + 1) * PARAMETERS] = slopes[n, edge]
+            row[camera * PARAMETERS : (camera + 1) * PARAMETERS] = slopes[n, edge, :PARAMETERS]
+            row[M - COMMON + 1 : M] = slopes[n, edge, PARAMETERS:]
             row[M + 6 * knot : M + 6 * knot + 6] = equations.slope[n, edge]
             add(row, equations.residual[n, edge], equations.weight[n, edge])
     for k in range(M):
@@ -121,8 +141,8 @@ def dense(one: _Adjustment, equations, size: int, M: int, K: int) -> tuple[Float
     for first in one.seen.first[:-1]:
         at, state = M + 6 * first, one.states[first]
         tall = np.zeros(size)
-        tall[at + 4], tall[M - 1] = 1.0, -1.0
-        add(tall, -(state[4] - BODY.height - one.values[-1]), 1.0 / BODY.sigma_height**2)
+        tall[at + 4], tall[M - COMMON] = 1.0, -1.0
+        add(tall, -(state[4] - BODY.height - one.values[-COMMON]), 1.0 / BODY.sigma_height**2)
         for k, mean, sigma in ((5, BODY.width, BODY.sigma_width), (2, 0.0, 1.0), (3, 0.0, 1.0)):
             row = np.zeros(size)
             row[at + k] = 1.0
@@ -142,8 +162,8 @@ def test_poses_and_clocks_are_found_without_noise() -> None:
     """From two degrees and 0.2 m off to the true poses, clocks and bodies."""
     one, late = problem()
     one.sigma[:] = 0.2
-    free = one.free[:-1].reshape(3, PARAMETERS)
-    free[:, [FOCAL, RADIAL]] = False
+    free = one.free[:-COMMON].reshape(3, PARAMETERS)
+    free[:, [FOCAL, RADIAL, DRIFT]] = False
     found = one.run()
     for camera, true in zip(found.cameras, cameras(), strict=True):
         assert np.linalg.norm(camera.position - true.position) < 0.02
@@ -151,9 +171,59 @@ def test_poses_and_clocks_are_found_without_noise() -> None:
     np.testing.assert_allclose(found.values[:, LATE], late, atol=0.01)
 
 
-def test_rotation_is_about_the_axis() -> None:
-    """A quarter turn about z takes x to y; small turns are linear."""
-    np.testing.assert_allclose(
-        rotation_of(np.array([0.0, 0.0, np.pi / 2])) @ [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], atol=1e-12
-    )
-    np.testing.assert_allclose(rotation_of(np.array([1e-9, 0.0, 0.0]))[2, 1], 1e-9)
+def test_drift_is_found_without_noise() -> None:
+    """Clocks that are fast by 4 and slow by 3 percent, so that six time steps show it."""
+    one, late = problem()
+    drift = np.array([0.0, 0.04, -0.03])
+    own, shown = one.seen.camera, one.seen.time[one.seen.knot] - late[one.seen.camera]
+    true = Clocks(late, drift, one.clocks.origin)
+    stamps = (shown + late[own] - drift[own] * true.origin) / (1.0 - drift[own])
+    np.testing.assert_allclose(stamps - true.errors(own, stamps), shown, atol=1e-12)
+    one.seen = one.seen._replace(delay=stamps - one.seen.time[one.seen.knot])
+    one.sigma[:] = 0.2
+    one.free[:-COMMON].reshape(3, PARAMETERS)[:, [FOCAL, RADIAL]] = False
+    found = one.run()
+    np.testing.assert_allclose(found.values[:, DRIFT], drift, atol=0.005)
+    np.testing.assert_allclose(found.values[:, LATE], late, atol=0.01)
+
+
+def test_absorbed_share_and_covariance_are_dense_ones() -> None:
+    """The diagonal of the hat matrix of the paths, and the inverse of all normal equations."""
+    one, _ = problem(2.0)
+    one.precision[0] = 1.0
+    equations = one._equations(one.values, one.states)
+    K, M = len(one.seen.time), len(one.values)
+    H, _ = dense(one, equations, 6 * K + M, M, K)
+    P, hat = np.linalg.inv(H[M:, M:]), np.zeros((len(one.seen.camera), 4))
+    for n, knot in enumerate(one.seen.knot):
+        own, J = slice(6 * knot, 6 * knot + 6), equations.slope[n]
+        hat[n] = np.einsum("ei,ij,ej->e", J, P[own, own], J) * equations.weight[n]
+    use = equations.weight > 0.0
+    shares = [hat[:, e][use[:, e]].mean() for e in ([0, 2], [1, 3])]
+    F, roots = one.motion.transition, np.linalg.cholesky(one.motion.precision[:, :4, :4])
+    moved = []
+    for inner, transition, root in zip(one.motion.inner, F, roots, strict=True):
+        J = np.hstack([-transition, np.eye(6)])[:4]
+        own = slice(6 * inner, 6 * inner + 12)
+        moved.append(np.trace(root.T @ J @ P[own, own] @ J.T @ root) / 4)
+    found, of_motion = one._absorbed(equations)
+    np.testing.assert_allclose(found, shares, rtol=0.2)
+    assert of_motion == pytest.approx(np.mean(moved), rel=0.1)
+    free = np.concatenate([np.flatnonzero(one.free), M + np.arange(6 * K)])
+    count = np.count_nonzero(one.free[:-COMMON])
+    inner = H[np.ix_(free, free)]
+    bias = np.flatnonzero(one.sigma_bias)
+    gain = np.linalg.solve(inner, H[np.ix_(free, bias)]) * one.sigma_bias[bias]
+    expected = (np.linalg.inv(inner) + gain @ gain.T)[:count, :count]
+    covariance = one._covariance(equations, np.ones(4))
+    np.testing.assert_allclose(covariance[np.ix_(free[:count], free[:count])], expected, rtol=1e-3, atol=1e-9)
+
+
+def test_time_factor_is_that_of_a_mean() -> None:
+    """Variance of the mean of an AR(1) sequence against that of independent errors: (1 + a) / (1 - a)."""
+    rng, a = np.random.default_rng(3), 0.6
+    x = np.zeros((20_000, 1))
+    for k in range(1, len(x)):
+        x[k] = a * x[k - 1] + rng.normal()
+    group = np.repeat(np.arange(20), 1000)
+    assert _time_factor(x, group, float((x**2).sum())) == pytest.approx((1 + a) / (1 - a), rel=0.1)

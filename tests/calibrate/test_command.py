@@ -6,14 +6,16 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from walking_people import cameras, frames, write
 
 from occlog.array_types import Floats
-from occlog.calibrate.adjustment import rotation_of
+from occlog.calibrate.adjustment import DRIFT, LATE, PARAMETERS
 from occlog.calibrate.config import CalibrateConfig
-from occlog.calibrate.stage import calibrate
+from occlog.calibrate.run import _clock_findings, _scene
+from occlog.calibrate.stage import Calibrated, CameraResult, calibrate
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
 from occlog.io.formats.calibration.common import CalibrationOptions
@@ -31,7 +33,7 @@ def rough() -> list[Camera]:
         replace(
             c,
             position=c.position + rng.normal(0.0, 0.3, 3),
-            rotation=rotation_of(rng.normal(0.0, 0.05, 3)) @ c.rotation,
+            rotation=cv2.Rodrigues(rng.normal(0.0, 0.05, 3))[0] @ c.rotation,
         )
         for c in cameras()
     ]
@@ -41,7 +43,7 @@ def relative_errors(found: list[Camera]) -> tuple[float, float]:
     """Largest errors of positions [m] and orientations [rad] after a similarity in the plane."""
     ours, true = (np.array([complex(*c.position[:2].tolist()) for c in each]) for each in (found, cameras()))
     m = ((true - true.mean()) * np.conj(ours - ours.mean())).sum() / (np.abs(ours - ours.mean()) ** 2).sum()
-    back = rotation_of(np.array([0.0, 0.0, float(np.angle(m))]))
+    back = cv2.Rodrigues(np.array([0.0, 0.0, float(np.angle(m))]))[0]
     away = np.abs(m * (ours - ours.mean()) - (true - true.mean()))
     pairs = zip(found, cameras(), strict=True)
     turned = [np.abs((back @ a.rotation).T @ b.rotation - np.eye(3)).max() for a, b in pairs]
@@ -121,3 +123,18 @@ def test_long_recordings_are_used_from_their_beginning(
     assert run([*asked, "--max-clock-offset", "0"]) == ExitCode.DONE
     assert "note: the first 60" in capsys.readouterr().err
     assert relative_errors(list(read_scene(tmp_path / "s.yaml").cameras))[0] < 0.1
+
+
+def test_drift_is_stated_and_written() -> None:
+    """A reference clock, one that drifts, and one that may: findings, and the clocks of the scene."""
+    sigma = np.zeros((3, PARAMETERS))
+    sigma[1:, LATE], sigma[1, DRIFT] = 0.001, 5e-6
+    late, drift = [0.0, -0.2, 0.0], [0.0, 60.0, 0.0]
+    found = Calibrated(
+        [CameraResult(c, True, s, a, d, 100, 1.0) for c, s, a, d in zip(cameras(), sigma, late, drift, strict=True)],
+        4, 1.7, np.zeros(4), np.zeros((0, 0)), 1.0, True,
+    )  # fmt: skip
+    checks = [each.id for each in _clock_findings(found)]
+    assert checks == ["clock-offset-found", "clock-drift-found", "clock-drift-undetermined"]
+    scene = _scene(Scene(tuple(cameras())), found, placed=True)
+    assert [(clock.offset_ns, clock.drift_ppm) for clock in scene.clocks] == [(-200_000_000, 60.0)]

@@ -15,7 +15,7 @@ from occlog.core.geometry.camera import meeting_point
 from occlog.errors import InputError, UsageError
 from occlog.ingest.rig import describe
 from occlog.io.formats.calibration.common import CalibrationOptions
-from occlog.io.formats.calibration.opencv_toml import rotation_from_vector
+from occlog.io.formats.calibration.opencv_toml import checked_rotation
 from occlog.io.formats.calibration.projection import take_apart
 from occlog.io.formats.calibration.reader import IMPORTERS, read_calibration
 from occlog.io.formats.calibration.tsai import rotation_zyx
@@ -214,7 +214,7 @@ def test_feet_of_cmc_boxes_meet_on_the_floor(shared_data: Path) -> None:
 def test_a_projection_matrix_is_taken_apart_into_what_it_was_made_of(seed: int) -> None:
     rng = np.random.default_rng(seed)
     k = np.array([[900 + 100 * rng.random(), 0, 640], [0, 950.0, 360], [0, 0, 1]])
-    rotation = rotation_from_vector(rng.normal(size=3), "")
+    rotation = checked_rotation(rng.normal(size=3), "")
     centre = rng.normal(size=3) * 5
     matrix = k @ rotation @ np.column_stack([np.eye(3), -centre]) * rng.choice([-3.7, 0.002, 80])
     found = take_apart(matrix)
@@ -481,5 +481,5 @@ def test_a_calibration_of_opencv_says_that_its_lens_is_a_fisheye(tmp_path: Path)
 
 def test_a_rotation_vector_in_degrees_is_refused() -> None:
     with pytest.raises(InputError, match=r"length 92\.5, limit 2 pi; give radians, not degrees"):
-        rotation_from_vector(np.array([90.0, 20.0, -8.0]), "left.yaml: camera left")
-    assert np.allclose(rotation_from_vector(np.array([0.0, 0.0, np.pi]), ""), np.diag([-1.0, -1.0, 1.0]))
+        checked_rotation(np.array([90.0, 20.0, -8.0]), "left.yaml: camera left")
+    assert np.allclose(checked_rotation(np.array([0.0, 0.0, np.pi]), ""), np.diag([-1.0, -1.0, 1.0]))

@@ -37,7 +37,7 @@ from occlog.records.scene import Camera
 
 from .common import MAX_BYTES, CalibrationOptions, keys_of
 from .lenses import Lens
-from .opencv_toml import rotation_from_vector
+from .opencv_toml import checked_rotation
 from .projection import STRAIGHT, camera_of_parts, take_apart
 
 HEAD = 128
@@ -326,7 +326,7 @@ def _camera(path: Path, label: str, part: Mapping[str, Floats], options: Calibra
         k, rotation, centre = take_apart(part["P"], where)
     else:
         k = part["K"]
-        rotation = rotation_from_vector(part["R"].reshape(3), where) if part["R"].size == 3 else part["R"].reshape(3, 3)
+        rotation = checked_rotation(part["R"].reshape(3), where) if part["R"].size == 3 else part["R"].reshape(3, 3)
         centre = -rotation.T @ part["t"].reshape(3)
     size = (int(part["size"][0]), int(part["size"][1])) if "size" in part else None
     lens = Lens(_model(part), part["dist"]) if "dist" in part else STRAIGHT

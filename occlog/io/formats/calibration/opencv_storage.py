@@ -29,7 +29,7 @@ from .common import (
     yaml_values,
 )
 from .lenses import Lens, stated_coefficients
-from .opencv_toml import rotation_from_vector
+from .opencv_toml import checked_rotation
 
 PLAIN_MATRIX = ("camera_matrix", "cameramatrix", "intrinsic_matrix", "k", "mtx")
 """Names that state what the matrix is, also in a text of which nothing else is known."""
@@ -120,7 +120,7 @@ def extrinsics_of(values: dict[str, object], where: str) -> tuple[Floats, Floats
     """Rotation (3, 3) and translation (3,) with Xc = R Xw + t."""
     rotation, translation = matrix_of(values, ROTATION, where), matrix_of(values, TRANSLATION, where).reshape(-1)
     if rotation.size == 3:
-        rotation = rotation_from_vector(rotation.reshape(3), where)
+        rotation = checked_rotation(rotation.reshape(3), where)
     if rotation.shape != (3, 3) or translation.shape != (3,):
         raise InputError(
             f"{where}: expected a rotation of 9 or 3 and a translation of 3 numbers", id="invalid-calibration"

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from occlog.array_types import Floats
@@ -93,7 +94,7 @@ def _camera(key: str, table: dict[str, object], path: Path, options: Calibration
         )
     rotation = _array(table, "rotation", where)
     if rotation.size == 3:
-        rotation = rotation_from_vector(rotation.reshape(3), where)
+        rotation = checked_rotation(rotation.reshape(3), where)
     translation = _array(table, "translation", where).reshape(-1)
     if rotation.shape != (3, 3) or translation.shape != (3,):
         raise InputError(
@@ -137,8 +138,8 @@ def _size(table: dict[str, object], where: str) -> tuple[int, int] | None:
     return int(size[0]), int(size[1])
 
 
-def rotation_from_vector(vector: Floats, where: str) -> Floats:
-    """(3, 3) rotation about a vector by its length [rad] (Rodrigues); InputError for one of more than a whole turn."""
+def checked_rotation(vector: Floats, where: str) -> Floats:
+    """(3, 3) rotation about a vector by its length [rad]; InputError for one of more than a whole turn."""
     angle = float(np.linalg.norm(vector))
     if angle > MAX_ANGLE:
         text = ", ".join(f"{value:.4g}" for value in vector)
@@ -146,8 +147,4 @@ def rotation_from_vector(vector: Floats, where: str) -> Floats:
             f"{where}: rotation vector ({text}) of length {angle:.3g}, limit 2 pi; give radians, not degrees",
             id="invalid-calibration",
         )
-    if angle < 1e-12:
-        return np.eye(3)
-    x, y, z = vector / angle
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
+    return np.asarray(cv2.Rodrigues(vector)[0])
