@@ -12,7 +12,7 @@ import pytest
 from walking_people import cameras, frames, write
 
 from occlog.array_types import Floats
-from occlog.calibrate.adjustment import DRIFT, LATE, PARAMETERS
+from occlog.calibrate.adjustment import DRIFT, LATE, PARAMETERS, Observations
 from occlog.calibrate.config import CalibrateConfig
 from occlog.calibrate.run import _clock_findings, _scene
 from occlog.calibrate.stage import Calibrated, CameraResult, calibrate
@@ -132,7 +132,7 @@ def test_drift_is_stated_and_written() -> None:
     late, drift = [0.0, -0.2, 0.0], [0.0, 60.0, 0.0]
     found = Calibrated(
         [CameraResult(c, True, s, a, d, 100, 1.0) for c, s, a, d in zip(cameras(), sigma, late, drift, strict=True)],
-        4, 1.7, np.zeros(4), np.zeros((0, 0)), 1.0, True,
+        4, 1.7, np.zeros(4), np.zeros((0, 0)), 1.0, True, Observations(*[np.zeros(0)] * 7), np.zeros((0, 4)),
     )  # fmt: skip
     checks = [each.id for each in _clock_findings(found)]
     assert checks == ["clock-offset-found", "clock-drift-found", "clock-drift-undetermined"]
