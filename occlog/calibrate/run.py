@@ -319,9 +319,9 @@ def _comment(found: Calibrated, unit: str) -> str:
     for each in found.cameras:
         if each.estimated:
             position = ", ".join(f"{v:.3f}" for v in each.sigma[3:6])
+            clock = f"clock {each.sigma[LATE]:.4f} s" if each.sigma[LATE] > 0.0 else "clock not estimated"
             lines.append(
-                f"{each.camera.name}: position {position} {unit}, yaw {np.degrees(_sigma_yaw(each)):.3f} deg, clock "
-                f"{each.sigma[LATE]:.4f} s"
+                f"{each.camera.name}: position {position} {unit}, yaw {np.degrees(_sigma_yaw(each)):.3f} deg, {clock}"
             )
         else:
             lines.append(f"{each.camera.name}: not calibrated, as it was stated")
