@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 from occlog.request import Request, group, output_file, source
 from occlog.settings import setting
 
-from .plan import IngestPlan
+from .plan import IngestPlan, frames_of
 
 
 def _several(help_text: str, option: str, metavar: str) -> Any:
@@ -127,6 +127,10 @@ class IngestRequest(Request):
         "[CAM=]A:B",
     )
     settings: Mapping[str, object] = group(lambda: IngestPlan)
+
+    def __post_init__(self) -> None:
+        """Raise UsageError for frames that are no range, before any stage of a run begins."""
+        frames_of(self.frames or ())
 
     @property
     def plan(self) -> IngestPlan:

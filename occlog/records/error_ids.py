@@ -116,7 +116,9 @@ ERRORS: dict[str, ErrorKind] = {
         "Use the names of the scene; `occlog info` lists them.",
     ),
     # Scenes and calibrations
-    "missing-scene": ErrorKind("No scene is given, or the file holds none.", "Give one with --scene."),
+    "missing-scene": ErrorKind(
+        "No scene is given, or the file holds none.", "Name a scene file, or a recording that holds one."
+    ),
     "missing-pose": ErrorKind(
         "The position or orientation (extrinsics) of a sensor is unknown.",
         "Add it to the scene, or leave the sensor out.",
@@ -171,7 +173,7 @@ ERRORS: dict[str, ErrorKind] = {
         "Leave it out, or choose another method or format.",
     ),
     # Outputs
-    "output-exists": ErrorKind("The output exists.", "Give another name, or --overwrite to replace it."),
+    "output-exists": ErrorKind("The output exists.", "Give another name, or allow it to be replaced."),
     "output-unwritable": ErrorKind(
         "An output cannot be written, or a program that shows it fails.",
         "Check disk space, permissions and the folder.",

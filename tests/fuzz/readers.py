@@ -24,6 +24,7 @@ from occlog.io.files.times import read_sidecar
 from occlog.io.formats.boxes.mot_challenge import has_classes, read_marks
 from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from occlog.io.formats.calibration.common import CalibrationOptions
+from occlog.io.formats.calibration.points import read_marked_points
 from occlog.io.formats.calibration.reader import read_calibration
 from occlog.io.formats.models.ellipses import read_ellipses
 from occlog.io.formats.models.fundamental_matrices import read_epipolar, read_matches
@@ -224,6 +225,10 @@ def _calibration(folder: bool, path: Path) -> None:
     describe_calibration(read_calibration([path.parent if folder else path], options=options))
 
 
+def _marked_points(path: Path) -> None:
+    read_marked_points(path, ["cam1", "cam2"])
+
+
 def _doa(path: Path, sensor: str | None = "wall") -> None:
     options = DoaOptions(sensor=sensor, hop=Fraction(128, 16000), convention="array")
     _drain(read_doa(path, ARRAYS, options, losses=[]))
@@ -337,6 +342,7 @@ READERS = {
         ),
         Reader("calibration (TOML)", "c.toml", partial(_calibration, False), seeds.text(seeds.TOML)),
         Reader("calibration (homography)", "cam1_H.txt", partial(_calibration, False), seeds.text(seeds.HOMOGRAPHY)),
+        Reader("marked points", "p.csv", _marked_points, seeds.text(seeds.MARKED_POINTS)),
         Reader("calibration (projection)", "cam1_P.txt", partial(_calibration, False), seeds.text(seeds.PROJECTION)),
         Reader(
             "calibration (Qualisys)", "c.qca.txt", partial(_calibration, False),

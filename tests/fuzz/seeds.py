@@ -392,6 +392,7 @@ METADATA = (
     '  compression_mode: ""\n'
 )
 HOMOGRAPHY = "509.28 -84.689 327.83\n57.564 57.564 1429.75\n0.664463 0.664463 1.02606\n"
+MARKED_POINTS = "camera,u,v,x,y\ncam1,211,634,0,0\ncam1,987,641,4,0\ncam1,803,402,4,6\ncam1,396,398,0,6\n"
 PROJECTION = "500 0 320 100\n0 505 238.5 20\n0 0 1 4\n"
 TOML = (
     '[cam_0]\nname = "cam_0"\nsize = [640, 480]\nmatrix = [[500.0, 0.0, 320.0], [0.0, 505.0, 238.5], [0.0, 0.0, 1.0]]\n'

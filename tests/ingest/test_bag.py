@@ -467,7 +467,7 @@ def test_options_that_a_bag_does_not_take_are_refused(bag: Path, capsys: pytest.
     assert "only videos can be linked to" in refused(capsys, bag, "--store", "link")
     out = bag.parent / "x.mcap"
     assert run(["ingest", "-o", str(out), "--doa", "a=b", "--topic", "a=/b"]) == ExitCode.USAGE
-    assert "are those of a bag" in capsys.readouterr().err
+    assert "apply to a bag" in capsys.readouterr().err
     shutil.copy(bag, out)
     assert run(["ingest", str(out), "-o", str(out), "--overwrite"]) == ExitCode.USAGE
 

@@ -80,5 +80,5 @@ def test_it_is_of_viewers_only_and_refused_for_what_is_made_already(
     assert Path("v.mcap").read_bytes() == Path("r.mcap").read_bytes()
     capsys.readouterr()
     assert run(["view", "v.mcap", "--print", "--viewer", "rerun", "--every", "1"]) == ExitCode.USAGE
-    assert "give --every where it is made" in capsys.readouterr().err
+    assert "give --every to occlog export" in capsys.readouterr().err
     assert not Path("bad.mcap").exists()

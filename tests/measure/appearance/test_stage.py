@@ -148,7 +148,7 @@ def test_a_gallery_of_no_levels_or_without_rows_is_refused():
         ("angle", [1, 8, 1], "angle 1 to 7|angle 8 1 to 7"),
         ("samples", [1, 0, 1], "0 samples"),
         ("angle", [1, 1, 1], "two rows of one angle"),
-        ("density", np.eye(256)[[0, 1, 200]], "density is none"),
+        ("density", np.eye(256)[[0, 1, 200]], "density is invalid"),
     ],
 )
 def test_a_gallery_that_contradicts_itself_is_refused(column, value, message):

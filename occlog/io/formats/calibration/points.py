@@ -20,7 +20,7 @@ MARKED_POINTS = TextFormat(
         "v": FormatColumn(("v", "v_px"), unit="px"),
         "x": FormatColumn(("x", "x_m"), LENGTH),
         "y": FormatColumn(("y", "y_m"), LENGTH),
-        "z": FormatColumn(("z", "z_m"), default=0.0),
+        "z": FormatColumn(("z", "z_m"), LENGTH, default=0.0),
     },
 )
 
