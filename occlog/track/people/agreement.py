@@ -159,6 +159,8 @@ class CameraAgreement:
             *outcome(STATIC, self._static()),
             *outcome(BOXES, self._boxes(tally), unless="" if whole.any() else "there are no boxes"),
         )
+        # Causes before their consequences
+        found = tuple(sorted(found, key=lambda check: check.id != "camera-clock-offset"))
         return (*outcome(FITS, self._causes(found, unit)), *found)
 
     def _common(self) -> Iterator[Check]:

@@ -245,6 +245,14 @@ def test_by_how_much_a_camera_is_late_or_ahead_is_told(late, near, tmp_path, cap
     assert found["figures"]["late_s"] == pytest.approx(late, abs=near)
 
 
+def test_a_late_clock_is_stated_before_its_consequences(tmp_path, capsys):
+    scene = hall("abcd")
+    assert track(tmp_path, boxes(scene, 12.0, late={"b": -4.0}), scene) == ExitCode.DONE
+    summary, _ = said(capsys)
+    ids = [each["id"] for each in summary["warnings"] if each["sensors"] == ["b"]]
+    assert ids == ["camera-clock-offset", "camera-unassociated"]
+
+
 @pytest.mark.statistics
 @pytest.mark.parametrize("late", [-0.3, 0.0, 0.2])
 def test_a_camera_that_is_late_by_less_than_a_gate_is_corrected(late, tmp_path, capsys):
