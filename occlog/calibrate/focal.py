@@ -32,7 +32,7 @@ SIGMA_ROLL = np.radians(6.0)
 BODY_WIDTHS = 0.3
 """Width of a person in heights."""
 STEP_S = 1.0
-"""Boxes of a track are thinned to this: errors of a gait last about as long [s]."""
+"""Interval between the boxes of a track that are used [s]: errors of a gait last about as long."""
 UNSEEN = 1.0
 """Logarithm of the height of a person with feet above the horizon."""
 
@@ -55,8 +55,8 @@ def focal_of_people(camera: Camera, tracks: Sequence[tuple[Floats, Floats]], per
     assert camera.image_size is not None
     width = camera.image_size[0]
     usual = USUAL_WIDTHS * width
-    thinned = [boxes[_apart(t)] for t, boxes in tracks]
-    own = [part for boxes in thinned if len(part := boxes[whole(camera, boxes)])]
+    spaced = [boxes[_apart(t)] for t, boxes in tracks]
+    own = [part for boxes in spaced if len(part := boxes[whole(camera, boxes)])]
     every = np.concatenate([np.zeros((0, 4)), *own])
     track = np.repeat(np.arange(len(own)), [len(part) for part in own])
     best = None

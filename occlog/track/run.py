@@ -258,7 +258,7 @@ def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Lo
             why = "no row is of the chosen targets and sensors; choose others"
             if request.method == "fix":
                 why = "no time step of the chosen targets and sensors gives a position: it needs two directions "
-                why += f"at one time ({option('window')}) whose lines meet; check angles and poses"
+                why += f"at one time ({option('window')}) with lines that meet; check angles and poses"
                 if measured is not None:
                     why = "no time step of the chosen targets and stations gives a position; a fix needs 3 ranges, or "
                     why += f"as many other measurements, at one time ({option('window')})"

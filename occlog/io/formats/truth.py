@@ -290,7 +290,7 @@ POSITIONS = TextFormat(
 
 
 def _in_unit(unit: str) -> TextFormat:
-    """Positions in columns whose names end in a unit of length: `x_mm`."""
+    """Positions in columns with names that end in a unit of length: `x_mm`."""
     lengths = {axis: replace(POSITIONS.columns[axis], names=(f"{axis}_{unit}",)) for axis in "xyz"}
     return replace(POSITIONS, columns={**POSITIONS.columns, **lengths})
 

@@ -56,7 +56,7 @@ MOVED = 4.0
 MIN_LOG_RATIO = 10.0
 """Logarithm of the ratio of evidences from which an error is significant."""
 EDGE_BATCHES = 3
-"""A camera moves at least so many batches after the begin, and before the end."""
+"""Least number of batches from the begin of the recording to a movement, and from there to its end."""
 BASE_S = 0.4
 """Velocities are those between positions by one camera this time before and after."""
 MAX_BEND_HEIGHTS, MAX_SPEED_HEIGHTS = 0.25, 2.0

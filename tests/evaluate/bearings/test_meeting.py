@@ -22,7 +22,7 @@ PLACE = scene(EAST, NORTH, WEST)
 
 
 def rows_to(x: list[float], y: list[float], t: list[float] = T5) -> Bearings:
-    """Bearings of `east` and `north` whose lines meet at (x, y)."""
+    """Bearings of `east` and `north` with lines that meet at (x, y)."""
     u_east = [-100 * (b - 10) / a for a, b in zip(x, y, strict=True)]
     u_north = [100 * (a - 10) / b for a, b in zip(x, y, strict=True)]
     return both(pixels(EAST, t, u_east), pixels(NORTH, t, u_north))

@@ -42,7 +42,7 @@ def test_one_camera_gives_no_position_and_the_message_says_what_is_wanted(comman
     assert run([*command, "--cameras", "cam1"]) == ExitCode.BAD_INPUT
     error = capsys.readouterr().err
     assert "no time step of the chosen targets and sensors gives a position" in error
-    assert "needs two directions at one time (--window) whose lines meet" in error
+    assert "needs two directions at one time (--window) with lines that meet" in error
     assert error.count("\n") == 1
     assert not Path(command[-1]).exists()
 

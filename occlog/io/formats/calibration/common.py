@@ -25,7 +25,7 @@ CALIBRATION = "calibration files"
 MAX_BYTES = 16 * 2**20
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 MAX_PIXEL_ASPECT = 1.6
-"""Ratio of the focal lengths of rows and columns above which a matrix is not believed; anamorphic PAL has 1.46."""
+"""Ratio of the focal lengths of rows and columns above which a warning is given; anamorphic PAL has 1.46."""
 OTHER_SIZE, SAME_RATIO = 0.2, 0.03
 """A principal point that is off the middle by this share of it or more, and by the same across and down to that, is the
 middle of images of another size."""
