@@ -1,4 +1,4 @@
-"""Tracking methods of others: a filter of a plug-in as a value of the interface of methods."""
+"""Adapter for tracking filters of plug-ins."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from .interface import Estimate, Online
 
 
 class PluggedFilter:
-    """A filter of a plug-in, and where the sensors are."""
+    """A tracking filter of a plug-in, with the names and positions of the sensors."""
 
     def __init__(self, plugin: Plugin, of: type[Filter], scene: Scene, config: Settings, rng: Generator) -> None:
-        """Let the plug-in begin; PluginError where it fails."""
+        """Create the plug-in's filter; PluginError if it fails."""
         self._plugin = plugin
         self._names = sensor_names(scene)
         positions = [c.ground for c in scene.cameras] + [a.position[:2] for a in scene.arrays]
@@ -32,10 +32,10 @@ class PluggedFilter:
             self._filter = of(scene, config, rng)
 
     def step(self, scan: Scan) -> Estimate | None:
-        """Take a scan in; the estimate, or None where the filter tells none.
+        """Process a scan; return the estimate, or None if the filter returns none.
 
         Raises:
-            PluginError: the filter fails, or gives back what no position can be.
+            PluginError: the filter fails, or returns an invalid position.
         """
         seen, sensor = scan.seen, scan.sensor
         target_scan = TargetScan(
@@ -74,7 +74,7 @@ class PluggedFilter:
 
 
 def fault_of(position: object) -> str | None:
-    """What is wrong with what a filter gave back, in words; None: nothing."""
+    """Description of what is wrong with a position that a plug-in's filter returned; None if it is valid."""
     if not isinstance(position, EstimatedPosition):
         return f"step gives a {type(position).__name__}; a Place or None was expected"
     shapes = {"xy": (position.xy, (2,)), "covariance": (position.covariance, (2, 2))}
@@ -98,7 +98,7 @@ def fault_of(position: object) -> str | None:
 
 
 def method_of(plugin: Plugin) -> Online[PluggedFilter, Any]:
-    """The method of a plug-in; PluginError where it cannot be loaded."""
+    """Tracking method made from a plug-in; PluginError if it cannot be loaded."""
     of = plugin.load()
 
     def init(scene: Scene, config: Any, rng: Generator) -> PluggedFilter:

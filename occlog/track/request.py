@@ -1,4 +1,4 @@
-"""What `occlog track` takes, for each kind of measurements that methods take."""
+"""Requests (inputs, outputs and options) of `occlog track`, one class for each kind of measurement."""
 
 from __future__ import annotations
 
@@ -98,13 +98,13 @@ class TrackRequestBase(Request):
 
     @property
     def window_ns(self) -> int | None:
-        """The window [ns]; None: it was not given."""
+        """Window within which measurements form one scan [ns]; None if not given."""
         return None if self.window is None else round(self.window * NS_PER_S)
 
 
 @dataclass(frozen=True, kw_only=True)
 class _InWorld(TrackRequestBase):
-    """Options of methods that track on the ground from bearings, or from tag reads."""
+    """Options of methods that track on the ground plane, from bearings or tag reads."""
 
     JUDGED: ClassVar[bool] = True
 
@@ -124,7 +124,7 @@ class _InWorld(TrackRequestBase):
 
 @dataclass(frozen=True, kw_only=True)
 class TrackRequest(_InWorld):
-    """Bearings and directions of arrival, from which targets are tracked."""
+    """Request of a method that tracks targets from bearings and directions of arrival."""
 
     RUN: ClassVar[str] = "occlog.track.run:run_track"
 
@@ -219,7 +219,7 @@ class TrackRequest(_InWorld):
 
     @property
     def inputs(self) -> list[Path]:
-        """Every file that is read."""
+        """All files that are read."""
         delays = self.answer_delay if isinstance(self.answer_delay, Path) else None
         own = (self.bearings, self.scene, self.doa, self.occluders, self.motion, delays)
         return [path for path in (*own, self.measurements, self.path_loss) if path is not None]
@@ -227,7 +227,7 @@ class TrackRequest(_InWorld):
 
 @dataclass(frozen=True, kw_only=True)
 class TrackPeopleRequest(TrackRequestBase):
-    """Boxes of all cameras, from which people are tracked on the ground plane."""
+    """Request of a method that tracks people on the ground plane from the boxes of all cameras."""
 
     RUN: ClassVar[str] = "occlog.track.people.run:run_track_people"
     JUDGED: ClassVar[bool] = True
@@ -251,7 +251,7 @@ class TrackPeopleRequest(TrackRequestBase):
 
 @dataclass(frozen=True, kw_only=True)
 class TrackInImagesRequest(TrackRequestBase):
-    """Boxes of cameras without a calibration, from which people are tracked in the image of each."""
+    """Request of a method that tracks people in the image of each camera, without calibration."""
 
     RUN: ClassVar[str] = "occlog.track.people.run:run_track_in_images"
     JUDGED: ClassVar[bool] = True
@@ -264,7 +264,7 @@ class TrackInImagesRequest(TrackRequestBase):
 
 @dataclass(frozen=True, kw_only=True)
 class SingleViewRequest(TrackRequestBase):
-    """Boxes, which are tracked in each camera separately."""
+    """Request of a method that tracks boxes in each camera separately."""
 
     RUN: ClassVar[str] = "occlog.track.single_view.run:run_track_single_view"
 
@@ -275,7 +275,7 @@ class SingleViewRequest(TrackRequestBase):
 
 @dataclass(frozen=True, kw_only=True)
 class ReadsRequest(_InWorld):
-    """Reads of radio tags, from which the tags are located."""
+    """Request of a method that locates radio tags from reads of fixed readers."""
 
     RUN: ClassVar[str] = "occlog.track.methods.readers.run:run_track_reads"
 
@@ -291,7 +291,7 @@ class ReadsRequest(_InWorld):
 
 @dataclass(frozen=True, kw_only=True)
 class ViewsRequest(TrackRequestBase):
-    """A recording with images, in which targets are tracked."""
+    """Request of a method that tracks targets in the images of a recording."""
 
     RUN: ClassVar[str] = "occlog.track.methods.images.run.run:run_track_views"
 
@@ -314,7 +314,7 @@ class ViewsRequest(TrackRequestBase):
 
     @property
     def births(self) -> str:
-        """Where trackers come from: `initial`, `detections` or `both`."""
+        """Source of new trackers: `initial`, `detections` or `both`."""
         if self.initial_ellipses is None:
             return "detections"
         return "initial" if self.detections is None else "both"

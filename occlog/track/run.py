@@ -1,4 +1,4 @@
-"""The work of `occlog track`: open the measurements, track, write the tables, summarise."""
+"""`occlog track`: open the measurements, track, write the tables, and summarise."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ NUMBER = "number of targets"
 
 
 class TrackSummary:
-    """Figures of the whole run, gathered while tables stream by."""
+    """Counts over a stream of tables for the figures and checks of the summary of `occlog track`."""
 
     def __init__(
         self, scene: Scene, *, joint: bool, smoothed: bool = False, measured: DistanceMeasurementFeed | None = None
@@ -80,7 +80,7 @@ class TrackSummary:
         self.requests = self.answered = self.frames = self.offered = 0
 
     def add(self, part: TrackChunk) -> None:
-        """Count some more rows."""
+        """Add rows of output tables to the counts."""
         self.targets.update(part.tracks.target_id.tolist())
         self.labels = part.labels or self.labels
         self.motion = part.motion or self.motion
@@ -108,7 +108,7 @@ class TrackSummary:
             self.asked.update(cause for text in asked.cause.tolist() for cause in text.split(","))
 
     def figures(self) -> dict[str, Any]:
-        """All figures, by the names that the summary has for them."""
+        """All figures of the summary, by name."""
         found, network = self.evidence, self.messages.summary()
         return {
             "targets": len(self.targets),
@@ -122,7 +122,10 @@ class TrackSummary:
         }
 
     def _cooperation(self) -> dict[str, Any]:
-        """What cameras were asked; a request with several causes counts for each."""
+        """Figures of sensor selection by events: frames requested and answered.
+
+        A request with several causes counts for each.
+        """
         return {
             "requests": self.requests,
             "answered": self.answered,
@@ -132,7 +135,7 @@ class TrackSummary:
         }
 
     def checks(self) -> tuple[Check, ...]:
-        """What was checked of the estimates, and what was found."""
+        """Checks of the estimates with their findings."""
         if not self.evidence.rows:
             return (finding(NUMBER, "no-tracks"),)
         found = self.evidence.checks(one_target=not self.joint, smoothed=self.smoothed)
@@ -149,12 +152,15 @@ class TrackSummary:
         return (*number, *self.sharp.checks(), *self.compass.checks(), *labels, *sensors, *motion, *found)
 
     def _particles(self) -> dict[str, Any]:
-        """Mean effective number of particles, of a method that has some."""
+        """Mean effective sample size, for particle filters."""
         mean = self.evidence.particles.mean
         return {} if math.isnan(mean) else {"mean_effective_sample_size": mean}
 
     def _searches(self) -> dict[str, Any]:
-        """Figures of a batch method: iterations of each target's searches, and how many did not converge."""
+        """Figures of a batch method.
+
+        Iterations of the search for each target, and the number of searches that did not converge.
+        """
         iterations: Counter[int] = Counter()
         for solve in self.solves:
             iterations[solve.target] += solve.iterations
@@ -166,7 +172,7 @@ class TrackSummary:
         }
 
     def _biases(self) -> dict[str, dict[str, dict[str, float]]]:
-        """Constant errors of the ranges of stations with their standard errors, by target."""
+        """Estimated range biases of stations with their standard errors, by target."""
         return {
             str(solve.target): {name: {"bias": bias, "standard_error": error} for name, bias, error in solve.biases}
             for solve in self.solves
@@ -175,7 +181,7 @@ class TrackSummary:
 
 
 def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Loss, ...]]:
-    """Track and write; the summary, and what had been lost before."""
+    """Track, and write the tables; return the summary and the losses of earlier steps."""
     # Open the measurements, and settle method, sensors and selection
     inputs = MeasurementInputs(
         request.bearings,
@@ -278,9 +284,10 @@ def takes_distances(method: AnyMethod) -> bool:
 def distance_measurements(
     request: TrackRequest, inputs: MeasurementInputs
 ) -> tuple[DistanceMeasurementFeed | None, dict[str, Any]]:
-    """The measurements of distances, and their entry in the provenance; None and nothing where missing.
+    """Open the distance measurements.
 
-    UsageError for settings of measurements without any, or that say the same as a fitted path loss.
+    Return their feed and their provenance entry, or None and an empty entry without any. UsageError for settings of
+    measurements that are missing, or that a fitted path loss states, too.
     """
     if inputs.measurements is None:
         if request.measured or request.path_loss is not None:
@@ -307,12 +314,15 @@ def distance_measurements(
 
 
 def _note_inputs(radio: Radio) -> dict[str, Any]:
-    """A path loss as provenance has it."""
+    """Provenance entry of a path loss model."""
     return {**radio._asdict(), "shadowing": radio.shadowing._asdict()}
 
 
 def radio_of(request: TrackRequest, scene: Scene) -> Radio:
-    """The path loss of a file; UsageError for one of another unit, or for settings that say the same."""
+    """Read the path loss model of a file.
+
+    UsageError for a different length unit, or for settings that state the same parameters.
+    """
     assert request.path_loss is not None
     spec = read_path_loss(request.path_loss)
     if spec.length_unit != scene.length_unit:
@@ -332,14 +342,17 @@ def radio_of(request: TrackRequest, scene: Scene) -> Radio:
 
 
 def estimates_poses(method: AnyMethod, config: Any) -> bool:
-    """Whether errors of the sensors' poses are estimated with these settings."""
+    """Whether errors of sensor poses are estimated with these settings."""
     return isinstance(method, Online) and method.calibrates is not None and method.calibrates(config)
 
 
 def one_at_a_time(
     chunks: Iterable[Bearings], scene: Scene, sensors: frozenset[str], seconds: float
 ) -> Iterator[Bearings]:
-    """The rows of the sensors in turn, in the order of the scene; those without a pose have no turn."""
+    """Rows of one sensor at a time, in round-robin order of the scene, each for `seconds`.
+
+    Sensors without a pose are skipped.
+    """
     blind = {c.name for c in scene.cameras if not c.placed}
     names = [n for n in sensor_names(scene) if n in sensors and n not in blind]
     if not names:
@@ -348,7 +361,7 @@ def one_at_a_time(
 
 
 def make_config(request: TrackRequest, unit: str) -> Settings:
-    """Settings of the method: its defaults for the length unit, and what the options say."""
+    """Settings of the method: defaults in the scene's length unit, updated by the options."""
     defaults = settings_of(request.method).in_unit(unit)
     values: dict[str, Any] = dict(request.settings)
     if request.motion is not None:
@@ -371,7 +384,10 @@ def make_config(request: TrackRequest, unit: str) -> Settings:
 
 
 def motion_settings(path: Path, unit: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings of a motion model in a file; UsageError for another unit, or for settings that say the same."""
+    """Settings of a motion model from a file.
+
+    UsageError for another unit, or for settings that state the same parameters.
+    """
     motion = read_motion(path)
     if motion.length_unit != unit:
         raise UsageError(
@@ -391,8 +407,8 @@ def motion_settings(path: Path, unit: str, given: Mapping[str, Any]) -> dict[str
 def max_router_delay(path: Path) -> float:
     """Return the largest end-to-end delay in a table of delays [s]; UsageError where it has those of several cases.
 
-    An answer takes at most as long as the whole cycle of the router that waits longest: from the detection to the last
-    final estimate, images on their way included.
+    A reply arrives within the cycle of the slowest router, from the detection to its final estimate, including the
+    transfer of images.
     """
     delays = Delays.concat(list(open_input(path, Delays, remedy="make delays by `occlog traffic`").rows(Delays)))
     ends = delays.take(delays.kind == END_TO_END)
@@ -410,7 +426,7 @@ def max_router_delay(path: Path) -> float:
 
 
 def make_selection(request: TrackRequest) -> SelectConfig | None:
-    """How cameras are selected; UsageError for options of a selection without --select."""
+    """Camera selection of the request. UsageError for options of a selection without --select."""
     given = request.select
     if not given:
         return None
@@ -429,7 +445,10 @@ def make_selection(request: TrackRequest) -> SelectConfig | None:
 
 
 def parse_starts(texts: tuple[str, ...], method: str, unit: str) -> str:
-    """The starts as the method's setting; UsageError for several where the method has one filter a target."""
+    """Parse initial positions to the setting of the method.
+
+    UsageError for several if the method has one filter for each target.
+    """
     if method == "imm":
         return ",".join(_with_velocity(text, unit) for text in texts)
     if len(texts) > 1:
@@ -442,7 +461,10 @@ def parse_starts(texts: tuple[str, ...], method: str, unit: str) -> str:
 
 
 def _with_velocity(text: str, unit: str) -> str:
-    """X,Y,SIGMA,VX,VY,SIGMA_V; at rest up to the method's usual speed where the velocity is omitted."""
+    """Parse X,Y,SIGMA,VX,VY,SIGMA_V.
+
+    Without velocity: at rest, with the method's usual speed as standard deviation.
+    """
     parts = text.split(",")
     if len(parts) == START_NUMBERS:
         return text
@@ -452,7 +474,7 @@ def _with_velocity(text: str, unit: str) -> str:
 
 
 def parse_start(text: str, unit: str) -> str:
-    """X,Y,SIGMA of X,Y[,SIGMA]; half a metre, or 1 in a scene with units of its own, where SIGMA is omitted."""
+    """Parse X,Y[,SIGMA]; SIGMA is 0.5 m by default (1 in a scene with a unit other than metres)."""
     parts = text.split(",")
     if len(parts) == 2:
         parts.append(str(0.5 / METRES[unit] if unit in METRES else 1.0))

@@ -1,4 +1,7 @@
-"""Which cameras agree with the others: whether those see who the others see."""
+"""Consistency of cameras.
+
+Whether each camera detects the people that the other cameras detect, and checks that name the cause if not.
+"""
 
 from __future__ import annotations
 
@@ -63,7 +66,7 @@ MAX_ROOM_MARGIN_HEIGHTS, MAX_OUTSIDE_ROOM_SHARE = 0.5, 0.05
 
 
 class CameraAgreement:
-    """Counts, over a stream of time steps, the people that each camera sees of those that another camera sees."""
+    """Counts, over time steps, of the people that each camera detects among those that another camera detects."""
 
     def __init__(
         self, views: Sequence[Camera | PositionSource], person_height: float = 1.7, room: Floats | None = None
@@ -89,7 +92,7 @@ class CameraAgreement:
         self.common_sigma, self.common_time_s = float("nan"), float("nan")
 
     def add(self, snapshot: TrackSnapshot, frames: Sequence[FrameDetectionsWithIds]) -> None:
-        """Count a time step."""
+        """Add the tracks and detections of one time step to the counts."""
         if snapshot.detectors is not None:
             self.common_sigma, self.common_time_s = snapshot.detectors.common_sigma, snapshot.detectors.common_time_s
             self.static = np.maximum(self.static, snapshot.detectors.static_clutter)
@@ -123,12 +126,19 @@ class CameraAgreement:
 
     @property
     def shares(self) -> Floats:
-        """(C,) share of the people seen elsewhere and plainly visible that each camera sees; NaN: too few to tell."""
+        """(C,) detection rate of each camera.
+
+        Share of the unoccluded people detected by another camera that it detects, too; NaN if fewer than
+        `MIN_EXPECTED_DETECTIONS` are expected.
+        """
         enough = self.expected >= MIN_EXPECTED_DETECTIONS
         return np.where(enough, self.met / np.maximum(self.expected, 1.0), np.nan)
 
     def checks(self, tally: BoxStatistics, unit: str = "m") -> tuple[Check, ...]:
-        """Checks of the cameras with their findings; `unit` of lengths."""
+        """Return all checks of the cameras, with their findings.
+
+        `tally`: counts of boxes; `unit`: length unit of the scene, for messages.
+        """
         boxes, whole = int(tally.boxes.sum()), tally.boxes + tally.outside + tally.twice
         known, angles = np.isfinite(self.shares), np.abs(self.angles[np.isfinite(self.angles_limit)])
         few = f"fewer than {MIN_EXPECTED_DETECTIONS} people seen elsewhere should be seen plainly in each camera"
@@ -164,24 +174,24 @@ class CameraAgreement:
         return (*outcome(FITS, self._causes(found, unit)), *found)
 
     def _common(self) -> Iterator[Check]:
-        """State the error of position that all cameras share, if it is large."""
+        """Report the position error that all cameras share, if its standard deviation is large."""
         if self.common_sigma > MAX_COMMON_SIGMA_HEIGHTS * self.person_height:
             yield finding(COMMON, "common-position-error", sigma=self.common_sigma, time_s=self.common_time_s)
 
     def _static(self) -> Iterator[Check]:
-        """State the cameras with sources of static clutter."""
+        """Report the cameras with static clutter: objects at fixed positions that are detected as people."""
         for name, count in zip(self.names, self.static.tolist(), strict=True):
             if count:
                 yield finding(STATIC, "static-clutter", sensors=[name], count=count)
 
     def _late(self) -> Iterator[Check]:
-        """Find the cameras of which people are where they were, or will be, in the others."""
+        """Report the cameras with a significant clock delay [s], estimated by the filter (`late`)."""
         for name, late_s, limit_s in zip(self.names, self.late.tolist(), self.late_limit.tolist(), strict=True):
             if late_s:
                 yield finding(TIMES, "camera-late", sensors=[name], late_s=late_s, allowed=limit_s)
 
     def _boxes(self, tally: BoxStatistics) -> Iterator[Check]:
-        """Cameras without boxes, with boxes twice, or outside the image."""
+        """Report the cameras without boxes, with duplicate boxes, or with boxes outside the image."""
         whole = tally.boxes + tally.outside + tally.twice
         for c, name in enumerate(self.names):
             if not whole[c] and whole.any():
@@ -192,9 +202,9 @@ class CameraAgreement:
                 yield _of_boxes(name, "boxes-outside-image", tally.outside[c], whole[c], MAX_OUTSIDE_SHARE)
 
     def _unexplained(self, tally: BoxStatistics) -> Iterator[Check]:
-        """Find whether most boxes of all cameras, or nearly all of one, are clutter.
+        """Report if most boxes of all cameras, or nearly all moving boxes of one, are associated with no track.
 
-        Then extrinsics are wrong, or the boxes are of other objects.
+        The cause is wrong extrinsics, or boxes of objects that are not people.
         """
         boxes = int(tally.boxes.sum())
         unassociated = boxes - round(float(self.used.sum()))
@@ -219,7 +229,10 @@ class CameraAgreement:
                 )
 
     def _causes(self, checks: Sequence[Check], unit: str) -> Iterator[Check]:
-        """State the mistakes that explain why boxes of cameras do not fit, or else errors of calibrations."""
+        """Report the mistakes of a set-up that explain misfitting boxes.
+
+        If none is found, report errors of calibrations.
+        """
         mistakes = self._faults.found(doubtful=any(check.status == "failed" for check in checks))
         for each in mistakes:
             names = [self.names[c] for c in each.cameras]
@@ -228,26 +241,29 @@ class CameraAgreement:
             yield finding(FITS, "camera-error", sensors=[self.names[c] for c in cameras], change=words)
 
     def _gaps(self) -> Iterator[Check]:
-        """Find cameras without boxes for a time, while others see people in their views."""
+        """Report cameras with a long gap without boxes, during which other cameras detect people in their views."""
         for gap in self._faults.gaps():
             name = self.names[gap.camera]
             yield finding(GAPS, "camera-gap", sensors=[name], begin_s=gap.begin_s, end_s=gap.end_s, people=gap.people)
 
     def _moving(self, camera: int) -> int:
-        """Number of boxes of a camera that are not always at the same few spots."""
+        """Number of boxes of a camera that are not static clutter.
+
+        Boxes in spots of the image that hold more than `MAX_SHARE_OF_A_SPOT` of the camera's boxes are not counted.
+        """
         counts = self._spots[camera]
         most = MAX_SHARE_OF_A_SPOT * counts.total()
         return sum(count for count in counts.values() if count <= most)
 
     def _unconfirmed(self) -> Iterator[Check]:
-        """Find cameras of which no person is ever seen by another camera, where others do see the same people."""
+        """Report cameras whose people no other camera detects, although other cameras detect the same people."""
         for c, name in enumerate(self.names[: self.cameras]):
             others = np.delete(self.confirmed, c)
             if self.alone[c] >= FEWEST_BOXES and not self.confirmed[c] and others.max(initial=0) >= FEWEST_BOXES:
                 yield finding(CONFIRMED, "camera-alone", sensors=[name], count=int(self.alone[c]))
 
     def _outside(self) -> Iterator[Check]:
-        """Find whether people are outside the room, and the cameras that see them there."""
+        """Report if people are outside the room, and the cameras that detect them there."""
         if exceeds_share(self.outside_room, self.rows, MAX_OUTSIDE_ROOM_SHARE):
             order = np.argsort(-self.outside_by, kind="stable")
             seen_by = [self.names[c] for c in order.tolist() if self.outside_by[c] > 0.5 * self.outside_by[order[0]]]
@@ -261,7 +277,7 @@ class CameraAgreement:
             )
 
     def _odd(self, tally: BoxStatistics) -> Iterator[Check]:
-        """Find cameras that do not see the people the others see, unless their boxes are omitted."""
+        """Report cameras with a detection rate far below that of the others, or a clock offset that explains it."""
         shares = self.shares
         for c, name in enumerate(self.names):
             if tally.outside[c] > tally.boxes[c]:
@@ -287,7 +303,10 @@ class CameraAgreement:
                 )
 
     def _unknown_rotations(self) -> str:
-        """Why rotations cannot be found; empty: those of `MAX_LIMIT_DEG` and more would be."""
+        """Explain why the orientation check does not apply.
+
+        "" if rotations of `MAX_LIMIT_DEG` and more would be found.
+        """
         limits = np.degrees(self.angles_limit[: self.cameras, 0])
         known = limits[np.isfinite(limits)]
         if not len(known):
@@ -295,14 +314,17 @@ class CameraAgreement:
         return f"only rotations above {known.max():.2g} deg would be found" if known.max() > MAX_LIMIT_DEG else ""
 
     def _rotated(self) -> Iterator[Check]:
-        """Find the cameras with an orientation that is not that of the calibration; small errors are corrected."""
+        """Report the cameras rotated significantly from their calibration.
+
+        Small rotations are corrected by the filter.
+        """
         for name, (yaw, pitch) in zip(self.names, np.degrees(self.angles).tolist(), strict=True):
             if yaw or pitch:
                 severity: Severity = "warning" if max(abs(yaw), abs(pitch)) >= MIN_ROTATED_DEG else "note"
                 yield finding(ROTATED, "camera-rotated", severity, sensors=[name], yaw_deg=yaw, pitch_deg=pitch)
 
     def _disjoint_clocks(self, first_ns: Ints, last_ns: Ints) -> Iterator[Check]:
-        """Find cameras without a time in common with another camera."""
+        """Report cameras that have no time in common with any other camera."""
         there = np.flatnonzero(first_ns >= 0)
         for c in there.tolist():
             others = there[there != c]
@@ -312,7 +334,10 @@ class CameraAgreement:
 
 
 def _spots(boxes: Floats) -> list[tuple[int, int]]:
-    """Spots of the image in which boxes (n, 4: left, top, right, bottom) [px] are, by their middles and sizes."""
+    """Cells of an image grid that hold the centres of boxes (n, 4: left, top, right, bottom) [px], as (column, row).
+
+    The cell size is `SPOT` times the box size, rounded to a power of two.
+    """
     middle = 0.5 * (boxes[:, :2] + boxes[:, 2:])
     size = np.maximum(boxes[:, 2:] - boxes[:, :2], 1.0)
     # Sizes in steps, so that spots are the same for boxes of about one size
@@ -330,5 +355,8 @@ def distance_outside(xy: Floats, room: Floats) -> Floats:
 
 
 def _of_boxes(name: str, id: str, count: int, boxes: int, allowed: float) -> Check:
-    """A finding of some of a camera's boxes."""
+    """Finding `id` of the check `name`.
+
+    `count` of a camera's `boxes` have a fault, of which a share `allowed` is acceptable.
+    """
     return finding(BOXES, id, sensors=[name], count=int(count), boxes=int(boxes), share=count / boxes, allowed=allowed)

@@ -1,7 +1,8 @@
-"""What would make the boxes of cameras fit each other: other extrinsics, times, images, or files exchanged.
+"""Search for mistakes of a set-up that explain boxes that do not fit.
 
-People whom each camera locates by itself are projected into the other cameras (`pair_overlap`), as these are
-calibrated, and as they would be after each usual mistake; the mistake is named with which most of them meet a box.
+Wrong extrinsics, clocks or image sizes, or exchanged files. Each camera locates people by itself; they are projected
+into the other cameras (`pair_overlap`) with the calibration as given, and with each usual mistake undone. The mistake
+is reported for which most projections overlap a box.
 """
 
 from __future__ import annotations
@@ -86,7 +87,7 @@ MIN_IN_WINDOW, BAD_SHARE = 12, 0.55
 
 
 class FittingChange(NamedTuple):
-    """A change of cameras that makes their boxes fit those of the others.
+    """A correction of cameras after which their boxes overlap the people that the other cameras locate.
 
     Attributes:
         cameras: that are changed.
@@ -102,7 +103,7 @@ class FittingChange(NamedTuple):
 
 
 class Gap(NamedTuple):
-    """A time in which a camera has no box, though others see people in its view.
+    """An interval in which a camera has no box, although other cameras detect people in its view.
 
     Attributes:
         camera: its number.
@@ -119,14 +120,14 @@ class Gap(NamedTuple):
 
 
 class _Change(NamedTuple):
-    """A mistake in words, and the cameras and boxes as they would be without it."""
+    """A candidate correction: its description, and the changed cameras and boxes."""
 
     words: str
     views: Mapping[int, BoxesOfCamera]
 
 
 class CameraFaults:
-    """Boxes of a recording, and the search for what makes those of its cameras fit each other."""
+    """Keeps a sample of the boxes of a recording, and searches it for mistakes of the set-up."""
 
     def __init__(self, cameras: Sequence[Camera], person_height: float = 1.7) -> None:
         """Start without boxes; `person_height` in the scene's unit."""
@@ -136,7 +137,10 @@ class CameraFaults:
         self._last: tuple[int, _Search] | None = None
 
     def add(self, t_ns: int, frames: Sequence[FrameDetectionsWithIds]) -> None:
-        """Take a time step, if it is one of those that are kept."""
+        """Add the boxes of one time step.
+
+        An evenly spaced subset of at most `MAX_STEPS` time steps is kept.
+        """
         self._count += 1
         if self._count % (1 << self._step):
             return
@@ -146,7 +150,7 @@ class CameraFaults:
             self._samples, self._step = self._samples[1::2], self._step + 1
 
     def found(self, *, doubtful: bool) -> list[FittingChange]:
-        """Mistakes, the clearest first.
+        """Corrections of the set-up that make cameras agree, the most significant first.
 
         Args:
             doubtful: something is known to be wrong; otherwise only cameras that agree with none are examined.
@@ -154,7 +158,10 @@ class CameraFaults:
         return self._search.found(doubtful=doubtful) if self._compared else []
 
     def errors(self, unit: str) -> list[tuple[tuple[int, ...], str]]:
-        """Errors of calibrations that are too small to change overlaps much: numbers of cameras, and words.
+        """Small calibration errors: (indices of the cameras, description).
+
+        They are too small to change the overlap of boxes much. Lasting rotations are omitted, since the filter corrects
+        them.
 
         Args:
             unit: of lengths, for the words.
@@ -166,7 +173,7 @@ class CameraFaults:
         return [(each.cameras, self._search.words(each, unit)) for each in stated]
 
     def gaps(self) -> list[Gap]:
-        """The longest gap of each camera."""
+        """The longest interval without boxes of each camera that has one."""
         return self._search.gaps() if self._compared else []
 
     @property
@@ -175,14 +182,14 @@ class CameraFaults:
 
     @property
     def _search(self) -> _Search:
-        """The search in the time steps so far."""
+        """Search over the time steps kept so far."""
         if self._last is None or self._last[0] != self._count:
             self._last = self._count, _Search(self._cameras, self._samples, self._height)
         return self._last[1]
 
 
 class _Search:
-    """Search for the mistakes with the cameras of some time steps."""
+    """Search for mistakes of cameras over a set of time steps."""
 
     def __init__(
         self, cameras: Sequence[Camera], samples: Sequence[tuple[int, dict[int, Floats]]], person_height: float
@@ -195,7 +202,7 @@ class _Search:
         self.every = max(1, round(count / MAX_BOXES))
 
     def found(self, *, doubtful: bool) -> list[FittingChange]:
-        """Mistakes for the whole time, or else those for a part of it."""
+        """Mistakes that last for the whole recording; if there is none, those of a part of it."""
         trusted = list(range(len(self.views)))
         agreement = self._agreement(trusted)
         limit = max(LOW_SHARE * max(agreement), LOW) if doubtful else MIN_FIT
@@ -222,7 +229,7 @@ class _Search:
 
     @cached_property
     def errors(self) -> list[CameraError]:
-        """Errors of the calibrations of cameras by pairs of them, also those too small to change overlaps."""
+        """Errors of the calibrations of cameras by least squares over pairs of cameras (`pair_errors`)."""
         # Boxes of cameras that do not fit at all are paired by chance
         fitting = [c for c, own in enumerate(self._agreement(range(len(self.views)))) if own >= MIN_FIT]
         if len(fitting) < 2:
@@ -250,7 +257,7 @@ class _Search:
         return out
 
     def _matters(self, error: CameraError) -> bool:
-        """Whether an error of cameras is large enough to be stated."""
+        """Whether a camera error exceeds the threshold of its kind from which it is reported."""
         if error.kind == RADIAL:
             pairs = zip(error.cameras, error.values[:, 0].tolist(), strict=True)
             return any(lens_matters(self.views[c], k) for c, k in pairs)
@@ -259,7 +266,10 @@ class _Search:
 
     @cached_property
     def _other_lenses(self) -> _Change | None:
-        """Other distortions of all cameras that have a significant error; None: none has."""
+        """Correction with other radial distortion for all cameras that have a significant radial error.
+
+        None if no camera has one.
+        """
         views = {
             c: without_radial_error(self.views[c], k)
             for each in self.errors
@@ -271,7 +281,7 @@ class _Search:
         return _Change(" and ".join(self.words(each) for each in self.errors if each.kind == RADIAL), views)
 
     def words(self, error: CameraError, unit: str = "") -> str:
-        """An error of cameras in words; `unit` of lengths."""
+        """Description of a camera error for a message; `unit` of lengths."""
         c, value = error.cameras[0], float(error.values[0, 0])
         name = self.views[c].camera.name
         if error.kind == RADIAL:
@@ -295,7 +305,10 @@ class _Search:
         return f"{turned} {when}".rstrip()
 
     def _agreement(self, trusted: Sequence[int]) -> list[float]:
-        """Agreement of each camera with the trusted ones; -1: too few people are expected."""
+        """(C list) excess overlap (`Overlap.excess`, at most 1) of each camera with the trusted cameras.
+
+        -1 if too few people are expected.
+        """
         found = self._own
         if len(trusted) < len(self.views):
             found = [self._overlap({c: view}, trusted) for c, view in enumerate(self.views)]
@@ -303,11 +316,11 @@ class _Search:
 
     @cached_property
     def _own(self) -> list[Overlap]:
-        """Overlaps of each camera with all others, as they are."""
+        """Overlaps of each camera with all others, with the set-up as given."""
         return overlaps([view.every(self.every) for view in self.views], len(self.t_ns), self.height)
 
     def gaps(self) -> list[Gap]:
-        """The longest gap of each camera that otherwise has boxes of most people in its view."""
+        """The longest interval without boxes of each camera that otherwise detects most people in its view."""
         at_s = (self.t_ns - self.t_ns[0]) / NS
         out: list[Gap] = []
         for c, (view, found) in enumerate(zip(self.views, self._own, strict=True)):
@@ -327,7 +340,10 @@ class _Search:
         return out
 
     def _seen_by_others(self, c: int, first: int, last: int) -> int:
-        """Greatest number of people that another camera locates in the view of this one in some time steps."""
+        """Number of people that another camera locates in the view of camera `c` during the time steps first to last.
+
+        The maximum over the other cameras.
+        """
         count = 0
         for o, other in enumerate(self.views):
             if o != c:
@@ -338,7 +354,7 @@ class _Search:
         return count
 
     def _for_a_while(self) -> list[FittingChange]:
-        """A mistake during a part of the recording."""
+        """Mistakes that apply to a part of the recording only, with the best correction of that part."""
         span_s = float(self.t_ns[-1] - self.t_ns[0]) / NS
         count = int(min(max(span_s / WINDOW_S, MIN_WINDOWS), MAX_WINDOWS))
         steps = len(self.t_ns)
@@ -362,20 +378,23 @@ class _Search:
         return out
 
     def _during(self, low: int, high: int) -> _Search:
-        """The search in some time steps."""
+        """The same search restricted to the time steps low to high."""
         other = _Search.__new__(_Search)
         other.t_ns, other.height, other.every = self.t_ns, self.height, 1
         other.views = [view.during(low, high) for view in self.views]
         return other
 
     def _overlap(self, changed: Mapping[int, BoxesOfCamera], of: Sequence[int] | None = None) -> Overlap:
-        """Overlaps of changed cameras with the others, in the time steps that are compared."""
+        """Overlaps of changed cameras with the cameras `of`, over the subset of time steps that is compared."""
         thin = [view.every(self.every) for view in self.views]
         changes = {c: view.every(self.every) for c, view in changed.items()}
         return overlap(thin, changes, len(self.t_ns), self.height, of)
 
     def _best(self, changes: Iterator[_Change], trusted: Sequence[int] | None = None) -> FittingChange | None:
-        """The change with which the cameras agree best; None: with none clearly better than as they are."""
+        """The correction with the largest mean overlap of boxes.
+
+        None if no correction is clearly better than the set-up as given.
+        """
         best, mean = None, -1.0
         before: dict[tuple[int, ...], Overlap] = {}
         for change in changes:
@@ -390,7 +409,7 @@ class _Search:
         return best
 
     def _of_all(self) -> Iterator[_Change]:
-        """Mistakes with all cameras."""
+        """Candidate corrections that concern all cameras at once."""
         if self._other_lenses is not None and len(self._other_lenses.views) > 1:
             yield self._other_lenses
         yield _Change(f"extrinsics of all cameras are {INVERTED}", {c: _inverted(v) for c, v in enumerate(self.views)})
@@ -403,7 +422,10 @@ class _Search:
             yield _Change(f"boxes of all cameras are {each[0][0]}", views)
 
     def _changes(self, c: int, trusted: Sequence[int], *, for_a_while: bool = False) -> Iterator[_Change]:
-        """Mistakes with a camera, the simplest first; `for_a_while`: those that come and go."""
+        """Candidate corrections of camera `c`, the simplest first.
+
+        `for_a_while` restricts them to faults that can begin and end during a recording.
+        """
         own, name = self.views[c], self.views[c].camera.name
         for o in trusted:
             if o != c:
@@ -426,7 +448,7 @@ class _Search:
         yield from self._turned(c, trusted)
 
     def _late(self, c: int) -> Iterator[_Change]:
-        """Times of a camera that are later or earlier by some time steps."""
+        """Candidate corrections of the clock of camera `c`: boxes shifted later and earlier by the delays `LATE_S`."""
         step_s = max(float(np.median(np.diff(self.t_ns))) / NS, 1e-9)
         own, last = self.views[c], len(self.t_ns) - 1
         for k in dict.fromkeys(max(round(late_s / step_s), 1) for late_s in LATE_S if late_s > 0.5 * step_s):
@@ -437,7 +459,7 @@ class _Search:
                 yield _Change(f"the clock of {own.camera.name} is {k * step_s:.2g} s {words}", {c: moved})
 
     def _turned(self, c: int, trusted: Sequence[int]) -> Iterator[_Change]:
-        """The rotation with which most boxes of a camera are where others see people (Hough)."""
+        """The rotation of camera `c` that aligns its boxes with people located by trusted cameras (Hough transform)."""
         own = self.views[c]
         apart = [np.zeros((0, 2))]
         for o in trusted:
@@ -464,7 +486,7 @@ class _Search:
 
 
 def _rotated(c: int, own: BoxesOfCamera, angles: Floats) -> _Change:
-    """The camera rotated by yaw and pitch (2,) [rad] about its own axes."""
+    """Candidate correction: camera `c` rotated by yaw and pitch (2,) [rad] about its own axes."""
     yaw_deg, pitch_deg = np.degrees(angles)
     words = f"{own.camera.name} is rotated by {yaw_deg:+.1f} deg about the vertical and {pitch_deg:+.1f} deg in pitch"
     moved = replace(own.camera, principal_px=own.camera.principal_px + angles * own.camera.focal_px)
@@ -472,7 +494,7 @@ def _rotated(c: int, own: BoxesOfCamera, angles: Floats) -> _Change:
 
 
 def _of_camera(c: int, camera: Camera, samples: Sequence[tuple[int, dict[int, Floats]]]) -> BoxesOfCamera:
-    """Boxes of a camera with the numbers of their time steps."""
+    """The boxes of camera `c` from time steps (t_ns, boxes by camera), with the index of the time step of each box."""
     parts = [(step, boxes[c]) for step, (_, boxes) in enumerate(samples) if c in boxes]
     steps = np.concatenate(
         [np.full(len(boxes), step, dtype=np.int64) for step, boxes in parts] or [np.zeros(0, np.int64)]
@@ -481,7 +503,10 @@ def _of_camera(c: int, camera: Camera, samples: Sequence[tuple[int, dict[int, Fl
 
 
 def _by_window(found: Overlap, window: Ints, count: int) -> Floats:
-    """(W,) agreement in each part; NaN: too few people are expected."""
+    """(W,) excess overlap in each of W = `count` intervals; `window` is the interval of each time step.
+
+    NaN if too few people are expected.
+    """
     own = window[found.steps]
     out = np.full(count, np.nan)
     for w in range(count):
@@ -492,7 +517,10 @@ def _by_window(found: Overlap, window: Ints, count: int) -> Floats:
 
 
 def _worst_part(shares: Floats) -> tuple[int, int] | None:
-    """The longest run of two or more bad parts, as first and end; None: there is none, or hardly a good part."""
+    """Longest run of two or more intervals with an agreement far below the usual, as (first, end).
+
+    None if there is no such run, or if the usual agreement is too low for a comparison.
+    """
     known = shares[np.isfinite(shares)]
     if len(known) < MIN_WINDOWS - 2:
         return None
@@ -513,13 +541,16 @@ def _worst_part(shares: Floats) -> tuple[int, int] | None:
 
 
 def _inverted(view: BoxesOfCamera) -> BoxesOfCamera:
-    """The camera with R and T the other way round."""
+    """The camera with the inverse extrinsics: R and T taken as camera-to-world instead of world-to-camera."""
     own = view.camera
     return view._replace(camera=replace(own, rotation=own.rotation.T, position=-own.rotation.T @ own.position))
 
 
 def _other_forms(view: BoxesOfCamera) -> Iterator[tuple[str, Floats]]:
-    """What four numbers of a box may mean that were read as another form, and (n, 4) the edges that they are then."""
+    """Candidate box formats that were misread.
+
+    Description, and the edges (n, 4) [px] of the boxes read in that format.
+    """
     boxes = view.boxes
     near, far = boxes[:, :2], boxes[:, 2:]
     middle, size = 0.5 * (near + far), far - near
@@ -543,7 +574,7 @@ def _scaled(view: BoxesOfCamera, scale: float) -> BoxesOfCamera:
 
 
 def _flipped(view: BoxesOfCamera, axes: tuple[bool, bool]) -> BoxesOfCamera:
-    """Boxes of images that are flipped in x, in y, or both."""
+    """Boxes (n, 4) of images that are flipped in x, in y, or both, with descriptions."""
     out, size = view.boxes.copy(), view.size
     for axis, flipped in enumerate(axes):
         if flipped:
@@ -552,7 +583,7 @@ def _flipped(view: BoxesOfCamera, axes: tuple[bool, bool]) -> BoxesOfCamera:
 
 
 def _differences(view: BoxesOfCamera, expected: Floats, steps: Ints) -> Floats:
-    """(n, 2) from where people are expected (m, 4) to the boxes of the same time step [px], by their middles."""
+    """(n, 2) offsets [px] of box centres from centres of expected boxes (m, 4), for pairs of the same time step."""
     whom, box = paired_rows(steps, view.steps)
     middles = [0.5 * (each[:, :2] + each[:, 2:]) for each in (view.boxes[box], expected[whom])]
     apart = middles[0] - middles[1]

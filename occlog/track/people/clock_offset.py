@@ -1,4 +1,4 @@
-"""By how much a camera is late: at which offset of its clock its boxes are where the other cameras' people were."""
+"""Clock delay of a camera: the offset of its clock at which its boxes match people detected by the other cameras."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class _Spread:
         self._every, self._count = 1, 0
 
     def add(self, t_ns: int, middles: Floats) -> None:
-        """Keep the frame if it is due; when there are too many, keep every other one from then on."""
+        """Add a frame; an evenly spaced subset of at most twice `MAX_FRAMES` frames is kept."""
         if self._count % self._every == 0:
             self.kept.append((t_ns, middles))
             if len(self.kept) > 2 * MAX_FRAMES:
@@ -47,7 +47,7 @@ class _Spread:
 
 
 class ClockOffsetSearch:
-    """Keeps people and boxes from the beginning of a recording."""
+    """Keeps tracks and boxes from the beginning of a recording, to search for clock offsets of cameras."""
 
     def __init__(self, cameras: Sequence[Camera]) -> None:
         """Start without people and boxes."""
@@ -70,7 +70,9 @@ class ClockOffsetSearch:
                 self._frames[frame.camera].add(frame.t_ns, 0.5 * (frame.boxes[:, :2] + frame.boxes[:, 2:]))
 
     def late(self, camera: int, fewest: int) -> float:
-        """Find by how many seconds what a camera shows is old; below 0: it is ahead; NaN: no other offset is better.
+        """Delay [s] of a camera's boxes with respect to the people that the other cameras detect; negative: ahead.
+
+        NaN if no offset explains clearly more boxes than 0.
 
         Args:
             camera: its position.
@@ -107,7 +109,10 @@ class ClockOffsetSearch:
         return float(offsets[best]) * step / NS
 
     def _expected(self, camera: int, fewest: int) -> tuple[Floats, Floats]:
-        """(M, P, 2) middles and (M, P) heights [px] of the boxes of people whom other cameras see; NaN: no more."""
+        """People that at least `fewest` other cameras detect, projected into a camera, for M time steps.
+
+        Box centres (M, P, 2) [px] and box heights (M, P) [px], padded with NaN.
+        """
         views = pack_views(self._cameras)
         middles, heights = [], []
         for body, bits in zip(self._people, self._by, strict=True):
@@ -124,7 +129,7 @@ class ClockOffsetSearch:
 
 
 def _padded(parts: Sequence[Floats]) -> Floats:
-    """(N, most rows, K) parts with NaN after their rows."""
+    """Stack N arrays of K columns to (N, most rows, K), padded with NaN."""
     out = np.full((len(parts), max((len(p) for p in parts), default=0), parts[0].shape[1]), np.nan)
     for row, part in enumerate(parts):
         out[row, : len(part)] = part
@@ -132,9 +137,10 @@ def _padded(parts: Sequence[Floats]) -> Floats:
 
 
 def _explained(boxes: Floats, people: Floats, heights: Floats) -> tuple[float, float]:
-    """Share of the boxes (L, B, 2) that are near an expected one (L, P, 2), of so many pixels' height (L, P).
+    """Two shares of boxes (L, B, 2: centres) that match an expected box: centre (L, P, 2) and height (L, P) [px].
 
-    The second number counts those nearby by how near they are, from 1 to 0 at `MATCH_DISTANCE_HEIGHTS`.
+    The first counts boxes within `MATCH_DISTANCE_HEIGHTS` of the nearest expected one; the second weights each from 1
+    at distance 0 to 0 at this limit.
     """
     if not people.shape[1]:
         return 0.0, 0.0

@@ -1,4 +1,4 @@
-"""Where two people met, and may have been taken for each other when they parted.
+"""Close encounters of two people, and the probability that their identities were exchanged when they separated.
 
 A tracker of two people through a position where no camera distinguishes them can leave it with their identities
 exchanged, which its states do not show.  Two properties of the tracks determine how likely that is:
@@ -44,7 +44,7 @@ MAX_LOG_RATIO = 100.0
 
 
 def switch_probability(distance: float, ratio: float) -> float:
-    """Probability that two people were exchanged at a meeting.
+    """Probability of an identity switch in a close encounter.
 
     Args:
         distance: smallest, in standard deviations of their positions, >= 0.
@@ -56,7 +56,7 @@ def switch_probability(distance: float, ratio: float) -> float:
 
 @dataclass
 class _Encounter:
-    """Two people who are near each other."""
+    """An ongoing close encounter of two people."""
 
     t_ns: int  # when they were last distinguished
     means: Floats  # (2, 6) their states then
@@ -76,7 +76,10 @@ class CloseEncounters:
         self._going_on: dict[tuple[int, int], _Encounter] = {}
 
     def add(self, snapshot: TrackSnapshot) -> tuple[Event, ...]:
-        """Add a time step; return two events for each pair that separates and may have been exchanged."""
+        """Add a time step.
+
+        Return two `possible_switch` events for each pair that separates with a considerable switch probability.
+        """
         n = len(snapshot.ids)
         near = _pairs(snapshot.mean[:, [X, Y]], PARTING_DISTANCE_WIDTHS * self._width)
         now = {(int(snapshot.ids[i]), int(snapshot.ids[j])): (i, j) for i, j in near}
@@ -107,7 +110,7 @@ class CloseEncounters:
         return tuple(events)
 
     def _compare(self, meeting: _Encounter, snapshot: TrackSnapshot, both: list[int]) -> None:
-        """Compare the tracks of two who are distinguished again with the exchanged ones."""
+        """Update the log likelihood ratio of an encounter, when a camera detects each of the two people separately."""
         means, covariances = snapshot.mean[both], snapshot.covariance[both]
         passed = (snapshot.t_ns - meeting.t_ns) / NS
         if passed > 0:
@@ -117,7 +120,7 @@ class CloseEncounters:
 
 
 def _pairs(positions: Floats, distance: float) -> list[tuple[int, int]]:
-    """Find pairs of (m, 2) positions within a distance, i < j, in the order of i and j."""
+    """Find all pairs i < j of positions (m, 2) within a distance, sorted by i, then j."""
     if len(positions) < 2:
         return []
     found = cKDTree(positions).query_pairs(distance, output_type="ndarray")
@@ -125,14 +128,14 @@ def _pairs(positions: Floats, distance: float) -> list[tuple[int, int]]:
 
 
 def _doubts(pair: tuple[int, int], probability: float) -> list[Event]:
-    """Return the possible identity switch of either person, if it is likely enough to report."""
+    """Return `possible_switch` events, one for each person, if the probability is at least `MIN_SWITCH_PROBABILITY`."""
     if probability < MIN_SWITCH_PROBABILITY:
         return []
     return [Event("possible_switch", a, b, probability) for a, b in (pair, pair[::-1])]
 
 
 def _alone(support: BoxAssociations, people: int) -> Floats:
-    """(m, C) probability that a camera has a box of a person alone."""
+    """(m, C) probability that camera C has a box of person m alone (not merged with another person)."""
     cameras = int(support.camera.max(initial=-1)) + 1
     out = np.zeros((people, cameras))
     np.add.at(out, (support.person, support.camera), support.probability - support.joint)
@@ -143,7 +146,9 @@ def _alone(support: BoxAssociations, people: int) -> Floats:
 def log_ratio(
     before: Floats, cov_before: Floats, after: Floats, cov_after: Floats, passed: float, manoeuvre: float
 ) -> float:
-    """Log likelihood ratio of two people's later states going on from their earlier ones to those exchanged.
+    """Log likelihood ratio of two people's later states.
+
+    Continuing from their own earlier states, to continuing from exchanged ones.
 
     Args:
         before: (2, 6) earlier states.

@@ -28,7 +28,7 @@ SHORTEST_NS = 100_000
 
 
 class FrameDetectionsWithIds(NamedTuple):
-    """Detections of a frame, with the frame number and box numbers of the tables."""
+    """Detections of one frame of a camera, with its frame number and the box numbers in the tables."""
 
     detections: FrameDetections
     frame: int  # number in the camera's stream
@@ -36,7 +36,7 @@ class FrameDetectionsWithIds(NamedTuple):
 
 
 class DetectionFrameRows(NamedTuple):
-    """Rows of boxes of some frames, in the order of time; a frame without boxes has one row that is none."""
+    """Rows of a table of boxes, sorted by time; a frame without boxes is one row with NaN edges."""
 
     t_ns: Ints  # (R,)
     sensor: Strings  # (R,)
@@ -53,7 +53,7 @@ class DetectionFrameRows(NamedTuple):
 
 
 def rows_of_boxes(chunks: Iterable[Boxes]) -> Iterator[DetectionFrameRows]:
-    """Read boxes of a detector."""
+    """Read chunks of the table `boxes` as rows of detections."""
     for c in chunks:
         yield DetectionFrameRows(
             t_ns=c.t_ns,
@@ -68,7 +68,9 @@ def rows_of_boxes(chunks: Iterable[Boxes]) -> Iterator[DetectionFrameRows]:
 
 
 def rows_of_views(chunks: Iterable[Views], colours_of_boxes: bool = True) -> Iterator[DetectionFrameRows]:
-    """Read regions of images; those that the fusion of detections put in or took out are none.
+    """Read chunks of the table `views` as rows of detections.
+
+    Regions that the fusion of detections added or removed are omitted.
 
     Args:
         chunks: in the order of time.
@@ -92,7 +94,7 @@ def rows_of_views(chunks: Iterable[Views], colours_of_boxes: bool = True) -> Ite
 
 
 def _edges(table: Boxes | Views) -> Floats:
-    """(R, 4) left, top, right, bottom."""
+    """(R, 4) edges left, top, right, bottom [px] of regions."""
     left, top = table.left_px, table.top_px
     return np.column_stack([left, top, left + table.width_px, top + table.height_px])
 
@@ -112,7 +114,7 @@ class RegionFrameTimes(ColumnTable):
 
 @dataclass
 class FrameNumbers:
-    """How a camera's frames are numbered, by those that have rows.
+    """Frame numbering of a camera, estimated from the frames that have rows.
 
     Attributes:
         step: all numbers are this far apart, or a multiple of it.
@@ -125,25 +127,27 @@ class FrameNumbers:
     left_out: int = 0
 
     def add(self, step: int) -> None:
-        """Count a frame by the increment of its number."""
+        """Count a pair of successive rows with this difference of frame numbers."""
         self.step = math.gcd(self.step, step)
         self.pairs += 1
 
     @property
     def counted_in(self) -> int:
-        """The step in which frames are counted; a few frames may lie in one by chance."""
+        """Usual difference of successive frame numbers (1 until `MIN_FRAME_PAIRS` pairs are known).
+
+        Frames between two multiples of it are none.
+        """
         return self.step if self.pairs >= MIN_FRAME_PAIRS else 1
 
 
 def frames_without_boxes(
     chunks: Iterable[RegionFrameTimes], cameras: Mapping[str, int], numbers: dict[str, FrameNumbers] | None = None
 ) -> Iterator[FrameDetectionsWithIds]:
-    """Insert frames without detections that a table omits.
+    """Insert the frames without detections that a table omits.
 
-    Their numbers are those omitted between two frames of a camera, their times lie evenly between these two.  Where
-    all frames of a camera are numbered in steps, numbers between two steps are of no frame.  Nothing is known of frames
-    before a camera's first row and after its last.  Memory grows with the number of such gaps, not with that of the
-    rows.
+    Frame numbers missing between two frames of a camera are inserted, at times evenly spaced between these two. If
+    frames of a camera are numbered in steps, numbers between two steps are not frames. Frames before a camera's first
+    row and after its last are unknown. Memory grows with the number of gaps, not with that of the rows.
 
     Args:
         chunks: in the order of time.
@@ -188,7 +192,7 @@ def frames_without_boxes(
 
 
 class _Gap(NamedTuple):
-    """Two frames of a camera with empty ones between them."""
+    """Two successive frames of a camera that have rows, with frames without boxes between them."""
 
     start_ns: int
     first: int
@@ -198,14 +202,17 @@ class _Gap(NamedTuple):
     step: int = 1
 
     def time(self, frame: int) -> int:
-        """Time of a frame between the two [ns]."""
+        """Interpolated time [ns] of a frame of the gap."""
         return self.start_ns + (self.end_ns - self.start_ns) * (frame - self.first) // (self.last - self.first)
 
 
 def _until(
     limit_ns: int | None, waiting: list[tuple[int, int, int]], gaps: Sequence[_Gap]
 ) -> Iterator[FrameDetectionsWithIds]:
-    """Empty frames before a time, in order; all of them for None."""
+    """Generate the frames without boxes up to a time, sorted by time; all of them if `limit_ns` is None.
+
+    `waiting` is a heap of (time, frame, index of the gap).
+    """
     nothing, none = np.zeros((0, 4)), np.zeros(0, dtype=np.int64)
     while waiting and (limit_ns is None or waiting[0][0] <= limit_ns):
         t_ns, frame, n = heappop(waiting)
@@ -226,7 +233,7 @@ def _until(
 
 @dataclass
 class BoxStatistics:
-    """Counts of frames and boxes over a stream, by index of the camera in use.
+    """Counts of frames and boxes over a stream of frames, by camera index.
 
     Attributes:
         frames: frames of detections.
@@ -250,7 +257,7 @@ class BoxStatistics:
         return cls(zero, zero.copy(), zero.copy(), zero.copy(), zero - 1, zero - 1)
 
     def saw(self, frame: FrameDetections) -> None:
-        """Count a frame."""
+        """Count a frame and its boxes, and update the camera's first and last time."""
         c = frame.camera
         self.frames[c] += 1
         self.boxes[c] += len(frame.boxes)
@@ -299,7 +306,7 @@ def frame_detections(
 def frames_of_positions(
     chunks: Iterable[Positions], index_of: Mapping[str, int], tally: BoxStatistics
 ) -> Iterator[FrameDetectionsWithIds]:
-    """Generate the frames of sources of positions, in the order of time, then of sources.
+    """Generate the frames of position sensors, sorted by time, then by sensor.
 
     Args:
         chunks: in the order of time.
@@ -340,7 +347,10 @@ def frames_of_positions(
 
 
 def _whole_times(chunks: Iterable[DetectionFrameRows]) -> Iterator[DetectionFrameRows]:
-    """Parts that never end amid the rows of one time; none is empty."""
+    """Rechunk rows so that no chunk ends between rows of the same time, and no chunk is empty.
+
+    InputError if times decrease.
+    """
     held: list[DetectionFrameRows] = []
     for chunk in chunks:
         if not len(chunk.t_ns):
@@ -363,7 +373,7 @@ def _joined(parts: Sequence[DetectionFrameRows]) -> DetectionFrameRows:
 def _detections_of_frame(
     rows: DetectionFrameRows, c: int, row: Ints, cameras: Sequence[Camera], tally: BoxStatistics
 ) -> FrameDetectionsWithIds:
-    """Return the detections of one frame."""
+    """Build the detections of one frame of camera `c` from its rows."""
     there = rows.number >= 0
     outside = there & _outside(rows.edges, cameras[c])
     kept = np.flatnonzero(there & ~outside)
@@ -385,7 +395,7 @@ def _detections_of_frame(
 
 
 def _outside(edges: Floats, camera: Camera) -> Bools:
-    """(R,) boxes of which no part is in the image; none where its size is not known."""
+    """(R,) mask of the boxes that lie entirely outside the image; all False if the image size is unknown."""
     if camera.image_size is None:
         return np.zeros(len(edges), dtype=np.bool_)
     w, h = camera.image_size
@@ -395,7 +405,7 @@ def _outside(edges: Floats, camera: Camera) -> Bools:
 
 
 def duplicate_boxes(edges: Floats, score: Floats) -> Bools:
-    """(n,) boxes that are the same as one of more score, or, of equal score, as an earlier one."""
+    """(n,) mask of duplicate boxes: equal to a box with a higher score, or to an earlier one with the same score."""
     n = len(edges)
     if n < 2:
         return np.zeros(n, dtype=np.bool_)
@@ -414,7 +424,7 @@ def duplicate_boxes(edges: Floats, score: Floats) -> Bools:
 def group_time_steps(
     frames: Iterable[FrameDetectionsWithIds], window_ns: int
 ) -> Iterator[list[FrameDetectionsWithIds]]:
-    """Group frames within the window after the first one, at most one of each camera, into a time step."""
+    """Group frames into time steps: frames within `window_ns` of the first one, at most one of each camera."""
     held: list[FrameDetectionsWithIds] = []
     cameras: set[int] = set()
     for each in frames:
@@ -428,5 +438,5 @@ def group_time_steps(
 
 
 def in_order(*streams: Iterable[FrameDetectionsWithIds]) -> Iterator[FrameDetectionsWithIds]:
-    """Merge time-ordered streams of frames in the order of time, then of cameras."""
+    """Merge time-ordered streams of frames into one, sorted by time, then by camera."""
     return merge(*streams, key=lambda each: (each.detections.t_ns, each.detections.camera))

@@ -1,6 +1,6 @@
-"""Boxes of cameras without a calibration to tracks in their images: frames in, tables out.
+"""Tracking in the images of cameras without calibration: frames of boxes in, tables out.
 
-Each camera is tracked by itself, so an identity is of one camera alone.
+Each camera is tracked separately, so an identity is valid in one camera only.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ EventRow = tuple[int, str, int, int, float]
 
 
 class ImageTracksPart(NamedTuple):
-    """Tracks and events of some time."""
+    """Tracks and events of one part (interval) of the output."""
 
     tracks: PeopleViews
     events: Events
 
 
 class Rows(NamedTuple):
-    """n rows of tracks in the images."""
+    """n rows of tracks in the images, as columns."""
 
     t_ns: Ints
     sensor: Strings
@@ -53,9 +53,9 @@ class Rows(NamedTuple):
 def track_in_images(
     frames: Iterable[FrameDetectionsWithIds], cameras: Sequence[Camera], config: SortConfig
 ) -> Iterator[ImageTracksPart]:
-    """Track the boxes of each camera; parts in the order of time.
+    """Track the boxes of each camera in its image, and generate parts of the output in the order of time.
 
-    Without smoothing memory does not grow with the recording; with it the boxes of all tracks are kept.
+    Without smoothing memory does not grow with the recording; with smoothing the boxes of all tracks are kept.
 
     Args:
         frames: in the order of time; the index of a camera is that in `cameras`.
@@ -87,36 +87,36 @@ def track_in_images(
 
 
 class Identities:
-    """Numbers of identities of all cameras, in the order in which they come."""
+    """Maps the identities of each camera's tracker to numbers that are unique over all cameras."""
 
     def __init__(self) -> None:
-        """Begin without any."""
+        """Create an empty map."""
         self._numbers: dict[tuple[int, int], int] = {}
         self._shown: set[int] = set()
 
     def of(self, camera: int, own: Iterable[int]) -> Ints:
-        """Numbers of identities of a camera."""
+        """Unique identities for the tracker's identities `own` of a camera."""
         found = [self._numbers.setdefault((camera, k), len(self._numbers)) for k in own]
         return np.array(found, dtype=np.int64)
 
     def first(self, ids: Ints) -> Bools:
-        """Which numbers have no row before."""
+        """Mask of the identities that have not been output before; marks them as output."""
         out = np.array([k not in self._shown for k in ids.tolist()], dtype=np.bool_)
         self._shown.update(ids.tolist())
         return out
 
     def event(self, camera: int, event: tuple[str, int, int, float]) -> tuple[str, int, int, float]:
-        """An event with numbers for identities."""
+        """An event with unique identities in place of the tracker's."""
         kind, own, other, probability = event
         me, another = int(self.of(camera, [own])[0]), NO_ID if other == NO_ID else int(self.of(camera, [other])[0])
         return kind, me, another, probability
 
 
 class CameraTracks:
-    """The filter of one camera, and the boxes of its tracks where these are smoothed."""
+    """The image tracker of one camera, and the boxes of its tracks if these are smoothed."""
 
     def __init__(self, camera: Camera, config: SortConfig) -> None:
-        """Begin without frames."""
+        """Create the tracker of a camera, without frames."""
         self.name, self.config = camera.name, config
         self.filter = SortFilter(config, camera.image_size)
         self.t_ns: list[int] = []
@@ -124,7 +124,7 @@ class CameraTracks:
         self._boxes: defaultdict[int, list[tuple[int, Floats, Floats]]] = defaultdict(list)
 
     def step(self, each: FrameDetectionsWithIds) -> FrameTracks:
-        """Track one more frame."""
+        """Track one more frame, and return its tracks."""
         return self.filter.step(each.detections, each.frame)
 
     def keep(self, each: FrameDetectionsWithIds) -> None:
@@ -137,7 +137,7 @@ class CameraTracks:
             self._boxes[key].append((index, each.detections.boxes[box], each.detections.appearance[box]))
 
     def smoothed(self) -> tuple[list[tuple[Boxes, SmoothedTrack]], list[Doubt]]:
-        """Tracks linked and smoothed, with the links that are doubtful."""
+        """Linked and smoothed tracks of the camera, and the ambiguous links between their fragments."""
         tracks, row = [], 0
         for key, kept in self._boxes.items():
             if key in self.filter.confirmed:
@@ -150,7 +150,10 @@ class CameraTracks:
 
 
 def _boxes(kept: Sequence[tuple[int, Floats, Floats]], row: int) -> Boxes:
-    """Boxes of one track; of none has an appearance where not all have."""
+    """Boxes of one track, given as (frame, box, appearance) per frame.
+
+    Appearances are NaN where their length differs from the longest.
+    """
     frame, boxes, appearance = zip(*kept, strict=True)
     length = max(len(each) for each in appearance)
     nothing = np.full(length, np.nan)
@@ -163,7 +166,7 @@ def _boxes(kept: Sequence[tuple[int, Floats, Floats]], row: int) -> Boxes:
 
 
 def _smoothed(trackers: Sequence[CameraTracks], numbers: Identities) -> ImageTracksPart:
-    """Tracks and events of all cameras, smoothed."""
+    """Smoothed tracks and events of all cameras."""
     rows: list[Rows] = []
     events: list[EventRow] = []
     for camera, tracker in enumerate(trackers):
@@ -197,7 +200,7 @@ def _smoothed(trackers: Sequence[CameraTracks], numbers: Identities) -> ImageTra
 
 
 def _with_visibility(tracks: PeopleViews) -> PeopleViews:
-    """Tracks with the share of each that no nearer track of its frame covers."""
+    """Tracks with their visibility: the share of each box that no nearer track of its frame covers."""
     half = np.column_stack([tracks.a_px, tracks.b_px])
     centre = np.column_stack([tracks.x_px, tracks.y_px])
     boxes = np.concatenate([centre - half, centre + half], axis=1)
@@ -212,7 +215,7 @@ def _with_visibility(tracks: PeopleViews) -> PeopleViews:
 
 
 def _rows_of(found: FrameTracks, sensor: str, camera: int, numbers: Identities) -> Rows:
-    """Rows of the tracks of one frame."""
+    """Rows of the tracks of one frame of a camera, with unique identities."""
     ids = numbers.of(camera, found.id.tolist())
     n = len(ids)
     return Rows(
@@ -222,7 +225,7 @@ def _rows_of(found: FrameTracks, sensor: str, camera: int, numbers: Identities) 
 
 
 def _table(parts: Sequence[Rows]) -> PeopleViews:
-    """Rows as a table: the ellipse that is inscribed in each box."""
+    """Table `view_tracks` of the rows; the ellipse of each is inscribed in its box."""
     some = [part for part in parts if len(part.id)]
     if not some:
         return PeopleViews.empty()

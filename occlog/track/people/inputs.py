@@ -1,6 +1,7 @@
-"""Inputs of multi-person trackers: boxes of a recording or a table, cameras of the scene, resumption.
+"""Inputs of multi-person trackers: boxes of a recording or a table, cameras of the scene, resumption of a saved state.
 
-How tall people are by their boxes and the cameras' poses: the unit of a scene, and calibrations that cannot be.
+The median height of people, by their boxes and the poses of cameras, determines the length unit of the scene, and finds
+impossible calibrations.
 """
 
 from __future__ import annotations
@@ -76,7 +77,7 @@ def person_heights(frames: Sequence[FrameDetectionsWithIds], cameras: Sequence[C
 
 
 def _statures(boxes: Floats, camera: Camera) -> Floats:
-    """(k,) heights of the k boxes with feet on the ground that no border cuts."""
+    """(k,) heights of people [scene's unit] from the boxes (n, 4) with feet on the ground that are not truncated."""
     left, top, right, bottom = boxes.T
     if camera.image_size is not None:
         whole = (bottom < camera.image_size[1] - 1 - BORDER_PX) & (top > BORDER_PX)
@@ -91,13 +92,16 @@ def _statures(boxes: Floats, camera: Camera) -> Floats:
 
 
 def median_height(heights: Floats) -> float:
-    """Median over the cameras with an estimate; NaN: no estimate."""
+    """Median of the heights over the cameras that have an estimate; NaN if none has."""
     finite = heights[np.isfinite(heights)]
     return float(np.median(finite)) if len(finite) else float("nan")
 
 
 def inconsistent_cameras(heights: Floats) -> Mapping[int, float]:
-    """Cameras with heights `HEIGHT_RATIO_LIMIT` times above or below the median of the others, and these heights."""
+    """Cameras with a height of people far from the others', as {camera index: height}.
+
+    More than `HEIGHT_RATIO_LIMIT` times above or below the median of the other cameras.
+    """
     found = {}
     for c in np.flatnonzero(np.isfinite(heights)).tolist():
         others = median_height(np.delete(heights, c))
@@ -126,7 +130,9 @@ RAISE = (
 
 
 class PeopleInput:
-    """The boxes as a stream of time steps, and what must be known beforehand.
+    """Input of a multi-person tracker.
+
+    The boxes as a stream of time steps, and what is determined before tracking (cameras, unit, settings).
 
     Attributes:
         scene: where.
@@ -182,11 +188,14 @@ class PeopleInput:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the cameras and sources of positions in use."""
+        """Names of the cameras and position sensors in use."""
         return tuple(c.name for c in self.views)
 
     def _apply_clocks(self) -> None:
-        """Compare the clocks of the scene with those by which the times of the input were corrected."""
+        """Replace the clocks of the scene by those with which the input's times were corrected.
+
+        Note if they are unknown.
+        """
         applied = applied_clocks(self.opened)
         self._applied = {} if applied is None else applied
         if applied is not None:
@@ -200,29 +209,32 @@ class PeopleInput:
 
     @property
     def clock_changes(self) -> dict[int, ClockChange]:
-        """Clocks of the scene that differ from those by which times were corrected, by number of the camera."""
+        """Differences of the scene's clocks from those already applied to the input's times, by camera index."""
         return clock_changes(self.cameras, self.scene, self._applied) if self._known else {}
 
     def clock_figures(self) -> dict[str, object]:
-        """Corrections of the cameras' times [s] for the summary; empty: none."""
+        """Clock corrections of the cameras [s], for the summary; empty if there is none."""
         changes = self.clock_changes
         added = {self.cameras[c].name: (e.before.offset_ns - e.after.offset_ns) / NS for c, e in changes.items()}
         return {"clock_corrections_s": added} if added else {}
 
     def _in_world_time(self, frames: Iterator[FrameDetectionsWithIds]) -> Iterator[FrameDetectionsWithIds]:
-        """Frames at the times that the clocks of the scene give them."""
+        """Correct the times of frames by the clocks of the scene."""
         changes = self.clock_changes
         return retimed(frames, changes, len(self.cameras)) if changes else frames
 
     def _require_detections(self) -> None:
-        """InputError where the input has neither boxes nor positions; a table of positions goes into a recording."""
+        """Raise InputError if the input has neither boxes nor positions.
+
+        A table of positions must be ingested into a recording first.
+        """
         opened = self.opened
         if opened.recording is None and not any(opened.has(table) for table in (Boxes, Views)):
             _refuse_positions(self.request.bearings)
         opened.require(Boxes, Views, Positions, remedy=_remedy(opened))
 
     def _sources(self) -> tuple[str, ...]:
-        """Names of the sources of positions in use, in the order of the alphabet."""
+        """Names of the position sensors in use, sorted."""
         if self.opened.recording is None or not self.opened.has(Positions):
             return ()
         names = self.opened.recording.sensors_of(Positions)
@@ -230,7 +242,7 @@ class PeopleInput:
         return tuple(n for n in used if n not in self.request.without)
 
     def _cameras(self) -> tuple[Camera, ...]:
-        """Cameras to use; UsageError for a name that there is not, InputError where none has a pose."""
+        """Cameras to use. UsageError for an unknown name; InputError if no camera has a pose."""
         positions = self.opened.recording is not None and self.opened.has(Positions)
         sources = self.opened.recording.sensors_of(Positions) if positions and self.opened.recording else ()
         chosen = self._chosen(sources)
@@ -270,7 +282,10 @@ class PeopleInput:
         return tuple(used)
 
     def _chosen(self, others: Iterable[str] = ()) -> list[Camera]:
-        """Cameras that the request names; UsageError for a name that is neither one of the scene nor of `others`."""
+        """Cameras selected by the request.
+
+        UsageError for a name that is neither a camera of the scene nor in `others`.
+        """
         known = (*(c.name for c in self.scene.cameras), *others)
         for name in (*self.request.cameras, *self.request.without):
             if name not in known:
@@ -282,7 +297,7 @@ class PeopleInput:
         ]
 
     def _frames(self) -> Iterator[FrameDetectionsWithIds]:
-        """Generate the frames of all cameras and sources of positions, in the order of time."""
+        """Generate the frames of all cameras and position sensors, sorted by time."""
         if not self.sources:
             return self._camera_frames()
         index_of = {name: len(self.cameras) + k for k, name in enumerate(self.sources)}
@@ -290,7 +305,7 @@ class PeopleInput:
         return in_order(self._camera_frames(), found) if self.cameras else found
 
     def _camera_frames(self) -> Iterator[FrameDetectionsWithIds]:
-        """Generate the frames of all cameras; a table of regions has no rows for frames without detections."""
+        """Generate the frames of all cameras, with frames that have no detection inserted."""
         known = [c.name for c in self.scene.cameras]
         boxes, foreign = self.opened.has(Boxes), self.opened.foreign
         views = () if boxes else self.opened.rows(Views)
@@ -303,7 +318,7 @@ class PeopleInput:
         return in_order(found, self._in_world_time(self._empty(index_of)))
 
     def _empty(self, index_of: Mapping[str, int]) -> Iterator[FrameDetectionsWithIds]:
-        """Frames of a table of regions, or of external boxes, without a detection, counted."""
+        """Generate frames without detections of a table of regions or external boxes, which has no rows for them."""
         if self.opened.recording is not None:
             return
         lost = gaps_of(self.opened.provenance.parameters)
@@ -313,7 +328,7 @@ class PeopleInput:
                 yield each
 
     def _directions(self) -> Opened | None:
-        """The input with directions of arrival; None: missing."""
+        """The input that holds directions of arrival; None if there is none."""
         if isinstance(self.request, TrackPeopleRequest) and self.request.doa is not None:
             opened = open_input(self.request.doa, Doa)
             if opened.made_in_a_scene:
@@ -322,7 +337,7 @@ class PeopleInput:
         return self.opened if self.opened.has(Doa) else None
 
     def heard(self) -> Iterator[DirectionsOfArrival]:
-        """Directions of arrival, those of an array at one time together, in the order of time."""
+        """Generate directions of arrival sorted by time, those of an array at one time in one item."""
         if self._doa is None:
             return
         index_of = {array.name: k for k, array in enumerate(self.scene.arrays)}
@@ -337,7 +352,9 @@ class PeopleInput:
             yield from _by_array(last, index_of)
 
     def _config(self, anybody: bool) -> tuple[float, JipdaConfig]:
-        """How many units are a metre, and the settings; InputError where people would be giants or dwarfs.
+        """Length unit (units of the scene per metre) and settings of the tracker.
+
+        InputError if people would be giants or dwarfs.
 
         Args:
             anybody: there is a box in the first frames.
@@ -397,7 +414,10 @@ class PeopleInput:
 
 
 class ImageInput(PeopleInput):
-    """The boxes of cameras that need no pose, as a stream of frames, and what must be known beforehand."""
+    """Input of trackers in the image.
+
+    Boxes of cameras that need no pose, as a stream of frames, with cameras and settings.
+    """
 
     COLOURS_OF_BOXES: ClassVar[bool] = True
 
@@ -428,7 +448,7 @@ class ImageInput(PeopleInput):
         self.frames = self._frames()
 
     def _named(self) -> Scene:
-        """A scene of cameras without a pose, of the names that rows have."""
+        """A scene of cameras without poses, named as in the rows of boxes."""
         rows = self.opened.rows(Boxes) if self.opened.has(Boxes) else self.opened.rows(Views)
         names = sorted({name for part in rows for name in np.unique(part.sensor).tolist()})
         if not names:
@@ -438,7 +458,7 @@ class ImageInput(PeopleInput):
 
 
 def _by_array(rows: Bearings, index_of: Mapping[str, int]) -> Iterator[DirectionsOfArrival]:
-    """Directions of whole times, by time and array."""
+    """Group rows of directions of arrival by time and array; no time is split."""
     table = rows.sorted()
     starts = np.flatnonzero(np.append(True, (np.diff(table.t_ns) != 0) | (table.sensor[1:] != table.sensor[:-1])))
     for first, stop in pairwise([*starts.tolist(), len(table)] if len(table) else []):
@@ -452,7 +472,7 @@ def _by_array(rows: Bearings, index_of: Mapping[str, int]) -> Iterator[Direction
 
 
 def _refuse_positions(path: Path) -> None:
-    """InputError for a table with columns x and y: positions go into a recording first."""
+    """Raise InputError for a table with columns x and y: positions must be ingested into a recording first."""
     from occlog.io.external.source import find_source
 
     source = find_source(path)
@@ -466,7 +486,7 @@ def _refuse_positions(path: Path) -> None:
 
 
 def _remedy(opened: Opened) -> str:
-    """What to do about an input without boxes."""
+    """Remedy for an input without boxes, for the end of a message."""
     if opened.recording is not None and opened.recording.cameras:
         return "find people in its images with `occlog detect`, and give the views that it writes"
     return "give a recording with boxes of a detector, made by `occlog ingest`, or views of `occlog detect`"

@@ -1,9 +1,10 @@
-"""Errors of single cameras, by least squares from people whom two cameras locate.
+"""Errors of single cameras, by least squares over people that two cameras locate.
 
-Each camera locates the person in a box by feet on the ground and head above them.  Where two cameras differ, errors of
-their orientations, lenses, focal lengths and heights explain it, and the distance of the feet from the lower edge: the
-normal equations of all pairs of cameras.  Of one error of one camera, or of a push during the recording, the one with
-the largest evidence is stated (MacKay 1992): the others are as small as those of usual calibrations.
+Each camera locates a person by the feet on the ground and the head above them. Differences between two cameras are
+explained by errors of their orientation, radial distortion, focal length, height and clock, and by the distance of the
+feet from the lower edge; the normal equations sum over all pairs of cameras. Among the hypotheses of one error of one
+camera, or of a movement during the recording, the one with the largest evidence is reported (MacKay 1992), with a prior
+that allows all other parameters the size of usual calibration errors.
 """
 
 from __future__ import annotations
@@ -88,7 +89,7 @@ class CameraError(NamedTuple):
 
 
 class Evidence(NamedTuple):
-    """Normal equations with a prior of the parameters.
+    """Normal equations with a Gaussian prior of the parameters, and the evidence (marginal likelihood) of that model.
 
     Attributes:
         normal: (T, K, K + 1) of each time step, of cameras as they are stated.
@@ -99,7 +100,7 @@ class Evidence(NamedTuple):
     prior: Floats
 
     def solved(self) -> tuple[Floats, Floats, float]:
-        """Parameters (K,), their covariance (K, K), and the logarithm of the evidence."""
+        """Posterior mean (K,) and covariance (K, K) of the parameters, and the log evidence."""
         N, b = self.normal[..., :-1].sum(axis=0), self.normal[..., -1].sum(axis=0)
         inside = np.eye(len(b)) + N @ self.prior
         covariance = self.prior @ np.linalg.inv(inside)
@@ -108,9 +109,10 @@ class Evidence(NamedTuple):
 
 
 def fit_pairs(views: Sequence[BoxesOfCamera], t_ns: Ints, person_height: float, every: int = 1) -> Floats:
-    """(T, K, K + 1) normal equations of all pairs of cameras by time step, for C cameras as they are stated.
+    """(T, K, K + 1) normal equations of the camera errors by time step, summed over all pairs of C cameras.
 
-    The K parameters, in units of `PRIOR`, are `OWN` of each camera, and the distance of the feet.
+    K = C * `OWN` + 1 parameters in units of `PRIOR`: `OWN` of each camera, and the distance of the feet from the lower
+    edge of a box. The last column is the right-hand side.
 
     Args:
         views: cameras with their boxes.
@@ -137,7 +139,9 @@ def fit_pairs(views: Sequence[BoxesOfCamera], t_ns: Ints, person_height: float, 
 
 
 def camera_errors(normal: Floats, matters: Callable[[CameraError], bool]) -> list[CameraError]:
-    """Significant errors of cameras, the one with the largest evidence first, then those that remain with it.
+    """Significant errors of cameras.
+
+    The one with the largest evidence, then those that remain significant given the previous ones.
 
     Args:
         normal: (T, K, K + 1) of `fit_pairs`.
@@ -167,7 +171,7 @@ def camera_errors(normal: Floats, matters: Callable[[CameraError], bool]) -> lis
 
 
 def rotation(normal: Floats, camera: int) -> Floats:
-    """(2,) yaw and pitch that a camera's points in the ideal image lack [rad], by least squares of all parameters."""
+    """(2,) yaw and pitch [rad] to add to a camera's points in the normalised image, by least squares."""
     x = Evidence(normal, np.eye(normal.shape[1])).solved()[0]
     own = _parameters([camera], YAW)[0]
     return np.asarray(x[own] * PRIOR[:RADIAL])
@@ -178,7 +182,7 @@ def _log_ratio(error: CameraError) -> float:
 
 
 def _inflation(normal: Floats, movement: CameraError | None = None) -> float:
-    """By how much variances of sums over time are larger than those of independent errors with stated covariances.
+    """Factor by which variances of sums over time exceed those of independent errors (autocorrelation).
 
     Args:
         normal: (T, K, K + 1) of each time step.
@@ -200,14 +204,17 @@ def _inflation(normal: Floats, movement: CameraError | None = None) -> float:
 
 
 def _parameters(cameras: Sequence[int], kind: int) -> Ints:
-    """(n, 1 or 2) numbers of the parameters of a kind of error."""
+    """(n, 1 or 2) indices, in the parameter vector, of a kind of error of n cameras.
+
+    2 for a rotation (yaw and pitch).
+    """
     own = [YAW, PITCH] if kind == YAW else [kind]
     numbers: Ints = np.array(cameras, dtype=np.int64)[:, None] * OWN + np.array(own, dtype=np.int64)
     return numbers
 
 
 def _prior_of(cameras: Sequence[int], kind: int, count: int) -> Floats:
-    """(K, K) covariance of an error to be stated; that of several cameras is common to them."""
+    """(K, K) prior covariance of a hypothesised error; an error of several cameras is the same in all of them."""
     out = np.zeros((count, count))
     for k, own in enumerate(_parameters(cameras, kind).T):
         out[np.ix_(own, own)] = FAULT[kind + k] ** 2
@@ -215,7 +222,10 @@ def _prior_of(cameras: Sequence[int], kind: int, count: int) -> Floats:
 
 
 def static_errors(now: Evidence, before: float) -> Iterator[CameraError]:
-    """Errors that last for the whole recording; `before`: logarithm of the evidence without any."""
+    """Hypotheses of errors that last for the whole recording, with their evidence.
+
+    `before`: log evidence without any error.
+    """
     K = now.normal.shape[1]
     every = tuple(range(K // OWN))
     summed = now._replace(normal=now.normal.sum(axis=0, keepdims=True))
@@ -228,7 +238,7 @@ def static_errors(now: Evidence, before: float) -> Iterator[CameraError]:
 
 
 def movements(now: Evidence) -> Iterator[CameraError]:
-    """The best time of a rotation of each camera during the recording."""
+    """For each camera, the hypothesis of one rotation during the recording, at the time with the largest evidence."""
     T, K = now.normal.shape[:2]
     x, covariance, _ = now.solved()
     margin = max(EDGE_BATCHES * T // BATCHES, 1)
@@ -258,13 +268,13 @@ def lens_offset(view: BoxesOfCamera, coefficient: float) -> float:
 
 
 def lens_matters(view: BoxesOfCamera, coefficient: float) -> bool:
-    """Whether a radial error is larger than errors of boxes, and not that of another mistake."""
+    """Whether a radial error exceeds the errors of boxes and is small enough for a lens."""
     tall = float(np.median(view.boxes[:, 3] - view.boxes[:, 1]))
     return abs(lens_offset(view, coefficient)) > MIN_OFFSET_HEIGHTS * tall and abs(coefficient) < MAX_RADIAL
 
 
 def without_radial_error(view: BoxesOfCamera, coefficient: float) -> BoxesOfCamera:
-    """The camera with boxes as they would be if the calibration had the lens's distortion."""
+    """The camera with boxes as they would be if images had the distortion that the calibration states."""
     camera = view.camera
     xy = ideal(camera, _edge_middles(view.boxes))
     xy = xy * (1.0 + coefficient * (xy**2).sum(axis=1, keepdims=True))
@@ -281,10 +291,10 @@ def _edge_middles(boxes: Floats) -> Floats:
 
 
 class _LocatingCamera:
-    """A camera, and the people in its boxes: feet and heads in the ideal image, and where these place them."""
+    """A camera, feet and heads of people in its boxes (normalised image), and the positions of these people."""
 
     def __init__(self, view: BoxesOfCamera, t_ns: Ints, person_height: float, every: int) -> None:
-        """Take the boxes that locate a person."""
+        """Select the boxes that locate a person, and compute positions and velocities of the people."""
         self.camera, self.height = view.camera, person_height
         people = located(view, person_height)
         known = np.isfinite(people).all(axis=1)
@@ -300,7 +310,7 @@ class _LocatingCamera:
         self.locate(np.zeros(len(PRIOR)), 1.0)
 
     def locate(self, values: Floats, prior: float) -> None:
-        """Locate the people with parameters (7,) that are uncertain by a share of the prior standard deviations."""
+        """Locate the people, given parameters (7,) of the camera with `prior` times their prior standard deviations."""
         self.people = self.located(self.ends, values)
         self.people[:, :2] += values[LATE] * self.velocities
         self.covariances = self.errors + prior**2 * self.by_prior
@@ -319,13 +329,13 @@ class _LocatingCamera:
         return located_by_ends(self.camera, feet, head, beyond, raised)
 
     def seen(self, people: Floats) -> Floats:
-        """(2, n, 2) feet and heads of people (n, 3) in the ideal image."""
+        """(2, n, 2) projection of the feet and heads of people (n, 3: x, y, height) to the normalised image."""
         feet = people * [1.0, 1.0, 0.0]
         at = (np.stack([feet, people]) - self.camera.position) @ self.camera.rotation
         return np.asarray(at[..., :2] / at[..., 2:])
 
     def slopes(self, ends: Floats, velocities: Floats) -> Floats:
-        """(n, 3, 7) derivatives of where people are by the parameters, in prior standard deviations."""
+        """(n, 3, 7) derivatives of x, y and height of people by the parameters, per prior standard deviation."""
         steps = STEP * np.eye(len(PRIOR))[:, None]
         apart = self.located(ends, steps) - self.located(ends, -steps)
         out = np.moveaxis(apart, 0, 2) / (2.0 * STEP)
@@ -333,7 +343,7 @@ class _LocatingCamera:
         return np.asarray(out * PRIOR)
 
     def covariance(self, ends: Floats) -> Floats:
-        """(n, 3, 3) covariance of where people are, by errors of boxes and posture."""
+        """(n, 3, 3) covariance of x, y and height of people due to errors of box edges and posture."""
         none = np.zeros(len(PRIOR))
         sigma = np.hypot(EDGE_PX / self.camera.focal_px.mean(), EDGE_SHARE * (ends[0, :, 1] - ends[1, :, 1]))
         moves = (
@@ -346,7 +356,7 @@ class _LocatingCamera:
 
 
 def _velocities(people: Floats, steps: Ints, own: Bools, t_ns: Ints, person_height: float) -> Floats:
-    """(n, 2) velocities of people in some boxes of a camera, from those before and after on the straightest line.
+    """(n, 2) velocity of each person in a camera's boxes, by the straightest line through boxes before and after.
 
     Args:
         people: (m, 2) positions.
@@ -382,7 +392,7 @@ def _velocities(people: Floats, steps: Ints, own: Bools, t_ns: Ints, person_heig
 
 
 def _positions_by_step(people: Floats, steps: Ints, count: int, first: int) -> Floats:
-    """(T, most people, 2) positions by time step, filled with NaN, with steps counted from `first` on."""
+    """(T, most people, 2) positions by time step, padded with NaN; index 0 is the time step -`first`."""
     counts = np.bincount(steps + first, minlength=count)
     out = np.full((count, int(counts.max(initial=0)), 2), np.nan)
     order = np.argsort(steps, kind="stable")
@@ -392,7 +402,11 @@ def _positions_by_step(people: Floats, steps: Ints, count: int, first: int) -> F
 
 
 def _of_pair(a: _LocatingCamera, b: _LocatingCamera, steps: int, person_height: float) -> Floats:
-    """(T, 11, 12) normal equations of two cameras by time step: their parameters, and that of all."""
+    """(T, 11, 12) normal equations of a pair of cameras by time step.
+
+    Five parameters of each camera, and the distance of the feet, which all cameras share; the last column is the
+    right-hand side.
+    """
     out = np.zeros((steps, 2 * OWN + 1, 2 * OWN + 2))
     i, j = _of_one_person(a, b, MAX_APART_HEIGHTS * person_height)
     if len(i) < MIN_PAIRS:
@@ -414,7 +428,10 @@ def _of_pair(a: _LocatingCamera, b: _LocatingCamera, steps: int, person_height: 
 
 
 def _of_one_person(a: _LocatingCamera, b: _LocatingCamera, farthest: float) -> tuple[Ints, Ints]:
-    """Rows of two cameras with people who are nearest to each other, and within a distance."""
+    """Rows of two cameras that are the same person.
+
+    Mutual nearest neighbours by Mahalanobis distance, within a gate and the distance `farthest`.
+    """
     i, j = paired_rows(a.steps, b.steps)
     with np.errstate(invalid="ignore"):
         near = np.linalg.norm(a.people[i, :2] - b.people[j, :2], axis=1) < farthest  # not of those without a position

@@ -1,8 +1,8 @@
-"""Whether the boxes of cameras fit each other: people located by one camera alone, projected into another one.
+"""Agreement of the boxes of cameras: people located by one camera alone, projected into another one.
 
-A box has its feet on the ground, and its head above them; where that is in another camera's image, there should be a
-box.  How many boxes have one by chance follows from boxes of other times.  Nothing is tracked, so that cameras are
-compared even where their tracks are wrong.
+Feet at the lower edge and head at the upper edge of a box locate a person on the ground. Projected into another
+camera's image, there should be a box. The overlap expected by chance is that with boxes of other times. Nothing is
+tracked, so that cameras are comparable even if their tracks are wrong.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ MAX_DISTANCE_HEIGHTS = 30.0
 
 
 class BoxesOfCamera(NamedTuple):
-    """A camera and its boxes.
+    """A camera with its boxes and their time steps.
 
     Attributes:
         camera: with a pose.
@@ -46,22 +46,22 @@ class BoxesOfCamera(NamedTuple):
 
     @property
     def size(self) -> Floats:
-        """(2,) width and height of the images [px]; as far as the boxes reach if it is not known."""
+        """(2,) image size [px]; if unknown, the largest coordinates of the boxes."""
         if self.camera.image_size is not None:
             return np.array(self.camera.image_size, dtype=np.float64)
         return np.asarray(self.boxes[:, 2:].max(axis=0, initial=1.0) + 1.0)
 
     def with_boxes_of(self, other: BoxesOfCamera) -> BoxesOfCamera:
-        """This camera with the boxes of another one."""
+        """This camera with the boxes of another camera."""
         return BoxesOfCamera(self.camera, other.boxes, other.steps)
 
     def during(self, first: int, last: int) -> BoxesOfCamera:
-        """Those of some time steps, first <= step <= last."""
+        """The boxes of the time steps first to last (inclusive)."""
         own = (self.steps >= first) & (self.steps <= last)
         return BoxesOfCamera(self.camera, self.boxes[own], self.steps[own])
 
     def every(self, count: int) -> BoxesOfCamera:
-        """Those of every `count`th time step."""
+        """The boxes of every `count`-th time step."""
         if count == 1:
             return self
         own = self.steps % count == 0
@@ -69,7 +69,7 @@ class BoxesOfCamera(NamedTuple):
 
 
 class Overlap(NamedTuple):
-    """Overlaps of boxes with what other cameras expect.
+    """Overlaps (intersection over union) of boxes expected by projection with the boxes of the image.
 
     Attributes:
         steps: (n,) time step of each person who is expected in an image.
@@ -83,23 +83,29 @@ class Overlap(NamedTuple):
 
     @property
     def share(self) -> float:
-        """Share of the people expected in an image who have a box there; NaN: none is expected."""
+        """Share of the people expected in an image that overlap a box by at least `MIN_OVERLAP`.
+
+        NaN if none is expected.
+        """
         return float(np.mean(self.met >= MIN_OVERLAP)) if len(self.met) else float("nan")
 
     @property
     def excess(self) -> float:
-        """That share beyond the one by chance, over the largest possible one: 1 all, 0 as by chance."""
+        """Chance-corrected share of overlapping people, like Cohen's kappa.
+
+        1 if all overlap, 0 if as many as by chance.
+        """
         by_chance = float(np.mean(self.chance >= MIN_OVERLAP)) if len(self.met) else 0.0
         return (self.share - by_chance) / max(1.0 - by_chance, 1e-9)
 
     @property
     def mean(self) -> float:
-        """Mean overlap beyond that by chance."""
+        """Mean overlap minus the mean overlap by chance."""
         return float(np.mean(self.met) - np.mean(self.chance)) if len(self.met) else float("nan")
 
 
 def clearly_larger(a: Overlap, b: Overlap) -> bool:
-    """Whether mean overlaps are larger than others, by `MIN_SIGMAS` of the scatter between intervals of time."""
+    """Whether the mean overlap in `a` is larger than in `b`, by `MIN_SIGMAS` standard errors over intervals of time."""
     steps = 1 + max(int(each.steps.max(initial=0)) for each in (a, b))
     sums = []
     for each in (a, b):
@@ -115,7 +121,7 @@ def clearly_larger(a: Overlap, b: Overlap) -> bool:
 
 
 def located(view: BoxesOfCamera, person_height: float) -> Floats:
-    """(n, 4) x, y, height and width of the person in each box, by this camera alone; NaN: not located."""
+    """(n, 4) x, y, height and width of the person in each box, located by this camera alone; NaN if not located."""
     boxes, camera, size = view.boxes, view.camera, view.size
     out = np.full((len(boxes), 4), np.nan)
     if not len(boxes):
@@ -133,16 +139,17 @@ def located(view: BoxesOfCamera, person_height: float) -> Floats:
 
 
 def ideal(camera: Camera, pixels: Floats) -> Floats:
-    """(n, 2) points of the normalised image without distortion of pixels (n, 2); NaN: not in front of the camera."""
+    """(n, 2) undistorted points in the normalised image of pixels (n, 2); NaN if not in front of the camera."""
     rays = camera.rays(pixels) @ camera.rotation
     with np.errstate(all="ignore"):
         return np.asarray(np.where(rays[:, 2:] > 0.0, rays[:, :2] / rays[:, 2:], np.nan))
 
 
 def upright(camera: Camera, boxes: Floats) -> Floats:
-    """(2, n, 2) ends in the ideal image of a vertical line with feet and head at the lower and upper edges of boxes.
+    """(2, n, 2) feet and heads, in the normalised image, of upright people that fill boxes (n, 4).
 
-    The middle of a box is between them: beside the middle of an image feet and head are not below each other.
+    The ends of a vertical line at the lower and upper edges, with their midpoint in the middle of the box; off the
+    image centre the head is not directly above the feet.
     """
     middle = 0.5 * (boxes[:, 0] + boxes[:, 2])
     ends = np.concatenate([np.column_stack([middle, boxes[:, edge]]) for edge in (3, 1)])
@@ -160,7 +167,9 @@ def upright(camera: Camera, boxes: Floats) -> Floats:
 def located_by_ends(
     camera: Camera, feet: Floats, head: Floats, beyond: Floats | float, raised: Floats | float = 0.0
 ) -> Floats:
-    """(..., n, 3) x, y and height of people by points (..., n, 2) of the ideal image; NaN: feet are not on the ground.
+    """(..., n, 3) x, y and height of people by feet and head (..., n, 2) in the normalised image.
+
+    NaN if the feet are not on the ground.
 
     Args:
         camera: with a pose.
@@ -180,7 +189,7 @@ def located_by_ends(
 
 
 def projected_people(camera: Camera, people: Floats) -> Floats:
-    """(n, 4) boxes of upright people, from head and feet; NaN: behind the camera, or upside down.
+    """(n, 4) boxes of upright people, projected from feet and head; NaN if behind the camera or upside down.
 
     Args:
         camera: with a pose.
@@ -212,7 +221,7 @@ def overlap(
     person_height: float,
     of: Sequence[int] | None = None,
 ) -> Overlap:
-    """Overlaps of all pairs of cameras of which one is changed.
+    """Overlaps of all pairs of cameras with at least one changed camera.
 
     Args:
         views: of all cameras.
@@ -235,7 +244,7 @@ def overlaps(views: Sequence[BoxesOfCamera], steps: int, person_height: float) -
 
 
 def merged(parts: Sequence[Overlap]) -> Overlap:
-    """All overlaps of some pairs."""
+    """Concatenate overlaps."""
     nothing = Overlap(np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
     return Overlap(*(np.concatenate(column) for column in zip(nothing, *parts, strict=True)))
 
@@ -243,14 +252,18 @@ def merged(parts: Sequence[Overlap]) -> Overlap:
 def _of_pairs(
     views: Sequence[BoxesOfCamera], pairs: Sequence[tuple[int, int]], steps: int, person_height: float
 ) -> dict[tuple[int, int], Overlap]:
-    """Overlaps of people whom the first camera of each pair locates with boxes of the second."""
+    """Overlaps of people located by the first camera of each pair with boxes of the second, concatenated."""
     people = {a: located(views[a], person_height) for a in {a for a, _ in pairs}}
     padded = {b: _by_step(views[b], steps) for b in {b for _, b in pairs}}
     return {(a, b): _expected(views[a], people[a], views[b], padded[b]) for a, b in pairs}
 
 
 def _expected(source: BoxesOfCamera, people: Floats, target: BoxesOfCamera, there: Floats) -> Overlap:
-    """Overlaps of people whom one camera locates with the boxes of another one, where its image should show them."""
+    """Overlaps of people located by the camera `source` with the boxes of `target`, if projected into its image.
+
+    `there`: (T, most boxes, 4) boxes of `target` by time step. The overlap by chance is that with boxes half the
+    recording later.
+    """
     known = np.flatnonzero(np.isfinite(people).all(axis=1))
     boxes = projected_people(target.camera, people[known])
     seen = in_image(boxes, target.size)
@@ -267,7 +280,7 @@ def _expected(source: BoxesOfCamera, people: Floats, target: BoxesOfCamera, ther
 
 
 def _by_step(view: BoxesOfCamera, steps: int) -> Floats:
-    """(T, most boxes, 4) boxes by time step, filled with NaN."""
+    """(T, most boxes, 4) boxes by time step, padded with NaN."""
     counts = np.bincount(view.steps, minlength=steps)
     out = np.full((steps, max(int(counts.max(initial=0)), 1), 4), np.nan)
     order = np.argsort(view.steps, kind="stable")
@@ -278,7 +291,10 @@ def _by_step(view: BoxesOfCamera, steps: int) -> Floats:
 
 
 def _largest(boxes: Floats, others: Floats) -> Floats:
-    """(n,) largest intersection over union of a box (n, 4) with others (n, m, 4) of its time; 0: with none."""
+    """(n,) largest intersection over union of each box (n, 4) with the boxes (n, m, 4) of its time step.
+
+    0 without overlap.
+    """
     if not len(boxes):
         return np.zeros(0)
     low, high = np.maximum(boxes[:, None, :2], others[..., :2]), np.minimum(boxes[:, None, 2:], others[..., 2:])
@@ -291,7 +307,7 @@ def _largest(boxes: Floats, others: Floats) -> Floats:
 
 
 def paired_rows(first: Ints, second: Ints) -> tuple[Ints, Ints]:
-    """All pairs of a row of the first and a row of the second time steps (n,) and (m,) that are of one step."""
+    """Indices (i, j) of all pairs of rows with the same time step, of time steps (n,) and (m,)."""
     order = np.argsort(second, kind="stable")
     when = second[order]
     low, high = np.searchsorted(when, first, "left"), np.searchsorted(when, first, "right")

@@ -1,11 +1,8 @@
-"""Re-identification of tracks with an appearance gallery.
+"""Re-identification of tracks with an appearance gallery: tracks are renamed to the gallery's identities.
 
-Renames tracks to identities of a gallery: tables are held back until identities are known.
-
-Pieces of tracks, which whoever is in a gallery has one or several of, and the names that they get.
-
-A track is of one person, except where it may have been exchanged with another (`possible_switch`).  There it is cut,
-and each fragment gets its own identity, so that appearance corrects identity switches.
+A track belongs to one person, except where its identity may have been exchanged (`possible_switch`). It is split there,
+and each fragment gets its own identity, so that appearance corrects identity switches. Output waits until all
+identities are known.
 """
 
 from __future__ import annotations
@@ -45,7 +42,7 @@ MIN_NAME_PROBABILITY = 0.5
 
 
 class TrackSplit(NamedTuple):
-    """A track may be another person's from here on."""
+    """A time at which a track is split, since its identity may have been exchanged there."""
 
     track: int
     t_ns: int  # of the first frame after it
@@ -53,7 +50,7 @@ class TrackSplit(NamedTuple):
 
 
 class TrackFragments(NamedTuple):
-    """P pieces, by track and time."""
+    """P fragments of tracks, sorted by track and time."""
 
     track: Ints32  # (P,)
     first_ns: Ints  # (P,) of its rows
@@ -64,7 +61,7 @@ class TrackFragments(NamedTuple):
     code: Ints  # (P,) rising
 
     def of(self, track: Ints32, t_ns: Ints) -> Ints:
-        """(n,) piece of each row; -1: of no track."""
+        """(n,) fragment index of each row, by its track and time; -1 if the track is unknown."""
         index = np.minimum(np.searchsorted(self.tracks, track), max(len(self.tracks) - 1, 0))
         known = self.tracks[index] == track if len(self.tracks) else np.zeros(len(track), dtype=np.bool_)
         code = index * (len(self.cuts) + 1) + np.searchsorted(self.cuts, t_ns, side="right")
@@ -96,7 +93,7 @@ def split_tracks(track: Ints32, t_ns: Ints, cuts: Sequence[TrackSplit]) -> Track
 
 
 class FragmentNames(NamedTuple):
-    """What P pieces are called."""
+    """Identities assigned to P fragments."""
 
     name: Ints32  # (P,)
     probability: Floats  # (P,) that the person of the gallery is it; NaN: not enough boxes
@@ -105,12 +102,11 @@ class FragmentNames(NamedTuple):
 def reidentify_fragments(
     pieces: TrackFragments, evidence: IdentityEvidence, gallery: Sequence[int], least_likeness: float, least_boxes: int
 ) -> FragmentNames:
-    """Names of all pieces.
+    """Assign an identity to every fragment.
 
-    A piece with enough boxes is the most similar person of the gallery; no two pieces at one time are one
-    person.  The others have the name of their track before or after, or, if another person has that at the time, that
-    which the track they may have been exchanged with had before.  What is left are tracks of no person in the gallery,
-    with numbers above all of the gallery's.
+    A fragment with enough boxes gets the most similar person of the gallery; fragments that coexist get different
+    persons. Other fragments get the identity of their track before or after or, if this is in use at the time, that of
+    the track with which they may have been exchanged. Remaining tracks get new numbers, above all of the gallery's.
 
     Args:
         pieces: of all tracks.
@@ -147,7 +143,10 @@ def _unnamed(pieces: TrackFragments, names: Mapping[int, int]) -> Bools:
 
 
 def _offers(pieces: TrackFragments, piece: int, names: Mapping[int, int]) -> list[int]:
-    """Names that a piece may have: of its track before it and after it, and of those it may have changed with."""
+    """Candidate identities of a fragment.
+
+    Those of its track before and after it, and of the earlier fragments with which it may have been exchanged.
+    """
     own = np.flatnonzero(pieces.track == pieces.track[piece])
     before, after = own[own < piece], own[own > piece]
     offers = [int(before[-1])] if len(before) else []
@@ -161,10 +160,10 @@ def _offers(pieces: TrackFragments, piece: int, names: Mapping[int, int]) -> lis
 def name_probability(
     evidence: IdentityEvidence, row: int, target: int, least_likeness: float, least_boxes: int
 ) -> float:
-    """Probability that a track of the gallery is this person.
+    """Probability that a track is a given person of the gallery.
 
-    A logistic function of the margin by which its boxes are more like this person than the next, or than the least
-    similarity of a box that may be a person's.  Its numbers were fitted (docs/explanation/appearance.md).
+    A logistic function of the margin of its mean similarity to this person over the next person, or over the least
+    similarity accepted for a box. Its numbers were fitted (docs/explanation/appearance.md).
 
     Args:
         evidence: of tracks.
@@ -184,10 +183,10 @@ def name_probability(
 
 
 def named_events(events: Events, pieces: TrackFragments, names: FragmentNames) -> Events:
-    """Rename the events, with the possible switches that appearance leaves.
+    """Rename the identities in the events, and drop possible switches that appearance resolves.
 
-    Where the boxes of both people tell who they are before and after they may have been exchanged, the doubt that is
-    left is that of the names after it, and less probable ones are not named.
+    If the boxes of both people identify them before and after a possible switch, its probability is that of a wrong
+    re-identification after it; improbable ones are dropped.
     """
     own, other = pieces.of(events.target_id, events.t_ns), pieces.of(events.other_id, events.t_ns)
     doubt = events.kind == SWITCH_EVENT
@@ -211,7 +210,7 @@ def named_events(events: Events, pieces: TrackFragments, names: FragmentNames) -
 def reidentification_events(
     pieces: TrackFragments, names: FragmentNames, first_ns: int, last_ns: int
 ) -> list[tuple[int, str, int, int, float]]:
-    """Rows of `events` for the pieces that begin within these times and have boxes that identify them."""
+    """Events `reidentified` of the fragments that begin between two times and are identified by their boxes."""
     now = (pieces.first_ns >= first_ns) & (pieces.first_ns <= last_ns) & np.isfinite(names.probability)
     return [
         (int(pieces.first_ns[p]), REIDENTIFICATION_EVENT, int(names.name[p]), -1, float(names.probability[p]))
@@ -220,7 +219,10 @@ def reidentification_events(
 
 
 def named_tracks(tracks: PeopleTracks, doubts: Events, pieces: TrackFragments, names: FragmentNames) -> PeopleTracks:
-    """Rows under the new names; `possible_switch` stays where a doubt is left in `doubts`, which have the new names."""
+    """Rename the tracks.
+
+    The flag `possible_switch` stays only where `doubts` (events with the new identities) has such an event.
+    """
     name = names.name[pieces.of(tracks.target_id, tracks.t_ns)]
     left = {(t, k) for t, k, kind in zip(*(c.tolist() for c in (doubts.t_ns, doubts.target_id, doubts.kind)),
                                          strict=True) if kind == SWITCH_EVENT}  # fmt: skip
@@ -235,7 +237,7 @@ NO_ID = -1
 
 
 class _TrackRows(NamedTuple):
-    """Tracks in memory: about 50 bytes a row, and about 30 for each associated box."""
+    """Rows of tracks in memory, as columns: about 50 bytes a row, and about 30 for each associated box."""
 
     t_ns: Ints
     target_id: Ints32
@@ -247,14 +249,14 @@ class _TrackRows(NamedTuple):
 
 
 class GalleryReidentification:
-    """Names for the tracks of all people, by a gallery.
+    """Re-identification of the tracks of all people with a gallery.
 
     Attributes:
         parameters: for the provenance.
     """
 
     def __init__(self, gallery: Path, inputs: PeopleInput) -> None:
-        """Open the gallery and the images; InputError if there are no images, and the boxes have no appearance."""
+        """Open the gallery and the images; InputError if there are neither images nor appearances of boxes."""
         self._opened = open_input(gallery, Gallery)
         self._sides = sides_of(self._opened.read(Gallery))
         self._inputs = inputs
@@ -272,7 +274,7 @@ class GalleryReidentification:
         return (*input_losses([self._opened, own]), *self._seen.losses())
 
     def notes(self) -> Iterator[str]:
-        """Warnings for the user."""
+        """Warning if no track was identified, with the reasons."""
         if self._figures and not self._figures["tracks_reidentified"]:
             seen = self._decisions
             why = ", ".join(f"{name} {count}" for name, count in sorted(seen.reasons.items())) or "none"
@@ -282,11 +284,14 @@ class GalleryReidentification:
             )
 
     def figures(self) -> dict[str, object]:
-        """Figures for the summary, once all tracks have names."""
+        """Figures for the summary, available after `named`."""
         return {"gallery": {**self._figures, **self._decisions.summary()}}
 
     def named(self, parts: Iterable[tuple[list[SnapshotWithDetections], SnapshotTables]]) -> Iterator[SnapshotTables]:
-        """The tables of all parts under new names, when the last part has come; they wait in a temporary file."""
+        """Generate all parts with the new identities.
+
+        Parts are kept in a temporary file until the last one is known.
+        """
         kept: list[_TrackRows] = []
         cuts: list[TrackSplit] = []
         with tempfile.TemporaryFile() as spool:
@@ -316,7 +321,7 @@ class GalleryReidentification:
                 yield _renamed(part, pieces, names, first_ns, last_ns)
 
     def _names(self, rows: _TrackRows, pieces: TrackFragments) -> FragmentNames:
-        """Compare the boxes with the gallery, and assign identities."""
+        """Compare the boxes with the gallery, and return the identities of the fragments."""
         tally = EvidenceTally()
         table = Boxes if self._inputs.opened.has(Boxes) else Views
         frames = boxes_of_frames(self._inputs.opened.rows(table))  # type: ignore[arg-type]
@@ -357,7 +362,7 @@ class GalleryReidentification:
 
 
 def _images(inputs: PeopleInput) -> Opened | None:
-    """Where the images are; None: boxes bring colours."""
+    """The input that holds images of the boxes; None if the boxes have appearances. InputError if there is neither."""
     if not inputs.opened.has(Boxes):
         return None
     scene = inputs.request.scene
@@ -386,7 +391,7 @@ def _rows(part: SnapshotTables, index_of: dict[str, int]) -> _TrackRows:
 
 
 def _tracks(rows: _TrackRows) -> Tracks:
-    """The rows as paths are made of; how sure they are is not asked."""
+    """Table `tracks` of the rows, with unit covariances (the comparison does not use them)."""
     x, y, vx, vy = rows.state.astype(np.float64).T
     one = np.ones(len(x))
     return Tracks.of(
@@ -395,7 +400,7 @@ def _tracks(rows: _TrackRows) -> Tracks:
 
 
 def _owned(frames: Iterable[FrameBoxes], rows: _TrackRows, names: tuple[str, ...]) -> Iterator[FrameBoxes]:
-    """Boxes with the track that each speaks for, of the cameras in use."""
+    """Generate boxes with the track that is associated with each (-1: none), for the cameras in use."""
     order = np.lexsort((rows.frame, rows.camera))
     camera, frame = rows.camera[order], rows.frame[order]
     starts = np.searchsorted(camera, np.arange(len(names) + 1))
@@ -414,7 +419,7 @@ def _owned(frames: Iterable[FrameBoxes], rows: _TrackRows, names: tuple[str, ...
 def _renamed(
     part: SnapshotTables, pieces: TrackFragments, names: FragmentNames, first_ns: int, last_ns: int
 ) -> SnapshotTables:
-    """A part under new names, with the pieces that begin at its times."""
+    """A part with the new identities, and events `reidentified` of the fragments that begin between two times."""
     events = named_events(part.events, pieces, names)
     named = Events.of_rows(reidentification_events(pieces, names, first_ns, last_ns))
     support, views = part.support, part.views

@@ -1,4 +1,4 @@
-"""Frames at times of other clocks, in the order of these times."""
+"""Correction of the times of frames for changed clocks, and sorting by the corrected times."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .frame_detections import FrameDetectionsWithIds
 def retimed(
     frames: Iterator[FrameDetectionsWithIds], changes: Mapping[int, ClockChange], count: int
 ) -> Iterator[FrameDetectionsWithIds]:
-    """Frames at their changed times, in the order of these.
+    """Generate frames at corrected times, sorted by these.
 
     Args:
         frames: of all cameras, in the order of time.

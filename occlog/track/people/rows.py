@@ -1,4 +1,4 @@
-"""Rows of tables from time steps: tracks, support, events, and all tracks in every image."""
+"""Rows of the output tables from time steps: tracks, associations, events, and all tracks in every image."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class SnapshotWithDetections(NamedTuple):
 
 
 class SnapshotTables(NamedTuple):
-    """The rows of several time steps; None: image rows are not requested."""
+    """Output tables of several time steps; `views` is None if rows in the images are not requested."""
 
     tracks: PeopleTracks
     support: Associations
@@ -52,14 +52,17 @@ class SnapshotTables(NamedTuple):
 
 
 def detection_probability_by_camera(snapshot: TrackSnapshot, cameras: int) -> Floats:
-    """(m, C) probability that a camera has a box of a person."""
+    """(m, C) probability that camera C has a box of person m, by the associations of one time step."""
     seen = np.zeros((len(snapshot.ids), cameras))
     np.add.at(seen, (snapshot.support.person, snapshot.support.camera), snapshot.support.probability)
     return np.minimum(seen, 1.0)
 
 
 def tracks_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str], cameras: int | None = None) -> PeopleTracks:
-    """A row for each person and time step; `names` of `cameras` cameras (None: all), then of sources of positions."""
+    """Table `tracks`: a row for each person and time step.
+
+    `names`: of the cameras in use (their number is `cameras`; None: all are cameras), then of position sensors.
+    """
     snapshots = [each.snapshot for each in seen if len(each.snapshot.ids)]
     if not snapshots:
         return PeopleTracks.empty()
@@ -88,7 +91,7 @@ def tracks_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str], came
 
 
 def associations_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str]) -> Associations:
-    """Return a row for each associated box."""
+    """Table `support`: a row for each box associated with a track."""
     parts = [each for each in seen if len(each.snapshot.support.row)]
     if not parts:
         return Associations.empty()
@@ -107,7 +110,7 @@ def associations_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str]
 
 
 def _numbers(each: SnapshotWithDetections) -> tuple[Ints, Ints]:
-    """Frame and number of the box of each row of a time step's support."""
+    """Frame number and box number of each association of a time step."""
     row = np.concatenate([e.detections.row for e in each.frames])
     frame = np.repeat([e.frame for e in each.frames], [len(e.box) for e in each.frames])
     order = np.argsort(row)
@@ -116,12 +119,12 @@ def _numbers(each: SnapshotWithDetections) -> tuple[Ints, Ints]:
 
 
 def events_of(seen: Sequence[SnapshotWithDetections]) -> Events:
-    """A row for each event."""
+    """Table `events`: a row for each event."""
     return Events.of_rows((each.snapshot.t_ns, *event) for each in seen for event in each.snapshot.events)
 
 
 class ViewRows(NamedTuple):
-    """n people in frames."""
+    """Columns of n people in frames."""
 
     t_ns: Ints  # (n,)
     camera: Ints  # (n,)
@@ -144,7 +147,7 @@ def image_rows(
     visibility: Floats,
     lifecycle: Strings | None = None,
 ) -> PeopleViews:
-    """The table of n people in images, as ellipses that are inscribed in their boxes.
+    """Table `view_tracks` of n people in images, as ellipses inscribed in their boxes.
 
     Args:
         t_ns: (n,) times.
@@ -188,7 +191,7 @@ class TracksInViews:
     """Tracks in the images: weighted means of the detected box and the projection from the ground plane."""
 
     def __init__(self, cameras: Sequence[Camera]) -> None:
-        """Pack the cameras."""
+        """Prepare the projection of the cameras."""
         self._names = np.array([c.name for c in cameras], dtype=np.str_)
         self._views = pack_views(cameras)
 
@@ -211,7 +214,7 @@ class TracksInViews:
         return table.sorted()
 
     def _in_frame(self, snapshot: TrackSnapshot, each: FrameDetectionsWithIds) -> ViewRows:
-        """Project all tracks into one frame."""
+        """Rows of all tracks in one frame: projected from the ground plane, and combined with the detected boxes."""
         frame, c = each.detections, each.detections.camera
         there = np.flatnonzero(np.isfinite(snapshot.visibility[:, c]))
         # Project the people on the floor to the time of the frame
@@ -237,7 +240,10 @@ class TracksInViews:
 
 
 def _map_boxes(snapshot: TrackSnapshot, row: Ints, camera: int) -> Ints:
-    """(m,) index in a frame of the box that is more probably than not each person's alone; -1: no box."""
+    """(m,) index, in a frame, of the box associated with each person alone with a probability above one half.
+
+    -1 if there is none.
+    """
     out = np.full(len(snapshot.ids), -1, dtype=np.int64)
     s = snapshot.support
     mine = np.flatnonzero((s.camera == camera) & (s.probability - s.joint >= MIN_MAP_PROBABILITY))

@@ -49,10 +49,10 @@ MAX_SKIPPED_SHARE = 0.2
 
 
 class _Counts:
-    """What the summaries of tracks on the ground and of tracks in the images count, and check."""
+    """Counts and checks that the summaries of tracks on the ground and in the images have in common."""
 
     def __init__(self, inputs: PeopleInput) -> None:
-        """Begin with all counts at 0."""
+        """Start all counts at 0."""
         self.inputs = inputs
         self.people: set[int] = set()
         self.rows = self.unseen = 0
@@ -73,7 +73,7 @@ class _Counts:
         )
 
     def numbering(self) -> tuple[Check, ...]:
-        """Check of the numbers of frames."""
+        """Check that frame numbers are successive."""
         return outcome(FRAMES, self._numbers(), unless="" if self.inputs.numbers else "frames are not numbered")
 
     def found(self) -> tuple[Check, ...]:
@@ -81,19 +81,19 @@ class _Counts:
         return outcome(FOUND, self._no_tracks(), people=len(self.people), rows=self.rows)
 
     def count_events(self, events: Events) -> None:
-        """Count events."""
+        """Add the events of a table to the counts."""
         self.events.update(events.kind.tolist())
         # Both of the two have a row; a link to no other track has one
         share = np.where(events.other_id == NO_ID, 1.0, 0.5)
         self.exchanges += float(np.nansum((share * events.probability)[events.kind == "possible_switch"]))
 
     def _no_tracks(self) -> Iterator[Check]:
-        """No tracks at all."""
+        """Report if there are no tracks."""
         if not self.rows:
             yield finding(FOUND, "no-tracks")
 
     def _lost(self) -> Iterator[Check]:
-        """Cameras of which many boxes were omitted when the recording was made."""
+        """Report cameras for which ingest omitted many boxes outside the image."""
         tally = self.inputs.tally
         kept = tally.boxes + tally.outside + tally.twice
         for c, name in enumerate(self.inputs.names):
@@ -112,7 +112,7 @@ class _Counts:
                 )
 
     def _numbers(self) -> Iterator[Check]:
-        """Cameras with frame numbers that are hardly ever successive, so that most frames would have no box."""
+        """Report cameras with frame numbers that are hardly ever successive, so that most frames would have no box."""
         for name, each in sorted(self.inputs.numbers.items()):
             successive = each.pairs - each.left_out
             if each.pairs >= MIN_PAIRS and successive < MIN_SUCCESSIVE_SHARE * each.pairs:
@@ -127,7 +127,7 @@ class _Counts:
                 )
 
     def _doubtful(self) -> Iterator[Check]:
-        """Identities that may have been exchanged where people met."""
+        """Report if the expected number of identity switches per person is high."""
         each = self.exchanges / (self.rows / self.times) if self.rows else 0.0
         if each >= SWITCHES_PER_TARGET_NOTE:
             yield finding(
@@ -141,21 +141,21 @@ class _Counts:
 
 
 class PeopleSummary(_Counts):
-    """Figures of the summary of tracks on the ground, counted over a stream of tables."""
+    """Counts over a stream of tables for the figures and checks of the summary of tracks on the ground."""
 
     def __init__(self, inputs: PeopleInput, agreement: CameraAgreement) -> None:
-        """Begin with all counts at 0."""
+        """Start all counts at 0."""
         super().__init__(inputs)
         self.agreement = agreement
         self.speeds = PeopleSpeeds(agreement.person_height)
         self.positions: PositionErrors | None = None
 
     def learned(self, state: object) -> None:
-        """Take what the filter has learned of positions by the last time step."""
+        """Take the learned error parameters of position sensors from the last filter state."""
         self.positions = state.positions if isinstance(state, JipdaState) else None
 
     def add(self, part: SnapshotTables) -> None:
-        """Count some time steps."""
+        """Add the tables of some time steps to the counts."""
         self.people.update(part.tracks.target_id.tolist())
         self.rows += len(part.tracks)
         self.times += len(np.unique(part.tracks.t_ns))
@@ -165,7 +165,7 @@ class PeopleSummary(_Counts):
         self.count_events(part.events)
 
     def figures(self) -> dict[str, object]:
-        """The figures.
+        """Figures of the summary.
 
         people, rows: of the tracks.  mean_people: at the times that have any.  coasting_share: share of the rows
         without a box of any camera. expected_switches: the sum of the probabilities of the possible identity switches.
@@ -214,7 +214,10 @@ class PeopleSummary(_Counts):
         }
 
     def _detectors(self) -> dict[str, object]:
-        """Error of position that all cameras share, numbers of static objects, and offsets of clocks."""
+        """Figures about detectors.
+
+        The position error that all cameras share, numbers of static objects, and clock delays.
+        """
         found = self.agreement
         static = {name: n for name, n in zip(self.inputs.names, found.static.tolist(), strict=True) if n}
         late = {name: round(s, 3) for name, s in zip(self.inputs.names, found.late.tolist(), strict=True) if s}
@@ -226,7 +229,7 @@ class PeopleSummary(_Counts):
         }
 
     def _position_sigmas(self) -> dict[str, float]:
-        """Standard deviation per axis of the positions of each source, stated or learned."""
+        """Standard deviation per axis of the positions of each position sensor, as stated or learned."""
         first, errors = len(self.inputs.cameras), self.positions
         if errors is None:
             return {}
@@ -251,7 +254,7 @@ class PeopleSummary(_Counts):
         )
 
     def _sigma_ratios(self) -> dict[str, float]:
-        """Learned standard deviation of positions relative to the stated one, of sources that state it."""
+        """Ratio of the learned to the stated standard deviation of positions, for the sensors that state it."""
         errors = self.positions
         if errors is None:
             return {}
@@ -260,7 +263,7 @@ class PeopleSummary(_Counts):
         return {name: ratio for name, ratio in found.items() if np.isfinite(ratio)}
 
     def _position_noise(self) -> Iterator[Check]:
-        """Sources with innovations that contradict the errors that they state."""
+        """Report position sensors with innovations that contradict their stated standard deviations."""
         for name, ratio in self._sigma_ratios().items():
             if ratio > MAX_SIGMA_RATIO:
                 what = f"positions of {name}"
@@ -276,12 +279,12 @@ class PeopleSummary(_Counts):
                 )  # fmt: skip
 
     def _smoothed(self) -> Iterator[Check]:
-        """Errors that go on from frame to frame, smoothed."""
+        """Note that the regions have time-correlated errors, since they were smoothed."""
         if self.inputs.regions_smoothed and self.rows:
             yield finding(SMOOTHED, "correlated-region-errors")
 
     def _tall(self) -> Iterator[Check]:
-        """Cameras in which people are taller or shorter than in the others."""
+        """Report cameras in which people are taller or shorter than in the other cameras."""
         unit = self.inputs.scene.length_unit
         for c, height in inconsistent_cameras(self.inputs.heights).items():
             name = self.inputs.names[c]
@@ -289,10 +292,10 @@ class PeopleSummary(_Counts):
 
 
 class ImageSummary(_Counts):
-    """Figures of the summary of tracks in the images, counted over a stream of tables."""
+    """Counts over a stream of tables for the figures and checks of the summary of tracks in the images."""
 
     def add(self, part: ImageTracksPart) -> None:
-        """Count some rows."""
+        """Add rows to the counts."""
         self.people.update(part.tracks.target_id.tolist())
         self.rows += len(part.tracks)
         keys = np.rec.fromarrays([part.tracks.t_ns, part.tracks.sensor])
@@ -301,7 +304,7 @@ class ImageSummary(_Counts):
         self.count_events(part.events)
 
     def figures(self) -> dict[str, object]:
-        """The figures.
+        """Figures of the summary.
 
         identities, rows: of the tracks.  mean_people: in the frames that have any.  predicted_share: share of the
         rows without a box of their frame.  expected_switches: the sum of the probabilities of the possible identity
@@ -325,7 +328,7 @@ class ImageSummary(_Counts):
 
 
 def run_track_in_images(request: TrackInImagesRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Track in the image of each camera and write; return the summary, and previous losses."""
+    """Track in the image of each camera, and write the tables; return the summary and the losses of earlier steps."""
     if request.window is not None:
         raise UsageError(
             f"{option('window')}: method {request.method} takes each frame of a camera by itself", id="not-applicable"
@@ -348,7 +351,7 @@ def run_track_in_images(request: TrackInImagesRequest, job: Job) -> tuple[dict[s
 
 
 def run_track_people(request: TrackPeopleRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Track all people and write; return the summary, and previous losses."""
+    """Track all people on the ground, and write the tables; return the summary and the losses of earlier steps."""
     inputs = PeopleInput(request)
     for line in inputs.notes:
         job.note(line)

@@ -1,4 +1,4 @@
-"""Speeds of people: what walkers and runners can have, unless times are wrong."""
+"""Plausibility of the speeds of people, which wrong times or frame rates contradict."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ BINS_PER_HEIGHT, MAX_BINS = 20, 4000
 
 
 class PeopleSpeeds:
-    """Speeds, extents and durations of tracks, counted over a stream of tables."""
+    """Speed, extent and duration of each track, over a stream of tables."""
 
     def __init__(self, person_height: float) -> None:
-        """Begin with all counts at 0; `person_height` in the scene's unit."""
+        """Start without tracks; `person_height` in the scene's unit."""
         self.height = person_height
         self.rows = 0
         self._bins = np.zeros(MAX_BINS, dtype=np.int64)
@@ -41,7 +41,7 @@ class PeopleSpeeds:
         self._tracks: dict[int, Floats] = {}
 
     def add(self, tracks: PeopleTracks) -> None:
-        """Count some rows."""
+        """Add rows of tracks."""
         if not len(tracks):
             return
         speed = np.hypot(tracks.vx, tracks.vy) / self.height
@@ -77,7 +77,7 @@ class PeopleSpeeds:
         return outcome(SPEEDS, self._findings(unit), unless=few, median=self.median)
 
     def _findings(self, unit: str) -> Iterator[Check]:
-        """Find people who are too fast, or who cover a distance too slowly."""
+        """Report people who are faster than any runner, or too slow for the distance they cover."""
         tracks = np.array(list(self._tracks.values())).reshape(-1, 8)
         life_s = float((tracks[:, 0] + tracks[:, 1]).mean()) if len(tracks) else 0.0
         limit = (MAX_SPEED if life_s >= SHORT_S else MAX_SPEED_IF_SHORT) * self.height
@@ -92,7 +92,7 @@ class PeopleSpeeds:
                 unit=unit, allowed=MIN_TOP_SPEED * self.height)  # fmt: skip
 
     def _slow(self) -> Floats:
-        """(n,) whether each track that covers a distance is always slow."""
+        """(n,) 1 for each track that covers a distance and never reaches walking speed, else 0."""
         tracks = np.array(list(self._tracks.values())).reshape(-1, 8)
         extent = np.hypot(tracks[:, 2] + tracks[:, 3], tracks[:, 4] + tracks[:, 5])
         far = tracks[extent >= MIN_DISTANCE * self.height]

@@ -1,4 +1,4 @@
-"""Time steps of frames to tables of all people, chunk by chunk."""
+"""Multi-person tracking of a stream of time steps, with output tables in chunks."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ ROWS_PER_PART = 8192
 
 
 class FixedLagSmoother(NamedTuple, Generic[State, Window]):
-    """Fixed-lag smoother: time steps wait for later data, and are then reported in order.
+    """Interface of a fixed-lag smoother, which returns time steps in order after later data has arrived.
 
-    `initial_state` takes the lag [ns] (None: everything) and a generator, `add` what the filter said of one more
-    time step; `finish` gives the time steps that still wait when nothing comes any more.
+    `begin(lag_ns, generator)` creates its state (lag None: whole recording), `add` takes the filter's result of one
+    more time step and returns those that are ready, and `finish` returns the remaining ones.
     """
 
     begin: Callable[[int | None, Generator], Window]
@@ -43,7 +43,10 @@ class FixedLagSmoother(NamedTuple, Generic[State, Window]):
 
 
 class PeopleTracker(NamedTuple, Generic[State, Window]):
-    """Multi-person method: `initial_state` makes its state, `step` adds the frames of one time step."""
+    """Interface of a multi-person method.
+
+    `initial_state` creates the filter state, `step` processes the frames of one time step.
+    """
 
     begin: Callable[[Scene, Sequence[Camera | PositionSource], JipdaConfig], State]
     step: Callable[[State, Sequence[FrameDetections]], tuple[State, TrackSnapshot]]
@@ -70,7 +73,7 @@ def track_people(
     heard: Iterable[DirectionsOfArrival] = (),
     at_end: Callable[[State], None] | None = None,
 ) -> Iterator[list[SnapshotWithDetections]]:
-    """Track all people, in chunks of time steps with few rows, so that memory does not grow.
+    """Track all people, and generate output tables in chunks of time steps of bounded size.
 
     Args:
         time_steps: in the order of time; none is empty.
@@ -108,7 +111,7 @@ def track_people(
 
 
 def _origin(cameras: Sequence[Camera | PositionSource], first: Sequence[FrameDetectionsWithIds] | None) -> Floats:
-    """(2,) origin near the cameras, or, without any, near the first positions."""
+    """(2,) origin of local coordinates near the cameras, or near the first positions if there is no camera."""
     placed = [c for c in cameras if not isinstance(c, PositionSource)]
     if placed:
         return map_origin(placed)
@@ -117,7 +120,7 @@ def _origin(cameras: Sequence[Camera | PositionSource], first: Sequence[FrameDet
 
 
 def _shifted(frames: Sequence[FrameDetectionsWithIds], origin: Floats) -> Sequence[FrameDetectionsWithIds]:
-    """The frames, with positions on the ground as seen from the origin."""
+    """Frames with ground positions relative to the origin."""
     if not origin.any():
         return frames
     by = np.tile(origin, 2)
@@ -137,7 +140,7 @@ def _steps(
     heard: Iterable[DirectionsOfArrival],
     at_end: Callable[[State], None] | None = None,
 ) -> Iterator[tuple[State, SnapshotWithDetections]]:
-    """Filter each time step, after the directions heard since the previous one."""
+    """Filter each time step, after updating with the directions of arrival since the previous step."""
     sounds = iter(heard)
     sound = next(sounds, None)
     for frames in steps:
@@ -157,7 +160,7 @@ def _reported(
     config: JipdaConfig,
     seed: int,
 ) -> Iterator[SnapshotWithDetections]:
-    """Output of each time step, at once or after smoothing."""
+    """Generate the result of each time step, immediately or after fixed-lag smoothing."""
     if not config.smoothed or follower.future is None:
         yield from (seen for _, seen in steps)
         return
@@ -174,7 +177,7 @@ def _reported(
 
 
 class Tabulator:
-    """Makes tables of time steps, and counts the people that each camera sees."""
+    """Converts time steps to output tables, and counts the detections that cameras have in common."""
 
     def __init__(
         self,
@@ -198,7 +201,7 @@ class Tabulator:
         self.agreement = CameraAgreement(cameras, person_height, room)
 
     def tables(self, seen: Sequence[SnapshotWithDetections]) -> SnapshotTables:
-        """The rows of some time steps."""
+        """Output tables of some time steps."""
         for each in seen:
             self.agreement.add(each.snapshot, each.frames)
         return SnapshotTables(
