@@ -311,7 +311,7 @@ class Form:
         """The request of values that were given.
 
         Args:
-            given: by `Entry.name`; None and () are not given.
+            given: by `RequestEntry.name`; None and () are not given.
             groups: settings of groups, by field; those of `given` count more.
 
         Raises:

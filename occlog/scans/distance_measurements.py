@@ -280,7 +280,7 @@ class DistanceMeasurementFeed:
         self._chunks, self._config, self._radio = chunks, config, radio
         self._stations = make_stations(scene, config, radio)
         self.names = self._stations.names
-        """Names of the stations, as `Distances.station` counts them."""
+        """Names of the stations, as `RangeMeasurements.station` counts them."""
         self._passed: list[tuple[int, ScanMeasurements]] = []
 
     def joined(
@@ -407,7 +407,7 @@ def pack(
         (m,) rows of the table, and the m measurements.
 
     Raises:
-        InputError: as `MeasuredFeed.joined`.
+        InputError: as `DistanceMeasurementFeed.joined`.
     """
     table = with_strengths(table, config, radio, {})
     station = _numbers(table.sensor, at, "sensor")

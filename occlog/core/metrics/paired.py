@@ -7,7 +7,7 @@ all that follows, so that what both find hard cancels.
     u_t = grad g(M) . (B_t - A_t),  M half of the sum of both      what frame t adds to D, but for terms of third order
 
 M stays where a part of A and the same part of B are exchanged, and u_t turns its sign: of runs that do not differ, all
-exchanges are as probable.  That is tested exactly (`sign_flips`), without an error that is estimated from few parts.
+exchanges are as probable.  That is tested exactly (`subset_means`), without an error that is estimated from few parts.
 
 Where there are `MANY_RECORDINGS` or more, each recording is a part: what differs between recordings then counts, and a
 statement is about recordings like these.  With fewer it is about these recordings alone.  Frames that follow each other
@@ -122,7 +122,7 @@ class PairedDifference(NamedTuple):
         p: probability of a difference at least as large, either way, of runs that do not differ; NaN likewise.
         stretches: how many parts were compared, recordings or segments of time.
         recordings: whether each was a whole recording.
-        drawn: (D,) sorted means of subsets of the parts, see `sign_flips`; (0,): nothing was drawn.
+        drawn: (D,) sorted means of subsets of the parts, see `subset_means`; (0,): the test is not possible.
     """
 
     a: float

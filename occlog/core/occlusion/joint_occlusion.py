@@ -7,7 +7,7 @@ cut.  A camera that reports a position near the particle almost certainly sees i
 subsets remain.
 
 The exact form takes nothing as disjoint: it computes, for every occluder, the probability that it
-blocks each set of cameras at once (`blocking_shares`).
+blocks each set of cameras at once (`blocking_probability.shares`).
 """
 
 from __future__ import annotations

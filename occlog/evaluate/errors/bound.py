@@ -118,7 +118,7 @@ class BoundSums:
         return out
 
     def result(self, unit: str, suffix: str, *, with_errors: bool) -> Metrics:
-        """Return the metrics of the bound, see `bound_metrics`; without errors those of the bound alone."""
+        """Return the metrics of the bound; with `with_errors`, also those of the errors at the same rows."""
         error, least, smoothed = (self._rms(name, self.rows) for name in ("error", *KINDS))
         out: Metrics = {f"bound_rmse{suffix}_{unit}": least}
         if with_errors:
@@ -259,7 +259,7 @@ class Bounds:
         """Make the bound of all that came, and give it away in pieces, in the order of time.
 
         Raises:
-            InputError: as `compute_bound`.
+            InputError: a target has too few usable rows for the information.
         """
         self._information.end()
         for target, known in sorted(self._targets.items()):

@@ -26,7 +26,7 @@ from .config import MultiTargetConfig
 
 Metrics = dict[str, float]
 RULES = {"classic": CLASSIC, "challenge": CHALLENGE}
-"""Matching rules of CLEAR-MOT, by `ManyConfig.clear_rule`."""
+"""Matching rules of CLEAR-MOT, by `MultiTargetConfig.clear_rule`."""
 
 
 class MotFigures:

@@ -316,7 +316,7 @@ def _rows_at(tracks: Tracks, times: Ints, labels: Ints) -> Ints:
 
 
 def counts_over_time(frames: MatchedFrames, made: MatchedPairs, points: PointTracks, begin: int) -> Counts:
-    """Count targets, tracks and pairs in each frame; see `GroundPart.begin`."""
+    """Count targets, tracks and pairs in each frame, from the frame `begin` on."""
     cells = len(points.t_ns[0])
     true = np.bincount(points.truth.frame, minlength=cells)
     found = np.bincount(points.tracks.frame, minlength=cells)

@@ -1,6 +1,6 @@
 """Directions of arrival in a frame of spectra: peaks of the map that an algorithm of pyroomacoustics gives.
 
-Each direction has a standard deviation from the Cramer-Rao bound of the array (`spectra.sharpness`).
+Each direction has a standard deviation from the Cramer-Rao bound of the array (`sharpness`).
 
 Spectra of a microphone array's signals, coherence with a plane wave, and the bound of a direction's error.
 

@@ -43,7 +43,7 @@ CAUSES = (
     "no object declared",
     "far from the global position",
 )
-"""Meanings of the numbers in `Fusion.cause`."""
+"""Meanings of the numbers in `FusionDecisions.cause`."""
 
 
 class FusionDecisions(NamedTuple):

@@ -23,7 +23,7 @@ YOLOV5, YOLO, END2END, RFDETR, DETR, ULTRALYTICS_DETR, RTDETR, RTMDET = (
 LETTERBOX, CORNER, STRETCH = "letterbox", "corner", "stretch"
 """Ways of resizing an image to the network's size: with a border around it, at the right and below, or stretched."""
 UNIT, IMAGENET, IMAGENET_BGR, RAW = "unit", "imagenet", "imagenet-bgr", "raw"
-"""Encodings of a pixel's colours; see `images.PIXELS`."""
+"""Encodings of a pixel's colours; see `network.PIXELS`."""
 PAD = 114
 """Grey of the border."""
 MAX_CROPS = 32

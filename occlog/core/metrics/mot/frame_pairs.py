@@ -230,7 +230,7 @@ def _sorted(side: Objects, cell: Ints, number: Ints, cells: int) -> tuple[Ints, 
 
 @kernel
 def _overlaps(a: Floats, b: Floats) -> Floats:
-    """(n, m) intersection over union of boxes (n, 4) and (m, 4): `errors.box_overlap`, quick for few boxes."""
+    """(n, m) intersection over union of boxes (n, 4) and (m, 4), as loops: fast for few boxes."""
     out = np.zeros((len(a), len(b)))
     for i in range(len(a)):
         for j in range(len(b)):

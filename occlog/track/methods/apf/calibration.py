@@ -6,7 +6,7 @@ them instead of `sigma_position` and `sigma_yaw`.  `initial`: the first `calibra
 are tracked as without, then all their bearings are solved at once, and that stays.
 
 Both compare errors that stay with errors resampled for every scan, which is what Eq. 2 states
-(`Belief.log_odds`), and correct nothing while the latter explains the bearings better.
+(`PoseErrorBelief.log_odds`), and correct nothing while the latter explains the bearings better.
 
 What cannot be observed (where all cameras together are) is an error of the track that more
 scans do not make smaller; it is added to the covariance of the estimate, as a

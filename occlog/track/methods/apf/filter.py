@@ -7,7 +7,7 @@ Departures from the paper, each with its reason:
   no parent's weight is far too small;
 * steps have any length (`occlog.filtering.motion.waypoint`); what exceeds the reference step is
   predicted without measurements, by steps no longer than it;
-* cameras that contradict a particle make it unlikely, not impossible (`Detection.soften`, `Detection.false`);
+* cameras that contradict a particle make it unlikely, not impossible (`DetectionModel.soften`, `DetectionModel.false`);
 * what goes wrong is mended and reported: `sir` when no expected position agrees with the
   scan (stage 1 is skipped), `restart` when no particle does, or when most sensors
   contradict even the best particle in several scans, `gap` after too long a time without

@@ -43,7 +43,7 @@ class ImmParticles(NamedTuple):
 
 
 class MotionModels(NamedTuple):
-    """How targets move; see `turns.move`."""
+    """How targets move; see `occlog.filtering.motion.coordinated_turn.move`."""
 
     models: Floats  # (J, 3)
     root: Floats  # (2, 2) noise of this step

@@ -290,7 +290,7 @@ def sights_in_plane(plane: int, heard: ScanDirections, angles: ProjectedAngles, 
     here might be the target's.
 
     Args:
-        plane: index in `planes.PLANES`.
+        plane: index in `PLANES`.
         heard: the scan.
         angles: of its rows.
         only: the one sensor of the scan to use; None: all.

@@ -75,7 +75,7 @@ class PpsState(NamedTuple):
     joined: CombinedPosterior | None  # None: nothing is known
     pair: Pair
     t_ns: int | None
-    astray: Ints  # (S,) see `direct3d.contradicted`
+    astray: Ints  # (S,) see `direct3d.is_contradicted`
     begun: bool = True  # restarted with the last scan
 
 

@@ -1,8 +1,8 @@
-"""Association features in addition to position: detection scores, tracklet ids, appearance.
+"""Association features in addition to position: detection scores, tracklet IDs, appearance.
 
-A feature counts as much as it has discriminated so far: its values are kept for boxes that were surely right and for
-those that were surely not, as two normal distributions, and the log of their ratio is what it adds.  A cue that is
-the same everywhere adds nothing.
+Each feature is weighted by how well it has discriminated so far: two normal distributions of its values are estimated,
+for boxes that were surely the person's and for boxes that surely were not, and its contribution is their log likelihood
+ratio. A feature with the same distribution in both cases contributes nothing.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ APPEARANCE_LEARNING_RATE = 0.1
 
 @dataclass(frozen=True)
 class AssociationFeatures:
-    """Sums over boxes seen so far, and the appearance of people."""
+    """Statistics of association features over all boxes so far, and the mean appearance of each person."""
 
     score: Floats  # (2, 3) count, sum, sum of squares: boxes of people, clutter boxes
     likeness: Floats  # (2, 3) sums of similarities: to the same person, to others
@@ -55,7 +55,7 @@ def empty_features(cameras: int) -> AssociationFeatures:
 
 
 def log_ratio(sums: Floats, value: Floats) -> Floats:
-    """Logs of likelihood ratios of values under the two kinds of boxes, 0 for NaN and while little is known.
+    """Log likelihood ratios (correct box against other box) of feature values; 0 for NaN and with too little data.
 
     Args:
         sums: (2, 3) counts, sums and sums of squares.
@@ -66,7 +66,7 @@ def log_ratio(sums: Floats, value: Floats) -> Floats:
 
 
 class FeatureLikelihood(NamedTuple):
-    """Two normal distributions of a feature: of correct boxes, and of other boxes."""
+    """Normal distributions of one feature: for correct boxes, and for other boxes."""
 
     mean: Floats  # (2,)
     deviation: Floats  # (2,)
@@ -75,7 +75,7 @@ class FeatureLikelihood(NamedTuple):
 
 
 def feature_likelihood(sums: Floats) -> FeatureLikelihood:
-    """The distributions of values from their counts, sums and sums of squares (2, 3)."""
+    """Estimate the two normal distributions from counts, sums and sums of squares (2, 3)."""
     count = np.maximum(sums[:, 0], 1.0)
     mean = sums[:, 1] / count
     deviation = np.sqrt(np.maximum(sums[:, 2] / count - mean**2, MIN_FEATURE_SIGMA**2))
@@ -84,7 +84,7 @@ def feature_likelihood(sums: Floats) -> FeatureLikelihood:
 
 @kernel
 def log_ratio_at(law: FeatureLikelihood, value: float) -> float:
-    """Return the log likelihood ratio of a value, shrunk by the number of samples; 0 for NaN."""
+    """Log likelihood ratio of a feature value, shrunk towards 0 for small samples; 0 for NaN."""
     same, other = (
         (value - law.mean[SAME_TARGET]) / law.deviation[SAME_TARGET],
         (value - law.mean[OTHER_TARGET]) / law.deviation[OTHER_TARGET],
@@ -98,7 +98,7 @@ def log_ratio_at(law: FeatureLikelihood, value: float) -> float:
 
 @kernel
 def _log_ratios(law: FeatureLikelihood, value: Floats) -> Floats:
-    """(n,) clipped log likelihood ratios of feature values (`log_ratio_at`)."""
+    """(n,) clipped log likelihood ratios of feature values; vectorised `log_ratio_at`."""
     out = np.empty(value.shape[0])
     for k in range(value.shape[0]):
         out[k] = log_ratio_at(law, value[k])
@@ -110,16 +110,19 @@ SUM_SLACK = 0.01
 
 
 def unit_vectors(appearance: Floats, histograms: bool) -> Floats:
-    """Unit vectors (.., K) with products that are similarities: roots of histograms, or embeddings; NaN: none."""
+    """Convert appearances (.., K) to unit vectors, so that the scalar product of two is their similarity.
+
+    Square roots of histograms, or normalised embeddings; NaN: no appearance.
+    """
     out = np.sqrt(appearance) if histograms else appearance
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(out / np.linalg.norm(out, axis=-1, keepdims=True))
 
 
 def are_histograms(*appearance: Floats) -> bool:
-    """Whether no number is negative and the numbers of each (.., K) vector sum to 1; NaN: none, which may be either.
+    """Whether vectors (.., K) are histograms: nonnegative, with sum 1; NaN vectors (no appearance) are ignored.
 
-    Embeddings of networks have length 1 instead, and may have no negative number, either.
+    Embeddings of networks have norm 1 instead, and may be nonnegative, too.
     """
     for each in appearance:
         sums = each.sum(axis=-1)
@@ -129,9 +132,9 @@ def are_histograms(*appearance: Floats) -> bool:
 
 
 def similarity(gallery: Floats, boxes: Floats) -> Floats:
-    """(N, M) similarity of (N, K) appearances of people to (M, K) of boxes; NaN: one of them has no appearance.
+    """(N, M) similarity of appearances (N, K) of people and (M, K) of boxes; NaN if either has no appearance.
 
-    Bhattacharyya's coefficient of histograms, the cosine of other vectors.
+    The Bhattacharyya coefficient of histograms, or the cosine of embeddings.
     """
     if gallery.shape[1] == 0:
         return np.full((len(gallery), len(boxes)), np.nan)
@@ -142,10 +145,10 @@ def similarity(gallery: Floats, boxes: Floats) -> Floats:
 def log_feature_ratios(
     cues: AssociationFeatures, people: TargetSet, frames: list[FrameDetections], dimension: int
 ) -> tuple[Floats, Floats]:
-    """(N, M) log likelihood ratios of boxes for people, and (M,) of boxes against clutter, by the features.
+    """Log likelihood ratios of all features: (N, M) box of person against other box, and (M,) box against clutter.
 
     Args:
-        cues: features of the people in `Cues.key`.
+        cues: features of the people in `AssociationFeatures.key`.
         people: N people, the same or more.
         frames: of the time step.
         dimension: K of the boxes' appearance; 0: boxes have no appearance.
@@ -180,7 +183,7 @@ def update_features(
     free: Floats,
     sure: Bools,
 ) -> AssociationFeatures:
-    """Update the association features with one time step.
+    """Update the feature statistics and the appearances of people with the associations of one time step.
 
     Args:
         cues: before.
@@ -219,14 +222,14 @@ def update_features(
 
 
 def count_clutter_scores(cues: AssociationFeatures, scores: Floats) -> AssociationFeatures:
-    """The features with the scores of detections that turned out to be clutter; NaN is none."""
+    """Add the scores of detections that turned out to be clutter to the statistics; NaN is ignored."""
     score = cues.score.copy()
     _add(score[OTHER_TARGET], scores)
     return replace(cues, score=score)
 
 
 def _features_of(cues: AssociationFeatures, people: TargetSet, dimension: int) -> tuple[Ints, Floats]:
-    """Return tracklet ids (N, C) and appearance (N, K) of these people; NO_ID and NaN for new people."""
+    """Look up tracklet IDs (N, C) and mean appearances (N, K) of people; `NO_ID` and NaN for new people."""
     hint = np.full((len(people.key), cues.hint.shape[1]), NO_ID, dtype=np.int64)
     appearance = np.full((len(people.key), dimension), np.nan)
     _, mine, theirs = np.intersect1d(people.key, cues.key, assume_unique=True, return_indices=True)
@@ -237,13 +240,13 @@ def _features_of(cues: AssociationFeatures, people: TargetSet, dimension: int) -
 
 
 def appearance_of(frame: FrameDetections, dimension: int) -> Floats:
-    """(n, K) appearance of a frame's boxes; NaN where the frame has none."""
+    """(n, K) appearances of a frame's boxes; NaN if the frame has none."""
     if frame.appearance.shape[1] == dimension:
         return frame.appearance
     return np.full((len(frame.boxes), dimension), np.nan)
 
 
 def _add(sums: Floats, values: Floats) -> None:
-    """Count values that are not NaN, in place."""
+    """Add values that are not NaN to count, sum and sum of squares, in place."""
     values = values[np.isfinite(values)]
     sums += (len(values), values.sum(), (values**2).sum())

@@ -1,7 +1,7 @@
-"""Online estimate of the offsets of the cameras' clocks, from the residuals of boxes against the people's velocities.
+"""Online estimation of the cameras' clock offsets, from the residuals of boxes along the velocities of people.
 
-A camera that is late by d shows people where they were: its residuals are -d v, v the velocity in the image.  The
-tracks follow all cameras together, so that only differences are known: the median of the cameras is taken as right.
+A camera that is late by d shows people where they were: its residuals are -d v, with v the velocity in the image.
+Tracks follow all cameras together, so that only differences are observable: the median over cameras is set to 0.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ MIN_OFFSET_S = 0.03
 
 @dataclass(frozen=True)
 class ClockStatistics:
-    """Normal equations of C cameras in batches of time, and the offsets that follow."""
+    """Normal equations of the clock offsets of C cameras in batches of time, and the resulting offsets."""
 
     batches: Batches  # sums of `clock_residuals`
     sums: Floats  # (C, 5) counts, residuals and velocities
@@ -29,7 +29,7 @@ class ClockStatistics:
 
     @property
     def centre(self) -> Floats:
-        """(C, 4) mean residuals and velocities."""
+        """(C, 4) mean residuals and mean velocities, which are subtracted."""
         return np.asarray(self.sums[:, 1:] / np.maximum(self.sums[:, :1], 1.0))
 
 
@@ -39,7 +39,7 @@ def prior_clocks(cameras: int) -> ClockStatistics:
 
 
 def update_clocks(known: ClockStatistics, t_ns: int, normal: Floats, sums: Floats) -> ClockStatistics:
-    """Update the statistics with a time step (`clock_residuals`); offsets follow when a batch is complete."""
+    """Add the normal equations of a time step (`clock_residuals`); update the offsets when a batch is complete."""
     batches = known.batches.add(t_ns, normal)
     known = replace(known, sums=known.sums + sums, batches=batches)
     if batches.since_ns != t_ns or not len(batches.kept):
@@ -49,7 +49,7 @@ def update_clocks(known: ClockStatistics, t_ns: int, normal: Floats, sums: Float
 
 
 def clock_offsets(batches: Floats) -> tuple[Floats, Floats]:
-    """Return the offsets (C,) of the clocks that are significant, else 0, and the limits (C,) of significance.
+    """Clock offsets (C,) [s], 0 if not significant, and the significance limits (C,) [s].
 
     Args:
         batches: (B, C, C + 1) normal equations, in the order of time.

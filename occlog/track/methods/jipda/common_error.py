@@ -1,9 +1,9 @@
-"""Online estimate of the error of position that all cameras share and that lasts: its variance and correlation time.
+"""Online estimation of the time-correlated position error that all cameras share: variance and correlation time.
 
-Boxes that come from one position (a ground-plane detector's, projected into all views), errors of the body model and
-of all calibrations move the observed position of a person in all cameras alike, for seconds.  How far the cameras
-disagree says nothing about it.  The posterior over a grid of standard deviations and correlation times comes from the
-positions of successive time steps (`kernels.common_error`).
+Boxes computed from one position (a ground-plane detector's, projected into all views), errors of the body model, and
+common errors of calibrations shift the observed position alike in all cameras, for seconds. The disagreement of cameras
+does not show it. A posterior over a grid of standard deviations and correlation times is computed from the positions at
+successive time steps (`kernels.common_error`).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ MIN_INTERVAL_S, MAX_INTERVAL_S = 0.2, 2.5
 
 @dataclass(frozen=True)
 class CommonErrorStatistics:
-    """Posterior over the grid (G points), and the filter banks of n people."""
+    """Posterior over a grid of G points (standard deviation, correlation time), and the filter banks of n people."""
 
     metre: float
     log: Floats  # (G,) log posterior, not normalised
@@ -47,7 +47,7 @@ class CommonErrorStatistics:
 
 
 def prior_common_error(metre: float) -> CommonErrorStatistics:
-    """Prior of the errors common to all boxes of a camera, on a grid of standard deviations and correlation times."""
+    """Prior of the common position error on a grid of standard deviations and correlation times."""
     sigma = np.repeat(SIGMAS_M, len(CORRELATION_TIMES_S))
     G = len(sigma)
     none = np.zeros(0, dtype=np.int64)
@@ -63,7 +63,7 @@ def prior_common_error(metre: float) -> CommonErrorStatistics:
 
 
 def common_error(known: CommonErrorStatistics) -> tuple[float, float]:
-    """Return the posterior mean of the variance per axis, and the correlation time [s] weighted by the variance."""
+    """Posterior mean of the variance per axis, and the correlation time [s] (mean weighted by the variance)."""
     weight = np.exp(known.log - known.log.max())
     weight /= weight.sum()
     square = float(weight @ known.square)
@@ -71,7 +71,7 @@ def common_error(known: CommonErrorStatistics) -> tuple[float, float]:
 
 
 def new_variance(common: tuple[float, float], step: float) -> float:
-    """Return the variance of the error given those one time step before and after.
+    """Conditional variance of the error at a time step, given its values one time step before and after.
 
     Args:
         common: variance and correlation time [s] of the error.
@@ -90,7 +90,7 @@ def update_common_error(
     noise: Floats,
     config: JipdaConfig,
 ) -> CommonErrorStatistics:
-    """Update the posterior with the positions of one time step.
+    """Update the posterior of the common error with the positions of one time step.
 
     Args:
         known: before.

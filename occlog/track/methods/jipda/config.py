@@ -1,4 +1,4 @@
-"""Settings of method `jipda`; one set of defaults for all positions, frame rates and numbers of cameras."""
+"""Settings of method `jipda`; one set of defaults for all scenes, frame rates and numbers of cameras."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ class JipdaConfig(LagConfig):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Who is given up was reported before."""
+        """Check settings against each other: the deletion threshold must be below the confirmation threshold."""
         yield (
             "deletion_threshold",
             self.deletion_threshold < self.confirmation_threshold,

@@ -1,10 +1,11 @@
 """Online estimates of detection probability, clutter rate, survival, manoeuvre and posture rates.
 
-Everything begins with a prior that is worth a few boxes, so that one set of defaults serves detectors of all kinds.
+All estimates start from a prior with the weight of a few boxes, so that one set of defaults serves detectors of all
+kinds.
 
 Online estimates of box errors: measurement noise, camera biases, time-correlated errors and gait variance.
 
-All of it comes from how far the cameras of one time step disagree (`kernels.disagreement`), never from residuals
+All of it comes from how far the cameras of one time step disagree (`kernels.camera_disagreement`), never from residuals
 against the filter's prediction, which hold its own lag:
 
 * noise of middles and sizes, y = a + b size^2, by weighted least squares of the squared disagreements;
@@ -38,7 +39,7 @@ PRIOR_BOXES = 5.0
 """Weight of the prior measurement noise of edges, in boxes of each of five sizes."""
 SIZES = np.array([30.0, 60.0, 120.0, 240.0, 480.0])
 PRIOR_BIAS = np.array([0.01, 0.1, 0.02, 0.05])
-"""Standard deviations of the biases of middle and width across, of middle and height down; see `Rates.bias`."""
+"""Standard deviations of the biases of middle and width across, of middle and height down; see `DetectorModel.bias`."""
 NOISE_CORRELATION_S = 0.5
 """Correlation time of persistent errors [s]."""
 PRIOR_CORRELATED_NOISE, PRIOR_CORRELATED_PAIRS, USUAL_CORRELATED_NOISE = 0.015, 20.0, 0.01
@@ -64,7 +65,7 @@ INTERVAL_TOLERANCE = 0.2
 
 @dataclass(frozen=True)
 class EdgeErrorStatistics:
-    """Sums over boxes seen so far, priors included; C cameras."""
+    """Sums of squared box disagreements over all boxes so far, priors included, for the noise model; C cameras."""
 
     metre: float
     bias: Floats  # (C, 4)
@@ -84,7 +85,7 @@ class EdgeErrorStatistics:
 
 
 def prior_edge_errors(cameras: int, metre: float, config: JipdaConfig) -> EdgeErrorStatistics:
-    """Create the priors for a number of cameras."""
+    """Prior sums of the noise model for a number of cameras."""
     a = np.array([0.5, 2.0, 0.5, 2.0]) * config.edge_noise_px**2
     b = np.array([1.0, 4.0, 1.0, 4.0]) * config.relative_edge_noise**2
     x = np.stack([np.ones_like(SIZES), SIZES**2])
@@ -106,7 +107,10 @@ def prior_edge_errors(cameras: int, metre: float, config: JipdaConfig) -> EdgeEr
 
 
 def edge_noise_variance(edges: EdgeErrorStatistics) -> Floats:
-    """(4, 2) constant [px^2] and share squared of the variance of middles and sizes: least squares, none negative."""
+    """Noise model of box centres and sizes.
+
+    (4, 2) constant variance [px^2] and share squared, by nonnegative least squares.
+    """
     out = np.linalg.solve(edges.normal, edges.right[..., None])[..., 0]
     for k in range(4):
         A, r = edges.normal[k], edges.right[k]
@@ -120,21 +124,21 @@ def edge_noise_variance(edges: EdgeErrorStatistics) -> Floats:
 
 
 def correlated_noise(edges: EdgeErrorStatistics) -> float:
-    """Variance of the errors of middles that last, in heights squared."""
+    """Variance of the time-correlated errors of box centres, in box heights squared."""
     return float(np.clip(edges.lasting[0] / edges.lasting[1], 0.0, MAX_CORRELATED_NOISE**2))
 
 
 def gait_variance(edges: EdgeErrorStatistics) -> float:
-    """Return the gait variance: that of the observed position about the walk."""
+    """Gait variance: that of the observed position about a smooth track [scene unit^2, per axis]."""
     return float(
         np.clip(edges.gait_variance[0] / edges.gait_variance[1], *(np.array(GAIT_SIGMA_RANGE) * edges.metre) ** 2)
     )
 
 
 def correlated_noise_factor(edges: EdgeErrorStatistics, between: float = 1.0) -> float:
-    """Return (1 + r) / (1 - r), r the correlation of errors between successive frames that count: their weight.
+    """Variance inflation (1 + r) / (1 - r) for noise with correlation r between successive frames that are used.
 
-    One of `between` frames of a camera counts; the correlation falls geometrically with their number.
+    If one of `between` frames of a camera is used, r is the frame-to-frame correlation to this power.
     """
     alike = float(np.clip(edges.changes[0] / edges.changes[1] - 1.0, 0.0, MAX_NOISE_CORRELATION) ** between)
     return (1.0 + alike) / (1.0 - alike)
@@ -150,7 +154,7 @@ def update_edge_errors(
     owner: Ints,
     lasts: Floats,
 ) -> EdgeErrorStatistics:
-    """Update the sums with one time step.
+    """Update the sums of the noise model with the disagreements of one time step.
 
     Args:
         edges: before.
@@ -201,7 +205,10 @@ def _noise_and_bias(
 def _changes(
     edges: EdgeErrorStatistics, t_ns: int, used: Ints, camera: Ints, found: BoxDisagreement, key: Ints
 ) -> EdgeErrorStatistics:
-    """Compare changes over two frames with those over one: 1 - r^2 to 1 - r, whatever stays for longer."""
+    """Update the sums of squared residual changes over two frames and over one frame.
+
+    Their ratio is (1 - r^2) / (1 - r), with r the frame-to-frame correlation; slower errors cancel.
+    """
     noise, sums = edge_noise_variance(edges), edges.changes.copy()
     noise[MIDDLES, 1] += correlated_noise(edges)
     last = {k: v for k, v in edges.last.items() if t_ns - v[-1][0] < 2 * NS}
@@ -274,7 +281,9 @@ def _gait_variance(edges: EdgeErrorStatistics, t_ns: int, found: BoxDisagreement
 def reliable_boxes(
     boxes: PackedDetections, owner: Ints, beta: Floats, visible: Floats, sure: Bools, least: float
 ) -> Bools:
-    """Select (M,) boxes for learning: whole, surely of a person who surely exists and is in plain view.
+    """Select (M,) boxes from which detectors are learned.
+
+    Not truncated, of an unoccluded person whose existence is sure.
 
     Args:
         boxes: M boxes of L frames.
@@ -354,7 +363,7 @@ MAX_MERGE_PROBABILITY = 0.9
 
 @dataclass(frozen=True)
 class DetectorStatistics:
-    """Sums over boxes and people seen so far, priors included; C cameras, K nodes of the curve."""
+    """Counts of detections, misses and clutter so far, priors included; C cameras, K nodes of the visibility curve."""
 
     detected: Floats  # (C, 2) people in plain view: detected, all
     clutter: Floats  # (C, 2) clutter boxes, frames
@@ -371,7 +380,7 @@ class DetectorStatistics:
 
 
 def prior_statistics(cameras: int, config: JipdaConfig) -> DetectorStatistics:
-    """Create the priors for a number of cameras."""
+    """Prior counts for a number of cameras."""
     return DetectorStatistics(
         detected=np.tile([PRIOR_FRAMES * config.detection_probability, PRIOR_FRAMES], (cameras, 1)),
         clutter=np.tile([PRIOR_FRAMES * config.clutter_rate, PRIOR_FRAMES], (cameras, 1)),
@@ -391,7 +400,7 @@ def prior_statistics(cameras: int, config: JipdaConfig) -> DetectorStatistics:
 def detector_model(
     counts: DetectorStatistics, edges: EdgeErrorStatistics, config: JipdaConfig, interval: Floats, between: float = 1.0
 ) -> DetectorModel:
-    """Estimate the detector parameters from the sums.
+    """Detector parameters (detection probability, clutter rate, noise) estimated from the sums.
 
     Args:
         counts: sums over people.
@@ -419,17 +428,17 @@ def detector_model(
 
 
 def common_clutter_rate(counts: DetectorStatistics) -> float:
-    """Return the expected number of false people in a time step with boxes in all cameras."""
+    """Expected number of false tracks per time step that have boxes in all cameras (detectors with a common cause)."""
     return float(counts.false[0] / counts.false[2])
 
 
 def common_clutter_ratio(counts: DetectorStatistics) -> float:
-    """Return how many false people have boxes in all cameras, to one true arrival."""
+    """Ratio of false tracks with boxes in all cameras to true arrivals."""
     return float(counts.false[0] / counts.false[1])
 
 
 def track_termination_rate(counts: DetectorStatistics) -> float:
-    """How many of the people leave in a second."""
+    """Track termination rate: people who leave, per person and second."""
     return float(counts.left[0] / counts.left[1])
 
 
@@ -449,7 +458,7 @@ def clutter_rate(counts: DetectorStatistics) -> Floats:
 
 
 class Clutter(NamedTuple):
-    """Sources of clutter in a camera's images, as shadows, posts and pictures; n sources."""
+    """Sources of persistent clutter in a camera's images, such as shadows, posts and pictures; n sources."""
 
     box: Floats  # (n, 4) mean of its boxes [px]
     free: Floats  # (n,) probability that it is of no person
@@ -459,12 +468,12 @@ class Clutter(NamedTuple):
 
 
 def no_clutter() -> Clutter:
-    """No source of clutter."""
+    """Create an empty set of clutter sources."""
     return Clutter(np.zeros((0, 4)), *np.zeros((4, 0)))
 
 
 def source_rates(sources: Clutter, again: float) -> Floats:
-    """(n,) expected number of boxes of each source in the next frame.
+    """(n,) expected number of boxes of each clutter source in the next frame.
 
     Args:
         sources: of a camera.
@@ -475,7 +484,7 @@ def source_rates(sources: Clutter, again: float) -> Floats:
 
 
 def established(sources: Clutter) -> Clutter:
-    """Select the sources that were seen in most of many frames, which are clutter for confirmed people, too."""
+    """Select the established clutter sources, detected in most of many frames; they apply to confirmed tracks, too."""
     sure = (sources.tries >= ESTABLISHED_FRAMES) & (sources.age >= ESTABLISHED_S)
     sure &= sources.hits > ESTABLISHED_SHARE * sources.tries
     return Clutter(*(part[sure] for part in sources))
@@ -484,7 +493,7 @@ def established(sources: Clutter) -> Clutter:
 def update_sources(
     sources: Clutter, box: Floats, free: Floats, again: float, noise: Floats, interval: float
 ) -> tuple[Clutter, tuple[float, float]]:
-    """Update the sources of clutter of a camera with one frame.
+    """Update the clutter sources of a camera with one frame.
 
     Args:
         sources: before.
@@ -536,13 +545,13 @@ def persistent_clutter_rate(counts: DetectorStatistics) -> Floats:
 def persistent_clutter_density(
     boxes: PackedDetections, before: Sequence[Clutter], again: Floats, noise: Floats, size: Floats
 ) -> Floats:
-    """Compute the density of persistent clutter, as of shadows, posts and pictures.
+    """Density of persistent clutter (shadows, posts, pictures) at each box.
 
     Args:
         boxes: of the time step, M of L frames.
         before: sources of each camera.
         again: (C,) probability that a clutter box persists in the camera's next frame.
-        noise: (4, 2) variances as in `Rates.noise`.
+        noise: (4, 2) variances as in `DetectorModel.noise`.
         size: (C, 2) width and height of the images [px].
 
     Returns:
@@ -566,32 +575,32 @@ def persistent_clutter_density(
 
 
 def _variances(box: Floats, noise: Floats) -> Floats:
-    """(n, 4) variances of the difference of two boxes of one source [px^2], boxes (n, 4)."""
+    """(n, 4) variances [px^2] of the difference between two boxes (n, 4) of one clutter source."""
     width, height = (box[:, 2:] - box[:, :2]).T
     extent = np.column_stack([height, width, height, height])
     return np.asarray(2.0 * NOISE_INFLATION * (noise[:, 0] + noise[:, 1] * extent**2))
 
 
 def _squared_distances(now: Floats, old: Floats, noise: Floats) -> Floats:
-    """(m, n) squared Mahalanobis distances of boxes (m, 4) to those of sources (n, 4)."""
+    """(m, n) squared Mahalanobis distances of boxes (m, 4) from the boxes of clutter sources (n, 4)."""
     off = _centres_and_sizes(now)[:, None] - _centres_and_sizes(old)
     return np.asarray((off**2 / _variances(old, noise)).sum(axis=2))
 
 
 def squared_distance(now: Floats, old: Floats, noise: Floats) -> Floats:
-    """(n,) squared Mahalanobis distances of boxes (n, 4) to those of the same sources before (n, 4)."""
+    """(n,) squared Mahalanobis distances of boxes (n, 4) from the previous boxes (n, 4) of the same clutter sources."""
     off = _centres_and_sizes(now) - _centres_and_sizes(old)
     return np.asarray((off**2 / _variances(old, noise)).sum(axis=1))
 
 
 def _centres_and_sizes(box: Floats) -> Floats:
-    """(n, 4) middle and width across, middle and height down, of boxes (n, 4)."""
+    """(n, 4) centre and width (horizontal), centre and height (vertical) of boxes (n, 4) given as edges."""
     low, high = box[:, :2], box[:, 2:]
     return np.stack([0.5 * (low + high), high - low], axis=2).reshape(-1, 4)
 
 
 def blind_frames(boxes: PackedDetections, existence: Floats, detection: Floats) -> Bools:
-    """Find (L,) frames without any box that are more probably blind than frames that missed all people.
+    """(L,) mask of empty frames that are more probably blind (no output of the detector) than misses of all people.
 
     Args:
         boxes: of L frames.
@@ -614,7 +623,9 @@ def update_statistics(
     result: JipdaResult,
     alone: bool = False,
 ) -> DetectorStatistics:
-    """Update the sums with the boxes of one time step; clutter is counted elsewhere, after track initiation.
+    """Update detection, survival and manoeuvre counts with one time step.
+
+    Clutter is counted after track initiation (`_update_clutter`).
 
     Args:
         counts: before.

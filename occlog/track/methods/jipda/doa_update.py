@@ -1,8 +1,7 @@
-"""Directions of arrival in the same state: who speaks is heard where no camera shows them, and keeps their identity.
+"""Update of tracks by directions of arrival: a speaker keeps the identity where no camera sees the person.
 
-A direction is of one person or of no person, and a person is heard in at most one direction of an array at a time: the
-marginals are those of boxes (Williams and Lau 2014).  A sound initiates no track, and silence is no evidence against a
-person.
+A direction is from at most one person, and a person causes at most one direction of an array at a time: the same
+marginals as for boxes (Williams and Lau 2014). A sound initiates no track, and silence is no evidence against a person.
 """
 
 from __future__ import annotations

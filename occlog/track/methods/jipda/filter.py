@@ -1,7 +1,7 @@
 """Multi-camera JIPDA filter: predict, associate jointly in all images, update, initiate and terminate tracks.
 
-Joint integrated probabilistic data association (Musicki and Evans 2004) with the marginals of belief propagation
-(Williams and Lau 2014), in the images of all cameras; what hides whom is expected from the people themselves.
+Joint integrated probabilistic data association (Musicki and Evans 2004) with marginals by belief propagation (Williams
+and Lau 2014), in the images of all cameras; occlusions are predicted from the tracks themselves.
 """
 
 from __future__ import annotations
@@ -215,7 +215,7 @@ def initial_state(scene: Scene, cameras: Sequence[Camera | PositionSource], conf
 
 
 def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaState, TrackSnapshot]:
-    """Update all tracks with the frames of one time step.
+    """Update all tracks with the frames of one time step; return the new state and the snapshot.
 
     Args:
         state: after the time step before; it stays as it is.
@@ -463,7 +463,7 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
 
 
 def common_error_of(state: JipdaState) -> tuple[float, float]:
-    """Return the variance per axis and the correlation time [s] of the common error of position in the state."""
+    """Variance per axis and correlation time [s] of the common position error in the state."""
     return lasting_error(state.positions) if state.positions.alone else common_error(state.common)
 
 
@@ -476,9 +476,10 @@ def _false_seeds(
     stay: Ints,
     cues: AssociationFeatures,
 ) -> tuple[dict[int, float], AssociationFeatures]:
-    """Scores of the positions that initiated tentative tracks, and the features with those of tracks that came to none.
+    """Scores of the detections that initiated tentative tracks; update the features with those of terminated ones.
 
-    A source alone has no other that denies a position at once: what it was is known when the track ends.
+    With a single sensor no other one contradicts a detection at once: whether it was clutter is known when the
+    tentative track ends.
 
     Args:
         state: before the time step.
@@ -502,7 +503,7 @@ def _false_seeds(
 
 
 def _covered(state: JipdaState, frames: Sequence[FrameDetections]) -> PackedCameras:
-    """Return the views, with the ground that the sources of the frames cover."""
+    """Packed cameras, with the coverage of position sensors extended to the positions in the frames."""
     views = state.views
     for frame in frames:
         if views.lens[frame.camera, MODEL] == GROUND_PLANE:
@@ -518,7 +519,7 @@ def _learned_positions(
     owner: Ints,
     beta: Floats,
 ) -> PositionErrors:
-    """Learn the errors of positions from those that are surely of a person who surely exists."""
+    """Update the error model of position sensors with positions that surely belong to an existing person."""
     errors = state.positions
     for k, frame in enumerate(frames):
         if frame.covariance is None:
@@ -536,7 +537,7 @@ def _learned_positions(
 
 
 def _in_room(xy: Floats, room: Floats, margin: float) -> Bools:
-    """(n,) positions (n, 2) inside a polygon, or outside by less than a margin."""
+    """(n,) mask of positions (n, 2) inside a polygon, or outside it by less than a margin."""
     near = [distance_to_boundary(float(x), float(y), room) < margin for x, y in xy]
     return np.asarray(inside_polygon(xy, room) | np.array(near, dtype=np.bool_))
 
@@ -551,10 +552,10 @@ def associate(
     log_features: Floats,
     arrivals: float,
 ) -> JipdaResult:
-    """Update people by the frames of one time step, with new people as an explanation that all cameras share.
+    """JIPDA update of people by the frames of one time step, with a new target as an alternative common to all cameras.
 
-    In each image a box is a person's, or clutter.  Boxes of several cameras that agree on a position far from a person
-    are that person's only if this is more probable than a miss of the person in all cameras at once and an arrival.
+    In each image a box is a person's or clutter. Boxes of several cameras that agree on a position far from a person
+    are associated with that person only if this is more probable than a miss in all cameras and a new arrival.
 
     Args:
         mean: (N, 6) predicted bodies.
@@ -608,7 +609,7 @@ def pack_detections(state: JipdaState, frames: Sequence[FrameDetections], t_ns: 
 
 
 def _covariances(state: JipdaState, frame: FrameDetections) -> Floats:
-    """(n, 3) covariances of the positions of a frame; NaN of boxes."""
+    """(n, 3) covariances (xx, xy, yy) of the positions of a frame; NaN for a frame of boxes."""
     if frame.covariance is None:
         return np.full((len(frame.boxes), 3), np.nan)
     return position_covariances(state.positions, frame.camera, frame.covariance)
@@ -622,7 +623,7 @@ def _update_clutter(
     noise: Floats,
     interval: Floats,
 ) -> tuple[DetectorStatistics, tuple[Clutter, ...]]:
-    """The sums and the sources of clutter with the boxes that neither tracked nor new people explain.
+    """Update clutter counts and clutter sources with the boxes unassigned to existing and new tracks.
 
     Args:
         counts: before.
@@ -647,7 +648,7 @@ def _update_clutter(
 def associations_of(
     beta: Floats, joint: Floats, boxes: PackedDetections, frames: Sequence[FrameDetections]
 ) -> BoxAssociations:
-    """Return the boxes associated with each person, with probabilities alone and as merged detections."""
+    """Associations of boxes with people: probabilities alone, and as merged detections."""
     person, box = np.nonzero(beta + joint > MIN_ASSOCIATION_PROBABILITY)
     camera = np.repeat(boxes.camera, np.diff(boxes.first))
     row = np.concatenate([frame.row for frame in frames])

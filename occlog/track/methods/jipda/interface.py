@@ -1,12 +1,10 @@
 """Interface of the multi-person filter: frames of cameras in, time steps with all people out.
 
-The filter (`filter.begin`, `filter.step`) takes the frames of one time step at a time, in the order of their times.
-Batch association (`--smooth`, `--lag`) takes all frames and the filter's time steps, and returns revised time steps.
-Neither uses
-tables: a box is known by the row that it has in its table.
-
-Lengths are in the scene's unit, times in nanoseconds or seconds as said, pixels are those of the image as recorded
-(distorted, with the origin in the middle of the upper left pixel, as everywhere in the program).
+The filter (`filter.initial_state`, `filter.step`) takes the frames of one time step at a time, in the order of their
+times. Batch association (`--smooth`, `--lag`) takes all frames and the filter's time steps, and returns revised time
+steps. Neither uses tables: a box is identified by its row number in the table. Lengths are in the scene's unit, times
+in nanoseconds or seconds as stated, pixels are those of the recorded image (distorted; the origin is the centre of the
+upper left pixel).
 """
 
 from __future__ import annotations
@@ -43,9 +41,9 @@ class FrameDetections(NamedTuple):
 
 
 class PositionSource(NamedTuple):
-    """A source of positions on the ground: a network for the ground plane, lidar, radar, ultra-wideband.
+    """A sensor of positions on the ground: a ground-plane detector, lidar, radar, ultra-wideband.
 
-    It stands among the cameras of the filter as a view from above: its detections are `FrameDetections` with `boxes`
+    The filter treats it as a camera that sees the ground from above: its detections are `FrameDetections` with `boxes`
     (x, y, x, y) in the scene's unit instead of pixels, and `covariance`.
     """
 
@@ -53,7 +51,7 @@ class PositionSource(NamedTuple):
 
 
 class DirectionsOfArrival(NamedTuple):
-    """Directions of arrival that a microphone array heard at one time; n directions."""
+    """Directions of arrival from a microphone array at one time; n directions."""
 
     t_ns: int
     sensor: int  # index in the list of arrays
@@ -67,13 +65,13 @@ class BoxAssociations(NamedTuple):
 
     person: Ints  # (k,) index in `TrackSnapshot.ids`
     camera: Ints  # (k,) index in the list of cameras
-    row: Ints  # (k,) `Look.row` of the box
+    row: Ints  # (k,) `FrameDetections.row` of the box
     probability: Floats  # (k,) that the box is of this person, alone or with a neighbour who touches them
     joint: Floats  # (k,) of it, with a neighbour; the rest sums over people of a box to at most 1
 
 
 class Event(NamedTuple):
-    """Something that happened to an identity."""
+    """Event of a track: initiation, termination or possible identity switch."""
 
     kind: str  # `initiated`, `terminated`, or `possible_switch`: it may have been exchanged with `other`
     id: int
@@ -82,7 +80,7 @@ class Event(NamedTuple):
 
 
 class DetectorEstimates(NamedTuple):
-    """What was learned of the detectors and of the scene in addition to the tracks; C cameras."""
+    """Detector and scene parameters estimated online; C cameras."""
 
     common_sigma: float  # standard deviation of the error of position that all cameras share, per axis
     common_time_s: float  # its correlation time [s]

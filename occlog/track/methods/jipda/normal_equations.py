@@ -1,4 +1,7 @@
-"""Least squares with errors that last: a solution of normal equations in batches of time, and what it is worth."""
+"""Least squares with time-correlated errors.
+
+Solution of normal equations in batches of time, with significance limits.
+"""
 
 from __future__ import annotations
 
@@ -31,12 +34,12 @@ class Batches:
 
     @classmethod
     def of(cls, parameters: int) -> Batches:
-        """Create sums of K parameters without data."""
+        """Empty sums for K parameters."""
         none = np.zeros((parameters, parameters + 1))
         return cls(none[None][:0], none)
 
     def add(self, t_ns: int, normal: Floats) -> Batches:
-        """The batches with the normal equations (K, K + 1) of a time step."""
+        """Add the normal equations (K, K + 1) of a time step."""
         since = t_ns if self.since_ns < 0 else self.since_ns
         total = self.open + normal
         if t_ns - since < BATCH_S * NS:
@@ -45,9 +48,7 @@ class Batches:
 
 
 def solve_batches(batches: Floats, prior_precision: float = 0.0) -> tuple[Floats, Floats]:
-    """Solve normal equations N p = b that are sums of batches, with the errors of means of correlated batches.
-
-    The covariance is that of `newey_west`.
+    """Solve normal equations N p = b summed over batches, with errors that allow for correlated batches (`newey_west`).
 
     Args:
         batches: (B, K, K + 1) N and b of each batch, in the order of time.
@@ -73,10 +74,9 @@ def solve_batches(batches: Floats, prior_precision: float = 0.0) -> tuple[Floats
 
 
 def newey_west(off: Floats) -> Floats:
-    """Variances (K,) of the sums of correlated batches (B, K), no smaller than those of uncorrelated ones.
+    """Variances (K,) of sums of correlated batches (B, K), no smaller than those of uncorrelated ones.
 
-    Those of Newey and West (1987): errors of batches up to a quarter of all batches apart are correlated, with
-    Bartlett's weights.
+    Newey and West (1987): lags up to a quarter of the number of batches, with Bartlett weights.
     """
     B = len(off)
     variance = (off**2).sum(axis=0)

@@ -1,8 +1,8 @@
-"""Online estimate of the errors of the cameras' orientations, from boxes of the same people in several cameras.
+"""Online estimation of errors of the cameras' orientations, from boxes of the same people in several cameras.
 
 Two angles of each camera, about the vertical and about its horizontal axis, by least squares with the positions of the
-people eliminated, as in a bundle adjustment (Triggs, McLauchlan, Hartley and Fitzgibbon 2000).  The positions of the
-cameras are taken as right, so that the angles are absolute.
+people eliminated, as in bundle adjustment (Triggs, McLauchlan, Hartley and Fitzgibbon 2000). The positions of the
+cameras are taken as exact, so that the angles are absolute.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ MIN_ANGLE = 0.007
 
 @dataclass(frozen=True)
 class PoseStatistics:
-    """Normal equations of C cameras in batches of time, and the rotations that follow."""
+    """Normal equations of the rotations of C cameras in batches of time, and the resulting rotations."""
 
     rotation: Floats  # (C, 3, 3) world-from-camera of the calibration
     batches: Batches  # sums of `pose_residuals`, as without correction
@@ -41,7 +41,7 @@ def prior_poses(views: PackedCameras) -> PoseStatistics:
 
 
 def update_poses(known: PoseStatistics, t_ns: int, normal: Floats) -> PoseStatistics:
-    """Update the statistics with a time step (`pose_residuals`); angles follow when a batch is complete."""
+    """Add the normal equations of a time step (`pose_residuals`); update the angles when a batch is complete."""
     normal = normal.copy()
     # As without correction
     normal[:, -1] += normal[:, :-1] @ known.angles.ravel()
@@ -54,7 +54,7 @@ def update_poses(known: PoseStatistics, t_ns: int, normal: Floats) -> PoseStatis
 
 
 def pose_angles(batches: Floats) -> tuple[Floats, Floats]:
-    """Return the errors of orientation (C, 2), 0 of cameras without a significant one, and the limits (C, 2) of that.
+    """Orientation errors (C, 2) [rad], 0 for cameras without a significant one, and the significance limits (C, 2).
 
     Args:
         batches: (B, 2 C, 2 C + 1) normal equations, in the order of time.
@@ -70,7 +70,7 @@ def pose_angles(batches: Floats) -> tuple[Floats, Floats]:
 
 
 def corrected(views: PackedCameras, known: PoseStatistics) -> PackedCameras:
-    """Return the views with the corrected orientations."""
+    """Packed cameras with corrected orientations."""
     rotation, lens = known.rotation.copy(), views.lens.copy()
     for c in np.flatnonzero(known.angles.any(axis=1)).tolist():
         yaw, pitch = known.angles[c]

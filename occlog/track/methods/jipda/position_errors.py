@@ -1,16 +1,17 @@
-"""Errors of positions on the ground: their size, what of it lasts, learned from innovations.
+"""Online estimation of the errors of position sensors: variance and time correlation, learned from innovations.
 
-A position of a source is z = p + b + g + w: the target's position p, an error b of the source that is correlated in
-time (exp(-t / tau)), the gait g about a straight walk, and white noise w.  Networks for the ground plane, lidar
-clusters and radar seldom state how large b and w are.  A bank of Kalman filters follows each target that is surely
-detected, one for each combination of total variance, share of b in it, tau and process noise; the likelihoods of their
-innovations are the evidence for the combinations, of all targets together (multiple models: Bar-Shalom, Li and
-Kirubarajan 2001, Sec. 11.6).  The evidence is tempered: no combination is right, and what a target does is not
-independent from time to time.  A total variance that the source states is used as it is; its scale is estimated along,
-for the verdict.
+A position of a sensor is z = p + b + g + w: the target's position p, a sensor error b correlated in time (exp(-t /
+tau)), the gait displacement g about a straight path, and white noise w. Ground-plane detectors, lidar clusters and
+radar seldom state the sizes of b and w.
 
-Where positions are all there is, b is the common error of the filter's state.  With cameras, b and g are noise of the
-positions instead, as if white of equal power at zero frequency.
+A bank of Kalman filters follows each target that is surely detected, one for each combination of total variance, share
+of b in it, tau and process noise; the likelihoods of the innovations of all targets are the evidence for the
+combinations (multiple models: Bar-Shalom, Li and Kirubarajan 2001, Sec. 11.6). The evidence is tempered, since no
+combination is exact and successive innovations are dependent. A stated variance is used as it is; its scale is
+estimated for the verdict.
+
+If there are position sensors only, b is the common error of the filter's state. With cameras, b and g are added to the
+noise of positions as white noise of equal power at frequency 0.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ DIMENSIONS = 4
 
 @dataclass(frozen=True)
 class ErrorBank:
-    """Bank of a source: G combinations, N targets that it follows."""
+    """Filter bank of a position sensor: G combinations of parameters, N targets."""
 
     total: Floats  # (G,) total variance as a multiple of the stated one, or of the setting's
     share: Floats  # (G,) of it, correlated in time
@@ -78,7 +79,7 @@ class ErrorBank:
 
 @dataclass(frozen=True)
 class PositionErrors:
-    """What is known of the errors of all sources; sources are the last of the views."""
+    """Error models of all position sensors, which are the last of the views."""
 
     first: int  # index of the first source among the views
     alone: bool  # there is no camera
@@ -89,7 +90,7 @@ class PositionErrors:
 
 @dataclass(frozen=True)
 class PositionNoise:
-    """Noise model of a source."""
+    """Noise model of a position sensor."""
 
     white: float  # share of the total variance that is white
     total: float  # total variance as a multiple of the stated one, or of the setting's
@@ -98,7 +99,7 @@ class PositionNoise:
 
 
 def prior_position_errors(views: Sequence[object], metre: float, config: JipdaConfig) -> PositionErrors:
-    """Create the priors of all sources of positions among the views."""
+    """Priors of all position sensors among the views."""
     sources = [each for each in views if isinstance(each, PositionSource)]
     return PositionErrors(
         first=len(views) - len(sources),
@@ -136,12 +137,12 @@ def _empty_bank(config: JipdaConfig) -> ErrorBank:
 
 
 def is_stated(bank: ErrorBank) -> bool:
-    """Return whether the source states the variance of most of its positions."""
+    """Whether the sensor states the variance of most of its positions."""
     return bool(bank.stated[1] > bank.stated[2])
 
 
 def _weights(bank: ErrorBank) -> Floats:
-    """(G,) posterior probabilities of the combinations."""
+    """(G,) posterior probabilities of the parameter combinations of a bank."""
     log = bank.evidence / TEMPERATURE
     if not is_stated(bank):
         # Shares and times that have more combinations are not more probable
@@ -151,7 +152,7 @@ def _weights(bank: ErrorBank) -> Floats:
 
 
 def position_noise_of(errors: PositionErrors, c: int) -> PositionNoise:
-    """Return the noise model of a source, `c` its index among the views."""
+    """Noise model of a position sensor, with index `c` among the views."""
     bank = errors.banks[c - errors.first]
     weight = _weights(bank)
     base = errors.sigma**2
@@ -167,7 +168,10 @@ def position_noise_of(errors: PositionErrors, c: int) -> PositionNoise:
 
 
 def learned_sigma_ratio(errors: PositionErrors, c: int) -> float:
-    """Learned standard deviation of a source relative to the stated one; NaN: not stated, or too few innovations."""
+    """Ratio of the learned to the stated standard deviation of a sensor.
+
+    NaN if not stated or with too few innovations.
+    """
     bank = errors.banks[c - errors.first]
     if not is_stated(bank) or bank.innovations < MIN_INNOVATIONS:
         return math.nan
@@ -175,14 +179,14 @@ def learned_sigma_ratio(errors: PositionErrors, c: int) -> float:
 
 
 def learned_sigma(errors: PositionErrors, c: int) -> float:
-    """Standard deviation of a source's positions per axis, stated or learned; in the scene's unit."""
+    """Standard deviation per axis of a sensor's positions, stated or learned [scene's unit]."""
     bank, noise = errors.banks[c - errors.first], position_noise_of(errors, c)
     base = float(bank.stated[0] / bank.stated[1]) if is_stated(bank) else errors.sigma**2
     return math.sqrt(noise.total * base)
 
 
 def position_covariances(errors: PositionErrors, c: int, stated: Floats) -> Floats:
-    """(n, 3) covariances xx, xy, yy of a source's positions, as noise of the update.
+    """(n, 3) noise covariances (xx, xy, yy) of a sensor's positions for the update.
 
     Args:
         errors: of all sources.
@@ -203,7 +207,7 @@ def position_covariances(errors: PositionErrors, c: int, stated: Floats) -> Floa
 
 
 def manoeuvre_variance(errors: PositionErrors, c: int, metre: float) -> float:
-    """Variance per axis by which a manoeuvre moves a target off its prediction between two frames of view c."""
+    """Variance per axis of the prediction error that a manoeuvre causes between two frames of view c."""
     if c < errors.first:
         return 0.0
     period = errors.banks[c - errors.first].period_s
@@ -211,7 +215,7 @@ def manoeuvre_variance(errors: PositionErrors, c: int, metre: float) -> float:
 
 
 def lasting_error(errors: PositionErrors) -> tuple[float, float]:
-    """Return the variance per axis and the correlation time [s] of b, of the source for which it is least."""
+    """Variance per axis and correlation time [s] of correlated errors, of the sensor with the smallest variance."""
     noises = [position_noise_of(errors, errors.first + k) for k in range(len(errors.banks))]
     least = min(noises, key=lambda each: each.lasting)
     return least.lasting, least.tau
@@ -220,7 +224,7 @@ def lasting_error(errors: PositionErrors) -> tuple[float, float]:
 def update_position_errors(
     errors: PositionErrors, c: int, t_ns: int, position: Floats, stated: Floats, key: Ints, all_keys: Ints
 ) -> PositionErrors:
-    """Update the bank of a source with the positions of one frame.
+    """Update the bank of a position sensor with the positions of one frame.
 
     Args:
         errors: before.
@@ -275,7 +279,7 @@ def _select(bank: ErrorBank, rows: Ints) -> ErrorBank:
 
 
 def _begin(bank: ErrorBank, key: Ints, t_ns: int, position: Floats, base: Floats, gait: float) -> ErrorBank:
-    """The bank with n more targets, at their first positions (n, 2); `base` (n,) is the unit of the total variance."""
+    """Add n new targets to the bank, with first positions (n, 2) and units `base` (n,) of the total variance."""
     n, G = len(key), len(bank.total)
     mean, P = np.zeros((n, G, DIMENSIONS, 2)), np.zeros((n, G, DIMENSIONS, DIMENSIONS))
     mean[:, :, 0] = position[:, None]
@@ -310,7 +314,7 @@ def _advance(
     gait: float,
     evidence: Floats,
 ) -> None:
-    """Predict and update some targets of the bank in place, and add the evidence of their innovations."""
+    """Predict and update some targets of the bank in place, and add the log likelihoods of their innovations."""
     counted: Bools = np.asarray(bank.steps[rows] > 1)
     _advance_bank(
         mean, covariance, rows, dt, position, base, bank.total, bank.share, bank.tau, bank.q, gait, counted, evidence
@@ -333,7 +337,7 @@ def _advance_bank(
     counted: Bools,
     evidence: Floats,
 ) -> None:
-    """Kalman filters of n targets and G combinations, both axes with one covariance.
+    """Kalman filters of n targets and G parameter combinations, in place; both axes have the same covariance.
 
     Args:
         mean: (N, G, 4, 2) changed in the rows.

@@ -1,8 +1,8 @@
 """Static clutter of one camera: pictures, statues, mirrors and screens that its detector takes for people.
 
-One camera reports the same box again and again, and cameras with a plain view of the position report none.  A person
-who does the same would be missed by each of these cameras independently, frame after frame.  The log odds of static
-clutter against a person are kept for every track, with the camera and the box.
+One camera reports the same box again and again, and cameras with an unoccluded view of the position report none. A
+person would have to be missed by each of these cameras independently, frame after frame. The log odds of static clutter
+against a person are kept for every track, with the camera and the box.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ def update_static_clutter(
 ) -> TargetSet:
     """Update the log odds of static clutter of each track, with the camera and the box.
 
-    Who walked to a position, where no source of clutter was known, is not static clutter unless two cameras at once
-    have a plain view of the position and report nothing.
+    A track that moved to its position, where no clutter source was known, is not static clutter unless two cameras with
+    an unoccluded view report nothing at once.
 
     Args:
         people: after the update; N people.
@@ -94,5 +94,5 @@ def update_static_clutter(
 
 
 def is_a_person(log_odds: Floats) -> Floats:
-    """(N,) probability of a person and not of static clutter."""
+    """(N,) probability that a track is a person rather than static clutter."""
     return np.asarray(1.0 / (1.0 + np.exp(log_odds)))

@@ -1,15 +1,12 @@
-"""Set of tracks: prediction between time steps, mixing of motion models, duplicate tracks.
+"""Set of tracks: prediction between time steps, mixing of motion models, duplicate tracks, birth intensity map.
 
-People walk on, manoeuvre, or bend, fall, lie and get up: motion models with white acceleration and growth of the body
-of different intensity, mixed and merged as an interacting multiple model estimator does (Blom and Bar-Shalom 1988,
-IEEE T-AC 33(8)).  Association sees one Gaussian of each person, the mixture's; its information on the state, a Gaussian
-factor, updates all models and their probabilities.
+Motion models: constant velocity, manoeuvre, posture change (bending, falling, getting up). They differ in white
+acceleration and change of body size, and are mixed and merged as by an interacting multiple model estimator (Blom and
+Bar-Shalom 1988, IEEE T-AC 33(8)). Association uses one Gaussian of each person, that of the mixture; its information, a
+Gaussian factor, updates all models and their probabilities.
 
-Birth and departure maps of the ground plane, estimated online.
-
-Counts of arrivals, departures and of the time that people spent are kept in cells of the floor and are smoothed by a
-Gaussian.  Where nothing was counted the rates of the whole area hold, so that a map that has seen little changes
-little; no wall and no door is set by hand.
+Maps of birth and departure rates on the ground plane are estimated online: arrivals, departures and dwell times are
+counted in cells of the floor and smoothed by a Gaussian. Cells without counts have the rates of the whole area.
 """
 
 from __future__ import annotations
@@ -57,7 +54,7 @@ DUPLICATE_EXISTENCE_RATIO = 0.5
 
 @dataclass(frozen=True)
 class TargetSet:
-    """N people, confirmed or not."""
+    """N tracks, tentative or confirmed."""
 
     mean: Floats  # (N, 6) as `TrackSnapshot.mean`, of all models together
     covariance: Floats  # (N, 6, 6)
@@ -93,7 +90,7 @@ def tentative_targets(
     common: float = 0.0,
     strong: Bools | None = None,
 ) -> TargetSet:
-    """K new tracks of a time step.
+    """Create K tentative tracks at a time step.
 
     Args:
         mean: (K, 6) of the observed bodies.
@@ -156,7 +153,7 @@ def select(people: TargetSet, rows: Ints) -> TargetSet:
 
 
 def concat(people: TargetSet, more: TargetSet) -> TargetSet:
-    """All of both."""
+    """Concatenate two target sets."""
     return TargetSet(**{name: np.concatenate([value, getattr(more, name)]) for name, value in vars(people).items()})
 
 
@@ -171,7 +168,7 @@ def predict(
     common: tuple[float, float],
     config: JipdaConfig,
 ) -> TargetSet:
-    """The people dt seconds later.
+    """Predict the tracks dt seconds later.
 
     Args:
         people: at the last time step.
@@ -234,7 +231,7 @@ def update(
     config: JipdaConfig,
     observed: Floats = BODY,
 ) -> TargetSet:
-    """The people after a Gaussian factor of each state, exp(-x' I x / 2 + x' v).
+    """Update the tracks by a Gaussian factor of each state, exp(-x' I x / 2 + x' v).
 
     Args:
         people: predicted.
@@ -266,9 +263,9 @@ def update(
 
 
 def without_gait_variance(information: Floats, vector: Floats, gait_variance: float | Floats) -> tuple[Floats, Floats]:
-    """The factors (N, 6, 6) and (N, 6) of states with positions off by a Gaussian of variance `gait_variance`.
+    """Convolve factors (N, 6, 6), (N, 6) of states with Gaussian position noise of variance `gait_variance`.
 
-    A Gaussian factor convolved with W on the position, B W B': I - I B (W^-1 + B' I B)^-1 B' I (Woodbury).
+    A factor convolved with W on the position, B W B': I - I B (W^-1 + B' I B)^-1 B' I (Woodbury).
     """
     across = information[:, :, :2]
     W = np.reshape(np.asarray(gait_variance), (-1, 1, 1))
@@ -278,7 +275,7 @@ def without_gait_variance(information: Floats, vector: Floats, gait_variance: fl
 
 
 def with_gait_variance(people: TargetSet, gait_variance: float) -> Floats:
-    """(N, 6, 6) covariances of the states that bodies show at a time step."""
+    """(N, 6, 6) covariances of the observed body states: gait variance is added to x and y."""
     out = people.body_covariance.copy()
     out[:, [X, Y], [X, Y]] += gait_variance
     return out
@@ -301,10 +298,10 @@ def apply_exclusion_prior(people: TargetSet, s: float) -> TargetSet:
 
 
 def _transitions(dt: float, turning: float, bending: float, config: JipdaConfig) -> Floats:
-    """(3, 3) probabilities of the models after dt given those before.
+    """(3, 3) transition probabilities of the motion models over dt.
 
-    Two Markov chains in continuous time, one in the other: people bend or not, and while they do not, they turn or
-    not.  Whoever has got up stands still or walks on.
+    Two nested Markov chains in continuous time: a person is bending or not; while not, manoeuvring or not. After
+    bending a person has constant velocity.
     """
     turn, bend = (
         _two_states(dt, turning, 1.0 / config.manoeuvre_duration_s),
@@ -321,14 +318,14 @@ def _transitions(dt: float, turning: float, bending: float, config: JipdaConfig)
 
 
 def _two_states(dt: float, begin: float, end: float) -> Floats:
-    """(2, 2) probabilities of two states after dt given those before, by the rates of change [1/s] from each."""
+    """(2, 2) transition probabilities of a two-state Markov chain over dt, from its rates [1/s]."""
     total = begin + end
     gone = (1.0 - np.exp(-total * dt)) / total
     return np.array([[1.0 - begin * gone, end * gone], [begin * gone, 1.0 - end * gone]])
 
 
 def _mixture_moments(people: TargetSet) -> TargetSet:
-    """Merge the motion models of each person: mean and covariance of the mixture."""
+    """Mean and covariance of the mixture of motion models of each person (moment matching)."""
     mean = np.einsum("na,nai->ni", people.model, people.means)
     difference = people.means - mean[:, None]
     covariance = np.einsum("na,naij->nij", people.model, people.covariances)
@@ -381,7 +378,7 @@ MIN_BIRTH_RATIO = 0.02
 
 @dataclass(frozen=True)
 class BirthIntensityMap:
-    """Counts in G visited cells."""
+    """Counts of arrivals and departures in G visited cells of the ground plane."""
 
     metre: float  # in the scene's unit
     row: dict[tuple[int, int], int]  # of a cell
@@ -410,7 +407,7 @@ def update_map(
     came: Floats,
     velocity: Floats,
 ) -> BirthIntensityMap:
-    """The map after dt more seconds.
+    """Update the birth intensity map with dt more seconds.
 
     Args:
         known: before.
@@ -446,13 +443,13 @@ def update_map(
 
 
 def track_termination_rate_at(known: BirthIntensityMap, positions: Floats, overall: float) -> Floats:
-    """(n,) rates [1/s] at which people leave at (n, 2) positions, where `overall` is the rate of all."""
+    """(n,) track termination rates [1/s] at positions (n, 2); `overall` is the rate of the whole area."""
     near = _near(known, positions)
     return np.asarray((near @ known.left + PRIOR_TERMINATIONS) / (near @ known.spent + PRIOR_TERMINATIONS / overall))
 
 
 def birth_intensity(known: BirthIntensityMap, first: float, worth_s: float) -> tuple[float, Floats]:
-    """Rate of arrivals a unit of area and second: everywhere, and (G,) at a cell's centre also.
+    """Birth rate per unit of area and second: a uniform rate, and the additional rate (G,) at the centre of each cell.
 
     Args:
         known: the map.
@@ -465,7 +462,7 @@ def birth_intensity(known: BirthIntensityMap, first: float, worth_s: float) -> t
 
 
 def birth_velocity(known: BirthIntensityMap, positions: Floats, deviation: float) -> tuple[Floats, Floats]:
-    """Mean (n, 2) and covariance (n, 2, 2) of the velocities of people who arrive at (n, 2) positions."""
+    """Mean (n, 2) and covariance (n, 2, 2) of the velocities of people who arrive at positions (n, 2)."""
     near = _near(known, positions)
     count = (near @ known.came + PRIOR_VELOCITY)[:, None]
     mean = near @ known.velocity / count
@@ -474,13 +471,13 @@ def birth_velocity(known: BirthIntensityMap, positions: Floats, deviation: float
 
 
 def _near(known: BirthIntensityMap, positions: Floats) -> Floats:
-    """(n, G) weights of the cells for positions."""
+    """(n, G) Gaussian smoothing weights of the cells at positions."""
     difference = positions[:, None] - known.centre[None]
     return np.asarray(np.exp(-0.5 * np.sum(difference**2, axis=2) / (SMOOTHING_SIGMA_M * known.metre) ** 2))
 
 
 def _added(sums: Floats, new: int, rows: Ints, values: Floats) -> Floats:
-    """Append new cells to the sums, and add values to some."""
+    """Append `new` cells to the sums, and add values to the cells `rows`."""
     out = np.concatenate([sums, np.zeros((new, *sums.shape[1:]))])
     np.add.at(out, rows, values)
     return out

@@ -1,1 +1,1 @@
-"""Method `joint`: one particle filter for all labelled objects, which hide one another."""
+"""Method `joint`: one particle filter for all labelled objects, with mutual occlusion."""

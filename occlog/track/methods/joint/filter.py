@@ -1,16 +1,16 @@
 """Particle filter of the states of all objects together ([Ercan] Sec. 4.4; Doucet, Vo, Andrieu, Davy 2002).
 
-A particle has a position and a velocity for every object.  In it nothing is left to chance: an object hides another
-from a camera or does not.  So a report of one object tells of all that may stand in between, and priors are not
-needed.  Its price is that weights are products over all objects: the more there are, the fewer particles are left.
+A particle has a position and a velocity for every object. Given a particle, occlusion is certain: an object hides
+another from a camera or does not. A detection is thus information about all objects that may stand in between, and
+occluder priors are not needed. Since weights are products over all objects, the effective sample size falls with their
+number.
 
 Objects move as in `occlog.filtering.motion.ornstein_uhlenbeck`.  Each is proposed by the motion and its own rows,
 linearised at the particle's prediction (Doucet, Godsill and Andrieu 2000); the weights are prior times likelihood
 over that.
 
-All sensors may miss an object in plain view for seconds (it sits down, the exposure fails): an object is then not
-perceivable (Li and Li 2001), a state of a Markov chain that each particle has a probability of, and that says nothing
-of where the object is.
+All sensors may miss an unoccluded object for seconds (it sits down, the exposure fails): it is then not perceivable (Li
+and Li 2001), a state of a Markov chain with a probability in each particle, independent of the position.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class DetectionProbabilities(NamedTuple):
 
 
 class JointState(NamedTuple):
-    """Particles at the time of the last scan."""
+    """Particles of all objects at the time of the last scan."""
 
     config: JointConfig
     world: MeasurementWorld
@@ -89,14 +89,14 @@ class JointState(NamedTuple):
 
 
 class ObjectReports(NamedTuple):
-    """What the sensors say of one object."""
+    """Measurements of one object in a scan, of all sensors."""
 
     packed: PackedScan
     rows: LinearisedRows
 
 
 def init(scene: Scene, config: JointConfig, rng: Generator) -> JointState:  # noqa: ARG001
-    """State without objects; InputError for a scene without free floor."""
+    """Create the state without objects; InputError for a scene without free floor."""
     world = world_of(scene)
     none = np.empty((config.particles, 0, 4))
     return JointState(
@@ -114,7 +114,7 @@ def init(scene: Scene, config: JointConfig, rng: Generator) -> JointState:  # no
 
 
 def chances_of(scene: Scene, config: JointConfig) -> DetectionProbabilities:
-    """Detection probabilities, at most `MAX_PROBABILITY`: above it, one detection could contradict every particle."""
+    """Detection probabilities of the sensors, at most `MAX_PROBABILITY` (no detection contradicts every particle)."""
     own = [(c.detection, c.false_alarm) for c in scene.cameras] + [(None, None)] * len(scene.arrays)
     found = [config.detection_probability if detection is None else detection for detection, _ in own]
     false = [config.false_alarm_probability if false is None else false for _, false in own]
@@ -124,7 +124,7 @@ def chances_of(scene: Scene, config: JointConfig) -> DetectionProbabilities:
 
 
 def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, list[tuple[int, Estimate]]]:
-    """The state after a scan of labelled rows, and the estimate of every object; ValueError for an earlier scan."""
+    """Update the state with a scan of labelled rows, and estimate every object; ValueError for an earlier scan."""
     config, L = state.config, state.config.particles
     dt = elapsed(state.t_ns, scan.t_ns)
     reports = {}
@@ -209,9 +209,9 @@ def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, lis
 
 
 def _placed(rows: LinearisedRows, state: JointState, rng: Generator) -> tuple[Floats, Floats, Floats]:
-    """(L, 4) states of an object drawn where its first rows say, and (L,) logarithms of anywhere over proposal.
+    """Sample L initial states (L, 4) of an object given its first rows; log weights (L,), prior over proposal.
 
-    The third is the (2, 2) covariance of the proposal's positions.
+    The third value is the (2, 2) position covariance of the proposal.
     """
     position, kept = initial_position(state.anywhere, rows, state.world, state.config.gate)
     first = linear(state.anywhere, position, rows.take(kept), state.world).state if len(kept) else state.anywhere
@@ -222,7 +222,7 @@ def _placed(rows: LinearisedRows, state: JointState, rng: Generator) -> tuple[Fl
 
 
 def _log_density(states: Floats, of: Gaussian) -> Floats:
-    """(L,) logarithms of a normal density at (L, 4) states, but for its constant."""
+    """(L,) log densities of a normal distribution at states (L, 4), up to a constant."""
     off = states - of.mean
     square = np.einsum("li,ij,lj->l", off, np.linalg.inv(of.covariance), off)
     return np.asarray(-0.5 * (square + np.linalg.slogdet(of.covariance)[1]))
@@ -231,9 +231,9 @@ def _log_density(states: Floats, of: Gaussian) -> Floats:
 def _proposed(
     before: Floats, rows: LinearisedRows, dt: float, state: JointState, rng: Generator
 ) -> tuple[Floats, Floats, Floats]:
-    """(L, 4) states of an object drawn by the motion and its rows, and (L,) logarithms of motion over proposal.
+    """Sample states (L, 4) of an object from motion and its rows; log weights (L,), motion prior over proposal.
 
-    The third is the mean (2, 2) covariance of the proposals of positions.
+    The third value is the mean position covariance (2, 2) of the proposals.
 
     Args:
         before: (L, 4) states at the scan before.
@@ -274,7 +274,10 @@ def _proposed(
 
 
 def occlusion_by_others(xy: Floats, camera: Floats, diameter: float) -> Bools:
-    """(L, M) which of (L, M, 2) objects another one of the same row hides from a camera (2,) ([Ercan] Fig. 3)."""
+    """(L, M) mask of objects (L, M, 2) that another object of the same particle occludes from a camera (2,).
+
+    [Ercan] Fig. 3.
+    """
     away = xy - camera
     r = np.maximum(np.hypot(away[..., 0], away[..., 1]), 1e-12)
     e = away / r[..., None]
@@ -289,9 +292,9 @@ def occlusion_by_others(xy: Floats, camera: Floats, diameter: float) -> Bools:
 def in_plain_view(
     xy: Floats, reports: list[ObjectReports], world: MeasurementWorld, config: JointConfig
 ) -> list[Bools]:
-    """Of each of M objects at (L, M, 2) positions (K, L) whether the K sensors of its reports have it in plain view.
+    """Mask (K, L) for each of M objects at (L, M, 2): unoccluded for the K sensors of its reports.
 
-    Sounds are not occluded.
+    Sounds are never occluded.
     """
     cameras = {int(i) for report in reports for i in report.packed.sensor if world.sensors.cos2[i] >= 0.0}
     hidden = {i: occlusion_by_others(xy, world.sensors.xy[i], config.occluder_diameter) for i in cameras}
@@ -308,7 +311,7 @@ def in_plain_view(
 
 
 def unperceivable_after(unperceivable: Floats, dt: float) -> Floats:
-    """Probabilities of the state in which no detector detects an object, after a time [s] without a report."""
+    """Probability that an object is unperceivable (no sensor can detect it) after a time dt [s] without a report."""
     a, b = 1.0 / MEAN_PERCEIVABLE_S, 1.0 / MEAN_UNPERCEIVABLE_S
     settled = a / (a + b)
     return settled + (unperceivable - settled) * math.exp(-(a + b) * dt)
@@ -322,11 +325,11 @@ def log_factors(
     world: MeasurementWorld,
     chances: DetectionProbabilities,
 ) -> tuple[Floats, Floats]:
-    """(L, M) log-likelihoods of the measurements of M objects, and probabilities that each is unperceivable after them.
+    """(L, M) log-likelihoods of the measurements of M objects, and the updated probabilities of being unperceivable.
 
-    A report z of an object in plain view has the density P_D N(z) + (1 - P_D) P_F / W, of one that is hidden P_F / W;
-    "not seen" has 1 - P_D and 1 - P_F.  W is the width of the image.  An object that is not perceivable has the
-    likelihood of one that is hidden from all sensors, and no sensor detects it.
+    A detection z of an unoccluded object has the density P_D N(z) + (1 - P_D) P_F / W, of an occluded one P_F / W; a
+    missed detection has 1 - P_D and 1 - P_F. W is the width of the image. An unperceivable object has the likelihood of
+    one that is occluded from all sensors.
 
     Args:
         xy: (L, M, 2) positions.
@@ -366,15 +369,15 @@ def log_factors(
 
 
 def _depleted(log_weights: Floats) -> bool:
-    """Whether few of the particles are effective by (L,) log weights of one object alone."""
+    """Whether the effective sample size of (L,) log weights of one object alone is too small."""
     weights, _ = normalise_log_weights(log_weights)
     return effective_sample_size(weights) < MIN_EFFECTIVE_SAMPLE_SIZE
 
 
 def _moments(own: Floats, weights: Floats, drawn: Floats) -> Gaussian:
-    """Mean and covariance of (L, 4) states; few particles understate the covariance.
+    """Weighted mean and covariance of states (L, 4), inflated if the effective sample size is small.
 
-    Where there are few, at least what their positions were drawn from is open, too.
+    In this case the position covariance (2, 2) of the proposal is added.
     """
     mean, covariance = mean_and_covariance(weights, own)
     size = effective_sample_size(weights)
@@ -410,7 +413,7 @@ def _trace(state: tuple[JointState, int]) -> PosteriorRecord:
 
 
 def _smoothed(traces: Sequence[PosteriorRecord], config: JointConfig) -> list[SmoothedState]:
-    """Smoothed states of one object: its motion is Gaussian, and its posteriors nearly so."""
+    """Smoothed states of one object from its filtered estimates, as Gaussians."""
     found = rts_smooth(traces, motion_of(config).transition)
     return [SmoothedState(one.mean[:2], one.mean[2:], one.covariance[:2, :2]) for one in found]
 

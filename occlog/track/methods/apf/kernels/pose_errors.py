@@ -171,7 +171,7 @@ def update(belief: PoseErrorBelief, sights: LabelledBearings, positions: Floats,
     """The belief after the bearings of one scan; unchanged where they say nothing or are not to be accepted.
 
     An extended Kalman update with `evidence`, and the odds of the two models by how well they
-    predicted it.  The variance is raised by `Belief.scale`, so that noise which is in neither
+    predicted it.  The variance is raised by `PoseErrorBelief.scale`, so that noise which is in neither
     model is not taken for knowledge.
 
     Args:

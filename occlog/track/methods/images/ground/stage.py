@@ -110,7 +110,7 @@ def spread_over_others(xyz: Floats, covariance: Floats, exchanged: Floats) -> Fl
 
 
 WHY = {TOO_FEW: "single_view", NEAR_PARALLEL: "parallel", BEHIND: "behind", DISAGREEING: "inconsistent"}
-"""Names in `GroundPart.counts` of the reasons why a target has no position at a time."""
+"""Names in `GroundFigures.counts` of the reasons why a target has no position at a time."""
 
 SINGLE_VIEW, INCONSISTENT_VIEWS, POSSIBLE_SWITCH = "single_view", "inconsistent_views", "possible_switch"
 """Values of the column `quality_flags`, in the order of the column."""

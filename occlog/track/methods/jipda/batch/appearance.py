@@ -1,16 +1,13 @@
-"""Appearance term of track likelihoods: similarity of the boxes of one track.
+"""Appearance likelihood of tracks: similarity of the boxes of one track.
 
-The appearance of a box is a vector of length 1, so that the similarity of two boxes, Bhattacharyya's coefficient or the
-cosine, is their product.  With S the sum over the n boxes of a track, the mean similarity of its pairs is
-
-    (|S|^2 - n) / (n (n - 1)).
-
-The filter (`cues`) knows the similarities s of boxes to the mean of their own person, and o to that of others.  Means
-are less noisy than boxes: pairs of one person's boxes have the similarity s^2, pairs of two people's s o.  Where the
-mean of the pairs lies between determines the share of pairs that are one person's; a track of two people in equal
-parts, with boxes that are all rather similar to its mean, has half of them. All boxes but one count, in that share, the
-log of the ratio of the likelihoods at s and, in the rest, at o.  Since that depends on n and S alone, sums up to each
-position and from it on make a proposal of the chain cost one product, whatever the length of the tracks.
+The appearance of a box is a unit vector, so that the similarity of two boxes (Bhattacharyya coefficient or cosine) is
+their scalar product. With S the sum of the n vectors of a track, the mean similarity of all pairs is (|S|^2 - n) / (n
+(n - 1)). The filter (`AssociationFeatures`) has learned the mean similarity s of boxes to the mean of their own person,
+and o to that of other people. Means are less noisy than boxes: a pair of boxes of one person has the similarity s^2, a
+pair of two people s o. The position of the observed mean between these determines the share of pairs that are of one
+person. This share of n - 1 boxes contributes the log likelihood ratio at s, the rest that at o. Since the result
+depends on n and S alone, cumulative sums along each track make a proposal of the Markov chain cost one scalar product,
+whatever the length of the tracks.
 """
 
 from __future__ import annotations
@@ -29,7 +26,7 @@ MIN_SIMILARITY_DIFFERENCE = 0.01
 
 
 class AppearanceVectors(NamedTuple):
-    """Appearance at n positions, vectors of K numbers; K is 0 if boxes have no appearance."""
+    """Appearance sums of n nodes, vectors of K numbers; K is 0 if boxes have no appearance."""
 
     total: Floats  # (n, K) sum over the boxes of the position
     boxes: Floats  # (n,) boxes with an appearance
@@ -37,7 +34,7 @@ class AppearanceVectors(NamedTuple):
 
 
 class AppearanceSums(NamedTuple):
-    """Sums over the boxes of tracks; changed in place."""
+    """Cumulative appearance sums along tracks, forwards and backwards; changed in place."""
 
     earlier: Floats  # (n, K) up to and with the position
     earlier_count: Floats  # (n,)
@@ -46,7 +43,7 @@ class AppearanceSums(NamedTuple):
 
 
 def no_sums(alike: AppearanceVectors) -> AppearanceSums:
-    """Sums that are to be made (`sum_up`)."""
+    """Sums of 0 for all nodes; `sum_up` fills them."""
     return AppearanceSums(
         np.zeros_like(alike.total), np.zeros_like(alike.boxes), np.zeros_like(alike.total), np.zeros_like(alike.boxes)
     )
@@ -54,7 +51,7 @@ def no_sums(alike: AppearanceVectors) -> AppearanceSums:
 
 @kernel
 def log_ratio_of_sum(law: FeatureLikelihood, count: float, square: float) -> float:
-    """Log likelihood ratio that a number of boxes is of one person, from the squared length of their vector sum."""
+    """Log likelihood ratio that `count` boxes are of one person, from the squared norm of their vector sum."""
     if count < 2.0:
         return 0.0
     same, other = law.mean[SAME_TARGET], law.mean[OTHER_TARGET]
@@ -67,7 +64,10 @@ def log_ratio_of_sum(law: FeatureLikelihood, count: float, square: float) -> flo
 
 @kernel
 def log_ratio_joined(alike: AppearanceVectors, sums: AppearanceSums, i: int, k: int, j: int) -> float:
-    """Log likelihood ratio that boxes up to position i, of k, and from j on are of one person; -1: none."""
+    """Log likelihood ratio that the boxes of a track up to node i, of node k, and from node j on are of one person.
+
+    Each of the nodes may be -1 (absent).
+    """
     if alike.total.shape[1] == 0:
         return 0.0
     count, square = 0.0, 0.0
@@ -91,7 +91,7 @@ def log_ratio_joined(alike: AppearanceVectors, sums: AppearanceSums, i: int, k: 
 
 @kernel
 def sum_up(alike: AppearanceVectors, sums: AppearanceSums, before: Ints, after: Ints, k: int) -> None:
-    """Sum up the track of position k in both directions; -1: no position."""
+    """Compute the cumulative sums, in both directions, of the track that contains node k."""
     if k < 0 or alike.total.shape[1] == 0:
         return
     while before[k] >= 0:

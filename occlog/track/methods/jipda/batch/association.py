@@ -1,4 +1,4 @@
-"""Boxes of one time step: association with the predicted people, and initiation of new people from the rest."""
+"""Association of the boxes of one time step with predicted people, and initiation of new people from the rest."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ NEW_TARGET_DENSITY_RATIO = 0.05
 
 
 class AssociatedPeople(NamedTuple):
-    """People of one time step with boxes; N people, L frames, C cameras."""
+    """N people at one time step with their associated boxes in L frames of C cameras."""
 
     track: Ints  # (N,) track that predicted them; NONE: no track did
     mean: Floats  # (N, 6)
@@ -59,7 +59,7 @@ class PredictedPeople(NamedTuple):
 
 
 class AssociatedBoxes(NamedTuple):
-    """People after the association of M boxes."""
+    """Result of the association of M boxes with N people."""
 
     people: PredictedPeople
     beta: Floats  # (N, M) probability that they are there and the box is theirs alone
@@ -67,7 +67,7 @@ class AssociatedBoxes(NamedTuple):
     visible: Floats  # (L, N)
 
     def without(self, far: Ints) -> AssociatedBoxes:
-        """People and associations without the people `far`."""
+        """Remove the people with indices `far` and their associations."""
         stay = np.setdiff1d(np.arange(len(self.beta)), far)
         p = self.people
         people = PredictedPeople(p.track[stay], p.mean[stay], p.covariance[stay], p.existence[stay])
@@ -77,7 +77,7 @@ class AssociatedBoxes(NamedTuple):
 def associate(
     state: JipdaState, boxes: PackedDetections, rates: DetectorModel, people: PredictedPeople, bonus: Floats
 ) -> AssociatedBoxes:
-    """Update the people by the boxes of the time step, all cameras jointly, as the filter does."""
+    """Update the people with the boxes of one time step (JIPDA over all cameras jointly, as in the filter)."""
     after = update_targets(
         people.mean, people.covariance, people.existence, state.views, boxes, rates, bonus,
         UNTRACKED_TO_CLUTTER_RATIO, GATE_CHI2
@@ -95,7 +95,7 @@ def assign_boxes(
     appearance: Floats,
     seen: AssociatedBoxes,
 ) -> AssociatedPeople:
-    """Assign boxes to predicted people, and initiate new people from the unassigned boxes.
+    """Associate boxes with predicted people, initiate new people from unassigned boxes, and give each person its boxes.
 
     Args:
         state: of the filter.
@@ -161,12 +161,12 @@ def assign_boxes(
 
 
 def best_fit(J: Floats, h: Floats, c: Floats) -> Floats:
-    """(N,) greatest value of each exponent c + h' s - s' J s / 2."""
+    """(N,) maximum over the state s of each exponent c + h' s - s' J s / 2."""
     return np.asarray(c + 0.5 * np.einsum("ni,nij,nj->n", h, np.linalg.pinv(J, hermitian=True), h))
 
 
 def assign_shared_boxes(followed: Ints, rows: Ints, joint: Floats, given: Ints, boxes: PackedDetections) -> None:
-    """Give people who share a box with a neighbour the filter's identity, that of most of their boxes; in place.
+    """Give each person who shares a box with a neighbour the filter's track that most of their boxes have; in place.
 
     Args:
         followed: (n, C) identities that the filter gives the boxes of people in each camera; NONE.
@@ -184,7 +184,7 @@ def assign_shared_boxes(followed: Ints, rows: Ints, joint: Floats, given: Ints, 
 
 
 def _join_doubles(mean: Floats, given: Ints, known: int) -> None:
-    """Give boxes (L, N) of new people to the people they overlap, in frames without another box of these; in place.
+    """Move boxes of new people to an overlapping person, in frames in which this person has no box; in place.
 
     Args:
         mean: (N, 6) people, the new ones last.
@@ -201,9 +201,9 @@ def _join_doubles(mean: Floats, given: Ints, known: int) -> None:
 
 
 def best_boxes(boxes: PackedDetections, beta: Floats) -> Ints:
-    """(L, N) the most probable box of each person in each frame.
+    """(L, N) index of the most probable box of each person in each frame.
 
-    NONE where no association probability (N, M) is above `MIN_ASSOCIATION_PROBABILITY`.
+    `NO_NODE` where no association probability (N, M) exceeds `MIN_ASSOCIATION_PROBABILITY`.
     """
     out = np.full((len(boxes.camera), len(beta)), NO_NODE)
     if not len(beta):

@@ -1,15 +1,15 @@
 """Messages along a track: Kalman filter forwards, information filter backwards, and the density where they meet.
 
-A track is a chain of positions: the boxes of one time step of one person, as a factor of their state,
+A track is a chain of nodes: the boxes of one person at one time step, as a factor of their state,
 
     exp(c + h' s - s' J s / 2),
 
-with the information J (6, 6), the vector h (6,) and the constant c.  Between positions the state walks with nearly
-constant velocity: s' = F s + w, w ~ N(0, Q).  The forward message of a position is the density of the state given it
-and everything before it, (mean, covariance, log likelihood); the backward message is the likelihood of it and
-everything after it as a function of the state, in information form, because it need not be a density.  The marginal
-likelihood of a whole track is the integral of their product at any link, which makes an exchange of tails cost two
-links (the two-filter formula: Fraser and Potter 1969).
+with the information J (6, 6), the vector h (6,) and the constant c. Between nodes the state has a nearly constant
+velocity: s' = F s + w, w ~ N(0, Q). The forward message of a node is the density of the state given it and everything
+before it, (mean, covariance, log likelihood); the backward message is the likelihood of it and everything after it as a
+function of the state, in information form, because it need not be a density. The marginal likelihood of a whole track
+is the integral of their product at any link, which makes an exchange of tails cost two links (the two-filter formula:
+Fraser and Potter 1969).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ MIN_STEP_S = 1e-6
 
 @kernel
 def noise_of_walk(dt: float, drift: Floats, Q: Floats) -> None:
-    """Write the covariance Q (6, 6) that a step of dt adds.
+    """Write the process noise covariance Q (6, 6) of a step of dt.
 
     Args:
         dt: length of the step [s].
@@ -49,7 +49,7 @@ def noise_of_walk(dt: float, drift: Floats, Q: Floats) -> None:
 
 @kernel
 def predict(mean: Floats, covariance: Floats, dt: float, drift: Floats, out_mean: Floats, out: Floats) -> None:
-    """Write mean (6,) and covariance (6, 6) a time dt later: F m and F P F' + Q."""
+    """Predict: write the mean F m (6,) and the covariance F P F' + Q (6, 6) a time dt later."""
     t = max(dt, MIN_STEP_S)
     noise_of_walk(t, drift, out)
     for a in range(STATE_SIZE):
@@ -68,7 +68,7 @@ def predict(mean: Floats, covariance: Floats, dt: float, drift: Floats, out_mean
 
 @kernel
 def multiply_factor(mean: Floats, covariance: Floats, J: Floats, h: Floats, c: float) -> float:
-    """Multiply a density by a factor, in place, and give the log of the integral of the product.
+    """Update a Gaussian density by a measurement factor, in place; return the log of the integral of the product.
 
     Args:
         mean: (6,) in place.
@@ -100,9 +100,9 @@ def multiply_factor(mean: Floats, covariance: Floats, J: Floats, h: Floats, c: f
 def initial_density(
     prior: Floats, at: Floats, J: Floats, h: Floats, c: float, mean: Floats, covariance: Floats
 ) -> float:
-    """Write the density of the state after the first position, and give the log of its marginal likelihood.
+    """Write the density of the state after the first node of a track; return the log of its marginal likelihood.
 
-    A new person is anywhere with density 1 a unit of area (the caller divides by the area).
+    The prior of a new person's position is 1 per unit of area (the caller divides by the area).
 
     Args:
         prior: (6,) precisions of the state of a new target; 0 for x and y.
@@ -138,7 +138,7 @@ def initial_density(
 
 @kernel
 def log_begun(prior: Floats, at: Floats, J: Floats, h: Floats, c: Floats) -> Floats:
-    """Log marginal likelihoods (n,) of the first positions of new targets; as `initial_density` of each of n factors.
+    """Log marginal likelihoods (n,) of the first nodes of new tracks (`initial_density` of each of n factors).
 
     Args:
         prior: (6,) precisions of the state of a new target; 0 for x and y.
@@ -155,7 +155,7 @@ def log_begun(prior: Floats, at: Floats, J: Floats, h: Floats, c: Floats) -> Flo
 
 @kernel
 def log_integral(mean: Floats, covariance: Floats, J: Floats, h: Floats, c: float) -> float:
-    """Log of the integral of a density times a factor; as `multiply_factor`, but nothing is changed.
+    """Log of the integral of a Gaussian density times a measurement factor, without changing the density.
 
     With P = L L', A = I + L' J L and v = L' (h - J m) it is c + h' m - m' J m / 2 + (v' A^-1 v - log|A|) / 2.
     """
@@ -216,7 +216,7 @@ def log_integral(mean: Floats, covariance: Floats, J: Floats, h: Floats, c: floa
 
 @kernel
 def predict_backwards(J: Floats, h: Floats, c: float, dt: float, drift: Floats, out_J: Floats, out_h: Floats) -> float:
-    """Write the factor of the state a time dt earlier: the mean of the given one over the noise; give its constant.
+    """Propagate a factor of the state a time dt backwards (convolution with the process noise); return its constant.
 
     With C = (Q^-1 + J)^-1 it is J - J C J, h - J C h, c + (h' C h + log|C| - log|Q|) / 2, before F is applied.
     """

@@ -1,20 +1,21 @@
-"""Markov chain Monte Carlo data association of positions to tracks (Oh, Russell and Sastry 2009).
+"""Markov chain Monte Carlo data association of nodes to tracks (Oh, Russell and Sastry 2009).
 
-A state of the chain holds the next position of the track for each position that is in a track.  Its probability is the
-product over tracks of track initiation, the marginal likelihood of the positions under one person's walk, the misses
-between them, the similarity of their boxes (`appearance`), and termination; positions outside all tracks are of no
-person and count 1, because the constant of a position is the log ratio of its likelihood to that of clutter.  Three
-kinds of moves, each its own reverse, reach every state:
+A node holds the boxes of one person at one time step. A state of the chain is the successor of each node in its track.
+Its probability is the product, over tracks, of initiation, marginal likelihood of the nodes under the motion model,
+missed detections between them, similarity of their boxes (`appearance`), and termination. Nodes outside all tracks are
+clutter and count 1, since the constant of a node is the log likelihood ratio to clutter. Three kinds of moves, each its
+own reverse, reach every state:
 
-* exchange of tails: the links i -> a and b -> j become i -> j and b -> a.  Where there is no a, no b, or neither, it
-  is an extension, a cut, a merge;
-* in or out: a position that is of no person enters a track, before its first position, between two or after its last,
-or
-  begins one; or it leaves;
-* exchange of positions: two positions of one time step change roles.
+* exchange of tails: the links i -> a and b -> j become i -> j and b -> a. If a, b or both are missing, it is an
+  extension, a split or a merge;
 
-Metropolis and Hastings accept each with the ratio of probabilities to the power 1 / temperature.  With the messages
-of `messages` a proposal costs two links; an accepted one renews the messages of the two tracks.
+* insertion or removal: a node of no track enters a track (before its first node, between two nodes, or after the last),
+  or starts one; or it leaves its track;
+
+* swap: two nodes of one time step exchange their places in tracks.
+
+Moves are accepted with the Metropolis-Hastings ratio of probabilities to the power 1 / temperature. With the messages
+of `gaussian_messages` a proposal costs two links; an accepted one updates the messages of the two tracks.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ the chain does not see."""
 
 
 class TrackletNodes(NamedTuple):
-    """n positions, in the order of their time steps; C cameras."""
+    """n nodes (the boxes of one person at one time step), sorted by time step; C cameras."""
 
     step: Ints  # (n,) index of the time step
     time: Floats  # (n,) [s]
@@ -65,9 +66,9 @@ class TrackletNodes(NamedTuple):
 
 
 class WalkModel(NamedTuple):
-    """Motion model of people and prior of a new target."""
+    """Motion model of people, and prior of a new track."""
 
-    drift: Floats  # (3, 3) of each model of motion (`people.MODELS`), as in `messages.noise_of_walk`
+    drift: Floats  # (3, 3) of each model of motion (constant velocity, manoeuvre, posture change), as in `gaussian_messages.noise_of_walk`
     often: Floats  # (3,) how often in a second each but the first begins; 0: never
     prior: Floats  # (6,) precisions of a new target
     mean: Floats  # (6,) means of the same
@@ -78,7 +79,7 @@ class WalkModel(NamedTuple):
 
 
 class LinkCandidates(NamedTuple):
-    """Candidate successors of each position, and positions of one time step that may be exchanged, as flat lists."""
+    """Candidate successors of each node, and pairs of nodes of one time step that may be swapped, as flat lists."""
 
     first_next: Ints  # (n + 1,)
     next: Ints
@@ -89,12 +90,13 @@ class LinkCandidates(NamedTuple):
 
 
 class LinkCache(NamedTuple):
-    """Cache of link probabilities; changed in place.
+    """Cache of log link probabilities; changed in place.
 
-    A link's log probability is kept without the constants of the two messages, with the stamps that the messages had.
+    An entry excludes the constants of the two messages, and is valid while the version stamps of the messages are
+    unchanged.
     """
 
-    link: Floats  # by index in `Candidates.next`
+    link: Floats  # by index in `LinkCandidates.next`
     earlier: Ints  # stamp of the forward message
     later: Ints  # stamp of the backward message
     begun: Floats  # (n,) of beginnings
@@ -102,7 +104,7 @@ class LinkCache(NamedTuple):
 
 
 class MarkovChainState(NamedTuple):
-    """The state of the Markov chain with its messages; changed in place."""
+    """State of the Markov chain: the links of all nodes, with the messages; changed in place."""
 
     after: Ints  # (n,) the next position of the track; NONE
     before: Ints  # (n,)
@@ -121,7 +123,7 @@ class MarkovChainState(NamedTuple):
 
 @kernel
 def can_link(nodes: TrackletNodes, walk: WalkModel, i: int, j: int) -> bool:
-    """Return whether position j can be the next of position i's track."""
+    """Whether node j can be the successor of node i in a track: later, and within the distance a person can walk."""
     gap = nodes.step[j] - nodes.step[i]
     if gap < 1 or gap > walk.reach:
         return False
@@ -132,7 +134,7 @@ def can_link(nodes: TrackletNodes, walk: WalkModel, i: int, j: int) -> bool:
 
 @kernel
 def candidates(nodes: TrackletNodes, walk: WalkModel, neighbour_distance: float) -> LinkCandidates:
-    """List candidate links, and positions of one time step that are nearer to each other than `neighbour_distance`."""
+    """List candidate links, and pairs of nodes of one time step nearer to each other than `neighbour_distance`."""
     n = nodes.step.shape[0]
     first_next, first_last, first_neighbour = (
         np.zeros(n + 1, np.int64),
@@ -179,7 +181,7 @@ def candidates(nodes: TrackletNodes, walk: WalkModel, neighbour_distance: float)
 
 
 def empty_link_cache(listed: LinkCandidates) -> LinkCache:
-    """Empty cache of link probabilities."""
+    """Create an empty cache of link probabilities."""
     pairs, n = len(listed.next), len(listed.first_next) - 1
     stamp = np.full(pairs, NO_NODE)
     return LinkCache(np.zeros(pairs), stamp, stamp.copy(), np.zeros(n), np.full(n, NO_NODE))
@@ -187,7 +189,7 @@ def empty_link_cache(listed: LinkCandidates) -> LinkCache:
 
 @kernel
 def log_link_prior(nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, i: int, j: int) -> float:
-    """Log prior of a link from node i to node j: survival, missed detections, tracklet ids; without the motion."""
+    """Log prior of a link from node i to node j without motion: survival, missed detections, tracklet IDs."""
     total: float = -(nodes.time[j] - nodes.time[i]) / walk.stay
     a, b = nodes.step[i] + 1, nodes.step[j]
     if b > a:
@@ -213,9 +215,9 @@ def joined(
     nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, i: int, mean: Floats, covariance: Floats, past: float,
     j: int, J: Floats, h: Floats, future: float,
 ) -> tuple[float, int]:  # fmt: skip
-    """Log probability of a track from the forward message of i and the backward one of j, and the motion model.
+    """Log probability of a track from the forward message of node i and the backward message of node j; motion model.
 
-    Between the two the person walks on, manoeuvres or bends, whichever is most probable.
+    The most probable motion model between the two is returned: constant velocity, manoeuvre or posture change.
     """
     m, P = np.empty(STATE_SIZE), np.empty((STATE_SIZE, STATE_SIZE))
     dt = nodes.time[j] - nodes.time[i]
@@ -232,7 +234,7 @@ def joined(
 
 @kernel
 def log_of_model(walk: WalkModel, dt: float, model: int) -> float:
-    """Log of the probability that a manoeuvre, or bending, begins within dt; of the first model: that none does."""
+    """Log probability that a manoeuvre, or a posture change, begins within dt; for model 0, that none does."""
     if model == CONSTANT_VELOCITY:
         return -float(np.sum(walk.often)) * dt
     return math.log(1.0 - math.exp(-walk.often[model] * dt))
@@ -242,7 +244,10 @@ def log_of_model(walk: WalkModel, dt: float, model: int) -> float:
 def log_link_probability(
     nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, chain: MarkovChainState, i: int, j: int
 ) -> float:
-    """Log probability of the track in which j follows i; NONE: a beginning or an end; 0 for neither."""
+    """Log probability of the track in which node j follows node i.
+
+    `NO_NODE` for i is a start, for j an end; 0 if both are.
+    """
     if i == NO_NODE and j == NO_NODE:
         return 0.0
     if i == NO_NODE:
@@ -269,7 +274,7 @@ def cached_link(
     i: int,
     j: int,
 ) -> float:
-    """Return `log_link_probability`, cached for links of listed nodes until one of their messages changes."""
+    """`log_link_probability`, cached for links of listed nodes until one of their messages changes."""
     if j == NO_NODE:
         return log_link_probability(nodes, walk, frame_counts, chain, i, j)
     if i == NO_NODE:
@@ -303,7 +308,7 @@ def forward_of(
     mean: Floats,
     P: Floats,
 ) -> float:
-    """Write the forward message of position k after position i (or NONE), and give its log likelihood."""
+    """Write the forward message of node k after node i (`NO_NODE`: start); return its log likelihood."""
     if i == NO_NODE:
         begun = initial_density(walk.prior, walk.mean, nodes.J[k], nodes.h[k], nodes.c[k], mean, P)
         return float(nodes.birth[k] + begun)
@@ -317,7 +322,7 @@ def forward_of(
 def log_insertion_probability(
     nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, chain: MarkovChainState, i: int, k: int, j: int
 ) -> float:
-    """Log probability of the track in which position k lies between i and j (each may be NONE)."""
+    """Log probability of the track in which node k lies between i and j (each may be `NO_NODE`)."""
     m, P = np.empty(STATE_SIZE), np.empty((STATE_SIZE, STATE_SIZE))
     model = CONSTANT_VELOCITY
     if i != NO_NODE:
@@ -334,7 +339,7 @@ def log_insertion_probability(
 
 @kernel
 def choose_motion(nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, chain: MarkovChainState, i: int) -> None:
-    """Choose the motion model between position i and its successor, if it has one."""
+    """Set the motion model between node i and its successor to the most probable one."""
     if i == NO_NODE:
         return
     j = chain.after[i]
@@ -356,7 +361,7 @@ def update_messages(
     forward_at: int,
     backward_at: int,
 ) -> None:
-    """Update forward messages from a position on, and backward ones from another one, until nothing changes."""
+    """Recompute forward messages from one node on, and backward messages from another one, until they converge."""
     m, P = np.empty(STATE_SIZE), np.empty((STATE_SIZE, STATE_SIZE))
     k = forward_at
     while k != NO_NODE:
@@ -411,7 +416,7 @@ def update_messages(
 
 @kernel
 def insert_node(nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, chain: MarkovChainState, k: int) -> None:
-    """Make and renew the messages of a track that position k has entered."""
+    """Compute the messages of node k, and update those of the track that it has entered."""
     i, j = chain.before[k], chain.after[k]
     if i != NO_NODE:
         # As if it were the last position, then with what follows
@@ -440,7 +445,7 @@ def insert_node(nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, cha
 
 @kernel
 def update_all_messages(nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, chain: MarkovChainState) -> None:
-    """Renew all messages of all tracks, and reselect the motion models, by the messages as they were."""
+    """Recompute all messages of all tracks, after choosing the motion models by the current messages."""
     for k in range(nodes.step.shape[0]):
         if chain.used[k] and not math.isnan(chain.mean[k, 0]) and not math.isnan(chain.J[k, 0, 0]):
             choose_motion(nodes, walk, frame_counts, chain, k)
@@ -456,7 +461,7 @@ def update_all_messages(nodes: TrackletNodes, walk: WalkModel, frame_counts: Flo
 
 @kernel
 def log_posterior(nodes: TrackletNodes, chain: MarkovChainState) -> float:
-    """Log probability of the state, up to a constant."""
+    """Log posterior probability of the chain's state, up to a constant."""
     value = 0.0
     for k in range(nodes.step.shape[0]):
         if chain.used[k] and chain.after[k] == NO_NODE:
@@ -475,7 +480,10 @@ def sweep(
     temperature: float,
     drawn: Floats,
 ) -> int:
-    """Propose moves, one for each row of `drawn` (k, 4), uniform in [0, 1); give how many were accepted."""
+    """Propose one move for each row of `drawn` (k, 4), uniform random numbers in [0, 1).
+
+    Return how many were accepted.
+    """
     n = nodes.step.shape[0]
     accepted = 0
     for row in range(drawn.shape[0]):
@@ -504,7 +512,7 @@ def propose_successor(
     u: float,
     log_u: float,
 ) -> int:
-    """Propose another successor of position i, or none."""
+    """Propose another successor of node i, or none (exchange of tails)."""
     if not chain.used[i]:
         return 0
     count = listed.first_next[i + 1] - listed.first_next[i]
@@ -554,7 +562,7 @@ def propose_insertion(
     chain: MarkovChainState, k: int, u: float,
     log_u: float, temperature: float,
 ) -> int:  # fmt: skip
-    """Propose that position k enters a track or leaves its track."""
+    """Propose that node k enters a track or leaves its track."""
     before = listed.first_last[k + 1] - listed.first_last[k]
     after = listed.first_next[k + 1] - listed.first_next[k]
     log_options = temperature * math.log(before + after + 1.0)
@@ -615,7 +623,7 @@ def propose_swap(
     u: float,
     log_u: float,
 ) -> int:
-    """Propose that position k and one of the same time step change roles."""
+    """Propose that node k and another node of the same time step exchange their places in tracks."""
     count = listed.first_neighbour[k + 1] - listed.first_neighbour[k]
     if count == 0:
         return 0

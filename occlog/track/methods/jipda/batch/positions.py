@@ -1,8 +1,8 @@
-"""Fixed-interval smoother of each track, with the error of position that all cameras share and that lasts.
+"""Fixed-interval smoother of each track, with the time-correlated position error that all cameras share.
 
-Once the boxes of each track are known, its walk s (6,) and the common error b (2,), a first-order Gauss-Markov
-process, are smoothed together (Rauch, Tung and Striebel 1965): boxes are of the position x + e + b, e the displacement
-of the body about the walk at that time step, which is new at every time step.  A person is reported at x + e.
+Given the boxes of each track, its motion state s (6,) and the common error b (2,), a first-order Gauss-Markov process,
+are smoothed together (Rauch, Tung and Striebel 1965). Boxes observe the position x + e + b, with e the gait
+displacement of the body, independent at each time step. The reported position is x + e.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def smoothed_positions(
     common: tuple[float, float],
     wide: float,
 ) -> tuple[Floats, Floats]:
-    """Smoothed states of people where they are: means (K, 6) and covariances (K, 6, 6).
+    """Smoothed states of people, gait displacement included: means (K, 6) and covariances (K, 6, 6).
 
     Args:
         walk: K rows of tracks at time steps, in the order of time steps.
@@ -65,7 +65,7 @@ def smoothed_positions(
 def _smoothed(
     walk: States, tracks: ChainTracks, span: WindowSpan, J: Floats, h: Floats, common: tuple[float, float]
 ) -> tuple[Floats, Floats]:
-    """Smoothed full states (K, 8) and (K, 8, 8), all tracks of a time step at once."""
+    """Smoothed augmented states with the common error: (K, 8) and (K, 8, 8), all tracks of a time step at once."""
     K = len(walk.track)
     bounds = np.searchsorted(walk.step, np.arange(len(span.time) + 1))
     information, vector = BODY.T @ J @ BODY, h @ BODY
@@ -112,7 +112,7 @@ def _smoothed(
 
 
 def _prior(tracks: ChainTracks, span: WindowSpan, common: tuple[float, float]) -> tuple[Floats, Floats]:
-    """Mean (8,) and covariance (8, 8) of a new target."""
+    """Prior mean (8,) and covariance (8, 8) of the augmented state of a new track."""
     mean, variance = np.zeros(FULL_SIZE), np.empty(FULL_SIZE)
     mean[2:STATE_SIZE] = tracks.walk.mean[2:]
     variance[:2], variance[2:STATE_SIZE] = (DIFFUSE_SIGMA_M * span.metre) ** 2, 1.0 / tracks.walk.prior[2:]
@@ -121,7 +121,7 @@ def _prior(tracks: ChainTracks, span: WindowSpan, common: tuple[float, float]) -
 
 
 def _transition(dt: float, drift: Floats, common: tuple[float, float]) -> tuple[Floats, Floats]:
-    """F and Q (8, 8) of a step dt [s] with the process noise `drift` (3,) of `noise_of_walk`."""
+    """Transition matrix F and process noise Q (8, 8) of a step dt [s], with the noise densities `drift` (3,)."""
     F, Q = np.eye(FULL_SIZE), np.zeros((FULL_SIZE, FULL_SIZE))
     F[0, 2] = F[1, 3] = dt
     noise_of_walk(dt, drift, Q[:STATE_SIZE, :STATE_SIZE])

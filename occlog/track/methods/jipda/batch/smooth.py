@@ -1,20 +1,19 @@
 """Batch association of all boxes with whole tracks, then fixed-interval smoothing.
 
-From the filter's people of every time step, twice:
+Starts from the filter's tracks and repeats twice:
 
-1. Markov chain Monte Carlo over all tracks (`chains`), but where the filter's links are kept
-   (`CORRELATED_NOISE_LIMIT`), then gaps are bridged.
-2. Each person's state at each time step, from all other time steps of the track (`states`).
-3. The boxes of each time step are associated again with these people, all cameras jointly, as in the filter; boxes
-   that are left initiate people whom no track predicted.
+1. Markov chain Monte Carlo over all links (`mcmc_association`); where errors are strongly time-correlated
+   (`CORRELATED_NOISE_LIMIT`) the filter's links are kept, and gaps are bridged.
 
-Then the states are smoothed once more, with the boxes of the last association.
+2. State of each person at each time step, from all other time steps of the track (`states`).
 
-Fixed-lag variant: the same steps over a sliding window, in bounded memory and in time linear in the time steps.
+3. Association of the boxes of each time step with these people, all cameras jointly, as in the filter; unassigned boxes
+   initiate new people.
 
-A window holds time steps that were reported (they carry the identities), time steps that are to be reported, and at
-least the lag after them.  When so much has come, all of it is smoothed, the middle is reported, and the window moves
-on.
+Then the states are smoothed once more with the last association.
+
+The fixed-lag variant repeats this over a sliding window, in bounded memory and linear time. A window holds time steps
+already reported (which carry the identities), those to be reported, and at least the lag after them.
 """
 
 from __future__ import annotations
@@ -89,9 +88,9 @@ def smooth(
     snapshots: Sequence[TrackSnapshot],
     generator: np.random.Generator,
 ) -> list[TrackSnapshot]:
-    """Smooth all people at the same time steps, from the detections before and after each.
+    """Smooth all people at the filter's time steps, from the detections before and after each.
 
-    Identities are new: they rise from 0 in the order of first appearance.
+    Identities are renumbered from 0 in order of first appearance.
 
     Args:
         state: of the filter after the last time step: cameras, settings, and what it learned of the detectors.
@@ -152,7 +151,7 @@ def smooth(
 
 
 def _scored(state: JipdaState, group: Sequence[FrameDetections], t_ns: int) -> PackedDetections:
-    """Pack the frames of a time step; scores and sources of clutter are those of the whole recording."""
+    """Pack the frames of a time step, with clutter densities from the scores and clutter sources of all frames."""
     boxes = pack_detections(state, group, t_ns)
     again = persistent_clutter_rate(state.counts)
     static = persistent_clutter_density(
@@ -164,7 +163,7 @@ def _scored(state: JipdaState, group: Sequence[FrameDetections], t_ns: int) -> P
 
 
 def span_of(state: JipdaState, packed: Sequence[PackedDetections], snapshots: Sequence[TrackSnapshot]) -> WindowSpan:
-    """Collect the time steps, the cameras with frames, and the density of people."""
+    """Collect the times, the numbers of frames of each camera, and the mean density of people."""
     frame_counts = np.zeros((len(snapshots) + 1, len(state.views.size)))
     for k, boxes in enumerate(packed):
         frame_counts[k + 1] = frame_counts[k]
@@ -185,7 +184,7 @@ def span_of(state: JipdaState, packed: Sequence[PackedDetections], snapshots: Se
 
 
 def _seeing(boxes: PackedDetections, rates: DetectorModel, snapshot: TrackSnapshot) -> PackedDetections:
-    """Return the boxes without blind frames, judged by the filter's people."""
+    """Remove blind frames, those in which no box is found although the filter's people should be detected."""
     visible = np.nan_to_num(snapshot.visibility[:, boxes.camera].T)
     knots = np.linspace(0.0, 1.0, len(rates.curve))
     detection = rates.detection[boxes.camera, None] * np.interp(visible, knots, rates.curve)
@@ -195,7 +194,7 @@ def _seeing(boxes: PackedDetections, rates: DetectorModel, snapshot: TrackSnapsh
 
 
 def _rates(state: JipdaState, span: WindowSpan, between: float = 1.0) -> DetectorModel:
-    """Return the detector rates, given the number of a camera's frames per frame that counts."""
+    """Detector parameters at each camera's mean frame period; one of `between` frames is counted as independent."""
     # Mean frame period of each camera
     with np.errstate(divide="ignore", invalid="ignore"):
         interval = span.gaps.sum() / (span.frame_counts[-1] - 1.0)
@@ -203,7 +202,7 @@ def _rates(state: JipdaState, span: WindowSpan, between: float = 1.0) -> Detecto
 
 
 def frames_between(span: WindowSpan, subset: WindowSpan) -> float:
-    """Return the number of a camera's frames per independent time step, at least 1."""
+    """Number of a camera's frames per independent time step (minimum over cameras), at least 1."""
     frame_counts = subset.frame_counts[-1] > 0.0
     if not frame_counts.any():
         return 1.0
@@ -211,7 +210,7 @@ def frames_between(span: WindowSpan, subset: WindowSpan) -> float:
 
 
 def independent_steps(span: WindowSpan) -> Ints:
-    """Choose time steps with a frame of a camera without one at a chosen step for `INDEPENDENT_AFTER_S`."""
+    """Choose time steps at least `INDEPENDENT_AFTER_S` apart in some camera, so that errors are nearly independent."""
     delivered = np.diff(span.frame_counts, axis=0) > 0.0
     chosen, last = [], np.full(delivered.shape[1], -np.inf)
     for k, t in enumerate(span.time.tolist()):
@@ -222,14 +221,14 @@ def independent_steps(span: WindowSpan) -> Ints:
 
 
 def at_steps(span: WindowSpan, chosen: Ints) -> WindowSpan:
-    """Return the chosen time steps."""
+    """Restrict a span to the chosen time steps."""
     delivered = np.diff(span.frame_counts, axis=0)[chosen]
     frame_counts = np.concatenate([np.zeros((1, delivered.shape[1])), np.cumsum(delivered, axis=0)])
     return span._replace(time=span.time[chosen], frame_counts=frame_counts)
 
 
 def _appearances(frames: Sequence[Sequence[FrameDetections]]) -> list[Floats]:
-    """(M, K) vectors of length 1 of the boxes of each time step; NaN: no appearance."""
+    """Unit appearance vectors (M, K) of the boxes of each time step; NaN: no appearance."""
     every = [frame for group in frames for frame in group]
     dimension = max((frame.appearance.shape[1] for frame in every), default=0)
     histograms = are_histograms(*(frame.appearance for frame in every))
@@ -240,7 +239,7 @@ def _appearances(frames: Sequence[Sequence[FrameDetections]]) -> list[Floats]:
 
 
 def _likeness(tracks: ChainTracks, head: Ints, node: Ints, boxes: Floats) -> Floats:
-    """(N, M) similarity of boxes (M, K) to those of tracks at other time steps; NaN: one of them has no appearance.
+    """(N, M) similarity of boxes (M, K) to N tracks at all other time steps; NaN if either has no appearance.
 
     Args:
         tracks: of the positions.
@@ -257,7 +256,7 @@ def _likeness(tracks: ChainTracks, head: Ints, node: Ints, boxes: Floats) -> Flo
 
 
 def _identities(group: Sequence[FrameDetections], snapshot: TrackSnapshot, followed: bool) -> Ints:
-    """(M, 2) identities of boxes: those of trackers in the images and, where it is `followed`, the filter's; NO_ID."""
+    """(M, 2) identities of boxes: tracklet ID and, if `followed`, the filter's track; `NO_ID` if unknown."""
     by_tracker = np.concatenate([frame.tracklet_id for frame in group]).astype(np.int64)
     by_filter = np.full(len(by_tracker), NO_ID)
     if followed:
@@ -267,7 +266,7 @@ def _identities(group: Sequence[FrameDetections], snapshot: TrackSnapshot, follo
 
 
 def _filtered(boxes: PackedDetections, group: Sequence[FrameDetections], snapshot: TrackSnapshot) -> AssociatedBoxes:
-    """The filter's people, their boxes, and those that they share with a neighbour."""
+    """The filter's people and associations of a time step, in the form that batch association uses."""
     beta = np.zeros((len(snapshot.ids), len(boxes.box)))
     joint = np.zeros_like(beta)
     supported, box = snapshot.support, _supporting(group, snapshot)
@@ -277,7 +276,7 @@ def _filtered(boxes: PackedDetections, group: Sequence[FrameDetections], snapsho
 
 
 def _supporting(group: Sequence[FrameDetections], snapshot: TrackSnapshot) -> Ints:
-    """(k,) index of the time step's box for each row of its support."""
+    """(k,) index of the box, within the time step, of each of the filter's k associations."""
     keys = ((frame.camera, row) for frame in group for row in frame.row.tolist())
     index_of = {key: k for k, key in enumerate(keys)}
     supported = snapshot.support
@@ -286,7 +285,9 @@ def _supporting(group: Sequence[FrameDetections], snapshot: TrackSnapshot) -> In
 
 
 def _scattered(tracks: ChainTracks, span: WindowSpan, square: float, new: float, metre: float) -> tuple[Floats, float]:
-    """Variance of each position (n,) about its walk, and its scale; without a track, the scale.
+    """Gait variance (n,) of the position of each node about its smooth track, and the new variance scale.
+
+    Nodes outside tracks get the scale.
 
     Args:
         tracks: of the positions.
@@ -307,12 +308,12 @@ def _scattered(tracks: ChainTracks, span: WindowSpan, square: float, new: float,
 
 
 def track_extension(span: WindowSpan) -> float:
-    """Time for which a track is searched before its first and after its last position [s]; not beyond a pause."""
+    """Time by which a track is extended before its first and after its last node [s]; not across a pause."""
     return max(MIN_EXTENSION_S, MIN_EXTENSION_STEPS * span.step) + 0.5 * span.step
 
 
 def _states(tracks: ChainTracks, span: WindowSpan, extend: float) -> States:
-    """States without the position of the time step, in the order of time steps, for a time beyond each track [s]."""
+    """Leave-one-out states (without the node of the time step) of all tracks, extended by `extend` [s] at both ends."""
     early = np.searchsorted(span.time, span.time - extend)
     late = np.searchsorted(span.time, span.time + extend, side="right") - 1
     return states(tracks.nodes, tracks.walk, tracks.chain, span.time, early, late)
@@ -330,7 +331,7 @@ def _reassociate(
     square: float,
     steps: Ints,
 ) -> dict[int, AssociatedBoxes]:
-    """Associate the boxes of some time steps again."""
+    """Repeat the association of the boxes of some time steps, with the people of the smoothed tracks."""
     walk = _states(tracks, span, track_extension(span))
     # The position varies about the walk with the estimated variance
     spread = np.where(walk.node != NO_NODE, own[walk.node] if len(own) else 0.0, square)
@@ -352,7 +353,7 @@ def _reassociate(
 
 
 def _feature_ratios(boxes: PackedDetections, hint: Ints, tracks: ChainTracks, last: Ints, following: Ints) -> Floats:
-    """(N, M) log likelihood ratios of tracklet ids, by those of the positions before and after the time step."""
+    """(N, M) log likelihood ratios of tracklet IDs, compared with those of the previous and next node of each track."""
     out = np.zeros((len(last), len(hint)))
     if (hint == NO_ID).all():
         return out
@@ -377,7 +378,7 @@ def _smoothed_snapshots(
     common: tuple[float, float],
     wide: float,
 ) -> list[TrackSnapshot]:
-    """Smoothed people of every time step; tracks that are less likely than clutter are omitted."""
+    """Smoothed people at every time step; tracks less likely than clutter are omitted."""
     walk = walk.taken(np.flatnonzero(existence_at(tracks, span, walk) > MIN_PRESENCE_TO_REPORT))
     mean, covariance = smoothed_positions(walk, tracks, span, own, square, common, wide)
     covariance[:, [0, 1], [0, 1]] += (SYSTEMATIC_ERROR_HEIGHTS * mean[:, HEIGHT, None]) ** 2
@@ -435,7 +436,7 @@ def _seen_by(
     seen: AssociatedBoxes,
     cameras: int,
 ) -> tuple[BoxAssociations, Floats]:
-    """Return the boxes associated with the people of some rows, and their visibility (m, C)."""
+    """The boxes associated with the people of some rows, and the visibility (m, C) of these people."""
     visible = np.full((len(rows), cameras), np.nan)
     beta = np.zeros((len(rows), len(boxes.box)))
     joint = np.zeros_like(beta)
@@ -459,7 +460,7 @@ SAME_TARGET_DISTANCE = 1.0
 
 @dataclass(frozen=True)
 class SmoothingWindow:
-    """Buffer of the fixed-lag smoother: reported time steps, kept as context, then those not yet reported."""
+    """Buffer of the fixed-lag smoother: reported time steps, kept as context, and those not yet reported."""
 
     lag_ns: int | None  # minimum time of data after a time step; None: all data
     generator: np.random.Generator
@@ -501,7 +502,7 @@ def finish(window: SmoothingWindow, state: JipdaState) -> list[TrackSnapshot]:
 
 
 def _report(window: SmoothingWindow, state: JipdaState, stop: int) -> tuple[SmoothingWindow, list[TrackSnapshot]]:
-    """Smooth the window, give the time steps before `stop` that were not given yet, and move on."""
+    """Smooth the window, return the time steps before `stop` not yet reported, and shift the window."""
     if stop <= window.reported:
         return window, []
     smoothed = smooth(state, window.frames, window.snapshots, window.generator)
@@ -526,7 +527,10 @@ def _report(window: SmoothingWindow, state: JipdaState, stop: int) -> tuple[Smoo
 def _window_identities(
     window: SmoothingWindow, coming: Sequence[TrackSnapshot], joint: TrackSnapshot, metre: float
 ) -> tuple[dict[int, int], int]:
-    """What the identities of this window are called: as before, where they were; and the next free one."""
+    """Map the identities of this window to those reported before, by position at the common time step.
+
+    Next free number. People without a match get new numbers.
+    """
     number: dict[int, int] = {}
     if window.last is not None and len(window.last.ids) and len(joint.ids):
         separation = np.hypot(*(joint.mean[:, None, :2] - window.last.mean[None, :, :2]).transpose(2, 0, 1))
@@ -544,7 +548,7 @@ def _window_identities(
 
 
 def _renamed(snapshot: TrackSnapshot, number: dict[int, int]) -> TrackSnapshot:
-    """Renumber the identities of a time step, ascending."""
+    """Apply a map of identities to a time step, and sort it by them."""
     ids: Ints = np.array([number[k] for k in snapshot.ids.tolist()], dtype=np.int64)
     order = np.argsort(ids, kind="stable")
     index = np.empty(len(order), dtype=np.int64)
@@ -566,7 +570,7 @@ def _renamed(snapshot: TrackSnapshot, number: dict[int, int]) -> TrackSnapshot:
 
 
 def _first(snapshot: TrackSnapshot, last: TrackSnapshot | None) -> TrackSnapshot:
-    """Return the first time step of a part, with initiations and terminations since the last reported one."""
+    """First time step of a part, with events `initiated` and `terminated` relative to the last reported one."""
     before = {} if last is None else dict(zip(last.ids.tolist(), last.existence.tolist(), strict=True))
     now = dict(zip(snapshot.ids.tolist(), snapshot.existence.tolist(), strict=True))
     events = [Event("initiated", k, NO_ID, p) for k, p in now.items() if k not in before]

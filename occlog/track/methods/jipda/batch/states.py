@@ -1,8 +1,7 @@
-"""States of people at every time step, from all positions of their tracks but that of the time step itself.
+"""Leave-one-out states of tracks at every time step: from all nodes but that of the time step itself.
 
-Expected presence of people before their first and after their last position, by the frames without a detection.
-
-Time steps need not be equally far apart: in a pause of the recording many come and go unobserved.
+Beyond the first and last node, existence decreases with each frame without a detection. Time steps may be unequally
+spaced; during a pause of the recording people arrive and leave unobserved.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from .mcmc_association import NO_NODE, MarkovChainState, TrackletNodes, WalkMode
 
 
 class States(NamedTuple):
-    """States of tracks at time steps; K rows, in the order of time steps, then of tracks."""
+    """States of tracks at time steps; K rows, sorted by time step, then by track."""
 
     track: Ints  # (K,) number of the track, in the order of first positions
     step: Ints  # (K,)
@@ -40,14 +39,14 @@ class States(NamedTuple):
 
     @property
     def inside(self) -> Bools:
-        """(K,) mask: the time step is neither before the first nor after the last position of the track."""
+        """(K,) mask of the rows between the first and the last node of their track (inclusive)."""
         return np.asarray((self.node != NO_NODE) | ((self.last != NO_NODE) & (self.next != NO_NODE)))
 
 
 def states(
     nodes: TrackletNodes, walk: WalkModel, chain: MarkovChainState, time: Floats, first: Ints, last: Ints
 ) -> States:
-    """States of all tracks at all time steps, and before and after them for a while.
+    """Leave-one-out states of all tracks at all time steps, extended at both ends.
 
     Args:
         nodes: n positions.
@@ -78,7 +77,7 @@ def _count_states(nodes: TrackletNodes, chain: MarkovChainState, first: Ints, la
 def _states(
     nodes: TrackletNodes, walk: WalkModel, chain: MarkovChainState, time: Floats, first: Ints, last: Ints
 ) -> tuple[Ints, Ints, Ints, Ints, Ints, Ints, Floats, Floats]:
-    """The parts of `States`, track by track."""
+    """Compute the columns of `States`, track by track."""
     K = _count_states(nodes, chain, first, last)
     track, step, heads = np.empty(K, np.int64), np.empty(K, np.int64), np.empty(K, np.int64)
     node, past, coming = np.empty(K, np.int64), np.empty(K, np.int64), np.empty(K, np.int64)
@@ -146,7 +145,7 @@ MIN_TERMINATION_RATE = 1e-9
 def dwell_times(
     time: Floats, frame_counts: Floats, step_index: Ints, miss: Floats, rate: Floats, step: int
 ) -> tuple[Floats, Floats]:
-    """Expected time [s] that people are there, and missed in all frames, before or after the time step of a position.
+    """Expected time [s] that a person is present but missed in all frames, before or after the time step of a node.
 
     Args:
         time: (T,) time steps [s].

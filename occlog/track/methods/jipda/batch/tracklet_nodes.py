@@ -1,16 +1,12 @@
 """Measurement factor of a person: the boxes of one time step as a function of the state, relative to clutter.
 
-A box that is given to a person is linear in the state near where the person is accepted to be: z = H s + v,
-v ~ N(0, R).  The boxes of a time step are then the factor exp(c + h' s - s' J s / 2) with J = sum H' R^-1 H and
-h = sum H' R^-1 z; the constant c holds the densities, the rates of detection where a camera detected the person and
-where it did not, and is divided by the density of clutter.
+A box associated with a person is linearised about the person's estimated state: z = H s + v, v ~ N(0, R). The boxes of
+a time step are then the factor exp(c + h' s - s' J s / 2) with J = sum H' R^-1 H and h = sum H' R^-1 z. The constant c
+contains the densities and the probabilities of detections and missed detections, divided by the density of clutter.
 
-Gait noise of the observed position about a smooth walk: Student's t with estimated scale.
-
-People walk, bend, start and stop; cameras are calibrated with small differences.  The position is thus that of
-the walk plus e, which has a Student's t distribution with `NU` degrees of freedom: given a weight w it is normal with
-the variance s^2 / w on each axis.  The weights and s^2 are found by expectation maximisation (Lange, Little and Taylor
-1989, Eqs. 4 and 5) with the walk as it follows from all other positions.
+Gait noise: the observed position is that of a smooth track plus e, which has a Student t distribution with `NU` degrees
+of freedom: given a weight w it is normal with variance s^2 / w per axis. Weights and s^2 are estimated by expectation
+maximisation (Lange, Little and Taylor 1989, Eqs. 4 and 5), with the track as estimated from all other nodes.
 """
 
 from __future__ import annotations
@@ -47,7 +43,7 @@ MEAN_VISIBILITY = 0.85
 def frame_visibilities(
     views: PackedCameras, boxes: PackedDetections, rates: DetectorModel, mean: Floats, covariance: Floats, there: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Compute visible shares (L, N) of N people in L frames, those of their feet, and detection probabilities.
+    """Visibility of N people in L frames: visible shares (L, N), those of the feet, and detection probabilities (L, N).
 
     Args:
         views: cameras.
@@ -86,7 +82,7 @@ def frame_visibilities(
 
 @kernel
 def missed_detection_log_probabilities(views: PackedCameras, rates: DetectorModel, mean: Floats) -> Floats:
-    """Log probabilities (N, C) that each camera does not detect a person at a position (N, 6), others being unknown."""
+    """Log probabilities (N, C) that each camera does not detect a person with state (N, 6), without other people."""
     N, C = mean.shape[0], views.size.shape[0]
     out = np.zeros((N, C))
     box, cells = np.empty(4), np.empty((ROWS, COLUMNS))
@@ -187,7 +183,7 @@ def factors(
 
 @kernel
 def log_of(off: Floats, use: Bools, noise: Floats, W: Floats) -> float:
-    """Log density of the edges in use; writes their precision W (4, 4)."""
+    """Log density of the residuals of the edges in use; writes their precision matrix W (4, 4)."""
     W[:] = 0.0
     add_precision(noise, use, 1.0, W)
     value = 0.0
@@ -213,10 +209,10 @@ def log_of(off: Floats, use: Bools, noise: Floats, W: Floats) -> float:
 def widen_by_gait(
     J: Floats, h: Floats, c: Floats, gait_variance: Floats, out_J: Floats, out_h: Floats, out_c: Floats
 ) -> None:
-    """Write the factors (n) of the walk of people with positions about it with `gait_variance` (n,), per axis.
+    """Convolve factors (n) with the gait noise of variance `gait_variance` (n,) per axis.
 
-    With e ~ N(0, S) added to the position, the factor's mean over e is, with A the columns of J for x and y and
-    M = (S^-1 + J_xy)^-1: J - A M A', h - A M h_xy and c + (h_xy' M h_xy - log|I + S J_xy|) / 2.
+    With e ~ N(0, S) added to the position, the factor's mean over e is, with A the columns of J for x and y and M =
+    (S^-1 + J_xy)^-1: J - A M A', h - A M h_xy and c + (h_xy' M h_xy - log|I + S J_xy|) / 2.
     """
     for k in range(c.shape[0]):
         a, b, d = 1.0 / gait_variance[k] + J[k, 0, 0], J[k, 0, 1], 1.0 / gait_variance[k] + J[k, 1, 1]
@@ -247,7 +243,7 @@ EM_STEPS = 5
 def gait_variances(
     J: Floats, h: Floats, mean: Floats, covariance: Floats, scale: float, metre: float
 ) -> tuple[Floats, float]:
-    """Variances (n,) of the positions about the walk, per axis, and the new scale s^2.
+    """Gait variances (n,) per axis of nodes about their smooth tracks, and the new scale s^2 (one EM step).
 
     Args:
         J: (n, 6, 6) information of each position.

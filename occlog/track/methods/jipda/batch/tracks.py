@@ -1,4 +1,4 @@
-"""Conversion of the tracks of all time steps to the Markov chain's state and back."""
+"""Conversion of the tracks at all time steps to the state of the Markov chain, and back."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ MIN_PROCESS_NOISE_DENSITY = 1e-6
 
 
 class WindowSpan(NamedTuple):
-    """The time steps: T of them, C cameras."""
+    """The T time steps of a window, with the frames of C cameras."""
 
     time: Floats  # (T,) [s]
     frame_counts: Floats  # (T + 1, C) number of frames of each camera before each time step
@@ -82,7 +82,7 @@ class WindowSpan(NamedTuple):
 
     @property
     def gaps(self) -> Floats:
-        """Times from one time step to the next [s] that are no pauses of the recording."""
+        """Times between successive time steps [s], without pauses of the recording."""
         every = np.diff(self.time)
         if not len(every):
             return every
@@ -91,27 +91,27 @@ class WindowSpan(NamedTuple):
 
     @property
     def step(self) -> float:
-        """Mean time between time steps, but for pauses [s]."""
+        """Mean time between time steps [s], without pauses."""
         gaps = self.gaps
         return float(gaps.mean()) if len(gaps) and gaps.any() else 1.0
 
 
 class ChainTracks(NamedTuple):
-    """Positions in a chain, and their factors without the scatter about the walk."""
+    """Nodes in a Markov chain, and their measurement factors without gait noise."""
 
     nodes: TrackletNodes
     walk: WalkModel
     chain: MarkovChainState
     J: Floats  # (n, 6, 6)
     h: Floats  # (n, 6)
-    label: Ints  # (n,) number that `Found.track` gave it; NONE
+    label: Ints  # (n,) number that `PredictedPeople.track` gave it; NONE
 
 
 def walk_of(config: JipdaConfig, span: WindowSpan, reach: int, free: bool) -> WalkModel:
-    """How people walk, by the settings.
+    """Motion model of people by the settings.
 
-    While links are to be found (`free`), they walk on or manoeuvre.  Once they are, turns that are too slight to be
-    given one by one count, too: the acceleration is the mean over both.
+    While links are searched (`free`), people move with constant velocity or manoeuvre. Later, slight turns that are not
+    detected individually are included: the acceleration is averaged over both models.
     """
     often = span.turning * config.manoeuvre_duration_s / (1.0 + span.turning * config.manoeuvre_duration_s)
     mean = (1.0 - often) * config.process_noise_density + often * config.manoeuvre_noise_density
@@ -153,7 +153,7 @@ def tracks_from(
     free: bool,
     law: FeatureLikelihood,
 ) -> ChainTracks:
-    """The people of all time steps as positions, those of one track linked.
+    """Convert the people of all time steps to nodes of a Markov chain, linked by their tracks.
 
     Args:
         found: of each time step.
@@ -211,7 +211,7 @@ def tracks_from(
 
 
 def _lives(hint: Ints, time: Floats) -> tuple[Ints, Floats]:
-    """Identities (n, 2 C) of positions, those of the filter counted from 0, and their time ranges (I, 2)."""
+    """Identities (n, 2 C) of nodes, the filter's renumbered from 0, and the time range (I, 2) of each filter track."""
     C = hint.shape[1] // 2
     hint = hint.copy()
     own = hint[:, C:]
@@ -225,14 +225,14 @@ def _lives(hint: Ints, time: Floats) -> tuple[Ints, Floats]:
 
 
 def _leaving(known: BirthIntensityMap, positions: Floats, span: WindowSpan) -> Floats:
-    """(n,) rates [1/s] at which people leave at (n, 2) positions, by the cells that these are in."""
+    """(n,) termination rates [1/s] at positions (n, 2), from the map of departures at cell resolution."""
     side = CELL_SIZE_M * known.metre
     cells, cell = np.unique(np.floor(positions / side), axis=0, return_inverse=True)
     return track_termination_rate_at(known, (cells + 0.5) * side, 1.0 / span.stay)[cell.reshape(-1)]
 
 
 def _chain(nodes: TrackletNodes, walk: WalkModel, track: Ints, free: bool) -> MarkovChainState:
-    """The state in which positions of one track follow each other."""
+    """Initial state of the Markov chain: successive nodes of one track are linked."""
     n = len(track)
     after, before = np.full(n, NO_NODE), np.full(n, NO_NODE)
     order = np.lexsort((np.arange(n), track))
@@ -257,7 +257,7 @@ def _chain(nodes: TrackletNodes, walk: WalkModel, track: Ints, free: bool) -> Ma
 
 
 def anneal(tracks: ChainTracks, span: WindowSpan, generator: np.random.Generator, hottest: float) -> None:
-    """Run the Markov chain, hot initially and cold at the end, in place."""
+    """Simulated annealing: run the Markov chain with decreasing temperature, in place."""
     n = len(tracks.nodes.step)
     if n == 0:
         return
@@ -272,14 +272,14 @@ def anneal(tracks: ChainTracks, span: WindowSpan, generator: np.random.Generator
 
 
 def listed_of(tracks: ChainTracks, span: WindowSpan) -> LinkCandidates:
-    """List the candidate successors of each position."""
+    """List the candidate successors and swaps of each node."""
     return candidates(tracks.nodes, tracks.walk, SWAP_DISTANCE_M * span.metre)
 
 
 def bridge(tracks: ChainTracks, span: WindowSpan) -> None:
-    """Join ends of tracks with beginnings of later ones, where that is likelier, all at once; in place.
+    """Join ends of tracks with starts of later ones by optimal assignment, where a link is likelier; in place.
 
-    Two tracks are the same person if a walk without detections between them is likely.
+    A link without detections in between is compared with a termination and an initiation.
     """
     nodes, walk, chain = tracks.nodes, tracks.walk, tracks.chain
     ends = np.flatnonzero(chain.used & (chain.after == NO_NODE))

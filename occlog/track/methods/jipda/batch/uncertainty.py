@@ -1,16 +1,13 @@
-"""Uncertainty of smoothed tracks: identities, positions and presence.
+"""Uncertainty of smoothed tracks: possible identity switches, inflation of covariances, existence beyond the ends.
 
-Where two identities may have been exchanged: an exchange of the tails of two tracks that is hardly less likely.
+Identities may be exchanged where the exchange of the tails of two tracks is hardly less likely.
 
-Long-run variance of box errors relative to the smoother's covariance.
+The smoother weights a box by the noise of one frame, which is too small if errors are correlated over frames. The
+average over many frames has the long-run variance g_0 + 2 (g_1 + g_2 + ..), with g_k the covariance of the errors of a
+camera's boxes of one person k frames apart. The g_k are measured from the disagreement of the cameras at one time step
+(`kernels.camera_disagreement`), which is independent of the motion.
 
-The smoother weighs a box by the noise of one frame, which is too little where errors are correlated over frames.  What
-it averages over many frames is the long-run variance g_0 + 2 (g_1 + g_2 + ..), g_k the covariance of the errors of a
-camera's boxes of one person k frames apart.  A region of video is cut the same way for a second: its errors are a sum
-of some that are soon over and some that stay, which one correlation from frame to frame does not describe.  Here the
-g_k are measured, from how far the cameras of one time step disagree (`kernels.disagreement`), which no walk can follow.
-
-Existence probability of a person before their first and after their last position.
+Before the first and after the last node, existence is uncertain.
 """
 
 from __future__ import annotations
@@ -50,7 +47,7 @@ SWITCH_WINDOW_S = 4.0
 def possible_identity_switches(
     tracks: ChainTracks, span: WindowSpan, number: Ints, identity: Ints
 ) -> dict[int, list[Event]]:
-    """Find possible identity switches, by the time step from which the identities may be wrong.
+    """Find possible identity switches: events by the time step from which the identities may be wrong.
 
     Args:
         tracks: of the positions.
@@ -88,7 +85,7 @@ def _exchanges(
     chain: MarkovChainState,
     number: Ints,
 ) -> tuple[Ints, Ints, Floats]:
-    """Nodes i and j with a switch, the other tails linked too, of probability `MIN_SWITCH_PROBABILITY` or more."""
+    """Pairs of nodes (i, j) from which an exchange of tails has at least the probability `MIN_SWITCH_PROBABILITY`."""
     before, after, probability = [0], [0], [0.0]
     for i in range(nodes.step.shape[0]):
         a = chain.after[i]
@@ -143,7 +140,7 @@ def widening(
     walk: States,
     span: WindowSpan,
 ) -> float:
-    """Return the inflation factor of the variances of smoothed walks, at least 1.
+    """Inflation factor of the covariances of smoothed tracks for time-correlated errors of boxes, at least 1.
 
     Args:
         views: cameras.
@@ -164,13 +161,13 @@ def widening(
 
 
 def _max_frames(span: WindowSpan) -> int:
-    """Return the number of frames of a camera in `ERROR_CORRELATION_S`."""
+    """Number of frames of a camera in `ERROR_CORRELATION_S`."""
     n_frames = float(span.frame_counts[-1].max())
     return round(ERROR_CORRELATION_S * max(n_frames - 1.0, 0.0) / max(float(span.gaps.sum()), ERROR_CORRELATION_S))
 
 
 def long_run_variance(key: Ints, frame: Ints, error: Floats, most: int) -> float:
-    """Return the long-run variance of errors of series `key` (n,) in the frames (n,), up to a maximum lag in frames."""
+    """Long-run variance (sum of autocovariances) of errors of series `key` (n,) at frames (n,), to a maximum lag."""
     # Rows of one series lie side by side, with a gap to those of the next one
     at = key * (int(frame.max()) + most + 1) + frame
     order = np.argsort(at)
@@ -192,7 +189,7 @@ def _errors(
     walk: States,
     span: WindowSpan,
 ) -> tuple[Ints, Ints, Floats, Floats]:
-    """Errors of boxes' middles, and what the smoother holds of them.
+    """Residuals of box centres after a fit of each time step, normalised by the noise of one frame.
 
     Returns:
         key: (n,) series, of a person in a camera.
@@ -235,10 +232,10 @@ def _errors(
 
 
 def existence_at(tracks: ChainTracks, span: WindowSpan, walk: States) -> Floats:
-    """(K,) existence probability of the person of each row at its time step; 1 from the first to the last position.
+    """(K,) existence probability of the person of each row at its time step; 1 between first and last node.
 
-    Whoever was not seen after their last position has left at once, or was missed, and missed again, and left, or is
-    still there when the recording ends: each with the probability of leaving then times that of all misses before.
+    After the last node the person left at once, or was missed in some frames and then left, or is still present at the
+    end of the recording; each is weighted by the probability of leaving then and of all misses before.
     """
     out = np.ones(len(walk.track))
     for ends, step in ((walk.last, 1), (walk.next, -1)):
@@ -250,7 +247,7 @@ def existence_at(tracks: ChainTracks, span: WindowSpan, walk: States) -> Floats:
 
 
 def _still(tracks: ChainTracks, span: WindowSpan, node: int, step: int) -> Floats:
-    """Existence probabilities 0, 1, .. time steps after a last position (step 1) or before a first one (-1)."""
+    """Existence probabilities 0, 1, .. time steps after the last node (step 1), or before the first node (step -1)."""
     here = tracks.nodes.step[node]
     at = np.arange(here, len(span.time)) if step > 0 else np.arange(here, -1, -1)
     delivered = (

@@ -1,1 +1,1 @@
-"""Boxes of upright bodies, cover among people, association by belief propagation, updates; arrays in, arrays out."""
+"""Numerical kernels: expected boxes, occlusion, association by belief propagation, updates (arrays in, arrays out)."""

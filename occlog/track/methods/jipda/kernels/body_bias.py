@@ -1,4 +1,4 @@
-"""Shift of positions by an error of the body model that is common to all cameras."""
+"""Shift of estimated positions due to an error of the body model that is common to all cameras."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from .linear import invert
 def body_bias_shift(
     mean: Floats, covariance: Floats, views: PackedCameras, rates: DetectorModel
 ) -> tuple[Floats, Floats]:
-    """Derivative of positions by the common bias of the boxes' middles, which a least-squares fit to them has.
+    """Derivative of least-squares positions with respect to a common bias of the box centres.
 
-    Cameras around a person move the position to different sides, cameras on one side all along their lines of sight.
-    Occlusion is not considered.
+    Cameras around a person shift the position in different directions, cameras on one side all along their lines of
+    sight. Occlusion is ignored.
 
     Args:
         mean: (N, 6) people.

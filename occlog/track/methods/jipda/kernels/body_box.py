@@ -1,4 +1,4 @@
-"""The box of a person in an image: of an upright ellipsoid on the floor, seen by a camera with distortion.
+"""Expected box of a person: projection of an upright ellipsoid on the floor by a camera with lens distortion.
 
 A person of height h and width w at (x, y) is the ellipsoid with the centre m = (x, y, h / 2) and the half axes
 w / 2, w / 2, h / 2.  In the camera's frame, p = R' (m - c) is its centre and A = R' diag(w^2, w^2, h^2) R / 4 its
@@ -35,7 +35,7 @@ DIFFERENCE_STEP_HEIGHTS = 1e-4
 MIN_DEPTH_HEIGHTS = 0.05
 """Minimum depth of a person's nearest point, in heights."""
 LENS = 38
-"""Numbers of a row of `Views.lens`."""
+"""Numbers of a row of `PackedCameras.lens`."""
 STRAIGHT, BENT, BENT_BACK, FISHEYE, GROUND_PLANE, COMPLETE = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0
 """Lenses: no distortion; ideal points to distorted ones by a polynomial; distorted points to ideal ones by it; by a
 polynomial of the angle to the optical axis.  The last one is none: positions on the ground, seen from above.  A "box"
@@ -51,7 +51,7 @@ MODELS = {"brown": BENT, "opencv": COMPLETE, "tsai": BENT_BACK, "equidistant": F
 
 
 class PackedCameras(NamedTuple):
-    """C cameras, packed for the kernels."""
+    """C cameras (and position sensors), packed into arrays for the kernels."""
 
     position: Floats  # (C, 3)
     rotation: Floats  # (C, 3, 3) world-from-camera
@@ -68,7 +68,7 @@ class PackedCameras(NamedTuple):
 def pack_views(
     views: Sequence[Camera | PositionSource], occluders: Sequence[tuple[Floats, float]] = ()
 ) -> PackedCameras:
-    """Pack cameras with known poses in space, then sources of positions, and static occluders.
+    """Pack cameras with known poses, position sensors, and static occluders into arrays.
 
     Args:
         views: cameras, then sources of positions.
@@ -96,7 +96,10 @@ def pack_views(
 
 
 def cover_positions(views: PackedCameras, c: int, positions: Floats, metre: float) -> PackedCameras:
-    """Extend the area that source c covers to the positions (n, 2) and a margin; `metre`: in the scene's unit."""
+    """Extend the coverage of position sensor c to the positions (n, 2) and a margin.
+
+    `metre`: length units per metre.
+    """
     if not len(positions):
         return views
     lens, size = views.lens.copy(), views.size.copy()
@@ -140,7 +143,7 @@ def _lens(camera: Camera) -> Floats:
 
 
 def _limit(camera: Camera) -> float:
-    """Normalised radius of the ideal image to which the lens model is valid."""
+    """Radius in the normalised image up to which the lens model is valid."""
     if camera.image_size is None or camera.straight:
         return math.inf
     w, h = camera.image_size
@@ -157,7 +160,7 @@ def _limit(camera: Camera) -> float:
 
 @kernel
 def distorted(lens: Floats, x: float, y: float) -> tuple[float, float]:
-    """Where a lens that is not straight puts a point (x, y) of the ideal normalised image, normalised."""
+    """Apply lens distortion to a point (x, y) of the normalised image."""
     k1, k2, p1, p2, k3 = lens[16], lens[17], lens[18], lens[19], lens[20]
     radius = math.sqrt(x * x + y * y)
     # Beyond the valid radius: as at that radius, and further out in a straight line
@@ -197,10 +200,10 @@ def distorted(lens: Floats, x: float, y: float) -> tuple[float, float]:
 
 @kernel
 def expected_box(lens: Floats, x: float, y: float, height: float, width: float, box: Floats) -> float:
-    """Write the box (4,) of a person in camera c and give the depth of the person's middle along the optical axis.
+    """Write the expected box (4,) [px] of a person, and return the depth of the person's centre along the optical axis.
 
     Args:
-        lens: (LENS,) of the camera, a row of `Views.lens`.
+        lens: (LENS,) of the camera, a row of `PackedCameras.lens`.
         x: position on the floor.
         y: the same.
         height: of the person, > 0.
@@ -248,10 +251,10 @@ def expected_box(lens: Floats, x: float, y: float, height: float, width: float, 
 
 @kernel
 def box_and_slope(lens: Floats, state: Floats, delay: float, box: Floats, slope: Floats) -> float:
-    """Write the box (4,) of a state and its derivative (4, 6), and give the depth as `expected_box` does.
+    """Write the expected box (4,) [px] of a state and its Jacobian (4, 6); return the depth as `expected_box` does.
 
     Args:
-        lens: (LENS,) of the camera, a row of `Views.lens`.
+        lens: (LENS,) of the camera, a row of `PackedCameras.lens`.
         state: (6,) at the time step's time.
         delay: how much later than the time step the camera's frame is [s]; negative: earlier.
         box: (4,) written.
@@ -286,7 +289,7 @@ def box_and_slope(lens: Floats, state: Floats, delay: float, box: Floats, slope:
 
 @kernel
 def project(views: PackedCameras, c: int, mean: Floats, covariance: Floats, delay: float, out: Floats) -> None:
-    """Write boxes of n people in camera c, with the covariances of their centres.
+    """Project n people into camera c: expected boxes with the covariances of their centres.
 
     Args:
         views: cameras.

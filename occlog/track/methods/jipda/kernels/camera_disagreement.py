@@ -1,8 +1,8 @@
-"""Disagreement of cameras at one time step: residuals of boxes after a fit of position and body.
+"""Disagreement of cameras at one time step: residuals of boxes after a fit of position and body size.
 
-Residuals against a filter's prediction hold the filter's own lag; noise that is learned from them makes it lag more.
-Here the position and the body of each person are fitted to the boxes of the time step alone, and what is left over is
-the detectors' (their share 1 - h of it, h the leverage of an observation in weighted least squares).
+Residuals against a filter's prediction contain the filter's lag; noise learned from them increases the lag. Here
+position and body size of each person are fitted to the boxes of the time step alone. The residual variance is the
+detectors' noise times 1 - h, with h the leverage of an observation in weighted least squares.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from .linear import invert
 
 
 class BoxDisagreement(NamedTuple):
-    """M boxes and N people; middle and width across, middle and height down, as everywhere in `DetectorModel`."""
+    """Residuals of M boxes of N people: centre and width, centre and height, as in `DetectorModel.noise`."""
 
     residual: Floats  # (M, 4) of the boxes that were used [px]; 0: not used
     kept: Floats  # (M, 4) share of the noise's variance that a residual keeps; 0: not used
@@ -40,7 +40,7 @@ def camera_disagreement(
     owner: Ints,
     good: Bools,
 ) -> BoxDisagreement:
-    """Fit the position of each person to the boxes of the time step, and give what is left over.
+    """Fit the position of each person to the boxes of one time step, and return residuals and leverages.
 
     Args:
         mean: (N, 6) of all people after the update; the body comes from here, as surely as it is known.

@@ -1,4 +1,4 @@
-"""Differences of the cameras' clocks, from residuals of boxes against the velocity of the people."""
+"""Normal equations of the cameras' clock offsets, from residuals of boxes along the velocities of people."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ MAX_RESIDUAL = 0.4
 def clock_residuals(
     mean: Floats, views: PackedCameras, boxes: PackedDetections, owner: Ints, good: Bools, late: Floats, centre: Floats
 ) -> tuple[Floats, Floats]:
-    """Normal equations of the offsets of the clocks, from the boxes of one time step.
+    """Normal equations of the clock offsets from the boxes of one time step.
 
-    The residual of a camera that is late by d is (m - d) v: v is the velocity in the image, and m belongs to the
-    person, since the track follows all cameras.  Least squares with m eliminated gives N d = b, N a Laplacian: only
-    differences of d between cameras that see the same people are known.
+    The residual of a camera that is late by d is (m - d) v, with v the velocity in the image, and m the mean delay of
+    the person's track, which follows all cameras. Elimination of m gives N d = b, with N a graph Laplacian: only
+    differences of d between cameras that see the same people are observable.
 
     Args:
         mean: (P, 6) predicted people.

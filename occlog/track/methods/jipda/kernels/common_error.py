@@ -1,10 +1,10 @@
-"""Marginal likelihoods of position sequences under an error of position that all cameras share and that lasts.
+"""Marginal likelihoods of position sequences with a time-correlated position error that all cameras share.
 
-The observed position of a person is z_k = x_k + b_k + v_k on each axis: x the walk, b a first-order Gauss-Markov
-process of variance s^2 and correlation time tau, which all cameras of a time step have in common, v white.  Of a grid
-of pairs (s, tau) each has its own filter bank: the walk stands, goes straight on or manoeuvres, mixed as an
-interacting multiple model estimator does (Blom and Bar-Shalom 1988, IEEE T-AC 33(8)).  People who stand and people who
-go straight on distinguish the error from the walk.
+The observed position of a person is z_k = x_k + b_k + v_k on each axis: x the true position, b a first-order
+Gauss-Markov process of variance s^2 and correlation time tau common to all cameras, v white noise. Each pair (s, tau)
+of a grid has its own filter bank with the motion models standing, straight and manoeuvring, mixed as by an interacting
+multiple model estimator (Blom and Bar-Shalom 1988, IEEE T-AC 33(8)). People who stand or go straight distinguish the
+error from motion.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ SMALL_VARIANCE = 1e-9
 
 @kernel
 def initial_moments(moments: Floats, z: float, noise: float, square: float, velocity: float) -> None:
-    """Write the moments (3, 10) of one grid point after the first position, with the prior weights of the models.
+    """Write the model weights, means and covariances (3, 10) of one grid point after the first position.
 
     Args:
         moments: (3, 10) written.
@@ -48,7 +48,7 @@ def initial_moments(moments: Floats, z: float, noise: float, square: float, velo
 
 @kernel
 def transition_matrix(rates: Floats, dt: float, out: Floats) -> None:
-    """Write the probabilities (3, 3) of the models after dt, from row to column, by their rates [1/s]."""
+    """Write the transition probabilities (3, 3) of the models over dt from their rates [1/s]; row: from, column: to."""
     step = dt / 2.0**SQUARINGS
     for a in range(MODELS):
         total = 0.0
@@ -66,7 +66,7 @@ def advance_moments(
     moments: Floats, to: Floats, dt: float, density: Floats, z: float, noise: float, square: float, rho: float,
     velocity: float, outlier: float,
 ) -> float:  # fmt: skip
-    """Predict and update the moments (3, 10) of one grid point, in place; return the log likelihood of the position.
+    """Predict and update the models (3, 10) of one grid point, in place; return the log likelihood of the position.
 
     Args:
         moments: (3, 10) weight, x, v, b, xx, xv, xb, vv, vb, bb of each motion model.
@@ -154,7 +154,7 @@ def advance_bank(
     moments: Floats, fresh: Bools, dt: Floats, z: Floats, noise: Floats, square: Floats, time: Floats, rates: Floats,
     density: Floats, velocity: float, outlier: float,
 ) -> Floats:  # fmt: skip
-    """Advance the banks of n people by one position each, in place; return the log likelihoods (G,) of the grid.
+    """Advance the filter banks of n people by one position each, in place; return the log likelihoods (G,) of the grid.
 
     Args:
         moments: (n, 2, G, 3, 10) of each axis and grid point.

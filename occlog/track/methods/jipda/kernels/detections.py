@@ -1,7 +1,7 @@
-"""Detections of one time step, the error model of the detectors, and the densities of boxes.
+"""Detections of one time step, error model of the detectors, and densities of boxes.
 
-The edges of a box are modelled by the centre and the size of each axis, with independent errors: left = centre -
-width / 2.  Edges that are not observed (cut by the border of the image, hidden, or an outlier) are marginalised.
+The edges of a box are modelled by centre and size on each axis, with independent errors: left = centre - width / 2.
+Edges that are not observed (truncated by the border of the image, occluded, or outliers) are marginalised.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class DetectorModel(NamedTuple):
 
 @kernel
 def interpolate(curve: Floats, share: float) -> float:
-    """The curve at a share between 0 and 1, linear between its values."""
+    """Linear interpolation of a curve with equally spaced values at a share between 0 and 1."""
     at = min(max(share, 0.0), 1.0) * (curve.shape[0] - 1)
     k = min(int(at), curve.shape[0] - 2)
     value: float = curve[k] + (at - k) * (curve[k + 1] - curve[k])
@@ -64,7 +64,7 @@ def interpolate(curve: Floats, share: float) -> float:
 
 @kernel
 def axis_noise(rates: DetectorModel, axis: int, width: float, height: float, lasting: float) -> tuple[float, float]:
-    """Variances [px^2] of the centre and of the size of a box of this width and height [px].
+    """Variances [px^2] of the centre and of the size of a box along one axis.
 
     Args:
         rates: of the detectors.
@@ -80,9 +80,9 @@ def axis_noise(rates: DetectorModel, axis: int, width: float, height: float, las
 
 @kernel
 def edge_noise(box: Floats, rates: DetectorModel, lasting: float, noise: Floats) -> None:
-    """Write the covariance (4, 4) of the edges of a box that is expected at `box` (4,).
+    """Write the covariance (4, 4) [px^2] of the edges of a box that is expected at `box` (4,).
 
-    The gait variance counts `lasting` times.
+    The gait variance is multiplied by `lasting`.
     """
     width, height = box[2] - box[0], box[3] - box[1]
     noise[:] = 0.0
@@ -95,7 +95,7 @@ def edge_noise(box: Floats, rates: DetectorModel, lasting: float, noise: Floats)
 
 @kernel
 def position_noise(boxes: PackedDetections, j: int, factor: float, noise: Floats) -> bool:
-    """Write the covariance (4, 4) of a position on the ground, times a factor; False, and no change, for a box."""
+    """Write the covariance (4, 4) of ground position j times a factor; False, without a change, if j is a box."""
     if boxes.covariance.shape[0] == 0 or math.isnan(boxes.covariance[j, 0]):
         return False
     noise[:] = 0.0
@@ -108,7 +108,7 @@ def position_noise(boxes: PackedDetections, j: int, factor: float, noise: Floats
 
 @kernel
 def biased(box: Floats, bias: Floats, out: Floats) -> None:
-    """Write the box (4,) that a detector with the bias (4,), a row of `Rates.bias`, reports of an outline (4,)."""
+    """Write the box (4,) that a detector reports for a true outline (4,), given its bias (4,)."""
     width, height = box[2] - box[0], box[3] - box[1]
     u, v = 0.5 * (box[0] + box[2]) + bias[0] * height, 0.5 * (box[1] + box[3]) + bias[2] * height
     half_w, half_h = 0.5 * width * (1.0 + bias[1]), 0.5 * height * (1.0 + bias[3])
@@ -117,7 +117,7 @@ def biased(box: Floats, bias: Floats, out: Floats) -> None:
 
 @kernel
 def log_density(off: Floats, inverse: Floats, use: Bools, noise: Floats, spread: Floats) -> tuple[float, float]:
-    """Log density of the innovation of the edges in use, and its squared Mahalanobis distance.
+    """Log density of the residual of the edges in use, and its squared Mahalanobis distance.
 
     Args:
         off: (4,) innovation: edges minus expected edges [px].
@@ -145,7 +145,10 @@ def log_density(off: Floats, inverse: Floats, use: Bools, noise: Floats, spread:
 
 @kernel
 def log_clutter(box: Floats, use: Bools, width: float, height: float) -> float:
-    """Log density of the edges in use of a false alarm: uniform in an image of width x height, of any size."""
+    """Log density of the edges in use of a clutter box.
+
+    Uniform position in a width x height image, and uniform size.
+    """
     total = 0.0
     for axis in range(2):
         extent = width if axis == 0 else height
@@ -161,7 +164,7 @@ def log_clutter(box: Floats, use: Bools, width: float, height: float) -> float:
 def add_axis_precision(
     noise: Floats, axis: int, low: bool, high: bool, low_weight: float, high_weight: float, both: float, out: Floats
 ) -> None:
-    """Add the weighted precision of the observed edges of one axis to (4, 4) `out`.
+    """Add the weighted precision of the observed edges of one axis to `out` (4, 4), in place.
 
     Args:
         noise: (4, 4) covariance of the edges.
@@ -188,9 +191,9 @@ def add_axis_precision(
 
 @kernel
 def add_precision(noise: Floats, use: Bools, weight: float, out: Floats) -> None:
-    """Add `weight` times the inverse of the covariance of the edges in use to (4, 4) `out`.
+    """Add `weight` times the inverse covariance of the edges in use to `out` (4, 4), in place.
 
-    The axes are independent, but of positions on the ground, of which the first two edges are used.
+    The axes are independent, except for positions on the ground, which use the first two edges.
     """
     if noise[0, 1] != 0.0 and use[0] and use[1]:
         det = noise[0, 0] * noise[1, 1] - noise[0, 1] * noise[0, 1]

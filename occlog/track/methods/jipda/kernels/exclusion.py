@@ -1,13 +1,10 @@
-"""People do not walk through one another: where two may be at one time.
+"""Exclusion prior: two people cannot be at the same position at one time.
 
-The density of two people's positions is multiplied by
-
-    psi(d) = 1 - exp(-d^2 / (2 s^2)),
-
-d their distance: a Markov random field as the prior of motion (Khan, Balch and Dellaert 2005, IEEE T-PAMI 27(11),
-Sec. 4), here with its time steps in closed form.  psi times a Gaussian is the difference of two Gaussians, and the rest
-of a state follows its position by linear regression.  Two people who walk up to each other and turn round are so
-distinguished from two who pass: the latter would have to go through one another.
+The density of two people's positions is multiplied by psi(d) = 1 - exp(-d^2 / (2 s^2)), with d their distance: a Markov
+random field motion prior (Khan, Balch and Dellaert 2005, IEEE T-PAMI 27(11), Sec. 4), here in closed form. psi times a
+Gaussian is the difference of two Gaussians, and the rest of a state follows its position by linear regression. This
+distinguishes two people who meet and turn back from two who pass, since the latter would have to walk through each
+other.
 """
 
 from __future__ import annotations
@@ -25,7 +22,7 @@ EXCLUSION_GATE_CHI2 = 16.0
 def apply_exclusion(
     mean: Floats, covariance: Floats, weight: Floats, position: Floats, spread: Floats, existence: Floats, s: float
 ) -> None:
-    """Multiply the densities of states by the probability that no other person is there; in place.
+    """Apply the exclusion prior to the states of all pairs of people, in place.
 
     Args:
         mean: (N, A, 6) states of N people by A models, position (x, y) first.
@@ -49,7 +46,7 @@ def apply_exclusion(
 
 @kernel
 def _without(mean: Floats, covariance: Floats, position: Floats, spread: Floats, existence: float, s2: float) -> float:
-    """Multiply one state's density by 1 - p exp(-d^2 / (2 s^2)), d the distance to another; return what is left.
+    """Multiply one Gaussian by 1 - p exp(-d^2 / (2 s^2)), with d the distance to another person; return its new weight.
 
     Args:
         mean: (6,), changed in place.

@@ -1,9 +1,9 @@
 """JIPDA update by the frames of one time step: association in each image, given the other cameras.
 
-Expectation propagation (Minka 2001) over the frames: each frame leaves every person a site, a Gaussian factor of the
-state in information form and a log-odds of existence.  Each frame in turn takes its own site out of the belief (the
-cavity), predicts boxes and visibilities from the cavity, associates its boxes jointly, and makes its site again.  In
-the second sweep the first frame profits from the last one.
+Expectation propagation (Minka 2001) over the frames: each frame contributes a site to every person, a Gaussian factor
+of the state in information form and a log-odds of existence. For each frame in turn, its site is removed from the
+belief (the cavity), boxes and visibilities are predicted from the cavity, the boxes are associated jointly, and the
+site is recomputed. In the second sweep the first frame uses the information of the last one.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ DEPTH_OF_WIDTH = 0.1
 
 
 class PredictedBoxes(NamedTuple):
-    """N people as one frame is expected to show them, from the cavity."""
+    """Expected boxes, depths and spreads of N people in one frame, predicted from the cavity."""
 
     mean: Floats  # (N, 6)
     covariance: Floats  # (N, 6, 6)
@@ -78,7 +78,7 @@ class BoxAssociation(NamedTuple):
 
 
 class MapHypothesis(NamedTuple):
-    """Likeliest hypothesis of each of N people in a frame."""
+    """Most probable hypothesis (box, merged box or miss) of each of N people in a frame."""
 
     probability: Floats  # (N,)
     box: Ints  # (N,) within the frame
@@ -87,7 +87,7 @@ class MapHypothesis(NamedTuple):
 
 
 class StepStatistics(NamedTuple):
-    """Expected counts of a time step, from which detectors are learned; L frames, M boxes."""
+    """Expected counts of a time step from which detector parameters are learned; L frames, M boxes."""
 
     cuts: Floats  # (2,) boxes that end where the cover of the feet begins, and boxes of people with covered feet
     wrong: Floats  # (2,) boxes with an outlier edge, and all boxes
@@ -96,7 +96,7 @@ class StepStatistics(NamedTuple):
 
 
 class JipdaResult(NamedTuple):
-    """People after the update; N people, L frames, M boxes."""
+    """Result of the update of N people by L frames with M boxes."""
 
     mean: Floats  # (N, 6)
     covariance: Floats  # (N, 6, 6)
@@ -118,7 +118,7 @@ class JipdaResult(NamedTuple):
 
 @kernel_part
 def predict_boxes(views: PackedCameras, c: int, delay: float, rates: DetectorModel, predicted: PredictedBoxes) -> None:
-    """Write the expected boxes, their covariances and depths, from the states of the cavity.
+    """Write the expected boxes, their covariances and depths, predicted from the states of the cavity.
 
     Args:
         views: cameras.
@@ -159,9 +159,9 @@ def predict_boxes(views: PackedCameras, c: int, delay: float, rates: DetectorMod
 def detection_probabilities(
     views: PackedCameras, c: int, rates: DetectorModel, predicted: PredictedBoxes, visible: Floats, detection: Floats
 ) -> None:
-    """Write visible shares (N,) and probabilities of detection (N,), and the probability of covered feet.
+    """Write visible shares (N,), detection probabilities (N,), and the probability that the feet are occluded.
 
-    Detection is that in plain view times the detector's curve of the visible share.
+    The detection probability is that of an unoccluded person times the detector's curve of the visible share.
     """
     cells = np.empty((ROWS, COLUMNS))
     p = predicted
@@ -176,7 +176,7 @@ def detection_probabilities(
 
 @kernel_part
 def unmerged_detection_probability(pair: Ints, merge: float, existence: Floats, detection: Floats) -> None:
-    """Multiply probabilities of detection (N,) by those that people who touch others are not merged with them."""
+    """Multiply detection probabilities (N,) by the probability of not being merged with a neighbour, in place."""
     for k in range(pair.shape[0]):
         a, b = pair[k]
         detection[a] *= 1.0 - merge * existence[b]
@@ -185,10 +185,10 @@ def unmerged_detection_probability(pair: Ints, merge: float, existence: Floats, 
 
 @kernel_part
 def missed_detection_ratio(existence: Floats, detection: Floats, frames: int) -> Floats:
-    """Log-likelihood ratio of existence (N,) of a frame without boxes: all are missed, or the frame is blind.
+    """Log likelihood ratios of existence (N,) of a frame without boxes: all people are missed, or the frame is blind.
 
-    A blind frame, of probability `BLIND_FRAME_PROBABILITY`, counts once for all people and for all frames that are
-    blind at once.
+    A blind frame, of probability `BLIND_FRAME_PROBABILITY`, counts once for all people and all frames that are blind
+    together.
 
     Args:
         existence: (N,).
@@ -211,8 +211,9 @@ def associate_frame(
 ) -> BoxAssociation:
     """Association probabilities and likelihood ratios of existence, by loopy belief propagation.
 
-    With r existence, P_D detection, l the likelihood ratio and b the share of boxes of new people, the weight of "box j
-    is person i's" against "i is missed and j is clutter or new" is r P_D l / ((1 - r P_D) (1 + b)).
+    With r the existence probability, P_D the detection probability, l the likelihood ratio and b the ratio of new
+    people to clutter, the weight of "box j is person i's" against "i is missed and j is clutter or new" is r P_D l /
+    ((1 - r P_D) (1 + b)).
 
     Args:
         existence: (N,) r.
@@ -256,7 +257,7 @@ def associate_frame(
 
 @kernel_part
 def map_hypothesis(beta: Floats, pair: Ints, joint: Floats) -> MapHypothesis:
-    """The likeliest hypothesis of each person: a box of theirs alone, or together with a neighbour."""
+    """Most probable hypothesis of each person: a box alone, a box merged with a neighbour, or no box."""
     N, M = beta.shape
     best, box = np.zeros(N), np.full(N, -1)
     of_pair, side = np.full(N, -1), np.zeros(N, dtype=np.int64)
@@ -277,7 +278,7 @@ def map_hypothesis(beta: Floats, pair: Ints, joint: Floats) -> MapHypothesis:
 def marginal_probabilities(
     existence: Floats, found: BoxAssociation, pair: Ints, beta: Floats, joint: Floats, free: Floats, owner: Ints
 ) -> None:
-    """Write a frame's association probabilities by person and box, and the unassigned probability and MAP person.
+    """Write a frame's association probabilities by person and box, unassigned probabilities, and MAP assignments.
 
     Args:
         existence: (N,) before the frame.
@@ -312,7 +313,7 @@ def marginal_probabilities(
 def add_hypothesis(
     precision: Floats, H: Floats, W: Floats, off: Floats, probability: float, first: Floats, second: Floats
 ) -> None:
-    """Add the posterior of one hypothesis to the moments of a mixture, relative to the prior's mean.
+    """Add the posterior of one association hypothesis to the moments of a Gaussian mixture, relative to the prior mean.
 
     Args:
         precision: (6, 6) inverse of the prior's covariance.
@@ -335,7 +336,9 @@ def add_hypothesis(
 
 @kernel_part
 def without_negative(information: Floats, P: Floats, precision: Floats) -> None:
-    """Make an information matrix (6, 6) positive semidefinite, in coordinates in which P is the identity.
+    """Make an information matrix (6, 6) positive semidefinite, by clipping eigenvalues where P is the identity.
+
+    P (6, 6) is the covariance of the cavity, `precision` its inverse.
 
     Args:
         information: changed.
@@ -369,11 +372,11 @@ def expectation_propagation_site(
     information: Floats,
     vector: Floats,
 ) -> None:
-    """Write the Gaussian factor (6, 6), (6,) in information form that a frame leaves of the state of person i.
+    """Write the site (6, 6), (6,) of a frame for person i: the Gaussian factor in information form.
 
-    JPDA: the belief after the frame has the mean and covariance of the mixture over all boxes and the missed detection;
-    the factor is that belief divided by the cavity.  Directions in which the mixture is wider than the cavity get no
-    information.  A box with a possible outlier edge makes two hypotheses, one without this edge.
+    JPDA: the belief after the frame has mean and covariance of the mixture over all boxes and the missed detection; the
+    site is that belief divided by the cavity. Directions in which the mixture is wider than the cavity get no
+    information. A box with a possible outlier edge makes two hypotheses, one without this edge.
 
     Args:
         predicted: people in the frame, from the cavity.
@@ -437,7 +440,7 @@ def count_edges(
     best: MapHypothesis,
     counts: StepStatistics,
 ) -> None:
-    """Add the outlier edges of a frame's boxes, each of its person alone, to the expected counts."""
+    """Add the outlier edges of a frame's boxes, by their MAP person, to the expected counts."""
     for i in range(predicted.mean.shape[0]):
         if best.probability[i] <= MIN_ASSOCIATION or best.pair[i] >= 0:
             continue
@@ -455,7 +458,7 @@ def count_edges(
 
 @kernel_part
 def count_merges(existence: Floats, found: BoxAssociation, pair: Ints, merges: Floats) -> None:
-    """Add the pairs (K, 2) who are one box, and those who are detected, to the expected counts (2,)."""
+    """Add the expected numbers of merged pairs and of detected pairs (K, 2) to the counts (2,)."""
     for k in range(pair.shape[0]):
         a, b = pair[k]
         certain = existence[a] * existence[b]
@@ -477,7 +480,7 @@ def update_targets(
     new: float,
     gate: float,
 ) -> JipdaResult:
-    """Update all people by the frames of a time step.
+    """Update all people by the frames of one time step, by expectation propagation.
 
     Args:
         mean: (N, 6) predicted.

@@ -1,8 +1,8 @@
-"""Likelihood ratios of boxes: of one person, with an edge that may be an outlier, against false alarms.
+"""Likelihood ratios of boxes for one person against clutter, with possible outlier edges.
 
-The likelihood of a box is a mixture: all its edges are the person's, or one is an outlier.  An outlier is the lower
-edge of a box that ends where a cover of the feet begins (uniform over the upper 80 % of the height), or any edge that
-belongs to something else (uniform over twice the size).  Of the outliers the likeliest one represents all.
+The likelihood of a box is a mixture: all edges are the person's, or one edge is an outlier: the lower edge of a box
+that ends where the feet are occluded (uniform over the upper 80 % of the height), or any edge that belongs to something
+else (uniform over twice the size). The likeliest outlier represents all.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ EDGE_GATE = 2.0
 
 
 class Likelihoods(NamedTuple):
-    """Likelihood ratios of m boxes of a frame to false alarms, for N people."""
+    """Likelihood ratios of m boxes of a frame against clutter, for N people."""
 
     ratio: Floats  # (N, m) 0: outside the gate
     whole: Floats  # (N, m) probability that no edge is an outlier, given that the box is the person's
@@ -146,11 +146,11 @@ def position_likelihood_ratios(
     gate: float,
     inflation: float,
 ) -> Likelihoods:
-    """Likelihood ratios of the positions of a frame, for N people: a Gaussian with a tail of manoeuvres.
+    """Likelihood ratios of the positions of a frame for N people.
 
-    The mixture of the motion models is merged to one Gaussian before association, in which a turn has no weight, so
-    that who turns would be denied the position.  A share `MANOEUVRE_SHARE` of the innovations has the variance
-    `PackedDetections.tail` on top.
+    A Gaussian mixture with a wide component for manoeuvres. Association uses one Gaussian per person, the merged motion
+    models, in which a manoeuvre has hardly any weight. A share `MANOEUVRE_SHARE` of the innovations therefore gets the
+    additional variance `PackedDetections.tail`.
 
     Args:
         box: (N, 4) expected positions x, y in the first two columns.

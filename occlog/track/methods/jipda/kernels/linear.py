@@ -1,4 +1,4 @@
-"""Small symmetric matrices: inverse and eigenvalues, without the cost of a library call and of its compilation."""
+"""Inverse, Cholesky factor and eigenvalues of small symmetric matrices, without library calls."""
 
 from __future__ import annotations
 
@@ -15,11 +15,9 @@ OFF_DIAGONAL_TOLERANCE = 1e-15
 
 @kernel
 def invert(matrix: Floats, out: Floats) -> float:
-    """Write the inverse of a symmetric positive definite (n, n) matrix and give the log of its determinant.
+    """Write the inverse of a symmetric positive definite (n, n) matrix; return the log determinant.
 
-    `matrix` and `out` may be the same.
-
-    NaN, and an inverse without meaning, where the matrix is not positive definite.
+    `matrix` and `out` may be the same. Returns NaN, with an undefined inverse, if the matrix is not positive definite.
     """
     n = matrix.shape[0]
     log_determinant = 0.0
@@ -71,9 +69,9 @@ def cholesky(matrix: Floats, out: Floats) -> None:
 
 @kernel
 def eigen(matrix: Floats, axes: Floats) -> None:
-    """Make a symmetric (n, n) matrix diagonal, its eigenvalues, by Jacobi's rotations, and write its eigenvectors.
+    """Diagonalise a symmetric (n, n) matrix in place by Jacobi rotations, and write its eigenvectors.
 
-    Column k of `axes` belongs to the k-th diagonal entry.
+    The diagonal becomes the eigenvalues; column k of `axes` is the k-th eigenvector.
     """
     n = matrix.shape[0]
     for a in range(n):

@@ -19,7 +19,7 @@ CONVERGED = 1e-5
 
 @kernel
 def box_messages(weight: Floats) -> Floats:
-    """(N, M) messages nu from boxes to people: how free each box is for each person, 0 to 1.
+    """(N, M) messages nu from boxes to people (Williams and Lau 2014, Eq. 31): availability of a box, 0 to 1.
 
     Args:
         weight: (N, M) odds that person i made box j against that i made none and j is of no person; 0: outside the

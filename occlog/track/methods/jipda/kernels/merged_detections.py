@@ -1,9 +1,8 @@
-"""One box of two people: the outline of both, where they touch in the image.
+"""Merged detections: one box for two people who overlap in the image.
 
-A detector that sees regions gives two people who touch one box, with edges of either.  In addition to "box j is of
-person i" the association of a frame then has the hypotheses "box j is of persons a and b", each of which excludes all
-others of a, of b and of j.  The messages between people, boxes and hypotheses are those of belief propagation on the
-graph in which every hypothesis is a binary variable; without pairs they are those of `marginals`.
+A region-based detector reports two people who touch as one box, with edges of either. In addition to "box j is of
+person i" there are hypotheses "box j is of persons a and b", each of which excludes all others of a, b and j. Marginals
+are computed by belief propagation on the graph of binary hypotheses; without pairs they are those of `marginals`.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ MIN_EDGE_OWNERSHIP = 0.5
 
 
 class PairMessages(NamedTuple):
-    """Result of belief propagation for N people, M boxes and K pairs."""
+    """Messages of belief propagation for N people, M boxes and K pairs."""
 
     single: Floats  # (N, M) how free each box is for each person, 0 to 1
     pair: Floats  # (K, M) how free each box is for each pair
@@ -46,7 +45,7 @@ class PairMessages(NamedTuple):
 
 @kernel
 def overlapping_pairs(box: Floats, depth: Floats, across: Floats, there: Floats) -> Ints:
-    """Give the pairs (K, 2) of people who touch in the image.
+    """List the pairs (K, 2) of people with overlapping or touching boxes in the image.
 
     Args:
         box: (N, 4) expected boxes [px].
@@ -77,7 +76,7 @@ def overlapping_pairs(box: Floats, depth: Floats, across: Floats, there: Floats)
 def merged_box(
     a: int, b: int, drawn: Floats, noise: Floats, spread: Floats, box: Floats, whole: Floats, wide: Floats, own: Floats
 ) -> None:
-    """Write the expected outline of two people, its noise and spread, and the owners of its edges.
+    """Write the expected merged box of two people, its noise and spread, and who owns each edge.
 
     Args:
         a: the first.
@@ -120,9 +119,9 @@ def pair_likelihoods(
     new: float,
     gate: float,
 ) -> tuple[Floats, Floats]:
-    """Likelihood ratios (K, m) of a frame's boxes to false alarms for K pairs, and (K, 4) owners of edges.
+    """Likelihood ratios (K, m) of a frame's boxes against clutter for K pairs, and (K, 4) edge ownership.
 
-    They hold the probability that the pair is detected as one box.
+    The ratios include the probability that the pair is detected as one box.
 
     Args:
         pair: (K, 2) people who touch.
@@ -165,7 +164,7 @@ def pair_likelihoods(
 
 @kernel
 def add_edges_of_one(noise: Floats, use: Bools, own: Floats, first: bool, beta: float, out: Floats) -> None:
-    """Add to (4, 4) `out` the inverse covariance of the edges of an outline that are a person's.
+    """Add the precision of those edges of a merged box that belong to one person to `out` (4, 4), in place.
 
     Args:
         noise: (4, 4) covariance of the person's edges.

@@ -30,11 +30,10 @@ def pose_residuals(
     owner: Ints,
     good: Bools,
 ) -> Floats:
-    """Normal equations of rotations of the cameras, from the boxes of one time step.
+    """Normal equations of camera rotations from the boxes of one time step.
 
-    The centre of a box is a function of the position and the height of the person and of two angles of the camera.
-    Positions are eliminated without a prior, heights with that of the track: who is seen by one camera counts for
-    nothing.
+    The centre of a box depends on position and height of the person and on two angles of the camera. Positions are
+    eliminated without a prior, heights with that of the track; people seen by a single camera contribute nothing.
 
     Args:
         mean: (P, 6) people.
@@ -75,7 +74,7 @@ def pose_residuals(
 def centre_rows(
     state: Floats, camera: int, lens: Floats, delay: float, box: Floats, rates: DetectorModel, out: Floats
 ) -> int:
-    """Fill the two rows of a box: derivatives of its centre and the residual, over the standard deviation.
+    """Fill the two rows of a box: Jacobian and residual of its centre, divided by the standard deviation.
 
     Args:
         state: (6,) person.

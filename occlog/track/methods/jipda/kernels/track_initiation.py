@@ -1,9 +1,9 @@
-"""Track initiation: bodies that explain unassigned boxes of one or several cameras.
+"""Track initiation: new people that explain unassigned boxes of one or several cameras.
 
-Each free box proposes a body: the most probable position, height and width of one who made it, with the curvature there
-(Laplace's approximation).  The boxes of the other cameras are then asked one after the other: a body that is seen must
-be detected with its probability of detection among the people who hide it.  The result is the odds that a new target
-stands there against all of these boxes being of no person.
+Each unassigned box proposes a person: the most probable position, height and width, with their covariance (Laplace
+approximation). The boxes of the other cameras are then added one camera at a time: a visible person must be detected
+with the detection probability, given the occlusion by other people. The result is the log odds of a new person against
+all of these boxes being clutter.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ MIN_UNASSIGNED_PROBABILITY = 0.2
 
 
 class TrackedPeople(NamedTuple):
-    """Predicted tracks in the frames of a time step; N people, L frames."""
+    """Predicted tracks, projected into the frames of a time step; N people, L frames."""
 
     existence: Floats  # (N,)
     box: Floats  # (L, N + 1, 4) expected boxes; the last position is for a new target
@@ -48,7 +48,7 @@ class TrackedPeople(NamedTuple):
 
 
 class BirthIntensity(NamedTuple):
-    """Expected numbers of people who are new since the last time step."""
+    """Expected numbers of new people since the last time step, as a map over the ground plane."""
 
     everywhere: float  # a unit of area
     in_image: float  # in an image: what is far away and small in it counts less
@@ -59,11 +59,9 @@ class BirthIntensity(NamedTuple):
 
 @kernel
 def ground_plane_point(views: PackedCameras, c: int, u: float, v: float, z: float, position: Floats) -> bool:
-    """Write the position (2,) where the line of sight of pixel (u, v) meets the plane at height z; 0: the ground plane.
+    """Write the intersection (2,) of the line of sight of pixel (u, v) with the plane at height z.
 
-    False if it is behind camera c or parallel.
-
-    Lens distortion is omitted: the position starts an iteration.
+    False if it is behind camera c or parallel. Lens distortion is ignored: the position starts an iteration.
     """
     x = (u - views.principal[c, 0]) / views.focal[c, 0]
     y = (v - views.principal[c, 1]) / views.focal[c, 1]
@@ -81,7 +79,7 @@ def ground_plane_point(views: PackedCameras, c: int, u: float, v: float, z: floa
 
 @kernel
 def arrivals_at(arrival: BirthIntensity, mean: Floats) -> float:
-    """Expected number of new people a unit of area at the position of a state (6,)."""
+    """Birth intensity (expected new people per unit of area) at the position of a state (6,)."""
     expected_new = arrival.everywhere
     for g in range(arrival.centre.shape[0]):
         dx, dy = mean[0] - arrival.centre[g, 0], mean[1] - arrival.centre[g, 1]
@@ -103,9 +101,10 @@ def state_from_box(
     mean: Floats,
     covariance: Floats,
 ) -> float:
-    """Write the state (6,) and covariance (6, 6) of one who made box j, and give the log of the integrated density.
+    """Write state (6,) and covariance (6, 6) of a new person that made box j; return the log marginal density.
 
-    The density is that of the box and the number of new people; NaN: no person can make it.
+    The density is that of the box times the birth intensity, integrated over the state; NaN if no person can have made
+    the box.
     """
     box, usable = boxes.box[j], boxes.usable[j]
     if views.lens[c, MODEL] == GROUND_PLANE:
@@ -171,7 +170,7 @@ def state_from_box(
 def predicted_targets(
     views: PackedCameras, boxes: PackedDetections, people: Floats, spread: Floats, existence: Floats
 ) -> TrackedPeople:
-    """The people (N, 6), with positions of standard deviations (N,) `spread`, as predicted in each frame."""
+    """Predict N people (N, 6), with position standard deviations (N,) `spread`, in each frame."""
     L, N = boxes.camera.shape[0], people.shape[0]
     box, depth, across = np.empty((L, N + 1, 4)), np.empty((L, N + 1)), np.empty((L, N + 1))
     deep, there, slope = np.empty(N + 1), np.ones(N + 1), np.zeros((4, 6))
@@ -201,7 +200,7 @@ def propose_track(
     covariance: Floats,
     used: Floats,
 ) -> float:
-    """Log odds that a new target made a box; the state, its covariance and its associated boxes are written.
+    """Log odds that a new person made box `seed`; writes the state and the associated boxes.
 
     Args:
         views: cameras.
@@ -296,7 +295,7 @@ def initiate_targets(
     gate: float,
     least: float,
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """New people: mean (K, 6), covariance (K, 6, 6), log odds (K,), and their shares of the boxes (K, M).
+    """Initiate tracks from unassigned boxes: mean (K, 6), covariance (K, 6, 6), log odds (K,), associations (K, M).
 
     Args:
         views: cameras.

@@ -1,9 +1,9 @@
-"""How much of each person a camera sees among the others: a grid of lines of sight over the body.
+"""Visibility of each person among the others: occlusion of a grid of lines of sight over the body.
 
-For a line of sight to one position, [Ercan] Eq. 7 gives P = prod_j (1 - q_j), q_j the probability that occluder j's
-centre lies in the rectangle around the line of sight.  Here the same product is formed in the image for a grid of
-positions of a body, so that it states which part is covered: q_j is the probability that person j exists, is nearer to
-the camera, and that j's box holds the position, with the spread of both people's positions across the line of sight
+For a line of sight to one position, [Ercan] Eq. 7 gives P = prod_j (1 - q_j), with q_j the probability that the centre
+of occluder j lies in the rectangle around the line of sight. Here the same product is formed in the image for a grid of
+cells of a body, so that it states which part is occluded: q_j is the probability that person j exists, is nearer to the
+camera, and has a box that covers the cell, given the uncertainty of both people's positions across the line of sight
 and along it.
 """
 
@@ -36,9 +36,9 @@ def normal_cdf(z: float) -> float:
 
 @kernel
 def in_view(views: PackedCameras, c: int, x: float, y: float, box: Floats, cells: Floats) -> bool:
-    """Whether a person at (x, y) is in range of camera c and a cell of the box (4,) in its image; cells are written.
+    """Whether a person at (x, y) is in range of camera c, with a cell of the box (4,) in its image; cells are written.
 
-    A source of positions covers an area of the ground, and sees all of whom is in it.
+    A position sensor covers a rectangle of the ground, and detects everyone in it.
     """
     if views.lens[c, MODEL] == GROUND_PLANE:
         cells[:] = 1.0
@@ -62,7 +62,7 @@ def visibility(
     existence: Floats,
     cells: Floats,
 ) -> float:
-    """Expected share of person i that camera c sees past the border, static occluders and other people.
+    """Expected visible share of person i in camera c, given the border, static occluders and other people.
 
     Args:
         views: cameras and static occluders.
@@ -87,7 +87,7 @@ def visibility(
 
 @kernel
 def visible_feet(cells: Floats) -> float:
-    """Visible share of the lowest row of cells."""
+    """Visible share of the lowest row of cells (feet)."""
     bottom = 0.0
     for column in range(COLUMNS):
         bottom += cells[ROWS - 1, column]
@@ -96,7 +96,7 @@ def visible_feet(cells: Floats) -> float:
 
 @kernel
 def centre_deviation(spread: Floats) -> float:
-    """Standard deviation of a box's centre across the image, by the covariance (4, 4) of its edges [px]."""
+    """Horizontal standard deviation [px] of a box's centre, from the covariance (4, 4) of its edges."""
     return math.sqrt(0.25 * max(spread[0, 0] + 2.0 * spread[0, 2] + spread[2, 2], 0.0))
 
 
@@ -110,7 +110,7 @@ def cells_unoccluded_by(
     existence: Floats,
     cells: Floats,
 ) -> None:
-    """Multiply (ROWS, COLUMNS) probabilities of seeing the cells of person i by those that no other person covers them.
+    """Multiply the visibility (ROWS, COLUMNS) of person i by the probability that no other person occludes the cell.
 
     Args:
         i: the person.
@@ -147,7 +147,7 @@ def cells_unoccluded_by(
 
 @kernel
 def inside_image(box: Floats, width: float, height: float, cells: Floats) -> float:
-    """Write 1 to the cells (ROWS, COLUMNS) of a box in the image and 0 to the others; give the share inside."""
+    """Set the cells (ROWS, COLUMNS) of a box to 1 inside the image and 0 outside; return the share inside."""
     count = 0
     for row in range(ROWS):
         v = box[1] + (box[3] - box[1]) * (row + 0.5) / ROWS
@@ -163,10 +163,10 @@ def inside_image(box: Floats, width: float, height: float, cells: Floats) -> flo
 def occlude_by_static(
     views: PackedCameras, c: int, x: float, y: float, height: float, width: float, cells: Floats
 ) -> None:
-    """Set the cells (ROWS, COLUMNS) of a person to 0, in place, that a static occluder hides from camera c.
+    """Set the cells (ROWS, COLUMNS) of a person that a static occluder hides from camera c to 0, in place.
 
-    A cell is a point of the upright rectangle through the person's axis that faces the camera.  The line of sight to it
-    passes over an occluder if it is above its top all the way; an occluder around the camera hides nothing.
+    Cells are points of the upright rectangle through the person's axis that faces the camera. A line of sight passes
+    above an occluder if it is higher than its top over the whole crossing; an occluder around the camera hides nothing.
 
     Args:
         views: cameras and static occluders.
