@@ -1,1 +1,1 @@
-"""Calibration of cameras and clocks by people who walk."""
+"""Calibration of cameras and clocks from boxes of walking people."""

@@ -1,14 +1,13 @@
 """Bundle adjustment of cameras and clocks over the boxes of walking people.
 
-Unknown are the cameras (orientation, position, focal length, radial distortion, offset and drift of the clock), the
-path of each person (position and velocity at every time step, one height and width), the mean height of people, and the
-bias of the upper and lower edges of boxes, in common and of each camera.  The measurements are the edges of boxes, by
-the body model of method `jipda`; paths have white acceleration.  Errors are of Student's t distribution, by iteratively
-reweighted least squares.  Each step of Levenberg and Marquardt eliminates the paths, which are chains in time, by
-banded Cholesky factors, and solves for the cameras (Triggs, McLauchlan, Hartley and Fitzgibbon 2000, Sec. 6).
-
-Standard deviations are those of an M-estimator (Huber and Ronchetti 2009, Sec. 7.6), with the scale of errors corrected
-for what the paths absorb, and with errors that are correlated in time.
+Parameters are the cameras (orientation, position, focal length, radial distortion, clock offset and drift), the path of
+each person (position and velocity at every time step, one height and width), the mean height of people, and the bias of
+the upper and lower edges of boxes, in common and of each camera. Measurements are the edges of boxes, by the body model
+of method `jipda`; paths have white acceleration. Errors have a Student t distribution, by iteratively reweighted least
+squares. Each Levenberg-Marquardt step eliminates the paths, which are chains in time, by banded Cholesky factors, and
+solves for the cameras (Triggs, McLauchlan, Hartley and Fitzgibbon 2000, Sec. 6). Standard deviations are those of an
+M-estimator (Huber and Ronchetti 2009, Sec. 7.6), with the scale of errors corrected for the degrees of freedom of the
+paths, and with errors correlated in time.
 """
 
 from __future__ import annotations
@@ -68,7 +67,7 @@ MAX_LAG = 40
 
 
 class Observations(NamedTuple):
-    """Boxes of N observations of people at K knots, which are the time steps of each person, in order.
+    """N boxes of people at K knots (the time steps of each person, in order).
 
     Attributes:
         camera: (N,) number of the camera.
@@ -90,7 +89,7 @@ class Observations(NamedTuple):
 
     @property
     def stamps(self) -> Floats:
-        """(N,) stamped times [s]."""
+        """(N,) times of the boxes by the cameras' uncorrected clocks [s]."""
         return np.asarray(self.time[self.knot] + self.delay)
 
 
@@ -108,12 +107,15 @@ class Clocks(NamedTuple):
     origin: float
 
     def errors(self, camera: Ints | int, stamps: Floats) -> Floats:
-        """(N,) by how much stamps (N,) of cameras are late [s]."""
+        """(N,) delay [s] of the clocks of cameras (N,) at stamped times (N,)."""
         return np.asarray(self.late[camera] + self.drift[camera] * (stamps - self.origin))
 
 
 class BodyPrior(NamedTuple):
-    """People: mean height and width, their standard deviations, that of the mean height, and units in a metre."""
+    """Prior of body sizes: mean height and width, their standard deviations, that of the mean height.
+
+    Length units per metre.
+    """
 
     height: float
     sigma_height: float
@@ -124,7 +126,7 @@ class BodyPrior(NamedTuple):
 
 
 class NoiseModel(NamedTuple):
-    """Errors of the edges of boxes: a part in pixels, and a part of the height of the box."""
+    """Noise of box edges: a part in pixels, and a part proportional to the height of the box."""
 
     pixels: float
     relative: float
@@ -157,7 +159,10 @@ class Adjusted(NamedTuple):
 
 
 def changed(camera: Camera, values: Floats) -> Camera:
-    """A camera after a change of its parameters (12,); clock and biases are not part of it."""
+    """A camera with its pose, focal length and distortion changed by parameters (12,).
+
+    Clock and biases are not included.
+    """
     distortion = camera.distortion
     if values[RADIAL] != 0.0:
         distortion = np.array(distortion, dtype=np.float64)
@@ -175,7 +180,7 @@ def changed(camera: Camera, values: Floats) -> Camera:
 
 @dataclass
 class Adjustment:
-    """Adjustment of cameras and clocks; `run` searches.
+    """Bundle adjustment of cameras and clocks; `run` minimises.
 
     Attributes:
         cameras: C cameras, from where the search starts.
@@ -197,7 +202,7 @@ class Adjustment:
     noise: NoiseModel
 
     def __post_init__(self) -> None:
-        """Begin at the start."""
+        """Initialise parameters and states at the start values."""
         C, seen = len(self.cameras), self.seen
         self.free = np.append((self.sigma_prior > 0.0).ravel(), [True] + [False] * (COMMON - 1))
         with np.errstate(divide="ignore"):
@@ -217,7 +222,7 @@ class Adjustment:
         self.biases = self._bias_slopes()
 
     def _bias_slopes(self) -> Floats:
-        """(N, 4, 7) derivatives of the edges by the biases of their cameras and the common ones, at the start."""
+        """(N, 4, 7) derivatives of the box edges by the camera's and the common biases, at the start values."""
         seen, height = self.seen, self.body.height
         out, box = np.zeros((len(seen.camera), 4, COMMON + 1)), np.zeros((len(seen.camera), 4))
         delay, states = self._delays(self.values), self.states[seen.knot]
@@ -237,7 +242,7 @@ class Adjustment:
         return out
 
     def run(self) -> Adjusted:
-        """Search; rescale the noise; search on; the covariance at the end."""
+        """Minimise, rescale the noise, and minimise again; return the result with its covariance."""
         for limit in ROUGH_ITERATIONS:
             self._search(limit)
             self._rescale()
@@ -253,7 +258,7 @@ class Adjustment:
         )  # fmt: skip
 
     def _search(self, limit: int) -> bool:
-        """Levenberg-Marquardt; whether it converged."""
+        """Levenberg-Marquardt iterations up to a limit; return whether they converged."""
         damping = 1e-4
         equations = self._equations(self.values, self.states)
         for _ in range(limit):
@@ -274,13 +279,13 @@ class Adjustment:
         return False
 
     def _delays(self, values: Floats) -> Floats:
-        """(N,) true time of each observation after its knot [s]."""
+        """(N,) true time of each box relative to its knot [s]."""
         seen, change = self.seen, values[:-COMMON].reshape(-1, PARAMETERS)
         clocks = Clocks(self.clocks.late + change[:, LATE], self.clocks.drift + change[:, DRIFT], self.clocks.origin)
         return np.asarray(seen.delay - clocks.errors(seen.camera, seen.stamps))
 
     def _equations(self, values: Floats, states: Floats) -> _Equations:
-        """Residuals, cost and derivatives."""
+        """Residuals, cost and derivatives at the given parameters and states."""
         seen, C = self.seen, len(self.cameras)
         N = len(seen.camera)
         changes = values[:-COMMON].reshape(C, PARAMETERS)
@@ -308,7 +313,7 @@ class Adjustment:
         return float(0.5 * ((tall**2).sum() + (wide**2).sum() + (speed**2).sum()))
 
     def _camera_slopes(self, equations: _Equations) -> Floats:
-        """(N, 4, 17) derivatives of the expected boxes by the parameters of their cameras, and by the common biases."""
+        """(N, 4, 17) derivatives of the expected boxes by the camera's parameters and the common biases."""
         seen, C = self.seen, len(self.cameras)
         N = len(seen.camera)
         out = np.zeros((N, 4, PARAMETERS + COMMON - 1))
@@ -333,7 +338,7 @@ class Adjustment:
         return out
 
     def _paths(self, equations: _Equations, inflate: Floats) -> tuple[Floats, Floats, Floats]:
-        """Normal equations of the paths: (K, 6, 6) blocks of the diagonal and below it, and (K, 6) right side."""
+        """Normal equations of the paths: blocks (K, 6, 6) on and below the diagonal, and right side (K, 6)."""
         seen, body, states = self.seen, self.body, equations.states
         K, first = len(seen.time), seen.first[:-1]
         Js = equations.slope * (equations.weight / inflate)[:, :, None]
@@ -352,7 +357,7 @@ class Adjustment:
         return A, off, g
 
     def _solved(self, A: Floats, off: Floats, right: Floats) -> Floats:
-        """(K, 6, R) solutions of the paths' equations for the right sides (K, 6, R)."""
+        """Solve the block tridiagonal normal equations of the paths for right sides (K, 6, R)."""
         out = np.zeros_like(right)
         first, R = self.seen.first, right.shape[2]
         for p0, p1 in zip(first[:-1].tolist(), first[1:].tolist(), strict=True):
@@ -362,7 +367,10 @@ class Adjustment:
         return out
 
     def _reduced(self, equations: _Equations, damping: float, inflate: Floats = np.ones(4)) -> _Reduced:  # noqa: B008
-        """Normal equations of cameras after the paths are eliminated; `inflate` (4,): factors of the variances."""
+        """Normal equations of the cameras after elimination of the paths (Schur complement).
+
+        `inflate` (4,): factors of the variances of the edges.
+        """
         seen, C, body = self.seen, len(self.cameras), self.body
         K, M = len(seen.time), len(self.values)
         A, off, g = self._paths(equations, inflate)
@@ -396,7 +404,7 @@ class Adjustment:
         return _Reduced(0.5 * (S + S.T), s, solved)
 
     def _step(self, equations: _Equations, damping: float) -> tuple[Floats, Floats]:
-        """Changes of the parameters and of the states."""
+        """Damped step: changes of the parameters and of the states."""
         reduced = self._reduced(equations, damping)
         free = np.flatnonzero(self.free)
         S = reduced.matrix[np.ix_(free, free)]
@@ -407,7 +415,7 @@ class Adjustment:
         return step, moved
 
     def _rescale(self) -> None:
-        """Set the noise to what residuals have, and the accelerations of people."""
+        """Re-estimate the noise of box edges and the accelerations of people from the residuals."""
         equations = self._equations(self.values, self.states)
         use = equations.weight > 0.0
         shares, of_motion = self._absorbed(equations)
@@ -436,7 +444,7 @@ class Adjustment:
             self.motion = _motion(self.seen, self.body.metre, self.acceleration)
 
     def _absorbed(self, equations: _Equations) -> tuple[Floats, float]:
-        """Shares of the variance of errors that the paths absorb.
+        """Shares of the degrees of freedom of errors that the paths take up.
 
         The mean of the diagonal of the hat matrix, by random signs (Hutchinson 1990).
 
@@ -462,10 +470,10 @@ class Adjustment:
         return np.clip(shares, 0.0, 0.9), float(np.clip(of_motion, 0.0, 0.99))
 
     def _correlation(self, equations: _Equations) -> Floats:
-        """(4,) factors by which errors widen the variances of the normal equations, of each edge.
+        """Variance inflation factors (4,) of the normal equations, of each edge, for correlated errors.
 
-        Errors of one person in one camera are correlated in time, those of left and right edges with each other; and
-        equations of an M-estimator have the mean of weights in place of the slope of the influence function.
+        Errors of one person in one camera are correlated in time, and those of left and right edges with each other;
+        the equations of an M-estimator use mean weights in place of the derivative of the influence function.
         """
         seen, use = self.seen, equations.weight > 0.0
         scaled = np.where(use, equations.residual / self.sigma, 0.0)
@@ -488,7 +496,7 @@ class Adjustment:
         return out
 
     def _inverse(self, matrix: Floats) -> Floats:
-        """Inverse for the parameters that are free, without directions that nothing determines; 0 elsewhere."""
+        """Pseudo-inverse of the free parameters' block; 0 for fixed parameters."""
         free = np.flatnonzero(self.free)
         out, part = np.zeros_like(matrix), matrix[np.ix_(free, free)]
         scale = 1.0 / np.sqrt(np.maximum(np.diag(part), 1e-300))
@@ -496,10 +504,10 @@ class Adjustment:
         return out
 
     def _covariance(self, equations: _Equations, correlation: Floats) -> Floats:
-        """(C 12, C 12) covariance of the parameters.
+        """(C 12, C 12) covariance of the camera parameters.
 
         Biases of edges are consider parameters (Schmidt 1966): they are not estimated, since small errors of the body
-        model would make them large, and what they do to the estimates is added.
+        model would make them large, but their effect on the estimates is added.
         """
         exact = self._reduced(equations, 0.0).matrix
         gain = self._inverse(exact) @ (exact * self.sigma_bias)
@@ -508,7 +516,7 @@ class Adjustment:
 
 
 def _time_factor(x: Floats, group: Ints, total: float) -> float:
-    """Factor by which the variance of a mean of errors is larger than that of independent ones, 1 or more.
+    """Factor by which the variance of a mean exceeds that of independent errors, at least 1 (autocorrelation in time).
 
     Args:
         x: (N, E) errors, those of a group in the order of time.
@@ -545,7 +553,7 @@ class _Reduced(NamedTuple):
 
 
 class _Motion(NamedTuple):
-    """Prior of the paths: precision and transition from each knot to the next of the same person."""
+    """Gaussian prior of the paths: precision and transition from each knot to the next of the same person."""
 
     inner: Ints  # (L,) knots with a successor
     transition: Floats  # (L, 6, 6)
@@ -555,17 +563,17 @@ class _Motion(NamedTuple):
         return np.asarray(states[self.inner + 1] - np.einsum("lij,lj->li", self.transition, states[self.inner]))
 
     def squares(self, states: Floats) -> Floats:
-        """(L,) squared Mahalanobis lengths of the changes of position and velocity."""
+        """(L,) squared Mahalanobis lengths of the L changes of position and velocity."""
         off = self._off(states)[:, :4]
         return np.asarray(np.einsum("li,lij,lj->l", off, self.precision[:, :4, :4], off))
 
     def cost(self, states: Floats) -> float:
-        """Half the squared Mahalanobis length of all transitions."""
+        """Negative log prior of all transitions: half the squared Mahalanobis length."""
         off = self._off(states)
         return float(0.5 * np.einsum("li,lij,lj->", off, self.precision, off))
 
     def add(self, states: Floats, A: Floats, g: Floats) -> Floats:
-        """Add to the blocks of the diagonal and the right side; (K, 6, 6) blocks below the diagonal."""
+        """Add the prior to diagonal blocks and right side, in place; return the (K, 6, 6) blocks below the diagonal."""
         off, P, F = self._off(states), self.precision, self.transition
         PF = P @ F
         A[self.inner] += np.swapaxes(F, 1, 2) @ PF
@@ -578,7 +586,7 @@ class _Motion(NamedTuple):
 
 
 def _motion(seen: Observations, metre: float, acceleration: float) -> _Motion:
-    """Prior of the paths: white acceleration, and bodies that hardly change."""
+    """Prior of the paths: white acceleration, nearly constant body size."""
     last = seen.first[1:] - 1
     inner = np.setdiff1d(np.arange(len(seen.time)), last)
     dt = seen.time[inner + 1] - seen.time[inner]
@@ -595,12 +603,12 @@ def _motion(seen: Observations, metre: float, acceleration: float) -> _Motion:
 
 
 def _roots(motion: _Motion) -> Floats:
-    """(L, 4, 4) roots R of the precisions P = R R' of position and velocity."""
+    """(L, 4, 4) Cholesky factors R of the precisions P = R R' of position and velocity."""
     return np.asarray(np.linalg.cholesky(motion.precision[:, :4, :4]))
 
 
 def _banded(diagonal: Floats, below: Floats) -> Floats:
-    """(12, 6 T) lower banded form of a block tridiagonal symmetric matrix of (T, 6, 6) and (T - 1, 6, 6) blocks."""
+    """(12, 6 T) lower banded form of a symmetric block tridiagonal matrix with (T, 6, 6) and (T - 1, 6, 6) blocks."""
     n = STATE_SIZE
     T = len(diagonal)
     out = np.zeros((2 * n, T * n))

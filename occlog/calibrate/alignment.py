@@ -1,9 +1,9 @@
-"""Where cameras stand to each other, and by how much their clocks differ, from paths of people on the ground.
+"""Relative poses and clock offsets of cameras, from paths of people on the ground.
 
-Each camera has paths in its own level frame (`occlog.calibrate.ground_plane`).  Two paths of one person are
-congruent: a rotation, a translation and an offset of the clocks take one to the other.  Every pair of paths proposes
-one (in closed form, for all pairs at once), and the proposal with most support at all times is taken.  The cameras are
-joined along the pairs with most support.
+Each camera has paths in its own level frame (`occlog.calibrate.ground_plane`). Two paths of one person are congruent: a
+rotation, a translation and a clock offset map one to the other. Every pair of paths proposes such a map (in closed
+form, for all pairs at once), and the proposal with most support over all times is taken. Cameras are joined along the
+pairs with most support.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ ROUNDS = 4
 
 
 class PlanarPose(NamedTuple):
-    """Pose of a camera's level frame in another frame, and its clock.
+    """Planar pose of a camera's level frame in another frame, and its clock offset.
 
     Attributes:
         yaw: of the camera [rad].
@@ -52,17 +52,17 @@ class PlanarPose(NamedTuple):
     late: float
 
     def of(self, inner: PlanarPose) -> PlanarPose:
-        """The pose in this pose's frame of what has the pose `inner` in this camera's frame."""
+        """Compose two poses: that of `inner`, given in this camera's frame, in this pose's reference frame."""
         turned = self.position + np.exp(1j * self.yaw) * inner.position
         return PlanarPose(self.yaw + inner.yaw, complex(turned), self.late + inner.late)
 
     def inverse(self) -> PlanarPose:
-        """The pose of the other frame in this camera's."""
+        """Inverse: pose of the reference frame in this camera's frame."""
         return PlanarPose(-self.yaw, complex(-np.exp(-1j * self.yaw) * self.position), -self.late)
 
 
 class PairAlignment(NamedTuple):
-    """Pose of camera b in the level frame of camera a.
+    """Estimated pose of camera b in the level frame of camera a, with its support.
 
     Attributes:
         a: number of a camera.
@@ -88,7 +88,7 @@ def align_pair(
     rough: PlanarPose | None = None,
     tolerance: tuple[float, float] = (np.inf, np.inf),
 ) -> tuple[PlanarPose, float, float] | None:
-    """The alignment of two cameras with most support.
+    """The relative pose and clock offset of two cameras with most support.
 
     Args:
         a: (A, T) x + i y of the A paths of a camera on a grid of times, in its level frame; NaN: not there.
@@ -141,7 +141,7 @@ def align_pair(
 
 
 def _shifted(paths: Complexes, late: int) -> Complexes:
-    """Paths of a clock that is late by some steps, at the times of the other clock: those of later times."""
+    """Shift paths by a clock delay of some time steps."""
     out = np.full_like(paths, np.nan)
     if late >= 0:
         out[:, : paths.shape[1] - late] = paths[:, late:]
@@ -151,7 +151,7 @@ def _shifted(paths: Complexes, late: int) -> Complexes:
 
 
 def _proposals(a: Complexes, b: Complexes, step_s: float, person_height: float) -> tuple[Floats, Floats, Complexes]:
-    """Weight, yaw and position (n,) of the congruences that take paths of b to paths of a, in closed form."""
+    """Weights, yaws and translations (n,) of the planar congruences that map paths of b to paths of a."""
     there_a, there_b = np.isfinite(a), np.isfinite(b)
     za, zb = np.where(there_a, a, 0.0), np.where(there_b, b, 0.0)
     ma, mb = there_a.astype(np.float64), there_b.astype(np.float64)
@@ -172,7 +172,7 @@ def _proposals(a: Complexes, b: Complexes, step_s: float, person_height: float) 
 
 
 def _by_time(paths: Complexes) -> Complexes:
-    """(K, T) positions at each time, without the paths that are not there; filled with NaN."""
+    """(K, T) positions at each time, padded with NaN, without the paths that are absent."""
     there = np.isfinite(paths)
     most = int(there.sum(axis=0).max(initial=0))
     order = np.argsort(~there, axis=0, kind="stable")[:most]
@@ -180,7 +180,7 @@ def _by_time(paths: Complexes) -> Complexes:
 
 
 def _support(a: Complexes, b: Complexes, pose: PlanarPose, person_height: float) -> tuple[float, float]:
-    """Agreements beyond chance under a pose of b in a, and their share of those possible."""
+    """Number of agreeing positions beyond chance for a pose of b in a, and their share of the possible number."""
     moved = pose.position + np.exp(1j * pose.yaw) * _shifted(b, round(pose.late))
     filled = np.flatnonzero(np.isfinite(a).any(axis=0) & np.isfinite(moved).any(axis=0))
     if len(filled) < 2:
@@ -196,7 +196,7 @@ def _support(a: Complexes, b: Complexes, pose: PlanarPose, person_height: float)
 
 
 def _mutual(a: Complexes, b: Complexes, limit: float) -> NDArray[np.bool_]:
-    """(A, B, T) pairs that are the nearest of each other, and within a limit."""
+    """(A, B, T) mask of mutual nearest neighbours within a distance limit."""
     if not (len(a) and len(b)):
         return np.zeros((len(a), len(b), a.shape[1]), dtype=np.bool_)
     gap = a[:, None] - b[None]
@@ -208,7 +208,7 @@ def _mutual(a: Complexes, b: Complexes, limit: float) -> NDArray[np.bool_]:
 
 
 def _refined(a: Complexes, b: Complexes, pose: PlanarPose, person_height: float) -> PlanarPose:
-    """The pose that is best, by least squares, for all people who agree."""
+    """Refine a pose by least squares over all agreeing positions."""
     late = _shifted(b, round(pose.late))
     moved = pose.position + np.exp(1j * pose.yaw) * late
     i, j, t = np.nonzero(_mutual(a, moved, MATCH_HEIGHTS * person_height))
@@ -220,7 +220,7 @@ def _refined(a: Complexes, b: Complexes, pose: PlanarPose, person_height: float)
 
 
 def joined(count: int, pairs: Sequence[PairAlignment]) -> list[PlanarPose | None]:
-    """Poses of all cameras in the frame of the one with most support; None: no pair joins it to that one."""
+    """Poses of all cameras in the frame of the one with most support; None for cameras not connected to it."""
     good = [each for each in pairs if each.support >= MIN_SUPPORT and each.share >= MIN_SHARE]
     poses: list[PlanarPose | None] = [None] * count
     if not good:

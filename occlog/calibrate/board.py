@@ -1,6 +1,6 @@
 """Intrinsics of a camera from images of a chessboard or ChArUco board, by OpenCV (Zhang 2000).
 
-Images with the board at a new position are views. A lens is refused where the views do not determine it.
+A view is an image with the board in a new position. A result is rejected if the views do not determine the lens.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ K3_GAIN = 0.97
 
 
 class Board(NamedTuple):
-    """A board.
+    """Calibration board: type and size.
 
     Attributes:
         columns: inner corners of a chessboard, squares of a ChArUco board.
@@ -51,14 +51,14 @@ class Board(NamedTuple):
 
 
 class BoardView(NamedTuple):
-    """The board in one image: numbers of corners (n,), and their pixels (n, 2)."""
+    """The board detected in one image: indices of corners (n,), and their pixels (n, 2)."""
 
     corner: Ints
     pixels: Floats
 
 
 class BoardLens(NamedTuple):
-    """A lens from views of a board.
+    """Intrinsics estimated from views of a board, with residuals.
 
     Attributes:
         camera: without a pose.
@@ -80,7 +80,7 @@ class BoardLens(NamedTuple):
 
 
 def board_of(size: str, dictionary: str, marker: float) -> Board:
-    """The board of `COLUMNSxROWS`; UsageError for anything else."""
+    """Parse `COLUMNSxROWS` to a board; UsageError for anything else."""
     cells = size.lower().split("x")
     if len(cells) != 2 or not all(cell.isdecimal() and 2 <= int(cell[:3]) <= 50 and len(cell) < 3 for cell in cells):
         raise UsageError(f"{option('board')} {size}: expected COLUMNSxROWS, each of 2 to 50, as in 9x6")
@@ -92,14 +92,14 @@ def board_of(size: str, dictionary: str, marker: float) -> Board:
 
 
 def corners_of(board: Board) -> Floats:
-    """(N, 3) corners on the board, in sides of a square."""
+    """(N, 3) positions of the corners on the board, in units of a square's side."""
     columns, rows = (board.columns - 1, board.rows - 1) if board.dictionary else (board.columns, board.rows)
     x, y = np.meshgrid(np.arange(1.0, columns + 1), np.arange(1.0, rows + 1))
     return np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
 
 
 class BoardDetector:
-    """Finds a board in images, to fractions of a pixel."""
+    """Detects a board in images with subpixel accuracy."""
 
     def __init__(self, board: Board) -> None:
         """Prepare OpenCV's detector."""
@@ -110,7 +110,7 @@ class BoardDetector:
             self._charuco = cv2.aruco.CharucoDetector(drawn)
 
     def find(self, image: Image) -> BoardView | None:
-        """The board in an image; None: not found."""
+        """Detect the board in an image; None if it is not found."""
         grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         if self.board.dictionary:
             pixels, numbers, _, _ = self._charuco.detectBoard(grey)
@@ -126,7 +126,7 @@ class BoardDetector:
 
 
 def views_of(images: Iterable[Image], board: Board) -> tuple[list[BoardView], tuple[int, int], int]:
-    """Views of a board that differ, the size of the images, and the number of images."""
+    """Distinct views of a board, the size of the images, and the number of images read."""
     detector = BoardDetector(board)
     views: list[BoardView] = []
     size, count = (0, 0), 0
@@ -143,13 +143,13 @@ def views_of(images: Iterable[Image], board: Board) -> tuple[list[BoardView], tu
 
 
 def _moved(a: BoardView, b: BoardView) -> float:
-    """Mean distance [px] between the corners that two views share; infinite: none."""
+    """Mean distance [px] between the corners common to two views; infinite without any."""
     _, i, j = np.intersect1d(a.corner, b.corner, return_indices=True)
     return float(np.linalg.norm(a.pixels[i] - b.pixels[j], axis=1).mean()) if len(i) else np.inf
 
 
 def _spread(views: Sequence[BoardView], size: tuple[int, int]) -> list[BoardView]:
-    """At most `MAX_VIEWS` views: each is the one that differs most from those before (farthest point)."""
+    """Select at most `MAX_VIEWS` views by farthest-point sampling: each differs most from those selected before."""
     if len(views) <= MAX_VIEWS:
         return list(views)
     # Position, extent and perspective of the board
@@ -164,7 +164,7 @@ def _spread(views: Sequence[BoardView], size: tuple[int, int]) -> list[BoardView
 
 
 def lens_of_views(name: str, views: Sequence[BoardView], size: tuple[int, int], board: Board, images: int) -> BoardLens:
-    """The lens of a camera.
+    """Estimate the intrinsics of a camera from views of a board.
 
     Args:
         name: of the camera.
@@ -213,7 +213,7 @@ def lens_of_views(name: str, views: Sequence[BoardView], size: tuple[int, int], 
 
 
 class _Fit(NamedTuple):
-    """Camera matrix, five coefficients, their standard deviations, residuals [px], and the largest tilt of a board."""
+    """Result of a fit: camera matrix, distortion, standard deviations, residuals [px], largest tilt of a board."""
 
     matrix: Floats
     distortion: Floats
@@ -224,7 +224,7 @@ class _Fit(NamedTuple):
 
 
 def _fit(views: Sequence[BoardView], size: tuple[int, int], board: Board) -> _Fit:
-    """Calibrate with two radial coefficients, and with three where these fit clearly better."""
+    """Calibrate with two radial coefficients, or with three if these fit clearly better."""
     corners = corners_of(board)
     points = [corners[v.corner].astype(np.float32) for v in views]
     pixels = [v.pixels.astype(np.float32).reshape(-1, 1, 2) for v in views]
@@ -244,7 +244,7 @@ def _fit(views: Sequence[BoardView], size: tuple[int, int], board: Board) -> _Fi
 
 
 def _coverage(views: Sequence[BoardView], size: tuple[int, int]) -> float:
-    """Share of the cells of the image with a corner."""
+    """Share of the cells of the image that contain a corner."""
     pixels = np.concatenate([v.pixels for v in views])
     cell = np.clip((pixels / size * CELLS).astype(np.int64), 0, np.array(CELLS) - 1)
     return len(np.unique(cell, axis=0)) / (CELLS[0] * CELLS[1])

@@ -1,4 +1,4 @@
-"""Run of `occlog calibrate` with a board: read images, calibrate each lens, write the cameras."""
+"""`occlog calibrate` with a board: read images, calibrate each lens, write the cameras."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ COVERAGE, RESIDUAL = "board coverage", "board residuals"
 
 
 def run_board(request: CalibrateRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Calibrate and write; return the summary, and losses."""
+    """Calibrate lenses from a board, and write them; return the summary and the losses."""
     given: dict[str, object] = {"scene": request.scene, "ignore_poses": request.ignore_poses, "focal": request.focal}
     given |= {"radial": request.radial, "points": request.points, "set": request.settings, "picture": request.picture}
     for name, value in given.items():
@@ -63,7 +63,7 @@ def run_board(request: CalibrateRequest, job: Job) -> tuple[dict[str, object], t
 
 
 def _cameras(request: CalibrateRequest) -> list[str]:
-    """Names of the cameras: those of a recording, or that of a video or folder."""
+    """Names of the cameras: those of a recording, or the name of a video or folder."""
     path = request.recording
     if path.is_dir() or content_of(path, "a video or a recording") is not Content.RECORDING:
         return [safe_name(path.stem)]
@@ -78,7 +78,7 @@ def _cameras(request: CalibrateRequest) -> list[str]:
 
 
 def _images(path: Path, name: str, losses: list[Loss]) -> Iterator[Image]:
-    """Images of one camera, at least `STEP_S` apart; all of a folder."""
+    """Generate images of one camera, at least `STEP_S` apart; all images of a folder."""
     last = -np.inf
     if not path.is_dir() and content_of(path, "a video or a recording") is Content.RECORDING:
         for frame in open_recording(path).frames([name]):
@@ -101,7 +101,7 @@ def _images(path: Path, name: str, losses: list[Loss]) -> Iterator[Image]:
 
 
 def _figures(each: BoardLens) -> dict[str, object]:
-    """Figures of one camera."""
+    """Figures of one lens for the summary."""
     camera = each.camera
     return {
         "focal_px": [round(float(v), 2) for v in camera.focal_px],
@@ -118,7 +118,7 @@ def _figures(each: BoardLens) -> dict[str, object]:
 
 
 def _checks(lenses: list[BoardLens]) -> tuple[Check, ...]:
-    """Checks of the lenses with their findings."""
+    """Checks of board coverage and reprojection error, with their findings."""
     narrow = (
         finding(
             COVERAGE, "board-coverage", sensors=[e.camera.name], share=e.coverage, allowed=MIN_COVERAGE,

@@ -1,8 +1,8 @@
-"""Focal length of a camera from the boxes of people who walk: its image size is all that is known.
+"""Focal length of a camera from boxes of walking people, if only the image size is known.
 
-Boxes of upright people of about one height determine a horizon and the vertical vanishing point, which with square
-pixels and a principal point in the middle give the focal length (Lv, Zhao and Nevatia 2006). Heights along one track
-must be constant, and those of people differ by a few centimetres: the focal length with the least squares of both.
+Boxes of upright people of about one height determine the horizon and the vertical vanishing point, which with square
+pixels and a central principal point give the focal length (Lv, Zhao and Nevatia 2006). The height along one track must
+be constant, and heights of people differ by a few centimetres: the focal length minimises the squares of both.
 """
 
 from __future__ import annotations
@@ -38,14 +38,17 @@ UNSEEN = 1.0
 
 
 class FocalEstimate(NamedTuple):
-    """A focal length [px] and the standard deviation of its logarithm; that of cameras in general without boxes."""
+    """A focal length [px] with the standard deviation of its logarithm.
+
+    Without boxes, the prior of cameras in general.
+    """
 
     focal_px: float
     sigma_log: float
 
 
 def focal_of_people(camera: Camera, tracks: Sequence[tuple[Floats, Floats]], person_height: float) -> FocalEstimate:
-    """The focal length of a camera.
+    """Estimate the focal length of a camera from tracks of boxes.
 
     Args:
         camera: with an image size.
@@ -84,7 +87,7 @@ def focal_of_people(camera: Camera, tracks: Sequence[tuple[Floats, Floats]], per
 
 
 def _log_heights(camera: Camera, values: Floats, boxes: Floats, person_height: float) -> Floats:
-    """(n,) logarithms of the heights of people over the mean height.
+    """(n,) log ratios of the heights of people, estimated from boxes, to the mean height.
 
     Args:
         camera: of which the image size is used.
@@ -116,12 +119,12 @@ def _log_heights(camera: Camera, values: Floats, boxes: Floats, person_height: f
 
 
 def lens_unknown(camera: Camera) -> bool:
-    """Return whether nothing is known of a lens: the focal length of an uncalibrated camera is a placeholder."""
+    """Whether a camera has no calibration at all, so that its focal length is a placeholder."""
     return not camera.placed and not camera.principal_px.any()
 
 
 def with_focal(camera: Camera, focal_px: float) -> Camera:
-    """The camera with square pixels, its principal point in the middle and no distortion."""
+    """The camera with square pixels, central principal point and no distortion."""
     size = camera.image_size or (1, 1)
     focal, middle = np.full(2, focal_px), 0.5 * (np.array(size) - 1.0)
     fov = camera_fov(size, focal, middle, np.zeros(5), "brown", np.eye(3))
@@ -131,7 +134,7 @@ def with_focal(camera: Camera, focal_px: float) -> Camera:
 
 
 def _apart(t: Floats) -> list[int]:
-    """Indices of times that are `STEP_S` apart."""
+    """Indices of a subset of the times (n,) at least `STEP_S` apart."""
     kept: list[int] = []
     for k, when in enumerate(t.tolist()):
         if not kept or when - t[kept[-1]] >= STEP_S:

@@ -1,9 +1,9 @@
 """Ground plane of one camera from the boxes of upright people: pitch, roll and height of the camera.
 
-A person has the feet on the ground and the head above them.  Boxes of people at several distances determine how the
-camera is inclined, and its height in heights of people (Lv, Zhao and Nevatia 2006; Liu, Collins and Liu 2011).  The
-yaw and the position on the ground stay open: results are in the level frame of the camera, with the origin on the
-ground below it, x forward and z up.
+A person has the feet on the ground and the head above them. Boxes of people at several distances determine the
+inclination of the camera and its height, in heights of people (Lv, Zhao and Nevatia 2006; Liu, Collins and Liu 2011).
+Yaw and ground position are undetermined: results are in the level frame of the camera, with the origin on the ground
+below it, x forward and z up.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class GroundPlane(NamedTuple):
 
 
 def whole(camera: Camera, boxes: Floats) -> Bools:
-    """(n,) boxes that no border of the image cuts, above or below or at the sides."""
+    """(n,) mask of boxes that no border of the image truncates."""
     inside = boxes[:, 3] - boxes[:, 1] > 0.0
     if camera.image_size is None:
         return np.asarray(inside)
@@ -74,7 +74,7 @@ def whole(camera: Camera, boxes: Floats) -> Bools:
 
 
 def ground_plane(camera: Camera, boxes: Floats, person_height: float) -> GroundPlane | None:
-    """The ground plane of a camera.
+    """Estimate the ground plane of a camera from boxes.
 
     Args:
         camera: with intrinsics; its pose, where it has one, is where the search starts and a prior.
@@ -122,7 +122,7 @@ def ground_plane(camera: Camera, boxes: Floats, person_height: float) -> GroundP
 
 
 def _ends(camera: Camera, boxes: Floats) -> tuple[Floats, Floats]:
-    """(n, 3) lines of sight of the feet and of the heads, in the camera's frame, with a forward component of 1."""
+    """(n, 3) lines of sight of the feet and of the heads in the camera's frame, with a forward component of 1."""
     middle = 0.5 * (boxes[:, 0] + boxes[:, 2])
     foot, head = (ideal(camera, np.column_stack([middle, boxes[:, edge]])) for edge in (3, 1))
     one = np.ones((len(boxes), 1))

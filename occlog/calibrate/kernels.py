@@ -1,4 +1,4 @@
-"""Expected boxes of many people in many cameras, and their derivatives."""
+"""Expected boxes of many people in many cameras, with derivatives."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from occlog.track.methods.jipda.kernels.body_box import box_and_slope, expected_
 def boxes_and_slopes(
     lens: Floats, camera: Ints, state: Floats, delay: Floats, box: Floats, slope: Floats, good: Bools
 ) -> None:
-    """Write the expected box of each observation and its derivative by the state.
+    """Write the expected box of each observation and its Jacobian with respect to the state.
 
     Args:
         lens: (C, LENS) cameras, as `PackedCameras.lens`.
@@ -30,7 +30,7 @@ def boxes_and_slopes(
 
 @kernel
 def expected_boxes(lens: Floats, camera: Ints, state: Floats, delay: Floats, box: Floats) -> None:
-    """Write the expected box (N, 4) of each observation, NaN behind the camera; see `boxes_and_slopes`."""
+    """Write the expected box (N, 4) [px] of each observation; NaN behind the camera."""
     for n in range(camera.shape[0]):
         x, y = state[n, 0] + delay[n] * state[n, 2], state[n, 1] + delay[n] * state[n, 3]
         if expected_box(lens[camera[n]], x, y, state[n, 4], state[n, 5], box[n]) < 0.0:

@@ -1,4 +1,4 @@
-"""Pose of a camera, and its focal length where it is not known, from points of the world marked in its image."""
+"""Pose of a camera, and its focal length if unknown, from world points marked in its image."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ FLAT = 1e-3
 
 
 class MarkedPose(NamedTuple):
-    """A camera from marked points.
+    """Pose and intrinsics of a camera estimated from marked points.
 
     Attributes:
         camera: with its pose.
@@ -108,7 +108,7 @@ def pose_of_points(camera: Camera, pixels: Floats, points: Floats) -> MarkedPose
 
 
 def _with_lens(camera: Camera, pixels: Floats, points: Floats) -> Camera:
-    """A start of known focal length: perspective-n-point (SQPnP, Terzakis and Lourakis 2020)."""
+    """Initial pose with known focal length: perspective-n-point (SQPnP, Terzakis and Lourakis 2020)."""
     ideal = undistort((pixels - camera.principal_px) / camera.focal_px, camera.distortion, camera.distortion_model)
     good = np.isfinite(ideal).all(axis=1)
     found = False
@@ -121,7 +121,7 @@ def _with_lens(camera: Camera, pixels: Floats, points: Floats) -> Camera:
 
 
 def _without_lens(camera: Camera, pixels: Floats, points: Floats) -> Camera:
-    """A start of unknown focal length: by the homography of the floor."""
+    """Initial pose with unknown focal length, from the homography of the floor."""
     if camera.image_size is None:
         raise InputError(f"camera {camera.name}: states no image size; give it to ingest, or image_size_px in a scene")
     if points[:, 2].any():

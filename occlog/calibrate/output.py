@@ -1,4 +1,4 @@
-"""Output of `occlog calibrate`: a scene, or a calibration of another program by the name of the file."""
+"""Output of `occlog calibrate`: a scene, or a calibration in another program's format, by the suffix of the file."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from occlog.runner import Job
 
 
 def write_scene(path: Path, scene: Scene, comment: str, job: Job) -> None:
-    """Write a scene with a comment, or its cameras; a note states what the format does not hold."""
+    """Write a scene with a comment, or its cameras in another format; a note lists what that format cannot hold."""
     form = format_of(path)
     if form is None:
         write_bytes(path, (comment + scene_to_yaml(scene)).encode(), job.overwrite)

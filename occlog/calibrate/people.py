@@ -1,4 +1,4 @@
-"""People whom several cameras see: tracks in images of one camera joined across cameras, as observations."""
+"""Joining of image tracks of one person across cameras, as observations for the bundle adjustment."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MAX_KNOTS = 2500
 
 
 class Tracklet(NamedTuple):
-    """Track of a person in the images of one camera.
+    """Track of a person in the images of one camera, with ground positions.
 
     Attributes:
         camera: number of the camera.
@@ -45,7 +45,7 @@ class Tracklet(NamedTuple):
 
 
 def on_grid(t_s: Floats, xy: Complexes, times: Floats, max_gap_s: float) -> Complexes:
-    """(T,) positions at the times of a grid, linear between samples; NaN outside and in gaps."""
+    """(T,) positions linearly interpolated at the times of a grid; NaN outside and in gaps."""
     out = np.interp(times, t_s, xy.real) + 1j * np.interp(times, t_s, xy.imag)
     if len(t_s) < 2:
         return np.full(len(times), np.nan, dtype=np.complex128)
@@ -55,7 +55,7 @@ def on_grid(t_s: Floats, xy: Complexes, times: Floats, max_gap_s: float) -> Comp
 
 
 def persons(tracklets: Sequence[Tracklet], clocks: Clocks, times: Floats, max_gap_s: float, height: float) -> Ints:
-    """(n,) number of the person of each tracklet.
+    """(n,) index of the person of each tracklet: tracklets of several cameras that coincide on the ground.
 
     Args:
         tracklets: of all cameras.
@@ -97,7 +97,7 @@ def persons(tracklets: Sequence[Tracklet], clocks: Clocks, times: Floats, max_ga
 
 
 def _conflict(a: dict[int, np.ndarray], b: dict[int, np.ndarray]) -> bool:
-    """Whether a camera sees both groups at the same times."""
+    """Whether two groups of tracklets contain tracks of the same camera at the same times."""
     return any(np.count_nonzero(a[c] & b[c]) > MAX_CONFLICTS for c in set(a) & set(b))
 
 
@@ -108,7 +108,7 @@ def observations(
     sizes: Sequence[tuple[int, int] | None],
     body: BodyPrior,
 ) -> tuple[Observations, Floats]:
-    """Observations of people, and states to start from.
+    """Observations of people for the bundle adjustment, and initial states.
 
     Args:
         rows: person, camera, stamped time [s], box (4,), and position on the ground.

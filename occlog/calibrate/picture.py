@@ -1,7 +1,7 @@
-"""Picture of a calibration for the eye: the grid of the floor on an image of each camera, and residuals of its boxes.
+"""Picture of a calibration: floor grid drawn on an image of each camera, and residuals of its boxes.
 
-A grid that lies on the floor of the image and residuals around zero at all times and distances show a calibration that
-fits; a residual with a slope in time shows a clock that drifts, one in the image a lens or an inclination.
+In a good calibration the grid lies on the floor of the image, and residuals scatter about 0 at all times and distances;
+a residual with a trend in time indicates clock drift, one across the image a wrong lens or inclination.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ GRID, FEET, DOWN, ACROSS = "#ffb000", "#0070c0", "#0070c0", "#d04000"
 
 
 def picture(found: Calibrated, images: Mapping[str, Image], metre: float) -> bytes:
-    """PNG with a row for each calibrated camera.
+    """Draw the picture as PNG, with a row for each calibrated camera.
 
     Args:
         found: the calibration.
@@ -58,13 +58,13 @@ def picture(found: Calibrated, images: Mapping[str, Image], metre: float) -> byt
 
 
 def _residuals(found: Calibrated, rows: Ints) -> tuple[Floats, Floats]:
-    """Residuals across, of the middle of boxes, and down, of their lower edge [px]: observed minus expected."""
+    """Residuals [px] (observed minus expected): horizontal of box centres, vertical of lower edges."""
     r = found.residual[rows]
     return 0.5 * (r[:, 0] + r[:, 2]), r[:, 3]
 
 
 def _feet(found: Calibrated) -> Floats:
-    """(n, 2) positions on the floor of the feet of all boxes with a lower edge that was used."""
+    """(n, 2) ground positions of the feet of all boxes with a lower edge that was used."""
     out = [np.zeros((0, 2))]
     for c, each in enumerate(found.cameras):
         if each.estimated:
@@ -78,7 +78,7 @@ def _feet(found: Calibrated) -> Floats:
 
 
 def _grid(feet: Floats, metre: float) -> tuple[list[Floats], int]:
-    """Lines (k, 3) of the floor where people are, and their distance in metres."""
+    """Lines (k, 3) of a floor grid where people are, and the grid spacing in metres."""
     low, high = np.percentile(feet, [2.0, 98.0], axis=0) / metre
     low, high = np.floor(low - 0.5), np.ceil(high + 0.5)
     step = int(np.ceil(max(float((high - low).max()) / MAX_LINES, 1.0)))
@@ -94,7 +94,7 @@ def _grid(feet: Floats, metre: float) -> tuple[list[Floats], int]:
 
 
 def _draw_image(axes: Axes, camera: Camera, image: Image | None, lines: list[Floats], step: int) -> None:
-    """The image of a camera, or its frame, with the grid."""
+    """Draw the image of a camera, or its empty frame, with the floor grid."""
     width, height = camera.image_size or (1, 1)
     if image is not None:
         shown = image if image.ndim == 2 else image[:, :, ::-1]
@@ -109,7 +109,7 @@ def _draw_image(axes: Axes, camera: Camera, image: Image | None, lines: list[Flo
 
 
 def _draw_feet(axes: Axes, found: Calibrated, rows: Ints) -> None:
-    """Feet of boxes, with lines to where they are expected."""
+    """Draw the feet of boxes, with lines to their expected positions."""
     box = found.seen.box[rows]
     across, down = _residuals(found, rows)
     u, v = 0.5 * (box[:, 0] + box[:, 2]), box[:, 3]
@@ -120,7 +120,7 @@ def _draw_feet(axes: Axes, found: Calibrated, rows: Ints) -> None:
 
 
 def _draw_residuals(axes: Axes, found: Calibrated, mine: Ints, rows: Ints) -> None:
-    """Residuals over time."""
+    """Draw the residuals over time."""
     time = found.seen.time[found.seen.knot[rows]] - found.seen.time.min()
     for values, colour, name in zip(_residuals(found, rows), (ACROSS, DOWN), ("across", "feet"), strict=True):
         axes.plot(time, values, ".", color=colour, markersize=2.0, alpha=0.5, label=name)

@@ -108,6 +108,6 @@ class CalibrateRequest(Request):
 
     @property
     def outputs(self) -> list[Path]:
-        """Every file that is written, without a calibration in a folder, which the run checks."""
+        """All files that are written, except for a calibration folder, which is checked by the run."""
         form = format_of(self.output)
         return [path for path in super().outputs if path != self.output or form is None or not is_folder(path, form)]

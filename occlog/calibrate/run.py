@@ -1,4 +1,4 @@
-"""Run of `occlog calibrate`: read boxes, calibrate, write the scene, and report how sure each parameter is."""
+"""`occlog calibrate`: read boxes, calibrate, write the scene, and report the uncertainty of each parameter."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ MAX_BOXES = 60_000
 
 
 def run_calibrate(request: CalibrateRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Calibrate and write; return the summary, and previous losses."""
+    """Calibrate, and write the scene; return the summary and the losses of earlier steps."""
     config = configure(CalibrateConfig(), request.settings)
     form = format_of(request.output)
     if form is not None:
@@ -105,7 +105,7 @@ def run_calibrate(request: CalibrateRequest, job: Job) -> tuple[dict[str, object
 
 
 def _images(inputs: ImageInput, found: Calibrated) -> dict[str, Image]:
-    """An image of each camera in the middle of a recording that has images."""
+    """One image of each camera from the middle of the recording, if it has images."""
     recording, middle_ns = inputs.opened.recording, round(float(np.median(found.seen.time)) * NS)
     out: dict[str, Image] = {}
     for name in () if recording is None else recording.cameras:
@@ -120,7 +120,7 @@ def _images(inputs: ImageInput, found: Calibrated) -> dict[str, Image]:
 
 
 class Start(NamedTuple):
-    """Where the search begins.
+    """Initial values of the calibration: poses and focal lengths.
 
     Attributes:
         cameras: with the poses that are stated, or follow from marked points.
@@ -135,7 +135,7 @@ class Start(NamedTuple):
     guessed: dict[str, FocalEstimate]
 
     def checks(self, found: Calibrated) -> tuple[Check, ...]:
-        """Findings of lenses that were estimated."""
+        """Findings about focal lengths that were estimated for the start."""
         out = []
         for each in found.cameras:
             if each.estimated and each.camera.name in self.guessed:
@@ -149,7 +149,7 @@ class Start(NamedTuple):
 def _start(
     request: CalibrateRequest, cameras: Sequence[Camera], frames: Sequence[FrameDetectionsWithIds], height: float
 ) -> Start:
-    """Poses of marked points, and focal lengths of cameras of which the image size alone is known."""
+    """Initial poses from marked points, and focal lengths of cameras with a known image size only."""
     out = [replace(c, placed=False) if request.ignore_poses else c for c in cameras]
     sigma = np.full(len(out), SIGMA_LOG_FOCAL if request.focal else 0.0)
     marked: list[MarkedPose] = []
@@ -173,7 +173,7 @@ def _start(
 
 
 def _marked_figures(each: MarkedPose) -> dict[str, object]:
-    """Figures of a camera with marked points."""
+    """Figures of a camera with marked points, for the summary."""
     return {
         "points": each.points,
         "residual_px": round(each.residual_px, 2),
@@ -184,7 +184,7 @@ def _marked_figures(each: MarkedPose) -> dict[str, object]:
 
 
 def _first_frames(frames: Iterable[FrameDetectionsWithIds], job: Job) -> list[FrameDetectionsWithIds]:
-    """Frames from the beginning with at most about `MAX_BOXES` boxes; a note where there are more."""
+    """Frames from the beginning with at most about `MAX_BOXES` boxes; a note if there are more."""
     out: list[FrameDetectionsWithIds] = []
     boxes = 0
     for each in job.progress(frames, "read"):
@@ -198,7 +198,7 @@ def _first_frames(frames: Iterable[FrameDetectionsWithIds], job: Job) -> list[Fr
 
 
 def _scene(scene: Scene, found: Calibrated, *, placed: bool) -> Scene:
-    """The scene with the calibrated cameras, their uncertainty as noise, and clocks that are late."""
+    """The scene with the calibrated cameras, their uncertainty as pose noise, and significant clock offsets."""
     own = {each.camera.name: each for each in found.cameras if each.estimated}
     clocks = {clock.name: clock for clock in scene.clocks}
     cameras: list[Camera] = []
@@ -220,13 +220,13 @@ def _scene(scene: Scene, found: Calibrated, *, placed: bool) -> Scene:
 
 
 def _sigma_yaw(each: CameraResult) -> float:
-    """Standard deviation of the angle about the vertical [rad], of turns about the axes of the camera."""
+    """Standard deviation of the rotation about the vertical [rad], from those about the camera's axes."""
     up = each.camera.rotation[2]
     return float(np.sqrt(np.sum((up * each.sigma[:3]) ** 2)))
 
 
 def _figures(each: CameraResult) -> dict[str, object]:
-    """Figures of one camera: what was found, and standard deviations."""
+    """Figures of one camera: estimates with standard deviations."""
     if not each.estimated:
         return {"estimated": False}
     yaw, pitch, roll = np.degrees(angles_from_rotation(each.camera.rotation)).tolist()
@@ -247,7 +247,7 @@ def _figures(each: CameraResult) -> dict[str, object]:
 
 
 def _frame(found: Calibrated) -> dict[str, float]:
-    """Standard deviations of position, yaw and scale of all cameras together, of those that anything determines."""
+    """Standard deviations of common position, yaw and scale of all cameras, if determined."""
     x, y, yaw, scale = found.sigma_frame.tolist()
     values = {"x": x, "y": y, "yaw_deg": float(np.degrees(yaw)), "scale": scale}
     return {name: round(value, 4) for name, value in values.items() if np.isfinite(value)}
@@ -274,7 +274,7 @@ def _missing(found: Calibrated) -> Iterator[Check]:
 
 
 def _loose(found: Calibrated, *, focal: bool) -> Iterator[Check]:
-    """Parameters that were asked for and are not determined; `focal`: focal lengths were."""
+    """Report estimated parameters that the data do not determine; `focal`: focal lengths were requested."""
     for each in found.cameras:
         for name in each.undetermined:
             if name == "focal length" and not focal:
@@ -283,7 +283,7 @@ def _loose(found: Calibrated, *, focal: bool) -> Iterator[Check]:
 
 
 def _moved(found: Calibrated, stated: Sequence[Camera], config: CalibrateConfig, metre: float) -> Iterator[Check]:
-    """Cameras with a pose that is farther from the stated one than that allows."""
+    """Report cameras with a pose farther from the stated one than its uncertainty allows."""
     for each, camera in zip(found.cameras, stated, strict=True):
         if not (each.estimated and camera.has_height):
             continue
@@ -314,7 +314,7 @@ def _clock_findings(found: Calibrated) -> Iterator[Check]:
 
 
 def _comment(found: Calibrated, unit: str) -> str:
-    """Comments with the standard deviations."""
+    """Comment lines with the standard deviations, for the scene file."""
     lines = [f"Calibrated from {found.people} people by occlog calibrate; standard deviations relative to all cameras:"]
     for each in found.cameras:
         if each.estimated:

@@ -1,11 +1,15 @@
-"""Calibration by walking people: from boxes of cameras to poses, focal lengths and offsets of clocks.
+"""Calibration by walking people: from boxes of cameras to poses, focal lengths and clock offsets.
 
 1. People are tracked in the images of each camera (method `sort`), and their boxes determine the ground plane.
-2. Their paths on the ground determine where cameras stand to each other, and their clocks.
-3. Tracks of one person are joined across cameras, and a bundle adjustment estimates everything at once.
-4. Boxes are associated again with the cameras found (method `jipda`), and adjusted again.
-5. The result, which is determined but for position, direction and scale of all cameras together, is placed by the
-   stated poses and the mean height of people.
+
+2. Paths on the ground determine relative poses and clock offsets of the cameras.
+
+3. Tracks of one person are joined across cameras, and a bundle adjustment estimates all parameters jointly.
+
+4. Boxes are associated again with the estimated cameras (method `jipda`), and adjusted again.
+
+5. The result, determined up to a common similarity transform of all cameras, is fitted to the stated poses and the mean
+   height of people.
 """
 
 from __future__ import annotations
@@ -77,7 +81,7 @@ BODY_WIDTH, SIGMA_BODY_WIDTH, SIGMA_LOOSE_HEIGHT = 0.55, 0.15, 0.5
 
 
 class CameraResult(NamedTuple):
-    """What was found of one camera.
+    """Calibration result of one camera.
 
     Attributes:
         camera: with its pose.
@@ -102,7 +106,7 @@ class CameraResult(NamedTuple):
 
     @property
     def is_late(self) -> bool:
-        """Whether the offset of the clock is significant, and matters."""
+        """Whether the clock offset is significant and large enough to matter."""
         return self.estimated and (
             abs(self.late_s) > max(3.0 * float(self.sigma[LATE]), MIN_LATE_S) or self.is_drifting
         )
@@ -114,7 +118,7 @@ class CameraResult(NamedTuple):
 
 
 class Calibrated(NamedTuple):
-    """Result of a calibration.
+    """Calibration result of all cameras.
 
     Attributes:
         cameras: in the order of the input.
@@ -140,7 +144,7 @@ class Calibrated(NamedTuple):
 
 
 class _Estimate(NamedTuple):
-    """Cameras and clocks between rounds."""
+    """Cameras and clocks between rounds of the estimation."""
 
     cameras: list[Camera]
     clocks: Clocks
@@ -233,7 +237,7 @@ def calibrate(
 
 
 def _rows(tracklets: Sequence[Tracklet], group: Ints) -> Rows:
-    """Boxes of tracks with the numbers of their persons."""
+    """Boxes of tracks with the indices of their persons."""
     return [
         (int(person), t.camera, float(when), box, complex(at))
         for person, t in zip(group, tracklets, strict=True)
@@ -253,7 +257,7 @@ def _after(now: _Estimate, done: Adjusted) -> Clocks:
 
 
 def tracks_in_images(frames: Sequence[FrameDetectionsWithIds], c: int, camera: Camera) -> list[tuple[Floats, Floats]]:
-    """Stamped times [s] and boxes of the tracks in the images of one camera."""
+    """Stamped times [s] and boxes of the image tracks of one camera."""
     tracks = CameraTracks(camera, SortConfig())
     for each in frames:
         if each.detections.camera == c:
@@ -264,7 +268,7 @@ def tracks_in_images(frames: Sequence[FrameDetectionsWithIds], c: int, camera: C
 
 
 def _grid(boxes: Sequence[Sequence[tuple[Floats, Floats]]]) -> Floats:
-    """(T,) times at which paths are compared [s]."""
+    """(T,) time grid [s] on which paths are compared."""
     every = [t for own in boxes for t, _ in own if len(t) > 1]
     if not every:
         raise InputError(
@@ -278,7 +282,7 @@ def _grid(boxes: Sequence[Sequence[tuple[Floats, Floats]]]) -> Floats:
 def _tracklets(
     c: int, camera: Camera, plane: GroundPlane | None, boxes: Sequence[tuple[Floats, Floats]], height: float
 ) -> list[Tracklet]:
-    """Tracks of one camera with their paths in its level frame."""
+    """Image tracks of one camera with ground positions in its level frame."""
     out = []
     for t, own in boxes if plane is not None else ():
         xy = plane.positions(camera, own)  # type: ignore[union-attr]
@@ -296,7 +300,7 @@ def _aligned(
     config: CalibrateConfig,
     metre: float,
 ) -> list[PlanarPose | None]:
-    """Poses of the cameras in a common frame; None: a camera that shares no people with the others."""
+    """Poses of the cameras in a common frame; None for a camera that shares no people with the others."""
     step, C = float(times[1] - times[0]), len(cameras)
     height = config.person_height * metre
     paths: list[Complexes] = [
@@ -316,7 +320,7 @@ def _aligned(
 
 
 def _relative(a: Camera, b: Camera) -> PlanarPose:
-    """Pose of camera b in the level frame of camera a."""
+    """Relative pose of camera b in the level frame of camera a."""
     turned = angles_from_rotation(a.rotation)[0]
     away = complex(*(b.position - a.position)[:2].tolist())
     return PlanarPose(angles_from_rotation(b.rotation)[0] - turned, complex(np.exp(-1j * turned) * away), 0.0)
@@ -325,7 +329,7 @@ def _relative(a: Camera, b: Camera) -> PlanarPose:
 def _initial(
     cameras: Sequence[Camera], planes: Sequence[GroundPlane | None], poses: Sequence[PlanarPose | None], times: Floats
 ) -> _Estimate:
-    """Cameras in the common frame of the alignment."""
+    """Initial cameras in the common frame of the alignment."""
     out, late = [], np.zeros(len(cameras))
     for c, (camera, plane, pose) in enumerate(zip(cameras, planes, poses, strict=True)):
         if plane is None or pose is None:
@@ -341,12 +345,12 @@ def _initial(
 
 
 def _middle(values: Floats) -> float:
-    """The value in the middle, the lower one of two."""
+    """Lower median of the values."""
     return float(np.sort(values)[(len(values) - 1) // 2])
 
 
 def _prior_sigmas(count: int, estimate: Collection[str], *, clocks: bool, drift: bool) -> Floats:
-    """(C, 12) prior standard deviations of the parameters; 0: held; inf: free."""
+    """(C, 12) prior standard deviations of the parameters; 0: fixed, inf: free."""
     sigma = np.zeros((count, PARAMETERS))
     sigma[:, TURN] = sigma[:, SHIFT] = np.inf
     sigma[:, FOCAL] = SIGMA_LOG_FOCAL if "focal" in estimate else 0.0
@@ -357,20 +361,23 @@ def _prior_sigmas(count: int, estimate: Collection[str], *, clocks: bool, drift:
 
 
 def _undetermined(done: Adjusted, sigma: Floats) -> Bools:
-    """(C, 12) parameters with a prior that the boxes hardly narrow."""
+    """(C, 12) mask of parameters with a finite prior that the data hardly narrow."""
     found = np.sqrt(np.maximum(np.diag(done.covariance), 0.0)).reshape(sigma.shape)
     return np.asarray(np.isfinite(sigma) & (sigma > 0.0) & (found > DETERMINED * sigma))
 
 
 def _with_lens(camera: Camera, stated: Camera) -> Camera:
-    """A camera with the lens that is stated."""
+    """The camera with the stated focal length and distortion."""
     return replace(camera, focal_px=stated.focal_px, distortion=stated.distortion)
 
 
 def _adjusted(
     rows: Rows, now: _Estimate, used: Bools, body: BodyPrior, sigma: Floats, window_s: float
 ) -> tuple[Adjusted, Observations]:
-    """A bundle adjustment; x and y of two cameras far apart are held, which is the frame, and one clock."""
+    """Run a bundle adjustment.
+
+    The gauge is fixed by holding x and y of two distant cameras, and one clock.
+    """
     seen, states = observations(rows, now.clocks, window_s, [c.image_size for c in now.cameras], body)
     if not len(seen.time):
         raise InputError("no person is seen by two cameras for 5 time steps; record people who walk where they overlap")
@@ -386,7 +393,7 @@ def _adjusted(
 
 
 def _scaled_to(now: _Estimate, scale: float) -> _Estimate:
-    """The cameras with all lengths multiplied."""
+    """Multiply all lengths of the cameras by a scale."""
     return _Estimate([replace(c, position=c.position * scale) for c in now.cameras], now.clocks)
 
 
@@ -399,7 +406,7 @@ def _associated(
     metre: float,
     seed: int,
 ) -> Rows:
-    """Boxes of people by the multi-camera tracker, with the cameras and clocks found so far."""
+    """Associate boxes with people by the multi-camera tracker, with the current cameras and clocks."""
     number = np.cumsum(used) - 1
     shifted = []
     box_of: dict[tuple[int, int], tuple[float, Floats]] = {}
@@ -450,7 +457,7 @@ def _placed(
     metre: float,
     loose: Bools,
 ) -> Calibrated:
-    """The result in the world, by the stated poses and the mean height of people."""
+    """Transform the result to world coordinates, by the stated poses and the mean height of people."""
     own = np.flatnonzero(used)
     known = [c for c in own.tolist() if stated[c].placed and stated[c].position[2] > 0.0]
     log_scale = float(np.log(config.person_height * metre / done.mean_height))
@@ -512,7 +519,7 @@ def _result(
     mean_height: float,
     undetermined: Sequence[tuple[str, ...]],
 ) -> Calibrated:
-    """The result of an adjustment, with cameras in the world."""
+    """Assemble the result of an adjustment, with cameras in world coordinates."""
     own = np.flatnonzero(used)
     # Offsets at the begin, as a scene states them
     since = clocks.origin - float(seen.stamps.min())
@@ -542,9 +549,9 @@ def _result(
 
 
 def _inner(covariance: Floats, cameras: Sequence[Camera], own: Ints, scale: float, turned: Floats) -> Floats:
-    """(C 12, C 12) covariance relative to all cameras together: without what a common similarity explains.
+    """(C 12, C 12) covariance relative to the common similarity transform of all cameras.
 
-    An S-transformation (Baarda 1973): x, y, yaw and scale of the positions of all cameras are held.
+    S-transformation (Baarda 1973): mean x, y, yaw and scale of the camera positions are held fixed.
     """
     C = len(cameras)
     J = np.zeros((C * PARAMETERS, C * PARAMETERS))

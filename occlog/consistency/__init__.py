@@ -1,1 +1,1 @@
-"""Consistency checks of estimates: quality flags of rows, residuals of bearings, findings in words."""
+"""Consistency checks of estimates: quality flags of rows, residuals of bearings, and findings in words."""

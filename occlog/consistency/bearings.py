@@ -1,30 +1,25 @@
-"""How bearings agree with the estimates: shares that are rejected, and normalised squared residuals (NIS).
+"""Consistency of bearings with the estimates: rejected shares and normalised innovations squared (NIS).
 
-NIS is the sum of squared residuals of bearings, by their probability of being true, over what it is expected to be:
-1 if standard deviations are right.
+NIS is the sum of squared residuals of bearings, weighted by their probability of being inliers, over its expected
+value: 1 if standard deviations are right.
 
-Bearings that no other sensor can confirm: whether sensors see a target one at a time, and what is rejected then.
+Residuals at the estimates: the residual of a bearing that an estimate has used is smaller than the bearing's own error,
+since the estimate follows it. With the standard deviation sigma of the bearing, the gradient g of its angle with
+respect to the position, and the covariance P of the estimate, a residual in units of sigma has the variance 1 - g'Pg /
+sigma^2 if both are right. This holds for filters, smoothers and least squares to the extent that they are linear.
 
-Where several sensors see a target at once, a false bearing disagrees with the others.  Where one sees it at a time,
-the motion alone contradicts it: some false bearings agree with a motion that is about as probable as the true one,
-and no residual shows it.  Bearings that are found to be false there say that others, which are accepted, may be false.
+Unconfirmed bearings: if several sensors detect a target at once, a false bearing disagrees with the others. If sensors
+detect it one at a time, only the motion contradicts it, and some false bearings agree with a motion about as probable
+as the true one, without large residuals. A considerable rejected share then indicates that accepted bearings may be
+false, too.
 
-Whether bearings resemble those of a compass: clockwise from north, and not from +x towards +y.
+Compass angles: lines of sight of one time step meet near one position if angles are measured from +x towards +y.
+Converted from compass bearings, pi / 2 - b, lines of stations in general positions do not meet, or meet behind the
+stations. Both are tried; a warning is given if the other convention fits much better.
 
-lines of sight of one time step meet near one position if their angles mean what they are taken for.  Taken for the
-others, pi / 2 - b, lines of stations in general positions do not meet, or behind the stations.  Both are tried, and a
-warning is given where the others fit much better; nothing is changed.
+Small noise: bearings with a stated standard deviation below that of any real sensor, which many filters cannot use.
 
-Bearings with a stated noise below any sensor's: many filters can make no use of them.
-
-Bearings at the estimates: residuals with the variance they should have, and candidates that no track explains.
-
-The residual of a bearing that an estimate has used is smaller than the bearing's own error, since the estimate follows
-it.  With the standard deviation sigma of the bearing, the gradient g of its angle by the position and the covariance P
-of the estimate, a residual in units of sigma has the variance 1 - g'Pg / sigma^2, if both are right.  That holds for
-filters, smoothers and least squares, to the extent that they are linear.
-
-Candidates that cannot be one target: several people offered to a filter that follows one.
+Unassociated candidates: several people offered to a filter that tracks a single target.
 """
 
 from __future__ import annotations
@@ -54,7 +49,7 @@ MIN_OVERLAP_SHARE = 0.5
 
 
 def confirmed_by_another(sensor: Ints | Strings, seconds: Floats) -> Bools:
-    """(N,) whether another sensor has a bearing within `CONFIRMATION_WINDOW_S` of each.
+    """(N,) mask of bearings for which another sensor has a bearing within `CONFIRMATION_WINDOW_S`.
 
     Args:
         sensor: (N,) which one each bearing of a target is of.
@@ -72,7 +67,7 @@ def confirmed_by_another(sensor: Ints | Strings, seconds: Floats) -> Bools:
 
 @dataclass
 class UnconfirmedBearings:
-    """Counts bearings, those near one of another sensor, and those rejected.
+    """Counts bearings, those confirmed by another sensor at about the same time, and those rejected.
 
     Attributes:
         bearings: how many there were.
@@ -85,7 +80,7 @@ class UnconfirmedBearings:
     doubted: int = 0
 
     def add(self, part: Residuals) -> None:
-        """Count some more rows, in the order of time."""
+        """Add rows, in the order of time."""
         for target in np.unique(part.target_id).tolist():
             own = part.take(part.target_id == target)
             self.bearings += len(own)
@@ -94,7 +89,7 @@ class UnconfirmedBearings:
 
     @property
     def one_at_a_time(self) -> bool:
-        """Whether sensors see targets one at a time, most of the time."""
+        """Whether sensors detect targets one at a time most of the time (few bearings are confirmed)."""
         return self.confirmed < MIN_OVERLAP_SHARE * self.bearings
 
     @property
@@ -115,7 +110,7 @@ MAX_LINE_MISFIT_RAD2 = 1.0
 
 
 class AngleConventionCheck:
-    """Tries both meanings of the bearings of stations in a stream; cameras' bearings are never of a compass."""
+    """Checks whether bearings of stations fit better as compass angles; cameras are not checked."""
 
     def __init__(self, scene: Scene) -> None:
         """Start with the stations of a scene and no scans."""
@@ -123,14 +118,14 @@ class AngleConventionCheck:
         self._misfits: list[tuple[float, float]] = []
 
     def watch(self, chunks: Iterable[Bearings]) -> Iterator[Bearings]:
-        """Pass chunks on unchanged, and check them."""
+        """Generate the chunks unchanged, and collect their bearings for the check."""
         for chunk in chunks:
             if len(self._positions) > 1 and len(self._misfits) < MAX_STEPS:
                 self._check_chunk(chunk)
             yield chunk
 
     def checks(self) -> tuple[Check, ...]:
-        """Whether they fit one another as angles of this program."""
+        """Report if bearings fit each other much better as compass angles than as angles from +x towards +y."""
         if len(self._misfits) < MIN_STEPS:
             return outcome(
                 CONVENTION, (), unless=f"fewer than {MIN_STEPS} time steps have bearings of several stations"
@@ -163,7 +158,9 @@ class AngleConventionCheck:
 
 
 def misfit(positions: Floats, bearings: Floats) -> float:
-    """Mean square angle [rad^2] between n lines and the position nearest to them, each at most `MAX_LINE_MISFIT_RAD2`.
+    """Mean square angle [rad^2] between n lines of sight and the position nearest to all of them.
+
+    Each square is clipped at `MAX_LINE_MISFIT_RAD2`.
 
     Args:
         positions: (n, 2) where the lines begin, n >= 2.
@@ -183,7 +180,7 @@ MIN_SIGMA_RAD = 1e-7
 
 
 class SmallNoiseCheck:
-    """Counts the bearings that pass by with so small a standard deviation."""
+    """Counts bearings with an implausibly small stated standard deviation."""
 
     def __init__(self) -> None:
         """Start without data."""
@@ -191,7 +188,7 @@ class SmallNoiseCheck:
         self._least = np.inf
 
     def watch(self, chunks: Iterable[Bearings]) -> Iterator[Bearings]:
-        """Pass chunks on unchanged, and count bearings with tiny standard deviations."""
+        """Generate the chunks unchanged, and count bearings with tiny standard deviations."""
         for chunk in chunks:
             # Of those with pixels the noise is that of the reading
             small = chunk.seen & (chunk.sigma < MIN_SIGMA_RAD) & ~np.isfinite(chunk.u_px)
@@ -201,7 +198,7 @@ class SmallNoiseCheck:
             yield chunk
 
     def checks(self) -> tuple[Check, ...]:
-        """Whether their noise can be."""
+        """Report if the stated noise of bearings is below that of any real sensor."""
         if not self._found:
             return outcome(STATED, ())
         return (
@@ -225,7 +222,7 @@ MIN_RESIDUAL_VARIANCE = 0.1
 
 
 class ResidualAngles(NamedTuple):
-    """What N bearings of one sensor leave at estimates."""
+    """Angular residuals of N bearings of one sensor at the estimates, with the variance due to these."""
 
     residual: Floats  # (N,) in standard deviations as stated
     spread: Floats  # (N,) variance of the bearing that the estimate leads one to expect, in the same units
@@ -233,7 +230,7 @@ class ResidualAngles(NamedTuple):
 
 
 class StatedResiduals(NamedTuple):
-    """What N bearings of one sensor and one target leave at estimates."""
+    """Residuals of N bearings of one sensor and one target, in stated standard deviations."""
 
     target: int
     sensor: str
@@ -243,7 +240,7 @@ class StatedResiduals(NamedTuple):
 
 
 class CandidateFrames(NamedTuple):
-    """What the candidates of one sensor leave unexplained; F frames, in the order of time."""
+    """Numbers of a sensor's candidates near no track in F frames, sorted by time."""
 
     sensor: str
     t_ns: Ints  # (F,)
@@ -255,7 +252,7 @@ class CandidateFrames(NamedTuple):
 def bearing_residuals(
     rows: Bearings, sensor: Camera | MicrophoneArray, xy: Floats, covariance: Floats
 ) -> ResidualAngles:
-    """N bearings of a sensor against estimates.
+    """Residuals of N bearings of a sensor at estimated positions.
 
     Args:
         rows: N bearings.  Those with pixels have the variance of [Ercan] Eq. 2 at the estimate, the others their own.
@@ -303,9 +300,9 @@ class BearingConsistency:
     def compare(
         self, tracks: Tracks, bearings: Bearings, diagnostics: Diagnostics | None = None
     ) -> tuple[Residuals, tuple[CandidateFrames, ...]]:
-        """Residuals of the bearings of the tracks, and what candidates are left; times of all tracks, once each.
+        """Residuals of the tracks' bearings, and the candidates near no track, for complete time steps.
 
-        Of candidates without a label the one nearest to the estimate counts, if it is within `GATE_SIGMAS`.
+        Of unlabelled candidates, the one nearest to the estimate counts, if it is within `GATE_SIGMAS`.
 
         Args:
             tracks: estimates in the order of time.
@@ -343,7 +340,7 @@ class BearingConsistency:
         return Residuals.merge(parts), tuple(frames)
 
     def _paths(self, tracks: Tracks, diagnostics: Diagnostics | None) -> Iterator[EstimatedTrajectory]:
-        """Each target's estimates."""
+        """Estimates of each target as trajectories."""
         xy, covariance = np.column_stack([tracks.x, tracks.y]), covariances(tracks)
         used = None if diagnostics is None or len(diagnostics) != len(tracks) else _commas(diagnostics.cameras)
         for target in np.unique(tracks.target_id).tolist():
@@ -353,7 +350,7 @@ class BearingConsistency:
             )
 
     def _left(self, name: str, rows: Bearings, near: Bools) -> CandidateFrames:
-        """What a sensor's candidates leave, frame by frame."""
+        """Count a sensor's candidates near no track, frame by frame."""
         times, first = np.unique(rows.t_ns, return_index=True)
         left, again = np.add.reduceat(~near, first, dtype=np.int64), np.zeros(len(times), dtype=np.bool_)
         ends = [*first[1:].tolist(), len(rows)]
@@ -372,7 +369,7 @@ TURN_RATE = 0.25
 
 
 class EstimatedTrajectory(NamedTuple):
-    """One target's estimates."""
+    """Estimates of one target over time."""
 
     target: int
     t_ns: Ints  # (T,)
@@ -381,9 +378,9 @@ class EstimatedTrajectory(NamedTuple):
     used: np.ndarray | None  # (T,) names of sensors between commas; None: not known
 
     def at(self, t_ns: Ints, window_ns: int, sensor: str) -> tuple[Ints, Bools]:
-        """(N,) the estimate for each time, the next one not later than the window, and where it used the sensor.
+        """(N,) index of the estimate for each time, and mask of valid ones.
 
-        One without a known covariance is none.
+        The next estimate not later than the window; valid if its covariance is known and it used the sensor.
         """
         n = np.searchsorted(self.t_ns, t_ns)
         i = np.minimum(n, len(self.t_ns) - 1)
@@ -394,12 +391,12 @@ class EstimatedTrajectory(NamedTuple):
 
 
 def _commas(cameras: np.ndarray) -> np.ndarray:
-    """Lists of names with a comma before and after each name."""
+    """Lists of names with a comma before and after each name, for exact search."""
     return np.strings.add(np.strings.add(",", cameras), ",")
 
 
 def _nearest(estimate: Ints, far: Floats) -> Bools:
-    """(N,) the nearest of those of each estimate, if it is within the gate."""
+    """(N,) mask of the nearest candidate of each estimate, if it is within the gate."""
     order = np.lexsort([far, estimate])
     first = np.ones(len(order), dtype=np.bool_)
     first[1:] = np.diff(estimate[order]) != 0
@@ -411,7 +408,7 @@ def _nearest(estimate: Ints, far: Floats) -> Bools:
 def _table(
     path: EstimatedTrajectory, name: str, i: Ints, residuals: ResidualAngles, far: Floats, keep: Bools
 ) -> Residuals:
-    """Rows of the bearings that count."""
+    """Table `residuals` of the bearings `keep` of one sensor and target."""
     return Residuals.of(
         t_ns=path.t_ns[i],
         target_id=np.full(len(i), path.target, dtype=np.int32),
@@ -423,14 +420,14 @@ def _table(
 
 
 class ComparedBearings(NamedTuple):
-    """Residuals of the bearings, and what candidates are left."""
+    """Residuals of the bearings, and counts of unassociated candidates."""
 
     residuals: Residuals
     frames: tuple[CandidateFrames, ...]
 
 
 class BearingBuffer:
-    """Keeps bearings that pass by until their estimates come out, and compares both."""
+    """Buffers bearings of a stream until their estimates are available, and compares both."""
 
     def __init__(self, scene: Scene, window_ns: int, *, unlabelled: bool) -> None:
         """Start with an empty buffer.
@@ -445,13 +442,13 @@ class BearingBuffer:
         self._kept: list[Bearings] = []
 
     def watch(self, chunks: Iterable[Bearings]) -> Iterator[Bearings]:
-        """The chunks as they are."""
+        """Generate the chunks unchanged, and buffer their bearings."""
         for chunk in chunks:
             self._kept.append(chunk if self._unlabelled else chunk.take(chunk.target_id != UNLABELLED))
             yield chunk
 
     def compare(self, tracks: Tracks, diagnostics: Diagnostics) -> ComparedBearings:
-        """The bearings up to the last of these estimates, which are then forgotten."""
+        """Compare the buffered bearings up to the last of these estimates, and drop them from the buffer."""
         kept = Bearings.concat(self._kept)
         if not len(tracks):
             return ComparedBearings(Residuals.empty(), ())
@@ -462,13 +459,13 @@ class BearingBuffer:
 
     @property
     def stated(self) -> tuple[StatedResiduals, ...]:
-        """Residuals of the last comparison, also of bearings that the method left out."""
+        """Residuals of the last comparison, including bearings that the method omitted."""
         return tuple(self._all.stated)
 
 
 @dataclass
 class SensorConsistency:
-    """How the bearings of one sensor agree with the estimates.
+    """Residual sums of one sensor's bearings.
 
     Attributes:
         bearings: how many were used.
@@ -489,7 +486,7 @@ class SensorConsistency:
 
     @property
     def nis(self) -> Ratio:
-        """Normalised squared residual, with an error that knows of the pose's errors, one for all times."""
+        """Normalised innovation squared of the sensor, for errors with a constant part due to the pose."""
         value, error = self.means.ratio
         share = ratio_or_nan(self.pose, self.means.expected)
         return Ratio(value, math.hypot(error, math.sqrt(2.0) * share * value) if share > 0.0 else error)
@@ -497,7 +494,7 @@ class SensorConsistency:
 
 @dataclass
 class ResidualStatistics:
-    """Accumulates residuals over a stream.
+    """Accumulates residuals over a stream of tables.
 
     Attributes:
         sensors: agreement of the bearings of each sensor, by its name.
@@ -508,7 +505,7 @@ class ResidualStatistics:
     noise: dict[int, float] = field(default_factory=dict)
 
     def add(self, part: Residuals, poses: Mapping[str, float] | None = None) -> None:
-        """Count some more rows, in the order of time.
+        """Add rows, in the order of time.
 
         Args:
             part: residuals.
@@ -527,12 +524,12 @@ class ResidualStatistics:
             found.pose += (poses or {}).get(name, 0.0) * float(expected.sum())
 
     def moves(self, target: int, factor: float) -> None:
-        """Find a target with a variance of motion above the stated one."""
+        """Record that a target's motion has `factor` times the stated variance."""
         self.noise[target] = max(self.noise.get(target, 0.0), factor)
 
     @property
     def bearings(self) -> int:
-        """How many bearings were used."""
+        """Number of inlier bearings."""
         return sum(a.bearings for a in self.sensors.values())
 
     @property
@@ -542,7 +539,7 @@ class ResidualStatistics:
 
     @property
     def nis(self) -> Ratio:
-        """Normalised squared residual of all bearings; sensors are independent of one another."""
+        """Normalised innovation squared of all bearings; sensors are taken as independent."""
         informative = [a for a in self.sensors.values() if a.means.expected > 0.0]
         expected = math.fsum(a.means.expected for a in informative)
         if not informative:
@@ -551,7 +548,7 @@ class ResidualStatistics:
         return Ratio(value, math.sqrt(math.fsum((a.nis.error * a.means.expected) ** 2 for a in informative)) / expected)
 
     def figures(self) -> dict[str, float | int]:
-        """Figures for a summary; none if no bearing was judged."""
+        """Figures for a summary; empty if no bearing was compared."""
         if not self.bearings:
             return {}
         whole = self.nis
@@ -563,9 +560,10 @@ class ResidualStatistics:
 
 
 def pose_shares(tracks: Tracks, scene: Scene) -> dict[str, float]:
-    """Share of the pose errors in a bearing's variance, for each camera, at the median distance of tracks.
+    """Share of pose errors in the variance of bearings, by camera, at the median distance of the tracks.
 
-    [Ercan] Eq. 2 on the optical axis: f^2 sigma_yaw^2 + f^2 sigma_position^2 / d^2 of it, in addition to the reading's.
+    [Ercan] Eq. 2 on the optical axis: f^2 sigma_yaw^2 + f^2 sigma_position^2 / d^2, relative to the total with the
+    measurement noise.
     """
     out: dict[str, float] = {}
     for c in scene.cameras:
@@ -583,7 +581,7 @@ def pose_share(camera: Camera, distance: float) -> float:
 
 @dataclass
 class CandidateCounts:
-    """What candidates of one sensor were left unexplained."""
+    """Counts of one sensor's candidates and of those near no track."""
 
     frames: int = 0
     candidates: int = 0
@@ -593,12 +591,12 @@ class CandidateCounts:
 
 @dataclass
 class UnassociatedCandidates:
-    """Accumulates candidates unexplained by all tracks, by sensor."""
+    """Accumulates the numbers of candidates near no track, by sensor."""
 
     sensors: dict[str, CandidateCounts] = field(default_factory=dict)
 
     def add(self, parts: Iterable[CandidateFrames]) -> None:
-        """Count some more frames."""
+        """Add the counts of frames."""
         for part in parts:
             own = self.sensors.setdefault(part.sensor, CandidateCounts())
             own.frames += len(part.t_ns)
@@ -608,7 +606,7 @@ class UnassociatedCandidates:
 
     @property
     def frames(self) -> int:
-        """Frames with candidates."""
+        """Number of frames with candidates."""
         return sum(s.frames for s in self.sensors.values())
 
     @property
@@ -622,5 +620,5 @@ class UnassociatedCandidates:
         return ratio_or_nan(sum(s.unexplained for s in self.sensors.values()), self.frames)
 
     def persistent(self, fewest: int) -> dict[str, float]:
-        """Share of frames with a candidate that stays and that no track explains, of sensors with enough frames."""
+        """Share of frames with a persistent candidate near no track, by sensor with at least `fewest` frames."""
         return {name: s.crowded / s.frames for name, s in sorted(self.sensors.items()) if s.frames >= fewest}

@@ -1,18 +1,15 @@
 """Quality flags of estimates, from the row, the scene and earlier detections.
 
-The checks stand alone: arrays in, booleans out.  `QualityFlags` applies them to the rows of a run.
+The checks are functions of arrays that return masks; `QualityFlags` applies them to the rows of a run.
 
-Quality flags of rows while one sensor contradicts the estimate: most of what it measured lately is rejected.
+`SensorDisagreement` flags rows while one sensor contradicts the estimate, i.e. most of its recent measurements are
+rejected: its clock, pose or labels are wrong, or the track follows other sensors that are wrong.
 
-Its clock, pose or labels are wrong, or the track follows the others, which may be the wrong ones.
+`EffectiveSampleSizes` is a histogram of effective sample sizes in bounded memory.
 
-Effective numbers of particles over a run, in bounded memory.
-
-Positions from bearings alone against the scene: walls in between, and the border of the room.
-
-A filter that knows walls draws its estimate to where no wall contradicts what was seen, and one that knows the room
-keeps it inside.  Wrong walls thus leave residuals that are small, and errors that are not.  The position at which the
-accepted bearings of a time step meet, without motion, walls and room, does not hide them.
+`PositionConsistency` compares positions from bearings alone with the scene. A filter with walls moves its estimate to
+where no wall contradicts the detections, and one with a room keeps it inside; wrong walls thus leave small residuals
+and large errors. The intersection of the accepted bearings of a time step, which depends on neither, reveals them.
 """
 
 from __future__ import annotations
@@ -64,7 +61,7 @@ RESTART_FALLBACKS = ("restart", "gap")
 
 
 def near_edge(xy: Floats, covariance: Floats, region: Floats) -> Bools:
-    """(N,) whether estimates are at the edge of a region, or outside of it.
+    """(N,) mask of estimates at the edge of a region, or outside of it.
 
     Args:
         xy: (N, 2) estimates.
@@ -79,7 +76,7 @@ def near_edge(xy: Floats, covariance: Floats, region: Floats) -> Bools:
 
 
 def outside_view(xy: Floats, covariance: Floats, origin: Floats, yaw: float, fov: float, reach: float) -> Bools:
-    """(N,) whether estimates are clearly outside of a sensor's field of view, or beyond its range.
+    """(N,) mask of estimates clearly outside a sensor's field of view or beyond its range.
 
     Args:
         xy: (N, 2) estimates.
@@ -102,11 +99,11 @@ def outside_view(xy: Floats, covariance: Floats, origin: Floats, yaw: float, fov
 
 
 def without_distance(xy: Floats, covariance: Floats, origin: Floats, far: float) -> Floats:
-    """(2, 2) covariance of an estimate at an unknown distance from a sensor.
+    """(2, 2) covariance of an estimate with unknown distance from a single sensor.
 
-    Along the line of sight it is the second moment of the prior, which is even from the sensor to its far limit,
-    about the estimate: one sensor's bearings hardly say more, and a filter that believes them too much is sure of a
-    distance that its settings of motion and noise have made up.
+    Along the line of sight it is the second moment, about the estimate, of a uniform prior from the sensor to its
+    maximum range: the bearings of one sensor hardly determine the distance, and a small filter covariance there results
+    from settings of motion and noise.
 
     Args:
         xy: (2,) estimate.
@@ -122,12 +119,12 @@ def without_distance(xy: Floats, covariance: Floats, origin: Floats, far: float)
 
 
 def covariances(tracks: Tracks) -> Floats:
-    """(N, 2, 2) covariances of the positions of a table's rows."""
+    """(N, 2, 2) position covariances of the rows of a table."""
     return np.stack([tracks.cov_xx, tracks.cov_xy, tracks.cov_xy, tracks.cov_yy], axis=1).reshape(-1, 2, 2)
 
 
 class RivalTrajectory(NamedTuple):
-    """Another trajectory that is nearly as probable as the one that is given out."""
+    """Another trajectory nearly as probable as the reported one."""
 
     excess: float  # by how much its negative log posterior is higher
     rows: int  # states at which it is significantly elsewhere
@@ -138,7 +135,7 @@ class RivalTrajectory(NamedTuple):
 
 
 class DetectionHistory(NamedTuple):
-    """When a target was seen, and by which sensors."""
+    """Times of a target's detections, and the sensors that made them."""
 
     begun_ns: int  # when the filter began
     last_ns: dict[str, int]  # by sensor, since two of them saw it at once
@@ -146,7 +143,7 @@ class DetectionHistory(NamedTuple):
 
 
 class QualityFlags:
-    """Finds quality flags of a run's rows, chunk by chunk, with the last detections of each target."""
+    """Sets the quality flags of a run's rows, chunk by chunk, with the detection history of each target."""
 
     def __init__(
         self, scene: Scene, *, online: bool, started: bool, distances: bool = False, occluders: bool = False
@@ -171,7 +168,7 @@ class QualityFlags:
         self._misses = None if occluders or distances else PlainViewMisses(scene)
 
     def judged(self, tracks: Tracks, diagnostics: Diagnostics) -> tuple[Tracks, Diagnostics]:
-        """Return the rows with their flags, and with covariances that hold where the distance is not known."""
+        """Return the rows with quality flags, and with widened covariances where the distance is unknown."""
         if not len(tracks):
             return tracks, diagnostics
         by = [tuple(name for name in text.split(",") if name) for text in diagnostics.seen_by.tolist()]
@@ -197,10 +194,7 @@ class QualityFlags:
         return tracks, Diagnostics(**(columns | {"quality_flags": np.array(doubt, dtype=np.str_)}))
 
     def _outside(self, xy: Floats, covariance: Floats, by: list[tuple[str, ...]]) -> Bools:
-        """(N,) whether at least half of the sensors that saw the target cannot have done so; arrays by their range.
-
-        With fewer, their bearings are false, which is reported of bearings and not of the estimate.
-        """
+        """(N,) mask of estimates that at least half of the sensors that detected the target cannot see."""
         saw, cannot = np.zeros(len(xy), dtype=np.int64), np.zeros(len(xy), dtype=np.int64)
         for c in self._sensors:
             rows = np.array([c.name in names for names in by], dtype=np.bool_)
@@ -211,9 +205,9 @@ class QualityFlags:
         return np.asarray((cannot > 0) & (2 * cannot >= saw))
 
     def _widened(self, tracks: Tracks, xy: Floats, covariance: Floats, lone: dict[int, str]) -> tuple[Tracks, Floats]:
-        """The tracks, and (N, 2, 2) their covariances, with the rows widened that never had a known distance.
+        """Tracks and covariances (N, 2, 2), with `without_distance` applied to the rows `lone` (row: sensor).
 
-        In a room the walls say how far the target can be, and the filter's own covariance stays.
+        Not in a scene with a room: its walls limit the distance.
         """
         if self._views is None or not lone:
             return tracks, covariance
@@ -225,9 +219,9 @@ class QualityFlags:
         return Tracks(**{name: np.ascontiguousarray(values) for name, values in columns.items()}), covariance
 
     def _alone(self, diagnostics: Diagnostics, by: list[tuple[str, ...]]) -> tuple[Bools, dict[int, str]]:
-        """(N,) rows of targets that one sensor alone has seen for long; and those of which no distance was ever known.
+        """(N,) mask of targets detected by a single sensor for a long time; rows whose distance was never known.
 
-        The second are numbers of rows with the sensor's name.
+        The second result maps row numbers to the name of the sensor.
         """
         alone = np.zeros(len(by), dtype=np.bool_)
         lone: dict[int, str] = {}
@@ -254,7 +248,7 @@ class QualityFlags:
 
 
 class PlainViewMisses:
-    """Counts how often cameras with a plain view of a target did not detect it since any sensor did."""
+    """Counts how often cameras with an unoccluded view of a target miss it while it is tracked."""
 
     def __init__(self, scene: Scene) -> None:
         """Start without rows.
@@ -269,7 +263,7 @@ class PlainViewMisses:
         self._log_odds: dict[int, tuple[float, frozenset[str]]] = {}  # of each target's misses, by which cameras
 
     def denied(self, xy: Floats, diagnostics: Diagnostics, by: list[tuple[str, ...]]) -> Bools:
-        """(N,) rows of targets that all cameras with a plain view missed for so long that it is no chance.
+        """(N,) mask of targets missed by all cameras with an unoccluded view for longer than chance allows.
 
         Args:
             xy: (N, 2) estimates.
@@ -307,7 +301,7 @@ class PlainViewMisses:
         return out
 
     def _plain(self, xy: Floats, camera: Camera) -> Bools:
-        """(N,) positions within the field of view and the range of a camera that nothing static hides."""
+        """(N,) mask of positions (N, 2) in the field of view and range of a camera, not hidden by static occluders."""
         away = xy - camera.ground
         off = np.abs(wrap_angle(np.arctan2(away[:, 1], away[:, 0]) - camera.yaw))
         seen = (off <= 0.5 * camera.fov) & (np.hypot(away[:, 0], away[:, 1]) <= camera.range)
@@ -323,14 +317,14 @@ MIN_REJECTED_BEARINGS = 5
 
 
 class SensorDisagreement:
-    """Adds these flags to a run's rows, chunk by chunk, with the last residuals."""
+    """Sets the flag `inconsistent_sensor` of a run's rows, chunk by chunk, from recent residuals."""
 
     def __init__(self) -> None:
         """Start without residuals."""
         self._kept: list[Residuals] = []
 
     def judged(self, diagnostics: Diagnostics, residuals: Residuals) -> Diagnostics:
-        """Diagnostics of the next rows with their doubts, by the residuals at these rows."""
+        """Diagnostics of the next rows with the flag set, given the residuals at these rows."""
         known = Residuals.concat([*self._kept, residuals])
         if not len(diagnostics):
             self._kept = [known]
@@ -345,7 +339,7 @@ class SensorDisagreement:
 
 
 def flagged(diagnostics: Diagnostics, rows: Bools, flag: str) -> Diagnostics:
-    """Diagnostics with one more flag in (N,) rows."""
+    """Add a quality flag to the rows (N,) of diagnostics."""
     if not rows.any():
         return diagnostics
     every = diagnostics.quality_flags.astype(object)
@@ -354,7 +348,7 @@ def flagged(diagnostics: Diagnostics, rows: Bools, flag: str) -> Diagnostics:
 
 
 def _against(t_ns: Ints, residuals: Residuals) -> Bools:
-    """(N,) whether any sensor contradicts the estimates of one target at these times."""
+    """(N,) mask of times at which most recent bearings of some sensor to one target were rejected."""
     out = np.zeros(len(t_ns), dtype=np.bool_)
     for name in np.unique(residuals.sensor).tolist():
         own = residuals.take(residuals.sensor == name)
@@ -373,7 +367,7 @@ DECADES = 8
 
 
 class EffectiveSampleSizes:
-    """Counts effective numbers of particles in bins of equal ratio."""
+    """Histogram of effective sample sizes, in logarithmic bins."""
 
     def __init__(self) -> None:
         """Start with empty bins."""
@@ -382,7 +376,7 @@ class EffectiveSampleSizes:
         self._counts = np.zeros(BINS * DECADES + 1, dtype=np.int64)
 
     def add(self, ess: Floats) -> None:
-        """Add rows; those without particles (NaN) do not count."""
+        """Add effective sample sizes; NaN (no particles) is ignored."""
         ess = ess[np.isfinite(ess)]
         self.rows += len(ess)
         self.few += int(np.count_nonzero(ess < MIN_EFFECTIVE_SAMPLE_SIZE))
@@ -392,12 +386,12 @@ class EffectiveSampleSizes:
 
     @property
     def mean(self) -> float:
-        """Mean effective number; NaN without rows."""
+        """Mean effective sample size; NaN without rows."""
         return self._sum / self.rows if self.rows else math.nan
 
     @property
     def median(self) -> float:
-        """Median effective number, to 2 %; NaN without rows."""
+        """Median effective sample size, to 2 %; NaN without rows."""
         if not self.rows:
             return math.nan
         middle = int(np.searchsorted(np.cumsum(self._counts), 0.5 * self.rows))
@@ -423,7 +417,7 @@ MIN_SHARE = 1e-9
 
 
 class BearingIntersection(NamedTuple):
-    """Where the accepted bearings of M rows meet."""
+    """Least-squares intersections of the accepted bearings of M rows, with their ellipses."""
 
     row: Ints  # (M,) rows of the tracks
     xy: Floats  # (M, 2)
@@ -432,7 +426,7 @@ class BearingIntersection(NamedTuple):
 
 @dataclass
 class PositionConsistency:
-    """Counts rows with bearings that meet where, by the scene, the target cannot be.
+    """Counts rows with bearings that intersect where the scene excludes the target.
 
     Attributes:
         rows: rows with bearings of two sensors or more that meet.
@@ -446,7 +440,7 @@ class PositionConsistency:
     hidden: dict[str, tuple[int, int]] = field(default_factory=dict)
 
     def add(self, tracks: Tracks, residuals: Residuals, scene: Scene) -> None:
-        """Count some more rows; scenes without a room and without walls say nothing."""
+        """Add rows; a scene without room and walls is not checked."""
         sensors: dict[str, Floats] = {c.name: c.position[:2] for c in scene.cameras}
         sensors |= {a.name: a.position[:2] for a in scene.arrays}
         walls = {c.name: scene.blockers(c.ground) for c in scene.cameras}
@@ -470,7 +464,7 @@ class PositionConsistency:
 
 
 def triangulate_rows(tracks: Tracks, used: Residuals, row: Ints, origin: Floats) -> BearingIntersection:
-    """Least squares of the bearings of each row of tracks that two lines of sight or more determine.
+    """Least-squares position from the bearings of each row of tracks with at least two non-parallel lines of sight.
 
     Args:
         tracks: estimates, from which the search begins.
@@ -512,10 +506,10 @@ def triangulate_rows(tracks: Tracks, used: Residuals, row: Ints, origin: Floats)
 
 
 def _bearings(xy: Floats, covariance: Floats, origin: Floats, used: Residuals) -> tuple[Floats, Floats]:
-    """Bearings (N,) and their standard deviations (N,) from what residuals are in units of these.
+    """Reconstruct bearings (N,) and their standard deviations (N,) from normalised residuals.
 
-    The variance that is expected of a residual is 1 - g'Pg / sigma^2; where it does not depend on sigma (no uncertainty
-    of the estimate, or more than the bearing's), the standard deviation is NaN.
+    The expected variance of a residual is 1 - g'Pg / sigma^2, which is solved for sigma; NaN where it does not depend
+    on sigma.
     """
     away = xy - origin
     r2 = np.maximum(np.sum(away**2, axis=1), 1e-24)
@@ -528,7 +522,7 @@ def _bearings(xy: Floats, covariance: Floats, origin: Floats, used: Residuals) -
 
 
 def _rows(tracks: Tracks, used: Residuals) -> Ints:
-    """(N,) the row of the tracks of each residual."""
+    """(N,) index of the row of the tracks of each residual."""
     order = np.lexsort((tracks.t_ns, tracks.target_id))
     row = np.empty(len(used), dtype=np.int64)
     for target in np.unique(used.target_id).tolist():
@@ -539,11 +533,11 @@ def _rows(tracks: Tracks, used: Residuals) -> Ints:
 
 
 def _in_sight(origin: Floats, walls: Sequence[Floats], xy: Floats) -> Bools:
-    """(N,) which of the (N, 2) positions no wall hides from the (2,) origin."""
+    """(N,) mask of positions (N, 2) in line of sight of the origin (2,), not hidden by a wall."""
     return np.asarray(~behind_walls(origin, xy, walls))
 
 
 def _anywhere(met: BearingIntersection, test: Callable[[Floats], Bools]) -> Bools:
-    """(M,) whether a test of (N, 2) positions holds for the meeting position or for any point of its ellipse."""
+    """(M,) whether a test of positions holds at the intersection or at any point of its error ellipse."""
     points = np.concatenate([met.xy[:, None], met.border], axis=1)
     return np.asarray(test(np.ascontiguousarray(points.reshape(-1, 2))).reshape(points.shape[:2]).any(axis=1))

@@ -1,4 +1,4 @@
-"""Cameras that repeat one frame, as a stream does that has lost its source, while other cameras go on."""
+"""Frozen cameras: a stream that repeats one frame, after it has lost its source, while other cameras continue."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MAX_COMMON_SHARE = 0.5
 
 
 class FrozenFrames(NamedTuple):
-    """Identical frames of one camera: times of the first and the last [ns], and their number."""
+    """A run of identical frames of one camera: first and last time [ns], and number of frames."""
 
     camera: str
     first_ns: int
@@ -28,7 +28,10 @@ class FrozenFrames(NamedTuple):
 
 @dataclass
 class _CameraRuns:
-    """Content of the last frame, the run of frames that are identical to it, and earlier runs that are long."""
+    """Run state of one camera.
+
+    Content of the last frame, the current run of identical frames, and earlier long runs.
+    """
 
     first_ns: int
     last_ns: int
@@ -38,14 +41,14 @@ class _CameraRuns:
 
 
 class FrozenCameras:
-    """Finds runs of identical frames of each camera; those of a camera come in the order of time."""
+    """Finds runs of identical frames of each camera; frames of a camera are added in the order of time."""
 
     def __init__(self) -> None:
         """Start without frames."""
         self._cameras: dict[str, _CameraRuns] = {}
 
     def add(self, camera: str, t_ns: int, content: Hashable) -> None:
-        """Take the next frame of a camera: what frames with equal pictures or boxes have in common; None: empty."""
+        """Add a camera's next frame; `content` is equal for frames with equal pictures or boxes, None if empty."""
         known = self._cameras.setdefault(camera, _CameraRuns(t_ns, t_ns))
         if known.run is not None and content is not None and content == known.content:
             known.run = known.run._replace(last_ns=t_ns, frames=known.run.frames + 1)
@@ -55,7 +58,7 @@ class FrozenCameras:
         known.last_ns = t_ns
 
     def add_boxes(self, boxes: Boxes) -> None:
-        """Take the next frames of boxes, whole and in the order of time."""
+        """Add the boxes of complete frames, in the order of time."""
         for name in np.unique(boxes.sensor).tolist():
             own = boxes.take(np.flatnonzero(boxes.sensor == name))
             first = np.flatnonzero(np.diff(own.t_ns, prepend=-1) != 0)
@@ -66,7 +69,7 @@ class FrozenCameras:
                 self.add(name, t_ns, (count, *values) if values[0] == values[0] else None)
 
     def found(self) -> Iterator[FrozenFrames]:
-        """The longest run of each camera that is frozen while another camera is not."""
+        """Longest run of each camera that is frozen while another camera is not."""
         for known in self._cameras.values():
             self._end(known)
         for name, known in sorted(self._cameras.items()):
@@ -75,7 +78,7 @@ class FrozenCameras:
                 yield max(runs, key=lambda run: run.last_ns - run.first_ns)
 
     def _moves(self, camera: str, run: FrozenFrames) -> bool:
-        """Whether a camera has frames during a run of another, and most of them differ."""
+        """Whether a camera has frames during the run of another camera, most of which differ."""
         other = self._cameras[camera]
         common = min(run.last_ns, other.last_ns) - max(run.first_ns, other.first_ns)
         still = sum(max(min(run.last_ns, o.last_ns) - max(run.first_ns, o.first_ns), 0) for o in other.runs)
@@ -83,7 +86,7 @@ class FrozenCameras:
 
     @staticmethod
     def _end(known: _CameraRuns) -> None:
-        """Keep a run that is long."""
+        """End the current run of identical frames, and keep it if it is long enough."""
         run = known.run
         if run is not None and run.last_ns - run.first_ns >= MIN_FROZEN_NS and run.frames >= MIN_FROZEN_FRAMES:
             known.runs.append(run)

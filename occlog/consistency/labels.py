@@ -1,4 +1,4 @@
-"""Labels against the continuity of motion: flags of rows, and what the verdict says of them."""
+"""Checks of labels against the continuity of motion: flags of rows, and findings."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MAX_MOTION_FACTOR = 1.45
 
 
 class MotionCheck(NamedTuple):
-    """How a method's motion compares with that by which labels are followed."""
+    """Noise of a method's motion model compared with that by which label continuity is checked."""
 
     setting: str  # that states how irregularly targets move
     ratio: float  # variance of the method's motion, over that of the labels
@@ -35,7 +35,7 @@ class MotionCheck(NamedTuple):
 def motion_checks(
     events: LabelEvents | None, motion: MotionCheck | None, rows: int, unless: str = ""
 ) -> tuple[Check, ...]:
-    """Whether targets move as the motion of a method states, by the innovations of their labels.
+    """Check whether targets move as the method's motion model states, from the innovations of labelled bearings.
 
     Args:
         events: what was found of the labels; None: they were not followed.
@@ -69,7 +69,7 @@ def motion_checks(
 
 
 def flag_labels(diagnostics: Diagnostics, events: LabelEvents) -> Diagnostics:
-    """Diagnostics with the flags of rows while labels were exchanged, and while they jumped."""
+    """Set the quality flags `exchanged_labels` and `label_jump` in diagnostics."""
     if not events.exchanges and not events.jumps:
         return diagnostics
     exchanged, jumped = events.at(diagnostics.t_ns, diagnostics.target_id)
@@ -77,7 +77,7 @@ def flag_labels(diagnostics: Diagnostics, events: LabelEvents) -> Diagnostics:
 
 
 def label_checks(events: LabelEvents | None, unit: str, rows: int = 0) -> tuple[Check, ...]:
-    """What is against the continuity of labels.
+    """Findings about labels that contradict the continuity of motion.
 
     Args:
         events: what was found; None: labels were not followed.
@@ -92,7 +92,7 @@ def label_checks(events: LabelEvents | None, unit: str, rows: int = 0) -> tuple[
 
 
 def _outliers(events: LabelEvents, rows: int) -> Iterator[Check]:
-    """Bearings that contradict the motion, where the method cannot tell which are false."""
+    """Report bearings that contradict the motion, for methods that do not reject outliers."""
     steps = {(target, t_ns) for target, t_ns, _ in events.contradicting}
     if exceeds_share(len(steps), rows, MAX_CONTRADICTED_SHARE):
         sensors = sorted({name for _, _, name in events.contradicting})
@@ -102,7 +102,7 @@ def _outliers(events: LabelEvents, rows: int) -> Iterator[Check]:
 
 
 def _findings(events: LabelEvents, unit: str) -> Iterator[Check]:
-    """Exchanged labels, and of each target the fastest jump."""
+    """Report exchanged labels, and the fastest jump of each target."""
     for one in events.exchanges:
         begin_s = (one.begin_ns - events.origin_ns) / NS
         until = "the end" if one.end_ns is None else f"{(one.end_ns - events.origin_ns) / NS:.4g} s"

@@ -1,10 +1,10 @@
-"""Constant errors of the ranges of stations: antenna delays, offsets of cables and clocks.
+"""Constant range errors of stations: antenna delays, offsets of cables and clocks.
 
-As in `occlog.consistency.systematic_errors` the error of a track, a position and a velocity within a short time, is
-eliminated from the residuals of ranges, and of the bearings at the same time.  What is left of a station's ranges is
-noise and its constant error.  Unlike yaws and clocks, these errors often are alike in all stations, so that all are
-found at once.  Their standard errors are the larger ones of what the noise says and of how much the blocks of the
-recording scatter (White 1980, A heteroskedasticity-consistent covariance matrix estimator, Econometrica 48(4)).
+As in `occlog.consistency.systematic_errors` the error of a track, a position and a velocity within a short window, is
+eliminated from the residuals of ranges and bearings. The remaining residuals of a station's ranges are noise and its
+constant error. These errors are often equal in all stations, so that all are estimated jointly. Standard errors are the
+larger of those by the noise and those by the scatter between blocks of the recording (White 1980, A
+heteroskedasticity-consistent covariance matrix estimator, Econometrica 48(4)).
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ MAX_STATIONS = 40
 
 
 class RangeBias(NamedTuple):
-    """A constant error of the ranges of a station."""
+    """Constant error of the ranges of a station."""
 
     station: str
     size: float  # by how much they are too long
@@ -53,7 +53,7 @@ class RangeBias(NamedTuple):
 
 
 class BlockSums(NamedTuple):
-    """Normal equations of some windows."""
+    """Normal equations summed over a block of windows."""
 
     normal: Floats  # (S, S)
     right: Floats  # (S,)
@@ -84,7 +84,7 @@ class RangeBiases:
     def add(
         self, tracks: Tracks, stated: Sequence[StatedResiduals], measured: Sequence[tuple[int, ScanMeasurements]]
     ) -> None:
-        """Take in the residuals at some more estimates, in the order of time.
+        """Add the residuals at more estimates, in the order of time.
 
         Args:
             tracks: estimates.
@@ -126,14 +126,14 @@ class RangeBiases:
                 self._add_window(window)
 
     def _columns_of(self, station: Ints) -> Floats:
-        """(N,) columns of stations; -1: too many."""
+        """(N,) columns of stations in the normal equations; -1 if there are too many stations."""
         for number in np.unique(station).tolist():
             if number not in self._column and len(self._column) < MAX_STATIONS:
                 self._column[number] = len(self._column)
         return np.array([float(self._column.get(number, -1)) for number in station.tolist()])
 
     def _add_window(self, rows: Floats) -> None:
-        """Take in N measurements of one target in one window.
+        """Add N measurements of one target in one window.
 
         Args:
             rows: (N, 6) seconds, residual and its gradient by x and y in standard deviations, the standard deviation,
@@ -161,7 +161,7 @@ class RangeBiases:
             self._blocks = [a.plus(b) for a, b in zip(self._blocks[::2], self._blocks[1::2], strict=True)]
 
     def found(self) -> list[RangeBias]:
-        """The errors that are significant and matter, in the order of the stations."""
+        """Significant errors that exceed the reporting threshold, in the order of the stations."""
         S, K = len(self._column), len(self._blocks)
         if max(MIN_BLOCKS, S + 2) > K or self._freedom - S < MIN_FREEDOM:
             return []
@@ -181,7 +181,7 @@ class RangeBiases:
         return [RangeBias(names[s], *(column[s] for column in figures)) for s in sorted(names) if large[s]]
 
     def checks(self, unit: str, *, estimated: bool = False) -> tuple[Check, ...]:
-        """Whether ranges of a station are too long or too short.
+        """Report stations with ranges that are too long or too short.
 
         Args:
             unit: of lengths.
@@ -207,7 +207,7 @@ class RangeBiases:
 
 
 def _usable(station: Ints, residual: Floats) -> Bools:
-    """(N,) whether residuals are near the median of their station."""
+    """(N,) mask of residuals near the median of their station (inliers)."""
     keep = np.ones(len(residual), dtype=np.bool_)
     for number in np.unique(station).tolist():
         own = station == number

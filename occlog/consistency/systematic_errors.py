@@ -1,10 +1,9 @@
-"""Systematic errors of sensors: a yaw or a clock that is off, from the residuals of bearings of several sensors.
+"""Systematic errors of sensors: wrong yaw or clock, from the residuals of bearings of several sensors.
 
-Within a second the error of a track is a position and a velocity, whatever the method has made of the motion.  These
-four are eliminated from the residuals of the second, by which nothing is left but the errors of the bearings: random
-ones, and those of a sensor that is turned (the same in all its bearings) or of which the clock is late (proportional
-to the rate at which its bearing to the target changes).  Two lines of sight always meet, so that two sensors with a
-bearing each leave nothing.
+Within a second the error of a track is a position and a velocity, whatever motion model the method has. These four
+parameters are eliminated from the residuals of the second. What remains are errors of the bearings: random ones, a yaw
+error of a sensor (the same in all its bearings), and a clock delay (proportional to the rate of change of its bearing
+to the target). Two lines of sight always meet, so that two sensors with one bearing each leave no residual.
 """
 
 from __future__ import annotations
@@ -59,7 +58,7 @@ TURNED, LATE = 0, 1
 
 
 class SensorError(NamedTuple):
-    """A systematic error.
+    """A systematic error of a sensor.
 
     Attributes:
         sensor: name.
@@ -99,7 +98,7 @@ class SystematicErrors:
         self._scale = np.zeros(2 * S)  # sums of squares of what a unit of each error is, in standard deviations
 
     def add(self, tracks: Tracks, stated: Sequence[StatedResiduals]) -> None:
-        """Take in the residuals at some more estimates, in the order of time."""
+        """Add the residuals at more estimates, in the order of time."""
         if len(self._sensors) < 2:
             return
         for target in np.unique([one.target for one in stated]).tolist():
@@ -109,13 +108,13 @@ class SystematicErrors:
                 self._add_target(tracks.take(of), [self._usable(one) for one in parts if len(one.residual)])
 
     def _usable(self, one: StatedResiduals) -> StatedResiduals:
-        """Without false bearings and those of no use."""
+        """Remove outliers and bearings without information."""
         size = np.abs(one.residual)
         use = (size <= MAX_RESIDUAL * max(float(np.median(size)), MEDIAN)) & (one.sigma <= MAX_SIGMA_RAD)
         return one._replace(t_ns=one.t_ns[use], residual=one.residual[use], sigma=one.sigma[use])
 
     def _add_target(self, tracks: Tracks, parts: Sequence[StatedResiduals]) -> None:
-        """Take in the residuals of one target."""
+        """Add the residuals of one target."""
         xy, first = np.column_stack([tracks.x, tracks.y]), tracks.t_ns[0]
         seconds = (tracks.t_ns - first) / NS
         # Errors of estimates follow the bearings; those of lines through neighbours are smoother
@@ -136,7 +135,7 @@ class SystematicErrors:
                 self._add_window(window)
 
     def _add_window(self, rows: Floats) -> None:
-        """Take in N bearings of one target in one window.
+        """Add N bearings of one target in one window.
 
         Args:
             rows: (N, 8) seconds, number of the sensor, residual, its gradient by x and y, its derivative by the
@@ -168,7 +167,7 @@ class SystematicErrors:
         self._freedom += len(rows) - u.shape[1]
 
     def found(self) -> list[SensorError]:
-        """The errors that are significant and matter, the clearest first, each given those before it."""
+        """Significant errors that exceed the reporting threshold, by forward selection: the most significant first."""
         S = len(self._sensors)
         out: list[SensorError] = []
         if self._freedom < MIN_FREEDOM:
@@ -191,7 +190,10 @@ class SystematicErrors:
         return out
 
     def _sizes(self, taken: Bools, noise: float) -> tuple[Floats, Floats]:
-        """(2 S,) sizes of errors, each estimated jointly with the selected ones, and standard errors; else 0."""
+        """(2 S,) sizes and standard errors of the candidate errors, each estimated jointly with the selected ones.
+
+        Else 0.
+        """
         size, error = np.zeros(len(taken)), np.zeros(len(taken))
         base = np.flatnonzero(taken)
         right, diagonal = self._right.copy(), np.diag(self._normal).copy()
@@ -210,7 +212,7 @@ class SystematicErrors:
         return size, error
 
     def _limit(self, k: int) -> float:
-        """Size of an error that matters: against the noise of the sensor's bearings, and its stated pose errors."""
+        """Smallest size of error k to report, given the noise of the sensor's bearings and its stated pose errors."""
         S = len(self._sensors)
         n, sensor = k % S, list(self._sensors.values())[k % S]
         # Root mean square of the error's column: what a unit of it is in standard deviations
@@ -222,7 +224,7 @@ class SystematicErrors:
         return limit
 
     def checks(self) -> tuple[Check, ...]:
-        """Whether a sensor is turned, or its clock late."""
+        """Report sensors with a yaw error or a clock delay."""
         few = "too few bearings of three sensors at one time" if self._freedom < MIN_FREEDOM else ""
         return outcome(SYSTEMATIC, self._findings(), unless=few)
 
@@ -242,7 +244,7 @@ class SystematicErrors:
 
 
 def linearised_bearings(one: StatedResiduals, origin: Floats, xy: Floats, path: Floats) -> tuple[Floats, Floats]:
-    """Residuals (N,) of bearings at a path, and gradients (N, 2), in standard deviations.
+    """Normalised residuals (N,) of bearings at a path, and their gradients (N, 2) with respect to the position.
 
     Args:
         one: N bearings of one sensor at estimates.
@@ -257,7 +259,7 @@ def linearised_bearings(one: StatedResiduals, origin: Floats, xy: Floats, path: 
 
 
 def local_lines(seconds: Floats, xy: Floats) -> Floats:
-    """(T, 2) positions on lines, each fitted to the (T, 2) positions within `HALF_STEP_S` of it.
+    """(T, 2) positions smoothed by a line fitted to the positions (T, 2) within `HALF_STEP_S` of each.
 
     Args:
         seconds: (T,) rising.
@@ -275,7 +277,7 @@ def local_lines(seconds: Floats, xy: Floats) -> Floats:
 
 
 def _velocities(seconds: Floats, xy: Floats, at: Floats) -> Floats:
-    """(N, 2) velocities of a track at N times, by central differences over `HALF_STEP_S` before and after.
+    """(N, 2) velocities of a track at N times, by central differences over +-`HALF_STEP_S`.
 
     Args:
         seconds: (T,) times of the track, rising.

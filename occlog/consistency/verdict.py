@@ -1,9 +1,8 @@
-"""The verdict: whether a run's estimates are plausible, as sentences with the number, the limit and the remedy.
+"""The verdict: whether a run's estimates are plausible, as findings with the figure, the limit and the remedy.
 
-Limits have two parts.  A finding is reported only if it is far enough off to matter (the constants of this file), and
-if chance cannot make it so: its confidence interval, with the effective number of what it was made from, is beyond that
-limit with a probability of `SIGNIFICANCE` for the contrary.  docs/explanation/believe.md has each finding with causes
-and remedies.
+A finding requires that a figure exceeds a limit of practical importance (the constants of this file), and that it does
+so significantly: the probability of the data at the limit, with the effective number of samples, is below
+`SIGNIFICANCE`. docs/explanation/believe.md lists each finding with causes and remedies.
 """
 
 from __future__ import annotations
@@ -140,7 +139,7 @@ class ConsistencyEvidence:
     diagnosed: bool = False
 
     def fared(self, part: Diagnostics) -> None:
-        """Count rows of diagnostics."""
+        """Add rows of diagnostics."""
         self.diagnosed = True
         self.rows += len(part)
         self.targets.update(part.target_id.tolist())
@@ -157,7 +156,7 @@ class ConsistencyEvidence:
         self.particles.add(part.ess)
 
     def saw(self, tracks: Tracks, compared: ComparedBearings, scene: Scene) -> None:
-        """Count residuals of bearings, and candidates that are left."""
+        """Add residuals of bearings, and counts of candidates near no track."""
         self.agreements.add(compared.residuals, pose_shares(tracks, scene))
         self.alone.add(compared.residuals)
         self.crowd.add(compared.frames)
@@ -165,7 +164,7 @@ class ConsistencyEvidence:
             self.positions.add(tracks, compared.residuals, scene)
 
     def competes(self, target: int, rivals: Sequence[RivalTrajectory]) -> None:
-        """Add what a search found of a target."""
+        """Add the rival trajectories that a search found for a target."""
         self.rivals = {} if self.rivals is None else self.rivals
         self.rivals.setdefault(target, []).extend(rivals)
 
@@ -183,11 +182,11 @@ class ConsistencyEvidence:
 
     @property
     def what(self) -> str:
-        """What residuals are of."""
+        """Name of the measurements that residuals are of, for messages."""
         return "measurements" if self.distances else "bearings"
 
     def checks(self, *, one_target: bool, smoothed: bool = False) -> tuple[Check, ...]:
-        """Every check that the diagnostics and the residuals allow, with what it found.
+        """All checks that the diagnostics and residuals allow, with their findings.
 
         Args:
             one_target: candidates without a label are taken for one target's by the method.
@@ -245,19 +244,19 @@ class ConsistencyEvidence:
         )
 
     def _depleted(self, smoothed: bool) -> Iterator[Check]:
-        """Particles that ran out."""
+        """Report depleted particles (small effective sample size)."""
         allowed = MAX_DEPLETED_SHARE_SMOOTHED if smoothed else MAX_DEPLETED_SHARE
         yield from depleted_particles(PARTICLES, self.particles, allowed)
 
     def _restarts(self) -> Iterator[Check]:
-        """Rows in which the target was lost."""
+        """Report rows in which the track was lost and restarted."""
         count = self.fallbacks["restart"]
         if exceeds_share(count, self.rows, MAX_RESTART_SHARE):
             share = count / self.rows
             yield finding(RESTARTED, "track-loss", count=count, rows=self.rows, share=share, allowed=MAX_RESTART_SHARE)
 
     def _gaps(self) -> Iterator[Check]:
-        """Rows so far apart that nothing is filtered."""
+        """Report rows so far apart in time that the filter has no benefit from the motion model."""
         gaps = self.fallbacks["gap"]
         if self.span_ns is not None and gaps >= MIN_GAPS and gaps >= MAX_GAP_SHARE * self.rows:
             yield finding(
@@ -271,7 +270,7 @@ class ConsistencyEvidence:
             )
 
     def _unseen(self) -> Iterator[Check]:
-        """Targets that no sensor saw."""
+        """Report targets that no sensor detected."""
         unseen = sorted(self.targets - self.seen)
         if unseen and not self.distances:
             yield finding(
@@ -283,7 +282,7 @@ class ConsistencyEvidence:
             )
 
     def _blind(self) -> Iterator[Check]:
-        """Cameras that were selected in vain."""
+        """Report cameras that were selected but did not detect the target."""
         if exceeds_share(self.blind, self.selected, MAX_BLIND_SHARE):
             yield finding(
                 SELECTED,
@@ -295,7 +294,7 @@ class ConsistencyEvidence:
             )
 
     def _rows(self) -> Iterator[Check]:
-        """Rows with a flag; rare quality flags are a note."""
+        """Report rows with a quality flag, as a note if they are rare."""
         flags = [(self.doubts[flag], id, MAX_FLAGGED_SHARE) for flag, id in QUALITY_FLAGS.items()]
         flags += [(self.fallbacks[value], *of) for value, of in FALLBACKS.items()]
         for n, (count, id, allowed) in enumerate(flags):
@@ -306,7 +305,10 @@ class ConsistencyEvidence:
                 yield finding(FLAGGED, id, severity, count=count, rows=self.rows, share=share, allowed=allowed)
 
     def _rivals(self) -> Iterator[Check]:
-        """Targets with another trajectory that is nearly as probable; where they hardly differ it is a note."""
+        """Report targets with a rival trajectory nearly as probable as the reported one.
+
+        A note if both hardly differ.
+        """
         origin_ns = 0 if self.span_ns is None else self.span_ns[0]
         for target, found in sorted((self.rivals or {}).items()):
             if not found:
@@ -330,7 +332,7 @@ class ConsistencyEvidence:
             )
 
     def _rejected(self) -> Iterator[Check]:
-        """Sensors with rejected bearings."""
+        """Report sensors with many rejected measurements."""
         for name, own in sorted(self.agreements.sensors.items()):
             if own.bearings >= MIN_SAMPLES and exceeds_share(
                 own.bearings - own.inliers, own.bearings, MAX_REJECTED_SHARE
@@ -346,7 +348,7 @@ class ConsistencyEvidence:
                 )
 
     def _unconfirmed(self) -> Iterator[Check]:
-        """False bearings where one sensor at a time sees the target."""
+        """Report probable false bearings if sensors detect the target one at a time."""
         alone = self.alone
         if (
             alone.bearings >= MIN_SAMPLES
@@ -363,7 +365,7 @@ class ConsistencyEvidence:
             )
 
     def _nis(self) -> Iterator[Check]:
-        """Check of the NIS of all sensors together; if it passes, of each sensor that fails."""
+        """Check the NIS of all sensors together; if it passes, the NIS of each sensor."""
         whole = self.agreements.nis
         if (check := nis_check(f"the {self.what}", whole, self._expected())) is not None:
             yield check
@@ -374,7 +376,7 @@ class ConsistencyEvidence:
                 yield check
 
     def _motion(self) -> Iterator[Check]:
-        """Targets that move more irregularly than stated."""
+        """Report targets that move more irregularly than the motion model states."""
         for target, factor in sorted(self.agreements.noise.items()):
             if factor > MAX_MOTION_VARIANCE_FACTOR:
                 yield finding(
@@ -387,7 +389,7 @@ class ConsistencyEvidence:
                 )
 
     def _outside(self) -> Iterator[Check]:
-        """Bearings that meet outside the room."""
+        """Report if bearings intersect outside the room."""
         positions = self.positions
         if positions.rows >= MIN_SAMPLES and exceeds_share(positions.outside, positions.rows, MAX_FLAGGED_SHARE):
             yield finding(
@@ -400,7 +402,7 @@ class ConsistencyEvidence:
             )
 
     def _through_walls(self) -> Iterator[Check]:
-        """Sensors that see targets through walls."""
+        """Report sensors that detect targets through walls."""
         for name, (saw, hidden) in sorted(self.positions.hidden.items()):
             if saw >= MIN_SAMPLES and exceeds_share(hidden, saw, MAX_FLAGGED_SHARE):
                 yield finding(
@@ -417,7 +419,7 @@ class ConsistencyEvidence:
         return math.fsum(a.means.expected for a in self.agreements.sensors.values())
 
     def _several(self) -> Iterator[Check]:
-        """Candidates that stay, and that no track explains."""
+        """Report persistent candidates near no track."""
         persistent = {
             name: share
             for name, share in self.crowd.persistent(MIN_SAMPLES).items()
@@ -439,7 +441,7 @@ class ConsistencyEvidence:
 def depleted_particles(
     check: str, particles: EffectiveSampleSizes, allowed: float, severity: Severity | None = None
 ) -> Iterator[Check]:
-    """The finding of particles that ran out, in more rows than the share allowed."""
+    """Report depleted particles in more rows than the allowed share."""
     if exceeds_share(particles.few, particles.rows, allowed):
         yield finding(
             check,
@@ -453,12 +455,12 @@ def depleted_particles(
 
 
 def exceeds_share(count: int, of: int, share: float) -> bool:
-    """Whether a count exceeds a share significantly: with a probability below `SIGNIFICANCE` if the share were true."""
+    """Whether `count` of `of` exceeds a share significantly (binomial test at `SIGNIFICANCE`)."""
     return of > 0 and count > share * of and float(bdtrc(count - 1, of, share)) < SIGNIFICANCE
 
 
 def nis_check(what: str, nis: Ratio, expected: float, sensors: tuple[str, ...] = ()) -> Check | None:
-    """Variance factor of residuals; None if they are as stated, or too few.
+    """Check the variance factor of residuals; None if it is as stated, or with too few samples.
 
     Args:
         what: name of the measurements.

@@ -1,4 +1,4 @@
-"""Bags of an ingest: the topics that are used, the cameras with poses in them, and their messages as they are read."""
+"""Bags in an ingest: selected topics, cameras with poses from the bag, and reading of the messages."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ STEEP = math.cos(math.radians(30))
 
 
 def asked_topics(plan: IngestPlan) -> list[tuple[str, str]]:
-    """Names and topics that the user gives, by options and in files."""
+    """(name, topic) pairs that the user gives, by options and in files; UsageError for a topic without a name."""
     out = [pair for path in plan.topics for pair in read_topic_map(path)]
     for name, topic in plan.topic:
         if name is None:
@@ -87,7 +87,7 @@ def asked_topics(plan: IngestPlan) -> list[tuple[str, str]]:
 
 
 def look_into(bag: Bag, plan: IngestPlan, note: Note) -> BagSurvey:
-    """Content of the bag, with a note on the topics used.  InputError if it has no usable topic."""
+    """Survey the content of the bag, and note the selected topics; InputError if no topic is usable."""
     found = survey(bag, asked_topics(plan))
     chosen = found.map
     if not (chosen.cameras or chosen.poses or chosen.directions):
@@ -110,7 +110,7 @@ def look_into(bag: Bag, plan: IngestPlan, note: Note) -> BagSurvey:
 
 
 class BagCameraPoses(NamedTuple):
-    """The cameras of a bag with known positions, why others are not, the frame that is the world, and the findings."""
+    """Cameras of a bag with known poses, reasons for the others, the world frame, and findings."""
 
     cameras: tuple[Camera, ...]
     reasons: dict[str, str]
@@ -119,9 +119,9 @@ class BagCameraPoses(NamedTuple):
 
 
 def place_cameras(found: BagSurvey, plan: IngestPlan, others: Collection[str], note: Note) -> BagCameraPoses:
-    """The cameras of a bag by their calibrations and transforms, but for those with poses from other files.
+    """Cameras of a bag with poses from their calibrations and transforms, except those with poses from other files.
 
-    The world is the frame that the user gives, else the highest one in which no camera moves.
+    The world frame is the one that the user gives, else the highest one in the transform tree in which no camera moves.
     """
     reasons: dict[str, str] = {}
     known = {}
@@ -169,7 +169,7 @@ def place_cameras(found: BagSurvey, plan: IngestPlan, others: Collection[str], n
 
 
 def _check_region(camera: str, found: BagSurvey, stated: tuple[int, int]) -> None:
-    """InputError where images are of the whole sensor, and the calibration states that they are a part of it."""
+    """InputError if images have the full sensor size although the calibration states binning or a region."""
     info, size = found.infos[camera], found.sizes.get(camera)
     if size is not None and size != stated and size == info.size:
         raise InputError(
@@ -182,7 +182,7 @@ def _check_region(camera: str, found: BagSurvey, stated: tuple[int, int]) -> Non
 def _camera(
     name: str, model: Intrinsics, rotation: Floats, centre: Floats, where: str, options: CalibrationOptions
 ) -> Camera:
-    """The camera of a pose; `rotation` is world-from-camera."""
+    """Create the camera of a pose; `rotation` is world-from-camera."""
     pose = Pose(
         name=name,
         focal_px=model.focal_px,
@@ -196,20 +196,23 @@ def _camera(
 
 
 def _is_rectified(found: BagSurvey, camera: str) -> bool:
-    """Return whether the topic of a camera's images, or else that of its boxes, states rectified images."""
+    """Whether a camera has rectified images, by the name of its image topic, or else of its box topic."""
     boxes = found.map.boxes.get(camera, "")
     return is_rectified(found.map.images[camera]) if camera in found.map.images else "rect" in boxes
 
 
 def _shared_frames(found: BagSurvey) -> set[str]:
-    """Frames of several cameras: those of stereo pairs with a right camera known by its matrix P alone."""
+    """Frames shared by several cameras.
+
+    Stereo pairs in which the right camera is defined by its projection matrix only.
+    """
     return {frame for frame, cameras in Counter(found.frames.values()).items() if cameras > 1}
 
 
 def _world(found: BagSurvey, plan: IngestPlan, cameras: list[str]) -> str | None:
-    """The frame that is the world; None where the bag has no transforms of its cameras.
+    """World frame; None if the bag has no transforms of its cameras.
 
-    UsageError where the frame that the user gives is not there, or the cameras hang in several trees.
+    UsageError if the frame that the user gives is missing, or the cameras are in unconnected trees.
     """
     tree = found.transforms
     if plan.world_frame is not None:
@@ -237,7 +240,7 @@ def _placed(tree: Transforms, frame: str, world: str | None) -> FramePose:
 
 
 def _pose(camera: str, frame: str, placed: FramePose, plan: IngestPlan) -> FramePose:
-    """World-from-camera pose of a frame with axes that are those of an image, or of a body (x forward, z up).
+    """World-from-camera pose of a frame with optical axes (z forward), or body axes (x forward, z up).
 
     UsageError for a frame without "optical" in its name and with z up: it cannot be an image frame.
     """
@@ -253,7 +256,7 @@ def _pose(camera: str, frame: str, placed: FramePose, plan: IngestPlan) -> Frame
 
 @dataclass
 class _CameraState:
-    """Messages of a camera so far."""
+    """Reading state of a camera's topic: counts and times of messages so far."""
 
     sized: tuple[int, int] | None = None
     last: int | None = None
@@ -270,19 +273,19 @@ class _CameraState:
     taken: int = 0
 
     def skip(self, log_ns: int, t_ns: int) -> None:
-        """Count a message with a time that is not after that of the last one."""
+        """Count a message whose time is not after that of the previous one."""
         back_ns = (self.last or 0) - t_ns
         self.first_late = self.first_late or f"the first after message {self.taken - 1}, recorded {utc(log_ns)}"
         self.late, self.back_ns = self.late + 1, max(self.back_ns, back_ns)
 
     @property
     def lateness(self) -> str:
-        """Place and size of times that repeat or go back."""
+        """Description of repeated or decreasing times: position and largest step back."""
         return f"by up to {self.back_ns / 1e9:.3g} s, {self.first_late}"
 
 
 class GatheredVideo:
-    """Messages of a stream of video on their way to the decoder; those that cannot be decoded are counted.
+    """Collects the messages of a compressed video stream in a file for the decoder; undecodable messages are counted.
 
     Attributes:
         reason: why the first message cannot be decoded; empty: all can.
@@ -292,7 +295,7 @@ class GatheredVideo:
     """
 
     def __init__(self, path: Path, encoding: str, size: tuple[int, int]) -> None:
-        """Begin before the first message."""
+        """Create the file, without messages."""
         self.reason, self.numbers, self.times = "", list[int](), list[int]()
         self.file = StreamFile(path, encoding.lower(), size)
         self._reader = StreamReader(encoding)
@@ -300,7 +303,7 @@ class GatheredVideo:
         self._whole = False  # from the last key frame on all messages are there
 
     def add(self, data: bytes, t_ns: int) -> None:
-        """Take the next message; InputError for one that is no picture of the stream."""
+        """Add the next message; InputError if it is not a picture of the stream."""
         number, self._count = self._count, self._count + 1
         unit = self._reader.read(data)
         if unit.key:
@@ -317,17 +320,17 @@ class GatheredVideo:
         self.times.append(t_ns)
 
     def fail(self, reason: str) -> None:
-        """Note a message that cannot be read: pictures up to the next key frame are built on it."""
+        """Note an unreadable message: pictures up to the next key frame depend on it."""
         self._whole, self.reason = False, self.reason or reason
 
     def end(self) -> int:
-        """End the file; the number of messages before a key frame."""
+        """Close the file; return the number of messages before the first key frame."""
         self.file.close()
         return self._lost
 
 
 def _decoding(stream: GatheredVideo, camera: str, plan: IngestPlan) -> CameraSource:
-    """The decoder of a stream, by the numbers of its messages, and their times."""
+    """Decoder of a collected stream, with message numbers and times."""
     times = np.array(stream.times, dtype=np.int64)
     first, stop = plan.frames.of(camera) or (0, None)
     start = bisect_left(stream.numbers, first)
@@ -345,7 +348,7 @@ def _decoding(stream: GatheredVideo, camera: str, plan: IngestPlan) -> CameraSou
 
 
 def _of_messages(loss: Loss, topic: str, numbers: Sequence[int]) -> Loss:
-    """A loss of the decoder with the numbers of messages in place of those of the pictures that it was given."""
+    """Replace picture numbers in a loss of the decoder by message numbers."""
     return replace(
         loss,
         source=topic,
@@ -359,7 +362,7 @@ def _pictures(topic: str, source: CameraSource) -> Iterator[tuple[int, str, Deli
 
 
 class Taking:
-    """Messages of a bag on their way into the recording, in one pass."""
+    """Writes the messages of a bag to the recording, in one pass."""
 
     def __init__(
         self,
@@ -401,7 +404,7 @@ class Taking:
 
     @property
     def count(self) -> int | None:
-        """Number of messages to come, None if unknown."""
+        """Expected number of messages; None if unknown."""
         counts = [self.found.topics[t].messages for t in self._wanted()]
         return None if None in counts else sum(c or 0 for c in counts)
 
@@ -409,11 +412,11 @@ class Taking:
         return {*self._cameras, *self._arrays, *self._targets, *self._boxes, *self._infos}
 
     def messages(self) -> Iterator[BagMessage]:
-        """The messages that `take` requires."""
+        """The messages of the topics to be written."""
         return self.bag.messages(self._wanted())
 
     def _frame_times(self) -> dict[str, FrameTimes]:
-        """Times of the frames of every camera: images, or the messages of a detector; a pass over the bag."""
+        """Frame times of every camera (images, or messages of a detector), by a pass over the bag."""
         topics = self._cameras or {topic: rows.camera for topic, rows in self._boxes.items()}
         states = {topic: _CameraState() for topic in topics}
         times: dict[str, list[int]] = {topic: [] for topic in topics}
@@ -429,7 +432,7 @@ class Taking:
         return {topics[topic]: FrameTimes(topic, table_ns=table) for topic, table in tables.items() if len(table)}
 
     def take(self, message: BagMessage, writer: RecordingWriter) -> None:
-        """Write what a message states; one that is damaged or out of order is counted."""
+        """Write the content of a message; damaged or out-of-order messages are counted."""
         if message.topic in self._infos:
             self._compare(message)
             return
@@ -458,7 +461,7 @@ class Taking:
             state.reason = state.reason or str(error)
 
     def _compare(self, message: BagMessage) -> None:
-        """Remember a calibration that is another than the first one of its camera, which holds for all images."""
+        """Note a calibration message that differs from the first one of its camera, which is used for all images."""
         with suppress(InputError):  # the first one was good
             content = self._messages.read(message.topic, message.data)
             first = self.found.infos[self._infos[message.topic]]
@@ -468,7 +471,7 @@ class Taking:
                 self._changed.setdefault(message.topic, []).append(what)
 
     def _time(self, state: _CameraState, message: BagMessage, header: MessageStamp) -> int:
-        """World time of a message: of its header, or of recording."""
+        """World time of a message, from its header stamp or its recording time."""
         if state.by_log is None:
             state.by_log = self.plan.timestamp_source == "log" or header.stamp_ns == 0
         if not header.stamp_ns and not state.by_log:
@@ -543,7 +546,7 @@ class Taking:
         self.frames[camera] = self.frames.get(camera, 0) + 1
 
     def _frame_of_truth(self, frame: str) -> FramePose:
-        """Pose of the frame of true positions; UsageError for one that no transforms connect with the world."""
+        """Pose of the frame of true positions in the world; UsageError if no transform connects them."""
         tree, world = self.found.transforms, self._placement.world
         if world is None or frame in ("", world):
             return FramePose(np.eye(3), np.zeros(3))
@@ -553,7 +556,7 @@ class Taking:
             raise UsageError(f"true positions: {error}; leave their topic out, or choose another world frame") from None
 
     def write_videos(self, writer: RecordingWriter) -> None:
-        """Decode the streams of video that `take` has gathered, and write their pictures in the order of time."""
+        """Decode the collected video streams, and write their pictures sorted by time."""
         with ExitStack() as stack:
             started = []
             for topic, stream in self._streams.items():
@@ -573,7 +576,7 @@ class Taking:
                 self._video_losses += [_of_messages(loss, topic, numbers) for loss in source.losses]
 
     def __enter__(self) -> Self:
-        """Return itself."""
+        """Return self."""
         return self
 
     def __exit__(
@@ -586,7 +589,7 @@ class Taking:
             self._folder.cleanup()
 
     def _video(self, topic: str, read: ImageMessage, t_ns: int) -> None:
-        """Gather a message of a stream of video."""
+        """Collect a message of a video stream."""
         camera = self._cameras[topic]
         if topic not in self._streams:
             self._folder = self._folder or tempfile.TemporaryDirectory(prefix="occlog-video-")
@@ -595,7 +598,7 @@ class Taking:
         self._streams[topic].add(read.data, t_ns)
 
     def finish(self, note: Note) -> list[Loss]:
-        """Report which clock was used, and list the losses."""
+        """Report which clock was used, and return the losses."""
         losses = lens_losses(self._beyond_lens, self.rows.get(Boxes.NAME, 0))
         if self._of_other_times and self.plan.frames:
             note_skipped(self._of_other_times, self._of_other_times + self.rows.get(Truth.NAME, 0), self.plan, note)
@@ -626,7 +629,7 @@ class Taking:
         return [*self.bag.losses, *losses, *self._video_losses]
 
     def checks(self) -> tuple[Check, ...]:
-        """Checks of the messages, after the last one."""
+        """Checks of the messages, available after the last one."""
         counts = (finding(COUNTS, "bag-count-differs", topic=t, remark=note) for t, note in self.bag.remarks.items())
         clocks = (check for topic, state in self._states.items() for check in self._topic_clocks(topic, state))
         given = self.plan.image_size is not None
@@ -634,7 +637,7 @@ class Taking:
         return (*outcome(COUNTS, counts), *outcome(STAMPS, clocks), *extents)
 
     def _topic_clocks(self, topic: str, state: _CameraState) -> Iterator[Check]:
-        """Find whether the two clocks of a topic differ, or it has but one."""
+        """Report if header stamps and recording times of a topic differ, or if header stamps are missing."""
         if state.by_log and self.plan.timestamp_source != "log":
             yield finding(STAMPS, "stamps-missing", topic=topic)
         low, high = state.difference_range
@@ -645,7 +648,7 @@ class Taking:
 
 
 def _is_same(a: InfoMessage, b: InfoMessage) -> bool:
-    """Return whether two calibrations are the same but for rounding."""
+    """Whether two calibrations are equal up to rounding."""
     if (a.size, a.model, a.binning, a.roi) != (b.size, b.model, b.binning, b.roi):
         return False
     if a.distortion.shape != b.distortion.shape:
@@ -654,15 +657,16 @@ def _is_same(a: InfoMessage, b: InfoMessage) -> bool:
 
 
 def check_truth_frames(found: BagSurvey, placement: BagCameraPoses, note: Note) -> None:
-    """Report that true positions are used unchanged where the pose of their frame in the world is unknown."""
+    """Note that true positions are used unchanged if the pose of their frame is unknown."""
     if found.map.poses and placement.world is None:
         note("bag: no transforms give poses of the cameras: true positions are taken to be in the scene's world")
 
 
 def check_plan(plan: IngestPlan, found: BagSurvey, scene: Scene, note: Note) -> None:
-    """UsageError for options that a bag's cameras do not take.
+    """Check options against the cameras and arrays of a bag; UsageError for options that it cannot use.
 
-    Directions of an array that the scene lacks are an error where they were asked for, else skipped.
+    Directions of an array missing from the scene are an error if their topic was given explicitly, else they are
+    skipped.
     """
     arrays, asked = [a.name for a in scene.arrays], {topic for _, topic in asked_topics(plan)}
     for array, topic in list(found.map.directions.items()):

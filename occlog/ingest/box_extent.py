@@ -1,7 +1,7 @@
-"""Signs of another size of the images in boxes: where detectors cut them off, rows and columns pile up.
+"""Detection of a wrong image size from box edges.
 
-A detector that ends boxes at the border of its images leaves many of them with the same right or lower edge. Where
-cameras agree that this edge is not that of the stated images, the calibration is of images of another size.
+A detector that clips boxes at the image border leaves many of them with the same right or lower edge. If cameras agree
+that this edge is not that of the stated images, the calibration is for another image size.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ MAX_PX = 2**16
 
 
 class _Border(NamedTuple):
-    """A border of the images by the boxes of a camera: rows or columns, and how many the stated images have of them."""
+    """Image border as found by a pile of box edges, and as stated: columns or rows [px]."""
 
     found: int
     stated: int
@@ -49,7 +49,7 @@ class _Border(NamedTuple):
 
 
 class BoxExtents:
-    """Farthest right and lower edges of boxes, counted by pixels."""
+    """Histogram of the farthest right and lower box edges, by pixel."""
 
     def __init__(self, sizes: Mapping[str, tuple[int, int]]) -> None:
         """Begin with the widths and heights [px] of the images of the cameras."""
@@ -78,7 +78,7 @@ class BoxExtents:
                 np.maximum.at(along[:, 1], pixels, middle[mine, 1 - axis])
 
     def checks(self, known: Collection[str], *, given: bool = False) -> tuple[Check, ...]:
-        """The check whether the images have another size than stated.
+        """Check whether images have another size than stated.
 
         Args:
             known: cameras with images of which the size is known by the images or by the file of boxes.
@@ -88,7 +88,7 @@ class BoxExtents:
         return outcome(EXTENTS, self._found(known, given), unless=none)
 
     def _found(self, known: Collection[str], given: bool) -> Iterator[Check]:
-        """Find another size of the images, by the ends of boxes."""
+        """Report another image size, consistent over the piles of box edges of all cameras."""
         sized = [key for key in self._counts if key[0] in self._sizes]
         borders = [self._border(*key) for key in sized]
         piles = [border for border in borders if border is not None]
@@ -109,7 +109,7 @@ class BoxExtents:
         yield finding(EXTENTS, "boxes-end-inside", found=found, stated=own, factor=factor, hint=remedy)
 
     def _beyond(self, sized: Sequence[tuple[str, int]]) -> Iterator[Check]:
-        """Find cameras of which many boxes end beyond the images."""
+        """Report cameras with many boxes that extend beyond the stated image."""
         shares: dict[str, float] = {}
         for name, axis in sized:
             count, first = self._counts[name, axis], min(self._sizes[name][axis] + BEYOND_PX, MAX_PX)
@@ -128,7 +128,10 @@ class BoxExtents:
         return int(np.flatnonzero(self._counts[name, axis])[-1])
 
     def _border(self, name: str, axis: int) -> _Border | None:
-        """The border that boxes of a camera pile up at; None where they do not."""
+        """Border of a camera along an axis (0: right, 1: lower) at which box edges pile up.
+
+        None if there is no pile.
+        """
         count, last = self._counts[name, axis], self._farthest(name, axis)
         pile = int(count[last])
         before = count[max(last - NEIGHBOURS, 0) : last]

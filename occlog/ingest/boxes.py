@@ -1,4 +1,4 @@
-"""Boxes of an ingest: their files, the cameras they are of, the description of them, and those outside the image."""
+"""Boxes in an ingest: their files, cameras, description, and boxes outside the image."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Note = Callable[[str], None]
 
 
 def survey(plan: IngestPlan, scene: Scene, note: Note) -> BoxSurvey | None:
-    """Cameras and frames of the files of boxes; None where there are no files."""
+    """Survey cameras and frames of the box files; None without files."""
     if not plan.boxes:
         return None
     found = survey_boxes(box_files(plan), known_cameras(plan, scene), box_options(plan))
@@ -59,7 +59,7 @@ def survey(plan: IngestPlan, scene: Scene, note: Note) -> BoxSurvey | None:
 
 
 def note_frames(found: BoxSurvey, times: Mapping[str, FrameTimes], note: Note) -> None:
-    """Note the frames of each camera where their numbers differ at one time, as those of unequal frame rates do."""
+    """Note if frame numbers of cameras differ at one time, as with unequal frame rates."""
     frames = found.frames(times)
     if len({(each.start, each.stop) for each in frames.values()}) > 1:
         text = ", ".join(f"{name} {each[0]} to {each[-1]}" for name, each in frames.items() if each)
@@ -67,14 +67,14 @@ def note_frames(found: BoxSurvey, times: Mapping[str, FrameTimes], note: Note) -
 
 
 def box_files(plan: IngestPlan) -> list[BoxFile]:
-    """Every file and folder of boxes."""
+    """All files and folders of boxes."""
     return [BoxFile(path, name, _first_number(plan, name, path)) for name, path in plan.boxes]
 
 
 def _first_number(plan: IngestPlan, camera: str | None, path: Path) -> int | None:
-    """Number of frame 0 in a folder of boxes: that of its images, or 1 where files are numbered by a video's frames.
+    """Number of frame 0 in a folder of boxes: that of the images, or 1 for files named after the frames of a video.
 
-    None where the folder alone states which numbers there are, or the number is given.
+    None if it follows from the folder alone, or is given.
     """
     if plan.first_number is not None or not path.is_dir() or is_annotations(Probe(path, "a folder of boxes")):
         return None
@@ -91,7 +91,7 @@ def _first_number(plan: IngestPlan, camera: str | None, path: Path) -> int | Non
 
 
 def known_cameras(plan: IngestPlan, scene: Scene) -> list[str]:
-    """Names of cameras that labels in tables can mean."""
+    """Names of cameras that labels in tables can refer to."""
     given = _named_cameras(plan)
     return list(dict.fromkeys([*given, *([] if given else [c.name for c in scene.cameras])]))
 
@@ -118,7 +118,7 @@ def box_options(plan: IngestPlan, scene: Scene | None = None) -> BoxOptions:
 
 
 def truth_options(plan: IngestPlan, scene: Scene) -> BoxOptions:
-    """Options for reading true boxes; all classes are kept unless one is given."""
+    """Options for reading true boxes; all classes are kept unless classes are given."""
     options = replace(box_options(plan, scene), others=False, lenient=False)
     if plan.truth_first_number is not None:
         options = replace(options, first_number=plan.truth_first_number)
@@ -135,11 +135,11 @@ def inside(
     *,
     given: bool = False,
 ) -> Iterator[B]:
-    """The tables without boxes that are wholly outside the image, or where its lens is not used; these are lost.
+    """Generate the tables without boxes entirely outside the image or outside the valid field of the lens (losses).
 
-    Boxes that reach over the border are kept as they are, for detectors complete people whom it cuts; how many there
-    are is noted. The check of their ends is added to `found`. `known` are the cameras with images of which the size is
-    known, and not only that of the calibration; `given`: the user gives it.
+    Boxes that extend beyond the border are kept, since detectors complete truncated people; their number is noted. The
+    check of box edges is added to `found`. `known`: cameras with a known size of images rather than of the calibration;
+    `given`: the user gives the size.
     """
     sizes = {c.name: c.image_size for c in scene.cameras if c.image_size is not None}
     extents, total = BoxExtents(sizes), 0
@@ -175,7 +175,7 @@ def inside(
 
 
 def beyond_lens(table: Boxes, scene: Scene) -> Bools:
-    """(N,) boxes with the middle of an edge where a wide fisheye lens is not used."""
+    """(N,) mask of boxes with the middle of an edge outside the valid field of a fisheye lens."""
     gone = np.zeros(len(table), dtype=np.bool_)
     right, bottom = table.left_px + table.width_px, table.top_px + table.height_px
     across, down = 0.5 * (table.left_px + right), 0.5 * (table.top_px + bottom)
@@ -187,13 +187,13 @@ def beyond_lens(table: Boxes, scene: Scene) -> Bools:
 
 
 def lens_losses(counts: Mapping[str, int], total: int) -> list[Loss]:
-    """The losses of boxes where a lens is not used, by cameras, of `total` boxes of all."""
+    """Losses, by camera, of boxes outside the valid field of the lens, out of `total` boxes."""
     what = f"more than {MAX_FISHEYE_DEG:.0f} degrees off the axis of a fisheye lens"
     return [Loss(name, "boxes", what, count, total) for name, count in sorted(counts.items())]
 
 
 def without(table: B, gone: Bools) -> B:
-    """The table without some boxes; a frame that has no other keeps a row that states that nothing was detected."""
+    """Remove boxes from a table; a frame without any other box keeps a row without detection."""
     kept = table.take(~gone)
     pairs = set(zip(kept.sensor.tolist(), kept.frame.tolist(), strict=True))
     alone: list[int] = []

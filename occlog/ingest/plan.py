@@ -5,7 +5,7 @@ Folders of data sets as they ship: which of their parts are what.
 WILDTRACK has `calibrations`, `annotations_positions` and `Image_subsets/C1` to `C7`; the numbers of its frames (0, 5,
 10, ...) count tenths of a second.
 
-Offsets added to the times of sensors with a clock offset.
+Clock offsets are added to the clocks of the scene.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ RATE = "10"
 
 
 def expand_dataset(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The values of the options, with a folder of WILDTRACK split into the options that state the same.
+    """Replace a WILDTRACK folder in the options by the equivalent options for its parts.
 
-    Options given along with the folder counts before its parts; with boxes its images are skipped.
+    Options given in addition have priority; with boxes, the images of the folder are skipped.
 
     Raises:
         UsageError: the folder has no images, and there are no boxes.
@@ -68,7 +68,7 @@ def expand_dataset(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def is_wildtrack(path: Path) -> bool:
-    """Return whether a folder is laid out as WILDTRACK's is."""
+    """Whether a folder has the layout of WILDTRACK."""
     return (path / CALIBRATION_FOLDER).is_dir() and any((path / part).is_dir() for part in (ANNOTATIONS, IMAGES))
 
 
@@ -79,7 +79,7 @@ _OFFSET = re.compile(r"([+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?)\s*(s|ms|u
 
 
 def offsets_of(texts: Iterable[str]) -> dict[str, float]:
-    """Offsets [s] by sensor, of `SENSOR=SECONDS`, or with a unit: `cam2=-0.4s`, `mic=250ms`.
+    """Parse clock offsets [s] by sensor: `SENSOR=SECONDS`, or with a unit: `cam2=-0.4s`, `mic=250ms`.
 
     Raises:
         UsageError: a text is no such pair, or a sensor is named twice.
@@ -103,10 +103,10 @@ def offsets_of(texts: Iterable[str]) -> dict[str, float]:
 
 
 def with_offsets(scene: Scene, offsets: Mapping[str, float]) -> Scene:
-    """The scene with clocks that are off by offsets added to the times [s]; drifts stay as they are.
+    """Add offsets [s] to the clocks of sensors in the scene; drifts are unchanged.
 
-    The clocks of the scene stay, also those that an earlier offset has made (`cam2-offset`): the new ones have names of
-    their own.
+    Existing clocks stay, including those made for an earlier offset (`cam2-offset`): the new ones have names of their
+    own.
 
     Raises:
         UsageError: the scene lacks a sensor.
@@ -139,7 +139,7 @@ def with_offsets(scene: Scene, offsets: Mapping[str, float]) -> Scene:
 
 
 def _free_name(name: str, taken: Collection[str]) -> str:
-    """The name, or with the first number from 2 behind it that is unused."""
+    """The name, or the first unused one of `name2`, `name3`, ..."""
     return next(each for each in (name, *(f"{name}-{n}" for n in range(2, len(taken) + 3))) if each not in taken)
 
 
@@ -167,7 +167,10 @@ DOAS = ("auto", "csv", "frida", "telemetr", "odas")
 
 @dataclass(frozen=True, kw_only=True)
 class IngestPlan(Settings):
-    """The inputs and settings of `occlog ingest`.  Pairs are (camera or array, value); None: not named."""
+    """Inputs and settings of `occlog ingest`.
+
+    Pairs are (camera or array, value); the name is None if not given.
+    """
 
     OWNER: ClassVar[str] = "ingest"
 
@@ -341,7 +344,7 @@ class IngestPlan(Settings):
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> IngestPlan:
-        """The plan of the fields and settings of a request; UsageError where they contradict each other."""
+        """Create the plan from the fields and settings of a request; UsageError for contradictions."""
         values = expand_dataset(values)
         mot = _named("mot", values["mot"])
         own = {f.name: values[f.name] for f in declared(cls) if f.name in values}
@@ -411,13 +414,13 @@ class IngestPlan(Settings):
             )
 
     def calibration_options(self) -> CalibrationOptions:
-        """What a calibration does not state itself."""
+        """Options that complete a calibration (unit, axes, image size)."""
         from occlog.io.formats.calibration.common import CalibrationOptions
 
         return CalibrationOptions(self.calibration_unit, self.image_size, self.lens_model, self.mirror)
 
     def check_names(self, cameras: Sequence[str]) -> None:
-        """Raise UsageError for a start time, frame rate or range of frames of a sensor that takes none.
+        """UsageError for a start time, frame rate or frame range of a sensor that cannot have one.
 
         Args:
             cameras: all that the recording has.
@@ -438,7 +441,7 @@ class IngestPlan(Settings):
                     )
 
     def files(self) -> list[tuple[Path, str]]:
-        """Every input that must be a file, and what it should be."""
+        """Inputs that must be files, with their descriptions."""
         tables = {
             "boxes": "a table of boxes",
             "positions": "a table of positions",
@@ -455,21 +458,21 @@ class IngestPlan(Settings):
         return found + ([(self.scene, "a scene file")] if self.scene else [])
 
     def paths(self) -> list[Path]:
-        """Every file and folder that is read, in a fixed order."""
+        """All files and folders that are read, in a fixed order."""
         return [*self.bags, *self.topics, *self.images.values(), *(path for path, _ in self.files()), *self.calibration]
 
     def inputs(self) -> list[Path]:
-        """Every file that is read; a folder represents the files in it."""
+        """All files that are read; a folder stands for the files in it."""
         from occlog.io.files.provenance import files_in
 
         return [file for path in self.paths() for file in (files_in(path) if path.is_dir() else [path])]
 
     def folders(self) -> list[Path]:
-        """Inputs that may be folders, though they may be files, too."""
+        """Inputs that may be folders as well as files."""
         return [path for _, path in (*self.boxes, *self.truth)]
 
     def parameters(self) -> dict[str, object]:
-        """Options that change the result, without the folders of the files, for provenance."""
+        """Options that change the result, for provenance, without paths of folders."""
         shown: dict[str, object] = {}
         for key, value in self.__dict__.items():
             if key == "output" or value in (None, (), {}, False):
@@ -493,12 +496,12 @@ def _plain(value: object) -> object:
 
 
 def is_name(text: str) -> bool:
-    """Return whether a text can be the name of a sensor before `=`."""
+    """Whether a text can be a sensor name before `=`."""
     return _NAME.match(text) is not None
 
 
 def pairs(values: Iterable[str], kind: Callable[[str], T]) -> tuple[tuple[str | None, T], ...]:
-    """`NAME=VALUE` or `VALUE`: the text before = is a name unless the whole is a file."""
+    """Parse `NAME=VALUE` or `VALUE`; a text that is an existing file is a value even if it contains `=`."""
     out: list[tuple[str | None, T]] = []
     for text in values:
         name, mark, value = text.partition("=")
@@ -510,7 +513,7 @@ def pairs(values: Iterable[str], kind: Callable[[str], T]) -> tuple[tuple[str | 
 
 
 def frames_of(values: Iterable[str]) -> FrameChoice:
-    """The frames of `A:B` and `NAME=A:B`, or of two numbers; UsageError for anything else, or a camera twice."""
+    """Parse frame ranges `A:B` and `NAME=A:B`, or two numbers; UsageError for anything else or a repeated camera."""
     common, own = None, {}
     texts = tuple(values)
     if len(texts) == 2 and all(text.isdecimal() for text in texts):  # a list in YAML
@@ -530,7 +533,7 @@ def frames_of(values: Iterable[str]) -> FrameChoice:
 
 
 def _named(setting: str, values: Iterable[str]) -> dict[str, Path]:
-    """`NAME=VALUE` pairs with names that differ."""
+    """Parse `NAME=VALUE` pairs; UsageError for repeated names."""
     out: dict[str, Path] = {}
     for name, path in pairs(values, Path):
         if name is None:
@@ -544,7 +547,7 @@ def _named(setting: str, values: Iterable[str]) -> dict[str, Path]:
 
 
 def for_sensor(pairs: Iterable[tuple[str | None, T]], name: str) -> T | None:
-    """The value for a sensor: its own, or the one without a name; the last one counts."""
+    """Value for a sensor: its own, or the one without a name; the last one has priority."""
     own = [value for key, value in pairs if key == name]
     common = [value for key, value in pairs if key is None]
     return own[-1] if own else (common[-1] if common else None)

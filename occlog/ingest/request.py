@@ -14,7 +14,7 @@ from .plan import IngestPlan, frames_of
 
 
 def _several(help_text: str, option: str, metavar: str) -> Any:
-    """Several values of one option, which is repeated; each may be of a sensor: `NAME=VALUE`."""
+    """Declare a repeatable option whose values may be for one sensor: `NAME=VALUE`."""
     return setting((), help_text, option=option, metavar=metavar, repeat=True, whole=True, shown="")
 
 
@@ -129,18 +129,18 @@ class IngestRequest(Request):
     settings: Mapping[str, object] = group(lambda: IngestPlan)
 
     def __post_init__(self) -> None:
-        """Raise UsageError for frames that are no range, before any stage of a run begins."""
+        """Raise UsageError for invalid frame ranges at once, before the run begins."""
         frames_of(self.frames or ())
 
     @property
     def plan(self) -> IngestPlan:
-        """The files and values by their sensors; UsageError where they contradict each other."""
+        """Files and values by sensor; UsageError for contradictions."""
         own = {name: value or () for name, value in vars(self).items() if name not in ("settings", *SINGLE)}
         return IngestPlan.of({**own, **{name: getattr(self, name) for name in SINGLE}, **self.settings})
 
     @property
     def inputs(self) -> list[Path]:
-        """Every file that is read; a folder represents the files in it."""
+        """All files that are read; a folder stands for the files in it."""
         return self.plan.inputs()
 
 

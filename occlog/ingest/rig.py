@@ -1,7 +1,7 @@
-"""What was understood of a calibration, as a line and as checks.
+"""Description and checks of the world frame of calibrated cameras.
 
-The line has unit, handedness, centres, and where the optical axes meet: a wrong convention is seen at once in it.  The
-checks are of the world of the cameras: whether it is right-handed and upright, and the cameras are above the ground.
+The description has unit, handedness, camera centres, and the point where the optical axes meet, which reveals a wrong
+convention at once. The checks are whether the world is right-handed and upright, and the cameras are above the ground.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ AUTO = "auto"
 
 
 def describe(calibration: CalibrationFile) -> str:
-    """One line: format, unit, handedness, cameras with their centres in metres, and where their optical axes meet.
+    """One line: format, unit, handedness, camera centres [m], and the point where optical axes meet.
 
-    A point that is not in front of all cameras is not stated.
+    A point that is not in front of all cameras is omitted.
     """
     cameras = calibration.cameras
     centres = ", ".join(f"{c.name} ({c.position[0]:.2f}, {c.position[1]:.2f}, {c.position[2]:.2f})" for c in cameras)
@@ -55,7 +55,7 @@ def describe(calibration: CalibrationFile) -> str:
 
 
 def world_checks(cameras: Sequence[Camera], up: str | None, *, ground_stated: bool) -> tuple[Check, ...]:
-    """Checks of the world of calibrated cameras; without cameras, none can be made.
+    """Checks of the world frame of calibrated cameras; empty without cameras.
 
     Args:
         cameras: as they are in the scene, after the world was mirrored and turned.
@@ -93,7 +93,7 @@ def world_checks(cameras: Sequence[Camera], up: str | None, *, ground_stated: bo
 
 
 def tilted_world(rotations: np.ndarray, up: str | None = None) -> Iterator[Check]:
-    """Find a world that is not upright, or turned upright by horizons that leave the pitch of the cameras open."""
+    """Report a world that is not upright, or was levelled by horizons which leave the cameras' pitch open."""
     if up is None and not is_upright(rotations):
         direction = vertical(rotations).up
         off_deg = float(np.degrees(np.arccos(np.clip(direction[2], -1.0, 1.0))))
@@ -115,10 +115,7 @@ much less it has to be with another meaning of the extrinsics, where nothing els
 
 
 def _distance_from_axes(places: Floats, axes: Floats) -> float:
-    """Mean distance of (n, 3) axes at (n, 3) places from the point nearest to all, by the extent of the places.
-
-    Infinite where that point is not in front of all cameras.
-    """
+    """Mean distance of optical axes (n, 3) at positions (n, 3) from the nearest point, over the cameras' extent."""
     point, along = meeting_point(places, axes)
     extent = float(np.linalg.norm(np.ptp(places, axis=0)))
     if not (along > 0.0).all() or extent == 0.0:
@@ -127,7 +124,7 @@ def _distance_from_axes(places: Floats, axes: Floats) -> float:
 
 
 def _misread(cameras: Sequence[Camera], limit: float = NEAR) -> Iterator[Check]:
-    """Find the meaning of the extrinsics by which all cameras would be upright, above the ground and see one place.
+    """Report a convention of the extrinsics in which all cameras are upright, above the ground, and view one position.
 
     Args:
         cameras: as read.
@@ -143,7 +140,7 @@ def _misread(cameras: Sequence[Camera], limit: float = NEAR) -> Iterator[Check]:
 
 
 def _misread_ones(cameras: Sequence[Camera]) -> Iterator[Check]:
-    """Find the meaning of the extrinsics of single cameras below the ground by which they see what the others see."""
+    """Report a convention of the extrinsics of single below-ground cameras in which they view what the others view."""
     low = [c for c, camera in enumerate(cameras) if camera.position[2] <= HEIGHT_SLACK]
     if 2 * len(low) > len(cameras):
         return
@@ -160,7 +157,7 @@ def _misread_ones(cameras: Sequence[Camera]) -> Iterator[Check]:
 
 
 def _meanings(cameras: Sequence[Camera]) -> Iterator[tuple[str, Floats, Floats]]:
-    """What extrinsics may mean that were read in another way: words, (n, 3, 3) rotations and (n, 3) positions then."""
+    """Other conventions of the extrinsics: description, rotations (n, 3, 3) and positions (n, 3) in each."""
     from scipy.spatial.transform import Rotation
 
     rotations, centres = np.array([c.rotation for c in cameras]), np.array([c.position for c in cameras])
@@ -179,7 +176,7 @@ def _meanings(cameras: Sequence[Camera]) -> Iterator[tuple[str, Floats, Floats]]
 
 
 def _low(cameras: Sequence[Camera]) -> Iterator[Check]:
-    """Find cameras that are not above the ground."""
+    """Report cameras that are not above the ground."""
     heights = {c.name: float(c.position[2]) for c in cameras}
     low = [name for name, height in heights.items() if height <= HEIGHT_SLACK]
     if low:

@@ -1,4 +1,4 @@
-"""The work of `occlog ingest`: sources are opened, their frames and rows written in the order of time."""
+"""`occlog ingest`: open sources, and write their frames and rows sorted by time."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ from .truth import check_truth_consistency, note_first_frames, within_frames
 
 @dataclass
 class Ingested(IngestFailures):
-    """Files and counts written so far."""
+    """Files and counts written so far, losses and findings."""
 
     frames: dict[str, int] = field(default_factory=dict)
     rows: dict[str, int] = field(default_factory=dict)
@@ -74,7 +74,7 @@ class Ingested(IngestFailures):
 
 
 def run_ingest(request: IngestRequest, job: Job) -> tuple[dict[str, object], list[Loss]]:
-    """Write the recording; the summary and the losses."""
+    """Write the recording; return the summary and the losses."""
     plan, done = request.plan, Ingested()
     try:
         return _ingest(plan, job, done)
@@ -85,7 +85,10 @@ def run_ingest(request: IngestRequest, job: Job) -> tuple[dict[str, object], lis
 
 
 def _ingest(plan: IngestPlan, job: Job, done: Ingested) -> tuple[dict[str, object], list[Loss]]:
-    """Write the recording; the summary and the losses.  What is found on the way is added to `done`."""
+    """Write the recording; return the summary and the losses.
+
+    Counts, losses and findings are added to `done`.
+    """
     note = job.note
     for path, what in plan.files():
         if not (path.is_dir() and path in plan.folders()):
@@ -138,7 +141,7 @@ def _ingest(plan: IngestPlan, job: Job, done: Ingested) -> tuple[dict[str, objec
 
 
 class _OpenBag(NamedTuple):
-    """The bag of an ingest: its files, what they hold, and the cameras with poses from it."""
+    """A bag in an ingest: its files, their survey, and the cameras with poses."""
 
     bag: Bag
     found: BagSurvey
@@ -146,7 +149,7 @@ class _OpenBag(NamedTuple):
 
 
 def _open_bag(plan: IngestPlan, scene: Scene, stack: ExitStack, note: Callable[[str], None]) -> _OpenBag | None:
-    """Open the bag and select its topics; None if missing."""
+    """Open the bag and select its topics; None if there is no bag."""
     if not plan.bags:
         return None
     for path in plan.bags:
@@ -174,7 +177,7 @@ def _write_bag(
     done: Ingested,
     job: Job,
 ) -> None:
-    """Images and rows of a bag, in one pass."""
+    """Write images and rows of a bag, in one pass."""
     clocks = {s.name: clock for s in scene.sensors if (clock := clock_of(scene, s.name)) is not None}
     with Taking(bag.bag, bag.found, plan, scene, clocks, bag.placement, turn) as taking:
         for message in job.progress(taking.messages(), "ingest", taking.count):
@@ -201,7 +204,7 @@ def _summary(plan: IngestPlan, done: Ingested) -> dict[str, object]:
 def _all_times(
     plan: IngestPlan, scene: Scene, sources: list[CameraSource], survey: BoxSurvey | None
 ) -> dict[str, FrameTimes]:
-    """Times of the frames of every camera: those of its images, of its sidecar, of its table, or of a given rate."""
+    """Frame times of every camera: from its images, time stamp file, table, or a given frame rate."""
     found: dict[str, FrameTimes] = {}
     cameras = [c.name for c in scene.cameras]
     sidecars = read_sidecars(plan, cameras)
@@ -222,7 +225,7 @@ def _all_times(
 def _write_frames(
     plan: IngestPlan, sources: list[CameraSource], writer: RecordingWriter, done: Ingested, job: Job
 ) -> None:
-    """Frames of all cameras in the order of time; a camera that fails later is a loss, unless all do."""
+    """Write the frames of all cameras sorted by time; a camera that fails is a loss, unless all fail."""
     streams = [_guarded(source, done) for source in sources]
     total = sum(s.decoder.frames or 0 for s in sources) or None
     merged = heapq.merge(*streams, key=lambda item: (item[0], item[1]))
@@ -261,7 +264,7 @@ def _write_tables(
     done: Ingested,
     note: Callable[[str], None],
 ) -> None:
-    """Rows of boxes, directions and truth."""
+    """Write rows of boxes, directions and truth."""
     tables: list[Iterator[ColumnTable]] = []
     if survey is not None:
         known = known_cameras(plan, scene)
@@ -304,7 +307,7 @@ def _write_tables(
 def _write_positions(
     plan: IngestPlan, scene: Scene, writer: RecordingWriter, done: Ingested, note: Callable[[str], None]
 ) -> None:
-    """Write the positions of all files; each source is in one of them."""
+    """Write the positions of all files; each position sensor occurs in one file only."""
     grid = None if plan.grid is None else parse_grid(plan.grid)
     taken = {sensor.name: f"a sensor of the scene, {sensor.name}" for sensor in scene.sensors}
     for name, path in plan.positions:
@@ -339,7 +342,7 @@ def _write_positions(
 
 
 def _positions_in_words(path: Path, log: PositionLog) -> str:
-    """What was read of a file of positions, in one line."""
+    """One-line description of what was read from a position file."""
     table = log.table
     there = table.detection >= 0
     x, y = table.x[there], table.y[there]
@@ -360,7 +363,7 @@ def _positions_in_words(path: Path, log: PositionLog) -> str:
 def _write_reads(
     plan: IngestPlan, scene: Scene, writer: RecordingWriter, done: Ingested, note: Callable[[str], None]
 ) -> None:
-    """Write the reads of all logs; a tag has one target in all of them."""
+    """Write the reads of all logs; a tag has the same target in all of them."""
     names = [r.name for r in scene.readers]
     clocks = {name: clock for name in names if (clock := clock_of(scene, name)) is not None}
     copies = Copies(several=len(plan.reads) > 1)
@@ -384,7 +387,7 @@ def _write_reads(
 
 
 def _check_tags(path: Path, log: ReadLog, known: Mapping[str, int]) -> None:
-    """InputError for a tag that was of another target in a log before, or the other way about."""
+    """InputError if a tag had another target in an earlier log, or a target another tag."""
     owner = {target: tag for tag, target in known.items()}
     for tag, target in log.tags.items():
         if known.get(tag, target) != target or owner.get(target, tag) != tag:
@@ -398,7 +401,10 @@ def _check_tags(path: Path, log: ReadLog, known: Mapping[str, int]) -> None:
 def _truth(
     path: Path, how: TruthOptions, plan: IngestPlan, turn: Turn | None, length_unit: str
 ) -> Iterator[Truth | TruthBoxes]:
-    """Tables of the truth, turned like the cameras; without cameras a frame rate given for all counts its frames."""
+    """Generate tables of the truth, in the levelled world of the cameras.
+
+    Without cameras, a frame rate given for all converts its frame numbers.
+    """
     if not how.times:
         rate = times_of(plan, "", {})
         how = replace(how, times={"": rate} if rate else {})
@@ -416,10 +422,9 @@ def _truth(
 def _split_tables(
     tables: Iterator[Truth | TruthBoxes], path: Path, known: dict[int | str, list[tuple[Path, TimeSpanNs]]]
 ) -> Iterator[Truth | TruthBoxes]:
-    """The tables of a file; InputError where it has a target or a camera of a file before, at the times of that one.
+    """Generate the tables of a file; InputError for a target or camera that an earlier file has at the same times.
 
-    `known` has the files of each target, by its number, and of each camera with boxes, and the times that they have
-    it at.
+    `known`: files of each target (number) and of each camera with boxes, with their times.
     """
     spans: dict[int | str, TimeSpanNs] = {}
     for table in tables:
@@ -439,7 +444,7 @@ def _split_tables(
 
 
 def _twice(key: int | str, other: Path) -> str:
-    """The fault if another file has the same target, or boxes of the same camera, at the same times."""
+    """Message that another file has the same target, or boxes of the same camera, at the same times."""
     if isinstance(key, str):
         return f"camera {key}: has true boxes in {other}, too, at the same times; join the files"
     return (

@@ -1,11 +1,8 @@
-"""The scene of an ingested recording: calibrated cameras, arrays, and what a scene file adds.
+"""The scene of an ingested recording: calibrated cameras, arrays, and additions of a scene file.
 
-A camera with frames that have another size than it was calibrated with is scaled, cut or refused.
-
-Turns the world of a calibration upright: z up, the ground at z = 0.
-
-Azimuths, fields of view and sizes of people mean something in an upright world only.  Calibrations of stereo rigs and
-with boards often have the world at a camera or at the board.
+A camera with frames of another size than its calibration is scaled, cropped or refused. The world of a calibration is
+levelled: z up, the ground at z = 0, since azimuths, fields of view and heights of people require an upright world.
+Calibrations of stereo rigs and with boards often have the world frame at a camera or at the board.
 """
 
 from __future__ import annotations
@@ -40,17 +37,17 @@ AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
 class Turn(NamedTuple):
-    """Rotation of a calibration's world, after a reflection where it is left-handed: p becomes R p - (0, 0, ground)."""
+    """Transform that levels a calibration's world, p -> R p - (0, 0, ground), after reflection if left-handed."""
 
     rotation: Floats  # (3, 3), of determinant -1 with a reflection
     ground: float  # height of the ground after the rotation
 
     def positions(self, xyz: Floats) -> Floats:
-        """(N, 3) positions in the upright world."""
+        """(N, 3) positions in the levelled world."""
         return np.asarray(xyz @ self.rotation.T - [0.0, 0.0, self.ground])
 
     def camera(self, camera: Camera) -> Camera:
-        """The camera in the upright world."""
+        """The camera in the levelled world."""
         # A camera of a left-handed world has behind it what it sees: its axes are turned round
         rotation = np.sign(np.linalg.det(self.rotation)) * self.rotation @ camera.rotation
         fov = camera.fov
@@ -70,7 +67,7 @@ class Turn(NamedTuple):
         return replace(camera, position=position, rotation=rotation, fov=fov)
 
     def truth(self, truth: Truth, path: Path) -> Truth:
-        """True positions in the upright world; InputError for one without a height, which could be anywhere there."""
+        """True positions in the levelled world; InputError if a position has no height."""
         unknown = np.isnan(truth.z)
         if unknown.any() and self.rotation[:2, 2].any():
             raise InputError(
@@ -83,7 +80,7 @@ class Turn(NamedTuple):
         return Truth(**(columns | {"x": x.copy(), "y": y.copy(), "z": z.copy()}))
 
     def parameters(self) -> dict[str, object]:
-        """For provenance."""
+        """Parameters of the transform, for provenance."""
         return {"turned_by": self.rotation.tolist(), "ground": self.ground}
 
 
@@ -94,7 +91,7 @@ def find_turn(
     note: Callable[[str], None],
     mirror: str | None = None,
 ) -> Turn | None:
-    """Find the rotation, and the reflection, of the calibrated cameras' world; None: none.
+    """Find the rotation, and reflection, that levels the world of calibrated cameras; None if it is level.
 
     Args:
         cameras: as calibrated.
@@ -125,7 +122,7 @@ def find_turn(
 
 
 def read_up(text: str) -> Floats:
-    """(3,) direction of an axis with its sign, or of three numbers; UsageError for anything else."""
+    """Parse the up direction (3,): an axis with its sign, or three numbers; UsageError for anything else."""
     sign, axis = (-1.0, text[1:]) if text.startswith("-") else (1.0, text.removeprefix("+"))
     if axis in AXES:
         return sign * np.array(AXES[axis])
@@ -148,7 +145,7 @@ Bars = tuple[int, int, int, int]
 
 
 class Sized(NamedTuple):
-    """Width and height of a camera's frames, and of the black bars at their left, top, right and lower edge [px]."""
+    """Frame size of a camera [px], and the widths of black bars at left, top, right and bottom [px]."""
 
     size: tuple[int, int]
     bars: Bars = (0, 0, 0, 0)
@@ -157,7 +154,7 @@ class Sized(NamedTuple):
 def with_stated_sizes(
     frames: Mapping[str, Sized], survey: BoxSurvey | None, scene: Scene, given: tuple[int, int] | None
 ) -> dict[str, Sized]:
-    """Sizes of frames, those of the images that files of boxes state, and for other cameras the one that is given.
+    """Frame sizes: those of images, else those that box files state, else the size that is given.
 
     Raises:
         InputError: a file states another size than the frames have, or the given one is that of neither.
@@ -187,7 +184,7 @@ def with_stated_sizes(
 
 
 def fit_sizes(scene: Scene, frames: Mapping[str, Sized], note: Callable[[str], None]) -> Scene:
-    """The scene with cameras that fit their frames."""
+    """The scene with cameras adapted to the sizes of their frames."""
     cameras = tuple(
         fit_size(c, frames[c.name].size, frames[c.name].bars, note) if c.name in frames else c for c in scene.cameras
     )
@@ -195,7 +192,7 @@ def fit_sizes(scene: Scene, frames: Mapping[str, Sized], note: Callable[[str], N
 
 
 def fit_size(camera: Camera, size: tuple[int, int], bars: Bars, note: Callable[[str], None]) -> Camera:
-    """The camera for frames of another size than it was calibrated with.
+    """Adapt a camera to frames of another size than that of its calibration.
 
     * Black bars that are as wide as a change of scale makes them: scaled and centred.
     * Up to 16 px less or more: cut or padded at the right and lower edge, pixels keep their position.
@@ -232,7 +229,7 @@ def fit_size(camera: Camera, size: tuple[int, int], bars: Bars, note: Callable[[
 
 
 def _has_bars(bars: Bars, margin: np.ndarray) -> bool:
-    """Return whether the black bars are as wide as the margins (x, y) on both sides."""
+    """Whether the black bars are as wide as the margins (x, y) on both sides."""
     wanted = np.array([margin[0], margin[1], margin[0], margin[1]])
     there = wanted >= MIN_BAR_PX
     return bool((np.abs(np.array(bars) - wanted)[there] <= BAR_SLACK_PX).all())
@@ -252,7 +249,7 @@ Note = Callable[[str], None]
 
 
 class IngestScene(NamedTuple):
-    """A scene, how the world of its calibration was turned, and the checks of the calibration."""
+    """A scene, the transform of its calibration's world, and the checks of the calibration."""
 
     scene: Scene
     turn: Turn | None
@@ -262,7 +259,7 @@ class IngestScene(NamedTuple):
 def add_bag_cameras(
     scene: Scene, cameras: tuple[Camera, ...], world: str | None, found: Sequence[Check], plan: IngestPlan, note: Note
 ) -> IngestScene:
-    """The scene with the cameras with poses from a bag, and how their world was turned."""
+    """Add the cameras of a bag to the scene; also return the transform of their world."""
     if not cameras:
         return IngestScene(scene, None, world_checks((), None, ground_stated=False))
     if scene.length_unit != "m":
@@ -280,9 +277,9 @@ def add_bag_cameras(
 
 
 def base_scene(plan: IngestPlan, note: Note) -> IngestScene:
-    """Scene of the scene file, the calibration and the tables of arrays, before cameras are matched.
+    """Scene from the scene file, the calibration and the tables of arrays, before cameras are matched; world transform.
 
-    Also how the world of the calibration was turned; the scene file and the arrays are in the upright world.
+    The scene file and the arrays are in the levelled world.
     """
     turn: Turn | None = None
     checks = world_checks((), None, ground_stated=False)
@@ -318,7 +315,10 @@ def base_scene(plan: IngestPlan, note: Note) -> IngestScene:
 
 
 def check_metres(plan: IngestPlan, unit: str) -> None:
-    """InputError for a table in metres with a scene in another unit: tables of arrays are, others state it by names."""
+    """InputError for a table in metres with a scene in another unit.
+
+    Tables of arrays, and others with such column names.
+    """
     if unit == "m":
         return
     named = [path for _, path in plan.truth] + ([] if plan.readers is None else [plan.readers])
@@ -332,7 +332,7 @@ def check_metres(plan: IngestPlan, unit: str) -> None:
 
 
 def _says_metres(path: Path) -> bool:
-    """Return whether a table names columns of lengths in metres."""
+    """Whether a table has column names of lengths in metres."""
     try:
         names = {cell.lower() for cell in first_line(path, "a table")}
     except InputError:  # whoever reads it states it
@@ -341,7 +341,7 @@ def _says_metres(path: Path) -> bool:
 
 
 def _check_names(plan: IngestPlan, names: Sequence[str]) -> None:
-    """UsageError where a reader of the table has the name of another sensor."""
+    """UsageError if a reader of the table has the name of another sensor."""
     if plan.readers is not None and (double := first_double(names)) is not None:
         raise UsageError(
             f"{plan.readers}: reader {double} has the name of another sensor; names must differ", id="duplicate-name"
@@ -358,10 +358,10 @@ def _arrays(path: Path, name: str | None, note: Note) -> tuple[MicrophoneArray, 
 
 
 def match_cameras(scene: Scene, wanted: Sequence[str], plan: IngestPlan, reasons: Mapping[str, str]) -> Scene:
-    """The scene with the cameras that have data, under the names that the user gives them.
+    """The scene with the cameras that have data, renamed as the user gives.
 
-    Cameras of a calibration without data are skipped, those of a scene file are kept.  `reasons` states about
-    cameras of a bag why it gives no poses of them.
+    Calibrated cameras without data are skipped, those of a scene file are kept. `reasons`: why cameras of a bag have no
+    pose.
     """
     kept = {c.name: c for c in scene.cameras}
     # An entry with the exact name of another camera is of that one
@@ -397,7 +397,7 @@ def _find(name: str, names: Sequence[str]) -> str | None:
 
 
 def _unplaced(name: str, plan: IngestPlan) -> Camera:
-    """A camera of which nothing is known: the focal length is only a placeholder."""
+    """A camera without any calibration; its focal length is a placeholder."""
     width = float(plan.image_size[0]) if plan.image_size else 1000.0
     return Camera(
         name=safe_name(name),

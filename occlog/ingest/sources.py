@@ -1,6 +1,6 @@
-"""Opens the videos and image folders of an ingest, and finds out when their frames were taken.
+"""Opening of the videos and image folders of an ingest, and determination of their frame times.
 
-Directions and reads that are in logs as identical duplicates: a log was copied, or exported twice.
+Also removes duplicate directions and reads, from logs that were copied or exported twice.
 """
 
 from __future__ import annotations
@@ -37,20 +37,20 @@ Sidecars = dict[str, tuple[Ints, str]]
 
 @dataclass
 class IngestFailures:
-    """Failures of an ingest: the losses, and the errors of cameras that could not be used at all."""
+    """Losses of an ingest, and the errors of cameras that could not be used at all."""
 
     losses: list[Loss] = field(default_factory=list)
     failures: list[InputError] = field(default_factory=list)
 
 
 def start_of(plan: IngestPlan, name: str) -> int:
-    """Time of the origin of a sensor's times [ns]; 0 where it is not given."""
+    """Origin of a sensor's times [ns since the epoch]; 0 if not given."""
     text = for_sensor(plan.start_time, name)
     return 0 if text is None else parse_start_time(text)
 
 
 def read_sidecars(plan: IngestPlan, cameras: list[str]) -> Sidecars:
-    """Sidecar times of each camera that has some."""
+    """Times of each camera that has a time stamp file."""
     out: Sidecars = {}
     for name, path in plan.timestamps:
         names = [name] if name is not None else cameras
@@ -70,7 +70,7 @@ def read_sidecars(plan: IngestPlan, cameras: list[str]) -> Sidecars:
 
 
 def times_of(plan: IngestPlan, name: str, sidecars: Sidecars) -> FrameTimes | None:
-    """Times of a camera's frames from its sidecar or a given frame rate; None where neither is given."""
+    """Times of a camera's frames from its time stamp file or a given frame rate; None without either."""
     rate = for_sensor(plan.fps, name)
     if name in sidecars:
         if any(key == name for key, _ in plan.fps):
@@ -82,7 +82,7 @@ def times_of(plan: IngestPlan, name: str, sidecars: Sidecars) -> FrameTimes | No
 
 
 def clock_of(scene: Scene, name: str) -> Clock | None:
-    """The clock that a sensor of the scene runs by."""
+    """The clock of a sensor in the scene."""
     named = {s.name: s.clock for s in scene.sensors}.get(name)
     return next((clock for clock in scene.clocks if clock.name == named), None)
 
@@ -90,7 +90,7 @@ def clock_of(scene: Scene, name: str) -> Clock | None:
 def open_sources(
     plan: IngestPlan, scene: Scene, cameras: list[str], stack: ExitStack, done: IngestFailures
 ) -> list[CameraSource]:
-    """The cameras with images, decoders running; one that cannot be opened is a loss.
+    """Open the cameras with images and start their decoders; a camera that cannot be opened is a loss.
 
     Args:
         plan: the options.
@@ -149,7 +149,7 @@ def _folders(plan: IngestPlan, scene: Scene, sidecars: Sidecars) -> list[CameraS
 
 
 def sync_times(plan: IngestPlan) -> dict[int, int] | None:
-    """Time of every synchronisation index, if a sidecar file has them."""
+    """Time of every synchronisation index, if a time stamp file has them."""
     from occlog.io.files.texts.csv_rows import first_line
 
     for name, path in plan.timestamps:
@@ -163,23 +163,23 @@ T = TypeVar("T", bound=ColumnTable)
 
 
 def duplicates(path: Path, count: int, what: str) -> Check:
-    """The finding that exact duplicates of rows were skipped; one of them is called `what`."""
+    """Finding that exact duplicate rows, called `what`, were skipped."""
     return finding(DUPLICATES, "rows-duplicated", file=path.name, what=counted(count, what))
 
 
 class Copies:
-    """Leaves copies out of the logs (of tables with a column `sensor`) of a recording, and counts them.
+    """Removes duplicate rows from the logs of a recording (tables with a column `sensor`), and counts them.
 
-    Of several logs 8 bytes for each row are kept; of one log only those of the last time.
+    For several logs 8 bytes per row are kept; for one log only the rows of the last time.
     """
 
     def __init__(self, *, several: bool) -> None:
-        """Start without logs; `several`: there is more than one, so that a row may be in one before."""
+        """Start without logs; `several`: a row may occur in an earlier log, too."""
         self._several = several
         self._before: dict[str, list[Uints]] = {}
 
     def once(self, tables: Iterable[T], path: Path, found: list[Check], what: str) -> Iterator[T]:
-        """The tables of a log without rows that were there before; a finding at the end calls one of them `what`."""
+        """Generate the tables of a log without duplicate rows; a finding at the end calls a row `what`."""
         here: dict[str, list[Uints]] = {}
         copies = 0
         for table in tables:
@@ -203,7 +203,7 @@ class Copies:
 
 
 def _first(marks: Uints, before: list[Uints]) -> Bools:
-    """(n,) whether a mark is there for the first time."""
+    """(n,) mask of marks (row hashes) that occur for the first time."""
     out = np.zeros(len(marks), dtype=np.bool_)
     out[np.unique(marks, return_index=True)[1]] = True
     for known in before:

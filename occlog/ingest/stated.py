@@ -1,4 +1,4 @@
-"""Checks of what the files of an ingest state about their pictures and boxes, and of how these fit each other."""
+"""Checks of what files state about their pictures and boxes, and of their agreement."""
 
 from __future__ import annotations
 
@@ -40,14 +40,14 @@ def source_checks(plan: IngestPlan, sources: Sequence[CameraSource], survey: Box
 
 
 def _facts(sources: Sequence[CameraSource]) -> Iterator[Check]:
-    """What files state of their pictures."""
+    """Findings of the decoders about the files' pictures."""
     for source in sources:
         for id, values in source.decoder.facts:
             yield finding(PICTURES, id, None, sensors=[source.name], targets=(), **values)
 
 
 def _starts(plan: IngestPlan, sources: Sequence[CameraSource]) -> Iterator[Check]:
-    """Videos of which the first frame has another time stamp than 0, unless all have the same or it is given."""
+    """Report videos whose first frame has a time stamp other than 0, unless all have the same or a start is given."""
     given = {name for name, _ in (*plan.start_time, *plan.timestamps)}
     starts = {
         s.name: s.decoder.start_s
@@ -61,7 +61,7 @@ def _starts(plan: IngestPlan, sources: Sequence[CameraSource]) -> Iterator[Check
 
 
 def _units(sources: Sequence[CameraSource]) -> Iterator[Check]:
-    """Time stamps in a file that last as much longer or shorter than the video as another unit would make them."""
+    """Report time stamps whose duration differs from the video's by the factor of another time unit."""
     for source in sources:
         table, rate, frames = source.times.table_ns, source.decoder.rate_hz, source.decoder.frames
         if table is None or len(table) < 2 or not rate or not frames or not source.times.source.startswith("sidecar"):
@@ -72,13 +72,13 @@ def _units(sources: Sequence[CameraSource]) -> Iterator[Check]:
 
 
 def _restarts(survey: BoxSurvey) -> Iterator[Check]:
-    """Cameras of which the numbers of frames begin again, as where two files were joined."""
+    """Report cameras with frame numbers that restart, as in two joined files."""
     for name, (line, before, after) in survey.restarts.items():
         yield finding(ENDS, "boxes-restart", sensors=[name], line=line, before=before, after=after)
 
 
 def _ends(plan: IngestPlan, sources: Sequence[CameraSource], survey: BoxSurvey | None) -> Iterator[Check]:
-    """Cameras of which the boxes end long before the pictures, as those of every third frame do that count from 0."""
+    """Report cameras with boxes that end long before the pictures, as if frames had been skipped and renumbered."""
     for source in sources if survey is not None and not plan.frames else ():
         frames, stop = source.decoder.frames or 0, survey.ranges[source.name].stop if survey is not None else 0
         if frames - stop > MAX_BOXLESS_SHARE * frames:

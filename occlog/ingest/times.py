@@ -1,4 +1,4 @@
-"""Checks of a new recording: sensors that measure at other times, times that jump, a truth of another time."""
+"""Checks of the times in a new recording: disjoint sensors, jumps, a truth with other times."""
 
 from __future__ import annotations
 
@@ -31,28 +31,28 @@ FEWEST, JUMP, JUMP_NS = 20, 0.5, 60 * NS
 
 @dataclass
 class TimeSpanNs:
-    """First and last of some times [ns]; the first is later than the last if missing."""
+    """First and last of some times [ns]; first > last if there is none."""
 
     first: int = 2**63
     last: int = -(2**63)
 
     def take(self, first: int, last: int) -> None:
-        """Extend the range to these."""
+        """Extend the range to include two times [ns]."""
         self.first, self.last = min(self.first, first), max(self.last, last)
 
     def __str__(self) -> str:
-        """Write both for people."""
+        """Format both times for messages."""
         return f"{utc(self.first)} to {utc(self.last)}"
 
 
 @dataclass
 class RowTimes(TimeSpanNs):
-    """Times of rows, `count` different ones."""
+    """Time range of rows, with `count` different times."""
 
     count: int = 0
 
     def add_rows(self, t_ns: Ints) -> None:
-        """Take in times, rising, of which the first may be the last one."""
+        """Add increasing times; the first may equal the last one added before."""
         self.count += len(t_ns) - int(t_ns[0] == self.last)
         self.take(int(t_ns[0]), int(t_ns[-1]))
 
@@ -76,7 +76,7 @@ class IngestFrameTimes(RowTimes):
     before: int = 0
 
     def add(self, t_ns: int) -> None:
-        """Take in the next frame."""
+        """Add the time of the next frame [ns]."""
         if self.count and t_ns - self.last > self.longest:
             self.longest, self.before = t_ns - self.last, self.last
         self.count += 1
@@ -84,13 +84,13 @@ class IngestFrameTimes(RowTimes):
 
     @property
     def rate_hz(self) -> float:
-        """Number of frames per second, without the longest interval."""
+        """Number of frames per second, excluding the longest interval."""
         return (self.count - 2) * NS / max(self.last - self.first - self.longest, 1)
 
 
 @dataclass
 class Times:
-    """Times of what a recording holds.
+    """Times of all data in a recording.
 
     Attributes:
         frames: of each camera.
@@ -110,7 +110,7 @@ class Times:
     boxes: FrozenCameras = field(default_factory=FrozenCameras)
 
     def table(self, table: ColumnTable) -> None:
-        """Take in rows."""
+        """Add the times of a table's rows."""
         if not len(table):
             return
         t_ns: Ints = table.t_ns  # type: ignore[attr-defined]
@@ -143,7 +143,7 @@ class Times:
         )
 
     def _rates(self) -> Iterator[Check]:
-        """Sensors with so few or so many frames a second that the unit of their times may be another."""
+        """Report sensors with so few or so many frames per second that their time unit may be wrong."""
         for name, own in sorted({**{n: self.rows[n] for n in self.rates}, **self.frames}.items()):
             if own.count >= FEWEST and not MIN_RATE_HZ <= own.rate_hz <= MAX_RATE_HZ:
                 rate_hz, least, most = own.rate_hz, MIN_RATE_HZ, MAX_RATE_HZ
@@ -152,7 +152,7 @@ class Times:
             yield finding(RATES, "truth-rate-implausible", rate_hz=self.true_rate_hz, most=MAX_TRUE_RATE_HZ)
 
     def _frozen(self) -> Iterator[Check]:
-        """Cameras that repeat one frame."""
+        """Report cameras that repeat one frame."""
         for run in (*self.pictures.found(), *self.boxes.found()):
             yield finding(
                 FROZEN,
@@ -164,7 +164,7 @@ class Times:
             )
 
     def _jumps(self) -> Iterator[Check]:
-        """Cameras of which one interval is longer than all others together."""
+        """Report cameras with one interval longer than all others together."""
         for name, own in sorted(self.frames.items()):
             if own.count >= FEWEST and own.longest > max(JUMP * (own.last - own.first), JUMP_NS):
                 yield finding(
@@ -177,7 +177,7 @@ class Times:
                 )
 
     def _of_truth(self) -> Iterator[Check]:
-        """A truth without any time in common with the measurements."""
+        """Report a truth that has no time in common with the measurements."""
         measured = TimeSpanNs()
         for own in (*self.frames.values(), *self.rows.values()):
             measured.take(own.first, own.last)
@@ -187,7 +187,7 @@ class Times:
 
 
 def _rate_hz(t_ns: Ints, target_id: Ints32) -> float:
-    """Median rate [Hz] of the target with the most rows; 0 of fewer than `FEWEST`."""
+    """Median rate [Hz] of the target with the most rows; 0 with fewer than `FEWEST`."""
     targets, counts = np.unique(target_id[target_id >= 0], return_counts=True)
     if not len(targets) or counts.max() < FEWEST:
         return 0.0
@@ -196,7 +196,7 @@ def _rate_hz(t_ns: Ints, target_id: Ints32) -> float:
 
 
 class TimedWriter(RecordingWriter):
-    """Writes a recording, and keeps the times of what it writes."""
+    """Writes a recording, and collects the times of its rows for the checks."""
 
     times: Times
 
@@ -218,7 +218,7 @@ class TimedWriter(RecordingWriter):
 
 
 def _apart(times: Mapping[str, TimeSpanNs], least: int) -> Iterator[Check]:
-    """Sensors with times far from those of all others."""
+    """Report sensors with times far from those of all others."""
     for name, own in sorted(times.items()):
         others = [each for other, each in times.items() if other != name]
         far = min((max(each.first - own.last, own.first - each.last) for each in others), default=0)

@@ -1,6 +1,6 @@
-"""Agreement of true positions, true boxes and calibration: feet of people, projected, against their boxes.
+"""Agreement of true positions, true boxes and calibration: projected feet against boxes.
 
-True positions and the frames that a recording has: those outside `frames` are skipped, or reported.
+Also restricts true positions to the frames of the recording.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ MIN_BOXES = 20
 def check_truth_consistency(
     tables: Iterator[Truth | TruthBoxes], scene: Scene, path: Path, note: Callable[[str], None]
 ) -> Iterator[Truth | TruthBoxes]:
-    """The tables; at their end a note states how far feet are from boxes, in heights of the box.
+    """Generate the tables unchanged; at their end note the distance of projected feet from boxes, in box heights.
 
     Raises:
         InputError: they are too far in a camera: the grid of positions, the unit or the camera is another.
@@ -63,7 +63,10 @@ def check_truth_consistency(
 
 
 def _off(truth: Truth, boxes: TruthBoxes, project: Callable[[Floats], Floats]) -> Floats:
-    """(n,) distances of projected feet from the middle of the lower edge, in heights; infinity behind the camera."""
+    """(n,) distances of projected feet from the middle of the lower box edge, in box heights.
+
+    Infinite behind the camera.
+    """
     where = {key: row for row, key in enumerate(zip(truth.t_ns.tolist(), truth.target_id.tolist(), strict=True))}
     keys = zip(boxes.t_ns.tolist(), boxes.target_id.tolist(), strict=True)
     pairs = [(row, where[key]) for row, key in enumerate(keys) if key in where]
@@ -82,7 +85,7 @@ MIN_REPORTED_S = 1.0
 
 
 def note_first_frames(plan: IngestPlan, survey: BoxSurvey | None, note: Callable[[str], None]) -> None:
-    """Note where boxes count frames from 1 and true positions from 0, or the other way about."""
+    """Note if boxes count frames from 1 and true positions from 0, or vice versa."""
     if survey is None or plan.first_number is not None or plan.truth_first_number is not None:
         return
     for _, path in plan.truth:
@@ -96,9 +99,9 @@ def note_first_frames(plan: IngestPlan, survey: BoxSurvey | None, note: Callable
 
 
 def span_of(frames: Mapping[str, range], times: Mapping[str, FrameTimes]) -> tuple[int, int] | None:
-    """First and last time [ns] of the frames of each camera, half a frame wider at both ends.
+    """First and last frame time [ns] of each camera, extended by half a frame.
 
-    None where no camera has such a frame.
+    None if no camera has frames.
     """
     ends: list[tuple[int, int]] = []
     for name, own in frames.items():
@@ -120,9 +123,9 @@ def within_frames(
     times: Mapping[str, FrameTimes],
     note: Callable[[str], None],
 ) -> Iterator[Truth | TruthBoxes]:
-    """The tables, true positions only of the frames that are chosen; a note states how many were skipped.
+    """Generate the tables with true positions restricted to the selected frames; a note states how many were skipped.
 
-    Without a choice all are kept, and a note states by how much they go beyond the frames of a detector.
+    Without a selection all are kept, and a note states by how much they exceed the frames of a detector.
     """
     chosen = {name: range(*own) for name in times if (own := plan.frames.of(name)) is not None}
     frames = chosen if chosen and len(chosen) == len(times) else None
@@ -155,5 +158,5 @@ def within_frames(
 
 
 def note_skipped(out: int, rows: int, plan: IngestPlan, note: Callable[[str], None]) -> None:
-    """Note that this many of the rows of the truth are of other frames than those that are chosen."""
+    """Note the number of true positions outside the selected frames."""
     note(f"truth: {out} of {rows} true positions are of other frames than {plan.frames}, and skipped")

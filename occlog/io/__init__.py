@@ -1,1 +1,1 @@
-"""File formats to records and back; knows no algorithm. `open.py` opens inputs."""
+"""Conversion of file formats to records and back; `open.py` opens inputs."""

@@ -1,13 +1,7 @@
-"""Tables over many recordings: what each run gave, with a column that names its recording.
+"""Tables over many recordings, with a column that names the recording.
 
-Tables of one kind, one of each recording, as one table with a column that names the recording.
-
-The tables `runs` and `metrics` of a batch: what became of each recording, and every figure of its evaluation.
-
-What tables over many recordings have in common: the column of recordings, their names, and how they are written.
-
-They carry names of schemas that no command takes for the table of one recording: rows of several recordings in one
-track would be a wrong result that seems right.
+`runs` and `metrics` of a batch: the outcome of each recording, and every figure of its evaluation. Schema names differ
+from those of single recordings, since a command that took rows of several recordings for one would give wrong results.
 """
 
 from __future__ import annotations
@@ -38,7 +32,7 @@ RECORDING = pa.field("recording", NAMES, nullable=False, metadata={"unit": "1", 
 
 
 def field(name: str, kind: pa.DataType, doc: str, *, unit: str = "1", nullable: bool = False) -> pa.Field:
-    """A column with its unit and meaning."""
+    """Arrow field of a column, with unit and description."""
     return pa.field(name, kind, nullable=nullable, metadata={"unit": unit, "doc": doc})
 
 
@@ -56,7 +50,7 @@ def gathered_writer(path: Path, schema: pa.Schema) -> Iterator[pq.ParquetWriter]
 
 
 def write_rows(path: Path, schema: pa.Schema, rows: Iterable[dict[str, object]]) -> int:
-    """Write rows, in groups; the number of rows."""
+    """Write rows in groups; return the number of rows."""
     count, kept = 0, list[dict[str, object]]()
     with gathered_writer(path, schema) as writer:
         for row in rows:
@@ -70,7 +64,7 @@ def write_rows(path: Path, schema: pa.Schema, rows: Iterable[dict[str, object]])
 
 
 def join_tables(path: Path, parts: Mapping[str, Path], name: str, provenance: Provenance) -> int:
-    """Write the rows of all parts, one part after another; the number of rows.
+    """Concatenate the tables of all recordings into one file; return the number of rows.
 
     A column that a part does not have has no value (null) in its rows.  Memory does not grow with the number of parts.
 
@@ -100,7 +94,7 @@ def join_tables(path: Path, parts: Mapping[str, Path], name: str, provenance: Pr
 
 
 def _columns(parts: Mapping[str, Path], name: str) -> tuple[dict[str, pa.Field], str]:
-    """Columns of all parts by their names, in the order in which they come up, and the unit of lengths."""
+    """Columns of all parts by name, in order of first appearance, and the length unit."""
     fields: dict[str, pa.Field] = {}
     first: dict[str, str] = {}
     held: dict[str, int] = {}
@@ -135,7 +129,7 @@ def _columns(parts: Mapping[str, Path], name: str) -> tuple[dict[str, pa.Field],
 
 
 def _batches(parts: Mapping[str, Path], schema: pa.Schema) -> Iterator[pa.Table]:
-    """Rows of all parts in chunks, with all columns."""
+    """Rows of all parts in chunks, with all columns; null for missing ones."""
     for recording, part in parts.items():
         for batch in arrow_batches(part):
             index = pa.repeat(pa.scalar(0, pa.int32()), batch.num_rows)
@@ -179,10 +173,10 @@ METRICS = (
 
 
 def write_runs(path: Path, rows: Iterable[dict[str, object]], provenance: Provenance) -> int:
-    """Write the table of runs, a row a recording; the number of rows."""
+    """Write the table `runs`, a row per recording; return the number of rows."""
     return write_rows(path, gathered_schema("runs", RUNS, provenance), rows)
 
 
 def write_metrics(path: Path, rows: Iterable[dict[str, object]], provenance: Provenance) -> int:
-    """Write the table of metrics, a row a figure; the number of rows."""
+    """Write the table `metrics`, a row per figure; return the number of rows."""
     return write_rows(path, gathered_schema("metrics", METRICS, provenance), rows)

@@ -118,7 +118,7 @@ class BoundSums:
         return out
 
     def result(self, unit: str, suffix: str, *, with_errors: bool) -> Metrics:
-        """Return the metrics of the bound; with `with_errors`, also those of the errors at the same rows."""
+        """Return the figures of the bound; with `with_errors`, also those of errors at the same rows."""
         error, least, smoothed = (self._rms(name, self.rows) for name in ("error", *KINDS))
         out: Metrics = {f"bound_rmse{suffix}_{unit}": least}
         if with_errors:
@@ -259,7 +259,7 @@ class Bounds:
         """Make the bound of all that came, and give it away in pieces, in the order of time.
 
         Raises:
-            InputError: a target has too few usable rows for the information.
+            InputError: a target in 3-D has distance measurements.
         """
         self._information.end()
         for target, known in sorted(self._targets.items()):
@@ -336,7 +336,7 @@ class Bounds:
         return Bound.merge(parts)
 
     def result(self, unit: str, *, late: bool = False) -> Metrics:
-        """Figures as `bound_metrics` has them, of all errors or of those after the transient."""
+        """Figures of bound and errors of all targets; `late`: only of rows after the transient."""
         counts = {k: known.late if late else known.errors for k, known in self._targets.items()}
         estimates = self._late if late else self._estimates
         if any(counts.values()):

@@ -1,1 +1,1 @@
-"""Tables that other programs made: known by their columns, and read as the tables of this one."""
+"""External tables of other programs, recognised by their columns and converted to occlog tables."""

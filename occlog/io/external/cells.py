@@ -1,4 +1,4 @@
-"""Cells of an external table, by column: of text, or of Arrow; numbers, names, yes and no, times."""
+"""Typed access to the cells of an external table, by column, from text or Arrow."""
 
 from __future__ import annotations
 
@@ -22,37 +22,40 @@ EXACT = 2.0**53
 
 
 class TableCells(Protocol):
-    """Rows of a table; each method gives a column, and fails with the position of a cell that cannot be."""
+    """Interface to the rows of a table.
+
+    Each method returns a column, and raises InputError with the position of a bad cell.
+    """
 
     def __len__(self) -> int:
         """Number of rows."""
 
     def floats(self, name: str, *, blank: bool) -> Floats:
-        """(n,) finite numbers; NaN for cells that are empty, where `blank` allows them."""
+        """(n,) finite numbers; NaN for empty cells if `blank` allows them."""
 
     def ints(self, name: str, *, blank: int | None) -> Ints:
-        """(n,) whole numbers; `blank` for cells that are empty; None: none may be."""
+        """(n,) whole numbers; `blank` replaces empty cells (None: empty cells are an error)."""
 
     def texts(self, name: str, *, blank: bool) -> Strings:
-        """(n,) texts; empty ones where `blank` allows them."""
+        """(n,) texts; empty ones only if `blank` allows them."""
 
     def lists(self, name: str, width: int) -> Floats:
-        """(n, width) numbers, or as many as the first cell has (`ANY_WIDTH`); NaN for cells that are empty."""
+        """(n, width) numbers; `ANY_WIDTH`: as many as the first cell has. NaN for empty cells."""
 
     def bools(self, name: str) -> Bools:
-        """(n,) yes or no."""
+        """(n,) booleans."""
 
     def times(self, name: str, unit: str) -> Ints:
-        """(n,) times [ns since the Unix epoch]; of numbers with an empty `unit` it is that of their size."""
+        """(n,) times [ns since the Unix epoch]; with an empty `unit`, the unit follows from the size of numbers."""
 
     def steps(self, name: str) -> Floats:
-        """(n,) what the last digit, or bit, of each number represents, where that may be much; else 0."""
+        """(n,) resolution of each number (value of its last digit or bit), where it may be coarse; else 0."""
 
     def raw(self, name: str) -> list[object]:
-        """(n,) values as the file has them."""
+        """(n,) values as in the file."""
 
     def fail(self, row: int, message: str) -> InputError:
-        """An error that names the position of a row."""
+        """InputError with a message and the position of a row."""
 
     def part(self, start: int, stop: int) -> TableCells:
         """The rows start <= row < stop."""
@@ -62,7 +65,7 @@ class TextCells:
     """Cells of a text table."""
 
     def __init__(self, rows: CsvRows) -> None:
-        """Take rows with columns that have the file's own names."""
+        """Create from rows with the file's own column names."""
         self._rows = rows
 
     def __len__(self) -> int:
@@ -70,11 +73,11 @@ class TextCells:
         return len(self._rows)
 
     def floats(self, name: str, *, blank: bool) -> Floats:
-        """(n,) finite numbers; NaN for cells that are empty, where `blank` allows them."""
+        """(n,) finite numbers; NaN for empty cells if `blank` allows them."""
         return self._rows.floats(name, blank=blank)
 
     def ints(self, name: str, *, blank: int | None) -> Ints:
-        """(n,) whole numbers; `blank` for cells that are empty; None: none may be."""
+        """(n,) whole numbers; `blank` replaces empty cells (None: empty cells are an error)."""
         if blank is None:
             return self._rows.ints(name)
         empty = np.isnan(self._rows.floats(name, blank=True))
@@ -82,7 +85,7 @@ class TextCells:
         return CsvRows(self._rows.path, self._rows.lines, {name: filled}, self._rows.location).ints(name)
 
     def texts(self, name: str, *, blank: bool) -> Strings:
-        """(n,) texts; empty ones where `blank` allows them."""
+        """(n,) texts; empty ones only if `blank` allows them."""
         texts = self._rows.cells[name]
         if not blank and (texts == "").any():
             raise self.fail(int(np.flatnonzero(texts == "")[0]), f"{name} is empty; a text was expected")
@@ -90,12 +93,12 @@ class TextCells:
         return np.asarray([plain_text(text) for text in texts.tolist()], np.str_) if marked.any() else texts
 
     def lists(self, name: str, width: int) -> Floats:
-        """Not in text: a cell has one value."""
+        """InputError: a text cell holds a single value."""
         numbers = "numbers" if width == ANY_WIDTH else f"{width} numbers"
         raise InputError(f"{self._rows.path}: column {name} requires lists of {numbers}, which text does not hold")
 
     def bools(self, name: str) -> Bools:
-        """(n,) yes or no."""
+        """(n,) booleans."""
         return _yes_or_no(self, name, self._rows.cells[name])
 
     def times(self, name: str, unit: str) -> Ints:
@@ -103,7 +106,7 @@ class TextCells:
         return parse_times(self._rows, name, unit)
 
     def steps(self, name: str) -> Floats:
-        """(n,) what the last digit of each number with an exponent above 0 represents; else 0."""
+        """(n,) value of the last digit of each number with a positive exponent; else 0."""
         return self._rows.steps(name)
 
     def raw(self, name: str) -> list[object]:
@@ -111,7 +114,7 @@ class TextCells:
         return list(self._rows.cells[name].tolist())
 
     def fail(self, row: int, message: str) -> InputError:
-        """An error that names the line of a row."""
+        """InputError with a message and the line of a row."""
         return self._rows.fail(row, message)
 
     def part(self, start: int, stop: int) -> TextCells:
@@ -120,10 +123,10 @@ class TextCells:
 
 
 class ArrowCells:
-    """Cells of columns in memory, as Parquet and Arrow files have them."""
+    """Cells of Arrow columns in memory, from Parquet and Arrow files."""
 
     def __init__(self, path: Path, batch: pa.RecordBatch, first: int) -> None:
-        """Take a batch of a file, with the number of its first row in the file."""
+        """Create from a batch of a file; `first` is the number of its first row in the file."""
         self._path, self._batch, self._first = path, batch, first
 
     def __len__(self) -> int:
@@ -131,7 +134,7 @@ class ArrowCells:
         return int(self._batch.num_rows)
 
     def steps(self, name: str) -> Floats:
-        """(n,) distances from the numbers of a column of floats of 16 or 32 bits to the next ones; else 0."""
+        """(n,) spacing of floats at the numbers of a float16 or float32 column; else 0."""
         kind = self._column(name).type
         if not (pa.types.is_float16(kind) or pa.types.is_float32(kind)):
             return np.zeros(len(self))
@@ -139,7 +142,7 @@ class ArrowCells:
         return np.asarray(np.spacing(np.abs(np.nan_to_num(values))), dtype=np.float64)
 
     def raw(self, name: str) -> list[object]:
-        """(n,) values as the file has them; None for cells that are null."""
+        """(n,) values as in the file; None for null."""
         column = self._column(name)
         if not pa.types.is_dictionary(column.type):
             return list(column.to_pylist())
@@ -148,7 +151,7 @@ class ArrowCells:
         return [None if index is None else values[index] for index in column.indices.to_pylist()]
 
     def fail(self, row: int, message: str) -> InputError:
-        """An error that names the number of a row, from 0."""
+        """InputError with a message and the number of a row, from 0."""
         return InputError(f"{self._path}: row {self._first + row}: {message}")
 
     def part(self, start: int, stop: int) -> ArrowCells:
@@ -156,7 +159,7 @@ class ArrowCells:
         return ArrowCells(self._path, self._batch.slice(start, stop - start), self._first + start)
 
     def floats(self, name: str, *, blank: bool) -> Floats:
-        """(n,) finite numbers, also in texts; NaN for cells that are null, where `blank` allows them."""
+        """(n,) finite numbers, also from texts; NaN for null if `blank` allows it."""
         column = self._column(name)
         if _is_text(_plain(column.type)):
             return self._in_text(name, column).floats(name, blank=blank)
@@ -173,7 +176,7 @@ class ArrowCells:
         return values
 
     def ints(self, name: str, *, blank: int | None) -> Ints:
-        """(n,) whole numbers, also in texts; `blank` for cells that are null; None: none may be."""
+        """(n,) whole numbers, also from texts; `blank` replaces null (None: null is an error)."""
         column = self._column(name)
         if _is_text(_plain(column.type)):
             return self._in_text(name, column).ints(name, blank=blank)
@@ -194,12 +197,12 @@ class ArrowCells:
         return values.astype(np.int64)
 
     def _in_text(self, name: str, column: pa.Array) -> TextCells:
-        """A column of texts as that of a text table."""
+        """Cells of a text column, with the parsing rules of text tables."""
         texts = to_texts(column, f"{self._path}: column {name}", MAX_CELL)
         return TextCells(CsvRows(self._path, self._first + np.arange(len(self)), {name: texts}, "row"))
 
     def _whole(self, name: str, column: pa.Array) -> pa.Array:
-        """A column as whole numbers of 64 bits; InputError for one that is none."""
+        """A column as int64; InputError if it is not integral."""
         try:
             return pc.cast(column, pa.int64())
         except pa.ArrowInvalid:
@@ -212,7 +215,7 @@ class ArrowCells:
             raise
 
     def texts(self, name: str, *, blank: bool) -> Strings:
-        """(n,) texts; empty ones where `blank` allows them.  Whole numbers are names, too."""
+        """(n,) texts; empty ones only if `blank` allows them. Whole numbers are accepted as names."""
         column = self._column(name)
         if column.null_count and not blank:
             raise self.fail(_first_null(column), f"{name} is null; a text was expected")
@@ -225,7 +228,7 @@ class ArrowCells:
         return texts
 
     def lists(self, name: str, width: int) -> Floats:
-        """(n, width) numbers, or as many as the first cell has (`ANY_WIDTH`); NaN for cells that are null."""
+        """(n, width) numbers; `ANY_WIDTH`: as many as the first cell has. NaN for null."""
         column = self._column(name)
         if not (pa.types.is_list(column.type) or pa.types.is_large_list(column.type) or _is_row(column.type)):
             wanted = "numbers" if width == ANY_WIDTH else f"{width} numbers"
@@ -250,7 +253,7 @@ class ArrowCells:
         return out
 
     def bools(self, name: str) -> Bools:
-        """(n,) yes or no."""
+        """(n,) booleans."""
         column = self._column(name)
         if column.null_count:
             raise self.fail(_first_null(column), f"{name} is null; true or false was expected")
@@ -262,7 +265,7 @@ class ArrowCells:
         return _yes_or_no(self, name, to_texts(column, f"{self._path}: column {name}", MAX_CELL))
 
     def times(self, name: str, unit: str) -> Ints:
-        """(n,) times [ns since the Unix epoch]: of times, whole numbers, fractions of a second, or texts."""
+        """(n,) times [ns since the Unix epoch] from timestamps, integers, fractions of a second, or texts."""
         column = self._column(name)
         if column.null_count:
             raise self.fail(_first_null(column), f"{name} is null; a time was expected")
@@ -302,7 +305,7 @@ class ArrowCells:
             raise InputError(f"{self._path}: column {name}: a time is out of range for {unit}", id="time-out-of-range")
 
     def _check_steps(self, name: str, unit: str) -> None:
-        """InputError for times in floats too short for them: float32 has every 128th second since 1970 alone."""
+        """InputError for times in floats of insufficient precision: since 1970, float32 resolves 128 s only."""
         steps = self.steps(name) * UNITS[unit]
         if (steps > COARSEST_NS).any():
             row = int(np.flatnonzero(steps > COARSEST_NS)[0])
@@ -320,7 +323,7 @@ class ArrowCells:
 
 
 def _beyond(column: pa.Array) -> Bools:
-    """(n,) whether whole numbers are too large to be exact in float64."""
+    """(n,) mask of integers too large to be exact in float64."""
     if column.type not in (pa.int64(), pa.uint64()):
         return np.zeros(len(column), dtype=np.bool_)
     whole: Ints = to_numpy(pc.fill_null(column, 0)).astype(np.uint64 if column.type == pa.uint64() else np.int64)
@@ -339,7 +342,7 @@ def _yes_or_no(cells: TableCells, name: str, texts: Strings) -> Bools:
 
 
 def _plain(kind: pa.DataType) -> pa.DataType:
-    """The type of values, which a dictionary may hold once for many rows."""
+    """Value type of a column, decoded if it is dictionary-encoded."""
     return kind.value_type if pa.types.is_dictionary(kind) else kind
 
 

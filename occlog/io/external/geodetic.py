@@ -1,4 +1,4 @@
-"""Columns of latitude, longitude and height in an external table, read as positions in the scene."""
+"""Conversion of latitude, longitude and height columns of an external table to positions in the scene."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ X, Y, Z = POSITION = ("x_m", "y_m", "z_m")
 
 
 class GeodeticColumns(NamedTuple):
-    """Names of columns with positions on the earth.
+    """Names of columns with geodetic positions.
 
     Attributes:
         latitude: of the column [deg].
@@ -43,24 +43,24 @@ class GeodeticColumns(NamedTuple):
 
     @property
     def names(self) -> list[str]:
-        """Names of the columns that are used."""
+        """Names of the columns used."""
         return [name for name in self[:3] if name]
 
     def replaced(self, names: Sequence[str]) -> tuple[str, ...]:
-        """The names of a table, with those of positions in the scene in their place."""
+        """Column names of a table, with geodetic ones replaced by those of positions in the scene."""
         ours = {self.longitude: X, self.latitude: Y, self.height: Z}
         return tuple(ours.get(name, name) if name else name for name in names)
 
     def read(self, names: Sequence[str]) -> list[str]:
-        """Columns of the file that give some columns of the table."""
+        """File columns needed to compute some table columns."""
         own = [name for name in names if name not in POSITION]
         return [*own, *(name for name in self.names if name not in own)] if len(own) < len(names) else own
 
 
 def geodetic_columns(names: Sequence[str]) -> GeodeticColumns | None:
-    """Columns of positions on the earth; None if missing, or if the table has positions in the scene.
+    """Geodetic columns of a table; None if missing, or if the table has positions in the scene.
 
-    Heights count only where the origin states its own.
+    Heights are used only if the origin states its own height.
     """
     there = {plain_name(name): name for name in reversed(names)}
     latitude, longitude = (_first(there, known) for known in (LATITUDES, LONGITUDES))
@@ -75,7 +75,7 @@ def _first(there: dict[str, str], known: Sequence[str]) -> str:
 
 
 class GeodeticCells:
-    """Cells of a table with positions on the earth."""
+    """Cells of a table with geodetic positions."""
 
     def __init__(self, path: Path, cells: TableCells, columns: GeodeticColumns) -> None:
         """Take the cells of a file."""
@@ -87,7 +87,7 @@ class GeodeticCells:
         return len(self._cells)
 
     def floats(self, name: str, *, blank: bool) -> Floats:
-        """(n,) numbers; of positions those in the scene [m]."""
+        """(n,) numbers; geodetic positions are converted to the scene [m]."""
         if name not in POSITION:
             return self._cells.floats(name, blank=blank)
         if self._xyz is None:
@@ -101,7 +101,7 @@ class GeodeticCells:
         return self._xyz[:, POSITION.index(name)]
 
     def steps(self, name: str) -> Floats:
-        """(n,) what the last digit of each number represents, where that may be much; of positions [m]."""
+        """(n,) resolution of each number, where it may be coarse; of positions in metres."""
         if name not in POSITION:
             return self._cells.steps(name)
         if name == Z:
@@ -113,7 +113,7 @@ class GeodeticCells:
         return self._cells.ints(name, blank=blank)
 
     def texts(self, name: str, *, blank: bool) -> Strings:
-        """(n,) texts; empty ones where `blank` allows them."""
+        """(n,) texts; empty ones only if `blank` allows them."""
         return self._cells.texts(name, blank=blank)
 
     def lists(self, name: str, width: int) -> Floats:
@@ -121,7 +121,7 @@ class GeodeticCells:
         return self._cells.lists(name, width)
 
     def bools(self, name: str) -> Bools:
-        """(n,) yes or no."""
+        """(n,) booleans."""
         return self._cells.bools(name)
 
     def times(self, name: str, unit: str) -> Ints:
@@ -129,11 +129,11 @@ class GeodeticCells:
         return self._cells.times(name, unit)
 
     def raw(self, name: str) -> list[object]:
-        """(n,) values as the file has them; of positions those in the scene."""
+        """(n,) values as in the file; positions in the scene."""
         return list(self.floats(name, blank=True).tolist()) if name in POSITION else self._cells.raw(name)
 
     def fail(self, row: int, message: str) -> InputError:
-        """An error that names the position of a row."""
+        """InputError with a message and the position of a row."""
         return self._cells.fail(row, message)
 
     def part(self, start: int, stop: int) -> GeodeticCells:

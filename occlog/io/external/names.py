@@ -1,9 +1,9 @@
 """Column names in external tables, and units in names.
 
-A name may end in the unit: `bearing_deg`, `x_cm`, `cov_xx_cm2`, `vx_cm_s`, `t_ms`.  Without an ending lengths are in
-the unit of the scene.  An angle without one is in radians where the table's own column of times, `t_ns`, is there as
-well; in any other table it might be in degrees, so that it is refused.  So is a time difference (`tdoa_s`, `tdoa_us`).
-An angle `compass_deg` is clockwise from north (+y); all others are from +x towards +y.
+A name may end in the unit: `bearing_deg`, `x_cm`, `cov_xx_cm2`, `vx_cm_s`, `t_ms`. Without an ending lengths are in the
+unit of the scene. An angle without one is in radians if the table has occlog's own time column `t_ns`; in any other
+table it could be in degrees, and is refused. So is a time difference (`tdoa_s`, `tdoa_us`). An angle `compass_deg` is
+clockwise from north (+y); all others are from +x towards +y.
 """
 
 from __future__ import annotations
@@ -121,7 +121,7 @@ COMPARED = 200
 
 
 def plain_name(name: str) -> str:
-    """A file's name of a column in lower case, with a unit in brackets as an ending.
+    """Normalise a column name: lower case, with a unit in brackets converted to an ending.
 
     `#timestamp [ns]` is `timestamp_ns`, `pos x [m]` is `pos_x_m`, and `vx (m/s)` is `vx_m_s`.
     """
@@ -136,7 +136,7 @@ def plain_name(name: str) -> str:
 
 
 class Spelling(NamedTuple):
-    """One column of a table as a file has it."""
+    """A table column as spelled in a file: name and unit."""
 
     column: Column
     name: str  # of the file's column
@@ -148,17 +148,17 @@ class Spelling(NamedTuple):
 
     @property
     def time_unit(self) -> str:
-        """Unit of times; empty: it is not stated, and that of the size of the numbers."""
+        """Time unit; empty if not stated (inferred from the size of the numbers)."""
         return self.unit if self.stated else ""
 
     @property
     def compass(self) -> bool:
-        """True if it is an angle clockwise from north, not from +x towards +y."""
+        """Whether it is a compass angle, clockwise from north, rather than from +x towards +y."""
         return self.column.unit == "rad" and plain_name(self.name).startswith(COMPASS)
 
 
 class TableLayout(NamedTuple):
-    """Layout of a table in a file.
+    """Mapping of a file's columns to those of a table.
 
     Attributes:
         table: the table.
@@ -172,24 +172,24 @@ class TableLayout(NamedTuple):
 
     @property
     def names(self) -> list[str]:
-        """Names of the file's columns that are read."""
+        """Names of the file columns that are read."""
         return list(dict.fromkeys(name for s in self.columns for name in (s.name, s.far) if name))
 
     @property
     def likeness(self) -> tuple[int, int]:
-        """Number of file columns that the table uses, and of those with the table's own names."""
+        """Match quality: number of file columns used, and how many of them have the table's own names."""
         own = sum(s.name in (s.column.name, f"{s.column.name}_{s.unit}") for s in self.columns)
         return len({s.name for s in self.columns}), own
 
     @property
     def length_unit(self) -> str | None:
-        """Unit that names of lengths end in; None: they do not state one, or are missing."""
+        """Length unit stated by the column names; None if not stated."""
         units = {s.unit for s in self.columns if s.column.unit in POWERS and s.unit}
         return next(iter(units), None)
 
 
 def frame_column(names: Sequence[str]) -> str | None:
-    """The column of frame numbers of a file that states no times; None: it has none, or states times."""
+    """Column of frame numbers in a file without times; None if missing, or if the file has times."""
     there = {plain_name(name): name for name in reversed(names)}
     if any(name in there for known in TIME_COLUMNS.values() for name in known):
         return None
@@ -197,7 +197,7 @@ def frame_column(names: Sequence[str]) -> str | None:
 
 
 def is_in_time(names: Sequence[str]) -> bool:
-    """Return whether a file has a column of times or of frame numbers."""
+    """Whether a file has a column of times or of frame numbers."""
     there = {plain_name(name) for name in names}
     return not there.isdisjoint({*BOXES["frame"], *(name for known in TIME_COLUMNS.values() for name in known)})
 
@@ -205,7 +205,7 @@ def is_in_time(names: Sequence[str]) -> bool:
 def lay_out(
     names: Sequence[str], table: type[ColumnTable], fps: Fraction | None = None, path: Path | None = None
 ) -> TableLayout:
-    """Find the columns of a table among the names of a file's columns.
+    """Find the columns of a table among the column names of a file.
 
     Args:
         names: of the file's columns, in any case of letters.
@@ -244,7 +244,7 @@ def lay_out(
 
 
 def kind_of(column: Column) -> str:
-    """Quantity of a column with a unit that can be stated: `time`, `interval`, `angle`, `length`; else empty."""
+    """Quantity of a column for which a unit can be stated: `time`, `interval`, `angle` or `length`; else empty."""
     if column.name == TIME:
         return "time"
     if _is_time_difference(column):
@@ -253,14 +253,14 @@ def kind_of(column: Column) -> str:
 
 
 def unit_in_name(table: type[ColumnTable], column: Column, name: str) -> str:
-    """The unit that a file's name of a column states; empty for none, also for times that are in seconds by default."""
+    """Unit in a file's column name; empty if there is none, or for times in seconds by default."""
     low = plain_name(name)
     unit = spellings(column, table).get(low, "")
     return "" if column.name == TIME and not (low.endswith(f"_{unit}") or low in IN_SECONDS) else unit
 
 
 def spellings(column: Column, table: type[ColumnTable] | None = None) -> Mapping[str, str]:
-    """Accepted names of a column (of a table), its own name first, with the unit of each."""
+    """Accepted names of a table column, its own name first, with the unit of each."""
     return _spellings(column, "" if table is None else table.NAME)
 
 
@@ -284,18 +284,18 @@ def _spellings(column: Column, table: str) -> Mapping[str, str]:
 
 
 def _is_time_difference(column: Column) -> bool:
-    """Return whether a column is a time with a name that does not state its unit."""
+    """Whether a column is a time difference [s] whose name does not state the unit."""
     return column.unit == "s" and not column.name.endswith("_s")
 
 
 def ending(column: Column, unit: str) -> str:
-    """Ending of a column's name with lengths in a unit: `_cm`, `_cm2`, `_cm_s`, `_cm2_s`, `_cm2_s2`."""
+    """Ending of a column name for lengths in a unit: `_cm`, `_cm2`, `_cm_s`, `_cm2_s`, `_cm2_s2`."""
     length, per_second = POWERS[column.unit]
     return f"_{unit}" + ("2" if length == 2 else "") + ("", "_s", "_s2")[per_second]
 
 
 def describe_missing(layout: TableLayout, names: Sequence[str]) -> str:
-    """Describe the columns that a file lacks for a table, with its nearest names."""
+    """Description of the columns that a file lacks for a table, with its most similar names."""
     used = {s.name for s in layout.columns}
     left = [name for name in names if name not in used][:COMPARED]
     one_of = [name for name in ONE_OF.get(layout.table.NAME, ()) if name in layout.missing]
@@ -317,7 +317,7 @@ def describe_missing(layout: TableLayout, names: Sequence[str]) -> str:
 
 
 def misspelled(layout: TableLayout, names: Sequence[str]) -> str | None:
-    """A sentence on a column that is not used, and with a name close to that of a missing one; else None."""
+    """Message about an unused column with a name similar to that of a missing one; None if there is none."""
     there = {s.column.name for s in layout.columns}
     absent = [c for c in layout.table.columns() if c.name not in there]
     known = {name: c.name for c in absent for name in spellings(c, layout.table) if len(name) > 3}
@@ -332,13 +332,13 @@ def misspelled(layout: TableLayout, names: Sequence[str]) -> str | None:
 
 @cache
 def _sought(table: type[ColumnTable]) -> tuple[tuple[Column, Mapping[str, str], bool], ...]:
-    """Columns of a table, what they may be called, and whether it cannot do without them."""
+    """Columns of a table, with their accepted names and whether they are required."""
     return tuple((c, _spellings(c, table.NAME), _is_wanted(c, table.NAME)) for c in table.columns())
 
 
 @cache
 def _columns_by_name(table: type[ColumnTable]) -> Mapping[str, tuple[int, ...]]:
-    """Numbers of the columns of a table that a name may state, or the far edge of them."""
+    """Indices of the table columns that a name (or the name of the opposite edge) can mean."""
     out: dict[str, tuple[int, ...]] = {}
     for number, (column, known, _) in enumerate(_sought(table)):  # type: ignore[arg-type]
         edge, others = EDGES.get(column.name, ("", ()))
@@ -368,7 +368,7 @@ def _find(column: Column, there: Mapping[str, str], known: Mapping[str, str]) ->
 
 
 def _is_wanted(column: Column, table: str) -> bool:
-    """Return whether a table cannot do without a column."""
+    """Whether a column is required in a table."""
     if column.name in WANTED.get(table, ()):
         return True
     may_lack = column.optional or column.nan is not None or column.name in FILLED.get(table, {})
@@ -376,7 +376,7 @@ def _is_wanted(column: Column, table: str) -> bool:
 
 
 def _check_case(layout: TableLayout, names: Sequence[str]) -> None:
-    """InputError for a name that another column has in other letters: which of them is meant is not known."""
+    """InputError for column names that differ in case only."""
     used = {plain_name(name) for name in layout.names}
     first: dict[str, str] = {}
     for name in names:

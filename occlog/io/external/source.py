@@ -1,10 +1,7 @@
 """Files that may hold an external table: text with a header (also gzip), Parquet (or a folder), Arrow, trajectories.
 
-Messages of an Arrow file or stream by their headers: declared rows and decompressed size.
-
-The library unpacks a batch at once, to the sizes that are in the batch itself.  Headers are checked before: a small
-file may declare gigabytes, or rows that take no bytes at all.  They are FlatBuffers; only the fields that matter are
-read.
+Headers of Arrow messages are checked first for declared rows and sizes, since the library allocates what a batch
+declares, and a small file may declare gigabytes. They are FlatBuffers; only the required fields are parsed.
 """
 
 from __future__ import annotations
@@ -48,7 +45,7 @@ DICTIONARIES, BATCHES = 2, 3  # of the footer of a file: where messages are
 
 
 class ArrowMessageHeader(NamedTuple):
-    """Declared sizes in the header of a message.
+    """Sizes declared in the header of an Arrow message.
 
     Attributes:
         rows: of a batch; of a dictionary none.
@@ -60,7 +57,7 @@ class ArrowMessageHeader(NamedTuple):
 
 
 def messages(path: Path) -> Iterator[ArrowMessageHeader]:
-    """The batches and dictionaries of a file or a stream; ValueError for damaged headers."""
+    """Headers of the batches and dictionaries of an Arrow file or stream; ValueError for damaged headers."""
     with path.open("rb") as file:
         data = _Bytes(file.fileno(), os.fstat(file.fileno()).st_size)
         is_file = file.read(len(FILE_MAGIC)) == FILE_MAGIC
@@ -69,7 +66,7 @@ def messages(path: Path) -> Iterator[ArrowMessageHeader]:
 
 
 class _Bytes(NamedTuple):
-    """The bytes of a file."""
+    """Random access to the bytes of a file."""
 
     file: int
     size: int
@@ -82,7 +79,7 @@ class _Bytes(NamedTuple):
 
 
 class _Table:
-    """A table of FlatBuffers: fields by number, each at a position that the table of offsets names."""
+    """A FlatBuffers table: fields by number, located by its offset table."""
 
     def __init__(self, data: bytes, at: int) -> None:
         self._data, self._at = data, at
@@ -95,23 +92,23 @@ class _Table:
         return struct.unpack_from(form, self._data, at)[0]
 
     def _offset_of(self, field: int) -> int:
-        """Return the offset of a field; 0: missing."""
+        """Offset of a field; 0 if missing."""
         entry = 4 + 2 * field
         offset = self._number("<H", self._offsets + entry) if entry + 2 <= self._size else 0
         return self._at + offset if offset else 0
 
     def number(self, field: int, form: str) -> int:
-        """A number, 0 if it is not there."""
+        """Number in a field; 0 if missing."""
         index = self._offset_of(field)
         return int(self._number(form, index)) if index else 0
 
     def table(self, field: int) -> _Table | None:
-        """A table within, None if it is not there."""
+        """Nested table in a field; None if missing."""
         index = self._offset_of(field)
         return _Table(self._data, index + self._number("<I", index)) if index else None
 
     def structs(self, field: int, form: str) -> list[tuple[int, ...]]:
-        """The entries of a list of structures."""
+        """Entries of a vector of structs."""
         index = self._offset_of(field)
         if not index:
             return []
@@ -129,7 +126,7 @@ def _root(data: bytes) -> _Table:
 
 
 def _head(file: _Bytes, at: int) -> tuple[_Table, int]:
-    """The header of the message that begins at a byte, and where its body begins."""
+    """Header of the message at a byte position, and the position of its body."""
     mark, length = struct.unpack("<4si", file.read(at, 8))
     if mark != STREAM_MAGIC:
         raise ValueError(f"no Arrow message begins at byte {at}")
@@ -218,12 +215,12 @@ class ColumnSource(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Bytes of the file, or of all parts together."""
+        """Size of the file, or of all parts together [bytes]."""
         return sum(part.stat().st_size for part in self.parts or (self.path,))
 
     @property
     def rows(self) -> int | None:
-        """Number of rows of Parquet; None: other files do not state it."""
+        """Number of rows of a Parquet file; None for other formats, which do not state it."""
         if self.kind != "Parquet":
             return None
         total = 0
@@ -233,7 +230,7 @@ class ColumnSource(NamedTuple):
         return total
 
     def cells(self, names: Sequence[str]) -> Iterator[TableCells]:
-        """The cells of some columns, in parts, in the order of the file."""
+        """Generate the cells of some columns, in parts, in file order."""
         if self.geodetic is None:
             yield from self._plain_cells(names)
             return
@@ -241,7 +238,7 @@ class ColumnSource(NamedTuple):
             yield GeodeticCells(self.path, cells, self.geodetic)
 
     def _plain_cells(self, names: Sequence[str]) -> Iterator[TableCells]:
-        """The cells of some columns of the file."""
+        """Generate the cells of some columns as stored in the file."""
         if self.trajectories is not None:
             yield from (TextCells(rows) for rows in self.trajectories.read(self.path))
             return
@@ -261,7 +258,7 @@ class ColumnSource(NamedTuple):
 
 
 def find_source(path: Path) -> ColumnSource | None:
-    """The columns of a file; None for one that is not an external table.
+    """Open the columns of a file; None if it is not an external table.
 
     Text is taken for a table if its first line names columns, one of them of times, or if its name ends in `TABULAR`.
 
@@ -281,10 +278,10 @@ def find_source(path: Path) -> ColumnSource | None:
 
 
 def parquet_parts(folder: Path) -> tuple[Path, ...]:
-    """Parquet files of a folder that is one table, by their paths; none: the folder holds anything else.
+    """Parquet files of a folder that is one table, sorted by path; empty if the folder holds anything else.
 
-    Spark, Dask, DuckDB and pandas write such folders, in which a folder `id=3` holds the rows of that value.  Files
-    with names that begin with `_` or `.` are notes of these programs.
+    Spark, Dask, DuckDB and pandas write such folders; in a folder `id=3` all rows have that value. Files beginning with
+    `_` or `.` are metadata of these programs.
     """
     found = []
     for path in sorted(islice(folder.rglob("*"), MAX_PARTS + 1)):
@@ -299,14 +296,14 @@ def parquet_parts(folder: Path) -> tuple[Path, ...]:
 
 
 def _values_of_folders(folder: Path, part: Path) -> dict[str, str]:
-    """Columns with one value in a part, from names of folders such as `id=3`."""
+    """Constant columns of a part, from folder names such as `id=3`."""
     names = part.relative_to(folder).parts[:-1] if part != folder else ()
     pairs = (name.partition("=") for name in names)
     return {key: unquote(value) for key, mark, value in pairs if key and mark}
 
 
 def _with_constants(batch: pa.RecordBatch, values: Mapping[str, str]) -> pa.RecordBatch:
-    """A batch with columns of one value each; whole numbers where the value is one."""
+    """Add constant columns to a batch, as integers if the value is one."""
     for name, text in values.items():
         value: int | str = int(text) if _WHOLE.fullmatch(text) else text
         batch = batch.append_column(name, pa.array([value] * batch.num_rows))
@@ -314,7 +311,7 @@ def _with_constants(batch: pa.RecordBatch, values: Mapping[str, str]) -> pa.Reco
 
 
 def _find_parts(folder: Path) -> ColumnSource | None:
-    """The columns of a folder of Parquet; InputError where a part has others than the first."""
+    """Open the columns of a Parquet folder; InputError if parts have different columns."""
     parts, first = parquet_parts(folder), None
     for part in parts:
         of_folders = list(_values_of_folders(folder, part))
@@ -374,7 +371,7 @@ def _nested(schema: pa.Schema) -> tuple[str, ...]:
 
 
 def _names_times(names: Sequence[str]) -> bool:
-    """Return whether one of these names of columns is of times."""
+    """Whether one of the column names is of times."""
     return any(plain_name(name) in spelled for name in names for spelled in TIME_COLUMNS.values())
 
 
@@ -391,7 +388,7 @@ def _open_arrow(path: Path) -> pa.ipc.RecordBatchFileReader | pa.ipc.RecordBatch
 
 
 def _batches(path: Path, kind: str, names: list[str]) -> Iterator[pa.RecordBatch]:
-    """Batches of some columns of at most `ROWS` rows."""
+    """Generate batches of some columns, with at most `ROWS` rows."""
     if kind == "Parquet":
         with open_parquet(path) as file:
             found = (_validated(batch) for batch in batches(file, ROWS, names))
@@ -415,16 +412,13 @@ def _arrow_batches(path: Path, names: list[str]) -> Iterator[pa.RecordBatch]:
 
 
 def _validated(batch: pa.RecordBatch) -> pa.RecordBatch:
-    """A batch with offsets and dictionary indices that are valid: the library follows them unchecked.
-
-    Its texts are UTF-8, too.
-    """
+    """Validate offsets, dictionary indices and UTF-8 texts of a batch, which the library does not check."""
     batch.validate(full=True)
     return batch
 
 
 def _check_messages(path: Path) -> None:
-    """InputError for an Arrow file with messages that declare more than a file of its size can hold."""
+    """InputError for an Arrow file whose messages declare more than a file of its size can hold."""
     size, rows, unpacked = path.stat().st_size, 0, 0
     for message in messages(path):
         rows, unpacked = rows + message.rows, unpacked + message.unpacked
@@ -433,7 +427,7 @@ def _check_messages(path: Path) -> None:
 
 @contextmanager
 def _translated(path: Path, kind: str) -> Iterator[None]:
-    """Turn every failure of the library into one InputError."""
+    """Context manager that converts every failure of the library to InputError."""
     try:
         yield
     except InputError:

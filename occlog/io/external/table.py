@@ -1,4 +1,4 @@
-"""A table that another program made, read as one of the tables of this one."""
+"""Conversion of an external table to an occlog table."""
 
 from __future__ import annotations
 
@@ -66,20 +66,20 @@ class ForeignTable:
 
     @property
     def length_unit(self) -> str | None:
-        """Unit of its lengths; None: that of the scene that it is used with."""
+        """Length unit of the file; None: that of the scene with which it is used."""
         return self.wanted_unit if self.wanted_unit is not None else self.layout.length_unit
 
     @property
     def has_lengths(self) -> bool:
-        """True if a column that is used is a length, or one of its powers or speeds."""
+        """Whether a used column is a length, or derived from one (area, speed)."""
         return any(s.column.unit in POWERS for s in self.layout.columns)
 
     def fits(self, table: type[ColumnTable]) -> bool:
-        """Return whether the file has what a table requires."""
+        """Whether the file has all required columns of a table."""
         return not self.layout_of(table).missing
 
     def widest(self, table: type[T]) -> type[T]:
-        """Widest table of a name with all of its columns in the file."""
+        """The variant of a table with most columns that are all in the file."""
         found = table
         for wider in WIDER:
             if not issubclass(wider, table) or not fields_of(found) < fields_of(wider):
@@ -90,13 +90,13 @@ class ForeignTable:
         return found
 
     def layout_of(self, table: type[ColumnTable]) -> TableLayout:
-        """Return the layout of a table in the file; an error names the file."""
+        """Layout of a table in the file; errors name the file."""
         if self.layout.table is table:
             return self.layout
         return _lay_out(self.source, table)
 
     def convert_to(self, length_unit: str) -> None:
-        """Give rows in another unit of length, if the file states its own; InputError for a unit without a length."""
+        """Convert lengths to another unit, if the file states its own; InputError for a unit that is not a length."""
         own = self.layout.length_unit
         if own is None or own == length_unit:
             return
@@ -108,7 +108,7 @@ class ForeignTable:
         self.wanted_unit = length_unit
 
     def rows(self, table: type[T]) -> Iterator[T]:
-        """Rows of a table in the order of its key; those of one time are never in two parts.
+        """Generate the rows of a table sorted by its key; rows of one time are in one part.
 
         Raises:
             InputError: columns are missing, a cell cannot be read, a person is twice at one time, a row occurs
@@ -124,7 +124,7 @@ class ForeignTable:
             yield made
 
     def _in_order(self, layout: TableLayout) -> Iterator[Values]:
-        """The values of the columns in the order of time; parts end between two times."""
+        """Generate the column values sorted by time; parts end between two times."""
         if self._is_in_order(layout):
             parts = self._parts(layout)
         else:
@@ -150,7 +150,7 @@ class ForeignTable:
             yield held
 
     def _check_held(self, parts: Iterable[Values]) -> None:
-        """InputError for rows that take more memory together than those of a file of its size may."""
+        """InputError if rows held for sorting need more memory than allowed for a file of its size."""
         size, held = self.source.size, sum(c.nbytes for part in parts for c in part.values())
         if held > max(FREE_BYTES, HELD_PER_BYTE * size):
             raise InputError(
@@ -160,7 +160,7 @@ class ForeignTable:
             )
 
     def _is_in_order(self, layout: TableLayout) -> bool:
-        """Return whether the times of the file never fall: a pass over these alone."""
+        """Whether the times of the file never decrease, by a pass over the time column."""
         time = next(s for s in layout.columns if s.column.name == TIME)
         last = None
         for cells in self.source.cells([time.name]):
@@ -171,7 +171,7 @@ class ForeignTable:
         return True
 
     def _parts(self, layout: TableLayout) -> Iterator[Values]:
-        """The values of the columns, by the table's names, in the order of the file; `_row` counts from 0."""
+        """Generate the column values by table names, in file order; `_row` counts from 0."""
         first = 0
         for cells in self.source.cells(layout.names):
             if not len(cells):
@@ -182,7 +182,7 @@ class ForeignTable:
             yield values
 
     def _part(self, cells: TableCells, layout: TableLayout) -> Values:
-        """The values of some cells, by the table's names; InputError, with its position, for one that cannot be."""
+        """Column values of some cells, by table names; InputError with the position of a bad cell."""
         values = {s.column.name: self._values(cells, s, layout) for s in layout.columns}
         for s in layout.columns:
             near = values.get({"width_px": "left_px", "height_px": "top_px"}.get(s.column.name, ""))
@@ -194,7 +194,7 @@ class ForeignTable:
         return values
 
     def table_of(self, cells: TableCells) -> ColumnTable:
-        """Convert cells to the table that fits best, in the order of its key; InputError as for `rows`."""
+        """Convert cells to the best fitting table, sorted by its key; InputError as for `rows`."""
         values = self._part(cells, self.layout)
         values["_row"] = np.arange(len(cells))
         values = _pick(values, np.argsort(values[TIME], kind="stable"))
@@ -202,22 +202,22 @@ class ForeignTable:
         return _as_table(self.source, table, _filled(values, table, _FrameCount()), values["_row"])
 
     def cells(self) -> Iterator[TableCells]:
-        """The cells of the columns that are used, in parts, in the order of the file."""
+        """Generate the cells of the used columns, in parts, in file order."""
         yield from self.source.cells(self.layout.names)
 
     def times_of(self, cells: TableCells) -> Ints:
-        """(n,) times of some cells, in the order of the file."""
+        """(n,) times [ns] of some cells, in file order."""
         time = next(s for s in self.layout.columns if s.column.name == TIME)
         return _times(cells, time)
 
     def owners(self, cells: TableCells) -> list[tuple[object, ...]]:
-        """(n,) sensor and identity of some cells, in the order of the file, if it has them."""
+        """Sensor and identity (n,) of some cells, in file order, if the file has them."""
         names = [s.name for s in self.layout.columns if s.column.name in WHOSE]
         columns = ([repr(v) if isinstance(v, list | dict) else v for v in cells.raw(name)] for name in names)
         return list(zip(*columns, strict=True)) if names else [()] * len(cells)
 
     def _values(self, cells: TableCells, s: Spelling, layout: TableLayout) -> NDArray[np.generic]:
-        """The values of a column in the table's unit."""
+        """Values of a column in the table's unit."""
         c = s.column
         if c.name == TIME:
             return _times(cells, s)
@@ -256,7 +256,7 @@ class ForeignTable:
 
 
 def _times(cells: TableCells, s: Spelling) -> Ints:
-    """(n,) times [ns] of a column of times, or of frame numbers with a rate."""
+    """(n,) times [ns] from a column of times, or of frame numbers with a frame rate."""
     if s.fps is None:
         return cells.times(s.name, s.time_unit)
     frames = cells.ints(s.name, blank=None)
@@ -272,7 +272,7 @@ def fields_of(table: type[ColumnTable]) -> frozenset[str]:
 
 
 def best_fit(source: ColumnSource, tables: Sequence[type[ColumnTable]] = ()) -> TableLayout:
-    """Return the layout of a table in a file that uses most of its columns.
+    """Layout of the table, among several, that uses most columns of a file.
 
     Args:
         source: the file.
@@ -312,7 +312,7 @@ def best_fit(source: ColumnSource, tables: Sequence[type[ColumnTable]] = ()) -> 
 
 
 def _lay_out(source: ColumnSource, table: type[ColumnTable]) -> TableLayout:
-    """Return the layout of a table in a file; an error names the file."""
+    """Layout of a table in a file; errors name the file."""
     try:
         return lay_out(source.names, table, source.fps, source.path)
     except InputError as error:
@@ -320,13 +320,13 @@ def _lay_out(source: ColumnSource, table: type[ColumnTable]) -> TableLayout:
 
 
 def _is_vague(layout: TableLayout, names: Sequence[str]) -> bool:
-    """Return whether no used name refers to readers or tags, and columns are left over."""
+    """Whether no used column refers to readers or tags although unused columns remain (an ambiguous match)."""
     used = {plain_name(s.name) for s in layout.columns}
     return len(names) > len(used) and not used & OF_READS
 
 
 def check_fits(source: ColumnSource, layout: TableLayout) -> None:
-    """InputError where a table lacks columns, or has one with a name that is nearly its own."""
+    """InputError if a table lacks required columns, or has a column with a name similar to one of them."""
     if layout.missing and (nested := [n for n in source.nested if n not in layout.names]):
         raise InputError(
             f"{source.path}: column {nested[0]} has several values in a row, and {', '.join(layout.missing)} of "
@@ -341,20 +341,20 @@ def check_fits(source: ColumnSource, layout: TableLayout) -> None:
 
 
 def _every_table() -> tuple[type[ColumnTable], ...]:
-    """All tables; of those that a file fits equally well the first counts."""
+    """All table types; the first has priority if a file fits several equally well."""
     first = (Tracks, Truth, Bearings, Doa, Boxes)
     return (*first, *(table for table in TABLES.values() if table not in first))
 
 
 class _FrameCount:
-    """Numbers frames of each sensor by their times, in the order of time."""
+    """Numbers the frames of each sensor by their times, in the order of time."""
 
     def __init__(self) -> None:
         """Start without frames."""
         self._known: dict[str, int] = {}
 
     def number(self, t_ns: Ints, sensor: Strings) -> Ints:
-        """(n,) numbers of the frames of rows; those of one time are never in two calls."""
+        """(n,) frame numbers of rows; rows of one time must be in one call."""
         out = np.zeros(len(t_ns), dtype=np.int64)
         for name in np.unique(sensor).tolist():
             own = np.flatnonzero(sensor == name)
@@ -365,7 +365,7 @@ class _FrameCount:
 
 
 def _filled(values: Values, table: type[ColumnTable], frames: _FrameCount) -> Values:
-    """The values with those of columns that the file has not, rows in the order of the table's key."""
+    """Add default values of columns missing in the file, and sort rows by the table's key."""
     rows = len(values[TIME])
     out = {name: column for name, column in values.items() if name != "_row"}
     for name, default in FILLED.get(table.NAME, {}).items():
@@ -392,7 +392,7 @@ def _filled(values: Values, table: type[ColumnTable], frames: _FrameCount) -> Va
 
 
 def _number_boxes(values: Values) -> Ints:
-    """(n,) numbers of the boxes of each frame, in the order of the file; -1: the frame has none."""
+    """(n,) box numbers within each frame, in file order; -1 for a frame without boxes."""
     sensor, t_ns = values["sensor"], values[TIME]
     there = np.isfinite(values["left_px"].astype(np.float64))
     order = np.lexsort((sensor, t_ns))
@@ -406,7 +406,7 @@ def _number_boxes(values: Values) -> Ints:
 
 
 def _check(cells: TableCells, values: Mapping[str, NDArray[np.generic]], layout: TableLayout) -> None:
-    """InputError, with its position, for a cell that no table may have."""
+    """InputError with the position of a cell with a value outside its range."""
     spelled = {s.column.name: s for s in layout.columns}
 
     def refuse(name: str, wrong: Callable[[Floats], Bools], limit: str) -> None:
@@ -447,7 +447,7 @@ def _check_far_edge(cells: TableCells, s: Spelling, sizes: Floats, near: Floats)
 
 
 def _check_steps(cells: TableCells, s: Spelling) -> None:
-    """InputError for lengths in floats too short for them, as float32 for northings of 5,000,000 m."""
+    """InputError for lengths in floats of insufficient precision, such as float32 for northings of 5,000,000 m."""
     steps, unit = cells.steps(s.name), s.unit if s.unit in METRES else ""
     text = f" {unit} only, and {COARSEST / METRES[unit]:g} {unit}" if unit else f" only, and {COARSEST}"
     bad = steps * (METRES[unit] if unit else 1.0) > COARSEST
@@ -462,7 +462,7 @@ def _refuse(cells: TableCells, values: Floats, bad: Bools, before: str, after: s
 
 
 def _as_table(source: ColumnSource, table: type[T], values: Values, row: NDArray[np.generic]) -> T:
-    """Make the table; InputError where a person is twice at one time, or values contradict each other."""
+    """Create the table; InputError for a repeated identity at one time, or inconsistent values."""
     if table.ONCE:
         same = np.ones(max(len(row) - 1, 0), dtype=np.bool_)
         for name in table.KEY:

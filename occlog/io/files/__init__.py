@@ -1,1 +1,1 @@
-"""Shared parts of all formats: Parquet, CSV, JSON, YAML, XML, times, atomic outputs, provenance."""
+"""Shared parts of all file formats: Parquet, CSV, JSON, YAML, XML, times, atomic outputs, provenance."""

@@ -1,11 +1,9 @@
-"""Outputs that appear whole or not at all.
+"""Atomic outputs, which appear complete or not at all.
 
-A file is written without a name where the file system can do that (O_TMPFILE), so that
-even a killed process leaves nothing behind, and it writes next to its target under a hidden name
-elsewhere.  Only a complete file, flushed to the disk, takes the target's name.  Files that
-belong together take theirs when all of them are complete.
-
-One command at a time in a folder or a file that it adds to: two would mix what they make.
+A file is written without a name if the file system supports it (O_TMPFILE), so that a killed process leaves nothing
+behind, else under a hidden name next to its target. A complete file, flushed to the disk, is renamed to the target.
+Files of a group are renamed when all are complete. A lock prevents two commands from adding to the same folder or file
+at once.
 """
 
 from __future__ import annotations
@@ -31,7 +29,7 @@ _NO_LINKS: ContextVar[Path | None] = ContextVar("_NO_LINKS", default=None)
 
 @contextmanager
 def outputs_below(folder: Path) -> Iterator[None]:
-    """Refuse outputs outside of a folder meanwhile: what another person wrote states where they go."""
+    """Context manager that refuses outputs outside a folder, for configurations from untrusted sources."""
     token = _ONLY.set(folder.resolve())
     try:
         yield
@@ -41,7 +39,7 @@ def outputs_below(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def no_links_out_of(folder: Path) -> Iterator[None]:
-    """Refuse outputs in a folder that links lead out of it meanwhile: another one may have made folder and links."""
+    """Context manager that refuses outputs in a folder through links that lead out of it."""
     token = _NO_LINKS.set(folder.resolve())
     try:
         yield
@@ -50,7 +48,7 @@ def no_links_out_of(folder: Path) -> Iterator[None]:
 
 
 def check_writable(path: Path, overwrite: bool) -> None:
-    """Raise unless `path` may become an output: before any work is done for it."""
+    """Raise OutputError unless `path` can become an output; called before any work is done."""
     if str(path) == "-":
         raise UsageError("-: nothing is written to standard output; name a file", id="not-applicable")
     only = _ONLY.get()
@@ -72,7 +70,7 @@ def check_writable(path: Path, overwrite: bool) -> None:
 
 
 def check_outputs(inputs: Iterable[Path | None], outputs: Iterable[Path | None], overwrite: bool) -> None:
-    """Refuse outputs that exist, that are also inputs, or that are named twice, before any work is done."""
+    """Refuse outputs that exist, are also inputs, or are named twice; called before any work is done."""
     wanted = [Path(p) for p in outputs if p is not None]
     read = [Path(p) for p in inputs if p is not None]
     used = {os.path.realpath(p) for p in read}  # Path.resolve fails on a link to itself
@@ -86,7 +84,7 @@ def check_outputs(inputs: Iterable[Path | None], outputs: Iterable[Path | None],
 
 
 class _Complete(NamedTuple):
-    """A file that is complete and has no name yet."""
+    """A complete output file that has not been renamed to its target yet."""
 
     fd: int
     name: Path | None  # hidden name; None: nameless
@@ -95,10 +93,9 @@ class _Complete(NamedTuple):
 
 
 class OutputGroup:
-    """Context manager: outputs opened with it take their names when its block ends without an error.
+    """Context manager for outputs that are renamed together when its block ends without an error.
 
-    They do so in the order in which they were completed, one right after the other; after an error
-    none of them does, and the previous files are restored.
+    They are renamed in the order of completion; after an error none is, and previous files are restored.
     """
 
     def __init__(self) -> None:
@@ -106,17 +103,17 @@ class OutputGroup:
         self._waiting: list[_Complete] = []
 
     def add(self, fd: int, name: Path | None, path: Path, overwrite: bool) -> None:
-        """Keep a complete file, which may be closed elsewhere, until all are."""
+        """Keep a complete file until all of the group are."""
         self._waiting.append(_Complete(os.dup(fd), name, path, overwrite))
 
     def __enter__(self) -> Self:
-        """Begin."""
+        """Return self."""
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Name all files, or drop them after an error."""
+        """Rename all files to their targets, or delete them after an error."""
         try:
             if kind is None:
                 self._name_all()
@@ -143,7 +140,7 @@ class OutputGroup:
 
 @contextmanager
 def open_output(path: Path, overwrite: bool = False, together: OutputGroup | None = None) -> Iterator[IO[bytes]]:
-    """Binary file that takes the name `path` when the block ends without an error, or when that of `together` does.
+    """Open a binary file that is renamed to `path` when the block (or that of `together`) ends without an error.
 
     Raises:
         OutputExistsError: `path` exists and `overwrite` is false.
@@ -180,9 +177,9 @@ def open_output(path: Path, overwrite: bool = False, together: OutputGroup | Non
 
 @contextmanager
 def folder_beside(path: Path) -> Iterator[Path]:
-    """A hidden folder next to an output, for what libraries write into files that they name themselves; it goes away.
+    """Temporary hidden folder next to an output, for libraries that name the files they write.
 
-    What a killed process left goes when the output, or a folder next to it, is created again.
+    Folders left by killed processes are deleted when the output is written again.
 
     Raises:
         OutputError: the folder of `path` is not writable, or the disk is full.
@@ -202,7 +199,7 @@ def _aside(path: Path) -> Path:
 
 
 def _kept_aside(path: Path) -> bool:
-    """Give what an output replaces a second name, until all that belong together are there; whether there is such."""
+    """Keep the file that an output replaces under a second name, to restore it after an error; whether it existed."""
     with suppress(OSError):  # of file systems that know no second names
         _aside(path).unlink(missing_ok=True)
         os.link(path, _aside(path))
@@ -210,7 +207,7 @@ def _kept_aside(path: Path) -> bool:
 
 
 def _put_back(path: Path, *, existed: bool) -> None:
-    """Restore the previous files after an error."""
+    """Restore the previous file after an error."""
     with suppress(OSError):
         if existed:
             _aside(path).replace(path)
@@ -220,14 +217,14 @@ def _put_back(path: Path, *, existed: bool) -> None:
 
 
 def write_bytes(path: Path, data: bytes, overwrite: bool = False) -> None:
-    """Write a whole small file atomically."""
+    """Write a small file atomically."""
     with open_output(path, overwrite) as file:
         file.write(data)
 
 
 @contextmanager
 def translate_write_errors(path: Path) -> Iterator[None]:
-    """Turn an OSError of writing `path` into one OutputError with a remedy."""
+    """Context manager that converts an OSError while writing `path` to OutputError with a remedy."""
     try:
         yield
     except OcclogError:
@@ -266,7 +263,7 @@ def _check_absent(path: Path, overwrite: bool) -> None:
 
 
 def _name(fd: int, name: Path | None, path: Path) -> None:
-    """Give the complete file the target's name in one step."""
+    """Rename the complete file to the target in one step."""
     if name is None:
         # A nameless file can only be linked to a new name, so it passes through a hidden one.
         name = _partial_name(path, os.getpid())
@@ -287,7 +284,7 @@ def _name(fd: int, name: Path | None, path: Path) -> None:
 
 
 def _remove_stale(path: Path) -> None:
-    """Remove what killed writers of the same target left behind."""
+    """Delete the files that killed writers of the same target left behind."""
     for old in path.parent.glob(f".{path.name}.*{PARTIAL}"):
         pid = old.name[len(path.name) + 2 : -len(PARTIAL)].removesuffix(".folder").removesuffix(".before")
         if pid.isdigit() and not Path(f"/proc/{pid}").exists() and Path("/proc/self").exists():
@@ -304,9 +301,9 @@ with suppress(ImportError):  # Windows has no such locks
 
 @contextmanager
 def alone_with(path: Path, command: str, patience: float = 0.0) -> Iterator[None]:
-    """Keep other commands out of a folder or file that is there, to the end of the block or of the process.
+    """Lock an existing folder or file against other commands, until the end of the block or process.
 
-    File systems that know no locks admit every process.
+    On file systems without locks nothing is locked.
 
     Args:
         path: the folder or file.
@@ -334,7 +331,7 @@ def alone_with(path: Path, command: str, patience: float = 0.0) -> Iterator[None
 
 
 def _locked(descriptor: int) -> bool:
-    """Lock a file unless another process has; true also where there are no locks."""
+    """Lock a file unless another process has locked it; also true on file systems without locks."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

@@ -1,4 +1,4 @@
-"""Processes that this one starts to parse files: results, protocol and exit."""
+"""Child processes that parse files: environment, pipes and exit codes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _OF_OPENCV = ("OPENCV_FFMPEG_", "OPENCV_LOG", "OPENCV_IO_")
 
 
 def environment_for_children() -> dict[str, str]:
-    """Variables for a process `python -P -m occlog...`: it finds this very package, whatever its folder holds."""
+    """Environment for a process `python -P -m occlog...`, so that it imports this very package."""
     found = {k: v for k, v in os.environ.items() if not k.startswith(_OF_OPENCV)}
     package = str(Path(occlog.__file__).resolve().parents[1])
     found["OPENBLAS_NUM_THREADS"] = "1"  # others take address space, and NumPy computes nothing there
@@ -34,14 +34,14 @@ def environment_for_children() -> dict[str, str]:
 
 
 def enlarge_pipe(pipe: IO[bytes] | None) -> None:
-    """Let a pipe hold `PIPE_SIZE` bytes, where the system does."""
+    """Enlarge a pipe to `PIPE_SIZE` bytes, if the system supports it."""
     if PIPE_SIZE_OPTION is not None and pipe is not None:
         with suppress(OSError):
             fcntl.fcntl(pipe, PIPE_SIZE_OPTION, PIPE_SIZE)
 
 
 def exit_description(code: int, too_long: str) -> str:
-    """Describe how a process ended, as the end of a sentence about it.
+    """Description of how a process ended, as the end of a sentence.
 
     Args:
         code: exit code, or minus the number of the signal that ended it.

@@ -1,4 +1,4 @@
-"""Frames that are chosen by their numbers: of all cameras, or of each its own."""
+"""Selection of frames by number, for all cameras or per camera."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class FrameChoice:
-    """A choice of frames, first <= number < stop.
+    """A selection of frames, first <= number < stop.
 
     Attributes:
         common: range of the cameras without one of their own; None: all of their frames.
@@ -19,20 +19,20 @@ class FrameChoice:
     own: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
     def of(self, camera: str | None) -> tuple[int, int] | None:
-        """The range of a camera; None: all of its frames."""
+        """Range of a camera; None: all frames."""
         return self.common if camera is None else self.own.get(camera, self.common)
 
     def takes(self, camera: str, number: int) -> bool:
-        """Return whether a frame is chosen."""
+        """Whether a frame is selected."""
         chosen = self.of(camera)
         return chosen is None or chosen[0] <= number < chosen[1]
 
     def __bool__(self) -> bool:
-        """Return whether there is a choice."""
+        """Whether there is a selection."""
         return self.common is not None or bool(self.own)
 
     def __str__(self) -> str:
-        """Return the ranges as an option states them."""
+        """The ranges in the syntax of the option."""
         common = [] if self.common is None else [f"{self.common[0]}:{self.common[1]}"]
         return ", ".join([*common, *(f"{name}={first}:{stop}" for name, (first, stop) in self.own.items())])
 

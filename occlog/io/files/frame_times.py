@@ -1,4 +1,4 @@
-"""Times of the frames of a camera: a table of times, or a frame rate."""
+"""Times of a camera's frames, from a table of times or a frame rate."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ class FrameTimes:
 
     @property
     def count(self) -> int | None:
-        """Number of frames that have a time; None: any number."""
+        """Number of frames with a time; None: unlimited."""
         return None if self.table_ns is None else len(self.table_ns)
 
     def at(self, frames: Ints) -> Ints:
-        """(n,) times [ns] of frame numbers; InputError for a frame that has none."""
+        """(n,) times [ns] of frame numbers; InputError for a frame without a time."""
         frames = np.asarray(frames, dtype=np.int64)
         if self.table_ns is not None:
             bad = (frames < 0) | (frames >= len(self.table_ns))
@@ -66,13 +66,16 @@ class FrameTimes:
         return self.world(self.start_ns + frames_to_ns(frames, self.rate))
 
     def elapsed_ns(self, frame: int) -> float:
-        """Time [ns] from frame 0 to a frame, by the camera's clock; without a time, that of the last one with one."""
+        """Time [ns] from frame 0 to a frame, by the camera's clock.
+
+        For a frame without a time, of the last one with a time.
+        """
         if self.table_ns is None:
             return frame * NS / float(self.rate or math.nan)
         return float(self.table_ns[min(frame, len(self.table_ns) - 1)] - self.table_ns[0])
 
     def until(self, elapsed_ns: float) -> int:
-        """The last frame, at most so long [ns] after frame 0, by the camera's clock; -1: none."""
+        """Last frame at most `elapsed_ns` after frame 0, by the camera's clock; -1 if there is none."""
         if self.table_ns is None:
             return max(math.floor(elapsed_ns / NS * float(self.rate or math.nan)), -1)
         return int(np.searchsorted(self.table_ns - self.table_ns[0], elapsed_ns, side="right")) - 1
@@ -83,14 +86,14 @@ class FrameTimes:
         return t_ns if self.clock is None else to_world_time(t_ns, self.clock, self.start_ns + first)
 
     def by(self, clock: Clock | None) -> FrameTimes:
-        """Frame times, converted to world time from a clock of the scene; None: unchanged."""
+        """Frame times converted to world time from a clock of the scene; None: unchanged."""
         if clock is None:
             return self
         text = f"{self.source}; clock {clock.name} taken out ({clock.offset_ns} ns, {clock.drift_ppm:g} ppm)"
         return replace(self, source=text, clock=clock)
 
     def same_as(self, other: FrameTimes) -> bool:
-        """Whether every frame has the same time in the world."""
+        """Whether every frame has the same world time."""
         if self.count != other.count or (self.table_ns is None and self.rate != other.rate):
             return False
         if self.table_ns is not None:
@@ -103,14 +106,14 @@ class FrameTimes:
         return np.array_equal(self.at(frames), other.at(frames))
 
     def interval_ns(self) -> float:
-        """Typical time between two frames [ns]; infinity where that cannot be known."""
+        """Typical interval between frames [ns]; infinite if unknown."""
         if self.table_ns is not None:
             return float(np.median(np.diff(self.table_ns))) if len(self.table_ns) > 1 else math.inf
         return NS / float(self.rate) if self.rate else math.inf
 
 
 def to_world_time(t_ns: Ints, clock: Clock, start_ns: int) -> Ints:
-    """World time = sensor time - offset - drift (sensor time - start); `start_ns` is the sensor's first time."""
+    """World time from sensor time: t - offset - drift (t - start); `start_ns` is the sensor's first time."""
     drift = np.round((t_ns - start_ns) * (clock.drift_ppm * 1e-6)).astype(np.int64)
     return np.asarray(t_ns - clock.offset_ns - drift, dtype=np.int64)
 
@@ -153,5 +156,5 @@ def as_rate(fps: float | str) -> Fraction:
 
 
 def _is_written(rate: float, value: float) -> bool:
-    """Whether a value is a rate with two decimals, three or many."""
+    """Whether a value is a rate written with two decimals, three or many, i.e. an approximation of the fraction."""
     return value in (round(rate, 2), round(rate, 3)) or abs(value - rate) <= 1e-6 * rate

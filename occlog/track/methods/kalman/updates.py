@@ -209,7 +209,7 @@ def iekf(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, config:
 
     Bell and Cathey (1993): the iterated filter is the search of Gauss and Newton for the maximum a posteriori.  The
     feasible set are the positions that all sensors with a row can see; without a start in it rows are linearised at the
-    prediction.  Rows of one sensor alone go in by `one_sensor`, if the position that they lead to is feasible.
+    prediction.  Rows of a single sensor are processed by `polar_update` if the resulting position is feasible.
 
     Args:
         state: the prediction.

@@ -68,7 +68,7 @@ class TrackletNodes(NamedTuple):
 class WalkModel(NamedTuple):
     """Motion model of people, and prior of a new track."""
 
-    drift: Floats  # (3, 3) of each model of motion (constant velocity, manoeuvre, posture change), as in `gaussian_messages.noise_of_walk`
+    drift: Floats  # (3, 3) of each motion model, as in `gaussian_messages.noise_of_walk`
     often: Floats  # (3,) how often in a second each but the first begins; 0: never
     prior: Floats  # (6,) precisions of a new target
     mean: Floats  # (6,) means of the same
