@@ -11,7 +11,7 @@ __version__ = "0.1.0"
 
 
 class _Verb(ModuleType):
-    """A sub-package that can be called as the function of its name in `occlog.api`.
+    """A sub-package that can also be called as the function of the same name in `occlog.api`.
 
     `occlog.track(...)` tracks, and `import occlog.track.catalogue` imports; signature and docstring are those of the
     function.
@@ -43,7 +43,7 @@ del _name
 
 
 def __getattr__(name: str) -> object:
-    """A name of the API, which is loaded here."""
+    """Load a name of the API on first use."""
     if name.startswith("_"):
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     api = import_module("occlog.api")
@@ -55,5 +55,5 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    """The names of the API."""
+    """Names of the API."""
     return sorted({*globals(), *import_module("occlog.api").__all__})

@@ -1,8 +1,7 @@
 """Entry point of the `occlog` command and of `python -m occlog`.
 
-`python -m` puts the current folder first into the path of modules, where a file `json.py` or `socket.py` would run in
-the place of Python's own.  It is taken out before anything is imported, unless the program is in it, and processes
-that this one starts leave it out, too.
+`python -m` puts the current folder first on the module path, where a file `json.py` or `socket.py` would shadow
+Python's own. It is removed before anything is imported, unless the program is in it, also for child processes.
 """
 
 import os

@@ -9,6 +9,6 @@ TARGETS_DARK = ("#4aa8e8", "#e08cc4", "#3cc4a6", "#e0a050", "#a0a6ff", "#ff7f88"
 
 
 def target_rgb(index: int, dark: bool = False) -> tuple[int, int, int]:
-    """Red, green and blue, 0 to 255, of the target that is the index-th by identity; on a `dark` ground or not."""
+    """RGB colour (0 to 255) of the target with this index by identity; `dark`: for a dark background."""
     text = (TARGETS_DARK if dark else TARGETS)[index % len(TARGETS)]
     return int(text[1:3], 16), int(text[3:5], 16), int(text[5:7], 16)

@@ -1,6 +1,6 @@
-"""Calls of the functions: their arguments become a request, which the runner does.
+"""Calls of API functions: arguments are converted to a request, which the runner executes.
 
-Settings as keyword arguments: found by name, checked as those of the command line.
+Settings are keyword arguments, found by name and checked as on the command line.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def settings_by_class(
     classes: Sequence[tuple[str, type[Settings]]],
     arguments: Collection[str],
 ) -> list[dict[str, object]]:
-    """The keywords of each class of settings; one that several classes have is for all of them.
+    """Distribute keywords to the settings classes that declare them; one in several classes is set in all.
 
     Args:
         verb: for messages.
@@ -62,7 +62,7 @@ def settings_by_class(
 
 
 def declared_value(of: type[Settings], name: str, value: object) -> object:
-    """A value as the setting's type requires it, so that 1 and 1.0, lists and tuples are the same setting."""
+    """Convert a value to the type that the setting requires, so that 1 and 1.0, or a list and a tuple, are equivalent."""
     kind = kind_of(of, name)
     plain = plain_kind(kind)
     if isinstance(value, np.generic):
@@ -81,7 +81,7 @@ def declared_value(of: type[Settings], name: str, value: object) -> object:
 
 
 def names_of(value: str | Sequence[str]) -> tuple[str, ...]:
-    """Names of sensors: one, or several in a list, or separated by commas."""
+    """Sensor names: one, several in a list, or separated by commas."""
     texts = [value] if isinstance(value, str) else list(value)
     return tuple(part.strip() for text in texts for part in str(text).split(",") if part.strip())
 
@@ -96,7 +96,7 @@ def call(
     called: Mapping[str, str] | None = None,
     **more: Callable[[Request], object],
 ) -> R:
-    """Do what a function was called for.
+    """Execute the request of an API function, and return its result.
 
     Args:
         form: of the request.
@@ -129,7 +129,7 @@ def call(
 
 
 def record(form: Form, arguments: Mapping[str, Any]) -> Recording:
-    """Make the recording that a function was called for.
+    """Execute a request that makes a recording.
 
     Args:
         form: of the request.
@@ -163,7 +163,7 @@ def check_taken(
     verb: Verb | None = None,
     settings: Mapping[str, object] = MappingProxyType({}),
 ) -> None:
-    """UsageError for an argument, or a table on request, that a form of a request does not have.
+    """UsageError for an argument or requested table that a form of a request does not have.
 
     Args:
         form: of the request.
@@ -191,12 +191,12 @@ def check_taken(
 
 
 def _arguments_of(form: Form) -> set[str]:
-    """Names of the arguments of a form, and of its settings that have an option."""
+    """Names of a form's arguments, and of its settings that have an option."""
     return {name for entry in form.entries() for name in (entry.field, entry.of.name)}
 
 
 def _outputs(form: Form, arguments: Mapping[str, Any], home: Folder) -> dict[str, Path]:
-    """Files of the tables that are made, by field."""
+    """Files of the output tables, by field."""
     found = {}
     for entry in form.entries():
         of = entry.file
@@ -208,7 +208,7 @@ def _outputs(form: Form, arguments: Mapping[str, Any], home: Folder) -> dict[str
 
 
 def _fitting(request: Request, outputs: Mapping[str, Path]) -> Request:
-    """The request without outputs that are always asked for and that its kind of input does not have."""
+    """The request without default outputs that its kind of input does not have."""
     unfit = (entry for entry in request.unfit(request.kind_of_input()) if entry.name in outputs)
     return replace(request, **{entry.field: None for entry in unfit if entry.file and entry.file.asked == "always"})
 
@@ -243,7 +243,7 @@ def _value(entry: RequestEntry, arguments: Mapping[str, Any], inputs: CallInputs
 
 
 def _plugged(value: Sequence[str] | Mapping[str, Mapping[str, Any]], kind: str, name: str) -> tuple[Chosen, ...]:
-    """Plug-ins of a kind by their names, or by these their settings."""
+    """Format plug-ins for a request: names, or settings by name."""
     given = value if isinstance(value, Mapping) else {each: {} for each in value}
     found = []
     for each, values in given.items():
@@ -254,7 +254,7 @@ def _plugged(value: Sequence[str] | Mapping[str, Mapping[str, Any]], kind: str, 
 
 
 def _text(value: object) -> str:
-    """Text of a value as an option takes it: a sequence as its items with commas."""
+    """Format a value as an option takes it; items of a sequence are separated by commas."""
     return ",".join(map(str, value)) if isinstance(value, Iterable) and not isinstance(value, str) else str(value)
 
 
@@ -264,7 +264,7 @@ def _named(inputs: CallInputs, value: Any, name: str) -> Path:
 
 
 def _groups(form: Form, arguments: Mapping[str, Any]) -> dict[str, dict[str, object]]:
-    """Settings by the field of their group: those of a mapping, or of the keywords."""
+    """Settings by group field, from a mapping or from keywords."""
     classes = form.classes()
     nested = {name for name in classes if name in arguments and name != "settings"}
     names = [entry.field for entry in form.entries() if entry.group is None]

@@ -1,8 +1,7 @@
-"""Folders of tables that are removed with the last reference to them.
+"""Temporary folders of tables, removed with the last reference to them.
 
-All folders of a process are in its own, which is locked as long as the process lives. It goes when Python ends,
-also in the processes of `multiprocessing`. A process that is killed can remove nothing: what it left is no longer
-locked, and the next process that makes folders removes it.
+All folders of a process are in one folder, which is locked while the process lives, and removed when Python ends, also
+in `multiprocessing`. The unlocked folder of a killed process is removed by the next process that creates folders.
 """
 
 from __future__ import annotations
@@ -24,10 +23,10 @@ FRESH_S = 60.0
 
 
 class Folder:
-    """A new folder for temporary files; it goes with the last reference to it, at the latest when Python ends."""
+    """A temporary folder, removed with the last reference to it, or when Python ends."""
 
     def __init__(self) -> None:
-        """Make it, where `TMPDIR` states."""
+        """Create it in `TMPDIR`."""
         self.path = _Home.of_this_process().new()
         # Unlike those of `weakref`, these run in the end of a process of `multiprocessing`, too, and not in a copy
         # that was forked
@@ -38,22 +37,22 @@ class Folder:
         return self.path / name
 
     def written(self, names: Iterable[str]) -> dict[str, Path]:
-        """Return the existing Parquet files by the names of their tables."""
+        """The existing Parquet files of the tables, by name."""
         paths = {name: self.file(f"{name}.parquet") for name in names}
         return {name: path for name, path in paths.items() if path.is_file()}
 
     def without_paths(self, summary: Mapping[str, Any]) -> dict[str, Any]:
-        """The figures of a summary, without the files that were written here."""
+        """Figures of a summary without paths of temporary files."""
         return {name: value for name, value in summary.items() if not str(value).startswith(str(self.path))}
 
 
 class _Home:
-    """The folder of a process that contains all its folders."""
+    """Folder of a process that contains all its temporary folders."""
 
     known: _Home | None = None
 
     def __init__(self) -> None:
-        """Make it, lock it, and remove those that are no longer in use."""
+        """Create and lock it, and remove abandoned ones."""
         self.process, self.path = os.getpid(), Path(mkdtemp(prefix=PREFIX))
         self._lock = _locked(self.path)
         self._numbers = count(1)
@@ -62,21 +61,21 @@ class _Home:
 
     @classmethod
     def of_this_process(cls) -> _Home:
-        """Return the folder of this process: a new one after a fork, or where a person removed it."""
+        """The folder of this process; a new one after a fork, or if it was removed."""
         home = cls.known
         if home is None or home.process != os.getpid() or not home.path.is_dir():
             home = cls.known = cls()
         return home
 
     def new(self) -> Path:
-        """A new folder in it."""
+        """Create a folder in it."""
         path = self.path / str(next(self._numbers))
         path.mkdir(mode=0o700)
         return path
 
 
 def _locked(folder: Path) -> int | None:
-    """Lock a folder until this process ends; None: another process holds it, or it cannot be locked here."""
+    """Lock a folder until this process ends; None if locked by another process, or locks are unsupported."""
     try:
         import fcntl
     except ImportError:  # no such locks on this system: nothing is found abandoned, either
@@ -94,7 +93,7 @@ def _locked(folder: Path) -> int | None:
 
 
 def _remove_abandoned(parent: Path) -> None:
-    """Remove folders of processes that are gone, where a lock shows which those are."""
+    """Remove folders of ended processes, if locks are supported."""
     if not hasattr(os, "getuid"):  # Windows
         return
     for path in parent.glob(f"{PREFIX}*"):

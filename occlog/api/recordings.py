@@ -213,7 +213,7 @@ def _only(names: tuple[str, ...], wanted: str | None) -> str:
 
 
 def _stored(opened: Opened, table: type[Rows], home: Folder | None = None) -> Table:
-    """A table of this program with the rows of an opened input."""
+    """Store the rows of an opened input as a table of this program."""
     from occlog.io.files.tables.table_writer import TableWriter
 
     if opened.recording is None and opened.foreign is None:
@@ -291,7 +291,7 @@ class CallInputs:
         return self.called(path, name)
 
     def called(self, path: Path, name: str) -> Path:
-        """A file that errors call by the name of an argument."""
+        """Register a file under the name of an argument, for errors."""
         self._names[str(path)] = name
         return path
 
@@ -320,20 +320,20 @@ class CallInputs:
         return self.called(path, "scene")
 
     def named(self, text: str) -> str:
-        """A sentence with arguments in place of files."""
+        """Replace file names in a message by arguments."""
         for path, name in self._names.items():
             text = text.replace(path, name)
         return text
 
     def _as_argument(self, name: str) -> str:
-        """Convert a value of a request or a setting to an argument."""
+        """Format a value of a request or setting as an argument."""
         free = name.removeprefix("set.")
         return self._arguments.get(name, name) if free == name else f"{free}="
 
 
 @contextmanager
 def in_memory(name: str) -> Iterator[None]:
-    """Turn every failure of pyarrow with a value in memory into one InputError that names the argument."""
+    """Context manager that converts failures of pyarrow with a value in memory to InputError naming the argument."""
     import pyarrow as pa
 
     try:
@@ -376,7 +376,7 @@ def arrow_of(value: object, name: str) -> Any:
 
 
 def write_arrow(table: Any, path: Path) -> None:
-    """Write a `pyarrow.Table` as an Arrow file, as tables of other programs: without the keys of this one."""
+    """Write a `pyarrow.Table` as an Arrow file without occlog's metadata, i.e. as an external table."""
     import pyarrow as pa
 
     bare = table.replace_schema_metadata(None)

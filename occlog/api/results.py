@@ -27,10 +27,7 @@ PACKAGE = os.path.dirname(occlog.__file__) + os.sep  # noqa: PTH120
 
 
 class OcclogWarning(UserWarning):
-    """Estimates are not plausible, or input was lost: the sentence names the cause and the remedy.
-
-    `warnings.simplefilter("error", occlog.OcclogWarning)` makes it an error.
-    """
+    """Warning: estimates are implausible, or input was lost; the message names cause and remedy."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -59,7 +56,7 @@ class Result:
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
-        """Checks and findings of each stage, in the order of the stages, as the tables carry them."""
+        """Checks and findings of each stage, in order, as stored in the tables."""
         return distinct(each for table in self.tables.values() for each in verdicts_in(table.provenance))
 
     @property
@@ -102,7 +99,7 @@ class Result:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TrackResult(Result):
-    """Tracks, and how the filter fared.
+    """Tracks, with diagnostics of the filter.
 
     Attributes:
         scene: where the targets are; None: it is not known.
@@ -136,7 +133,7 @@ class TrackResult(Result):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DetectResult(Result):
-    """Bearings of the targets, and all people that the cameras detected."""
+    """Bearings of the targets, and all detected people."""
 
     @property
     def bearings(self) -> Table:
@@ -145,7 +142,7 @@ class DetectResult(Result):
 
     @property
     def views(self) -> Table:
-        """Regions of the size of people in every frame."""
+        """Regions of the size of people, of every frame."""
         return self["views"]
 
 
@@ -216,7 +213,7 @@ def tables_in(folder: Folder, names: Iterable[str]) -> dict[str, Table]:
 
 
 def sentences(notes: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """The warnings among the notes of a command, without that word, and the rest."""
+    """Split a command's notes into warnings (without the prefix) and other notes."""
     note = list(dict.fromkeys(notes))
     mark = "warning: "
     return (
@@ -226,7 +223,7 @@ def sentences(notes: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def warn(messages: Iterable[str], losses: Iterable[Loss]) -> None:
-    """Report findings against a result by Python warnings of the caller's line, one a sentence; losses in one."""
+    """Issue Python warnings for findings at the caller's line, one each; all losses in one."""
     level = 1
     frame: FrameType | None = sys._getframe()
     while frame is not None and frame.f_code.co_filename.startswith(PACKAGE):

@@ -370,7 +370,7 @@ def ingest(
 
 
 def _paths(value: File | Sequence[File]) -> tuple[Path, ...]:
-    """One path or several."""
+    """One path, or several."""
     return (Path(value),) if isinstance(value, str | os.PathLike) else tuple(Path(each) for each in value)
 
 
@@ -389,7 +389,7 @@ def _named(value: object, argument: str) -> tuple[str, ...]:
 
 
 def _text(value: object, argument: str) -> str:
-    """Format a value as typed: 10.0 is 10; UsageError for a table in memory."""
+    """Format a value as typed on the command line: 10.0 is 10; UsageError for a table in memory."""
     if isinstance(value, float):
         return f"{value:.15g}"
     if getattr(value, "ndim", 0) or hasattr(value, "__arrow_c_stream__"):
@@ -398,7 +398,7 @@ def _text(value: object, argument: str) -> str:
 
 
 def _ranges(frames: tuple[int, int] | Mapping[str, tuple[int, int]] | None) -> tuple[str, ...]:
-    """The arguments of the command for ranges of frames; UsageError for anything else."""
+    """Frame ranges as command-line values; UsageError for anything else."""
     each = frames if isinstance(frames, Mapping) else {} if frames is None else {"": frames}
     found = {n: _pair(p, "frames", len(p) == 2 and 0 <= p[0] < p[1]) or (0, 0) for n, p in each.items()}
     texts = {name: f"{first}:{stop}" for name, (first, stop) in found.items()}
@@ -572,7 +572,7 @@ def _method_for(source: Source, scene: object) -> str:
 
 
 def _scene_of(request: Request) -> Scene | None:
-    """Return the scene of the targets; None: in no input."""
+    """Scene of the targets; None if no input has one."""
     assert isinstance(request, TrackRequestBase)
     return open_input(request.bearings).scene if request.scene is None else scene_in(request.scene)
 

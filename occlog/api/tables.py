@@ -177,7 +177,7 @@ class Table:
         run_export(request)
 
     def _read(self, columns: list[str] | None, datetimes: bool = False) -> Any:
-        """The rows of some columns, texts as plain texts."""
+        """Rows of some columns; texts are not dictionary-encoded."""
         import pyarrow as pa
 
         from occlog.io.files.tables.parquet import open_parquet
@@ -219,7 +219,7 @@ class Table:
 
 
 def in_words(value: object) -> str:
-    """A value for a cell: four digits of a fraction, empty if unknown."""
+    """Format a value for a cell: four significant decimals, empty if unknown."""
     if value is None or (isinstance(value, float) and np.isnan(value)):
         return ""
     if isinstance(value, float):

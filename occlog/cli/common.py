@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def add_common(command: click.Command) -> None:
-    """Give a command, or those of a group, the options that are the same everywhere; once."""
+    """Add the options that are the same everywhere to a command, or to those of a group."""
     if isinstance(command, click.Group):
         for each in command.commands.values():
             add_common(each)
@@ -46,9 +46,9 @@ def add_common(command: click.Command) -> None:
 
 
 def _after_a_look(callback: Callable[..., Any]) -> Callable[..., Any]:
-    """The callback of a command, after a check that its inputs exist.
+    """Wrap the callback of a command by a check that its inputs exist.
 
-    Errors in the command line are reported first: settings of `--set` are checked by the callback.
+    Errors in the command line are reported first, since settings of `--set` are checked by the callback.
     """
 
     @wraps(callback)
@@ -76,7 +76,7 @@ def _dry_run(ctx: click.Context, param: click.Parameter, given: bool) -> None:  
 
 
 def _tell_details(ctx: click.Context, param: click.Parameter, given: bool) -> None:  # noqa: ARG001
-    """Print details with the time since the start, and at the end the time and memory of everything."""
+    """Callback of `-v`: print details with elapsed times, and total time and memory at the end."""
     if not given or ctx.resilient_parsing:
         return
     start, command = time.perf_counter(), ctx.info_name
@@ -94,7 +94,7 @@ def _tell_details(ctx: click.Context, param: click.Parameter, given: bool) -> No
 
 
 def peak_memory() -> int | None:
-    """Largest resident size of this process [B]; None where the system does not state it (Windows)."""
+    """Peak resident memory of this process [bytes]; None if the system does not report it (Windows)."""
     try:
         import resource
     except ImportError:
@@ -116,7 +116,7 @@ def _input_units() -> click.Option:
 
 
 def _state(ctx: click.Context, param: click.Parameter, texts: tuple[str, ...]) -> None:  # noqa: ARG001
-    """Let the units hold until the command ends."""
+    """Callback: set the stated units until the command ends."""
     if texts and not ctx.resilient_parsing:
         from occlog.io.files.input_units import stated_units
 
@@ -142,7 +142,7 @@ def _origin() -> click.Option:
 
 
 def state_origin(ctx: click.Context, param: click.Parameter, text: str | None) -> Origin | None:  # noqa: ARG001
-    """Let the origin hold until the command ends."""
+    """Callback: set the geodetic origin until the command ends."""
     if text is None or ctx.resilient_parsing:
         return None
     from occlog.io.files.geodetic import stated_origin
@@ -166,12 +166,12 @@ def _reader() -> click.Option:
 
 
 def _takes_reader(command: click.Command) -> bool:
-    """Return whether inputs of a command can be files of a reader."""
+    """Whether inputs of a command may be files of a reader plug-in."""
     return command.name == "ingest" or any(isinstance(param.type, Input) for param in command.params)
 
 
 def with_reader(command: click.Command, words: Sequence[str]) -> click.Command:
-    """The command with the settings of the reader that the words of the command line name; as it is without one."""
+    """Add the settings of the reader plug-in named on the command line to a command."""
     name = value_after(words, "--reader")
     if name is None or isinstance(command, click.Group) or all(p.name != "reader" for p in command.params):
         return command
@@ -200,13 +200,13 @@ def with_reader(command: click.Command, words: Sequence[str]) -> click.Command:
 
 
 def _keep(values: dict[str, object], ctx: click.Context, param: click.Parameter, value: object) -> None:  # noqa: ARG001
-    """Keep the setting of a reader if it was given."""
+    """Callback: keep a setting of a reader if it was given."""
     if value not in (None, ()) and isinstance(param, SettingOption):
         values[param.setting] = param.default_text(value)
 
 
 def _name_reader(chosen: Any, ctx: click.Context, param: click.Parameter, name: str | None) -> None:  # noqa: ARG001
-    """Let the reader hold until the command ends."""
+    """Callback: select a reader plug-in until the command ends."""
     if name is not None and not ctx.resilient_parsing:
         from occlog.io.files.texts.by_reader import named_reader
 
@@ -218,7 +218,7 @@ READER_KEY = "occlog.reader"
 
 
 def check_common(ctx: click.Context) -> None:
-    """After a command: UsageError where a unit was stated, or a reader named, in vain."""
+    """After a command: UsageError if a stated unit or reader was not used."""
     reader: Any = ctx.find_root().meta.get(READER_KEY)
     if reader is not None:
         reader.check_used()

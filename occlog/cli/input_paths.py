@@ -1,4 +1,4 @@
-"""Input files on the command line: they are there, and `-` is standard input.
+"""Input files on the command line: check of existence, and `-` for standard input.
 
 Standard input is kept in a temporary file, since readers read a file more than once.
 """
@@ -25,10 +25,10 @@ KEPT = "occlog.standard_input"
 
 
 class Input(click.Path):
-    """The path of an input; `-` is standard input."""
+    """Parameter type: path of an input; `-` is standard input."""
 
     def __init__(self, *, some: bool = False) -> None:
-        """A path; whoever reads the file states whether it can be read, `check_there` before that whether it is there.
+        """Existence is checked later by `check_there`, readability by the reader.
 
         Args:
             some: true: of several some may be missing, which the command states itself.
@@ -37,7 +37,7 @@ class Input(click.Path):
         self.some = some
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """The path; that of the temporary file for `-`, which one input alone may name."""
+        """Return the path; for `-`, of a temporary file (allowed for one input only)."""
         if str(value) != STANDARD_INPUT or ctx is None or ctx.resilient_parsing:
             return Path(str(super().convert(value, param, ctx)))
         root = ctx.find_root()
@@ -48,9 +48,9 @@ class Input(click.Path):
 
 
 def check_there(ctx: click.Context) -> None:
-    """InputError, with the nearest name in the folder, if an input of the command is missing.
+    """InputError, with the most similar name in the folder, if an input of the command is missing.
 
-    Said before the command's modules are loaded, since that takes longer than anything else.
+    Called before the command's modules are imported, which takes much longer.
     """
     for param in ctx.command.get_params(ctx):
         if not isinstance(param.type, Input) or param.name is None:
@@ -63,12 +63,12 @@ def check_there(ctx: click.Context) -> None:
 
 
 def no_such_file(path: Path) -> InputError:
-    """The error for a file that is missing, with the nearest name in its folder."""
+    """Error for a missing file, with the most similar name in its folder."""
     return InputError(f"{path}: no such file{_nearest(path)}", id="file-not-found")
 
 
 def is_missing(path: Path) -> bool:
-    """Return whether there is no file or folder of that name."""
+    """Whether no file or folder of that name exists."""
     try:
         path.stat()
     except (FileNotFoundError, NotADirectoryError):
@@ -80,7 +80,7 @@ def is_missing(path: Path) -> bool:
 
 
 def _nearest(path: Path) -> str:
-    """Hint at a file with a similar name in the same folder."""
+    """Hint at the most similar name in the same folder."""
     import difflib
     import itertools
 
@@ -94,10 +94,7 @@ def _nearest(path: Path) -> str:
 
 @contextmanager
 def standard_input() -> Iterator[Path]:
-    """Copy standard input to a file that is removed when the block ends, however it ends.
-
-    The file is called `-`: the name that provenance has for it.
-    """
+    """Context manager: copy standard input to a temporary file named `-` (the name in provenance)."""
     import tempfile
 
     if sys.stdin is None or sys.stdin.isatty():

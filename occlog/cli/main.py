@@ -1,4 +1,4 @@
-"""The `occlog` command: commands are loaded when they are used, errors become one line and an exit code."""
+"""The `occlog` command: commands are imported on use; errors become one line and an exit code."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from .startup import UnknownNameError, allow_open_files, open_files_limit
 
 
 class Command(NamedTuple):
-    """Module and name of a command's request (or a module with `command`), its summary and its group.
+    """Entry of the table of commands: module and name of the request (or a module with `command`), summary, group.
 
     Attributes:
         where: module and name, `module:NAME`, or a module with `command`.
@@ -158,7 +158,7 @@ COMMANDS = {
 
 @cache
 def load_command(name: str) -> click.Command:
-    """The command of that name in `COMMANDS`; its module is imported here."""
+    """Import and return the command of that name in `COMMANDS`."""
     where, summary, _ = COMMANDS[name]
     if ":" not in where:
         command: click.Command = importlib.import_module(where).command
@@ -187,14 +187,14 @@ Exit codes: 0 done; 1 a bug; 2 usage; 3 finished, but input was lost (it is list
 
 
 class LazyGroup(click.Group):
-    """Group with commands that are imported when they are called."""
+    """Click group whose commands are imported when called."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
         """All commands, by their groups and in the order of a pipeline."""
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """The command's module is imported here; None for an unknown name."""
+        """Import a command; None for an unknown name."""
         if cmd_name not in COMMANDS:
             return None
         from .common import add_common, with_reader
@@ -204,7 +204,7 @@ class LazyGroup(click.Group):
         return with_reader(command, ctx.meta.get(WORDS, ()))
 
     def invoke(self, ctx: click.Context) -> object:
-        """Call the command, and check for leftovers when it is done."""
+        """Call the command, then check that all stated units and readers were used."""
         from .common import check_common
         from .startup import with_compile_notice
 
@@ -225,7 +225,7 @@ class LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Suggest the nearest command for an unknown one."""
+        """Resolve the command; suggest the most similar name for an unknown one."""
         if args and args[0] not in COMMANDS and not args[0].startswith("-"):
             near = nearest(args[0], COMMANDS)
             hint = f"Did you mean {near[0]!r}?" if near else f"Commands: {', '.join(COMMANDS)}."
@@ -233,7 +233,7 @@ class LazyGroup(click.Group):
         return super().resolve_command(ctx, args)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Refuse an option before the command that is none of occlog's own, and state where it goes."""
+        """Refuse an option before the command name that belongs after it."""
         ctx.meta[WORDS] = tuple(args)
         try:
             return super().parse_args(ctx, args)
@@ -268,13 +268,13 @@ def main(args: list[str] | None = None) -> None:
 
 
 def _only_own_lines() -> None:
-    """Keep warnings of libraries, for programmers, out of what users read, unless they asked for them."""
+    """Context manager that hides warnings of libraries unless the user asks for them."""
     if not sys.warnoptions and not os.environ.get(DEBUG):
         warnings.simplefilter("ignore")
 
 
 def run(args: list[str] | None = None) -> int:
-    """Run the command line; the exit code."""
+    """Run the command line; return the exit code."""
     words = sys.argv[1:] if args is None else args
     NOTED_ONCE.clear()
     loud = QUIET.set(False)
@@ -307,7 +307,7 @@ def run(args: list[str] | None = None) -> int:
 
 
 class Explained(NamedTuple):
-    """Report of an error to the user."""
+    """An error as reported to the user: line, exit code, id."""
 
     message: str  # one line
     code: ExitCode
@@ -315,7 +315,7 @@ class Explained(NamedTuple):
 
 
 def explain(error: Exception) -> Explained:
-    """Put an error that ends a command into a line, with the exit code."""
+    """Convert the error that ends a command to a line and an exit code."""
     if isinstance(error, click.UsageError):
         path = error.ctx.command_path if error.ctx else "occlog"
         message = error.format_message().rstrip(".")
@@ -342,7 +342,7 @@ def explain(error: Exception) -> Explained:
 
 
 def _id_of(error: click.UsageError) -> str:
-    """The id of an error in the arguments of a command."""
+    """Error id of a click error."""
     for each in (error, error.__cause__):
         if isinstance(each, click.NoSuchOption | UnknownNameError):
             return "unknown-name"
@@ -354,7 +354,7 @@ def _id_of(error: click.UsageError) -> str:
 
 
 def _bug(error: Exception) -> str:
-    """Describe an unexpected error: kind, location, and data for a report."""
+    """Report of an unexpected error: kind, location, and data for a bug report."""
     import traceback
 
     frames = [f for f in traceback.extract_tb(error.__traceback__) if f"{os.sep}occlog{os.sep}" in f.filename]
@@ -368,7 +368,7 @@ def _bug(error: Exception) -> str:
 
 
 def _show_plan(as_json: bool) -> None:
-    """Report what a dry run would have done."""
+    """Print what a dry run would have done."""
     from occlog.console.notes import named
     from occlog.console.summary import echo_summary
 
@@ -379,7 +379,7 @@ def _show_plan(as_json: bool) -> None:
 
 
 def _fail(error: Explained, words: Sequence[str]) -> int:
-    """Report an error on standard error: in a line, or where `--json` was given as one JSON object."""
+    """Print an error on standard error: one line, or a JSON object with `--json`."""
     from occlog.console.notes import named
     from occlog.console.text import shortened
 
@@ -395,7 +395,7 @@ def _fail(error: Explained, words: Sequence[str]) -> int:
 
 
 def _as_object(message: str, code: ExitCode, words: Sequence[str]) -> dict[str, object]:
-    """Cut an error into its parts: messages begin with the file and end with a hint after a semicolon."""
+    """Split an error message into parts: file at the beginning, hint after a semicolon."""
     from .input_paths import NAME
 
     before = [message[:n] for n in range(len(message)) if message.startswith(": ", n)]

@@ -70,10 +70,10 @@ def output_opt(help_text: str, *, required: bool = True) -> Callable[[F], F]:
 
 
 class Finite(click.FloatRange):
-    """A range of numbers without NaN, which click lets pass every range, and without infinity."""
+    """Parameter type: number in a range, without NaN and infinity (which click accepts)."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """The number; a usage error for one that is not finite or not in the range."""
+        """Convert to the number; usage error unless finite and in range."""
         number = super().convert(value, param, ctx)
         if not math.isfinite(number):
             self.fail(f"{value} is not a finite number.", param, ctx)
@@ -84,12 +84,12 @@ class AnyFinite(FloatParamType):
     """Any number but NaN and infinity."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """The number; a usage error for one that is not finite."""
+        """Convert to the number; usage error unless finite."""
         return Finite().convert(value, param, ctx)
 
 
 class NumberOrFile(click.ParamType):  # type: ignore[type-arg,unused-ignore]
-    """A number from a limit on, or the path of a file from which it is taken."""
+    """Parameter type: number with a lower limit, or path of a file that states it."""
 
     name = "number or file"
 
@@ -98,7 +98,7 @@ class NumberOrFile(click.ParamType):  # type: ignore[type-arg,unused-ignore]
         self._number, self._path = Finite(low), click.Path(path_type=Path)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float | Path:
-        """The number, or other text as a path; a usage error for a number that is not finite or below the limit."""
+        """Convert to the number, or other text to a path; usage error unless finite and at least the limit."""
         try:
             float(value)
         except (TypeError, ValueError):
@@ -113,7 +113,7 @@ class Pair(click.ParamType):  # type: ignore[type-arg,unused-ignore]
         self.name, self._size = "size" if size else "range", size
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
-        """The two numbers; a usage error for anything else."""
+        """Convert to two numbers; usage error for anything else."""
         if isinstance(value, tuple):
             return value
         try:
@@ -140,12 +140,12 @@ def parse_names(text: str) -> tuple[str, ...]:
 
 
 def parse_window(seconds: float) -> int:
-    """Nanoseconds; UsageError for a value that is not finite or longer than the range of times."""
+    """Window [ns] from seconds; UsageError unless finite and in the range of times."""
     return round(parse_seconds("--window", seconds) * 1e9)
 
 
 def parse_seconds(option: str, seconds: float) -> float:
-    """The seconds; UsageError for a value that is not a number or longer than the range of times."""
+    """Seconds; UsageError unless a number in the range of times."""
     if seconds != seconds:
         raise UsageError(f"{option} {seconds}: must be a number")
     if not seconds <= LONGEST_WINDOW_S:
@@ -154,7 +154,7 @@ def parse_seconds(option: str, seconds: float) -> float:
 
 
 def parse_setting(text: str) -> tuple[str, str]:
-    """NAME=VALUE."""
+    """Parse NAME=VALUE of a setting."""
     name, equals, value = text.partition("=")
     if not equals or not name.strip():
         raise UsageError(f"--set {text}: expected NAME=VALUE")

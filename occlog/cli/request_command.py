@@ -1,4 +1,4 @@
-"""Commands made from requests: options from the fields, and a call that builds the request and does it."""
+"""Click commands made from requests: options from the fields; the callback builds and runs the request."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from .setting_options import (
 
 
 def command_of(verb: type[Request] | Verb | Verbs, name: str, short_help: str) -> click.Command:
-    """The command of a verb; its help is the docstring of the class of its requests."""
+    """Create the command of a verb; its help is the docstring of the request class."""
     if isinstance(verb, Verbs):
         commands: dict[str, click.Command] = {
             each: _one(request, each, line) for each, (request, line) in verb.verbs.items()
@@ -84,7 +84,7 @@ def _several(verb: Verb, name: str, short_help: str) -> VariantCommand:
 
 
 def _arguments(args: Sequence[str], known: Iterable[click.Parameter]) -> list[str]:
-    """Return the words of a command line other than options and their values.
+    """Positional arguments of a command line.
 
     Args:
         args: the words.
@@ -110,7 +110,7 @@ def _arguments(args: Sequence[str], known: Iterable[click.Parameter]) -> list[st
 
 
 def _variant(verb: Verb, kind: VerbKind) -> CommandVariant:
-    """Return the variant of one kind of requests: its fields in addition to the shared ones."""
+    """Variant of one kind of request: its fields in addition to the shared ones."""
     shared = {entry.name for entry in Form(verb.shared).entries()}
 
     @cache
@@ -131,7 +131,7 @@ def _settings_of(form: Form, group: str) -> type[Settings]:
 
 
 def _do_chosen(verb: Verb, /, **values: Any) -> int:
-    """Do the kind of request that the arguments chose."""
+    """Callback that runs the kind of request chosen by the arguments."""
     name = click.get_current_context().meta[CHOSEN]
     kind = verb.kind(name)
     assert kind is not None  # checked when the command was parsed
@@ -172,7 +172,7 @@ def _do(
 
 
 def request_of(form: Form, values: Mapping[str, Any], settings: Iterable[str] = ()) -> Request:
-    """The request of the values of a command's parameters, and of the texts of `--set`."""
+    """Build the request from parameter values and the texts of `--set`."""
     given: dict[str, Any] = {}
     for entry in form.entries():
         value = values.get(entry.name)
@@ -185,7 +185,7 @@ def request_of(form: Form, values: Mapping[str, Any], settings: Iterable[str] = 
 
 
 def _param(entry: RequestEntry, verb: Verb | None = None) -> click.Parameter:
-    """The parameter of a command for one thing that a request takes."""
+    """Click parameter of one field of a request."""
     of = entry.file
     if (plugged := entry.plugged) is not None:
         return click.Option([plugged.option, entry.of.name], multiple=True, metavar="NAME", help=plugged.help)
@@ -225,10 +225,10 @@ def _common(example: str) -> list[click.Option]:
 
 
 def _made(decorator: Callable[[Any], Any]) -> click.Option:
-    """The option that a decorator of click gives a function."""
+    """The option that a click decorator adds to a function."""
 
     def function() -> None:
-        """Take an option."""
+        """Receive the option."""
 
     decorator(function)
     option: click.Option = function.__dict__["__click_params__"][0]

@@ -1,15 +1,10 @@
 """Options of the command line made from declared settings, and commands with options that depend on a choice.
 
-A setting that declares `option=` becomes an option with its type, range, default and help; all of
-them can be given by `--set NAME=VALUE` where a command has it.  A `VariantCommand` has shared
-options and those of the variant that the arguments choose: `occlog track --method map`
-takes what `map` takes and nothing else.
-
-Commands that plug-ins serve: the settings of a plug-in that the arguments name are options under its name.
-
-An exporter `gpx` with the setting `creator` has the option `--gpx-creator`, so that several plug-ins can be used in one
-call, and none takes a name of the command.  Installed plug-ins are searched for a name that is not built in, and by
---help.
+A setting declared with `option=` becomes an option with its type, range, default and help; every setting can be given
+by `--set NAME=VALUE`. A `VariantCommand` has shared options and those of the chosen variant: `occlog track --method
+map` takes the options of `map` only. Settings of plug-ins are options with the plug-in's name as prefix: an exporter
+`gpx` with the setting `creator` has the option `--gpx-creator`. Installed plug-ins are searched for names that are not
+built in, and by --help.
 """
 
 from __future__ import annotations
@@ -48,7 +43,7 @@ CHOSEN = "occlog.variant"
 
 
 class SettingOption(click.Option):
-    """The option of a setting that declares one; its value is None where it is not given.
+    """Click option of a declared setting; its value is None if not given.
 
     Args:
         settings: the class.
@@ -91,16 +86,16 @@ class SettingOption(click.Option):
         )
 
     def default_text(self, value: Any) -> Any:
-        """The value of the setting, of what the option gives."""
+        """Default of the setting, formatted as an option value."""
         return in_own_unit(value, self._said)
 
     def is_of(self, error: SettingError) -> bool:
-        """Return whether the error is about this option's setting."""
+        """Whether an error is about this option's setting."""
         return (self.owner, self.setting) == (error.owner, error.setting)
 
 
 def _type_of(settings: type[Settings], f: Field[object]) -> click.ParamType[Any]:
-    """Type of the option's value, with the range that the setting declares."""
+    """Click type of the option's value, with the declared range."""
     spec, kind = declaration(f), plain_kind(kind_of(settings, f.name))
     if spec.frames or spec.size:
         return FRAMES if spec.frames else SIZE
@@ -135,7 +130,7 @@ def default_words(f: Field[object]) -> str:
 
 
 def value_words(f: Field[object], value: object) -> str:
-    """A value as it is typed on the command line."""
+    """Format a value as typed on the command line."""
     if value is None:
         return declaration(f).nothing or "none"
     if isinstance(value, bool):
@@ -149,7 +144,7 @@ def value_words(f: Field[object], value: object) -> str:
 def with_options(
     settings: type[Settings], *, only: Sequence[str] = (), without: Sequence[str] = (), prefix: str = ""
 ) -> Callable[[F], F]:
-    """Decorator that gives a command the options of the settings that declare one, in the order of declaration.
+    """Decorator that adds the options of declared settings to a command, in order of declaration.
 
     Args:
         settings: the class.
@@ -161,7 +156,7 @@ def with_options(
 
 
 def add_options(added: Sequence[click.Option]) -> Callable[[F], F]:
-    """Decorator that gives a command these options, in their order."""
+    """Decorator that adds options to a command."""
 
     def decorate(command: F) -> F:
         for option in reversed(added):
@@ -172,7 +167,7 @@ def add_options(added: Sequence[click.Option]) -> Callable[[F], F]:
 
 
 def _add(command: Callable[..., object], option: click.Option) -> None:
-    """Give a function that is to be a command, or a command, one more option; as click's decorators do."""
+    """Add one option to a command or to its function, like click's decorators."""
     if isinstance(command, click.Command):
         command.params.append(option)
     else:
@@ -196,14 +191,14 @@ def options_of(
 
 
 def given(settings: type[Settings], values: Mapping[str, object], *, prefix: str = "") -> dict[str, Any]:
-    """Return the option values that belong to this settings class and were given."""
+    """Values of a settings class's options that were given."""
     wanted = {f.name: declaration(f) for f in declared(settings) if declaration(f).option is not None}
     found = {name: values.get(prefix + name) for name in wanted}
     return {name: in_own_unit(value, wanted[name]) for name, value in found.items() if value not in (None, ())}
 
 
 def in_own_unit(value: Any, spec: Declaration) -> Any:
-    """The value of a setting, of what an option gives."""
+    """Convert an option value to the setting's unit."""
     if spec.repeat:
         texts = () if spec.whole else (text for text in value if isinstance(text, str))
         return tuple(name for text in texts for name in listed(text)) or tuple(value)
@@ -211,13 +206,13 @@ def in_own_unit(value: Any, spec: Declaration) -> Any:
 
 
 def flag_of(settings: type[Settings], name: str) -> str:
-    """Return the spelling of a setting's option: `--shadows/--no-shadows`."""
+    """Spelling of a setting's option: `--shadows/--no-shadows`."""
     option = next(declaration(f).option for f in declared(settings) if f.name == name)
     return option or f"--set {name}="
 
 
 def settings_table(settings: type[Settings], *, without: Sequence[str] = ()) -> list[tuple[str, str]]:
-    """Name and description of each setting without a separate option, for --help."""
+    """Name and description of each setting without an option, for --help."""
     rows = []
     for f in declared(settings):
         spec = declaration(f)
@@ -228,7 +223,7 @@ def settings_table(settings: type[Settings], *, without: Sequence[str] = ()) -> 
 
 
 def write_settings(formatter: click.HelpFormatter, heading: str, settings: type[Settings]) -> None:
-    """A section of --help with the settings without a separate option, if there are any."""
+    """Write the section of --help with settings that have no option."""
     rows = settings_table(settings)
     if rows:
         with formatter.section(heading):
@@ -236,14 +231,14 @@ def write_settings(formatter: click.HelpFormatter, heading: str, settings: type[
 
 
 def unknown_option(name: str, params: Iterable[click.Parameter]) -> str:
-    """Message on an option that a command with these parameters lacks, with those that may be meant."""
+    """Message about an unknown option, with the most similar ones of the command."""
     near = nearest(name, [flag for each in params for flag in (*each.opts, *each.secondary_opts)], n=3)
     return f"No such option {name!r}." + (f" Did you mean {' or '.join(map(repr, near))}?" if near else "")
 
 
 @dataclass(frozen=True)
 class CommandVariant:
-    """One of the things that a command can do, with its own options.
+    """A variant of a command, with its own options.
 
     Attributes:
         summary: one line.
@@ -261,7 +256,7 @@ class CommandVariant:
 
 
 class SettingsCommand(click.Command):
-    """A command with declared settings: a value out of its range is an error of usage that names the option.
+    """A command with declared settings; a value out of range is a usage error that names the option.
 
     Args:
         settings: makes the class of settings that --help lists without an option; None: none.
@@ -272,13 +267,13 @@ class SettingsCommand(click.Command):
         self.settings = settings
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The options, then the settings that --set takes."""
+        """Write the options, then the settings for --set."""
         super().format_options(ctx, formatter)
         if self.settings is not None:
             write_settings(formatter, "Settings (--set NAME=VALUE)", self.settings())
 
     def invoke(self, ctx: click.Context) -> object:
-        """Call the command; SettingError becomes a usage error that names the flag, if the setting has one."""
+        """Call the command; SettingError is converted to a usage error that names the option."""
         self.check_set(ctx)
         try:
             return super().invoke(ctx)
@@ -286,11 +281,11 @@ class SettingsCommand(click.Command):
             raise self.refused(ctx, error) from error
 
     def classes(self, ctx: click.Context) -> Sequence[type[Settings]]:  # noqa: ARG002
-        """The classes of the settings that --set takes."""
+        """Settings classes that --set accepts."""
         return () if self.settings is None else (self.settings(),)
 
     def check_set(self, ctx: click.Context) -> None:
-        """Refuse what --set gives and no setting can be, before anything is loaded; click.UsageError names it."""
+        """Check the values of --set before anything is imported; click.UsageError names the setting."""
         for text in _texts_of_set(ctx):
             name, value = parse_setting(text)
             classes = self.classes(ctx)
@@ -304,7 +299,7 @@ class SettingsCommand(click.Command):
                 raise self.refused(ctx, error) from error
 
     def refused(self, ctx: click.Context, error: SettingError) -> click.UsageError:
-        """The error with the flag that the user typed, or with the setting's name."""
+        """The error with the option that the user typed, or with the setting's name."""
         limit = f"must be {error.limit}"
         for param in self.get_params(ctx):
             about = param.is_of(error) if isinstance(param, SettingOption) else param.name == error.setting
@@ -350,17 +345,17 @@ class VariantCommand(SettingsCommand):
         self.what, self.chosen_by, self.more = what, chosen_by, more
 
     def variant(self, name: str) -> CommandVariant | None:
-        """The variant of that name, built in or third-party; None: missing."""
+        """The variant of that name, built in or of a plug-in; None if missing."""
         return self.variants[name] if name in self.variants else self.more().get(name)
 
     def existing(self, name: str) -> CommandVariant:
-        """The variant of a name that there is."""
+        """The variant of an existing name."""
         found = self.variant(name)
         assert found is not None  # checked by parse_args
         return found
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
-        """The shared options, then those of the variant chosen; for --help without a choice the shared ones."""
+        """Shared options, then those of the chosen variant; --help without a choice has the shared ones."""
         shared = super().get_params(ctx)
         name = ctx.meta.get(CHOSEN)
         if name is None:
@@ -370,7 +365,7 @@ class VariantCommand(SettingsCommand):
         return [*shared[: len(shared) - len(last)], *own, *last]
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Choose the variant, then parse; an option of other variants is refused, and those that have it are named."""
+        """Choose the variant, then parse; for an option of other variants, the error names these."""
         name = self.choose(args)
         if name is not None and self.variant(name) is None:
             names = [*self.variants, *self.more()]
@@ -389,7 +384,7 @@ class VariantCommand(SettingsCommand):
         return left
 
     def _refusal(self, error: click.NoSuchOption, name: str) -> str:
-        """Name the variants with the option, and the remedy; click's own message if none has it."""
+        """Error for an option of other variants, with the remedy; click's own error if no variant has it."""
         owners = [
             other
             for other, variant in self.variants.items()
@@ -401,22 +396,22 @@ class VariantCommand(SettingsCommand):
         return f"{statement}; leave it out, or choose one that has it"
 
     def classes(self, ctx: click.Context) -> Sequence[type[Settings]]:
-        """The classes of the settings that --set takes: those of the variant."""
+        """Settings classes that --set accepts: those of the variant."""
         return self.existing(ctx.meta[CHOSEN]).settings()
 
     def called(self, name: str) -> str:
-        """Return the option that chooses a variant: `--method apf`."""
+        """Option that chooses a variant: `--method apf`."""
         own = self.existing(name).called
         return self.chosen_by.format(name) if own is None else own
 
     def _named(self, names: Sequence[str]) -> str:
-        """Variants as they are chosen: `--method apf, imm`."""
+        """Format variants as they are chosen: `--method apf, imm`."""
         alike = [n for n in names if self.variants[n].called is None]
         own = [self.called(n) for n in names if n not in alike]
         return ", ".join([*own, *([self.chosen_by.format(", ".join(alike))] if alike else [])])
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The shared options; the variant's options and settings; one line for each other variant."""
+        """Write the shared options, the variant's options and settings, and one line per other variant."""
         name = ctx.meta.get(CHOSEN)
         own_names = {p.name for p in (self.existing(name).params() if name else ())}
         shared = help_rows(ctx, [p for p in self.get_params(ctx) if p.name not in own_names])
@@ -431,7 +426,7 @@ class VariantCommand(SettingsCommand):
                 formatter.write_dl([(v.called or n, v.summary) for n, v in {**self.variants, **self.more()}.items()])
 
     def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The help of the chosen variant, if it has its own, or that of the command."""
+        """Write the help of the chosen variant if it has its own, else that of the command."""
         name = ctx.meta.get(CHOSEN)
         chosen = None if name is None else self.existing(name)
         if chosen is None or chosen.about is None:
@@ -453,23 +448,23 @@ class VariantCommand(SettingsCommand):
 
 
 def _texts_of_set(ctx: click.Context) -> Sequence[str]:
-    """Return the values of --set, NAME=VALUE each; none for commands without it."""
+    """Values of --set, NAME=VALUE each; empty for commands without it."""
     there = any(SET in param.opts for param in ctx.command.params)
     return ctx.params.get("settings", ()) if there else ()
 
 
 def help_rows(ctx: click.Context, params: Sequence[click.Parameter]) -> list[tuple[str, str]]:
-    """Rows of --help of those parameters that are options and not hidden."""
+    """Rows of --help for the parameters that are visible options."""
     return [row for p in params if isinstance(p, click.Option) and (row := p.get_help_record(ctx)) is not None]
 
 
 def value_after(args: Sequence[str], flag: str) -> str | None:
-    """The value that the arguments give to an option, the last one if it is given again; None: it is not given."""
+    """Value of an option in the arguments, the last one if repeated; None if not given."""
     return next(iter(values_after(args, flag)[::-1]), None)
 
 
 def values_after(args: Sequence[str], flag: str) -> list[str]:
-    """All values that the arguments give to an option, in their order."""
+    """All values of an option in the arguments, in order."""
     found = []
     for i, arg in enumerate(args):
         if arg == "--":
@@ -486,7 +481,7 @@ CHOSEN_PLUGINS = "occlog.plugins"
 
 
 class PluggedCommand(SettingsCommand):
-    """A command with an option that takes the name of a plug-in.
+    """A command with an option that names a plug-in.
 
     Args:
         flag: the option.
@@ -499,20 +494,20 @@ class PluggedCommand(SettingsCommand):
         self.flag, self.kind, self.ours = flag, kind, ours
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
-        """The command's own options, then those of the plug-ins."""
+        """Own options of the command, then those of the plug-ins."""
         shared = super().get_params(ctx)
         own = [option for some in ctx.meta.get(CHOSEN_PLUGINS, {}).values() for option in some]
         last = shared[-1:] if shared and shared[-1].name == "help" else []
         return [*shared[: len(shared) - len(last)], *own, *last]
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Find the plug-ins that the arguments name, then parse."""
+        """Find the plug-ins named in the arguments, then parse."""
         if not ctx.resilient_parsing:
             ctx.meta[CHOSEN_PLUGINS] = self.options_of(values_after(args, self.flag))
         return super().parse_args(ctx, args)
 
     def options_of(self, names: Iterable[str]) -> dict[Plugin, list[SettingOption]]:
-        """The plug-ins of some names with their options; UsageError for a name that is neither ours nor a plug-in's."""
+        """Options of named plug-ins; UsageError for a name that is neither built in nor a plug-in."""
         found = {}
         for name in names:
             if name not in self.ours:
@@ -521,7 +516,7 @@ class PluggedCommand(SettingsCommand):
         return found
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The command's own options; those of the plug-ins that are named; without any the installed plug-ins."""
+        """Write the command's own options and those of the named plug-ins, or a list of installed plug-ins."""
         chosen = ctx.meta.pop(CHOSEN_PLUGINS, {})
         super().format_options(ctx, formatter)
         ctx.meta[CHOSEN_PLUGINS] = chosen
@@ -538,7 +533,7 @@ class PluggedCommand(SettingsCommand):
 
 
 def wanted(name: str, kind: str, flag: str, ours: Collection[str] = ()) -> Plugin:
-    """The plug-in of a name and kind; UsageError, with the nearest name, if missing."""
+    """The plug-in of a name and kind; UsageError, with the most similar name, if missing."""
     plugin = find(name, kind)
     if plugin is None:
         names = [*ours, *(each.name for each in installed(kind))]
@@ -547,7 +542,7 @@ def wanted(name: str, kind: str, flag: str, ours: Collection[str] = ()) -> Plugi
 
 
 def plugin_options(plugin: Plugin, there: Sequence[click.Parameter]) -> list[SettingOption]:
-    """An option for each setting of a plug-in; PluginError where the command has one of that name itself."""
+    """An option for each setting of a plug-in; PluginError if the command has an option of that name."""
     settings = plugin.load().settings
     taken = {name for param in there for name in (*param.opts, *param.secondary_opts)}
     found = [SettingOption(settings, f, _prefix(plugin), plugin.name) for f in declared(settings)]
@@ -559,7 +554,7 @@ def plugin_options(plugin: Plugin, there: Sequence[click.Parameter]) -> list[Set
 
 
 def chosen_in(ctx: click.Context, values: Mapping[str, object]) -> tuple[Chosen, ...]:
-    """The plug-ins that the arguments name, with those values of the command's options that are settings of theirs."""
+    """Plug-ins named in the arguments, with their settings from the option values."""
     plugins: dict[Plugin, list[SettingOption]] = ctx.meta.get(CHOSEN_PLUGINS, {})
     out = []
     for plugin, options in plugins.items():

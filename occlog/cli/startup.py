@@ -1,6 +1,6 @@
-"""A line on standard error while a first run compiles, so that it does not seem to hang.
+"""Notice on standard error while a first run compiles kernels; and the limit of open files.
 
-How many files this process may have open: each decoding process takes four, and there is one for each video.
+A decoding process uses four files, and there is one for each video.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class UnknownNameError(click.UsageError):
 
 @contextmanager
 def with_compile_notice() -> Iterator[None]:
-    """Report once that kernels are being compiled, if it takes long and the command is not quiet."""
+    """Context manager that reports once that kernels are being compiled, unless the command is quiet."""
 
     def say(kept: bool) -> None:
         if not QUIET.get():
@@ -40,7 +40,7 @@ def with_compile_notice() -> Iterator[None]:
 
 
 def remember_quiet(ctx: click.Context, param: click.Parameter, given: bool) -> bool:  # noqa: ARG001
-    """Remember `--quiet` until the command ends, for lines that are written far from its options."""
+    """Callback: store `--quiet` until the command ends."""
     token = QUIET.set(given)
     ctx.call_on_close(lambda: QUIET.reset(token))
     return given
@@ -54,7 +54,7 @@ WANTED_OPEN_FILES = 65_536
 
 
 def allow_open_files() -> None:
-    """Raise the limit that may be raised, which is often 1024, up to the requested and allowed value."""
+    """Raise the soft limit of open files (often 1024) up to the required or allowed value."""
     if "resource" in globals():
         soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
         most = WANTED_OPEN_FILES if hard == resource.RLIM_INFINITY else min(hard, WANTED_OPEN_FILES)
@@ -64,7 +64,7 @@ def allow_open_files() -> None:
 
 
 def open_files_limit() -> int | None:
-    """The limit as it is now; None if missing."""
+    """Current soft limit of open files; None if there is none."""
     if "resource" not in globals():
         return None
     soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)

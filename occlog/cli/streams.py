@@ -1,4 +1,4 @@
-"""Standard output and standard error that state clearly what happens when their reader has closed, or no space is left.
+"""Standard output and standard error with defined behaviour if the reader has closed or the disk is full.
 
 * Standard error: a message that cannot be written is dropped; the work goes on.
 * Standard output: a reader that went away (`| head`) ends the program quietly, as SIGPIPE ends other programs; a full
@@ -23,16 +23,16 @@ if TYPE_CHECKING:
 
 
 class ReaderGoneError(OcclogError):
-    """Error: the reader of standard output has closed it."""
+    """The reader of standard output has closed it."""
 
     exit_code = ExitCode.PIPE
 
 
 class _Output(io.FileIO):
-    """A standard stream; after a failure the rest of the output is discarded."""
+    """A standard stream; after a failure, further output is discarded."""
 
     def write(self, data: ReadableBuffer, /) -> int:
-        """Write; a failure is reported once."""
+        """Write bytes; a failure is reported once."""
         try:
             return super().write(data)
         except OSError as error:
@@ -46,24 +46,24 @@ class _Output(io.FileIO):
 
 
 class _Text(io.TextIOWrapper):
-    """Text of a standard stream, in which control characters of names and values are escapes."""
+    """Text layer of a standard stream that escapes control characters in names and values."""
 
     bars = False
 
     def write(self, text: str, /) -> int:
-        """Write a text; a byte of a name that is no UTF-8 stays the escape that the encoding makes of it."""
+        """Write a text; a byte that is not UTF-8 is written as an escape."""
         super().write(escaped(text, bars=self.bars))
         return len(text)
 
 
 class _TextWithBars(_Text):
-    """Text of standard error, to which progress bars write, too."""
+    """Text layer of standard error, which also passes the control characters of progress bars."""
 
     bars = True
 
 
 class _Messages(_Output):
-    """Standard error: what cannot be written is dropped."""
+    """Standard error; text that cannot be written is discarded."""
 
     def _failed(self, error: OSError, size: int) -> int:  # noqa: ARG002
         return size
@@ -76,14 +76,14 @@ def _send_nowhere(fd: int) -> None:
 
 
 def install() -> None:
-    """Replace the standard streams of this process, where they are files or pipes, or closed."""
+    """Replace the standard streams of this process if they are files, pipes or closed."""
     _open_closed()
     sys.stdout = _wrapped(sys.stdout, _Output)
     sys.stderr = _wrapped(sys.stderr, _Messages)
 
 
 def _open_closed() -> None:
-    """Give streams that are closed a position; else the next file that is opened, an output perhaps, would be one."""
+    """Open closed standard streams on the null device, so that an output file does not get their descriptors."""
     while (fd := os.open(os.devnull, os.O_RDWR)) <= 2:
         os.set_inheritable(fd, True)
     os.close(fd)

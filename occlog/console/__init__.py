@@ -1,6 +1,6 @@
 """Reports of a command: notes and progress on standard error, summaries on standard output, exit codes.
 
-Nothing here knows of options or of click, so that every room may use it.
+Independent of options and of click, so that every package may use it.
 """
 
 from occlog.console.notes import note as note

@@ -1,4 +1,4 @@
-"""Keeps files of the current folder, and of folders that others can write, from deciding what code runs."""
+"""Protection against files in the current folder, or in folders writable by others, that would be executed."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ PROGRAM = Path(__file__).resolve().parents[2]
 
 @contextmanager
 def hidden(name: str) -> Iterator[None]:
-    """Let `os.path.exists` deny a relative file name inside the block.
+    """Context manager in which `os.path.exists` is False for a relative file name.
 
-    For libraries that read a file of the current folder when they are imported, and have no switch for it.
+    For libraries that execute or read a file of the current folder on import.
     """
     exists = os.path.exists
     os.path.exists = lambda path: path != name and exists(path)
@@ -27,7 +27,7 @@ def hidden(name: str) -> Iterator[None]:
 
 
 def is_own(folder: Path) -> bool:
-    """Return whether only this user, or the administrator, can write into a folder: its files may be run.
+    """Whether only this user or the administrator can write to a folder, so that its files are trusted.
 
     A folder of the user's own group (that of the same name) counts as the user's; True on Windows, where folders of a
     user are the user's alone.
@@ -44,7 +44,7 @@ def is_own(folder: Path) -> bool:
 
 
 def _of_one(group: int) -> bool:
-    """Return whether a group is that of this user alone, by its name."""
+    """Whether a group has this user only, by its name."""
     import grp
     import pwd
 

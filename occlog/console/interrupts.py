@@ -1,9 +1,8 @@
-"""Ctrl-C and SIGTERM end the program once, wherever they arrive, and let it tidy up.
+"""Handling of Ctrl-C and SIGTERM, which end the program once with cleanup, wherever they arrive.
 
-Python drops an exception that a finaliser or a callback of compiled code raises, and some compiled code drops it
-without a word.  An interrupt that arrives there would be lost, so that it is remembered here and raised later.  Where
-numba's kernels search for the class of a result and make a named tuple of it the process would crash, so that the
-interrupt waits for another position.
+Python drops exceptions raised in finalisers and in callbacks of compiled code. An interrupt that arrives there is
+stored and raised later. While numba creates a named tuple as a result, an exception would crash the process, so that
+the interrupt is delayed.
 """
 
 from __future__ import annotations
@@ -36,11 +35,11 @@ class Interrupts:
     """
 
     def __init__(self) -> None:
-        """There was none."""
+        """Start without an interrupt."""
         self.asked = self.raised = self.terminated = self._waiting = False
 
     def install(self) -> None:
-        """Take over SIGINT and SIGTERM, unless the process is to ignore them, and inspect what Python drops."""
+        """Install handlers of SIGINT and SIGTERM (unless ignored), and of exceptions that Python drops."""
         for number, usual in USUAL.items():
             if signal.getsignal(number) == usual:
                 signal.signal(number, self._arrived)
@@ -50,7 +49,7 @@ class Interrupts:
         sys.unraisablehook = self._dropped
 
     def check(self) -> None:
-        """Raise the interrupt that was dropped; called between the steps of every command's work.
+        """Raise a dropped interrupt; called between the steps of every command.
 
         Raises:
             KeyboardInterrupt: there was an interrupt, and the program still works.
@@ -60,7 +59,7 @@ class Interrupts:
             raise KeyboardInterrupt
 
     def end(self) -> None:
-        """The program ends: no interrupt matters any more, not even while the interpreter stops."""
+        """Ignore interrupts from now on, since the program ends."""
         self.raised = True
         for number in USUAL:
             if signal.getsignal(number) == self._arrived:
@@ -81,7 +80,7 @@ class Interrupts:
         raise KeyboardInterrupt
 
     def _dropped(self, unraisable: UnraisableHookArgs) -> None:
-        """Interrupt the program once more where Python drops an interrupt; show all else that is dropped."""
+        """Store a dropped interrupt, to be raised again; show any other dropped exception."""
         if not issubclass(unraisable.exc_type, KeyboardInterrupt):
             sys.__unraisablehook__(unraisable)
         else:

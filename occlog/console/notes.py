@@ -1,8 +1,6 @@
-"""Lines on standard error, and the standard streams that they are written to.
+"""Notes on standard error, details of `-v`, dry runs, and progress bars.
 
-What a command does on its way, for those who ask for it; and whether it is only to state what it would do.
-
-Progress bars, between the steps of which interrupts are raised.
+Interrupts are raised between the steps of progress bars.
 """
 
 from __future__ import annotations
@@ -31,14 +29,14 @@ _KEPT: ContextVar[list[str] | None] = ContextVar("_KEPT", default=None)
 
 
 def write_line(text: str, stream: TextIO | None) -> None:
-    """Write a line to a standard stream at once; nothing where the stream is closed (None)."""
+    """Write a line to a standard stream and flush it; nothing if the stream is closed (None)."""
     if stream is not None:
         stream.write(f"{spelled(text)}\n")
         stream.flush()
 
 
 def named(text: str) -> str:
-    """A text for the user, with the aliases of temporary files in place of their paths."""
+    """Replace paths of temporary files in a text by their aliases."""
     for path, name in ALIASES.items():
         text = text.replace(path, name)
     return text
@@ -46,7 +44,7 @@ def named(text: str) -> str:
 
 @contextmanager
 def notes_kept() -> Iterator[list[str]]:
-    """Keep notes in a list inside the block, also those that `quiet` would drop, and write none on standard error."""
+    """Context manager that collects notes in a list (including those that `quiet` drops) instead of writing them."""
     kept: list[str] = []
     token = _KEPT.set(kept)
     try:
@@ -65,9 +63,9 @@ def note(message: str, quiet: bool = False) -> None:
 
 
 def note_once(message: str) -> None:
-    """Write a line that readers of a file come to at each pass through it, once in a command.
+    """Write a note once per command, even if a file is read several times.
 
-    A quiet command writes its warnings alone.
+    A quiet command writes warnings only.
     """
     kept = _KEPT.get()
     if message not in (NOTED_ONCE if kept is None else kept):
@@ -76,13 +74,13 @@ def note_once(message: str) -> None:
 
 
 def note_findings(texts: Iterable[str], quiet: bool = False) -> None:
-    """Write the findings on results to standard error, a line each; see `records.verdicts.texts_of`."""
+    """Write findings to standard error, a line each; see `records.verdicts.texts_of`."""
     for text in texts:
         note(text, quiet)
 
 
 def note_losses(losses: Iterable[object]) -> None:
-    """Write the losses to standard error, a line each, also where notes are kept or dropped."""
+    """Write losses to standard error, a line each, even if notes are collected or dropped."""
     for loss in losses:
         write_line(shortened(named(" ".join(f"occlog: lost: {loss}".split()))), sys.stderr)
 
@@ -98,7 +96,7 @@ THREADS = "OCCLOG_THREADS"
 
 
 class DryRunPlan:
-    """Plan of a dry run.
+    """Files that a dry run would read and write.
 
     Attributes:
         reads: inputs.
@@ -116,18 +114,18 @@ DRY_RUN: ContextVar[DryRunPlan | None] = ContextVar("DRY_RUN", default=None)
 
 
 class DryRunStop(BaseException):
-    """A dry run has come to where the work, or the writing, would begin."""
+    """Raised in a dry run when work or writing would begin."""
 
 
 def log_detail(text: str) -> None:
-    """Report a detail: the detected format of an input, how long a step took, the files written."""
+    """Report a detail (`-v`): detected format of an input, duration of a step, files written."""
     listener = LISTENER.get()
     if listener is not None:
         listener(text)
 
 
 def note_uncached() -> None:
-    """Remember that a compiled kernel cannot be kept for later processes."""
+    """Record that a compiled kernel cannot be cached for later processes."""
     _UNCACHED[:] = [True]
 
 
@@ -139,7 +137,7 @@ def log_compiling() -> None:
 
 @contextmanager
 def logging_to(listener: Callable[[str], None]) -> Iterator[None]:
-    """Send details to a receiver meanwhile."""
+    """Context manager that sends details to a receiver."""
     token = LISTENER.set(listener)
     try:
         yield
@@ -149,7 +147,7 @@ def logging_to(listener: Callable[[str], None]) -> Iterator[None]:
 
 @contextmanager
 def dry_run() -> Iterator[DryRunPlan]:
-    """Write nothing meanwhile."""
+    """Context manager of a dry run, in which nothing is written."""
     plan = DryRunPlan()
     token = DRY_RUN.set(plan)
     try:
@@ -159,13 +157,13 @@ def dry_run() -> Iterator[DryRunPlan]:
 
 
 def begin_work() -> None:
-    """Report that everything has been checked and that work or writing begins; NothingIsWritten in a dry run."""
+    """Called after all checks, before work or writing begins; raises DryRunStop in a dry run."""
     if DRY_RUN.get() is not None:
         raise DryRunStop
 
 
 def note_files(reads: Iterable[Path], writes: Iterable[Path]) -> None:
-    """Remember, in a dry run, what a command reads and writes; repeated names count once."""
+    """In a dry run, record the files that a command reads and writes; repeated names count once."""
     plan = DRY_RUN.get()
     if plan is not None:
         plan.reads += [path for path in reads if path not in plan.reads]
@@ -173,7 +171,7 @@ def note_files(reads: Iterable[Path], writes: Iterable[Path]) -> None:
 
 
 def threads_by_default() -> int:
-    """Threads of a command that is not given how many: one a processor, or what `OCCLOG_THREADS` states."""
+    """Default number of threads: one per processor, or `OCCLOG_THREADS`."""
     value = os.environ.get(THREADS, "")
     return int(value) if value.isdigit() and int(value) > 0 else os.cpu_count() or 1
 
@@ -182,10 +180,10 @@ T = TypeVar("T")
 
 
 def progress(items: Iterable[T], label: str, total: int | None = None, *, quiet: bool = False) -> Iterator[T]:
-    """The items, with a progress bar on standard error when that is a terminal.
+    """Generate the items, with a progress bar on standard error if it is a terminal.
 
     Raises:
-        KeyboardInterrupt: there was an interrupt that got lost.
+        KeyboardInterrupt: an interrupt was dropped earlier.
     """
     begin_work()
     start, count = time.perf_counter(), 0

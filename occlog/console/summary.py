@@ -1,4 +1,4 @@
-"""Summaries on standard output and the exit codes that go with them."""
+"""Summaries on standard output, and exit codes."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from occlog.errors import ExitCode
 
 
 class InWords(list[object]):
-    """Values of a summary: a list for `--json`, and words for a person."""
+    """A value of a summary with two forms: a list for `--json`, and text for people."""
 
     def __init__(self, values: Iterable[object], words: str) -> None:
-        """Have some values, and state them in words."""
+        """Store the values and their text."""
         super().__init__(values)
         self.words = words
 
 
 class ListedLoss(Protocol):
-    """A loss that a summary lists."""
+    """Interface of a loss in a summary."""
 
     def as_dict(self) -> Mapping[str, object]:
-        """The loss as JSON."""
+        """The loss as a JSON object."""
 
 
 FROM_WHOLE, TO_WHOLE = 1e4, 1e15
@@ -32,15 +32,15 @@ FROM_WHOLE, TO_WHOLE = 1e4, 1e15
 
 
 def echo_summary(summary: Mapping[str, object], as_json: bool) -> None:
-    """The result on standard output; see `lines_of`."""
+    """Print the summary on standard output (`lines_of`)."""
     for line in lines_of(summary, as_json):
         write_line(line, sys.stdout)
 
 
 def lines_of(summary: Mapping[str, object], as_json: bool, first: Iterable[str] = ()) -> list[str]:
-    """The result as text: one JSON object, or `key: value` lines for a person.
+    """Format a summary: one JSON object, or `key: value` lines for people.
 
-    Keys of the object are in the order of the alphabet, behind those that come `first`.
+    Keys of the object are sorted, after those in `first`.
     """
     if as_json:
         plain = json.loads(json.dumps(_plain(summary), sort_keys=True))
@@ -65,7 +65,7 @@ def _nested(value: object) -> TypeGuard[dict[object, object]]:
 
 
 def _in_words(figures: object) -> str:
-    """Description of one of many; the keys are our words."""
+    """Format the figures of one of several items (a camera, for example)."""
     if not isinstance(figures, dict):
         return _shown(figures)
     return ", ".join(f"{str(key).replace('_', ' ')} {_shown(value)}" for key, value in figures.items())
@@ -84,7 +84,7 @@ def _shown(value: object) -> str:
 
 
 def _plain(value: object) -> object:
-    """JSON-ready: paths as text, NaN as null."""
+    """Convert a value for JSON: paths as text, NaN as null."""
     if isinstance(value, Mapping):
         return {str(k): _plain(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
@@ -95,7 +95,7 @@ def _plain(value: object) -> object:
 
 
 def plausible_in_words(summary: Mapping[str, object]) -> str:
-    """The verdict of a summary in a few words: yes, or no with the ids of its warnings, stage by stage."""
+    """Format the verdict of a summary: yes, or no with the ids of its warnings by stage."""
     if summary["plausible"] is None:
         return "not known (no check could be made)"
     if summary["plausible"]:
@@ -113,7 +113,7 @@ def plausible_in_words(summary: Mapping[str, object]) -> str:
 
 
 def strict_code(code: int, plausible: object, strict: bool) -> int:
-    """The exit code, or 6 where results are not plausible (False) and --strict was given; None: not known."""
+    """Exit code, or 6 if results are implausible (False) and --strict was given; None: unknown."""
     return ExitCode.THRESHOLD if strict and plausible is False else code
 
 
@@ -122,7 +122,7 @@ def finish(
 ) -> int:
     """Print the summary and list the losses; exit code 0, or 3 if anything was lost.
 
-    In JSON, what was lost `earlier`, in making the inputs, is listed as `lost_earlier` where there is any.
+    In JSON, losses `earlier` in the processing of the inputs are listed as `lost_earlier`.
     """
     lost, before = list(losses), [loss.as_dict() for loss in earlier]
     listed = {"losses": [loss.as_dict() for loss in lost], **({"lost_earlier": before} if before else {})}

@@ -1,4 +1,4 @@
-"""Words with numbers, in messages and summaries."""
+"""Formatting of counts, times and untrusted text in messages and summaries."""
 
 from __future__ import annotations
 
@@ -16,41 +16,40 @@ _FOREIGN = re.compile(rf"[\x00-\x06\x0b\x0c\x0e-\x1a\x1c-\x1f{_INVISIBLE}]")
 
 
 def noun(count: float, one: str, many: str = "") -> str:
-    """`one` for 1, `many` for other counts (`one` and an s where nothing else is stated)."""
+    """Singular `one` for a count of 1, else the plural `many` (default: `one` with an s)."""
     return one if count == 1 else many or f"{one}s"
 
 
 def counted(count: int, one: str, many: str = "") -> str:
-    """`1 camera`, `2 cameras`, `2 boxes` with many="boxes"."""
+    """Format a count: `1 camera`, `2 cameras`, `2 boxes` with many="boxes"."""
     return f"{count} {noun(count, one, many)}"
 
 
 def in_seconds(t_ns: int) -> str:
-    """A time in seconds with all of its digits: `1.25` for 1,250,000,000 ns."""
+    """Format a time in seconds with all digits: `1.25` for 1,250,000,000 ns."""
     whole, rest = divmod(abs(t_ns), 10**9)
     text = f"{whole}.{rest:09d}".rstrip("0").rstrip(".")
     return f"-{text}" if t_ns < 0 else text
 
 
 def as_bytes(text: str) -> bytes:
-    r"""A text in UTF-8; bytes of names of files that are none become escapes (`\udce9`)."""
+    r"""Encode a text in UTF-8; invalid bytes of file names become escapes (`\udce9`)."""
     return text.encode(errors="backslashreplace")
 
 
 def escaped(text: str, *, bars: bool = False) -> str:
-    r"""A text in which control characters and those that turn the direction of writing are escapes (`\u202e`).
+    r"""Escape control characters and those that change the writing direction (`\u202e`).
 
-    Ends of lines and tabs stay; with `bars` also what progress bars write to move the cursor.
+    Line ends and tabs are kept; with `bars` also the cursor controls of progress bars.
     """
     return (_FOREIGN if bars else _CONTROL).sub(lambda found: ascii(found[0])[1:-1], text)
 
 
 def shortened(text: str) -> str:
-    r"""A text for a terminal: parts of it come from files, which may hold what moves the cursor or fills pages.
+    r"""Make a text safe for a terminal: parts of it come from files.
 
-    Control characters, but for ends of lines and tabs, and those that turn the direction of writing become escapes
-    (`\x1b`); the middle of a value in quotes of more than `LONGEST_QUOTED` characters, and of a text of more than
-    `LONGEST`, is skipped.
+    Control characters (except line ends and tabs) and those that change the writing direction are escaped (`\x1b`);
+    long quoted values (`LONGEST_QUOTED`) and long texts (`LONGEST`) are shortened in the middle.
     """
     plain = _QUOTED.sub(lambda found: f"'{found[1][: LONGEST_QUOTED // 2]}[...]{found[1][-10:]}'", escaped(text))
     return plain if len(plain) <= LONGEST else f"{plain[: LONGEST * 2 // 3]} [...] {plain[-LONGEST // 4 :]}"

@@ -1,1 +1,1 @@
-"""Mathematics that several rooms use, arrays in and arrays out; one chapter a folder."""
+"""Mathematics shared by several packages (arrays in, arrays out); one topic per folder."""

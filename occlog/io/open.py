@@ -1,10 +1,8 @@
-"""Opens an input: a recording, one of our tables or one that others made, distinguished by content.
+"""Opening of inputs: a recording, an occlog table or an external table, recognised by content.
 
-Every command opens its inputs here.  The first bytes of a file determine what it is; its name
-does not matter.  An external table is known by its columns (`occlog.io.external`).  An
-opened input streams its rows, and carries the scene, the unit of lengths and the losses
-that its rows come with.  What reads a kind of file is imported when such a file is opened: `occlog info` of a table
-loads no decoder of video.
+Every command opens its inputs here. The first bytes of a file determine what it is; its name does not matter. An
+external table is known by its columns (`occlog.io.external`). An opened input streams its rows, and has their scene,
+length unit and losses. Readers are imported when a file of their kind is opened.
 """
 
 from __future__ import annotations
@@ -80,18 +78,18 @@ class Opened:
 
     @property
     def losses(self) -> tuple[Loss, ...]:
-        """Input that was lost when the file was made."""
+        """Losses recorded when the file was made."""
         return self.provenance.losses
 
     @property
     def made_in_a_scene(self) -> bool:
-        """True if a table states its unit: it was made from other files, in the unit of their scene, or names it."""
+        """Whether a table states its unit or names its scene, i.e. was made from other files."""
         if self.foreign is not None:
             return self.length_unit is not None
         return self.recording is None and bool(self.provenance.inputs)
 
     def has_lengths(self, table: type[ColumnTable]) -> bool:
-        """Return whether the input states the unit of a table's lengths, which must then be that of the scene."""
+        """Whether the input states the unit of a table's lengths, which must then match the scene."""
         return self.made_in_a_scene or (
             self.recording is not None and self.has(table) and any(c.unit in LENGTHS for c in table.columns())
         )
@@ -106,7 +104,7 @@ class Opened:
         return self.foreign is not None and any(s.fps is not None for s in self.foreign.layout.columns)
 
     def widest(self, table: type[T]) -> type[T]:
-        """The table with all columns that the file has: tracks of people, for example, have more than others."""
+        """Variant of a table with all columns of the file (tracks of people have more columns than others)."""
         if self.foreign is not None:
             return self.foreign.widest(table)
         if self.recording is not None:
@@ -116,7 +114,7 @@ class Opened:
     def rows(self, table: type[T], *, remedy: str = REMEDY, at_once: int | None = None) -> Iterator[T]:
         """Stream the rows of a table in chunks, in the order of time; InputError where the input holds none.
 
-        Chunks of a Parquet table have `at_once` rows at most; None: as many as its groups of rows are written with.
+        Chunks of a Parquet table have at most `at_once` rows; None: as in its row groups.
         """
         self.require(table, remedy=remedy)
         if self.foreign is not None:
@@ -126,11 +124,11 @@ class Opened:
         return iter_table(self.path, table) if at_once is None else iter_table(self.path, table, at_once)
 
     def read(self, table: type[T]) -> T:
-        """All rows of a table; InputError where the input holds none."""
+        """Read all rows of a table; InputError if the input has none."""
         return table.concat(self.rows(table))
 
     def require(self, *tables: type[ColumnTable], remedy: str = REMEDY) -> None:
-        """Raise InputError, which names the missing table and the remedy, unless the input holds one of the tables."""
+        """Raise InputError with a remedy unless the input holds one of the required tables."""
         if any(self.has(table) for table in tables):
             return
         if self.foreign is not None:
@@ -152,7 +150,7 @@ class Opened:
 
 
 def _or(names: list[str]) -> str:
-    """The names as `a`, `a or b`, `a, b or c`."""
+    """Format names as `a`, `a or b`, `a, b or c`."""
     return " or ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
@@ -196,9 +194,9 @@ def open_input(path: Path, *wants: type[ColumnTable], remedy: str = REMEDY, fps:
 
 
 def open_if_ours(path: Path, what: str = EXPECTED) -> Opened | None:
-    """Open a recording or a table; None for a file that is neither, for example a scene or a text, even an empty one.
+    """Open a recording or an occlog table; None for any other file, such as a scene.
 
-    InputError, which states the expected content, where no readable file with content is there.
+    InputError, which states the expected content, for a missing or unreadable file.
     """
     if path.suffix.lower() in TEXT and path.is_file() and not path.stat().st_size:
         return None
@@ -216,7 +214,7 @@ def open_if_ours(path: Path, what: str = EXPECTED) -> Opened | None:
 
 
 def held(path: Path, *tables: type[ColumnTable]) -> tuple[type[ColumnTable], ...]:
-    """Kinds of tables that an input contains, of the given ones, by its header; none if it cannot be opened.
+    """Table kinds, of the given ones, that an input contains by its header; empty if it cannot be opened.
 
     A table of another program is the one of them that its columns fit best.
     """
@@ -233,7 +231,7 @@ def held(path: Path, *tables: type[ColumnTable]) -> tuple[type[ColumnTable], ...
 
 
 def _refuse_stations(path: Path) -> None:
-    """InputError for a text table of stations, which is a scene; one with times or frames is none."""
+    """InputError for a text table of stations, which is a scene (it has neither times nor frames)."""
     from occlog.io.external.names import is_in_time
     from occlog.io.formats.scenes.stations import check_stations, holds_stations, occurs_twice
 
@@ -252,7 +250,7 @@ def _refuse_stations(path: Path) -> None:
 
 
 def frames_counted_by(path: Path) -> str | None:
-    """The column of frame numbers of an external table without times; None: it has times, or is another file."""
+    """Column of frame numbers of an external table without times; None for others."""
     from occlog.io.external.names import frame_column
 
     source = None if open_if_ours(path) is not None else _source(path)
@@ -260,7 +258,7 @@ def frames_counted_by(path: Path) -> str | None:
 
 
 def is_table_in_parts(folder: Path) -> bool:
-    """Return whether a folder is one table, of Parquet files alone."""
+    """Whether a folder is one table of Parquet files."""
     from occlog.io.external.source import parquet_parts
 
     return bool(parquet_parts(folder))
@@ -273,7 +271,7 @@ def _source(path: Path) -> ColumnSource | None:
 
 
 def _external_table(source: ColumnSource, wants: Sequence[type[ColumnTable]] = ()) -> Opened:
-    """A table that another program made, as the requested table that it fits best; InputError if it fits none."""
+    """Open an external table as the requested table that fits best; InputError if none fits."""
     from occlog.io.external.names import kind_of, unit_in_name
     from occlog.io.external.table import ForeignTable, best_fit
 
@@ -312,7 +310,7 @@ def _table(path: Path) -> Opened:
 
 
 class ExternalPositions(NamedTuple):
-    """Positions of a file of another program; `on_earth`: by latitude and longitude."""
+    """Positions from an external file; `on_earth`: from latitude and longitude."""
 
     rows: Iterator[Truth]
     on_earth: bool
@@ -354,12 +352,12 @@ def external_positions(path: Path, length_unit: str) -> ExternalPositions | None
 
 
 def is_external(path: Path | None) -> bool:
-    """Return whether a file is a table that another program made, so that its identities are that program's own."""
+    """Whether a file is an external table, with identities of another program."""
     return path is not None and _source(path) is not None
 
 
 def load_scene(scene: Path | None, recording: Scene | None, where: Path) -> Scene:
-    """The scene of `--scene` (YAML, or a recording that holds one), or else `recording`, that of the input."""
+    """Scene of `--scene` (YAML, or a recording with a scene), or else of the input recording."""
     if scene is not None:
         found = scene_in(scene)
         if found is None:
@@ -371,7 +369,7 @@ def load_scene(scene: Path | None, recording: Scene | None, where: Path) -> Scen
 
 
 def scene_in(path: Path) -> Scene | None:
-    """The scene in a YAML file, a recording or a text table of stations; None for a recording without one."""
+    """Scene in a YAML file, a recording, or a table of stations; None for a recording without one."""
     content = content_of(path, "a scene file (YAML), a table of stations or a recording with a scene")
     if content is Content.RECORDING:
         from occlog.io.recording.reader import open_recording
@@ -392,7 +390,7 @@ def scene_in(path: Path) -> Scene | None:
 
 
 def is_recording_name(output: Path) -> bool:
-    """Return whether the name of an output asks for a recording: the name of an output states its format."""
+    """Whether the name of an output has the suffix of a recording."""
     return output.suffix.lower() == RECORDING_SUFFIX
 
 
@@ -417,7 +415,7 @@ def check_unit(
 
 
 def common_unit(inputs: Iterable[Opened | None]) -> tuple[str, str]:
-    """Unit of lengths of inputs that are used without a scene, and the file that decides it.
+    """Length unit of inputs used without a scene, and the file that determines it.
 
     The first occlog table that states a unit decides.  Without one the first external table does, and the unit is m if
     an external table has lengths without a unit.
@@ -432,7 +430,7 @@ def common_unit(inputs: Iterable[Opened | None]) -> tuple[str, str]:
 
 
 def open_in_unit(path: Path, length_unit: str | None, *wants: type[ColumnTable]) -> Opened:
-    """Open an input that `check_unit` has let pass: an external table gives lengths in this unit.
+    """Open an input with lengths converted to this unit (only external tables differ, see `check_unit`).
 
     Args:
         path: the file.
@@ -446,5 +444,5 @@ def open_in_unit(path: Path, length_unit: str | None, *wants: type[ColumnTable])
 
 
 def input_losses(inputs: Iterable[Opened | None]) -> tuple[Loss, ...]:
-    """Losses of several inputs, each once, in the order of the inputs; None has none."""
+    """Losses of several inputs, without duplicates; None is skipped."""
     return tuple(dict.fromkeys(loss for opened in inputs if opened is not None for loss in opened.losses))

@@ -1,7 +1,7 @@
-"""What a file or folder may be, by its content: the formats of all readers, asked in one order.
+"""Recognition of files and folders by content, by the formats of all readers in a fixed order.
 
-A file that several readers take (boxes and true boxes are one format) has several kinds, the likeliest first; whoever
-asks chooses, and states the choice.
+A file that several readers accept (boxes and true boxes have one format) has several kinds, the likeliest first; the
+caller chooses.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class FileKind(Enum):
-    """Kind of an input; the value is the word that users give for it."""
+    """Kind of an input; the value is the word used in messages."""
 
     RECORDING = "recording"
     BAG = "bag"
@@ -47,7 +47,7 @@ class FileKind(Enum):
 
 
 class FileContent(NamedTuple):
-    """One kind that a file may be.
+    """One possible kind of a file.
 
     Attributes:
         kind: of the input.
@@ -81,7 +81,7 @@ TABLES = {
 
 
 def contents_of(path: Path) -> list[FileContent]:
-    """Kinds that a file or folder may be, the likeliest first; none for one that no reader takes.
+    """Possible kinds of a file or folder, the likeliest first; empty if no reader accepts it.
 
     Raises:
         InputError: the file is of a known kind, but cannot be read.
@@ -110,7 +110,7 @@ def _of_folder(path: Path) -> Iterator[FileContent]:
 
 
 def is_sequence(folder: Path) -> bool:
-    """Return whether a folder holds numbered images, or images with times for names, of one camera."""
+    """Whether a folder holds images of one camera, numbered or named by times."""
     from occlog.io.frames.streams import are_times, list_images, numbers_of
 
     try:
@@ -158,7 +158,7 @@ def _of_binary(path: Path) -> Iterator[FileContent]:
 
 
 def _of_table(path: Path) -> Iterator[FileContent]:
-    """The kind of a table of occlog, or of another program with columns that state one."""
+    """Kind of an occlog table, or of an external table recognised by its columns."""
     from occlog.io.open import open_if_ours
 
     opened = open_if_ours(path)
@@ -212,7 +212,7 @@ def _of_formats(path: Path, head: bytes) -> Iterator[FileContent]:
 
 
 def _of_header(path: Path, probe: Probe, cells: set[str], directions: Formats) -> Iterator[FileContent]:
-    """Kinds of a text table with a header line."""
+    """Possible kinds of a text table with a header line."""
     from occlog.io.formats.boxes.columns import ACROSS, BOX, COLUMNS, IMAGE
     from occlog.io.formats.scenes.stations import holds_stations
     from occlog.io.formats.sound.formats import MICROPHONES, looks_like_locata
@@ -244,7 +244,7 @@ def _of_header(path: Path, probe: Probe, cells: set[str], directions: Formats) -
 
 
 def _times() -> set[str]:
-    """Names of columns of times."""
+    """Names of time columns."""
     from occlog.io.files.times import TIME_COLUMNS
 
     return {name for names in TIME_COLUMNS.values() for name in names}
@@ -256,7 +256,7 @@ def _without_header(
     truths: Formats,
     directions: Formats,
 ) -> Iterator[FileContent]:
-    """Kinds of a text without a header line."""
+    """Possible kinds of a text without a header line."""
     name = next((each for each in ("vatic", "kitti", "mot") if _is(truths, each, probe)), None)
     if name == "mot" and not _is_mot(cells):
         name = None
@@ -285,7 +285,7 @@ def _of_trajectories(probe: Probe) -> Iterator[FileContent]:
 
 
 def _is_mot(cells: list[str]) -> bool:
-    """Return whether a line is of numbers, the first of them a whole one."""
+    """Whether a line consists of numbers, the first one whole (MOTChallenge)."""
     return _numbers(cells) and float(cells[0]) == int(float(cells[0])) >= 0
 
 
@@ -297,7 +297,7 @@ def _numbers(cells: list[str]) -> bool:
 
 
 def _xml_kind(probe: Probe) -> list[FileContent]:
-    """Kinds of a text in XML that is no calibration."""
+    """Possible kinds of an XML text other than a calibration."""
     from occlog.io.formats.boxes.annotations import is_cvat
 
     if is_cvat(probe):
@@ -315,7 +315,7 @@ def _cells(probe: Probe) -> list[str]:
 
 
 def _first(formats: Formats, probe: Probe) -> str | None:
-    """The format that a file shows; None for one that cannot even be read as a text."""
+    """First format that a file matches; None if it is not text."""
     from occlog.io.files.texts.formats import recognise
 
     try:
@@ -336,7 +336,7 @@ PART = re.compile(r"_\d+$")
 
 
 def is_one_bag(folder: Path) -> bool:
-    """Return whether a folder is one bag of ROS 2: it has the bag's metadata, or its files are parts of one name."""
+    """Whether a folder is one ROS 2 bag: it has bag metadata, or its files are parts with one name."""
     from occlog.io.messages.bag import METADATA, is_bag
     from occlog.io.recording.reader import open_recording
 
@@ -354,7 +354,7 @@ def is_one_bag(folder: Path) -> bool:
 
 
 def is_foreign_bag(path: Path) -> bool:
-    """Return whether a path is a bag of ROS or an MCAP file of another program, perhaps cut off."""
+    """Whether a path is a ROS bag or an external MCAP file, possibly truncated."""
     if path.is_dir():
         from occlog.io.messages.bag import is_bag
 
@@ -389,7 +389,7 @@ class SequenceInfo(NamedTuple):
 
 
 def read_sequence_info(path: Path) -> SequenceInfo:
-    """Read the description of a sequence; InputError where it is none."""
+    """Read `seqinfo.ini` of a sequence; InputError if invalid."""
     parser = configparser.ConfigParser(interpolation=None)
     with guarded(path, "the description of a sequence"):
         try:

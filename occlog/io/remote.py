@@ -1,16 +1,9 @@
-"""Files in object stores and on web servers, by fsspec: found, fetched into a bounded cache, and written.
+"""Files in object stores and on web servers, by fsspec: listed, fetched into a bounded cache, and written.
 
-Files that were fetched, kept in a folder of bounded size that several processes share.
-
-An entry is used while a person holds its lock, and is never removed meanwhile; a process that is killed lets go.  So
-the folder holds at most its limit, or the files in use if these are larger.
-
-Where a URL leads: find, read and write files there; every failure is one line that names the URL alone.
-
-URLs of files of remote files: which are accepted, and their names without credentials.
-
-Passwords before the host and signatures after the question mark open a file to whoever reads them.  They never leave
-this process but to the server: not into tables, provenance or messages.
+Several processes share the cache folder. An entry is locked while it is used, and removed only when unlocked; the lock
+of a killed process is released. So the folder holds at most its limit, or the files in use if these are larger. Errors
+are one line that names the URL. Credentials in URLs (passwords before the host, signatures in the query) are sent to
+the server only, and removed from tables, provenance and messages.
 """
 
 from __future__ import annotations
@@ -51,7 +44,7 @@ MAX_WORDS = 160
 
 
 def is_url(text: str) -> bool:
-    """Return whether a text is a URL, not the name of a file."""
+    """Whether a text is a URL rather than a file name."""
     return _URL.match(text) is not None
 
 
@@ -68,7 +61,7 @@ def kind_of(url: str) -> str:
 
 
 def without_end(location: str) -> str:
-    """A folder, or its URL, without slashes at its end: in stores, names behind two slashes are other ones."""
+    """A folder or its URL without trailing slashes, since in stores `a//b` differs from `a/b`."""
     kind, mark, path = location.partition("://")
     return f"{kind}{mark}{path.rstrip('/')}" if is_url(location) else location
 
@@ -82,14 +75,14 @@ def public_url(url: str) -> str:
 
 
 def identity(url: str) -> str:
-    """The URL without what only opens it: without user and password, and without signatures in its query."""
+    """The URL without credentials: user, password, and signatures in its query."""
     query = url.partition("?")[2].partition("#")[0]
     asked = "&".join(part for part in query.split("&") if not _SIGNATURE.match(part))
     return f"{public_url(url)}?{asked}" if asked else public_url(url)
 
 
 def without_secrets(text: str) -> str:
-    """Words of a library about a URL, in one line and without what opens it."""
+    """Message of a library about a URL, in one line without credentials."""
     return _SECRETS.sub("", " ".join(text.split()))[:MAX_WORDS]
 
 
@@ -109,7 +102,7 @@ GONE = (404, 410)
 
 
 class Version(NamedTuple):
-    """State of a file before it is fetched.
+    """State of a remote file, to detect changes.
 
     Attributes:
         size: bytes; None: the server does not state.
@@ -122,7 +115,7 @@ class Version(NamedTuple):
 
 @contextmanager
 def _as_output_error(url: str, failure: type[OcclogError] = InputError) -> Iterator[None]:
-    """Turn what file systems raise into one line."""
+    """Context manager that converts exceptions of file systems to one-line errors."""
     try:
         yield
     except OcclogError:
@@ -145,7 +138,7 @@ def _as_output_error(url: str, failure: type[OcclogError] = InputError) -> Itera
 
 
 def _unreached(error: FileNotFoundError) -> BaseException | None:
-    """Reason why the existence of a file is unknown: fsspec reports all that a web server refuses as missing."""
+    """Reason why the existence of a file is unknown: fsspec reports every refusal of a web server as missing."""
     cause = error.__cause__
     if isinstance(cause, OSError) and not isinstance(cause, FileNotFoundError):
         return cause  # no such host, no connection, a time limit
@@ -153,7 +146,7 @@ def _unreached(error: FileNotFoundError) -> BaseException | None:
 
 
 def _opened(url: str) -> tuple[Any, str]:
-    """The file system of a URL, and the path in it."""
+    """File system of a URL, and the path in it."""
     kind = kind_of(url)
     import fsspec
 
@@ -167,7 +160,7 @@ def _opened(url: str) -> tuple[Any, str]:
 
 
 def find(pattern: str) -> list[str]:
-    """URLs of the files that a pattern finds, sorted; a URL without `*`, `[` is its own."""
+    """URLs of the files that match a pattern, sorted; a URL without `*`, `[` matches itself."""
     if not any(mark in pattern.partition("?")[0] for mark in "*["):
         kind_of(pattern)
         return [pattern]
@@ -181,7 +174,7 @@ def find(pattern: str) -> list[str]:
 
 
 def version(url: str) -> Version:
-    """State of a file; InputError where it is not there, or may not be read."""
+    """State of a file; InputError if missing or unreadable."""
     with _as_output_error(url):
         system, path = _opened(url)
         details = system.info(path)
@@ -191,7 +184,7 @@ def version(url: str) -> Version:
 
 
 def fetch(url: str, file: Path) -> int:
-    """Copy a file to this machine; its size. An existing file is replaced by the whole file or not at all."""
+    """Copy a remote file to a local one, atomically; return its size."""
     part = file.with_name(PART)
     try:
         with _as_output_error(url):
@@ -206,7 +199,7 @@ def fetch(url: str, file: Path) -> int:
 
 
 def check_output(url: str) -> None:
-    """UsageError for a URL that nothing can be written to."""
+    """UsageError for a URL that cannot be written to."""
     if kind_of(url) in READ_ONLY:
         raise UsageError(
             f"{public_url(url)}: nothing can be written to a web server; name a folder, or one in s3:// or gs://",
@@ -215,14 +208,14 @@ def check_output(url: str) -> None:
 
 
 def put(file: Path, url: str) -> None:
-    """Write a whole file, replacing an existing one."""
+    """Upload a file, replacing an existing one."""
     with _as_output_error(url, OutputError):
         system, path = _opened(url)
         system.pipe_file(path, file.read_bytes())
 
 
 def names_in(url: str) -> list[str]:
-    """Names of files and folders in a folder, sorted; none where it is not there."""
+    """Names of files and folders in a folder, sorted; empty if it does not exist."""
     with _as_output_error(url):
         system, path = _opened(url)
         system.invalidate_cache()
@@ -235,7 +228,7 @@ def names_in(url: str) -> list[str]:
 
 
 def remove(urls: Iterable[str]) -> None:
-    """Remove files, where they are there."""
+    """Delete files that exist."""
     for url in urls:
         with _as_output_error(url, OutputError):
             system, path = _opened(url)
@@ -248,7 +241,7 @@ LOCK, SCRATCH = ".lock", "scratch-"
 
 @dataclass(frozen=True)
 class Cache:
-    """A folder of fetched files.
+    """A cache folder of fetched files.
 
     Attributes:
         folder: made if missing.
@@ -260,7 +253,7 @@ class Cache:
 
     @contextmanager
     def holding(self, url: str) -> Iterator[Path]:
-        """Fetch a recording, and the videos next to it that it links to; it stays while the block lasts.
+        """Fetch a recording and the linked videos next to it; they are kept while the block lasts.
 
         Raises:
             InputError: it is not there, may not be read, came incomplete, or is larger than the limit.
@@ -285,7 +278,7 @@ class Cache:
 
     @contextmanager
     def scratch(self) -> Iterator[Path]:
-        """A new empty folder that is removed at the end; if the process is killed, by the next one."""
+        """Create an empty temporary folder, removed at the end (or by the next process if this one is killed)."""
         with self._using(f"{SCRATCH}{uuid.uuid4().hex}") as entry:
             try:
                 yield entry
@@ -293,7 +286,7 @@ class Cache:
                 shutil.rmtree(entry, ignore_errors=True)
 
     def _fetch_videos(self, url: str, recording: Path, video: Path) -> None:
-        """Fetch a linked video in the recording's folder; readers report faults of others."""
+        """Fetch a linked video in the recording's folder; missing or other videos are reported by readers."""
         name = video.name
         if video.parent != recording.parent or video.exists() or name in (".", ".."):
             return
@@ -307,7 +300,7 @@ class Cache:
             )
 
     def _fetch(self, url: str, file: Path, wanted: int | None) -> None:
-        """Fetch a file of this many bytes; None: unknown how many."""
+        """Fetch a file of this size [bytes]; None: unknown."""
         self._trim(wanted or 0)
         size = fetch(url, file)
         if wanted is not None and size != wanted:
@@ -335,7 +328,10 @@ class Cache:
 
     @contextmanager
     def _managed(self) -> Iterator[None]:
-        """Hold off other processes from the locks meanwhile.  UsageError where the system has no such locks."""
+        """Context manager that holds the lock of the whole cache.
+
+        UsageError if the system has no such locks.
+        """
         if "fcntl" not in globals():
             raise UsageError(
                 "recordings at URLs need file locks, which this system lacks; copy them into a folder",
@@ -347,7 +343,7 @@ class Cache:
             yield
 
     def _trim(self, wanted: int) -> None:
-        """Remove unused entries, oldest first, until this many bytes more fit in, and all scratch folders."""
+        """Remove unused entries, oldest first, until `wanted` bytes fit, and all abandoned temporary folders."""
         with self._managed():
             locks = sorted(self.folder.glob(f"?*{LOCK}"), key=lambda lock: (lock.stat().st_mtime_ns, lock.name))
             sizes = {lock: _size(self._entry(lock)) for lock in locks}
@@ -361,7 +357,7 @@ class Cache:
         return self.folder / lock.name.removesuffix(LOCK)
 
     def _drop(self, lock: Path) -> bool:
-        """Remove an entry and its lock, unless a person uses it."""
+        """Remove an entry and its lock, unless it is in use."""
         with lock.open("a") as held:
             if not _alone(held):
                 return False
@@ -371,7 +367,7 @@ class Cache:
 
 
 def default_folder() -> Path:
-    """The user's folder for what can be fetched again: `OCCLOG_CACHE`, or `occlog` in the user's caches."""
+    """Default cache folder: `OCCLOG_CACHE`, or `occlog` in the user's cache folder."""
     value = os.environ.get("OCCLOG_CACHE")
     if value:
         return Path(value)
@@ -381,7 +377,7 @@ def default_folder() -> Path:
 
 @contextmanager
 def _fetching(entry: Path) -> Iterator[None]:
-    """Keep other processes from fetching into an entry; later ones find the fetched files."""
+    """Context manager that prevents other processes from fetching the same entry."""
     descriptor = os.open(entry, os.O_RDONLY)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX)
@@ -399,7 +395,7 @@ def _alone(lock: IO[str]) -> bool:
 
 
 def _size(folder: Path) -> int:
-    """Total size of the files in a folder [bytes]; files that another process removes meanwhile do not count."""
+    """Total size of the files in a folder [bytes]; files removed meanwhile are ignored."""
     total = 0
     for location, _, names in os.walk(folder):
         for name in names:

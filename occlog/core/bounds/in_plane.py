@@ -174,8 +174,8 @@ def posterior_bound(information: Floats, F: Floats, Q: Floats, P0: Floats) -> Fl
 def inverse_of_sum(A: Floats, J: Floats) -> Floats:
     """(A^-1 + J)^-1 of (n, n) positive semi-definite matrices, either of which may be singular.
 
-    It is (1 + A J)^-1 A.  Where A is so large that the 1 is lost in that sum, as after a gap of years, A is made
-    smaller: J hides the difference, and a lower bound that is smaller still holds.
+    Computed as (1 + A J)^-1 A. If A is so large that the 1 is lost by rounding (as after a gap of years), A is reduced:
+    the result hardly depends on it then, and a smaller lower bound is still valid.
     """
     less = np.ones(A.shape[0])
     for i in range(A.shape[0]):
@@ -220,7 +220,7 @@ def smoothing_bound(information: Floats, F: Floats, Q: Floats, P0: Floats) -> Fl
 def smoothing_bound_before(
     bounds: Floats, information: Floats, F: Floats, Q: Floats, later: Floats
 ) -> tuple[Floats, Floats]:
-    """Smoothing bound of a part of the steps, given the information of later steps; trajectories may come in parts.
+    """Smoothing bound of a part of a trajectory, given the information of later steps.
 
     Args:
         bounds: (T, n, n) of filtering (`posterior_bound`).

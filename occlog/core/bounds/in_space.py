@@ -136,7 +136,7 @@ def motion_bound(
 
 
 def motion_steps(information: Floats, dt: Floats, acceleration_density: float = 0.0) -> tuple[Floats, Floats, Floats]:
-    """What the recursion is given: information about the state, transitions and their noise; see `motion_bound`.
+    """Inputs of the recursion in `motion_bound`: information about the state, transitions, process noise.
 
     Returns:
         Three (T, 2d, 2d).
@@ -195,7 +195,7 @@ def plane_bound(
 
 
 def plane_axes(plane: int) -> list[int]:
-    """The four rows of a plane's state in the state in space."""
+    """Indices of the four state components of a plane in the state in space."""
     a, b = AXES[plane]
     return [a, b, a + 3, b + 3]
 
@@ -223,6 +223,6 @@ def _total(each: list[Floats], used: Bools | None) -> Floats:
 
 
 def _each_axis(matrices: Floats, d: int) -> Floats:
-    """(T, 2d, 2d) of d axes alike from (T, 4, 4) for (x, y, vx, vy)."""
+    """(T, 2d, 2d) block matrices for d independent axes, from the (T, 4, 4) of (x, y, vx, vy)."""
     one = matrices[:, ::2, ::2]
     return np.asarray(np.einsum("tij,kl->tikjl", one, np.eye(d)).reshape(len(one), 2 * d, 2 * d))

@@ -6,12 +6,10 @@ yaw from +x towards +y, pitch up, roll clockwise as seen from behind the camera.
 
 Distortion coefficients and models are those of `occlog.core.geometry.lens`.
 
-Which way is up, from how cameras are turned.
-
-People mount cameras so that the horizon is level in the image: the x axis of the image, to the right, is horizontal,
-whatever the pitch.  The vertical is the direction that is nearest to perpendicular to the x axes of all cameras.
-Cameras that all look the same way leave their pitch open; it is then taken for 0.  A camera that hangs upside down has
-a horizontal x axis, too.
+Estimation of the vertical from camera orientations: cameras are usually mounted so that the horizon is level in the
+image: the x axis of the image, to the right, is horizontal, whatever the pitch. The vertical is the direction that is
+nearest to perpendicular to the x axes of all cameras. If all cameras have the same viewing direction, their pitch is
+undetermined and taken as 0. A camera that hangs upside down has a horizontal x axis, too.
 """
 
 from __future__ import annotations
@@ -148,7 +146,7 @@ def noise_variance(
 
 
 def meeting_point(centres: Floats, axes: Floats) -> tuple[Floats, Floats]:
-    """The point nearest to all optical axes (least squares), and where each axis is nearest to it.
+    """Point nearest to all optical axes (least squares), and its distance along each axis.
 
     Args:
         centres: (C, 3) of cameras.
@@ -180,7 +178,7 @@ TILTED = np.radians(15.0)
 
 
 class Vertical(NamedTuple):
-    """The estimated direction up."""
+    """Estimated vertical direction, and how well it is determined."""
 
     up: Floats  # (3,) unit vector in the world
     certain: bool  # the x axes differ enough; else pitches are taken for 0
@@ -188,7 +186,7 @@ class Vertical(NamedTuple):
 
 
 def vertical(rotations: Floats) -> Vertical:
-    """Up by (C, 3, 3) world-from-camera rotations, C >= 1."""
+    """Estimate the vertical from (C, 3, 3) world-from-camera rotations, C >= 1."""
     x, up = rotations[:, :, 0], -rotations[:, :, 1]
     mean = up.mean(axis=0)
     values, vectors = np.linalg.eigh(x.T @ x / len(x))
@@ -227,11 +225,11 @@ def is_upright(rotations: Floats) -> bool:
 
 
 def looks_away(centres: Floats, rotations: Floats) -> bool:
-    """Whether cameras have behind them what they see, as those of a left-handed world do.
+    """Whether cameras have what they observe behind them, as in a misread left-handed world.
 
-    Optical axes of two or more meet behind every camera.  One camera, or several that look the same way, are upside
-    down, look up and are above the ground z = 0.  Rigs that face outwards are upright and above the ground, and do not
-    count.
+    Optical axes of two or more cameras meet behind every camera. One camera, or several with the same viewing
+    direction, are upside down, point upwards and are above the ground z = 0. Rigs that face outwards are upright and
+    above the ground, and are not reported.
 
     Args:
         centres: (C, 3) of cameras, C >= 1.
@@ -246,7 +244,7 @@ def looks_away(centres: Floats, rotations: Floats) -> bool:
 
 
 def turn_upright(up: Floats) -> Floats:
-    """(3, 3) the smallest rotation that takes a direction up (3,) to the z axis; about x if it points straight down.
+    """(3, 3) smallest rotation that maps the up direction (3,) to the z axis; about x if it points straight down.
 
     ValueError for a direction without length.
     """

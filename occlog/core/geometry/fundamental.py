@@ -22,7 +22,7 @@ MIN_MATCHES = 8
 
 
 class FitCheck(NamedTuple):
-    """Whether matches agree with a fundamental matrix."""
+    """Result of a check of matches against a fundamental matrix."""
 
     fits: bool
     median_px: float  # of the symmetric errors
@@ -31,7 +31,7 @@ class FitCheck(NamedTuple):
 
 
 def homogeneous(points: Floats) -> Floats:
-    """(..., 2) points as (..., 3) with a 1 behind."""
+    """(..., 3) homogeneous coordinates of points (..., 2)."""
     p = np.asarray(points, dtype=np.float64)
     return np.concatenate([p, np.ones((*p.shape[:-1], 1))], axis=-1)
 

@@ -7,8 +7,7 @@ Normalised coordinates are pixels minus the principal point, over the focal leng
   distorted: rational radial terms, tangential ones, thin prism, tilted sensor (OpenCV, `calib3d`).
 * `tsai`: (k1, 0, 0, 0, 0), distorted to ideal, x_ideal = x (1 + k1 r^2).
 * `equidistant`: (k1, k2, k3, k4, 0), the fisheye of Kannala and Brandt 2006 as in OpenCV and Kalibr: a ray at the angle
-  theta to the optical axis falls at the radius theta (1 + k1 theta^2 + ... + k4 theta^8).  It is used up to
-  `MAX_ANGLE`.
+  theta to the optical axis falls at the radius theta (1 + k1 theta^2 + ... + k4 theta^8).  It is valid up to the angle `MAX_ANGLE`.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ MIN_DETERMINANT = 1e-4
 
 
 def is_straight(coefficients: Floats, model: str) -> bool:
-    """Return whether a lens has no distortion; an equidistant one always has."""
+    """Whether a lens has no distortion; an equidistant lens always has distortion."""
     return model != "equidistant" and not np.any(coefficients)
 
 
@@ -63,7 +62,7 @@ def undistort(xy: Floats, coefficients: Floats, model: str) -> Floats:
 
 
 class UsableDisc(NamedTuple):
-    """The part of the distorted normalised image that an equidistant lens is used in."""
+    """Disc of the distorted normalised image in which an equidistant lens is valid."""
 
     angle: float  # greatest angle to the optical axis [rad]: `MAX_ANGLE`, or where the lens folds
     radius: float  # of the disc around the principal point, normalised
@@ -78,14 +77,14 @@ def usable_disc(coefficients: Floats) -> UsableDisc:
 
 
 def is_usable(xy: Floats, coefficients: Floats, model: str) -> Bools:
-    """(N,) whether distorted normalised points (N, 2) are in the part of the image that a lens is used in."""
+    """(N,) mask of distorted normalised points (N, 2) within the valid part of the image."""
     if model != "equidistant":
         return np.ones(len(xy), dtype=np.bool_)
     return np.asarray(np.hypot(xy[:, 0], xy[:, 1]) <= usable_disc(coefficients).radius)
 
 
 def to_usable(xy: Floats, coefficients: Floats, model: str) -> Floats:
-    """Distorted normalised points (N, 2), those that no ray is known of moved to the edge of the usable disc."""
+    """Distorted normalised points (N, 2), with those outside the usable disc moved to its edge."""
     if model != "equidistant":
         return xy
     limit = usable_disc(coefficients).radius * (1.0 - 1e-9)
@@ -94,10 +93,9 @@ def to_usable(xy: Floats, coefficients: Floats, model: str) -> Floats:
 
 
 def fold_radius(coefficients: Floats, model: str, far: float) -> float:
-    """Ideal normalised radius within which a polynomial lens is one-to-one; infinity if it is up to `far`.
+    """Ideal normalised radius up to which a polynomial lens is one-to-one; infinite if it exceeds `far`.
 
-    Beyond, the image of what lies farther out turns back over itself (OpenCV issue 20736), which the determinant of
-    the Jacobian shows: it is not positive.
+    Beyond it the distorted image folds back (OpenCV issue 20736): the determinant of the Jacobian is not positive.
     """
     if model not in ("brown", "opencv") or not np.any(coefficients):
         return np.inf
@@ -110,14 +108,14 @@ def fold_radius(coefficients: Floats, model: str, far: float) -> float:
 
 
 def _bent(theta: Floats, coefficients: Floats) -> Floats:
-    """Radii of rays at angles theta [rad] to the axis of an equidistant lens."""
+    """Distorted radii of rays at angles theta [rad] from the axis of an equidistant lens."""
     t2 = theta * theta
     k1, k2, k3, k4, _ = coefficients
     return np.asarray(theta * (1.0 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4)))))
 
 
 def _straight(xy: Floats, coefficients: Floats) -> Floats:
-    """Ideal image coordinates of an equidistant lens, by Newton's method for the angle of each radius."""
+    """Undistort points of an equidistant lens, by Newton's method for the angle of each radius."""
     radius = np.hypot(xy[:, 0], xy[:, 1])
     k1, k2, k3, k4, _ = coefficients
     usable = is_usable(xy, coefficients, "equidistant")
@@ -154,7 +152,7 @@ def _polynomial(xy: Floats, coefficients: Floats, model: str) -> Floats:
 
 
 def tilt(tau_x: float, tau_y: float) -> Floats:
-    """(3, 3) homography of a sensor that is tilted by angles [rad] about x and y; the identity for angles of 0.
+    """(3, 3) homography of a sensor tilted by angles [rad] about x and y.
 
     As OpenCV's `computeTiltProjectionMatrix`.
     """
@@ -167,7 +165,7 @@ def tilt(tau_x: float, tau_y: float) -> Floats:
 
 
 def jacobian(xy: Floats, coefficients: Floats, model: str) -> Floats:
-    """(N, 2, 2) derivatives of distorted coordinates by ideal ones (N, 2), by central differences."""
+    """(N, 2, 2) Jacobian of distortion at ideal points (N, 2), by central differences."""
     columns = [
         (_polynomial(xy + step, coefficients, model) - _polynomial(xy - step, coefficients, model)) / (2.0 * DIFFERENCE)
         for step in np.eye(2) * DIFFERENCE
@@ -187,9 +185,9 @@ def _invert(xy: Floats, coefficients: Floats, model: str) -> Floats:
 
 
 def _follow(xy: Floats, coefficients: Floats) -> Floats:
-    """Inverse of OpenCV's complete model: the branch that leads from the principal point to distorted points (N, 2).
+    """Undistort points (N, 2) of OpenCV's complete model by continuation from the principal point.
 
-    Newton's method at points farther and farther out, so that it stays on this branch up to where the lens folds.
+    Newton's method with increasing radius, so that the solution stays on the branch before the lens folds.
     """
     centre = _polynomial(np.zeros((1, 2)), coefficients, "opencv")
     guess = np.zeros_like(xy)

@@ -1,4 +1,4 @@
-"""Signals of radio and sound where nothing is known of a position: for filters, and for simulated recordings."""
+"""Default parameters of radio and sound signals, for filters and simulated recordings."""
 
 POWER_DBM = -60.0
 """Strength of a tag's signal at a distance of 1 m [dBm]."""

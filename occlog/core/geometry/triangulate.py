@@ -1,12 +1,10 @@
-"""Triangulation: the position that explains the azimuths of several sensors best.
+"""Triangulation of positions from the azimuths of several sensors.
 
 Scans are packed: the lines of scan s are the rows `starts[s]` to `starts[s + 1]`.
 
-Sources from unlabelled directions of arrival: which directions belong together, and where they meet.
-
-With two arrays every direction of one crosses every direction of the other.  Crossings that
-most arrays support are taken first, and of these the ones that fit best and are near a source that is
-known already; every direction is used at most once.
+Also localisation of sources from unlabelled directions of arrival: with two arrays every direction of one crosses every
+direction of the other. Crossings supported by most arrays are taken first, among these the best fitting and those near
+known sources; every direction is used at most once.
 """
 
 from __future__ import annotations
@@ -37,7 +35,7 @@ CAUCHY_C = 2.385
 
 
 class TriangulatedPoint(NamedTuple):
-    """Where the lines of each scan meet; NaN where `status` is not MET."""
+    """Triangulated position of each scan; NaN unless `status` is MET."""
 
     xy: Floats  # (S, 2)
     covariance: Floats  # (S, 2, 2)
@@ -85,7 +83,7 @@ def _wrap(angle: float) -> float:
 
 @kernel
 def _cost(r: float, loss: int) -> float:
-    """Loss rho of a standardised residual."""
+    """Robust loss rho of a standardised residual."""
     if loss == 1:
         a = abs(r)
         return 0.5 * r * r if a <= HUBER_K else HUBER_K * (a - 0.5 * HUBER_K)
@@ -96,7 +94,7 @@ def _cost(r: float, loss: int) -> float:
 
 @kernel
 def _weight(r: float, loss: int) -> float:
-    """Weight rho'(r) / r of a standardised residual."""
+    """IRLS weight rho'(r) / r of a standardised residual."""
     if loss == 1:
         return min(1.0, HUBER_K / max(abs(r), 1e-300))
     if loss == 2:
@@ -114,7 +112,7 @@ def _total_cost(x: float, y: float, o: Floats, beta: Floats, sigma: Floats, loss
 
 @kernel
 def _best_crossing(o: Floats, beta: Floats, sigma: Floats, loss: int, min_sine: float) -> tuple[int, float, float]:
-    """Status and the crossing of two lines, ahead of both sensors, that suits all lines best."""
+    """Status and crossing of two lines, ahead of both sensors, with the least total loss over all lines."""
     status, best, x, y = NEAR_PARALLEL, np.inf, 0.0, 0.0
     for i in range(beta.shape[0]):
         for j in range(i):
@@ -185,7 +183,7 @@ def _refine(x: float, y: float, o: Floats, beta: Floats, sigma: Floats, loss: in
 
 @kernel
 def _crossing_sine(x: float, y: float, o: Floats, beta: Floats, sigma: Floats, loss: int) -> float:
-    """Widest crossing, as a sine, of two lines that point at (x, y) with at least half weight; 0 if missing.
+    """Sine of the widest crossing angle of two lines that point at (x, y) with at least half weight; 0 if missing.
 
     With the Gaussian loss every line has to point there, so one that points away makes it 0.
     """
@@ -207,7 +205,7 @@ def _crossing_sine(x: float, y: float, o: Floats, beta: Floats, sigma: Floats, l
 def _triangulate_one(
     o: Floats, beta: Floats, sigma: Floats, loss: int, min_sine: float
 ) -> tuple[int, float, float, float, float, float]:
-    """Status, x, y, covariance xx, xy, yy of one scan."""
+    """Triangulate one scan: status, x, y, covariance xx, xy, yy."""
     nan = np.nan
     if beta.shape[0] < 2:
         return TOO_FEW, nan, nan, nan, nan, nan
@@ -249,7 +247,7 @@ NO_SOURCE = np.empty((0, 2))
 
 
 class SourceDirections(NamedTuple):
-    """R directions of one time step."""
+    """R directions (azimuths) of one time step."""
 
     array: Ints  # (R,) which array each is of
     origin: Floats  # (R, 2) where that array is
@@ -258,7 +256,7 @@ class SourceDirections(NamedTuple):
 
 
 class LocatedSources(NamedTuple):
-    """N positions with their covariances and the number of arrays that support each."""
+    """N source positions with covariances and the number of supporting arrays."""
 
     xy: Floats  # (N, 2)
     covariance: Floats  # (N, 2, 2)
@@ -268,7 +266,7 @@ class LocatedSources(NamedTuple):
 def localise(
     d: SourceDirections, known: Floats, spread: Floats, region: Floats, gate: float, min_crossing: float
 ) -> LocatedSources:
-    """Locate sources.
+    """Locate sources from the directions of one time step.
 
     Args:
         d: directions, of any number of arrays.
@@ -304,9 +302,9 @@ def localise(
 
 
 def _choose(groups: list[Ints], cost: Floats) -> list[int]:
-    """Groups that share no direction: those that use the most directions, and of these the cheapest.
+    """Select groups without common directions: the set that uses most directions, among these the cheapest.
 
-    Every group is tried as the first; the others follow greedily, larger ones first.
+    Every group is tried as the first; the others are added greedily, larger ones first.
     """
     order = sorted((g for g in range(len(groups)) if len(groups[g])), key=lambda g: (-len(groups[g]), cost[g], g))
     sets = [frozenset(r.tolist()) for r in groups]
@@ -326,7 +324,7 @@ def _choose(groups: list[Ints], cost: Floats) -> list[int]:
 
 
 def _triangulate(d: SourceDirections, rows: list[Ints], min_crossing: float) -> tuple[Floats, Floats]:
-    """Places (n, 2) and covariances (n, 2, 2) where groups of directions meet; NaN where they do not."""
+    """Positions (n, 2) and covariances (n, 2, 2) of groups of directions; NaN if they do not meet."""
     if not rows:
         return NO_SOURCE, np.empty((0, 2, 2))
     flat = np.concatenate(rows)
@@ -336,7 +334,7 @@ def _triangulate(d: SourceDirections, rows: list[Ints], min_crossing: float) -> 
 
 
 def _misfit(d: SourceDirections, xy: Floats, cov: Floats) -> Floats:
-    """(C, R) how far each direction passes by each position, in standard deviations of both."""
+    """(C, R) residual of each direction at each position, in standard deviations of both."""
     away = xy[:, None] - d.origin[None]
     r2 = np.maximum(np.sum(away**2, axis=2), 1e-300)
     gradient = np.stack([-away[:, :, 1], away[:, :, 0]], axis=2) / r2[:, :, None]
@@ -346,7 +344,7 @@ def _misfit(d: SourceDirections, xy: Floats, cov: Floats) -> Floats:
 
 
 def _support(d: SourceDirections, pair: Ints, off: Floats, gate: float) -> Ints:
-    """Rows that support a position: its own two, and of every other array the nearest within the gate."""
+    """Directions that support a position: its own two, and of every other array the nearest within the gate."""
     rows = pair.tolist()
     for a in np.unique(d.array).tolist():
         if a in d.array[pair]:
@@ -357,14 +355,14 @@ def _support(d: SourceDirections, pair: Ints, off: Floats, gate: float) -> Ints:
 
 
 def _nearest(xy: Floats, cov: Floats, known: Floats, spread: Floats, gate: float) -> Floats:
-    """(C,) squared standard deviations from each position to the nearest known source; at most those of the gate."""
+    """(C,) squared Mahalanobis distance of each position to the nearest known source, at most the gate's."""
     if not len(known) or not len(xy):
         return np.full(len(xy), gate**2)
     return np.asarray(np.minimum(distance2(xy, cov, known, spread).min(axis=1), gate**2))
 
 
 def distance2(xy: Floats, cov: Floats, known: Floats, spread: Floats) -> Floats:
-    """(C, K) squared distances, in standard deviations of both, between positions and known sources."""
+    """(C, K) squared Mahalanobis distances between positions and known sources."""
     away = xy[:, None] - known[None]
     both = cov[:, None] + spread[None]
     return np.asarray(np.einsum("cki,cki->ck", away, np.linalg.solve(both, away[..., None])[..., 0]))

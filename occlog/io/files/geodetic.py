@@ -1,7 +1,7 @@
-"""Positions on the earth (WGS 84: latitude, longitude, height) and in a scene: the plane that touches it at an origin.
+"""Geodetic positions (WGS 84: latitude, longitude, height) to scene coordinates in the tangent plane at an origin.
 
-The origin is stated by the user for all inputs of one command, so that it is kept in a context that the command line
-enters.  The scene's +x points to the east and +y to the north, unless the origin states another angle; z points up.
+The user states the origin for all inputs of one command, so that it is kept in a context variable set by the command
+line. +x points east and +y north, unless the origin states a rotation; z points up.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ FORM = "LAT,LON[,DEG[,HEIGHT]]"
 
 
 class Origin(NamedTuple):
-    """Position on earth and heading of a scene's origin."""
+    """Geodetic position and heading of the scene's origin."""
 
     latitude: float  # [deg]
     longitude: float  # [deg]
@@ -43,7 +43,7 @@ class Origin(NamedTuple):
 
 
 class StatedOrigin:
-    """The origin that the user states, and whether anything used it."""
+    """The origin that the user states, and whether any input used it."""
 
     def __init__(self, origin: Origin) -> None:
         """Start as unused."""
@@ -51,7 +51,7 @@ class StatedOrigin:
         self.used = False
 
     def text(self) -> str:
-        """The origin as it would be stated."""
+        """The origin in the syntax of the option."""
         given = [value for value in self.origin if value is not None]
         return "origin=" + ",".join(f"{value:.10g}" for value in given)
 
@@ -60,7 +60,10 @@ STATED_ORIGIN: ContextVar[StatedOrigin | None] = ContextVar("STATED_ORIGIN", def
 
 
 def parse_origin(text: str) -> Origin:
-    """Read LAT,LON, LAT,LON,DEG or LAT,LON,DEG,HEIGHT; UsageError for anything else, and beyond 85 degrees."""
+    """Parse LAT,LON, LAT,LON,DEG or LAT,LON,DEG,HEIGHT.
+
+    UsageError for anything else, or latitudes beyond 85 degrees.
+    """
     try:
         values = [float(part) for part in text.split(",")]
     except ValueError:
@@ -74,7 +77,7 @@ def parse_origin(text: str) -> Origin:
 
 @contextmanager
 def stated_origin(text: str) -> Iterator[StatedOrigin]:
-    """Let an origin hold for the inputs that are read meanwhile; UsageError for a text that is none."""
+    """Context manager that sets the origin for inputs read within; UsageError for an invalid text."""
     found = StatedOrigin(parse_origin(text))
     token = STATED_ORIGIN.set(found)
     try:
@@ -84,19 +87,19 @@ def stated_origin(text: str) -> Iterator[StatedOrigin]:
 
 
 def begin_positions() -> None:
-    """Note that an input has positions on the earth, so that the origin is not stated in vain."""
+    """Record that an input has geodetic positions, so that the stated origin is used."""
     if (stated := STATED_ORIGIN.get()) is not None:
         stated.used = True
 
 
 def origin_is_unused() -> bool:
-    """Return whether an origin is stated, and nothing that was opened has positions on the earth."""
+    """Whether an origin is stated although no input has geodetic positions."""
     stated = STATED_ORIGIN.get()
     return stated is not None and not stated.used
 
 
 def has_heights() -> bool:
-    """Return whether heights of positions on the earth are used: the origin states its own."""
+    """Whether geodetic heights are used, i.e. the origin states its own height."""
     stated = STATED_ORIGIN.get()
     return stated is not None and stated.origin.height is not None
 
@@ -109,7 +112,7 @@ def note_unused_heights(where: str) -> None:
 
 
 def positions_on_earth(degrees: Floats, heights: Floats | None, where: str) -> Floats:
-    """(N, 3) positions in the scene [m] of positions on the earth, by the origin that the user states.
+    """(N, 3) scene positions [m] of geodetic positions, with the origin that the user states.
 
     Args:
         degrees: (N, 2) longitude and latitude [deg].
@@ -159,14 +162,14 @@ def positions_on_earth(degrees: Floats, heights: Floats | None, where: str) -> F
 
 
 def _cosine(degrees: Floats, origin: Origin) -> Floats:
-    """(N,) cosine of the angle at the earth's centre between positions and the origin, of a sphere."""
+    """(N,) cosine of the central angle between positions and the origin, on a sphere."""
     phi, away = np.radians(degrees[:, 1]), np.radians(degrees[:, 0] - origin.longitude)
     own = math.radians(origin.latitude)
     return np.asarray(np.sin(phi) * math.sin(own) + np.cos(phi) * math.cos(own) * np.cos(away))
 
 
 def scene_of_earth(degrees: Floats, heights: Floats, origin: Origin) -> Floats:
-    """(N, 3) positions [m] in the frame of the tangent plane at an origin: exact, by earth-centred coordinates.
+    """(N, 3) positions [m] in the tangent plane frame (east, north, up) at an origin, via earth-centred coordinates.
 
     Args:
         degrees: (N, 2) longitude and latitude [deg].
@@ -191,14 +194,14 @@ def _earth_centred(phi: Floats, away: Floats, heights: Floats) -> Floats:
 
 
 def _turned(east: Floats, north: Floats, turned: float, *up: Floats) -> Floats:
-    """Coordinates along axes of which +x is turned from the east towards the north by an angle [rad]."""
+    """Rotate east and north coordinates to axes whose +x is turned from east towards north by an angle [rad]."""
     x = math.cos(turned) * east + math.sin(turned) * north
     y = -math.sin(turned) * east + math.cos(turned) * north
     return np.column_stack([x, y, *up])
 
 
 def degrees_of(xy: Floats, origin: Origin) -> Floats:
-    """(N, 2) longitude and latitude [deg] of positions (N, 2) [m] on the ellipsoid's tangent plane at an origin."""
+    """(N, 2) longitude and latitude [deg] of scene positions (N, 2) [m] in the tangent plane at an origin."""
     turned, latitude, longitude = np.radians([origin.turned, origin.latitude, origin.longitude]).tolist()
     east = math.cos(turned) * xy[:, 0] - math.sin(turned) * xy[:, 1]
     north = math.sin(turned) * xy[:, 0] + math.cos(turned) * xy[:, 1]
@@ -214,7 +217,7 @@ def degrees_of(xy: Floats, origin: Origin) -> Floats:
 
 
 def places_of_degrees(degrees: Floats, origin: Origin) -> Floats:
-    """(N, 2) positions [m] on the plane that touches the ellipsoid at an origin; the inverse of `degrees_of`.
+    """(N, 2) scene positions [m] of longitudes and latitudes; the inverse of `degrees_of`.
 
     A position is where the plumb line of its longitude and latitude meets the plane.
 
@@ -238,5 +241,5 @@ def places_of_degrees(degrees: Floats, origin: Origin) -> Floats:
 
 
 def _radius(latitude: float) -> float:
-    """Radius of curvature across the meridian [m] at a latitude [rad]."""
+    """Radius of curvature in the prime vertical [m] at a latitude [rad]."""
     return A / math.sqrt(1.0 - E2 * math.sin(latitude) ** 2)

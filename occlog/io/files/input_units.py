@@ -1,7 +1,7 @@
 """Units that the user states for columns of external tables without a unit in their names.
 
-They hold for all inputs of one command, so that they are kept in a context that the command line enters; every
-provenance that is made meanwhile has them.
+They apply to all inputs of one command, so that they are kept in a context variable set by the command line; provenance
+records them.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class StatedUnits:
         return stated
 
     def note_use(self, name: str, kind: str, by_name: str, path: Path | None = None) -> None:
-        """Remember that a table has such a column."""
+        """Record that a table has such a column."""
         found, of_kind = _find(self.columns, path, name.strip().lower()), _find(self.kinds, path, kind)
         if found is not None:
             self.used.add(_text(found[0], f"{found[1]}={self.columns[found]}"))
@@ -87,12 +87,12 @@ class StatedUnits:
 
 
 def _text(file: str, unit: str) -> str:
-    """A stated unit as given."""
+    """A stated unit in the syntax of the option."""
     return f"{file}:{unit}" if file else unit
 
 
 def _find(stated: Mapping[Key, str], path: Path | None, name: str) -> Key | None:
-    """The key of what is stated of a column or a kind: of the file by its path, by its name, or of all files."""
+    """Key of the unit stated for a column or a quantity: for the file's path, for its name, or for all files."""
     files = ("",) if path is None else (str(path), path.name, "")
     return next((key for file in files if (key := (file, name)) in stated), None)
 
@@ -102,7 +102,7 @@ STATED: ContextVar[StatedUnits] = ContextVar("STATED", default=StatedUnits())  #
 
 @contextmanager
 def stated_units(texts: Sequence[str]) -> Iterator[StatedUnits]:
-    """Let units hold for the tables that are opened meanwhile.
+    """Context manager that sets units for tables opened within.
 
     Args:
         texts: each `COLUMN=UNIT`, or a unit alone for all columns of its kind without a unit in their names, after

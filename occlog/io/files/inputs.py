@@ -1,4 +1,4 @@
-"""Inputs of a stage: their digests, and the verdicts that they carry."""
+"""Inputs of a stage: their digests, and the verdicts stored in them."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from occlog.records.verdicts import Verdict
 
 
 def hash_inputs(paths: Iterable[Path]) -> InputDigests:
-    """Name and SHA-256 of each file, and the verdicts that the files carry.
+    """Name and SHA-256 of each file, and the verdicts stored in the files.
 
-    Names have no folders, so that outputs do not depend on the folder of the files.
+    Names exclude folders, so that outputs do not depend on where files are.
     """
     files = [Path(path) for path in paths]
     found = [(path.name, hash_file(path)) for path in files]
@@ -26,7 +26,7 @@ def hash_inputs(paths: Iterable[Path]) -> InputDigests:
 
 
 def previous_losses(paths: Iterable[Path]) -> tuple[Loss, ...]:
-    """Input that was lost in making tables, recordings and JSON files, each once."""
+    """Losses recorded in the provenance of input tables, recordings and JSON files, without duplicates."""
     found: dict[Loss, None] = {}
     for path in paths:
         made = _provenance_of(path)
@@ -36,7 +36,7 @@ def previous_losses(paths: Iterable[Path]) -> tuple[Loss, ...]:
 
 
 def verdicts_of_file(path: Path) -> tuple[Verdict, ...]:
-    """Verdicts that a table, a recording or a JSON file carries; none where it is of another kind or is damaged."""
+    """Verdicts stored in a table, recording or JSON file; empty for other or damaged files."""
     made = _provenance_of(path)
     try:
         return verdicts_in(_provenance_in_json(path)) if made is None else made.judged
@@ -45,7 +45,7 @@ def verdicts_of_file(path: Path) -> tuple[Verdict, ...]:
 
 
 def _provenance_of(path: Path) -> Provenance | None:
-    """Provenance of a table or a recording; None where the file is of another kind or is damaged.
+    """Provenance of a table or recording; None for other or damaged files.
 
     A stage that opens a damaged file refuses it itself.
     """
@@ -61,7 +61,7 @@ def _provenance_of(path: Path) -> Provenance | None:
 
 
 def _losses_in(values: Mapping[str, Any]) -> tuple[Loss, ...]:
-    """Losses in the values of a provenance; none where they are damaged."""
+    """Losses in the values of a provenance; empty if these are damaged."""
     try:
         return tuple(Loss(**loss) for loss in values.get("losses", ()))
     except TypeError:
@@ -69,7 +69,7 @@ def _losses_in(values: Mapping[str, Any]) -> tuple[Loss, ...]:
 
 
 def _provenance_in_json(path: Path) -> dict[str, Any]:
-    """Values of the provenance in a JSON file; empty where the file is of another kind or is damaged."""
+    """Values of the provenance in a JSON file; empty for other or damaged files."""
     if path.suffix.lower() != ".json" or not path.is_file():
         return {}
     try:

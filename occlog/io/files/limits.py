@@ -1,13 +1,9 @@
-"""Kind of a file by its first bytes: a recording, a table, or anything else.
+"""Checks before an input is parsed: kind of the file, size limits, and conversion of parser errors.
 
-The border that foreign bytes cross: sizes before reading, and one line for whatever a parser raises.
-
-Parsers fail in more ways than they state: a date of a 99th month is a ValueError, a list as a key a TypeError, brackets
-within brackets a RecursionError.  Each is called inside `guarded`, on bytes with a number that was checked before.
-
-Checks that every reader makes before it opens an input.
-
-How much a file of binary columns or of packed chunks may promise before anything of it is read.
+The kind of a file follows from its first bytes: a recording, a table, or other. Parsers raise more exceptions than
+documented: a date with month 99 is a ValueError, a list as a key a TypeError, nested brackets a RecursionError; each is
+called inside `guarded`, on a number of bytes checked before. Declared sizes of columns or compressed chunks are limited
+before anything is read.
 """
 
 from __future__ import annotations
@@ -36,7 +32,7 @@ _KINDS = {
 
 
 def check_regular(path: Path, mode: int, what: str) -> None:
-    """InputError unless the mode is of a regular file: a pipe waits for ever, and is read once."""
+    """InputError unless the mode is of a regular file: a pipe blocks, and can be read only once."""
     if not stat.S_ISREG(mode):
         kind = _KINDS.get(stat.S_IFMT(mode), "no file")
         raise InputError(
@@ -45,7 +41,7 @@ def check_regular(path: Path, mode: int, what: str) -> None:
 
 
 def check_input(path: Path, what: str) -> Path:
-    """The path, if a non-empty readable file is there; else InputError that states the expected content."""
+    """Return the path of a non-empty readable file; else InputError that states the expected content `what`."""
     path = Path(path)
     try:
         status = path.stat()
@@ -126,17 +122,17 @@ ODAS_BY_INGEST = (
 
 
 def is_skipped_zstd(head: bytes) -> bool:
-    """Return whether data of zstd begin with a skippable frame, which holds metadata."""
+    """Whether data begin with a skippable zstd frame (metadata)."""
     return head[1:4] == b"\x2a\x4d\x18" and head[0] & 0xF0 == 0x50
 
 
 def is_zstd(head: bytes) -> bool:
-    """Return whether data begin as those that zstd packed."""
+    """Whether data begin with a zstd frame."""
     return head.startswith(ZSTD_MAGIC) or is_skipped_zstd(head)
 
 
 def is_odas(head: bytes) -> bool:
-    """Return whether the first bytes of a file are those of a stream of ODAS."""
+    """Whether the first bytes are those of an ODAS stream."""
     return head.lstrip().startswith(b"{") and all(mark in head for mark in ODAS)
 
 
@@ -204,7 +200,7 @@ def guarded(where: Path | str, what: str) -> Iterator[None]:
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Put the file before what a table that is made of its rows states about them."""
+    """Context manager that prefixes errors of a table made from a file's rows with the file name."""
     try:
         yield
     except InputError as error:
@@ -212,7 +208,7 @@ def naming(path: Path) -> Iterator[None]:
 
 
 def read_configuration(path: Path, what: str, *, limit: int = MAX_CONFIGURATION_BYTES) -> str:
-    """The text of a file of at most `limit` bytes; InputError for anything else; `what` was expected."""
+    """Text of a file of at most `limit` bytes; InputError for anything else; `what` describes the expected content."""
     path = check_input(path, what)
     size = path.stat().st_size
     if size > limit:
@@ -226,7 +222,7 @@ def read_configuration(path: Path, what: str, *, limit: int = MAX_CONFIGURATION_
 
 
 def check_texts(texts: Iterable[str], rows: int, where: Path | str) -> None:
-    """InputError for texts that are too long for a column of this many rows, or that no array holds (with a NUL)."""
+    """InputError for texts that are too long for a column of this many rows, or contain NUL."""
     different = set(texts)
     cut = next((text for text in different if "\0" in text), None)
     if cut is not None:
@@ -239,7 +235,7 @@ def check_texts(texts: Iterable[str], rows: int, where: Path | str) -> None:
 
 
 def check_text(value: str, where: Path | str) -> None:
-    """InputError for a text with half of a pair of surrogates, which no file can hold."""
+    """InputError for a text with a lone surrogate, which cannot be encoded."""
     try:
         value.encode()
     except UnicodeEncodeError as error:
@@ -257,19 +253,19 @@ FREE_BYTES, MAX_GROWTH = 128 * 1024 * 1024, 1000
 
 
 def max_decompressed_bytes(size: int) -> int:
-    """Maximum unpacked bytes of a group of rows, or of all chunks, in a file of `size` bytes."""
+    """Maximum decompressed size [bytes] of a row group, or of all chunks, in a file of `size` bytes."""
     return max(FREE_BYTES, MAX_GROWTH * size)
 
 
 def exceeded_limit(size: int, rows: int, unpacked: int) -> str:
-    """Name the limit that a file of `size` bytes exceeds: rows, or unpacked bytes of a group; empty: neither."""
+    """Name of the limit that a file of `size` bytes exceeds: rows, or decompressed bytes of a group; empty if none."""
     if rows > max(FREE_ROWS, MAX_ROWS_PER_BYTE * size):
         return f"{rows} rows"
     return f"{unpacked} bytes at once" if unpacked > max_decompressed_bytes(size) else ""
 
 
 def check_declared_size(path: Path, size: int, rows: int, unpacked: int) -> None:
-    """InputError for a file of `size` bytes that promises more than such a file can hold."""
+    """InputError for a file of `size` bytes that declares more content than such a file can hold."""
     if fault := exceeded_limit(size, rows, unpacked):
         raise InputError(
             f"{path}: promises {fault} in a file of {size} bytes, which no measurements fit into", id="input-too-large"

@@ -1,12 +1,8 @@
-"""Names of files and sensors: those that outputs may have, those that libraries take, those that mean the same.
+"""Names of files and sensors: matching, sorting, and checks.
 
-The last number in the name of a file or sensor: its frame, or which camera it is.
-
-The name of an output states its format: one that promises a format that is not written there is refused.
-
-Names of cameras and arrays as files give them, matched with the names in use.
-
-Names of files for libraries that take UTF-8 alone, some of which crash where a name is something else.
+The last number in the name of a file or sensor is its frame or camera number. The suffix of an output states its
+format; one of a format that is not written there is refused. Sensor names in files are matched with those in use.
+Libraries that accept UTF-8 paths only get a safe name.
 """
 
 from __future__ import annotations
@@ -24,9 +20,9 @@ _HASH = re.compile(r"\.rf\.[0-9A-Za-z]+$")
 
 
 def last_number(name: str) -> str | None:
-    """Digits of the last number in a name without its ending; None if missing.
+    """Digits of the last number in a file name without its suffix; None if there is none.
 
-    Roboflow writes `.rf.` and a hash behind the names of images; its digits number nothing.
+    The hash that Roboflow appends (`.rf.` and digits) is ignored.
     """
     found = _LAST.search(_HASH.sub("", name))
     return found.group(1) if found else None
@@ -49,7 +45,7 @@ PROMISING = (
 
 
 def check_output_name(path: Path, ending: str) -> None:
-    """UsageError for an output with a name that implies a format other than that of the ending."""
+    """UsageError for an output name whose suffix implies another format than `ending`."""
     suffix = Path(path).suffix.lower()
     if suffix in PROMISING and suffix != ending:
         what, form = WRITTEN[ending]
@@ -73,7 +69,7 @@ def match_sensor(given: str, names: Sequence[str], where: str, *, what: str = "c
 
 
 def check_meaning(meant: dict[str, str], label: str, name: str, where: str, *, what: str = "camera") -> None:
-    """InputError where a file calls one sensor by two labels, as `cam1` and `cam01`: they may be two sensors.
+    """InputError if a file names one sensor by two labels, such as `cam1` and `cam01`, which may be two sensors.
 
     Args:
         meant: the label of each name so far; this one is added.
@@ -91,7 +87,7 @@ def check_meaning(meant: dict[str, str], label: str, name: str, where: str, *, w
 
 
 def means_none(given: str, names: Sequence[str]) -> bool:
-    """Return whether no name in use is what a file may mean by `given`, as `match_sensor` takes it."""
+    """Whether no name in use matches `given` by the rules of `match_sensor`."""
     number = _last_number(given)
     return given not in names and (number is None or all(_last_number(name) != number for name in names))
 
@@ -102,12 +98,15 @@ def natural_key(name: str) -> list[tuple[int, int, str]]:
 
 
 def natural_sorted(names: Iterable[str]) -> list[str]:
-    """Names in the order a person expects."""
+    """Names sorted in natural order (`natural_key`)."""
     return sorted(names, key=lambda name: (natural_key(name), name))
 
 
 def safe_name(text: str) -> str:
-    """A name that scene files allow: blanks, control characters and , / = : become `_`; InputError for an empty one."""
+    """Convert a text to a name allowed in scene files: blanks, control characters and , / = : become `_`.
+
+    InputError for an empty text.
+    """
     name = re.sub(r"[\s,/=:\x00-\x1f\x7f-\x9f]+", "_", text.strip())[:64]
     if not name:
         raise InputError(f"{text!r}: cannot be the name of a sensor; use letters and digits")
@@ -120,7 +119,7 @@ def _last_number(name: str) -> int | None:
 
 
 def is_utf8(name: str) -> bool:
-    """Return whether the bytes of a name are UTF-8; on Linux they may be anything."""
+    """Whether the bytes of a file name are valid UTF-8 (on Linux they may be anything)."""
     try:
         name.encode()
     except UnicodeEncodeError:
@@ -130,7 +129,7 @@ def is_utf8(name: str) -> bool:
 
 @contextmanager
 def utf8_name(path: Path) -> Iterator[str]:
-    """A name in UTF-8 of a file that is there, or of one that is to be made in a folder that is; good to the end."""
+    """A UTF-8 path to an existing file, or to one to be created in an existing folder, valid until the process ends."""
     if is_utf8(str(path)):
         yield str(path)
         return

@@ -1,7 +1,4 @@
-"""Provenance of a file: program, versions, parameters, seed, inputs. No clock time, no host name.
-
-Versions of what occlog computes and writes with, as they are installed.
-"""
+"""Provenance of a file: program, versions, parameters, seed and inputs; no clock time, no host name."""
 
 from __future__ import annotations
 
@@ -57,16 +54,16 @@ CODE_PATHS = ("OPENBLAS_CORETYPE", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "NPY_
 
 
 def processor_type() -> str:
-    """Type of the processor as the compiler of the kernels names it, and variables that select another one's code.
+    """Processor type as named by the kernel compiler, and environment variables that select code for another type.
 
-    Libraries have code for each type, and the order of their sums differs: last digits of results do, too.
+    Libraries have code for each type with another order of summation, so that the last digits of results differ.
     """
     name: str = importlib.import_module("llvmlite.binding").get_host_cpu_name()
     return " ".join([name, *(f"{key}={os.environ[key]}" for key in CODE_PATHS if key in os.environ)])
 
 
 def _version(name: str) -> str | None:
-    """Version in the metadata of a package, without the parser of mail, which takes a millisecond for each."""
+    """Version of an installed package, read directly from its metadata file for speed."""
     try:
         text = distribution(name).read_text("METADATA") or ""
     except (PackageNotFoundError, OSError, UnicodeDecodeError):
@@ -81,30 +78,30 @@ READERS_USED: dict[str, Mapping[str, object]] = {}
 
 
 class InputDigests(tuple[tuple[str, str], ...]):
-    """(file name, SHA-256) of each input of a stage, and the verdicts that these files carry.
+    """(file name, SHA-256) of each input of a stage, and the verdicts stored in these files.
 
-    Every output made from the files carries the verdicts on.
+    Every output made from the files also stores the verdicts.
     """
 
     verdicts: tuple[Verdict, ...] = ()
 
     @classmethod
     def of(cls, files: Iterable[tuple[str, str]], verdicts: Iterable[Verdict]) -> InputDigests:
-        """The digests of files with their verdicts, each verdict once."""
+        """Compute the digests of files; each verdict is kept once."""
         made = cls(files)
         made.verdicts = distinct(verdicts)
         return made
 
 
 def _stated() -> tuple[str, ...]:
-    """What the user states of all inputs."""
+    """Origin and units that the user states for all inputs, for provenance."""
     origin = STATED_ORIGIN.get()
     return (*STATED.get().texts(), *((origin.text(),) if origin is not None else ()))
 
 
 @dataclass(frozen=True)
 class Provenance:
-    """Provenance that is written into every output.
+    """Provenance stored in every output.
 
     Attributes:
         command: the occlog command, e.g. "detect".
@@ -143,15 +140,15 @@ class Provenance:
 
     @property
     def judged(self) -> tuple[Verdict, ...]:
-        """The verdicts of this stage and of those before it."""
+        """Verdicts of this stage and of earlier ones."""
         return self.verdicts or ()
 
     def with_checks(self, checks: Iterable[Check]) -> Provenance:
-        """Return the record with the verdict of this stage after those of the inputs."""
+        """Append the verdict of this stage, made from its checks, to those of the inputs."""
         return replace(self, verdicts=distinct((*self.judged, Verdict.of(self.command, checks))))
 
     def as_dict(self) -> dict[str, object]:
-        """The record as JSON-ready values."""
+        """Provenance as JSON-compatible values."""
         return {
             "program": "occlog",
             "version": self.version,
@@ -167,7 +164,7 @@ class Provenance:
         }
 
     def json(self) -> str:
-        """The record as one line of JSON with sorted keys."""
+        """Provenance as one line of JSON with sorted keys."""
         return spelled(json.dumps(self.as_dict(), sort_keys=True, default=str))
 
 
@@ -205,17 +202,17 @@ def provenance_from_json(text: str | bytes, where: Path) -> Provenance:
 
 
 def verdicts_in(raw: Mapping[str, object]) -> tuple[Verdict, ...]:
-    """Verdicts in the values of a provenance; ValueError where they are damaged."""
+    """Parse the verdicts in the values of a provenance; ValueError if damaged."""
     return msgspec.convert(raw.get("verdicts", []), tuple[Verdict, ...])
 
 
 def files_in(folder: Path) -> list[Path]:
-    """All files in a folder and its subfolders, in order."""
+    """All files in a folder and its subfolders, sorted."""
     return sorted(path for path in folder.rglob("*") if path.is_file())
 
 
 def hash_file(path: Path) -> str:
-    """SHA-256 of a file's bytes, in hexadecimal; of a folder that of the names and hashes of its files."""
+    """SHA-256 of a file's content, in hexadecimal; for a folder, of the names and hashes of its files."""
     if path.is_dir():
         held = tuple((file.relative_to(path).as_posix(), hash_file(file)) for file in files_in(path))
         return hashlib.sha256(repr(held).encode()).hexdigest()

@@ -1,8 +1,8 @@
-"""Records buffered on disk in blocks of equal length, to be read and replaced in any order, forwards or backwards.
+"""Temporary data on disk: records in blocks of equal length, sequences of numbers, and chunks of a table.
 
-Numbers that are buffered on disk: in memory while they are few, then in a file without a name.
-
-A table that is buffered on disk while it is read for the first time, for inputs that are slow to read.
+Blocks can be read and replaced in any order. Numbers stay in memory while they are few. A table is kept while it is
+read for the first time, for inputs that are slow to read. The files have no name, so that nothing remains when the
+program ends.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Records = np.ndarray[Any, np.dtype[Any]]
 
 
 class Blocks:
-    """Records of one type; the file has no name, so that nothing is left of it, however the program ends."""
+    """Temporary file of records of one type, in blocks."""
 
     def __init__(
         self, record: np.dtype[Any], block: int = RECORDS_PER_BLOCK, in_memory: int = RECORD_BYTES_IN_MEMORY
@@ -52,7 +52,7 @@ class Blocks:
         """Number of blocks, once `end` was called."""
 
     def __del__(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         if self._file is not None:
             self._file.close()
 
@@ -70,14 +70,14 @@ class Blocks:
         self._open, self._rows = [together[whole:].copy()], self._rows - whole
 
     def end(self) -> None:
-        """Report that all records are there."""
+        """Complete the last block, after which blocks can be read."""
         if self._rows:
             self.put(self.count, np.concatenate(self._open))
             self.count += 1
         self._open, self._rows = [], 0
 
     def put(self, number: int, rows: Records) -> None:
-        """Write a block; all but the last one have the same length."""
+        """Replace a block; all blocks but the last have the same length."""
         if self._file is None:
             self._kept[number] = rows.copy()
             if sum(each.nbytes for each in self._kept.values()) <= self._in_memory:
@@ -97,14 +97,14 @@ class Blocks:
         file.write(rows.tobytes())
 
     def get(self, number: int) -> Records:
-        """A block that was written."""
+        """Read a block."""
         if self._file is None:
             return self._kept[number]
         self._file.seek(number * self._block * self._record.itemsize)
         return np.frombuffer(self._file.read(self._block * self._record.itemsize), dtype=self._record)
 
     def rows(self, first: int, last: int) -> Records:
-        """Records from one number up to another, which is skipped, once `end` was called."""
+        """Read the records first <= n < last, after `end`."""
         parts = [np.zeros(0, dtype=self._record)]
         for number in range(first // self._block, -(-last // self._block)):
             start = number * self._block
@@ -119,13 +119,13 @@ NUMBERS_PER_BLOCK = 1 << 17
 
 
 class Spool:
-    """Takes numbers in parts, and gives them back in the same order, as often as requested.
+    """Temporary sequence of numbers, added in parts and read repeatedly in the same order.
 
-    The file has no name, so that nothing is left of it, however the program ends.
+    The file has no name, so that nothing remains when the program ends.
     """
 
     def __init__(self, in_memory: int = NUMBERS_IN_MEMORY) -> None:
-        """Start without numbers."""
+        """Start empty; up to `in_memory` numbers stay in memory."""
         self._file: IO[bytes] | None = None
         self.count = 0
         self._in_memory = in_memory
@@ -133,7 +133,7 @@ class Spool:
         self._kept = 0
 
     def __del__(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         if self._file is not None:
             self._file.close()
 
@@ -153,14 +153,14 @@ class Spool:
 
     @property
     def whole(self) -> Floats | None:
-        """(N,) all numbers; None where they are in a file."""
+        """(N,) all numbers; None if they are on disk."""
         if self._file is not None:
             return None
         self._parts = [np.concatenate([np.zeros(0), *self._parts])]
         return self._parts[0]
 
     def blocks(self) -> Iterator[Floats]:
-        """All numbers."""
+        """Generate all numbers in parts."""
         if self._file is not None:
             self._file.seek(0)
             while data := self._file.read(8 * NUMBERS_PER_BLOCK):
@@ -173,9 +173,9 @@ T = TypeVar("T", bound=ColumnTable)
 
 
 class SpilledTable(Generic[T]):
-    """Chunks of a table, as often as requested, of which the source is asked once.
+    """Table whose source is read once, with chunks that can be generated repeatedly from a temporary file.
 
-    The file, in the folder for temporary files, has no name, so that nothing is left of it, however the program ends.
+    The file, in the folder for temporary files, has no name, so that nothing remains when the program ends.
     """
 
     def __init__(self, table: type[T], source: Callable[[], Iterator[T]]) -> None:
@@ -192,7 +192,7 @@ class SpilledTable(Generic[T]):
         """Number of rows, once all were read."""
 
     def __del__(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         if self._file is not None:
             self._file.close()
 

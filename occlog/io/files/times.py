@@ -1,4 +1,4 @@
-"""Time stamps as people write them, and sidecar files that give the time of every frame."""
+"""Parsing of time stamps, and time stamp files with the time of every frame."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ _OTHERWISE = (
 
 
 def parse_start_time(text: str) -> int:
-    """`parse_time` of what the user states as the start; its InputError names the option."""
+    """Parse a start time (`parse_time`); InputError names the option."""
     try:
         return parse_time(text)
     except InputError as error:
@@ -106,7 +106,7 @@ def parse_time(text: str, unit: str = "s") -> int:
 
 
 def _fault(text: str) -> str:
-    """Why a text is no time, and what to write."""
+    """Description of why a text is not a valid time, with the remedy."""
     if text.lower() in MISSING:
         return "is missing; remove the row, or give its time"
     reason = next((reason for form, reason in _OTHERWISE if re.fullmatch(form, text)), "")
@@ -114,7 +114,7 @@ def _fault(text: str) -> str:
 
 
 def coarse(ns: float) -> str:
-    """Faults of times that are held to some nanoseconds only."""
+    """Description of the precision of times with limited digits."""
     return f"known to {ns * 1e-9:g} s only, and 1 ms is the limit"
 
 
@@ -134,7 +134,7 @@ def _iso_ns(iso: re.Match[str], text: str) -> int:
 
 
 def unit_by_size(largest: float) -> str:
-    """Unit of a time since 1970 that states none: s, ms, us or ns, so that the year is 1973 to 5138.
+    """Infer the unit of a time since 1970: s, ms, us or ns, so that the year is 1973 to 5138.
 
     Each is a thousand times the other, so that a time of these years has one unit only.
     """
@@ -145,7 +145,7 @@ def unit_by_size(largest: float) -> str:
 
 
 def column_unit(values: Floats, unit: str, fail: Callable[[int, str], InputError]) -> str:
-    """Unit of a column of times: the stated one, else seconds, or another one where they are too large for seconds.
+    """Unit of a time column: the stated one, else seconds, or inferred if the values are too large for seconds.
 
     Args:
         values: (n,) times.
@@ -170,7 +170,7 @@ def column_unit(values: Floats, unit: str, fail: Callable[[int, str], InputError
 
 
 def _number(text: str) -> float:
-    """A number; 0 for any other text."""
+    """Parse a number; 0 for any other text."""
     try:
         value = float(text)
     except ValueError:
@@ -179,7 +179,7 @@ def _number(text: str) -> float:
 
 
 def parse_column(texts: Sequence[str], unit: str, fail: Callable[[int, str], InputError]) -> Ints:
-    """(n,) times [ns] of texts; see `parse_time`.
+    """Parse texts to (n,) times [ns], as `parse_time` does.
 
     Numbers without a stated unit that are too large for seconds are in the unit of their size.  A column has dates with
     a zone, or without one, which are in UTC, but not both.
@@ -210,7 +210,7 @@ def parse_column(texts: Sequence[str], unit: str, fail: Callable[[int, str], Inp
 
 
 def parse_times(rows: CsvRows, name: str, unit: str) -> Ints:
-    """(n,) times [ns] of a column; InputError names the line."""
+    """Parse a column to (n,) times [ns]; InputError with the line."""
     if unit == "ns":
         t_ns = rows.ints(name)
         far = np.flatnonzero((t_ns > MAX_NS) | (t_ns < -MAX_NS))
@@ -223,7 +223,7 @@ def parse_times(rows: CsvRows, name: str, unit: str) -> Ints:
 
 
 def time_column(rows: CsvRows) -> str | None:
-    """Unit of the column of times that a table has, None if it has none; InputError for two."""
+    """Unit of a table's time column, None without one; InputError for two time columns."""
     found = [unit for unit in TIME_COLUMNS if rows.has(unit)]
     if len(found) > 1:
         raise InputError(
@@ -233,7 +233,7 @@ def time_column(rows: CsvRows) -> str | None:
 
 
 def check_unit(rows: CsvRows, interval_s: Floats) -> None:
-    """Ask for the unit of a column of times that states none, where it would not be seconds.
+    """InputError for a time column without unit whose intervals suggest that it is not in seconds.
 
     Args:
         rows: some of the table.
@@ -257,7 +257,7 @@ def check_unit(rows: CsvRows, interval_s: Floats) -> None:
 
 
 def read_sidecar(path: Path, cameras: Sequence[str]) -> dict[str, Ints]:
-    """Times [ns] of frames 0, 1, ... of each camera in the file.
+    """Read the times [ns] of frames 0, 1, ... of each camera from a time stamp file.
 
     The file has one time a line, or the columns frame and time, or a header line with a
     column of times and perhaps `frame` and `camera`.  Without a column `camera` it holds
@@ -277,7 +277,7 @@ def read_sidecar(path: Path, cameras: Sequence[str]) -> dict[str, Ints]:
 
 
 def looks_like_times(path: Path) -> bool:
-    """Return whether a text is a table of time stamps and nothing else, by its first line."""
+    """Whether a text is a table of time stamps only, by its first line."""
     try:
         cells = first_line(path, WHAT)
         named = is_header_line(path)
@@ -292,7 +292,7 @@ def looks_like_times(path: Path) -> bool:
 
 
 def iter_times(path: Path) -> Iterator[tuple[CsvRows, str]]:
-    """Iterate over the rows of a table of time stamps, with the unit of its column of times; as for `read_sidecar`."""
+    """Generate the rows of a time stamp table, with the unit of its time column."""
     header = is_header_line(path)
     # The file is closed where a fault ends the reading, too
     with closing(read_rows(path, _COLUMNS, WHAT, ignored=_BESIDE) if header else read_plain(path, WHAT)) as parts:
@@ -307,7 +307,7 @@ def iter_times(path: Path) -> Iterator[tuple[CsvRows, str]]:
 
 
 def is_header_line(path: Path) -> bool:
-    """Return whether the file begins with names of columns; a date and time, or its attempt, is not a name."""
+    """Whether a file begins with column names (rather than a date and time)."""
     cells = first_line(path, WHAT)
     return is_header(cells) and not any(cell[:1].isdigit() for cell in cells)
 
@@ -350,7 +350,7 @@ MIN_ROWS_A_RUN = 8
 
 
 def note_clock_set(path: Path, location: str, lines: Ints, t_ns: Ints, owners: Sequence[np.ndarray]) -> None:
-    """Warn of times that go back within the rows of an owner: a clock that was set, or two runs in one file.
+    """Warn of times that decrease within the rows of one owner: a clock was set, or two runs are in one file.
 
     Args:
         path: the file.
@@ -377,7 +377,7 @@ def note_clock_set(path: Path, location: str, lines: Ints, t_ns: Ints, owners: S
 
 
 def _in_order(rows: CsvRows, t_ns: Ints, picked: Ints) -> Ints:
-    """Times by frame number, strictly rising."""
+    """Times by frame number; InputError unless strictly increasing without gaps."""
     if rows.has("frame"):
         frames = rows.ints("frame")[picked]
         wrong = np.flatnonzero(frames != np.arange(len(frames)))

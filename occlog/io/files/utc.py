@@ -1,4 +1,4 @@
-"""Times for people to read."""
+"""Formatting of times for messages."""
 
 from __future__ import annotations
 

@@ -21,13 +21,13 @@ MAX_DEPTH = 100
 
 
 def gpx_columns() -> tuple[str, ...]:
-    """Names of the columns of its rows; heights only where the origin states its own."""
+    """Column names of the rows; heights only if the origin states its own."""
     begin_positions()
     return ("time", "target_id", "x_m", "y_m", *(("z_m",) if has_heights() else ()))
 
 
 def read_gpx(path: Path) -> Iterator[CsvRows]:
-    """Rows of the points of all tracks; the n-th track is target n - 1.
+    """Read rows of the points of all tracks; the n-th track is target n - 1.
 
     Raises:
         InputError: it is not XML, a point has no time or position, or no track has a point.
@@ -47,7 +47,7 @@ def read_gpx(path: Path) -> Iterator[CsvRows]:
 
 
 def _points(path: Path) -> Iterator[tuple[int, str, float, float, float]]:
-    """Track, time, latitude, longitude and height (NaN: not stated) of each point."""
+    """Generate track, time, latitude, longitude and height (NaN: not stated) of each point."""
     depth, track, number = 0, -1, 0
     with check_input(path, WHAT).open("rb") as file:
         events = iter(ElementTree.iterparse(file, ("start", "end")))

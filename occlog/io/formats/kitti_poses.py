@@ -28,7 +28,7 @@ CLIMB_RATIO, CLIMB_M = 20.0, 1.0
 
 
 def looks_like_kitti(head: Sequence[str]) -> bool:
-    """Return whether a first line has twelve numbers, of which the first three columns of three rows are a rotation."""
+    """Whether a first line has twelve numbers with a rotation in the first three columns of three rows."""
     if len(head) != COLUMNS:
         return False
     try:
@@ -41,7 +41,7 @@ def looks_like_kitti(head: Sequence[str]) -> bool:
 
 
 def read_kitti(path: Path) -> Iterator[CsvRows]:
-    """Rows with the columns `NAMES`, in the order of the file; a note states the axes and the file of times.
+    """Read rows with the columns `NAMES` in file order; a note states the axes and the time file.
 
     Raises:
         InputError: a line has not 12 numbers, there is no file of times, or it has another number of lines.
@@ -84,7 +84,7 @@ def _in_the_scene(rows: CsvRows, position: Floats, times: Sequence[str]) -> CsvR
 
 
 def _times_file(path: Path) -> Path:
-    """The file of times in the folder of the poses: NAME_times.txt, or times.txt."""
+    """Time file in the folder of the poses: NAME_times.txt, or times.txt."""
     names = (f"{path.stem}_times.txt", "times.txt")
     found = next((path.with_name(name) for name in names if path.with_name(name).is_file()), None)
     if found is None:
@@ -97,7 +97,7 @@ def _times_file(path: Path) -> Path:
 
 
 def _times(path: Path) -> list[str]:
-    """Times, one a line, as text."""
+    """Times, one per line, as text."""
     out = []
     with check_input(path, "times of KITTI, one a line").open(encoding="utf-8-sig") as file:
         for line, text in text_lines(path, file):

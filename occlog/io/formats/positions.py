@@ -66,7 +66,7 @@ GRIDS = "0.025,-3,-9 is WILDTRACK's, 0.025,0,0 MultiviewX's, 1,0,0 states metres
 
 
 class PositionGrid(NamedTuple):
-    """Grid of positions that are counted in cells."""
+    """Grid in whose cells positions are given."""
 
     cell: float  # size of a cell
     x: float  # position of cell (0, 0)
@@ -101,7 +101,7 @@ class PositionOptions:
 
 
 class PositionLog(NamedTuple):
-    """Positions of a file."""
+    """Positions read from a file."""
 
     table: Positions
     sources: tuple[str, ...]
@@ -111,7 +111,7 @@ class PositionLog(NamedTuple):
 
 
 class _Rows(NamedTuple):
-    """Rows of a file; times -1 where frames are counted."""
+    """Rows of a position file; times are -1 if frames are numbered instead."""
 
     line: Ints
     t_ns: Ints
@@ -124,11 +124,11 @@ class _Rows(NamedTuple):
 
 
 def read_positions(path: Path, options: PositionOptions) -> PositionLog:
-    """Read a file of positions, in the order of time; frames without any have a row with `detection` -1.
+    """Read a position file, sorted by time; frames without positions have a row with `detection` -1.
 
     Raises:
-        InputError: a column is missing, a value is none, a covariance is not positive definite.
-        UsageError: frames are counted and no frame rate is given, or cells and no grid.
+        InputError: a column is missing, a value is invalid, or a covariance is not positive definite.
+        UsageError: the file has frame numbers and no frame rate is given, or cells and no grid.
     """
     check_input(path, WHAT)
     parts, head = [], None
@@ -180,7 +180,7 @@ def _parts(path: Path, options: PositionOptions) -> Iterator[TextPart]:
 
 
 def _binary_parts(path: Path, options: PositionOptions) -> Iterator[TextPart]:
-    """Parquet and Arrow by the same columns: numbers are written with all digits, and read as text is."""
+    """Read Parquet and Arrow with the same columns, converted to text with all digits."""
     from occlog.io.external.source import find_source
 
     source = find_source(path)
@@ -215,7 +215,7 @@ def _binary_parts(path: Path, options: PositionOptions) -> Iterator[TextPart]:
 
 
 def _as_text(value: object) -> str:
-    """A cell as text, with all digits; empty for null."""
+    """Convert a cell to text with all digits; empty for null."""
     return "" if value is None else repr(value) if isinstance(value, float) else str(value)
 
 
@@ -243,7 +243,7 @@ def _with_header(part: TextPart, options: PositionOptions) -> _Rows:
 
 
 def _without_header(path: Path, options: PositionOptions) -> Iterator[_Rows]:
-    """Rows of MVDet's and MVDeTr's text: frame, x and y, and perhaps a score."""
+    """Rows of MVDet's and MVDeTr's text: frame, x, y, and optionally a score."""
     for rows in read_plain(path, WHAT):
         if len(rows.cells) not in (3, 4):
             raise InputError(
@@ -272,7 +272,7 @@ def _without_header(path: Path, options: PositionOptions) -> Iterator[_Rows]:
 
 
 def _in_lengths(position: Floats, grid: PositionGrid | None) -> Floats:
-    """(n, 2) positions of cells."""
+    """(n, 2) positions of cell indices (n, 2)."""
     return position if grid is None else np.array([grid.x, grid.y]) + grid.cell * position
 
 
@@ -290,7 +290,7 @@ def _sources(rows: CsvRows, options: PositionOptions) -> Strings:
 
 
 def _covariances(part: TextPart) -> Floats:
-    """(n, 3) xx, xy, yy; NaN: not stated."""
+    """(n, 3) covariances xx, xy, yy; NaN: not stated."""
     rows = part.rows
     single, both = np.isfinite(part["sigma"]), [np.isfinite(part[name]) for name in ("sigma_x", "sigma_y")]
     whole = [np.isfinite(part[name]) for name in ("cov_xx", "cov_yy")]
@@ -314,7 +314,7 @@ def _covariances(part: TextPart) -> Floats:
 
 
 def _scores(rows: CsvRows, values: Floats, options: PositionOptions) -> Floats:
-    """(n,) confidences from 0 to 1; NaN: none."""
+    """(n,) confidences from 0 to 1; NaN if missing."""
     if options.scores == "unknown":
         return np.full(len(values), np.nan)
     out = values / options.scale
@@ -340,13 +340,13 @@ def _chosen(rows: _Rows, frames: tuple[int, int] | None) -> tuple[_Rows, int]:
 
 
 def _frame_step(frame: Ints) -> int:
-    """Frame numbers are this far apart, or a multiple of it; few frames may be in one step by chance."""
+    """Step between frame numbers (most are multiples of it)."""
     numbers = np.unique(frame)
     return int(np.gcd.reduce(np.diff(numbers))) if len(numbers) > MIN_FRAME_STEPS else 1
 
 
 def _timed(path: Path, rows: _Rows, options: PositionOptions) -> _Rows:
-    """The rows with times by their frames."""
+    """Add times to rows by their frame numbers."""
     if (rows.frame < 0).any():
         row = int(np.flatnonzero(rows.frame < 0)[0])
         raise InputError(
@@ -371,7 +371,7 @@ def _times_of(path: Path, source: str, options: PositionOptions) -> FrameTimes:
 
 
 def _numbers(rows: _Rows) -> Ints:
-    """(n,) numbers of the frames of each source, by their times."""
+    """(n,) frame numbers of each source, by their times."""
     out = np.zeros(len(rows.line), dtype=np.int64)
     for name in np.unique(rows.sensor).tolist():
         mine = np.flatnonzero(rows.sensor == name)
@@ -380,7 +380,7 @@ def _numbers(rows: _Rows) -> Ints:
 
 
 def _without_duplicates(rows: _Rows) -> tuple[_Rows, int]:
-    """Rows in the order of time, source and line, without those that repeat another one, and how many did."""
+    """Sort rows by time, source and line, and remove duplicates; return the rows and the number removed."""
     columns = [rows.line, rows.sensor, rows.t_ns]
     rows = _Rows._make(column[np.lexsort(columns)] for column in rows)
     keys = zip(
@@ -415,7 +415,7 @@ def _table(rows: _Rows, options: PositionOptions, step: int) -> Positions:
 
 
 def _empty_frames(rows: _Rows, source: str, options: PositionOptions, step: int) -> Positions:
-    """A row for each frame of a source between its first and last one in which it found no target."""
+    """Rows for the frames of a source without positions between its first and last one."""
     there = np.unique(rows.frame[rows.sensor == source])
     step = _frame_step(there) if len(there) > MIN_FRAME_STEPS else step
     missing = np.setdiff1d(np.arange(there[0], there[-1] + 1, step), there)
@@ -431,7 +431,7 @@ def _empty_frames(rows: _Rows, source: str, options: PositionOptions, step: int)
 
 
 def parse_grid(text: str) -> PositionGrid:
-    """A grid from `SIZE,X,Y`; UsageError for another text."""
+    """Parse `SIZE,X,Y` to a grid; UsageError for another text."""
     try:
         values = [float(part) for part in text.split(",")]
     except ValueError:

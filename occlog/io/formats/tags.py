@@ -4,8 +4,8 @@ Positions of readers: a text table with the columns reader, x, y, and perhaps z,
 
 Logs of reads: a text table with the columns time, reader, tag and perhaps rssi.
 
-Reads may be in any order.  A tag that is called by a whole number is of the target of that number, if all tags of
-the log are; other tags are numbered from 0 in the natural order of their names.
+Reads may be in any order. If all tags of a log are named by whole numbers, these are their targets; otherwise tags are
+numbered from 0 in natural order of names.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ TAG_READS = TextFormat(
 
 
 def columns_of_reads(path: Path) -> set[str]:
-    """Columns of a log of reads, as the program calls them."""
+    """Columns of a log of reads, by occlog names."""
     head = {cell.lower() for cell in first_line(path, TAG_READS.what)}
     return {name for name, column in TAG_READS.columns.items() if head & set(column.names)}
 
@@ -144,7 +144,7 @@ def read_reads(
 
 
 def _check_readers(rows: CsvRows, readers: Sequence[str]) -> None:
-    """InputError names the line of a reader that the scene does not have."""
+    """InputError, with the line, for a reader missing in the scene."""
     unknown = np.flatnonzero(~np.isin(rows.cells["reader"], list(readers)))
     if not len(unknown):
         return
@@ -155,7 +155,7 @@ def _check_readers(rows: CsvRows, readers: Sequence[str]) -> None:
 
 
 def _world_times(t_ns: Ints, sensor: Strings, clocks: Mapping[str, Clock]) -> Ints:
-    """(n,) world times of the reads."""
+    """(n,) world times [ns] of the reads."""
     out = t_ns.copy()
     for name, clock in clocks.items():
         mine = np.flatnonzero(sensor == name)
@@ -165,7 +165,7 @@ def _world_times(t_ns: Ints, sensor: Strings, clocks: Mapping[str, Clock]) -> In
 
 
 def _targets(tag: Strings) -> dict[str, int]:
-    """The target of each tag, by the tag's name."""
+    """Map tag names to target numbers."""
     names = natural_sorted(np.unique(tag).tolist())
     if all(_NUMBER.match(name) for name in names) and len({int(name) for name in names}) == len(names):
         return {name: int(name) for name in names}
@@ -173,7 +173,7 @@ def _targets(tag: Strings) -> dict[str, int]:
 
 
 def _without_doubles(t_ns: Ints, sensor: Strings, tag: Strings, rssi: np.ndarray) -> tuple[Ints, int]:
-    """Rows in the order of the table's key without those that repeat another one, and how many did."""
+    """Sort rows by the table's key and remove duplicates; return the rows and the number removed."""
     order = np.lexsort((rssi, tag, sensor, t_ns))
     a, b = order[:-1], order[1:]
     alike = (rssi[a] == rssi[b]) | (np.isnan(rssi[a]) & np.isnan(rssi[b]))

@@ -1,19 +1,11 @@
-"""Trajectories in formats that are no tables with a header: TUM, KITTI, TRC, GeoJSON, GPX.
+"""Trajectories in formats other than tables with a header: TUM, KITTI, TRC, GeoJSON, GPX.
 
-GeoJSON as `occlog export` writes it: a line or a point for each target, with the times of its corners.
-
-The member `origin` of the collection states the position of the scene's origin on earth, or the user does; without it
-longitude and latitude give no position in the scene.
-
-Which format of trajectories a text is of, and its rows under names that tables know.
-
-TRC, OpenSim's table of markers: a line for each time, three columns for each marker.
-
-Markers must be targets, `target_N`, as `occlog export` calls them: others are points of a body, and its axes
-the file does not determine.  Times count from the first one of the recording; empty cells are markers that are not
-there.
-
-TUM text: lines `t x y z qx qy qz qw` of one target, in seconds; attitudes are not used.
+The format of a text is recognised, and rows are returned with table column names. GeoJSON as written by `occlog
+export`: a line or point for each target, with times of its vertices; the member `origin` of the collection, or the
+user, states the geodetic position of the scene's origin. TRC, OpenSim's table of markers: a line per time, three
+columns per marker; markers must be targets, `target_N`, as `occlog export` names them. Times are relative to the first
+one of the recording; empty cells are missing markers. TUM: lines `t x y z qx qy qz qw` of one target, in seconds;
+attitudes are ignored.
 """
 
 from __future__ import annotations
@@ -49,7 +41,7 @@ KEYS = ("latitude", "longitude", "turned_deg")
 
 
 def read_geojson(path: Path) -> Iterator[CsvRows]:
-    """Rows of all targets; InputError, with the number of the feature, for any other content."""
+    """Read the rows of all targets; InputError with the feature number for invalid content."""
     value = parse_json(path.read_bytes(), path, "GeoJSON")
     features = value.get("features") if isinstance(value, dict) else None
     if not isinstance(features, list) or value.get("type") != COLLECTION:
@@ -89,7 +81,7 @@ def _origin(path: Path, value: object) -> Origin:
 
 
 def _feature(path: Path, number: int, feature: object) -> tuple[int, list[int], Floats]:
-    """Identity, times and (n, 2) longitude and latitude of one feature."""
+    """Identity, times, and (n, 2) longitude and latitude [deg] of one feature."""
     location = f"{path}: feature {number}"
     properties = _member(feature, "properties")
     shape = _member(feature, "geometry")
@@ -141,13 +133,13 @@ _MARKER = re.compile(r"^target_(\d{1,10})$")
 
 
 def names_of(path: Path) -> tuple[str, ...]:
-    """Names of the columns that `read_trc` gives; InputError where the unit of lengths is not one of `UNITS`."""
+    """Column names returned by `read_trc`; InputError if the length unit is not one of `UNITS`."""
     unit = _unit(path, _header(path))
     return ("time", "target_id", *(f"{axis}_{unit}" for axis in "xyz"))
 
 
 def read_trc(path: Path) -> Iterator[CsvRows]:
-    """Rows of all targets by time; InputError, with the line, for any other content."""
+    """Read the rows of all targets by time; InputError, with the line, for invalid content."""
     header = _header(path)
     names = names_of(path)
     targets = _targets(path, header)
@@ -163,7 +155,7 @@ def read_trc(path: Path) -> Iterator[CsvRows]:
 
 
 def _lines(path: Path) -> Iterator[str]:
-    """Lines of a text, without their ends."""
+    """Generate the lines of a text, without line ends."""
     with path.open(encoding="utf-8-sig") as file:
         try:
             for _, line in text_lines(path, file):
@@ -193,7 +185,7 @@ def _unit(path: Path, header: list[str]) -> str:
 
 
 def _targets(path: Path, header: list[str]) -> list[str]:
-    """Identities of the markers, in order, as text."""
+    """Target identities of the markers, in order, as text."""
     markers = [cell.strip() for cell in header[3].split("\t")[2:] if cell.strip()]
     if not markers:
         raise InputError(f"{path}: line 4: names no marker; target_0, target_1, ... were expected", id="missing-value")
@@ -212,7 +204,7 @@ def _targets(path: Path, header: list[str]) -> list[str]:
 
 
 def _targets_of(path: Path, line: int, text: str, targets: list[str]) -> Iterator[tuple[str, ...]]:
-    """Time, identity and position of each target that a line has."""
+    """Time, identity and position of each target in a line."""
     cells = [cell.strip() for cell in text.split("\t")]
     wanted = 2 + 3 * len(targets)
     if max(map(len, cells)) > MAX_CELL:
@@ -247,7 +239,7 @@ UNIT = 1e-3
 
 
 def looks_like_tum(head: Sequence[str]) -> bool:
-    """Return whether a first line has eight numbers, of which the last four are a rotation."""
+    """Whether a first line has eight numbers, of which the last four are a unit quaternion."""
     if len(head) != COLUMNS:
         return False
     try:
@@ -258,7 +250,7 @@ def looks_like_tum(head: Sequence[str]) -> bool:
 
 
 def read_tum(path: Path) -> Iterator[CsvRows]:
-    """Rows with the columns `NAMES`; InputError for a text of another number of columns."""
+    """Read rows with the columns `NAMES`; InputError for another number of columns."""
     for rows in read_plain(path, WHAT):
         if len(rows.cells) != COLUMNS:
             raise InputError(f"{path}: {len(rows.cells)} columns; TUM text has {COLUMNS}: t x y z qx qy qz qw")
@@ -320,7 +312,7 @@ FORMATS: dict[str, FileFormat[Callable[[Path], Trajectories]]] = {
 
 
 def find_trajectories(path: Path) -> Trajectories | None:
-    """The format of a file, known by its content; None for a file of another kind.
+    """Recognise the format of a file by its content; None for other files.
 
     InputError for one of a known format with a header that cannot be read.
     """

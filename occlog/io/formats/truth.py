@@ -84,11 +84,10 @@ MIN_CORNERS = 3
 
 
 def read_board(path: Path, sync_ns: Mapping[int, int] | None) -> Truth:
-    """The middle of the board over time, as target 0.
+    """Read the centre of the board over time, as target 0.
 
-    Corners come and go, and the mean of whichever are seen would jump.  So it is taken of
-    the corners that are there at every time, or, if these are fewer than three, of all
-    corners at the times when all are there.
+    The mean of a varying set of corners would jump; so it is computed from the corners present at every time or, if
+    these are fewer than three, from all corners at the times when all are present.
 
     Args:
         path: the file.
@@ -150,7 +149,7 @@ def _read(path: Path) -> tuple[Ints, Ints, Floats]:
 
 
 def read_sync_times(path: Path) -> dict[int, int]:
-    """Time [ns] of each synchronisation index in a caliscope timestamps.csv: the mean over its cameras."""
+    """Read the time [ns] of each synchronisation index in caliscope's timestamps.csv: the mean over its cameras."""
     found: dict[int, list[int]] = {}
     for part in read_format(path, SYNC_TIMES):
         for sync, t in zip(part["sync"].tolist(), part.times().tolist(), strict=True):
@@ -159,7 +158,7 @@ def read_sync_times(path: Path) -> dict[int, int]:
 
 
 def _mean(times: list[int]) -> int:
-    """Mean of times [ns], which are too large to be added up as floats."""
+    """Mean of times [ns], without overflow or rounding."""
     first = min(times)
     return first + round(sum(t - first for t in times) / len(times))
 
@@ -170,7 +169,7 @@ Row = tuple[int, int, float, float, float, float]
 def read_xml_boxes(
     path: Path, camera: str, times: Mapping[str, FrameTimes], options: BoxOptions
 ) -> Iterator[TruthBoxes]:
-    """Tables of true boxes; a frame that is listed without an object gets a row with `box` = -1.
+    """Read tables of true boxes; a frame listed without an object gets a row with `box` = -1.
 
     Frames that are not listed have not been annotated: they get no row.
     """
@@ -215,7 +214,7 @@ def _tables(
 
 
 def _frames(path: Path, first_number: int) -> Iterator[tuple[int, list[Row]]]:
-    """Frame number (from 0) and rows of every frame, in rising order."""
+    """Frame number (from 0) and rows of every frame, in increasing order."""
     last = -1
     found = False
     for element in _elements(path):
@@ -237,7 +236,7 @@ def _frames(path: Path, first_number: int) -> Iterator[tuple[int, list[Row]]]:
 
 
 def _elements(path: Path) -> Iterator[Element]:
-    """Every element when it ends; InputError where the text is not XML."""
+    """Generate every element at its end; InputError if the text is not XML."""
     with check_input(path, "ground truth (XML)").open("rb") as file:
         ends = iter(ElementTree.iterparse(file))
         while True:
@@ -290,7 +289,7 @@ POSITIONS = TextFormat(
 
 
 def _in_unit(unit: str) -> TextFormat:
-    """Positions in columns with names that end in a unit of length: `x_mm`."""
+    """Names of position columns that end in a length unit: `x_mm`."""
     lengths = {axis: replace(POSITIONS.columns[axis], names=(f"{axis}_{unit}",)) for axis in "xyz"}
     return replace(POSITIONS, columns={**POSITIONS.columns, **lengths})
 
@@ -300,7 +299,7 @@ IN_UNITS = {unit: _in_unit(unit) for unit in METRES if unit != "m"}
 
 
 def frames_of_positions(path: Path) -> tuple[int, int] | None:
-    """First and last frame number of a table of positions that counts frames and has no times; None for another."""
+    """First and last frame number of a position table that has frame numbers instead of times; None for others."""
     try:
         head = {name_with_unit(cell.lower()) for cell in first_line(path, WHAT)}
         times = {name for names in TIME_COLUMNS.values() for name in names}
@@ -338,7 +337,7 @@ class TruthOptions:
     boxes: BoxOptions = BoxOptions()
 
     def frame_times(self, where: str) -> FrameTimes:
-        """Times of frames that are not of one camera; UsageError where the cameras do not agree."""
+        """Times of frames common to all cameras; UsageError if the cameras disagree."""
         if self.camera is not None and self.camera in self.times:
             return self.times[self.camera]
         if not self.times:
@@ -353,7 +352,7 @@ class TruthOptions:
 
 
 class Positions(NamedTuple):
-    """Rows of true positions, and their lines."""
+    """Rows of true positions, with their line numbers."""
 
     t_ns: Ints
     target_id: Ints
@@ -383,7 +382,7 @@ def _row_times(part: TextPart, options: TruthOptions) -> Ints:
 
 
 def _gather(path: Path, parts: list[Positions]) -> Truth:
-    """All positions in the order of time; InputError where a target is at two positions at once."""
+    """Collect all positions sorted by time; InputError if a target has two positions at one time."""
     if not parts:
         raise InputError(f"{path}: holds a header and no row; true positions were expected", id="empty-input")
     p = Positions._make(np.concatenate(column) for column in zip(*parts, strict=True))
@@ -403,7 +402,7 @@ def _gather(path: Path, parts: list[Positions]) -> Truth:
 
 
 def _mot_positions(rows: CsvRows, options: TruthOptions) -> Positions | None:
-    """World positions of the rows that have one (the last three columns are not all -1)."""
+    """World positions of the rows that have one (last three columns not all -1)."""
     if len(rows.cells) < 10:
         return None
     x, y, z = rows.floats("7"), rows.floats("8"), rows.floats("9")
@@ -430,7 +429,7 @@ TruthFormat = FileFormat[Callable[[Path, TruthOptions], Iterator[Truth | TruthBo
 
 
 def read_truth(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
-    """Tables of the truth in a file; InputError or UsageError where it cannot be understood."""
+    """Read tables of the truth in a file; InputError or UsageError if it cannot be interpreted."""
     probe = Probe(path, WHAT)
     if path.is_dir():
         if options.format not in ("auto", "wildtrack") or not FORMATS["wildtrack"].sniff(probe):
@@ -443,7 +442,7 @@ def read_truth(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes
 
 
 def _format(probe: Probe, stated: str) -> str:
-    """Name of the format of a file; InputError, with what it may hold, if it shows none."""
+    """Name of a file's format; InputError, with the possible formats, if none matches."""
     name = recognise(FORMATS, probe, stated, "truth")
     if name is None:
         remedy, head = "name its columns in a header line", probe.cells
@@ -456,7 +455,7 @@ def _format(probe: Probe, stated: str) -> str:
 
 
 def _one_camera(path: Path, options: TruthOptions) -> str:
-    """The camera of the boxes in a file."""
+    """Camera of the boxes in a file."""
     if options.camera is not None:
         return options.camera
     if len(options.cameras) == 1:
@@ -509,7 +508,7 @@ def _all_mot_positions(path: Path, options: TruthOptions) -> list[Positions]:
 
 
 def _has_places_alone(path: Path) -> bool:
-    """Return whether a MOTChallenge text has world positions, and -1 for all edges of boxes (no camera)."""
+    """Whether a MOTChallenge text has world positions, and -1 for all box edges."""
     for rows in read_plain(path, WHAT):
         if len(rows.cells) < 10 or any((rows.floats(edge) != -1).any() for edge in "2345"):
             return False
@@ -531,7 +530,7 @@ def _read_boxes_of_one(path: Path, options: TruthOptions) -> Iterator[Truth | Tr
 
 
 def _read_wildtrack(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
-    """Positions of the people, and their boxes in the cameras in use."""
+    """Read positions of the people, and their boxes in the cameras in use."""
     first, stop = options.boxes.frames.common or (0, 2**62)
     rows = [
         (frame - options.boxes.first_number, person.identity, person.position, person.entry)

@@ -1,1 +1,1 @@
-"""Frames of video and images, decoded in a their own process."""
+"""Frames of video and images, decoded in separate processes."""

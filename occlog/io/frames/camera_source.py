@@ -1,4 +1,4 @@
-"""The stream of one camera on its way into a recording: frames with their times, losses listed."""
+"""Frames of one camera for ingest, with times and losses."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class CameraSource:
     losses: list[Loss] = field(default_factory=list)
 
     def frames(self) -> Iterator[tuple[int, Delivered]]:
-        """(t_ns, frame) in the order of time; frames without a time stamp are listed as lost."""
+        """Generate (t_ns, frame) sorted by time; frames without a time stamp are losses."""
         stream = self._with_times()
         last: int | None = None
         late: list[int] = []
@@ -79,7 +79,10 @@ class CameraSource:
             self.losses.append(Loss(self.path.name, f"from frame {announced} on", what, count - announced))
 
     def _streamed(self, delivered: Iterator[Delivered]) -> Iterator[tuple[int, Delivered]]:
-        """Times of a container that only the decoder can read: its stamps if they rise, else the frame rate."""
+        """Times for a container that only the decoder can read.
+
+        Its time stamps if they increase, else the frame rate.
+        """
         head = list(islice(delivered, TRIAL))
         stamps = [frame.pos_ns for frame in head]
         good = all(s is not None for s in stamps) and bool((np.diff([s or 0 for s in stamps]) > 0).all())
@@ -108,7 +111,7 @@ def video_source(
     quality: int,
     keys: list[int] | None = None,
 ) -> CameraSource:
-    """Start decoding a video; `store` is png, jpeg, raw or none (times only); `keys` as `DecodingJob` has them."""
+    """Start decoding a video; `store` is png, jpeg, raw or none (times only); `keys` as in `DecodingJob`."""
     job = DecodingJob(kind="video", path=str(path), start=start, stop=stop, store=store, quality=quality)
     if keys is not None:
         job["keys"] = keys

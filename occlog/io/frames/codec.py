@@ -1,13 +1,8 @@
-"""Compressed images: size and damage determined from their bytes, encoding, decoding with a limit.
+"""Compressed images: size and damage from their bytes, encoding, decoding with limits.
 
-Images of which decoders give one picture of several, without a word: animations, pages (TIFF), views (MPO).
-
-The range of brightness that images of the kind PNM (PGM, PPM) state, and what decoders make of it.
-
-The size of each frame as its compressed data states it.
-
-OpenCV scales every frame to the size of the first one and states nothing.  So where the
-codec's data state the size (motion JPEG, PNG, VP8, H.264), it is read from them.
+Also detects images with several pictures (animations, TIFF pages, MPO views), of which decoders return one; the
+brightness range of PNM images; and the size of each frame in a video's compressed data, since OpenCV scales every frame
+to the size of the first one (motion JPEG, PNG, VP8, H.264).
 """
 
 from __future__ import annotations
@@ -53,7 +48,7 @@ _MPO_BYTES = 1 << 17
 
 
 def is_multi_image(data: bytes) -> bool:
-    """Return whether an image (WebP, GIF, AVIF, TIFF, JPEG) holds several pictures that differ; of PNG see `codec`."""
+    """Whether an image (WebP, GIF, AVIF, TIFF, JPEG) holds several different pictures."""
     if data[:4] == b"RIFF":
         return data[8:16] == b"WEBPVP8X" and bool(data[20:21]) and bool(data[20] & _ANIMATED_WEBP)
     try:
@@ -86,13 +81,13 @@ def _blocks(data: bytes) -> int:
 
 
 def _colours(data: bytes, at: int) -> int:
-    """Bytes of the table of colours that a byte of GIF reports."""
+    """Size [bytes] of the colour table declared by a GIF flag byte."""
     (flags,) = struct.unpack_from("B", data, at)
     return 3 << (flags & 7) + 1 if flags & 0x80 else 0
 
 
 def _sequence(data: bytes) -> int:
-    """Count the pictures in the longest track of an AVIF image; 1 for a single image."""
+    """Number of pictures in the longest track of an AVIF image; 1 for a single image."""
     (size,) = struct.unpack_from(">I", data)
     pictures, at = 1, size
     if _SEQUENCE in data[8:size]:
@@ -103,7 +98,7 @@ def _sequence(data: bytes) -> int:
 
 
 def _pages(data: bytes) -> int:
-    """Count the pages of a TIFF image without smaller copies and masks, up to two."""
+    """Number of pages of a TIFF image (up to two), excluding thumbnails and masks."""
     order, large = _ORDERS[data[:2]], b"+" in data[:4]
     count, entry, offset_format = ("Q", 20, "Q") if large else ("H", 12, "I")
     (at,) = struct.unpack_from(order + offset_format, data, 8 if large else 4)
@@ -118,7 +113,7 @@ def _pages(data: bytes) -> int:
 
 
 def _is_copy(data: bytes, order: str, begin: int, count: int, entry: int) -> bool:
-    """Return whether the entries of a page, which are sorted by tag, mark it as a smaller copy or a mask of another."""
+    """Whether a page's entries mark it as a thumbnail or mask of another page."""
     for at in range(begin, begin + count * entry, entry):
         (tag,) = struct.unpack_from(order + "H", data, at)
         if tag == _KIND_OF_PAGE:
@@ -130,7 +125,7 @@ def _is_copy(data: bytes, order: str, begin: int, count: int, entry: int) -> boo
 
 
 def _views(data: bytes) -> int:
-    """Count the pictures of a JPEG image (CIPA DC-007); previews and maps of brightness do not count."""
+    """Number of pictures of a JPEG image (CIPA DC-007), excluding previews and gain maps."""
     base = data.find(b"MPF\0", 0, _MPO_BYTES) + 4
     order = _ORDERS.get(data[base : base + 2]) if base > 3 else None
     if order is None:
@@ -153,18 +148,18 @@ FULL, FULL_16 = 255, 65535
 
 
 def stated_white(data: bytes) -> int | None:
-    """The value of white that an image states; None for other kinds."""
+    """Maximum value (white) declared by a PNM image; None for other formats."""
     found = _HEAD.match(data)
     return None if found is None else int(found[4])
 
 
 def is_scaled(data: bytes, most: int) -> bool:
-    """Return whether OpenCV scales white to 255: in text up to 255, and for values of full 8 or 16 bits."""
+    """Whether OpenCV scales the declared maximum to 255."""
     return most in (FULL, FULL_16) or (most < FULL and data[1:2] in (b"2", b"3"))
 
 
 def scaled(image: np.ndarray, most: int) -> Image:
-    """An image as it was decoded with white as 255, rounded down as OpenCV does it; higher values are white."""
+    """Scale a decoded image so that the declared maximum becomes 255, rounding down as OpenCV does."""
     shades = (np.arange(most + 1) * FULL // most).astype(np.uint8)
     out = np.empty(image.shape, np.uint8)
     for row, values in zip(out, image, strict=True):  # all at once would take eight bytes for each value
@@ -198,14 +193,14 @@ BLACK = 24
 
 
 def image_kind(data: bytes) -> str | None:
-    """`png` or `jpeg` by the first bytes, None for anything else."""
+    """`png` or `jpeg` by the first bytes; None for others."""
     if data.startswith(PNG_MARK):
         return "png"
     return "jpeg" if data.startswith(b"\xff\xd8\xff") else None
 
 
 def image_size(data: bytes) -> tuple[int, int] | None:
-    """Width and height [px] of PNG or JPEG bytes without decoding them; None where they do not state."""
+    """Width and height [px] of a PNG or JPEG image from its header; None if not stated."""
     if image_kind(data) == "png" and len(data) >= 24:
         width, height = struct.unpack_from(">II", data, 16)
         return int(width), int(height)
@@ -249,7 +244,7 @@ def _jpeg_size(data: bytes) -> tuple[int, int] | None:
 
 
 def image_damage(data: bytes) -> str | None:
-    """Faults of PNG or JPEG bytes that their marks and check sums reveal; None: nothing."""
+    """Description of damage that markers and check sums of a PNG or JPEG image reveal; None if intact."""
     kind = image_kind(data)
     if kind == "png":
         return _png_damage(data)
@@ -261,7 +256,7 @@ def image_damage(data: bytes) -> str | None:
 
 
 def _scans(data: bytes) -> int:
-    """Count the scans of a JPEG image; `bytes.count` would take a tenth of the time of decoding."""
+    """Number of scans of a JPEG image."""
     values = np.frombuffer(data, np.uint8)
     return int(np.count_nonzero((values[:-1] == 0xFF) & (values[1:] == 0xDA)))
 
@@ -284,7 +279,7 @@ def _png_damage(data: bytes) -> str | None:
 
 
 def check_image(data: bytes, where: str) -> None:
-    """InputError for images that are too large, or damaged by their marks and check sums."""
+    """InputError for images too large, or damaged by their markers and check sums."""
     size = image_size(data)
     if size is not None and size[0] * size[1] > MAX_PIXELS:
         raise InputError(f"{where}: {size[0]} x {size[1]} px; the limit is {MAX_PIXELS} pixels", id="input-too-large")
@@ -296,7 +291,7 @@ def check_image(data: bytes, where: str) -> None:
 def decode_image(data: bytes, where: str) -> Image:
     """(h, w, 3) BGR or (h, w) grey; InputError for damaged, too large or unknown images.
 
-    For the decoding process, which meets foreign bytes instead of the command (see `apart`).
+    For the decoding process, which parses untrusted bytes instead of the command.
     """
     check_image(data, where)
     most = stated_white(data)
@@ -319,7 +314,7 @@ def decode_image(data: bytes, where: str) -> Image:
 
 
 def _check_depth(data: bytes, where: str) -> None:
-    """InputError for values of 16 bits that use the lowest of them alone: the upper 8 bits are decoded."""
+    """InputError for 16-bit images that use low bits only, since only the upper 8 bits are decoded."""
     if not _is_deep(data):
         return
     deep = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
@@ -328,12 +323,12 @@ def _check_depth(data: bytes, where: str) -> None:
 
 
 def is_dark(most: int, full: int) -> bool:
-    """Whether a picture of values of 16 bits uses the lowest 12 alone, where `most` of `full` is its largest value."""
+    """Whether a 16-bit image uses the lowest 12 bits only; `most` is its largest value of `full`."""
     return 0 < most <= math.ceil(DARK_16 * full / FULL_16)
 
 
 def dim_values(most: int, full: int) -> Facts:
-    """State that a picture of values of 16 bits uses the lowest 14 alone; `most` and `full` as of `is_dark`."""
+    """Description of a 16-bit image that uses the lowest 14 bits only; arguments as of `is_dark`."""
     value = most * FULL_16 // full
     return [("values-dim", {"most": value})] if DARK_16 < value <= math.ceil(DIM_16 / 257) * 257 else []
 
@@ -351,7 +346,7 @@ EXIF = {
 
 
 def image_facts(data: bytes, image: Image) -> Facts:
-    """What an image file states of its picture, `image`: how it is turned, and how many of 16 bits it uses."""
+    """Facts that an image file states: rotation, and number of bits used of 16."""
     facts: Facts = [("pictures-turned", {"how": EXIF[turn]})] if (turn := _orientation(data)) in EXIF else []
     return [*facts, *(dim_values(int(image.max()), FULL) if _is_deep(data) else ())]
 
@@ -362,7 +357,7 @@ def _is_deep(data: bytes) -> bool:
 
 
 def dark_bars(image: Image) -> tuple[int, int, int, int]:
-    """Width of the black bars at the left, top, right and lower edge [px], as converters add them."""
+    """Widths of black bars at the left, top, right and bottom edge [px]."""
     grey = image if image.ndim == 2 else image.max(axis=2)
     columns, rows = grey.mean(axis=0) > BLACK, grey.mean(axis=1) > BLACK
     if not columns.any() or not rows.any():
@@ -371,7 +366,7 @@ def dark_bars(image: Image) -> tuple[int, int, int, int]:
 
 
 def encode_image(image: Image, kind: str, quality: int) -> bytes:
-    """PNG (lossless) or JPEG bytes of an image; the same bytes for the same image on every machine."""
+    """Encode an image as PNG (lossless) or JPEG; the result is the same on every machine."""
     if kind == "png":
         # A third faster than the default, and smaller on photographs.
         ok, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_FILTERED])
@@ -392,7 +387,7 @@ MAX_SEARCH = 4096
 
 
 def size_changes(path: Path) -> Changes:
-    """List the changes of frame size, including the first size; empty for other codecs."""
+    """Changes of frame size over a video, including the first size; empty for unsupported codecs."""
     with utf8_name(path.resolve()) as name:
         capture = cv2.VideoCapture(name, cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1, cv2.CAP_PROP_N_THREADS, 1])
     changes: Changes = []
@@ -408,13 +403,13 @@ def size_changes(path: Path) -> Changes:
 
 
 def size_at(changes: Changes, pos_ns: float) -> Size | None:
-    """Size of the frame at a time; None if it is not known."""
+    """Frame size at a time; None if unknown."""
     k = bisect_right([at for at, _ in changes], pos_ns + 1e3) - 1
     return changes[k][1] if k >= 0 else None
 
 
 def packet_size(data: bytes) -> Size | None:
-    """Width and height that a packet of compressed video states, None if it does not."""
+    """Width and height stated in a packet of compressed video; None if absent."""
     if data[:2] == b"\xff\xd8" or data[:4] == b"\x89PNG":
         return image_size(data)
     # A key frame of VP8: RFC 6386 sec. 9.1.
@@ -445,27 +440,27 @@ def _h264_size(data: bytes) -> Size | None:
 
 
 class _Bits:
-    """Reads bits and Exp-Golomb codes from the left; IndexError at the end."""
+    """Reader of bits and Exp-Golomb codes; IndexError at the end."""
 
     def __init__(self, data: bytes) -> None:
         self._value, self._left = int.from_bytes(data, "big"), 8 * len(data)
 
     def u(self, n: int) -> int:
-        """The next n bits as a whole number."""
+        """Next n bits as an unsigned integer."""
         self._left -= n
         if self._left < 0:
             raise IndexError
         return self._value >> self._left & ((1 << n) - 1)
 
     def ue(self) -> int:
-        """An unsigned Exp-Golomb code (ITU-T H.264 sec. 9.1)."""
+        """Next unsigned Exp-Golomb code (ITU-T H.264 sec. 9.1)."""
         zeros = 0
         while not self.u(1):
             zeros += 1
         return (1 << zeros) - 1 + self.u(zeros)
 
     def se(self) -> int:
-        """A signed Exp-Golomb code."""
+        """Next signed Exp-Golomb code."""
         k = self.ue()
         return (k + 1) // 2 if k & 1 else -k // 2
 
@@ -503,7 +498,7 @@ def _parameters(bits: _Bits) -> Size:
 
 
 def _high_profile(bits: _Bits) -> int:
-    """Chroma format, and past the parts that only high profiles have."""
+    """Read the parameters of high profiles; return the chroma format."""
     chroma = bits.ue()
     if chroma == 3:
         bits.u(1)

@@ -1,9 +1,7 @@
-"""Frames of a video file through OpenCV (FFmpeg): strictly forwards, each with its number in the file.
+"""Decoding of a video's frames by OpenCV (FFmpeg), forwards only, with frame numbers.
 
-A decoder that skips a damaged frame does not state it.  Each picture is therefore placed by
-its time stamp in the list of frames that the container announces.
-
-Bookkeeping of a video's frames: which were delivered, which should have been, and why not.
+A decoder that skips a damaged frame does not report it. Each picture is therefore matched by its time stamp with the
+container's list of frames. `FrameLedger` records which frames were delivered and why others were not.
 """
 
 from __future__ import annotations
@@ -38,7 +36,7 @@ ESTIMATE_SLACK = 0.02
 
 
 class FrameLedger:
-    """Frames start <= number < stop of one video as they arrive."""
+    """Record of the frames start <= number < stop of one video as they are delivered."""
 
     def __init__(
         self,
@@ -73,12 +71,12 @@ class FrameLedger:
         return index >= len(broken) or not broken[index]
 
     def note(self, index: int, complaint: str) -> None:
-        """Remember what the decoder wrote about a picture that it delivered all the same."""
+        """Record a decoder message about a picture that was delivered nevertheless."""
         if complaint:
             self._complaints.append((index, complaint))
 
     def refuse(self, index: int, why: str) -> None:
-        """Note a picture that is not used."""
+        """Record a picture that is not used, with the reason."""
         self._refused.setdefault(why, []).append(index)
         self._see(index)
 
@@ -87,7 +85,7 @@ class FrameLedger:
             self._seen[index] = True
 
     def fits(self, index: int, size: tuple[int, int]) -> bool:
-        """Note a picture that was decoded; false if it has another size than the others."""
+        """Check the size of a decoded picture; False (and recorded) if it differs from the others."""
         self.met += 1
         self._see(index)
         if size == self._size:
@@ -96,11 +94,11 @@ class FrameLedger:
         return False
 
     def misplaced(self) -> None:
-        """Note that pictures are stored in another order than shown, and that some were dropped."""
+        """Record that pictures are stored in another order than displayed, and some were dropped."""
         self._misplaced = True
 
     def faults(self) -> Iterator[Loss]:
-        """Faults of the container itself."""
+        """Record the faults of the container itself."""
         for location, what in self._container.problems if self._container else ():
             yield Loss(self._path.name, location, what)
 
@@ -123,7 +121,7 @@ class FrameLedger:
         )
 
     def report(self, lost: Callable[[Loss], None]) -> None:
-        """Report everything that is missing from the range, and possible faults in it."""
+        """Report all frames missing from the range, and possible damage."""
         losses = [*self._missing(), *self._odd_sizes(), *self._reported()]
         for why, frames in self._refused.items():
             losses += _stretches(self._path.name, np.array(frames, dtype=np.int64), why)
@@ -148,7 +146,7 @@ class FrameLedger:
         yield from _stretches(self._path.name, gone[~broken], "could not be decoded")
 
     def _estimated(self) -> Iterator[Loss]:
-        """For a container that we cannot read ourselves: its estimate of the number of frames."""
+        """Report missing frames by the decoder's estimated frame count, for containers that occlog cannot parse."""
         if self._frames is None:
             return
         wanted = (self._frames if self._stop is None else min(self._frames, self._stop)) - self._start
@@ -164,7 +162,7 @@ class FrameLedger:
             yield from _stretches(self._path.name, frames, f"{size[0]} x {size[1]} px where {want} was expected")
 
     def _reported(self) -> Iterator[Loss]:
-        """Pictures that were delivered although the decoder met damage in them."""
+        """Report pictures delivered with decoder errors."""
         texts = dict(self._complaints)
         for loss in _stretches(self._path.name, np.array(sorted(texts), dtype=np.int64), ""):
             first = texts[int(loss.place.split()[1].split("-")[0])] if loss.place.startswith("frame") else "errors"
@@ -173,7 +171,7 @@ class FrameLedger:
 
 
 def _stretches(source: str, frames: Ints, what: str) -> Iterable[Loss]:
-    """One loss for each run of consecutive frame numbers."""
+    """Losses of frames, one for each run of consecutive numbers."""
     runs = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1) if len(frames) else []
     for run in runs[:MAX_STRETCHES]:
         location = f"frame {run[0]}" if len(run) == 1 else f"frames {run[0]}-{run[-1]}"
@@ -204,7 +202,7 @@ DEEP_CODES = ("RGB0", "BGR0", "RBA@", "BRA@")
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A decoded frame: its number, its time after the start of the file (NaN if not known), the image."""
+    """A decoded frame: number, time since the start of the file (NaN: unknown), image."""
 
     index: int
     pos_ns: float
@@ -213,7 +211,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class VideoFile:
-    """An open video with its first frame decoded: its properties, and its frames, which can be taken once."""
+    """An open video with its first frame decoded: properties, and frames, which can be read once."""
 
     path: Path
     size: tuple[int, int]  # width, height
@@ -329,7 +327,7 @@ def _describe(
 
 
 def _remedied(path: Path, what: str) -> str:
-    """What the decoder did not convert, with a command that does."""
+    """Reason why the decoder failed to convert a video, with a command that converts it."""
     interlaced = "interlaced" in what.lower()
     made = shlex.quote(str(path.with_name(f"{path.stem}-converted.mp4")))
     deinterlace = "-vf bwdif=send_frame " if interlaced else ""
@@ -340,7 +338,7 @@ def _remedied(path: Path, what: str) -> str:
 
 
 def _orientation(capture: cv2.VideoCapture, container: Container | None) -> Facts:
-    """The rotation or mirror that the file states; only whole right angles are applied."""
+    """Rotation or reflection stated by the file; only multiples of 90 degrees are applied."""
     angle = float(capture.get(cv2.CAP_PROP_ORIENTATION_META))
     if container is not None and container.mirror:
         applied = "pictures-turned" if container.mirror in MIRRORED else "pictures-not-turned"
@@ -352,13 +350,13 @@ def _orientation(capture: cv2.VideoCapture, container: Container | None) -> Fact
 
 
 def _aspect(capture: cv2.VideoCapture) -> Facts:
-    """The shape of pixels, unless they are square."""
+    """Pixel aspect ratio, unless pixels are square."""
     across, down = capture.get(cv2.CAP_PROP_SAR_NUM), capture.get(cv2.CAP_PROP_SAR_DEN)
     return [("pixels-not-square", {"across": across, "down": down})] if min(across, down) > 0 and across != down else []
 
 
 def _start_s(capture: cv2.VideoCapture, first: _Raw) -> float:
-    """Time by which the stamp of the first frame [s] is later than the decoder's time of it."""
+    """Difference between the first frame's time stamp and the decoder's time of it [s]."""
     stamp, rate = getattr(cv2, "CAP_PROP_PTS", None), capture.get(cv2.CAP_PROP_FPS)
     return capture.get(stamp) / rate - first.pos_ns / NS if stamp is not None and rate > 0 else math.nan
 
@@ -376,7 +374,7 @@ def decode(
     target: Callable[[], Image | None] | None = None,
     keys: Collection[int] | None = None,
 ) -> Iterator[Picture]:
-    """Pictures of frames start <= number < stop in order; missing ones are reported to `lost` at the end.
+    """Generate the frames start <= number < stop in order; missing ones are reported to `lost` at the end.
 
     InputError where the range holds no frame that can be used.
 
@@ -445,7 +443,7 @@ def _raw_pictures(
     complaint: Callable[[], str],
     mirror: Callable[[Image], Image] | None = None,
 ) -> Iterator[_Raw]:
-    """Every picture that the decoder delivers, mirrored where asked for; failed reads are passed over."""
+    """Generate every picture that the decoder delivers, mirrored if required; failed reads are skipped."""
     ordinal = misses = missed = 0
     while misses <= PATIENCE + max((frames or 0) - ordinal - missed, 0):
         good = capture.grab()
@@ -470,10 +468,9 @@ def _raw_pictures(
 def _retrieve(
     capture: cv2.VideoCapture, target: Image | None, complaint: Callable[[], str]
 ) -> tuple[Image | None, str]:
-    """The picture that was decoded last, None if there is none, and why it was not converted.
+    """Retrieve the last decoded picture (None on failure), and the reason of a failed conversion.
 
-    OpenCV returns a buffer that nothing filled, as if it were the picture, where FFmpeg refuses the conversion; FFmpeg
-    writes of it.
+    If FFmpeg refuses the conversion, OpenCV returns an unfilled buffer; the failure is detected by FFmpeg's message.
     """
     try:
         ok, image = capture.retrieve(target)
@@ -484,9 +481,9 @@ def _retrieve(
 
 
 def _trusted(container: Container | None, pictures: Iterator[_Raw], misplaced: Callable[[], None]) -> Iterator[_Raw]:
-    """The pictures with their numbers from the container's list, if the first few fit it.
+    """Number pictures by the container's list of frames, if the first few fit it.
 
-    `misplaced` is called where numbers near frames that were dropped may be those of neighbours.
+    `misplaced` is called if numbers near dropped frames are uncertain.
     """
     head: list[_Raw] = []
     for raw in pictures:
@@ -508,7 +505,7 @@ def _trusted(container: Container | None, pictures: Iterator[_Raw], misplaced: C
 
 
 def _placed(container: Container, pictures: Iterator[_Raw], late: int) -> Iterator[_Raw]:
-    """The pictures with their numbers from the container's list; without, each of them is `late` frames late."""
+    """Number pictures by the container's list of frames; without one, count them with an offset of `late`."""
     last, held = -1, late
     for raw in pictures:
         index = _place(container, raw)
@@ -521,10 +518,10 @@ def _placed(container: Container, pictures: Iterator[_Raw], late: int) -> Iterat
 
 
 def _lateness(container: Container | None, first: _Raw) -> int:
-    """For how many packets the decoder of an AVI file holds a picture before it delivers it.
+    """Delay of the decoder of an AVI file, in packets between reading and delivery of a picture.
 
-    Where pictures are stored in another order than shown (B-frames), the first one comes with a later packet.  So it
-    does where those before it cannot be decoded, but of that decoders complain.
+    With B-frames the first picture is delivered with a later packet. Undecodable pictures have the same effect, but are
+    reported by the decoder.
     """
     if container is None or container.packets is None or first.complaint:
         return 0
@@ -533,12 +530,12 @@ def _lateness(container: Container | None, first: _Raw) -> int:
 
 
 def _distinct(container: Container | None) -> bool:
-    """Return whether no two frames of the container have the same time."""
+    """Whether all frame times of the container are different."""
     return container is not None and container.pts_ns is not None and bool((np.diff(container.pts_ns) > 0).all())
 
 
 def _place(container: Container | None, raw: _Raw) -> int:
-    """Number of a picture in the container's list of frames, -1 if it is not there."""
+    """Number of a picture in the container's list of frames; -1 if not found."""
     if container is None or container.pts_ns is None or not len(container.pts_ns) or not math.isfinite(raw.pos_ns):
         return -1
     if container.packets is not None:
@@ -553,6 +550,6 @@ def _place(container: Container | None, raw: _Raw) -> int:
 
 
 def _tolerance(pts: Ints, k: int) -> float:
-    """Half the way to the nearer neighbour, at most 5 ms: decoders round time stamps."""
+    """Tolerance for matching a time stamp: half the distance to the nearer neighbour, at most 5 ms."""
     gaps = np.diff(pts[max(k - 1, 0) : k + 2])
     return min(float(gaps.min()) / 2 if len(gaps) else 5e6, 5e6)

@@ -1,4 +1,4 @@
-"""Limits of a decoding process: memory, time, files."""
+"""Resource limits of a decoding process: memory, time, files."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ WRITTEN = 16 * 2**20
 
 
 def lower_limits(memory: int | None = MEMORY) -> None:
-    """Set the limits that do not depend on the file; for the process that calls.
+    """Set the limits of this process that do not depend on the file.
 
     Args:
         memory: address space [B]; None: as much as there is.
@@ -42,13 +42,13 @@ def lower_limits(memory: int | None = MEMORY) -> None:
 
 
 def allow_pixels(pixels: int) -> None:
-    """Raise the limit of memory for frames of this many pixels."""
+    """Raise the memory limit for frames of this many pixels."""
     if LIMITED:
         _set(resource.RLIMIT_AS, MEMORY + MEMORY_PER_PIXEL * pixels)
 
 
 class CpuTimeLimit:
-    """The limit of CPU time, which every frame moves on: a long video may take long, and one frame may not."""
+    """Limit of CPU time per frame: the process limit is extended with every frame."""
 
     def __init__(self, path: Path | None = None, seconds: int | None = None) -> None:
         """Begin.
@@ -66,10 +66,7 @@ class CpuTimeLimit:
         self.go_on()
 
     def go_on(self) -> None:
-        """Give the time for the next frame.
-
-        Once a second: to ask how much was taken may take as long as a small frame.
-        """
+        """Extend the limit for the next frame, at most once a second."""
         now = time.monotonic()
         if LIMITED and now - self._moved_on >= 1:
             self._moved_on = now
@@ -77,7 +74,7 @@ class CpuTimeLimit:
 
 
 def _set(kind: int, value: int) -> None:
-    """Set a soft limit, up to the hard one."""
+    """Set a soft limit, at most the hard one."""
     with suppress(ValueError, OSError):
         _, hard = resource.getrlimit(kind)
         resource.setrlimit(kind, (value if hard == resource.RLIM_INFINITY else min(value, hard), hard))

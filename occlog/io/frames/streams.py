@@ -1,4 +1,4 @@
-"""Recorded video of one camera: when its frames were taken.
+"""Frame times of a recorded video or image folder.
 
 The time of a frame comes from a sidecar file if there is one, else from the container's
 time stamps, else from the frame rate.  Which one was used is written into the recording.
@@ -36,7 +36,7 @@ STAMPS = "container time stamps"
 
 
 def sidecar_times(table_ns: Ints, name: str, start_ns: int = 0) -> FrameTimes:
-    """Times of frames from a sidecar file (see `occlog.io.files.times`)."""
+    """Times of frames from a time stamp file (see `occlog.io.files.times`)."""
     return FrameTimes(f"sidecar {name}", start_ns, table_ns)
 
 
@@ -58,7 +58,7 @@ def rate_times(rate: Fraction, origin: str, start_ns: int = 0, steps: Ints | Non
 def video_times(
     path: Path, stated_hz: float | None = None, *, fps: Fraction | None = None, start_ns: int = 0
 ) -> FrameTimes:
-    """Times of the frames of a video that has no sidecar.
+    """Times of the frames of a video without a time stamp file.
 
     Args:
         path: the video file.
@@ -94,7 +94,7 @@ def video_times(
 
 
 def _plausible(container: Container) -> bool:
-    """Return whether the container gives every frame its own time."""
+    """Whether the container states a separate time for every frame."""
     return container.pts_ns is not None and bool((np.diff(container.pts_ns) > 0).all())
 
 
@@ -120,7 +120,7 @@ def list_images(folder: Path) -> list[Path]:
 
 
 def numbers_of(files: list[Path]) -> list[int]:
-    """The last number in each name, strictly rising; InputError where a name has none or two are equal."""
+    """Last number in each file name, strictly increasing; InputError if missing or repeated."""
     from occlog.records.declared.sensors import MAX_FRAMES  # which the process that decodes does not need
 
     numbers: list[int] = []
@@ -148,7 +148,7 @@ def numbers_of(files: list[Path]) -> list[int]:
 
 
 def are_times(files: list[Path]) -> bool:
-    """Return whether the names are times in ns since the Unix epoch (numbers of 18 or more digits)."""
+    """Whether the file names are times [ns since the Unix epoch] (18 or more digits)."""
     return all(file.stem.isdigit() and len(file.stem) >= NS_DIGITS for file in files)
 
 
@@ -158,7 +158,7 @@ def load(
     lost: Callable[[Loss], None],
     complaint: Callable[[], str] = lambda: "",
 ) -> Iterator[tuple[Picture, bytes]]:
-    """Picture and file content of each image; one that cannot be used is reported to `lost` and skipped.
+    """Generate picture and file content of each image; unusable ones are reported to `lost` and skipped.
 
     Args:
         files: (frame number, file) in order.
@@ -190,7 +190,7 @@ def load(
 
 @dataclass(frozen=True, eq=False)
 class ImageFolder:
-    """Images of one camera: (frame number, file) in order, and the times of frame numbers."""
+    """Images of one camera: (frame number, file) in order, with times of frame numbers."""
 
     path: Path
     files: tuple[tuple[int, Path], ...]

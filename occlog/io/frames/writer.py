@@ -1,4 +1,4 @@
-"""Video files: lossless ones (FFV1 in AVI), half as large as PNG images, and small ones for viewing."""
+"""Writing of video files: lossless (FFV1 in AVI), half as large as PNG images, or small ones for viewing."""
 
 from __future__ import annotations
 
@@ -32,10 +32,8 @@ VP8 rather than VP9, which OpenCV codes five times slower for files a quarter sm
 class VideoWriter:
     """Writer of a video file, a context manager; the file appears when the block ends without an error.
 
-    Its size in `bytes` and its `sha256` are known then.
-
-    OpenCV does not state when it cannot write, so the frames in the file are counted at the end, and those of a video
-    without loss are compared.
+    `bytes` and `sha256` are available then. Since OpenCV reports no write errors, the frames in the file are counted at
+    the end, and compared for lossless video.
     """
 
     code = ""
@@ -58,7 +56,7 @@ class VideoWriter:
         self.sha256 = ""
 
     def __enter__(self) -> Self:
-        """Open a temporary file."""
+        """Open a temporary file, and return self."""
         check_writable(self.path, self.overwrite)
         self._folder = folder_beside(Path(os.path.realpath(self.path)))
         self._draft = self._folder.__enter__() / f"video{self.suffix}"
@@ -79,16 +77,16 @@ class VideoWriter:
         self._wrote(image)
 
     def _wrote(self, image: Image) -> None:
-        """Remember what `_damaged` needs of a frame."""
+        """Record data of a frame for the check in `_damaged`."""
 
     def _damaged(self) -> int | None:
-        """Number of the first frame of the draft that differs from what the writer got; None: none known."""
+        """Number of the first frame that differs from the written image; None if no difference is known."""
         return None
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Complete the file, or drop it after an error."""
+        """Complete the file, or delete it after an error."""
         try:
             self._video.release()
             if kind is None:
@@ -119,7 +117,7 @@ class VideoWriter:
 
 @contextmanager
 def _without_words() -> Iterator[None]:
-    """Silence standard error meanwhile: OpenCV states about WebM there that its tag is not the one of its table."""
+    """Context manager that silences standard error (a harmless warning of OpenCV about WebM)."""
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(nowhere, 2)
@@ -131,13 +129,13 @@ def _without_words() -> Iterator[None]:
 
 
 class LosslessVideo(VideoWriter):
-    """FFV1; in AVI, because it carries neither times nor random numbers: equal images give equal bytes."""
+    """Lossless video, FFV1 in AVI: equal images give equal bytes, since it holds neither times nor random numbers."""
 
     code = "FFV1"
     otherwise = "; keep PNG images instead"
 
     def __enter__(self) -> Self:
-        """Open a temporary file."""
+        """Open a temporary file, and return self."""
         self._sums: list[int] = []
         return super().__enter__()
 
@@ -158,7 +156,7 @@ class LosslessVideo(VideoWriter):
 
 
 class ShownVideo(VideoWriter):
-    """Video for viewing, not for measurements; the name's suffix, one of `SHOWN`, decides on the kind.
+    """Lossy video for viewing; the suffix, one of `SHOWN`, determines the format.
 
     Equal images give equal bytes.
     """

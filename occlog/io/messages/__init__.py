@@ -1,1 +1,1 @@
-"""Messages of other programs: bags of ROS 2 and 1 and foreign MCAP files, whatever their topics are called."""
+"""Messages of other programs: bags of ROS 1 and 2, and external MCAP files."""

@@ -1,10 +1,10 @@
-"""A bag: the files of one recording of another program, one after the other, with the losses of them.
+"""A bag: the files of one recording of another program, in sequence, with their losses.
 
 Files are bags of ROS 1 (.bag) or 2 (.mcap, .db3).  A folder of rosbag2 states in `metadata.yaml` which files belong to
 it and how many messages they hold; without it all .mcap and .db3 files of the folder are taken.  Files compressed as a
 whole (.zstd) are unpacked into a temporary folder, messages compressed one by one as they come.
 
-What a bag holds: its topics, what each is taken as, calibrations, frames of reference, sizes of images.
+The survey of a bag lists topics with their interpretation, calibrations, coordinate frames, and image sizes.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ MAX_GROWTH = 1000
 
 @dataclass
 class Bag:
-    """An opened bag; a context manager that removes unpacked files."""
+    """An opened bag; a context manager that removes decompressed temporary files."""
 
     paths: tuple[Path, ...]
     files: list[BagFile] = field(default_factory=list)
@@ -82,12 +82,12 @@ class Bag:
 
     @property
     def losses(self) -> list[Loss]:
-        """Losses so far, each loss once."""
+        """Losses so far, without duplicates."""
         far = [Loss(topic, "time of recording", what, count) for topic, (what, count) in self._far.items()]
         return list(dict.fromkeys([*self._losses, *far, *(loss for file in self.files for loss in file.losses)]))
 
     def topics(self) -> dict[str, BagTopic]:
-        """The topics of all files by name, their messages added up; InputError where files contradict each other."""
+        """Topics of all files by name, with message counts summed; InputError for contradictory files."""
         out: dict[str, BagTopic] = {}
         for file in self.files:
             for topic in file.topics():
@@ -107,12 +107,12 @@ class Bag:
         return dict(sorted(out.items()))
 
     def span(self) -> tuple[int, int] | None:
-        """Times of the first and the last message [ns]; None if missing."""
+        """Time range of the messages [ns]; None without messages."""
         spans = [span for file in self.files if (span := file.span()) is not None]
         return (min(low for low, _ in spans), max(high for _, high in spans)) if spans else None
 
     def messages(self, topics: Collection[str]) -> Iterator[BagMessage]:
-        """Messages of some topics, file by file; memory does not grow with the bag."""
+        """Generate the messages of some topics, file by file; memory does not grow with the bag."""
         counts: dict[str, int] = {}
         for file in self.files:
             size = file.path.stat().st_size
@@ -155,12 +155,12 @@ class Bag:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Remove unpacked files."""
+        """Remove decompressed files."""
         if self._folder is not None:
             self._folder.cleanup()
 
     def _unpacked(self, message: BagMessage) -> bytes | None:
-        """The bytes of a message that is compressed on its own; None, and a loss, where it is damaged or too large."""
+        """Decompress the bytes of a message; None, and a loss, if damaged or too large."""
         try:
             return unpack_frames(message.data, MAX_CHUNK_BYTES)
         except zstandard.ZstdError as error:
@@ -169,7 +169,7 @@ class Bag:
         return None
 
     def unpack(self, path: Path) -> Path:
-        """A whole file that is compressed, unpacked; a missing end is reported by the reader."""
+        """Decompress a file compressed as a whole; a missing end is reported by the reader."""
         if self._folder is None:
             self._folder = tempfile.TemporaryDirectory(prefix="occlog-bag-")
         out = Path(self._folder.name) / f"{len(self.files)}-{path.stem}"
@@ -197,7 +197,7 @@ class Bag:
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a path resembles a bag: a folder with its files, or a file of that kind."""
+    """Whether a path is probably a bag: a folder with bag files, or a bag file."""
     if path.is_dir():
         return (path / METADATA).is_file() or bool(_members(path))
     return path.is_file() and _kind(path) is not None
@@ -236,9 +236,9 @@ def open_bag(paths: Collection[Path]) -> Bag:
 
 
 def _in_order(files: list[BagFile]) -> list[BagFile]:
-    """Files by when they begin: a shell puts `bag_10` before `bag_2`, and times that go back would be lost.
+    """Sort files by start time (a shell sorts `bag_10` before `bag_2`, which would make times decrease).
 
-    One with unknown times, since it is damaged or empty, stays behind the one before it.
+    A file with unknown times (damaged or empty) keeps its predecessor.
     """
     begins, last = list[int](), 0
     for file in files:
@@ -249,7 +249,7 @@ def _in_order(files: list[BagFile]) -> list[BagFile]:
 
 
 def _add(bag: Bag, path: Path) -> None:
-    """Open one file; one of several that cannot be opened is a loss."""
+    """Open one file; if one of several cannot be opened, it is a loss."""
     try:
         check_input(path, WHAT)
         kind = _kind(path)
@@ -285,18 +285,18 @@ def _kind(path: Path) -> str | None:
 
 
 def _members(folder: Path) -> list[Path]:
-    """Files of a bag in a folder, in natural order; of one that is there unpacked, too, that one alone."""
+    """Files of a bag in a folder, in natural order; if a file exists decompressed as well, only that one."""
     found = [p for p in folder.iterdir() if p.is_file() and _bare(p).suffix in SUFFIXES]
     return sorted((p for p in found if p == _bare(p) or _bare(p) not in found), key=lambda p: natural_key(p.name))
 
 
 def _bare(path: Path) -> Path:
-    """The file without its packing, as which rosbag2 unpacks it into the same folder when it plays the bag."""
+    """Path of the decompressed file that rosbag2 writes into the same folder."""
     return path.with_suffix("") if path.suffix in PACKED else path
 
 
 def _listed(path: Path, bag: Bag) -> list[Path]:
-    """The files of a folder as its metadata list them, or all of them."""
+    """Files of a folder as listed in its metadata, or else all bag files."""
     described = path / METADATA
     bag.described &= path.is_dir() and described.is_file()
     if not path.is_dir():
@@ -319,14 +319,14 @@ def _listed(path: Path, bag: Bag) -> list[Path]:
 
 
 def _packed_or_not(path: Path) -> Path:
-    """The existing file among a name with and without the ending of compression: versions of rosbag2 list either."""
+    """Existing file, with or without the compression suffix (versions of rosbag2 list either)."""
     others = (_bare(path), *(path.with_name(path.name + ending) for ending in PACKED))
     # Unlike methods of Path these take names of any length
     return path if os.path.exists(path) else next((other for other in others if os.path.isfile(other)), path)  # noqa: PTH110, PTH113
 
 
 def _left_out(path: Path, listed: list[Path]) -> list[Loss]:
-    """The files of a folder that its metadata do not list."""
+    """Files of a folder that its metadata do not list."""
     if not path.is_dir():
         return []
     known = {_bare(file) for file in listed}
@@ -335,7 +335,7 @@ def _left_out(path: Path, listed: list[Path]) -> list[Loss]:
 
 
 def _information(path: Path) -> dict[str, object]:
-    """The content of a metadata file."""
+    """Content of a metadata file."""
     documents = yaml_documents(read_configuration(path, "the metadata of a ROS 2 bag"), path, "metadata of a ROS 2 bag")
     content = documents[0] if len(documents) == 1 else None
     found = content.get("rosbag2_bagfile_information") if isinstance(content, dict) else None
@@ -378,19 +378,19 @@ CLOCKS_APART_S = 0.5
 
 
 class NoSizeError(InputError):
-    """A picture of video that does not state its size: a later one does."""
+    """A video picture does not state its size; a later one does."""
 
 
 class BagDecoder:
-    """Decodes messages of a bag into their one form; each topic's decoder is made when it is first needed."""
+    """Decodes messages of a bag to the common form; a topic's decoder is created on first use."""
 
     def __init__(self, topics: dict[str, BagTopic]) -> None:
-        """Know the topics."""
+        """Start with the topics of a bag."""
         self._topics = topics
         self._decoders: dict[str, Decode] = {}
 
     def read(self, topic: str, data: bytes) -> Any:
-        """A message as its type is read by `read_message`; InputError for bytes that are no such message."""
+        """Decode a message by its type (`read_message`); InputError for invalid bytes."""
         if topic not in self._decoders:
             self._decoders[topic] = decoder(self._topics[topic])
         kind = self._topics[topic].kind
@@ -405,7 +405,7 @@ class BagDecoder:
 
 
 def survey(bag: Bag, asked: Sequence[tuple[str, str]], *, transforms_too: bool = True) -> BagSurvey:
-    """Go through transforms, the first calibrations and the first images of a bag.
+    """Survey a bag: transforms, first calibrations, and first images of its topics.
 
     Args:
         bag: the bag.
@@ -473,7 +473,7 @@ def survey(bag: Bag, asked: Sequence[tuple[str, str]], *, transforms_too: bool =
 
 
 def _size(image: ImageMessage, topic: str) -> tuple[int, int]:
-    """Width and height of an image [px]; InputError for one that is damaged, or a picture of video without them."""
+    """Width and height of an image [px]; InputError if damaged, or for a video picture without a size."""
     if image.size is None and is_video(image.encoding):
         try:
             size = stream_size(image.data, image.encoding)
@@ -491,7 +491,7 @@ def _of(topics: dict[str, BagTopic], kind: TopicKind) -> Iterable[str]:
 
 
 def topic_lines(found: BagSurvey) -> list[str]:
-    """One line for each name that is taken of a bag, and one for what could be taken too."""
+    """One line for each selected topic of a bag, and one for topics that could be selected."""
     chosen = found.map
     lines = []
     for camera, topic in chosen.images.items():
@@ -509,7 +509,7 @@ def topic_lines(found: BagSurvey) -> list[str]:
 
 
 def borrowed_lines(found: BagSurvey) -> list[str]:
-    """One line for each topic that is taken and that the bag defines in part only."""
+    """One line for each selected topic with message types that the bag defines only in part."""
     chosen, lines = found.map, []
     taken = {*chosen.images.values(), *chosen.infos.values(), *chosen.boxes.values(), *chosen.directions.values()}
     for topic in sorted({*taken, *chosen.poses.values(), *chosen.transforms}):

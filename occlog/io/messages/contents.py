@@ -3,13 +3,9 @@
 Raw images have the matrix K and the distortion D; rectified ones the matrix P, no distortion, and are turned by R.
 `binning` and `roi` scale and shift them (REP 104).
 
-Images of messages: compressed ones as they are, raw pixels of any common encoding as grey or BGR.
-
-Rows of tables from messages: true positions, boxes, directions of arrival.
-
-The tree of frames of reference of a bag, and the poses of frames that must not move.
-
-Transforms come all the time; of each pair of frames the first pose is kept, and how far later ones were from it.
+Images of messages: compressed ones unchanged, raw pixels of any common encoding as grey or BGR. Table rows from
+messages: true positions, boxes, directions of arrival. The transform tree of a bag, and poses of static frames: of each
+pair of frames the first pose is kept, and the largest deviation of later ones.
 """
 
 from __future__ import annotations
@@ -40,7 +36,7 @@ from .video_stream import OTHER_CODECS, is_video
 
 
 class Intrinsics(NamedTuple):
-    """State of a camera without its pose.
+    """Intrinsics of a camera, without its pose.
 
     Attributes:
         focal_px: (2,) focal lengths.
@@ -60,7 +56,7 @@ class Intrinsics(NamedTuple):
 
 
 def intrinsics(info: InfoMessage, *, rectified: bool, where: str) -> Intrinsics | None:
-    """The intrinsic parameters of the camera of a calibration; None for one that states that it is not calibrated.
+    """Intrinsics from a calibration message; None if it states that the camera is not calibrated.
 
     InputError, with the remedy, for lens models and regions of the sensor that cannot be used.
     """
@@ -119,7 +115,7 @@ ENCODINGS = (*_GREY, *_COLOURS)
 
 
 class Stored(NamedTuple):
-    """An image as it goes into the recording."""
+    """An image as stored in the recording."""
 
     data: bytes
     kind: str
@@ -127,7 +123,7 @@ class Stored(NamedTuple):
 
 
 def is_picture(message: ImageMessage) -> bool:
-    """Return whether the message shows what a camera sees, and not depth or the like."""
+    """Whether the message is a visible image, not depth or the like."""
     if message.size is not None:
         return message.encoding in ENCODINGS
     if is_video(message.encoding):
@@ -137,7 +133,7 @@ def is_picture(message: ImageMessage) -> bool:
 
 
 def stored(message: ImageMessage, where: str, store: str | None, quality: int) -> Stored:
-    """The image as bytes of a recording.
+    """Encode the image of a message for the recording.
 
     Args:
         message: the image.
@@ -204,7 +200,7 @@ MAX_DEPTH = 200
 
 @dataclass
 class Edge:
-    """The pose of a frame in its parent: the first one, and the largest change since."""
+    """Pose of a frame in its parent: the first one, and the largest change since."""
 
     parent: str
     rotation: Floats  # (3, 3) parent-from-child
@@ -215,7 +211,7 @@ class Edge:
 
     @property
     def still(self) -> bool:
-        """True if it never moved by more than noise does."""
+        """Whether the frame never moved by more than noise."""
         return self.moved <= STILL_M and self.turned <= STILL_RAD
 
 
@@ -227,15 +223,15 @@ class FramePose(NamedTuple):
 
 
 class Transforms:
-    """The frames of a bag."""
+    """Transform tree of a bag."""
 
     def __init__(self) -> None:
-        """Begin without frames."""
+        """Start without frames."""
         self.edges: dict[str, Edge] = {}
         self.faults: dict[str, str] = {}
 
     def add(self, message: TransformMessage) -> None:
-        """Take a transform; one that is no pose is reported when its frame is needed."""
+        """Add a transform; an invalid pose is reported when its frame is needed."""
         try:
             rotation = rotation_of(message)
         except InputError as error:
@@ -260,11 +256,11 @@ class Transforms:
         return sorted({*self.edges, *(edge.parent for edge in self.edges.values())})
 
     def knows(self, frame: str) -> bool:
-        """Return whether a frame is in the tree."""
+        """Whether a frame is in the tree."""
         return frame in self.edges or any(edge.parent == frame for edge in self.edges.values())
 
     def chain(self, frame: str) -> list[str]:
-        """The frame, its parent, and so on up to the root; InputError where frames are each other's parents."""
+        """Frames from a frame up to the root; InputError for a cycle."""
         out = [frame]
         while out[-1] in self.edges:
             parent = self.edges[out[-1]].parent
@@ -276,14 +272,14 @@ class Transforms:
         return out
 
     def still_root(self, frame: str) -> str:
-        """The highest frame in which a frame does not move."""
+        """Highest ancestor in which a frame is static."""
         for above in self.chain(frame):
             if above not in self.edges or not self.edges[above].still:
                 return above
         raise AssertionError("no root in the chain of frames; `chain` ends at a frame without a parent")
 
     def placed(self, frame: str, world: str) -> FramePose:
-        """The pose of a frame in another one.
+        """Pose of a frame in another one.
 
         InputError where the frames are not connected, one of them moves in the other, or has two parents.
         """
@@ -306,7 +302,7 @@ class Transforms:
         return FramePose(b.rotation.T @ a.rotation, b.rotation.T @ (a.translation - b.translation))
 
     def _to(self, frame: str, above: str) -> FramePose:
-        """The pose of a frame in one above it."""
+        """Pose of a frame in one of its ancestors."""
         rotation, translation = np.eye(3), np.zeros(3)
         while frame != above:
             edge = self.edges[frame]
@@ -316,7 +312,7 @@ class Transforms:
 
 
 def rotation_of(message: TransformMessage) -> Floats:
-    """(3, 3) rotation of a unit quaternion (x, y, z, w); InputError for another length, or a position that is none."""
+    """(3, 3) rotation of a unit quaternion (x, y, z, w); InputError for another norm, or an invalid position."""
     if not np.isfinite(message.translation).all():
         raise InputError(
             f"transform of frame {message.child!r}: its translation is not finite", id="invalid-calibration"
@@ -344,7 +340,7 @@ LENGTHS = (0.9, 1.1)
 
 
 def truth_rows(message: PoseMessage, t_ns: int, first: int, placed: FramePose) -> Truth:
-    """Positions of one message in the world; the targets are numbered from `first`.
+    """True positions of one message in the world; targets are numbered from `first`.
 
     Positions on the earth are in the world of the origin that the user states, and not in a frame of the bag.
     """
@@ -361,7 +357,7 @@ def truth_rows(message: PoseMessage, t_ns: int, first: int, placed: FramePose) -
 
 
 def _truth_on_earth(message: PoseMessage, t_ns: int, first: int) -> Truth:
-    """Positions on the earth of one message; heights are used where the origin states its own."""
+    """Geodetic true positions of one message, in the scene; heights are used if the origin states its own."""
     degrees, heights = message.positions[:, :2], message.positions[:, 2]
     known = has_heights()
     if known and not np.isfinite(heights).all():
@@ -377,10 +373,10 @@ def _truth_on_earth(message: PoseMessage, t_ns: int, first: int) -> Truth:
 
 
 class MessageBoxRows:
-    """Boxes of one camera; counts its frames and its classes."""
+    """Converts box messages of one camera to rows, and numbers its frames."""
 
     def __init__(self, camera: str, classes: Collection[str], scale: float) -> None:
-        """Take boxes of some classes, or of the only one that there is; scores are divided by `scale`."""
+        """Select boxes of some classes, or of the only one that occurs; scores are divided by `scale`."""
         self.camera, self.classes, self.scale = camera, classes, scale
         self.frames = 0
         self.labels: Counter[str] = Counter()
@@ -388,7 +384,7 @@ class MessageBoxRows:
         self._owners: dict[int, str] = {}
 
     def rows(self, message: BoxMessage, t_ns: int) -> Boxes:
-        """The boxes of one message, which is a frame; one without boxes is a row that states that nothing was detected.
+        """Rows of one message (a frame); a frame without boxes is one row without detection.
 
         InputError where there are several classes and none is chosen, and for boxes that cannot be.
         """
@@ -423,7 +419,7 @@ class MessageBoxRows:
         )
 
     def _identity(self, text: str) -> int:
-        """The number of a track that a detector names: its own where it is one, else the next that is free."""
+        """Number of a track that a detector names: the number itself, or else the next free one."""
         if not text:
             return -1
         known = self._numbers.get(text)
@@ -441,7 +437,7 @@ class MessageBoxRows:
 
 
 def direction_rows(message: DirectionMessage, t_ns: int, array: MicrophoneArray) -> Doa:
-    """Directions of one message in the world; empty slots (id 0, or no direction) give no row."""
+    """Directions of one message in the world; empty slots (id 0, or no direction) are skipped."""
     heard = [s for s in message.sources if s.id != 0 and any(s.vector)]
     vectors: Floats = np.array([s.vector for s in heard], dtype=np.float64).reshape(-1, 3)
     with np.errstate(over="ignore"):  # infinite values are refused

@@ -1,8 +1,6 @@
 """Message types and their meaning: images, calibrations, transforms, poses, boxes, directions.
 
-ROS 2 and Foxglove have the same content under other names; the readers here make one form of them.
-
-Bytes of messages to objects with the fields of their types: those of ROS 1, CDR of ROS 2, protobuf of Foxglove, JSON.
+ROS 1, ROS 2 (CDR) and Foxglove (protobuf, JSON) messages are decoded and converted to one common form.
 
 Messages of ROS need the package rosbags (extra `ros2`), which also knows ROS' own types, for bags that do not define
 them, or define them without the types of their fields.
@@ -43,7 +41,7 @@ class TopicKind(Enum):
 
 
 class MessageStamp(NamedTuple):
-    """When a message was measured [ns since 1970; 0: not stated] and in which frame of reference."""
+    """Measurement time of a message [ns since 1970; 0: not stated] and its coordinate frame."""
 
     stamp_ns: int
     frame: str
@@ -68,7 +66,7 @@ class ImageMessage(NamedTuple):
 
 
 class InfoMessage(NamedTuple):
-    """A calibration as `sensor_msgs/CameraInfo` defines it."""
+    """Calibration as defined by `sensor_msgs/CameraInfo`."""
 
     header: MessageStamp
     size: tuple[int, int]
@@ -82,7 +80,7 @@ class InfoMessage(NamedTuple):
 
 
 class TransformMessage(NamedTuple):
-    """The pose of a frame in its parent."""
+    """Pose of a frame in its parent."""
 
     parent: str
     child: str
@@ -99,7 +97,7 @@ class PoseMessage(NamedTuple):
 
 
 class BoxDetection(NamedTuple):
-    """A box [px] of a detector; `id` and `label` are empty where they are not stated."""
+    """A box [px] of a detector; `id` and `label` are empty if not stated."""
 
     left: float
     top: float
@@ -118,7 +116,7 @@ class BoxMessage(NamedTuple):
 
 
 class SoundSource(NamedTuple):
-    """A source of sound: identity (0: none; -1: not tracked), unit vector, and activity or energy."""
+    """Sound source: identity (0: none; -1: not tracked), unit vector, and activity or energy."""
 
     id: int
     vector: tuple[float, float, float]
@@ -139,17 +137,17 @@ def kind_of(name: str) -> TopicKind | None:
 
 
 def bare(name: str) -> str:
-    """The name of a type without the part that ROS 2 puts between package and name."""
+    """Type name without the middle part that ROS 2 adds (`/msg/`)."""
     return name.replace("/msg/", "/").replace("/", ".")
 
 
 def read_message(name: str, message: Any) -> Any:
-    """A decoded message of a known type in its one form; an iterator for types that hold several transforms."""
+    """Convert a decoded message to the common form; an iterator for types with several transforms."""
     return _TYPES[bare(name)][1](message)
 
 
 def _time_ns(time: Any) -> int:
-    """A time [ns] of ROS (sec, nanosec), protobuf (seconds, nanos) or Foxglove's JSON (sec, nsec).
+    """Time [ns] from ROS (sec, nanosec), protobuf (seconds, nanos) or Foxglove's JSON (sec, nsec).
 
     ValueError where it is out of range.
     """
@@ -165,18 +163,18 @@ def _header(message: Any) -> MessageStamp:
 
 
 def _own_header(message: Any) -> MessageStamp:
-    """Time and frame of Foxglove's types, which have no header."""
+    """Time and frame of Foxglove types, which have no header."""
     stamp = getattr(message, "timestamp", None)
     return MessageStamp(0 if stamp is None else _time_ns(stamp), _frame(getattr(message, "frame_id", "")))
 
 
 def _frame(name: object) -> str:
-    """The name of a frame; a slash before it, as in ROS 1, means nothing."""
+    """Frame name without the leading slash of ROS 1."""
     return str(name).lstrip("/")
 
 
 def _bytes(data: Any) -> bytes:
-    """Bytes of an array, of bytes, or of base64 text."""
+    """Bytes of an array, bytes, or base64 text."""
     if isinstance(data, str):
         import base64
 
@@ -203,13 +201,13 @@ def _foxglove_raw(message: Any) -> ImageMessage:
 
 
 def _matrix(values: Any, rows: int, columns: int) -> Floats:
-    """A matrix by rows; all zeros where it is not stated."""
+    """Row-major matrix; zeros if not stated."""
     found = np.asarray(list(values), dtype=np.float64)
     return found.reshape(rows, columns) if found.size else np.zeros((rows, columns))
 
 
 def _matrix_field(message: Any, name: str) -> Any:
-    """A matrix of `CameraInfo`: ROS 1 has capital letters."""
+    """Matrix of a `CameraInfo`, whose field names are upper case in ROS 1."""
     return getattr(message, name) if hasattr(message, name) else getattr(message, name.upper())
 
 
@@ -272,7 +270,7 @@ def _positions(header: MessageStamp, positions: list[Any]) -> PoseMessage:
 
 
 def _fix(message: Any) -> PoseMessage:
-    """A position of a satellite receiver; InputError where it had none."""
+    """Position of a satellite receiver; InputError without a fix."""
     status = int(getattr(getattr(message, "status", None), "status", 0))
     if status < 0:
         raise InputError(f"the receiver had no fix (status {status})")
@@ -286,7 +284,7 @@ def _vision(message: Any) -> BoxMessage:
 
 
 def _detection(entry: Any) -> BoxDetection:
-    """A `vision_msgs/Detection2D` of any release: fields moved from one to the next."""
+    """Parse a `vision_msgs/Detection2D` of any release."""
     centre = entry.bbox.center
     position = getattr(centre, "position", centre)
     width, height = float(entry.bbox.size_x), float(entry.bbox.size_y)
@@ -428,13 +426,13 @@ def _check_listed(data: bytes) -> None:
 
 
 def is_readable(topic: BagTopic) -> bool:
-    """Return whether the messages of a topic are in a known encoding."""
+    """Whether the messages of a topic are in a known encoding."""
     known = topic.encoding in (*ROS_RELEASES, "json")
     return known or (topic.encoding == "protobuf" and topic.kind.startswith("foxglove."))
 
 
 def borrowed_types(topic: BagTopic) -> tuple[str, ...]:
-    """Types of a topic's messages that the bag does not define, so that ROS' own ones are used; without rosbags none.
+    """Message types of a topic that the bag does not define, so that ROS' own definitions are used.
 
     A topic without any definition, as in bags of ROS 2 before Iron, gives its own type.
     """
@@ -447,13 +445,13 @@ def borrowed_types(topic: BagTopic) -> tuple[str, ...]:
 
 
 def _ros_name(kind: str) -> str:
-    """The name of a type as rosbags has it, `std_msgs/msg/Header` for `std_msgs/Header` of ROS 1."""
+    """Type name as used by rosbags: `std_msgs/msg/Header` for ROS 1's `std_msgs/Header`."""
     package, mark, name = kind.partition("/")
     return f"{package}/msg/{name}" if mark and "/" not in name else kind
 
 
 def _ros(topic: BagTopic) -> Decode:
-    """Decoder of messages of ROS by the definition in the bag, or by ROS' own one where the bag has none."""
+    """Decoder of ROS messages by the definition in the bag, or by ROS' own one."""
     try:
         types = importlib.import_module("rosbags.typesys")
         serde = importlib.import_module("rosbags.serde")
@@ -490,7 +488,7 @@ def _ros(topic: BagTopic) -> Decode:
 
 
 class _TypeStore(NamedTuple):
-    """Types of the messages of a topic.
+    """Message types of a topic.
 
     Attributes:
         store: rosbags' store of them.
@@ -505,7 +503,7 @@ class _TypeStore(NamedTuple):
 
 @lru_cache(maxsize=32)
 def _types(kind: str, encoding: str, language: str, definition: bytes) -> _TypeStore:
-    """Types of messages of ROS.
+    """Load message types of ROS.
 
     Code is generated for them, which takes milliseconds, and cameras share their types.
     """
@@ -529,7 +527,7 @@ def _types(kind: str, encoding: str, language: str, definition: bytes) -> _TypeS
 
 
 def _borrow(store: Any, kind: str, own: Any) -> tuple[str, ...]:
-    """Add types of fields that a bag does not define from those of ROS itself; returns their names."""
+    """Add missing types of fields from ROS' own definitions; returns their names."""
     nodes = importlib.import_module("rosbags.interfaces").Nodetype
     seeking, seen, borrowed = [kind], set[str](), list[str]()
     while seeking:
@@ -550,10 +548,10 @@ def _borrow(store: Any, kind: str, own: Any) -> tuple[str, ...]:
 
 
 def _checked(found: Any) -> Any:
-    """Types by name; ValueError where code of them cannot be, or takes memory or time without a byte of a message.
+    """Validate types by name; ValueError for those whose generated code would be invalid or unbounded.
 
-    The code that is generated has the names, the constants, and lines for each entry of an array with a length that is
-    given, if they are no numbers; and a message may have any number of entries that take no bytes.
+    Generated code contains names, constants, and a line per entry of a fixed-length array; and a message may declare
+    any number of entries that take no bytes.
     """
     nodes = importlib.import_module("rosbags.interfaces").Nodetype
     entries = 0

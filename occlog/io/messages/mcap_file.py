@@ -1,10 +1,8 @@
-"""One MCAP file of another program, read record by record: whole records are used, damaged ones are losses.
+"""One external MCAP file, read record by record; damaged records are losses.
 
-The reader of occlog's own recordings refuses a file without its end.  Recorders of robots lose power, so this one
-goes forwards through the records, unpacks a chunk at a time, and needs no index; where there is one, chunks without
-the requested topics are skipped.
-
-Data that zstd packed in several frames, or behind frames to skip: the library unpacks the first one alone.
+The file may be truncated, e.g. by a power loss: records are read forwards, a chunk at a time, without the index; if
+there is one, chunks without the requested topics are skipped. Zstd data in several frames are decompressed here, since
+the library decompresses the first one only.
 """
 
 from __future__ import annotations
@@ -70,10 +68,10 @@ class BagMessage(NamedTuple):
 
 
 class McapFile:
-    """An MCAP file; `losses` grow while it is read."""
+    """An external MCAP file; `losses` is extended while it is read."""
 
     def __init__(self, path: Path, name: str) -> None:
-        """Read the index, where there is one; `name` is what losses call the file."""
+        """Read the index if there is one; `name` is the file's name in losses."""
         self.path, self.name = path, name
         self.losses: dict[Loss, None] = {}
         self.reordered: dict[str, tuple[int, int]] = {}  # of topics, messages before earlier ones, and by how much [ns]
@@ -108,7 +106,7 @@ class McapFile:
         }
 
     def topics(self) -> list[BagTopic]:
-        """The topics; a file without an index is read, which also counts their messages."""
+        """Topics; a file without an index is read completely, which also counts messages."""
         if self._counts is None:
             counts: dict[int, int] = {}
             for channel, log_ns, _ in self._walk(None):
@@ -119,14 +117,14 @@ class McapFile:
         return [self._topic(channel) for channel in self._channels.values()]
 
     def span(self) -> tuple[int, int] | None:
-        """Times of the first and the last message [ns]; None if missing."""
+        """Time range of the messages [ns]; None without messages."""
         self.topics()
         return self._span
 
     def messages(self, topics: Collection[str]) -> Iterator[BagMessage]:
-        """Messages of some topics, chunk by chunk, in the order of time within each unless a clock was set back.
+        """Generate the messages of some topics, sorted by time within each chunk unless a clock was set back.
 
-        A topic that is taken out of the collection during the iteration is skipped from the next chunk on.
+        A topic removed from the collection during iteration is skipped from the next chunk on.
         """
         found = Counter[int]()
         for topic in topics:
@@ -159,7 +157,7 @@ class McapFile:
         self.losses[Loss(self.name, location, what, count)] = None
 
     def _walk(self, topics: Collection[str] | None) -> Iterator[tuple[int, int, bytes]]:
-        """(channel, time, data) of the messages of some topics, or of all of them."""
+        """Generate (channel, time, data) of the messages of some or all topics."""
         size, self._contradicted, growth = self.path.stat().st_size, "", DecompressionCount(self.path)
         with self.path.open("rb") as file:
             at = len(MAGIC)
@@ -188,7 +186,7 @@ class McapFile:
             self._lose(f"byte {at}", "the file ends without its end mark")
 
     def _check_end(self, file: IO[bytes], at: int, size: int) -> None:
-        """Report data behind the end of the file's data at a byte, other than its index."""
+        """Report data after the end of the data section other than the index."""
         behind = byte_after_end(file, at, size)
         if behind is None:
             self._lose(f"byte {at}", f"the index is damaged; {size - at} bytes from there on were not read")
@@ -197,7 +195,7 @@ class McapFile:
             self._lose(f"byte {behind}", left)
 
     def _scan_definitions(self) -> None:
-        """Take schemas and channels outside chunks, as those that a damaged index repeats."""
+        """Read schemas and channels outside chunks (a damaged index may repeat them)."""
         size = self.path.stat().st_size
         with self.path.open("rb") as file:
             at = len(MAGIC)
@@ -213,7 +211,7 @@ class McapFile:
                         self._take(code, file.read(length), None, [])
 
     def _define(self, found: D, known: dict[int, D]) -> None:
-        """Take a definition, or note that it contradicts one before."""
+        """Add a definition, or report that it contradicts an earlier one."""
         if known.get(found.id, found) != found:
             if known[found.id] not in self._repeated:
                 what = type(found).__name__.lower()
@@ -228,7 +226,7 @@ class McapFile:
             self._repeated.remove(found)
 
     def _skipped(self, code: int, at: int, topics: Collection[str] | None) -> bool:
-        """Return whether a chunk holds none of the topics, by the index."""
+        """Whether a chunk holds none of the topics, by the index."""
         if code != Opcode.CHUNK or topics is None or at not in self._chunks:
             return False
         return not any(self._channels[c].topic in topics for c in self._chunks[at] if c in self._channels)
@@ -261,7 +259,7 @@ class McapFile:
         yield from self._in_order(found)
 
     def _in_order(self, found: list[tuple[int, int, bytes]]) -> list[tuple[int, int, bytes]]:
-        """Messages of a chunk, which need not be in the order of time, in it; as they stand where a clock was set back.
+        """Sort the messages of a chunk by time; unchanged if a clock was set back.
 
         Messages of a topic that are up to `OUT_OF_ORDER_NS` too early are counted in `reordered`.
         """
@@ -287,7 +285,7 @@ class McapFile:
         found: list[tuple[int, int, bytes]],
         growth: DecompressionCount,
     ) -> None:
-        """Add the messages of a chunk with a right check sum."""
+        """Add the messages of a chunk with a valid check sum."""
         head = chunk_head(data)
         records = unpacked(data[head.begin :], head.compression, head.declared)
         if head.crc and zlib.crc32(records) != head.crc:
@@ -306,7 +304,7 @@ class McapFile:
     def _take(
         self, code: int, data: bytes, topics: Collection[str] | None, found: list[tuple[int, int, bytes]]
     ) -> None:
-        """Note a schema or a channel, or add a message."""
+        """Process a record: note a schema or channel, or add a message."""
         if code == Opcode.SCHEMA:
             schema = Schema.read(ReadDataStream(io.BytesIO(data)))
             self._define(schema, self._schemas)
@@ -332,7 +330,7 @@ _REPEATED = 1
 
 
 def unpack_frames(data: bytes, most: int) -> bytes:
-    """Unpack all frames; zstandard.ZstdError where they are damaged, or come to more than this many bytes."""
+    """Decompress all zstd frames; ZstdError if damaged or larger than `most` bytes."""
     parts, left = list[bytes](), most
     for frame in _frames(data):
         size = zstandard.frame_content_size(frame)  # -1: whoever packed it did not know
@@ -348,7 +346,7 @@ def unpack_frames(data: bytes, most: int) -> bytes:
 
 
 def _frames(data: bytes) -> Iterator[bytes]:
-    """The frames that hold something, one after the other."""
+    """Generate the zstd frames that hold data."""
     at = 0
     while at < len(data):
         begin = at

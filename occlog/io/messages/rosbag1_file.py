@@ -1,8 +1,8 @@
-"""One bag of ROS 1 (.bag, format 2.0), read record by record: whole records are used, damaged ones are losses.
+"""One ROS 1 bag (.bag, format 2.0), read record by record; damaged records are losses.
 
 The library rosbags decodes the messages; its reader of files needs an index, which bags of a recorder that was killed
-lack, and keeps an entry of every message in memory.  This one goes forwards through the records, unpacks a chunk at a
-time, and uses the index, where there is one, to skip chunks without the requested topics.
+lack, and keeps an entry of every message in memory. Here records are read forwards, a chunk at a time; the index, if
+there is one, is used to skip chunks without the requested topics.
 
 Layout: https://wiki.ros.org/Bags/Format/2.0.  A record is a header of `name=value` fields and data, each after its
 length; chunks hold records of messages and connections, packed or not.  There are no check sums.
@@ -57,19 +57,19 @@ class _Record(NamedTuple):
 
     @property
     def kind(self) -> int:
-        """The record's kind; KeyError without one."""
+        """Kind of the record; KeyError if missing."""
         return self.fields[b"op"][0]
 
     def number(self, name: bytes) -> int:
-        """A field with a number of 32 bits."""
+        """Field with a 32-bit number."""
         return int(_LENGTH.unpack(self.fields[name])[0])
 
 
 class Rosbag1File:
-    """A bag of ROS 1; `losses` grow while it is read."""
+    """A ROS 1 bag; `losses` is extended while it is read."""
 
     def __init__(self, path: Path, name: str) -> None:
-        """Read the index, where there is one; `name` is what losses call the file."""
+        """Read the index if there is one; `name` is the file's name in losses."""
         self.path, self.name = path, name
         self.losses: dict[Loss, None] = {}
         self._topics: dict[int, BagTopic] = {}
@@ -96,7 +96,7 @@ class Rosbag1File:
                 self._lose("index", f"{reason}; read without its index")
 
     def topics(self) -> list[BagTopic]:
-        """The topics, one for each connection; a file without an index is read, which also counts their messages."""
+        """Topics, one for each connection; a file without an index is read completely, which also counts messages."""
         if self._counts is None:
             counts = Counter[int]()
             for connection, log_ns, _ in self._walk(None):
@@ -107,14 +107,14 @@ class Rosbag1File:
         return [topic._replace(messages=self._counts.get(n, 0)) for n, topic in self._topics.items()]
 
     def span(self) -> tuple[int, int] | None:
-        """Times of the first and the last message [ns]; None if missing."""
+        """Time range of the messages [ns]; None without messages."""
         self.topics()
         return self._span
 
     def messages(self, topics: Collection[str]) -> Iterator[BagMessage]:
-        """Messages of some topics in the order of the file.
+        """Generate the messages of some topics in file order.
 
-        A topic that is taken out of the collection during the iteration is skipped from the next chunk on.
+        A topic removed from the collection during iteration is skipped from the next chunk on.
         """
         found = Counter[int]()
         for connection, log_ns, data in self._walk(topics):
@@ -131,7 +131,7 @@ class Rosbag1File:
         self.losses[Loss(self.name, location, what, count)] = None
 
     def _read_index(self, file: IO[bytes]) -> None:
-        """Read connections and positions of chunks at the end of the file; an error of `_DAMAGE` if missing."""
+        """Read connections and chunk positions at the end of the file; an error of `_DAMAGE` if missing."""
         header = self._record(file, len(VERSION))
         if header.kind != BAG_HEADER:
             raise ValueError("its first record is not that of a bag")
@@ -165,7 +165,7 @@ class Rosbag1File:
         self._counts = dict(counts)
 
     def _record(self, file: IO[bytes], at: int) -> _Record:
-        """The header of the record at a byte."""
+        """Parse the record header at a byte."""
         file.seek(at)
         (length,) = _LENGTH.unpack(file.read(_LENGTH.size))
         if length > MAX_HEADER:
@@ -178,7 +178,7 @@ class Rosbag1File:
         return record
 
     def _walk(self, topics: Collection[str] | None) -> Iterator[tuple[int, int, bytes]]:
-        """(connection, time, data) of the messages of some topics, or of all of them."""
+        """Generate (connection, time, data) of the messages of some or all topics."""
         growth, at = DecompressionCount(self.path), len(VERSION)
         with self.path.open("rb") as file:
             while at < self._size:
@@ -210,7 +210,7 @@ class Rosbag1File:
                 at = end
 
     def _is_wanted(self, at: int, topics: Collection[str] | None) -> bool:
-        """Return whether a chunk may hold one of the topics, by the index."""
+        """Whether a chunk may hold one of the topics, by the index."""
         if topics is None or at not in self._chunks:
             return True
         return any(n not in self._topics or self._topics[n].name in topics for n in self._chunks[at])
@@ -223,7 +223,7 @@ class Rosbag1File:
         topics: Collection[str] | None,
         growth: DecompressionCount,
     ) -> Iterator[tuple[int, int, bytes]]:
-        """Messages of a chunk, up to its damage."""
+        """Generate the messages of a chunk, up to its damage."""
         if record.length > MAX_CHUNK_BYTES:
             self._lose(f"byte {at}", f"a chunk of {record.length} bytes (limit {MAX_CHUNK_BYTES}) was skipped")
             return
@@ -254,7 +254,7 @@ class Rosbag1File:
         yield from found
 
     def _take(self, record: _Record, data: bytes, topics: Collection[str] | None) -> tuple[int, int, bytes] | None:
-        """Note a connection, or return a message of one of the topics."""
+        """Process a record: note a connection, or return a message of one of the topics."""
         if record.kind == CONNECTION:
             self._connect(record, data)
             return None
@@ -267,7 +267,7 @@ class Rosbag1File:
         return number, _time(record.fields[b"time"]), data
 
     def _connect(self, record: _Record, data: bytes) -> None:
-        """Note a connection: a topic of one publisher; InputError where its type is another than before."""
+        """Add a connection (a topic of one publisher); InputError if its type contradicts an earlier one."""
         if record.kind != CONNECTION:
             raise ValueError(f"a record of kind {record.kind} in place of a connection")
         number, name = record.number(b"conn"), record.fields[b"topic"].decode("utf-8", "replace")
@@ -289,7 +289,7 @@ class Rosbag1File:
 
 
 def _data(file: IO[bytes], record: _Record) -> bytes:
-    """The data of a record, as far as the file has them; ValueError where they are too long."""
+    """Data of a record, as far as the file has them; ValueError if too long."""
     if record.length > MAX_CHUNK_BYTES:
         raise ValueError(f"a record of {record.length} bytes (limit {MAX_CHUNK_BYTES})")
     file.seek(record.begin)
@@ -297,7 +297,7 @@ def _data(file: IO[bytes], record: _Record) -> bytes:
 
 
 def _fields(data: bytes, length: int) -> dict[bytes, bytes]:
-    """The `name=value` fields of a header of a length."""
+    """Parse the `name=value` fields of a record header."""
     if len(data) < length:
         raise ValueError("a header ends early")
     out, at = dict[bytes, bytes](), 0
@@ -312,13 +312,13 @@ def _fields(data: bytes, length: int) -> dict[bytes, bytes]:
 
 
 def _time(value: bytes) -> int:
-    """A time of seconds and nanoseconds [ns]."""
+    """Time [ns] from seconds and nanoseconds."""
     seconds, rest = _TIME.unpack(value)
     return int(seconds) * NS + int(rest)
 
 
 def _unpacked(data: bytes, record: _Record) -> bytes:
-    """The records of a chunk, of one that is cut off those before; ValueError where they are more than it states."""
+    """Decompress the records of a chunk, or those before a truncation; ValueError if larger than declared."""
     declared = MAX_CHUNK_BYTES if record.open else record.number(b"size")
     compression = record.fields[b"compression"]
     if declared > MAX_CHUNK_BYTES:

@@ -1,4 +1,4 @@
-"""One SQLite file of a ROS 2 bag (.db3), read row by row; where it is damaged, the rows before are used."""
+"""One SQLite file of a ROS 2 bag (.db3), read row by row; a damaged file is read up to the damage."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ _TABLES = ("topics", "messages", "message_definitions")
 
 
 class SqliteFile:
-    """A .db3 file; `losses` grow while it is read."""
+    """A .db3 file; `losses` is extended while it is read."""
 
     def __init__(self, path: Path, name: str) -> None:
-        """Read the topics; InputError for a file that is not a bag of ROS 2."""
+        """Read the topics; InputError if the file is not a ROS 2 bag."""
         self.path, self.name = path, name
         self.losses: dict[Loss, None] = {}
         try:
@@ -50,7 +50,7 @@ class SqliteFile:
         return list(self._topics.values())
 
     def span(self) -> tuple[int, int] | None:
-        """Times of the first and the last message [ns]; None if missing, or they cannot be read."""
+        """Time range of the messages [ns]; None without messages or if unreadable."""
         try:
             with closing(self._connect()) as base:
                 low, high = base.execute("SELECT min(timestamp), max(timestamp) FROM messages").fetchone()
@@ -59,7 +59,7 @@ class SqliteFile:
         return (low, high) if isinstance(low, int) and isinstance(high, int) else None
 
     def messages(self, topics: Collection[str]) -> Iterator[BagMessage]:
-        """Messages of some topics in the order in which they were recorded."""
+        """Generate the messages of some topics in recording order."""
         wanted = [number for number, topic in self._topics.items() if topic.name in topics]
         if not wanted:
             return
@@ -81,7 +81,7 @@ class SqliteFile:
             self.losses[Loss(self.name, location, f"damaged SQLite file: the rest cannot be read ({error})")] = None
 
     def _note_side_files(self) -> None:
-        """Report a log next to the file with writes that a recorder which ended early did not put into the file."""
+        """Report a write-ahead log next to the file, with messages missing from the file."""
         for ending, magics in _LOGS.items():
             log = self.path.with_name(self.path.name + ending)
             if log.is_file():
@@ -105,7 +105,7 @@ class SqliteFile:
         return base
 
     def _check_tables(self, base: sqlite3.Connection) -> None:
-        """InputError where a table of a bag is something that makes up its rows: a view, or computed columns."""
+        """InputError if a table of the bag is a view or has computed columns."""
         marks = ", ".join("?" * len(_TABLES))
         for kind, name, sql in base.execute(
             f"SELECT type, name, sql FROM sqlite_master WHERE name IN ({marks})", _TABLES

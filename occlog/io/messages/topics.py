@@ -24,7 +24,7 @@ PLAIN = (
 
 @dataclass(frozen=True)
 class TopicMap:
-    """Topics used of a bag.
+    """Topics selected from a bag.
 
     Attributes:
         images: topic of the images of each camera.
@@ -51,7 +51,7 @@ class TopicMap:
 
 
 def read_topic_map(path: Path) -> list[tuple[str, str]]:
-    """Pairs of a name and a topic of a YAML file, `cam1: /cam_front/image_raw` or a list of topics."""
+    """Read (name, topic) pairs of a YAML file, `cam1: /cam_front/image_raw` or a list of topics."""
     check_input(path, "a map of topics (YAML: name and topic, or a list of topics)")
     found = read_yaml(path, dict[str | int, str | list[str]], "a map of topics")
     return [(str(name), t) for name, topics in found.items() for t in ([topics] if isinstance(topics, str) else topics)]
@@ -113,7 +113,7 @@ def map_topics(topics: Mapping[str, BagTopic], asked: Sequence[tuple[str, str]],
 
 
 def _kind_asked(topics: Mapping[str, BagTopic], name: str, topic: str) -> TopicKind:
-    """Return the kind of a topic named by the user, by its type."""
+    """Kind of a topic that the user names, by its type."""
     if topic not in topics:
         known = ", ".join(topics) or "none"
         raise UsageError(f"topic {topic}: the bag has no such topic; it has: {known}", id="unknown-name")
@@ -135,18 +135,18 @@ def _identity(name: str, topic: str) -> int:
 
 
 def base_of(topic: str) -> str:
-    """The topic of an image without the part that names its transport: /cam/image_raw/compressed is /cam/image_raw."""
+    """Image topic without its transport suffix: /cam/image_raw/compressed becomes /cam/image_raw."""
     head, _, last = topic.rpartition("/")
     return head if last in TRANSPORTS and head else topic
 
 
 def is_rectified(topic: str) -> bool:
-    """Return whether the name of a topic states that its images are rectified."""
+    """Whether the name of a topic states rectified images."""
     return "rect" in base_of(topic).rpartition("/")[2]
 
 
 def _one_of_each(images: Iterable[str], topics: Mapping[str, BagTopic]) -> list[str]:
-    """One topic for each namespace: the one with most messages, then a raw image, then a compressed one."""
+    """Select one image topic per namespace: the one with most messages, then raw, then compressed."""
     groups: dict[str, list[str]] = {}
     for topic in images:
         groups.setdefault(base_of(topic).rpartition("/")[0] or topic, []).append(topic)
@@ -158,7 +158,7 @@ def _one_of_each(images: Iterable[str], topics: Mapping[str, BagTopic]) -> list[
 
 
 def name_cameras(images: Sequence[str]) -> dict[str, str]:
-    """Names of cameras: the last part of their topics that states something, and as many before as distinguish them."""
+    """Camera names: the last meaningful part of each topic, with as many preceding parts as distinguish them."""
     parts = {topic: _telling(topic) for topic in images}
     for depth in range(1, 1 + max((len(p) for p in parts.values()), default=0)):
         names = {topic: "_".join(p[-depth:]) for topic, p in parts.items()}
@@ -187,7 +187,7 @@ def _telling(topic: str) -> list[str]:
 
 
 def _info_of(image: str, infos: Sequence[str]) -> str | None:
-    """The calibration next to the images, `/cam/camera_info` for `/cam/image_raw`, or the only one of its namespace."""
+    """Calibration topic of images: `/cam/camera_info` for `/cam/image_raw`, or the only one in the namespace."""
     space = base_of(image).rpartition("/")[0]
     same_namespace = [t for t in infos if t.rpartition("/")[0] == space]
     exact = [t for t in same_namespace if t.rpartition("/")[2] == "camera_info"]
@@ -195,9 +195,9 @@ def _info_of(image: str, infos: Sequence[str]) -> str | None:
 
 
 def _info_above(boxes: str, infos: Sequence[str], cameras: int) -> str | None:
-    """The calibration of the nearest namespace that a topic of boxes is in: `/cam/camera_info` of `/cam/yolo/boxes`.
+    """Calibration topic of boxes, in the nearest enclosing namespace; a single calibration and box topic match.
 
-    One calibration and one topic of boxes belong together, wherever they are.
+    `/cam/camera_info` for `/cam/yolo/boxes`.
     """
     spaces = {t.rpartition("/")[0]: t for t in sorted(infos, reverse=True)}
     parts = boxes.split("/")
@@ -207,7 +207,7 @@ def _info_above(boxes: str, infos: Sequence[str], cameras: int) -> str | None:
 
 
 def _boxes_alone(boxes: Sequence[str], topics: Mapping[str, BagTopic], infos: Sequence[str]) -> dict[str, str]:
-    """Topics of boxes of a bag without images, by camera: one for each calibration, that with most messages."""
+    """Box topics of a bag without images, by camera: one per calibration, the one with most messages."""
     groups: dict[str, list[str]] = {}
     for topic in boxes:
         groups.setdefault(_info_above(topic, infos, len(boxes)) or topic, []).append(topic)
@@ -216,7 +216,7 @@ def _boxes_alone(boxes: Sequence[str], topics: Mapping[str, BagTopic], infos: Se
 
 
 def _named_by_path(topics: Sequence[str]) -> dict[str, str]:
-    """Names of arrays: `/mic1/odas/sst` is mic1, and `/sst` alone is odas."""
+    """Array names from topics: `/mic1/odas/sst` is mic1, and `/sst` alone is odas."""
     out: dict[str, str] = {}
     for topic in topics:
         parts = [p for p in topic.split("/") if p and p not in ("odas", "sst", "ssl", "odas_server_node")]

@@ -1,11 +1,10 @@
 """Streams of video in messages: H.264 and H.265, an access unit (picture) in each, as `foxglove.CompressedVideo`.
 
-A decoder that drops one damaged picture does not state it, and all later ones would have the times of others.  So the
-units are written to a Matroska file with the number of the message as its time, which the decoder gives back with each
-picture.  What makes a message no single picture, pictures that are stored in another order than shown, and pictures
-that are missing (`frame_num` of H.264) are found in the headers of the stream (ITU-T H.264 7.3, H.265 7.3).
-
-After a fault nothing is written until the next key frame: pictures between are built on one that is not there.
+A decoder does not report a dropped picture, which would shift the times of later ones. So units are written to a
+Matroska file with the message number as time stamp, which the decoder returns with each picture. Messages without
+exactly one picture, reordered pictures, and missing pictures (`frame_num` of H.264) are detected in the stream headers
+(ITU-T H.264 7.3, H.265 7.3). After a fault nothing is written until the next key frame, since pictures between depend
+on a missing one.
 """
 
 from __future__ import annotations
@@ -53,16 +52,16 @@ _WITH_CHROMA = (44, 83, 86, 100, 110, 118, 122, 128, 134, 135, 138, 139, 244)
 
 
 def is_video(encoding: str) -> bool:
-    """Return whether the format of a compressed image is one of a stream of video."""
+    """Whether the format of a compressed image is a video stream."""
     return encoding.lower() in CODECS
 
 
 class StreamOrderError(InputError):
-    """Pictures of a stream are stored in another order than shown, and have not the times of their messages."""
+    """Pictures of a stream are stored in another order than displayed, so that message times do not apply."""
 
 
 class AccessUnit(NamedTuple):
-    """A picture of a stream.
+    """An access unit (picture) of a stream.
 
     Attributes:
         key: it needs no other one.
@@ -75,7 +74,7 @@ class AccessUnit(NamedTuple):
 
 
 class StreamReader:
-    """Headers of the messages of one stream, in their order."""
+    """Parser of the headers of one stream's messages, in order."""
 
     def __init__(self, encoding: str) -> None:
         """Start before the first message."""
@@ -89,7 +88,7 @@ class StreamReader:
         self._last: int | None = None  # frame_num or order of the last picture that others may be built on
 
     def read(self, data: bytes) -> AccessUnit:
-        """The picture of a message.
+        """Parse the picture of a message.
 
         Raises:
             InputError: the message is no Annex B stream, has no or several pictures, or pictures are stored in
@@ -234,28 +233,28 @@ class StreamReader:
 
 
 def stream_size(data: bytes, encoding: str) -> tuple[int, int] | None:
-    """Width and height of the pictures that a message states; None where it does not; InputError for a damaged one."""
+    """Width and height stated in a message; None if absent; InputError for a damaged one."""
     reader = StreamReader(encoding)
     reader.read(data)
     return reader.size
 
 
 class _Bits:
-    """Bits of the beginning of a unit, without the bytes that keep start codes out; IndexError at their end."""
+    """Bits at the beginning of a unit, without emulation prevention bytes; IndexError at their end."""
 
     def __init__(self, unit: bytes) -> None:
         data = unit[:HEAD_BYTES].replace(b"\0\0\3", b"\0\0")
         self._value, self._left = int.from_bytes(data, "big"), 8 * len(data)
 
     def number(self, bits: int) -> int:
-        """A number of this many bits."""
+        """Read an unsigned number of `bits` bits."""
         if bits > self._left:
             raise IndexError
         self._left -= bits
         return self._value >> self._left & ((1 << bits) - 1)
 
     def golomb(self) -> int:
-        """A number in the code of Exp-Golomb."""
+        """Read an Exp-Golomb code."""
         zeros = 0
         while not self.number(1):
             zeros += 1
@@ -274,7 +273,7 @@ def _skip_scaling(bits: _Bits, size: int) -> None:
 
 
 def _units(data: bytes) -> Iterator[bytes]:
-    """Units of a stream between their start codes."""
+    """Split a stream into units at start codes."""
     begins = [match.end() for match in _START.finditer(data)]
     for begin, end in zip(begins, [*(at - 3 for at in begins[1:]), len(data)], strict=False):
         if begin < end:
@@ -282,7 +281,7 @@ def _units(data: bytes) -> Iterator[bytes]:
 
 
 class StreamFile:
-    """A Matroska file of the pictures of one stream, each at the time of its number."""
+    """Matroska file with the pictures of one stream; the time stamp of each is its number."""
 
     def __init__(self, path: Path, encoding: str, size: tuple[int, int]) -> None:
         """Begin the file."""

@@ -1,15 +1,9 @@
-"""Chunks of MCAP files: what they unpack to, bounded by the bytes that come out and not by what a person declares.
+"""Decompression limits for the chunks of MCAP files, enforced on actual rather than declared sizes.
 
-Three positions state a size: the index, the head of the chunk and the head of the packed data.  Each may be wrong, and
-LZ4 need not state any.
-
-What the chunks of an MCAP file may come to together: well packed, kilobytes are gigabytes or millions of records.
-
-A record takes a microsecond or more and some hundred bytes of memory to read, however small it is: so records count,
-and not their bytes alone.
-
-Layout of records in an MCAP file, in addition to what its library states (`mcap.opcode`), and the description of
-damaged ones.
+Sizes are stated in the index, in the chunk header and in the compressed data; each may be wrong, and LZ4 need not state
+any. All chunks together are limited too, since kilobytes may decompress to gigabytes or to millions of records, each of
+which takes a microsecond and some hundred bytes of memory. Also: record layout of MCAP files beyond its library, and
+messages about damaged ones.
 """
 
 from __future__ import annotations
@@ -43,7 +37,7 @@ _LONGEST = 256
 
 
 def is_of_occlog(path: Path) -> bool:
-    """Return whether an MCAP file was written by occlog, by its head, also if it is truncated or damaged later."""
+    """Whether occlog wrote an MCAP file, by its header, even if truncated or damaged later."""
     with path.open("rb") as file:
         data = file.read(_LONGEST)
     at = len(RECORDING_MAGIC) + HEAD.size
@@ -56,7 +50,7 @@ def is_of_occlog(path: Path) -> bool:
 
 
 def damaged_mcap(path: Path, what: str) -> InputError:
-    """Message on a damaged file: fault and remedy."""
+    """Message about a damaged file: fault and remedy."""
     return InputError(
         f"{path}: damaged MCAP file: {what}; copy it again, or salvage it: {SALVAGE.format(path=path)}",
         id="damaged-file",
@@ -105,7 +99,7 @@ class ChunkSize(NamedTuple):
 
 
 def chunk_head(data: bytes) -> ChunkHead:
-    """The head of a chunk's data; struct.error or UnicodeDecodeError if missing."""
+    """Parse the header of a chunk; struct.error or UnicodeDecodeError if invalid."""
     _, _, declared, crc = CHUNK_HEAD.unpack_from(data)
     (n,) = _LENGTH.unpack_from(data, CHUNK_HEAD.size)
     name = CHUNK_HEAD.size + _LENGTH.size
@@ -113,7 +107,7 @@ def chunk_head(data: bytes) -> ChunkHead:
 
 
 def unpacked(data: bytes, compression: str, declared: int) -> bytes:
-    """Unpacked records of a chunk; ValueError where they are more than is declared or may be."""
+    """Decompressed records of a chunk; ValueError if larger than declared or allowed."""
     stated = max(declared, stated_size(data, compression))
     if stated > MAX_CHUNK_BYTES:
         raise ValueError(f"unpacks to {stated} bytes; the limit is {MAX_CHUNK_BYTES}")
@@ -128,7 +122,7 @@ def unpacked(data: bytes, compression: str, declared: int) -> bytes:
 
 
 def records_at(file: IO[bytes], at: int) -> bytes:
-    """Unpacked records of the chunk that begins at a byte; none where it is damaged, as whoever reads it states."""
+    """Decompressed records of the chunk at a byte; empty if damaged (reported when it is read)."""
     file.seek(at)
     _, length = HEAD.unpack(file.read(HEAD.size))
     data = file.read(length)
@@ -140,7 +134,7 @@ def records_at(file: IO[bytes], at: int) -> bytes:
 
 
 def stated_size(data: bytes, compression: str) -> int:
-    """Size that packed data state of themselves [bytes], 0 where they do not; ValueError for another compression."""
+    """Size stated in compressed data [bytes], 0 if absent; ValueError for an unknown compression."""
     if compression == "zstd":
         return max(int(zstandard.frame_content_size(data)), 0)
     if compression == "lz4":
@@ -151,9 +145,9 @@ def stated_size(data: bytes, compression: str) -> int:
 
 
 def check_chunk(path: Path, file: IO[bytes], index: ChunkIndex) -> ChunkSize:
-    """Sizes of a chunk; InputError where it would unpack to more memory than any honest file needs.
+    """Sizes of a chunk; InputError if it would decompress to an implausible amount of memory.
 
-    LZ4 that is large enough to hold more than the limit is unpacked in parts, of which none is kept.
+    LZ4 data that could exceed the limit is decompressed in parts, which are discarded.
     """
     where = f"{path}: chunk at byte {index.chunk_start_offset}"
     file.seek(index.chunk_start_offset + HEAD.size)
@@ -176,7 +170,7 @@ def check_chunk(path: Path, file: IO[bytes], index: ChunkIndex) -> ChunkSize:
 
 
 def _lz4_size(file: IO[bytes], packed: int) -> int:
-    """Bytes that come of LZ4 that begins here; counting stops beyond the limit."""
+    """Decompressed size of LZ4 data [bytes], counted up to the limit."""
     unpacker, size = lz4.frame.LZ4FrameDecompressor(), 0
     while packed > 0 and not unpacker.eof and size <= MAX_CHUNK_BYTES:
         part = file.read(min(_PART, packed))
@@ -193,7 +187,7 @@ takes some more, since its time and number differ from those before."""
 
 
 class DecompressionCount:
-    """Unpacked size of a file's chunks so far."""
+    """Total decompressed size of a file's chunks so far."""
 
     def __init__(self, path: Path) -> None:
         """Start the count for the file `path`."""
@@ -201,7 +195,7 @@ class DecompressionCount:
         self._unpacked, self._free = 0, FREE_RECORDS
 
     def add(self, packed: int, records: bytes) -> None:
-        """Count a chunk of this many packed bytes by its unpacked records; InputError where all come to too much."""
+        """Add a chunk by its compressed size and decompressed records; InputError if the total is too large."""
         self.add_bytes(len(records))
         beyond = _most_beyond(ChunkSize(packed, len(records)))
         if beyond > 0:
@@ -215,7 +209,7 @@ class DecompressionCount:
             )
 
     def add_bytes(self, unpacked: int) -> None:
-        """Count unpacked bytes alone; InputError where all come to too much."""
+        """Add decompressed bytes; InputError if the total is too large."""
         self._unpacked += unpacked
         most = max_decompressed_bytes(self._size)
         if self._unpacked > most:
@@ -227,9 +221,9 @@ class DecompressionCount:
 
 
 def check_growth(path: Path, file: IO[bytes], chunks: Sequence[tuple[int, ChunkSize]]) -> None:
-    """InputError where chunks, given by their first bytes and sizes, come to too much.
+    """InputError if chunks, given by first byte and sizes, decompress to too much in total.
 
-    They are unpacked only where their sizes leave it open.
+    They are decompressed only if stated sizes do not decide it.
     """
     promised, growth = DecompressionCount(path), DecompressionCount(path)
     for _, size in chunks:
@@ -243,7 +237,7 @@ def check_growth(path: Path, file: IO[bytes], chunks: Sequence[tuple[int, ChunkS
 
 
 def _most_beyond(size: ChunkSize) -> int:
-    """Number of records that a chunk may hold beyond those that its packed bytes allow."""
+    """Number of records allowed in a chunk in addition to those that its compressed size allows."""
     return size.unpacked // HEAD.size - size.packed // BYTES_PER_RECORD
 
 

@@ -1,4 +1,4 @@
-"""A copy of a recording with other attachments; nothing is decoded, and memory does not grow with its length."""
+"""Copy of a recording with other attachments; nothing is decoded, and memory is bounded."""
 
 from __future__ import annotations
 
@@ -27,10 +27,9 @@ def copy_recording(
     *,
     overwrite: bool = False,
 ) -> int:
-    """Write `path`, whole or not at all; the number of messages in it.
+    """Write a copy to `path` atomically; return the number of messages.
 
-    Messages keep their order, times and numbers; links to videos are made to hold from the
-    new folder.
+    Messages keep their order, times and numbers; links to videos are adapted to the new folder.
 
     Args:
         source: the recording.
@@ -60,7 +59,7 @@ def copy_recording(
 
 
 def _copy_messages(reader: McapMessages, writer: Writer) -> int:
-    """Copy all messages in the order of the file."""
+    """Copy all messages in file order."""
     schemas: dict[int, int] = {0: 0}
     channels: dict[int, int] = {}
     count = 0
@@ -79,7 +78,7 @@ def _copy_messages(reader: McapMessages, writer: Writer) -> int:
 def moved_metadata(
     name: str, values: dict[str, str], source: Path, path: Path, provenance: Provenance
 ) -> dict[str, str]:
-    """A metadata record of a recording as it has to be in its copy: links to videos hold from the new folder."""
+    """Metadata record for the copy; links to videos are relative to the new folder."""
     if name == METADATA:
         return {"format": FORMAT, "provenance": provenance.json()}
     if name.startswith(VIDEO_METADATA) and "path" in values:

@@ -1,7 +1,7 @@
-"""The MCAP library behind a guard: every way in which it fails becomes one InputError.
+"""Wrapper of the MCAP library that converts every failure to one InputError.
 
-On damaged files the library raises `struct.error`, `KeyError`, misleading size errors and
-more, checks no CRC unless asked, and believes whatever size a chunk declares.
+On damaged files the library raises `struct.error`, `KeyError`, misleading size errors and more, checks CRCs only on
+request, and trusts the declared size of a chunk.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ _FAILURES = (
 
 @contextmanager
 def translate_mcap(path: Path, file: IO[bytes] | None = None) -> Iterator[None]:
-    """Turn every failure of the MCAP library into one InputError with the position in the file."""
+    """Context manager that converts failures of the MCAP library to InputError with the position in the file."""
     try:
         yield
     except OcclogError:
@@ -74,7 +74,7 @@ def translate_mcap(path: Path, file: IO[bytes] | None = None) -> Iterator[None]:
 
 @contextmanager
 def open_mcap(path: Path) -> Iterator[tuple[McapMessages, Summary]]:
-    """Reader with CRC checks on, and the checked index; a file without one, or without parts of it, is read."""
+    """Open a reader with CRC checks and a verified index; a missing or incomplete index is rebuilt."""
     check_input(path, "an MCAP recording")
     with path.open("rb") as file, translate_mcap(path, file):
         check_summary(path, file)
@@ -93,13 +93,13 @@ def open_mcap(path: Path) -> Iterator[tuple[McapMessages, Summary]]:
 
 
 def _state(stat: os.stat_result) -> tuple[int, ...]:
-    """Fingerprint that changes with a file."""
+    """Fingerprint of a file's state (size and modification time)."""
     return stat.st_dev, stat.st_ino, stat.st_size, stat.st_mtime_ns
 
 
 @lru_cache(maxsize=4)
 def _has_whole_index(path: Path, state: tuple[int, ...]) -> bool:  # noqa: ARG001
-    """Return whether a file has an index of all that it holds; checked once as long as the file does not change."""
+    """Whether a file's index lists all its content; cached while the file is unchanged."""
     with path.open("rb") as file, translate_mcap(path, file):
         summary = SeekingReader(file, validate_crcs=True, record_size_limit=MAX_CHUNK_BYTES).get_summary()
         return summary is not None and is_index_complete(file, summary)
@@ -107,15 +107,15 @@ def _has_whole_index(path: Path, state: tuple[int, ...]) -> bool:  # noqa: ARG00
 
 @lru_cache(maxsize=4)
 def _made_index(path: Path, state: tuple[int, ...]) -> RebuiltIndex:  # noqa: ARG001
-    """The index of a file, kept as long as it does not change: a recording is opened for each thing read of it."""
+    """Rebuilt index of a file; cached while the file is unchanged."""
     with path.open("rb") as file, translate_mcap(path, file):
         return rebuild_index(path, file)
 
 
 def check_index(path: Path) -> None:
-    """Go through a file; InputError where its index leads to fewer messages than there are, or counts others.
+    """Scan a file; InputError if its index omits messages, or has wrong counts.
 
-    Readers see that at the indexes behind the chunks, unless these leave the same out.
+    Readers detect this from the message indexes after chunks, unless these omit the same messages.
     """
     with open_mcap(path) as (reader, summary):
         if isinstance(reader, RebuiltIndexReader):
@@ -138,13 +138,13 @@ def check_index(path: Path) -> None:
 
 @lru_cache(maxsize=4)
 def _check_growth(path: Path, state: tuple[int, ...], chunks: tuple[tuple[int, ChunkSize], ...]) -> None:  # noqa: ARG001
-    """InputError where the chunks of a file unpack to too much; checked once as long as the file does not change."""
+    """InputError if the chunks of a file decompress to too much; cached while the file is unchanged."""
     with path.open("rb") as file, translate_mcap(path, file):
         check_growth(path, file, chunks)
 
 
 def check_summary(path: Path, file: IO[bytes]) -> None:
-    """Raise InputError unless an MCAP file has its end and the index before it has the right check sum."""
+    """InputError unless an MCAP file is complete and its index has a valid check sum."""
     _check_ends(path, file)
     _check_summary_crc(path, file)
 
@@ -185,7 +185,7 @@ def _check_summary_crc(path: Path, file: IO[bytes]) -> None:
 
 
 def read_attachment(path: Path, file: IO[bytes], offset: int, length: int) -> bytes:
-    """Data of an attachment with a right check sum."""
+    """Data of an attachment with a valid check sum."""
     file.seek(offset)
     raw = file.read(length)
     crc = struct.unpack("<I", raw[-4:])[0]

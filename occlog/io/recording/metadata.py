@@ -1,11 +1,7 @@
-"""Records of metadata in a recording, which MCAP has no check sums for: their digests are in a separate record.
+"""Metadata records of a recording, with digests in a separate record, since MCAP has no check sums for them.
 
-Its name is in the index, which has a check sum: its loss is always noticed.
-
-Links of recordings to videos: where they may lead.
-
-A recording that another person made could name any file. In its own folder and below it may; a link that leaves the
-folder is opened only if it begins as a video does, before anything else of the file is read.
+Also the links of recordings to videos: a link within the recording's folder may be opened; one that leaves the folder
+only if the file begins like a video, since a recording from an untrusted source could name any file.
 """
 
 from __future__ import annotations
@@ -53,7 +49,7 @@ def add_metadata(writer: Writer, records: Mapping[str, Mapping[str, str]]) -> No
 
 
 def read_metadata(path: Path, summary: Summary) -> dict[str, dict[str, str]]:
-    """All records of metadata by their names, without the digests, which are tried.
+    """Read all metadata records by name, and verify their digests.
 
     Raises:
         InputError: a record differs from the written one, or not where the index states.
@@ -77,13 +73,13 @@ def read_metadata(path: Path, summary: Summary) -> dict[str, dict[str, str]]:
 
 
 def damaged_metadata(records: Mapping[str, Mapping[str, str]]) -> list[str]:
-    """Names of records that are missing, or differ from their digests; none without digests."""
+    """Names of records that are missing or differ from their digests; empty without digests."""
     digests = records.get(DIGESTS, {})
     return [name for name, digest in digests.items() if name not in records or digest_of(name, records[name]) != digest]
 
 
 def wrong_metadata(path: Path, name: str, at: int) -> InputError:
-    """Error for a damaged record."""
+    """Create the error for a damaged record."""
     return damaged_mcap(path, f"the metadata {name!r} at byte {at} changed since they were written (wrong digest)")
 
 
@@ -104,14 +100,14 @@ _VIDEOS = (
 
 
 def is_video_header(path: Path) -> bool:
-    """Return whether the first bytes of a regular file are those of a video."""
+    """Whether the first bytes of a regular file are those of a video."""
     with path.open("rb") as file:
         head = file.read(HEAD)
     return any(head[offset:].startswith(mark) for offset, mark in _VIDEOS)
 
 
 def leaves_folder(recording: Path, location: str) -> bool:
-    """Return whether a position that a recording states leads out of its folder, by its name or by symbolic links."""
+    """Whether a link in a recording leads out of its folder, by its name or through symbolic links."""
     lies = (recording.parent / location).resolve()
     return ".." in PurePosixPath(location).parts or not lies.is_relative_to(recording.parent.resolve())
 

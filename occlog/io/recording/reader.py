@@ -1,6 +1,6 @@
-"""Reads a recording: scene, frames and rows of an MCAP file, in the order of time, streaming.
+"""Reading of a recording: scene, frames and rows of an MCAP file, streamed in the order of time.
 
-Images are in the file, or in a video file that the recording links to; these are decoded forwards only.
+Images are in the file, or in a linked video file, which is decoded forwards only.
 """
 
 from __future__ import annotations
@@ -37,19 +37,19 @@ from .writer import METADATA, SCENE_ATTACHMENT, VIDEO_FRAME, VIDEO_METADATA
 
 @dataclass
 class LinkedVideo:
-    """A video that is decoded forwards only; frames keep the numbers that `occlog ingest` gave them."""
+    """A linked video, decoded forwards only; frames keep the numbers that `occlog ingest` assigned."""
 
     path: Path
     where: str
     _video: SubprocessVideo | None = field(default=None)
 
     def open(self) -> None:
-        """Start to decode, in a separate process; InputError unless one frame at least can be decoded."""
+        """Start decoding in a separate process; InputError unless at least one frame can be decoded."""
         if self._video is None:
             self._video = SubprocessVideo(self.path)
 
     def read(self, index: int) -> Image:
-        """The frame of that number; frames before it are skipped, InputError where it cannot be decoded."""
+        """Frame with number `index`; earlier frames are skipped; InputError if it cannot be decoded."""
         self.open()
         assert self._video is not None
         image = self._video.read(index)
@@ -64,7 +64,7 @@ class LinkedVideo:
 
 
 def open_linked(recording: Path, sensor: str, link: dict[str, str] | None) -> LinkedVideo:
-    """The video of a camera; InputError unless it is where the recording states and has not changed."""
+    """Open the linked video of a camera; InputError if missing or changed."""
     where = f"{recording}: camera {sensor}"
     if not link or "path" not in link or "sha256" not in link:
         raise InputError(f"{where}: has frame times but no link to its video; ingest it again", id="wrong-content")
@@ -84,7 +84,7 @@ ROWS_PER_CHUNK = 16_384
 
 @dataclass(frozen=True)
 class McapChannel:
-    """One channel of the file."""
+    """A channel of the file."""
 
     name: str
     schema: str
@@ -109,7 +109,7 @@ class McapRecording:
 
     @property
     def losses(self) -> tuple[Loss, ...]:
-        """Input that was lost when the recording was made."""
+        """Losses recorded when the recording was made."""
         return self.provenance.losses
 
     @property
@@ -118,11 +118,11 @@ class McapRecording:
         return tuple(sorted({sensor_of(t.name) for t in self.topics if _is_image(t)}))
 
     def has(self, table: type[ColumnTable]) -> bool:
-        """Return whether the recording holds rows of a table."""
+        """Whether the recording holds rows of a table."""
         return any(t.schema == schema_of(table) for t in self.topics)
 
     def sensors_of(self, table: type[ColumnTable]) -> tuple[str, ...]:
-        """Names of the sensors with rows of a table, in the order of the alphabet."""
+        """Names of the sensors with rows of a table, sorted."""
         return tuple(sorted(t.name.rsplit("/", 1)[-1] for t in self.topics if t.schema == schema_of(table)))
 
     def messages(self, table: type[ColumnTable]) -> int:
@@ -130,14 +130,14 @@ class McapRecording:
         return sum(t.messages for t in self.topics if t.schema == schema_of(table))
 
     def attachment(self, name: str) -> bytes | None:
-        """Content of an attached file, None if there is no such file."""
+        """Content of an attached file; None if missing."""
         if name not in self.attachments:
             return None
         with self.path.open("rb") as file:
             return read_attachment(self.path, file, *self.attachments[name])
 
     def tables(self, table: type[T], rows: int = ROWS_PER_CHUNK) -> Iterator[T]:
-        """Chunks of about `rows` rows; rows of one time are never split."""
+        """Generate chunks of about `rows` rows of a table; rows of one time are never split."""
         topics = [t.name for t in self.topics if t.schema == schema_of(table)]
         collector = RowCollector(table, str(self.path))
         last = None
@@ -150,11 +150,11 @@ class McapRecording:
             yield collector.take()
 
     def read(self, table: type[T]) -> T:
-        """All rows of a table."""
+        """Read all rows of a table."""
         return table.concat(self.tables(table))
 
     def frames(self, sensors: Iterable[str] | None = None) -> Iterator[Frame]:
-        """Frames of the cameras in the order of time; InputError where a camera's time stamps repeat or go back."""
+        """Generate the frames of cameras sorted by time; InputError if a camera's times do not increase."""
         wanted = set(self.cameras if sensors is None else sensors)
         topics = {t.name: t for t in self.topics if _is_image(t) and sensor_of(t.name) in wanted}
         linked: dict[str, LinkedVideo] = {}
@@ -187,7 +187,7 @@ class McapRecording:
         return stamp or t_ns, partial(decode_apart, image, where), image
 
     def _messages(self, topics: list[str]) -> Iterator[tuple[str, int, bytes, int]]:
-        """(topic, log time, data, sequence) in the order of time."""
+        """Generate (topic, log time, data, sequence) sorted by time."""
         if not topics:
             return
         declared, found = sum(t.messages for t in self.topics if t.name in topics), 0
@@ -203,7 +203,7 @@ class McapRecording:
 
 
 def linked_videos(path: Path) -> tuple[Path, ...]:
-    """Paths of the videos that a recording links to; paths inside its folder are listed even if the files are missing.
+    """Paths of the linked videos of a recording; paths inside its folder are listed even if files are missing.
 
     Empty for a file that is not a recording or cannot be opened.
     """
@@ -238,7 +238,7 @@ def _is_image(topic: McapChannel) -> bool:
 
 
 def check_recorded(t_ns: int, path: Path, topic: str, number: int) -> None:
-    """Raise InputError where the time of recording [ns] of a message is out of range."""
+    """InputError if the recording time [ns] of a message is out of range."""
     try:
         bounded_ns(t_ns)
     except ValueError as error:
@@ -248,7 +248,7 @@ def check_recorded(t_ns: int, path: Path, topic: str, number: int) -> None:
 
 
 def parse_image(encoding: str, data: bytes, where: str) -> tuple[int, bytes]:
-    """Sensor time [ns] (0 if not given) and compressed bytes of a foxglove.CompressedImage."""
+    """Parse a foxglove.CompressedImage: sensor time [ns] (0 if not given) and compressed bytes."""
     try:
         if encoding == "json":
             message = msgspec.json.decode(data, type=_JsonImage)
@@ -274,7 +274,7 @@ class _JsonImage(msgspec.Struct):
 
 
 def open_recording(path: Path) -> McapRecording:
-    """The recording in an MCAP file; InputError where the file is damaged."""
+    """Open the recording in an MCAP file; InputError if damaged."""
     path = Path(path)
     with open_mcap(path) as (reader, summary):
         indexed = not isinstance(reader, RebuiltIndexReader)

@@ -1,9 +1,8 @@
-"""An index made in one pass of an MCAP file that has none, or not all of it.
+"""Rebuilding of a missing or incomplete index of an MCAP file, in one pass.
 
-The format allows files without an index, or without parts of it: attachments and metadata that are not listed,
-messages outside chunks.  Read by what index there is, such a file would seem to hold less than it does.
-
-Messages of an MCAP file by an index that was made of it, in the order of time or of the file.
+The format allows files without an index, or without parts of it: attachments and metadata that are not listed, messages
+outside chunks. Read by its own index, such a file would seem to hold less. Messages are then read by the rebuilt index,
+in the order of time or of the file.
 """
 
 from __future__ import annotations
@@ -72,7 +71,7 @@ DATA = frozenset(
 
 
 class UnchunkedMessages(NamedTuple):
-    """Messages outside chunks, in the order of the file.
+    """Messages outside chunks, in file order.
 
     Attributes:
         at: (N,) byte at which each record begins.
@@ -86,14 +85,14 @@ class UnchunkedMessages(NamedTuple):
 
 
 class RebuiltIndex(NamedTuple):
-    """Index found in a pass through a file."""
+    """Index made by a scan of a file."""
 
     summary: Summary
     loose: UnchunkedMessages
 
 
 def is_index_complete(file: IO[bytes], summary: Summary) -> bool:
-    """Return whether an index is complete, by its own statistics and by the indexes behind the chunks."""
+    """Whether an index is complete, by its statistics and by the message indexes after chunks."""
     return _agrees_with_itself(summary) and _agrees_with_chunks(file, summary)
 
 
@@ -125,9 +124,9 @@ def _agrees_with_itself(summary: Summary) -> bool:
 
 
 def _agrees_with_chunks(file: IO[bytes], summary: Summary) -> bool:
-    """Return whether the message indexes behind the chunks have the channels and counts of the file's index.
+    """Whether the message indexes after the chunks agree with the file's index in channels and counts.
 
-    Chunks without the requested topics are passed over, and topics without messages are not asked for.
+    Otherwise readers would skip chunks that hold requested topics.
     """
     counts, size = Counter[int](), file.seek(0, io.SEEK_END)
     left = size // (HEAD.size + INDEX_HEAD.size)  # chunks that share their index would be read as often
@@ -149,7 +148,7 @@ def _agrees_with_chunks(file: IO[bytes], summary: Summary) -> bool:
 
 
 def rebuild_index(path: Path, file: IO[bytes]) -> RebuiltIndex:
-    """The index of a file with ends that are whole; sizes and check sums are checked meanwhile.
+    """Rebuild the index of a complete file; sizes and check sums are verified during the scan.
 
     Args:
         path: its name, for messages.
@@ -163,7 +162,7 @@ def rebuild_index(path: Path, file: IO[bytes]) -> RebuiltIndex:
 
 
 def check_index_statistics(path: Path, declared: Summary | None, made: Summary) -> None:
-    """InputError unless a file holds as much as the statistics in its own index state, if it has any."""
+    """InputError unless a file holds as much as the statistics of its own index state."""
     if declared is None or declared.statistics is None:
         return
     for what in ("message", "attachment", "metadata"):
@@ -173,7 +172,7 @@ def check_index_statistics(path: Path, declared: Summary | None, made: Summary) 
 
 
 class _Pass:
-    """One pass through a file, record by record."""
+    """A scan of a file, record by record."""
 
     def __init__(self, path: Path, file: IO[bytes]) -> None:
         self._path, self._file = path, file
@@ -185,7 +184,7 @@ class _Pass:
         self._growth = DecompressionCount(path)
 
     def done(self) -> RebuiltIndex:
-        """Go through the file."""
+        """Scan the file, and return the index."""
         summary = self._summary
         for at, code, length in self._records():
             match code:
@@ -218,7 +217,7 @@ class _Pass:
         return RebuiltIndex(summary, UnchunkedMessages(self._at, self._log_ns, self._channel))
 
     def _records(self) -> Iterator[tuple[int, int, int]]:
-        """(byte, code, length) of each record of the data, the file standing behind its head."""
+        """Generate (byte, code, length) of each data record; the file position is after its header."""
         size = self._file.seek(0, io.SEEK_END)
         at = len(RECORDING_MAGIC)
         while at < size:
@@ -244,7 +243,7 @@ class _Pass:
         raise self._damaged("the end of the data is missing")
 
     def _check_end(self, at: int, size: int) -> None:
-        """InputError unless nothing but an index is behind the end of the data at a byte."""
+        """InputError unless only an index follows the end of the data."""
         behind = byte_after_end(self._file, at, size)
         if behind is None:
             raise self._damaged(f"behind the end of the data at byte {at} are other data than an index")
@@ -252,7 +251,7 @@ class _Pass:
             raise self._damaged(f"{size - behind} bytes follow its end mark at byte {behind}")
 
     def _sum(self, head: bytes, length: int) -> None:
-        """Go on with the check sum of the data."""
+        """Update the check sum of the data."""
         self._crc = zlib.crc32(head, self._crc)
         while length > 0:
             block = self._file.read(min(length, _BLOCK))
@@ -307,7 +306,7 @@ class _Pass:
             self._summary.chunk_indexes.append(index)
 
     def _message(self, at: int, head: bytes) -> tuple[int, int]:
-        """Channel and time of a message."""
+        """Process a message outside chunks: channel and time."""
         channel, _, log_ns, _ = MESSAGE_HEAD.unpack(head)
         if channel not in self._summary.channels:
             raise self._damaged(f"a message at byte {at} is of channel {channel}, which is not defined")
@@ -332,7 +331,7 @@ class _Pass:
             raise self._damaged(f"{what} {found.id} is defined a second time, and otherwise, at byte {at}")
 
     def _attachment(self, at: int, length: int) -> AttachmentIndex:
-        """Read an attachment without its data, which may be large."""
+        """Process an attachment without reading its data, which may be large."""
         stream = _stream(self._file.read(min(length, _BLOCK)))
         log_time, create_time = stream.read8(), stream.read8()
         name, media_type = stream.read_prefixed_string(), stream.read_prefixed_string()
@@ -358,29 +357,32 @@ Found = tuple[Schema | None, Channel, Message]
 
 
 class McapMessages(Protocol):
-    """Data read from an MCAP file, whoever reads it."""
+    """Interface to the messages, attachments and metadata of an MCAP file."""
 
     def iter_messages(self, topics: Collection[str] | None = None, *, log_time_order: bool = True) -> Iterator[Found]:
-        """Messages of some topics, or of all, in the order of time or of the file."""
+        """Generate the messages of some or all topics, in the order of time or of the file."""
 
     def iter_attachments(self) -> Iterator[Attachment]:
-        """All attached files."""
+        """Generate all attachments."""
 
     def iter_metadata(self) -> Iterator[Metadata]:
-        """All records of metadata."""
+        """Generate all metadata records."""
 
 
 class RebuiltIndexReader:
-    """Reads an MCAP file by an index that was made of it; memory does not grow with the file."""
+    """Reads an MCAP file by a rebuilt index, in bounded memory."""
 
     def __init__(self, file: IO[bytes], made: RebuiltIndex) -> None:
-        """A reader of `file`, with check sums of chunks tried again."""
+        """Create a reader of `file`; check sums of chunks are verified again."""
         self._file, (self._summary, self._loose) = file, made
         file.seek(0)
         self._chunked = _Given(file, self._summary)
 
     def iter_messages(self, topics: Collection[str] | None = None, *, log_time_order: bool = True) -> Iterator[Found]:
-        """Messages of some topics, or of all; those of one time in file order, chunks before loose ones."""
+        """Generate the messages of some or all topics.
+
+        Of one time in file order, chunks before messages outside chunks.
+        """
         if not log_time_order:
             yield from self._in_file_order(topics)
             return
@@ -392,11 +394,11 @@ class RebuiltIndexReader:
         yield from heapq.merge(chunked, loose, key=lambda each: each[2].log_time)
 
     def iter_attachments(self) -> Iterator[Attachment]:
-        """All attached files."""
+        """Generate all attachments."""
         yield from self._chunked.iter_attachments()
 
     def iter_metadata(self) -> Iterator[Metadata]:
-        """All records of metadata."""
+        """Generate all metadata records."""
         yield from self._chunked.iter_metadata()
 
     def _in_file_order(self, topics: Collection[str] | None) -> Iterator[Found]:
@@ -429,7 +431,7 @@ class RebuiltIndexReader:
 
 
 class _Given(SeekingReader):  # type: ignore[misc]
-    """The library's reader, with an index that is given."""
+    """The library's reader with a given index."""
 
     def __init__(self, file: IO[bytes], summary: Summary) -> None:
         super().__init__(file, validate_crcs=True, record_size_limit=MAX_CHUNK_BYTES)

@@ -1,4 +1,4 @@
-"""Rows of a table to MCAP messages and back: one message holds the rows of one time (and sensor)."""
+"""Conversion of table rows to MCAP messages and back: one message holds the rows of one time (and sensor)."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def schema_of(table: type[ColumnTable]) -> str:
 
 
 def topic_of(table: type[ColumnTable], sensor: str) -> str:
-    """Topic of a table's messages, one a sensor where the table has sensors."""
+    """Topic of a table's messages; one per sensor if the table has sensors."""
     return f"/{table.NAME}/{sensor}" if _has_sensor(table) else f"/{table.NAME}"
 
 
@@ -46,7 +46,7 @@ def _has_sensor(table: type[ColumnTable]) -> bool:
 
 
 def _listed(table: type[ColumnTable]) -> list[Column]:
-    """Columns that are lists in a message; the time and the sensor occur once."""
+    """Columns that are lists in a message; time and sensor occur once."""
     return [c for c in table.columns() if c.name not in ("t_ns", "sensor")]
 
 
@@ -72,7 +72,7 @@ def message_schema(table: type[ColumnTable]) -> dict[str, object]:
 
 
 def table_to_messages(table: ColumnTable) -> Iterator[tuple[str, int, bytes]]:
-    """(topic, t_ns, JSON) of the rows of a table sorted by time."""
+    """Generate (topic, t_ns, JSON) of the rows of a table sorted by time."""
     if not len(table):
         return
     kind = type(table)
@@ -92,7 +92,7 @@ def table_to_messages(table: ColumnTable) -> Iterator[tuple[str, int, bytes]]:
 
 @cache
 def _decoder(table: type[ColumnTable]) -> msgspec.json.Decoder[Any]:
-    """Decoder of a table's messages, which takes no text for a number and no 1.5 for a time."""
+    """Strict decoder of a table's messages: texts are not numbers, and 1.5 is not a time."""
     fields: list[Any] = [("t_ns", int), *([("sensor", str)] if _has_sensor(table) else [])]
     for c in sorted(_listed(table), key=lambda c: c.optional):
         item: Any = _PYTHON_TYPES[c.kind]
@@ -103,7 +103,7 @@ def _decoder(table: type[ColumnTable]) -> msgspec.json.Decoder[Any]:
 
 
 class RowCollector(Generic[T]):
-    """Collects messages of one table and makes chunks of it."""
+    """Collects rows from messages of one table, and returns them as tables."""
 
     def __init__(self, table: type[T], source: str) -> None:
         """Start without rows; `source` names the file in messages."""
@@ -116,7 +116,7 @@ class RowCollector(Generic[T]):
         self._columns = {c.name: "" if c.kind == "U" else None for c in _listed(table)}
 
     def add(self, topic: str, data: bytes) -> None:
-        """Append the rows of a message; InputError where it does not fit the table, or they are too many."""
+        """Append the rows of a message; InputError if it does not fit the table, or has too many rows."""
         if len(data) > MAX_MESSAGE_BYTES:
             raise InputError(
                 f"{self._source}: topic {topic}: a message of {len(data)} bytes; rows are read of messages of at most "
@@ -149,7 +149,7 @@ class RowCollector(Generic[T]):
             self._lists["sensor"].extend([message.sensor] * n)
 
     def take(self) -> T:
-        """The rows so far as a table sorted by its key; the collector is empty afterwards."""
+        """Return the collected rows as a table sorted by its key, and clear the collector."""
         values = self.columns()
         try:
             table = self._table(**values).sorted()
@@ -160,7 +160,7 @@ class RowCollector(Generic[T]):
             raise InputError(f"{self._source}: {error}") from error
 
     def columns(self) -> dict[str, NDArray[np.generic]]:
-        """The columns of the rows so far, not yet checked; the collector is empty afterwards."""
+        """Return the columns of the collected rows, unchecked, and clear the collector."""
         lists, self._lists = self._lists, {c.name: [] for c in self._table.columns()}
         self.rows = 0
         return {c.name: _array(c, lists[c.name], self._source) for c in self._table.columns()}

@@ -1,4 +1,4 @@
-"""Writes a recording: one MCAP file with images, rows, the scene and how it was made."""
+"""Writing of a recording: one MCAP file with images, rows, scene and provenance."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ class RecordingWriter:
         self._add(channel, t_ns, message.SerializeToString(), index)
 
     def video(self, sensor: str, path: str, sha256: str) -> None:
-        """Report that frames of `sensor` are in a video file; `path` is relative to the recording."""
+        """Declare that frames of `sensor` are in a video file; `path` is relative to the recording."""
         self._videos[sensor] = {"path": path, "sha256": sha256}
 
     def video_frame(self, sensor: str, t_ns: int, index: int) -> None:
@@ -135,7 +135,7 @@ class RecordingWriter:
         data: bytes,
         coded: tuple[str, str] = PROTOBUF,
     ) -> None:
-        """Add a message; `described` makes each schema once, in the language that `coded` names."""
+        """Add a message; `described` creates each schema once, in the language named by `coded`."""
         encoding, language = coded
         if schema not in self._schemas:
             self._register(schema, language, described())
@@ -144,11 +144,11 @@ class RecordingWriter:
         self._add(self._channel(topic, schema, encoding), t_ns, data, sequence)
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Add a file."""
+        """Attach a file."""
         self._writer.add_attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data)
 
     def annotate(self, provenance: Provenance) -> None:
-        """Replace the provenance by one that is known only at the end (for example the losses)."""
+        """Replace the provenance by one known only at the end (with losses, for example)."""
         self._provenance = provenance
 
     def _register(self, name: str, encoding: str, data: bytes) -> int:
@@ -175,7 +175,7 @@ class RecordingWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> bool | None:
-        """Complete the file, or drop it after an error."""
+        """Complete the file, or delete it after an error."""
         if kind is None:
             try:
                 self._finish()

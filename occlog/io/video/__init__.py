@@ -1,1 +1,1 @@
-"""Containers of video: MP4, AVI and Matroska, read for their times and their damage."""
+"""Parsers of video containers (MP4, AVI, Matroska) for frame times and damage."""

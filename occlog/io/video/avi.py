@@ -1,7 +1,7 @@
-"""Frames of an AVI file: the header's counts against the chunks that are really there.
+"""Frame list of an AVI file: the header's counts compared with the chunks that exist.
 
-AVI has no time stamps: a frame's time is its number.  So the numbers of the chunks that
-can still be read are worked out here, also behind a damaged section.
+AVI has no time stamps: the time of a frame follows from its number. So the numbers of readable chunks are determined
+here, also after a damaged section.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ _LISTS = (b"RIFF", b"LIST")
 
 
 def recognised(data: mmap.mmap) -> bool:
-    """Return whether the file begins like an AVI file."""
+    """Whether the file begins like an AVI file."""
     return len(data) >= 12 and data[:4] == b"RIFF" and data[8:12] == b"AVI "
 
 
 @dataclass(frozen=True, slots=True)
 class _Stream:
-    """Header of a video stream: number, frame rate, first packet, count of frames, largest one [B]."""
+    """Header of a video stream: number, frame rate, first packet, frame count, largest frame [bytes]."""
 
     number: int
     rate: Fraction
@@ -55,7 +55,7 @@ class _Stream:
 
 @dataclass
 class _AviScan:
-    """State of the walk through the file."""
+    """State of the scan of a file."""
 
     chunks: list[tuple[int, int]] = field(default_factory=list)  # (position, bytes) of the video stream's chunks
     problems: Faults = field(default_factory=Faults)
@@ -65,7 +65,7 @@ class _AviScan:
 
 
 def parse(data: mmap.mmap) -> Container:
-    """The video frames of the file and the faults of it."""
+    """Parse the video frames of the file, and its faults."""
     found = _AviScan()
     try:
         _walk_top(data, found)
@@ -97,7 +97,7 @@ def _walk_top(data: mmap.mmap, found: _AviScan) -> None:
 
 
 def _chunks(data: mmap.mmap, start: int, stop: int, *, padded: bool = False) -> Iterator[ByteRange]:
-    """Chunks between two bytes; `padded`: zeros behind the first one end them."""
+    """Generate the chunks between two bytes; `padded`: zeros after the first one end them."""
     first = start
     while start + 8 <= stop:
         kind = data[start : start + 4]
@@ -117,7 +117,7 @@ def _is_name(kind: bytes) -> bool:
 
 
 def _video_stream(data: mmap.mmap, header: ByteRange) -> _Stream:
-    """The first video stream."""
+    """Parse the first video stream."""
     number = 0
     for part in _chunks(data, header.start + 4, min(header.stop, len(data))):
         if part.kind != b"LIST" or data[part.start : part.start + 4] != b"strl":
@@ -168,16 +168,15 @@ def _container(data: mmap.mmap, found: _AviScan, stream: _Stream) -> Container:
 
 
 def _is_frame(kind: bytes, tag: bytes) -> bool:
-    """Return whether a chunk holds a frame of the stream; the others that have its number change its palette."""
+    """Whether a chunk holds a frame of the stream (rather than a palette change)."""
     return kind[:2] == tag and kind[2:] != PALETTE
 
 
 def _numbered_chunks(data: mmap.mmap, found: _AviScan, tag: bytes) -> Ints:
     """(n, 3) frame number, position and size of the readable chunks of a stream, in the order of the file.
 
-    Chunks follow each other, so each is numbered by counting.  Behind a damaged header the
-    index gives the number of the next chunk found where the index states; where there
-    is none, nothing behind the damage can be given a number, and the walk ends.
+    Chunks are numbered in sequence. After a damaged header the index gives the number of the next chunk that is found
+    at its indexed position; without an index, numbering ends there.
     """
     out = array("q")
     index: tuple[Ints, Ints] | None = None
@@ -207,7 +206,7 @@ def _numbered_chunks(data: mmap.mmap, found: _AviScan, tag: bytes) -> Ints:
 
 
 def _index(data: mmap.mmap, found: _AviScan, tag: bytes) -> tuple[Ints, Ints]:
-    """First byte and frame number, both rising, of the chunks of a stream found where the index (idx1) states."""
+    """First byte and frame number, both increasing, of the stream's chunks found at their indexed positions."""
     none = np.zeros(0, dtype=np.int64)
     if found.index is None or not found.movies:
         return none, none

@@ -1,9 +1,8 @@
 """Frame list of a video container, read without a decoder.
 
-OpenCV never reports that a video was cut or damaged, and its frame count is an estimate for
-some containers.  The parsers next to this file (`mp4`, `avi`, `mkv`) read the tables
-and marks of the container, so that lost frames are counted and the rest keep their position.
-This file has what they share: the result, checked reading, and common faults.
+OpenCV never reports that a video was cut or damaged, and its frame count is an estimate for some containers. The
+parsers `mp4`, `avi` and `mkv` read the container's tables, so that lost frames are counted and the others keep their
+numbers. This module has what they share: the result, checked reading, and common faults.
 """
 
 from __future__ import annotations
@@ -39,14 +38,14 @@ OTHER_MIRROR = "at another angle"
 
 
 def mirror_of(a: float, b: float, c: float, d: float) -> str:
-    """The mirror that a display matrix asks for, of `MIRRORS` or `OTHER_MIRROR`; '' for none."""
+    """Reflection in a display matrix, one of `MIRRORS` or `OTHER_MIRROR`; '' if there is none."""
     signs = tuple((each > 0) - (each < 0) for each in (a, b, c, d))
     return MIRRORS.get(signs, OTHER_MIRROR) if a * d < b * c else ""
 
 
 @dataclass(frozen=True, eq=False)
 class Container:
-    """The frames that a container announces.
+    """Frame list of a container.
 
     Attributes:
         kind: `mp4`, `avi` or `matroska`.
@@ -78,12 +77,12 @@ class Container:
 
     @property
     def frames(self) -> int | None:
-        """Number of frames announced, None if it is not known."""
+        """Number of frames listed; None if unknown."""
         return None if self.pts_ns is None else len(self.pts_ns)
 
 
 class Faults:
-    """(position, what) of faults that were found, in a bounded space."""
+    """List of faults (position, description) of bounded length."""
 
     def __init__(self) -> None:
         self._reported: list[tuple[str, str]] = []
@@ -91,7 +90,7 @@ class Faults:
         self._count = 0
 
     def append(self, fault: tuple[str, str]) -> None:
-        """Add one."""
+        """Add a fault."""
         if len(self._reported) < MAX_FAULTS:
             self._reported.append(fault)
             return
@@ -99,18 +98,18 @@ class Faults:
         self._count += 1
 
     def __bool__(self) -> bool:
-        """Return whether there are any."""
+        """Whether there are faults."""
         return bool(self._reported)
 
     def __iter__(self) -> Iterator[tuple[str, str]]:
-        """The first ones, and the others in one."""
+        """The first faults, and one entry that counts the others."""
         yield from self._reported
         if self._more:
             yield f"{self._more[0]} to {self._more[-1]}", f"damaged in {self._count} more positions"
 
 
 class BrokenContainerError(ValueError):
-    """The container's structure is broken at a byte from which on it cannot be parsed."""
+    """The container cannot be parsed beyond a byte."""
 
     def __init__(self, byte: int, what: str) -> None:
         super().__init__(f"byte {byte}: {what}")
@@ -119,7 +118,7 @@ class BrokenContainerError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class ByteRange:
-    """Bytes start..stop of the file; `stop` may be beyond the end of a file that was cut."""
+    """Byte range start..stop of the file; `stop` may be beyond the end of a truncated file."""
 
     kind: bytes
     start: int
@@ -127,9 +126,9 @@ class ByteRange:
 
 
 def let_go(data: mmap.mmap, upto: int, done: int) -> int:
-    """Give back the memory of the part that has been read, now and then; the byte up to which that was done.
+    """Release the mapped memory of the part already read, occasionally; return the byte up to which it is released.
 
-    Pages of a mapped file count as the process's memory as long as they are mapped.
+    Pages of a mapped file count as the process's memory while they are mapped.
     """
     if upto - done < RELEASE_BYTES:
         return done
@@ -139,7 +138,7 @@ def let_go(data: mmap.mmap, upto: int, done: int) -> int:
 
 
 def unknown_frames(kind: str, *problems: tuple[str, str]) -> Container:
-    """A container with an unreadable list of frames."""
+    """A container whose frame list is unreadable."""
     return Container(kind, None, np.zeros(0, dtype=np.bool_), False, None, problems)
 
 
@@ -152,7 +151,7 @@ def unpack(data: mmap.mmap, layout: str, byte: int) -> tuple[int, ...]:
 
 
 def cut_short(size: int, wanted: int, part: str) -> tuple[str, str]:
-    """The fault of a file that is shorter than it states."""
+    """Fault of a file that is shorter than declared."""
     return (
         f"byte {size}",
         f"the file ends {wanted - size} bytes before the end of its {part} (it was cut, or its recorder was stopped)",

@@ -1,8 +1,6 @@
-"""Frames of a Matroska or WebM file: the blocks of its clusters, checked against sizes and check sums.
+"""Frame list of a Matroska or WebM file: the blocks of its clusters, verified by sizes and check sums.
 
-Numbers of tracks in a WebM file that was written here: the same ones each time.
-
-FFmpeg draws them by lot, so that equal images would give unequal bytes.
+Also replaces FFmpeg's random track UIDs in WebM files by fixed ones, so that equal images give equal bytes.
 """
 
 from __future__ import annotations
@@ -48,7 +46,7 @@ _LEVEL1 = {INFO, TRACKS, CLUSTER, 0x114D9B74, 0x1C53BB6B, 0x1254C367, 0x1043A770
 
 
 class Element(NamedTuple):
-    """One EBML element: its first byte, where its content starts, where it stops (None: not stated)."""
+    """An EBML element: first byte, start of its content, and end (None: not stated)."""
 
     id: int
     head: int
@@ -58,7 +56,7 @@ class Element(NamedTuple):
 
 @dataclass
 class _MkvScan:
-    """State of the walk through the file."""
+    """State of the scan of a file."""
 
     tick_ns: int = 1_000_000
     duration: float = 0.0  # ticks
@@ -72,12 +70,12 @@ class _MkvScan:
 
 
 def recognised(data: mmap.mmap) -> bool:
-    """Return whether the file begins like a Matroska file."""
+    """Whether the file begins like a Matroska file."""
     return data[:4] == EBML.to_bytes(4, "big")
 
 
 def parse(data: mmap.mmap) -> Container:
-    """The video frames of the file and the faults of it."""
+    """Parse the video frames of the file, and its faults."""
     found = _MkvScan()
     try:
         header = element(data, 0, len(data))
@@ -95,7 +93,7 @@ def parse(data: mmap.mmap) -> Container:
 
 
 def element(data: mmap.mmap, at: int, stop: int) -> Element:
-    """The element that begins at a byte; BrokenContainerError where none can."""
+    """Parse the element at a byte; BrokenContainerError if invalid."""
     if at >= min(stop, len(data)):
         raise BrokenContainerError(at, "the data ends here")
     first = data[at]
@@ -113,7 +111,7 @@ def element(data: mmap.mmap, at: int, stop: int) -> Element:
 
 
 def children(data: mmap.mmap, start: int, stop: int) -> Iterator[Element]:
-    """The elements that follow each other from a byte to another; BrokenContainerError where these do not."""
+    """Generate consecutive elements between two bytes; BrokenContainerError if invalid."""
     at = start
     while at < stop:
         child = element(data, at, stop)
@@ -144,7 +142,7 @@ def _segment(data: mmap.mmap, start: int, stop: int, found: _MkvScan) -> None:
 
 
 def _part(data: mmap.mmap, part: Element, stop: int, found: _MkvScan) -> int:
-    """Read one top-level element; the byte after it."""
+    """Parse one top-level element; return the byte after it."""
     end = part.stop
     if end is not None and end > stop:
         if part.id != CLUSTER:
@@ -167,7 +165,7 @@ def _part(data: mmap.mmap, part: Element, stop: int, found: _MkvScan) -> int:
 
 
 def _check_sum(data: mmap.mmap, part: Element, end: int, found: _MkvScan) -> None:
-    """Compare a CRC-32 element with the content behind it (RFC 8794 sec. 11.3.1)."""
+    """Verify a CRC-32 element against the content after it (RFC 8794 sec. 11.3.1)."""
     if data[part.start : part.start + 2] != b"\xbf\x84" or end - part.start < 6:
         return
     (stated,) = struct.unpack_from("<I", data, part.start + 2)
@@ -214,7 +212,7 @@ def _tracks(data: mmap.mmap, start: int, stop: int, found: _MkvScan) -> None:
 
 
 def _cluster(data: mmap.mmap, start: int, stop: int, found: _MkvScan, *, open_end: bool) -> int:
-    """Note the frames of a cluster; the byte after it."""
+    """Parse the frames of a cluster; return the byte after it."""
     at, base = start, 0
     while at < stop:
         e = element(data, at, stop)
@@ -237,7 +235,7 @@ def _cluster(data: mmap.mmap, start: int, stop: int, found: _MkvScan, *, open_en
 
 
 def _block(data: mmap.mmap, e: Element, base: int, found: _MkvScan) -> None:
-    """Note the time of a block of the video track, unless its picture is not meant to be shown."""
+    """Add the time of a block of the video track, unless its picture is marked invisible."""
     stop = e.stop or e.start
     if e.start + 4 > stop or not data[e.start]:
         raise BrokenContainerError(e.head, "a block without a header")
@@ -263,7 +261,7 @@ def _container(found: _MkvScan) -> Container:
 
 
 def _fill_grid(times: Ints, found: _MkvScan) -> tuple[Ints, Bools, int]:
-    """Times of all frames, those missing from a damaged file included where the frame rate is constant.
+    """Times of all frames, including those missing in a damaged file if the frame rate is constant.
 
     Returns:
         times (n,) after the first frame, which of them are missing (n,), and the time of
@@ -295,10 +293,10 @@ TRACK_UID, TAG_TRACK_UID = 0x73C5, 0x63C5
 
 
 def number_tracks(path: Path) -> None:
-    """Give the tracks of a WebM file the UIDs 1, 2, ..., also where its tags name them.
+    """Set the track UIDs of a WebM file to 1, 2, ..., also in its tags.
 
-    Not of a Matroska file: there FFmpeg adds check sums of the elements that contain these.  A file that is damaged or
-    of another kind is left alone from where it cannot be understood.
+    Matroska files are not supported, since FFmpeg adds check sums there. A damaged file is changed only up to the
+    damage.
     """
     with path.open("r+b") as file:
         if not path.stat().st_size:
@@ -327,7 +325,7 @@ def _number(data: mmap.mmap) -> None:
 
 
 def _below(data: mmap.mmap, parent: Element, path: Sequence[int]) -> Iterator[Element]:
-    """The elements to which a path of identifiers leads."""
+    """Elements at a path of identifiers."""
     for child in children(data, parent.start, len(data) if parent.stop is None else parent.stop):
         if child.id == path[0]:
             yield from _below(data, child, path[1:]) if len(path) > 1 else [child]

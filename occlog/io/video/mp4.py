@@ -1,7 +1,6 @@
-"""Frames of an MP4 or QuickTime file: its boxes and sample tables (ISO/IEC 14496-12), with every length checked.
+"""Frame list of an MP4 or QuickTime file: its boxes and sample tables (ISO/IEC 14496-12), with every length checked.
 
-The samples of the video track are in the tables of the index (moov), and, in files of recorders that are to
-survive a power cut, in fragments (moof) behind it.
+The samples of the video track are in tables of the index (moov), and in fragmented files in fragments (moof) after it.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ SMALLEST_FRAME = 8
 
 
 class VideoSampleTable(NamedTuple):
-    """Sample table of the video track, in the order of decoding; times in ticks of `scale` per second."""
+    """Sample table of the video track in decoding order; times in ticks of `scale` per second."""
 
     scale: int
     time: Ints
@@ -45,7 +44,7 @@ class VideoSampleTable(NamedTuple):
 
 
 def boxes(data: mmap.mmap, start: int, stop: int) -> Iterator[ByteRange]:
-    """Boxes between two bytes, up to the end of the file: the spans of their content, which may end behind it."""
+    """Generate the boxes between two bytes as content ranges, which may end beyond the end of the file."""
     stop = min(stop, len(data))
     while start + 8 <= stop:
         size, kind = struct.unpack_from(">I4s", data, start)
@@ -67,7 +66,7 @@ def box_name(kind: bytes) -> str:
 
 
 def find_box(data: mmap.mmap, span: ByteRange, *path: bytes) -> ByteRange | None:
-    """The first box with this path of names inside a span, None if missing."""
+    """First box with a path of names inside a range; None if missing."""
     for kind in path:
         found = next((b for b in boxes(data, span.start, span.stop) if b.kind == kind), None)
         if found is None:
@@ -77,7 +76,7 @@ def find_box(data: mmap.mmap, span: ByteRange, *path: bytes) -> ByteRange | None
 
 
 def need_box(data: mmap.mmap, span: ByteRange, *path: bytes) -> ByteRange:
-    """The first box with this path of names; BrokenContainerError if missing."""
+    """First box with a path of names; BrokenContainerError if missing."""
     found = find_box(data, span, *path)
     if found is None:
         raise BrokenContainerError(span.start, f"box {'/'.join(box_name(p) for p in path)} is missing")
@@ -93,7 +92,7 @@ def ticks_per_second(data: mmap.mmap, box: ByteRange) -> int:
 
 
 def read_table(data: mmap.mmap, box: ByteRange | None, width: int, dtype: str, head: int = 4) -> Ints:
-    """(n, width) entries of a table box with a count, as int64; no rows where the box is missing."""
+    """(n, width) entries of a table box with a count, as int64; empty if the box is missing."""
     if box is None:
         return np.zeros((0, width), dtype=np.int64)
     (count,) = unpack(data, ">I", box.start + head)
@@ -106,7 +105,7 @@ def read_table(data: mmap.mmap, box: ByteRange | None, width: int, dtype: str, h
 def read_fragments(
     data: mmap.mmap, moov: ByteRange, moofs: list[ByteRange], track_id: int, scale: int
 ) -> VideoSampleTable:
-    """Samples of the movie fragments."""
+    """Parse the samples of movie fragments."""
     defaults = _track_defaults(data, moov, track_id)
     found = _Mp4Fragments()
     clock = 0
@@ -120,12 +119,12 @@ def read_fragments(
 
 
 def most_samples(data: mmap.mmap) -> int:
-    """Samples of which there is no table: a frame takes a few bytes at least."""
+    """Maximum number of samples in a file of this size."""
     return min(MAX_FRAMES, len(data) // SMALLEST_FRAME)
 
 
 class _Mp4Fragments:
-    """Samples of fragments so far: (n, 4) time, duration, offset and size of each run."""
+    """Samples of fragments so far: (n, 4) time, duration, offset and size, by run."""
 
     def __init__(self) -> None:
         self.samples: list[Ints] = []
@@ -209,12 +208,12 @@ _TOP = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide", b"styp", b"sidx", 
 
 
 def recognised(data: mmap.mmap) -> bool:
-    """Return whether the file begins like an MP4 or QuickTime file."""
+    """Whether the file begins like an MP4 or QuickTime file."""
     return len(data) >= 8 and data[4:8] in _TOP
 
 
 def parse(data: mmap.mmap) -> Container:
-    """The video frames of the file and the faults of it."""
+    """Parse the video frames of the file, and its faults."""
     problems: list[tuple[str, str]] = []
     top: list[ByteRange] = []
     try:
@@ -267,7 +266,7 @@ def _container(data: mmap.mmap, moov: ByteRange, moofs: list[ByteRange], problem
 
 
 def _video_track(data: mmap.mmap, moov: ByteRange) -> tuple[ByteRange, int, str]:
-    """The video track, its number, and how its display matrix mirrors (ISO/IEC 14496-12 sec. 8.3.2)."""
+    """Video track, its number, and the reflection in its display matrix (ISO/IEC 14496-12 sec. 8.3.2)."""
     for trak in (b for b in boxes(data, moov.start, moov.stop) if b.kind == b"trak"):
         hdlr = find_box(data, trak, b"mdia", b"hdlr")
         if hdlr is not None and data[hdlr.start + 8 : hdlr.start + 12] == b"vide":
@@ -303,7 +302,7 @@ def _sizes(data: mmap.mmap, stsz: ByteRange) -> Ints:
 
 
 def _runs(table: Ints, n: int) -> Ints:
-    """Values of a run-length table for n samples; 0 beyond its end."""
+    """Expand a run-length table to n samples; 0 beyond its end."""
     out = np.zeros(n, dtype=np.int64)
     at = 0
     for count, value in table.tolist():
@@ -315,7 +314,7 @@ def _runs(table: Ints, n: int) -> Ints:
 
 
 def _offsets(data: mmap.mmap, stbl: ByteRange, size: Ints) -> Ints:
-    """(n,) position of every sample in the file."""
+    """(n,) file position of every sample."""
     chunks = read_table(data, find_box(data, stbl, b"stco"), 1, ">u4")[:, 0]
     if not len(chunks):
         chunks = read_table(data, find_box(data, stbl, b"co64"), 1, ">u8")[:, 0]
@@ -338,7 +337,7 @@ def _offsets(data: mmap.mmap, stbl: ByteRange, size: Ints) -> Ints:
 
 
 def _edited(data: mmap.mmap, moov: ByteRange, trak: ByteRange, samples: VideoSampleTable, time: Ints) -> Bools | None:
-    """Return the samples, in the order of time, that the edit list shows; None for an edit list that cuts and joins."""
+    """Samples shown by the edit list, sorted by time; None if the edit list has several segments."""
     elst = find_box(data, trak, b"edts", b"elst")
     if elst is None:
         return np.ones(len(time), dtype=np.bool_)

@@ -1,4 +1,4 @@
-"""Reads what a video file itself states about its frames: MP4, AVI or Matroska, found out from the content."""
+"""Reading of a video file's own frame list: MP4, AVI or Matroska, recognised by content."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .container import Container
 
 
 def is_container(path: Path) -> bool:
-    """Return whether a file is MP4, AVI or Matroska by its content, damaged or not."""
+    """Whether a file is MP4, AVI or Matroska by its content, even if damaged."""
     from . import avi, mkv, mp4
 
     try:
@@ -22,7 +22,7 @@ def is_container(path: Path) -> bool:
 
 
 def read_container(path: Path) -> Container | None:
-    """Return what the file states about its frames; None for a container that is neither MP4, AVI nor Matroska.
+    """Read the frame list of a file; None for a container that is neither MP4, AVI nor Matroska.
 
     Faults of the content are listed in `Container.problems`.
 

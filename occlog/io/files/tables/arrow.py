@@ -1,6 +1,6 @@
-"""Arrow arrays to NumPy arrays without pandas, which pyarrow imports (a third of a second) for its own `to_numpy`.
+"""Conversion of tables between Arrow and NumPy, without pandas (which pyarrow's own `to_numpy` imports).
 
-Declared columns as Arrow has them: the schema of a table with its units, records to Arrow and back.
+Arrow schema of a table with units, and records to Arrow and back.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from occlog.records.tables import TABLES, WIDER
 
 
 def to_numpy(values: pa.Array) -> NDArray[np.generic]:
-    """(n,) numbers or truth values of an array without nulls; not to be written to."""
+    """(n,) read-only numbers or booleans of an array without nulls."""
     if not pa.types.is_boolean(values.type):
         return np.from_dlpack(values)
     if not len(values):
@@ -34,9 +34,9 @@ def to_numpy(values: pa.Array) -> NDArray[np.generic]:
 
 
 def to_texts(values: pa.Array, where: str, longest: int | None = None) -> Strings:
-    """(n,) texts of an array of texts or numbers, "" for those that are null.
+    """(n,) texts of an array of texts or numbers; "" for null.
 
-    Each text is made once, however many rows refer to it: a small file may have a large one in a million rows.
+    Each distinct text is created once, since a small file may refer to a large text in a million rows.
 
     Args:
         values: texts, numbers, or a dictionary of such.
@@ -78,7 +78,7 @@ _ARROW = {
 
 
 def arrow_field(c: Column, unit: str) -> pa.Field:
-    """Arrow field of a column with its unit, meaning and the meaning of NaN as metadata."""
+    """Arrow field of a column, with unit, description and meaning of NaN as metadata."""
     kind = _ARROW[c.kind]
     if c.width:
         kind = pa.list_(kind) if c.width == ANY_WIDTH else pa.list_(kind, c.width)
@@ -89,7 +89,7 @@ def arrow_field(c: Column, unit: str) -> pa.Field:
 
 
 def arrow_schema(table: type[ColumnTable], provenance: Provenance, length_unit: str = "m") -> pa.Schema:
-    """Arrow schema of a table; `length_unit` replaces metres in the units."""
+    """Arrow schema of a table; `length_unit` replaces metres in the units of columns."""
     fields = [arrow_field(c, in_length_unit(c.unit, length_unit)) for c in table.columns()]
     metadata = {
         SCHEMA_KEY: f"{table.NAME}/{table.VERSION}",
@@ -100,14 +100,14 @@ def arrow_schema(table: type[ColumnTable], provenance: Provenance, length_unit: 
 
 
 def statements(provenance: Provenance, length_unit: str) -> dict[str, str]:
-    """Unit of lengths (empty: none) and provenance as entries of a footer, with their check sum: Parquet has none."""
+    """Footer entries for the length unit (omitted if empty) and provenance, with a check sum, which Parquet lacks."""
     entries = {UNIT_KEY: length_unit} if length_unit else {}
     entries[PROVENANCE_KEY] = provenance.json()
     return entries | {SUM_KEY: _sum(length_unit.encode(), entries[PROVENANCE_KEY].encode())}
 
 
 def check_statements(path: Path, entries: Mapping[bytes, bytes]) -> None:
-    """InputError where unit and provenance do not have their check sum; files of older versions have none."""
+    """InputError if length unit and provenance do not match their check sum; files of older versions have none."""
     if (stated := entries.get(SUM_KEY.encode())) is not None:
         unit, provenance = (entries.get(key.encode(), b"") for key in (UNIT_KEY, PROVENANCE_KEY))
         if stated.decode(errors="replace") != _sum(unit, provenance):
@@ -123,7 +123,7 @@ def _sum(unit: bytes, provenance: bytes) -> str:
 
 
 def to_arrow(table: ColumnTable, schema: pa.Schema) -> pa.Table:
-    """Arrow table of a record."""
+    """Convert a record of a table to an Arrow table."""
     arrays = []
     for c, f in zip(table.columns(), schema, strict=True):
         values = getattr(table, c.name)
@@ -143,7 +143,7 @@ def to_arrow(table: ColumnTable, schema: pa.Schema) -> pa.Table:
 
 
 def from_arrow(batch: pa.RecordBatch | pa.Table, table: type[T]) -> T:
-    """Record of an Arrow batch with columns that have been checked; optional ones may be skipped."""
+    """Convert an Arrow batch with checked columns to a record; optional columns may be missing."""
     columns = [c for c in table.columns() if c.name in batch.schema.names]
     return table.of(**{c.name: _column_from_arrow(c, batch.column(c.name)) for c in columns})
 
@@ -163,7 +163,7 @@ def _column_from_arrow(c: Column, values: pa.Array | pa.ChunkedArray) -> NDArray
 
 
 def vectors(c: Column, values: pa.Array) -> NDArray[np.generic]:
-    """(n, K) numbers of lists, all of K numbers or of none; NaN where a list is empty."""
+    """(n, K) numbers of list columns, each with K numbers or empty (NaN)."""
     lengths, numbers = to_numpy(values.value_lengths()).astype(np.int64), values.flatten()
     (length, *others) = np.unique(lengths[lengths > 0]).tolist() or [0]
     if others or numbers.null_count:
@@ -184,7 +184,7 @@ def vectors(c: Column, values: pa.Array) -> NDArray[np.generic]:
 
 
 def check_schema(path: Path, schema: pa.Schema, table: type[ColumnTable]) -> None:
-    """InputError unless a schema is that of a table in its version of today, but for optional columns."""
+    """InputError unless a schema is that of a table in its current version; optional columns may be missing."""
     found = (schema.metadata or {}).get(SCHEMA_KEY.encode(), b"").decode()
     name, _, version = found.partition("/")
     if name != table.NAME:

@@ -1,8 +1,7 @@
-"""Reads tables from Parquet, with the check sums of pages and of what the footer states verified.
+"""Reading of tables from Parquet, with check sums of pages and footer verified.
 
-What the header of a table states without its rows: name, units, columns, times, and its provenance.
-
-Vectors in rows, each of which takes as much as the longest: a file may have one of a million numbers among many.
+Also the header of a table without its rows: name, units, columns, times, provenance. Batches with list columns are
+split, since every row takes as much memory as the longest list.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ BYTES_PER_NUMBER = 8
 
 
 def in_parts(path: Path, size: int, batches: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
-    """The batches in parts of this many rows that none takes much memory.
+    """Split batches into parts of at most `size` rows that are limited in memory.
 
     Args:
         path: the file that they are of.
@@ -64,7 +63,7 @@ def in_parts(path: Path, size: int, batches: Iterable[pa.RecordBatch]) -> Iterat
 
 
 def _width(column: pa.Array) -> int:
-    """Numbers of the longest list of a column; 0 where it has none."""
+    """Length of the longest list in a column; 0 if it has none."""
     kind = column.type
     if pa.types.is_fixed_size_list(kind):
         return int(kind.list_size)
@@ -75,7 +74,7 @@ def _width(column: pa.Array) -> int:
 
 @contextmanager
 def translate_read_errors(path: Path) -> Iterator[None]:
-    """Turn every failure of the Parquet library into one InputError."""
+    """Context manager that converts every failure of the Parquet library to one InputError."""
     try:
         yield
     except InputError as error:
@@ -89,7 +88,7 @@ def translate_read_errors(path: Path) -> Iterator[None]:
 
 @contextmanager
 def opened_table(path: Path) -> Iterator[SizedFile]:
-    """A Parquet file, verified; each failure to read it, also within the block, is one InputError."""
+    """Context manager: an opened Parquet file; each failure to read it within the block is an InputError."""
     check_input(path, "a Parquet file")
     with translate_read_errors(path), open_parquet(path) as file:
         yield file
@@ -97,7 +96,7 @@ def opened_table(path: Path) -> Iterator[SizedFile]:
 
 @contextmanager
 def open_parquet(path: Path) -> Iterator[SizedFile]:
-    """A Parquet file, with the check sums of its pages verified when they are read.
+    """Open a Parquet file, with page check sums verified on reading.
 
     Raises:
         InputError: the check sum of what its footer states is wrong, or the footer states more than a file of its size
@@ -119,7 +118,7 @@ def open_parquet(path: Path) -> Iterator[SizedFile]:
 
 
 def statements_of(file: pq.ParquetFile) -> dict[bytes, bytes]:
-    """Metadata of a table: entries of its schema, replaced by those that were added after the last row."""
+    """Metadata of a table: entries of its schema, replaced by those added after the last row."""
     return {**(file.schema_arrow.metadata or {}), **(file.metadata.metadata or {})}
 
 
@@ -128,7 +127,7 @@ def _is_text(kind: pa.DataType) -> bool:
 
 
 def is_ours(path: Path) -> bool:
-    """Return whether occlog wrote a Parquet file; InputError for a damaged one."""
+    """Whether occlog wrote a Parquet file; InputError for a damaged one."""
     with opened_table(path) as file:
         return SCHEMA_KEY.encode() in (file.schema_arrow.metadata or {})
 
@@ -140,7 +139,7 @@ def schema_name(path: Path) -> str:
 
 
 def schema_name_of(path: Path, schema: pa.Schema) -> str:
-    """Name of the table with this Arrow schema; InputError for one that occlog did not write."""
+    """Name of the table with this Arrow schema; InputError if occlog did not write it."""
     raw = (schema.metadata or {}).get(SCHEMA_KEY.encode())
     if raw is None:
         raise InputError(f"{path}: has no {SCHEMA_KEY} entry, so it is not an occlog table", id="unknown-format")
@@ -148,7 +147,7 @@ def schema_name_of(path: Path, schema: pa.Schema) -> str:
 
 
 def iter_table(path: Path, table: type[T], rows: int = ROWS_PER_GROUP) -> Iterator[T]:
-    """Chunks of a table in file order, at most `rows` rows each."""
+    """Generate the chunks of a table in file order, at most `rows` rows each."""
     with opened_table(path) as file:
         check_schema(path, file.schema_arrow, table)
         names = [c.name for c in table.columns() if c.name in file.schema_arrow.names]
@@ -180,7 +179,7 @@ def iter_table(path: Path, table: type[T], rows: int = ROWS_PER_GROUP) -> Iterat
 
 
 def _check_beside(held: T | None, chunk: T) -> T:
-    """Search for copies of rows of one time in several chunks; return those of the last time, for later chunks."""
+    """Check for duplicate rows of one time across chunks; return the rows of the last time for the next call."""
     times: Ints = chunk.t_ns  # type: ignore[attr-defined]
     last = chunk.take(slice(int(np.searchsorted(times, times[-1])), None))
     if held is None or held.t_ns[0] != times[0]:  # type: ignore[attr-defined]
@@ -194,8 +193,8 @@ def _check_beside(held: T | None, chunk: T) -> T:
 def batches(file: pq.ParquetFile, rows: int, columns: Sequence[str] | None = None) -> Iterator[pa.RecordBatch]:
     """Rows of some columns (None: all) in file order, at most `rows` at a time; memory does not grow with the file.
 
-    The library keeps all that it has read for one call until that ends, so that each call is of a few groups of rows:
-    as many as have `rows` rows together.
+    Each call of the library reads a few row groups with `rows` rows together, since it keeps what it has read until the
+    call ends.
     """
     groups: list[int] = []
     together = 0
@@ -209,7 +208,7 @@ def batches(file: pq.ParquetFile, rows: int, columns: Sequence[str] | None = Non
 
 @dataclass(frozen=True)
 class RowGroup:
-    """A group of rows of a table, which can be read though others are damaged.
+    """A row group of a table, readable even if others are damaged.
 
     Attributes:
         table: the table.
@@ -225,7 +224,7 @@ class RowGroup:
     rows: int
 
     def batches(self) -> Iterator[pa.RecordBatch]:
-        """Rows of the row group in batches of `from_arrow`; InputError where they are damaged."""
+        """Generate the rows of the group in batches; InputError if damaged."""
         names = [c.name for c in self.table.columns() if c.name in self.file.schema_arrow.names]
         with translate_read_errors(self.path):
             found = self.file.iter_batches(batch_size=ROWS_PER_GROUP, row_groups=[self.number], columns=names)
@@ -233,7 +232,7 @@ class RowGroup:
 
 
 def groups_of(path: Path, tables: Mapping[str, type[ColumnTable]]) -> Iterator[RowGroup]:
-    """The groups of rows of a table; InputError unless it is one of the tables, by their names, and has its columns."""
+    """Row groups of a table; InputError unless it is one of `tables` and has its columns."""
     with opened_table(path) as file:
         name, first = schema_name_of(path, file.schema_arrow), 0
         if name not in tables:
@@ -248,24 +247,24 @@ def groups_of(path: Path, tables: Mapping[str, type[ColumnTable]]) -> Iterator[R
 
 
 def read_table(path: Path, table: type[T]) -> T:
-    """The whole table."""
+    """Read the whole table."""
     return table.concat(iter_table(path, table))
 
 
 def arrow_schema_of(path: Path) -> pa.Schema:
-    """The Arrow schema of a Parquet file, as it was written."""
+    """Arrow schema of a Parquet file as written."""
     with opened_table(path) as file:
         return file.schema_arrow
 
 
 def arrow_batches(path: Path, rows: int = ROWS_PER_GROUP) -> Iterator[pa.RecordBatch]:
-    """Chunks of a Parquet file as Arrow has them, unchecked but for check sums, at most `rows` rows each."""
+    """Generate a Parquet file as Arrow batches of at most `rows` rows; only check sums are verified."""
     with opened_table(path) as file:
         yield from batches(file, rows)
 
 
 class TableHeader(NamedTuple):
-    """Header of a table: its name, the unit of its lengths, and its provenance."""
+    """Header of a table: name, length unit, provenance."""
 
     table: str
     length_unit: str
@@ -273,7 +272,7 @@ class TableHeader(NamedTuple):
 
 
 def read_header(path: Path) -> TableHeader:
-    """The header of a table; InputError for files that occlog did not write."""
+    """Read the header of a table; InputError if occlog did not write the file."""
     with opened_table(path) as file:
         entries, name = statements_of(file), schema_name_of(path, file.schema_arrow)
         return TableHeader(name, _unit(entries), _provenance(entries, path))
@@ -332,7 +331,7 @@ def describe(path: Path) -> TableDescription:
 
 
 def first_rows(path: Path, rows: int) -> dict[str, list[object]]:
-    """The first rows of a Parquet file: values of each column that is no list, as Python has them."""
+    """First rows of a Parquet file, as Python values of each column that is not a list."""
     with opened_table(path) as file:
         names = [f.name for f in file.schema_arrow if not pa.types.is_nested(f.type)]
         batch = next(batches(file, rows, names), None)
@@ -340,7 +339,7 @@ def first_rows(path: Path, rows: int) -> dict[str, list[object]]:
 
 
 def _time_span(file: SizedFile) -> list[int] | None:
-    """First and last time: rows are in the order of time."""
+    """First and last time [ns] of a file sorted by time."""
     if not len(file.schema_arrow) or not pa.types.is_int64(file.schema_arrow.field(0).type):
         return None  # times of another program
     groups = [n for n in range(file.num_row_groups) if file.metadata.row_group(n).num_rows]

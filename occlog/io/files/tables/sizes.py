@@ -1,9 +1,8 @@
-"""Sizes that a Parquet file states, checked before the Parquet library allocates memory for them.
+"""Size checks of a Parquet file before the library allocates memory.
 
-The library trusts the footer and the header of each page: a file of a kilobyte may state gigabytes, and a footer with
-size statistics that do not fit their column ends the process when the library is asked for that column's description.
-So both are read here first, as far as they state sizes.  Sources: parquet.thrift of the Parquet format, and the
-compact protocol of Apache Thrift.
+The library trusts the footer and page headers: a file of a kilobyte may declare gigabytes, and inconsistent size
+statistics crash the process. Both are parsed here first, as far as they declare sizes. Sources: parquet.thrift of the
+Parquet format, and the compact protocol of Apache Thrift.
 """
 
 from __future__ import annotations
@@ -54,7 +53,7 @@ Columns = frozenset[str] | None
 
 
 class MalformedError(ValueError):
-    """Bytes that are no footer or no page header."""
+    """Bytes that are not a valid footer or page header."""
 
 
 class CompactReader:
@@ -67,7 +66,7 @@ class CompactReader:
     """
 
     def __init__(self, data: bytes, left: int) -> None:
-        """Start at the first byte."""
+        """Start at the first byte; `left` limits the number of values."""
         self.data, self.at, self.left = data, 0, left
 
     def fields(self) -> Iterator[tuple[int, int]]:
@@ -179,7 +178,7 @@ class RowGroupSizes(NamedTuple):
 
 
 def read_groups(path: Path, file: IO[bytes], size: int) -> list[RowGroupSizes]:
-    """The row groups of a Parquet file of `size` bytes, by its footer.
+    """Parse the row groups in the footer of a Parquet file of `size` bytes.
 
     Raises:
         MalformedError: the footer does not state them, states more than a file of its size can hold, or row groups
@@ -199,7 +198,7 @@ def read_groups(path: Path, file: IO[bytes], size: int) -> list[RowGroupSizes]:
 
 
 def _groups(footer: bytes, size: int) -> list[RowGroupSizes] | None:
-    """The row groups of a file of `size` bytes with a footer; None: it is encrypted."""
+    """Parse the row groups of a footer; None if the file is encrypted."""
     reader, groups, rows = CompactReader(footer, FREE_STEPS + size // BYTES_PER_STEP), list[RowGroupSizes](), -1
     left, room = FREE_CHUNKS + size // BYTES_PER_CHUNK, size
     for number, kind in reader.fields():
@@ -271,7 +270,7 @@ def _chunk(reader: CompactReader) -> Chunk:
 
 
 class Page(NamedTuple):
-    """A page header: bytes of its data unpacked and packed, number of values, and its own length [bytes]."""
+    """Page header: decompressed and compressed data size [bytes], number of values, and header length [bytes]."""
 
     unpacked: int
     packed: int
@@ -280,7 +279,7 @@ class Page(NamedTuple):
 
 
 def read_page(data: bytes) -> Page:
-    """The page header that begins with the first byte; MalformedError if missing."""
+    """Parse the page header at the first byte; MalformedError if invalid."""
     reader, found, values = CompactReader(data, len(data)), dict[int, int](), 0
     for number, kind in reader.fields():
         if number in (PAGE_UNPACKED, PAGE_PACKED):
@@ -300,7 +299,7 @@ def read_page(data: bytes) -> Page:
 
 
 class SizedFile(pq.ParquetFile):  # type: ignore[misc]  # the library has no types
-    """A Parquet file that unpacks a row group only after the headers of its pages have been checked."""
+    """A Parquet file that decompresses a row group only after its page headers have been checked."""
 
     def __init__(
         self, path: Path, file: IO[bytes], size: int, groups: Sequence[RowGroupSizes], **options: object
@@ -331,13 +330,13 @@ class SizedFile(pq.ParquetFile):  # type: ignore[misc]  # the library has no typ
         return table
 
     def _check_rows(self, rows: int, numbers: Collection[int]) -> None:
-        """ArrowInvalid unless row groups gave all their rows: after some damage the library ends early, silently."""
+        """ArrowInvalid unless row groups returned all their rows (on some damage the library ends early, silently)."""
         stated = sum(self._groups[number].rows for number in numbers)
         if rows != stated:
             raise pa.ArrowInvalid(f"{stated} rows are stated, and {rows} can be read")
 
     def _check(self, number: int, columns: Collection[str] | None) -> None:
-        """InputError where a row group, with those before, unpacks to more than a file of this size can hold."""
+        """InputError if row groups so far decompress to more than a file of this size can hold."""
         wanted = None if columns is None else frozenset(columns)
         if (wanted, number) in self._checked:
             return
@@ -361,7 +360,7 @@ class SizedFile(pq.ParquetFile):  # type: ignore[misc]  # the library has no typ
         self._unpacked[wanted] += unpacked
 
     def _page(self, at: int, end: int) -> Page:
-        """The page header at a byte of a column chunk that ends at `end`."""
+        """Page header at byte `at` of a column chunk that ends at `end`."""
         for window in HEAD_WINDOWS:
             try:
                 return read_page(os.pread(self._file.fileno(), window, at))

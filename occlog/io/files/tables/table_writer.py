@@ -1,4 +1,4 @@
-"""Writes tables as Parquet, chunk by chunk, with check sums of pages."""
+"""Writing of tables as Parquet, chunk by chunk, with page check sums."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class TableWriter:
         return self
 
     def write(self, table: ColumnTable) -> None:
-        """Append rows; they are written in groups, this many small chunks cost no space."""
+        """Append rows; they are written in row groups, so that many small chunks do not enlarge the file."""
         self.rows += len(table)
         self._pending.append(table)
         self._pending_rows += len(table)
@@ -80,14 +80,14 @@ class TableWriter:
         self._pending, self._pending_rows, self._pending_bytes = [], 0, 0
 
     def annotate(self, provenance: Provenance) -> None:
-        """Replace the provenance by one that is known only after the last row (for example the losses)."""
+        """Replace the provenance by one known only after the last row (with losses, for example)."""
         if self._writer is not None:
             self._writer.add_key_value_metadata(statements(provenance, self._length_unit))
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> bool | None:
-        """Complete the file, or drop it after an error."""
+        """Complete the file, or delete it after an error."""
         try:
             if kind is None:
                 self._flush()
@@ -99,7 +99,7 @@ class TableWriter:
         return self._output.__exit__(kind, error, trace)
 
     def _close(self, abandon: bool) -> None:
-        """Close the library's writer; an abandoned one must not try again when it is collected."""
+        """Close the library's writer, so that an abandoned one is not finalised by garbage collection."""
         if self._writer is None:
             return
         try:

@@ -1,7 +1,7 @@
-"""Files in formats that readers of plug-ins know: read as a text table with a header, wherever such tables are read.
+"""Files in formats that reader plug-ins know, read as text tables with a header.
 
-A reader is used for files with names that end as it states, if that is no ending of ours, or if the user names the
-reader.
+A reader is used for files with the suffixes that it declares, unless occlog reads these itself, or if the user names
+the reader.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ UNIT = "m"
 
 
 class NamedReader:
-    """The reader that the user names, and whether a file had a use for it."""
+    """The reader that the user names, and whether it was used for a file."""
 
     def __init__(self, chosen: Chosen) -> None:
         """Start without files."""
@@ -43,11 +43,11 @@ class NamedReader:
 
     @property
     def endings(self) -> tuple[str, ...]:
-        """Endings of the names of its files."""
+        """File suffixes of the reader."""
         return tuple(self.chosen.plugin.load().endings)
 
     def check_used(self) -> None:
-        """UsageError where no file had a use for it."""
+        """UsageError if the reader was used for no file."""
         if not self.used:
             raise UsageError(
                 f"{option('reader')} {self.chosen.plugin.name}: no input has a name that ends in "
@@ -61,7 +61,7 @@ _NAMED: ContextVar[NamedReader | None] = ContextVar("NAMED_READER", default=None
 
 @contextmanager
 def named_reader(chosen: Chosen) -> Iterator[NamedReader]:
-    """Let a reader hold for the files that are opened meanwhile."""
+    """Context manager that selects a reader for files opened within."""
     named = NamedReader(chosen)
     token = _NAMED.set(named)
     try:
@@ -71,7 +71,7 @@ def named_reader(chosen: Chosen) -> Iterator[NamedReader]:
 
 
 def reader_of(path: Path) -> Chosen | None:
-    """The reader of a file; None if missing, or the file is none of a plug-in's.
+    """Reader plug-in of a file; None if there is none.
 
     Raises:
         UsageError: several readers know such files.
@@ -99,17 +99,17 @@ def reader_of(path: Path) -> Chosen | None:
 
 
 def table_of(path: Path) -> str:
-    """Name of the table that a file of a reader holds; empty: no reader reads it."""
+    """Name of the table that a reader's file holds; empty if no reader reads it."""
     chosen = reader_of(path)
     return "" if chosen is None else str(chosen.plugin.load().table)
 
 
 def text_of(path: Path, what: str) -> str | None:
-    """A file as text with a header line; None where no reader reads it.
+    """Convert a file to text with a header line; None if no reader reads it.
 
     Raises:
         InputError: the reader states that the file is damaged.
-        PluginError: the reader fails, or gives what no table can be.
+        PluginError: the reader fails, or returns an invalid table.
     """
     chosen = reader_of(path)
     if chosen is None:
@@ -122,14 +122,14 @@ def text_of(path: Path, what: str) -> str | None:
 
 @lru_cache(maxsize=4)
 def _text(plugin: Plugin, values: tuple[tuple[str, object], ...], path: Path, state: tuple[int, int]) -> str:  # noqa: ARG001
-    """The text of a file in a state."""
+    """Cached text of a file in a state (size and time of modification)."""
     columns = columns_of(Chosen(plugin, dict(values)), path)
     with plugin_errors(plugin):
         return as_text(columns)
 
 
 def columns_of(chosen: Chosen, path: Path) -> dict[str, NDArray[np.generic]]:
-    """The columns that a reader finds in a file; errors as in `text_of`."""
+    """Columns that a reader finds in a file; errors as in `text_of`."""
     reader: Reader = chosen.make(UNIT)
     label = f"{path}: "
     with plugin_errors(chosen.plugin):
@@ -145,7 +145,7 @@ def columns_of(chosen: Chosen, path: Path) -> dict[str, NDArray[np.generic]]:
 
 
 def fault_of(columns: object) -> str | None:
-    """Faults of what a reader gave back, in words; None: nothing."""
+    """Description of what is wrong with a reader's result; None if it is valid."""
     if not isinstance(columns, Mapping):
         return f"read gives a {type(columns).__name__}; a mapping of names to columns was expected"
     if not columns:
@@ -169,7 +169,7 @@ def fault_of(columns: object) -> str | None:
 
 
 def as_text(columns: Mapping[str, NDArray[np.generic]]) -> str:
-    """Columns as a text table; numbers keep all their digits."""
+    """Format columns as a text table; numbers keep all digits."""
     file = io.StringIO()
     writer = csv.writer(file, quoting=csv.QUOTE_NONNUMERIC, lineterminator="\n")
     writer.writerow(list(columns))
@@ -179,7 +179,7 @@ def as_text(columns: Mapping[str, NDArray[np.generic]]) -> str:
 
 
 def _cell(value: object) -> object:
-    """A cell; nothing where there is no value."""
+    """Format a cell; empty for a missing value."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return ""
     if isinstance(value, bool):

@@ -1,6 +1,6 @@
-"""Text tables with a header line, plain or compressed by gzip, read in chunks.
+"""Reading of text tables with a header line, plain or gzip, in chunks.
 
-Every fault is named by its line, value and remedy.
+Errors name the line, the value and the remedy.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ COARSEST = 0.01
 
 
 def last_place(text: str) -> float:
-    """Return the unit of the last digit of a number if above 1, as with an exponent; else 0."""
+    """Value of the last digit of a number if above 1 (number with an exponent); else 0."""
     try:
         value = Decimal(text.strip())
     except InvalidOperation:
@@ -66,7 +66,7 @@ def last_place(text: str) -> float:
 
 
 def no_formula(text: str) -> str:
-    """A text as it is written into CSV: with an apostrophe where a spreadsheet would take it for a formula.
+    """Escape a text for CSV: prefix an apostrophe if a spreadsheet would read a formula.
 
     `-1.5` and other numbers stay as they are.
     """
@@ -74,7 +74,7 @@ def no_formula(text: str) -> str:
 
 
 def plain_text(text: str) -> str:
-    """Return the text that was given to `no_formula`."""
+    """Reverse `no_formula`."""
     return text[1:] if text.startswith("'") and _FORMULA.match(text) else text
 
 
@@ -84,7 +84,7 @@ BAD_LINES: ContextVar[Callable[[InputError], None] | None] = ContextVar("BAD_LIN
 
 @contextmanager
 def report_bad_lines_to(listener: Callable[[InputError], None]) -> Iterator[None]:
-    """Report lines that are no rows to a callback, and continue reading meanwhile."""
+    """Context manager that reports malformed lines to a callback, and continues reading."""
     token = BAD_LINES.set(listener)
     try:
         yield
@@ -93,7 +93,7 @@ def report_bad_lines_to(listener: Callable[[InputError], None]) -> Iterator[None
 
 
 def _refuse(error: InputError) -> None:
-    """Raise the error, unless a callback takes it."""
+    """Raise the error, or pass it to the callback of `report_bad_lines_to`."""
     listener = BAD_LINES.get()
     if listener is None:
         raise error
@@ -102,7 +102,7 @@ def _refuse(error: InputError) -> None:
 
 @dataclass(frozen=True)
 class CsvRows:
-    """Rows of a table: cells as text by column, and the line (or `location` of another kind) of each row.
+    """Rows of a text table: cells as text by column, and line number (or `location` of another kind) of each row.
 
     `files` has the file of each row where `path` is a folder; else it is empty.
     """
@@ -126,12 +126,12 @@ class CsvRows:
         )
 
     def fail(self, row: int, message: str) -> InputError:
-        """An InputError that names the file and the line of a row."""
+        """InputError with a message, the file and the line of a row."""
         path = self.files[row] if self.files else self.path
         return InputError(f"{path}: {self.location} {int(self.lines[row])}: {message}")
 
     def floats(self, name: str, *, blank: bool = False) -> Floats:
-        """(n,) numbers; empty cells and `nan` give NaN where `blank` allows it, else InputError."""
+        """(n,) numbers; empty cells and `nan` are NaN if `blank` allows it, else InputError."""
         cells = self._plain(name)
         if blank:
             cells = np.where(np.isin(np.char.lower(np.char.strip(cells)), MISSING), "nan", cells)
@@ -147,7 +147,7 @@ class CsvRows:
         return values
 
     def _no_number(self, name: str, row: int, wanted: str) -> InputError:
-        """An InputError for a cell that is no number."""
+        """InputError for a cell that is not a number."""
         cell = str(self.cells[name][row]).strip()
         if cell.lower() in MISSING:
             return self.fail(row, f"{name} is missing ({cell!r}); remove this {self.location}, or give the value")
@@ -156,14 +156,14 @@ class CsvRows:
         return self.fail(row, f"{name} is {cell!r}; {wanted} was expected; correct this {self.location}")
 
     def steps(self, name: str) -> Floats:
-        """(n,) what the last digit of each number with an exponent above 0 represents; else 0."""
+        """(n,) value of the last digit of each number with a positive exponent; else 0."""
         out, cells = np.zeros(len(self)), self.cells[name]
         for row in np.flatnonzero(np.char.find(np.char.lower(cells), "e") >= 0).tolist():
             out[row] = last_place(str(cells[row]))
         return out
 
     def lengths(self, name: str, *, blank: bool = False) -> Floats:
-        """(n,) lengths as `floats` gives numbers; InputError for one that is written to less than `COARSEST`."""
+        """(n,) lengths, parsed as by `floats`; InputError for one rounded to less than the precision `COARSEST`."""
         values, steps = self.floats(name, blank=blank), self.steps(name)
         if (steps > COARSEST).any():
             row = int(np.flatnonzero(steps > COARSEST)[0])
@@ -173,7 +173,7 @@ class CsvRows:
         return values
 
     def ints(self, name: str, blank: int | None = None) -> Ints:
-        """(n,) whole numbers; `3.0` is read as 3, InputError for 3.5; `blank` for cells without a number, if given."""
+        """(n,) whole numbers; `3.0` is accepted, 3.5 is an InputError; `blank` replaces empty cells, if given."""
         cells = self._plain(name)
         try:
             return cells.astype(np.int64)
@@ -190,7 +190,7 @@ class CsvRows:
         return values.astype(np.int64)
 
     def identities(self, name: str, *, least: int = -(2**31), blank: int | None = None) -> Ints:
-        """(n,) whole numbers from `least` that tables hold, which is up to 2**31 - 1; InputError for others."""
+        """(n,) identities from `least` to 2**31 - 1; InputError for others."""
         values = self.ints(name, blank)
         bad = (values < least) | (values >= 2**31)
         if bad.any():
@@ -199,7 +199,7 @@ class CsvRows:
         return values
 
     def _plain(self, name: str) -> Strings:
-        """The cells, without those that Python alone takes for numbers: `2_0` is a slip, and not 20."""
+        """Cells, with InputError for numbers in Python syntax only, such as `2_0`."""
         cells = self.cells[name]
         slips = np.char.find(cells, "_") >= 0
         if slips.any():
@@ -213,7 +213,7 @@ class CsvRows:
 
 
 def check_one_sensor(rows: CsvRows, column: str, given: str, label: str) -> None:
-    """InputError where rows that are given as those of one sensor are stated in the file to be of several.
+    """InputError if rows given for one sensor name several sensors in the file.
 
     Args:
         rows: of a file.
@@ -242,7 +242,7 @@ def read_rows(
     commented: bool = False,
     rows: int = ROWS_PER_CHUNK,
 ) -> Generator[CsvRows, None, None]:
-    """Chunks of a text table with a first line that names the columns, or of a file that a plug-in reads as one.
+    """Read chunks of a text table with a header line, or of a file converted by a reader plug-in.
 
     Cells are separated by commas, semicolons or tabs; lines that are empty or begin
     with `#` are skipped; upper and lower case of column names do not matter.
@@ -274,7 +274,7 @@ def read_rows(
 
 
 def read_plain(path: Path, what: str, *, rows: int = ROWS_PER_CHUNK) -> Generator[CsvRows, None, None]:
-    """Chunks of a text table without a header; columns are named `0`, `1`, ... by their position."""
+    """Read chunks of a text table without a header; columns are named `0`, `1`, ... by position."""
     with _open_text(path, what) as file:
         lines = _split(path, file)
         first = next(lines, None)
@@ -285,13 +285,13 @@ def read_plain(path: Path, what: str, *, rows: int = ROWS_PER_CHUNK) -> Generato
 
 
 def first_line(path: Path, what: str) -> list[str]:
-    """Cells of the first line that is neither empty nor a comment."""
+    """Cells of the first line that is not empty or a comment."""
     with _open_text(path, what) as file:
         return next(_split(path, file), (0, []))[1]
 
 
 def commented_header(path: Path, what: str) -> list[str]:
-    """Names of columns in a first line that begins with `#`, as many as the first line with data has cells; else none.
+    """Column names in a first line that begins with `#` and has as many cells as the data; else empty.
 
     Cells are separated by commas, semicolons or tabs, and data by the same mark: a comment of words is no header.
     """
@@ -305,7 +305,7 @@ def commented_header(path: Path, what: str) -> list[str]:
 
 
 def is_header(cells: Sequence[str]) -> bool:
-    """Return whether a line names columns: it has a cell that is not a number."""
+    """Whether a line names columns, i.e. has a cell that is not a number."""
     return any(not _NUMBER.match(cell) for cell in cells)
 
 
@@ -330,9 +330,9 @@ def _rejoin(first: tuple[int, list[str]], rest: Iterator[tuple[int, list[str]]])
 
 
 def text_lines(path: Path, file: TextIO) -> Iterator[tuple[int, str]]:
-    """(line number, line) of a text; InputError for one that is too long to be one of a table.
+    """Generate (line number, line) of a text; InputError for lines too long for a table.
 
-    A file without line ends is not read as a whole, nor one of gzip that unpacks to lines without end.
+    Lines are limited while reading, so that a file without line ends is not read as a whole.
     """
     packed = path.stat().st_size if isinstance(getattr(file, "buffer", None), gzip.GzipFile) else None
     most = math.inf if packed is None else max(FREE_LINES, packed)
@@ -352,7 +352,7 @@ def text_lines(path: Path, file: TextIO) -> Iterator[tuple[int, str]]:
 
 
 def _split(path: Path, file: TextIO, *, commented: bool = False) -> Iterator[tuple[int, list[str]]]:
-    """(line number, cells) of every line with data, and of a first one that begins with `#` if `commented`."""
+    """Generate (line number, cells) of every data line, and of a first line that begins with `#` if `commented`."""
     reader = None
     header: list[str] = []
     number = width = 0
@@ -413,7 +413,7 @@ def _cells(text: str, delimiter: str) -> list[str]:
 
 
 def name_with_unit(name: str) -> str:
-    """A name with the unit in brackets as its ending: `time [ms]` is `time_ms`; the name itself without one."""
+    """Convert a unit in brackets to a suffix: `time [ms]` becomes `time_ms`; other names are unchanged."""
     found = _UNIT.fullmatch(name)
     return name if found is None else f"{found['name']}_{found['square'] or found['round']}".replace(" ", "_")
 
@@ -426,7 +426,7 @@ def _resolve(
     ignored: Sequence[str],
     ignore_extra: bool,
 ) -> list[str | None]:
-    """Return the occlog name of each column of a file; None for a column that is not used."""
+    """Name, in occlog, of each column of a file; None for unused columns."""
     meaning = {alias: name for name, aliases in columns.items() for alias in aliases}
     names: list[str | None] = []
     for cell in header:
@@ -465,7 +465,7 @@ def _chunks(
 
 
 def _is_row(path: Path, location: str, line: int, cells: list[str], columns: int) -> bool:
-    """Return whether a line has a cell for each column, none of them too long; if not, it is refused."""
+    """Whether a line has a cell of acceptable length for each column; if not, it is reported as an error."""
     fault = ""
     if len(cells) != columns:
         fault = f"{len(cells)} cells, but the first line has {columns}"

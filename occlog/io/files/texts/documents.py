@@ -1,8 +1,7 @@
-"""JSON files: written with sorted keys, numbers that are not finite as null, atomically; read into structs.
+"""Reading and writing of JSON, TOML and XML.
 
-TOML of other programs: a text of bounded keys to its values.
-
-XML that is read with care: no entities, clear errors that name the missing part.
+JSON is written atomically with sorted keys, non-finite numbers as null, and read into structs. TOML has bounded keys;
+XML is read without entities, with errors that name the missing part.
 """
 
 from __future__ import annotations
@@ -34,13 +33,13 @@ FREE_VALUES, BYTES_PER_VALUE = 1_000_000, 12
 
 
 def write_json(path: Path, values: Mapping[str, object], *, overwrite: bool = False) -> None:
-    """Write one object; NaN and infinity become null."""
+    """Write one JSON object; NaN and infinity become null."""
     text = spelled(json.dumps(_plain(values), sort_keys=True, indent=2))
     write_bytes(path, f"{text}\n".encode(), overwrite)
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """The object in a JSON file; InputError names the line of the fault."""
+    """Read the object in a JSON file; InputError with the line of a fault."""
     values = parse_json(read_configuration(path, "a JSON file", limit=MAX_JSON_BYTES), path, "a JSON file")
     if not isinstance(values, dict):
         raise InputError(f"{path}: expected a JSON object, got {type(values).__name__}")
@@ -82,7 +81,7 @@ def parse_json(text: str | bytes, where: Path | str, what: str) -> Any:
 
 
 def check_number(count: int, what: str, size: int, where: Path | str) -> None:
-    """InputError for more objects, or whatever it is, than a JSON text of `size` can have."""
+    """InputError for more objects (`what`) than a JSON text of `size` bytes can have."""
     most = max(FREE_VALUES, size // BYTES_PER_VALUE)
     if count > most:
         raise InputError(
@@ -174,7 +173,7 @@ def required(parent: Element, name: str, where: str) -> Element:
 
 
 def number(element: Element, name: str, where: str, default: float | None = None) -> float:
-    """A finite number from an attribute; InputError where it is missing (without a default) or none."""
+    """Finite number in an attribute; InputError if missing (without a default) or invalid."""
     text = element.get(name)
     if text is None:
         if default is None:

@@ -70,7 +70,10 @@ class FormatColumn:
     blank: bool = True
 
     def values(self, rows: CsvRows, name: str) -> NDArray[Any]:
-        """(n,) values of its cells under a name in `rows`; InputError with line and limit for a wrong one."""
+        """(n,) values of the column's cells under a name in `rows`.
+
+        InputError with line and limit for an invalid one.
+        """
         if not rows.has(name):
             return np.full(len(rows), self.default)
         if self.kind == RAW:
@@ -142,7 +145,7 @@ class TextFormat:
 
 @dataclass(frozen=True)
 class TextPart:
-    """Rows of a table: `part[name]` are the (n,) values of a column."""
+    """Part of a table's rows: `part[name]` are the (n,) values of a column."""
 
     rows: CsvRows
     values: Mapping[str, NDArray[Any]]
@@ -154,7 +157,7 @@ class TextPart:
         return len(self.rows)
 
     def times(self) -> Ints:
-        """(n,) times [ns]; InputError without a column of times."""
+        """(n,) times [ns]; InputError without a time column."""
         unit = time_column(self.rows)
         if unit is None:
             raise InputError(
@@ -165,7 +168,7 @@ class TextPart:
 
 
 def read_format(path: Path, table: TextFormat, *, ignore_extra: bool = False) -> Iterator[TextPart]:
-    """Chunks of a text table in the order of the file.
+    """Read chunks of a text table in file order.
 
     Args:
         path: the file.
@@ -205,18 +208,18 @@ class Probe:
 
     @cached_property
     def start(self) -> bytes:
-        """The first bytes, without a byte order mark and white space."""
+        """First bytes, without byte order mark and leading white space."""
         with self.path.open("rb") as file:
             return file.read(START).removeprefix(b"\xef\xbb\xbf").lstrip()
 
     @cached_property
     def cells(self) -> list[str]:
-        """Cells of the first line that is neither empty nor a comment, in lower case; InputError if it is no text."""
+        """Cells of the first line that is not empty or a comment, in lower case; InputError if it is not text."""
         return [cell.lower() for cell in first_line(self.path, self.what)]
 
     @cached_property
     def text(self) -> str:
-        """The whole text; InputError if it is no UTF-8, or of more than `MAX_TEXT` bytes."""
+        """The whole text; InputError if it is not UTF-8, or larger than `MAX_TEXT` bytes."""
         path = check_input(self.path, self.what)
         if path.stat().st_size > MAX_TEXT:
             raise InputError(
@@ -237,12 +240,12 @@ def is_folder(probe: Probe) -> bool:
 
 
 def by_text(shows: Callable[[str], bool]) -> Callable[[Probe], bool]:
-    """Recognise a format by the whole text of a file."""
+    """Make a recogniser of a format from a test of the file's whole text."""
     return lambda probe: shows(probe.text)
 
 
 def by_cells(shows: Callable[[list[str]], bool]) -> Callable[[Probe], bool]:
-    """Recognise a format by the cells of the first line."""
+    """Make a recogniser of a format from a test of the cells of the first line."""
     return lambda probe: shows(probe.cells)
 
 
@@ -264,7 +267,7 @@ class FileFormat(Generic[R]):
 
 
 def recognise(formats: Mapping[str, FileFormat[R]], probe: Probe, stated: str = "auto", family: str = "") -> str | None:
-    """Name of the format of a file: the stated one, or the first that the file shows; None if it shows none.
+    """Recognise the format of a file: the stated one, or the first that matches; None if no format matches.
 
     Args:
         formats: of the family, by name.

@@ -1,6 +1,6 @@
-"""YAML that is read strictly: repeated keys, unknown keys and wrong types are errors that name their line.
+"""Strict YAML: repeated keys, unknown keys and wrong types are errors with their line.
 
-YAML before it becomes values: a bounded number of nodes, names as keys, whole characters.
+Also limits the number of nodes before values are made.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ _NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 
 
 class _TooManyError(Exception):
-    """A text has more nodes than are read on for."""
+    """A text has more nodes than allowed."""
 
 
 if yaml.__with_libyaml__:
 
     class _SafeLoader(Composer, yaml.cyaml.CParser, SafeConstructor, Resolver):  # type: ignore[name-defined,misc]
-        """Safe loader with the parser of libyaml, in a sixth of the time; nodes can be counted as they are read."""
+        """Safe loader with the parser of libyaml (six times faster), which allows counting nodes while reading."""
 
         def __init__(self, stream: str) -> None:
             """Begin to read a text."""
@@ -58,7 +58,7 @@ else:
 
 
 class BoundedLoader(_SafeLoader):
-    """Safe loader that reads no further than `MAX_NODES` values, each with its key: some seconds, whatever comes."""
+    """Safe loader that raises an error after `MAX_NODES` values, which limits the time of parsing."""
 
     def __init__(self, stream: str) -> None:
         """Begin to read a text."""
@@ -66,7 +66,7 @@ class BoundedLoader(_SafeLoader):
         self._nodes = 0
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        """The next node, a key, a value or an alias."""
+        """Compose the next node: key, value or alias."""
         self._nodes += 1
         if self._nodes > 2 * MAX_NODES:
             raise _TooManyError
@@ -80,7 +80,7 @@ def _too_many(where: Path | str) -> InputError:
 
 
 def compose_yaml(text: str, where: Path | str, loader: type[BoundedLoader]) -> yaml.Node | None:
-    """The nodes of one document of YAML, at most `MAX_NODES`; None for an empty one.
+    """Compose the nodes of one YAML document, at most `MAX_NODES`; None for an empty one.
 
     Raises:
         yaml.YAMLError: it is not YAML.
@@ -120,7 +120,7 @@ def _check_nodes(root: yaml.Node, where: Path | str) -> None:
 
 
 def _check_scalar(node: yaml.ScalarNode, where: Path | str) -> None:
-    """InputError for half of a character, and for a number that is too long to be one."""
+    """InputError for a lone surrogate, and for a number with too many digits."""
     location = f"{where}: line {node.start_mark.line + 1}"
     check_text(node.value, location)
     if node.tag in _NUMBERS and len(node.value) > LONGEST_NUMBER:
@@ -131,7 +131,7 @@ def _check_scalar(node: yaml.ScalarNode, where: Path | str) -> None:
 
 
 class _Unknowing(BoundedLoader):
-    """Safe loader that takes the matrices of OpenCV for plain mappings."""
+    """Safe loader that reads OpenCV matrices as plain mappings."""
 
 
 def _plain_mapping(loader: yaml.SafeLoader, node: yaml.MappingNode) -> dict[Hashable, object]:
@@ -143,7 +143,7 @@ for _tag in ("tag:yaml.org,2002:opencv-matrix", "tag:yaml.org,2002:opencv-nd-mat
 
 
 def yaml_documents(text: str, where: Path | str, what: str) -> list[Any]:
-    """The values of every document of a YAML text that another program wrote; InputError for anything else.
+    """Parse every document of another program's YAML text; InputError for anything else.
 
     `%YAML:1.0`, as OpenCV 3 and 4 begin their files, is no directive of YAML and is skipped.
     """
@@ -172,11 +172,11 @@ Upgrade: TypeAlias = Callable[[dict[str, Any]], dict[str, Any]]
 
 
 class _Loader(BoundedLoader):
-    """Safe loader that reads 1e-3 as a number and 20:30 as a text, as people mean them, and not to the base of 60."""
+    """Safe loader that reads 1e-3 as a number, and 20:30 as a text rather than a base-60 number."""
 
 
 def _number(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> float | str:
-    """A number, or the text of one with colons."""
+    """Construct a number, or a text if it has colons."""
     if ":" in node.value:
         return str(node.value)
     whole = node.tag.endswith(":int")
@@ -193,15 +193,15 @@ _Loader.add_implicit_resolver(
 
 
 class _Constructor(_Loader):
-    """Makes values of nodes, and names the line of one that its tag or its form does not allow."""
+    """Constructs values from nodes; errors name the line."""
 
     def __init__(self, text: str, source: str) -> None:
-        """Initialise the loader; `source` names the file in messages."""
+        """Create the constructor; `source` names the file in messages."""
         super().__init__(text)
         self._source = source
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
-        """The value of a node; InputError where a scalar is not what it resembles, such as a date 2001-99-99."""
+        """Construct the value of a node; InputError for an invalid scalar such as the date 2001-99-99."""
         try:
             return super().construct_object(node, deep)
         except FAILURES:
@@ -215,7 +215,7 @@ class _Constructor(_Loader):
 
 
 def read_yaml(path: Path, kind: type[T], what: str, upgrade: Upgrade | None = None) -> T:
-    """The file as an instance of a msgspec type; InputError with line and nearest valid key where it does not fit.
+    """Read a YAML file as an instance of a msgspec type; InputError with line and nearest valid key.
 
     Args:
         path: the file.
@@ -229,7 +229,7 @@ def read_yaml(path: Path, kind: type[T], what: str, upgrade: Upgrade | None = No
 
 
 def _refuse_binary(path: Path, what: str) -> None:
-    """InputError for a file that is known by its first bytes, and not YAML."""
+    """InputError for a file with the first bytes of a binary format."""
     content = content_of(path, what)
     if content is not Content.OTHER:
         raise InputError(f"{path}: is {content.value}; {what} was expected")
@@ -240,7 +240,7 @@ def _refuse_binary(path: Path, what: str) -> None:
 
 
 def lines_of(path: Path) -> dict[str, int]:
-    """Line of every value in a file that `read_yaml` takes, by its position: `$.track.set.sigma_v`, `$.cases[0]`."""
+    """Line of every value in a YAML file, by path such as `$.track.set.sigma_v`, `$.cases[0]`."""
     node = compose_yaml(read_configuration(path, "YAML of occlog"), path, _Loader)
     return {} if node is None else dict(_lines(node, "$", str(path)))
 
@@ -262,7 +262,7 @@ KEPT_TEXTS, KEPT_LENGTH = 8, 100_000
 
 
 def _values(text: str, source: str) -> tuple[Any, dict[str, int]]:
-    """The value of a text, and the line of every value in it by its position."""
+    """Value of a YAML text, and the line of every value in it by path."""
     known = _KEPT.get(text)
     if known is None:
         try:
@@ -312,7 +312,7 @@ def _lines(node: yaml.Node, location: str, source: str) -> Iterator[tuple[str, i
 
 
 def _check_finite(raw: object, location: str, lines: dict[str, int], source: str) -> None:
-    """NaN and infinity parse as numbers, but no key of ours means them."""
+    """InputError for NaN and infinity, which YAML parses as numbers."""
     if isinstance(raw, float) and not math.isfinite(raw):
         line = f"line {lines[location]}: " if location in lines else ""
         raise InputError(f"{source}: {line}{location.removeprefix('$.')}: {raw} is not a finite number")
@@ -322,7 +322,7 @@ def _check_finite(raw: object, location: str, lines: dict[str, int], source: str
 
 
 def _explain(message: str, raw: object, lines: dict[str, int], kind: type[T]) -> str:
-    """The library's message with line, readable position and the nearest valid key."""
+    """The library's message with line, readable path and nearest valid key."""
     match = re.fullmatch(r"(.*?)(?: - at `(?:key in )?(\$.*)`)?", message, re.DOTALL)
     text, location = (match.group(1), match.group(2) or "$") if match else (message, "$")
     unknown = re.search(r"unknown field `([^`]*)`", text)
@@ -356,7 +356,7 @@ def _valid_keys(kind: type[T], location: str) -> list[str]:
 
 
 def _type_at(kind: type[T], location: str) -> msgspec.inspect.Type:
-    """The type of the value at a path, found by walking the declared types."""
+    """Type of the value at a path, by the declared types."""
     info = _strip(msgspec.inspect.type_info(kind))
     for part in re.findall(r"\.([^.\[\]]+)|\[[^\]]*\]", location.removeprefix("$")):
         info = _strip(_step(info, part))
@@ -364,7 +364,7 @@ def _type_at(kind: type[T], location: str) -> msgspec.inspect.Type:
 
 
 def _strip(info: msgspec.inspect.Type) -> msgspec.inspect.Type:
-    """The struct or container inside a union with null, or inside an annotated type."""
+    """The struct or container inside an optional or annotated type."""
     if isinstance(info, msgspec.inspect.Metadata):
         return _strip(info.type)
     if isinstance(info, msgspec.inspect.UnionType):
@@ -375,7 +375,7 @@ def _strip(info: msgspec.inspect.Type) -> msgspec.inspect.Type:
 
 
 def _step(info: msgspec.inspect.Type, part: str) -> msgspec.inspect.Type:
-    """The type of a field, or of the items of a container."""
+    """Type of a field, or of the items of a container."""
     if part and isinstance(info, msgspec.inspect.StructType):
         for f in info.fields:
             if f.encode_name == part:
@@ -395,5 +395,5 @@ def _value_at(raw: Any, location: str) -> object:
 
 
 def yaml_text(value: object) -> str:
-    """YAML text of mappings, lists, numbers and texts, in their order; the innermost ones on one line each."""
+    """YAML text of mappings, lists, numbers and texts; innermost containers on one line each."""
     return yaml.safe_dump(value, sort_keys=False, default_flow_style=None, width=200, allow_unicode=True)

@@ -37,12 +37,12 @@ Record = tuple[int, dict[str, str]]
 
 
 def is_cvat(probe: Probe) -> bool:
-    """Return whether a text is a file of annotations of CVAT."""
+    """Whether a text is a CVAT annotation file."""
     return b"<annotations" in probe.start and b"<?xml" in probe.start[:5] and probe.path.suffix.lower() == ".xml"
 
 
 def open_cvat(path: Path, wanted: BoxReadOptions) -> BoxSource:
-    """Boxes of one camera.
+    """Open the boxes of one camera.
 
     Raises:
         InputError: the camera is not named, or the file is no such XML.
@@ -77,12 +77,12 @@ def open_cvat(path: Path, wanted: BoxReadOptions) -> BoxSource:
 
 
 def _order(frame: str) -> int:
-    """Number of a frame to sort by; 0 of a text that is none, which is refused with its row."""
+    """Frame number for sorting; 0 for an invalid text, which is rejected later with its row."""
     return int(frame) if frame.isdecimal() and len(frame) < LONGEST_NUMBER else 0
 
 
 def _sizes(root: Element) -> Iterator[tuple[str, object, object]]:
-    """Sizes of the images, which the task or each image states."""
+    """Image sizes stated by the task or by each image."""
     for image in root.iter("image"):
         yield "", image.get("width"), image.get("height")
     for size in root.iter("original_size"):
@@ -122,7 +122,7 @@ def _edges(box: Element, where: str) -> dict[str, str]:
 
 
 def _listed(root: Element) -> Ints | None:
-    """Numbers of the annotated frames; None: not stated."""
+    """Numbers of the annotated frames; None if not stated."""
     images = [image.get("id", "") for image in root.iter("image")]
     if images and all(number.isdigit() for number in images):
         return np.unique(np.array([min(int(number), MAX_FRAMES) for number in images], dtype=np.int64))

@@ -100,7 +100,7 @@ class BoxSource(NamedTuple):
 
 
 def stated_sizes(found: Iterable[tuple[str, object, object]]) -> dict[str, tuple[int, int]]:
-    """Sizes of images by camera, of camera, width and height of each; a camera with several sizes has none."""
+    """Image sizes by camera, from camera, width and height of each row; a camera with several sizes is omitted."""
     sizes: dict[str, set[tuple[int, int]]] = {}
     for camera, width, height in found:
         try:
@@ -113,16 +113,16 @@ def stated_sizes(found: Iterable[tuple[str, object, object]]) -> dict[str, tuple
 
 
 def disagree(size: Floats, near: Floats, far: Floats) -> Bools:
-    """(n,) boxes with a size that contradicts their edges, which the file gives as well; NaN: one is unknown.
+    """(n,) mask of boxes whose size contradicts their edges, which the file gives as well; NaN: unknown.
 
-    Columns `width` and `height` next to all four edges often describe the image.
+    Columns `width` and `height` in addition to all four edges often describe the image.
     """
     with np.errstate(invalid="ignore", over="ignore"):
         return np.asarray(np.abs(near + size - far) > SIZE_SLACK_PX)
 
 
 def both_sizes(size: str, value: float, far: str, edge: str, near: float) -> str:
-    """Description of a box of which `disagree` holds."""
+    """Description of a box for which `disagree` is true, for a message."""
     return (
         f"{size} is {value:g}, but {far} is {edge} and the near edge {near:g}; is {size} of the image? Omit one "
         "of the two columns"
@@ -130,7 +130,7 @@ def both_sizes(size: str, value: float, far: str, edge: str, near: float) -> str
 
 
 def check_columns(rows: CsvRows, camera: str | None) -> CsvRows:
-    """The rows; InputError where a column is missing without which they are not boxes."""
+    """Return the rows; InputError if a required column of boxes is missing."""
     if rows.has(SHARE_X):
         return rows
     rows = _from_centres(rows)
@@ -148,7 +148,7 @@ def check_columns(rows: CsvRows, camera: str | None) -> CsvRows:
 
 
 def _from_centres(rows: CsvRows) -> CsvRows:
-    """The rows with near edges, where they have centres and sizes instead."""
+    """Convert centres and sizes in rows to near edges."""
     cells = dict(rows.cells)
     for centre, size, edge in (("centre_x", "width", "left"), ("centre_y", "height", "top")):
         if rows.has(centre) and rows.has(edge):
@@ -164,7 +164,7 @@ def _from_centres(rows: CsvRows) -> CsvRows:
 def rows_of(
     path: Path, records: Sequence[tuple[int, Mapping[str, str]]], location: str, files: Sequence[Path]
 ) -> CsvRows:
-    """Rows of records with one text a column; what a record lacks is blank.
+    """Convert records, texts by column, to rows; missing cells are blank.
 
     Args:
         path: the file or folder.
@@ -192,7 +192,7 @@ _EDGE = re.compile(r"['\"](x1|y1|x2|y2|x3)['\"]\s*:\s*([^,}\s]+)")
 
 
 def open_csv(path: Path, wanted: BoxReadOptions) -> BoxSource:
-    """Boxes of a table with a header line; the table names its cameras unless the camera is stated."""
+    """Open a table of boxes with a header line; it names its cameras unless the camera is stated."""
     return BoxSource(_csv(path, wanted.camera, wanted.ignore_extra), "CSV")
 
 
@@ -211,7 +211,7 @@ def _csv(path: Path, camera: str | None, ignore_extra: bool) -> Iterator[CsvRows
 
 
 def _of_images(rows: CsvRows) -> CsvRows:
-    """The rows with the frames of their images, where they name these."""
+    """Add frame numbers from the names of images, if the rows have these."""
     if not rows.has("image"):
         return rows
     names, inverse = np.unique(rows.cells["image"], return_inverse=True)
@@ -223,7 +223,7 @@ def _of_images(rows: CsvRows) -> CsvRows:
 
 
 def _split_box(rows: CsvRows) -> CsvRows:
-    """The rows with their own edges, where one column has them all."""
+    """Split a column that holds all edges into four."""
     if rows.has(LIST) and not rows.has("left"):
         numbers: list[list[str]] = []
         for n, text in enumerate(rows.cells[LIST]):
@@ -244,7 +244,7 @@ def _split_box(rows: CsvRows) -> CsvRows:
 
 
 def open_mot(path: Path, wanted: BoxReadOptions) -> BoxSource:
-    """Boxes of MOTChallenge text."""
+    """Open MOTChallenge text."""
     if wanted.camera is None:
         raise InputError(
             f"{path}: a MOTChallenge file holds one camera and does not name it; give CAMERA={path.name}",

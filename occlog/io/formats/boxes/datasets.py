@@ -57,7 +57,7 @@ DONT_CARE = "DontCare"
 
 
 def is_kitti(head: Sequence[str]) -> bool:
-    """Return whether a first line is of this form: numbers, but for the type."""
+    """Whether a first line has KITTI's columns: numbers, except for the type."""
     if len(head) not in (COLUMNS, COLUMNS + 1) or not head[TYPE].isalpha():
         return False
     try:
@@ -68,7 +68,7 @@ def is_kitti(head: Sequence[str]) -> bool:
 
 
 def open_kitti(path: Path, wanted: BoxReadOptions) -> BoxSource:
-    """Boxes of one camera.
+    """Open the boxes of one camera.
 
     Raises:
         InputError: the camera is not named.
@@ -106,13 +106,13 @@ _LINE = re.compile(r'^\s*((?:-?\d+(?:\.\d+)?\s+){6})([01])\s+([01])\s+([01])\s+"
 
 
 def is_vatic(head: Sequence[str]) -> bool:
-    """Return whether the first line of a text is of this form."""
+    """Whether the first line has VATIC's columns."""
     # The label is in quotation marks, which cells do not have
     return len(head) > 9 and _LINE.match(" ".join([*head[:9], f'"{head[9].strip(chr(34))}"'])) is not None
 
 
 def open_vatic(path: Path, wanted: BoxReadOptions) -> BoxSource:
-    """Boxes of one view.
+    """Open the boxes of one view.
 
     Raises:
         InputError: the camera is not named.
@@ -153,7 +153,7 @@ FRAMES_PER_CHUNK = 256
 
 
 class AnnotatedPerson(NamedTuple):
-    """A person in one frame: number in the file, identity, position on the grid, and edges by view."""
+    """A person in one frame: number in the file, identity, grid position, and edges by view."""
 
     entry: int
     identity: int
@@ -162,7 +162,7 @@ class AnnotatedPerson(NamedTuple):
 
 
 def frame_files(folder: Path) -> dict[int, Path]:
-    """The file of each frame, by rising number; empty where the folder holds none."""
+    """File of each frame, sorted by number; empty if the folder has none."""
     names = [p.name for p in folder.iterdir() if p.suffix.lower() == ".json" and last_number(p.stem)]
     found: dict[int, Path] = {}
     for name in natural_sorted(names):
@@ -176,12 +176,12 @@ def frame_files(folder: Path) -> dict[int, Path]:
 
 
 def is_annotations(probe: Probe) -> bool:
-    """Return whether a folder holds annotations."""
+    """Whether a folder holds WILDTRACK annotations."""
     return is_folder(probe) and bool(frame_files(probe.path))
 
 
 def open_annotations(path: Path, wanted: BoxReadOptions) -> BoxSource:
-    """The boxes of the views of known cameras, of all if none is known; identities are those of the people."""
+    """Open the boxes of the views of known cameras (all if none is known), with the identities of the people."""
     known = wanted.known
     files = frame_files(path)
     listed = np.array(list(files), dtype=np.int64)
@@ -217,7 +217,7 @@ def _wildtrack_chunks(path: Path, files: dict[int, Path], cameras: Mapping[int, 
 
 
 def read_people(file: Path) -> list[AnnotatedPerson]:
-    """The people of a frame; a view in which a person is not has no edges.
+    """Read the people of a frame; views in which a person is absent have no edges.
 
     Raises:
         InputError: the file is not of this form.
@@ -262,7 +262,7 @@ def _person(file: Path, n: int, person: Any) -> AnnotatedPerson:
 
 
 def grid_places(position: Floats) -> tuple[Floats, Floats]:
-    """Positions (x, y) [m] of points of the grid."""
+    """Positions (x, y) [m] of WILDTRACK grid points."""
     return ORIGIN[0] + STEP * (position % ACROSS), ORIGIN[1] + STEP * (position // ACROSS)
 
 
@@ -280,7 +280,7 @@ Line = tuple[Path, int, int, list[str]]
 
 
 def camera_folders(path: Path) -> dict[str | None, Path]:
-    """The folder of labels of each camera; the key None: the folder itself is that of one camera.
+    """Label folder of each camera; the key None if the folder itself is that of one camera.
 
     Raises:
         InputError: there is no file of labels.
@@ -299,18 +299,18 @@ def camera_folders(path: Path) -> dict[str | None, Path]:
 
 
 def _labels(folder: Path) -> Path | None:
-    """The folder itself or its `labels`, whichever holds files of labels."""
+    """The folder itself or its subfolder `labels`, whichever holds label files."""
     return next((p for p in (folder, folder / LABELS) if p.is_dir() and label_files(p)), None)
 
 
 def label_files(folder: Path) -> list[Path]:
-    """Files of labels in natural order."""
+    """Label files in natural order."""
     names = [p.name for p in folder.iterdir() if p.suffix.lower() == ".txt" and p.name.lower() != CLASS_NAMES]
     return [folder / name for name in natural_sorted(n for n in names if last_number(Path(n).stem))]
 
 
 def is_labels(folder: Path) -> bool:
-    """Return whether a folder itself holds files of labels, by the lines of the first few that are not empty."""
+    """Whether a folder itself holds label files, by the lines of the first non-empty files."""
     files = [file for file in label_files(folder) if file.stat().st_size][:LABELS_TRIED]
     try:
         lines = [line for file in files for line in _read(file, 0)]
@@ -320,7 +320,7 @@ def is_labels(folder: Path) -> bool:
 
 
 def _is_label(numbers: Sequence[str]) -> bool:
-    """Return whether a line is a class and a box in shares of the image."""
+    """Whether a line is a class and a box in shares of the image size."""
     try:
         return numbers[0].isdigit() and all(-SLACK <= float(number) <= 1 + SLACK for number in numbers[1:5])
     except ValueError:
@@ -328,7 +328,7 @@ def _is_label(numbers: Sequence[str]) -> bool:
 
 
 def open_folder(path: Path, wanted: BoxReadOptions) -> BoxSource:
-    """Boxes of a folder; it names its cameras unless the camera is stated."""
+    """Open the boxes of a folder; it names its cameras unless the camera is stated."""
     camera = wanted.camera
     folders = camera_folders(path)
     if camera is None and None in folders:
@@ -349,7 +349,7 @@ def open_folder(path: Path, wanted: BoxReadOptions) -> BoxSource:
 
 
 def _numbered(folder: Path) -> dict[int, Path]:
-    """The file of each frame, by rising number; InputError where two files have the same one."""
+    """File of each frame, sorted by number; InputError if two files have the same number."""
     found: dict[int, Path] = {}
     for file in label_files(folder):
         number = int(last_number(file.stem) or 0)
@@ -384,7 +384,7 @@ def _camera(folder: Path, camera: str | None, files: dict[int, Path]) -> Iterato
 
 
 def _read(file: Path, frame: int) -> list[Line]:
-    """Lines of one file; it may be empty: a frame without detections."""
+    """Parse one label file; it may be empty (a frame without detections)."""
     if file.is_file() and file.stat().st_size == 0:
         return []
     check_input(file, "labels of a frame")
@@ -424,7 +424,7 @@ def _read(file: Path, frame: int) -> list[Line]:
 
 
 def _tail(folder: Path, lines: list[Line]) -> tuple[str, ...]:
-    """Return the meaning of the sixth number of lines without a seventh; InputError if ambiguous."""
+    """Meaning of the sixth number of lines without a seventh: identity or confidence; InputError if ambiguous."""
     counts = {len(numbers) for *_, numbers in lines}
     if 7 in counts:
         if 5 in counts:
@@ -443,12 +443,12 @@ def _tail(folder: Path, lines: list[Line]) -> tuple[str, ...]:
 
 
 def names_of_classes(folder: Path) -> Path | None:
-    """The file with the names of classes of a folder of labels: in it or in the one above; None: missing."""
+    """File with class names, in the label folder or its parent; None if missing."""
     return next((p for p in (folder / CLASS_NAMES, folder.parent / CLASS_NAMES) if p.is_file()), None)
 
 
 def _class_names(folder: Path) -> dict[str, str]:
-    """Names of classes by number; empty if missing."""
+    """Class names by number; empty if missing."""
     path = names_of_classes(folder)
     if path is None:
         return {}
@@ -457,7 +457,7 @@ def _class_names(folder: Path) -> dict[str, str]:
 
 
 def _check_shares(rows: CsvRows) -> None:
-    """Raise InputError for a centre or size that is no share of the image."""
+    """InputError for a centre or size that is not a share of the image size."""
     for name in (SHARE_X, SHARE_Y, SHARE_WIDTH, SHARE_HEIGHT):
         values = rows.floats(name)
         bad = np.flatnonzero((values < -SLACK) | (values > 1 + SLACK))

@@ -41,7 +41,7 @@ Kind = Literal["tracks", "detections", "truth"]
 
 
 class SequenceInfo(NamedTuple):
-    """Content of `seqinfo.ini` for a recording.
+    """Content of `seqinfo.ini` of a sequence.
 
     Attributes:
         name: name of the sequence, which is that of its folder and of files of tracks.
@@ -58,7 +58,7 @@ class SequenceInfo(NamedTuple):
     height: int
 
     def text(self) -> str:
-        """The content of the file."""
+        """Text of the file."""
         values = {
             "name": self.name,
             "imDir": "img1",
@@ -148,7 +148,7 @@ def _check_camera(path: Path, boxes: Boxes) -> None:
 
 
 def _check_identities(path: Path, boxes: Boxes) -> None:
-    """InputError where a row of `boxes`, sorted by frame and identity, has none or that of the row before."""
+    """InputError if a row of `boxes`, sorted by frame and identity, has no identity or repeats one."""
     bad = np.flatnonzero(boxes.target_id < 0)
     if len(bad):
         raise InputError(
@@ -170,7 +170,7 @@ _NAME = re.compile(r"^[^\s/\\,:]{1,64}$")
 
 
 class MotSequence(NamedTuple):
-    """One camera's frames; `info.name` names the sequence."""
+    """Frames of one camera; `info.name` names the sequence."""
 
     info: SequenceInfo
     truth: TruthBoxes
@@ -180,8 +180,8 @@ class MotSequence(NamedTuple):
 def write_layout(folder: Path, tracker: str, sequences: Sequence[MotSequence], *, overwrite: bool = False) -> None:
     """Write truth and tracks of several sequences.
 
-    Truth that is there already with the same content stays, so that tracks of several programs
-    can be put into one folder.  Everything is written next to the folder first, and moved when complete.
+    Existing truth with the same content is kept, so that tracks of several programs can share a folder. All files are
+    written next to the folder first, and moved when complete.
 
     Args:
         folder: made where it is missing.
@@ -218,7 +218,7 @@ def _fill(folder: Path, tracker: str, sequences: Sequence[MotSequence]) -> None:
 
 
 def _move(temporary: Path, folder: Path, overwrite: bool) -> None:
-    """Move new or changed files; none if one may not be replaced."""
+    """Move new or changed files; none if one of them must not be replaced."""
     files = sorted(path for path in temporary.rglob("*") if path.is_file())
     new = []
     with translate_write_errors(folder):
@@ -246,7 +246,7 @@ WHAT = "MOTChallenge truth"
 
 
 class Marks(NamedTuple):
-    """Attributes of the n true boxes in addition to the position."""
+    """Columns of n true boxes in addition to the position: mark, class, visible share."""
 
     frame: Ints  # (n,) from 0
     target_id: Ints  # (n,)
@@ -255,12 +255,12 @@ class Marks(NamedTuple):
 
 
 def has_classes(path: Path) -> bool:
-    """Return whether a truth has a column of classes; InputError for a file without a line of data."""
+    """Whether a truth file has a class column; InputError for a file without data."""
     return len(next(read_plain(path, WHAT)).cells) in WITH_CLASSES
 
 
 def read_marks(path: Path) -> Marks:
-    """Marks and classes of a truth that has classes; InputError with the line of a class that cannot be."""
+    """Read marks and classes of a truth file with classes; InputError with the line of an invalid class."""
     parts = [_marks(rows) for rows in read_plain(path, WHAT)]
     return Marks._make(np.concatenate(column) for column in zip(*parts, strict=True))
 

@@ -46,10 +46,10 @@ Record = Mapping[str, Any]
 
 
 def open_json(path: Path, wanted: BoxReadOptions) -> BoxSource:
-    """Boxes of a JSON file; it names its cameras unless the camera is stated.
+    """Open the boxes of a JSON file; it names its cameras unless the camera is stated.
 
     Raises:
-        InputError: it is not JSON, or of no form above.
+        InputError: it is not JSON, or of none of the forms above.
     """
     camera, ignore_extra = wanted.camera, wanted.ignore_extra
     value = _load(path)
@@ -89,7 +89,7 @@ def _no_object(path: Path, n: int, record: object) -> InputError:
 
 
 def _load(path: Path) -> Any:
-    """The value in a file; a list of values where it has one a line."""
+    """Value of a JSON file; a list of values for one value per line."""
     if path.stat().st_size > MAX_BYTES:
         raise InputError(
             f"{path}: {path.stat().st_size} bytes; JSON of at most {MAX_BYTES} can be read; split it",
@@ -118,7 +118,7 @@ def _rows(
     ignore_extra: bool,
     skip: Sequence[str] = (),
 ) -> Iterator[CsvRows]:
-    """Rows of records, with cells that are known already."""
+    """Convert records to rows."""
     for start in range(0, len(records), ROWS_PER_CHUNK):
         part = records[start : start + ROWS_PER_CHUNK]
         cells = [
@@ -129,7 +129,7 @@ def _rows(
 
 
 def _cells(path: Path, n: int, record: object, ignore_extra: bool, skip: Sequence[str]) -> dict[str, str]:
-    """Cells of one record by our names of the columns."""
+    """Cells of one record, by occlog column names."""
     if not isinstance(record, dict):
         raise _no_object(path, n, record)
     if LABEL_STUDIO & record.keys():
@@ -174,7 +174,7 @@ def _cells(path: Path, n: int, record: object, ignore_extra: bool, skip: Sequenc
 
 
 def _text(path: Path, n: int, key: str, value: object) -> str:
-    """A value as the text of a cell; nothing where it is null."""
+    """Convert a value to the text of a cell; empty for null."""
     if value is None:
         return ""
     if isinstance(value, bool) or not isinstance(value, str | int | float):
@@ -183,7 +183,7 @@ def _text(path: Path, n: int, key: str, value: object) -> str:
 
 
 def _image_number(path: Path, n: int, record: Record) -> str:
-    """The frame that the image of a COCO result is: its number, or the last one in its name."""
+    """Frame of a COCO result's image: its number, or the last number in its name."""
     image = record.get("image_id")
     found = last_number(Path(image).stem) if isinstance(image, str) else None
     if isinstance(image, int) and not isinstance(image, bool):
@@ -196,7 +196,7 @@ def _image_number(path: Path, n: int, record: Record) -> str:
 
 
 def _coco(path: Path, value: Record, camera: str | None) -> BoxSource:
-    """COCO's data set: frames and cameras are those of its images."""
+    """Convert a COCO data set to rows; frames and cameras are those of its images."""
     images: dict[object, dict[str, str]] = {}
     seen: dict[tuple[str, str], object] = {}
     origins: dict[str, str] = {}
@@ -237,7 +237,7 @@ def _coco(path: Path, value: Record, camera: str | None) -> BoxSource:
 
 
 def _categories(path: Path, categories: object) -> dict[object, str]:
-    """Names of the classes of COCO by their numbers."""
+    """Names of the COCO classes by number."""
     if not isinstance(categories, list):
         raise InputError(f"{path}: categories of COCO are {str(categories)[:40]}; a list was expected")
     names: dict[object, str] = {}
@@ -259,7 +259,7 @@ def _chunks(path: Path, records: Sequence[tuple[int, Mapping[str, str]]]) -> Ite
 
 
 def _image(path: Path, n: int, image: object, camera: str | None) -> dict[str, str]:
-    """Frame and camera of an image of COCO."""
+    """Frame and camera of a COCO image."""
     if not isinstance(image, dict) or not isinstance(image.get("id"), int | str):
         raise InputError(f"{path}: image {n}: has no id", id="missing-value")
     name = str(image.get("file_name", ""))
@@ -286,7 +286,7 @@ def _image(path: Path, n: int, image: object, camera: str | None) -> dict[str, s
 
 
 def _camera_of(image: Record) -> str:
-    """The camera that an image of COCO names, or its folder; empty: neither."""
+    """Camera that a COCO image names, or its folder; empty if neither is stated."""
     return str(image.get("camera") or _folder(image).name)
 
 
@@ -295,7 +295,7 @@ def _folder(image: Record) -> Path:
 
 
 def _origin(image: Record) -> str:
-    """The camera that an image of COCO names, or else the folder and the video that it is of."""
+    """Camera that a COCO image names, or else its folder and video."""
     if image.get("camera"):
         return f"camera {image['camera']}"
     video = f", video {image['video_id']}" if "video_id" in image else ""
@@ -303,7 +303,7 @@ def _origin(image: Record) -> str:
 
 
 def _check_origin(path: Path, n: int, image: Record, camera: str | None, first: str) -> None:
-    """InputError where an image comes from elsewhere than the first one of its camera."""
+    """InputError if an image has another origin than the first one of its camera."""
     if _origin(image) == first:
         return
     owner = f"camera {camera or _camera_of(image)}"
@@ -316,7 +316,7 @@ def _check_origin(path: Path, n: int, image: Record, camera: str | None, first: 
 
 
 def _annotation(path: Path, n: int, annotation: Record, names: Mapping[object, str]) -> dict[str, str]:
-    """Box, class, score and identity of an annotation of COCO."""
+    """Box, class, score and identity of a COCO annotation."""
     box = annotation.get("bbox")
     if not isinstance(box, list) or len(box) != 4:
         raise InputError(f"{path}: annotation {n}: bbox is {str(box)[:60]}; expected [left, top, width, height]")

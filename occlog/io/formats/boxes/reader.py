@@ -1,9 +1,8 @@
-"""Boxes of a person detector, in any format that is known (`FORMATS`).
+"""Reading of person boxes, in any known format (`FORMATS`).
 
-From the first to the last time with a box in the files each camera has frames, at its own rate: where one has no
-row, the frame has no detection.  `frames` states another range of numbers, for all cameras or for one.
-A camera may count its frames in steps: then those between are none.
-Where rows carry times, the times of all frames are made from these.
+From the first to the last time with a box in the files each camera has frames, at its own rate: a frame without a row
+has no detection. `frames` selects another range of frame numbers, for all cameras or for one. A camera may number its
+frames in steps. If rows have times, the times of all frames are computed from these.
 """
 
 from __future__ import annotations
@@ -74,7 +73,7 @@ def note_times(
     stamps: dict[str, dict[int, int]],
     heads: dict[str, CsvRows] | None = None,
 ) -> None:
-    """Remember the time of every frame of every camera, and rows of it; InputError where one frame has two."""
+    """Collect the time of every frame with rows; InputError if a frame has two times."""
     unit = time_column(rows)
     if unit is None:
         return
@@ -94,7 +93,7 @@ def note_times(
 
 
 def table_times(found: dict[int, int], first: int, stop: int, where: str) -> FrameTimes:
-    """Times of all frames; those without a row are evenly spaced between their neighbours.
+    """Compute the times of all frames; those without a row are evenly spaced between their neighbours.
 
     Raises:
         InputError: no frame has a time, or times go back, repeat or reach too far.
@@ -194,7 +193,7 @@ class BoxFile(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class BoxSurvey:
-    """Result of the first pass through the files.
+    """Result of the first pass through the box files.
 
     Attributes:
         cameras: names of the cameras.
@@ -235,19 +234,19 @@ class BoxSurvey:
 
     @property
     def first(self) -> int:
-        """First frame of all cameras."""
+        """First frame number over all cameras."""
         return min((each[0] for each in self.ranges.values() if each), default=0)
 
     @property
     def stop(self) -> int:
-        """Frame after the last one of all cameras."""
+        """Last frame number over all cameras, plus 1."""
         return max((each[-1] for each in self.ranges.values() if each), default=-1) + 1
 
     def frames(self, times: Mapping[str, FrameTimes]) -> dict[str, range]:
         """Frames of each camera from the first to the last time at which any camera has a box.
 
-        Times count from frame 0 of each camera, so that clocks with other origins do not matter.  A camera that did not
-        run all the time has the frames of its range.
+        Times are relative to frame 0 of each camera, so that origins of clocks do not matter. A camera that did not run
+        all the time has the frames of its range.
 
         Raises:
             UsageError: a camera has no times.
@@ -271,7 +270,7 @@ class BoxSurvey:
         return frames
 
     def _check_rates(self, intervals: Mapping[str, float]) -> None:
-        """UsageError for one range of numbers of cameras with unequal frame rates, which are other times in each."""
+        """UsageError for one frame range of cameras with unequal frame rates, since it means different times."""
         known = {name: step for name, step in intervals.items() if math.isfinite(step) and step > 0}
         if not self.given.common or not known:
             return
@@ -290,9 +289,9 @@ RATES_DIFFER = 1.5
 
 
 def _extended(own: range, before: int, last: int, reach: tuple[float, float]) -> range:
-    """A range of frames in its steps, from the first one after `before` on, and at least to `last`; it may be empty.
+    """Extend a range of frames, in its steps, to the first frame after `before` and at least to `last`.
 
-    It stays as it is at an end where more than `reach` frames would be added.
+    It may be empty. An end that would need more than `reach` additional frames is unchanged.
     """
     if not own:
         return range(max(before + 1, 0), last + 1)
@@ -303,7 +302,7 @@ def _extended(own: range, before: int, last: int, reach: tuple[float, float]) ->
 
 
 def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOptions) -> BoxSurvey:
-    """Cameras, range of frames and times of the files.
+    """Survey cameras, frame ranges and times of the files.
 
     Args:
         files: the files, of any mix of formats.
@@ -356,7 +355,7 @@ def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOpt
 
 
 def classes_in(file: BoxFile) -> Counter[tuple[str, ...]]:
-    """Classes of the boxes of a file, and how many boxes each has; one without a name: not stated."""
+    """Number of boxes of each class in a file; the empty class is not stated."""
     source = _open(file, (), BoxOptions(ignore_extra=True))
     found: Counter[tuple[str, ...]] = Counter()
     for chunk in source.chunks:
@@ -385,7 +384,10 @@ class _CameraFrames:
 
     @property
     def restart(self) -> tuple[int, int, int] | None:
-        """Line at which the numbers begin again, and the frames before and after; None unless they do so once."""
+        """Line at which frame numbers restart, with the frames before and after.
+
+        None unless they do so exactly once.
+        """
         if len(self.backs) != 1 or self.boxed < MIN_BOX_FRAMES:
             return None
         _, before, after = self.backs[0]
@@ -394,7 +396,7 @@ class _CameraFrames:
         return self.backs[0] if after - self.low <= near and before - after > near and overlap else None
 
     def follow(self, rows: CsvRows, frames: Ints) -> None:
-        """Note where the frames of rows of one camera, in the order of the file, go back."""
+        """Check the order of frames of one camera's rows, and note where they decrease."""
         before = np.concatenate([[self.last], frames[:-1]])
         found = np.flatnonzero(frames < before)[: 2 - len(self.backs)].tolist()
         begin = len(frames) if not (found or self.backs) else 0 if self.backs else found[0]
@@ -409,7 +411,7 @@ class _CameraFrames:
         return max(self.listed, self.boxed)
 
     def take(self, frames: Ints, *, listed: bool = False) -> None:
-        """Take frames into the range: those that the file lists, or the frame of each of some boxes."""
+        """Extend the range by frames: listed ones, or the frame of each box."""
         if not len(frames):
             return
         low, high = int(frames.min()), int(frames.max())
@@ -429,14 +431,14 @@ class _CameraFrames:
 
     @property
     def range(self) -> range:
-        """The frames from the lowest to the highest, in their step."""
+        """Frames from the lowest to the highest, in their step."""
         enough = self.count >= (MIN_LISTED_FRAMES if self.listed else MIN_BOX_FRAMES)
         step = self.step if enough and self.step else 1
         return range(self.low, self.high + step, step)
 
     @property
     def reach(self) -> tuple[float, float]:
-        """How many frames without a box there may have been before the range and after it."""
+        """Plausible numbers of frames without a box before and after the range."""
         if self.listed > self.boxed and self.listed >= MIN_LISTED_FRAMES:
             return 0.0, 0.0
         order = sorted(self.ends)
@@ -448,7 +450,7 @@ class _CameraFrames:
 
 
 def _range_of(found: _CameraFrames, chosen: tuple[int, int] | None) -> range:
-    """The chosen frames of a camera, in the step in which its files count; else those from its first to its last."""
+    """Selected frames of a camera in the step of its file; else those from its first to its last."""
     own = found.range if found.count else range(0)
     if chosen is None:
         return own
@@ -458,7 +460,7 @@ def _range_of(found: _CameraFrames, chosen: tuple[int, int] | None) -> range:
 
 
 def _chosen(boxes: FileBoxRows, cameras: Sequence[str], frames: FrameChoice) -> Bools:
-    """(n,) whether the frame of a box is chosen."""
+    """(n,) mask of boxes in selected frames."""
     chosen = np.ones(len(boxes.frame), dtype=np.bool_)
     for n in np.unique(boxes.camera).tolist() if frames else ():
         if (own := frames.of(cameras[n])) is not None:
@@ -468,7 +470,7 @@ def _chosen(boxes: FileBoxRows, cameras: Sequence[str], frames: FrameChoice) -> 
 
 
 def _column_times(found: _BoxScan, first: int, stop: int, where: str) -> dict[str, FrameTimes]:
-    """Times of the frames of each camera with a column of times, as far as any of them has a box."""
+    """Times of the frames of each camera with a time column, over the interval in which any of them has a box."""
     ends: dict[str, float] = {}  # of each camera: time from frame 0 to its last one, and from frame to frame [ns]
     steps: dict[str, float] = {}
     for name, stamps in found.stamps.items():
@@ -508,7 +510,7 @@ class _BoxScan:
     sizes: dict[str, tuple[int, int]] = field(default_factory=dict)
 
     def take(self, name: str, frames: Ints, *, listed: bool = False) -> None:
-        """Take frames of a camera into its range."""
+        """Add frames of a camera to its range."""
         self.frames.setdefault(name, _CameraFrames()).take(frames, listed=listed)
 
 
@@ -574,9 +576,9 @@ def read_boxes(
     table: type[B],
     losses: list[Loss] | None = None,
 ) -> Iterator[B]:
-    """Tables of boxes with a row for every frame of every camera.
+    """Read tables of boxes with a row for every frame of every camera.
 
-    Memory does not grow with files with frames in order; others are sorted as a whole.
+    Memory is bounded for files sorted by frame; others are sorted as a whole.
 
     Args:
         files: as for `survey_boxes`.
@@ -612,10 +614,10 @@ def read_boxes(
 
 
 def box_source(path: Path) -> BoxSource:
-    """Return the content of a box file of any format; a file without camera names is of a camera with its own name.
+    """Open a box file of any format; a file without camera names is of a camera named after the file.
 
     Raises:
-        InputError: it is none, or cannot be read.
+        InputError: it is not a box file, or cannot be read.
     """
     for camera in (None, path.stem):
         try:
@@ -629,7 +631,7 @@ def box_source(path: Path) -> BoxSource:
 
 
 def box_rows(rows: CsvRows, cameras: list[str], first_number: int = 0) -> FileBoxRows:
-    """Rows of a file as boxes; InputError with the position of an impossible one, whatever its confidence.
+    """Convert the rows of a file to boxes; InputError with the position of an impossible box.
 
     Args:
         rows: of a `BoxSource`.
@@ -644,7 +646,7 @@ def box_rows(rows: CsvRows, cameras: list[str], first_number: int = 0) -> FileBo
 
 
 def is_json(probe: Probe) -> bool:
-    """Return whether a file begins as a JSON list or object."""
+    """Whether a file begins like a JSON list or object."""
     return not is_folder(probe) and reader_of(probe.path) is None and probe.start[:1] in (b"{", b"[")
 
 
@@ -663,7 +665,7 @@ FORMATS: dict[str, BoxFormat] = {
 
 
 def _open(file: BoxFile, known: Sequence[str], options: BoxOptions) -> BoxSource:
-    """The file in the format that its content shows."""
+    """Open the file in the format recognised from its content."""
     probe = Probe(file.path, WHAT)
     name = recognise(FORMATS, probe)
     assert name is not None
@@ -673,7 +675,7 @@ def _open(file: BoxFile, known: Sequence[str], options: BoxOptions) -> BoxSource
 
 
 def _check_corner(path: Path, names: set[str]) -> None:
-    """InputError for boxes with positions x and y, of which nothing states which point of the box they are."""
+    """InputError for boxes with columns x and y without a statement which point of the box they are."""
     if {"x", "y"} <= names and names & {"w", "width"} and not names & set(COLUMNS["left"]):
         raise InputError(
             f"{path}: columns x and y: they may be a corner or the middle of a box; call them left and top, or give "
@@ -683,7 +685,7 @@ def _check_corner(path: Path, names: set[str]) -> None:
 
 
 def _numbering(file: BoxFile, source: BoxSource, options: BoxOptions) -> BoxOptions:
-    """The options with the number that is frame 0 in this file."""
+    """The options with the number of frame 0 in this file."""
     own = [n for n in (source.first_number, file.first_number) if n is not None]
     return replace(options, first_number=own[0]) if own else options
 
@@ -697,7 +699,7 @@ def _read(
     left_out: Counter[tuple[str, ...]],
     unusable: UnusableBoxes | None = None,
 ) -> Iterator[tuple[CsvRows, FileBoxRows]]:
-    """Rows of a file as text and as numbers; cameras and classes that are not requested are added to the lists."""
+    """Read rows of a file as text and as numbers; skipped cameras and classes are added to the lists."""
     meant: dict[str, str] = {}
     label = ""
     for chunk in source.chunks:
@@ -728,7 +730,7 @@ def _number_cameras(
     options: BoxOptions,
     meant: dict[str, str],
 ) -> Ints:
-    """(n,) position of each row's camera in `cameras`."""
+    """(n,) index of each row's camera in `cameras`."""
     if labels is None:
         name = file.camera or ""
         if name not in cameras:
@@ -745,7 +747,7 @@ def _number_cameras(
 def _matched(
     labels: Sequence[str], known: Sequence[str], file: BoxFile, options: BoxOptions, meant: dict[str, str]
 ) -> list[str]:
-    """The camera that each label means; InputError that names all those that mean none, or two that mean one.
+    """Camera of each label; InputError that lists labels without a camera, or two labels of one camera.
 
     `meant` has the label of each camera so far.
     """
@@ -793,9 +795,9 @@ def _numbers(rows: CsvRows, camera: Ints, cameras: Sequence[str], options: BoxOp
 def _edges(
     rows: CsvRows, camera: Ints, cameras: Sequence[str], options: BoxOptions
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Left, top, width and height [px]; in shares of the image where these are given and sizes are not known yet.
+    """Left, top, width and height [px], or in shares of the image if given so and image sizes are not known yet.
 
-    Empty cells and NaN are NaN where the options are `lenient`, else an error.
+    Empty cells are NaN if the options are `lenient`, else an error.
     """
     blank, sizes = options.lenient, options.sizes
     if not rows.has(SHARE_X):
@@ -820,7 +822,7 @@ def _edges(
 
 
 def _size(rows: CsvRows, size: str, far: str, near: Floats, blank: bool) -> Floats:
-    """(n,) widths or heights [px]; InputError where a far edge that is there as well contradicts one."""
+    """(n,) widths or heights [px]; InputError if a far edge given in addition contradicts the size."""
     if not rows.has(size):
         return rows.floats(far, blank=blank) - near
     sizes = rows.floats(size, blank=blank)

@@ -1,7 +1,4 @@
-"""Rows of boxes to tables of boxes: sizes checked, frames without a box filled in, times added.
-
-Classes of boxes: those that are requested, and what there is.
-"""
+"""Conversion of box rows to tables: sizes checked, empty frames inserted, times added, classes selected."""
 
 from __future__ import annotations
 
@@ -33,7 +30,7 @@ MAX_UNUSABLE = 0.5
 
 
 class FileBoxRows(NamedTuple):
-    """Boxes as a file lists them; `camera` counts the cameras in use."""
+    """Boxes as listed in a file; `camera` is the index among those in use."""
 
     frame: Ints
     camera: Ints
@@ -51,7 +48,7 @@ class FileBoxRows(NamedTuple):
 
 @dataclass
 class UnusableBoxes:
-    """Boxes of files that cannot be used, by camera and kind.
+    """Counts of unusable boxes, by camera and kind of fault.
 
     Detectors write some: without a width, with NaN, twice.  Where they are more than `MAX_UNUSABLE` of a file, its
     columns mean something else, and the first of them is an error.  `frames` has first and last ones of each camera.
@@ -64,17 +61,17 @@ class UnusableBoxes:
     frames: dict[str, list[int]] = field(default_factory=dict)
 
     def add(self, camera: str, kind: str, count: int, place: str) -> None:
-        """Count boxes of a camera; `place`: of the first of them."""
+        """Count unusable boxes of a camera; `place` is the position of the first of them."""
         self.counts[camera, kind] += count
         self.first.setdefault((camera, kind), place)
 
     def check(self) -> None:
-        """Raise the error of the first box that has no size, if there are too many of them."""
+        """Raise the error of the first unusable box if there are too many of them."""
         if self.error is not None and self.counts.total() > MAX_UNUSABLE * self.rows:
             raise self.error
 
     def losses(self) -> list[Loss]:
-        """One loss for each camera and kind."""
+        """One loss for each camera and kind of fault."""
         return [
             Loss(camera, f"boxes, first {self.first[camera, kind]}", kind, count, self.rows)
             for (camera, kind), count in sorted(self.counts.items())
@@ -84,7 +81,7 @@ class UnusableBoxes:
 def usable(
     rows: CsvRows, boxes: FileBoxRows, cameras: Sequence[str], unusable: UnusableBoxes | None
 ) -> tuple[CsvRows, FileBoxRows]:
-    """The boxes with a size, and their rows.
+    """Select the boxes with a valid size; others are counted as unusable.
 
     Args:
         rows: of a file.
@@ -142,7 +139,7 @@ def check_boxes(rows: CsvRows, boxes: FileBoxRows) -> FileBoxRows:
 
 
 def fingerprints(columns: Sequence[Floats | Ints]) -> Uints:
-    """(n,) numbers that are the same for rows that are the same in all columns, and nearly never for others."""
+    """(n,) hashes of rows: equal for rows equal in all columns, and almost never for others."""
     out = np.zeros(len(columns[0]), dtype=np.uint64)
     for column in columns:
         bits = column + 0.0 if column.dtype.kind == "f" else column.astype(np.int64)  # -0 is 0
@@ -157,7 +154,10 @@ def fingerprints(columns: Sequence[Floats | Ints]) -> Uints:
 def without_copies(
     chunks: Iterator[FileBoxRows], cameras: Sequence[str], path: Path, unusable: UnusableBoxes | None
 ) -> Iterator[FileBoxRows]:
-    """The chunks, whole frames each, with each box once; `unusable` gets the copies, None: the first is an error."""
+    """Generate the chunks, whole frames each, without duplicate boxes, which are counted in `unusable` (None.
+
+    An error).
+    """
     for rows in chunks:
         _, first = np.unique(fingerprints(rows), return_index=True)
         if len(first) == len(rows.frame):
@@ -177,7 +177,7 @@ def without_copies(
 
 
 def check_identities(chunks: Iterator[FileBoxRows], cameras: Sequence[str], path: Path) -> Iterator[FileBoxRows]:
-    """The chunks, whole frames each; InputError where an identity has two boxes in one frame of a camera."""
+    """Generate the chunks, whole frames each; InputError if an identity has two boxes in one frame of a camera."""
     for rows in chunks:
         named = rows.pick(np.flatnonzero(rows.target_id >= 0))
         named = named.pick(np.lexsort((named.target_id, named.camera, named.frame)))
@@ -193,13 +193,13 @@ def check_identities(chunks: Iterator[FileBoxRows], cameras: Sequence[str], path
 
 
 def join(parts: Sequence[FileBoxRows]) -> FileBoxRows:
-    """All rows, sorted by frame and camera; rows of one camera in one frame keep their order."""
+    """Concatenate rows, sorted by frame and camera (stable)."""
     whole = FileBoxRows._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
     return whole.pick(np.lexsort((whole.camera, whole.frame)))
 
 
 def in_frames(chunks: Iterator[FileBoxRows], first: int, stop: int) -> Iterator[FileBoxRows]:
-    """Chunks that end with whole frames, of frames first <= frame < stop.
+    """Rechunk rows to whole frames, first <= frame < stop.
 
     Raises:
         ValueError: the frames are not in order.
@@ -283,7 +283,7 @@ def _table(
     times: Mapping[str, FrameTimes],
     ranges: Sequence[range],
 ) -> B:
-    """One table of the frames first <= frame < stop that are in the cameras' ranges."""
+    """Table of the frames first <= frame < stop that are in the cameras' ranges."""
     cell = (rows.frame - first) * len(cameras) + rows.camera
     counts = np.bincount(cell, minlength=(stop - first) * len(cameras))
     start, end, step = np.array([(each.start, each.stop, each.step) for each in ranges]).T
@@ -318,7 +318,7 @@ def _table(
 
 
 def times_of(camera: str, times: Mapping[str, FrameTimes]) -> FrameTimes:
-    """Times of a camera's frames; UsageError where nothing gives them."""
+    """Frame times of a camera; UsageError if unknown."""
     if camera not in times:
         raise UsageError(
             f"camera {camera}: its frames have no times; give {option('fps')} or {option('timestamps')}",
@@ -328,7 +328,7 @@ def times_of(camera: str, times: Mapping[str, FrameTimes]) -> FrameTimes:
 
 
 def check_range(first: int, stop: int, where: str) -> None:
-    """Raise InputError for a range of frames that is empty or absurdly long."""
+    """InputError for an empty or excessively long frame range."""
     if stop <= first:
         raise InputError(
             f"{where}: no row is in frames {first} to {stop}; give another range of frames", id="empty-input"
@@ -338,7 +338,7 @@ def check_range(first: int, stop: int, where: str) -> None:
 
 
 def class_labels(rows: CsvRows) -> list[tuple[str, ...]]:
-    """All that a row states about its class, in small letters, numbers without fraction: `("0", "person")`."""
+    """Class labels of rows in lower case, numbers without fraction: `("0", "person")`."""
     columns = []
     for key in CLASS_KEYS:
         if rows.has(key):
@@ -357,7 +357,7 @@ def _plain(cell: str) -> str:
 
 
 def wanted_rows(rows: CsvRows, classes: Sequence[str]) -> Bools:
-    """(n,) rows of one of the classes; InputError if the file has no classes."""
+    """(n,) mask of the rows of one of the classes; InputError if the file has no classes."""
     labels = class_labels(rows)
     if not labels and len(rows):
         raise InputError(f"{rows.path}: has no classes; choose no class, or add a column class", id="missing-column")
@@ -366,14 +366,14 @@ def wanted_rows(rows: CsvRows, classes: Sequence[str]) -> Bools:
 
 
 def in_words(classes: Counter[tuple[str, ...]]) -> str:
-    """Classes and how many boxes they have: `0 person (12), 2 car (3)`."""
+    """Format classes with their numbers of boxes: `0 person (12), 2 car (3)`."""
     return ", ".join(f"{' '.join(label) or 'none'} ({count})" for label, count in sorted(classes.items()))
 
 
 def check_classes(
     where: str, wanted: Sequence[str], kept: Counter[tuple[str, ...]], all_: Counter[tuple[str, ...]]
 ) -> None:
-    """Raise InputError where boxes of several classes would be taken for people, or none is of a requested class."""
+    """InputError if boxes of several classes would be taken for people, or no box has a requested class."""
     if wanted and all_ and not kept:
         numbered = all(name.isdigit() for label in all_ for name in label)
         hint = "; here classes have numbers only: give the number" if numbered else ""

@@ -62,7 +62,7 @@ class _Element(NamedTuple):
 
 
 def read_matlab(content: bytes, limit: int) -> dict[str, Floats | None]:
-    """Arrays of a MATLAB file by name; None for what holds no real numbers: texts, structures, complex numbers.
+    """Parse a MATLAB file to arrays by name; None for texts, structures and complex numbers.
 
     Args:
         content: of the file.
@@ -115,7 +115,7 @@ def _elements(data: bytes, order: str) -> Iterator[_Element]:
 
 
 def _matrix(data: bytes, order: str) -> tuple[str, Floats | None]:
-    """Name and values of an array."""
+    """Name and values of an array element."""
     parts = _elements(data, order)
     (flags,) = struct.unpack_from(f"{order}I", next(parts, _Element(0, b"")).data)
     sizes = next(parts, _Element(0, b""))
@@ -131,7 +131,7 @@ def _matrix(data: bytes, order: str) -> tuple[str, Floats | None]:
 
 
 def _old(content: bytes) -> Iterator[tuple[str, Floats | None]]:
-    """Arrays of a file of version 4."""
+    """Arrays of a version 4 file."""
     at = 0
     while at < len(content):
         order = "<" if 0 <= struct.unpack_from("<i", content, at)[0] < 1000 else ">"
@@ -154,7 +154,7 @@ def _old(content: bytes) -> Iterator[tuple[str, Floats | None]]:
 
 
 def _shaped(values: NDArray[np.generic], shape: list[int]) -> Floats:
-    """Numbers in the order of columns as an array; ValueError where they are not as many as it has."""
+    """Reshape numbers in column-major order; ValueError for a wrong number."""
     if min(shape, default=-1) < 0:
         raise ValueError(f"an array of {shape}")
     return np.asarray(values, dtype=np.float64).reshape(shape, order="F")
@@ -181,17 +181,17 @@ _HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
 def is_arrays(probe: Probe) -> bool:
-    """Return whether a file is named as one of arrays."""
+    """Whether a file has a suffix of array files."""
     return probe.path.suffix.lower() in SUFFIXES
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
-    """The cameras of all files."""
+    """Read the cameras of all files."""
     return tuple(camera for path in paths for camera in _cameras(path, options))
 
 
 def _load(path: Path) -> dict[str, Floats]:
-    """Arrays of numbers in a file, by name; InputError where it cannot be read."""
+    """Arrays of numbers in a file, by name; InputError if it cannot be read."""
     check_input(path, "a file of arrays")
     if path.stat().st_size > MAX_BYTES:
         raise InputError(
@@ -219,7 +219,7 @@ def _load(path: Path) -> dict[str, Floats]:
 
 
 def _read(path: Path, content: bytes) -> Mapping[str, NDArray[np.generic] | None]:
-    """Arrays by name as the libraries give them, with what they raise."""
+    """Arrays by name as returned by the libraries, whose exceptions are passed on."""
     if path.suffix.lower() == ".mat":
         return read_matlab(content, MAX_BYTES)
     _check_unpacked(path, content)
@@ -232,7 +232,7 @@ def _read(path: Path, content: bytes) -> Mapping[str, NDArray[np.generic] | None
 
 
 def _check_unpacked(path: Path, content: bytes) -> None:
-    """InputError for arrays that are packed and would unpack to more than a calibration may have."""
+    """InputError for compressed arrays that would decompress to more than a calibration can need."""
     size = 0
     if zipfile.is_zipfile(BytesIO(content)):
         with zipfile.ZipFile(BytesIO(content)) as archive:
@@ -269,7 +269,7 @@ def _cameras(path: Path, options: CalibrationOptions) -> list[Camera]:
 
 
 def _stack(value: Floats, shape: tuple[int, int], path: Path) -> Floats:
-    """(n, ...) matrices of one shape, the cameras first; InputError if there is none or the axis is ambiguous."""
+    """(n, ...) matrices of one shape, cameras first; InputError if missing or if the camera axis is ambiguous."""
     if value.ndim == 2 and value.shape == shape:
         return value[None]
     if value.ndim == 3 and value.shape[1:] == shape and not (value.shape[:2] == shape and value.shape[0] == 3):
@@ -288,7 +288,7 @@ def _stack(value: Floats, shape: tuple[int, int], path: Path) -> Floats:
 
 
 def _per_camera(value: Floats, key: str, n: int, path: Path) -> Floats:
-    """The parts of n cameras, cameras first."""
+    """Split an array into the parts of n cameras."""
     if key in ("P", "K"):
         return _stack(value, (3, 4) if key == "P" else (3, 3), path)
     if key == "R" and value.ndim >= 2 and value.shape[-2:] != (1, 3) and value.size == 9 * n:
@@ -313,7 +313,7 @@ def _per_camera(value: Floats, key: str, n: int, path: Path) -> Floats:
 
 
 def _model(part: Mapping[str, Floats]) -> str | None:
-    """Model of a lens; None where nothing states it."""
+    """Lens model; None if not stated."""
     return None if "fisheye" not in part else "equidistant" if part["fisheye"].any() else "brown"
 
 

@@ -53,7 +53,7 @@ SAME_SHARE, SAME_RAD = 0.01, np.radians(0.5)
 
 
 def folder_files(path: Path) -> list[Path] | None:
-    """The two files of a model in a folder; None where it holds none.
+    """The two text files of a model in a folder; None without a model.
 
     Raises:
         InputError: the model is binary.
@@ -67,12 +67,12 @@ def folder_files(path: Path) -> list[Path] | None:
 
 
 def detect(text: str) -> bool:
-    """Return whether a text is one of the two files."""
+    """Whether a text is one of the two files."""
     return any(f" {model} " in text for model in MODELS) or "QW, QX, QY, QZ" in text
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
-    """The images of a model as cameras."""
+    """Read the images of a model as cameras."""
     files = {path.name: path for path in paths}
     if set(NAMES) - files.keys():
         raise InputError(f"{paths[0]}: COLMAP's model has {' and '.join(NAMES)}; give both", id="missing-value")
@@ -119,7 +119,7 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
 
 
 def _each_once(cameras: Sequence[Camera], path: Path, options: CalibrationOptions) -> tuple[Camera, ...]:
-    """The cameras; of several images of a camera that stands still the first one.
+    """Reduce several images of a static camera to one camera.
 
     Raises:
         InputError: images of one camera have different poses.
@@ -177,7 +177,7 @@ def _numbers(cells: list[str], where: str) -> Floats:
 
 
 def texts(cameras: Sequence[Camera], late_s: Mapping[str, float]) -> dict[str, str]:  # noqa: ARG001
-    """The three files of a model by name, with an image for each camera; positions are in metres."""
+    """Text of the three files of a model, by name, with an image for each camera; positions in metres."""
     lenses = ["# Camera list with one line of data per camera: CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]"]
     images = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME; the line below each has its points"]
     for n, camera in enumerate(cameras, start=1):

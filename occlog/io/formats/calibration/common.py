@@ -1,4 +1,4 @@
-"""Shared parts of calibration importers: options, poses and lenses as files state them, and the `Camera` of them."""
+"""Shared parts of calibration readers: options, poses and lenses as files state them, conversion to `Camera`."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class CalibrationOptions:
     unused: dict[str, list[str]] = field(default_factory=dict)
 
     def check_keys(self, name: str, keys: Iterable[str], known: Collection[str]) -> None:
-        """Remember the keys of camera `name` that are not among the known ones, which are used or without effect."""
+        """Record the keys of camera `name` that are not used, for a note."""
         for key in keys:
             if key.lower() not in known:
                 self.unused.setdefault(key, []).append(name)
@@ -91,7 +91,7 @@ class Pose:
 
 
 def keys_of(*texts: str) -> frozenset[str]:
-    """Names of keys, in texts with spaces between them."""
+    """Key names from texts with spaces between them."""
     return frozenset(key for text in texts for key in text.split())
 
 
@@ -101,19 +101,22 @@ def mirror_matrix(axis: str | None) -> Floats:
 
 
 class ImageRegion(NamedTuple):
-    """The part of a sensor that the images show, and how much they are scaled."""
+    """Part of the sensor that the images show, and its scale."""
 
     size: tuple[int, int]  # of the images [px]
     offset: Floats  # (2,) first pixel, in pixels of the sensor
     scale: Floats  # (2,) pixels of the image in one of the sensor
 
     def intrinsics(self, focal: Floats, principal: Floats) -> tuple[Floats, Floats]:
-        """Focal lengths and principal point of the images by those of the sensor; a pixel's centre is at its number."""
+        """Convert focal lengths and principal point of the sensor to those of the images.
+
+        A pixel's centre is an integer.
+        """
         return focal * self.scale, (principal - self.offset + 0.5) * self.scale - 0.5
 
 
 def numbers(value: object, what: str) -> Floats:
-    """The value as an array of finite numbers; InputError where it is none."""
+    """Convert a value to an array of finite numbers; InputError if it is not one."""
     try:
         array = np.array(value, dtype=np.float64)
     except (ValueError, TypeError):
@@ -124,7 +127,7 @@ def numbers(value: object, what: str) -> Floats:
 
 
 def check_camera_matrix(matrix: Floats, height: float, where: str) -> None:
-    """InputError for a matrix that is not [[fx, skew, cx], [0, fy, cy], [0, 0, 1]], with a skew that matters.
+    """InputError unless a matrix is [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] with negligible skew.
 
     MATLAB's `IntrinsicMatrix` is its transpose, with the principal point at (0, 0).
     """
@@ -160,12 +163,12 @@ def read_text(path: Path) -> str:
 
 
 def scale_of(options: CalibrationOptions, own: str) -> float:
-    """Metres of one unit of the file; `own` is the unit that the format has unless stated otherwise."""
+    """Metres per length unit of the file; `own` is the format's unit, used unless another is stated."""
     return UNITS[options.unit or own]
 
 
 def build_camera(pose: Pose, where: str, options: CalibrationOptions) -> Camera:
-    """The camera of a pose; InputError where its numbers cannot be those of a camera."""
+    """Create the camera of a pose; InputError for impossible parameters."""
     if not pose.name.strip():
         raise InputError(f"{where}: a camera has no name; give it one", id="missing-value")
     focal = _vector(pose.focal_px, 2, "focal length", where)
@@ -227,7 +230,7 @@ def build_camera(pose: Pose, where: str, options: CalibrationOptions) -> Camera:
 
 
 def _other_middle(principal: Floats, size: tuple[int, int]) -> str:
-    """How images of which the principal point (2,) is the middle differ from those of a size; '' if it may be right."""
+    """Description of how the stated image size contradicts the principal point (2,); '' if it may be right."""
     ratio = (principal + 0.5) / (0.5 * np.array(size))
     if not np.abs(ratio - 1.0).min() > OTHER_SIZE:
         return ""
@@ -247,10 +250,9 @@ def _vector(values: Sequence[float] | Floats, n: int, what: str, where: str) -> 
 
 
 def _rotation(matrix: Floats, mirrored: bool, where: str) -> Floats:
-    """The nearest rotation; InputError for a matrix that is none, or has the determinant -1.
+    """Nearest rotation matrix; InputError for a matrix that is not a rotation, or has the determinant -1.
 
-    `mirrored`: the world is left-handed, and the negative of a matrix with the determinant -1 is given: it shows the
-    same image, of points behind the camera.
+    `mirrored`: for a left-handed world the negative of a matrix with determinant -1 is returned.
     """
     r = np.asarray(matrix, dtype=np.float64)
     if r.shape != (3, 3) or not np.isfinite(r).all():

@@ -28,7 +28,10 @@ CLEARER = 3.0
 
 
 class GroundPose(NamedTuple):
-    """Focal length [px], camera-from-world rotation (3, 3), centre (3,) and residual of a homography."""
+    """Pose and focal length from a homography.
+
+    Focal length [px], camera-from-world rotation (3, 3), centre (3,), residual.
+    """
 
     focal: float
     rotation: Floats
@@ -45,7 +48,7 @@ def detect(text: str) -> bool:
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
-    """One camera a file, named after the file without `_H` and the like."""
+    """Read one camera per file, named after the file without `_H` and the like."""
     return tuple(_camera(path, options) for path in paths)
 
 
@@ -84,7 +87,7 @@ def _camera(path: Path, options: CalibrationOptions) -> Camera:
 
 
 def oriented(matrix: Floats, middle: Floats, where: str, axes: Floats) -> tuple[GroundPose, bool]:
-    """The pose of a homography of either direction, and whether it maps the ground to the image.
+    """Pose of a homography of either direction, and whether it maps the ground to the image.
 
     Args:
         matrix: (3, 3), up to scale.
@@ -127,7 +130,7 @@ def oriented(matrix: Floats, middle: Floats, where: str, axes: Floats) -> tuple[
 
 
 def ground_pose(matrix: Floats, middle: Floats) -> GroundPose | None:
-    """Focal length and pose of a homography from the ground to the image; None where no focal length fits.
+    """Focal length and pose of a homography from the ground to the image; None if no focal length fits.
 
     Args:
         matrix: (3, 3), up to scale.
@@ -157,6 +160,6 @@ def ground_pose(matrix: Floats, middle: Floats) -> GroundPose | None:
 
 
 def _depth(plain: Floats) -> float:
-    """Depth of the ground on the ray 45 degrees below the optical axis, which every camera above it sees or nearly."""
+    """Depth of the ground on the ray 45 degrees below the optical axis, whose sign tells front from back."""
     ground = np.linalg.solve(plain, np.array([0.0, 1.0, 1.0]))
     return float(plain[2] @ ground / ground[2]) if ground[2] else 0.0

@@ -48,7 +48,7 @@ def detect(text: str) -> bool:
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
-    """The cameras of one chain, named cam0, cam1, ..."""
+    """Read the cameras of one chain, named cam0, cam1, ..."""
     if len(paths) > 1:
         raise InputError(f"{paths[1]}: a second camera chain; the relative poses of the two are unknown")
     values = yaml_values(read_text(paths[0]), paths[0])
@@ -60,7 +60,7 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
 
 
 def _note_clocks(cameras: Mapping[str, Mapping[str, object]], options: CalibrationOptions) -> None:
-    """Note clocks of cameras that differ: `timeshift_cam_imu` is added to the times of images."""
+    """Note clock offsets between cameras: `timeshift_cam_imu` is added to the times of images."""
     shifts = {
         name: float(numbers(t.get("timeshift_cam_imu", 0.0), f"{name}: timeshift_cam_imu"))
         for name, t in cameras.items()
@@ -150,7 +150,7 @@ def _camera(
 
 
 def texts(cameras: Sequence[Camera], late_s: Mapping[str, float]) -> dict[str, str]:
-    """A chain by the name of its file, with the world as the frame of the IMU; positions are in metres.
+    """Text of a chain by file name, with the world as the IMU frame; positions in metres.
 
     `timeshift_cam_imu` is added to the times of images: minus the offset of the clock.
     """

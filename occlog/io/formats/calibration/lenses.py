@@ -22,7 +22,7 @@ LENS_MODELS = {"brown": "brown", "fisheye": "equidistant"}
 
 
 class Lens(NamedTuple):
-    """A lens as a file states it.
+    """A lens as stated in a file.
 
     Attributes:
         model: `brown`, with OpenCV's 0 to 5, 8, 12 or 14 coefficients; `equidistant`, with 4; `tsai`, with 1; None: the
@@ -35,7 +35,7 @@ class Lens(NamedTuple):
 
 
 def read_lens(lens: Lens, wanted: str | None, where: str) -> Lens:
-    """The lens with a model of `COEFFICIENTS` and as many coefficients as it has.
+    """Convert a lens to a model of `COEFFICIENTS` with its number of coefficients.
 
     Args:
         lens: as stated.
@@ -85,10 +85,10 @@ def read_lens(lens: Lens, wanted: str | None, where: str) -> Lens:
 def checked_lens(
     lens: Lens, size: tuple[int, int], focal: Floats, principal: Floats, where: str
 ) -> tuple[str, Floats, str]:
-    """Model and coefficients of a lens that can be undone in the image, and what to note about it; '' for nothing.
+    """Model and coefficients of a lens that is invertible within the image, and a note ('' if there is none).
 
-    A Brown lens that a fixed point does not undo, as of strong pincushion distortion, becomes one of OpenCV's
-    complete model, which Newton's method does.
+    A Brown lens for which fixed-point inversion fails (strong pincushion distortion) is converted to OpenCV's complete
+    model, which Newton's method inverts.
 
     Raises:
         InputError: the lens folds inside the image.
@@ -118,7 +118,7 @@ def checked_lens(
 
 
 def stated_coefficients(model: str, coefficients: Floats, counts: Sequence[int], where: str) -> Floats:
-    """Coefficients of a lens in OpenCV's order, as many as a format has.
+    """Coefficients of a lens in OpenCV's order, reduced to a number that a format supports.
 
     Args:
         model: a key of `COEFFICIENTS`.

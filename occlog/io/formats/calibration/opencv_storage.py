@@ -59,13 +59,13 @@ DIGITS = 9
 
 
 def detect(text: str) -> bool:
-    """Return whether a text is an OpenCV FileStorage with a camera matrix."""
+    """Whether a text is an OpenCV FileStorage with a camera matrix."""
     head = "opencv_storage" in text[:400] or text.startswith("%YAML") or text.lstrip().startswith("{")
     return head and "opencv-" in text
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
-    """One camera a file, named after the file."""
+    """Read one camera per file, named after the file."""
     return tuple(_camera(path, options) for path in paths)
 
 
@@ -90,7 +90,7 @@ def _camera(path: Path, options: CalibrationOptions) -> Camera:
 
 
 def lens_of(values: dict[str, object], where: str) -> Lens:
-    """The lens of a calibration; InputError for an unknown model, and for two that contradict each other."""
+    """Lens of a calibration; InputError for an unknown model, or two contradictory ones."""
     stated: set[str] = set()
     for key, brown, fisheye in ((LENS[0], NO, YES), (LENS[1], NO, YES), (LENS[2], BROWN, FISHEYE)):
         text = str(values.get(key, "")).strip().lower()
@@ -109,7 +109,7 @@ def lens_of(values: dict[str, object], where: str) -> Lens:
 
 
 def unused_keys(values: Mapping[str, object], parts: Sequence[tuple[str, ...]]) -> list[str]:
-    """Keys that are none of those used: the first of each part's names, sizes of the images, and lens models."""
+    """Keys of a file that are not used."""
     used = {next((name for name in names if name in values), "") for names in parts}
     size = next((pair for pair in SIZE if all(key in values for key in pair)), None)
     used |= set(size or [next((key for key in SIZES if key in values), "")])
@@ -162,13 +162,13 @@ def _from_xml(text: str, path: Path) -> dict[str, object]:
 
 
 def _plain(text: str) -> object:
-    """Text of XML without a matrix: several numbers, or whatever it is."""
+    """Text content of an XML element that is not a matrix."""
     cells = text.split()
     return cells if len(cells) > 1 else text.strip()
 
 
 def matrix_of(values: dict[str, object], names: tuple[str, ...], where: str) -> Floats:
-    """The first of the named values as an array."""
+    """First of the named values that is present, as an array."""
     key = next((name for name in names if name in values), None)
     if key is None:
         raise InputError(f"{where}: has none of {', '.join(names)}; add one", id="missing-value")
@@ -191,14 +191,14 @@ def matrix_of(values: dict[str, object], names: tuple[str, ...], where: str) -> 
 
 
 def _sizes(value: object) -> tuple[int, ...] | None:
-    """Shape of a matrix of OpenCV 5 (`sizes`); None where it is not stated."""
+    """Shape of an OpenCV 5 matrix (`sizes`); None if not stated."""
     cells = value.split() if isinstance(value, str) else value if isinstance(value, list) else []
     stated = cells and all(str(cell).isdecimal() and len(str(cell)) <= DIGITS for cell in cells)
     return tuple(int(cell) for cell in cells) if stated else None
 
 
 def size_of(values: Mapping[str, Any]) -> tuple[int, int] | None:
-    """Width and height of the images [px], where they are stated."""
+    """Width and height of the images [px], if stated."""
     for width, height in SIZE:
         if width in values and height in values:
             try:
@@ -217,7 +217,7 @@ def size_of(values: Mapping[str, Any]) -> tuple[int, int] | None:
 
 
 def texts(cameras: Sequence[Camera], late_s: Mapping[str, float]) -> dict[str, str]:  # noqa: ARG001
-    """Files of cameras by name, one for each; positions are in metres."""
+    """Texts of one file per camera, by name; positions in metres."""
     return {f"{camera.name}.yml": _text(camera) for camera in cameras}
 
 

@@ -44,7 +44,7 @@ def detect(text: str) -> bool:
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
-    """The cameras of the file that are not marked `ignore`, named by `name` or by their table."""
+    """Read the cameras not marked `ignore`, named by `name` or by their table."""
     cameras = []
     for path in paths:
         root = toml_values(read_text(path), path, WHAT)
@@ -54,7 +54,7 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
 
 
 def _tables(root: Mapping[str, object]) -> Iterator[tuple[str, dict[str, object]]]:
-    """Name and content of every table that describes a camera, at the top or one level down."""
+    """Name and content of every table that describes a camera, at the top or second level."""
     for key, value in root.items():
         if not isinstance(value, dict):
             continue
@@ -68,7 +68,7 @@ def _tables(root: Mapping[str, object]) -> Iterator[tuple[str, dict[str, object]
 
 
 def _others(root: Mapping[str, object]) -> Iterator[str]:
-    """Keys of a file that are not of a camera."""
+    """Keys of a file outside cameras."""
     cameras = {id(table) for _, table in _tables(root)}
     for key, value in root.items():
         inner = value if isinstance(value, dict) else {}
@@ -139,7 +139,7 @@ def _size(table: dict[str, object], where: str) -> tuple[int, int] | None:
 
 
 def checked_rotation(vector: Floats, where: str) -> Floats:
-    """(3, 3) rotation about a vector by its length [rad]; InputError for one of more than a whole turn."""
+    """(3, 3) rotation of a rotation vector [rad]; InputError for more than a whole turn."""
     angle = float(np.linalg.norm(vector))
     if angle > MAX_ANGLE:
         text = ", ".join(f"{value:.4g}" for value in vector)

@@ -1,4 +1,4 @@
-"""Calibration formats that are written, by the names of outputs; loads nothing heavy."""
+"""Calibration formats that can be written, by suffix or name of the output; imports nothing heavy."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ OUTPUTS = {
 
 
 def format_of(path: Path) -> str | None:
-    """The format that the name of an output asks for, a key of `OUTPUTS`; None: another one."""
+    """Format that the name of an output implies, a key of `OUTPUTS`; None if it implies none."""
     low = path.name.lower()
     return next((name for name, of in OUTPUTS.items() if low.endswith(of.endings)), None)
 
 
 def is_folder(path: Path, format: str) -> bool:
-    """Return whether the output of a format is a folder."""
+    """Whether the output of a format is a folder."""
     return format != "kalibr" and path.suffix.lower() not in (".yml", ".yaml")

@@ -39,7 +39,7 @@ _MARK = re.compile(r"^(intr|extr)(insics?|insic)?[_-]|[_-]?(intr|extr)(insics?|i
 
 
 def folder_files(path: Path) -> list[Path] | None:
-    """The files of a folder with `extrinsic` and `intrinsic_zero` (or another of `FOLDERS`); else None."""
+    """Files of a folder with `extrinsic` and `intrinsic_zero` (or another of `FOLDERS`); None for other folders."""
     poses_folder = path / "extrinsic"
     lenses = next((path / name for name in FOLDERS if (path / name).is_dir()), None)
     if lenses is None or not poses_folder.is_dir():
@@ -49,7 +49,7 @@ def folder_files(path: Path) -> list[Path] | None:
 
 
 def detect(text: str) -> bool:
-    """Return whether a text is OpenCV's, with a lens or a position alone."""
+    """Whether a text is an OpenCV file with a lens or a pose only."""
     if not ("opencv_storage" in text[:400] or text.startswith("%YAML")):
         return False
     lower = text.lower()
@@ -61,7 +61,7 @@ def detect(text: str) -> bool:
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
-    """One camera a pair of files."""
+    """Read one camera per pair of files."""
     lenses: dict[str, Path] = {}
     extrinsics: dict[str, Path] = {}
     for path in paths:
@@ -89,7 +89,7 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
 
 
 def unit_of(paths: list[Path]) -> str:
-    """Unit of lengths where none is given: cm for WILDTRACK, else m."""
+    """Default length unit: cm for WILDTRACK, else m."""
     return "cm" if {_MARK.sub("", path.stem) for path in paths} <= WILDTRACK.keys() else "m"
 
 

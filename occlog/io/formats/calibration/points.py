@@ -26,7 +26,7 @@ MARKED_POINTS = TextFormat(
 
 
 def read_marked_points(path: Path, cameras: Sequence[str]) -> dict[str, tuple[Floats, Floats]]:
-    """Pixels (n, 2) and positions (n, 3) of the points of each camera; the ground is z = 0.
+    """Read pixels (n, 2) and world positions (n, 3) of the marked points of each camera; z is 0 by default.
 
     Raises:
         InputError: a column is missing, a cell is not a number, or a camera is none of `cameras`.

@@ -25,7 +25,7 @@ _SUFFIX = re.compile(r"[_-]?(P|proj|projection|matrix|calib|calibration)$", re.I
 
 
 def detect(text: str) -> bool:
-    """Return whether a text is a projection matrix, also a transposed one, which is refused."""
+    """Whether a text is a projection matrix (a transposed one is recognised, and refused later)."""
     try:
         return matrix_of(text).shape in ((3, 4), (4, 3))
     except ValueError:
@@ -33,12 +33,12 @@ def detect(text: str) -> bool:
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
-    """One camera a file, named after the file without `_P` and the like."""
+    """Read one camera per file, named after the file without `_P` and the like."""
     return tuple(_camera(path, options) for path in paths)
 
 
 def matrix_of(text: str) -> Floats:
-    """Read a matrix of numbers that spaces or commas separate; ValueError where the text is none."""
+    """Parse a matrix separated by spaces or commas; ValueError if it is not one."""
     rows = [line.replace(",", " ").split() for line in text.splitlines() if line.strip() and line.strip()[0] != "#"]
     return np.array([[float(cell) for cell in row] for row in rows], dtype=np.float64)
 
@@ -73,7 +73,7 @@ def camera_of_parts(
     where: str,
     lens: Lens = STRAIGHT,
 ) -> Camera:
-    """The camera of an intrinsic matrix, a camera-from-world rotation and a centre in the unit of `options`.
+    """Create a camera from intrinsic matrix, camera-from-world rotation and centre in the unit of `options`.
 
     A scene has no skew: InputError where it moves a point at the upper or lower edge of the image by more than
     `MAX_SKEW_PX`.
@@ -92,7 +92,7 @@ def camera_of_parts(
 
 
 def take_apart(matrix: Floats, where: str = "matrix") -> tuple[Floats, Floats, Floats]:
-    """Intrinsic matrix K (K[2, 2] = 1), camera-from-world rotation and centre of a projection matrix.
+    """Decompose a projection matrix: K (K[2, 2] = 1), camera-from-world rotation, and centre.
 
     InputError for a matrix with a camera that would be at infinity.
     """

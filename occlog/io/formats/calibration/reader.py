@@ -115,7 +115,7 @@ class CalibrationFile(NamedTuple):
 def read_calibration(
     paths: Sequence[Path], format: str = "auto", options: CalibrationOptions | None = None
 ) -> CalibrationFile:
-    """The cameras of one or more calibration files of one format.
+    """Read the cameras of one or more calibration files of one format.
 
     Args:
         paths: files; a folder represents all files in it, by name.
@@ -149,7 +149,7 @@ def read_calibration(
 
 
 def _unused(options: CalibrationOptions) -> Iterator[Check]:
-    """Find keys that are not used, in two groups: those that by their names may change a camera, and others."""
+    """Report unused keys in two findings: keys that may change a camera by their names, and others."""
     for kind, suspect in (("calibration-keys-unused", True), ("calibration-keys-other", False)):
         every = [
             f"{key} ({listed(tuple(dict.fromkeys(names)))})"
@@ -161,7 +161,7 @@ def _unused(options: CalibrationOptions) -> Iterator[Check]:
 
 
 def _distances(cameras: Sequence[Camera]) -> Iterator[Check]:
-    """Find evidence against the unit of the lengths."""
+    """Report distances between cameras that are implausible for the length unit."""
     centres = np.array([c.position for c in cameras])
     with np.errstate(over="ignore"):  # cameras that are too far apart for a number are infinitely so
         span = float(np.linalg.norm(centres.max(axis=0) - centres.min(axis=0)))

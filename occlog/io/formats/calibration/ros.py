@@ -64,7 +64,7 @@ _OPTICAL = re.compile(r"_?optical(_frame)?$")
 
 
 class Transform(NamedTuple):
-    """Pose of a frame in its parent: p_parent = R p + t."""
+    """Pose of a frame in its parent frame: p_parent = R p + t."""
 
     parent: str
     rotation: Floats
@@ -78,7 +78,7 @@ def detect(text: str) -> bool:
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
-    """The cameras of all `camera_info` files, placed by the transforms in the others."""
+    """Read the cameras of all `camera_info` files, with poses from the transforms in the other files."""
     lenses: dict[str, tuple[Path, Mapping[str, object]]] = {}
     tree: dict[str, Transform] = {}
     for path in paths:
@@ -159,7 +159,7 @@ def _parts(value: object, names: str, where: str) -> Floats:
 
 
 def quaternion_rotation(w: float, x: float, y: float, z: float) -> Floats:
-    """(3, 3) rotation of a quaternion, which is brought to length 1."""
+    """(3, 3) rotation of a quaternion, after normalisation."""
     w, x, y, z = np.array([w, x, y, z]) / np.linalg.norm([w, x, y, z])
     return np.array(
         [
@@ -249,7 +249,7 @@ def lens_of(model: str, given: Floats, where: str) -> Lens:
 def region_of(
     whole: tuple[int, int], binning: tuple[int, int], roi: tuple[int, int, int, int], where: str
 ) -> ImageRegion:
-    """The images of a `camera_info`, of which all else is of the whole sensor (REP 104).
+    """Image region of a `camera_info`, whose parameters refer to the whole sensor (REP 104).
 
     Args:
         whole: width and height [px] at full resolution.
@@ -272,7 +272,7 @@ def region_of(
 
 
 def region_text(name: str, region: ImageRegion, whole: tuple[int, int]) -> str:
-    """A note on a region of a sensor."""
+    """Note about an image region."""
     bins = np.round(1.0 / region.scale).astype(int).tolist()
     x, y = region.offset.astype(int).tolist()
     return (
@@ -286,7 +286,7 @@ def _binning(part: Mapping[str, object], where: str) -> tuple[int, int]:
 
 
 def _roi(part: Mapping[str, object], name: str, options: CalibrationOptions, where: str) -> tuple[int, int, int, int]:
-    """Offsets and size of the region of interest; all 0 where it is not stated."""
+    """Offsets and size of the region of interest; all 0 if not stated."""
     roi = part.get("roi") or {}
     if not isinstance(roi, dict):
         raise InputError(
@@ -299,7 +299,7 @@ def _roi(part: Mapping[str, object], name: str, options: CalibrationOptions, whe
 
 
 def _whole(value: object, where: str) -> int:
-    """A whole number; 0 where it is not stated."""
+    """Parse a whole number; 0 if not stated."""
     if value is None:
         return 0
     if not isinstance(value, int) or isinstance(value, bool):
@@ -313,7 +313,7 @@ def _matrix(part: Mapping[str, object], names: tuple[str, ...], where: str) -> F
 
 
 def texts(cameras: Sequence[Camera], late_s: Mapping[str, float]) -> dict[str, str]:  # noqa: ARG001
-    """A `camera_info` of each camera and the transforms from `world` by names of files; positions are in metres."""
+    """Texts of a `camera_info` per camera and of the transforms from `world`, by file name; positions in metres."""
     out, transforms = {}, []
     for camera in cameras:
         lens = stated_coefficients(

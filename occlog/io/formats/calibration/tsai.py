@@ -38,7 +38,7 @@ def detect(text: str) -> bool:
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
-    """One camera a file, named as in the file."""
+    """Read one camera per file, named as in the file."""
     return tuple(_camera(path, options) for path in paths)
 
 
@@ -72,7 +72,7 @@ def _camera(path: Path, options: CalibrationOptions) -> Camera:
 
 
 def _check_pixel(geometry: Element, dpx: float, dpy: float, where: str) -> None:
-    """InputError for pixels that are not of the size of the sensor's cells: dpx = dx ncx / nfx, dpy = dy."""
+    """InputError for inconsistent pixel sizes: dpx must be dx ncx / nfx, and dpy = dy."""
     dx, dy, ncx, nfx = (number(geometry, key, where, 0.0) for key in ("dx", "dy", "ncx", "nfx"))
     for key, size, other in (("dpx", dpx, dx * ncx / nfx if nfx else 0.0), ("dpy", dpy, dy)):
         if other and abs(size / other - 1) > MAX_RATIO:

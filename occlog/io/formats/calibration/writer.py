@@ -34,7 +34,7 @@ WITH_CLOCKS = ("kalibr",)
 
 
 def check_calibration(path: Path, format: str, overwrite: bool) -> None:
-    """Raise unless `path` may become the calibration: before any work is done for it.
+    """Raise an error unless `path` can be written; called before any work is done.
 
     Raises:
         OutputExistsError: it exists, and may not be replaced.
@@ -49,7 +49,7 @@ def check_calibration(path: Path, format: str, overwrite: bool) -> None:
 
 
 def write_calibration(path: Path, scene: Scene, format: str, overwrite: bool = False) -> tuple[str, ...]:
-    """Write the cameras of a scene.
+    """Write the cameras of a scene as a calibration of another program.
 
     Args:
         path: file or folder; see `is_folder`.
@@ -86,7 +86,7 @@ def write_calibration(path: Path, scene: Scene, format: str, overwrite: bool = F
 
 
 def _in_metres(scene: Scene, format: str) -> list[Camera]:
-    """The cameras with positions in metres; InputError for what a format cannot state."""
+    """The cameras with positions in metres; InputError for parameters that a format cannot state."""
     if not scene.cameras:
         raise InputError(f"the scene has no camera; {format} describes cameras")
     if scene.length_unit not in METRES:
@@ -104,13 +104,13 @@ def _in_metres(scene: Scene, format: str) -> list[Camera]:
 
 
 def _late(scene: Scene) -> dict[str, float]:
-    """Offsets of clocks [s] by camera."""
+    """Clock offsets [s] by camera."""
     clocks = {clock.name: clock.offset_ns / NS for clock in scene.clocks}
     return {camera.name: clocks[camera.clock] for camera in scene.cameras if camera.clock is not None}
 
 
 def _not_held(path: Path, scene: Scene, format: str) -> Iterator[str]:
-    """What a calibration of a scene does not state."""
+    """Descriptions of what a format cannot hold of a scene."""
     cameras = scene.cameras
     named = {path.stem if format == "opencv-storage" and not is_folder(path, format) else c.name for c in cameras}
     if format == "kalibr":

@@ -52,7 +52,7 @@ Sizes = Mapping[str, tuple[int, int]]
 
 
 class GivenEllipse(NamedTuple):
-    """Initial position of a target in a view."""
+    """Initial ellipse of a target in a view."""
 
     where: str  # file and position in it
     sensor: str
@@ -62,7 +62,7 @@ class GivenEllipse(NamedTuple):
 
 
 def read_ellipses(path: Path, sizes: Sizes, cameras: Sequence[str]) -> tuple[GivenEllipse, ...]:
-    """The ellipses of a file, those of cameras without a size skipped.
+    """Read the ellipses of a file; cameras without an image size are skipped.
 
     Args:
         path: CSV, Parquet (view_tracks, truth_boxes, or boxes with identities), or a recording with boxes.
@@ -136,7 +136,7 @@ def _check_inside(given: GivenEllipse, width: int, height: int) -> None:
 
 
 def _of_tables(opened: Opened, sizes: Sizes) -> list[GivenEllipse]:
-    """First ellipses of tracks in images, of true boxes, or of boxes with identities."""
+    """First ellipses from tracks in images, true boxes, or boxes with identities."""
     opened.require(ViewTracks, TruthBoxes, Boxes, remedy="give a CSV file of ellipses, or begin from detections")
     if opened.has(ViewTracks):
         return _first_of(opened.path, (_tracks(c) for c in opened.rows(ViewTracks)), sizes)
@@ -172,7 +172,7 @@ def _boxes(c: Boxes) -> _EllipseRows:
 
 
 def _first_of(path: Path, chunks: Iterable[_EllipseRows], sizes: Sizes) -> list[GivenEllipse]:
-    """The first good ellipse of each target in each view with centre in the image."""
+    """First ellipse of each target in each view with its centre in the image and at least half visible."""
     found: dict[tuple[str, int], GivenEllipse] = {}
     anonymous = rows = 0
     for c in chunks:

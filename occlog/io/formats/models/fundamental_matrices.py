@@ -1,6 +1,6 @@
-"""Fundamental matrices as JSON, in a file or attached to a recording: what `occlog epipolar` writes.
+"""Fundamental matrices as JSON, in a file or attached to a recording (output of `occlog epipolar`).
 
-Matches of points in two views, from a text table.
+Also matches of points in two views, from a text table.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Length = Annotated[float, Meta(ge=0)]
 
 
 class PairSpec(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    """The fundamental matrix of two views: b' F a = 0 for the images a and b (x, y, 1) of one point [px]."""
+    """Fundamental matrix F of two views: b' F a = 0 for homogeneous pixels a, b (x, y, 1) of one point."""
 
     a: Name
     b: Name
@@ -63,7 +63,7 @@ def epipolar_schema() -> dict[str, object]:
 
 
 def read_epipolar(path: Path) -> ViewPairs:
-    """The pairs in a JSON file or in a recording that holds some; InputError, one line, names the fault."""
+    """Read the pairs of a JSON file or recording; InputError, one line, names the fault."""
     opened = open_if_ours(path, "a JSON file of fundamental matrices, or a recording that holds some")
     if opened is not None and opened.recording is not None:
         found = attached_epipolar(opened.recording)
@@ -74,7 +74,7 @@ def read_epipolar(path: Path) -> ViewPairs:
 
 
 def attached_epipolar(recording: McapRecording) -> ViewPairs | None:
-    """The pairs that a recording holds; None: it holds none."""
+    """Pairs attached to a recording; None without any."""
     raw = recording.attachment(EPIPOLAR_ATTACHMENT)
     if raw is None:
         return None
@@ -83,7 +83,7 @@ def attached_epipolar(recording: McapRecording) -> ViewPairs | None:
 
 
 def write_epipolar(path: Path, pairs: ViewPairs, provenance: Provenance, *, overwrite: bool = False) -> None:
-    """Write a JSON file, whole or not at all."""
+    """Write a JSON file atomically."""
     write_json(path, _values(pairs, provenance), overwrite=overwrite)
 
 
@@ -101,7 +101,7 @@ def _values(pairs: ViewPairs, provenance: Provenance) -> dict[str, object]:
 
 
 def _lengths(pair: ViewPair) -> dict[str, float | None]:
-    """The lengths of a pair; null where they are not known."""
+    """Baseline lengths of a pair for JSON; null if unknown."""
     lengths = {"noise_px": pair.noise_px, "error_px": pair.error_px, "parallax_px": pair.parallax_px}
     return {name: float(value) if np.isfinite(value) else None for name, value in lengths.items()}
 
@@ -144,7 +144,7 @@ def _pair(spec: PairSpec, where: str) -> ViewPair:
 
 
 def _sized(matrix: Floats) -> Floats:
-    """Scale the matrix by a power of two, without rounding, to entries below 1 with finite squares."""
+    """Scale a matrix by a power of two (exactly) to entries below 1."""
     largest = np.abs(matrix).max()
     return np.ldexp(matrix, -np.frexp(largest)[1]) if 0.0 < largest < np.inf else matrix
 
@@ -174,7 +174,7 @@ FORMAT = TextFormat(
 
 
 def read_matches(path: Path) -> tuple[PointMatches, ...]:
-    """The matches of each pair of views, in the order in which pairs first come; either order of a pair is one."""
+    """Read the matches of each pair of views, in order of first appearance; (a, b) and (b, a) are one pair."""
     names: list[tuple[str, str]] = []
     points: dict[tuple[str, str], list[np.ndarray]] = {}
     lines: dict[tuple[str, str], list[int]] = {}

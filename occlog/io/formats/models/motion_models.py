@@ -1,8 +1,6 @@
-"""Motion models as JSON files: what `occlog fit-motion` writes and batch tracking reads.
+"""JSON files of motion models (`occlog fit-motion`) and of path loss models of readers (`occlog fit-readers`).
 
-Path losses of readers as JSON files: what `occlog fit-readers` writes and tracking by reads takes.
-
-Losses in making a model: motion, path losses, fundamental matrices.
+Also the losses of input recorded in models.
 """
 
 from __future__ import annotations
@@ -32,7 +30,7 @@ MatrixWithGaps = Annotated[list[Gap], Meta(min_length=4, max_length=4)]
 
 
 class MotionSpec(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    """A linear Gaussian motion model: x' = A x + N(0, sigma), x = [u u' v v'], in length units and seconds."""
+    """Linear Gaussian motion model x' = A x + N(0, sigma), with x = [u u' v v'] in length units and seconds."""
 
     occlog_motion: Annotated[Literal[1], Meta(description="version of this format")]
     length_unit: Annotated[Literal["m", "ft", "in", "unit", "px"], Meta(description="unit of every length")]
@@ -57,7 +55,7 @@ class MotionSpec(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
 
 
 class MotionModel(NamedTuple):
-    """A motion model and the unit of its lengths."""
+    """A motion model and its length unit."""
 
     A: Floats  # (4, 4)
     sigma: Floats  # (4, 4), positive definite
@@ -71,7 +69,7 @@ def motion_schema() -> dict[str, object]:
 
 
 def read_motion(path: Path) -> MotionModel:
-    """The model in a file; InputError, one line, names the field that is wrong."""
+    """Read a motion model; InputError, one line, names an invalid field."""
     otherwise = "is not a motion file (no `occlog_motion`); make one with `occlog fit-motion`"
     spec = struct_of(read_json(path), MotionSpec, key="occlog_motion", source=path, otherwise=otherwise)
     A, sigma = np.array(spec.A, dtype=np.float64), np.array(spec.sigma, dtype=np.float64)
@@ -83,7 +81,7 @@ def read_motion(path: Path) -> MotionModel:
 def write_motion(
     path: Path, motion: MotionModel, details: Mapping[str, object], provenance: Provenance, *, overwrite: bool = False
 ) -> None:
-    """Write a model, whole or not at all; a non-finite value in `details` becomes null.
+    """Write a motion model atomically; non-finite values in `details` become null.
 
     Args:
         path: file to write.
@@ -135,7 +133,7 @@ Share = Annotated[float, Meta(gt=0, lt=1)]
 
 
 class ReaderLoss(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    """One reader."""
+    """Path loss parameters of one reader."""
 
     name: str
     power: Annotated[float, Meta(description="strength at 1 m [dBm]")]
@@ -144,7 +142,7 @@ class ReaderLoss(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
 
 
 class CoverageSpec(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    """From which strength on a read counts, as that of a tag in range, and how often that is wrong."""
+    """Signal strength from which a read counts as in range, and the probability that this is wrong."""
 
     range: Annotated[Positive, Meta(description="of all readers: a tag expected weaker than this is out of range")]
     detection: Annotated[Share, Meta(description="probability that a tag in range is read so strongly in a window")]
@@ -152,7 +150,7 @@ class CoverageSpec(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
 
 
 class PathLossSpec(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    """A read at d metres has the strength power - 10 exponent log10(d) + shadowing + noise."""
+    """Path loss model: strength [dBm] at d metres = power - 10 exponent log10(d) + shadowing + noise."""
 
     occlog_path_loss: Annotated[Literal[1], Meta(description="version of this format")] = 1
     length_unit: Annotated[Literal["m", "ft", "in", "unit", "px"], Meta(description="unit of every length")]
@@ -192,13 +190,13 @@ def read_path_loss(path: Path) -> PathLossSpec:
 
 
 def write_path_loss(path: Path, spec: PathLossSpec, provenance: Provenance, *, overwrite: bool = False) -> None:
-    """Write path losses, whole or not at all."""
+    """Write a path loss model atomically."""
     values = {**msgspec.to_builtins(spec), "_provenance": provenance.as_dict()}
     write_json(path, values, overwrite=overwrite)
 
 
 def model_losses(paths: Iterable[Path | None]) -> tuple[Loss, ...]:
-    """Losses of several models, each once, in the order of the files; None has none.
+    """Losses recorded in several models, without duplicates, in the order of the files; None is skipped.
 
     Args:
         paths: JSON files with what a model was made of in `_provenance`, or recordings that hold one.

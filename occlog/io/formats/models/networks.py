@@ -18,7 +18,7 @@ Bytes = Annotated[int, Meta(ge=0, le=1_000_000_000)]
 
 
 class NetworkFileSpec(msgspec.Struct, forbid_unknown_fields=True):
-    """Base of all parts: unknown keys are errors."""
+    """Base class of all parts of the file; unknown keys are errors."""
 
 
 class SensorNodeSpec(NetworkFileSpec, kw_only=True):
@@ -31,14 +31,14 @@ class SensorNodeSpec(NetworkFileSpec, kw_only=True):
 
 
 class CameraNodeSpec(NetworkFileSpec, kw_only=True):
-    """A camera at a router."""
+    """Camera node at a router."""
 
     name: Name
     router: Name
 
 
 class SizesSpec(NetworkFileSpec, kw_only=True):
-    """Bytes sent."""
+    """Message sizes [bytes]."""
 
     packet: Annotated[int, Meta(gt=0, le=1_000_000_000, description="payload of a packet, at most")] = 1000
     header: Annotated[Bytes, Meta(description="added to each packet")] = 0
@@ -50,7 +50,7 @@ class SizesSpec(NetworkFileSpec, kw_only=True):
 
 
 class NetworkSpec(NetworkFileSpec, kw_only=True):
-    """A network: [Lee] Fig. 5-40, or its string of routers, Fig. 5-41."""
+    """A network: [Lee] Fig. 5-40, or its chain of routers, Fig. 5-41."""
 
     occlog_network: Annotated[Literal[1], Meta(description="version of this format")]
     server: Name
@@ -108,7 +108,7 @@ def read_network(path: Path) -> NetworkSpec:
 
 
 def _check_ways(path: Path, spec: NetworkSpec, nodes: set[str]) -> None:
-    """InputError for a node that no way leads to from the server."""
+    """InputError for a node that is not reachable from the server."""
     reached, grown = {spec.server}, True
     while grown:
         more = {b for a, b in spec.links if a in reached} | {a for a, b in spec.links if b in reached}

@@ -1,8 +1,7 @@
-"""Description of an ONNX file: its inputs, outputs and metadata, and the files of weights next to it.
+"""Description of an ONNX file: inputs, outputs, metadata, and external weight files.
 
-The file is walked through in the wire format of Protocol Buffers, by the numbers of fields in `onnx.proto3` of the ONNX
-project; weights are skipped.  Models come from anywhere: sizes and depths are limited, and weights in other files are
-refused unless these are in the model's own folder.
+The Protocol Buffers wire format is parsed by field numbers of `onnx.proto3`; weights are skipped. Since models may be
+untrusted, sizes and nesting are limited, and external weights must be in the model's own folder.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ ABOVE_ZERO = ("strides", "dilations", "kernel_shape", "group", "blocksize", "siz
 
 @dataclass(frozen=True)
 class Port:
-    """An input or an output of a network."""
+    """Input or output of a network: name, type and shape."""
 
     name: str
     kind: str  # of its elements, as NumPy calls it; empty: not stated, or none of `KINDS`
@@ -64,7 +63,7 @@ class OnnxFile:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """All files that the network is in."""
+        """All files of the network, including weights."""
         return (self.path, *self.weights)
 
 
@@ -72,8 +71,7 @@ def read_onnx(path: Path) -> OnnxFile:
     """Read what a network states about itself.
 
     Raises:
-        InputError: the file is none of a network, is damaged or too large, or has weights in a file that is not in its
-            folder.
+        InputError: the file is not a network, is damaged or too large, or has external weights outside its folder.
     """
     path = check_input(path, "a network (ONNX)")
     size = path.stat().st_size
@@ -103,7 +101,7 @@ def read_onnx(path: Path) -> OnnxFile:
 
 
 def _beside(path: Path, locations: list[str]) -> tuple[Path, ...]:
-    """The files of weights that a model names; InputError for one that is not in its folder."""
+    """External weight files of a model; InputError for one outside its folder."""
     folder = path.resolve().parent
     found = []
     for location in dict.fromkeys(locations):
@@ -128,12 +126,12 @@ def _beside(path: Path, locations: list[str]) -> tuple[Path, ...]:
 
 
 class _DamageError(Exception):
-    """The bytes are no message of Protocol Buffers, or not one of ONNX."""
+    """The bytes are not a valid ONNX message."""
 
 
 @dataclass
 class _OnnxWalk:
-    """Goes through a model and collects what it states; the numbers are those of fields in `onnx.proto3`."""
+    """Parser of a model that collects its description; numbers are fields of `onnx.proto3`."""
 
     inputs: list[Port] = field(default_factory=list)
     outputs: list[Port] = field(default_factory=list)
@@ -143,7 +141,7 @@ class _OnnxWalk:
     fields: int = 0
 
     def model(self, data: memoryview) -> None:
-        """ModelProto."""
+        """Parse a ModelProto."""
         for number, value in self._messages(data):
             if number == 7:
                 self._graph(value, depth=0, whole=True)
@@ -160,7 +158,7 @@ class _OnnxWalk:
                         self._node(node, depth=0)
 
     def _graph(self, data: memoryview, depth: int, whole: bool = False) -> None:
-        """GraphProto; the inputs and outputs of the `whole` model's are collected."""
+        """Parse a GraphProto; inputs and outputs are collected for the main graph (`whole`)."""
         if depth > DEEPEST:
             raise _DamageError(f"graphs in graphs, {DEEPEST} deep")
         for number, value in self._messages(data):
@@ -176,7 +174,7 @@ class _OnnxWalk:
                 self.outputs.append(self._port(value))
 
     def _node(self, data: memoryview, depth: int) -> None:
-        """NodeProto: its attributes may hold tensors and graphs."""
+        """Parse a NodeProto, whose attributes may hold tensors and graphs."""
         for number, attribute in self._messages(data):
             if number != 5:
                 continue
@@ -198,13 +196,13 @@ class _OnnxWalk:
                 raise _DamageError(f"{name} of 0 or less")
 
     def _sparse(self, data: memoryview) -> None:
-        """SparseTensorProto: values, indices."""
+        """Parse a SparseTensorProto: values and indices."""
         for number, value in self._messages(data):
             if number in (1, 2):
                 self._tensor(value)
 
     def _tensor(self, data: memoryview) -> None:
-        """TensorProto: its name, and where its values are if not here."""
+        """Parse a TensorProto: name, and location of external values."""
         sides: list[int] = []
         kind, name, raw, typed, external = 0, "", 0, 0, False
         for number, value in self._fields(data):
@@ -237,12 +235,12 @@ class _OnnxWalk:
             raise _DamageError(f"weights {name[:40]!r} have {there} values where {wanted} were expected")
 
     def _entry(self, data: memoryview) -> tuple[str, str]:
-        """StringStringEntryProto."""
+        """Parse a StringStringEntryProto (key, value)."""
         found = {number: _text(value) for number, value in self._messages(data) if number in (1, 2)}
         return found.get(1, ""), found.get(2, "")
 
     def _port(self, data: memoryview) -> Port:
-        """ValueInfoProto of a tensor."""
+        """Parse a ValueInfoProto of a tensor."""
         name, kind, shape = "", 0, None
         for number, value in self._messages(data):
             if number == 1:
@@ -258,20 +256,20 @@ class _OnnxWalk:
         return Port(name, KINDS.get(kind, ""), shape)
 
     def _dim(self, data: memoryview) -> int | None:
-        """TensorShapeProto.Dimension: a number, or None where it has a name or nothing."""
+        """Parse a TensorShapeProto.Dimension: a number, or None if symbolic or missing."""
         for number, value in self._fields(data):
             if number == 1 and isinstance(value, int):
                 return value if 0 < value < 2**31 else None
         return None
 
     def _messages(self, data: memoryview) -> Iterator[tuple[int, memoryview]]:
-        """Fields that are bytes: messages, texts, or arrays."""
+        """Generate the fields with length-delimited bytes: messages, texts or arrays."""
         for number, value in self._fields(data):
             if isinstance(value, memoryview):
                 yield number, value
 
     def _fields(self, data: memoryview) -> Iterator[tuple[int, int | memoryview]]:
-        """Numbers and values of fields: a whole number, or bytes."""
+        """Generate numbers and values of fields: an integer, or bytes."""
         index, end = 0, len(data)
         while index < end:
             self.fields += 1
@@ -298,7 +296,7 @@ class _OnnxWalk:
 
 
 def _varint(data: memoryview, offset: int) -> tuple[int, int]:
-    """A whole number of up to 64 bits, and the position after it."""
+    """Decode a variable-length integer of up to 64 bits; return it with the next offset."""
     value = 0
     for shift in range(0, 70, 7):
         if offset >= len(data):
@@ -320,7 +318,7 @@ def _varints(data: memoryview) -> Iterator[int]:
 
 
 def _count(data: memoryview, width: int) -> int:
-    """Numbers of this many bytes one behind the other; 0: of as many as each states."""
+    """Number of packed values of `width` bytes; 0: variable-length values."""
     return len(data) // width if width else int(np.count_nonzero(np.frombuffer(data, np.uint8) < 0x80))
 
 

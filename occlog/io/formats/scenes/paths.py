@@ -26,7 +26,7 @@ Interval = tuple[Time, Time]
 
 
 class SegmentSpec(SceneFileSpec, kw_only=True):
-    """A section of a path; without `lateral` and `acceleration` one of constant velocity."""
+    """Section of a path; with constant velocity unless `lateral` or `acceleration` is given."""
 
     from_s: (
         Annotated[Time, Meta(description="default: the end of the segment before, or the target's start")] | None
@@ -47,7 +47,7 @@ class SegmentSpec(SceneFileSpec, kw_only=True):
 
 
 class TargetSpec(SceneFileSpec, kw_only=True):
-    """One object and its path."""
+    """A scripted target and its path."""
 
     id: Annotated[int, Meta(ge=0, le=2**31 - 1)]
     role: Literal["target", "occluder"] = "target"
@@ -124,7 +124,7 @@ def _target(spec: TargetSpec, where: str) -> ScriptedTarget:
 
 
 def _segments(spec: TargetSpec, flat: bool, where: str) -> tuple[Segment, ...]:
-    """Segments with their ends filled in; InputError where they overlap or state two things at once."""
+    """Segments with their ends filled in; InputError if they overlap or are overdetermined."""
     done: list[Segment] = []
     for i, s in enumerate(spec.segments):
         location, before = f"{where}: segments[{i}]", done[-1].until_s if done else spec.from_s

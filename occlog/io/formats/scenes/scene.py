@@ -61,11 +61,11 @@ Corners = Annotated[list[Point2], Meta(min_length=3)]
 
 
 class SceneFileSpec(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
-    """Base of all parts: unknown keys are errors."""
+    """Base class of all parts of the file; unknown keys are errors."""
 
 
 class NoiseSpec(SceneFileSpec, kw_only=True):
-    """Standard deviations of [Ercan] Eq. 2, and how reliable detection is."""
+    """Pose and measurement noise ([Ercan] Eq. 2), and detection probabilities."""
 
     position: Annotated[
         float, Meta(ge=0, le=MAX_COORDINATE, description="of the camera's position, in the length unit")
@@ -85,7 +85,7 @@ class NoiseSpec(SceneFileSpec, kw_only=True):
 
 
 class DistortionSpec(SceneFileSpec, kw_only=True):
-    """Lens distortion on normalised image coordinates."""
+    """Lens distortion, on normalised image coordinates."""
 
     model: Literal["brown", "opencv", "tsai", "equidistant"] = "brown"
     coefficients: Annotated[
@@ -193,7 +193,7 @@ class OccluderSpec(SceneFileSpec, kw_only=True):
 
 
 class ClockSpec(SceneFileSpec, kw_only=True):
-    """World time = sensor time - offset - drift x (sensor time - start)."""
+    """Clock: world time = sensor time - offset - drift x (sensor time - start)."""
 
     name: Name
     offset_ns: Annotated[int, Meta(ge=-MAX_OFFSET_NS, le=MAX_OFFSET_NS)] = 0
@@ -223,7 +223,7 @@ OLD_NOISE_KEYS = {
 
 
 def _renamed(raw: dict[str, Any]) -> dict[str, Any]:
-    """The values of a scene file with the keys of `OLD_NOISE_KEYS` under their new names."""
+    """Rename the old keys `OLD_NOISE_KEYS` in the values of a scene file."""
 
     def camera(given: Any) -> Any:
         noise = given.get("noise") if isinstance(given, dict) else None
@@ -248,7 +248,7 @@ def scene_from_yaml(text: str, source: str) -> Scene:
 
 
 def _plain(value: object) -> object:
-    """A number of NumPy as one of Python: scenes are made in Python, too."""
+    """Convert a NumPy number to a Python number."""
     if isinstance(value, np.generic):
         return value.item()
     raise TypeError(f"a scene holds {value!r}, which is no number or text")
@@ -295,7 +295,7 @@ def _check_names(scene: Scene, source: str) -> None:
 
 
 def _polygon(corners: list[tuple[float, float]], where: str) -> Floats:
-    """(K, 2) counter-clockwise corners of a simple polygon."""
+    """Check and orient the corners (K, 2) of a simple polygon counter-clockwise."""
     polygon = Polygon(corners)
     if not np.all(np.isfinite(np.asarray(corners))):
         raise InputError(f"{where}: corners must be finite numbers")
@@ -362,7 +362,7 @@ def _distortion(spec: DistortionSpec | None, where: str) -> tuple[Floats, str]:
 
 
 def _rotation(spec: CameraSpec, where: str) -> tuple[Floats, bool]:
-    """World-from-camera rotation, and whether the camera has a pose at all."""
+    """World-from-camera rotation, and whether the camera has a pose."""
     angles = [_angle(getattr(spec, k), getattr(spec, f"{k}_deg"), k, where) for k in ("yaw", "pitch", "roll")]
     if spec.rotation is not None:
         if any(a is not None for a in angles):

@@ -1,4 +1,4 @@
-"""Positions of sensors that measure directions, in a text table: a scene for those who have no more than that."""
+"""Positions of direction-finding stations in a text table, as a minimal scene."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ MAX_YAW_DEG = 360.0
 
 
 def holds_stations(path: Path) -> bool:
-    """Return whether a text file names stations and their positions in its header line."""
+    """Whether a text file has a header line with station names and positions."""
     try:
         header = {cell.lower() for cell in first_line(path, WHAT)}
     except InputError:
@@ -50,7 +50,7 @@ def holds_stations(path: Path) -> bool:
 
 
 def header_of_table(path: Path) -> list[str]:
-    """Names of the columns of a text table; none for other texts, such as YAML."""
+    """Column names of a text table; empty for other texts, such as YAML."""
     try:
         header = first_line(path, WHAT)
     except InputError:
@@ -59,7 +59,7 @@ def header_of_table(path: Path) -> list[str]:
 
 
 def check_stations(path: Path) -> None:
-    """InputError for a header with a column twice, or with positions in several units."""
+    """InputError for a header with a repeated column, or positions in several units."""
     header = [cell.lower() for cell in first_line(path, WHAT)]
     if (double := first_double(header)) is not None:
         raise InputError(
@@ -71,14 +71,14 @@ def check_stations(path: Path) -> None:
 
 
 def occurs_twice(path: Path) -> bool:
-    """Return whether a name is in several rows, as the identity of a track is, and no station."""
+    """Whether a name occurs in several rows, as a track's identity does, so that the table is not of stations."""
     for rows in read_rows(path, COLUMNS, WHAT, ignore_extra=True):
         return len(set(rows.cells["name"].tolist())) < len(rows)
     return False
 
 
 def _several(units: Iterable[str]) -> str:
-    """Units in words."""
+    """Format units for a message."""
     return " and ".join(sorted(unit or "no stated unit" for unit in units))
 
 
@@ -132,7 +132,7 @@ def read_stations(path: Path) -> Scene:
 
 
 def _in_the_scene(rows: CsvRows) -> CsvRows:
-    """Rows with positions in the scene in place of those on the earth."""
+    """Rows with geodetic positions converted to positions in the scene."""
     latitude, longitude, height = (
         next((name for name in names if rows.has(name)), None) for names in (LATITUDES, LONGITUDES, HEIGHTS)
     )
@@ -149,14 +149,14 @@ def _in_the_scene(rows: CsvRows) -> CsvRows:
 
 
 def _unit(name: str, path: Path) -> str:
-    """The unit of a column of positions: as its name states, or as it is stated; metres otherwise."""
+    """Unit of a position column: by its name, or as the user states; else metres."""
     reported = name.partition("_")[2]
     STATED.get().note_use(name, "length", reported, path)
     return STATED.get().unit_of(name, "length", reported, path) or "m"
 
 
 def _spelled(rows: CsvRows, axis: str) -> str | None:
-    """The column of an axis, whatever unit it states."""
+    """Column of an axis, with any unit suffix."""
     found = [name for name in COLUMNS if name.partition("_")[0] == axis and rows.has(name)]
     if len(found) > 1:
         raise InputError(

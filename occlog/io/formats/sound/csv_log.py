@@ -60,7 +60,7 @@ class DoaRows(NamedTuple):
 
 
 def azimuths_only(line: Ints, t_ns: Ints, sensor: Strings, azimuth: Floats) -> DoaRows:
-    """Rows of a log that gives nothing but azimuths."""
+    """Make rows of a log that has azimuths only."""
     unknown = np.full(len(line), np.nan)
     unlabelled = np.full(len(line), -1, dtype=np.int64)
     return DoaRows(
@@ -102,7 +102,7 @@ AZIMUTHS = {name for key, names in FORMAT.names.items() if key.startswith("azimu
 
 
 def read_table(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator[DoaRows]:
-    """Rows of the log."""
+    """Read the rows of the log."""
     label = ""
     for part in read_format(path, FORMAT, ignore_extra=options.ignore_extra):
         rows = part.rows
@@ -126,7 +126,7 @@ def read_table(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator
 
 
 def _sensors(rows: CsvRows, options: DoaOptions, label: str) -> Strings:
-    """(n,) names of the arrays of the rows; `label` is what the first row of the log calls its own."""
+    """(n,) array names of the rows; `label` is the name of the array in the first row."""
     if options.sensor is not None:
         if rows.has("sensor"):
             check_one_sensor(rows, "sensor", options.sensor, label)
@@ -140,7 +140,7 @@ def _sensors(rows: CsvRows, options: DoaOptions, label: str) -> Strings:
 
 
 def _angle(rows: CsvRows, name: str, options: DoaOptions) -> Floats:
-    """(n,) angles [rad] of a column with a unit from its name or the option `unit`; NaN if missing."""
+    """(n,) angles [rad] of a column, with the unit in its name or of the option `unit`; NaN if missing."""
     found = [unit for unit in ("", "_deg", "_rad") if rows.has(name + unit)]
     if not found:
         return np.full(len(rows), np.nan)

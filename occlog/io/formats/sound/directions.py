@@ -55,9 +55,7 @@ def read_doa(
     clocks: Mapping[str, Clock] | None = None,
     losses: list[Loss] | None = None,
 ) -> Iterator[Doa]:
-    """Tables of directions, azimuths in the world's convention.
-
-    Directions from the frame of a tilted array are turned as vectors where the log has elevations.
+    """Read tables of directions, with azimuths converted to the world's convention.
 
     Args:
         path: the log.
@@ -129,7 +127,7 @@ def to_world(azimuth: Floats, convention: str, array_yaw: Floats | float = 0.0) 
 def _untilted(
     rows: DoaRows, sensor: Strings, azimuth: Floats, tilted: Mapping[str, MicrophoneArray]
 ) -> tuple[Floats, DoaRows]:
-    """World azimuths, and the rows with world elevations, of directions in the frames of tilted arrays."""
+    """World azimuths, and rows with world elevations, of directions in the frames of tilted arrays."""
     azimuth, elevation = azimuth.copy(), rows.elevation.copy()
     for name, array in tilted.items():
         mine = np.flatnonzero((sensor == name) & np.isfinite(rows.elevation))
@@ -145,7 +143,7 @@ MAX_RESTART_SHARE = 0.1
 
 
 def _check_times(path: Path, rows: DoaRows, sensor: Strings, spans: dict[str, tuple[int, int]]) -> None:
-    """Raise InputError where the times of one array go back; several directions at one time are a set.
+    """InputError if times of one array decrease; several directions at one time are allowed.
 
     `spans`: first and last time of each array so far.
     """
@@ -172,7 +170,7 @@ def _check_times(path: Path, rows: DoaRows, sensor: Strings, spans: dict[str, tu
 
 
 def _by_clocks(rows: DoaRows, sensor: Strings, clocks: Mapping[str, Clock], first: dict[str, int]) -> DoaRows:
-    """The rows with world times."""
+    """Convert the times of rows to world time by the sensors' clocks."""
     t_ns = rows.t_ns.copy()
     for name, clock in clocks.items():
         mine = np.flatnonzero(sensor == name)

@@ -56,12 +56,12 @@ _LAST_NUMBER = re.compile(r"(\d{1,9})$")
 
 
 def looks_like_locata(head: Sequence[str]) -> bool:
-    """Return whether a header line is that of a table of poses."""
+    """Whether a header line is that of a LOCATA table of poses."""
     return {*TIMES, *PLACE} <= {cell.strip().lower() for cell in head}
 
 
 def read_array(path: Path, name: str | None) -> MicrophoneArray:
-    """An array that does not move, with its microphones in its own frame.
+    """Read a static array, with its microphones in its own frame.
 
     Args:
         path: `position_array_NAME.txt`.
@@ -95,7 +95,7 @@ def read_array(path: Path, name: str | None) -> MicrophoneArray:
 
 
 def read_source(path: Path) -> Truth:
-    """Positions of one source in the order of time; its identity is the number at the end of the file's name, or 0.
+    """Read the positions of one source; its identity is the number at the end of the file name, or 0.
 
     A time that is repeated counts once.  InputError where times go back.
     """
@@ -136,7 +136,7 @@ def _values(part: TextPart, columns: Sequence[str]) -> Floats:
 
 
 def _times(part: TextPart) -> Ints:
-    """(n,) times [ns since 1970], taken for UTC, exact to the nanosecond."""
+    """(n,) times [ns since 1970], taken as UTC, exact to the nanosecond."""
     minutes: dict[tuple[int, ...], int] = {}
     out = np.empty(len(part), dtype=np.int64)
     parts = zip(*(part[name].tolist() for name in TIMES[:5]), strict=True)
@@ -154,7 +154,7 @@ def _times(part: TextPart) -> Ints:
 
 
 def _check_rotations(path: Path, turns: Floats, lines: Ints) -> None:
-    """Raise InputError for a matrix that is no rotation."""
+    """InputError for a matrix that is not a rotation."""
     off = np.abs(np.einsum("nij,nkj->nik", turns, turns) - np.eye(3)).max(axis=(1, 2))
     bad = np.flatnonzero((off > MAX_ROTATION_ERROR) | (np.linalg.det(turns) < 0))
     if len(bad):
@@ -162,7 +162,7 @@ def _check_rotations(path: Path, turns: Floats, lines: Ints) -> None:
 
 
 def _check_still(path: Path, positions: Floats, turns: Floats, lines: Ints) -> None:
-    """Raise InputError where the array moves."""
+    """InputError if the array moves."""
     moved = np.linalg.norm(positions - positions[0], axis=1)
     cosine = (np.einsum("ij,nij->n", turns[0], turns) - 1) / 2
     turned = np.arccos(np.clip(cosine, -1.0, 1.0))
@@ -203,7 +203,7 @@ _WHOLE_NUMBER = re.compile(r"^[0-9]{1,9}$")
 
 
 def read_frida(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator[DoaRows]:
-    """One algorithm's estimates; recording k of the file (from 0) gets the time k seconds.
+    """Read the estimates of one algorithm; recording k of the file (from 0) gets the time k seconds.
 
     The estimates of one recording are a set without order or identity, measured from the
     array's own x axis.  The recordings have no time stamps.
@@ -237,7 +237,7 @@ def looks_like_telemetr(head: list[str]) -> bool:
 
 
 def read_telemetr(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator[DoaRows]:
-    """Bearings of towers, clockwise from north; dates are month/day/year, 1900 + yy, and taken for UTC.
+    """Read bearings of towers, clockwise from north; dates are month/day/year, 1900 + yy, taken as UTC.
 
     An animal's number is the identity of its bearings.  0 represents a tower without a bearing
     (north is 360): the program that made such logs took the other towers alone for its fix.
@@ -267,7 +267,7 @@ def read_telemetr(path: Path, options: DoaOptions, _losses: list[Loss]) -> Itera
 
 
 def _animals(cells: Strings) -> Ints:
-    """Numbers of animals; -1 for a name that is not a number, which an identity must be."""
+    """Numbers of animals; -1 for a name that is not a number."""
     return np.array([int(c) if _WHOLE_NUMBER.match(c) else -1 for c in cells.tolist()], dtype=np.int64)
 
 
@@ -337,7 +337,7 @@ ROWS_PER_CHUNK = 16_384
 
 
 class _OdasObject(NamedTuple):
-    """One object of the stream, and the line on which it begins."""
+    """One JSON object of the stream, and the line on which it begins."""
 
     line: int
     number: int
@@ -345,15 +345,15 @@ class _OdasObject(NamedTuple):
 
 
 def looks_like_odas(head: list[str]) -> bool:
-    """Return whether the first line of a file begins a JSON object."""
+    """Whether the first line of a file begins a JSON object."""
     return bool(head) and head[0].lstrip("\ufeff").lstrip().startswith("{")
 
 
 def read_odas(path: Path, options: DoaOptions, losses: list[Loss]) -> Iterator[DoaRows]:
-    """Directions of a stream; an object that the end of the file cuts off is a loss.
+    """Read the directions of a stream; an object truncated by the end of the file is a loss.
 
-    Sources without activity, or straight above or below, are left out with a note: the first are predicted by ODAS and
-    not heard, the others have no azimuth.
+    Sources without activity (predicted by ODAS only), or straight above or below (without azimuth), are skipped with a
+    note.
 
     Raises:
         UsageError: the hop or the array is not given.
@@ -396,7 +396,7 @@ def read_odas(path: Path, options: DoaOptions, losses: list[Loss]) -> Iterator[D
 
 
 def parse_hop(text: str) -> Fraction:
-    """A hop [s] as a number or a quotient such as 128/16000; UsageError unless it is above 0 and at most 10."""
+    """Parse a hop length [s], a number or a quotient such as 128/16000; UsageError unless in (0, 10]."""
     try:
         value = Fraction(text.replace(" ", ""))
     except (ValueError, ZeroDivisionError):
@@ -407,7 +407,7 @@ def parse_hop(text: str) -> Fraction:
 
 
 def _hops(path: Path, losses: list[Loss]) -> Iterator[_OdasObject]:
-    """The objects of the file, which is read piece by piece."""
+    """Generate the objects of the file, read in pieces."""
     decoder = json.JSONDecoder(parse_constant=_refuse_constant)
     text, at, line, ended = "", 0, 1, False
     with path.open(encoding="utf-8-sig", errors="replace") as file:
@@ -432,14 +432,14 @@ def _hops(path: Path, losses: list[Loss]) -> Iterator[_OdasObject]:
 
 
 def _after_blanks(text: str, at: int) -> int:
-    """The position of the next character that is not a blank."""
+    """Position of the next non-blank character."""
     while at < len(text) and text[at] in " \t\r\n":
         at += 1
     return at
 
 
 def _decode(decoder: json.JSONDecoder, text: str, at: int) -> tuple[object, int, str]:
-    """The JSON value that begins at a position of the text, and its end; None and the reason if it is incomplete."""
+    """Decode the JSON value at a position of the text, and its end; None and the reason if incomplete."""
     if at >= len(text):
         return None, at, ""
     try:
@@ -454,7 +454,7 @@ def _refuse_constant(name: str) -> float:
 
 
 def _end(path: Path, line: int, text: str, problem: str, losses: list[Loss]) -> None:
-    """The text after the last whole object: cut off at the end of the file, or damaged."""
+    """Handle the text after the last complete object: truncated (loss), or damaged (InputError)."""
     cut = text.startswith("{") and text.count("{") > text.count("}")
     if not cut:
         raise _malformed(path, line, problem)
@@ -468,7 +468,7 @@ def _malformed(path: Path, line: int, problem: str) -> InputError:
 
 
 def _check(path: Path, line: int, found: object) -> _OdasObject:
-    """The object as a hop; InputError where it is something else."""
+    """Convert an object to a hop; InputError if it has another form."""
     if not isinstance(found, dict):
         raise _malformed(path, line, f"a JSON {type(found).__name__}")
     count, sources = found.get("timeStamp"), found.get("src")
@@ -480,7 +480,7 @@ def _check(path: Path, line: int, found: object) -> _OdasObject:
 
 
 def _sources(path: Path, hop: _OdasObject) -> Iterator[tuple[int, float, float, float]]:
-    """Identity (-1: none), azimuth and elevation in the array's frame [rad] and confidence of each source."""
+    """Identity (-1: none), azimuth and elevation in the array's frame [rad], and confidence of each source."""
     for source in hop.sources:
         identity = source.get("id", -1)
         if isinstance(identity, bool) or not isinstance(identity, int) or not -1 <= identity < 2**31:

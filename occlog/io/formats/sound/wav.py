@@ -1,9 +1,7 @@
-"""WAV files read block by block, damaged ones up to the damage.
+"""Reading of WAV files block by block; damaged files are read up to the damage.
 
-Neither the standard library's reader (no floats) nor SciPy's (the whole file at once, no files
-cut off) will do for a recording of hours that a recorder did not finish, so the chunks are read
-here: RIFF and RF64, whole numbers of 8, 16, 24 and 32 bits, floats of 32 and 64 bits, plain and
-extensible headers.
+The standard library's reader supports no floats, and SciPy's no truncated files and no streaming. Supported: RIFF and
+RF64, integers of 8, 16, 24 and 32 bits, floats of 32 and 64 bits, plain and extensible headers.
 """
 
 from __future__ import annotations
@@ -35,7 +33,7 @@ LOUDEST = 1e30
 
 @dataclass
 class Sound:
-    """A WAV file, opened; `losses` is complete after all blocks have been read."""
+    """An opened WAV file; `losses` is complete after all blocks have been read."""
 
     path: Path
     channels: int
@@ -48,7 +46,7 @@ class Sound:
     losses: list[Loss] = field(default_factory=list)
 
     def blocks(self, size: int = 65536) -> Iterator[Floats]:
-        """(n, channels) samples, full scale 1, `size` frames at a time."""
+        """Generate (n, channels) samples with full scale 1, `size` frames at a time."""
         if self.promised is None:
             self.losses.append(Loss(self.path.name, "header", "does not state the length; read to the end of the file"))
         elif self.frames < self.promised:
@@ -97,7 +95,7 @@ class Sound:
 
 
 def open_sound(path: Path) -> Sound:
-    """A WAV file with a header that has been read; InputError for another file, or one without sound."""
+    """Open a WAV file and parse its header; InputError for another file, or one without sound."""
     check_input(path, WHAT)
     size = path.stat().st_size
     with path.open("rb") as file:
@@ -128,7 +126,7 @@ def open_sound(path: Path) -> Sound:
 
 
 def _is_more(path: Path, at: int) -> bool:
-    """Return whether the data behind the samples are more samples, or a second chunk of samples."""
+    """Whether data after the declared samples are more samples, or a second chunk of samples."""
     size = path.stat().st_size
     with path.open("rb") as file:
         for _ in range(MAX_CHUNKS):
@@ -159,7 +157,7 @@ def _left(path: Path, at: int) -> Loss:
 
 
 def _chunks(path: Path, file: BinaryIO, large: bool) -> tuple[bytes, int, int]:
-    """The format chunk, and where the samples begin and how many bytes they are by the header."""
+    """Format chunk, start of the samples, and their size [bytes] by the header."""
     form: bytes | None = None
     long_length: int | None = None
     while len(head := file.read(8)) == 8:
@@ -183,7 +181,7 @@ def _chunks(path: Path, file: BinaryIO, large: bool) -> tuple[bytes, int, int]:
 
 
 def _format(path: Path, form: bytes) -> tuple[int, int, int, bool]:
-    """Channels, rate, bits and whether they are floats; InputError for what cannot be read."""
+    """Channels, rate, bits per sample, and whether they are floats; InputError for unsupported formats."""
     if len(form) < 16:
         raise InputError(f"{path}: its format (`fmt `) is cut off; convert it again", id="damaged-file")
     tag, channels, rate, _, block, bits = struct.unpack("<HHIIHH", form[:16])

@@ -1,1 +1,1 @@
-"""Decoders in separate processes: started or forked, their jobs, and the memory that images come through."""
+"""Decoders in separate processes: fork server, jobs, and shared memory for images."""

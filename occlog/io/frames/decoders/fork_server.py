@@ -1,4 +1,4 @@
-"""Decoding processes as copies of one that has loaded what they need: a fifth of the time of starting each again.
+"""Fork server for decoding processes, which start in a fifth of the time since libraries are loaded already.
 
 The fork server is `python -m occlog.io.frames.decoders.fork_server`, started once on first use.  It loads
 OpenCV, decodes nothing itself, and forks a process for each request.  It ends with the process that started it, and
@@ -35,7 +35,7 @@ _NUMBER = struct.Struct("i")
 
 @dataclass
 class ForkedProcess:
-    """A process forked by the nursery, to be used as a `subprocess.Popen` is.
+    """A process forked by the fork server, with the interface of `subprocess.Popen`.
 
     Attributes:
         stdin: pipe to its standard input.
@@ -59,14 +59,14 @@ class ForkedProcess:
         return self.returncode
 
     def wait(self) -> int:
-        """Wait for its end, and state how it was."""
+        """Wait for its end, and return the exit status."""
         if self.returncode is None:
             self._line.setblocking(True)
             self._end(self._line.recv(_NUMBER.size))
         return self.returncode or 0
 
     def kill(self) -> None:
-        """Have it killed, if it still runs."""
+        """Have it killed if it still runs."""
         if self.returncode is None:
             with suppress(OSError):
                 self._line.send(_KILL)
@@ -78,7 +78,7 @@ class ForkedProcess:
 
 
 class ForkServer:
-    """The side of the process that asks for others."""
+    """Client side of the fork server."""
 
     def __init__(self) -> None:
         """Create a fork server that is not started."""
@@ -88,7 +88,7 @@ class ForkServer:
         self._others: list[subprocess.Popen[bytes]] = []  # of processes that this one was forked from
 
     def fork(self, environment: dict[str, str], memory: int | None = None) -> ForkedProcess:
-        """A new process that does the job on its standard input, as `process_main` does.
+        """Fork a process that runs the job on its standard input (`process_main`).
 
         Args:
             environment: of the nursery, where it has to be started.
@@ -141,7 +141,7 @@ class ForkServer:
         socket.send_fds(self._requests, [_REQUEST], descriptors)
 
     def _stop(self) -> None:
-        """End the nursery, and all that it forked."""
+        """End the fork server and all processes that it forked."""
         if self._requests is not None:
             self._requests.close()
         if self._process is not None:
@@ -153,12 +153,12 @@ class ForkServer:
         self._process = self._requests = None
 
     def stop(self) -> None:
-        """End the nursery; another one is started if a process is asked for again."""
+        """End the fork server; it is started again when a process is requested."""
         with self._lock:
             self._stop()
 
     def forget(self) -> None:
-        """Leave the nursery to the process that this one was forked from."""
+        """Release the fork server after a fork of this process, which must not end it."""
         self._lock = threading.Lock()
         if self._requests is not None:
             self._requests.close()
@@ -174,7 +174,7 @@ if hasattr(os, "register_at_fork"):
 
 
 class _Served:
-    """The side of the nursery: its processes, and what wakes it.
+    """Server side: its child processes, and the descriptors that wake it.
 
     Attributes:
         memory: in a forked process, descriptor of what it shares with whoever asked for it; None: nothing.
@@ -195,7 +195,7 @@ class _Served:
         self._selector.register(self._wake, selectors.EVENT_READ)
 
     def serve(self) -> None:
-        """Fork until the requests end; only a forked process comes back from it."""
+        """Serve requests until they end; returns in a forked child only."""
         while True:
             for key, _ in self._selector.select():
                 if key.fileobj is self._requests:
@@ -212,7 +212,7 @@ class _Served:
                     self._hear(key.data)
 
     def _fork(self, descriptors: list[int]) -> bool:
-        """Fork; true in the new process, with the standard input and output that were sent."""
+        """Fork; True in the child, with standard input and output set to the received descriptors."""
         stdin, stdout, line, *memory = descriptors
         pid = os.fork()
         if pid == 0:
@@ -235,7 +235,7 @@ class _Served:
         return pid == 0
 
     def _hear(self, pid: int) -> None:
-        """Kill a process, on request, or because its receiver has closed."""
+        """Kill a child on request, or if its receiver has closed."""
         if pid in self._lines:
             with suppress(OSError):
                 self._lines[pid].recv(1)
@@ -243,7 +243,7 @@ class _Served:
             self._selector.unregister(self._lines[pid])
 
     def _bury(self) -> None:
-        """Report how each ended process did so."""
+        """Report the exit status of each ended child."""
         while self._lines:
             pid, status = os.waitpid(-1, os.WNOHANG)
             if pid == 0:
@@ -262,7 +262,7 @@ class _Served:
 
 
 def main() -> None:
-    """Load what decoding needs, fork, and decode in the child process."""
+    """Load the decoding libraries, serve requests, and decode in the child."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what an interruption means
     gc.disable()  # loaded objects stay; traversing them repeatedly takes time
     from . import process_main

@@ -1,6 +1,6 @@
-"""Memory that a decoding process shares with the one that asks: images come through it without being copied.
+"""Shared memory for images of a decoding process, without copying.
 
-It is cut into slots of one image each.  A slot belongs to the decoder until an image in it is delivered, then to the
+It is divided into slots of one image each. A slot belongs to the decoder until an image in it is delivered, then to the
 image, and to the decoder again when the image is released.
 """
 
@@ -30,13 +30,13 @@ AHEAD = 2**23
 
 
 def slot_size(width: int, height: int) -> int:
-    """Size of a slot for images of this many pixels [bytes], 0 where a pipe is better or memory cannot be shared."""
+    """Slot size [bytes] for images of width x height; 0 if a pipe is better or memory cannot be shared."""
     size = 3 * width * height
     return size if SHARED and SMALLEST <= size <= LARGEST else 0
 
 
 class SharedImages:
-    """The side of the process that asks.
+    """Client side of the shared memory.
 
     Attributes:
         file: descriptor of the memory, for the decoding process.
@@ -44,14 +44,14 @@ class SharedImages:
     """
 
     def __init__(self) -> None:
-        """Memory without slots."""
+        """Create shared memory without slots."""
         self.file = os.memfd_create("images", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
         self.size = self._slots = 0
         self._held: set[int] = set()
         self._freed: deque[int] = deque()
 
     def cut(self, size: int) -> None:
-        """Make the slots, once; the memory keeps its size from then on, whatever the other process does."""
+        """Create the slots, once; the size of the memory is fixed from then on."""
         import fcntl
 
         self.size, self._slots = size, min(max(AHEAD // size, MIN_SLOTS), MAX_SLOTS)
@@ -60,7 +60,7 @@ class SharedImages:
         self._memory = mmap.mmap(self.file, self._slots * size)
 
     def image(self, slot: int, shape: tuple[int, ...]) -> Image:
-        """The image in a slot: itself, or a copy where the decoder would be left without a slot.
+        """Image in a slot: a view, or a copy if the decoder would have no slot left.
 
         Raises:
             InputError: there is no such slot, or no such image fits into it.
@@ -78,7 +78,7 @@ class SharedImages:
         return image
 
     def freed(self) -> bytes:
-        """Numbers of slots that the decoder is to have again; none as long as it has more than half of them."""
+        """Slots to return to the decoder; empty as long as it has more than half of them."""
         if 2 * len(self._held) < self._slots:
             return b""
         slots = bytes(self._freed.popleft() for _ in range(len(self._freed)))
@@ -86,7 +86,7 @@ class SharedImages:
         return slots
 
     def close(self) -> None:
-        """Let go of the memory; images in it stay as they are."""
+        """Close the memory; existing images stay valid."""
         if self.file >= 0:
             with suppress(OSError):
                 os.close(self.file)
@@ -94,7 +94,7 @@ class SharedImages:
 
 
 class Slots:
-    """The side of the decoding process."""
+    """Decoder side of the shared memory."""
 
     def __init__(self, file: int, size: int, wait: Callable[[], bytes]) -> None:
         """Use the slots of a memory.
@@ -109,11 +109,11 @@ class Slots:
         self._free = list(range(count))
 
     def free(self, slots: bytes) -> None:
-        """Take slots back."""
+        """Take back released slots."""
         self._free.extend(slots)
 
     def target(self, shape: tuple[int, ...]) -> Image | None:
-        """An image of that shape in the next free slot, to be decoded into; None where it does not fit.
+        """Image of a shape in the next free slot, to be decoded into; None if it does not fit.
 
         Raises:
             BrokenPipeError: the receiver has closed.
@@ -129,7 +129,7 @@ class Slots:
         return np.frombuffer(self._memory, np.uint8, count, self._free[0] * self._size).reshape(shape)
 
     def deliver(self, image: Image) -> int | None:
-        """Number of the slot that an image is in now; None where it does not fit into one."""
+        """Slot that holds an image; copies it into a free one if necessary; None if it does not fit."""
         target = self.target(image.shape)
         if target is None:
             return None

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 class DecodingJob(TypedDict, total=False):
-    """Work order of the decoding process."""
+    """Work order for the decoding process."""
 
     kind: Required[Literal["video", "images", "messages"]]  # messages: images that come on standard input
     path: Required[str]  # video file, or folder of the images
@@ -45,7 +45,7 @@ class DecodingJob(TypedDict, total=False):
 
 
 class DecoderMessage(TypedDict, total=False):
-    """A message of the decoding process: of the input, of a frame, of the end, or of an error."""
+    """Message of the decoding process: input properties, a frame, the end, or an error."""
 
     size: tuple[int, int]
     frames: int | None
@@ -64,7 +64,7 @@ class DecoderMessage(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True)
 class Delivered:
-    """One frame: number, time after the start of the file (None: not known), and the image or its bytes."""
+    """A frame: number, time since the start of the file (None: unknown), and image or compressed bytes."""
 
     index: int
     pos_ns: int | None
@@ -74,7 +74,7 @@ class Delivered:
 
     @property
     def image(self) -> Image:
-        """The decoded image of a `raw` frame."""
+        """Decoded image of a `raw` frame."""
         if isinstance(self.data, np.ndarray):
             return self.data
         return np.frombuffer(self.data, np.uint8).reshape(self.shape)
@@ -107,14 +107,14 @@ class Decoder:
     shared: SharedImages | None = field(default=None, repr=False)
 
     def begin(self, start: int) -> None:
-        """Report to a video that `waits` its first frame."""
+        """Tell a waiting video decoder its first frame."""
         size = slot_size(*self.size) if self.shared is not None else 0
         if self.shared is not None and size:
             self.shared.cut(size)
         self._write(b"%d %d\n" % (start, size))
 
     def image_of(self, data: bytes, where: str) -> Image:
-        """The image in compressed bytes, by a decoder of `messages`.
+        """Decode compressed image bytes (decoder of `messages`).
 
         Raises:
             InputError: it cannot be decoded; if the process has ended, because of it.
@@ -131,7 +131,7 @@ class Decoder:
         return payload if isinstance(payload, np.ndarray) else np.frombuffer(payload, np.uint8).reshape(header["s"])
 
     def _freed(self) -> bytes:
-        """Slots of shared memory that the process may use again."""
+        """Slots of shared memory to return to the process."""
         return self.shared.freed() if self.shared is not None and self.shared.size else b""
 
     def _write(self, *parts: bytes) -> None:
@@ -142,7 +142,7 @@ class Decoder:
             pipe.flush()
 
     def __enter__(self) -> Self:
-        """Wait until the process knows the size of the frames; InputError where it cannot open the file."""
+        """Wait until the process knows the frame size; InputError if it cannot open the file."""
         try:
             message = self._receive()
             if message is None:
@@ -168,7 +168,7 @@ class Decoder:
         self.close()
 
     def close(self) -> None:
-        """End the process if it still runs, and let go of its pipes."""
+        """End the process if it still runs, and close its pipes."""
         if self.process.poll() is None:
             self.process.kill()
         for pipe in (self.process.stdin, self.process.stdout):
@@ -180,7 +180,7 @@ class Decoder:
             self.shared.close()
 
     def delivered(self) -> Iterator[Delivered]:
-        """The frames in order; InputError where none can be used, a loss where the decoder dies early."""
+        """Generate the frames in order; InputError if none is usable, a loss if the decoder dies early."""
         last = None
         while True:
             freed = self._freed()
@@ -206,7 +206,7 @@ class Decoder:
             yield Delivered(last, None if pos is None else round(pos), kind, payload, tuple(header.get("s", ())))
 
     def _receive(self) -> tuple[DecoderMessage, bytes | bytearray | Image] | None:
-        """The next message, None if the process died; InputError if it reports one."""
+        """Next message; None if the process died; InputError if it reports an error."""
         pipe: IO[bytes] = self.process.stdout  # type: ignore[assignment]
         head = pipe.read(8)
         if len(head) < 8:
@@ -233,7 +233,7 @@ class Decoder:
 
 
 def start_decoder(job: DecodingJob) -> Decoder:
-    """Start a decoding process; it is ready to be used in a `with` statement, which waits for it.
+    """Start a decoding process, for use in a `with` statement, which waits until it is ready.
 
     Args:
         job: what `occlog.io.frames.decoders.process_main` is to do.
@@ -259,7 +259,7 @@ def start_decoder(job: DecodingJob) -> Decoder:
 
 
 def _start(shared: SharedImages | None) -> subprocess.Popen[bytes] | ForkedProcess:
-    """A process that waits for its job."""
+    """Start a process that waits for its job."""
     environment = {**environment_for_children(), "OPENCV_IO_MAX_IMAGE_PIXELS": str(MAX_PIXELS)}
     if FORKS:
         return NURSERY.fork(environment, None if shared is None else shared.file)

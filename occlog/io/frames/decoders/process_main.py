@@ -1,9 +1,8 @@
-"""The decoding process: `python -m occlog.io.frames.decoders.process_main`, started by `process`.
+"""Main module of the decoding process: `python -m occlog.io.frames.decoders.process_main`.
 
-Decoders are large and old C code that meets damaged files here: a crash must not take the
-whole run with it, and what FFmpeg, libjpeg and libpng write about damage is the only trace
-that some of it leaves.  So they run in a separate process, and its standard error is read.
-The job comes as JSON on standard input; messages go to standard output.
+Decoders are C code that parses possibly damaged files: a crash must not end the whole run, and the messages of FFmpeg,
+libjpeg and libpng are the only evidence of some damage. They run in a separate process, whose standard error is
+captured. The job is JSON on standard input; messages go to standard output.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ SILENCERS = ("OPENCV_FFMPEG_LOGLEVEL", "OPENCV_FFMPEG_DEBUG")
 
 
 class Log:
-    """The file that replaces standard error."""
+    """File that replaces standard error, to capture decoder messages."""
 
     def __init__(self) -> None:
         self._file = tempfile.TemporaryFile()  # noqa: SIM115
@@ -51,7 +50,7 @@ class Log:
         self._read = 0
 
     def news(self) -> str:
-        """The first line written since the last call, "" if nothing was; without addresses, which vary."""
+        """First line written since the last call, without addresses; "" if none."""
         size = os.fstat(self._file.fileno()).st_size
         if size <= self._read:
             return ""
@@ -62,7 +61,7 @@ class Log:
 
 
 def send(out: BinaryIO, header: DecoderMessage, payload: bytes | memoryview = b"") -> None:
-    """One message: lengths, JSON, data."""
+    """Send a message: lengths, JSON header, payload."""
     text = json.dumps(header).encode()
     out.write(struct.pack(">II", len(text), len(payload)))
     out.write(text)
@@ -71,13 +70,13 @@ def send(out: BinaryIO, header: DecoderMessage, payload: bytes | memoryview = b"
 
 
 def load() -> None:
-    """Load what every job needs: modules loaded before the fork are shared by all jobs."""
+    """Import the modules that every job needs, before forking."""
     from occlog.io.frames import decode  # noqa: F401
     from occlog.io.video import avi, mkv, mp4  # noqa: F401
 
 
 def main(memory: int | None = None) -> None:
-    """Do the job on standard input; `memory` is shared with the caller."""
+    """Run the job on standard input; `memory` is shared with the caller."""
     out = os.fdopen(os.dup(1), "wb")
     log = Log()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what an interruption means
@@ -148,14 +147,14 @@ def _video(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss], memory
 
 
 def _slots(memory: int | None, size: int) -> Slots | None:
-    """Slots of the shared memory; those that are free again come on standard input."""
+    """Slots of the shared memory; released slots are read from standard input."""
     if memory is None or not size:
         return None
     return Slots(memory, size, cast("BufferedReader", sys.stdin.buffer).read1)
 
 
 def _messages(job: DecodingJob, out: BinaryIO, log: Log, memory: int | None) -> None:
-    """Images that come on standard input, each after its length and the slots that are free; an answer to each."""
+    """Decode images from standard input, each preceded by its length and the released slots; answer each."""
     from ..codec import decode_image, image_size
 
     clock = CpuTimeLimit()
@@ -187,7 +186,7 @@ def _messages(job: DecodingJob, out: BinaryIO, log: Log, memory: int | None) -> 
 
 
 def _send_image(out: BinaryIO, header: DecoderMessage, image: Image, slots: Slots | None) -> None:
-    """Send an image through shared memory, or after its header where it does not fit."""
+    """Send an image through shared memory, or after its header if it does not fit."""
     slot = None if slots is None else slots.deliver(image)
     if slot is None:
         send(out, {**header, "s": image.shape}, bytes_of(image))
@@ -228,14 +227,14 @@ def _images(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> No
 
 
 def bytes_of(image: Image) -> memoryview:
-    """The values of an image in memory order, row by row."""
+    """Bytes of an image in row-major order."""
     import numpy as np
 
     return np.ascontiguousarray(image).reshape(-1).data
 
 
 def _first_image(job: DecodingJob, files: list[tuple[int, Path]]) -> tuple[Image, bytes]:
-    """The first image that can be decoded, and the content of its file."""
+    """First image that can be decoded, and the content of its file."""
     from ..codec import decode_image
 
     reason = ""

@@ -1,6 +1,6 @@
-"""Compressed images and the frames of linked videos, decoded in separate processes.
+"""Compressed images and frames of linked videos, decoded in separate processes.
 
-A process for images is kept for the next one.  There are as many as threads that decode at the same time.
+Processes for images are reused; there are as many as threads that decode at the same time.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _idle: list[Decoder] = []
 
 
 def decode_apart(data: bytes, where: str) -> Image:
-    """The image in PNG, JPEG or other compressed bytes, decoded in another process.
+    """Decode PNG, JPEG or other compressed bytes in another process.
 
     Args:
         data: content of the file.
@@ -51,7 +51,7 @@ def decode_apart(data: bytes, where: str) -> Image:
 
 
 def _take(size: int) -> Decoder:
-    """A process with shared memory in slots of this many bytes."""
+    """Get an idle process, or start one, with shared memory slots of this size [bytes]."""
     while _idle:
         try:
             decoder = _idle.pop()
@@ -65,7 +65,7 @@ def _take(size: int) -> Decoder:
 
 
 def end_idle() -> None:
-    """End the processes that wait for images."""
+    """End the idle image processes."""
     while _idle:
         _idle.pop().close()
 
@@ -76,10 +76,10 @@ if hasattr(os, "register_at_fork"):  # a process that was forked must not write 
 
 
 class SubprocessVideo:
-    """Frames of a video, decoded forwards only in another process, which works ahead by one frame."""
+    """Frames of a video, decoded forwards in another process, one frame ahead."""
 
     def __init__(self, path: Path) -> None:
-        """Open the video; InputError unless one frame at least can be decoded."""
+        """Open the video; InputError unless at least one frame can be decoded."""
         self.path = path
         self._decoder: Decoder | None = None
         self._open()
@@ -94,7 +94,7 @@ class SubprocessVideo:
         return self._decoder
 
     def read(self, index: int) -> Image | None:
-        """The frame of that number, None if it cannot be decoded; those before it are skipped."""
+        """Frame with number `index`, None if it cannot be decoded; earlier frames are skipped."""
         decoder = self._decoder or self._open()
         if not self._begun:
             decoder.begin(index)
@@ -108,11 +108,11 @@ class SubprocessVideo:
 
     @property
     def death(self) -> str:
-        """Reason of an early end of the process, or ""."""
+        """Reason of an early end of the process; "" if there is none."""
         return "" if self._decoder is None else self._decoder.death
 
     def close(self) -> None:
-        """End the process; another one is started if a frame is asked for again."""
+        """End the process; it is started again when a frame is requested."""
         if self._decoder is not None:
             self._decoder.close()
             self._decoder = None

@@ -1,11 +1,8 @@
-"""End marks of a recording: their possible positions, and where the recording ends behind them.
+"""End marks of a recording, and determination of where a recording ends.
 
-A flipped bit makes an end mark of a chunk (6 becomes 2), or of an index of messages (7 becomes 15), and files that were
-are concatenated have several.  So a mark counts by its length and by the data behind it.
-
-One of the recordings concatenated in a file, up to its damage.
-
-Numbers of schemas and channels, the index and the metadata hold for one recording alone.
+A flipped bit turns a chunk (code 6) or a message index (7) into an end mark (2 or 15), and concatenated files have
+several marks. So a mark is accepted by its length and by the data after it. `SalvagedRecording` is one of the
+concatenated recordings; schema and channel numbers, index and metadata apply to it only.
 """
 
 from __future__ import annotations
@@ -49,12 +46,12 @@ _FOOTER = struct.Struct("<QQI")
 
 
 def is_end_mark(code: int, length: int) -> bool:
-    """Return whether a record of this kind and length is an end mark."""
+    """Whether a record of this kind and length is an end mark."""
     return END_BYTES.get(code) == length
 
 
 def byte_after_end(file: IO[bytes], at: int, size: int) -> int | None:
-    """The byte behind a recording with data that end with the end mark at byte `at`.
+    """Position after the recording whose data section ends with the end mark at byte `at`.
 
     Args:
         file: an MCAP file.
@@ -83,10 +80,9 @@ def byte_after_end(file: IO[bytes], at: int, size: int) -> int | None:
 
 
 def index_of(file: IO[bytes], begin: int, size: int) -> tuple[int, bytes] | None:
-    """The first index from byte `begin` on with a footer that states that it belongs to a recording that begins there.
+    """First index after byte `begin` whose footer shows that it belongs to a recording that begins there.
 
-    Positions in an index count from the beginning of its recording, so that of a recording behind another one the index
-    has a right check sum only if it is searched for there.
+    Positions in an index are relative to the beginning of its recording.
 
     Args:
         file: an MCAP file.
@@ -112,7 +108,7 @@ def index_of(file: IO[bytes], begin: int, size: int) -> tuple[int, bytes] | None
 
 
 def _index_before(file: IO[bytes], begin: int, at: int) -> tuple[int, bytes] | None:
-    """The index of a recording before the footer at byte `at`; None: it is damaged, or there is no footer."""
+    """Index of a recording before the footer at byte `at`; None if damaged or without footer."""
     file.seek(max(at, 0))
     footer = file.read(FOOTER_BYTES + len(RECORDING_MAGIC))
     if not (footer.startswith(_FOOTER_HEAD) and footer[FOOTER_BYTES:] == RECORDING_MAGIC):
@@ -129,7 +125,7 @@ def _index_before(file: IO[bytes], begin: int, at: int) -> tuple[int, bytes] | N
 
 
 def are_records(data: bytes) -> bool:
-    """Return whether these are whole records of an index, one behind another."""
+    """Whether data are complete records of an index, in sequence."""
     at = 0
     while at + HEAD.size <= len(data):
         code, length = HEAD.unpack_from(data, at)
@@ -140,7 +136,7 @@ def are_records(data: bytes) -> bool:
 
 
 def _find(file: IO[bytes], marks: re.Pattern[bytes], at: int, size: int) -> int | None:
-    """Return the first position of a mark from a byte on."""
+    """Position of the first mark from a byte on."""
     block = 1 << 20
     while at < size:
         file.seek(at)
@@ -152,7 +148,7 @@ def _find(file: IO[bytes], marks: re.Pattern[bytes], at: int, size: int) -> int 
 
 
 class SalvagedRecording:
-    """State of one recording."""
+    """State of one recording during salvage."""
 
     def __init__(self, at: int) -> None:
         """`at`: byte of the file at which it begins."""
@@ -182,22 +178,22 @@ class SalvagedRecording:
         """CRC-32 of the last time's messages by topic, of topics with messages that all have the number 0."""
 
     def contradicts(self, found: records.Schema | records.Channel) -> bool:
-        """Return whether a number is defined a second time, and otherwise: it is of another recording."""
+        """Whether a schema or channel number is redefined differently, i.e. belongs to another recording."""
         known = self.schemas if isinstance(found, records.Schema) else self.channels
         return found.id in known and bool(known[found.id] != found)
 
     def define(self, found: records.Schema | records.Channel) -> None:
-        """Take a definition."""
+        """Add a definition."""
         if isinstance(found, records.Schema):
             self.schemas[found.id] = found
         else:
             self.channels[found.id] = found
 
     def is_copy(self, topic: str, number: int, t_ns: int, data: bytes) -> bool:
-        """Return whether a message is a repetition: its topic had its number before, and its time or a later one.
+        """Whether a message is a duplicate: its topic had the same number before, at its time or later.
 
-        Numbers rise in a topic, so that this is so where a part of the file was written twice; it is counted.  Where
-        all are 0, which is what MCAP has for none, messages of one time are copies if their bytes are the same.
+        Numbers increase within a topic, so that duplicates indicate a part of the file that was written twice; they are
+        counted. If all numbers are 0 (none), messages of one time are duplicates if their bytes are equal.
         """
         runs = self._runs.setdefault(topic, [])
         latest = self._latest.get(topic, -1)
@@ -230,12 +226,12 @@ class SalvagedRecording:
         return {topic: max(self._latest.get(topic, -1), self.before.get(topic, -1)) for topic in topics}
 
     def schema_of(self, channel_id: int) -> str:
-        """Name of the schema of a channel; empty: it is lost or missing."""
+        """Schema name of a channel; empty if lost."""
         schema = self.schemas.get(self.channels[channel_id].schema_id)
         return "" if schema is None else str(schema.name)
 
     def lost(self) -> list[tuple[str, str, int | None]]:
-        """Topic, time and number of messages that are lost; None: unknown whether there were any."""
+        """Topic, time and number of lost messages; None: unknown whether there were any."""
         counts = self.counts if self.counts is not None else dict.fromkeys(self.channels)
         return [
             (self.channels[channel_id].topic, location, messages)

@@ -1,10 +1,8 @@
-"""Messages of a topic that are lost in damaged parts: when, and how many if known.
+"""Lost messages of a topic in damaged parts: when, and how many if known.
 
-Statistics in the index count the messages of a topic, and the index behind a damaged chunk those in the chunk.  Without
-both the numbers of messages reveal, but only of a topic with numbers that rise by one: frames that a recorder skipped
-on purpose leave the same jump.
-
-Which messages were written, so that those of a copy that follows are not taken for others.
+The number follows from statistics in the index, from the message index after a damaged chunk, or from message numbers
+if these increase by one in the topic (skipped frames leave the same jump otherwise). `Written` records which messages
+were written, to recognise duplicates.
 """
 
 from __future__ import annotations
@@ -18,7 +16,7 @@ from occlog.io.recording.chunks import MESSAGE_HEAD
 
 
 class Gap(NamedTuple):
-    """A section between two messages of a topic with damage in it.
+    """Damaged section between two messages of a topic.
 
     Attributes:
         before: time of the last message before it [ns]; None: missing.
@@ -36,7 +34,7 @@ class Gap(NamedTuple):
 
     @property
     def location(self) -> str:
-        """When it is."""
+        """Time range of the gap, for losses."""
         if self.before is None:
             return "all of it" if self.after is None else f"before {utc(self.after)}"
         return f"after {utc(self.before)}" if self.after is None else f"{utc(self.before)} to {utc(self.after)}"
@@ -55,17 +53,17 @@ class Damage:
         self._behind = self._reported = False
 
     def begin(self) -> None:
-        """Damage begins."""
+        """Start of damage."""
         self.n_locations += 1
         self.unknown += 1
         self._behind, self._reported = True, False
 
     def end(self) -> None:
-        """Note that a message was read completely, so that indexes after it belong to undamaged chunks."""
+        """Note that a message was read completely, so that message indexes after it belong to intact chunks."""
         self._behind = False
 
     def index(self, channel: int, messages: int) -> None:
-        """An index of the messages of a channel in the chunk before it."""
+        """Add a message index: the number of messages of a channel in the chunk before it."""
         if not self._behind:
             return
         if not self._reported:
@@ -75,7 +73,7 @@ class Damage:
 
 
 class ChannelTally:
-    """Messages of one channel, and the gaps between them."""
+    """Counts the messages of one channel, and the gaps between them."""
 
     def __init__(self, channel: int, damage: Damage) -> None:
         """`damage` is that of the whole recording, and grows while it is read."""
@@ -96,7 +94,7 @@ class ChannelTally:
         self.messages += 1
 
     def lost(self, count: int | None) -> list[tuple[str, int | None]]:
-        """When messages are lost, and how many; None: unknown whether there were any.
+        """Times and numbers of lost messages; None: unknown whether there were any.
 
         Args:
             count: messages of the channel, by the statistics of the index; None: they are lost.
@@ -118,7 +116,7 @@ class ChannelTally:
         return [(gap.location, n) for gap, n in zip(gaps, counts, strict=True) if n]
 
     def _missing(self, gap: Gap) -> int | None:
-        """Messages that are lost in a gap; None: not known."""
+        """Number of messages lost in a gap; None if unknown."""
         if gap.whole:
             return gap.indexed
         return gap.jump if self._rising else None
@@ -134,7 +132,7 @@ class ChannelTally:
 
 
 class Written:
-    """Times and check sums of messages by topic: 8 bytes a message, and more once a person asks for a topic."""
+    """Times and check sums of written messages by topic: 8 bytes per message, and more once a topic is queried."""
 
     def __init__(self) -> None:
         """Create an empty list of written messages."""
@@ -142,7 +140,7 @@ class Written:
         self._asked: dict[str, set[int]] = {}
 
     def add(self, topic: str, t_ns: int, record: bytes) -> None:
-        """Note a message; `record` has its head, too."""
+        """Add a message; `record` includes its header."""
         key = _key(t_ns, record)
         if topic in self._asked:
             self._asked[topic].add(key)
@@ -150,7 +148,7 @@ class Written:
             self._all.setdefault(topic, array("Q")).append(key)
 
     def holds(self, topic: str, t_ns: int, record: bytes) -> bool:
-        """Return whether a message of this topic, time and content was written."""
+        """Whether a message of this topic, time and content was written."""
         if topic not in self._asked:
             self._asked[topic] = set(self._all.pop(topic, ()))
         return _key(t_ns, record) in self._asked[topic]

@@ -1,14 +1,10 @@
-"""Intact records of a truncated or damaged recording, one after another, without its index.
+"""Generation of the intact records of a truncated or damaged recording, without its index.
 
-A chunk counts if its check sum is right.  The last one of a file that was cut has none that could be tried; of
-what it holds up to the cut nothing was changed, so its complete messages count.  Where the length of a record is
-damaged, the search goes on at the next chunk with a valid head, or at the next recording: several may be in a
-file one behind another, and any but the last may be cut.
-
-What a cut LZ4 frame holds of the block in which it was cut, which the library gives whole or not at all.
-
-A block is a list of sequences: literal bytes, and then a match, which repeats earlier output.  They are unpacked in
-their order, so all before the cut can be (LZ4 block format, sections "Compressed block format" and "End of block").
+A chunk is accepted if its check sum is valid. The last chunk of a truncated file cannot be verified; its complete
+messages are accepted. If the length of a record is damaged, the search continues at the next chunk with a valid header,
+or at the next of several concatenated recordings. || For a truncated LZ4 frame, the library returns whole blocks only.
+A block is a list of sequences (literal bytes, then a match that repeats earlier output), which are decompressed here up
+to the truncation (LZ4 block format, sections "Compressed block format" and "End of block").
 """
 
 from __future__ import annotations
@@ -56,7 +52,7 @@ _LONG = 15
 
 
 def recover_block_tail(frame: bytes, whole: bytes, most: int) -> bytes:
-    """The unpacked bytes that follow those of a cut frame's whole blocks.
+    """Decompressed bytes after the whole blocks of a truncated LZ4 frame.
 
     Args:
         frame: an LZ4 frame, possibly truncated.
@@ -68,7 +64,10 @@ def recover_block_tail(frame: bytes, whole: bytes, most: int) -> bytes:
 
 
 def _cut_block(frame: bytes) -> bytes | None:
-    """Packed bytes of the last block, if the frame ends within it; None where they are plain, or the frame is whole."""
+    """Compressed bytes of the last block if the frame ends within it.
+
+    None if uncompressed, or the frame is complete.
+    """
     if len(frame) < _HEAD or _LENGTH.unpack_from(frame)[0] != _MAGIC:
         return None
     flags = frame[4]
@@ -86,7 +85,7 @@ def _cut_block(frame: bytes) -> bytes | None:
 
 
 def _sequences(block: bytes, before: bytes, most: int) -> bytes:
-    """Unpack sequences up to the end of the bytes that are there, or to the first that cannot be."""
+    """Decompress LZ4 sequences up to the end of the data, or to the first invalid one."""
     out, skipped, at = bytearray(before[-65_535:]), len(before[-65_535:]), 0
     while at < len(block) and len(out) - skipped < most:
         token = block[at]
@@ -106,7 +105,7 @@ def _sequences(block: bytes, before: bytes, most: int) -> bytes:
 
 
 def _length(block: bytes, at: int, length: int) -> tuple[int, int]:
-    """A length that begins with this number, and the position after it; its available part if truncated."""
+    """Decode an LZ4 length that begins with this number; return it with the next position (partial if truncated)."""
     if length < _LONG:
         return length, at
     while at < len(block):
@@ -141,14 +140,14 @@ FAILURES = (McapError, struct.error, ValueError, RuntimeError, EOFError, MemoryE
 
 
 class DamageReporter(Protocol):
-    """Receives damage."""
+    """Callback for damage."""
 
     def __call__(self, at: int, what: str, *, messages: bool = True) -> None:
-        """Take note of damage at a byte of the file, what it is, and whether messages may be lost by it."""
+        """Report damage at a byte of the file, its description, and whether messages may be lost."""
 
 
 class McapRecord(NamedTuple):
-    """One whole record.
+    """A complete record.
 
     Attributes:
         code: kind of the record, by the MCAP format.
@@ -162,10 +161,9 @@ class McapRecord(NamedTuple):
 
 
 def intact_records(path: Path, damaged: DamageReporter) -> Iterator[McapRecord]:
-    """All whole records before the index, those of chunks one by one, in the order of the file.
+    """Generate all complete records before the index in file order, those of chunks one by one.
 
-    Where a recording begins a `McapRecord` of the kind HEADER comes first, at its first byte: all that was defined
-    before does not hold there.
+    A recording begins with a `McapRecord` of the kind HEADER, after which earlier definitions are void.
 
     Args:
         path: an MCAP file, or several one behind another.
@@ -228,7 +226,7 @@ def intact_records(path: Path, damaged: DamageReporter) -> Iterator[McapRecord]:
 
 
 def repeated_records(path: Path, begin: int = 0) -> list[McapRecord]:
-    """Schemas, channels and statistics in the index of a recording that begins at a byte; none if it is damaged."""
+    """Schemas, channels and statistics in the index of a recording that begins at a byte; empty if damaged."""
     with path.open("rb") as file, suppress(*FAILURES):
         found = index_of(file, begin, path.stat().st_size)
         if found is not None:
@@ -239,7 +237,7 @@ def repeated_records(path: Path, begin: int = 0) -> list[McapRecord]:
 
 
 def _behind(file: IO[bytes], at: int, size: int, damaged: DamageReporter) -> int:
-    """Return the position to read on behind the end mark at a byte: at the next recording or chunk; `size`: missing."""
+    """Position after the end mark at a byte: next recording or chunk; `size` if there is none."""
     behind = byte_after_end(file, at, size)
     if behind is None:  # the index is damaged, or the mark is none
         begins = _next_begin(file, at + 1, size)
@@ -264,7 +262,7 @@ def _is_recording(file: IO[bytes], at: int) -> bool:
 
 
 def _kind(file: IO[bytes], code: int, length: int, before: int) -> int:
-    """The kind of a record that the file is in, by what it holds where its code may be damaged; 0: none is known.
+    """Kind of a record by its content, if its code may be damaged; 0 if unknown.
 
     Args:
         file: the file, standing behind the head of the record.
@@ -283,7 +281,7 @@ def _kind(file: IO[bytes], code: int, length: int, before: int) -> int:
 
 
 def _own_length(file: IO[bytes], at: int, code: int, size: int) -> int | None:
-    """The length of a record at a byte by what it holds, whatever its head states; None: that does not determine."""
+    """Length of the record at a byte by its content, independent of its header; None if undetermined."""
     offset = at + HEAD.size
     for part in _PARTS.get(code, ()):
         if part < 0:
@@ -301,7 +299,7 @@ def _own_length(file: IO[bytes], at: int, code: int, size: int) -> int | None:
 
 
 def _begins_at(file: IO[bytes], at: int, size: int) -> bool:
-    """Return whether a record or a recording begins at a byte, by its head."""
+    """Whether a record or recording begins at a byte, by its header."""
     file.seek(at)
     head = file.read(HEAD.size)
     if head.startswith(RECORDING_MAGIC) or len(head) < HEAD.size:
@@ -311,7 +309,7 @@ def _begins_at(file: IO[bytes], at: int, size: int) -> bool:
 
 
 def _is_chunk(data: bytes) -> bool:
-    """Return whether these are a chunk with a check sum that is right."""
+    """Whether data are a chunk with a valid check sum."""
     try:
         head = chunk_head(data)
         records = _unpacked(data, head) if head.crc and head.compression in KNOWN_COMPRESSION else b""
@@ -323,7 +321,7 @@ def _is_chunk(data: bytes) -> bool:
 def _one(
     file: IO[bytes], at: int, code: int, length: int, damaged: DamageReporter, growth: DecompressionCount
 ) -> Generator[McapRecord, None, int]:
-    """A record outside chunks, or those of a chunk; returns where to read on."""
+    """Process a record outside chunks, or a chunk; return the next position."""
     end = at + HEAD.size + length
     if code == Opcode.HEADER:
         return end
@@ -359,7 +357,7 @@ def _one(
 
 
 def has_right_sum(attachment: bytes) -> bool:
-    """Return whether the check sum of an attachment is right, or missing."""
+    """Whether the check sum of an attachment is valid or missing."""
     (crc,) = struct.unpack("<I", attachment[-4:])
     return not crc or zlib.crc32(attachment[:-4]) == crc
 
@@ -367,7 +365,7 @@ def has_right_sum(attachment: bytes) -> bool:
 def _cut_chunk(
     file: IO[bytes], at: int, size: int, damaged: DamageReporter, growth: DecompressionCount
 ) -> Iterator[McapRecord]:
-    """The complete records of a chunk in which the file was cut, at byte `size`."""
+    """Complete records of a chunk truncated at byte `size`."""
     file.seek(at + HEAD.size)
     try:
         data = file.read(min(size - at - HEAD.size, MAX_CHUNK_BYTES))
@@ -380,7 +378,7 @@ def _cut_chunk(
 
 
 def _unpacked(data: bytes, head: ChunkHead) -> bytes:
-    """Unpack at most the declared records of a chunk; ValueError: too much is declared."""
+    """Decompress the records of a chunk, limited to the declared size; ValueError if that is too large."""
     packed, compression, declared = data[head.begin :], head.compression, head.declared
     if compression not in KNOWN_COMPRESSION:
         raise ValueError(f"unknown compression {compression!r}")
@@ -404,7 +402,7 @@ def _unpacked(data: bytes, head: ChunkHead) -> bytes:
 
 
 def _split(records: bytes, at: int) -> Iterator[McapRecord]:
-    """The complete records in the unpacked bytes of a chunk."""
+    """Complete records in the decompressed bytes of a chunk."""
     begin = 0
     while begin + HEAD.size <= len(records):
         code, length = HEAD.unpack_from(records, begin)
@@ -416,7 +414,7 @@ def _split(records: bytes, at: int) -> Iterator[McapRecord]:
 
 
 def _next_begin(file: IO[bytes], at: int, size: int) -> int | None:
-    """Return the start of the next plausible compressed chunk or recording; None: missing."""
+    """Start of the next plausible compressed chunk or recording; None if there is none."""
     before = HEAD.size + CHUNK_HEAD.size  # of the name of the compression
     longest = max(map(len, (*_MARKS, BEGIN)))
     begin, length = at, _FIRST_BLOCK

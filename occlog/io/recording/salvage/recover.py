@@ -1,4 +1,4 @@
-"""Salvages the intact messages of a truncated or damaged recording into a new one, with a list of losses."""
+"""Salvage of the intact messages of a truncated or damaged recording into a new one, with a list of losses."""
 
 from __future__ import annotations
 
@@ -49,11 +49,11 @@ class Recovered(NamedTuple):
 def recover_recording(
     source: Path, path: Path, videos: Mapping[str, Path] | None = None, *, overwrite: bool = False
 ) -> Recovered:
-    """Write `path`, whole or not at all, with every whole message of a damaged recording.
+    """Write every complete message of a damaged recording to `path`, atomically.
 
-    Messages keep their order, times and numbers.  Losses is in the provenance, from where all later stages
-    carry it on.  Where several recordings are concatenated in the file, those of one scene are brought
-    together, but for frames of linked videos; their numbers are valid in the first one's videos alone.
+    Messages keep their order, times and numbers. Losses are stored in the provenance. If several recordings are
+    concatenated in the file, those of one scene are merged, except for frames of linked videos, whose numbers are valid
+    in the videos of the first one only.
 
     Args:
         source: a recording of occlog.
@@ -75,7 +75,7 @@ def recover_recording(
 
 
 class _Salvage:
-    """The recording that is being written, and the losses known so far."""
+    """State of a salvage: the recording being written, and the losses so far."""
 
     def __init__(self, source: Path, path: Path, file: IO[bytes]) -> None:
         self._source, self._path = source, path
@@ -92,13 +92,13 @@ class _Salvage:
         self._span: tuple[int, int] | None = None
 
     def damaged(self, at: int, what: str, *, messages: bool = True) -> None:
-        """Note damage at a byte of the file, and whether messages may be lost by it."""
+        """Record damage at a byte of the file, and whether messages may be lost."""
         self._lose(f"byte {at}", what)
         if messages:
             self._part.damage.begin()
 
     def take(self, record: McapRecord) -> None:
-        """Write a message or an attachment, or keep what others need."""
+        """Process a record: write a message or attachment, or keep definitions."""
         part = self._part
         try:
             if record.code == Opcode.HEADER:
@@ -121,7 +121,7 @@ class _Salvage:
             self._lose(f"byte {record.at}", f"a damaged record is skipped ({' '.join(str(error).split())[:80]})")
 
     def _begin(self, at: int) -> None:
-        """Begin with the recording at a byte of the file, and take what its index states."""
+        """Start the recording at a byte of the file, with the definitions in its index."""
         if at:
             self._next(at)
         with suppress(*FAILURES):
@@ -138,14 +138,14 @@ class _Salvage:
         self._part.define(found)
 
     def _next(self, at: int) -> None:
-        """Go on with another recording, which begins at a byte of the file."""
+        """Continue with another recording, which begins at a byte of the file."""
         self._close()
         before = self._part.latest() if self._belongs(self._part) else self._part.before
         self._part = SalvagedRecording(at)
         self._part.before = before
 
     def _close(self) -> None:
-        """List the losses of a recording that ends."""
+        """Add the losses of the current recording."""
         part = self._part
         for name in damaged_metadata(part.metadata):
             part.metadata.pop(name, None)
@@ -166,7 +166,7 @@ class _Salvage:
         self._before += self._provenance_before(part).losses
 
     def _tell_of_other(self, part: SalvagedRecording) -> None:
-        """List a recording that follows another one, and its skipped parts."""
+        """Report a recording that follows another one, and its skipped parts."""
         location = f"from byte {part.at} on"
         if not self._belongs(part):
             what = "messages of another recording, which has another scene or none, are skipped; split the file there"
@@ -181,11 +181,11 @@ class _Salvage:
             self._losses[Loss(self._source.name, location, what, part.left_out)] = None
 
     def _belongs(self, part: SalvagedRecording) -> bool:
-        """Return whether messages of a recording mean what those of the first one do."""
+        """Whether messages of a recording are compatible with those of the first one (same scene)."""
         return part is self._first or (part.scene is not None and part.scene == self._first.scene)
 
     def finish(self, videos: Mapping[str, Path]) -> Recovered:
-        """Complete the file; InputError where it is none of ours, or nothing is whole."""
+        """Complete the file; InputError if it is not an occlog recording, or nothing is intact."""
         self._close()
         ours = OURS in self._first.metadata or SCENE_ATTACHMENT in self._attached
         if not ours and not any(name.startswith("occlog.") for name in self._names):
@@ -241,7 +241,7 @@ class _Salvage:
         self._span = min(low, log_ns), max(high, log_ns)
 
     def _register(self, part: SalvagedRecording, channel: records.Channel) -> int:
-        """The channel of the new recording that is the same, which is begun if missing."""
+        """Equivalent channel of the new recording, created if missing."""
         number = 0
         if channel.schema_id:
             schema = part.schemas.get(channel.schema_id)
@@ -277,7 +277,7 @@ class _Salvage:
         self._attached[a.name] = digest
 
     def _provenance_before(self, part: SalvagedRecording) -> Provenance:
-        """Return the recording's provenance with earlier losses; a loss if the provenance is lost."""
+        """Provenance of the recording with earlier losses; a loss if the provenance is lost."""
         before = UNKNOWN
         with suppress(InputError):
             before = provenance_from_json(part.metadata.get(OURS, {}).get("provenance", ""), self._source)
@@ -287,7 +287,7 @@ class _Salvage:
         return before
 
     def _links(self, videos: Mapping[str, Path]) -> dict[str, dict[str, str]]:
-        """Links to videos, as they hold from the new recording."""
+        """Links to videos, adapted to the new recording's folder."""
         links = {
             name: moved_metadata(name, values, self._source, self._path, Provenance("recover"))
             for name, values in self._first.metadata.items()
@@ -311,7 +311,7 @@ class _Salvage:
 
 
 def _source_of(topic: str) -> str:
-    """Return the name of a topic in losses: the camera, or the topic of a table."""
+    """Source of a topic's losses: the camera, or the topic of a table."""
     return sensor_of(topic) if topic.startswith("/camera/") else topic
 
 
