@@ -1,7 +1,7 @@
-"""Errors that a user can act on, and the exit codes of the command line.
+"""Errors for users, and the exit codes of the command line.
 
-Every error message is one line that names the file, the position in it, the value and
-the limit it breaks, and what to do.  Every error has the id of its kind.
+Every message is one line that names the file, the position in it, the value and the limit that it violates, and the
+remedy. Every error has the id of its kind.
 """
 
 import functools
@@ -14,7 +14,7 @@ _OPTION = re.compile(r"(?:\ue000|\\ue000)([\w.]+)(?:\ue001|\\ue001)")
 
 
 def as_flag(name: str) -> str:
-    """The name of something that a request takes as it is typed: `--fused-views`, `--set person_height=`."""
+    """Name of a request field as typed on the command line: `--fused-views`, `--set person_height=`."""
     free = name.removeprefix("set.")
     return f"--{name.replace('_', '-')}" if free == name else f"--set {free}="
 
@@ -24,7 +24,7 @@ SPELLING: ContextVar[Callable[[str], str]] = ContextVar("SPELLING", default=as_f
 
 
 def option(name: str) -> str:
-    """The name of something that a request takes, for a message: each surface spells it in its own way.
+    """Name of a request field for a message, spelled later for the surface in use.
 
     A setting without its own option is called `set.NAME`.
     """
@@ -32,7 +32,7 @@ def option(name: str) -> str:
 
 
 def spelled(text: str) -> str:
-    """A message, or JSON with one, with the names of `option` as the surface in use spells them."""
+    """A message (or JSON with one) with the names of `option` spelled for the surface in use."""
     return _OPTION.sub(lambda found: SPELLING.get()(found[1]), text)
 
 
@@ -55,7 +55,7 @@ class ExitCode(IntEnum):
 
 
 class OcclogError(Exception):
-    """Base of all errors that occlog raises on purpose; `exit_code` is what the command returns, `id` its kind."""
+    """Base class of all deliberate errors; `exit_code` is returned by the command, `id` is the kind of error."""
 
     exit_code: ExitCode = ExitCode.BAD_INPUT
     default_id = "invalid-value"
@@ -73,19 +73,19 @@ class OcclogError(Exception):
 
     @property
     def id(self) -> str:
-        """Stable id of the kind of error, such as `missing-column`; docs/reference/errors.md lists all."""
+        """Stable id of the kind of error, such as `missing-column`; see docs/reference/errors.md."""
         cause = self.__cause__
         if self._id is None and isinstance(cause, OcclogError) and cause is not self:
             return cause.id
         return self._id or self.default_id
 
     def __str__(self) -> str:
-        """The message, with options as the surface in use spells them."""
+        """Message with options spelled for the surface in use."""
         return spelled(super().__str__())
 
     @property
     def options(self) -> tuple[str, ...]:
-        """The names of what a request takes that the message is about; the first is the one that is wrong."""
+        """Names of the request fields in the message; the first is the wrong one."""
         return tuple(_OPTION.findall(super().__str__()))
 
 
@@ -100,7 +100,7 @@ class OutputError(OcclogError):
 
 
 class OutputExistsError(OcclogError):
-    """The output is already there and may not be overwritten; the command line states how to replace it."""
+    """The output exists and may not be overwritten; the command line adds how to replace it."""
 
     exit_code = ExitCode.EXISTS
     default_id = "output-exists"
@@ -113,37 +113,37 @@ class PluginError(OcclogError):
 
 
 class UsageError(OcclogError):
-    """Options that contradict each other or that this input does not allow."""
+    """Options contradict each other, or are not allowed for this input."""
 
     exit_code = ExitCode.USAGE
     default_id = "invalid-option"
 
 
 class NoSceneError(UsageError):
-    """A file holds no scene where one is requested; the command line states how to give one.
+    """A required scene is missing in a file; the command line adds how to give one.
 
     Attributes:
         where: the file.
     """
 
     def __init__(self, where: object) -> None:
-        """Name the file."""
+        """`where` names the file."""
         super().__init__(f"{where}: holds no scene; give one with {option('scene')}", id="missing-scene")
         self.where = where
 
 
 def did_you_mean(name: str, known: Iterable[str], otherwise: str = "there are", owner: str = "") -> str:
-    """A hint on a name that is unknown: its new name, the nearest of those that are known, or all of them."""
+    """Hint for an unknown name: its new name, the nearest known names, or all of them."""
     names = list(known)
     near = nearest(name, names, owner=owner)
     return f"did you mean {' or '.join(map(repr, near))}?" if near else f"{otherwise} {', '.join(names) or 'none'}"
 
 
 def nearest(name: str, known: Iterable[str], n: int = 1, cutoff: float = 0.6, owner: str = "") -> list[str]:
-    """Known names that an unknown one may mean, best first; empty if none is close.
+    """Known names similar to an unknown one, best first; empty if none is similar.
 
-    A name of an earlier release gives the names that replace it (`renamed.csv`), however they are spelled:
-    `--sigma-v`, `sigma_v`.  The beginning of names gives up to three of them: `process_noise`.
+    A name of an earlier release returns its replacements (`renamed.csv`), in any spelling: `--sigma-v`, `sigma_v`. A
+    prefix such as `process_noise` returns up to three names.
 
     Args:
         name: the unknown name.
@@ -171,7 +171,7 @@ def _plain(name: str) -> str:
 
 @functools.cache
 def _renamed() -> Mapping[str, tuple[tuple[str, str], ...]]:
-    """What had each public name of the last release, and the name that replaces it."""
+    """Owner (method or table), old name and new name of each public name renamed since the last release."""
     import csv
     from importlib import resources
 

@@ -62,7 +62,7 @@ def settings_by_class(
 
 
 def declared_value(of: type[Settings], name: str, value: object) -> object:
-    """Convert a value to the type that the setting requires, so that 1 and 1.0, or a list and a tuple, are equivalent."""
+    """Convert a value to the setting's type, so that 1 and 1.0, or a list and a tuple, are equivalent."""
     kind = kind_of(of, name)
     plain = plain_kind(kind)
     if isinstance(value, np.generic):

@@ -2,16 +2,11 @@
 
 Densities of colours and their similarity: m-bin histograms and the Bhattacharyya coefficient ([Lee] Sec. 5.2.1).
 
-With L levels there are m = L (L + 1) bins: L x L of hue and saturation, then L of brightness for pixels without a hue.
-Eight levels are the 72 bins of `histogram_bins`.
-
-Histogram bins of colours: 8 x 8 of hue and saturation, and 8 of brightness for pixels without a hue.
-
-[Qu] compares targets by colour histograms and leaves the bins open; these are the project's.
-A pixel too grey (saturation <= 0.1) or too dark (value <= 0.2) to have a hue goes to bin
-64 + floor(8 * value), every other one to bin 8 * floor(hue / 45 deg) + floor(8 * saturation),
-with OpenCV's hue, saturation = (max - min) / max and value = max / 255.  All limits are compared in
-whole numbers, so that a pixel's bin does not depend on rounding.
+With L levels there are m = L (L + 1) bins: L x L of hue and saturation, then L of brightness for pixels without a hue;
+72 bins with 8 levels. [Qu] compares targets by colour histograms without stating the bins. A pixel too grey (saturation
+<= 0.1) or too dark (value <= 0.2) to have a hue goes to bin 64 + floor(8 * value), every other one to bin 8 * floor(hue
+/ 45 deg) + floor(8 * saturation), with OpenCV's hue, saturation = (max - min) / max and value = max / 255. All limits
+are compared in whole numbers, so that a pixel's bin does not depend on rounding.
 
 Ellipses in an image as states of trackers, [Qu] Sec. 3.1: size in a direction, neighbours, pixels inside.
 
@@ -43,7 +38,7 @@ _OVER = np.concatenate([[0.0], 1.0 / np.arange(1, 256)])
 
 @kernel
 def pixel_bin(blue: int, green: int, red: int) -> int:
-    """Histogram bin, 0 to 71, of a pixel with the given values, 0 to 255 each."""
+    """Histogram bin, 0 to 71, of a pixel with blue, green and red values, 0 to 255 each."""
     high, low = max(blue, green, red), min(blue, green, red)
     spread = high - low
     if 10 * spread <= high or 5 * high <= 255:
@@ -62,14 +57,14 @@ def pixel_bin(blue: int, green: int, red: int) -> int:
 
 
 def as_colour(image: Bytes) -> Bytes:
-    """(height, width, 3) view of a grey or colour image; grey pixels count as B = G = R."""
+    """(height, width, 3) view of a grey or colour image; B = G = R for grey."""
     if image.ndim == 3:
         return image
     return np.broadcast_to(image[:, :, None], (*image.shape, 3))
 
 
 def update_bins(bins: Bytes, image: Bytes, boxes: Ints, step: int = 1) -> None:
-    """Set the bin numbers of the pixels inside boxes, once a frame for all particles of all trackers.
+    """Compute the bin numbers of the pixels inside boxes, once per frame for all particles of all trackers.
 
     Args:
         bins: (height, width) bin numbers, changed in place; pixels outside all boxes keep theirs.
@@ -96,7 +91,7 @@ def bins_of(levels: int) -> int:
 
 
 def colour_bins(image: Bytes, levels: int) -> Ints:
-    """(height, width) number of the bin of each pixel, 0 to m - 1.
+    """(height, width) bin number of each pixel, 0 to m - 1.
 
     Args:
         image: (height, width, 3) BGR or (height, width) grey.
@@ -119,26 +114,27 @@ def colour_bins(image: Bytes, levels: int) -> Ints:
 
 
 def colour_counts(image: Bytes, mask: Bytes, levels: int) -> Ints:
-    """(m,) pixels of each colour where a mask (height, width) is not 0."""
+    """(m,) number of pixels in each bin, where a mask (height, width) is not 0."""
     return np.bincount(colour_bins(image, levels)[mask != 0], minlength=bins_of(levels))
 
 
 def density(counts: Ints | Floats) -> Floats:
-    """(..., m) counts divided by their sum ([Lee] 5.1, 5.2, 5.4); NaN where missing."""
+    """(..., m) histogram counts normalised to sum 1 ([Lee] 5.1, 5.2, 5.4); NaN without counts."""
     total = np.sum(counts, axis=-1, keepdims=True, dtype=np.float64)
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(np.where(total > 0, counts / total, np.nan))
 
 
 def bhattacharyya(a: Floats, b: Floats) -> Floats:
-    """(K, R) coefficients of densities (K, m) and (R, m), 0 (no colour in common) to 1 (equal) ([Lee] 5.5)."""
+    """(K, R) Bhattacharyya coefficients of densities (K, m) and (R, m), 0 (disjoint) to 1 (equal) ([Lee] 5.5)."""
     return np.asarray(np.clip(np.sqrt(a) @ np.sqrt(b).T, 0.0, 1.0))
 
 
 def bias(bins: Ints | float, a: Ints | Floats | float, b: Ints | Floats | float) -> Floats:
-    """How far the coefficient of two samples of one density lies below 1 in the mean: (m - 1) / 8 (1 / a + 1 / b).
+    """Expected shortfall of the Bhattacharyya coefficient of two samples of one density below 1.
 
-    The second-order term of the expansion of sqrt at the density: it holds while every bin has several counts.
+    (m - 1) / 8 (1 / a + 1 / b). Second-order term of the expansion of the square root at the density, valid if every
+    bin has several counts.
 
     Args:
         bins: number m of bins that have colours.
@@ -149,9 +145,9 @@ def bias(bins: Ints | float, a: Ints | Floats | float, b: Ints | Floats | float)
 
 
 def corrected(a: Floats, b: Floats, pixels_a: Ints, pixels_b: Ints) -> tuple[Floats, Floats]:
-    """(K, R) Bhattacharyya coefficients, and the same plus their `bias`.
+    """(K, R) Bhattacharyya coefficients, and the coefficients corrected for `bias`.
 
-    The number of bins is that of the colours that one of the two has: colours that neither has add no bias.
+    The number of bins is that of the colours present in either histogram.
 
     Args:
         a: (K, m) densities.
@@ -172,10 +168,9 @@ MAX_AXIS_PX = 1e4
 
 
 def support_radius(ellipses: Floats, theta: Floats | float) -> Floats:
-    """How far ellipses (..., 5) reach from their centre in direction theta [rad], measured along it [px].
+    """Support function of ellipses (..., 5) in direction theta [rad].
 
-    This is the support function sqrt(a^2 cos^2 + b^2 sin^2) of the angle to axis a: a line
-    across theta at that distance touches the ellipse.
+    Distance of the tangent across theta from the centre [px]. sqrt(a^2 cos^2 + b^2 sin^2) of the angle to axis a.
     """
     e = np.asarray(ellipses, dtype=np.float64)
     turn = np.asarray(theta, dtype=np.float64) - e[..., 4]
@@ -183,7 +178,7 @@ def support_radius(ellipses: Floats, theta: Floats | float) -> Floats:
 
 
 def nearness(ellipses: Floats) -> Floats:
-    """Distances of centres over the sum of the support radii along the line between them.
+    """Distances of centres over the sum of support radii along the line between them.
 
     Args:
         ellipses: (N, 5).
@@ -199,7 +194,7 @@ def nearness(ellipses: Floats) -> Floats:
 
 
 def nearness_between(a: Floats, b: Floats) -> Floats:
-    """(N, M) the same of ellipses a (N, 5) with ellipses b (M, 5); inf for a NaN ellipse."""
+    """(N, M) `nearness` of ellipses a (N, 5) to ellipses b (M, 5); inf for a NaN ellipse."""
     dx, dy = b[None, :, 0] - a[:, None, 0], b[None, :, 1] - a[:, None, 1]
     theta = np.arctan2(dy, dx)
     reach = support_radius(a[:, None, :], theta) + support_radius(b[None, :, :], theta)
@@ -209,13 +204,13 @@ def nearness_between(a: Floats, b: Floats) -> Floats:
 
 
 def touching(ellipses: Floats) -> Bools:
-    """(N, N) whether ellipses touch or overlap: d <= r_i + r_j; false on the diagonal."""
+    """(N, N) mask of ellipses that touch or overlap: d <= r_i + r_j; False on the diagonal."""
     return np.asarray(nearness(ellipses) <= 1.0)
 
 
 @kernel
 def quadratic(a: float, b: float, rho: float) -> tuple[float, float, float]:
-    """A, B, C of the squared ellipse distance q = A dx^2 + 2 B dx dy + C dy^2, which is 1 on the ellipse."""
+    """Coefficients A, B, C of the quadratic form q = A dx^2 + 2 B dx dy + C dy^2, which is 1 on the ellipse."""
     c, s = math.cos(rho), math.sin(rho)
     ia, ib = 1.0 / (a * a), 1.0 / (b * b)
     return c * c * ia + s * s * ib, c * s * (ia - ib), s * s * ia + c * c * ib
@@ -223,7 +218,7 @@ def quadratic(a: float, b: float, rho: float) -> tuple[float, float, float]:
 
 @kernel
 def holds_pixels(ellipse: Floats) -> bool:
-    """Whether the numbers (5,) are an ellipse of a size that can be in an image."""
+    """Whether five numbers are an ellipse of a plausible size in an image."""
     a, b = ellipse[2], ellipse[3]
     if not (math.isfinite(ellipse[0]) and math.isfinite(ellipse[1]) and math.isfinite(ellipse[4])):
         return False
@@ -232,14 +227,14 @@ def holds_pixels(ellipse: Floats) -> bool:
 
 @kernel
 def row_limits(cy: float, a: float, b: float, rho: float) -> tuple[int, int]:
-    """First and last row that meet an ellipse for which `holds_pixels`; first > last: none."""
+    """First and last pixel row that an ellipse meets; first > last if none."""
     reach = math.hypot(a * math.sin(rho), b * math.cos(rho))
     return math.ceil(cy - reach), math.floor(cy + reach)
 
 
 @kernel
 def column_limits(cx: float, dy: float, a: float, b: float, c: float) -> tuple[int, int]:
-    """First and last column inside an ellipse in one row; first > last where the row misses it.
+    """First and last pixel column inside an ellipse in one row; first > last if none.
 
     Args:
         cx: column of the centre.

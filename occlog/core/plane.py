@@ -51,7 +51,7 @@ def point_inside(x: float, y: float, polygon: Floats) -> bool:
 
 @kernel
 def _orientation(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Twice the signed area of triangle abc, set to 0 within rounding of its terms."""
+    """Twice the signed area of triangle abc; 0 if within rounding."""
     left = (bx - ax) * (cy - ay)
     right = (by - ay) * (cx - ax)
     cross = left - right
@@ -90,7 +90,7 @@ def segment_blocked(ax: float, ay: float, bx: float, by: float, polygon: Floats)
 
 @kernel
 def _touching_segment_blocked(ax: float, ay: float, bx: float, by: float, polygon: Floats) -> bool:
-    """`segment_blocked` for a segment that meets the border only in corners, end points or along edges.
+    """`segment_blocked` for a segment that touches the border only at corners, at end points or along edges.
 
     The segment is cut at every vertex and end point; it is inside somewhere if and only if
     it is inside at the middle of one of the pieces (and not on the border there).
@@ -138,7 +138,7 @@ def distance_to_boundary(x: float, y: float, polygon: Floats) -> float:
 
 @kernel
 def inside_polygon(xy: Floats, polygon: Floats) -> Bools:
-    """(N,) bool: which of the (N, 2) points lie inside the (K, 2) polygon; borders as in `point_inside`."""
+    """(N,) mask of points (N, 2) inside the polygon (K, 2); borders as in `point_inside`."""
     inside = np.empty(xy.shape[0], dtype=np.bool_)
     for i in range(xy.shape[0]):
         inside[i] = point_inside(xy[i, 0], xy[i, 1], polygon)
@@ -147,7 +147,7 @@ def inside_polygon(xy: Floats, polygon: Floats) -> Bools:
 
 @kernel
 def line_of_sight_blocked(origin: Floats, xy: Floats, polygon: Floats) -> Bools:
-    """(N,) bool: whether the polygon hides each point from the origin.
+    """(N,) mask of points that the polygon hides from the origin.
 
     Args:
         origin: (2,) where the sensor stands.
@@ -165,7 +165,10 @@ def line_of_sight_blocked(origin: Floats, xy: Floats, polygon: Floats) -> Bools:
 
 
 def pack_polygons(polygons: Sequence[Floats]) -> tuple[Floats, Ints]:
-    """All vertices (S, 2) in a row, and starts (P + 1,): polygon p is `vertices[starts[p]:starts[p + 1]]`."""
+    """Concatenate vertices (S, 2) of polygons, with starts (P + 1,).
+
+    Polygon p is `vertices[starts[p]:starts[p + 1]]`.
+    """
     starts = np.zeros(len(polygons) + 1, dtype=np.int64)
     np.cumsum([len(p) for p in polygons], out=starts[1:])
     if not polygons:
@@ -180,7 +183,7 @@ def signed_area(polygon: Floats) -> float:
 
 
 def counter_clockwise(polygon: Floats) -> Floats:
-    """Polygon (n, 2) with its corners in counter-clockwise order."""
+    """The polygon (n, 2) with corners in counter-clockwise order."""
     return polygon if signed_area(polygon) >= 0 else polygon[::-1].copy()
 
 
@@ -189,10 +192,7 @@ FLAT = 1e-12
 
 
 def convex_pieces(polygon: Floats) -> list[Floats]:
-    """Cut a simple polygon into convex counter-clockwise ones: itself if it is convex, else triangles (ear clipping).
-
-    Triangles are cut off at ears: corners with no other corner in their triangle or on its border.
-    """
+    """Cut a simple polygon into convex counter-clockwise pieces: itself if convex, else triangles (ear clipping)."""
     corners = counter_clockwise(polygon)
     flat = FLAT * float(np.ptp(corners, axis=0).prod())
     if np.all(_turns(corners) >= -flat):
@@ -219,7 +219,10 @@ def _turns(corners: Floats) -> Floats:
 
 
 def _is_ear(corners: Floats, left: list[int], k: int, flat: float, border: float) -> bool:
-    """Whether a corner can be cut off; straight ones can.  Others are in its triangle beyond `border`."""
+    """Whether a corner is an ear (can be cut off); straight corners are.
+
+    `border`: tolerance for other corners in its triangle.
+    """
     own = [left[k - 1], left[k], left[(k + 1) % len(left)]]
     a, b, c = corners[own]
     turn = (b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0])
@@ -274,7 +277,7 @@ def _half_hull(corners: Floats, order: np.ndarray[tuple[int], np.dtype[np.intp]]
 
 
 class Separation(NamedTuple):
-    """The widest gaps between n segments and a convex polygon."""
+    """The widest gaps between n segments and a convex polygon, with their directions."""
 
     gap: Floats  # (n,) distance between two parallel lines that hold them apart; negative: how deep they overlap
     normal: Floats  # (n, 2) of these lines, away from the polygon
@@ -323,7 +326,7 @@ def _separate(start: Floats, end: Floats, polygon: Floats, out: Separation) -> N
 
 
 def route(corners: Floats, a: Floats, b: Floats, away: float, *, ccw: bool) -> Floats:
-    """(m, 2) positions that lead from near a around a polygon to near b, at a distance from it.
+    """(m, 2) positions of a path from near a around a polygon to near b, at a distance from the polygon.
 
     Args:
         corners: (K, 2) simple polygon, counter-clockwise.
@@ -349,7 +352,7 @@ def route(corners: Floats, a: Floats, b: Floats, away: float, *, ccw: bool) -> F
 
 
 def nearest_edge(corners: Floats, xy: Floats, away: float) -> tuple[int, Floats]:
-    """The edge of a polygon nearest to a position, and the position at a distance outside of it."""
+    """Edge of a polygon nearest to a position, and the point at distance `away` outside of it."""
     ends = np.roll(corners, -1, axis=0)
     edge = ends - corners
     share = np.clip(np.einsum("ki,ki->k", xy - corners, edge) / np.einsum("ki,ki->k", edge, edge), 0.0, 1.0)
@@ -359,7 +362,7 @@ def nearest_edge(corners: Floats, xy: Floats, away: float) -> tuple[int, Floats]
 
 
 def offset_point(corners: Floats, k: int, foot: Floats, away: float) -> Floats:
-    """A position outside edge k, at a distance from a point on it."""
+    """Point outside edge k at distance `away` from a point on it."""
     edge = corners[(k + 1) % len(corners)] - corners[k]
     return np.asarray(foot + away * np.array([edge[1], -edge[0]]) / np.hypot(*edge))
 
@@ -370,7 +373,7 @@ def _along(corners: Floats, k: int, xy: Floats) -> float:
 
 
 def offset(corners: Floats, away: float) -> Floats:
-    """Corners moved outwards so that the edges move by a distance (very sharp corners by less than that takes)."""
+    """Corners moved outwards so that the edges move by a distance (very sharp corners by less)."""
     edge = np.roll(corners, -1, axis=0) - corners
     normal = np.column_stack([edge[:, 1], -edge[:, 0]]) / np.hypot(*edge.T)[:, None]
     before = np.roll(normal, 1, axis=0)
@@ -379,7 +382,7 @@ def offset(corners: Floats, away: float) -> Floats:
 
 
 def spread_along(a: Floats, positions: Floats, b: Floats, steps: int) -> Floats | None:
-    """(steps - 1, 2) positions from a by all of `positions` to b, including each of these; None: too few.
+    """(steps - 1, 2) positions from a via all of `positions` to b, including these; None if there are too few steps.
 
     Args:
         a: (2,)
@@ -408,7 +411,7 @@ MAX_SAMPLING_ROUNDS = 200
 
 
 class Floor(NamedTuple):
-    """A room polygon minus the polygons in it."""
+    """A room polygon minus the polygons of walls and obstacles."""
 
     room: Floats  # (K, 2)
     walls: Floats  # (S, 2) packed polygons (`pack_polygons`)
@@ -422,7 +425,7 @@ def make_floor(room: Floats, walls: Sequence[Floats]) -> Floor:
 
 @kernel
 def on_floor(xy: Floats, room: Floats, walls: Floats, starts: Ints) -> Bools:
-    """(N,) bool: which of the (N, 2) points are on the floor."""
+    """(N,) mask of points (N, 2) on the floor."""
     free = inside_polygon(xy, room)
     for w in range(starts.shape[0] - 1):
         wall = walls[starts[w] : starts[w + 1]]
@@ -433,7 +436,7 @@ def on_floor(xy: Floats, room: Floats, walls: Floats, starts: Ints) -> Bools:
 
 
 def sample_floor(n: int, floor: Floor, rng: np.random.Generator) -> Floats:
-    """(n, 2) random positions, uniform over the floor: rejection sampling from the room's bounding box.
+    """Sample (n, 2) positions uniformly over the floor, by rejection from the room's bounding box.
 
     Raises:
         ValueError: so little of the box is free that `MAX_SAMPLING_ROUNDS` rounds do not find n positions.
@@ -494,7 +497,7 @@ def floor_moments(floor: Floor) -> tuple[Floats, Floats]:
 
 
 def _crossings(edges: Floats) -> Floats:
-    """Abscissas of the crossings of (E, 2, 2) edges."""
+    """Abscissas (x) of the crossings of edges (E, 2, 2)."""
     run = edges[:, 1] - edges[:, 0]
     base = edges[None, :, 0] - edges[:, None, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -507,7 +510,7 @@ def _crossings(edges: Floats) -> Floats:
 
 
 def sample_near(xy: Floats, reach: float, floor: Floor, rng: np.random.Generator) -> Floats:
-    """(N, 2) random positions on the floor, each uniform within a distance of one of the (N, 2) points.
+    """Sample (N, 2) positions on the floor, each uniform within `reach` of one of the points (N, 2).
 
     For a point with hardly any floor around it the position is anywhere on the floor.
 

@@ -26,7 +26,7 @@ from .verdict import TrackProvenance
 
 
 def open_sources(request: EvaluateRequest, *, held_boxes: bool) -> tuple[EvaluationSources, Scene, Opened | None]:
-    """Everything that is named, of which nothing is read yet; the scene, and the tracks.
+    """Open all inputs that are named, without reading them; the scene, and the tracks.
 
     Args:
         request: names the inputs.
@@ -60,7 +60,7 @@ def _opened(path: Path | None, *tables: type[ColumnTable]) -> Opened | None:
 
 
 def open_tables(request: EvaluateRequest) -> tuple[Opened | None, Opened | None, Scene]:
-    """Tracks and truth, not read yet, and the scene, which has the same unit of lengths."""
+    """Open tracks and truth, without reading them, and the scene, which must have the same length unit."""
     rate = request.multi_target.get("fps")
     fps = None if rate is None else as_rate(str(rate))
     truth = None if request.truth is None else _open_truth(request.truth, fps)
@@ -78,7 +78,7 @@ def open_tables(request: EvaluateRequest) -> tuple[Opened | None, Opened | None,
 
 
 def open_measured(path: Path, tracks: Opened | None, scene: Scene) -> MeasuredSource:
-    """Distance measurements, with the settings that the tracks were made with, or defaults if these are unknown."""
+    """Open distance measurements, with the settings used for the tracks, or defaults if these are unknown."""
     opened = open_input(path, Measurements, Reads)
     if not scene.sensors:
         raise UsageError(f"{path}: stations have no positions without a scene; give one", id="missing-pose")
@@ -99,17 +99,17 @@ def open_measured(path: Path, tracks: Opened | None, scene: Scene) -> MeasuredSo
 
 
 def _radio(reported: dict[str, Any]) -> Radio:
-    """The path loss that tracks were made with."""
+    """Path loss model with which tracks were made, from their provenance."""
     return Radio(**(reported | {"shadowing": SignalErrors(**reported["shadowing"])}))
 
 
 def _open_truth(path: Path, fps: Fraction | None) -> Opened:
-    """True positions, boxes or both."""
+    """Open true positions, boxes or both."""
     return _open(path, fps, Truth, TruthBoxes, remedy="leave the truth out, or ingest the recording with its truth")
 
 
 def _open(path: Path, fps: Fraction | None, *tables: type[ColumnTable], remedy: str = REMEDY) -> Opened:
-    """An input, of which an external table may count frames; InputError where their rate is not given."""
+    """Open an input that may have frame numbers if it is external; InputError without a frame rate."""
     if fps is None and (counted := frames_counted_by(path)):
         raise InputError(
             f"{path}: column {counted} counts frames, not times; give the frame rate ({option('fps')})",
@@ -119,9 +119,9 @@ def _open(path: Path, fps: Fraction | None, *tables: type[ColumnTable], remedy: 
 
 
 def _scene(request: EvaluateRequest, tracks: Opened | None, truth: Opened | None) -> Scene:
-    """The scene of `--scene` or of the recording.
+    """Load the scene of `--scene` or of the recording.
 
-    Views are compared without one, and so are tracks with a truth, in the unit that they state, or in metres.
+    Views, and tracks with a truth, can be compared without a scene, in the unit that they state, or in metres.
     """
     recorded = None if truth is None else truth.scene
     if request.scene is None and recorded is None and request.directions is None and request.views is None:

@@ -1,4 +1,4 @@
-"""Names of the figures that an evaluation can give, so that a misspelled one is refused before the work."""
+"""Names of all figures of an evaluation, so that a misspelled one is refused before the work."""
 
 from __future__ import annotations
 
@@ -58,9 +58,9 @@ _OF = re.compile(r"_(sensor|target|recording)_.+$")
 
 
 def unknown_metric_hint(name: str, more: Collection[str] = ()) -> str | None:
-    """A hint on a name that no evaluation gives, with the nearest ones that some give; None for a known name.
+    """Hint for an unknown metric name, with the most similar known names; None for a known name.
 
-    `more` are full names that the evaluation gives also.
+    `more`: additional known names.
     """
     if name in more or any(f"{name}_{unit}" in more for unit in UNITS):
         return None

@@ -147,13 +147,13 @@ class EvaluateRequest(Request):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Frames must be a range."""
+        """Check that frames are a range."""
         if self.frames is not None:
             yield "frames", 0 <= self.frames[0] < self.frames[1], "A:B with 0 <= A < B"
 
     @property
     def outputs(self) -> list[Path]:
-        """Every file that is written and may not be there; the folder of MOTChallenge files may."""
+        """All files that are written and must not exist; the folder of MOTChallenge files may exist."""
         return [path for name, path in self.files(output=True).items() if name != "mot"]
 
     @property
@@ -163,7 +163,7 @@ class EvaluateRequest(Request):
 
     @property
     def inputs(self) -> list[Path]:
-        """Every file that is read, each once."""
+        """All files that are read, without duplicates."""
         pairs = tuple(path for pair in self.additional or () for path in pair)
         files = (self.tracks, self.truth, *pairs, self.bearings, self.doa, self.views, self.cooperation)
         more = (self.diagnostics, self.measurements, self.scene, self.truth_azimuths)

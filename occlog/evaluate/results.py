@@ -1,7 +1,4 @@
-"""Results of an evaluation, and conditions such as `rmse>0.5` that judge its figures.
-
-Figures of `evaluate` as text: a few lines in groups, then a table by target and one by sensor.
-"""
+"""Results of an evaluation, conditions such as `rmse>0.5`, and the figures as text (groups, targets, sensors)."""
 
 from __future__ import annotations
 
@@ -30,7 +27,7 @@ CONDITION = re.compile(r"\s*([^<>=]+?)\s*(<=|>=|<|>)\s*([^<>=]+?)\s*")
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """Figures, and the tables behind them.
+    """Figures of an evaluation, and the tables behind them.
 
     Attributes:
         metrics: flat; the unit is the end of the name.
@@ -56,13 +53,13 @@ class Evaluation:
 
     @property
     def figures(self) -> dict[str, object]:
-        """The metrics with the verdict."""
+        """Figures with the verdict."""
         return {**self.metrics, **summary_of(self.verdicts)}
 
 
 @dataclass(frozen=True)
 class Threshold:
-    """The evaluation fails if `metric operator limit` is true, or cannot be decided."""
+    """Condition of failure: `metric operator limit` is true or undecidable."""
 
     metric: str
     operator: str
@@ -73,7 +70,7 @@ class Threshold:
 
 
 def parse_threshold(text: str) -> Threshold:
-    """Threshold from text such as `rmse>0.5`; UsageError for any other text.
+    """Parse a threshold such as `rmse>0.5`; UsageError for any other text.
 
     A comparison that no number satisfies or every number does (`> nan`, `> inf`) is refused too.
     """
@@ -88,7 +85,7 @@ def parse_threshold(text: str) -> Threshold:
 
 
 def failures(metrics: Mapping[str, float], thresholds: Iterable[Threshold]) -> list[str]:
-    """One line for each threshold that is broken, or has a metric that is missing, ambiguous or not a number."""
+    """Message for each threshold that is violated, or has a metric that is missing, ambiguous or not a number."""
     return [line for t in thresholds if (line := _failure(metrics, t)) is not None]
 
 
@@ -109,7 +106,7 @@ def _failure(metrics: Mapping[str, float], threshold: Threshold) -> str | None:
 
 
 def find_metric(metrics: Mapping[str, float], name: str) -> list[str]:
-    """Full names that a name with or without its unit can represent; a full name represents itself."""
+    """Full names that a metric name, with or without unit, can mean."""
     if name in metrics:
         return [name]
     return [full for full in (f"{name}_{unit}" for unit in UNITS) if full in metrics]
@@ -378,7 +375,7 @@ BY_RECORDING = (
 
 
 def recording_lines(each: Mapping[str, Mapping[str, float]], combined: Mapping[str, float], unit: str) -> list[str]:
-    """A table with a row for each recording, and one of all together."""
+    """Table with a row per recording and one for all together."""
     rows = {**each, "all": combined}
     flat = {f"{key}_recording_{name}": value for name, row in rows.items() for key, value in row.items()}
     used = [entry for entry in BY_RECORDING if next(_keys([entry], "", unit))[0] in combined]
@@ -392,9 +389,9 @@ def recording_lines(each: Mapping[str, Mapping[str, float]], combined: Mapping[s
 
 
 def summary_lines(metrics: Mapping[str, float], unit: str) -> list[str]:
-    """Lines of text: only groups and columns that the metrics have.
+    """Text lines with the groups and columns for which there are metrics.
 
-    Of tracks that were smoothed (`tracks_smoothed`) each target's errors are compared with the bound of smoothing.
+    Errors of smoothed tracks (`tracks_smoothed`) are compared with the smoothing bound.
     """
     lines: list[str] = []
     own = headline.independent_ids(metrics)
@@ -425,14 +422,14 @@ def summary_lines(metrics: Mapping[str, float], unit: str) -> list[str]:
 
 
 def without_per_target(figures: Mapping[str, object]) -> dict[str, object]:
-    """The figures without those of each target where these are many; the file of figures has all of them."""
+    """Figures without those of each target if there are many (the output file has all)."""
     targets = {found[0] for name in figures if (found := OF_TARGET.search(name))}
     few = len({name.rstrip("_") for name in targets}) <= MAX_TARGETS_SHOWN
     return {name: value for name, value in figures.items() if few or not OF_TARGET.search(name)}
 
 
 def number(value: float) -> str:
-    """Four digits; whole numbers in full; a dash for NaN."""
+    """Format a number: four digits, whole numbers in full, a dash for NaN."""
     if not math.isfinite(value):
         return "-"
     return f"{value:.0f}" if value == round(value) and abs(value) < 1e15 else f"{value:.4g}"
@@ -446,7 +443,7 @@ def _keys(entries: Iterable[Entry], suffix: str, unit: str) -> Iterator[tuple[st
 
 
 def _names(metrics: Mapping[str, float], kind: str, columns: Iterable[Entry], unit: str) -> list[str]:
-    """Targets or sensors that have a figure in one of the columns, in the order of the metrics."""
+    """Targets or sensors with a figure in one of the columns, in the order of the metrics."""
     found: dict[str, None] = {}
     for pattern, _, _ in _keys(columns, f"_{kind}_\0", unit):
         start, end = pattern.split("\0")

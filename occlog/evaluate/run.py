@@ -1,10 +1,7 @@
-"""Run of `occlog evaluate`: files and settings to figures, and these to files.
+"""`occlog evaluate`: files and settings to figures, and these to files.
 
-Work of `occlog evaluate --also`: several recordings in one table, and all of them together.
-
-The figures of all together are those of one long recording of concatenated recordings, and in which no
-target or track of one is in another: those of each recording are merged.  Counts are added up before rates are made of
-them, as TrackEval's COMBINED does.
+Also `--also`: several recordings in one table, and all together. The latter are figures of one long concatenated
+recording without common targets or tracks: counts are summed before rates are computed, as TrackEval's COMBINED does.
 """
 
 from __future__ import annotations
@@ -76,7 +73,7 @@ class EvaluatedRecording(NamedTuple):
 
 
 class MultiRecordingFigures(NamedTuple):
-    """Figures of each recording by name, of all together, the unit of lengths; losses and verdicts of inputs."""
+    """Figures of each recording by name and of all together, length unit, and losses and verdicts of inputs."""
 
     each: dict[str, dict[str, float]]
     combined: dict[str, float]
@@ -86,7 +83,7 @@ class MultiRecordingFigures(NamedTuple):
 
     @property
     def metrics(self) -> dict[str, float]:
-        """Flat: those of all together, then those of each recording with names that end in `_recording_NAME`."""
+        """Flat metrics: of all together, then of each recording with the suffix `_recording_NAME`."""
         own = {f"{name}_recording_{who}": value for who, row in self.each.items() for name, value in row.items()}
         return self.combined | own
 
@@ -99,7 +96,7 @@ ALONE = (
 
 
 def evaluate_several(request: EvaluateRequest, job: Job) -> MultiRecordingFigures:
-    """Read, compare, write the figures of several recordings, all with tracks in images or all on the ground."""
+    """Evaluate several recordings (all in images, or all on the ground), and write the figures."""
     for entry in Form(EvaluateRequest).entries():
         if entry.field in ALONE and getattr(request, entry.field):
             raise UsageError(f"{option(entry.key)} is of one recording; omit {option('also')}", id="not-applicable")
@@ -133,7 +130,7 @@ def evaluate_several(request: EvaluateRequest, job: Job) -> MultiRecordingFigure
 
 
 def _in_images(sides: Sequence[EvaluateRequest]) -> tuple[list[Metrics], Metrics]:
-    """Figures of each recording, and of all together, in which every view of a recording is its own view."""
+    """Figures of each recording, and of all together, with the views of different recordings distinguished."""
     each, whole = list[Metrics](), None
     views, counts = list[int](), Counter[str]()
     for side in sides:
@@ -151,7 +148,7 @@ def _in_images(sides: Sequence[EvaluateRequest]) -> tuple[list[Metrics], Metrics
 
 
 def _on_ground(sides: Sequence[EvaluateRequest], chosen: EvaluateConfig) -> tuple[list[Metrics], Metrics, str]:
-    """Figures of each recording, of all together, and the unit of lengths."""
+    """Figures of each recording and of all together, and the length unit."""
     opened = [open_sources(side, held_boxes=False) for side in sides]
     units = [scene.length_unit for _, scene, _ in opened]
     if len(set(units)) > 1:
@@ -177,7 +174,7 @@ def _on_ground(sides: Sequence[EvaluateRequest], chosen: EvaluateConfig) -> tupl
 
 
 def _names(recordings: Sequence[EvaluatedRecording]) -> list[str]:
-    """A name for each recording: that of its tracks, or of its truth where these differ and the former do not."""
+    """Name of each recording: that of its tracks, or of its truth if only these differ."""
     for side in ([r.tracks.stem for r in recordings], [r.truth.stem for r in recordings]):
         if len(set(side)) == len(side):
             return side
@@ -189,7 +186,7 @@ GATE_DEG = 10.0
 
 
 def kind_of_input(request: EvaluateRequest) -> str:
-    """The kind of input of a request, the first that fits."""
+    """Kind of input of a request: the first that fits."""
     if request.truth_azimuths is not None:
         return AZIMUTHS
     if in_images(request.tracks):
@@ -198,7 +195,7 @@ def kind_of_input(request: EvaluateRequest) -> str:
 
 
 def run_evaluate(request: EvaluateRequest, job: Job) -> JobResult:
-    """Compare and write."""
+    """Evaluate, and write the outputs."""
     thresholds = _thresholds(request.fail_if, names_of_figures(request.metrics))
     if job.kind == AZIMUTHS:
         figures, losses = _of_directions(request, job)
@@ -235,7 +232,7 @@ def _lines(summary: Mapping[str, object], as_json: bool, first: Iterable[str] = 
 
 
 def _shown(result: Evaluation, unit: str, as_json: bool) -> str:
-    """The figures as text."""
+    """Format the figures as text."""
     if as_json:
         first = headline.first_of(result.metrics) if headline.independent_ids(result.metrics) else ()
         return _lines(without_per_target(result.figures), True, first)
@@ -248,9 +245,9 @@ def _shown(result: Evaluation, unit: str, as_json: bool) -> str:
 
 
 def _thresholds(texts: Iterable[str], more: Collection[str]) -> list[Threshold]:
-    """Conditions of `fail_if`; UsageError for a text that is none, and for a metric that no evaluation gives.
+    """Parse the conditions of `fail_if`; UsageError for invalid texts and unknown metrics.
 
-    `more` are names of figures of plug-ins.
+    `more`: names of figures of plug-ins.
     """
     found = []
     for text in texts:
@@ -267,7 +264,7 @@ def _thresholds(texts: Iterable[str], more: Collection[str]) -> list[Threshold]:
 
 
 def _in_world(request: EvaluateRequest, job: Job) -> tuple[Evaluation, str]:
-    """Read, evaluate, write; the evaluation and the scene's length unit."""
+    """Evaluate tracks in the world, and write the outputs; return the evaluation and the length unit."""
     given, many_given = request.settings, request.multi_target
     _check_request(request, given)
     held_boxes = bool(given.get("held_out")) and request.views is not None
@@ -320,14 +317,14 @@ def _in_world(request: EvaluateRequest, job: Job) -> tuple[Evaluation, str]:
 def _parameters(
     request: EvaluateRequest, config: EvaluateConfig, many: MultiTargetConfig | None, unit: str
 ) -> dict[str, object]:
-    """Parameters of the comparison, as the provenance of outputs has them."""
+    """Parameters of the evaluation, for provenance."""
     out = asdict(config) | ({"doa_labels": True} if request.doa_labels else {})
     out |= {} if many is None else {"multi_target": asdict(many)}
     return out | ({"metrics": [each.provenance(unit) for each in request.metrics]} if request.metrics else {})
 
 
 def _write_scene(path: Path, scene: Scene, noise: Mapping[str, MeasuredNoise], *, overwrite: bool) -> None:
-    """Write the scene with the noise that was measured at known positions."""
+    """Write the scene with the noise measured at known positions."""
     text = noise_comment(noise) + scene_to_yaml(scene_with(scene, noise))
     write_bytes(path, text.encode(), overwrite)
 
@@ -388,7 +385,7 @@ OF_WHAT = {
 
 
 def _check_used(request: EvaluateRequest, given: Mapping[str, object]) -> None:
-    """UsageError for a setting that was given, but of figures for which there are no inputs."""
+    """UsageError for a given setting of figures whose inputs are missing."""
     with_bearings, truth, held = request.directions is not None, request.truth is not None, bool(given.get("held_out"))
     bound = truth and (with_bearings or request.measurements is not None)
     there = {LOOKS: with_bearings and truth, BOUND: bound, LINES: with_bearings}
@@ -406,7 +403,7 @@ def _check_used(request: EvaluateRequest, given: Mapping[str, object]) -> None:
 
 
 def simulated(truth: Path | None) -> dict[str, float]:
-    """Noise of the walk and diameter of moving objects, as the simulation had them that made the truth."""
+    """Process noise and diameter of moving objects from the provenance of a simulated truth."""
     # A table that counts frames has no recording, whatever their rate
     opened = None if truth is None else open_input(truth, fps=Fraction(1))
     if opened is None or opened.recording is None or opened.provenance.command != "simulate":
@@ -421,7 +418,7 @@ def simulated(truth: Path | None) -> dict[str, float]:
 
 
 def _check_held_out(tracks: Opened | None, held_out: tuple[str, ...]) -> None:
-    """InputError if the tracks state that they were made with a sensor that is held out."""
+    """InputError if the tracks were made with a held-out sensor."""
     if tracks is None or not held_out:
         return
     made = tracks.provenance.parameters
@@ -436,7 +433,7 @@ def _check_held_out(tracks: Opened | None, held_out: tuple[str, ...]) -> None:
 
 
 def _of_directions(request: EvaluateRequest, job: Job) -> tuple[dict[str, float], tuple[Loss, ...]]:
-    """Compare directions of arrival with true ones, write; the figures, and the losses in making the inputs."""
+    """Evaluate directions of arrival against true ones, and write the outputs; return figures and input losses."""
     doa, truth = request.doa, request.truth_azimuths
     if request.tracks is not None:
         raise UsageError(
@@ -468,7 +465,7 @@ def _of_directions(request: EvaluateRequest, job: Job) -> tuple[dict[str, float]
 
 
 def _true_directions(path: Path, found: Doa) -> Doa:
-    """True directions; a log without a column of sensors is of the only one that there is."""
+    """True directions; a log without a sensor column is of the only array."""
     opened = open_if_ours(path)
     if opened is not None:
         return opened.read(Doa)

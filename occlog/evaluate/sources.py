@@ -1,4 +1,4 @@
-"""Sources of `occlog evaluate`: tables in chunks, which are read several times, whole or in part."""
+"""Sources of `occlog evaluate`: tables in chunks, read repeatedly, in whole or in part."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ Chunks = Callable[[], Iterator[T]]
 
 
 class MeasuredSource(NamedTuple):
-    """Measurements of distances that are read as often as requested, with what must be known of them."""
+    """Distance measurements that can be read repeatedly, with their settings."""
 
     rows: Chunks[Measurements]
     config: DistanceMeasurementConfig
@@ -85,7 +85,7 @@ class EvaluationSources:
     frames: tuple[int, int] | None = None
 
     def in_frames(self, frames: tuple[int, int]) -> EvaluationSources:
-        """The rows of the frames first <= number < stop.
+        """Restrict the sources to the frames first <= number < stop.
 
         Views and true boxes have numbers of frames; everything else is taken from the time of the first frame on up to
         that of the one after the last, where frames are the times of true targets, else of true boxes, bearings, boxes
@@ -110,27 +110,26 @@ class EvaluationSources:
         return replace(out, **during)
 
     def _times_of_frames(self) -> Iterator[Iterator[Ints]]:
-        """Times by which frames are numbered: those of true targets; if missing, of the next source."""
+        """Times by which frames are numbered: those of true targets, or else of the next source."""
         yield (rows.t_ns[rows.role == "target"] for rows in rows_of(self.truth))
         for chunks in (self.truth_boxes, self.bearings, self.boxes, self.tracks):
             yield (times(rows) for rows in rows_of(chunks))
 
 
 def rows_of(chunks: Chunks[T] | None) -> Iterator[T]:
-    """All rows; none without a source."""
+    """Concatenate all rows; empty without a source."""
     return iter(()) if chunks is None else chunks()
 
 
 def in_memory(table: T | None) -> Chunks[T] | None:
-    """A table in memory as one chunk; None as it is."""
+    """A table in memory as one chunk; None is unchanged."""
     return None if table is None else lambda: iter([table])
 
 
 def opened_rows(opened: Opened | None, table: type[T]) -> Chunks[T] | None:
-    """The rows of a table; None without a file, or in one that holds none.
+    """Source of a table's rows; None without a file or rows.
 
-    Those of a recording or a table of another program, which are slow to read, are buffered on disk while they are read
-    for the first time.
+    Rows of a recording or an external table, which are slow to read, are buffered on disk in the first pass.
     """
     if opened is None or not opened.has(table):
         return None
@@ -140,7 +139,7 @@ def opened_rows(opened: Opened | None, table: type[T]) -> Chunks[T] | None:
 
 
 def _gathered(chunks: Chunks[T]) -> Iterator[T]:
-    """Chunks of `AT_ONCE` rows or more, but for the last one."""
+    """Rechunk to at least `AT_ONCE` rows, except for the last chunk."""
     parts, rows = list[T](), 0
     for chunk in chunks():
         parts.append(chunk)
@@ -153,20 +152,20 @@ def _gathered(chunks: Chunks[T]) -> Iterator[T]:
 
 
 def _during(chunks: Chunks[T], span: Span) -> Iterator[T]:
-    """The rows of a span of time."""
+    """Rows in a time range."""
     for chunk in chunks():
         yield chunk.take((times(chunk) >= span[0]) & (times(chunk) < span[1]))
 
 
 def _numbered(chunks: Chunks[N] | None, frames: tuple[int, int]) -> Chunks[N] | None:
-    """The rows of the frames first <= number < stop."""
+    """Rows of the frames first <= number < stop."""
     if chunks is None:
         return None
     return lambda: (rows.take((rows.frame >= frames[0]) & (rows.frame < frames[1])) for rows in chunks())
 
 
 def streamed_bearings(path: Path | None, doa: Path | None, labels: bool, scene: Scene) -> Chunks[Bearings] | None:
-    """All bearings, and directions of arrival as such: as `occlog track` reads them, as often as requested.
+    """Source of all bearings, with directions of arrival converted to bearings, as in `occlog track`; repeatable.
 
     Those of a recording are used along with its bearings unless others are named.
     """
@@ -203,7 +202,7 @@ def streamed_bearings(path: Path | None, doa: Path | None, labels: bool, scene: 
 
 
 def span_of_frames(chunks: Iterable[Ints], frames: tuple[int, int]) -> Span | None:
-    """Times from the first of these frames on, up to that of the one after the last; None: there is no frame at all.
+    """Time range of frames: from the first one up to the one after the last; None without frames.
 
     Args:
         chunks: times by which frames are numbered, in their order, each as often as may be.
@@ -233,10 +232,10 @@ def span_of_frames(chunks: Iterable[Ints], frames: tuple[int, int]) -> Span | No
 
 
 def missing_frames_message(frames: tuple[int, int], count: int) -> InputError:
-    """Description of frames that are not there."""
+    """Message about missing frames."""
     return InputError(f"frames {frames[0]}:{frames[1]}: there are {count} of them, numbered from 0", id="empty-input")
 
 
 def no_true_box_message(frames: tuple[int, int]) -> InputError:
-    """Description of frames of views that have no true box."""
+    """Message about frames of views without any true box."""
     return InputError(f"frames {frames[0]}:{frames[1]}: no true box is in them", id="empty-input")

@@ -1,12 +1,8 @@
-"""Computes every figure that tracks, truth, bearings and what else is given allow, in memory that does not grow.
+"""Computation of all figures that the given inputs allow, in bounded memory.
 
-All tables come in chunks and are read two or three times, side by side in time intervals: for what must be
-known of the whole (`survey`), if requested for the pairs of tracks and targets (`prepare`), and for the figures.  A
-table in memory is one chunk.
-
-What it costs to ask cameras for their bearings: requests, frames and their mean period.
-
-Figures of plug-ins: tracks and truth in, figures with the plug-in's name and their units out.
+All tables are read in chunks, two or three times, in common time intervals: for the survey of the whole, if requested
+for the pairs of tracks and targets (`prepare`), and for the figures. A table in memory is one chunk. Also the cost of
+sensor selection by events (requests, frames, mean period), and figures of plug-ins.
 """
 
 from __future__ import annotations
@@ -68,7 +64,7 @@ CAUSES = ("periodic", "count", "bearing", "ellipse", "spread")
 
 
 class CooperationCounts:
-    """Counts of requests that come in the order of time."""
+    """Accumulates counts of camera requests in the order of time."""
 
     def __init__(self) -> None:
         """Start without requests."""
@@ -77,7 +73,7 @@ class CooperationCounts:
         self._span: tuple[int, int] | None = None
 
     def update(self, asked: Cooperation) -> None:
-        """Requests of some more times."""
+        """Add the requests of further times."""
         own = asked.take(asked.cause != SHARED)
         self._rows, self._own = self._rows + len(asked), self._own + len(own)
         self._answered += int(np.count_nonzero(own.answered))
@@ -89,7 +85,7 @@ class CooperationCounts:
             self._span = (int(times[0]) if self._span is None else self._span[0]), int(times[-1])
 
     def result(self, tracked: tuple[int, int] | None) -> dict[str, float]:
-        """Requests, frames and their mean period.
+        """Numbers of requests and frames, and their mean periods.
 
         Args:
             tracked: first and last time of the tracks; the period is the time between them by the number of times at
@@ -182,8 +178,8 @@ class Evaluator:
     """Evaluates the given inputs.
 
     Tracks and truth give errors and, if requested, the figures of many targets; bearings and truth give detections and
-    the bound; bearings alone give the distance of the tracks from where lines of sight meet, and the prediction of
-    held-out sensors; views and true boxes give recall and precision; requests of cameras give their cost.
+    the bound; bearings alone give distances of the tracks from triangulated positions, and the prediction of held-out
+    sensors; views and true boxes give recall and precision; camera requests give their cost.
     """
 
     def __init__(self, sources: EvaluationSources, scene: Scene, config: EvaluateConfig) -> None:
@@ -223,7 +219,7 @@ class Evaluator:
 
     @property
     def several(self) -> bool:
-        """True if there are several tracks or targets to compare, or a truth in which no target is there."""
+        """Whether there are several tracks or targets, or an empty truth."""
         known = self.known
         return self._compares and (max(len(known.tracks), len(known.targets)) > 1 or known.truth_ns is None)
 
@@ -302,7 +298,7 @@ class Evaluator:
         return Evaluation({name: float(v) for name, v in metrics.items()}, notes=tuple(notes), checks=checks)
 
     def _prepare(self, ground: GroundFigures | None, many: MultiTargetConfig | None) -> dict[int, int]:
-        """Return the target of each track, and prepare the figures of many targets over all frames."""
+        """Determine the target of each track, and prepare the multi-target figures by a pass over all frames."""
         known, by_number = self.known, self._config.match == "id"
         if not self._compares:
             return {}
@@ -317,7 +313,7 @@ class Evaluator:
         return pairs_by_number(known) if by_number or known.single is None else dict([known.single])
 
     def of_many(self, many: MultiTargetConfig) -> GroundFigures:
-        """The figures of many targets alone; many: their settings, with a match distance."""
+        """Multi-target figures only; `many`: their settings, with a match distance."""
         ground = GroundFigures.of(self.known, many, self._scene.length_unit)
         for take in (ground.prepare, ground.update):
             for _, frames in self._parts(many):
@@ -328,7 +324,7 @@ class Evaluator:
     def _parts(
         self, many: MultiTargetConfig | None, companion: StretchTables | None = None
     ) -> Iterator[tuple[EvaluationChunk, EvaluatedPart | None]]:
-        """Sections of time, and their frames for the figures of many targets where there are any.
+        """Generate sections, with their frames for the multi-target figures if requested.
 
         Frames are the times of true targets; of an empty truth, in which no target is there, those of the tracks.
         """
@@ -345,7 +341,7 @@ class Evaluator:
             begin += len(times)
 
     def _figures(self, errors: TrackErrors, seen: AgainstBearings | None) -> tuple[Metrics, list[str]]:
-        """Figures but those of many targets, and notes."""
+        """All figures except multi-target ones, and notes."""
         known, sources, notes = self.known, self._sources, list[str]()
         metrics: Metrics = {}
         if self._compares:
@@ -367,7 +363,7 @@ class Evaluator:
         return metrics | self._of_boxes() | self._of_views() | self._of_requests(), notes
 
     def _of_boxes(self) -> Metrics:
-        """Prediction of all people's boxes in cameras that are held out, of tables that are read as a whole."""
+        """Prediction of people's boxes in held-out cameras; tables are read as a whole."""
         sources = self._sources
         if sources.boxes is None or sources.tracks is None:
             return {}
@@ -377,7 +373,7 @@ class Evaluator:
         return held_out_box_metrics(whole, table, self._scene, self._config)
 
     def _of_views(self) -> Metrics:
-        """Views against true boxes."""
+        """Figures of views against true boxes."""
         views, true = self._sources.views, self._sources.truth_boxes
         if views is None or true is None:
             return {}
@@ -390,7 +386,7 @@ class Evaluator:
         return figures.result()
 
     def _of_requests(self) -> Metrics:
-        """Return the cost of requests to cameras."""
+        """Cost of camera requests."""
         asked: Chunks[Cooperation] | None = self._sources.cooperation
         if asked is None:
             return {}
@@ -405,14 +401,14 @@ PURE = ("", "1")
 
 
 def full_name(plugin: str, figure: str, unit: str, length_unit: str) -> str:
-    """Name of a figure: the plug-in's, its own, and its unit: `gaps_longest_s`."""
+    """Full name of a plug-in's figure with its unit: `gaps_longest_s`."""
     of = unit.replace("length", length_unit)
     own = f"{plugin.replace('-', '_')}_{figure}"
     return own if of in PURE else f"{own}_{of}"
 
 
 def names_of_figures(plugged: Iterable[Chosen]) -> set[str]:
-    """Full names of the figures that plug-ins give, in any unit of length."""
+    """Full names of all figures of plug-ins, in any length unit."""
     lengths = (*METRES, "unit")
     return {
         full_name(each.plugin.name, name, unit, length)
@@ -423,7 +419,7 @@ def names_of_figures(plugged: Iterable[Chosen]) -> set[str]:
 
 
 def fault_of(figures: object, units: Mapping[str, str]) -> str | None:
-    """Faults of what a metric gave back, in words; None: nothing."""
+    """Description of what is wrong with a metric plug-in's result; None if it is valid."""
     if not isinstance(figures, Mapping):
         return f"figures gives a {type(figures).__name__}; a mapping of names to numbers was expected"
     for name in units:
@@ -442,7 +438,7 @@ def fault_of(figures: object, units: Mapping[str, str]) -> str | None:
 def with_plugins(
     result: Evaluation, plugged: Iterable[Chosen], tracks: Tracks, truth: Truth, length_unit: str
 ) -> Evaluation:
-    """The evaluation with the figures of plug-ins; PluginError where one fails or gives what cannot be."""
+    """The evaluation with figures of plug-ins; PluginError if one fails or returns invalid values."""
     metrics, names = dict(result.metrics), list[str]()
     for each in plugged:
         own: Metric = each.make(length_unit)

@@ -1,9 +1,7 @@
-"""The verdict on finished tracks: what their diagnostics, bearings, truth and bound report against them.
+"""Verdict on finished tracks, from their diagnostics, bearings, truth and bound.
 
-`occlog.consistency.verdict` judges what the tracks themselves and their bearings state, here as there; this file
-adds what only a comparison with the truth can state.
-
-What bearings state for and against tracks.
+`occlog.consistency.verdict` evaluates what the tracks and their bearings show; this module adds findings that need the
+truth.
 """
 
 from __future__ import annotations
@@ -58,7 +56,7 @@ MAX_BOUND_RATIO = 5.0
 
 
 class TrackProvenance(NamedTuple):
-    """Provenance of tracks, as needed for a verdict."""
+    """Settings and unit of tracks from their provenance, as needed for a verdict."""
 
     smoothed: bool = False  # estimated with later measurements
     one_target: bool = False  # candidates without a label were taken for one target's
@@ -85,7 +83,7 @@ class TrackProvenance(NamedTuple):
 
 
 def bearings_used(bearings: Bearings, made: TrackProvenance, held_out: tuple[str, ...]) -> Bearings:
-    """Bearings that tracks were made from, if known; `held_out`: sensors that these did not have."""
+    """Source of the bearings that tracks were made from, if known; `held_out`: sensors that were not used."""
     use = np.isin(bearings.sensor, list(held_out), invert=True)
     if made.sensors is not None:
         use &= np.isin(bearings.sensor, sorted(made.sensors))
@@ -102,7 +100,7 @@ def checks_with_truth(
     unknown: bool,
     metrics: Mapping[str, object],
 ) -> tuple[Check, ...]:
-    """All findings against tracks.
+    """All findings about tracks.
 
     Args:
         found: statistics of the tracks and their bearings.
@@ -125,24 +123,23 @@ def checks_with_truth(
 
 
 def _truth_of_another_target(found: ConsistencyEvidence, metrics: Mapping[str, object]) -> Iterator[Check]:
-    """Return whether bearings agree with tracks that are far from the truth, and not with the truth."""
+    """Whether bearings agree with tracks far from the truth, and disagree with the truth."""
     nis, there = found.agreements.nis, _number(metrics, "bearing_nis")
     if there > MAX_BEARING_NIS and nis.value <= NIS_HIGH and found.agreements.doubted <= MAX_REJECTED_SHARE:
         yield finding(IDENTITY, "truth-of-another-target", nis_of_tracks=nis.value, nis=there, allowed=MAX_BEARING_NIS)
 
 
 def _errors_on_assigned_target(errors: Errors, scene: Scene) -> Errors:
-    """Errors of tracks while they are on the target that they are paired with.
+    """Errors of tracks while they are on their assigned target.
 
-    A track that is on another target after an exchange is as far away as that one, which contains nothing about
-    covariances.
+    After an identity switch, the distance to the assigned target says nothing about covariances.
     """
     near = MultiTargetConfig.in_unit(scene.length_unit).match_distance
     return errors if near is None else errors.take(errors.error <= near)
 
 
 class _Nees:
-    """Normalised squared errors against what covariances lead one to expect; targets are independent of another."""
+    """Sums of normalised squared errors and their expectations; targets are independent of each other."""
 
     def __init__(self, dimensions: int, limit: float) -> None:
         self.dimensions, self._limit = dimensions, limit
@@ -161,26 +158,26 @@ class _Nees:
 
     @property
     def mean(self) -> Ratio:
-        """Squares over the number of dimensions."""
+        """Mean normalised squared error over the number of dimensions."""
         return Ratio.of_parts(self._squares[k] for k in sorted(self._squares))
 
     @property
     def share(self) -> Ratio:
-        """Errors outside of the 95 % ellipse over the expected share."""
+        """Share of errors outside the 95 % ellipse over the expected share."""
         return Ratio.of_parts(self._outside[k] for k in sorted(self._outside))
 
 
 class CovarianceConsistency:
-    """Collects errors in streaming mode: whether covariances state how large they are."""
+    """Accumulates errors over a stream to check covariances against them."""
 
     def __init__(self, made: TrackProvenance, scene: Scene | None) -> None:
-        """Start without errors; how the tracks were made, and the scene of which they are."""
+        """Start without errors; provenance and scene of the tracks."""
         self.rows = self._high = 0
         self._own_numbers, self._scene = made.own_numbers, scene
         self._ground, self._space = _Nees(2, CHI2_95_2D), _Nees(3, CHI2_95_3D)
 
     def update(self, errors: Errors) -> None:
-        """Add values in the order of time."""
+        """Add errors in the order of time."""
         if self._own_numbers and self._scene is not None:
             errors = _errors_on_assigned_target(errors, self._scene)
         self.rows += len(errors)
@@ -191,13 +188,13 @@ class CovarianceConsistency:
             self._space.update(target, errors.nees_space[own])
 
     def update_pairs(self, targets: Ints, nees: Floats) -> None:
-        """Add pairs of each frame on the ground, in the order of time: target and NEES of each."""
+        """Add per-frame pairs on the ground, in the order of time: targets and NEES."""
         self.rows += len(nees)
         for target, rows in rows_by_label(targets):
             self._ground.update(target, nees[rows])
 
     def checks(self) -> tuple[Check, ...]:
-        """Return whether covariances state how large the errors are."""
+        """Check whether covariances are consistent with the errors."""
         if self.rows < MIN_SAMPLES:
             few = f"fewer than {MIN_SAMPLES} errors" if self.rows else "no errors against a truth"
             return outcome(COVARIANCES, (), unless=few)
@@ -212,7 +209,7 @@ class CovarianceConsistency:
 
 
 def _of_nees(found: _Nees, rows: int) -> Iterator[Check]:
-    """Return whether covariances state how large the errors are."""
+    """Findings about inconsistent covariances."""
     dimensions, mean, share = found.dimensions, found.mean, found.share
     singular = rows - found.n_finite
     if exceeds_share(singular, rows, MAX_SINGULAR_SHARE):
@@ -265,14 +262,14 @@ def _of_figures(metrics: Mapping[str, object]) -> tuple[Check, ...]:
 
 
 def _no_bound(metrics: Mapping[str, object]) -> str:
-    """Why errors are not compared with the bound; empty: they are."""
+    """Reason why errors are not compared with the bound; empty if they are."""
     if independent_ids(metrics):
         return "tracks have their own identities, so that errors count their switches"
     return "" if _number(metrics, "bound_estimates") >= MIN_SAMPLES else "there is no bound"
 
 
 def _not_detected(metrics: Mapping[str, object]) -> Iterator[Check]:
-    """Bearings that are not of the targets of the truth."""
+    """Finding about bearings that are not of the true targets."""
     rate, visible = _number(metrics, "detection_rate"), _number(metrics, "visible")
     if rate < MIN_DETECTION_RATE and exceeds_share(
         round((1.0 - rate) * visible), round(visible), 1.0 - MIN_DETECTION_RATE
@@ -281,20 +278,20 @@ def _not_detected(metrics: Mapping[str, object]) -> Iterator[Check]:
 
 
 def _far_from_bound(metrics: Mapping[str, object]) -> Iterator[Check]:
-    """Errors that are far larger than the bearings would allow."""
+    """Finding about errors far above the bound."""
     ratio = _number(metrics, "bound_ratio")
     if ratio > MAX_BOUND_RATIO and not _no_bound(metrics):
         yield finding(BOUND, "error-far-above-bound", ratio=ratio, allowed=MAX_BOUND_RATIO)
 
 
 def _number(metrics: Mapping[str, object], name: str) -> float:
-    """A figure; NaN if it is not there."""
+    """A figure by name; NaN if missing."""
     value = metrics.get(name)
     return float(value) if isinstance(value, int | float) else math.nan
 
 
 class SightEvidence:
-    """Evidence of bearings for and against tracks."""
+    """Accumulates evidence of bearings for and against tracks."""
 
     def __init__(
         self,
@@ -321,7 +318,7 @@ class SightEvidence:
 
     @property
     def margin_ns(self) -> int:
-        """Margin around a section within which tracks and bearings are needed."""
+        """Margin [ns] around a section within which tracks and bearings are needed."""
         return self._made.window_ns + 1
 
     def update(
@@ -331,7 +328,7 @@ class SightEvidence:
         bearings: TableBuffer[Bearings],
         diagnostics: TableBuffer[Diagnostics] | None,
     ) -> None:
-        """Add a section; `diagnostics` are of the same rows as the tracks (`in_rows_of`)."""
+        """Add a section; `diagnostics` have the same rows as the tracks (`in_rows_of`)."""
         window_ns, before = self._made.window_ns, Limits(limits.begin, limits.end)
         ours, its = before.about(tracks, window_ns, 0), before.about(bearings, window_ns, 0)
         fared = None if diagnostics is None else before.about(diagnostics, window_ns, 0)
@@ -358,7 +355,7 @@ class SightEvidence:
         self._alone.add(residuals, limits.end)
 
     def finish(self) -> None:
-        """Report that all sections came."""
+        """Finish after the last section."""
         self._alone.add(Residuals.empty(), LAST)
         for camera in self._scene.cameras:
             found = self._evidence.agreements.sensors.get(camera.name)
@@ -367,7 +364,7 @@ class SightEvidence:
 
 
 class _Alone:
-    """Counts bearings near to one of another sensor, once all about them have come."""
+    """Counts bearings confirmed by another sensor, once all rows around them are known."""
 
     def __init__(self, evidence: ConsistencyEvidence) -> None:
         self._evidence = evidence
@@ -375,7 +372,7 @@ class _Alone:
         self._first: dict[int, int] = {}
 
     def add(self, residuals: Residuals, end_ns: int) -> None:
-        """Add rows; later ones are not before `end_ns`."""
+        """Add rows; later rows are not before `end_ns`."""
         rows = Residuals.concat([self._kept, residuals])
         if not len(rows):
             return
@@ -396,7 +393,7 @@ class _Alone:
 
 
 def in_rows_of(tracks: Iterable[Tracks], diagnostics: Iterable[Diagnostics]) -> Iterator[Diagnostics]:
-    """Diagnostics of the rows of tracks, one for each, at the times of these.
+    """Diagnostics sorted like the rows of tracks, one for each.
 
     Raises:
         InputError: there are fewer or more of them.

@@ -1,7 +1,4 @@
-"""The `occlog info` command: describes a scene, a recording or a table, of another program too.
-
-What a folder holds: a line for each file that occlog reads, and how many others there are.
-"""
+"""`occlog info`: description of a scene, recording, occlog or external table, bag, or folder."""
 
 from __future__ import annotations
 
@@ -89,7 +86,7 @@ def describe_folder(folder: Path, describe: Callable[[Path], Described]) -> Desc
 
 
 def _kinds(path: Path) -> list[FileContent]:
-    """Kinds that a file may be, for readers of `occlog ingest`; none for a damaged one."""
+    """Possible kinds of a file, for readers of `occlog ingest`; empty for a damaged one."""
     try:
         return contents_of(path)
     except InputError:
@@ -128,14 +125,14 @@ def command(path: Path, rows: int, as_json: bool) -> None:
 
 
 class Description(NamedTuple):
-    """Content of a file, as plain values for JSON and as lines for a person."""
+    """Description of a file, as plain values for JSON and as text lines."""
 
     values: Mapping[str, object]
     lines: list[str]
 
 
 def describe(path: Path, rows: int) -> Description:
-    """Describe a file by its content; of a table also the first rows."""
+    """Describe a file by its content; for a table also the first rows."""
     from occlog.io.files.limits import describe_unsupported
     from occlog.io.open import is_table_in_parts, open_if_ours, open_input
 
@@ -165,7 +162,7 @@ def describe(path: Path, rows: int) -> Description:
 
 
 def _describe_bag(path: Path) -> Description:
-    """Describe a bag: topics, rates, what would be taken of it, and by which command."""
+    """Describe a bag: topics, rates, what would be read from it, and by which command."""
     from occlog.errors import UsageError
     from occlog.io.messages.bag import borrowed_lines, open_bag, survey, topic_lines
     from occlog.io.messages.kinds import TopicKind, kind_of
@@ -261,7 +258,7 @@ def _camera(c: Camera) -> dict[str, object]:
 
 
 def _angles(c: Camera) -> tuple[float, float, float]:
-    """Yaw, pitch and roll [deg]."""
+    """Yaw, pitch and roll of a camera [deg]."""
     from occlog.core.geometry.camera import angles_from_rotation
 
     yaw, pitch, roll = (math.degrees(a) for a in angles_from_rotation(c.rotation))
@@ -269,7 +266,7 @@ def _angles(c: Camera) -> tuple[float, float, float]:
 
 
 def _array_more(array: MicrophoneArray) -> str:
-    """Write the properties in which an array differs from the default."""
+    """Format the properties of an array that differ from the default."""
     parts = []
     if not array.upright:
         parts.append(f"pitch {math.degrees(array.pitch):.3g} deg, roll {math.degrees(array.roll):.3g} deg")
@@ -283,7 +280,7 @@ def _array_more(array: MicrophoneArray) -> str:
 
 
 def _reader_words(reader: TagReader) -> str:
-    """Write a reader's position, and range and power where they are known."""
+    """Format a reader's position, with range and power if known."""
     far = f", range {reader.range:g}" if math.isfinite(reader.range) else ""
     power = "" if reader.power is None else f", {reader.power:g} dBm at 1 m"
     x, y, z = reader.position
@@ -331,7 +328,7 @@ def _describe_recording(recording: McapRecording) -> Description:
 
 
 def _epipolar_lines(recording: McapRecording) -> Iterator[str]:
-    """Iterate over the pairs of views with a fundamental matrix in a recording, a line each."""
+    """Lines for the pairs of views with a fundamental matrix in a recording."""
     from occlog.io.formats.models.fundamental_matrices import attached_epipolar
 
     found = attached_epipolar(recording)
@@ -350,7 +347,7 @@ def _provenance_lines(p: Mapping[str, Any]) -> list[str]:
 
 
 def _verdict_lines(path: Path) -> list[str]:
-    """Return the verdicts of the stages that made a file: plausible or not, numbers of checks, and findings."""
+    """Lines for the verdicts of the stages that made a file: plausible or not, number of checks, findings."""
     from occlog.io.files.inputs import verdicts_of_file
     from occlog.records.verdicts import counts_of, found_by_stage, summary_of
 
@@ -379,7 +376,7 @@ def _describe_table(path: Path, rows: int) -> Description:
 
 
 def _describe_foreign(table: ForeignTable) -> Description:
-    """Describe a table of another program: what it is read as, and by which columns."""
+    """Describe an external table: the table it is read as, and by which columns."""
     source, layout = table.source, table.layout_of(table.widest(table.layout.table))
     used = {s.name: s for s in layout.columns}
     checked = {s.far: s.name for s in layout.columns if s.far}
@@ -405,14 +402,14 @@ def _describe_foreign(table: ForeignTable) -> Description:
 
 
 def _unit_of(spelled: Spelling) -> str:
-    """The unit of a column of another program: of a speed in cm/s the name states the length."""
+    """Unit of an external column; for a speed in cm/s the name states the length unit."""
     from occlog.records.columns import LENGTHS, in_length_unit
 
     return in_length_unit(spelled.column.unit, spelled.unit) if spelled.column.unit in LENGTHS else spelled.unit
 
 
 def _first_rows(path: Path, rows: int) -> list[str]:
-    """The first rows of a table, aligned to the right under the names of their columns."""
+    """First rows of a table as text, right-aligned under column names."""
     from occlog.io.files.tables.parquet import first_rows
 
     columns = [

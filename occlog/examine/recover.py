@@ -1,4 +1,4 @@
-"""The `occlog recover` command: makes a recording that was cut off or damaged readable again."""
+"""`occlog recover`: make a truncated or damaged recording readable again."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def command(file: Path, output: Path, videos: tuple[str, ...], overwrite: bool, 
 
 
 def _made_again(path: Path) -> str:
-    """Remedy for a table: the command and the inputs that it was made by, if in its footer."""
+    """Remedy for a damaged table: the command and inputs that made it, if stated in its footer."""
     from occlog.io.files.tables.parquet import read_header
 
     try:
@@ -74,14 +74,14 @@ def _made_again(path: Path) -> str:
 
 
 def _times(span: tuple[int, int] | None) -> dict[str, object]:
-    """Summary entries of the first and the last time."""
+    """Summary entries for the first and last time."""
     from occlog.io.files.utc import utc
 
     return {} if span is None else {"from": utc(span[0]), "to": utc(span[1]), "seconds": (span[1] - span[0]) / 1e9}
 
 
 def _named(text: str) -> tuple[str, Path]:
-    """Camera and file of CAMERA=FILE."""
+    """Parse CAMERA=FILE."""
     camera, given, path = text.partition("=")
     if not (camera and given and path):
         raise UsageError(f"--video {text}: expected CAMERA=FILE")

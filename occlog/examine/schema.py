@@ -1,6 +1,6 @@
-"""The `occlog schema` command, and the JSON Schemas of every verb's settings, made from the declarations.
+"""`occlog schema`, and JSON Schemas of the settings of all commands, made from the declarations.
 
-The classes of settings are named as text and are loaded when they are asked for: a verb may load others only so.
+Settings classes are named as text and imported on request.
 """
 
 from __future__ import annotations
@@ -83,18 +83,18 @@ NAMES = {"epipolar": "epipolar-settings", "plan": "plan-settings"}
 
 
 def load(where: str) -> Any:
-    """The value of `module:name`."""
+    """Import the value of `module:name`."""
     module, _, name = where.partition(":")
     return getattr(importlib.import_module(module), name)
 
 
 def verbs() -> tuple[str, ...]:
-    """Every verb that has settings."""
+    """Commands that have settings."""
     return (*CLASSES, "track")
 
 
 def settings_of(verb: str) -> dict[str, type[Settings]]:
-    """Classes of settings of a verb by the name of their owner; of `track` by the name of the method."""
+    """Settings classes of a command by owner; of `track` by method."""
     if verb != "track":
         classes = [load(where) for where in CLASSES[verb]]
         return {of.OWNER: of for of in classes}
@@ -103,7 +103,7 @@ def settings_of(verb: str) -> dict[str, type[Settings]]:
 
 
 def settings_schema(verb: str) -> dict[str, object]:
-    """JSON Schema of the settings of a verb: one definition for each of its classes, an object is of one of them."""
+    """JSON Schema of the settings of a command: one definition per class; an object matches one of them."""
     from occlog.settings import json_schema
 
     parts = {name: json_schema(of) for name, of in settings_of(verb).items()}
@@ -115,17 +115,17 @@ def settings_schema(verb: str) -> dict[str, object]:
 
 
 def part_key(name: str) -> str:
-    """The key of a definition: its name without blanks."""
+    """Key of a schema definition: the name without blanks."""
     return name.replace(" ", "-")
 
 
 def settings_schemas() -> dict[str, Callable[[], dict[str, object]]]:
-    """The schema of every verb's settings by its published name."""
+    """Schemas of the settings of all commands, by published name."""
     return {NAMES.get(verb, verb): partial(settings_schema, verb) for verb in verbs()}
 
 
 def every_schema() -> dict[str, Callable[[], dict[str, object]]]:
-    """Every schema by its published name: tables, messages, file formats, settings, and what `doctor` prints."""
+    """All schemas by published name: tables, messages, file formats, settings, and the output of `doctor`."""
     from occlog.io.formats.models.schemas import SCHEMAS
 
     from .doctor.findings import finding_schema
@@ -167,7 +167,7 @@ def command(name: str | None, output: Path | None, overwrite: bool, as_json: boo
 
 
 def _of_plugin(name: str, names: Sequence[str]) -> dict[str, object]:
-    """JSON Schema of the settings of a plug-in; of several with one name a definition for each kind.
+    """JSON Schema of a plug-in's settings; for several plug-ins with one name, a definition for each kind.
 
     Args:
         name: of the plug-in.

@@ -1,4 +1,4 @@
-"""Gaussian posteriors: prediction, update by linear measurements, and the Rauch-Tung-Striebel smoother."""
+"""Gaussian filtering: prediction, update by linear measurements, Rauch-Tung-Striebel smoother."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Gaussian(NamedTuple):
 
 
 class PosteriorRecord(NamedTuple):
-    """Posterior of a filter after a scan, for the backward pass."""
+    """Posterior of a filter after a scan, stored for the backward pass."""
 
     after: Gaussian
     dt: float  # since the link before [s]
@@ -34,17 +34,17 @@ Transition = Callable[[float], tuple[Floats, Floats]]
 
 
 def symmetric(matrix: Floats) -> Floats:
-    """Remove the asymmetry that rounding has left in (..., n, n) matrices: the mean of each and its transpose."""
+    """Symmetrise matrices (..., n, n), which rounding has made asymmetric."""
     return 0.5 * (matrix + matrix.swapaxes(-1, -2))
 
 
 def predicted(state: Gaussian, F: Floats, Q: Floats) -> Gaussian:
-    """The state after a step of linear motion with noise."""
+    """Predict a Gaussian state: linear motion F with process noise Q."""
     return Gaussian(F @ state.mean, F @ state.covariance @ F.T + Q)
 
 
 def updated(state: Gaussian, H: Floats, innovation: Floats, R: Floats) -> tuple[Gaussian, float]:
-    """The state after linear measurements with independent noise, and their log-likelihood; Joseph's form.
+    """Update by linear measurements with independent noise (Joseph form); return the state and the log-likelihood.
 
     Args:
         state: the prediction.
@@ -62,7 +62,7 @@ def updated(state: Gaussian, H: Floats, innovation: Floats, R: Floats) -> tuple[
 
 
 def log_normal(off: Floats, S: Floats) -> float:
-    """Log density of N(0, S) at (m,) off."""
+    """Log density of N(0, S) at residuals `off` (m,)."""
     _, volume = np.linalg.slogdet(S)
     return float(-0.5 * (off @ np.linalg.solve(S, off) + volume + len(off) * math.log(2.0 * math.pi)))
 
@@ -70,7 +70,7 @@ def log_normal(off: Floats, S: Floats) -> float:
 def rts_smooth(links: Sequence[PosteriorRecord], transition: Transition) -> list[Gaussian]:
     """Smoothed states by the recursion of Rauch, Tung and Striebel (1965), one for each link.
 
-    A link that was reinitialised separates what is before it from what follows.
+    A reinitialised link separates the states before it from those after it.
     """
     out: list[Gaussian] = []
     later, ahead = links[-1].after, None

@@ -1,8 +1,7 @@
-"""Resampling from a kernel density, so that a cloud without process noise does not collapse.
-
-A copy of a particle is pulled towards the mean and then moved by a draw from a Gaussian with
-the cloud's own covariance, a x + (1 - a) mean + h B n with a^2 + h^2 = 1 and B B^T the covariance.
-Mean and covariance stay what they were; only finer shape is blurred, by h standard deviations.
+"""Resampling from a kernel density, so that particles without process noise do not collapse. A copy of a particle is
+shrunk towards the mean and moved by a draw from a Gaussian with the particles' covariance, a x + (1 - a) mean + h B n
+with a^2 + h^2 = 1 and B B^T the covariance. Mean and covariance are preserved; finer structure is smoothed by h
+standard deviations.
 
 Backward simulation of trajectories through kernel densities of particles.
 
@@ -15,11 +14,10 @@ without noise and B the covariance of the step's noise moved back likewise, the 
 
     l ~ w_l P(l to x') N(b; c_l, h^2 V + B),   x | l ~ N(b + G (c_l - b), B - G B),   G = B (h^2 V + B)^-1.
 
-With particles alone (Godsill, Doucet and West 2004) a step with noise that is small compared with the distances of the
-particles leaves no choice but the filter's own ancestry; one without noise none at all.  Here all particles count
-that are within a kernel's width, and a step without noise gives x = b: a motion that is exactly known has one
-trajectory through each of its last states, and smoothing moves these back.  For linear motion and Gaussian densities
-the trajectories are those of Rauch, Tung and Striebel's smoother, for any number of particles.
+With point masses (Godsill, Doucet and West 2004) a step with noise much smaller than the particle spacing can only
+follow the filter's own ancestry. Here all particles within a kernel width contribute, and a step without noise gives x
+= b: exactly known motion has one trajectory through each last state. For linear motion and Gaussian densities the
+trajectories are those of Rauch, Tung and Striebel's smoother, for any number of particles.
 """
 
 from __future__ import annotations
@@ -45,7 +43,7 @@ MAX_HALF_CHI2 = 50.0
 
 
 class KernelDensity(NamedTuple):
-    """A kernel density of K equally weighted particles with n rows, and of which kind each is."""
+    """Kernel density of K equally weighted particles with n dimensions, each of a kind (motion model)."""
 
     mean: Floats  # (n,)
     covariance: Floats  # (n, n)
@@ -55,16 +53,16 @@ class KernelDensity(NamedTuple):
 
 
 def silverman_bandwidth(particles: int, dimension: int) -> float:
-    """Width h, in standard deviations, that is best for a Gaussian: (4 / (n (d + 2)))^(1 / (d + 4))."""
+    """Silverman's bandwidth h in standard deviations: (4 / (n (d + 2)))^(1 / (d + 4))."""
     return float((4.0 / (particles * (dimension + 2.0))) ** (1.0 / (dimension + 4.0)))
 
 
 def kernel_density(
     cloud: Floats, weights: Floats, kinds: Ints | None = None, kept: int = MAX_PARTICLES
 ) -> KernelDensity:
-    """The kernel density of particles, of which not all are kept.
+    """Kernel density of particles, of which `kept` are kept.
 
-    Those kept are moved and stretched so that their mean and covariance are those of all.
+    These are shifted and scaled so that their mean and covariance are those of all particles.
 
     Args:
         cloud: (n, L).
@@ -84,7 +82,7 @@ def kernel_density(
 
 
 def _stretched(off: Floats, covariance: Floats) -> Floats:
-    """(n, K) distances from the mean, moved and stretched to a covariance; as they are where that cannot be."""
+    """(n, K) deviations from the mean, scaled to a covariance; unchanged if that is impossible."""
     off = off - off.mean(axis=1)[:, None]
     own = off @ off.T / off.shape[1]
     try:
@@ -94,7 +92,7 @@ def _stretched(off: Floats, covariance: Floats) -> Floats:
 
 
 def last_states(end: KernelDensity, count: int, rng: Generator) -> tuple[Floats, Ints]:
-    """(n, M) states drawn from a density, where trajectories end, and their kinds; with its mean and covariance."""
+    """Sample final states (n, M) of trajectories and their kinds; also return mean and covariance of the density."""
     rows = systematic_ancestors(np.full(end.centres.shape[1], 1.0 / end.centres.shape[1]), count, rng.random())
     noise = root_of(end.covariance) @ rng.standard_normal((len(end.mean), count))
     drawn = end.centres[:, rows] + end.width * noise
@@ -110,7 +108,7 @@ def states_before(
     *,
     rng: Generator,
 ) -> tuple[Floats, Ints]:
-    """(n, M) states drawn a step before those of M trajectories, and their kinds.
+    """Sample states (n, M), and their kinds, one step before those of M trajectories.
 
     Args:
         before: density of the filter before the step.
@@ -137,7 +135,10 @@ def states_before(
 
 @array_kernel
 def _chosen(centres: Floats, at: Floats, before: Ints, after: Ints, chances: Floats, u: Floats) -> Ints:
-    """(M,) draws of K centres (n, K) for (n, M) positions, by unit Gaussians times chances; the nearest if all 0."""
+    """(M,) samples of K centres (n, K) for positions (n, M), with unit Gaussian weights times `chances`.
+
+    The nearest if all are 0.
+    """
     n, K = centres.shape
     M = at.shape[1]
     half, out = np.empty(K), np.empty(M, dtype=np.int64)
@@ -168,13 +169,13 @@ def _chosen(centres: Floats, at: Floats, before: Ints, after: Ints, chances: Flo
 
 
 def root_of(covariance: Floats) -> Floats:
-    """B (n, n) with B B^T the covariance, which may be singular."""
+    """B (n, n) with B B^T = covariance, which may be singular."""
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def spread_of(states: Floats) -> tuple[Floats, Floats]:
-    """Mean (n,) and covariance (n, n) of (n, M) equally weighted states."""
+    """Mean (n,) and covariance (n, n) of equally weighted states (n, M)."""
     mean = states.mean(axis=1)
     off = states - mean[:, None]
     return mean, off @ off.T / max(states.shape[1] - 1, 1)
@@ -183,9 +184,8 @@ def spread_of(states: Floats) -> tuple[Floats, Floats]:
 def update_weights(log_prior: Floats, log_likelihood: Floats, least: float) -> tuple[Floats, float]:
     """Weights (L,) of sum 1 after a scan, and the log of their sum before.
 
-    Where fewer than `least` particles would be left with weight, none of them agrees well with
-    the scan and the spread of the few is meaningless.  Then the likelihood is flattened, to the
-    power of what keeps that many: the cloud moves towards the scan and stays wide.
+    If the effective sample size would fall below `least`, the likelihood is tempered by an exponent that keeps that
+    many particles: they move towards the scan and stay spread.
 
     Args:
         log_prior: (L,) log weights, sum of the weights 1.
@@ -208,7 +208,7 @@ def update_weights(log_prior: Floats, log_likelihood: Floats, least: float) -> t
 
 
 def moments(cloud: Floats, weights: Floats) -> tuple[Floats, Floats]:
-    """Mean (n,) and covariance (n, n) of an (n, L) cloud with weights that sum to 1."""
+    """Weighted mean (n,) and covariance (n, n) of particles (n, L); weights sum to 1."""
     mean = cloud @ weights
     off = cloud - mean[:, None]
     return mean, (off * weights) @ off.T
@@ -217,7 +217,7 @@ def moments(cloud: Floats, weights: Floats) -> tuple[Floats, Floats]:
 def resample_with_kernel(
     cloud: Floats, weights: Floats, mean: Floats, covariance: Floats, n: int, h: float, rng: np.random.Generator
 ) -> Floats:
-    """(d, n) equally weighted particles from (d, L) weighted ones.
+    """Sample (d, n) equally weighted particles from the kernel density of (d, L) weighted ones.
 
     Args:
         cloud: (d, L).
@@ -237,7 +237,7 @@ def resample_with_kernel(
 
 @array_kernel
 def _shifted(cloud: Floats, rows: Ints, mean: Floats, a: float, shift: Floats) -> Floats:
-    """The chosen particles pulled to the mean and moved by (d, H) shifts, the second half with the sign changed."""
+    """Selected particles shrunk to the mean and moved by shifts (d, H), the second half with opposite sign."""
     n, H = rows.shape[0], shift.shape[1]
     out = np.empty((cloud.shape[0], n))
     for k in range(cloud.shape[0]):

@@ -1,7 +1,6 @@
 """Life cycle of a single-target filter: initiation, gaps, track loss, reinitialisation.
 
-A filter is its motion model, its likelihoods and its posterior; this frame decides when a scan updates it and
-when it makes a new one:
+This frame decides whether a scan updates a filter or initiates a new one:
 
     initiate("")          nothing is known before the first scan
     initiate("gap")       the time since the last scan exceeds `max_gap_s`
@@ -62,7 +61,9 @@ def advance(
 
 
 def track_loss_count(before: int, against: int, reports: int) -> int:
-    """Track-loss counter after a scan: reports against the posterior minus those for it, not below 0.
+    """Track-loss counter after a scan.
+
+    Plus the reports that contradict the posterior, minus those that agree, at least 0.
 
     Args:
         before: the counter before the scan.
@@ -73,5 +74,5 @@ def track_loss_count(before: int, against: int, reports: int) -> int:
 
 
 def is_lost(count: int, lost_after: int) -> bool:
-    """Whether the counter has reached its limit; a limit of 0: never."""
+    """Whether the counter has reached its limit; a limit of 0 disables it."""
     return 0 < lost_after <= count

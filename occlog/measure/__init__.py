@@ -1,1 +1,1 @@
-"""Verbs that make measurements of images and sound, and what they share."""
+"""Measurement from images and sound, and shared parts."""

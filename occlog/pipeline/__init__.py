@@ -1,1 +1,1 @@
-"""Verbs that drive others: all stages of a configuration, and Monte Carlo sweeps."""
+"""Commands that drive others: all stages of a configuration, and Monte Carlo sweeps."""

@@ -1,4 +1,4 @@
-"""Rows as text with commas, for tables that people open in other programs."""
+"""Formatting of rows as CSV."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from occlog.io.files.texts.csv_rows import no_formula
 
 
 def to_csv(rows: Sequence[Mapping[str, object]]) -> bytes:
-    """Write rows as CSV with one header, numbers with all their digits, texts that are no formulas."""
+    """Write rows as CSV with one header, numbers with all digits, and texts escaped against formulas."""
     names = list(dict.fromkeys(name for row in rows for name in row))
     text = io.StringIO()
     writer = csv.DictWriter(text, names, lineterminator="\n")

@@ -1,18 +1,14 @@
-"""Which sensors can see which positions: field of view, range, static polygons and moving objects in between.
+"""Which sensors can see which positions: field of view, range, static polygons, and moving objects in between.
 
-[Ercan] Sec. 4.3 calls a camera *assigned* to a particle that neither field of view, nor range, nor a static
-polygon keeps it from seeing: these are kernels for many particles.  Simulated sensors, which moving
-objects hide positions from too, use `in_view`, `behind_walls` and `behind_objects`.
+A camera is *assigned* to a particle ([Ercan] Sec. 4.3) if neither field of view, nor range, nor a static polygon keeps
+it from seeing the particle: kernels for many particles. Simulated sensors, for which moving objects occlude positions
+too, use `in_view`, `behind_walls` and `behind_objects`.
 
-Where a target can be without a room: in what sensors see, drawn by the lines of sight of a first scan.
-
-The prior is a mixture: for each sensor a wedge in which all directions and all distances up to a far limit are
-equally likely (its density falls with 1 / distance), and a box around the sensors.  Equal distances, not equal areas:
-one bearing then leaves the distance evenly spread, and a far limit that is too large does little harm.
-
-A prior over the full range of the cameras is diffuse, and bearings are sharp.  First positions are therefore drawn
-where lines of sight lead (`initial_positions`), each with the weight that the prior over the density of the draws
-gives it (importance sampling).
+Prior of a target's position without a room, drawn with the lines of sight of a first scan. It is a mixture: for each
+sensor a sector in which all directions and all distances up to a limit are equally likely (density proportional to 1 /
+distance), and a box around the sensors. With uniform distances, rather than uniform areas, one bearing leaves the
+distance uniform, and a limit that is too large does little harm. Since bearings are precise, first positions are drawn
+along the lines of sight (`initial_positions`), with importance weights.
 """
 
 from __future__ import annotations
@@ -42,7 +38,7 @@ SLACK = 1e-9
 
 
 class Sensors(NamedTuple):
-    """S sensors and the polygons that hide things from each of them."""
+    """S sensors, and the polygons that occlude the view of each of them."""
 
     xy: Floats  # (S, 2) position
     axis: Floats  # (S, 2) cosine and sine of the yaw
@@ -121,10 +117,9 @@ def _convex(polygon: Floats) -> bool:
 
 @kernel
 def seen_from(xy: Floats, i: int, sensors: Sensors) -> Bools:
-    """(L,) bool: which of the (L, 2) positions sensor i is assigned to: in view, in range and not behind a wall.
+    """(L,) mask of the positions (L, 2) to which sensor i is assigned: in view, in range and not behind a wall.
 
-    A position behind a sensor with an axis (d <= 0) is never seen, so h/d may be formed
-    where this is true.
+    A position behind a camera (d <= 0) is never assigned, so that h/d may be computed where the mask is true.
     """
     x0, y0, reach2, cos2 = sensors.xy[i, 0], sensors.xy[i, 1], sensors.reach2[i], sensors.cos2[i]
     c, s = sensors.axis[i, 0], sensors.axis[i, 1]
@@ -143,7 +138,7 @@ def seen_from(xy: Floats, i: int, sensors: Sensors) -> Bools:
 
 @kernel
 def _hide_behind(seen: Bools, xy: Floats, x0: float, y0: float, wall: Floats, cone: Floats) -> None:
-    """Set `seen` to false, in place, for positions that the wall hides from (x0, y0).
+    """Set `seen` to False, in place, at positions that the wall occludes from (x0, y0).
 
     Most positions are clearly nearer than the wall, clearly to its side or clearly behind it;
     the exact test is only for the others.
@@ -169,7 +164,7 @@ def _hide_behind(seen: Bools, xy: Floats, x0: float, y0: float, wall: Floats, co
 
 
 def in_view(h: Floats, d: Floats, fov: float, reach: float) -> Bools:
-    """Return which points are in front of a camera (d > 0), in its field of view and in range, limits included.
+    """Mask of points in front of a camera (d > 0), in its field of view and in range (limits included).
 
     Args:
         h: offset to the left of the optical axis, any shape.
@@ -182,7 +177,7 @@ def in_view(h: Floats, d: Floats, fov: float, reach: float) -> Bools:
 
 
 def behind_walls(origin: Floats, xy: Floats, walls: Sequence[Floats]) -> Bools:
-    """(N,) bool: which of the (N, 2) points a polygon hides from the (2,) origin."""
+    """(N,) mask of points (N, 2) that a polygon occludes from the origin (2,)."""
     hidden = np.zeros(len(xy), dtype=np.bool_)
     points = np.ascontiguousarray(xy)
     for wall in walls:
@@ -191,10 +186,9 @@ def behind_walls(origin: Floats, xy: Floats, walls: Sequence[Floats]) -> Bools:
 
 
 def behind_objects(origin: Floats, xy: Floats, others: Floats, diameter: float) -> Bools:
-    """Return which points a moving object hides: its centre is inside the rectangle A(x) of [Ercan] Fig. 3.
+    """Mask of points that a moving object occludes: its centre is in the rectangle A(x) of [Ercan] Fig. 3.
 
-    The rectangle reaches from the sensor to the point and half a diameter to either side
-    of the line of sight.
+    The rectangle reaches from the sensor to the point, half a diameter to either side of the line of sight.
 
     Args:
         origin: (2,) the sensor.
@@ -233,7 +227,7 @@ MIN_RELATIVE_DISTANCE = 1e-6
 
 
 class ViewPrior(NamedTuple):
-    """Where a target can be, from S sensors in the order of the scene; all lengths in one unit."""
+    """Parameters of the prior position of a target, from S sensors in scene order; all lengths in one unit."""
 
     origin: Floats  # (S, 2) where they stand
     axis: Floats  # (S,) azimuth of the middle of the view [rad]
@@ -245,7 +239,7 @@ class ViewPrior(NamedTuple):
 
 
 class ScanDirectionsInPlane(NamedTuple):
-    """R directions in which sensors saw something at one time."""
+    """R directions that sensors measured at one time, in the plane."""
 
     origin: Floats  # (R, 2)
     azimuth: Floats  # (R,) [rad]
@@ -255,14 +249,14 @@ class ScanDirectionsInPlane(NamedTuple):
     sensor: Ints  # (R,) lines of one sensor do not cross
 
     def sigma_at(self, distance: Floats) -> Floats:
-        """(..., R) standard deviation [rad] of the azimuth of a target at distances (..., R)."""
+        """(..., R) standard deviation [rad] of the azimuth of a target at distances (..., R), pose errors included."""
         return np.asarray(
             np.hypot(self.sigma, self.sigma_origin / np.maximum(distance, MIN_RELATIVE_DISTANCE * self.far))
         )
 
 
 def draw(n: int, prior: ViewPrior, rng: Generator) -> Floats:
-    """(n, 2) positions drawn from the prior."""
+    """Sample (n, 2) positions from the prior."""
     which = rng.choice(len(prior.far), size=n, p=prior.share)
     r, turn = prior.far[which] * rng.random(n), prior.axis[which] + prior.fov[which] * (rng.random(n) - 0.5)
     xy = prior.origin[which] + r[:, None] * np.column_stack([np.cos(turn), np.sin(turn)])
@@ -292,7 +286,7 @@ def prior_moments(prior: ViewPrior) -> tuple[Floats, Floats]:
 
 
 def log_density(xy: Floats, prior: ViewPrior) -> Floats:
-    """(N,) log density of the prior at (N, 2) positions; -inf where no sensor sees and outside the box."""
+    """(N,) log density of the prior at positions (N, 2); -inf where no sensor sees and outside the box."""
     away = xy[:, None] - prior.origin
     r = np.hypot(away[..., 0], away[..., 1])
     off = np.abs(wrap_angle(np.arctan2(away[..., 1], away[..., 0]) - prior.axis))
@@ -305,11 +299,11 @@ def log_density(xy: Floats, prior: ViewPrior) -> Floats:
 
 
 def initial_positions(n: int, lines: ScanDirectionsInPlane, prior: ViewPrior, rng: Generator) -> tuple[Floats, Floats]:
-    """Places at which a target may be that was seen along lines of sight, and what each represents.
+    """Sample initial positions of a target, given lines of sight, with importance weights.
 
-    The positions are drawn from a mixture: along each line, evenly in distance; around the crossings of lines of
-    different sensors; and from the prior itself.  Weighted by the returned weights they are a sample of the prior, in
-    which the surroundings of the lines are sampled densely; the likelihood of the scan is not in the weights.
+    The proposal is a mixture: along each line, uniform in distance; around crossings of lines of different sensors; and
+    the prior itself. With the returned weights the positions represent the prior; the likelihood of the scan is not
+    included.
 
     Args:
         n: number of positions.
@@ -348,7 +342,7 @@ def initial_positions(n: int, lines: ScanDirectionsInPlane, prior: ViewPrior, rn
 
 
 def crossings(lines: ScanDirectionsInPlane, rng: Generator) -> tuple[Floats, Floats]:
-    """(K, 2) crossings of lines of different sensors ahead of both, and (K, 2, 2) covariances of draws there."""
+    """(K, 2) crossings of lines of different sensors ahead of both, and proposal covariances (K, 2, 2) there."""
     pairs = [(i, j) for i, j in combinations(range(len(lines.azimuth)), 2) if lines.sensor[i] != lines.sensor[j]]
     if not pairs:
         return np.empty((0, 2)), np.empty((0, 2, 2))
@@ -373,7 +367,7 @@ def crossings(lines: ScanDirectionsInPlane, rng: Generator) -> tuple[Floats, Flo
 
 
 def _along(n: int, lines: ScanDirectionsInPlane, rng: Generator) -> Floats:
-    """(n, 2) positions along lines, evenly in distance."""
+    """Sample (n, 2) positions along lines, uniform in distance."""
     which = rng.integers(len(lines.azimuth), size=n)
     r = lines.far[which] * rng.random(n)
     sigma = np.hypot(
@@ -384,7 +378,7 @@ def _along(n: int, lines: ScanDirectionsInPlane, rng: Generator) -> Floats:
 
 
 def _density_along(xy: Floats, lines: ScanDirectionsInPlane) -> Floats:
-    """(N,) density of `_along` at (N, 2) positions."""
+    """(N,) proposal density of `_along` at positions (N, 2)."""
     away = xy[:, None] - lines.origin
     r = np.maximum(np.hypot(away[..., 0], away[..., 1]), MIN_RELATIVE_DISTANCE * lines.far)
     off = wrap_angle(np.arctan2(away[..., 1], away[..., 0]) - lines.azimuth)
@@ -394,7 +388,7 @@ def _density_along(xy: Floats, lines: ScanDirectionsInPlane) -> Floats:
 
 
 def _density_at(xy: Floats, centre: Floats, covariance: Floats) -> Floats:
-    """(N,) density of the draws at the crossings, at (N, 2) positions."""
+    """(N,) proposal density around the crossings at positions (N, 2)."""
     precision = np.linalg.inv(covariance)
     scale = np.sqrt(np.linalg.det(precision)) / (2.0 * math.pi * len(centre))
     total = np.zeros(len(xy))

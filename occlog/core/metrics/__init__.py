@@ -1,1 +1,1 @@
-"""Figures of merit: errors of positions, CLEAR-MOT, IDF1, HOTA, GOSPA, failure rates."""
+"""Metrics of tracking: position errors, CLEAR-MOT, IDF1, HOTA, GOSPA, failure rates."""

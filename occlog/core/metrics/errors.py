@@ -1,9 +1,8 @@
-"""Figures of merit from errors, and the one-to-one pairings that they need.
+"""Metrics from errors, and one-to-one pairings.
 
-Figures over several tracks are made from sums and counts (`ErrorSums`), never from
-means of the tracks' figures, so that a short track does not weigh as much as a long one.
-
-Figures of more numbers than memory holds: sums that lose nothing to rounding, and exact quantiles in passes.
+Metrics over several tracks are computed from sums and counts (`ErrorSums`), never from means of the tracks' metrics, so
+that a short track does not weigh as much as a long one. For data larger than memory: compensated sums, and exact
+quantiles in passes.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ CHI2_95_3D = 7.814727903251179
 
 
 class ErrorSums(NamedTuple):
-    """Count and sums of squares of errors: all that RMSEs need."""
+    """Count and sums of squares of errors, from which RMSEs follow."""
 
     n: int
     square_x: float
@@ -34,17 +33,17 @@ class ErrorSums(NamedTuple):
 
     @property
     def rmse(self) -> float:
-        """Root of the mean squared distance ([Ercan] Sec. 6); NaN without errors."""
+        """Root mean squared distance ([Ercan] Sec. 6); NaN without errors."""
         return self._root(self.square_x + self.square_y)
 
     @property
     def rmse_x(self) -> float:
-        """Root of the mean squared error along x; NaN without errors."""
+        """Root mean squared error along x; NaN without errors."""
         return self._root(self.square_x)
 
     @property
     def rmse_y(self) -> float:
-        """Root of the mean squared error along y; NaN without errors."""
+        """Root mean squared error along y; NaN without errors."""
         return self._root(self.square_y)
 
     def _root(self, total: float) -> float:
@@ -52,19 +51,19 @@ class ErrorSums(NamedTuple):
 
 
 def error_sums(errors: Floats) -> ErrorSums:
-    """Sums of (N, 2) errors."""
+    """Sums of the errors (N, 2)."""
     x, y = np.sum(errors**2, axis=0) if len(errors) else (0.0, 0.0)
     return ErrorSums(len(errors), float(x), float(y))
 
 
 def add_sums(parts: Iterable[ErrorSums]) -> ErrorSums:
-    """Sums of all parts together."""
+    """Total of several sums."""
     rows = list(parts)
     return ErrorSums(sum(p.n for p in rows), math.fsum(p.square_x for p in rows), math.fsum(p.square_y for p in rows))
 
 
 def normalised_squared_errors(errors: Floats, covariances: Floats) -> Floats:
-    """e^T P^-1 e of each error (NEES), chi-square with 2 degrees of freedom for a consistent filter.
+    """NEES e^T P^-1 e of each error; chi-square with 2 degrees of freedom for a consistent filter.
 
     Args:
         errors: (N, 2).
@@ -82,7 +81,7 @@ def normalised_squared_errors(errors: Floats, covariances: Floats) -> Floats:
 
 
 def normalised_squared_errors_in_space(errors: Floats, covariances: Floats) -> Floats:
-    """e^T P^-1 e of each error in space, chi-square with 3 degrees of freedom for a consistent filter.
+    """NEES e^T P^-1 e of each error in space; chi-square with 3 degrees of freedom for a consistent filter.
 
     Args:
         errors: (N, 3), NaN where not known.
@@ -109,12 +108,12 @@ def quantile(values: Floats, q: float) -> float:
 
 
 def ratio_or_nan(part: float, whole: float) -> float:
-    """Part divided by whole; NaN where the whole is 0 or one of them is NaN."""
+    """Ratio of part to whole; NaN if the whole is 0 or either is NaN."""
     return part / whole if whole else math.nan
 
 
 def pair_within(cost: Floats, limit: float) -> list[tuple[int, int]]:
-    """One-to-one pairs (row, column) with cost at most `limit`: as many as possible, then of least total cost.
+    """One-to-one pairs (row, column) with cost at most `limit`: maximum number, then least total cost.
 
     Args:
         cost: (n, m) non-negative; infinite or NaN where a pair cannot be.
@@ -132,9 +131,9 @@ def pair_within(cost: Floats, limit: float) -> list[tuple[int, int]]:
 def pair_tracks(squared_errors: Sequence[Sequence[Floats]]) -> list[tuple[int, int]]:
     """Pairs (track, target) that give the smallest overall RMSE.
 
-    Leaving a time out must not pay: a time covered is worth c^2 - e^2, with c^2 twice the
-    largest squared error, and the sum over all pairs is made as large as possible.  Where
-    all tracks cover the same times this is the assignment of least overall RMSE.
+    So that uncovered times are not rewarded, each covered time has the value c^2 - e^2, with c^2 twice the largest
+    squared error, and the total value is maximised. If all tracks cover the same times this is the assignment with the
+    least RMSE.
 
     Args:
         squared_errors: `[i][j]` squared errors of track i against target j at the times they share.
@@ -151,7 +150,7 @@ def pair_tracks(squared_errors: Sequence[Sequence[Floats]]) -> list[tuple[int, i
 
 
 def pair_by_sums(tracks: Ints, targets: Ints, shared: Floats, squares: Floats, worst: float) -> Ints:
-    """Which of some couples `pair_tracks` pairs, by their sums of squared errors.
+    """Indices of the couples that `pair_tracks` selects, given their sums of squared errors.
 
     Args:
         tracks: (n,) number of each couple's track.
@@ -164,7 +163,7 @@ def pair_by_sums(tracks: Ints, targets: Ints, shared: Floats, squares: Floats, w
 
 
 def intersection_areas(a: Floats, b: Floats) -> Floats:
-    """(n, m) areas that boxes a (n, 4) and b (m, 4) share; a box is left, top, width, height."""
+    """(n, m) intersection areas of boxes a (n, 4) and b (m, 4); a box is left, top, width, height."""
     low = np.maximum(a[:, None, :2], b[None, :, :2])
     high = np.minimum(a[:, None, :2] + a[:, None, 2:], b[None, :, :2] + b[None, :, 2:])
     return np.asarray(np.prod(np.clip(high - low, 0.0, None), axis=2))
@@ -182,34 +181,34 @@ DIGIT = 16
 
 
 class Sum:
-    """A sum of parts with the rounding of each addition kept separately (Neumaier 1974), so that parts may be any."""
+    """Compensated sum (Neumaier 1974), nearly independent of the order of the parts."""
 
     def __init__(self) -> None:
         """Start at 0."""
         self._total = self._lost = 0.0
 
     def add(self, value: float) -> None:
-        """Add a part."""
+        """Add a value."""
         total = self._total + value
         large, small = (self._total, value) if abs(self._total) >= abs(value) else (value, self._total)
         self._lost += (large - total) + small
         self._total = total
 
     def merge(self, other: Sum) -> None:
-        """Add the parts of another sum."""
+        """Add another sum."""
         self.add(other._total)
         self.add(other._lost)
 
     @property
     def value(self) -> float:
-        """The sum."""
+        """Total."""
         return self._total + self._lost
 
 
 def quantiles(blocks: Callable[[], Iterable[Floats]], count: int, shares: Sequence[float]) -> list[float]:
-    """Quantiles as `np.quantile` has them, linearly interpolated, of numbers that come in blocks.
+    """Quantiles as by `np.quantile` (linear interpolation) of numbers that are generated in blocks.
 
-    The numbers of the positions that are asked for are found bit by bit, `DIGIT` bits in each of four passes.
+    The order statistics are found bit by bit, `DIGIT` bits in each of four passes.
 
     Args:
         blocks: gives the same finite numbers each time, in blocks of any size.
@@ -229,7 +228,7 @@ def quantiles(blocks: Callable[[], Iterable[Floats]], count: int, shares: Sequen
 
 
 def _ranked(blocks: Callable[[], Iterable[Floats]], ranks: Ints) -> Floats:
-    """(R,) the numbers at these positions in rising order."""
+    """(R,) order statistics with the given ranks."""
     prefix, left = np.zeros(len(ranks), dtype=np.uint64), ranks.copy()
     for shift in range(64 - DIGIT, -1, -DIGIT):
         different, which = np.unique(prefix, return_inverse=True)
@@ -252,10 +251,10 @@ MANY_GROUPS = 1 << 14
 
 
 def group_medians(blocks: Callable[[], Iterable[tuple[Ints, Floats]]], counts: Ints) -> Floats:
-    """(G,) median of the numbers of each group, as `np.median` has it, of numbers that come in blocks; NaN without any.
+    """(G,) median of each group, as by `np.median`, of numbers that are generated in blocks; NaN without numbers.
 
-    Numbers are found 8 bits in each of eight passes (of very many groups 4 in sixteen), as in `quantiles`, for all
-    groups at once.
+    All groups are processed at once, 8 bits in each of eight passes (4 in sixteen for very many groups), as in
+    `quantiles`.
 
     Args:
         blocks: gives groups, 0 to G - 1, and finite numbers, (n,) each, the same every time.
@@ -291,11 +290,11 @@ SIGN = np.uint64(1 << 63)
 
 
 def _rising(values: Floats) -> np.ndarray:
-    """Whole numbers in the order of the values."""
+    """Map floats to integers with the same order."""
     bits = (np.ascontiguousarray(values) + 0.0).view(np.uint64)
     return np.where(bits & SIGN, ~bits, bits | SIGN)
 
 
 def _numbers(keys: np.ndarray) -> Floats:
-    """The values of whole numbers that `_rising` made."""
+    """Inverse of `_rising`: floats of the integers."""
     return np.where(keys & SIGN, keys & ~SIGN, ~keys).view(np.float64)

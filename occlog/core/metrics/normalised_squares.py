@@ -1,9 +1,9 @@
-"""Whether normalised squares are as large as they are expected to be: ratios, and how sure they are.
+"""Consistency of normalised squares (NIS, NEES): ratio to the expected value, with confidence limits.
 
-A normalised square has a chi-square distribution if standard deviations are right: of residuals of bearings (NIS),
-of errors of estimates (NEES).  The sum of squares over the sum of their expected values is then 1.  Squares of one
-time step and the next are correlated, so that N of them hold less information than N independent ones.  `BatchMeans`
-finds how much less, over a stream of rows, and `ratio_interval` turns that into limits.
+A normalised square has a chi-square distribution if standard deviations are right; the sum of squares over the sum of
+expected values is then 1. Squares of successive time steps are correlated, so that N of them hold less information than
+N independent ones. `BatchMeans` estimates how much less, over a stream of rows, and `ratio_interval` converts that to
+limits.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ MIN_BATCHES = 8
 
 
 class Ratio(NamedTuple):
-    """A ratio of sums of squares to what they are expected to be.
+    """Ratio of a sum of squares to its expected value, with standard error.
 
     Attributes:
         value: the ratio, 1 if standard deviations are right; NaN if nothing is expected.
@@ -38,7 +38,7 @@ class Ratio(NamedTuple):
 
     @classmethod
     def of_parts(cls, parts: Iterable[BatchMeans]) -> Ratio:
-        """The ratio of all parts together, which are independent of one another."""
+        """Ratio over all parts, which are independent of each other."""
         informative = [p for p in parts if p.expected > 0.0]
         expected = math.fsum(p.expected for p in informative)
         if not informative:
@@ -48,18 +48,18 @@ class Ratio(NamedTuple):
 
     @property
     def degrees(self) -> float:
-        """Effective number of independent squares: that of a chi-square with this relative spread."""
+        """Effective degrees of freedom: those of a chi-square distribution with the same relative spread."""
         if not (math.isfinite(self.error) and self.error > 0.0 and self.value > 0.0):
             return 0.0
         return 2.0 * (self.value / self.error) ** 2
 
     def interval(self, chance: float) -> tuple[float, float]:
-        """Limits that the true ratio is outside of with so much probability; see `ratio_interval`."""
+        """Confidence limits of the true ratio, which is outside with probability `chance`; see `ratio_interval`."""
         return ratio_interval(self.value, self.degrees, chance)
 
 
 def ratio_interval(value: float, degrees: float, chance: float) -> tuple[float, float]:
-    """Limits of the true ratio: `value` times `degrees` over the chi-square's quantiles.
+    """Confidence limits of the true ratio: `value` times `degrees` over chi-square quantiles.
 
     Args:
         value: ratio of sums, >= 0.
@@ -73,10 +73,10 @@ def ratio_interval(value: float, degrees: float, chance: float) -> tuple[float, 
 
 
 class BatchMeans:
-    """Sums of squares and of what is expected of them, with a standard error of their ratio from means of batches.
+    """Sums of squares and of expected values, with a standard error of their ratio by batch means.
 
-    A batch holds neighbours in time.  When there are many batches they are put together in pairs, so that batches
-    become longer than the correlation time of squares, in bounded memory.
+    A batch holds neighbours in time. When there are many batches they are merged in pairs, so that batches become
+    longer than the correlation time, in bounded memory.
     """
 
     def __init__(self) -> None:
@@ -88,7 +88,7 @@ class BatchMeans:
         self._open, self._in_open = np.zeros(2), 0
 
     def add(self, squares: Floats, expected: Floats) -> None:
-        """Take in N more, in the order of time; both (N,)."""
+        """Add N squares and expected values (N,), in the order of time."""
         self.count += len(squares)
         self.squares += float(squares.sum())
         self.expected += float(expected.sum())
@@ -114,7 +114,7 @@ class BatchMeans:
 
     @property
     def ratio(self) -> Ratio:
-        """Sum of squares over what is expected; its error is not below that of independent squares."""
+        """Ratio of the sums; its standard error is at least that of independent squares."""
         if not self.expected > 0.0:
             return Ratio(math.nan, math.inf)
         value = self.squares / self.expected

@@ -53,7 +53,7 @@ ROUNDING = 1e-9
 
 
 def subset_means(differences: Floats, weights: Floats, rng: np.random.Generator) -> Floats:
-    """(D,) sorted means of subsets of parts, the empty one omitted.
+    """(D,) sorted weighted means of all nonempty subsets of parts, or of random subsets if there are many parts.
 
     Args:
         differences: (N,) what each part adds to a difference; N >= 1.
@@ -112,7 +112,7 @@ NOT_KNOWN = (float("nan"),) * 4
 
 
 class PairedDifference(NamedTuple):
-    """How much run B is above run A in one figure.
+    """Difference of run B from run A in one figure, with its test.
 
     Attributes:
         a, b: the figure of each run.
@@ -138,17 +138,17 @@ class PairedDifference(NamedTuple):
 
     @property
     def least(self) -> float:
-        """Smallest one-sided p of a number of parts; 0 if no part can differ."""
+        """Smallest possible one-sided p-value for the number of parts; 0 if no part can differ."""
         return 1.0 / (len(self.drawn) + 1) if len(self.drawn) else 0.0
 
     def below(self, margin: float) -> float:
-        """Probability of a difference as far below of runs that differ by `margin`; NaN: not known."""
+        """p-value of a difference this far below `margin`, for runs that differ by `margin`; NaN: unknown."""
         if len(self.drawn):
             return chance_below(self.drawn, margin)
         return float("nan") if np.isnan(self.p) else float(self.difference >= margin)
 
     def above(self, margin: float) -> float:
-        """Probability of a difference as far above of runs that differ by `margin`; NaN: not known."""
+        """p-value of a difference this far above `margin`, for runs that differ by `margin`; NaN: unknown."""
         if len(self.drawn):
             return chance_above(self.drawn, margin)
         return float("nan") if np.isnan(self.p) else float(self.difference <= margin)
@@ -210,7 +210,7 @@ def compare(
 
 
 def _gradient(metric: Metric, at: Floats) -> Floats:
-    """Slope of a metric at sums, by central differences."""
+    """Gradient of a metric with respect to sums, by central differences."""
     h = STEP * np.maximum(np.abs(at), 1.0)
     moves = np.diag(h)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -222,7 +222,7 @@ def _whole(added: Sequence[Floats]) -> list[tuple[int, int, int]]:
 
 
 def _stretches(added: Sequence[Floats]) -> list[tuple[int, int, int]]:
-    """Recording, first frame and end of each segment: long relative to the correlation time, of about one length."""
+    """Recording, first frame and end of each segment; segments are long relative to the correlation time."""
     frames = sum(len(u) for u in added)
     length = max(int(np.ceil(STRETCHES_APART * autocorrelation_time(added))), -(-frames // MAX_STRETCHES))
     out = []
@@ -237,7 +237,7 @@ def _stretches(added: Sequence[Floats]) -> list[tuple[int, int, int]]:
 def autocorrelation_time(series: Sequence[Floats], window: float = 5.0) -> float:
     """Integrated autocorrelation time [frames] of series of one process: 1 if frames are independent.
 
-    The sum of autocorrelations is cut where it has gone on for `window` times itself (Sokal 1997).
+    The sum of autocorrelations is truncated at a lag of `window` times its value (Sokal 1997).
     """
     mean = float(np.concatenate(series).mean()) if sum(map(len, series)) else 0.0
     most = max((len(u) for u in series), default=0)

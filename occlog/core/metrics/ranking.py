@@ -9,7 +9,7 @@ from occlog.array_types import Floats, Ints
 
 
 def rank_one(like: Floats, owner: Ints) -> float:
-    """Share of candidates that are most like their owner; of k equal ones each counts 1 / k; NaN without candidates.
+    """Rank-1 rate: share of candidates most similar to their own person; k ties count 1 / k; NaN without candidates.
 
     Args:
         like: (n, P) similarities of candidates to people; NaN: not compared, which is never the most similar.
@@ -24,9 +24,9 @@ def rank_one(like: Floats, owner: Ints) -> float:
 
 
 def area_under_curve(like: Floats, owner: Ints) -> float:
-    """Probability that a candidate is more like its owner than a candidate is like another person.
+    """Area under the ROC curve: probability that a similarity to the own person exceeds one to another person.
 
-    The Mann-Whitney form over all pairs that are not NaN; equal ones count half.  NaN where missing of a kind.
+    Mann-Whitney statistic over all values that are not NaN; ties count half. NaN without values of one kind.
     """
     same = owner[:, None] == np.arange(like.shape[1])
     known = np.isfinite(like)

@@ -16,7 +16,7 @@ CUBIC_METRE = {unit: 0.1 / metres**3 for unit, metres in METRES.items()}
 
 @dataclass(frozen=True)
 class FieldSettings(Settings):
-    """Constants of the potentials, and rules against collisions and oscillation ([Lee] Sec. 5.2.2).
+    """Constants of the potential field, and rules against collisions and oscillation ([Lee] Sec. 5.2.2).
 
     The defaults in a scene-specific unit are those of the printed example; those in metres, feet and inches let people
     and robots pass each other, and doors.

@@ -4,8 +4,8 @@ Positions are (..., 2); arrays of positions broadcast against each other.
 
 Collisions by aligned robot, obstacle and goal (CAROG), and the force that prevents them ([Lee] Sec. 5.2.2).
 
-A robot with a way to the goal straight through an obstacle is pulled and pushed along one line.  If the pull is
-the stronger one up to the last step before the obstacle, the robot drives into it: a constant step does not shrink.
+A robot aligned with an obstacle and the goal behind it is attracted and repelled along one line. If attraction is
+stronger up to the last step before the obstacle, the robot collides, since the step length is constant.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ LEAST = 1e-12
 
 
 class Field(NamedTuple):
-    """Constants of the potentials ([Lee] Eqs. 5.9 and 5.10)."""
+    """Constants of the potential field ([Lee] Eqs. 5.9 and 5.10)."""
 
     attraction: float  # c_att, above 0
     repulsion: float  # c_rep, at least 0
@@ -31,12 +31,12 @@ class Field(NamedTuple):
 
 
 def distance(p: Floats, q: Floats) -> Floats:
-    """(...) distances rho between positions (..., 2)."""
+    """(...) distances rho between positions p and q (..., 2)."""
     return np.asarray(np.hypot(p[..., 0] - q[..., 0], p[..., 1] - q[..., 1]))
 
 
 def direction(p: Floats, q: Floats) -> Floats:
-    """(..., 2) unit vectors from q to p, the gradient of their distance ([Lee] Eqs. 5.13, 5.14); 0 where p is q."""
+    """(..., 2) unit vectors from q to p, the gradient of their distance ([Lee] Eqs. 5.13, 5.14); 0 if p = q."""
     away = p - q
     length = np.hypot(away[..., 0], away[..., 1])[..., None]
     return np.asarray(np.where(length > 0.0, away / np.where(length > 0.0, length, 1.0), 0.0))
@@ -65,13 +65,13 @@ def repulsive_force(p: Floats, obstacle: Floats, field: Field) -> Floats:
 
 
 def attraction_at(rho: Floats, field: Field) -> Floats:
-    """(...) strength of the attractive force at distances from the goal."""
+    """(...) magnitude of the attractive force at distances rho from the goal."""
     m = field.attraction_power
     return np.asarray(m * field.attraction * rho ** (m - 1))
 
 
 def repulsion_at(rho: Floats, field: Field) -> Floats:
-    """(...) strength of the repulsive force at distances from an obstacle; 0 beyond the influence."""
+    """(...) magnitude of the repulsive force at distances rho from an obstacle; 0 beyond the influence."""
     n, inverse = field.repulsion_power, 1.0 / np.maximum(rho, LEAST)
     excess = np.maximum(inverse - 1.0 / field.influence, 0.0)
     return np.asarray(np.where(rho <= field.influence, n * field.repulsion * excess ** (n - 1) * inverse**2, 0.0))
@@ -84,10 +84,9 @@ HALVINGS = 80
 
 
 def aligned(p: Floats, obstacle: Floats, goal: Floats, tolerance: float) -> Bools:
-    """(...) whether an obstacle stands between a robot and its goal in one line ([Lee] Eq. 5.18).
+    """(...) mask of obstacles aligned between a robot and its goal ([Lee] Eq. 5.18).
 
-    The equation holds, too, for a goal between robot and obstacle, where nothing is in the way: the
-    goal must be the farther one of the two.
+    The equation also holds for a goal between robot and obstacle, which is excluded: the goal must be the farther one.
 
     Args:
         p: (..., 2) positions of robots.
@@ -100,7 +99,7 @@ def aligned(p: Floats, obstacle: Floats, goal: Floats, tolerance: float) -> Bool
 
 
 def within_reach(rho: Floats, reach: Floats) -> Bools:
-    """(...) whether obstacles at distances rho are within a step and the radii ([Lee] Eqs. 5.17 and 5.25)."""
+    """(...) mask of obstacles at distances rho within a step plus the radii ([Lee] Eqs. 5.17 and 5.25)."""
     return np.asarray(rho <= reach * (1.0 + ROUNDING))
 
 
@@ -125,7 +124,7 @@ def zero_force_distance(behind: Floats, field: Field) -> Floats:
 
 
 def prevented(p: Floats, obstacle: Floats, goal: Floats, reach: Floats, field: Field, tolerance: float) -> Bools:
-    """(...) where the force is replaced by the unit vector away from the obstacle ([Lee] Eqs. 5.24 and 5.25).
+    """(...) mask where the force is replaced by the unit vector away from the obstacle ([Lee] Eqs. 5.24 and 5.25).
 
     Args:
         p: (..., 2) positions of robots.

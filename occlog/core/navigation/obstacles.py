@@ -1,6 +1,6 @@
-"""Round obstacles and walls as robots meet them: nearest points, and the least distance during a step.
+"""Round obstacles and walls for robots: nearest points, and least distances during a step.
 
-People who move, as obstacles at the times of a robot's steps.
+Moving people as obstacles.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ MIN_SHARE = 1e-6
 
 
 def nearest_on_discs(xy: Floats, centre: Floats, radius: Floats) -> Floats:
-    """(N, K, 2) points of K discs nearest to N positions: of their borders, or the centres for a radius of 0.
+    """(N, K, 2) points on the borders of K discs nearest to N positions (centres for a radius of 0).
 
     For a position inside a disc it is a point just behind the position, as seen from outside, so that the
     direction from the point to the position leads out.
@@ -35,7 +35,7 @@ def nearest_on_discs(xy: Floats, centre: Floats, radius: Floats) -> Floats:
 
 
 def nearest_on_segments(xy: Floats, segments: Floats) -> Floats:
-    """(N, E, 2) points of (E, 2, 2) segments nearest to (N, 2) positions."""
+    """(N, E, 2) points of segments (E, 2, 2) nearest to positions (N, 2)."""
     along = segments[:, 1] - segments[:, 0]
     length2 = np.sum(along**2, axis=1)
     share = np.sum((xy[:, None] - segments[:, 0]) * along, axis=2) / np.where(length2 > 0.0, length2, 1.0)
@@ -43,7 +43,7 @@ def nearest_on_segments(xy: Floats, segments: Floats) -> Floats:
 
 
 def nearest_on_polygons(xy: Floats, corners: Floats, starts: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Floats:
-    """(N, P, 2) points of packed polygons' borders (`pack_polygons`) nearest to (N, 2) positions."""
+    """(N, P, 2) border points of packed polygons (`pack_polygons`) nearest to positions (N, 2)."""
     out = np.empty((len(xy), len(starts) - 1, 2))
     for p in range(len(starts) - 1):
         points = nearest_on_segments(xy, edges(corners[starts[p] : starts[p + 1]]))
@@ -58,7 +58,7 @@ def edges(polygon: Floats) -> Floats:
 
 
 def least_to_points(start: Floats, end: Floats, first: Floats, last: Floats) -> Floats:
-    """(N, K) least distances of N robots from K points while all move straight and evenly.
+    """(N, K) least distances between N robots and K points that move uniformly during a step.
 
     Args:
         start: (N, 2) positions of the robots before the step.
@@ -75,7 +75,10 @@ def least_to_points(start: Floats, end: Floats, first: Floats, last: Floats) -> 
 
 
 def least_to_segments(start: Floats, end: Floats, segments: Floats) -> Floats:
-    """(N, E) least distances between the robots' steps, from (N, 2) to (N, 2), and E segments; 0 where they cross."""
+    """(N, E) least distances between the robots' straight steps, from (N, 2) to (N, 2), and E segments.
+
+    0 if they cross.
+    """
     ends = [distance(p[:, None], nearest_on_segments(p, segments)) for p in (start, end)]
     steps = np.stack([start, end], axis=1)
     for corner in (segments[:, 0], segments[:, 1]):
@@ -87,7 +90,7 @@ def least_to_segments(start: Floats, end: Floats, segments: Floats) -> Floats:
 
 
 def _side(a: Floats, b: Floats, c: Floats) -> Floats:
-    """(...) twice the signed area of triangles a, b, c: on which side of a-b is c."""
+    """(...) twice the signed area of triangles a, b, c: the sign is the side of the line a-b that c is on."""
     ab, ac = b - a, c - a
     return np.asarray(ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0])
 
@@ -97,14 +100,14 @@ BLOCK = 256
 
 
 class StepClock(NamedTuple):
-    """When a robot steps."""
+    """Step times of robots: start and period."""
 
     start_ns: int  # time of step 0
     step_s: float
 
 
 class MovingObstacles(NamedTuple):
-    """M moving obstacles at the start and the end of a step; NaN where one is not there."""
+    """M moving obstacles at the start and the end of a step; NaN if absent."""
 
     xy: Floats  # (M, 2)
     radius: Floats  # (M,)
@@ -113,15 +116,15 @@ class MovingObstacles(NamedTuple):
     move: Floats  # (M, 2) how each moved in the step before; 0 where that is not known
 
     def expected(self) -> MovingObstacles:
-        """The time step as it is known at its start: the obstacles go on as in the step before."""
+        """The step as predicted at its start: obstacles continue with the velocity of the previous step."""
         return self._replace(after=self.xy + self.move, radius_after=self.radius)
 
 
 class MovingObstacleTracks:
-    """Obstacles with positions known at their own times, linear in between."""
+    """Moving obstacles with positions sampled at their own times, linearly interpolated."""
 
     def __init__(self, t_ns: Ints, ids: Ints32, positions: Floats, clock: StepClock, limit_ns: int) -> None:
-        """Gather the rows of each obstacle.
+        """Collect the rows of each obstacle.
 
         Args:
             t_ns: (R,) times, rising.
@@ -137,7 +140,7 @@ class MovingObstacleTracks:
         self._block = np.empty((0, len(own), 3))
 
     def at(self, step: int) -> MovingObstacles:
-        """The obstacles at a step; quickest where steps are asked for in rising order."""
+        """Obstacles at a step; fastest for increasing steps."""
         if not self._first <= step < self._first + BLOCK:
             self._first = step
             self._block = self._positions_at(np.arange(step - 1, step + BLOCK + 1))

@@ -1,12 +1,9 @@
 """Direction of each robot's next step: forces, prevention of collisions, escape from oscillation ([Lee] Sec. 5.2.2).
 
-The thesis has one obstacle.  Of several, each repels; the prevention is that of the obstacle nearest to its reach among
-those that stand in line with the goal, and the region in which a robot oscillates is that of the nearest one.
-
-Oscillation of a robot before an obstacle: how it is recognised, and the angle of escape ([Lee] Sec. 5.2.2).
-
-csc is printed where arcsin is meant.  The largest angle is that of the *smallest* distance at which the robot can be,
-where the text states that the maximum of the distance should be considered.
+The thesis has one obstacle. Of several, each repels; collision prevention applies to the obstacle nearest to its reach
+among those aligned with the goal, and the oscillation region is that of the nearest obstacle. Oscillation in front of
+an obstacle is detected, and escaped by an angle ([Lee] Sec. 5.2.2). The thesis prints csc instead of arcsin. The
+largest angle belongs to the *smallest* possible distance of the robot, although the text states the maximum.
 """
 
 from __future__ import annotations
@@ -24,14 +21,14 @@ from .forces import ROUNDING, Field, attractive_force, direction, distance, prev
 
 
 class Range(NamedTuple):
-    """The ends of a range."""
+    """A range with its ends."""
 
     low: float
     high: float
 
 
 def opposite(previous: Floats, force: Floats, tolerance: float) -> Bools:
-    """(...) whether two successive total forces (..., 2) have opposite directions ([Lee] Eq. 5.26).
+    """(...) mask of successive total forces (..., 2) with opposite directions ([Lee] Eq. 5.26).
 
     Args:
         previous: force one step before; NaN: there was none, which is never opposite.
@@ -60,29 +57,29 @@ def distance_outside(way: float, radii: float) -> Range:
 
 
 def angle_at(d: float, radii: float) -> float:
-    """theta_osc, by which a robot at a distance d passes an obstacle just so ([Lee] Eqs. 5.29 and 5.30) [rad]."""
+    """Angle theta_osc [rad] at which a robot at distance d just passes an obstacle ([Lee] Eqs. 5.29 and 5.30)."""
     return math.asin(min(1.0, radii / d))
 
 
 def angle_inside(way: float, radii: float) -> Range:
-    """Range of the angle of a robot that escapes inside the region ([Lee] Eq. 5.31); the high end is open."""
+    """Range of the escape angle [rad] inside the region of prevention ([Lee] Eq. 5.31); the high end is open."""
     return Range(angle_at(way + radii, radii), 0.5 * math.pi)
 
 
 def angle_outside(way: float, radii: float) -> Range:
-    """Range of the angle of a robot that escapes outside the region ([Lee] Eq. 5.32); the high end is open."""
+    """Range of the escape angle [rad] outside the region of prevention ([Lee] Eq. 5.32); the high end is open."""
     return Range(angle_at(2.0 * way + radii, radii), angle_at(way + radii, radii))
 
 
 def turned(force: Floats, angle: Floats) -> Floats:
-    """(..., 2) forces turned by angles (...) to the left, their lengths kept ([Lee] Eqs. 5.33 and 5.34)."""
+    """(..., 2) forces rotated to the left by angles (...) ([Lee] Eqs. 5.33 and 5.34)."""
     c, s = np.cos(angle), np.sin(angle)
     x, y = force[..., 0], force[..., 1]
     return np.stack([c * x - s * y, s * x + c * y], axis=-1)
 
 
 class SteeringState(IntEnum):
-    """What decides on the direction of a step; where several do, the highest number is reported."""
+    """Rule that determines the direction of a step; if several apply, the highest number is reported."""
 
     FREE = 0  # the forces alone
     OSCILLATING = 1  # oscillation was recognised, but the robot does not escape
@@ -96,7 +93,7 @@ STATES = ("free", "oscillating", "prevent", "escaping", "guarded")
 
 
 class NearbyObstacles(NamedTuple):
-    """K obstacles as N robots meet them at one time step."""
+    """K obstacles relative to N robots at one time step."""
 
     nearest: Floats  # (N, K, 2) p_o, from which distances are measured: the centre, or the nearest point of a border
     radius: Floats  # (K,) what the obstacle has beyond that point
@@ -105,7 +102,7 @@ class NearbyObstacles(NamedTuple):
 
 
 class StepRules(NamedTuple):
-    """How robots step and what they do about obstacles."""
+    """Step length, radii and rules of robots."""
 
     way: float  # s_r T_s
     radius: float  # r_r
@@ -118,7 +115,7 @@ class StepRules(NamedTuple):
 
 
 def field_of(settings: FieldSettings) -> Field:
-    """The constants of the potentials among the settings."""
+    """Constants of the potential field from the settings."""
     return Field(
         attraction=settings.attraction,
         repulsion=settings.repulsion,
@@ -129,7 +126,7 @@ def field_of(settings: FieldSettings) -> Field:
 
 
 def steps_of(settings: FieldSettings, way: float, radius: float) -> StepRules:
-    """The rules among the settings, for robots of a radius with steps of a length."""
+    """Step rules from the settings, for robots with a radius and step length."""
     return StepRules(
         way=way,
         radius=radius,
@@ -143,7 +140,7 @@ def steps_of(settings: FieldSettings, way: float, radius: float) -> StepRules:
 
 
 class Steering(NamedTuple):
-    """Forces on N robots, and what they do."""
+    """Forces on N robots, and the rules applied."""
 
     attractive: Floats  # (N, 2)
     repulsive: Floats  # (N, 2) sum over the obstacles
@@ -155,7 +152,7 @@ class Steering(NamedTuple):
 def steer(
     xy: Floats, goal: Floats, around: NearbyObstacles, field: Field, steps: StepRules, previous: Floats
 ) -> Steering:
-    """Forces on robots, and the total force that gives the direction of the next step.
+    """Compute the forces on robots, and the total force that determines the direction of the next step.
 
     Args:
         xy: (N, 2) positions of the robots.
@@ -192,7 +189,7 @@ def steer(
 
 
 def _escape_angle(xy: Floats, around: NearbyObstacles, steps: StepRules, beyond: Floats, reach: Floats) -> Floats:
-    """(N,) the angle of the escape; 0 where the robot is not in the region in which it is to escape."""
+    """(N,) escape angle; 0 if the robot is not in the oscillation region."""
     near = np.argmin(beyond, axis=1)
     gap = beyond[np.arange(len(xy)), near]
     inside = gap <= ROUNDING * reach[near]
@@ -206,10 +203,9 @@ def _escape_angle(xy: Floats, around: NearbyObstacles, steps: StepRules, beyond:
 
 
 def _sided(xy: Floats, goal: Floats, around: NearbyObstacles, steps: StepRules, total: Floats, angle: Floats) -> Floats:
-    """(N,) the angles with the sign of the side to which the robots turn.
+    """(N,) escape angles with the sign of the side to which robots turn.
 
-    `free`: the side on which the next position is farther from the obstacles, of equal ones the one nearer to the
-    goal, of equal ones the left.
+    `free`: the side with the next position farther from obstacles; on ties the one nearer to the goal, then the left.
     """
     if steps.side != "free":
         return angle if steps.side == "left" else -angle

@@ -1,4 +1,4 @@
-"""One-to-one assignments: of least cost within a gate (global nearest neighbours), and of greatest weight."""
+"""One-to-one assignments: least cost within a gate (global nearest neighbour), or greatest weight."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from occlog.array_types import Floats, Ints
 
 
 def assign(cost: Floats, gate: float) -> tuple[Ints, Ints]:
-    """Assign rows to columns one to one: as many pairs as the gate lets, and of these the least sum of costs.
+    """Assign rows to columns one to one: the maximum number of pairs within the gate, then the least total cost.
 
     Args:
         cost: (n, m), >= 0; may be infinite.
@@ -31,9 +31,9 @@ def assign(cost: Floats, gate: float) -> tuple[Ints, Ints]:
 
 
 def maximum_weight_matching(rows: Ints, columns: Ints, weights: Floats) -> Ints:
-    """Pair rows with columns one to one, so that the sum of weights is as large as it can be.
+    """Pair rows with columns one to one with the greatest total weight.
 
-    Time and memory grow with the number of pairs that may be, not with rows times columns.
+    Time and memory grow with the number of candidate pairs rather than with rows times columns.
 
     Args:
         rows: (n,) row of each pair that may be, >= 0.

@@ -1,9 +1,8 @@
-"""Positions at other times than those at which they were sampled, with a stated limit.
+"""Interpolation of positions at other times than those sampled, with a limit on gaps.
 
-Times are int64 nanoseconds.  Differences are taken as integers, so that they stay
-exact at times since 1970 (a float64 resolves only about 200 ns there).
-
-Positions of several objects on a grid of times, and at the times of sensor frames.
+Times are int64 nanoseconds; differences are computed as integers, so that they are exact at times since 1970 (float64
+resolves about 200 ns there). Also positions of several objects on a common time grid, and at the times of sensor
+frames.
 """
 
 from __future__ import annotations
@@ -18,10 +17,10 @@ from occlog.array_types import Bools, Floats, Ints
 
 
 def interpolate_positions(t_ns: Ints, known_t_ns: Ints, known: Floats, limit_ns: int) -> tuple[Floats, Bools]:
-    """Interpolate positions linearly, and tell where they may be used.
+    """Interpolate positions linearly, with a validity mask.
 
-    A time that is itself a sample is always good.  Between two samples the position is
-    good when the samples are at most `limit_ns` apart.  Nothing is extrapolated.
+    A time that is a sample is always valid. Between two samples the position is valid if they are at most `limit_ns`
+    apart. There is no extrapolation.
 
     Args:
         t_ns: (N,) times asked for.
@@ -69,7 +68,7 @@ NO_LIMIT = np.iinfo(np.int64).max
 
 
 class TimeGrid(NamedTuple):
-    """Places of n objects at C times."""
+    """Positions of n objects at C times."""
 
     t_ns: Ints  # (C,) rising
     ids: Ints  # (n,) rising
@@ -78,7 +77,7 @@ class TimeGrid(NamedTuple):
 
 
 class SensorFrames(NamedTuple):
-    """Frames of one sensor during a chunk: T frames."""
+    """T frames of one sensor within a chunk."""
 
     t_ns: Ints  # (T,)
     first: int  # number of the first of these frames in the sensor's stream
@@ -86,9 +85,9 @@ class SensorFrames(NamedTuple):
 
 
 def to_grid(t_ns: Ints, ids: NDArray[np.integer], target: Bools, xyz: Floats) -> TimeGrid:
-    """R rows of times, object numbers, whether a target, and (R, 3) positions as a grid.
+    """Arrange R rows of times, object numbers, target flags and positions (R, 3) as a grid.
 
-    Of two rows for the same time and object the last counts.
+    Of two rows for the same time and object the last is used.
     """
     times, row = np.unique(t_ns, return_inverse=True)
     names, column = np.unique(ids, return_inverse=True)
@@ -100,7 +99,7 @@ def to_grid(t_ns: Ints, ids: NDArray[np.integer], target: Bools, xyz: Floats) ->
 
 
 def frame_times(start_ns: int, after_ns: int, last_ns: int, rate_hz: float) -> tuple[Ints, int]:
-    """Times in (after, last] of a sensor that delivers frames from `start_ns` on, and the number of the first.
+    """Frame times in (after, last] of a sensor with frames from `start_ns` on, and the number of the first.
 
     Frame k is at start + round(k 1e9 / rate).
     """
@@ -115,7 +114,7 @@ def frame_times(start_ns: int, after_ns: int, last_ns: int, rate_hz: float) -> t
 def frames_at(
     chunks: Iterable[TimeGrid], rates_hz: Sequence[float | None]
 ) -> Iterator[tuple[TimeGrid, list[SensorFrames]]]:
-    """Yield each chunk with the frames of every sensor.
+    """Generate each chunk with the frames of every sensor.
 
     A sensor without a rate has a frame at every time of the chunk.
 
@@ -147,7 +146,7 @@ def frames_at(
 
 
 def _joined(last: TimeGrid, chunk: TimeGrid) -> TimeGrid:
-    """The last row of the chunk before, for objects that are still there, and the chunk."""
+    """Prepend the last row of the previous chunk, for objects that still exist."""
     before = np.full((1, *chunk.xyz.shape[1:]), np.nan)
     common, old, new = np.intersect1d(last.ids, chunk.ids, return_indices=True)
     if len(common):

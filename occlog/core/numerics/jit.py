@@ -21,20 +21,19 @@ PATIENCE_S = 2.0
 
 
 def kernel(function: F) -> F:
-    """The function compiled by numba: cached on disk, without the GIL, exact floating point.
+    """Compile a function with numba: cached on disk, without the GIL, exact floating point.
 
-    A call counts references to every array among its arguments, those of a NamedTuple one by one, and each count takes
-    as long as dozens of products: a kernel that is called in an inner loop gets few arrays.
-
-    With NUMBA_DISABLE_JIT=1 it is the plain Python function.
+    A call counts references to every array among its arguments, including those in a NamedTuple, and each count takes
+    as long as dozens of products: a kernel called in an inner loop should have few array arguments. With
+    NUMBA_DISABLE_JIT=1 it is the plain Python function.
     """
     return _cached(function, numba.njit(nogil=True)(function))
 
 
 def kernel_part(function: F) -> F:
-    """The function as a part of the kernel that calls it, as if it stood there; for one that is called at one position.
+    """Inline a function into the kernel that calls it; for functions called at one place only.
 
-    A kernel that is called by another is compiled by itself, and once more, with all that it calls, into the other.
+    A kernel called by another one is compiled separately, and again, with all that it calls, into the caller.
     """
     return cast(F, numba.njit(nogil=True, inline="always")(function))
 
@@ -57,7 +56,7 @@ def _cached(function: F, compiled: Any) -> F:
 
 
 def _of_any_value(template: Callable[..., Any]) -> Callable[..., Any]:
-    """Type calls by other kernels with a constant as with any other number.
+    """Compile calls by other kernels with a constant argument as with a variable.
 
     Numba would compile the kernel, and all that it calls, once more for each constant among its arguments.
     """
@@ -69,28 +68,28 @@ def _of_any_value(template: Callable[..., Any]) -> Callable[..., Any]:
 
 
 class Stopwatch(event.Listener):  # type: ignore[misc]
-    """Adds up how long this process compiles; what comes from the cache takes no time.
+    """Measures the compilation time of this process; kernels from the cache take none.
 
-    Kernels are compiled one at a time, those that a kernel calls meanwhile: each of these is an occasion to look at the
-    clock.  A thread that waits would need none, but numba keeps it from running.
+    Kernels are compiled one at a time, including those that a kernel calls: the clock is read at each. A timer thread
+    would not run, since numba blocks it.
     """
 
     def __init__(self, notify: Callable[[], None]) -> None:
-        """Call `notify` whenever more than `PATIENCE_S` has been found to have passed."""
+        """`notify` is called once more than `PATIENCE_S` of compilation time has passed."""
         self._notify = notify
         self._depth = 0
         self._begin = 0.0
         self._before = 0.0
 
     def on_start(self, event: event.Event) -> None:  # noqa: ARG002
-        """A kernel begins."""
+        """Compilation of a kernel starts."""
         if self._depth == 0:
             self._begin = time.perf_counter()
         self._depth += 1
         self._check_time()
 
     def on_end(self, event: event.Event) -> None:  # noqa: ARG002
-        """A kernel is compiled."""
+        """Compilation of a kernel ends."""
         self._check_time()
         self._depth -= 1
         if self._depth == 0:

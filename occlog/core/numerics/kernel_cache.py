@@ -1,9 +1,9 @@
-"""Where compiled kernels are kept on disk, and which of them are still those of the program's text.
+"""Cache of compiled kernels on disk, invalidated when a source file that they depend on changes.
 
-Numba keeps a compiled kernel while the file that defines it is the same.  The kernels of other files that it calls,
-and the constants that it takes from them, are compiled into it: here a kernel is kept while all files are the same that
-its file imports, directly or through others.  Numba unpickles what it finds in its folder, so that a folder counts
-only if others cannot write into it; the configuration file that numba reads in the current folder is not read.
+Numba invalidates a kernel only if the file that defines it changes. Kernels and constants of other files are compiled
+into it: here a kernel is valid while all files that its file imports, directly or indirectly, are unchanged. Since
+numba unpickles files of its cache folder, a folder that others can write to is not used, nor is numba's configuration
+file in the current folder.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ config.reload_config()
 
 @cache
 def _files_of(name: str, base: str) -> tuple[tuple[str, str], ...]:
-    """The file of a module and those of the packages above it, which Python runs, too, by their dotted names.
+    """Files of a module and of its parent packages (which Python executes, too), by dotted name.
 
     Args:
         name: dotted; what follows a module, as the name of a function, counts for nothing.
@@ -57,7 +57,7 @@ def _files_of(name: str, base: str) -> tuple[tuple[str, str], ...]:
 
 @cache
 def _read(name: str, path: str) -> tuple[bytes, tuple[str, ...]]:
-    """The digest of a module's file, and what it imports by absolute names: modules, or what is in them."""
+    """Digest of a module's file, and the absolute names that it imports (modules, or names in them)."""
     text = Path(path).read_bytes()
     package = name if path.endswith("__init__.py") else name.rpartition(".")[0]
     names = []
@@ -72,7 +72,7 @@ def _read(name: str, path: str) -> tuple[bytes, tuple[str, ...]]:
 
 
 def files_behind(module: str, base: str) -> dict[str, str]:
-    """The files that a module imports, directly or through others, with its own: those of its package and of occlog.
+    """Files that a module imports within its package and occlog, directly or indirectly, including its own.
 
     Args:
         module: dotted name.
@@ -97,7 +97,7 @@ def files_behind(module: str, base: str) -> dict[str, str]:
 
 
 def _absolute(name: str, package: str) -> str:
-    """The dotted name of an import that begins with dots, from within a package."""
+    """Absolute dotted name of a relative import from within a package."""
     rest = name.lstrip(".")
     up = len(name) - len(rest)
     if not up:
@@ -108,7 +108,7 @@ def _absolute(name: str, package: str) -> str:
 
 @cache
 def stamp(module: str, base: str) -> str:
-    """SHA-256 over the files that stand behind the kernels of a module, with their names."""
+    """SHA-256 over the source files that a module's kernels depend on, with their names."""
     whole = hashlib.sha256(numba.__version__.encode())
     for name, path in sorted(files_behind(module, base).items()):
         whole.update(name.encode() + b"\0" + _read(name, path)[0])
@@ -117,7 +117,7 @@ def stamp(module: str, base: str) -> str:
 
 @cache
 def _chosen() -> Path | None:
-    """The folder of `NUMBA_CACHE_DIR`; None where missing, or one into which others can write."""
+    """Folder of `NUMBA_CACHE_DIR`; None if unset, or if others can write to it."""
     given = os.environ.get(CACHE_DIR, "")
     if not given:
         return None
@@ -137,23 +137,23 @@ def _chosen() -> Path | None:
 
 
 def _users() -> Path:
-    """The folder of the user for what can be made again."""
+    """The user's cache folder."""
     from numba.misc.appdirs import AppDirs
 
     return Path(AppDirs(appname="occlog", appauthor=False).user_cache_dir) / "kernels"
 
 
 class KernelLocator:
-    """The position of a kernel's file: `NUMBA_CACHE_DIR`, the folder of the program, or in the user's cache folder."""
+    """Locator of a kernel's cache: `NUMBA_CACHE_DIR`, the program's folder, or the user's cache folder."""
 
     def __init__(self, function: Callable[..., Any], base: str, folder: Path) -> None:
-        """Keep a function, the top package of which lies in `base`, in `folder`."""
+        """Use `folder` for a function whose top package is in `base`."""
         self._line = function.__code__.co_firstlineno
         self._module, self._base, self._folder = function.__module__, base, folder
 
     @classmethod
     def from_function(cls, function: Callable[..., Any], file: str) -> KernelLocator | None:
-        """The first position that can be written, and only by this user; None: missing."""
+        """First folder that is writable by this user only; None if there is none."""
         path = Path(file).resolve()
         depth = function.__module__.count(".") + (path.name == "__init__.py")
         base = path.parents[depth]
@@ -166,7 +166,7 @@ class KernelLocator:
         return None
 
     def ensure_cache_path(self) -> None:
-        """Make the folder, should it be gone since it was chosen."""
+        """Create the folder if it was removed."""
         self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
 
     def get_cache_path(self) -> str:
@@ -174,7 +174,7 @@ class KernelLocator:
         return str(self._folder)
 
     def get_source_stamp(self) -> str:
-        """What the kernel is made of."""
+        """Stamp of the kernel's source files."""
         return stamp(self._module, self._base)
 
     def get_disambiguator(self) -> str:
@@ -184,7 +184,7 @@ class KernelLocator:
 
 @cache
 def _usable(folder: Path, trusted: bool) -> bool:
-    """Whether a folder is there or can be made, and can be written; by this user alone unless it is the program's."""
+    """Whether a folder exists or can be created and is writable; by this user only, unless it is the program's."""
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     except OSError:
@@ -197,14 +197,13 @@ class _Files(CompileResultCacheImpl):  # type: ignore[misc]
 
 
 class NoCacheError(Exception):
-    """No folder for compiled kernels can be written: they are compiled in each process."""
+    """No folder for compiled kernels is writable: they are compiled in each process."""
 
 
 class KernelCache(FunctionCache):  # type: ignore[misc]
-    """Numba's cache on disk, in folders of the user's own, of kernels that are still those of the text.
+    """Numba's disk cache, in trusted folders, with validity by all source files.
 
-    An index is unpickled before numba asks whether it is fresh; one that names types or modules that are gone counts
-    as empty.
+    An index that refers to removed types or modules is treated as empty.
     """
 
     _impl_class = _Files
@@ -222,7 +221,7 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
             raise NoCacheError from error
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The compiled kernel for a signature; None where missing."""
+        """Load the compiled kernel for a signature; None if missing."""
         try:
             return super().load_overload(sig, target_context)
         except (AttributeError, ImportError):
@@ -230,7 +229,7 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep a compiled kernel; where that fails, as on a full disk, it serves this process alone."""
+        """Save a compiled kernel; on failure (full disk) it is used by this process only."""
         try:
             super().save_overload(sig, data)
         except OSError:

@@ -8,7 +8,7 @@ import numpy as np
 
 
 class RandomStream(IntEnum):
-    """What random numbers are drawn for; numbers are never reused, so that old seeds keep their meaning."""
+    """Purpose of random numbers (key of a stream); numbers are never reused, so that seeds keep their meaning."""
 
     WORLD_START = 0  # first positions and destinations
     WORLD_MOTION = 1  # one item an object
@@ -38,5 +38,5 @@ class RandomStream(IntEnum):
 
 
 def generator(seed: int, stage: RandomStream, *items: int, run: int = 0) -> np.random.Generator:
-    """The generator of one stage and item (object, sensor, or sensor and frame) of one run."""
+    """Random generator for one stage and item (object, sensor, or sensor and frame) of one run."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(run, int(stage), *items)))

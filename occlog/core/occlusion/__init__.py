@@ -1,1 +1,1 @@
-"""P(hidden): the probability that moving occluders hide a position from a camera."""
+"""Probability that moving occluders hide a position from a camera."""

@@ -1,15 +1,13 @@
-"""Probabilities that an occluder hides a position from each set of cameras: exact shares of its prior, by slices.
+"""Exact probabilities that an occluder hides a position from each set of cameras, by integration of its prior.
 
-Occluder j hides the position x from camera i if its centre is in A_i(x), the rectangle from
-the camera to x, as wide as the occluder's diameter, without end caps ([Ercan] Fig. 3).  The
-plane falls into pieces by the set of rectangles that a point is in; wanted is the prior's
-share of every piece.  In the prior's own axes the plane is cut into slices along the major
-axis; a position is (s, t), s along the slices and t across them.  On a slice each rectangle is
-an interval, and the normal distribution of a piece is a difference of error functions.
-Across the slices the integrand is smooth between the corners and crossings of the
-rectangles' sides, so Gauss-Legendre panels that begin and end there are accurate to about
-1e-12, for any ratio of the axes.  A line is one slice.  For a uniform prior lengths are
-linear between corners and crossings, so one slice each is exact.
+Occluder j hides the position x from camera i if its centre is in A_i(x), the rectangle from the camera to x, as wide as
+the occluder's diameter, without end caps ([Ercan] Fig. 3). The rectangles divide the plane into pieces by the set of
+rectangles that contain a point; computed is the prior's probability of every piece. In the prior's own axes the plane
+is cut into slices along the major axis; a position is (s, t), s along the slices and t across them. On a slice each
+rectangle is an interval, and the normal distribution of a piece is a difference of error functions. Across the slices
+the integrand is smooth between the corners and crossings of the rectangles' sides, so Gauss-Legendre panels that begin
+and end there are accurate to about 1e-12, for any ratio of the axes. A line is one slice. For a uniform prior lengths
+are linear between corners and crossings, so one slice each is exact.
 """
 
 from __future__ import annotations
@@ -29,7 +27,7 @@ LEVELS = 9
 
 @kernel
 def sides(rows: Floats, polygon: Floats) -> Floats:
-    """(4 n + K, 4) sides of n rectangles and a polygon: s, t of one end and of the other.
+    """(4 n + K, 4) sides of n rectangles and a polygon: (s, t) of both ends.
 
     Args:
         rows: (n, 6) rectangles, as `_strips` gives them.
@@ -54,10 +52,10 @@ def sides(rows: Floats, polygon: Floats) -> Floats:
 
 @kernel
 def cuts(border: Floats, low: float, high: float, sigma: float, minor: float) -> Floats:
-    """Rising t, from low to high, between which the lengths of the pieces change smoothly.
+    """Increasing t, from low to high, between which the integrand is smooth.
 
-    They are those of corners, of crossings of sides, and, for a normal prior (sigma > 0),
-    those at which a side that nearly runs along the slices passes even multiples of sigma.
+    At corners, at crossings of sides and, for a normal prior (sigma > 0), where a side nearly parallel to the slices
+    passes even multiples of sigma.
 
     Args:
         border: (E, 4) sides.
@@ -94,7 +92,7 @@ def cuts(border: Floats, low: float, high: float, sigma: float, minor: float) ->
 
 @kernel
 def crossing(a: Floats, b: Floats) -> float:
-    """The t at which two sides cross; NaN if they do not."""
+    """The t at which two sides cross; NaN if they do not cross."""
     a_s, a_t, b_s, b_t = a[2] - a[0], a[3] - a[1], b[2] - b[0], b[3] - b[1]
     cross = a_s * b_t - a_t * b_s
     if cross == 0.0:
@@ -109,7 +107,7 @@ def crossing(a: Floats, b: Floats) -> float:
 
 @kernel
 def steepest(border: Floats, low: float, high: float) -> float:
-    """Greatest |ds/dt| of the sides that pass between the slices at low and high."""
+    """Greatest |ds/dt| of the sides that cross the slices at low and high."""
     most = 0.0
     for e in range(border.shape[0]):
         s0, t0, s1, t1 = border[e]
@@ -129,9 +127,9 @@ RULES[0], RULES[1, :, :8] = np.polynomial.legendre.leggauss(16), np.polynomial.l
 
 @kernel
 def normal_between(low: float, high: float) -> float:
-    """Probability of a standard normal between low and high; 0 if low >= high.
+    """Probability of a standard normal variable between low and high; 0 if low >= high.
 
-    In a tail the complementary error function keeps the digits that 1 - 1 would lose.
+    In a tail the complementary error function avoids cancellation.
     """
     if low >= high:
         return 0.0
@@ -212,7 +210,7 @@ def _strips(x: float, y: float, cameras: Floats, priors: Priors, j: int) -> tupl
 
 @kernel
 def _own_axes(corners: Floats, priors: Priors, j: int) -> Floats:
-    """Corners (K, 2) along and across the prior's major axis, from its mean."""
+    """Corners (K, 2) in the prior's own axes, relative to its mean."""
     c, s = priors.axis[j, 0], priors.axis[j, 1]
     out = np.empty(corners.shape)
     for k in range(corners.shape[0]):
@@ -223,7 +221,7 @@ def _own_axes(corners: Floats, priors: Priors, j: int) -> Floats:
 
 @kernel
 def _interval(row: Floats, t: float) -> tuple[float, float]:
-    """Where the slice at t is in a rectangle: s from low to high; nowhere if low > high."""
+    """Interval of s in which the slice at t is inside a rectangle; empty if low > high."""
     d_s, d_t, r, radius = row[0], row[1], row[4], row[5]
     start = (t - row[3]) * d_t - row[2] * d_s  # distance along the line of sight at s = 0; it grows by d_s
     side = (t - row[3]) * d_s + row[2] * d_t  # distance across it at s = 0; it grows by -d_t
@@ -250,7 +248,7 @@ def _slice_into(
     ends: Floats,
     flips: Ints,
 ) -> bool:
-    """Add `weight` times what lies on the slice at t to the pieces, in place; False if no rectangle is met.
+    """Add `weight` times the integral over the slice at t to the pieces, in place; False if no rectangle is met.
 
     Args:
         out: (2^N,) pieces.
@@ -300,7 +298,7 @@ def _slice_into(
 
 @kernel
 def _insert(ends: Floats, flips: Ints, size: int, end: float, flip: int) -> None:
-    """Put an end at its position among the first `size`, which are in order; in place."""
+    """Insert an end among the first `size` sorted ends, in place."""
     k = size
     while k > 0 and ends[k - 1] > end:
         ends[k], flips[k] = ends[k - 1], flips[k - 1]
@@ -310,7 +308,7 @@ def _insert(ends: Floats, flips: Ints, size: int, end: float, flip: int) -> None
 
 @kernel
 def _normal_into(out: Floats, rows: Floats, bits: Ints, sigma: float, minor: float) -> None:
-    """Add the pieces of a normal prior, in place: Gauss-Legendre panels between the cuts."""
+    """Add the pieces of a normal prior, in place, by Gauss-Legendre quadrature between the cuts."""
     none, border = np.zeros(0), sides(rows, np.zeros((0, 2)))
     ends, flips = np.empty(2 * bits.shape[0]), np.empty(2 * bits.shape[0], dtype=np.int64)
     at = cuts(border, -SUPPORT_SIGMAS * minor, SUPPORT_SIGMAS * minor, sigma, minor)
@@ -333,7 +331,7 @@ def _normal_into(out: Floats, rows: Floats, bits: Ints, sigma: float, minor: flo
 
 @kernel
 def _uniform_into(out: Floats, rows: Floats, bits: Ints, polygon: Floats) -> None:
-    """Add the pieces of a prior uniform over a polygon, in place: the middle of each slab is exact."""
+    """Add the pieces of a prior uniform over a polygon, in place; the midpoint rule is exact between the cuts."""
     low, high = np.min(polygon[:, 1]), np.max(polygon[:, 1])
     area, K = 0.0, polygon.shape[0]
     for k in range(K):
@@ -351,7 +349,7 @@ def _uniform_into(out: Floats, rows: Floats, bits: Ints, polygon: Floats) -> Non
 
 @kernel
 def _entered(polygon: Floats, t: float) -> Floats:
-    """Places s, in no order, where the slice at t meets the sides of a polygon (K, 2); an even number."""
+    """Values s, unsorted, at which the slice at t crosses the sides of a polygon (K, 2); an even number."""
     K, size = polygon.shape[0], 0
     out = np.empty(K)
     for k in range(K):

@@ -1,13 +1,10 @@
-"""Joint likelihood of what several cameras report: sums over subsets of cameras, [Ercan] Eqs. 8-9 and exact.
+"""Joint likelihood of the reports of several cameras: sums over subsets of cameras, [Ercan] Eqs. 8-9, and exact.
 
-Eq. 8 takes the rectangles in which an occluder hides a position from different cameras as disjoint.  The
-sum over subsets Q of m cameras is then the recursion of Eq. 9, walked as a tree with a camera a level: the
-sums of q over Q are shared by all subsets below a branch, and branches too light to matter are
-cut.  A camera that reports a position near the particle almost certainly sees it, so few of the 2^m
-subsets remain.
-
-The exact form takes nothing as disjoint: it computes, for every occluder, the probability that it
-blocks each set of cameras at once (`blocking_probability.shares`).
+Eq. 8 approximates the rectangles in which an occluder hides a position from different cameras as disjoint. The sum over
+subsets Q of m cameras is then the recursion of Eq. 9, evaluated as a binary tree with a camera per level: sums of q
+over Q are shared by all subsets below a branch, and negligible branches are pruned. A camera that reports a position
+near the particle almost certainly sees it, so that few of the 2^m subsets remain. The exact form computes, for every
+occluder, the probability that it blocks each set of cameras at once (`blocking_probability.shares`).
 """
 
 from __future__ import annotations
@@ -83,7 +80,7 @@ def add_joint(
 
 @array_kernel
 def clear_exact(x: float, y: float, cameras: Floats, priors: Priors) -> Floats:
-    """(2^m,) probability that no camera of Q (as bits) is blocked, for every subset Q of the (m, 2) cameras."""
+    """(2^m,) probability that no camera of Q (bit mask) is blocked, for every subset Q of the cameras (m, 2)."""
     m = cameras.shape[0]
     out = np.ones(1 << m)
     for j in range(priors.sigma.shape[0]):
@@ -101,7 +98,9 @@ def clear_exact(x: float, y: float, cameras: Floats, priors: Priors) -> Floats:
 
 @array_kernel
 def over_subsets(clear: Floats, a: Floats, b: Floats, floor: float) -> float:
-    """Sum over subsets Q of p_Q prod_Q (a - b) prod_not-Q b, not below floor times prod max(a, b).
+    """Sum over subsets Q of p_Q prod_Q (a - b) prod_not-Q b, at least floor times prod max(a, b).
+
+    p_Q = `clear` is the probability that no camera of Q is blocked.
 
     Args:
         clear: (2^m,) p_Q.
@@ -133,7 +132,7 @@ LANES = 4
 
 @array_kernel
 def sum_disjoint(q: Floats, a: Floats, b: Floats, floor: float) -> float:
-    """Sum over subsets Q of p_Q prod_Q (a - b) prod_not-Q b, not below floor times prod max(a, b).
+    """Sum over subsets Q of p_Q prod_Q (a - b) prod_not-Q b, at least floor times prod max(a, b).
 
     p_Q = prod_j max(0, 1 - sum_Q q_ij) is the probability that no camera of Q is blocked (Eq. 8).
 
@@ -185,7 +184,7 @@ def sum_disjoint(q: Floats, a: Floats, b: Floats, floor: float) -> float:
 
 @array_kernel
 def by_weight(seeing: Floats, hidden: Floats) -> Ints:
-    """(m,) cameras in the order in which they rule out most: those with one light branch first."""
+    """(m,) order of the cameras for pruning: those with one negligible branch first."""
     m = seeing.shape[0]
     order, key = np.empty(m, dtype=np.int64), np.empty(m)
     for i in range(m):
@@ -199,7 +198,7 @@ def by_weight(seeing: Floats, hidden: Floats) -> Ints:
 
 @array_kernel
 def joint_visibility(sums: Floats) -> float:
-    """prod_j max(0, 1 - sums_j)."""
+    """Probability that no camera of Q is blocked: prod_j max(0, 1 - sums_j)."""
     p0, p1, p2, p3 = 1.0, 1.0, 1.0, 1.0
     whole = sums.shape[0] - sums.shape[0] % LANES
     for j in range(0, whole, LANES):
@@ -214,7 +213,7 @@ def joint_visibility(sums: Floats) -> float:
 
 @array_kernel
 def relevant_priors(q: Floats, p: int, use: Ints) -> Floats:
-    """(m, K) of (n, M, L) q at position p for cameras `use`, without occluders that block none of them."""
+    """(m, K) values of q (n, M, L) at position p for cameras `use`, without occluders that block none of them."""
     out = np.empty((use.shape[0], q.shape[1]))
     K = 0
     for j in range(q.shape[1]):

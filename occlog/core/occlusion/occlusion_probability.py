@@ -8,18 +8,15 @@ along it, given the offset w across, mean a + rho (w - b) with rho = u' Sigma v 
 variance det Sigma / s^2.  Eq. 7 takes w = 0; the improved form takes w at the mean of the
 truncated normal between -D/2 and D/2.  Both are exact for isotropic priors (rho = 0).
 
-What is avoided: priors that are more than `far` standard deviations from every line of sight
-of the cloud, behind the camera or beyond all positions are omitted, and error functions
-that count as 1 for the whole cloud are not computed.  (`far` is 5.5, where the tail is
-2e-8, or less where a proposal only has to be near.)
+For speed, priors more than `far` standard deviations from every line of sight of the particles, behind the camera or
+beyond all positions are omitted, and error functions that are 1 for all particles are not computed. (`far` is 5.5, with
+a tail of 2e-8, or less for proposals.)
 
-Probability that no moving occluder hides a position, interpolated over a cloud of particles.
-
-Where every prior is Gaussian and wide against the cloud, P (`occlog.core.occlusion.occlusion_probability`) is
-smooth over the cloud's bounding box.  It is then computed at Chebyshev points of the box
-only and interpolated by Chebyshev polynomials.  Their degrees follow from the box and the
-narrowest prior; the last coefficients determine the error, and where it is too large, P is
-computed position by position.
+Interpolation over a cloud of particles: where every prior is Gaussian and wide relative to the cloud, P
+(`occlog.core.occlusion.occlusion_probability`) is smooth over the cloud's bounding box. It is then computed at
+Chebyshev points of the box only and interpolated by Chebyshev polynomials. Their degrees follow from the box and the
+narrowest prior; the last coefficients determine the error, and where it is too large, P is computed position by
+position.
 """
 
 from __future__ import annotations
@@ -43,7 +40,7 @@ ROUND = 1e-9
 
 
 class CameraRays(NamedTuple):
-    """Lines of sight from a camera to n positions, and where they all are."""
+    """Lines of sight from a camera to n positions, with their bounds."""
 
     ux: Floats  # (n,) unit vectors
     uy: Floats
@@ -83,7 +80,7 @@ def rays_to(xy: Floats, rows: Ints, x0: float, y0: float) -> CameraRays:
 def blocking_into(
     q: Floats, rays: CameraRays, x0: float, y0: float, j: int, priors: Priors, form: int, far: float
 ) -> bool:
-    """Write probabilities (n,) that occluder j hides the ends of the rays; False, and `q` unchanged, for none.
+    """Write probabilities (n,) that occluder j hides the ends of the rays; False, with `q` unchanged, if all are 0.
 
     Args:
         q: (n,) filled.
@@ -169,7 +166,7 @@ def blocking_probabilities(
 
 @array_kernel
 def extent(j: int, priors: Priors, far: float) -> float:
-    """Reach of prior j from its mean: a number of standard deviations, or to its farthest corner."""
+    """Extent of prior j from its mean: `far` standard deviations, or the distance of its farthest corner."""
     if priors.first[j] == priors.first[j + 1]:
         gaussian: float = far * priors.sigma[j]
         return gaussian
@@ -193,9 +190,9 @@ def isotropic_into(
     before: bool,
     behind: bool,
 ) -> None:
-    """Probabilities q of an isotropic prior; `scale` is 1 / (sqrt 2 sigma).
+    """Write blocking probabilities q of an isotropic prior; `scale` is 1 / (sqrt 2 sigma).
 
-    Four loops, so that none has a branch.
+    Four loops without branches, for vectorisation.
     """
     n = q.shape[0]
     if before and behind:
@@ -221,7 +218,7 @@ def isotropic_into(
 
 @array_kernel
 def hiding(ux: float, uy: float, r: float, x0: float, y0: float, j: int, priors: Priors, form: int) -> float:
-    """q: probability that occluder j hides the position at distance r in direction (ux, uy) from (x0, y0).
+    """Probability that occluder j hides the position at distance r in direction (ux, uy) from (x0, y0).
 
     Degenerate priors and polygons are exact with every form.
     """
@@ -272,7 +269,7 @@ MIN_CAMERA_DISTANCE = 2.0
 
 
 class HiddenGrid(NamedTuple):
-    """Chebyshev points of the bounding box of a cloud of L positions; no points where P is not to be interpolated."""
+    """Chebyshev grid over the bounding box of a cloud of L positions; empty if interpolation is not worthwhile."""
 
     points: Floats  # (K, 2), the second coordinate running faster
     first: Floats  # (nx, L) Chebyshev polynomials of the positions' first coordinate
@@ -287,7 +284,7 @@ class HiddenGrid(NamedTuple):
 
 @array_kernel
 def make_grid(xy: Floats, free: Bools, priors: Priors, far: float) -> HiddenGrid:
-    """Points over the box around the positions of (L, 2) `xy` that are `free`.
+    """Create the Chebyshev grid over the box around the positions (L, 2) `xy` that are `free`.
 
     Args:
         xy: positions.
@@ -337,9 +334,9 @@ def make_grid(xy: Floats, free: Bools, priors: Priors, far: float) -> HiddenGrid
 
 @array_kernel
 def terms(half: float, tolerance: float) -> int:
-    """Number of polynomials for an interval in standard deviations of the narrowest prior to either side.
+    """Number of polynomials for an interval of +- half standard deviations of the narrowest prior.
 
-    The coefficients of a Gaussian fall as (half / 2)^n / sqrt(n!); products of some of them a little later.
+    The coefficients of a Gaussian decrease as (half / 2)^n / sqrt(n!).
     """
     n, size = 0, 2.0
     while size > tolerance and n <= MAX_DEGREE:
@@ -375,7 +372,7 @@ def fit(n: int) -> Floats:
 def unhidden_over(
     grid: HiddenGrid, xy: Floats, rows: Ints, x0: float, y0: float, priors: Priors, form: int, far: float
 ) -> Floats:
-    """Approximate `visibility_probability` by interpolation on the grid, where that is faster and accurate enough."""
+    """Approximate `visibility_probability` by interpolation on the grid, if that is faster and accurate enough."""
     nx, ny = grid.first.shape[0], grid.second.shape[0]
     away = math.sqrt((grid.x - x0) ** 2 + (grid.y - y0) ** 2)
     if nx * ny == 0 or nx * ny > MIN_POINTS_PER_POSITION * rows.shape[0] or away < MIN_CAMERA_DISTANCE * grid.size:
@@ -408,7 +405,7 @@ def coefficients_of(values: Floats, fit_first: Floats, fit_second: Floats) -> Fl
 
 @array_kernel
 def left_over(coefficients: Floats) -> float:
-    """Size of the last two coefficients in either direction: about the error of what was cut off."""
+    """Magnitude of the last two coefficients in either direction: estimate of the truncation error."""
     nx, ny = coefficients.shape
     size = 0.0
     for k in range(nx):
@@ -420,7 +417,7 @@ def left_over(coefficients: Floats) -> float:
 
 @array_kernel
 def evaluate(coefficients: Floats, first: Floats, second: Floats, rows: Ints) -> Floats:
-    """(n,) values of the polynomial at some of the positions, cut to [0, 1]."""
+    """(n,) values of the polynomial at some of the positions, clipped to [0, 1]."""
     nx, ny, L = first.shape[0], second.shape[0], first.shape[1]
     total, inner = np.zeros(L), np.empty(L)
     for k in range(nx):

@@ -1,7 +1,7 @@
-"""What is known about where the moving occluders are: M priors at one time, packed for the kernels.
+"""Priors of the positions of M moving occluders at one time, packed for the kernels.
 
-A prior is Gaussian, degenerate (all of it on a line, or at a point), or uniform over a
-polygon ([Ercan] Sec. 4.2 and 4.4).  Occluders are upright cylinders on the floor.
+A prior is Gaussian, degenerate (on a line, or at a point), or uniform over a polygon ([Ercan] Sec. 4.2 and 4.4).
+Occluders are upright cylinders on the floor.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ MIN_VARIANCE_RATIO = 1e-12
 
 
 class Priors(NamedTuple):
-    """M priors; a polygon has corners, everything else has none."""
+    """M priors; only polygons have corners."""
 
     mean: Floats  # (M, 2)
     axis: Floats  # (M, 2) unit vector along the major axis
@@ -61,7 +61,7 @@ def gaussian_priors(mean: Floats, covariance: Floats, diameter: float) -> Priors
 
 
 def polygon_priors(polygons: Sequence[Floats], diameter: float) -> Priors:
-    """Pack priors that are uniform over simple polygons, with the mean and the spread of each.
+    """Pack priors uniform over simple polygons, with their means and covariances.
 
     Args:
         polygons: M polygons (K, 2), of either winding.
@@ -84,12 +84,12 @@ def polygon_priors(polygons: Sequence[Floats], diameter: float) -> Priors:
 
 
 def no_priors() -> Priors:
-    """Priors of zero occluders."""
+    """Empty set of priors."""
     return gaussian_priors(np.empty((0, 2)), np.empty((0, 2, 2)), 1.0)
 
 
 def without_own(priors: Priors, mean: Floats, covariance: Floats, gate: float) -> Priors:
-    """Leave out the priors that may be of the tracked target itself.
+    """Remove the priors that may be of the tracked target itself.
 
     Args:
         priors: of everything that moves.
@@ -110,7 +110,7 @@ def without_own(priors: Priors, mean: Floats, covariance: Floats, gate: float) -
 
 
 def take_priors(priors: Priors, rows: Ints) -> Priors:
-    """The priors of some rows."""
+    """Select priors by rows."""
     corners = [priors.corners[priors.first[j] : priors.first[j + 1]] for j in rows.tolist()]
     first = np.concatenate([[0], np.cumsum([len(c) for c in corners])]).astype(np.int64)
     return Priors(

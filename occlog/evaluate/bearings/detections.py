@@ -1,12 +1,12 @@
-"""Quality of bearings against true positions: detections, misses, false alarms, errors of the bearings.
+"""Evaluation of bearings, views and directions of arrival against truth.
 
-Views (clusters or detector boxes) against true boxes: recall, precision, horizontal error.
+Bearings against true positions: detections, misses, false alarms, bearing errors.
 
-True boxes are put into three classes: `clear`, people that share next to nothing with
-another box; `front`, in front of other targets; `hidden`, partly behind other targets.  Of two boxes
-the one that reaches further down in the image is the nearer, as people stand on the ground.
+Views (regions or detector boxes) against true boxes: recall, precision, horizontal error. True boxes have three
+classes: `clear`, with hardly any overlap with another box; `front`, in front of others; `hidden`, partly behind others.
+Of two boxes the one that reaches further down in the image is nearer, since people stand on the ground.
 
-Directions of arrival against true ones: unordered sets, assigned as well as they can be.
+Directions of arrival against true ones: unordered sets with optimal assignment.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ Metrics = dict[str, float]
 
 @dataclass(frozen=True)
 class DetectionCounts:
-    """Counts and sums over observations with a known truth; they add up over sensors."""
+    """Counts and sums over observations with known truth; additive over sensors."""
 
     frames: int = 0  # of a sensor
     n_frames: int = 0  # frame and target
@@ -62,7 +62,7 @@ class DetectionCounts:
 
 
 def count(found: SensorObservationSet) -> DetectionCounts:
-    """Counts of one sensor."""
+    """Compute the counts of one sensor."""
     observations = found.observations.take(found.observations.truth)
     good = observations.visible & observations.hit
     up = good & np.isfinite(observations.residual_elevation)
@@ -91,7 +91,7 @@ def count(found: SensorObservationSet) -> DetectionCounts:
 def observations_of(
     bearings: Bearings, truth: Truth, scene: Scene, pairs: Mapping[int, int], config: EvaluateConfig
 ) -> dict[str, SensorObservationSet]:
-    """Observations of every sensor in the bearings, by its name.
+    """Observations of every sensor in the bearings, by name.
 
     Args:
         bearings: labelled or not.
@@ -109,14 +109,14 @@ def observations_of(
 
 
 class DetectionFigures:
-    """Counts observations in streaming mode."""
+    """Accumulates detection counts over a stream of observations."""
 
     def __init__(self) -> None:
         """Create an empty count of observations."""
         self._sensors: dict[str, dict[str, Sum]] = {}
 
     def update(self, observations: Mapping[str, SensorObservationSet]) -> None:
-        """Observations of further frames, by sensor."""
+        """Add observations of further frames, by sensor."""
         for name, found in observations.items():
             own = self._sensors.setdefault(name, {f.name: Sum() for f in fields(DetectionCounts)})
             part = count(found)
@@ -124,7 +124,7 @@ class DetectionFigures:
                 own[f.name].add(float(getattr(part, f.name)))
 
     def result(self) -> Metrics:
-        """Figures over all sensors, from sums, then for each sensor."""
+        """Figures over all sensors (from sums), then for each sensor."""
         counts = {name: _counts(own) for name, own in sorted(self._sensors.items())}
         out = _figures(add_counts(counts.values()), "")
         for name, part in counts.items():
@@ -139,7 +139,7 @@ def _counts(sums: Mapping[str, Sum]) -> DetectionCounts:
 
 
 def add_counts(parts: Iterable[DetectionCounts]) -> DetectionCounts:
-    """All parts together."""
+    """Total of several counts."""
     rows = list(parts)
     return DetectionCounts(**{f.name: sum(getattr(c, f.name) for c in rows) for f in fields(DetectionCounts)})
 
@@ -175,7 +175,7 @@ SHARED = 0.1
 
 
 class FrameResult(NamedTuple):
-    """One frame: each true box with its class and the horizontal error of its view (NaN: not found)."""
+    """One frame: each true box with its class and the horizontal error of its view (NaN: not detected)."""
 
     kind: Ints  # (n,)
     error_px: Floats  # (n,) view minus truth, to the right
@@ -184,7 +184,7 @@ class FrameResult(NamedTuple):
 
 
 def box_classes(boxes: Floats) -> Ints:
-    """(n,) class of each of the (n, 4) true boxes (left, top, width, height) of one frame."""
+    """(n,) class of each true box (n, 4: left, top, width, height) of one frame."""
     area = np.prod(boxes[:, 2:], axis=1)
     cover = intersection_areas(boxes, boxes) / area[:, None]  # [i, j]: share of i that j covers
     np.fill_diagonal(cover, 0.0)
@@ -196,7 +196,7 @@ def box_classes(boxes: Floats) -> Ints:
 
 
 def match_frame(views: Views, truth: TruthBoxes, min_overlap: float) -> FrameResult:
-    """Views of one frame paired with its true boxes: as many pairs of enough overlap as there are."""
+    """Pair views of one frame with its true boxes: the maximum number of pairs with sufficient overlap."""
     real = truth.take(truth.box >= 0)
     boxes = _boxes(real)
     pairs = pair_within(1.0 - intersection_over_union(_boxes(views), boxes), 1.0 - min_overlap)
@@ -211,7 +211,7 @@ def _boxes(table: Views | TruthBoxes) -> Floats:
 
 
 def _frames(table: Views | TruthBoxes) -> Iterator[tuple[tuple[str, int], Ints]]:
-    """Sensor and time of every frame with its rows."""
+    """Sensor and time of every frame, with its rows."""
     order = np.lexsort((table.t_ns, table.sensor))
     t_ns, sensor = table.t_ns[order], table.sensor[order]
     change = (t_ns[1:] != t_ns[:-1]) | (sensor[1:] != sensor[:-1])
@@ -222,13 +222,13 @@ def _frames(table: Views | TruthBoxes) -> Iterator[tuple[tuple[str, int], Ints]]
 
 
 class RegionFigures:
-    """Recall, precision and errors of views, of the frames that have true boxes or are known to have none.
+    """Accumulates recall, precision and errors of views, over frames with true boxes or known to have none.
 
-    Frames are the same when sensor and time are.
+    Frames are matched by sensor and time.
     """
 
     def __init__(self, config: EvaluateConfig, in_memory: int = NUMBERS_IN_MEMORY // 8) -> None:
-        """Start without frames; `in_memory`: how many errors of a kind are kept in memory."""
+        """Start without frames; up to `in_memory` errors of each kind stay in memory."""
         self._overlap, self._in_memory = config.iou_threshold, in_memory
         self._whole = _Results(in_memory)
         self._classes = [_Results(in_memory) for _ in CLASSES]
@@ -238,7 +238,7 @@ class RegionFigures:
         self._first_box: tuple[str, int] | None = None
 
     def update(self, views: Views, truth: TruthBoxes) -> None:
-        """Views and true boxes of some more times."""
+        """Add views and true boxes of further times."""
         self._first_view = self._first_view or _first(views)
         self._first_box = self._first_box or _first(truth)
         by_frame = dict(_frames(views))
@@ -281,7 +281,7 @@ def _first(table: Views | TruthBoxes) -> tuple[str, int] | None:
 
 
 class _Results:
-    """Counts and errors of some frames."""
+    """Counts and errors of frames."""
 
     def __init__(self, in_memory: int) -> None:
         self._frames = self._boxes = self._found = 0
@@ -289,7 +289,10 @@ class _Results:
         self._sum, self._squares, self._sizes = Sum(), Sum(), Spool(in_memory)
 
     def update(self, result: FrameResult, found: Bools, boxes: int | None = None) -> None:
-        """A frame, and which of its true boxes count as found; `boxes`: how many count, if not all."""
+        """Add a frame with the mask of its detected true boxes.
+
+        `boxes`: number of true boxes that count, if not all.
+        """
         errors = result.error_px[found]
         self._frames, self._views = self._frames + 1, self._views + result.views
         self._boxes += len(result.kind) if boxes is None else boxes
@@ -325,7 +328,7 @@ class _Results:
 
 
 class Pairing(NamedTuple):
-    """One set of directions and the true ones of its time."""
+    """A set of directions paired with the true directions of its time."""
 
     true: int  # number of true directions
     found: int
@@ -333,7 +336,7 @@ class Pairing(NamedTuple):
 
 
 def doa_metrics(found: Doa, truth: Doa, gate: float, gap_ns: int) -> dict[str, float]:
-    """Figures of all sets, and by the number of true directions; angles in degrees.
+    """Direction-of-arrival figures of all sets, and by number of true directions; angles in degrees.
 
     In each set estimates and true directions are paired so that the sum of 1 - cos(error) is
     least: unlike the sum of absolute errors, which many pairings share where an estimate is far
@@ -368,7 +371,7 @@ def doa_metrics(found: Doa, truth: Doa, gate: float, gap_ns: int) -> dict[str, f
 
 
 def _sets(found: Doa, truth: Doa, gap_ns: int) -> Iterator[Pairing | None]:
-    """The sets of one sensor in the order of time, None for one without truth; then true sets that nothing is near."""
+    """Sets of one sensor in the order of time (None without truth), then true sets without a set at their time."""
     times = np.unique(truth.t_ns)
     used: Bools = np.zeros(len(times), dtype=np.bool_)
     for t_ns in np.unique(found.t_ns).tolist():

@@ -1,13 +1,10 @@
-"""Leave one sensor out: how well tracks made without it predict what it saw.
+"""Evaluation by a held-out sensor: how well tracks made without it predict its measurements.
 
-The tracks must have been made without the sensor (`occlog track --without NAME`): then
-its bearings are an independent test that needs no ground truth.  Labelled rows are
-compared directly; of unlabelled candidates the nearest is taken, which flatters any
-track where there are many.  So every figure is given once more with the sensor's
-frames paired with predictions for other times: what chance, and a target that stays
-about where it is, would give.
-
-Held-out camera with tracks of all people: the boxes that tracks made without it predict.
+The tracks must have been made without the sensor (`occlog track --without NAME`): then its bearings are an independent
+test that needs no ground truth. Labelled rows are compared directly; of unlabelled candidates the nearest is taken,
+which flatters any track where there are many. So every figure is also computed with the sensor's frames paired with
+predictions for other times, as a chance level. || With tracks of all people, the boxes of a held-out camera are
+compared with the boxes that the tracks predict.
 
 The tracks must have been made without the camera (`occlog track --without NAME`).  At each of its frames every track
 is expected in its image, where the middle of the person and the feet project to; boxes and tracks are paired one to
@@ -52,7 +49,7 @@ REPORTED = np.dtype([("bearing", "f8"), ("u_px", "f8")])
 
 
 class HeldOutFrames(NamedTuple):
-    """Frames of one sensor with the bearings that each reported."""
+    """Frames of one sensor with the bearings of each."""
 
     t_ns: Ints  # (N,)
     bearing: Floats  # (N, K) azimuths, NaN where there are fewer than K
@@ -60,16 +57,16 @@ class HeldOutFrames(NamedTuple):
 
 
 class HeldOutResiduals(NamedTuple):
-    """Residuals of the nearest reported bearing, one a frame in which the target should be in view."""
+    """Residuals of the nearest bearing, one for each frame in which the target should be in view."""
 
     px: Floats  # (F,) reported minus predicted; NaN where the frame reported nothing, or not a camera
     rad: Floats  # (F,)
 
 
 class HeldOutFigures:
-    """Predictions of sensors that are held out: figures for each of them, and over all of them.
+    """Accumulates prediction figures of held-out sensors, for each and over all of them.
 
-    Frames are buffered on disk, since those that represent chance are paired with predictions of other times.
+    Frames are buffered on disk, since the chance level pairs them with predictions of other times.
     """
 
     def __init__(
@@ -101,7 +98,7 @@ class HeldOutFigures:
         self._aside: dict[tuple[str, int], _SpilledFrames] = {}
 
     def update(self, rows: Bearings, paths: Mapping[int, ObjectPath]) -> None:
-        """The bearings of another section, and the tracks about it."""
+        """Add the bearings of a further section, with the tracks around it."""
         for name, sensor in self._sensors.items():
             own = rows.take(rows.sensor == name)
             self._rows[name] += len(own)
@@ -135,7 +132,7 @@ class HeldOutFigures:
 
 
 def frames_of(rows: Bearings) -> HeldOutFrames:
-    """Rows of one sensor, collected by time."""
+    """Rows of one sensor, grouped by time."""
     times, frame = np.unique(rows.t_ns, return_inverse=True)
     seen = np.flatnonzero(rows.seen)
     count = np.bincount(frame[seen], minlength=len(times))
@@ -150,7 +147,7 @@ def frames_of(rows: Bearings) -> HeldOutFrames:
 def _expect(
     sensor: SensorGeometry, frames: HeldOutFrames, path: ObjectPath | None, config: EvaluateConfig
 ) -> tuple[Floats, Floats, Bools]:
-    """(N,) bearings and offsets that the sensor should report at each frame, and where the track states that it can."""
+    """Predicted bearings and offsets (N,) at each frame, and mask of frames in which the target should be in view."""
     if path is None:
         unknown = np.full(len(frames.t_ns), np.nan)
         return unknown, unknown, np.zeros(len(frames.t_ns), dtype=np.bool_)
@@ -160,7 +157,7 @@ def _expect(
 
 
 class _SpilledFrames:
-    """Frames of one sensor, and what one track predicts of them."""
+    """Frames of one sensor with the predictions from one track."""
 
     def __init__(self, block: int, in_memory: int) -> None:
         self._block = block
@@ -179,7 +176,7 @@ class _SpilledFrames:
         self._count, self._rows = self._count + len(out), self._rows + len(rows)
 
     def predictions(self) -> Iterator[tuple[bool, HeldOutResiduals]]:
-        """Residuals in every frame, in pieces, and those in frames of other times; whether they are the former."""
+        """Generate residuals in parts, of matching frames and of frames of other times (flagged)."""
         for blocks in (self._frames, self._reported):
             blocks.end()
         shifts = np.unique(np.rint(np.linspace(0.1, 0.9, CHANCE_SHIFTS) * self._count).astype(int))
@@ -191,7 +188,7 @@ class _SpilledFrames:
                     yield shift == 0, self._nearest(start, stop, at + start - begin)
 
     def _nearest(self, start: int, stop: int, at: int) -> HeldOutResiduals:
-        """Residuals of the bearings of frames from `at` on that are nearest to the predictions of these."""
+        """Residuals of the bearings, in frames from `at` on, nearest to the predictions of frames start to stop."""
         own = self._frames.rows(start, stop)
         usable = own["usable"]
         own, theirs = own[usable], self._frames.rows(at, at + stop - start)[usable]
@@ -213,7 +210,7 @@ class _SpilledFrames:
 
 
 class _Figures:
-    """Figures of residuals that come in parts."""
+    """Accumulates figures of residuals."""
 
     def __init__(self, config: EvaluateConfig, in_memory: int) -> None:
         self._gate = config.held_out_gate
@@ -267,7 +264,7 @@ HEIGHT = 1.7
 
 
 class BoxFrames(NamedTuple):
-    """Boxes of one camera, frame by frame."""
+    """Boxes of one camera, by frame."""
 
     t_ns: Ints  # (F,) times of the frames, rising
     start: Ints  # (F + 1,) first box of each frame
@@ -276,14 +273,14 @@ class BoxFrames(NamedTuple):
 
 
 class Walker(NamedTuple):
-    """A track: position and height of its person."""
+    """A track with position and height of the person."""
 
     t_ns: Ints
     state: Floats  # (M, 3) x, y, height
 
 
 class HeldOutTally(NamedTuple):
-    """Boxes of a camera, of them those predicted, tracks expected in the image, and distances [px] of the pairs."""
+    """Counts for a camera: boxes, predicted boxes, tracks expected in the image; distances [px] of the pairs."""
 
     boxes: int
     middles: Floats
@@ -325,7 +322,7 @@ def held_out_box_metrics(tracks: PeopleTracks, boxes: Boxes | Views, scene: Scen
 
 
 def frames_of_boxes(boxes: Boxes | Views, camera: str) -> BoxFrames:
-    """Boxes of one camera; a frame without any is one with none."""
+    """Boxes of one camera by frame; frames without boxes included."""
     rows = boxes.take(boxes.sensor == camera)
     times = np.unique(rows.t_ns)
     if isinstance(rows, Boxes):
@@ -342,7 +339,7 @@ def frames_of_boxes(boxes: Boxes | Views, camera: str) -> BoxFrames:
 
 
 def _walkers(tracks: PeopleTracks, height: float) -> list[Walker]:
-    """Every track, with a height for those that have none."""
+    """All tracks, with a default height for those without one."""
     out = []
     for label in np.unique(tracks.target_id).tolist():
         own = tracks.take(tracks.target_id == label)
@@ -352,7 +349,7 @@ def _walkers(tracks: PeopleTracks, height: float) -> list[Walker]:
 
 
 def tally(camera: Camera, frames: BoxFrames, walkers: list[Walker], config: EvaluateConfig, shift: int) -> HeldOutTally:
-    """Pair the boxes of each frame with the tracks of the frame that is `shift` frames later, one to one."""
+    """Pair the boxes of each frame one to one with the tracks of the frame `shift` frames later."""
     times = np.roll(frames.t_ns, -shift)
     states = [interpolate_positions(times, w.t_ns, w.state, config.bridge_ns)[0] for w in walkers]
     # (F, K, 3) position of each track at each time, NaN where it is not
@@ -373,7 +370,7 @@ def tally(camera: Camera, frames: BoxFrames, walkers: list[Walker], config: Eval
 
 
 def project(camera: Camera, state: Floats, share: float) -> Floats:
-    """(F, K, 2) pixels of the points at a share of the height of people (F, K, 3) x, y, height; NaN where not known."""
+    """(F, K, 2) pixels of the points at a share of the height of people (F, K, 3: x, y, height); NaN if unknown."""
     flat = state.reshape(-1, 3)
     out = np.full((len(flat), 2), np.nan)
     known = np.isfinite(flat).all(axis=1)
@@ -382,7 +379,7 @@ def project(camera: Camera, state: Floats, share: float) -> Floats:
 
 
 def _in_image(camera: Camera, pixels: Floats) -> Bools:
-    """(K,) bool: pixels in the image; without a size of the image, those in front of the camera."""
+    """(K,) mask of pixels in the image; without an image size, of those in front of the camera."""
     known: Bools = np.isfinite(pixels[:, 0]) & np.isfinite(pixels[:, 1])
     if camera.image_size is None:
         return known
@@ -392,7 +389,7 @@ def _in_image(camera: Camera, pixels: Floats) -> Bools:
 
 
 def _figures(real: list[HeldOutTally], chance: list[HeldOutTally], suffix: str) -> Metrics:
-    """Figures of some tallies together."""
+    """Figures from the total of some tallies."""
     boxes, middles = sum(t.boxes for t in real), np.concatenate([np.zeros(0), *(t.middles for t in real)])
     feet = sum(len(t.feet) for t in real)
     other, met = sum(t.boxes for t in chance), sum(len(t.middles) for t in chance)

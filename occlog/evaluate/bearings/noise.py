@@ -58,14 +58,14 @@ class Scans(NamedTuple):
 
 
 def labelled(bearings: Bearings, config: EvaluateConfig) -> Bearings:
-    """Rows that saw a target that they name; sensors held out are skipped."""
+    """Rows with a labelled detection, without held-out sensors."""
     return bearings.take(
         bearings.seen & (bearings.target_id >= 0) & ~np.isin(bearings.sensor, np.array(config.held_out, dtype=np.str_))
     )
 
 
 class ScanCuts:
-    """Groups a stream of rows into scans, independent of its chunks."""
+    """Groups a stream of rows into scans, independent of chunk borders."""
 
     def __init__(self, config: EvaluateConfig) -> None:
         """Start without rows."""
@@ -74,7 +74,7 @@ class ScanCuts:
         self._held: dict[int, Bearings] = {}
 
     def update(self, rows: Bearings, end_ns: int) -> Iterator[Scans]:
-        """Scans that are whole, of each target.
+        """Return the complete scans of each target.
 
         Args:
             rows: some more, which end between two times; see `labelled`.
@@ -129,10 +129,10 @@ ITERATIONS = 200
 
 
 class NoiseFigures:
-    """Accumulates the distances between lines of sight over a stream of scans."""
+    """Accumulates triangulation residuals over a stream of scans."""
 
     def __init__(self, config: EvaluateConfig, in_memory: int = NUMBERS_IN_MEMORY) -> None:
-        """Start without scans; `in_memory`: how many numbers of a kind are kept in memory."""
+        """Start without scans; up to `in_memory` numbers of each kind stay in memory."""
         self._config = config
         self._squares, self._degrees, self._sigma_px = (Spool(in_memory) for _ in range(3))
 
@@ -141,14 +141,14 @@ class NoiseFigures:
         self._sigma_px.add(rows.sigma_px[np.isfinite(rows.sigma_px)])
 
     def update(self, scans: Scans, sensors: Mapping[str, SensorGeometry]) -> None:
-        """Add scans of a target, by sensors with these names."""
+        """Add scans of a target; `sensors`: names of the sensors."""
         origins = np.array([sensors[name].ground for name in scans.rows.sensor.tolist()]).reshape(-1, 2)
         squares, degrees = _misses(scans, origins, self._config)
         self._squares.add(squares)
         self._degrees.add(degrees.astype(np.float64))
 
     def result(self) -> Metrics:
-        """The figures; none where no scan of three lines met."""
+        """Noise figures; empty if no scan with three lines met."""
         if not self._squares.count:
             return {}
         squares, degrees = self._squares.whole, self._degrees.whole
@@ -168,7 +168,7 @@ class NoiseFigures:
 
 
 def noise_scale(squares: Floats, degrees: Ints, near: float | None = None) -> float:
-    """The factor on stated standard deviations; NaN from fewer than `MIN_SCANS` scans.
+    """Factor on the stated standard deviations; NaN with fewer than `MIN_SCANS` scans.
 
     Args:
         squares: (S,) sums of squared residuals over stated variances.
@@ -181,7 +181,7 @@ def noise_scale(squares: Floats, degrees: Ints, near: float | None = None) -> fl
 
 
 def _points(degrees: Floats | Ints, chance: float) -> Floats:
-    """(S,) what a chi-squared number of this many degrees, >= 1, is above with this probability."""
+    """(S,) upper quantile of chi-square with the given degrees of freedom: exceeded with probability `chance`."""
     most = int(degrees.max(initial=1))
     return np.asarray(chdtri(np.arange(1, most + 1), chance)[degrees.astype(np.int64) - 1])
 
@@ -189,7 +189,7 @@ def _points(degrees: Floats | Ints, chance: float) -> Floats:
 def noise_scale_of_many(
     blocks: Callable[[], Iterable[tuple[Floats, Floats]]], count: int, near: float | None = None
 ) -> float:
-    """`measurement_noise_scale` of numbers that come in blocks.
+    """`noise_scale` of numbers that are generated in blocks.
 
     Args:
         blocks: gives squares and degrees of freedom, the same every time.
@@ -215,14 +215,14 @@ def noise_scale_of_many(
 
 
 class NoiseFit(NamedTuple):
-    """A local maximum of the likelihood."""
+    """Local maximum of the mixture likelihood."""
 
     scale2: float
     log_likelihood: float
 
 
 def _fitted(blocks: Callable[[], Iterable[tuple[Floats, Floats]]], count: int, start: float, most: float) -> NoiseFit:
-    """Fit the noise, starting from a factor on the variances; `most`: the largest sum of squares."""
+    """Fit the mixture by EM from a start value of the variance factor; `most`: the largest sum of squares."""
     scale2, false, reach = start, INITIAL_OUTLIER_SHARE, math.sqrt(max(most, MIN_OUTLIER_RANGE_SIGMAS**2 * start))
     for _ in range(ITERATIONS):
         total, expected, honest, fit = Sum(), Sum(), Sum(), Sum()
@@ -242,7 +242,7 @@ def _fitted(blocks: Callable[[], Iterable[tuple[Floats, Floats]]], count: int, s
 
 
 def _density(squares: Floats, degrees: Floats, scale2: float) -> Floats:
-    """(S,) densities of the roots of sums of squared residuals that have no false bearing.
+    """(S,) densities of the square root of sums of squared residuals without a false bearing.
 
     Args:
         squares: (S,) sums of squared residuals over stated variances.
@@ -255,7 +255,7 @@ def _density(squares: Floats, degrees: Floats, scale2: float) -> Floats:
 
 
 def _misses(scans: Scans, origins: Floats, config: EvaluateConfig) -> tuple[Floats, Ints]:
-    """Sums of squared residuals and degrees of freedom of one target's scans that met with three lines or more."""
+    """Sums of squared residuals and degrees of freedom of one target's scans with three lines or more."""
     rows, starts = scans.rows, scans.starts
     found = triangulate.triangulate(
         origins, rows.bearing, rows.sigma, starts=starts, loss="gauss", min_crossing=config.triangulation_min_angle
@@ -276,7 +276,7 @@ BIAS_SIGNIFICANCE = 3.0
 
 
 class MeasuredNoise(NamedTuple):
-    """Errors of one camera's readings at known positions [px]."""
+    """Noise of one camera's measurements at known positions [px]."""
 
     sigma: float  # standard deviation about the truth
     error: float  # standard error of it
@@ -286,10 +286,10 @@ class MeasuredNoise(NamedTuple):
 
 
 def measured_noise(residual_px: Floats) -> MeasuredNoise | None:
-    """The noise of readings in the order of time, without false ones; None for fewer than `MIN_READINGS`.
+    """Noise of readings (in the order of time) without false ones; None with fewer than `MIN_READINGS`.
 
-    False readings are reported as in `occlog.evaluate.bearings.noise`.  Error bars are those of a jackknife over
-    `STRETCHES` of time.
+    False readings are excluded by the mixture of `noise_scale`. Standard errors are by a jackknife over `STRETCHES`
+    intervals.
     """
     n = len(residual_px)
     if n < MIN_READINGS:
@@ -304,7 +304,7 @@ def measured_noise(residual_px: Floats) -> MeasuredNoise | None:
 
 
 def _measured_noise_of_many(residual_px: Spool) -> MeasuredNoise:
-    """`measured_noise` of numbers in a file."""
+    """`measured_noise` of numbers in a temporary file."""
     n = residual_px.count
     # As `np.array_split` cuts them
     cuts = [n // STRETCHES * k + min(n % STRETCHES, k) for k in range(STRETCHES + 1)]
@@ -344,13 +344,13 @@ def _sigma(residual_px: Floats, near: float | None = None) -> float:
 
 
 def _jackknife(without: Floats) -> float:
-    """Standard error from values without one part each."""
+    """Jackknife standard error from estimates without one part each."""
     B = len(without)
     return math.sqrt((B - 1) / B * float(((without - without.mean()) ** 2).sum()))
 
 
 class NoiseFromTruth:
-    """Accumulates readings of unoccluded targets over a stream of observations."""
+    """Accumulates readings of unoccluded targets at known positions over a stream of observations."""
 
     def __init__(self, scene: Scene, in_memory: int = NUMBERS_IN_MEMORY) -> None:
         """Start without readings.
@@ -363,7 +363,7 @@ class NoiseFromTruth:
         self._residuals = {camera.name: Spool(share) for camera in scene.cameras}
 
     def update(self, observations: Mapping[str, SensorObservationSet]) -> None:
-        """Observations of further frames, by sensor."""
+        """Add observations of further frames, by sensor."""
         for name in observations.keys() & self._residuals.keys():
             own = observations[name].observations
             use = own.truth & own.visible & own.reported & np.isfinite(own.residual_px)
@@ -393,7 +393,7 @@ class NoiseFromTruth:
 
 
 def scene_with(scene: Scene, noise: Mapping[str, MeasuredNoise]) -> Scene:
-    """The scene with the measured noise, and without errors of poses, of the cameras that have one."""
+    """The scene with measured noise, and no pose errors, of the cameras that have a measurement."""
     cameras = [
         replace(c, sigma_read_px=noise[c.name].sigma, sigma_position=0.0, sigma_yaw=0.0) if c.name in noise else c
         for c in scene.cameras
@@ -402,7 +402,7 @@ def scene_with(scene: Scene, noise: Mapping[str, MeasuredNoise]) -> Scene:
 
 
 def notes_of(scene: Scene, noise: Mapping[str, MeasuredNoise]) -> tuple[str, ...]:
-    """Return notes for the user: cameras that keep the stated noise, and cameras with biased readings."""
+    """Notes for the user: cameras that keep the stated noise, and cameras with biased readings."""
     kept = [c.name for c in scene.cameras if c.name not in noise]
     lines = []
     if kept:
@@ -431,7 +431,7 @@ def figures_of(noise: Mapping[str, MeasuredNoise]) -> dict[str, float]:
 
 
 def noise_comment(noise: Mapping[str, MeasuredNoise]) -> str:
-    """Lines of a scene file that state where its noise is from."""
+    """Comment lines of a scene file that state the source of its noise."""
     lines = [
         "# noise measured at known positions (occlog evaluate), measurement_noise_px +- standard error (readings):"
     ]

@@ -1,6 +1,6 @@
-"""Bearings and measurements of distances against truth and tracks: detections, bound, meeting lines of sight, noise.
+"""Evaluation of bearings and distance measurements: detections, bound, triangulation residuals, noise.
 
-Tracks against where the lines of sight of all sensors meet: a check that needs no ground truth.
+Tracks are also compared with triangulated positions, which needs no ground truth.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ Metrics = dict[str, float]
 
 
 class TriangulationSeries(NamedTuple):
-    """Triangulated positions of one target by scan; NaN where refused."""
+    """Triangulated positions of one target by scan; NaN if rejected."""
 
     t_ns: Ints  # (S,) mean time of the scan's lines
     xy: Floats  # (S, 2)
@@ -51,10 +51,9 @@ class TriangulationSeries(NamedTuple):
 
 
 def triangulated_points(bearings: Bearings, scene: Scene, config: EvaluateConfig) -> dict[int, TriangulationSeries]:
-    """Meeting points for every target that labelled bearings name, by its identity.
+    """Triangulated positions of every target with labelled bearings, by identity.
 
-    Sensors held out are skipped.  Scans with fewer than `triangulation_min_sensors` lines are not
-    in the result.
+    Held-out sensors are skipped, as are scans with fewer than `triangulation_min_sensors` lines.
     """
     rows = labelled(bearings, config)
     sensors = sensors_of(scene, np.unique(rows.sensor).tolist())
@@ -64,7 +63,7 @@ def triangulated_points(bearings: Bearings, scene: Scene, config: EvaluateConfig
 def triangulate_scan(
     scans: Scans, sensors: Mapping[str, SensorGeometry], config: EvaluateConfig
 ) -> TriangulationSeries:
-    """Meeting points of a target's scans, by sensors with these names."""
+    """Triangulated positions of a target's scans; `sensors`: names of the sensors."""
     rows, starts = scans.rows, scans.starts
     size = np.diff(starts)
     keep = size >= config.triangulation_min_sensors
@@ -110,7 +109,7 @@ class TriangulationFigures:
         self._squares, self._residual_squares = Sum(), Sum()
 
     def update(self, scans: Scans, sensors: Mapping[str, SensorGeometry], path: ObjectPath | None) -> None:
-        """Add scans of a target, by sensors with these names, and its track, or the part of it about them."""
+        """Add scans of a target with its track, or the section of it around them."""
         found = triangulate_scan(scans, sensors, self._config)
         met = found.status == triangulate.TRIANGULATED
         self._total, self._met = self._total + len(met), self._met + int(np.count_nonzero(met))
@@ -151,7 +150,7 @@ class TriangulationFigures:
 
 
 class AgainstBearings:
-    """Figures of bearings and, with measurements of distances, of the bound."""
+    """Accumulates figures of bearings and, with distance measurements, of the bound."""
 
     def __init__(
         self,
@@ -193,7 +192,7 @@ class AgainstBearings:
         """Bearings so far."""
 
     def begin(self, pairs: Mapping[int, int], evidence: ConsistencyEvidence, *, high_tracks: bool) -> StretchTables:
-        """Open bearings and measurements; the tables to read along with tracks and truth.
+        """Open bearings and measurements; return the tables to read along with tracks and truth.
 
         Args:
             pairs: which target each track is of.
@@ -237,12 +236,12 @@ class AgainstBearings:
 
     @property
     def _around_ns(self) -> int:
-        """Margin around a section within which samples of the truth are needed."""
+        """Margin [ns] around a section within which truth samples are needed."""
         gaps = self._outlines.gaps_ns(OCCLUDER, {})
         return max(NEAR_NS, self._config.limit_ns or 0, *self._known.gaps_ns.values(), *gaps.values()) + 1
 
     def update(self, part: EvaluationChunk, errors: Errors, late: Bools) -> None:
-        """Add a section, with its errors, and a mask of the errors after the transient."""
+        """Add a section with its errors, and a mask of the errors after the transient."""
         rows, config = part.limits.of(self._bearings), self._config
         self.rows += len(rows)
         new = set(np.unique(rows.sensor).tolist()) - set(self._sensors)
@@ -273,13 +272,13 @@ class AgainstBearings:
             self._bound.update(counted, self._sensors, errors, late, targets, measured)
 
     def _tracks_about(self, part: EvaluationChunk) -> Mapping[int, ObjectPath]:
-        """Tracks about the scans that end in a section, which may have begun before it."""
+        """Tracks around the scans that end in a section (they may have begun before it)."""
         if self._meeting is None:
             return {}
         return paths_of(part.limits.about(part.sides[0], self._config.bridge_ns + self._cuts.window_ns + 1))
 
     def _true_paths(self, part: EvaluationChunk) -> tuple[dict[int, ObjectPath], dict[int, ObjectPath]]:
-        """Paths of targets and of moving occluders, with rough positions far away."""
+        """Paths of targets and of moving occluders; positions far away may be approximate."""
         around = self._around_ns
         near = part.limits.about(part.sides[1], around)
         limits = (part.limits.begin - around, LAST if part.limits.end == LAST else part.limits.end + around)
@@ -300,7 +299,7 @@ class AgainstBearings:
         }
 
     def finish(self, take: Callable[[ColumnTable], None]) -> None:
-        """Report that all sections came; the bound is given away.
+        """Finish after the last section; the bound is passed to `take`.
 
         Raises:
             InputError: as `Bounds.finish`, and of measurements that cannot be.
@@ -314,11 +313,11 @@ class AgainstBearings:
 
     @property
     def bound_rows(self) -> int:
-        """Rows of the bound."""
+        """Number of rows of the bound."""
         return 0 if self._bound is None else self._bound.rows
 
     def against_truth(self) -> Metrics:
-        """Figures of detections and of the bound; none without a truth."""
+        """Figures of detections and of the bound; empty without truth."""
         if self._bound is None:
             return {}
         metrics: Metrics = {}
@@ -327,7 +326,7 @@ class AgainstBearings:
         return metrics | self._bound.result(self._scene.length_unit)
 
     def settled_bound(self) -> Metrics:
-        """Figures of the bound after the transient; none without a bound."""
+        """Figures of the bound after the transient; empty without a bound."""
         return self._bound.result(self._scene.length_unit, late=True) if self._bound and self._bound.rows else {}
 
     def noise(self) -> Metrics:
@@ -335,12 +334,12 @@ class AgainstBearings:
         return self._noise.result()
 
     def meeting(self) -> Metrics:
-        """Figures of where lines of sight meet, and of sensors that were held out; none without tracks."""
+        """Triangulation figures and held-out sensors; empty without tracks."""
         found = {} if self._meeting is None else self._meeting.result()
         return found if self._held_out is None else found | self._held_out.result()
 
     def noise_at_known_positions(self) -> dict[str, MeasuredNoise]:
-        """The noise of each camera; none where it is not asked for.
+        """Noise of each camera at known positions; empty unless requested.
 
         Raises:
             InputError: no camera has enough readings.
@@ -348,12 +347,12 @@ class AgainstBearings:
         return {} if self._noise_from_truth is None else self._noise_from_truth.noise()
 
     def note(self) -> str:
-        """Why no track was compared with where lines of sight meet, and what to do."""
+        """Reason why no track was compared with triangulated positions, with the remedy."""
         return no_meeting(self._labelled, self._config)
 
 
 def no_meeting(labelled: bool, config: EvaluateConfig) -> str:
-    """Why no track was compared with where lines of sight meet, and what to do.
+    """Reason why no track was compared with triangulated positions, with the remedy.
 
     Args:
         labelled: a bearing states which target it is of.

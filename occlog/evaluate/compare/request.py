@@ -67,5 +67,5 @@ class CompareRequest(Request):
 
     @property
     def inputs(self) -> list[Path]:
-        """Every file that is named; files in folders are not."""
+        """All files that are named; files in folders are not included."""
         return [path for path in super().inputs if path.is_file()]

@@ -1,6 +1,6 @@
-"""Work of `occlog compare`: from tables to differences with their intervals.
+"""`occlog compare`: from tables to differences with confidence intervals.
 
-Which tracks are compared with which truth: tables, run folders, and folders of many runs.
+Also resolves which tracks are compared with which truth: tables, run folders, and folders of runs.
 """
 
 from __future__ import annotations
@@ -44,14 +44,14 @@ USUAL = (".mcap", ".parquet", ".csv")
 
 
 class ComparedRun(NamedTuple):
-    """One table of tracks, and the true positions to compare it with."""
+    """A table of tracks with its true positions."""
 
     tracks: Path
     truth: Path
 
 
 def runs_of(method: Path, truth: Path | None) -> dict[str, ComparedRun]:
-    """The runs of a method by the names of their recordings.
+    """Runs of a method, by recording name.
 
     Args:
         method: a table of tracks, a run folder, or a folder with run folders at any depth.
@@ -103,7 +103,7 @@ def _truth(truth: Path | None, folder: Path | None, name: str) -> Path:
 
 
 def _check_apart(truth: Path, runs: dict[str, ComparedRun]) -> None:
-    """InputError where a file is the truth of two runs, which have it by their last name alone."""
+    """InputError if one truth file would be used for two runs."""
     first: dict[Path, str] = {}
     for name, run in runs.items():
         other = first.setdefault(run.truth, name)
@@ -116,7 +116,7 @@ def _check_apart(truth: Path, runs: dict[str, ComparedRun]) -> None:
 
 
 def paired(methods: Sequence[Path], truth: Path | None) -> tuple[list[str], list[dict[str, ComparedRun]]]:
-    """Names of the recordings that all methods have, and the runs of each.
+    """Recordings common to all methods, and the runs of each method.
 
     Raises:
         InputError: they have none in common, or some lack one that others have.
@@ -163,7 +163,7 @@ def parse_condition(condition: str) -> Condition:
 
 
 def run_compare(request: CompareRequest, job: Job) -> JobResult:
-    """Compare, and write the table as Markdown."""
+    """Compare the runs, and write the table as Markdown."""
     methods = request.methods
     if len(methods) < 2:
         raise UsageError(
@@ -246,7 +246,7 @@ def compare_runs(
 
 
 def _unit(runs: Sequence[ComparedRun]) -> str:
-    """Unit of lengths of all tracks and truths; InputError where one of ours has another."""
+    """Length unit of all tracks and truths; InputError if they differ."""
     tracks = [open_input(run.tracks) for run in runs]
     truths = [open_input(path) for path in dict.fromkeys(run.truth for run in runs)]
     unit, source = common_unit([*tracks, *truths])
@@ -256,7 +256,7 @@ def _unit(runs: Sequence[ComparedRun]) -> str:
 
 
 def _sums(run: ComparedRun, first: ComparedRun, limit: float, unit: str) -> Floats:
-    """Return the contributions of each true frame of a recording to the figures of a run."""
+    """Contribution of each true frame of a recording to the figures of a run."""
     tracks, truth = open_in_unit(run.tracks, unit).read(Tracks), open_in_unit(run.truth, unit).read(Truth)
     if run.truth != first.truth and not _same(truth, open_in_unit(first.truth, unit).read(Truth)):
         raise InputError(
@@ -276,7 +276,7 @@ def _sums(run: ComparedRun, first: ComparedRun, limit: float, unit: str) -> Floa
 
 
 def _check_clocks(run: ComparedRun, tracks: Ints, truth: Ints) -> None:
-    """InputError where all tracks are before or after the truth: that contains nothing about the tracker."""
+    """InputError if all tracks are before or after the truth, which indicates wrong clocks."""
     (a, b), (c, d) = ((int(times.min()), int(times.max())) for times in (tracks, truth))
     if b < c or d < a:
         raise InputError(
@@ -287,7 +287,7 @@ def _check_clocks(run: ComparedRun, tracks: Ints, truth: Ints) -> None:
 
 
 def _same(a: Truth, b: Truth) -> bool:
-    """Return whether two truths have the same rows."""
+    """Whether two truths have the same rows."""
     if len(a) != len(b):
         return False
     columns = ((getattr(a, c.name), getattr(b, c.name)) for c in Truth.columns())
@@ -295,7 +295,7 @@ def _same(a: Truth, b: Truth) -> bool:
 
 
 def _holm(p: Mapping[tuple[int, str], float]) -> dict[tuple[int, str], float]:
-    """Holm's p of each comparison; those that are not decided do not count."""
+    """p-values after Holm's correction; undecided comparisons are not counted."""
     known = sorted((value, key) for key, value in p.items() if np.isfinite(value))
     out, most = dict.fromkeys(p, float("nan")), 0.0
     for k, (value, key) in enumerate(known):
@@ -305,7 +305,7 @@ def _holm(p: Mapping[tuple[int, str], float]) -> dict[tuple[int, str], float]:
 
 
 def _verdict(figure: str, found: PairedDifference, holm: float, rows: int) -> str:
-    """The verdict; `rows` is the number of rows tested together."""
+    """Verdict of a comparison; `rows`: number of rows tested together."""
     if not np.isfinite(holm) or 2 * found.least * rows >= LEVEL:
         return "not decided"
     if holm >= LEVEL:
@@ -314,9 +314,9 @@ def _verdict(figure: str, found: PairedDifference, holm: float, rows: int) -> st
 
 
 def _failure(condition: Condition, row: ComparisonRow, later: int) -> str:
-    """Why a condition is met, "" if it is not.
+    """Message for a condition that is met; "" if it is not.
 
-    The chance that any of `later` methods fails without being worse is `ALPHA` at most (Bonferroni).
+    The probability that any of `later` methods fails without being worse is at most `ALPHA` (Bonferroni).
     """
     found, less = row.found, row.figure in LESS_IS_BETTER
     if not np.isfinite(found.p) or found.least >= ALPHA / later:
@@ -331,7 +331,7 @@ def _failure(condition: Condition, row: ComparisonRow, later: int) -> str:
 
 
 def _why(row: ComparisonRow, later: int) -> str:
-    """Why a row is not decided against `later` methods."""
+    """Reason why a row is undecided against `later` methods."""
     found = row.found
     if np.isfinite(found.p):
         return f"of {found.stretches} recordings nothing can be shown of {later} methods; take more recordings"

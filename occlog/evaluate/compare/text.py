@@ -1,7 +1,4 @@
-"""Result of a comparison.
-
-A comparison in words: for the terminal, as Markdown, as JSON.
-"""
+"""Result of a comparison, and its formatting for the terminal, Markdown and JSON."""
 
 from __future__ import annotations
 
@@ -16,19 +13,19 @@ from occlog.records.losses import Loss
 
 
 class Condition(NamedTuple):
-    """The comparison fails if the figure of a later method is worse than that of the first by more than a margin."""
+    """Condition of failure: a later method's figure is worse than the first one's by more than a margin."""
 
     figure: str
     margin: float = 0.0
 
     def __str__(self) -> str:
-        """Return the text of the number."""
+        """Condition as text."""
         return f"{self.figure} worse" + (f" by {self.margin:g}" if self.margin else "")
 
 
 @dataclass(frozen=True)
 class ComparisonRow:
-    """One method against the first one in one figure.
+    """Comparison of one method with the first one in one figure.
 
     Attributes:
         method: position among those that were given, from 1.
@@ -46,7 +43,7 @@ class ComparisonRow:
 
 
 class Implausible(NamedTuple):
-    """Tracks that a stage found not plausible.
+    """Tracks that a stage found implausible.
 
     Attributes:
         method: position among those that were given, from 0.
@@ -61,7 +58,7 @@ class Implausible(NamedTuple):
 
 @dataclass(frozen=True)
 class MetricComparison:
-    """Comparison of one metric.
+    """Comparison of all methods in one metric.
 
     Attributes:
         rows: by method and figure.
@@ -87,7 +84,7 @@ LEVEL = "p has all rows together in view (Holm); a verdict needs p < 0.05"
 
 
 def rows_of(found: MetricComparison, method: int) -> list[tuple[str, ...]]:
-    """Cells of the rows of one method, numbers as text."""
+    """Table cells of one method's rows, numbers as text."""
     return [_cells(row) for row in found.rows if row.method == method]
 
 
@@ -99,7 +96,7 @@ def _cells(row: ComparisonRow) -> tuple[str, ...]:
 
 
 def table(found: MetricComparison, methods: Sequence[Path]) -> str:
-    """For the terminal."""
+    """Format for the terminal."""
     out = []
     for m in range(1, len(methods)):
         lines = [HEAD, *rows_of(found, m)]
@@ -110,7 +107,7 @@ def table(found: MetricComparison, methods: Sequence[Path]) -> str:
 
 
 def basis(found: MetricComparison) -> str:
-    """Describe the basis of the comparison in a sentence."""
+    """Sentence about the basis of the comparison (number of recordings, frames, test)."""
     count = len(found.recordings)
     what = f"{found.frames} frames of {count} recording{'s' if count > 1 else ''}"
     if not found.rows:
@@ -126,7 +123,7 @@ def basis(found: MetricComparison) -> str:
 
 
 def implausible_notes(found: MetricComparison, methods: Sequence[Path]) -> list[str]:
-    """A sentence for each method with tracks that a stage found not plausible: its figures need care."""
+    """Sentence for each method with implausible tracks, whose figures need care."""
     out = []
     for m, method in enumerate(methods):
         own = [each for each in found.implausible if each.method == m]
@@ -138,7 +135,7 @@ def implausible_notes(found: MetricComparison, methods: Sequence[Path]) -> list[
 
 
 def markdown(found: MetricComparison, methods: Sequence[Path]) -> str:
-    """For a pull request."""
+    """Format as Markdown (for a pull request)."""
     out = []
     for m in range(1, len(methods)):
         out += [f"### `{methods[m]}` against `{methods[0]}`", "", "| " + " | ".join(HEAD) + " |"]
@@ -149,7 +146,7 @@ def markdown(found: MetricComparison, methods: Sequence[Path]) -> str:
 
 
 def as_dict(found: MetricComparison, methods: Sequence[Path]) -> dict[str, object]:
-    """For JSON; null where a number is not known."""
+    """Format for JSON; null for unknown numbers."""
 
     def known(value: float) -> float | None:
         return value if math.isfinite(value) else None

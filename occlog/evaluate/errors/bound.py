@@ -1,9 +1,9 @@
 """Posterior Cramer-Rao bound, on the ground or in space, and the RMSE against it, in memory that does not grow.
 
-The bound of a target begins with the prior at its first detection or miss.  It takes in every bearing of the target, at
-the target's true position, unless the target was out of the field of view and the bearing away from it: such a bearing
-is not of the target.  Measurements of distances all count.  The bound is given at the times of the target's errors, or
-at those of its detections and misses if it has no errors.
+The bound of a target begins with the prior at its first detection or miss. It uses every bearing of the target, at the
+target's true position, unless the target was outside the field of view and the bearing points elsewhere, i.e. is of
+something else. All distance measurements are used. The bound is given at the times of the target's errors, or at those
+of its detections and misses if it has no errors.
 
 The information of each time step is buffered on disk by `Bounds.update`.  `Bounds.finish` then reads it forwards for
 the bound of filtering and backwards for that of smoothing, block by block, with the state that the block before, or
@@ -46,14 +46,14 @@ KINDS = ("bound", "smoothed")
 
 
 class BoundDimensions(NamedTuple):
-    """In how many dimensions information is buffered on disk; which one is used of each target is known at the end."""
+    """Dimension in which information is buffered on disk; the dimension used for each target is known at the end."""
 
     ground: bool
     space: bool
 
     @classmethod
     def of(cls, config: EvaluateConfig, *, high: bool) -> BoundDimensions:
-        """`high`: whether any track and any target have heights."""
+        """`high`: whether some track and some target have heights."""
         if config.bound_dimension == "auto":
             return cls(True, high)
         return cls(config.bound_dimension == "ground", config.bound_dimension == "space")
@@ -61,7 +61,7 @@ class BoundDimensions(NamedTuple):
 
 @dataclass
 class _BoundTarget:
-    """State of one target."""
+    """Buffered state of one target."""
 
     first_ns: int | None = None  # of its first pass
     errors: int = 0
@@ -74,7 +74,7 @@ class _BoundTarget:
 
 
 class BoundSums:
-    """Sums over rows of the bound, and over those of errors at the same rows."""
+    """Sums over rows of the bound, and over errors at the same rows."""
 
     def __init__(self) -> None:
         """Start without rows."""
@@ -83,7 +83,7 @@ class BoundSums:
         self._sums: dict[str, Sum] = {}
 
     def update(self, table: Bound, error: Floats, error_space: Floats) -> None:
-        """Add rows and their errors; NaN: missing in space, or none at all."""
+        """Add rows with their errors; NaN: no error, or none in space."""
         self.rows += len(table)
         self._more("error", error)
         for kind in KINDS:
@@ -139,7 +139,7 @@ class BoundSums:
 
 
 class Bounds:
-    """Collects information and errors while sections come by, and then makes the bound of them."""
+    """Buffers information and errors section by section, and computes the bound at the end."""
 
     def __init__(
         self,
@@ -223,7 +223,7 @@ class Bounds:
         path: ObjectPath,
         measured: StationMeasurements | None,
     ) -> Records:
-        """Rows of information (measurements and motion) of one target in a section of the recording."""
+        """Rows of information (measurements and motion) of one target in a section."""
         known = self._targets[target]
         mine = {
             name: found.observations.take(found.observations.target == target) for name, found in observations.items()
@@ -283,7 +283,7 @@ class Bounds:
             take(self._table(self._information.get(number), made.get(number)))
 
     def _forwards(self, information: Records, record: np.dtype[Any]) -> Records:
-        """The bound of filtering of a block."""
+        """Filtering bound of a block (forward recursion)."""
         out = np.zeros(len(information), dtype=record)
         for target, rows in _by_target(information):
             known, t_ns = self._targets[target], information["t_ns"][rows]
@@ -297,7 +297,7 @@ class Bounds:
         return out
 
     def _backwards(self, information: Records, made: Records) -> Records:
-        """The bounds of smoothing and of filtering."""
+        """Smoothing and filtering bounds of a block (backward recursion)."""
         for target, rows in _by_target(information):
             known = self._targets[target]
             d, n = known.d, known.d if self._config.motion == "waypoint" else 2 * known.d
@@ -312,7 +312,7 @@ class Bounds:
         return motion_of(information, dt, self._scene, self._config)
 
     def _table(self, information: Records, made: Records) -> Bound:
-        """Rows of the bound of a block, and their figures."""
+        """Table rows of a block of the bound; also updates the sums."""
         parts = []
         for target, rows in _by_target(information):
             known = self._targets[target]
@@ -352,7 +352,7 @@ class Bounds:
 
 
 def _by_target(information: Records) -> list[tuple[int, Ints]]:
-    """Rows of each target of a block, by rising identity."""
+    """Rows of each target in a block, sorted by identity."""
     return [
         (target, np.flatnonzero(information["target"] == target))
         for target in np.unique(information["target"]).tolist()

@@ -1,10 +1,10 @@
-"""Information of sensors about the positions of the targets that they saw, and the motion and prior of the bound.
+"""Fisher information of measurements about target positions, and motion model and prior of the bound.
 
 The information of a camera is that of Eq. 2 of [Ercan] with the bearing's own read noise, about (x, y)
 only.  Directions without pixels have their standard deviations, which are of angles about the sensor's
 own z axis, whatever its pose ([Lee] Eq. 2.40).
 
-Measurements of distances of the targets of the truth, as the bound takes them, in streaming mode.
+`DistancesOfTargets` packs distance measurements of true targets from a stream.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ Metrics = dict[str, float]
 
 
 def ground_information(sensor: SensorGeometry, seen: SensorObservations) -> Floats:
-    """(N, 2, 2) Fisher information of the azimuths of one sensor about (x, y); elevations report heights only.
+    """(N, 2, 2) Fisher information of one sensor's azimuths about (x, y); elevations inform about heights only.
 
-    Of a tilted array the world's azimuth has errors of both of its angles.  Both are taken in
-    at the true height (or at the reported elevation if missing), and the height is then
-    left free: what remains is the information of the azimuth with the variance that it really has.
+    In the frame of a tilted array the world azimuth has errors of both of its angles. Both are used at the true height
+    (or the measured elevation), and the height is then eliminated: the result is the information of the azimuth with
+    its actual variance.
     """
     information = _without_pixels(sensor, seen)
     if sensor.camera is None:
@@ -56,7 +56,7 @@ def ground_information(sensor: SensorGeometry, seen: SensorObservations) -> Floa
 def space_information(sensor: SensorGeometry, seen: SensorObservations) -> Floats:
     """(N, 3, 3) Fisher information of all measurements of one sensor about (x, y, z).
 
-    A row without elevation has its azimuth only; so does a planar array, with an azimuth that is the world's.
+    Rows without elevation, and planar arrays (with world azimuths), contribute the azimuth only.
     """
     pixels = np.isfinite(seen.sigma_px) & (sensor.camera is not None)
     tells = np.isfinite(seen.elevation)
@@ -115,7 +115,7 @@ class StationMeasurements(NamedTuple):
 
 
 def distances_in_space() -> InputError:
-    """Description of distances where the bound is in space."""
+    """Message that distances cannot be used for a bound in space."""
     return InputError(
         f"evaluate: distances are used by the bound on the ground alone; give {option('bound_dimension')} ground",
         id="not-applicable",
@@ -143,7 +143,7 @@ def dimension(target: int, *, high: bool, in_space: bool, config: EvaluateConfig
 
 
 def bound_table(t_ns: Ints, target: int, covariance: Floats, smoothed: Floats, n_seen: Ints) -> Bound:
-    """Rows of a target from (T, d, d) bounds of filtering and of smoothing."""
+    """Table rows of a target from filtering and smoothing bounds (T, d, d)."""
     xx, xy, yy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
     space = {}
     if covariance.shape[1] == 3:
@@ -175,7 +175,7 @@ def bound_table(t_ns: Ints, target: int, covariance: Floats, smoothed: Floats, n
 def information_of(
     times: Ints, observations: Mapping[str, SensorObservations], sensors: Mapping[str, SensorGeometry], d: int
 ) -> tuple[Floats, Ints]:
-    """(T, d, d) information of all bearings at each time, and how many there were."""
+    """(T, d, d) information of all bearings at each time, and the number of bearings."""
     total, n_seen = np.zeros((len(times), d, d)), np.zeros(len(times), dtype=np.int64)
     of_sensor = space_information if d == 3 else ground_information
     for name, all_observations in observations.items():
@@ -195,7 +195,7 @@ def add_distances(
     path: ObjectPath,
     config: EvaluateConfig,
 ) -> None:
-    """Add the information of measurements of distances, where the true position is known, in place."""
+    """Add the information of distance measurements at known true positions, in place."""
     own = measured.target == target
     t_ns = measured.t_ns[own]
     xy, known = path.at(t_ns, config.limit_ns)
@@ -206,12 +206,12 @@ def add_distances(
 
 
 def counted(observations: SensorObservations) -> Bools:
-    """(N,) bool: reports that can be of the target."""
+    """(N,) mask of reports that can be of the target."""
     return observations.reported & (observations.in_view | observations.hit)
 
 
 def motion_of(information: Floats, dt: Floats, scene: Scene, config: EvaluateConfig) -> tuple[Floats, Floats, Floats]:
-    """Information about the state, transitions and their noise for the recursion, with the motion of the configuration.
+    """Inputs of the recursion for the configured motion: information about the state, transitions, process noise.
 
     Args:
         information: (T, d, d) about the position.
@@ -232,7 +232,7 @@ def motion_of(information: Floats, dt: Floats, scene: Scene, config: EvaluateCon
 
 
 def prior_of(d: int, scene: Scene, config: EvaluateConfig) -> Floats:
-    """(n, n) covariance of the state at the first pass: a position as given, else of a point anywhere in the room."""
+    """(n, n) prior covariance of the state: the position as given, else uniform in the room."""
     position = np.zeros((d, d))
     if config.prior_covariance is None:
         position[:2, :2] = crlb.polygon_covariance(scene.region)
@@ -249,7 +249,7 @@ def prior_of(d: int, scene: Scene, config: EvaluateConfig) -> Floats:
 
 
 class DistancesOfTargets:
-    """Packs measurements of those identities that are of targets."""
+    """Packs the distance measurements of true targets."""
 
     def __init__(
         self, labels: Mapping[int, int], scene: Scene, config: DistanceMeasurementConfig, radio: Radio | None

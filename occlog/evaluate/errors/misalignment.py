@@ -1,8 +1,8 @@
-"""Whether tracks and truth have the same times, unit and axes: a constant delay, and what would make them meet.
+"""Alignment of tracks and truth: constant delay, and wrong times, units or axes.
 
-The delay is estimated from the errors of pairs, by regression on the velocity of the target.  Where hardly any target
-has an estimate near it, other units and origins of time, units of length, axes, rotations and translations are tried on
-a sample of both tables, and the first one that makes them meet is stated.
+The delay is estimated from the errors of pairs, by regression on the velocity of the target. If hardly any target has
+an estimate nearby, other units and origins of time, units of length, axes, rotations and translations are tried on a
+sample of both tables; the first that makes them agree is reported.
 """
 
 from __future__ import annotations
@@ -72,9 +72,9 @@ class Delay(NamedTuple):
 class DelaySums:
     """Sums over pairs of estimate and target, by intervals of time, from which the delay is estimated.
 
-    An estimate that is late by tau is off by -tau v on a target with velocity v.  The regression of errors on
-    velocities has a constant term, as a translation of the truth is no delay.  Its standard error is that of clusters:
-    errors of an interval may be as correlated as they like (Liang & Zeger 1986).
+    An estimate with delay tau has the error -tau v on a target with velocity v. The regression of errors on velocities
+    has a constant term, since a translation is not a delay. Standard errors are cluster-robust: errors within an
+    interval may be correlated (Liang & Zeger 1986).
     """
 
     def __init__(self) -> None:
@@ -105,7 +105,7 @@ class DelaySums:
                 self._windows[window // 2] = self._windows.get(window // 2, 0.0) + row
 
     def estimate(self) -> Delay | None:
-        """The delay; None: fewer than `MIN_WINDOWS` windows, or targets that do not change their velocity."""
+        """Estimated delay; None with fewer than `MIN_WINDOWS` intervals, or targets of constant velocity."""
         sums = np.array([self._windows[k] for k in sorted(self._windows)]).reshape(-1, 8)
         if len(sums) < MIN_WINDOWS:
             return None
@@ -125,7 +125,7 @@ class DelaySums:
         return Delay(-float(slope), math.sqrt(variance), float(slope**2 * spread / left), limit)
 
     def checks(self, unit: str) -> tuple[Check, ...]:
-        """Whether tracks are late or early; unit of lengths."""
+        """Report if tracks have a significant delay; `unit` of lengths."""
         found = self.estimate()
         if found is None:
             return outcome(DELAY, (), unless="too few pairs with a target that moves")
@@ -134,7 +134,7 @@ class DelaySums:
         return outcome(DELAY, reported, delay_s=found.seconds, sigma_s=found.sigma)
 
     def _rmse(self, found: Delay) -> tuple[float, float]:
-        """RMSE of the pairs, and that without the delay."""
+        """RMSE of the pairs, and RMSE after correction of the delay."""
         n, _, _, vv, ev, ee = _parts(np.sum(list(self._windows.values()), axis=0))
         without = ee + 2.0 * found.seconds * ev + found.seconds**2 * vv
         return math.sqrt(ee / n), math.sqrt(max(without, 0.0) / n)
@@ -158,7 +158,7 @@ def _parts(total: Floats) -> tuple[float, Floats, Floats, float, float, float]:
 
 
 def velocities(paths: Mapping[int, ObjectPath], labels: Ints | Ints32, t_ns: Ints, limit_ns: int | None) -> Floats:
-    """(n, 2) velocity of each target at each time [1/s]; NaN where the truth is not known before and after."""
+    """(n, 2) velocity of each target at each time [unit/s]; NaN unless the truth is known before and after."""
     out = np.full((len(t_ns), 2), np.nan)
     for label, rows in rows_by_label(labels):
         if label in paths:
@@ -199,7 +199,7 @@ AXES = {
 
 
 class Positions(NamedTuple):
-    """Positions over time, by rising time; t: (n,) [s], xy: (n, 2)."""
+    """Positions xy (n, 2) at increasing times t (n,) [s]."""
 
     t: Floats
     xy: Floats
@@ -212,7 +212,7 @@ class Positions(NamedTuple):
 
 
 class Alternative(NamedTuple):
-    """A change of the tracks that makes them meet the truth: id of the message, words, and the share that meets."""
+    """A transform of the tracks after which they agree with the truth: finding id, description, share that agrees."""
 
     id: str
     change: str
@@ -234,7 +234,7 @@ def sample_of(chunks: Iterable[Tracks] | Iterable[Truth]) -> Positions:
 
 
 def alternative(tracks: Positions, truth: Positions, gate: float) -> tuple[Alternative, float] | None:
-    """The simplest change of the tracks that makes them meet the truth, and the share that meets without it.
+    """Simplest transform of the tracks after which they agree with the truth, and the share that agrees without it.
 
     Args:
         tracks: estimates.
@@ -251,7 +251,7 @@ def alternative(tracks: Positions, truth: Positions, gate: float) -> tuple[Alter
 
 
 def _changes(tracks: Positions, truth: Positions, gate: float) -> Iterator[Alternative]:
-    """Changes with the share that meets, simplest first."""
+    """Candidate transforms with the share that agrees, simplest first."""
     yield from _changes_of_time(tracks, truth, gate)
     for scale, (name, matrix) in product((1.0, *LENGTH_UNITS), AXES.items()):
         # In the larger unit of both, as the gate is a length that people are apart
@@ -292,7 +292,7 @@ def _changes_of_time(tracks: Positions, truth: Positions, gate: float) -> Iterat
 
 
 def _cause(shift: float) -> str:
-    """What sets clocks apart by this much, in brackets; empty: nothing that is known."""
+    """Usual cause of a clock difference of this size, in brackets; empty if unknown."""
     for cause, low, high in CLOCKS:
         if low - CLOCK_ERROR_S <= abs(shift) <= high + CLOCK_ERROR_S:
             return f" ({cause})"
@@ -303,22 +303,22 @@ def _cause(shift: float) -> str:
 
 
 def _timed(tracks: Positions, factor: float, start: float, begin: float) -> Positions:
-    """Tracks with times multiplied from `start` on, which becomes `begin`."""
+    """Scale the times of tracks by `factor` about `start`, which is moved to `begin`."""
     return Positions(begin + factor * (tracks.t - start), tracks.xy)
 
 
 def _tolerance(tracks: Positions, truth: Positions) -> float:
-    """Largest time between an estimate and a true position that are compared [s]."""
+    """Maximum time difference between compared estimates and true positions [s]."""
     return min(0.51 * max(tracks.step, truth.step, 1e-6), MAX_TOLERANCE_S)
 
 
 def _spread(rows: Ints, count: int = QUERIES) -> Ints:
-    """At most `count` of the rows, evenly spaced."""
+    """Select at most `count` rows, evenly spaced."""
     return rows if len(rows) <= count else rows[np.linspace(0, len(rows) - 1, count).round().astype(np.int64)]
 
 
 def _met(tracks: Positions, truth: Positions, gate: float, *, whole: bool = False) -> float:
-    """F1 of positions that have one of the other side within the gate, in the time that both cover, or of the whole."""
+    """F1 score of positions with a counterpart within the gate, over the common time, or the whole."""
     tolerance = _tolerance(tracks, truth)
     rows = _common(tracks, truth, tolerance)
     if rows is None:
@@ -337,7 +337,7 @@ def _met(tracks: Positions, truth: Positions, gate: float, *, whole: bool = Fals
 
 
 def _common(tracks: Positions, truth: Positions, tolerance: float) -> list[Ints] | None:
-    """Rows of both sides in the time that both cover; None: it is too short."""
+    """Rows of both sides in their common time; None if it is too short."""
     first, last = max(tracks.t[0], truth.t[0]) - tolerance, min(tracks.t[-1], truth.t[-1]) + tolerance
     shorter = min(each.t[-1] - each.t[0] for each in (tracks, truth))
     if last - first < MIN_OVERLAP * shorter + 2.0 * tolerance * (shorter > 0.0) or last < first:
@@ -347,7 +347,7 @@ def _common(tracks: Positions, truth: Positions, tolerance: float) -> list[Ints]
 
 
 def _best_shift(tracks: Positions, truth: Positions, gate: float) -> tuple[float, float]:
-    """Shift of times with the largest share that meets, and that share."""
+    """Time shift with the largest share that agrees, and that share."""
     step = max(tracks.step, truth.step)
     if not step:
         return 0.0, _met(tracks, truth, gate)
@@ -364,12 +364,12 @@ def _best_shift(tracks: Positions, truth: Positions, gate: float) -> tuple[float
 
 
 def _distance(tree: cKDTree, points: Floats) -> Floats:
-    """(n,) distance to the nearest position, the largest one of all axes; inf: above 1."""
+    """(n,) maximum-norm distance to the nearest position; inf if above 1."""
     return np.asarray(tree.query(points, p=np.inf, distance_upper_bound=1.0)[0], dtype=np.float64)
 
 
 def _rotations(tracks: Positions, truth: Positions, gate: float) -> Iterator[Alternative]:
-    """The rotation, with or without a mirror, and translation with most pairs of one time that then meet (Hough)."""
+    """Rotation (with or without reflection) and translation with most agreeing pairs of one time (Hough transform)."""
     tolerance = _tolerance(tracks, truth)
     rows = _common(tracks, truth, tolerance)
     if rows is None:
@@ -400,7 +400,7 @@ def _rotations(tracks: Positions, truth: Positions, gate: float) -> Iterator[Alt
 
 
 def _turn(angle: float, mirror: float) -> Floats:
-    """Matrix that negates y where `mirror` is -1, then rotates."""
+    """(2, 2) matrix that negates y if `mirror` is -1, then rotates."""
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[c, -s * mirror], [s, c * mirror]])
 
@@ -410,7 +410,7 @@ MIN_MOTA = 0.2
 
 
 class TruthAlignment:
-    """Whether tracks and truth have the same times, unit and axes."""
+    """Checks whether tracks and truth have the same times, unit and axes."""
 
     def __init__(self, sources: Callable[[], tuple[Iterable[Tracks], Iterable[Truth]]], gate: float, unit: str) -> None:
         """Start without pairs.
@@ -424,18 +424,18 @@ class TruthAlignment:
         self._delay = DelaySums()
 
     def update(self, errors: Errors, paths: Mapping[int, ObjectPath], limit_ns: int | None) -> None:
-        """Add errors, and the paths of the targets at these times and about them."""
+        """Add errors, with the paths of the targets around these times."""
         error = np.column_stack([errors.error_x, errors.error_y])
         self.update_pairs(errors.target_id, errors.t_ns, error, paths, limit_ns)
 
     def update_pairs(
         self, targets: Ints | Ints32, t_ns: Ints, error: Floats, paths: Mapping[int, ObjectPath], limit_ns: int | None
     ) -> None:
-        """Add pairs: targets, times, errors (n, 2), and the paths of the targets; gaps up to `limit_ns` are bridged."""
+        """Add pairs (target, time, error (n, 2)), with the paths of the targets; gaps up to `limit_ns` are bridged."""
         self._delay.update(t_ns, error, velocities(paths, targets, t_ns, limit_ns))
 
     def checks(self, metrics: Mapping[str, float]) -> tuple[Check, ...]:
-        """Whether a delay makes up much of the errors, or another time, unit or frame makes tracks and truth meet."""
+        """Report if a delay explains much of the errors, or if another time, unit or frame makes both sides agree."""
         return (*self._delay.checks(self._unit), *outcome(ALIGNMENT, self._elsewhere(metrics)))
 
     def _elsewhere(self, metrics: Mapping[str, float]) -> Iterator[Check]:
@@ -445,7 +445,7 @@ class TruthAlignment:
             yield from self.found()
 
     def found(self) -> Iterator[Check]:
-        """The simplest change of times, unit or frame with which tracks and truth meet."""
+        """Simplest transform of times, unit or frame after which tracks and truth agree."""
         tracks, truth = (sample_of(each) for each in self._sources())
         found = alternative(tracks, truth, self._gate)
         if found is not None:

@@ -1,7 +1,7 @@
-"""Errors of tracks: which track is of which target, the error of each estimate, and figures of all errors.
+"""Errors of tracks: assignment of tracks to targets, error of each estimate, and figures of all errors.
 
-Errors are those of (x, y).  Where a track has heights and its target's height is known, errors in space
-are next to them.
+Errors are those of (x, y). Where a track has heights and its target's height is known, errors in space are computed,
+too.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ Metrics = dict[str, float]
 
 
 def errors_in_space(tracks: Tracks, error: Floats, covariance: Floats, truth_z: Floats) -> dict[str, Floats]:
-    """The columns of `Errors` about heights, NaN where the estimate or the truth has none.
+    """Height columns of the table `Errors`; NaN if estimate or truth has no height.
 
     Args:
         tracks: N estimates.
@@ -58,7 +58,7 @@ def errors_in_space(tracks: Tracks, error: Floats, covariance: Floats, truth_z: 
 
 
 def pairs_by_number(known: EvaluationSurvey) -> dict[int, int]:
-    """Tracks with the number of a target, each with that target.
+    """Pair each track with the target of the same number.
 
     Raises:
         InputError: there are tracks and targets, and no track has the number of a target.
@@ -79,14 +79,14 @@ def _some(numbers: list[int]) -> str:
 
 
 class Gaps:
-    """Counts estimates during the truth, and those of them that fall into gaps of it that are not bridged."""
+    """Counts the estimates during the truth that fall into unbridged gaps of it."""
 
     def __init__(self) -> None:
         """Start without estimates."""
         self._inside = self._missed = self._widest_ns = 0
 
     def add(self, t_ns: Ints, path: ObjectPath, span_ns: tuple[int, int], config: EvaluateConfig) -> None:
-        """Add estimates of one track.
+        """Add the estimates of one track.
 
         Args:
             t_ns: their times.
@@ -102,7 +102,7 @@ class Gaps:
 
     @property
     def note(self) -> str | None:
-        """A line where most of the estimates during the truth fall into such gaps; else None."""
+        """Note if most of the estimates during the truth fall into such gaps; else None."""
         if 2 * self._missed <= self._inside:
             return None
         return (
@@ -119,7 +119,7 @@ class NoCommonTimeError(InputError):
 
 
 def errors_of_pairs(tracks_ns: tuple[int, int], truth_ns: tuple[int, int], config: EvaluateConfig) -> NoCommonTimeError:
-    """Message if the truth covers the time of no estimate; first and last times of both."""
+    """Message for a truth that covers the time of no estimate, with the time ranges of both."""
     tracks, truth = (f"{in_seconds(first)} to {in_seconds(last)} s" for first, last in (tracks_ns, truth_ns))
     if config.match == "id" and tracks_ns[0] <= truth_ns[1] and truth_ns[0] <= tracks_ns[1]:
         return NoCommonTimeError(
@@ -135,7 +135,7 @@ def errors_of_pairs(tracks_ns: tuple[int, int], truth_ns: tuple[int, int], confi
 
 
 def errors_of(rows: Tracks, target: int, path: ObjectPath, config: EvaluateConfig) -> tuple[Errors, Bools]:
-    """Errors of the estimates of a target, and (N,) which of them have a truth near enough in time.
+    """Errors of the estimates of a target, and mask (N,) of those with a truth near enough in time.
 
     Args:
         rows: N estimates of one track.
@@ -167,7 +167,7 @@ def errors_of(rows: Tracks, target: int, path: ObjectPath, config: EvaluateConfi
 
 
 def settled(errors: Errors, config: EvaluateConfig, begun: dict[int, int] | None = None) -> Bools:
-    """(N,) bool: errors after the transient, by `settling_s` after each target's first estimate and `from_ns`.
+    """(N,) mask of errors after the transient: `settling_s` after each target's first estimate, and `from_ns`.
 
     Args:
         errors: in the order of time.
@@ -187,12 +187,12 @@ def settled(errors: Errors, config: EvaluateConfig, begun: dict[int, int] | None
 
 
 def no_targets() -> InputError:
-    """Description of a truth that has rows, but none of a target."""
+    """Message for a truth with rows but no target."""
     return InputError("truth: has no rows of role target; nothing to compare with", id="empty-input")
 
 
 class PairSums:
-    """Squared distances of each track from each target, for the one-to-one pairs of least overall RMSE."""
+    """Sums of squared distances of each track from each target, for one-to-one pairs with the least overall RMSE."""
 
     def __init__(self, known: EvaluationSurvey) -> None:
         """Start without estimates."""
@@ -201,7 +201,7 @@ class PairSums:
         self._sums, self._worst = TargetTrackSums(len(self._targets), len(self._tracks), sums=3), 0.0
 
     def update(self, part: EvaluationChunk, config: EvaluateConfig) -> None:
-        """Estimates of another section."""
+        """Add the estimates of a section."""
         rows = part.rows
         number = np.searchsorted(self._tracks, rows.target_id)
         xy = np.column_stack([rows.x, rows.y])
@@ -231,7 +231,7 @@ class PairSums:
 
 
 class TrackErrors:
-    """Errors of tracks against their targets, and the figures of them."""
+    """Accumulates the errors of tracks against their targets, and their figures."""
 
     def __init__(
         self,
@@ -260,7 +260,7 @@ class TrackErrors:
         """Errors of the last section after the transient; none without one."""
 
     def update(self, part: EvaluationChunk) -> Errors:
-        """Estimates of another section, in the order of time; their errors."""
+        """Add the estimates of a section, in the order of time; return their errors."""
         config, nothing = self._config, ObjectPath(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0))
         found = []
         for track, which in rows_by_label(part.rows.target_id):
@@ -296,7 +296,7 @@ class TrackErrors:
 
     @property
     def note(self) -> str | None:
-        """A line on gaps of the truth where there is one to state."""
+        """Note about gaps of the truth, if any."""
         return self._gaps.note
 
     def result(self) -> Metrics:
@@ -326,7 +326,7 @@ class TrackErrors:
         return metrics
 
     def settled(self, bound: Callable[[], Metrics] | None = None) -> Metrics:
-        """The figures of errors, and of the bound, once more after the transient; none if missing."""
+        """Figures of the errors and the bound after the transient; empty without a transient."""
         if not (self._transient and self._figures.rows):
             return {}
         after = {**self._late.result(), "estimates": self._late.rows}

@@ -1,4 +1,4 @@
-"""Figures of errors that come in parts: over all targets and for each target, on the ground and in space."""
+"""Figures of errors over a stream: over all targets and for each target, on the ground and in space."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ Metrics = dict[str, float]
 
 
 def space_errors(errors: Errors) -> Bools:
-    """(N,) bool: errors of estimates with known height and true height."""
+    """(N,) mask of errors with known height and true height."""
     return np.isfinite(errors.error_space)
 
 
 class Consistency:
-    """Normalised squared errors: mean (the dimensions, where covariances are right) and share inside of 95 %."""
+    """Sums of normalised squared errors: mean (equal to the dimension for correct covariances), share within 95 %."""
 
     def __init__(self, limit: float) -> None:
         """Start without errors; `limit`: 95 % quantile of chi-square."""
@@ -47,13 +47,13 @@ class Consistency:
         self.inside += int(np.count_nonzero(finite <= self._limit))
 
     def merge(self, other: Consistency) -> None:
-        """Add the errors of another sum."""
+        """Add the sums of another part."""
         self._sum.merge(other._sum)
         self.n_finite, self.inside = self.n_finite + other.n_finite, self.inside + other.inside
         self.rows += other.rows
 
     def result(self, name: str, suffix: str) -> Metrics:
-        """The figures, under names that begin with `name`."""
+        """Figures, with names that begin with `name`."""
         return {
             f"{name}_mean{suffix}": ratio_or_nan(self._sum.value, self.n_finite),
             f"{name}_share_95{suffix}": ratio_or_nan(self.inside, self.n_finite),
@@ -62,7 +62,7 @@ class Consistency:
 
 
 class InSpace:
-    """Errors in space, of estimates with known height and true height: not more than those on the ground."""
+    """Sums of errors in space, of estimates with known height and true height."""
 
     def __init__(self) -> None:
         """Start without errors."""
@@ -71,14 +71,14 @@ class InSpace:
         self._nees = Consistency(CHI2_95_3D)
 
     def update(self, high: Errors) -> None:
-        """Add errors, all of them in space if any is."""
+        """Add errors; those in space are selected."""
         self.rows += len(high)
         self._squares.add(float(np.sum(np.square(high.error_space))))
         self._squares_z.add(float(np.sum(np.square(high.error_z))))
         self._nees.update(high.nees_space)
 
     def result(self, unit: str, suffix: str) -> Metrics:
-        """RMSE along z and in space and consistency there (mean NEES 3); nothing if no error in space is known."""
+        """RMSE along z and in space, and consistency (expected mean NEES: 3); empty without errors in space."""
         if not self.rows:
             return {}
         return {
@@ -90,7 +90,7 @@ class InSpace:
 
 
 def quantiles_of(values: Spool, shares: Sequence[float]) -> list[float]:
-    """Quantiles as `np.quantile` has them, wherever the numbers are; NaN without any."""
+    """Quantiles as by `np.quantile`, of numbers in memory or on disk; NaN without numbers."""
     whole = values.whole
     if whole is not None:
         return [quantile(whole, share) for share in shares]
@@ -98,7 +98,7 @@ def quantiles_of(values: Spool, shares: Sequence[float]) -> list[float]:
 
 
 def median_of(values: Spool) -> float:
-    """The median as `np.median` has it; NaN without any number."""
+    """Median as by `np.median`; NaN without numbers."""
     whole = values.whole
     if whole is not None:
         return float(np.median(whole)) if len(whole) else float("nan")
@@ -111,10 +111,10 @@ def median_of(values: Spool) -> float:
 
 
 class Spread:
-    """Mean and quantiles of distances."""
+    """Accumulates mean and quantiles of distances."""
 
     def __init__(self, in_memory: int) -> None:
-        """Start without distances; `in_memory`: how many are kept in memory."""
+        """Start without distances; up to `in_memory` of them stay in memory."""
         self._values, self._sum, self._most = Spool(in_memory), Sum(), np.nan
 
     @property
@@ -129,14 +129,14 @@ class Spread:
         self._most = float(np.fmax(self._most, values.max())) if len(values) else self._most
 
     def merge(self, other: Spread) -> None:
-        """Add the distances of another sum."""
+        """Add the distances of another part."""
         for block in other._values.blocks():
             self._values.add(block)
         self._sum.merge(other._sum)
         self._most = float(np.fmax(self._most, other._most))
 
     def result(self, name: str, unit: str) -> Metrics:
-        """Mean, median, 95 % quantile and the largest one."""
+        """Mean, median, 95 % quantile and maximum."""
         middle, high = quantiles_of(self._values, (0.5, 0.95))
         return {
             f"{name}_mean_{unit}": self.mean,
@@ -169,7 +169,7 @@ class _ErrorTarget:
 
 
 class ErrorFigures:
-    """Figures of errors over all targets and for each target."""
+    """Accumulates figures of errors over all targets and for each target."""
 
     def __init__(self, unit: str, in_memory: int = NUMBERS_IN_MEMORY) -> None:
         """Start without errors.
@@ -186,7 +186,7 @@ class ErrorFigures:
         self._nees, self._space = Consistency(CHI2_95_2D), InSpace()
 
     def update(self, errors: Errors) -> None:
-        """Add values in any order."""
+        """Add errors in any order."""
         self.rows += len(errors)
         for k, rows in rows_by_label(errors.target_id):
             part = errors.take(rows)

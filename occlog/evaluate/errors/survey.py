@@ -1,8 +1,6 @@
-"""Survey of whole tracks and truth before they are read side by side.
+"""Survey of tracks and truth, and their division into common time intervals (sections).
 
-Tracks and truth side by side in time intervals, so that memory does not grow with their length.
-
-What must be known of the whole (`survey`) is found in a pass before.  A table of one chunk is one section.
+Memory does not grow with their length. Properties of the whole are determined by `survey` in a first pass.
 """
 
 from __future__ import annotations
@@ -26,7 +24,7 @@ from occlog.records.tables import Limits, TableBuffer, Tracks, Truth, in_step
 
 @dataclass
 class Lifetime:
-    """Lifetime of a target or a track.
+    """First and last time of a target or track.
 
     Attributes:
         rows: number of its rows.
@@ -41,7 +39,7 @@ class Lifetime:
 
 @dataclass
 class EvaluationSurvey:
-    """Result of a pass over tracks and truth.
+    """Result of the survey of tracks and truth.
 
     Attributes:
         tracks: by rising identity.
@@ -67,7 +65,7 @@ class EvaluationSurvey:
         return sum(each.rows for each in self.tracks.values())
 
     def over(self, t_ns: int) -> tuple[Bools, Bools]:
-        """Masks of the targets and of the tracks without a row after a time."""
+        """Masks of the targets and tracks without a row after a time."""
         targets, tracks = (
             np.array([life.last_ns <= t_ns for life in each.values()], dtype=np.bool_)
             for each in (self.targets, self.tracks)
@@ -76,12 +74,12 @@ class EvaluationSurvey:
 
     @property
     def single(self) -> tuple[int, int] | None:
-        """The track and the target, where there is one of each; else None."""
+        """The only track and the only target, if there is one of each; else None."""
         return (min(self.tracks), min(self.targets)) if len(self.tracks) == len(self.targets) == 1 else None
 
 
 def survey(tracks: Iterable[Tracks], truth: Iterable[Truth], in_memory: int = NUMBERS_IN_MEMORY) -> EvaluationSurvey:
-    """Go through tracks and truth once.
+    """Survey tracks and truth in one pass.
 
     Args:
         tracks: chunks in the order of time.
@@ -121,7 +119,7 @@ def survey(tracks: Iterable[Tracks], truth: Iterable[Truth], in_memory: int = NU
 
 
 def _counted(frames: int, latest: int | None, t_ns: Ints) -> tuple[int, int | None]:
-    """Number of distinct times with those of some more rows, and the last one; `latest` is the last one before."""
+    """Update the number of distinct times by further rows; `latest` is the previous last time."""
     times = np.unique(t_ns)
     new = len(times) if latest is None else int(np.count_nonzero(times != latest))
     return frames + new, int(times[-1]) if len(times) else latest
@@ -132,7 +130,7 @@ def _span(before: tuple[int, int] | None, t_ns: Ints) -> tuple[int, int]:
 
 
 def _by_identity(labels: np.ndarray, t_ns: Ints) -> Iterator[tuple[int, Ints]]:
-    """Times of each identity, in their order."""
+    """Times of each identity, in order."""
     order = np.argsort(labels, kind="stable")
     names, first = np.unique(labels[order], return_index=True)
     for name, (start, stop) in zip(names.tolist(), pairwise([*first.tolist(), len(labels)]), strict=True):
@@ -145,16 +143,16 @@ def _live(lives: dict[int, Lifetime], label: int, t_ns: Ints) -> None:
 
 
 class TruthIntervals:
-    """Times between one true position of an object and the next."""
+    """Intervals between successive true positions of each object."""
 
     def __init__(self, in_memory: int = NUMBERS_IN_MEMORY) -> None:
-        """Create an empty list; `in_memory`: number kept in memory."""
+        """Start without intervals; up to `in_memory` of them stay in memory."""
         self._number: dict[int, int] = {}
         self._steps, self._owner = Spool(in_memory), Spool(in_memory)
         self._counts: list[int] = []
 
     def add(self, label: int, t_ns: Ints, last_ns: int | None) -> None:
-        """Times of some more positions of an object; `last_ns`: that of the one before, if there is one."""
+        """Add times of further positions of an object; `last_ns`: its previous time, if any."""
         number = self._number.setdefault(label, len(self._number))
         if number == len(self._counts):
             self._counts.append(0)
@@ -164,11 +162,11 @@ class TruthIntervals:
         self._owner.add(np.full(len(steps), float(number)))
 
     def usual_gaps_ns(self) -> dict[int, int]:
-        """Default maximum gap to interpolate, for each object [ns]."""
+        """Default maximum gap [ns] that is interpolated, for each object."""
         return {label: usual_gap_ns(step) for label, step in self.medians().items()}
 
     def medians(self) -> dict[int, float]:
-        """Median interval of the true rows of each object [ns]; infinite without any."""
+        """Median interval between the true rows of each object [ns]; infinite without intervals."""
         found = group_medians(self._blocks, np.array(self._counts, dtype=np.int64)).tolist()
         return {label: math.inf if math.isnan(found[k]) else found[k] for label, k in self._number.items()}
 
@@ -230,7 +228,7 @@ class EvaluationChunk(NamedTuple):
 
 
 class StretchTables(NamedTuple):
-    """Tables that are read along with tracks and truth, and how much of these there is about a section [ns].
+    """Tables that are read along with tracks and truth, with the margin around a section that they need [ns].
 
     Attributes:
         sides: the other tables, of which nothing is read yet.
@@ -253,9 +251,9 @@ def chunks_in_time(
     track_gap_ns: int = 0,
     companion: StretchTables | None = None,
 ) -> Iterator[EvaluationChunk]:
-    """Go through tracks and truth side by side.
+    """Generate sections of tracks and truth.
 
-    A section has about it as much as gaps are bridged, so that interpolation in it is the same as in the whole.
+    A section includes a margin as wide as bridged gaps, so that interpolation in it equals that in the whole.
 
     Args:
         tracks: chunks in the order of time.

@@ -1,1 +1,1 @@
-"""Pairs estimates and measurements with true targets."""
+"""Matching of estimates and measurements with true targets."""

@@ -1,4 +1,4 @@
-"""Settings of `occlog evaluate`, and the kinds of input that they are for."""
+"""Settings of `occlog evaluate`, and the kinds of input to which they apply."""
 
 from __future__ import annotations
 
@@ -236,19 +236,19 @@ class EvaluateConfig(Settings):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """The prior must be a covariance."""
+        """Check that the prior is a covariance matrix."""
         if self.prior_covariance is not None:
             xx, xy, yy = self.prior_covariance
             yield "prior_covariance", xx > 0 and xx * yy > xy**2, "xx, xy, yy of a positive covariance"
 
     @property
     def limit_ns(self) -> int | None:
-        """Widest gap of the truth that is bridged [ns]; None: by the usual time between its rows."""
+        """Maximum gap of the truth that is interpolated [ns]; None: from the usual interval of its rows."""
         return None if self.max_gap_s is None else round(self.max_gap_s * 1e9)
 
     @property
     def bridge_s(self) -> float:
-        """Widest gap of tracks, and of true directions, that is bridged [s]."""
+        """Maximum gap of tracks, and of true directions, that is interpolated [s]."""
         return BRIDGE_S if self.max_gap_s is None else self.max_gap_s
 
     @property

@@ -1,10 +1,8 @@
-"""Bearings against the truth, by observation: what a sensor reported of a target and what it should have reported.
+"""Observations: bearings that sensors reported of true targets, with the expected measurements.
 
-An observation is one frame of one sensor together with one true target of which the frame states
-something: a labelled row (`target_id` >= 0, seen or not), or unlabelled candidates, which are
-paired one to one with the true objects of their frame.
-
-Reported bearings minus what a sensor should have reported, and whether they are within the gate.
+An observation is one frame of a sensor with one true target: a labelled row (`target_id` >= 0, detected or not), or an
+unlabelled candidate, paired one to one with the true objects of the frame. Residuals are reported minus expected
+bearings, with a mask of those within the gate.
 """
 
 from __future__ import annotations
@@ -30,8 +28,8 @@ from .paths import ExpectedMeasurement, ObjectPath, SensorGeometry
 class BearingErrors(NamedTuple):
     """Reported minus expected, in pixels, radians and standard deviations; NaN where nothing was reported.
 
-    Of an array that reports an elevation `rad` and `normalised` are of the azimuth about its
-    own z axis, which is what its noise is of, where the height of the object is known.
+    For an array with elevations `rad` and `normalised` refer to the azimuth about its own z axis (to which its noise
+    refers), if the height of the object is known.
     """
 
     px: Floats
@@ -42,15 +40,15 @@ class BearingErrors(NamedTuple):
 
     @property
     def distance(self) -> Floats:
-        """Normalised distance [standard deviations] of the whole measurement."""
+        """Normalised distance of the whole measurement (azimuth and elevation) [standard deviations]."""
         flat = np.abs(self.normalised)
         return np.where(np.isnan(self.elevation), flat, np.hypot(flat, self.elevation_normalised))
 
 
 def residuals(rows: Bearings, expected: ExpectedMeasurement, sensor: SensorGeometry) -> BearingErrors:
-    """Residuals of N rows against (N,) expectations, or against (N, M): each row against M objects.
+    """Residuals of N rows against expected measurements (N,), or (N, M) for M objects.
 
-    A target that is not in front of a camera is infinitely far off.
+    A target that is not in front of a camera has an infinite residual.
     """
     shape = (len(rows), *(1 for _ in expected.bearing.shape[1:]))
     columns = (rows.bearing, rows.u_px, rows.sigma_px, rows.sigma, rows.sigma_elevation)
@@ -78,8 +76,8 @@ def _in_own_frame(
 ) -> tuple[Floats, Floats]:
     """Residuals [rad] of azimuth and elevation about the sensor's own axes.
 
-    A line of sight near the z axis may be reported from beyond it, with an azimuth half a
-    turn off: it is read the way that is nearer.
+    A line of sight near the z axis may be measured from beyond it, with an azimuth half a turn off; the nearer
+    interpretation is used.
     """
     line = direction(rows.bearing, polar_from_elevation(rows.elevation)) @ sensor.rotation
     theta, phi = (angle.reshape(shape) for angle in direction_angles(line))
@@ -91,9 +89,9 @@ def _in_own_frame(
 
 
 def inside_gate(residual: BearingErrors, config: EvaluateConfig) -> Floats:
-    """Residual as a share of the gate: up to 1 is within; NaN where nothing was reported.
+    """Residual as a fraction of the gate (up to 1: within); NaN without a report.
 
-    An azimuth with an elevation is within the ellipse of `gate_sigma` standard deviations.
+    Azimuth and elevation together: within the ellipse of `gate_sigma` standard deviations.
     """
     by_sigma = residual.distance / config.gate_sigma
     if config.gate_px is None:
@@ -109,9 +107,9 @@ def occluded_by_moving(
     everyone: Mapping[int, ObjectPath],
     config: EvaluateConfig,
 ) -> Bools:
-    """(N,) bool: observations of a target that a moving object blocks ([Ercan] Fig. 3).
+    """(N,) mask of observations of a target that a moving object occludes ([Ercan] Fig. 3).
 
-    Cameras only, and only if the configuration gives the objects a diameter.
+    For cameras, if the configuration states the diameter of objects.
     """
     rest = [path for k, path in everyone.items() if k != target]
     if config.occluder_diameter is None or sensor.camera is None or not rest:
@@ -121,7 +119,7 @@ def occluded_by_moving(
 
 
 class Paired(NamedTuple):
-    """One row for each frame with candidates and each target asked for."""
+    """Result of pairing: one row for each frame with candidates and each requested target."""
 
     rows: Bearings  # the candidate paired with the target, or a `not seen` row
     target: Ints  # identity of the target of each row
@@ -129,7 +127,7 @@ class Paired(NamedTuple):
 
 
 class _SensorFrames(NamedTuple):
-    """Frames of a sensor (N) against true objects (M)."""
+    """Frames of a sensor (N) with true objects (M)."""
 
     starts: list[int]  # first row of each frame, then the number of rows
     present: Bools  # (N, M) the object's position is known
@@ -145,9 +143,9 @@ def match_candidates(
     everyone: Mapping[int, ObjectPath],
     config: EvaluateConfig,
 ) -> Paired:
-    """Pair the candidates of every frame: with objects that should be visible first, then with hidden ones.
+    """Pair the candidates of every frame, first with objects that should be visible, then with occluded ones.
 
-    A candidate may be of an occluder: it is stray only if it is near no true object at all.
+    A candidate is a false alarm only if it is near no true object, occluders included.
 
     Args:
         sensor: sensor of these rows.
@@ -196,7 +194,7 @@ def _compare(
 
 
 def _pair(cost: Floats, visible: Bools) -> dict[int, int]:
-    """Object to candidate of one frame."""
+    """Candidate of each object in one frame."""
     if not np.isfinite(cost).any():
         return {}
     found = {j: i for i, j in pair_within(np.where(visible, cost, np.inf), 1.0)}
@@ -207,7 +205,7 @@ def _pair(cost: Floats, visible: Bools) -> dict[int, int]:
 
 
 def _chosen(rows: Bearings, row: Ints, seen: Bools) -> Bearings:
-    """Selected rows, with their measurements removed where `seen` is false."""
+    """Selected rows, with measurements removed where `seen` is False."""
     taken = rows.take(row)
     names = ("bearing", "sigma", "u_px", "sigma_px", "score", "elevation", "sigma_elevation")
     measured = {name: np.where(seen, getattr(taken, name), np.nan) for name in names}
@@ -238,7 +236,7 @@ class SensorObservations:
     normalised_elevation: Floats
 
     def take(self, rows: Bools) -> SensorObservations:
-        """The observations selected by a mask."""
+        """All observations of one sensor, and the candidates near no true object (false alarms)."""
         return SensorObservations(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
 
 

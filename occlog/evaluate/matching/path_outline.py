@@ -1,9 +1,7 @@
-"""Paths of true objects about a time interval that are as good there as the whole ones.
+"""Paths of true objects around a time interval, with coarse samples of the whole (`TruthOutlines`).
 
-Most of what is asked of a path is given by its samples near by.  A rough position, over a gap of any width or before
-the
-first and after the last sample, is given by samples that may be far away: those are kept of the whole
-(`TruthOutlines`).
+Interpolation uses samples nearby. An approximate position over a wide gap, or before the first and after the last
+sample, needs samples that may be far away, which are kept.
 """
 
 from __future__ import annotations
@@ -26,7 +24,7 @@ TARGET, OCCLUDER = "target", "occluder"
 
 @dataclass
 class _Outline:
-    """Samples of one object that are far from their neighbours, its first and its last one: time, x, y, z."""
+    """Samples of one object next to wide gaps, and its first and last one: time, x, y, z."""
 
     t_ns: list[Ints] = field(default_factory=list)
     xyz: list[Floats] = field(default_factory=list)
@@ -39,7 +37,7 @@ class _Outline:
         self.last_high = self._edges(t_ns[high], xyz[high], self.last_high)
 
     def _edges(self, t_ns: Ints, xyz: Floats, last: tuple[int, Floats] | None) -> tuple[int, Floats] | None:
-        """Keep samples on both sides of wide gaps, and the first one; the last one of all so far."""
+        """Keep the samples on both sides of wide gaps, the first one, and the current last one."""
         if not len(t_ns):
             return last
         if last is not None:
@@ -52,7 +50,7 @@ class _Outline:
         return int(t_ns[-1]), xyz[-1:]
 
     def whole(self) -> tuple[Ints, Floats]:
-        """(K,) times of the samples that are kept, not falling, and (K, 3) positions."""
+        """Times (K,) of the kept samples, nondecreasing, and positions (K, 3)."""
         ends = [each for each in (self.last_high, self.last) if each is not None]
         t_ns = np.concatenate([*self.t_ns, np.array([t for t, _ in ends], dtype=np.int64)])
         xyz = np.concatenate([*self.xyz, *(position for _, position in ends)])
@@ -61,7 +59,7 @@ class _Outline:
 
 
 class TruthOutlines:
-    """Collects what must be known of the whole of true objects, while chunks pass by."""
+    """Collects outlines of true objects from a stream of chunks."""
 
     def __init__(self) -> None:
         """Create an empty outline."""
@@ -73,7 +71,7 @@ class TruthOutlines:
         self._gaps_ns: dict[int, int] = {}
 
     def watch(self, chunks: Iterable[Truth]) -> Iterator[Truth]:
-        """The chunks as they are."""
+        """Generate the chunks unchanged, and collect their outlines."""
         for chunk in chunks:
             self._add(chunk)
             yield chunk
@@ -92,11 +90,11 @@ class TruthOutlines:
                 known.add(rows.t_ns[mine], xyz[mine])
 
     def labels(self, role: str) -> list[int]:
-        """Identities of objects, ascending."""
+        """Identities of objects, sorted."""
         return sorted(label for known, label in self._found if known == role)
 
     def gaps_ns(self, role: str, of_targets: dict[int, int]) -> dict[int, int]:
-        """Default maximum gap to interpolate, for each object; `of_targets`: for targets."""
+        """Default maximum gap [ns] that is interpolated, for each object; `of_targets`: for targets only."""
         if role == TARGET:
             return of_targets
         if not self._gaps_ns:
@@ -104,7 +102,7 @@ class TruthOutlines:
         return self._gaps_ns
 
     def paths(self, near: Truth, limits: tuple[int, int], role: str, gaps_ns: dict[int, int]) -> dict[int, ObjectPath]:
-        """Path of each object, by rising identity, with coarse samples far away.
+        """Path of each object, sorted by identity, with coarse samples far away.
 
         Args:
             near: rows from the first of the limits on, up to the second, which is skipped.

@@ -1,4 +1,4 @@
-"""Truth, tracks and sensors as `evaluate` uses them: paths by identity, sensors by name."""
+"""Truth, tracks and sensors in the form used by `evaluate`: paths by identity, sensors by name."""
 
 from __future__ import annotations
 
@@ -38,37 +38,36 @@ class ObjectPath:
 
     @property
     def high(self) -> Bools:
-        """(M,) bool: where the height is known."""
+        """(M,) mask of samples with known height."""
         return np.zeros(len(self.t_ns), dtype=np.bool_) if self.z is None else np.isfinite(self.z)
 
     @property
     def usual_gap_ns(self) -> int:
-        """Widest gap that is bridged unless one is given: 1.5 times the median time between samples, within limits.
+        """Default maximum gap [ns] that is interpolated: 1.5 times the median interval, within limits.
 
-        So a missing sample is not interpolated if the gap is large enough to matter: at 2 a second a second is
-        long for a person.
+        So a missing sample is not interpolated: at 2 Hz a gap of 1 s is long for a person.
         """
         if self.gap_ns is not None:
             return self.gap_ns
         return usual_gap_ns(float(np.median(np.diff(self.t_ns))) if len(self.t_ns) > 1 else math.inf)
 
     def at(self, t_ns: Ints, limit_ns: int | None) -> tuple[Floats, Bools]:
-        """Interpolated positions and where they may be used; see `interpolate_positions`.
+        """Interpolated positions and validity mask; see `interpolate_positions`.
 
         Gaps of at most `limit_ns` are bridged; None: of at most `usual_gap_ns`.
         """
         return interpolate_positions(t_ns, self.t_ns, self.xy, self.usual_gap_ns if limit_ns is None else limit_ns)
 
     def sampled(self, t_ns: Ints) -> Bools:
-        """(N,) whether a time is that of a sample: there nothing is interpolated."""
+        """(N,) mask of times that are sample times (no interpolation)."""
         return np.isin(t_ns, self.t_ns)
 
     def roughly_at(self, t_ns: Ints) -> Floats:
-        """Positions over gaps of any width, held at the ends."""
+        """Positions interpolated over gaps of any width, and held constant beyond the ends."""
         return hold_positions(t_ns, self.t_ns, self.xy)
 
     def height_at(self, t_ns: Ints, limit_ns: int | None) -> Floats:
-        """(N,) heights interpolated as `at` does, between samples with a height; NaN where not known."""
+        """(N,) heights interpolated as by `at`, between samples with a height; NaN if unknown."""
         known = self.high
         if self.z is None or not known.any():
             return np.full(len(t_ns), np.nan)
@@ -76,7 +75,7 @@ class ObjectPath:
         return interpolate_positions(t_ns, self.t_ns[known], self.z[known][:, None], limit)[0][:, 0]
 
     def rough_height_at(self, t_ns: Ints) -> Floats:
-        """(N,) heights over gaps of any width, held at the ends; NaN if no sample has one."""
+        """(N,) heights interpolated over gaps of any width, held constant beyond the ends; NaN without heights."""
         known = self.high
         if self.z is None or not known.any():
             return np.full(len(t_ns), np.nan)
@@ -84,12 +83,12 @@ class ObjectPath:
 
 
 def usual_gap_ns(step_ns: float) -> int:
-    """Widest gap that is bridged between samples with the usual interval `step_ns`."""
+    """Maximum gap [ns] that is interpolated, for the usual interval `step_ns`."""
     return round(min(max(MAX_GAP_STEPS * step_ns, MIN_BRIDGE_S * NS), BRIDGE_S * NS))
 
 
 def paths_of(table: Truth | Tracks, role: str | None = None) -> dict[int, ObjectPath]:
-    """Path of every identity, by rising identity; of one role only if that is given."""
+    """Path of every identity (of one role if given), sorted by identity."""
     keep = np.ones(len(table), dtype=np.bool_)
     if role is not None and isinstance(table, Truth):
         keep = table.role == role
@@ -99,7 +98,7 @@ def paths_of(table: Truth | Tracks, role: str | None = None) -> dict[int, Object
 
 
 class ExpectedMeasurement(NamedTuple):
-    """Expected measurements of a sensor for positions (N, 2)."""
+    """Expected measurements of a sensor for N positions."""
 
     bearing: Floats  # (N,) azimuth [rad]
     u_px: Floats  # (N,) offset to the right; NaN where not in front, or not a camera
@@ -120,7 +119,7 @@ class ExpectedMeasurement(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SensorGeometry:
-    """A camera or an array with what hides targets from it."""
+    """A camera or array with the static polygons that occlude its view."""
 
     name: str
     ground: Floats  # (2,)
@@ -137,9 +136,9 @@ class SensorGeometry:
         return np.append(self.ground, self.height)
 
     def expect(self, xy: Floats, z: Floats) -> ExpectedMeasurement:
-        """Return the expected measurements for positions (N, 2), NaN ones included (not in view), at heights (N,).
+        """Expected measurements for positions (N, 2) at heights (N,); NaN positions are not in view.
 
-        A height that is not known (NaN) counts as the sensor's own in the distance.
+        For an unknown height (NaN) the distance uses the sensor's height.
         """
         bearing = wrap_angle(np.arctan2(xy[:, 1] - self.ground[1], xy[:, 0] - self.ground[0]))
         theta, phi = sight_angles(np.column_stack([xy, z]), self.position, self.rotation)
@@ -171,7 +170,7 @@ class SensorGeometry:
 
 
 def sensors_of(scene: Scene, names: Iterable[str], source: str = "bearings") -> dict[str, SensorGeometry]:
-    """The sensors of these names, sorted by name; InputError names one that is not in the scene."""
+    """Sensors of the given names, sorted; InputError for one that is not in the scene."""
     cameras = {c.name: c for c in scene.cameras if c.placed}
     arrays = {a.name: a for a in scene.arrays}
     out = {}

@@ -1,1 +1,1 @@
-"""Many targets: CLEAR-MOT, IDF1, HOTA, GOSPA, failure rates."""
+"""Evaluation of many targets: CLEAR-MOT, IDF1, HOTA, GOSPA, failure rates."""

@@ -20,8 +20,8 @@ MIN_LENGTH, MAX_LENGTH = 1e-9, 1e9
 class MultiTargetConfig(Settings):
     """Settings of the figures for many targets.
 
-    Which target is a track's own ([Qu] Eq. 9): `id`, the one of its identity; `start`, the first one that
-    it is on; `optimal`, by the one-to-one assignment in which most estimates are on their own target.
+    Target assigned to a track ([Qu] Eq. 9): `id`, the one with its identity; `start`, the first one that it is on;
+    `optimal`, by the one-to-one assignment with most estimates on their assigned target.
     """
 
     OWNER: ClassVar[str] = "many targets"
@@ -196,12 +196,12 @@ class MultiTargetConfig(Settings):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Frames must be a range."""
+        """Check that frames are a range."""
         if self.frames is not None:
             yield "frames", 0 <= self.frames[0] < self.frames[1], "A:B with 0 <= A < B"
 
     def gap_ns(self, limit_ns: int | None) -> int:
-        """Widest gap of tracks that is bridged [ns]; `limit_ns` is that of the truth, None: by its samples."""
+        """Maximum gap of tracks that is interpolated [ns]; `limit_ns`: that of the truth (None: by its samples)."""
         if self.track_gap_s is not None:
             return round(self.track_gap_s * 1e9)
         return round(BRIDGE_S * 1e9) if limit_ns is None else limit_ns
@@ -213,7 +213,7 @@ def own_targets_by(config: EvaluateConfig, *, numbered_itself: bool) -> str:
 
 
 def many_config(unit: str, own: str, given: Mapping[str, object]) -> tuple[MultiTargetConfig | None, str | None]:
-    """Options of many targets on the ground; or None, and a line on why there are no figures of them.
+    """Options of multi-target figures on the ground; or None, and the reason why there are none.
 
     Args:
         unit: of lengths.

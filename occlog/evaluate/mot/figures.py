@@ -1,10 +1,8 @@
-"""Truth and tracks to flat figures: CLEAR-MOT, IDF1, HOTA, GOSPA, and failure rates.
+"""Flat figures from truth and tracks: CLEAR-MOT, IDF1, HOTA, GOSPA, and failure rates.
 
-The first figures of an evaluation of tracks with identities that are the tracker's own, not those of the truth.
-
-One-to-one pairs over the whole run count every identity switch as an error of position.  The figures that state how
-good
-such tracks are come first: HOTA, IDF1, MOTA, identity switches, and RMSE and NEES of the pairs of each frame.
+For tracks with their own identities (not those of the truth), one-to-one pairs over the whole run count every identity
+switch as an error of position. The figures listed first are then HOTA, IDF1, MOTA, identity switches, and RMSE and NEES
+of the pairs of each frame.
 """
 
 from __future__ import annotations
@@ -30,9 +28,9 @@ RULES = {"classic": CLASSIC, "challenge": CHALLENGE}
 
 
 class MotFigures:
-    """CLEAR-MOT, IDF1, HOTA and GOSPA of frames that come in parts, twice: to `prepare`, then to `update`.
+    """Accumulates CLEAR-MOT, IDF1, HOTA and GOSPA over parts of a recording, in two passes: `prepare`, `update`.
 
-    Numbers of targets and tracks are the same in all parts of a recording.
+    Target and track numbers are the same in all parts of a recording.
     """
 
     def __init__(self, frames: MatchedFrames, config: MultiTargetConfig) -> None:
@@ -54,11 +52,11 @@ class MotFigures:
         self._gospa = GospaFigures(config, cutoff)
 
     def prepare(self, frames: MatchedFrames) -> None:
-        """Learn how targets and tracks agree in some more frames."""
+        """First pass: add the frames to the alignment of targets and tracks."""
         self._alignment.update(frames)
 
     def update(self, frames: MatchedFrames) -> MatchedPairs:
-        """Add frames in the order of time; return the pairs of CLEAR-MOT."""
+        """Second pass: add frames in the order of time; return the CLEAR-MOT pairs."""
         made = self._matcher.update(frames)
         self._clear.update(frames, made)
         self.identity.update(frames)
@@ -67,14 +65,14 @@ class MotFigures:
         return made
 
     def merge(self, other: MotFigures) -> None:
-        """Take in another recording, with no target and no track in common; no frame is added after it."""
+        """Add another recording without common targets or tracks; no frame may be added afterwards."""
         self._clear.merge(other._clear)
         self.identity.merge(other.identity)
         self._hota.merge(other._hota)
         self._gospa.merge(other._gospa)
 
     def result(self, cells: int, suffix: str = "", unit: str = "") -> Metrics:
-        """The figures.
+        """All figures, by name.
 
         Args:
             cells: number of frames, empty ones included, over which GOSPA is averaged.
@@ -115,10 +113,10 @@ def _identity(got: Identity, suffix: str) -> Metrics:
 
 
 class GospaFigures:
-    """Mean of GOSPA over frames that come in parts."""
+    """Accumulates the mean GOSPA over parts of a recording."""
 
     def __init__(self, config: MultiTargetConfig, cutoff: float) -> None:
-        """Start without frames; exponent and alpha, and the largest distance that counts."""
+        """Start without frames; exponent and alpha from the configuration, cutoff distance."""
         self._config, self._cutoff, self._sums = config, cutoff, GospaSums(config.gospa_p)
 
     def update(self, frames: MatchedFrames) -> None:
@@ -126,11 +124,11 @@ class GospaFigures:
         self._sums.update(gospa(frames, self._cutoff, self._config.gospa_p, self._config.gospa_alpha))
 
     def merge(self, other: GospaFigures) -> None:
-        """Take in the frames of another recording."""
+        """Add the frames of another recording."""
         self._sums.merge(other._sums)
 
     def result(self, cells: int, suffix: str, unit: str) -> Metrics:
-        """Mean over this many frames, in the unit of the distance, and its parts, in that unit to the power of p."""
+        """Mean GOSPA over a number of frames, in the unit of distance, and its parts, in that unit to the power p."""
         means = self._sums.means(max(cells, 1))
         end = f"{suffix}_{unit}" if unit else suffix
         power = power_of(self._config, unit)
@@ -139,26 +137,26 @@ class GospaFigures:
 
 
 def power_of(config: MultiTargetConfig, unit: str) -> str:
-    """Suffix after the unit in the names of parts of GOSPA: its exponent, unless that is 1 or there is no unit."""
+    """Suffix after the unit in the names of GOSPA's parts: its exponent, unless it is 1 or there is no unit."""
     return f"{config.gospa_p:g}".replace(".", "p") if unit and config.gospa_p != 1 else ""
 
 
 def of_view(side: Objects, view: int) -> Objects:
-    """The objects of one view."""
+    """Objects of one view."""
     mine = np.zeros(len(side.frame), dtype=np.int64) == view if side.view is None else side.view == view
     return Objects(side.frame[mine], side.label[mine], side.position[mine])
 
 
 def centres(side: Objects) -> Objects:
-    """Middles of boxes in their stead."""
+    """Replace boxes by their centres."""
     return side._replace(position=side.position[:, :2] + 0.5 * side.position[:, 2:])
 
 
 class FailureCounts:
-    """Failure rates of failures that come in parts."""
+    """Accumulates failure rates."""
 
     def __init__(self) -> None:
-        """Create an empty count of failures."""
+        """Start without failures."""
         self._label = self._position = self._total = 0
 
     def update(self, found: FailureRates, rows: Bools, total: int) -> None:
@@ -169,7 +167,7 @@ class FailureCounts:
         self._total += total
 
     def merge(self, other: FailureCounts) -> None:
-        """Take in the failures of another recording."""
+        """Add the failures of another recording."""
         self._label, self._position = self._label + other._label, self._position + other._position
         self._total += other._total
 
@@ -192,12 +190,12 @@ MIN_MATCHED_SHARE = 0.5
 
 
 def independent_ids(metrics: Mapping[str, object]) -> bool:
-    """Return whether the figures are of tracks with their own identities, so that those of the pairs come first."""
+    """Whether the tracks have their own identities, so that figures of per-frame pairs come first."""
     return metrics.get(INDEPENDENT_IDS) == 1.0
 
 
 def first_of(metrics: Mapping[str, object]) -> dict[str, object]:
-    """The first figures alone, in whatever unit of lengths."""
+    """The first figures only, in any unit of lengths."""
     begin = "matched_rmse_"
     unit = next((name.removeprefix(begin) for name in metrics if name.startswith(begin)), "")
     return {name: metrics[name] for name in names(unit) if name in metrics}
@@ -210,18 +208,18 @@ def names(unit: str) -> tuple[str, ...]:
 
 
 def first(metrics: Mapping[str, float], unit: str) -> dict[str, float]:
-    """All figures, those of tracks with their own identities in the order of `names`, then the others."""
+    """All figures, with those in `names` first for tracks with their own identities."""
     return {name: metrics[name] for name in names(unit) if name in metrics} | dict(metrics)
 
 
 def matchings_differ(metrics: Mapping[str, float], unit: str) -> bool:
-    """Return whether errors of whole tracks are more than `MIN_RMSE_RATIO` times those of the pairs of each frame."""
+    """Whether the RMSE of whole-run pairs exceeds that of per-frame pairs by more than `MIN_RMSE_RATIO`."""
     whole, pairs = metrics.get(f"rmse_{unit}", math.nan), metrics.get(f"matched_rmse_{unit}", math.nan)
     return whole > MIN_RMSE_RATIO * pairs
 
 
 def notes(metrics: Mapping[str, float], unit: str, match: str) -> tuple[str, ...]:
-    """A line on which of two errors to read where they differ much.
+    """Note on which of two RMSEs to use if they differ much.
 
     Args:
         metrics: all figures.

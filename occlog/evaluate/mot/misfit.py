@@ -1,4 +1,4 @@
-"""What would make tracks in images fit the true boxes where hardly any does: frame numbers, sizes, formats of boxes."""
+"""Search for mistakes that explain image tracks that fit no true boxes: frame numbers, image sizes, box formats."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ SCALES = (0.5, 2.0, 2.0 / 3.0, 1.5, 0.75, 4.0 / 3.0, 1.0 / 3.0, 3.0, 0.25, 4.0)
 
 
 class SampledBoxes(NamedTuple):
-    """Boxes of one side.
+    """Sample of the boxes of one side.
 
     Attributes:
         frame: (n,) number of the frame, or of the time step.
@@ -50,7 +50,7 @@ class SampledBoxes(NamedTuple):
 
     @classmethod
     def of(cls, rows: Boxes, views: Sequence[str], frame: Ints) -> SampledBoxes:
-        """Rows with a box, of these cameras; `frame` (n,) of the rows."""
+        """Rows with a box in these cameras; `frame` (n,): frame numbers of the rows."""
         index = {name: n for n, name in enumerate(views)}
         view = np.array([index.get(name, -1) for name in rows.sensor.tolist()], dtype=np.int64)
         ltwh = np.column_stack([rows.left_px, rows.top_px, rows.width_px, rows.height_px])
@@ -59,25 +59,25 @@ class SampledBoxes(NamedTuple):
 
     @classmethod
     def merge(cls, parts: Sequence[SampledBoxes]) -> SampledBoxes:
-        """All rows."""
+        """Concatenate samples."""
         nothing = cls(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 4)))
         return cls(*(np.concatenate(column) for column in zip(nothing, *parts, strict=True)))
 
     @property
     def key(self) -> Ints:
-        """(n,) one number for frame and camera."""
+        """(n,) integer that identifies frame and camera."""
         return self.frame * 1024 + self.view
 
 
 class BoxChange(NamedTuple):
-    """A change of the tracks in words, and the share of boxes that then fit."""
+    """A correction of the tracks with its description, and the share of boxes that then fit."""
 
     words: str
     fit: float
 
 
 def misfit(tracks: SampledBoxes, truth: SampledBoxes, metrics: Mapping[str, float]) -> tuple[Check, ...]:
-    """The check, with the change that makes tracks fit the truth, where their MOTA is low."""
+    """Check with the correction after which tracks fit the truth, if their MOTA is low."""
     mota = metrics.get("mota", math.nan)
     return outcome(FITS, _found(tracks, truth) if mota < MIN_MOTA else (), mota=mota, allowed=MIN_MOTA)
 
@@ -95,7 +95,7 @@ def _found(tracks: SampledBoxes, truth: SampledBoxes) -> Iterator[Check]:
 
 
 def _changes(tracks: SampledBoxes, truth: SampledBoxes) -> Iterator[tuple[str, SampledBoxes]]:
-    """Changes of the tracks, the simplest first, each alone and together with the best shift of frame numbers."""
+    """Candidate corrections of the tracks, simplest first, each alone and with the best shift of frame numbers."""
     for words, change in _of_boxes():
         ltwh = change(tracks.ltwh)
         there = (ltwh[:, 2:] > 0.0).all(axis=1)
@@ -111,7 +111,7 @@ def _changes(tracks: SampledBoxes, truth: SampledBoxes) -> Iterator[tuple[str, S
 
 
 def _of_boxes() -> Iterator[tuple[str, Callable[[Floats], Floats]]]:
-    """Other interpretations of the four numbers of a box (corners, centres, scaled), with their conversion to ltwh."""
+    """Other meanings of a box's four numbers (corners, centres, scaled), with their conversion to edges and sizes."""
     yield "", np.array
     for scale in SCALES:
         yield f"boxes multiplied by {scale:.3g} (images of another size)", partial(np.multiply, scale)
@@ -126,7 +126,7 @@ def _of_boxes() -> Iterator[tuple[str, Callable[[Floats], Floats]]]:
 
 
 def fit(tracks: SampledBoxes, truth: SampledBoxes) -> float:
-    """F1 of boxes that overlap one of the other side in the same frame by `MIN_IOU`."""
+    """F1 score of boxes that overlap one of the other side in the same frame by at least `MIN_IOU`."""
     common = np.intersect1d(tracks.key, truth.key)
     if not len(common):
         return 0.0
@@ -144,7 +144,7 @@ def fit(tracks: SampledBoxes, truth: SampledBoxes) -> float:
 
 
 def _best_shift(tracks: SampledBoxes, truth: SampledBoxes) -> int:
-    """Shift of the tracks' frames with most boxes that have a true one of about their middle and size (Hough)."""
+    """Shift of the tracks' frame numbers with most boxes near a true box of similar size (Hough transform)."""
     chosen = np.unique(np.linspace(0, len(tracks.frame) - 1, MAX_FRAMES).round().astype(np.int64))
     votes = np.zeros(2 * MAX_SHIFT + 1)
     for view in np.unique(tracks.view).tolist():

@@ -1,7 +1,7 @@
 """Tracks of many targets on the ground against true positions, as points at the times of the truth.
 
-In addition to the figures of `figures`: MODA and MODP, OSPA(2), trajectory GOSPA, whether covariances state how far
-tracks are from the targets that they are on, and how many people there are and were found over time.
+In addition to the figures of `figures`: MODA and MODP, OSPA(2), trajectory GOSPA, consistency of covariances with the
+errors of per-frame pairs, and numbers of targets and tracks over time.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def evaluate_ground(
     limit_ns: int | None,
     unit: str = "m",
 ) -> Evaluation:
-    """Figures of points (x, y); heights are ignored.
+    """Evaluate tracks on the ground as points (x, y); heights are ignored.
 
     A frame is a time at which the truth has a sample of any target.  Truth and tracks are
     interpolated to it, the truth over gaps of at most `limit_ns`, tracks over gaps of at most
@@ -81,7 +81,7 @@ class EvaluatedPart(NamedTuple):
 
 
 class OwnPairs(NamedTuple):
-    """Pairs of each frame alone with a track that has its own row at the time."""
+    """Per-frame pairs in which the track has its own row (not interpolated) at the time."""
 
     target: Ints  # (n,) its identity
     t_ns: Ints  # (n,)
@@ -90,10 +90,10 @@ class OwnPairs(NamedTuple):
 
 
 class GroundFigures:
-    """Every figure of many targets on the ground, of parts of a recording that come twice: to `prepare`, to `update`.
+    """Accumulates all multi-target figures on the ground over parts of a recording, in two passes: `prepare`, `update`.
 
-    What it keeps grows with the number of targets and tracks, not with that of frames, but for time intervals in
-    which trajectory GOSPA is sure of no pair.
+    Memory grows with the number of targets and tracks, not of frames, except for intervals in which trajectory GOSPA
+    fixes no pair.
     """
 
     def __init__(
@@ -156,7 +156,7 @@ class GroundFigures:
         return found._replace(frame=found.frame + part.begin)
 
     def prepare(self, part: EvaluatedPart) -> None:
-        """Learn what must be known of all frames; parts are in the order of time."""
+        """First pass over the parts, in the order of time."""
         points = part.points
         self._labels[0].update(np.unique(points.truth.label).tolist())
         self._labels[1].update(np.unique(points.tracks.label).tolist())
@@ -164,7 +164,7 @@ class GroundFigures:
         self._mot.prepare(self._frames_of(part))
 
     def update(self, part: EvaluatedPart) -> tuple[Counts, Failures]:
-        """Add frames in the order of time; return counts of targets and tracks, and failures of trackers."""
+        """Second pass: add frames in the order of time; return counts of targets and tracks, and failures."""
         points, frames = part.points, self._frames_of(part)
         self._interpolated += _interpolated(points, part.targets)
         made = self._mot.update(frames)
@@ -184,7 +184,7 @@ class GroundFigures:
         return counts, failure_rows(found, points)
 
     def merge(self, other: GroundFigures) -> None:
-        """Take in another recording, with no target and no track in common; no frame is added after it.
+        """Add another recording without common targets or tracks; no frame may be added afterwards.
 
         Counts are added up before rates are made of them, as TrackEval's COMBINED does.
         """
@@ -209,12 +209,12 @@ class GroundFigures:
         return {name: float(value) for name, value in out.items()}
 
     def notes(self) -> list[str]:
-        """Lines that the user must know of."""
+        """Notes for the user."""
         theirs, ours = (np.array(sorted(each), dtype=np.int64) for each in self._labels)
         return unrelated_ids_note(ours, theirs, self._config)
 
     def _detection(self) -> Metrics:
-        """MODA and MODP: how many people are found, and how near, whatever their identities.
+        """MODA and MODP: detection rate and precision of positions, regardless of identities.
 
         MODA = 1 - (missed + false) / objects and MODP = mean of 1 - d / limit over the pairs of all frames together, as
         the evaluation of WILDTRACK has them (Chavdarova et al. 2018; Kasturi et al. 2009), within `moda_distance`.
@@ -228,7 +228,7 @@ class GroundFigures:
         }
 
     def _trajectory(self, cells: int, unit: str) -> Metrics:
-        """OSPA(2) and trajectory GOSPA, the latter as a mean over this many frames."""
+        """OSPA(2), and mean trajectory GOSPA over a number of frames."""
         whole = self._ospa2.result()
         out: Metrics = {
             f"ospa2_{unit}": whole.ospa2,
@@ -246,12 +246,12 @@ class GroundFigures:
 
 
 class PairErrors:
-    """Errors of tracks from the targets that they are on, frame by frame, whatever their identities.
+    """Accumulates errors of tracks from the nearest targets by per-frame pairs, regardless of identities.
 
-    Pairs are rebuilt in each frame: CLEAR-MOT's keep a track that has gone over to a neighbour as long as it is near.
-    Covariances are judged where the track has its own row at the time: an interpolated one has none.  A pair is
-    within the match distance, which bounds the error: a NEES that is to be 2 is a little less where standard deviations
-    come near a third of it.
+    Pairs are assigned in each frame, unlike CLEAR-MOT's, which keep a track that has changed to a neighbour as long as
+    it is near. Covariances are evaluated where the track has its own row at the time (interpolated ones have none).
+    Since the match distance bounds errors, the mean NEES is slightly below 2 if standard deviations approach a third of
+    it.
     """
 
     def __init__(self, unit: str, in_memory: int = NUMBERS_IN_MEMORY) -> None:
@@ -261,7 +261,7 @@ class PairErrors:
         self._nees, self._pairs = Consistency(CHI2_95_2D), 0
 
     def update(self, frames: MatchedFrames, made: MatchedPairs, points: PointTracks, tracks: Tracks) -> OwnPairs:
-        """Pairs of some more frames; those with a track that has a row at the time.
+        """Add frames; return the pairs with a track that has a row at the time.
 
         Args:
             frames: truth and tracks.
@@ -285,7 +285,7 @@ class PairErrors:
         return OwnPairs(points.truth.label[true[own]], times[own], error[own], nees)
 
     def merge(self, other: PairErrors) -> None:
-        """Take in the pairs of another recording."""
+        """Add the pairs of another recording."""
         self._distances.merge(other._distances)
         self._squares.merge(other._squares)
         self._nees.merge(other._nees)
@@ -336,7 +336,7 @@ def counts_over_time(frames: MatchedFrames, made: MatchedPairs, points: PointTra
 
 
 class CountSums:
-    """Mean number of targets and of tracks, and the difference: its mean, root mean square and largest."""
+    """Accumulates numbers of targets and tracks: means, and mean, root mean square and maximum of the difference."""
 
     def __init__(self) -> None:
         """Start without frames."""
@@ -353,7 +353,7 @@ class CountSums:
         self._most = max(self._most, int(np.abs(off).max(initial=0)))
 
     def merge(self, other: CountSums) -> None:
-        """Take in the frames of another recording."""
+        """Add the frames of another recording."""
         self._frames, self._targets = self._frames + other._frames, self._targets + other._targets
         self._tracks, self._off = self._tracks + other._tracks, self._off + other._off
         self._squares, self._most = self._squares + other._squares, max(self._most, other._most)
@@ -371,7 +371,7 @@ class CountSums:
 
 
 def _interpolated(points: PointTracks, paths: Mapping[int, ObjectPath]) -> int:
-    """True objects at times of which the truth has no row for them, but for others."""
+    """Mark true objects interpolated at times at which only other objects have rows."""
     times = points.t_ns[0]
     mine = ((path, times[points.truth.frame[points.truth.label == k]]) for k, path in paths.items())
     return sum(int(np.count_nonzero(~path.sampled(at))) for path, at in mine)
@@ -385,7 +385,7 @@ def times_of(tracks: Tracks, truth: Truth) -> Ints:
 def points_in_true_frames(
     tracks: Tracks, truth: Truth, times: Ints, config: MultiTargetConfig, limit_ns: int | None, unit: str
 ) -> PointTracks:
-    """Truth and tracks at the times of the frames, as the one view without a name."""
+    """Truth and tracks interpolated at the frame times, as one unnamed view."""
     targets = paths_of(truth, "target")
     if len(truth) and not targets:
         raise no_targets()
@@ -401,7 +401,7 @@ def places_of(
     limit_ns: int | None,
     unit: str,
 ) -> PointTracks:
-    """Paths at the times of frames, of which the first one has number `begin`."""
+    """Paths interpolated at the frame times; the first frame has the number `begin`."""
     left = _points(targets, times, limit_ns)
     right = _points(tracks, times, config.gap_ns(limit_ns))
     tau = np.full(len(left.frame), config.match_distance)
@@ -418,7 +418,7 @@ def places_of(
 
 
 def _points(paths: Mapping[int, ObjectPath], times: Ints, limit_ns: int | None) -> Objects:
-    """Return the positions of each path at these times, which rise; no row if unknown."""
+    """Positions of each path at increasing times; no row where unknown."""
     parts = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)))]
     for label, path in paths.items():
         begin, end = np.searchsorted(times, path.t_ns[0]), np.searchsorted(times, path.t_ns[-1], "right")

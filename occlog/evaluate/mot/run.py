@@ -1,4 +1,4 @@
-"""Run of `occlog evaluate` on many targets: in images (view tracks, boxes, MOTChallenge text) and on the ground."""
+"""`occlog evaluate` for many targets: in images (view tracks, boxes, MOTChallenge text) and on the ground."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ TEXT = (".txt", ".csv")
 
 
 def in_images(path: Path | None) -> bool:
-    """Return whether a file holds tracks in images; anything else is for the other figures to judge."""
+    """Whether a file holds tracks in images."""
     if path is None:
         return False
     if _is_text(path):
@@ -76,7 +76,7 @@ def in_images(path: Path | None) -> bool:
 
 
 def evaluate_in_images(request: EvaluateRequest, job: Job) -> Evaluation:
-    """Read, compare, write; the result."""
+    """Evaluate tracks in images, and write the outputs; return the result."""
     compared, config, scene, uncounted = compared_boxes(request)
     begin_work()
     provenance = job.provenance(asdict(config), previous_losses(request.inputs))
@@ -97,7 +97,7 @@ def evaluate_in_images(request: EvaluateRequest, job: Job) -> Evaluation:
 
 
 def _configured(request: EvaluateRequest, ours: Opened | None) -> MultiTargetConfig:
-    """Settings; UsageError for a cutoff that boxes do not have."""
+    """Settings of the request; UsageError for a cutoff, which boxes do not have."""
     named = ours is not None and ours.has(ViewTracks)
     own = "id" if named and not initiated_from_detections(request.tracks) else "start"
     overlap = configure(EvaluateConfig(), request.settings).iou_threshold
@@ -117,7 +117,7 @@ def _configured(request: EvaluateRequest, ours: Opened | None) -> MultiTargetCon
 def compared_boxes(
     request: EvaluateRequest,
 ) -> tuple[ComparedBoxes, MultiTargetConfig, Scene | None, tuple[str, ...]]:
-    """Open tracks and truth and lay them against each other; with the settings, the scene of the truth, and notes."""
+    """Open tracks and truth for comparison; also return the settings, the scene of the truth, and notes."""
     if request.tracks is None or request.truth is None:
         raise UsageError(
             f"tracks in images need {option('truth')}: a recording or a table with true boxes, or MOTChallenge text",
@@ -151,7 +151,7 @@ def compared_boxes(
 
 
 def _uncounted(path: Path, marks: Marks, rule: str) -> tuple[str, ...]:
-    """A line on true boxes that do not count by the rules of a benchmark; InputError where none counts."""
+    """Note on true boxes that a benchmark's rules exclude; InputError if none is left."""
     skipped = ~(marks.counts & (marks.kind == PEDESTRIAN))
     if not skipped.any():
         return ()
@@ -165,7 +165,7 @@ def _uncounted(path: Path, marks: Marks, rule: str) -> tuple[str, ...]:
 
 
 def _timed(ours: Opened, theirs: Opened) -> Sides:
-    """Tracks and true boxes of the same times, in chunks."""
+    """Generate tracks and true boxes of the same times, in chunks."""
     kind: type[Boxes] = TruthBoxes if ours.has(TruthBoxes) else Boxes
     ellipses = opened_rows(ours, ViewTracks)
     boxes = opened_rows(ours, kind)
@@ -180,7 +180,7 @@ def _timed(ours: Opened, theirs: Opened) -> Sides:
 
 
 def _benchmark(truth: Path, config: MultiTargetConfig, text: bool) -> str:
-    """The rules for classes: as asked for, or as the columns of the truth require them if it is MOTChallenge text."""
+    """Rules for classes: as requested, or as the truth's columns require for MOTChallenge text."""
     classes = text and not has_no_rows(truth) and has_classes(truth)
     if config.benchmark == "auto":
         return "mot17" if classes else "mot15"
@@ -193,12 +193,12 @@ def _benchmark(truth: Path, config: MultiTargetConfig, text: bool) -> str:
 
 
 def has_no_rows(path: Path) -> bool:
-    """Return whether a text has no line of data: nothing was tracked, or no target is present."""
+    """Whether a text file has no data line: nothing was tracked, or no target is present."""
     return path.stat().st_size == 0 or not first_line(path, "MOTChallenge text")
 
 
 def _asked(given: Mapping[str, object]) -> str | None:
-    """Return the user's rule for the identities of a target."""
+    """Rule for the target of a track that the user requests."""
     return None if given.get("assigned_target") is None else str(given["assigned_target"])
 
 
@@ -208,7 +208,7 @@ def _strings(value: object) -> tuple[str, ...]:
 
 @contextmanager
 def _named(files: Mapping[str, Path]) -> Iterator[None]:
-    """Put the file in place of the word with which a message begins."""
+    """Replace the word at the beginning of messages by the file name."""
     try:
         yield
     except InputError as error:
@@ -217,7 +217,7 @@ def _named(files: Mapping[str, Path]) -> Iterator[None]:
 
 
 def _is_text(path: Path) -> bool:
-    """Return whether a file is MOTChallenge text: it is named so, and is neither a recording nor a table."""
+    """Whether a file is MOTChallenge text by its name, and neither a recording nor a table."""
     if path.suffix.lower() not in TEXT or open_if_ours(path, "MOTChallenge text") is not None:
         return False
     return not path.stat().st_size or not is_external(path)
@@ -226,7 +226,10 @@ def _is_text(path: Path) -> bool:
 def _read_both(
     tracks: Path, truth: Path, config: MultiTargetConfig, rule: str
 ) -> tuple[Boxes, TruthBoxes, Scene | None]:
-    """Tracks and truth; text is of the camera that the other file has.  With classes the truth has all its rows."""
+    """Read tracks and truth; MOTChallenge text is of the camera in the other file.
+
+    With classes the truth has all its rows.
+    """
     if not _is_text(truth):
         boxes, scene = _read_truth(truth)
         ours = _read_text(tracks, _sole_camera(truth, boxes, config), Boxes, config) if _is_text(tracks) else None
@@ -238,14 +241,14 @@ def _read_both(
 
 
 def _read_annotated(tracks: Path, truth: Path, config: MultiTargetConfig, counted: str) -> tuple[Boxes, TruthBoxes]:
-    """Tracks, and truth in a format of an annotation tool, which is of one camera of theirs."""
+    """Read tracks, and truth in the format of an annotation tool, for one of the tracks' cameras."""
     found, name = _tracks_of_one(tracks, config)
     boxes = read_annotation(truth, counted, name, config)
     return found, boxes if _is_text(tracks) else timed_like(boxes, found, name, config, truth)
 
 
 def _tracks_of_one(path: Path, config: MultiTargetConfig) -> tuple[Boxes, str]:
-    """Tracks, and the camera that a truth of one camera without its name is of."""
+    """Tracks, and their camera to which a truth without a camera name refers."""
     if not _is_text(path):
         found = _read_tracks(path)
         return found, _sole_camera(path, found, config)
@@ -278,9 +281,9 @@ def _sole_camera(path: Path, boxes: Boxes, config: MultiTargetConfig) -> str:
 def _read_text(
     path: Path, camera: str, table: type[B], config: MultiTargetConfig, last: int | None = None, *, marked: bool = False
 ) -> B:
-    """MOTChallenge text; rows that are marked as not to be counted (0) are skipped if `marked`.
+    """Read MOTChallenge text; rows marked as excluded (0) are skipped if `marked`.
 
-    The truth knows of all frames from the first one on, also of those up to `last` that come after its rows.
+    The truth covers all frames from the first one to `last`, including those after its rows.
     """
     times: dict[str, FrameTimes] = {camera: frame_times(config)}
     if has_no_rows(path):

@@ -1,12 +1,8 @@
 """Tracks of many targets in images against true boxes: failure rates of [Qu], CLEAR-MOT, IDF1, HOTA and GOSPA.
 
-Which target is a track's own: the one of its number, the first one it is on, or the one it is on most.
-`on_ground` compares tracks on the ground, with the same figures and more.
-
-Tracks in images and true boxes, laid against each other frame by frame in memory that does not grow with length.
-
-The tables are read four times: for the cameras, for their frames and who is in them, and twice for the figures.
-Tables in memory are one chunk.
+The target assigned to a track is the one of its number, the first one it is on, or the one it is on most. `on_ground`
+compares tracks on the ground. The comparison is frame by frame in bounded memory: tables are read four times, for the
+cameras, for their frames and identities, and twice for the figures. Tables in memory are one chunk.
 """
 
 from __future__ import annotations
@@ -39,7 +35,7 @@ from .truth_and_tracks import TruthAndTracks, asked_for, boxes_in_true_frames, c
 
 
 class NearPairs(NamedTuple):
-    """Pairs of a track's row and a true row that are near each other in a frame."""
+    """Pairs of a track's row and a nearby true row in one frame."""
 
     truth: Ints
     track: Ints
@@ -47,7 +43,7 @@ class NearPairs(NamedTuple):
 
 
 def assigned_targets(truth: Objects, tracks: Objects, tau: Floats, t_ns: Ints, how: str) -> Ints:
-    """(m,) label of the target that each row's track belongs to; `NO_TARGET`: the track has no target.
+    """(m,) label of the target assigned to each row's track; `NO_TARGET` if none is.
 
     Args:
         truth: points.
@@ -64,16 +60,16 @@ def assigned_targets(truth: Objects, tracks: Objects, tau: Floats, t_ns: Ints, h
 
 
 class AssignedTargets:
-    """Finds which target is each track's own, while parts of a recording come by, in the order of time."""
+    """Determines the target assigned to each track, over parts of a recording in the order of time."""
 
     def __init__(self, how: str) -> None:
-        """Create an empty evaluation; `how`: see `assigned_targets`."""
+        """Start without rows; `how`: see `assigned_targets`."""
         self._how = how
         self._first: dict[int, int] = {}
         self._met: Counter[tuple[int, int]] = Counter()
 
     def update(self, truth: Objects, tracks: Objects, tau: Floats, t_ns: Ints) -> None:
-        """Add a part of the rows; see `assigned_targets`."""
+        """Add a part; see `assigned_targets`."""
         if self._how == "id":
             return
         near = _near(truth, tracks, tau)
@@ -86,7 +82,7 @@ class AssignedTargets:
         self._met.update(dict(zip(map(tuple, pairs.tolist()), count.tolist(), strict=True)))
 
     def of(self, labels: Ints) -> Ints:
-        """Label of the own target of each of these tracks; `NO_TARGET`: it has none."""
+        """Label of the target assigned to each track; `NO_TARGET` if none is."""
         if self._how == "id":
             return labels
         own = self._first if self._how == "start" else self._best
@@ -95,7 +91,7 @@ class AssignedTargets:
 
     @cached_property
     def _best(self) -> dict[int, int]:
-        """One-to-one assignment of tracks to targets with the most pairs."""
+        """One-to-one assignment of tracks to targets with most pairs."""
         couples = sorted(self._met.items())
         track, target = np.array([couple for couple, _ in couples], dtype=np.int64).reshape(-1, 2).T
         met = np.array([count for _, count in couples], dtype=np.float64)
@@ -117,7 +113,7 @@ def _near(truth: Objects, tracks: Objects, tau: Floats) -> NearPairs:
 
 
 class PointTracks(NamedTuple):
-    """Truth and tracks as points, with the limits of distance and the frames for counting failures."""
+    """Truth and tracks as points, with distance limits and frames, for failure rates."""
 
     truth: Objects
     tracks: Objects
@@ -129,11 +125,11 @@ class PointTracks(NamedTuple):
     unit: str  # of distances
 
     def times(self, side: Objects) -> Ints:
-        """(n,) time of each row."""
+        """(n,) time of each row [ns]."""
         return self._at(self.t_ns, side)
 
     def numbers(self, side: Objects) -> Ints:
-        """(n,) number of each row's frame in the camera's stream."""
+        """(n,) frame number of each row in the camera's stream."""
         return self._at(self.number, side)
 
     def _at(self, values: tuple[Ints, ...], side: Objects) -> Ints:
@@ -147,9 +143,9 @@ def keys_of(side: Objects) -> Ints:
 
 
 class ImageTrackFigures:
-    """Every figure of many targets in images, of parts of a recording that come twice: to `prepare`, then to `update`.
+    """Accumulates all multi-target figures in images over parts of a recording, in two passes: `prepare`, `update`.
 
-    What it keeps grows with the number of targets and tracks, not with that of frames.
+    Memory grows with the number of targets and tracks, not of frames.
     """
 
     def __init__(self, views: tuple[str, ...], targets: Ints, tracks: Ints, config: MultiTargetConfig) -> None:
@@ -171,7 +167,7 @@ class ImageTrackFigures:
         self._across = IdentityCounts(len(labels[0]), len(labels[1]), config.match_iou)
 
     def prepare(self, part: TruthAndTracks, begin: Sequence[int]) -> None:
-        """Learn what must be known of all frames; `begin`: number of frames of each view before this part."""
+        """First pass; `begin`: number of frames of each view before this part."""
         points = centres_and_limits(part, self._config)
         self._owners.update(points.truth, points.tracks, points.tau, points.times(points.tracks))
         self._pooled.prepare(part.truth, part.tracks, begin)
@@ -179,7 +175,7 @@ class ImageTrackFigures:
             each.prepare(of_view(part.truth, v), of_view(part.tracks, v), begin[v : v + 1])
 
     def update(self, part: TruthAndTracks, begin: Sequence[int]) -> Failures:
-        """Add frames in the order of time; return their failures."""
+        """Second pass, in the order of time; return the failures."""
         points = centres_and_limits(part, self._config)
         found = find_failures(points, self._owners)
         self._pooled.update(part.truth, part.tracks, begin, found, found.frame >= 0)
@@ -190,9 +186,9 @@ class ImageTrackFigures:
         return failure_rows(found, points)
 
     def merge(self, other: ImageTrackFigures) -> None:
-        """Add the sums of another recording, with different cameras; figures of single views are dropped.
+        """Add another recording with different cameras; no frame may be added afterwards.
 
-        Frames cannot be added afterwards.
+        Figures of single views are dropped.
         """
         # Of one view identities across views are those of the view
         self._across, across = (
@@ -219,7 +215,7 @@ class ImageTrackFigures:
         return {name: float(value) for name, value in out.items()}
 
     def notes(self) -> list[str]:
-        """Lines that the user must know of."""
+        """Notes for the user."""
         theirs, ours = self._labels
         return unrelated_ids_note(ours, theirs, self._config)
 
@@ -265,7 +261,7 @@ class _ImageFigures:
 
 
 def _across_views(truth: Objects, tracks: Objects, labels: Sequence[Ints]) -> MatchedFrames:
-    """Frames in which identities are the same in all views, as for several cameras of one position."""
+    """Frames with identities common to all views, as for several cameras of one place."""
     sides = []
     for side in (truth, tracks):
         sides.append(Objects(side.frame + (_views_of(side) << 40), side.label, side.position))
@@ -274,7 +270,7 @@ def _across_views(truth: Objects, tracks: Objects, labels: Sequence[Ints]) -> Ma
 
 
 def centres_and_limits(compared: TruthAndTracks, config: MultiTargetConfig) -> PointTracks:
-    """Middles of the boxes; a target's radius is sqrt(half width * half height)."""
+    """Centres of the boxes, with distance limits; a target's radius is sqrt(half width * half height)."""
     radius = 0.5 * np.sqrt(compared.truth.position[:, 2] * compared.truth.position[:, 3])
     tau = (
         config.distance_gate * radius
@@ -294,13 +290,13 @@ def centres_and_limits(compared: TruthAndTracks, config: MultiTargetConfig) -> P
 
 
 def find_failures(points: PointTracks, owners: AssignedTargets) -> failure_rates.FailureRates:
-    """Failures of trackers, each of which has its own target or none."""
+    """Failures of trackers, with their assigned targets (if any)."""
     own = owners.of(points.tracks.label)
     return failure_rates.failures(points.truth, points.tracks, points.tau, own)
 
 
 def failure_rows(found: failure_rates.FailureRates, points: PointTracks) -> Failures:
-    """The table of failures, by time, camera and target."""
+    """Table of failures, sorted by time, camera and target."""
     view = found.view.astype(np.int64)
     at = Objects(found.frame, found.target, np.zeros((len(view), 2)), view)
     names: Strings = np.array([*points.views, ""], dtype=np.str_)
@@ -323,7 +319,7 @@ def _views_of(side: Objects) -> Ints:
 
 
 def _visible(at: Objects, points: PointTracks) -> Floats:
-    """(n,) visible share of the target of each row; NaN where it is not known or not in the frame."""
+    """(n,) visible share of the target of each row; NaN if unknown or absent in the frame."""
     known = zip(_views_of(points.truth).tolist(), points.truth.frame.tolist(), points.truth.label.tolist(), strict=True)
     share = dict(zip(known, points.visible.tolist(), strict=True))
     rows = zip(_views_of(at).tolist(), at.frame.tolist(), at.label.tolist(), strict=True)
@@ -331,12 +327,12 @@ def _visible(at: Objects, points: PointTracks) -> Floats:
 
 
 def skipped_cameras_note(names: Sequence[str]) -> list[str]:
-    """A line on cameras of the truth that no track is in; none where there is no such camera."""
+    """Note on cameras of the truth without any track; None if there is none."""
     return [f"skipped: {', '.join(names)}: in the truth, but without any track"] if names else []
 
 
 def unrelated_ids_note(ours: Ints, theirs: Ints, config: MultiTargetConfig) -> list[str]:
-    """A line if the numbers of tracks and targets, rising both, have nothing to do with each other."""
+    """Note if the sorted numbers of tracks and targets are unrelated; None otherwise."""
     if config.assigned_target != "id" or not len(ours) or np.isin(ours, theirs).any():
         return []
     return [
@@ -356,7 +352,7 @@ Sides = Callable[[], Iterator[tuple[Boxes, TruthBoxes]]]
 
 @dataclass
 class _Side:
-    """State of one side: its cameras, those asked for, numbers of frames of all rows and of those asked for."""
+    """One side (tracks or truth): cameras, selected cameras, and frame numbers of all and of selected rows."""
 
     cameras: set[str] = field(default_factory=set)
     wanted: set[str] = field(default_factory=set)
@@ -373,7 +369,7 @@ class _Side:
             self.frames = min(low, int(boxes.frame.min())), max(high, int(boxes.frame.max()))
 
     def check(self, what: str, config: MultiTargetConfig) -> None:
-        """InputError where a camera, or of the truth any frame, that is asked for is missing."""
+        """InputError if a selected camera, or every selected frame of the truth, is missing."""
         if missing := [name for name in config.cameras if name not in self.cameras]:
             raise InputError(
                 f"{what}: no camera {', '.join(missing)}; there is {', '.join(sorted(self.cameras)) or 'none'}",
@@ -388,7 +384,7 @@ class _Side:
 
 
 class ComparedBoxes:
-    """Tracks in images and their true boxes, in the frames that the truth has.
+    """Tracks in images and true boxes, in the frames of the truth.
 
     Attributes:
         views: cameras that are compared.
@@ -449,7 +445,7 @@ class ComparedBoxes:
         }
 
     def _wanted(self) -> Iterator[tuple[Boxes, TruthBoxes]]:
-        """Rows of the cameras and frames that are asked for."""
+        """Generate the rows of the selected cameras and frames."""
         for tracks, truth in self._sides():
             if self._config.cameras or self._config.frames is not None:
                 yield tracks.take(asked_for(tracks, self._config)), truth.take(asked_for(truth, self._config))
@@ -457,7 +453,7 @@ class ComparedBoxes:
                 yield tracks, truth
 
     def parts(self) -> Iterator[tuple[list[int], TruthAndTracks]]:
-        """Number of frames of each view before a part, and the part."""
+        """Generate (number of frames of each view before the part, part)."""
         begin = [0] * len(self.views)
         for tracks, truth in self._wanted():
             part = boxes_in_true_frames(tracks, truth, self.views, by_number=self._by_number)
@@ -466,7 +462,7 @@ class ComparedBoxes:
             begin = [n + more for n, more in zip(begin, part.frames, strict=True)]
 
     def _disjoint_note(self) -> str:
-        """Why no track is in a frame of the truth."""
+        """Explain why no track is in a frame of the truth."""
         found, true = (_first_of(rows) for rows in zip(*self._wanted(), strict=True))
         if self._by_number:
             return (
@@ -479,7 +475,7 @@ class ComparedBoxes:
         )
 
     def figures(self, take: Callable[[Failures], None] | None = None) -> ImageTrackFigures:
-        """All figures, while `take` gets failures as they come."""
+        """All figures; failures are passed to `take`."""
         out = ImageTrackFigures(self.views, self.targets, self.tracks, self._config)
         for begin, part in self.parts():
             out.prepare(part, begin)
@@ -490,14 +486,14 @@ class ComparedBoxes:
         return out
 
     def evaluate(self, take: Callable[[Failures], None] | None = None) -> Evaluation:
-        """The evaluation, while `take` gets failures as they come."""
+        """The evaluation; failures are passed to `take`."""
         found = self.figures(take)
         notes = (*skipped_cameras_note(self.left_out), *found.notes())
         metrics = found.result(self.frames, self.counts)
         return Evaluation(metrics, notes=notes, checks=misfit(*self._sampled(), metrics))
 
     def _sampled(self) -> tuple[SampledBoxes, SampledBoxes]:
-        """Boxes from the begin of both sides, by frame number, or by the truth's time step."""
+        """Boxes from the beginning of both sides, by frame number, or by the truth's time step."""
         tracks: list[SampledBoxes] = []
         truth: list[SampledBoxes] = []
         first, step = 0, 0
@@ -513,7 +509,7 @@ class ComparedBoxes:
 
 
 def _first_of(parts: Iterable[Boxes]) -> tuple[str, str]:
-    """The first row with a box, in words, and the numbers of the frames that have one."""
+    """Description of the first row with a box, and the numbers of the frames with boxes."""
     rows = [part.take(part.box >= 0) if not isinstance(part, TruthBoxes) else part for part in parts if len(part)]
     rows = [part for part in rows if len(part)]
     low, high = min(int(part.frame.min()) for part in rows), max(int(part.frame.max()) for part in rows)

@@ -1,16 +1,12 @@
-"""Boxes of tracks and true boxes in the same frames: of one camera and time, each identity once in a frame.
-
-`boxes_in_true_frames` selects them, `view_boxes` gives those of a view back as tables.
-
-True boxes of annotation tools that count frames and know no times: XML (PETS, CAVIAR), VATIC's and KITTI's text.
+"""Boxes of tracks and true boxes in common frames (camera and time), with each identity once per frame.
+`boxes_in_true_frames` selects them, `view_boxes` returns those of a view as tables. True boxes of annotation tools have
+frame numbers without times: XML (PETS, CAVIAR), VATIC's and KITTI's text.
 
 `occlog ingest --truth` reads the same files by the same readers.  Frames are those of the tracks by their numbers, so
 that the times are needed in tables only.
 
-Truth with classes, as the MOTChallenge and TrackEval treat it before they score.
-
-Tracks of a box that is a person in some way, but no pedestrian to be tracked, are neither right nor wrong and are
-dropped; so are true boxes that are marked 0 or of another class than pedestrian.
+Truth with classes is preprocessed as in MOTChallenge and TrackEval: tracks of a distractor (a person who is not a
+pedestrian to be tracked) are dropped, as are true boxes marked 0 or of another class than pedestrian.
 """
 
 from __future__ import annotations
@@ -42,7 +38,7 @@ from .figures import of_view
 
 
 class TruthAndTracks(NamedTuple):
-    """Truth and tracks in the frames that the truth knows.
+    """Truth and tracks in the frames of the truth.
 
     A camera is a view, numbered in the order of names; `frame` of the objects counts the true
     frames of its view in the order of time.
@@ -79,7 +75,7 @@ def box_edges(boxes: Boxes) -> Floats:
 def boxes_in_true_frames(
     tracks: Boxes, truth: TruthBoxes, views: tuple[str, ...], *, by_number: bool = False
 ) -> TruthAndTracks:
-    """Tracks and truth of the frames that the truth has, with a box or known to have none, of a part of a recording.
+    """Select tracks and truth in the frames that the truth has, including frames known to be empty, of one part.
 
     Args:
         tracks: boxes with identities; `boxes_of_ellipses` makes them of ellipses.
@@ -119,7 +115,7 @@ def boxes_in_true_frames(
 
 
 def asked_for(boxes: Boxes, config: MultiTargetConfig) -> Bools:
-    """(n,) which rows are of the cameras and frames asked for."""
+    """(n,) mask of rows of the selected cameras and frames."""
     keep = np.isin(boxes.sensor, config.cameras) if config.cameras else np.ones(len(boxes), dtype=np.bool_)
     if config.frames is not None:
         keep &= (boxes.frame >= config.frames[0]) & (boxes.frame < config.frames[1])
@@ -127,7 +123,7 @@ def asked_for(boxes: Boxes, config: MultiTargetConfig) -> Bools:
 
 
 def compared_views(ours: Collection[str], theirs: Collection[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Cameras of tracks and truth, and those of the truth without a track.
+    """Common cameras of tracks and truth, and those of the truth without tracks.
 
     Raises:
         InputError: the truth has no camera, or the tracks have others than the truth.
@@ -148,7 +144,7 @@ def compared_views(ours: Collection[str], theirs: Collection[str]) -> tuple[tupl
 
 
 def _frames(truth: TruthBoxes, views: Sequence[str], key: str) -> tuple[tuple[Ints, ...], tuple[Ints, ...], list[Ints]]:
-    """Times, numbers and keys of the true frames of each view, by rising key."""
+    """Times, numbers and keys of the true frames of each view, sorted by key."""
     times, numbers, keys = [], [], []
     for name in views:
         rows = truth.take(truth.sensor == name)
@@ -160,7 +156,7 @@ def _frames(truth: TruthBoxes, views: Sequence[str], key: str) -> tuple[tuple[In
 
 
 def _cells(boxes: Boxes, views: Sequence[str], keys: Sequence[Ints], key: str) -> tuple[Ints, Ints]:
-    """View of each row and its position among the true frames; -1 where it is in none."""
+    """View of each row, and index of its frame among the true frames; -1 if it is in none."""
     view, cell = np.zeros(len(boxes), dtype=np.int64), np.full(len(boxes), -1, dtype=np.int64)
     values = getattr(boxes, key)
     for v, name in enumerate(views):
@@ -174,7 +170,7 @@ def _cells(boxes: Boxes, views: Sequence[str], keys: Sequence[Ints], key: str) -
 
 
 def _check_identities(what: str, boxes: Boxes, view: Ints, cell: Ints) -> None:
-    """InputError where an object has no identity, or the same one as another in the frame."""
+    """InputError for a row without identity, or with a repeated one in the frame."""
     order = np.lexsort((boxes.target_id, cell, view))
     keys = np.column_stack([view, cell, boxes.target_id])[order]
     same = (keys[1:] == keys[:-1]).all(axis=1)
@@ -190,7 +186,7 @@ def _check_identities(what: str, boxes: Boxes, view: Ints, cell: Ints) -> None:
 
 
 def joined(parts: Sequence[TruthAndTracks]) -> TruthAndTracks:
-    """Parts of a recording, one or more in the order of time, as one."""
+    """Concatenate parts of a recording in the order of time."""
     begin = np.zeros(len(parts[0].views), dtype=np.int64)
     truth, tracks = list[Objects](), list[Objects]()
     for part in parts:
@@ -210,7 +206,7 @@ def joined(parts: Sequence[TruthAndTracks]) -> TruthAndTracks:
 
 
 def view_boxes(compared: TruthAndTracks, view: int) -> tuple[TruthBoxes, Boxes]:
-    """True boxes and tracks of one view, in the frames that are compared."""
+    """True boxes and tracks of one view, in the compared frames."""
     t_ns, number, name = compared.t_ns[view], compared.number[view], compared.views[view]
     return (
         TruthBoxes.of(**_columns(of_view(compared.truth, view), t_ns, number, name)),
@@ -236,7 +232,7 @@ def _columns(side: Objects, t_ns: Ints, number: Ints, name: str) -> dict[str, ob
 
 
 def frame_rate(compared: TruthAndTracks, view: int) -> float:
-    """Frames a second of a view, from the median of its intervals; 1 where it has a single frame."""
+    """Frame rate of a view [Hz], by the median interval; 1 for a single frame."""
     steps = np.diff(compared.t_ns[view]) / np.maximum(np.diff(compared.number[view]), 1)
     return float(NS / np.median(steps)) if len(steps) and np.median(steps) > 0 else 1.0
 
@@ -261,7 +257,7 @@ SAME_RATE = 0.01
 
 
 def annotation_format(path: Path) -> str | None:
-    """Name of the format of an annotation tool in which a file is; None: it is anything else."""
+    """Annotation tool format of a file; None for others."""
     if not path.is_file() or not path.stat().st_size or open_if_ours(path) is not None:
         return None
     try:
@@ -271,7 +267,7 @@ def annotation_format(path: Path) -> str | None:
 
 
 def read_annotation(path: Path, name: str, camera: str, config: MultiTargetConfig) -> TruthBoxes:
-    """All true boxes of a file, those of frames that are not compared included.
+    """Read all true boxes of a file, including frames that are not compared.
 
     Args:
         path: the file.
@@ -298,13 +294,13 @@ def read_annotation(path: Path, name: str, camera: str, config: MultiTargetConfi
 
 
 def frame_times(config: MultiTargetConfig) -> FrameTimes:
-    """Times of frames by the given rate; where none is given, 25 a second are assumed."""
+    """Frame times by the given rate, or 25 Hz by default."""
     rate = RATE if config.fps is None else config.fps
     return rate_times(as_rate(rate), "assumed" if config.fps is None else "given")
 
 
 def timed_like(truth: TruthBoxes, tracks: Boxes, camera: str, config: MultiTargetConfig, path: Path) -> TruthBoxes:
-    """The truth with the times that its frames have in the tracks; frames between and beyond these are evenly spaced.
+    """Truth with the times that its frames have in the tracks; other frames are interpolated and extrapolated evenly.
 
     Args:
         truth: true boxes of a file without times.
@@ -338,7 +334,7 @@ def timed_like(truth: TruthBoxes, tracks: Boxes, camera: str, config: MultiTarge
 
 
 def check_counted(path: Path, name: str | None, text: bool, config: MultiTargetConfig) -> None:
-    """UsageError for a frame rate or a first number that the file with the truth has no use for.
+    """UsageError for a frame rate or first number that the truth file does not need.
 
     Args:
         path: the file.
@@ -362,10 +358,10 @@ IOU_THRESHOLD = 0.5
 
 
 def pedestrians(compared: TruthAndTracks, marks: Marks, distractors: tuple[int, ...]) -> TruthAndTracks:
-    """The truth that counts, and the tracks that are not of distractors.
+    """Truth that counts, and tracks that are not of distractors.
 
-    In each frame tracks are paired one to one with all true boxes, of any class and mark, so that the sum of overlaps
-    of at least one half is largest; a track with a box that is a distractor's is dropped.
+    In each frame tracks are paired one to one with all true boxes, of any class and mark, to maximise the sum of
+    overlaps of at least one half; a track paired with a distractor is dropped.
 
     Args:
         compared: truth and tracks of one view, with every row of the truth.
@@ -391,7 +387,7 @@ def pedestrians(compared: TruthAndTracks, marks: Marks, distractors: tuple[int, 
 
 
 def _on(compared: TruthAndTracks, distractor: Bools) -> Bools:
-    """(m,) tracks that are paired with a true box that is a distractor."""
+    """(m,) mask of tracks paired with a distractor."""
     truth, tracks = _by_frame(compared.truth), _by_frame(compared.tracks)
     out = np.zeros(len(compared.tracks.frame), dtype=np.bool_)
     for frame, ours in tracks.items():
@@ -407,7 +403,7 @@ def _on(compared: TruthAndTracks, distractor: Bools) -> Bools:
 
 
 def _by_frame(side: Objects) -> dict[int, Ints]:
-    """Rows of each frame, by label."""
+    """Rows of each frame, sorted by label."""
     order = np.lexsort((side.label, side.frame))
     frames, first = np.unique(side.frame[order], return_index=True)
     return dict(zip(frames.tolist(), np.split(order, first)[1:], strict=True))

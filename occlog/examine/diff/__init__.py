@@ -1,1 +1,1 @@
-"""Verb: report whether two outputs are the same, and where they first differ."""
+"""`occlog diff`: whether two outputs are the same, and where they first differ."""

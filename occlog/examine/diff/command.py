@@ -97,7 +97,7 @@ def command(
 def make_tolerances(
     rtol: float, atol: float, tol: tuple[str, ...], tol_unit: tuple[str, ...], time_tol: str
 ) -> Tolerances:
-    """Read the tolerances from the options' texts; UsageError names what cannot be read."""
+    """Parse the tolerances from option texts; UsageError for invalid ones."""
     for name, value in (("--rtol", rtol), ("--atol", atol)):
         if not math.isfinite(value):
             raise UsageError(f"{name} {value}: expected a finite number")

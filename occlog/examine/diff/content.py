@@ -1,7 +1,4 @@
-"""Comparison of files that are neither tables nor recordings: YAML by its values, all others byte by byte.
-
-Comparison of two JSON values, entry by entry.
-"""
+"""Comparison of other files than tables and recordings: JSON and YAML by values, all others byte by byte."""
 
 from __future__ import annotations
 
@@ -68,14 +65,14 @@ _ABSENT = object()
 
 
 class _JsonWalk(NamedTuple):
-    """Walk over two JSON values of a file."""
+    """Recursive comparison of two JSON values."""
 
     name: str
     limits: Tolerances
     provenance: bool
 
     def values(self, path: str, key: str, a: object, b: object) -> Iterator[RowDifference | str]:
-        """Yield a difference, or `both`, for every value that is not a container.
+        """Generate a difference, or `both`, for every value that is not a container.
 
         Args:
             path: position of both values in the file, as `tracks[0].x`; empty for the whole file.
@@ -96,7 +93,7 @@ class _JsonWalk(NamedTuple):
             yield self._value(path or "value", key, a, b)
 
     def _entry(self, path: str, key: str, a: object, b: object) -> Iterator[RowDifference | str]:
-        """Walk on in an entry of a container that may be absent in one of the files."""
+        """Compare an entry of a container that may be missing in one file."""
         if a is _ABSENT:
             yield RowDifference("added", self.name, {"path": path}, key, b=_short(b))
         elif b is _ABSENT:
@@ -105,7 +102,7 @@ class _JsonWalk(NamedTuple):
             yield from self.values(path, key, a, b)
 
     def _value(self, path: str, key: str, a: object, b: object) -> RowDifference | str:
-        """Compare two values of which at least one is no container."""
+        """Compare two values of which at least one is not a container."""
         if not (_is_number(a) and _is_number(b)):
             same = type(a) is type(b) and a == b
             return "both" if same else RowDifference("value", self.name, {"path": path}, key, a=_short(a), b=_short(b))
@@ -138,14 +135,14 @@ def _is_list(value: object) -> TypeGuard[Sequence[object]]:
 
 
 def _short(value: object) -> Scalar:
-    """Return a container in a few words, any other value as it is."""
+    """Short description of a container; other values are unchanged."""
     if isinstance(value, Mapping):
         return f"an object of {len(value)} entries"
     return f"a list of {len(value)} entries" if _is_list(value) else cast(Scalar, value)
 
 
 def compare_verdicts(name: str, a: Path, b: Path) -> list[DiffResult]:
-    """Compare what stages that made both files found against them; nothing where they found the same."""
+    """Compare the verdicts stored in both files; empty if equal."""
     from occlog.io.files.inputs import verdicts_of_file
 
     left, right = ({verdict.stage: verdict for verdict in verdicts_of_file(path)} for path in (a, b))
@@ -164,7 +161,7 @@ def compare_verdicts(name: str, a: Path, b: Path) -> list[DiffResult]:
 
 
 def compare_provenance(name: str, a: object, b: object) -> DiffResult:
-    """Compare how two files were made."""
+    """Compare the provenance of two files."""
     return diff_json(f"{name}: provenance", a, b, provenance=True)
 
 
@@ -191,9 +188,9 @@ FRACTION = re.compile(rb"-?\d+\.\d+(?:[eE][-+]?\d+)?")
 
 
 def _same_pages(a: bytes, b: bytes) -> bool:
-    """Return whether pages differ by one unit of the last digit of numbers with a decimal point at most.
+    """Whether report pages are equal up to one unit in the last digit of decimal numbers.
 
-    Other processors round the last digits of the numbers that are shown another way.
+    Rounding of displayed numbers depends on the processor.
     """
     if FRACTION.split(a) != FRACTION.split(b):
         return False
@@ -208,7 +205,7 @@ def _same_pages(a: bytes, b: bytes) -> bool:
 
 
 def content(path: Path, settings: DiffSettings) -> bytes:
-    """Read a file; the provenance in a report's page or picture is skipped unless it counts."""
+    """Content of a file for comparison; provenance in a report page or picture is removed unless it is compared."""
     try:
         data = path.read_bytes()
     except FileNotFoundError:
@@ -255,7 +252,7 @@ def values_in(name: str, data: bytes) -> object:
 
 
 def diff_bytes(name: str, a: bytes, b: bytes) -> DiffResult:
-    """Compare two files byte by byte; the first difference is named by byte, and by line in text."""
+    """Compare two files byte by byte; the first difference is located by byte, and by line in text."""
     if a == b:
         return DiffResult(name, "bytes", count_a=len(a), count_b=len(b), matched=len(a))
     shorter = min(len(a), len(b))
@@ -273,7 +270,7 @@ def diff_bytes(name: str, a: bytes, b: bytes) -> DiffResult:
 
 
 def _line(data: bytes, at: int) -> str | None:
-    """Return the line around a byte, shortened; None at the end of the file."""
+    """The line around a byte, shortened; None at the end of the file."""
     if at >= len(data):
         return None
     start = data.rfind(b"\n", 0, at) + 1

@@ -1,4 +1,4 @@
-"""Comparison of two recordings: their frames and foreign messages, the rows of their tables, attached files."""
+"""Comparison of two recordings: frames and external messages, table rows, attachments."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ROWS = 4096
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedMessages(ColumnTable):
-    """Frames of a recording, and messages of other programs, one a row; never written to a file."""
+    """Frames of a recording and external messages, one per row; for comparison only."""
 
     NAME: ClassVar[str] = "messages"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "topic")
@@ -40,7 +40,7 @@ class RecordedMessages(ColumnTable):
 
 
 def compare_recordings(a: Path, b: Path, name: str, settings: DiffSettings) -> list[DiffResult]:
-    """Compare two recordings: attached files, frames, each table, and with `provenance` how they were made."""
+    """Compare attachments, frames, each table and, with `provenance`, the provenance of two recordings."""
     left, right = open_recording(a), open_recording(b)
     out = [_compare_attachments(left, right, name, settings)]
     out.append(
@@ -61,7 +61,7 @@ def compare_recordings(a: Path, b: Path, name: str, settings: DiffSettings) -> l
 
 
 def _compare_attachments(a: McapRecording, b: McapRecording, name: str, settings: DiffSettings) -> DiffResult:
-    """Compare attached files by content (YAML by value, text by line, others by hash), and linked videos."""
+    """Compare attachments by content (YAML by value, text by line, others by hash), and linked videos."""
     return diff_json(f"{name}: files", _attached(a), _attached(b), settings.tolerances, provenance=True)
 
 
@@ -75,7 +75,7 @@ def _attached(recording: McapRecording) -> dict[str, object]:
 
 
 def _frames(recording: McapRecording, settings: DiffSettings) -> Iterator[RecordedMessages]:
-    """Hash everything in a recording that is not a row of a table: frames, and messages of other programs."""
+    """Hashes of everything in a recording that is not a table row: frames, and external messages."""
     ours = {schema_of(table) for table in RECORDED}
     topics = [t.name for t in recording.topics if t.schema not in ours]
     if not topics:

@@ -1,4 +1,4 @@
-"""Results of a comparison in words and as JSON, and the tolerances within which values are the same."""
+"""Results of a comparison as text and JSON, and tolerances."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MAX_SCHEMA_LINES = 12
 
 @dataclass(frozen=True)
 class Limit:
-    """Two numbers are the same if |a - b| <= atol + rtol max(|a|, |b|)."""
+    """Tolerance: two numbers are equal if |a - b| <= atol + rtol max(|a|, |b|)."""
 
     atol: float = 0.0
     rtol: float = 0.0
@@ -29,7 +29,7 @@ class Limit:
 
 @dataclass(frozen=True)
 class Tolerances:
-    """Limits of differences; integers and labels are compared exactly unless their column is named.
+    """Tolerances of a comparison; integers and labels are compared exactly unless their column is named.
 
     Attributes:
         default: for every fractional number that no other entry names.
@@ -44,11 +44,11 @@ class Tolerances:
     time_ns: int = 0
 
     def named(self, table: str, column: str) -> Limit | None:
-        """The tolerance of a column that is named, if it is."""
+        """Tolerance given for a column by name; None without one."""
         return self.columns.get(f"{table}.{column}", self.columns.get(column))
 
     def of(self, table: str, column: str, unit: str = "1", single: bool = False) -> Limit:
-        """The tolerance of a column of fractional numbers; `single` for 4-byte ones."""
+        """Tolerance of a column of floats; `single`: of 4-byte floats."""
         limit = self.named(table, column) or self.units.get(unit)
         if limit is not None:
             return limit
@@ -59,7 +59,7 @@ class Tolerances:
 
 @dataclass(frozen=True)
 class DiffSettings:
-    """Tolerances, and parts of outputs that count.
+    """Tolerances, and the parts of outputs that are compared.
 
     Attributes:
         tolerances: limits of differences.
@@ -111,7 +111,7 @@ class RowDifference:
 
 @dataclass(frozen=True)
 class ColumnDifference:
-    """Number of rows in which a column differs, and its largest difference."""
+    """Number of rows in which a column differs, and the largest difference."""
 
     rows: int
     largest: RowDifference
@@ -123,7 +123,7 @@ class ColumnDifference:
 
 @dataclass(frozen=True)
 class DiffResult:
-    """Two tables, JSON values or files compared.
+    """Result of comparing two tables, JSON values or files.
 
     Attributes:
         name: of the table or file.
@@ -149,7 +149,7 @@ class DiffResult:
 
     @property
     def same(self) -> bool:
-        """True if nothing differs."""
+        """Whether nothing differs."""
         return self.first is None and not self.schema
 
     def as_dict(self) -> dict[str, object]:
@@ -167,7 +167,7 @@ class DiffResult:
 
 
 def as_dict(found: Sequence[DiffResult]) -> dict[str, object]:
-    """Return all comparisons as plain values for JSON; `first` is the first difference of the earliest stage."""
+    """All comparisons as plain values for JSON; `first` is the first difference in the earliest stage."""
     different = [part for part in found if not part.same]
     return {
         "same": not different,
@@ -182,7 +182,7 @@ def _first(part: DiffResult) -> dict[str, object]:
 
 
 def report_lines(found: Sequence[DiffResult]) -> list[str]:
-    """Write all comparisons for a person, and the part that differs first at the end."""
+    """Format all comparisons, with the part that differs first at the end."""
     different = [part for part in found if not part.same]
     lines = [line for part in found for line in comparison_lines(part)]
     if not found:
@@ -194,7 +194,7 @@ def report_lines(found: Sequence[DiffResult]) -> list[str]:
 
 
 def comparison_lines(found: DiffResult) -> list[str]:
-    """Write what two tables or files have in common, and where they differ first and most."""
+    """Format what two tables or files have in common, and the first and largest differences."""
     if found.same:
         return [f"same       {found.name}{_count(found)}"]
     if found.what == "files":
@@ -235,7 +235,7 @@ def _schema(found: RowDifference) -> str:
 
 
 def difference_words(found: RowDifference) -> str:
-    """Write one difference with its position, both values, their distance and the limit."""
+    """Format one difference: position, both values, distance and limit."""
     location = _key(found.key)
     if found.kind in ("missing", "added"):
         where, value = ("A", found.a) if found.kind == "missing" else ("B", found.b)
@@ -268,7 +268,7 @@ def _most(found: RowDifference) -> str:
 
 
 def _key(key: Mapping[str, object]) -> str:
-    """`time 2023-11-14T22:13:20.000Z, sensor cam1` and the like."""
+    """Format a key: `time 2023-11-14T22:13:20.000Z, sensor cam1`."""
     if "path" in key:
         return str(key["path"])
     return ", ".join(_key_part(name, value) for name, value in key.items()) or "the row"

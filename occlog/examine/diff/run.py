@@ -1,6 +1,6 @@
-"""Work of `occlog diff`: reads two outputs and compares them: tables, recordings, JSON, other files, folders.
+"""`occlog diff`: reads and compares two outputs: tables, recordings, JSON, other files, folders.
 
-What a kind of file needs is imported when there is one: two JSON files are compared without Parquet.
+Readers are imported when needed.
 """
 
 from __future__ import annotations
@@ -67,14 +67,14 @@ def compare_paths(a: Path, b: Path, settings: DiffSettings) -> list[DiffResult]:
 
 
 def kind_of(path: Path) -> Content | str:
-    """Kind of a file by its content; of one without a signature (text, other formats) the ending of its name."""
+    """Kind of a file by its content, or by its suffix if it has no signature (text and others)."""
     content = content_of(path) if path.stat().st_size else Content.OTHER
     suffix = path.suffix.lower()
     return NAMED.get(suffix, suffix) if content is Content.OTHER else content
 
 
 def stage_order(names: Iterable[str]) -> list[str]:
-    """Sort file names: those of earlier stages first, others after them by name."""
+    """Sort file names by the stage that writes them, then by name."""
 
     def order_key(name: str) -> tuple[int, str]:
         stem = name.rsplit("/", maxsplit=1)[-1].split(".")[0].lower()
@@ -97,7 +97,7 @@ def _compare_folders(a: Path, b: Path, settings: DiffSettings) -> list[DiffResul
 
 
 def _files(folder: Path, settings: DiffSettings) -> set[str]:
-    """Return the relative names of a folder's files, without hidden and excluded ones."""
+    """Relative names of a folder's files, without hidden and excluded ones."""
     found = (p.relative_to(folder) for p in folder.rglob("*") if p.is_file())
     names = {str(p.as_posix()) for p in found if not any(part.startswith(".") for part in p.parts)}
     skipped = settings.exclude if settings.provenance else (*settings.exclude, RUN_STATE)
@@ -109,7 +109,7 @@ def _files(folder: Path, settings: DiffSettings) -> set[str]:
 
 
 def compare_files(a: Path, b: Path, name: str, settings: DiffSettings) -> list[DiffResult]:
-    """Compare two files, those of different kinds byte by byte; recordings have several parts."""
+    """Compare two files (files of different kinds byte by byte); recordings have several parts."""
     kind, other = kind_of(a), kind_of(b)
     found = _as_tables(a, b, name, settings, kind, other)
     if found is not None:
@@ -130,7 +130,7 @@ def compare_files(a: Path, b: Path, name: str, settings: DiffSettings) -> list[D
 def _as_tables(
     a: Path, b: Path, name: str, settings: DiffSettings, *kinds: Content | str, alone: bool = False
 ) -> list[DiffResult] | None:
-    """Compare two files that hold tables; None where they do not."""
+    """Compare two files as tables; None if they are not tables."""
     if not all(kind is Content.TABLE or kind in OTHERS for kind in kinds):
         return None
     from .tables import compare_tables

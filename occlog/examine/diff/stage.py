@@ -1,10 +1,8 @@
 """Comparison of two tables: rows, columns of joined rows, and what the tables declare.
 
-Rows are joined by their keys, and columns of joined rows are compared value by value.  Both tables
-are read side by side in pieces that cover the same time, so that memory does not grow with their
-length.
-
-Joins the rows of two tables: by key, by order among equal keys, and by nearest time.
+Rows are joined by their keys, and columns of joined rows are compared value by value. Both tables are read in parts
+that cover the same time, so that memory is bounded. Rows are joined by key, by order among equal keys, and by nearest
+time.
 """
 
 from __future__ import annotations
@@ -27,9 +25,9 @@ T = TypeVar("T", bound=ColumnTable)
 
 
 class Join(NamedTuple):
-    """Pairs of rows of A and B, and rows without a partner.
+    """Joined rows of tables A and B, and rows without a counterpart.
 
-    `rank_a` and `rank_b` order the rows of both tables in the same order, by their keys.
+    `rank_a` and `rank_b` are ranks of the rows' keys over both tables.
     """
 
     a: Ints  # (M,) rows of A, by rising key
@@ -43,8 +41,8 @@ class Join(NamedTuple):
 def join(a: T, b: T, time_ns: int = 0) -> Join:
     """Join two tables of one kind.
 
-    Rows with the same key are paired in their order.  With `time_ns` > 0, each row that is left is
-    paired with the row nearest in time, at most so far away, that has the rest of the key in common.
+    Rows with the same key are paired in order. With `time_ns` > 0, each remaining row is paired with the nearest row in
+    time, at most this far away, with the same other key columns.
     """
     rank_a, rank_b = _ranks(a, b, type(a).KEY)
     unique_a, unique_b = _numbered(rank_a, rank_b)
@@ -66,7 +64,7 @@ def join(a: T, b: T, time_ns: int = 0) -> Join:
 
 
 def _ranks(a: ColumnTable, b: ColumnTable, names: tuple[str, ...]) -> tuple[Ints, Ints]:
-    """Return the rank of each row's key among all keys of both tables; equal keys have equal ranks."""
+    """Rank of each row's key among all keys of both tables; equal keys have equal ranks."""
     rank = np.zeros(len(a) + len(b), dtype=np.int64)
     for name in names:
         values: NDArray[np.generic] = np.concatenate([getattr(a, name), getattr(b, name)])
@@ -77,14 +75,14 @@ def _ranks(a: ColumnTable, b: ColumnTable, names: tuple[str, ...]) -> tuple[Ints
 
 
 def _numbered(rank_a: Ints, rank_b: Ints) -> tuple[Ints, Ints]:
-    """Return ranks that differ for equal keys of one table too, by their order."""
+    """Ranks that also distinguish equal keys within a table, by order."""
     number_a, number_b = _occurrence(rank_a), _occurrence(rank_b)
     most = int(max(number_a.max(initial=0), number_b.max(initial=0))) + 1
     return rank_a * most + number_a, rank_b * most + number_b
 
 
 def _occurrence(rank: Ints) -> Ints:
-    """Return the number of equal values before each."""
+    """Number of equal values before each value."""
     order = np.argsort(rank, kind="stable")
     ordered = rank[order]
     start = np.flatnonzero(np.concatenate([[True], np.diff(ordered) != 0])) if len(rank) else np.empty(0, np.int64)
@@ -115,7 +113,7 @@ def _nearest(a: ColumnTable, b: ColumnTable, rows_a: Ints, rows_b: Ints, time_ns
 
 
 def _mutual(t_a: Ints, t_b: Ints, time_ns: int) -> tuple[Ints, Ints]:
-    """Return indices of pairs within `time_ns`: mutual nearest neighbours, then again among the rows left."""
+    """Indices of pairs within `time_ns`: mutual nearest neighbours, repeated among the remaining rows."""
     left_a, left_b = np.argsort(t_a, kind="stable"), np.argsort(t_b, kind="stable")
     pairs_a, pairs_b = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
     while len(left_a) and len(left_b):
@@ -133,7 +131,7 @@ def _mutual(t_a: Ints, t_b: Ints, time_ns: int) -> tuple[Ints, Ints]:
 
 
 def _closest(t: Ints, known: Ints) -> Ints:
-    """Return the index of the nearest of the sorted times `known` for each t; the earlier of two equally near."""
+    """Index of the nearest of the sorted times `known` for each t (the earlier of two equally near)."""
     after = np.minimum(np.searchsorted(known, t), len(known) - 1)
     before = np.maximum(after - 1, 0)
     chosen = np.where(np.abs(known[after] - t) < np.abs(t - known[before]), after, before)
@@ -145,7 +143,7 @@ TURN = 2.0 * np.pi
 
 
 class Values(NamedTuple):
-    """A column of M joined rows compared; for wide columns the worst entry of each row."""
+    """Comparison of a column over M joined rows; for list columns, of the worst entry in each row."""
 
     differ: Bools  # (M,)
     difference: Floats  # (M,) |a - b|; NaN for labels and where just one is NaN
@@ -154,7 +152,7 @@ class Values(NamedTuple):
 
 
 def is_angle(c: Column) -> bool:
-    """Return whether a column is an angle, for which a whole turn makes no difference; deviations are not."""
+    """Whether a column is an angle compared modulo a full turn (standard deviations are not)."""
     return c.unit == "rad" and not c.name.startswith(("sigma", "sd_"))
 
 
@@ -198,7 +196,7 @@ def _fractional(a: Floats, b: Floats, limit: Limit, angle: bool) -> tuple[Bools,
 
 
 def _worst(differ: Bools, difference: Floats, allowed: Floats) -> Values:
-    """Choose the entry of each row that is farthest apart; entries that differ go before those that do not."""
+    """Select the entry of each row with the largest difference; entries that differ have priority."""
     if differ.ndim == 1:
         return Values(differ, difference, allowed, np.zeros(len(differ), np.int64))
     badness = np.where(differ, np.where(np.isnan(difference), np.inf, difference), -1.0)
@@ -210,7 +208,7 @@ def _worst(differ: Bools, difference: Floats, allowed: Floats) -> Values:
 def _alike(
     c: Column, a: NDArray[np.generic], b: NDArray[np.generic]
 ) -> tuple[NDArray[np.generic], NDArray[np.generic]]:
-    """Vectors of any length as long as the longer ones of the two, with NaN where one has no number."""
+    """Pad list columns to a common length with NaN."""
     if c.width != ANY_WIDTH or a.shape[1] == b.shape[1]:
         return a, b
     longest = max(a.shape[1], b.shape[1])
@@ -219,14 +217,14 @@ def _alike(
 
 
 def _take_before(side: TableBuffer[T], cut: int) -> T:
-    """Take the rows before a time away; at the end, all of them."""
+    """Remove and return the rows before a time; at the end, all of them."""
     out = side.between(FIRST, cut)
     side.rows = side.rows.take(slice(len(out), None))
     return out
 
 
 def side_by_side(kind: type[T], a: Iterable[T], b: Iterable[T], slack_ns: int = 0) -> Iterator[tuple[T, T]]:
-    """Iterate over pieces of both tables that cover the same time.
+    """Generate parts of both tables that cover the same time.
 
     Args:
         kind: the table.
@@ -253,7 +251,7 @@ def side_by_side(kind: type[T], a: Iterable[T], b: Iterable[T], slack_ns: int = 
 
 
 def _cut(t_a: Ints, t_b: Ints, until: int, slack_ns: int) -> int:
-    """Find the latest time up to `until` at which a piece may end: after a pause longer than the slack."""
+    """Latest time up to `until` at which a part may end: after a pause longer than the slack."""
     if until == LAST or slack_ns == 0:
         return until
     union = np.union1d(t_a, t_b)
@@ -295,7 +293,10 @@ def diff_tables(
 
 
 def _in_unit(tolerances: Tolerances, length_unit: str) -> Tolerances:
-    """Tolerances of lengths in the unit of two tables, under the units of columns (m for any); empty: they have two."""
+    """Tolerances of lengths under the units of both tables' columns (m means any length unit).
+
+    Empty if the tables have two length units.
+    """
     units = {unit: limit for unit, limit in tolerances.units.items() if unit not in LENGTHS}
     for unit, power in LENGTHS.items():
         for stated in (length_unit, *METRES):
@@ -310,7 +311,7 @@ def _in_unit(tolerances: Tolerances, length_unit: str) -> Tolerances:
 
 @dataclass
 class _Tally:
-    """Counts and largest differences of the pieces so far."""
+    """Counts and largest differences over parts."""
 
     kind: type[ColumnTable]
     tolerances: Tolerances
@@ -326,7 +327,7 @@ class _Tally:
     largest: dict[str, RowDifference] = field(default_factory=dict)
 
     def add(self, a: ColumnTable, b: ColumnTable) -> None:
-        """Compare one piece of both tables, later than all pieces before it."""
+        """Compare one part of both tables, later than all parts before it."""
         found = join(a, b, self.tolerances.time_ns)
         self.rows_a += len(a)
         self.rows_b += len(b)
@@ -341,7 +342,7 @@ class _Tally:
             self.first = min(firsts, key=lambda item: item[0])[1]
 
     def _alone(self, a: ColumnTable, b: ColumnTable, found: Join) -> list[tuple[int, RowDifference]]:
-        """Return the first row that is in A alone, and the first in B alone, with their ranks."""
+        """First row that is only in A, and first that is only in B, with their ranks."""
         out = []
         for kind, table, rows, rank in (
             ("missing", a, found.only_a, found.rank_a),
@@ -353,7 +354,7 @@ class _Tally:
         return out
 
     def _column(self, c: Column, a: ColumnTable, b: ColumnTable, found: Join) -> list[tuple[int, RowDifference]]:
-        """Count the rows in which a column differs; return its first difference in this piece, with its rank."""
+        """Count the rows in which a column differs; return its first difference in this part, with its rank."""
         values_a, values_b = _alike(c, getattr(a, c.name)[found.a], getattr(b, c.name)[found.b])
         if values_a.ndim == 2 and not values_a.shape[1]:
             return []
@@ -398,13 +399,13 @@ class _Tally:
         )
 
     def _unit(self, c: Column) -> str:
-        """The unit of a column for messages; empty where it has none, or another one in each table."""
+        """Unit of a column for messages; empty without a unit, or with different ones."""
         if c.unit == "1" or (c.unit in LENGTHS and not self.length_unit):
             return ""
         return in_length_unit(c.unit, self.length_unit)
 
     def result(self) -> DiffResult:
-        """Return the comparison of all pieces."""
+        """Result over all parts."""
         order = [c.name for c in self.kind.columns() if c.name in self.rows]
         columns = {name: ColumnDifference(self.rows[name], self.largest[name]) for name in order}
         return DiffResult(
@@ -429,7 +430,7 @@ def _key(table: ColumnTable, row: int) -> dict[str, object]:
 
 
 def diff_schemas(name: str, a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple[RowDifference, ...]:
-    """Compare what two tables declare.
+    """Compare the declarations of two tables.
 
     Args:
         name: of the table or file.
@@ -457,6 +458,6 @@ def diff_schemas(name: str, a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple
 
 
 def _swapped(unit: str | None, lengths: tuple[str, str]) -> str | None:
-    """Return a unit with the second length unit instead of the first."""
+    """Replace the first length unit in a unit by the second."""
     old, new = lengths
     return next((in_length_unit(each, new) for each in LENGTHS if in_length_unit(each, old) == unit), unit)

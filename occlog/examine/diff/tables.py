@@ -1,4 +1,4 @@
-"""Comparison of two files that hold tables: of occlog, or of other programs."""
+"""Comparison of two files that hold occlog or external tables."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 def compare_tables(
     a: Path, b: Path, name: str, settings: DiffSettings, *, alone: bool = False
 ) -> list[DiffResult] | None:
-    """Compare two tables; None where a file is none, or was made by another program and fits none of our tables.
+    """Compare two tables; None if a file is not a table, or an external table that fits no occlog table.
 
     Args:
         a: first file.
@@ -47,7 +47,7 @@ def compare_tables(
 
 
 def _check_kinds(a: Path, b: Path, settings: DiffSettings) -> None:
-    """Raise UsageError for tables of two kinds, and for tolerances of columns that they do not have."""
+    """UsageError for tables of two kinds, and for tolerances of missing columns."""
     said_a, said_b = describe(a), describe(b)
     if said_a["schema"] != said_b["schema"]:
         raise UsageError(
@@ -67,7 +67,7 @@ def _check_named(table: str, names: list[str], settings: DiffSettings) -> None:
 
 
 def _compare_others(a: Opened, b: Opened, name: str, settings: DiffSettings, alone: bool) -> DiffResult:
-    """Compare two tables, of which others made one or both: by the columns that both have, in one unit of length."""
+    """Compare two tables, of which one or both are external, by common columns in one length unit."""
     first, second = (b, a) if b.foreign is None else (a, b)
     kind = TABLES[first.table]
     second.require(kind)
@@ -88,7 +88,7 @@ def _compare_others(a: Opened, b: Opened, name: str, settings: DiffSettings, alo
 
 
 def _compare_unused(a: ForeignTable, b: ForeignTable, table: type[ColumnTable], name: str) -> list[RowDifference]:
-    """The first difference of each column that no table of ours has, in the order of the files."""
+    """First difference of each column that is in no occlog table, in file order."""
     unused_a, unused_b = ([n for n in f.source.names if n not in f.layout_of(table).names] for f in (a, b))
     both = [n for n in unused_a if n in unused_b]
     out = [RowDifference("schema", name, {}, n, a="column") for n in unused_a if n not in both]
@@ -112,7 +112,7 @@ def _raw_rows(table: ForeignTable, names: Sequence[str]) -> Iterator[tuple[Scala
 
 
 def _plain(value: object) -> Scalar:
-    """A cell as it is compared: a number, whichever file writes it, or a text."""
+    """Normalise a cell for comparison: a number regardless of its format, or a text."""
     try:
         number = float(value) if isinstance(value, int | float | str | Decimal) else math.nan
     except (ValueError, OverflowError):
@@ -122,14 +122,14 @@ def _plain(value: object) -> Scalar:
 
 
 def _columns(opened: Opened, table: type[ColumnTable]) -> list[str]:
-    """Names of the columns of a table that a file has."""
+    """Names of a table's columns that a file has."""
     if opened.foreign is not None:
         return [s.column.name for s in opened.foreign.layout_of(table).columns]
     return [c["name"] for c in describe(opened.path)["columns"]]
 
 
 def _compare_ours(a: Path, b: Path, name: str, settings: DiffSettings) -> list[DiffResult]:
-    """Compare what two tables declare, their rows, and with `provenance` how they were made."""
+    """Compare the declarations, rows and, with `provenance`, the provenance of two occlog tables."""
     said_a, said_b = describe(a), describe(b)
     schema = diff_schemas(name, said_a, said_b)
     if said_a["schema"] not in TABLES:

@@ -1,1 +1,1 @@
-"""Searches for everything that is wrong in files, and states all of it."""
+"""`occlog doctor`: search for all faults in files."""

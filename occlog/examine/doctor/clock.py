@@ -1,8 +1,7 @@
-"""The clocks of sensors: times that go back or repeat, gaps, jumps, epochs, and sensors with disjoint times.
+"""Checks of sensor times: decreasing or repeated times, gaps, jumps, epochs, disjoint sensors.
 
-Only a regular sensor has gaps: one of which nearly all intervals are about the usual one, their median.
-
-Times of an external table that go back in the order of the file: a clock that was set, or restarted.
+Gaps are reported for regular sensors only, in which nearly all intervals are close to the median. Decreasing times in
+file order of an external table indicate a clock that was set, or a restart.
 """
 
 from __future__ import annotations
@@ -48,7 +47,7 @@ SAME_RATE = 0.01
 
 @dataclass
 class SensorTimes:
-    """Statistics of the times of one sensor, fed in the order of the file.
+    """Statistics of the times of one sensor, in file order.
 
     Attributes:
         name: the sensor, in words.
@@ -77,7 +76,7 @@ class SensorTimes:
     _longest: list[tuple[int, int, int]] = field(default_factory=list)  # interval, time before, step of frame numbers
 
     def add(self, t_ns: Ints, frame: Ints | None = None) -> None:
-        """Take the next times [ns], with the numbers of their frames where there are any."""
+        """Add further times [ns], with frame numbers if there are any."""
         if not len(t_ns):
             return
         before = self.count
@@ -131,12 +130,12 @@ class SensorTimes:
 
     @property
     def times(self) -> int:
-        """Number of different times of a sensor with times that do not go back: rows of one time count once."""
+        """Number of distinct times of a sensor with nondecreasing times."""
         return self.count - self._repeats
 
     @property
     def usual_ns(self) -> int | None:
-        """The usual interval [ns], where the sensor is regular; else None."""
+        """Usual interval [ns] of a regular sensor; None for an irregular one."""
         total = sum(self._intervals.values())
         if total < MIN_INTERVALS or self._back:
             return None
@@ -145,7 +144,7 @@ class SensorTimes:
         return median if near >= REGULAR_SHARE * total else None
 
     def _median(self) -> int:
-        """The median of all intervals between different times, 0 without any."""
+        """Median of all intervals between distinct times; 0 without intervals."""
         half, seen = sum(self._intervals.values()) / 2, 0
         for length in sorted(self._intervals):
             seen += self._intervals[length]
@@ -154,7 +153,7 @@ class SensorTimes:
         return 0
 
     def judge(self, findings: Findings) -> None:
-        """Note faults in the times of this sensor alone."""
+        """Report faults in the times of this sensor."""
         if self._back and not self.sorted:
             findings.add("skipped-stamp" if self.dropped else "order", self.name, self._first_back, count=self._back)
         if self.unique and self._repeats:
@@ -210,7 +209,7 @@ def _is_wide(t_ns: Ints) -> bool:
 
 
 def check_clocks(clocks: Sequence[SensorTimes], findings: Findings) -> None:
-    """Note faults in the times of every sensor, alone and against the others."""
+    """Report faults in the times of every sensor, alone and relative to the others."""
     for clock in clocks:
         clock.judge(findings)
     # Whoever has times of another epoch is not late too
@@ -230,7 +229,7 @@ def check_clocks(clocks: Sequence[SensorTimes], findings: Findings) -> None:
 def check_truth_times(
     truth: Iterable[tuple[str, SensorTimes]], sensors: Iterable[SensorTimes], findings: Findings
 ) -> None:
-    """Note each truth without a time in common with the sensors: it cannot be compared."""
+    """Report each truth that has no time in common with the sensors and cannot be compared."""
     counted = [sensor for sensor in sensors if sensor.count]
     low, high = min((s.low for s in counted), default=0), max((s.high for s in counted), default=0)
     for location, one in truth:
@@ -240,7 +239,7 @@ def check_truth_times(
 
 
 def _disjoint_sensors(clocks: Sequence[SensorTimes]) -> Iterator[SensorTimes]:
-    """Iterate over sensors with times disjoint from those of the largest group; of equal groups the first counts."""
+    """Generate sensors with times disjoint from those of the largest group (of equal groups, the first)."""
     groups: list[list[SensorTimes]] = []
     end = 0
     margin = max([APART_NS, *(clock.high - clock.low for clock in clocks)])
@@ -258,9 +257,9 @@ def _disjoint_sensors(clocks: Sequence[SensorTimes]) -> Iterator[SensorTimes]:
 
 
 def _late(clocks: Iterable[SensorTimes]) -> Iterator[tuple[SensorTimes, int]]:
-    """Regular sensors with as many times as the others of their rate, all of them later (or earlier) by one time [ns].
+    """Regular sensors with as many times as others of their rate, all shifted by one delay [ns].
 
-    Of two sensors the later one is taken for late.
+    Of two sensors the later one is reported.
     """
     regular = [(clock, usual) for clock in clocks if (usual := clock.usual_ns) is not None]
     for clock, usual in regular:
@@ -283,7 +282,7 @@ MAX_BACKWARD_SHARE = 1 / 3
 
 
 class Restarts:
-    """The times of each sensor and identity, fed in the order of the file."""
+    """Checks the order of times of each sensor and identity, in file order."""
 
     def __init__(self, table: ForeignTable) -> None:
         """Start without rows."""
@@ -293,7 +292,7 @@ class Restarts:
         self._first = InputError("")
 
     def add(self, cells: TableCells) -> None:
-        """Take the next rows; InputError for a time that cannot be."""
+        """Add rows; InputError for an invalid time."""
         t_ns = self._table.times_of(cells).tolist()
         for row, (t, owner) in enumerate(zip(t_ns, self._table.owners(cells), strict=True)):
             before = self._last.get(owner)
@@ -306,6 +305,6 @@ class Restarts:
         self._rows += len(t_ns)
 
     def judge(self, findings: Findings) -> None:
-        """Note how often times go back, if the file is in any order at all."""
+        """Report how often times decrease, unless the file is unsorted."""
         if 0 < self._back <= MAX_BACKWARD_SHARE * self._rows:
             findings.refused("restart", self._first, count=self._back)

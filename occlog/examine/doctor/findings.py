@@ -1,4 +1,4 @@
-"""Findings in files, with their messages, and the list of those found."""
+"""Findings in files, with their messages, and lists of findings."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ EXIT_CODES = {Severity.ERROR: ExitCode.BAD_INPUT, Severity.WARNING: ExitCode.LOS
 
 
 class Finding(NamedTuple):
-    """Something that is wrong.
+    """A fault in a file.
 
     Attributes:
         kind: one of `DOCTOR`.
@@ -71,7 +71,7 @@ _VALUE = re.compile(r"'[^']*'|[-+]?\d[\d.]*(?:e[-+]?\d+)?")
 
 
 class Findings:
-    """The findings of one file; those that differ in location and numbers alone are counted together."""
+    """Findings in one file; those that differ in position and numbers only are counted together."""
 
     def __init__(self, file: str) -> None:
         """Create an empty list of findings."""
@@ -80,7 +80,7 @@ class Findings:
         self._kinds: dict[str, int] = {}
 
     def add(self, kind: str, location: str, value: str, *, limit: str = "", count: int = 1, alike: str = "") -> None:
-        """Note a finding.
+        """Add a finding.
 
         Args:
             kind: one of `DOCTOR`.
@@ -102,7 +102,7 @@ class Findings:
         self._found[key] = Finding(kind, self._file, location, value, limit, count)
 
     def refused(self, kind: str, error: Exception, *, location: str = "", count: int = 1) -> None:
-        """Note a reader's message on a position; equal messages on other positions are counted with it."""
+        """Add a reader's error at a position; equal errors elsewhere are counted with it."""
         text = str(error).removeprefix(f"{self._file}: ")
         found = _PLACE.match(text)
         if found is not None:
@@ -110,7 +110,7 @@ class Findings:
         self.add(kind, location, text, count=count, alike=_VALUE.sub("#", text))
 
     def join(self, others: Findings) -> None:
-        """Take the findings of another file."""
+        """Add the findings of another file."""
         for (kind, alike), finding in others._found.items():
             self._found[kind, f"{finding.file}\0{alike}"] = finding
             self._kinds.setdefault(kind, 0)
@@ -119,17 +119,17 @@ class Findings:
         return iter(self._found.values())
 
     def has(self, *kinds: str) -> bool:
-        """Return whether there is a finding of one of the kinds."""
+        """Whether there is a finding of one of the kinds."""
         return any(kind in self._kinds for kind in kinds)
 
 
 def exit_code(findings: Iterable[Finding]) -> ExitCode:
-    """The exit code of the worst of the findings."""
+    """Exit code of the worst finding."""
     return max((EXIT_CODES[finding.severity] for finding in findings), default=ExitCode.DONE)
 
 
 def finding_schema() -> dict[str, object]:
-    """JSON Schema of what `occlog doctor --json` prints."""
+    """JSON Schema of the output of `occlog doctor --json`."""
     text, maybe = {"type": "string"}, {"type": ["string", "null"]}
     count = {"type": "integer", "minimum": 0}
     finding = {

@@ -1,8 +1,6 @@
-"""Recordings of occlog: chunks and their check sums, messages, images, linked videos, the scene and the clocks.
+"""Checks of occlog recordings (chunks, messages, images, linked videos, scene, clocks), bags, videos and images.
 
-Bags of other programs: their losses, header stamps, and clocks.
-
-Videos and images: frames that are promised and cannot be decoded, and frames at uneven times.
+Videos and images: frames that are declared but cannot be decoded, and irregular times.
 """
 
 from __future__ import annotations
@@ -77,7 +75,7 @@ def check_bag(path: Path, findings: Findings) -> None:
 
 
 def _check_indexes(bag: Bag, findings: Findings) -> None:
-    """Note topics that an index omits, so that readers miss them."""
+    """Report topics that an index omits, which readers miss."""
     for file in bag.files:
         if isinstance(file, McapFile) and not file.losses:
             try:
@@ -88,7 +86,7 @@ def _check_indexes(bag: Bag, findings: Findings) -> None:
 
 
 def _times(bag: Bag, wanted: set[str], findings: Findings) -> Iterator[tuple[str, int, float | None]]:
-    """Topic, time, and how much later it was recorded [s] (None: without a header stamp) of each message."""
+    """Topic, time, and delay of recording [s] (None without header stamp) of each message."""
     messages, unread = BagDecoder(bag.topics()), set[str]()
     for message in bag.messages(wanted):
         if message.topic in unread:
@@ -107,7 +105,7 @@ def _times(bag: Bag, wanted: set[str], findings: Findings) -> Iterator[tuple[str
 
 
 class _Stamps:
-    """The times of one topic."""
+    """Statistics of the times of one topic."""
 
     def __init__(self, topic: str) -> None:
         self.clock = SensorTimes(topic, unique=True, dropped=True)
@@ -171,7 +169,7 @@ def _look_at_times(container: Container, findings: Findings) -> None:
 
 
 def check_image_file(path: Path, findings: Findings) -> None:
-    """Decode an image."""
+    """Check that an image can be decoded."""
     try:
         size = check_input(path, "an image").stat().st_size
         if size > MAX_IMAGE_BYTES:
@@ -240,7 +238,7 @@ def _in_order(path: Path) -> Iterator[_Message]:
 
 
 def _whole(path: Path, findings: Findings) -> Iterator[_Message]:
-    """Messages of a damaged recording, in the order of the file; all damage is noted."""
+    """Generate the messages of a damaged recording in file order; all damage is reported."""
     schemas: dict[int, records.Schema] = {}
     channels: dict[int, records.Channel] = {}
 
@@ -297,7 +295,7 @@ def _look_at_link(recording: McapRecording, camera: str, findings: Findings, see
 
 
 class _RecordingScan:
-    """State of the messages so far."""
+    """State of the scan over the messages."""
 
     def __init__(self, path: Path, findings: Findings) -> None:
         self._path, self._findings = path, findings
@@ -320,7 +318,7 @@ class _RecordingScan:
             self._findings.refused("message", InputError(text), location=f"{message.topic}, message {message.number}")
 
     def finish(self) -> None:
-        """Judge the statistics when all messages have been seen."""
+        """Report the findings about statistics after the last message."""
         for table in self._collectors:
             self._sift(table)
         for watch in self._watches.values():

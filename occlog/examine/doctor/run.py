@@ -1,4 +1,4 @@
-"""Checks files and at all files of folders, each for itself: one that is damaged does not stop the others."""
+"""Checking of files and folders, each file separately, so that a damaged one does not stop the others."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def check_files(paths: Sequence[Path], each: Callable[[Path], None] = lambda _: 
 
 
 def _files(path: Path, out: Diagnosis) -> Iterator[tuple[Path, bool]]:
-    """Files, and folders that are one bag; whether the user named each."""
+    """Files, and folders that are one bag, with a mark for those that the user named."""
     if not path.is_dir() or _is_bag(path):
         yield path, True
         return
@@ -92,12 +92,12 @@ def _files(path: Path, out: Diagnosis) -> Iterator[tuple[Path, bool]]:
 
 
 def _is_bag(folder: Path) -> bool:
-    """Return whether a folder states that its files are one bag."""
+    """Whether a folder's metadata states that its files are one bag."""
     return (folder / METADATA).is_file()
 
 
 def _look_at_one(path: Path, findings: Findings, seen: set[Path]) -> bool:
-    """Check one file; whether it is of a kind that occlog knows."""
+    """Check one file; return whether its kind is known."""
     try:
         if is_missing(path):
             raise no_such_file(path)
@@ -146,7 +146,7 @@ def _by_content(path: Path, findings: Findings, seen: set[Path]) -> bool:
 
 
 def _mcap(path: Path, findings: Findings, seen: set[Path]) -> None:
-    """A recording of occlog, perhaps damaged, or a bag."""
+    """Check an occlog recording, possibly damaged, or a bag."""
     with path.open("rb") as file:
         by_occlog = b"occlog" in file.read(64)[len(RECORDING_MAGIC) :]
     try:

@@ -1,6 +1,6 @@
-"""Tables: Parquet of occlog, and tables of other programs that fit one of ours.
+"""Checks of tables: occlog Parquet, and external tables.
 
-Rows that cannot be: all of them, although their check stops at the first; and duplicate rows.
+All invalid rows are reported (the table's own check stops at the first), and duplicate rows.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ MAX_HELD = 65_536
 
 
 class TableWatch:
-    """Faults of rows that are good one by one: repeats, and the clocks of sensors."""
+    """Checks across rows: duplicates, and times of sensors."""
 
     def __init__(self, table: type[ColumnTable], findings: Findings) -> None:
         """Start without rows."""
@@ -54,11 +54,11 @@ class TableWatch:
 
     @property
     def clocks(self) -> list[SensorTimes]:
-        """The times of each sensor so far, or of all rows."""
+        """Time statistics of each sensor, or of all rows."""
         return list(self._clocks.values())
 
     def note_order(self, t_ns: Ints, first: int) -> None:
-        """Check the order of times [ns] of rows, the first of which has the number `first` in the file."""
+        """Check the order of times [ns] of rows; `first` is the number of the first one in the file."""
         whole = t_ns if self._last is None else np.concatenate([[self._last], t_ns])
         back = np.flatnonzero(whole[1:] < whole[:-1])
         if len(back):
@@ -69,7 +69,7 @@ class TableWatch:
         self._last = int(whole[-1]) if len(whole) else None
 
     def take(self, table: ColumnTable) -> None:
-        """Take the next rows, in the order of time."""
+        """Add further rows, in the order of time."""
         if not len(table):
             return
         whole = table.sorted() if self._held is None else self.table.merge([self._held, table])
@@ -79,7 +79,7 @@ class TableWatch:
         self._settle(whole.take(slice(0, last)) if self._held is not None else whole)
 
     def finish(self) -> None:
-        """Process the rows held back, and judge."""
+        """Process buffered rows, and report the findings."""
         if self._held is not None:
             self._settle(self._held)
         check_clocks(self.clocks, self.findings)
@@ -114,7 +114,7 @@ class TableWatch:
 
 
 def note_frozen(cameras: FrozenCameras, findings: Findings) -> None:
-    """Note cameras that repeat one frame while others go on."""
+    """Report cameras that repeat one frame while others continue."""
     for run in cameras.found():
         value = f"{run.frames} identical frames, {(run.last_ns - run.first_ns) / NS:.3g} s"
         findings.add("frozen-camera", f"sensor {run.camera}, from {utc(run.first_ns)}", value)
@@ -123,7 +123,7 @@ def note_frozen(cameras: FrozenCameras, findings: Findings) -> None:
 def bisect_bad_rows(
     rows: int, make: Callable[[int, int], M], good: list[M], checks: int = MAX_CHECKS
 ) -> Iterator[tuple[int, InputError]]:
-    """Iterate over the rows that cannot be, which are found by halves, and why.
+    """Generate the invalid rows, found by bisection, with the reasons.
 
     Args:
         rows: number of rows.
@@ -138,7 +138,7 @@ def bisect_bad_rows(
 def _bad(
     start: int, stop: int, make: Callable[[int, int], M], good: list[M], left: list[int]
 ) -> Iterator[tuple[int, InputError]]:
-    """Bisect a section of rows like `bisect_bad_rows`; `left` has the number of calls that are left."""
+    """Bisect a section of rows for `bisect_bad_rows`; `left` is the number of calls left."""
     left[0] -= 1
     try:
         good.append(make(start, stop))
@@ -160,7 +160,7 @@ def _bad(
 def drop_bad_rows(
     rows: int, make: Callable[[int, int], ColumnTable], watch: TableWatch, location: Callable[[int], str] = lambda _: ""
 ) -> None:
-    """Make rows a table, note those that cannot be, and let the others be watched.
+    """Convert rows to a table; report invalid ones, and pass the others to the watch.
 
     Args:
         rows: number of rows.
@@ -184,7 +184,7 @@ def _times(table: ColumnTable) -> Ints:
 
 
 def check_table(path: Path, findings: Findings) -> None:
-    """Check a Parquet table of occlog: its header, each group of rows, each row, and the times of its sensors."""
+    """Check an occlog Parquet table: header, row groups, rows, and times of its sensors."""
     try:
         header = read_header(path)
         note_losses(header.provenance.losses, findings)
@@ -229,7 +229,7 @@ def _look_at_batch(batch: pa.RecordBatch, first: int, watch: TableWatch) -> None
 
 
 def check_others(source: ColumnSource, findings: Findings) -> bool:
-    """Check a table of another program; whether it is one that occlog knows."""
+    """Check an external table; return whether its kind is known."""
     try:
         foreign = ForeignTable(source, best_fit(source))
     except InputError as error:
@@ -240,7 +240,7 @@ def check_others(source: ColumnSource, findings: Findings) -> bool:
 
 
 def check_external(foreign: ForeignTable, findings: Findings) -> None:
-    """Check a table of another program, row by row, which may be in any order."""
+    """Check an external table row by row, in any order."""
     watch = TableWatch(foreign.layout.table, findings)
     restarts = Restarts(foreign)
     with report_bad_lines_to(partial(findings.refused, "row")):
@@ -260,7 +260,7 @@ def _maker(foreign: ForeignTable, cells: TableCells) -> Callable[[int, int], Col
 
 
 def note_losses(losses: Iterable[Loss], findings: Findings) -> None:
-    """Note earlier losses when the file was made."""
+    """Report losses recorded when the file was made."""
     for loss in losses:
         lost = f" ({loss.count} lost)" if loss.count else ""
         findings.add("losses", f"{loss.source}, {loss.place}", loss.what + lost)

@@ -1,7 +1,4 @@
-"""Texts: scenes, calibrations, tables of boxes, of times and external ones, JSON, XML, TOML and YAML.
-
-Files of boxes: text and JSON of detectors and of benchmarks.
-"""
+"""Checks of texts: scenes, calibrations, boxes, time stamps, external tables, JSON, XML, TOML and YAML."""
 
 from __future__ import annotations
 
@@ -38,7 +35,7 @@ MAX_ROWS = 8_000_000
 
 
 def check_boxes(source: BoxSource, findings: Findings) -> None:
-    """Check every row of a file of boxes, for duplicate rows, and at the times of frames."""
+    """Check every row of a box file, for duplicates, and the frame times."""
     copies, cameras = _Copies(), list[str]()
     stamps: dict[str, dict[int, int]] = {}
     with report_bad_lines_to(partial(findings.refused, "row")):
@@ -73,7 +70,7 @@ def _check(
 
 
 def _clock(camera: str, stamps: dict[int, int]) -> SensorTimes:
-    """The times of a camera's frames, by their numbers; in one without a row nothing was detected."""
+    """Time statistics of a camera's frames, by frame number; frames without rows have no detection."""
     frames = np.array(sorted(stamps), dtype=np.int64)
     clock = SensorTimes(f"camera {camera}" if camera else "times", unique=True, sporadic=True)
     clock.add(np.array([stamps[frame] for frame in frames.tolist()], dtype=np.int64), frames)
@@ -81,7 +78,7 @@ def _clock(camera: str, stamps: dict[int, int]) -> SensorTimes:
 
 
 class _Copies:
-    """Identical duplicate rows, anywhere in the file."""
+    """Detects duplicate rows anywhere in the file."""
 
     def __init__(self) -> None:
         self._marks: list[Uints] = []
@@ -89,14 +86,14 @@ class _Copies:
         self._rows = 0
 
     def add(self, lines: Ints, boxes: FileBoxRows) -> None:
-        """Take rows and their lines."""
+        """Add rows with their line numbers."""
         if self._rows < MAX_ROWS:
             self._marks.append(fingerprints(boxes))
             self._lines.append(lines)
             self._rows += len(lines)
 
     def judge(self, findings: Findings) -> None:
-        """Note the copies."""
+        """Report the duplicates."""
         if not self._rows:
             return
         marks, lines = np.concatenate(self._marks), np.concatenate(self._lines)
@@ -117,7 +114,7 @@ TEXTS = (".csv", ".tsv", ".txt", ".gz", ".tum", ".trc", ".geojson", "")
 
 
 def check_text_file(path: Path, findings: Findings) -> bool:
-    """Check a text; whether it is one that occlog knows."""
+    """Check a text file; return whether its kind is known."""
     kind = path.suffix.lower()
     if kind in (".yaml", ".yml"):
         return _yaml(path, findings)
@@ -149,7 +146,7 @@ def _yaml(path: Path, findings: Findings) -> bool:
 
 
 def _calibration(path: Path, findings: Findings) -> bool:
-    """Return whether a file is a calibration of a known format; what cannot be read of one is noted."""
+    """Check a calibration; return whether a file is one of a known format."""
     try:
         # Some formats require the size of the images: any will do for a check
         calibration = read_calibration([path], options=CalibrationOptions(image_size=ANY_SIZE))
@@ -165,7 +162,7 @@ def _calibration(path: Path, findings: Findings) -> bool:
 
 
 def _structured(path: Path, kind: str, findings: Findings) -> bool:
-    """XML and TOML: not well-formed, or a calibration."""
+    """Check XML and TOML: well-formed, or a calibration."""
     try:
         text = read_configuration(path, kind[1:].upper(), limit=MAX_JSON_BYTES)
         parse_xml(text, path) if kind == ".xml" else toml_values(text, path, "TOML")
@@ -193,7 +190,7 @@ def _json(path: Path, findings: Findings) -> bool:
 
 
 def _table(path: Path, findings: Findings) -> bool:
-    """A text table: one that fits ours, boxes, stations, time stamps, a calibration."""
+    """Check a text table: external table, boxes, stations, time stamps, or calibration."""
     fault: InputError | None = None
     if looks_like_times(path):
         _times(path, findings)
@@ -221,7 +218,7 @@ def _table(path: Path, findings: Findings) -> bool:
 
 
 def _is_scene(path: Path) -> bool:
-    """Return whether a file is a table of stations, all of which can be."""
+    """Whether a file is a valid table of stations."""
     try:
         read_stations(path)
     except InputError:

@@ -1,1 +1,1 @@
-"""Verb: write tables in the formats of other programs."""
+"""`occlog export`: write tables in the formats of other programs."""

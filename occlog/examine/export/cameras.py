@@ -1,4 +1,4 @@
-"""Cameras of a scene to calibrations of other programs, or to a scene file."""
+"""Export of a scene's cameras to calibrations of other programs, or to a scene file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .formats import SCENE
 def run_export_cameras(
     input: Path, output: Path, format: str, *, overwrite: bool, quiet: bool
 ) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Write the cameras of a scene; the summary, and the losses of a recording that has it.
+    """Write the cameras of a scene; return the summary, and the losses of the recording with the scene.
 
     Args:
         input: scene file, recording with a scene, or table of stations.

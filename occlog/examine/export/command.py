@@ -113,7 +113,7 @@ def command(
     as_json: bool,
     **values: object,
 ) -> int:
-    """Call the run, and print the written files; nothing more where the table itself is printed."""
+    """Run the export, and print the written files (nothing if the table itself is printed)."""
     name = to or format_of(output.name)
     if name is not None and name in FORMATS and FORMATS[name].viewer:
         named = {"--table": table, "--target": targets, "--camera": camera, "--origin": origin}
@@ -155,7 +155,7 @@ def command(
 
 
 def _refuse(named: Mapping[str, object], why: str) -> None:
-    """UsageError for the first option that was given."""
+    """UsageError for the first given option of those named."""
     for option, value in named.items():
         if value not in (None, ()):
             raise UsageError(f"{option}: {why}")

@@ -1,4 +1,4 @@
-"""The formats that tables are exported to: which tables each takes, and by which endings of names it is known."""
+"""Export formats: accepted tables, and file suffixes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PROGRAMS = {"rerun": RERUN, "foxglove": FOXGLOVE, "foxglove-studio": FOXGLOVE, "
 
 @dataclass(frozen=True)
 class ExportFormat:
-    """One format.
+    """An export format.
 
     Attributes:
         endings: of names of files that are of this format without a format option; none: it must be named.
@@ -58,6 +58,6 @@ FORMATS: dict[str, ExportFormat] = {
 
 
 def format_of(name: str) -> str | None:
-    """The format that the name of a file asks for; None: it does not state."""
+    """Format implied by a file name; None if it implies none."""
     low = name.lower()
     return next((key for key, entry in FORMATS.items() if low.endswith(entry.endings) and entry.endings), None)

@@ -1,4 +1,4 @@
-"""Boxes in images in formats of detectors and trackers: MOTChallenge, KITTI, COCO."""
+"""Export of boxes in images: MOTChallenge, KITTI, COCO."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ CATEGORY, NAME = 1, "person"
 
 
 def boxes_of(table: Boxes | Views | ViewTracks) -> Boxes:
-    """The boxes of a table; those of ellipses touch them, clusters are numbered as they are.
+    """Boxes of a table: bounding boxes of ellipses; clusters keep their numbers.
 
     Args:
         table: boxes, clusters or tracks in images.
@@ -64,7 +64,7 @@ class ImageFrame(NamedTuple):
 
 
 def survey(pieces: Iterable[Boxes | Views | ViewTracks]) -> Cameras:
-    """The cameras of a table, given in pieces that split no time."""
+    """Survey the cameras of a table, given in parts that split no time."""
     boxed: set[str] = set()
     ends: dict[str, tuple[ImageFrame, ImageFrame]] = {}
     back: set[str] = set()
@@ -85,9 +85,9 @@ def survey(pieces: Iterable[Boxes | Views | ViewTracks]) -> Cameras:
 
 
 def chosen_camera(cameras: list[str], camera: str | None) -> str | None:
-    """The camera with boxes that are written; None: there is no box.
+    """Camera to export; None without boxes.
 
-    UsageError where there are several and none is named, InputError where that one is not there.
+    UsageError if several have boxes and none is named, InputError if missing.
     """
     if camera is None and len(cameras) > 1:
         raise UsageError(
@@ -101,7 +101,7 @@ def chosen_camera(cameras: list[str], camera: str | None) -> str | None:
 
 
 def sequence_info(found: Cameras, camera: str | None, folder: str, scene: Scene | None) -> SequenceInfo:
-    """Content of `seqinfo.ini` for the video of one camera: frames up to the last one with a row, at their mean rate.
+    """Content of `seqinfo.ini` for one camera: frames up to the last one with a row, at their mean rate.
 
     Args:
         found: in the table; rows of frames without a box count too.
@@ -131,7 +131,7 @@ def sequence_info(found: Cameras, camera: str | None, folder: str, scene: Scene 
 
 
 def kitti_text(boxes: Boxes) -> str:
-    """Lines of KITTI's tracks: frame, identity, type, and values in the image; positions in space are not known."""
+    """Lines of KITTI tracks: frame, identity, type, and image values; positions in space are unknown."""
     unknown = "-1 -1 -1 -1000 -1000 -1000 -10"
     rows = zip(
         boxes.frame.tolist(),
@@ -151,7 +151,7 @@ def kitti_text(boxes: Boxes) -> str:
 
 
 def coco_texts(pieces: Callable[[], Iterable[Boxes]], scene: Scene | None) -> Iterator[str]:
-    """COCO's data set: an image for each frame with a box, an annotation for each box, one category.
+    """COCO data set in text parts: an image per frame with a box, an annotation per box, one category.
 
     Args:
         pieces: gives the boxes, the same each time, in pieces that split no time, in which frames of a camera rise with
@@ -195,12 +195,12 @@ def coco_texts(pieces: Callable[[], Iterable[Boxes]], scene: Scene | None) -> It
 
 
 def _images(boxes: Boxes, count: int) -> tuple[list[tuple[str, int, int]], dict[tuple[str, int], int]]:
-    """Camera, frame and time of each image of a piece, and its number, behind as many images."""
+    """Camera, frame and time of each image in a part, and its number (starting after `count`)."""
     keys = list(dict.fromkeys(zip(boxes.sensor.tolist(), boxes.frame.tolist(), boxes.t_ns.tolist(), strict=True)))
     return keys, {(sensor, frame): count + n + 1 for n, (sensor, frame, _) in enumerate(keys)}
 
 
 def _joined(mark: str, values: list[dict[str, object]]) -> Iterator[str]:
-    """Items of a list in JSON, behind a mark if there are items before; nothing without any."""
+    """JSON list items, preceded by a separator if there are items before; empty without items."""
     if values:
         yield mark + json.dumps(values)[1:-1]

@@ -1,7 +1,4 @@
-"""Rows that come back as they are when the exported file is read again; others are refused.
-
-What a format of other programs cannot hold of a table: found in a pass over its rows, and reported.
-"""
+"""Check that exported rows are identical when read back; and report what a format cannot hold."""
 
 from __future__ import annotations
 
@@ -28,7 +25,7 @@ BREAKS = ("\n", "\r", "\0")
 
 
 def readable(chunks: Iterable[T], source: Path, *, text: bool) -> Iterator[T]:
-    """The chunks of a table.
+    """Generate the chunks of a table; InputError for rows that would be read back differently.
 
     Args:
         chunks: the rows.
@@ -80,12 +77,12 @@ WORDS = {"t_ns": "times", "target_id": "identities", "z": "heights"}
 
 
 class UnrepresentableColumns:
-    """Columns of the rows that the format cannot hold."""
+    """Detects columns with values that the format cannot hold."""
 
     def __init__(
         self, name: str, table: type[ColumnTable], length_unit: str, chosen: tuple[int, ...], camera: str | None
     ):
-        """Create an empty set of columns.
+        """Start without rows.
 
         Args:
             name: of the format.
@@ -107,7 +104,7 @@ class UnrepresentableColumns:
         self._frames = ExportedFrames()
 
     def watched(self, rows: Iterable[T]) -> Iterator[T]:
-        """The rows in parts, each checked; those of one time are in one part."""
+        """Generate the rows in parts, each checked; those of one time are in one part."""
         for part in rows:
             self._see(part)
             yield part
@@ -131,7 +128,7 @@ class UnrepresentableColumns:
                 self._known[c.name] = None
 
     def words(self) -> tuple[str, ...]:
-        """Content that is not held, each item in a few words."""
+        """Descriptions of what is not held."""
         out = []
         if self._name in UNITLESS and self._unit != "m":
             out.append(f"that lengths are in {self._unit}")
@@ -153,7 +150,7 @@ class UnrepresentableColumns:
 
 
 def _says_something(values: NDArray[np.generic]) -> bool:
-    """Return whether a column has a value: a number that is known, an identity, a text."""
+    """Whether a column has a value: a known number, an identity, or a text."""
     if values.dtype.kind == "f":
         return bool(np.isfinite(values).any())
     if values.dtype.kind in "US":
@@ -162,7 +159,7 @@ def _says_something(values: NDArray[np.generic]) -> bool:
 
 
 class ExportedFrames:
-    """Frames of cameras, of which formats of boxes have those with a box alone."""
+    """Detects frames without boxes, which formats of boxes cannot hold."""
 
     def __init__(self) -> None:
         """Create an empty list of frames."""
@@ -171,7 +168,7 @@ class ExportedFrames:
         self._rows: Counter[str] = Counter()
 
     def see(self, boxes: Boxes) -> None:
-        """Check the frames of some rows; those of one time come at once."""
+        """Add the frames of rows; those of one time must be in one call."""
         for name in np.unique(boxes.sensor).tolist():
             own = boxes.sensor == name
             frames = boxes.frame[own]
@@ -180,7 +177,7 @@ class ExportedFrames:
             self._rows[name] += len(np.unique(frames))
 
     def words(self) -> tuple[str, ...]:
-        """Frames without a box before the first and behind the last one that has some, and those that were not there.
+        """Descriptions of frames without boxes before the first and after the last box, and of missing frames.
 
         A frame between two others that is not in the text is read as one without a detection.
         """

@@ -1,7 +1,4 @@
-"""Opens a table, chooses the format, and writes what another program reads.
-
-Formats of plug-ins: which tables they take, and writing by them.
-"""
+"""`occlog export`: opens a table, selects the format, and writes the file; also formats of plug-ins."""
 
 from __future__ import annotations
 
@@ -49,44 +46,44 @@ from .trajectories import (
 
 
 class Sink:
-    """A file that can only be written on."""
+    """Write-only view of a file, for plug-ins."""
 
     def __init__(self, file: IO[bytes]) -> None:
-        """Create an exporter without output."""
+        """Wrap a file."""
         self._file = file
 
     def write(self, data: bytes) -> int:
-        """Write some bytes; TypeError for anything else."""
+        """Write bytes; TypeError for anything else."""
         if not isinstance(data, bytes | bytearray | memoryview):
             raise TypeError(f"bytes are written, not {type(data).__name__}; encode the text")
         return self._file.write(data)
 
     def writable(self) -> bool:
-        """Return whether it can be written on, which wrappers ask."""
+        """True: required by wrappers."""
         return True
 
     def readable(self) -> bool:
-        """Return whether it can be read."""
+        """False: not readable."""
         return False
 
     def seekable(self) -> bool:
-        """Return whether one can go back in it."""
+        """False: not seekable."""
         return False
 
     @property
     def closed(self) -> bool:
-        """True if it is closed, which wrappers ask."""
+        """Whether the file is closed: required by wrappers."""
         return False
 
     def flush(self) -> None:
-        """Leave it to who opened the file."""
+        """No operation: the owner flushes the file."""
 
     def close(self) -> None:
-        """Leave it to who opened the file."""
+        """No operation: the owner closes the file."""
 
 
 def format_of_plugin(exporter: Chosen) -> ExportFormat:
-    """The format as one of ours; PluginError for a table that there is not."""
+    """Export format of a plug-in; PluginError for an unknown table."""
     of = exporter.plugin.load()
     unknown = [name for name in of.tables if name not in TABLES]
     if unknown or not of.tables:
@@ -97,7 +94,7 @@ def format_of_plugin(exporter: Chosen) -> ExportFormat:
 
 
 def chosen_rows(rows: ColumnTable, name: str, targets: Sequence[int], camera: str | None) -> ColumnTable:
-    """Rows of some targets and of one camera; UsageError for a table that has no such column."""
+    """Rows of some targets and of one camera; UsageError if the table has no such column."""
     for option, column, given in (("target", "target_id", tuple(targets)), ("camera", "sensor", camera)):
         if not given:
             continue
@@ -110,7 +107,7 @@ def chosen_rows(rows: ColumnTable, name: str, targets: Sequence[int], camera: st
 
 
 def write_by_plugin(exporter: Chosen, rows: ColumnTable, world: ExportContext, file: IO[bytes]) -> None:
-    """Write rows; PluginError, in one line, where the plug-in fails."""
+    """Write rows by a plug-in; PluginError if it fails."""
     own: Exporter = exporter.make(world.length_unit)
     with plugin_errors(exporter.plugin):
         own.write(rows, world, Sink(file))  # type: ignore[arg-type]
@@ -152,7 +149,7 @@ class ExportRequest:
 
 
 def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Write the file; the summary, and the losses before."""
+    """Export a table; return the summary and earlier losses."""
     name = request.to or format_of(request.output.name)
     if name is None:
         known = ", ".join(ending for entry in FORMATS.values() for ending in entry.endings)
@@ -210,13 +207,13 @@ def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, .
 
 
 def _info_path(output: Path) -> Path | None:
-    """Path of `seqinfo.ini`: next to the folder `gt` or `det`, as in a sequence of MOTChallenge; None elsewhere."""
+    """Path of `seqinfo.ini`, next to the folder `gt` or `det` of a MOTChallenge sequence; None elsewhere."""
     folder = output.resolve().parent
     return folder.parent / SEQUENCE_INFO if folder.name in ("gt", "det") else None
 
 
 def _check_request(request: ExportRequest, name: str, form: ExportFormat) -> None:
-    """UsageError for options that the format does not take."""
+    """UsageError for options that the format does not use."""
     if request.exporter is None:
         if request.targets and form.tables != FORMATS["tum"].tables:
             raise UsageError(f"target: format {name} writes all rows; leave it out", id="not-applicable")
@@ -230,7 +227,7 @@ def _check_request(request: ExportRequest, name: str, form: ExportFormat) -> Non
 
 
 def _table(opened: Opened, form: ExportFormat, name: str, wanted: str | None) -> type[ColumnTable]:
-    """The table to write; InputError where the input does not hold one that the format takes."""
+    """Table to export; InputError if the input has none that the format accepts."""
     takes = list(form.tables) or list(TABLES)
     if wanted is not None and wanted not in takes:
         raise UsageError(f"table: format {name} takes {', '.join(takes)}, not {wanted}", id="not-applicable")
@@ -251,9 +248,9 @@ def _write_text(
     file: IO[bytes],
     world: tuple[str, Scene | None],
 ) -> tuple[int, Cameras | None, tuple[str, ...]]:
-    """Write a format that is no table: its rows, for images the content of the table, and the content left out.
+    """Write rows in a text format; return the number of rows, content of an image table, and what was left out.
 
-    The rows are read twice: once for what a message or a head must know of all of them.
+    The rows are read twice: first for the header and for checks of the whole.
     """
     missed = UnrepresentableColumns(name, table, world[0], request.targets, request.camera)
     if issubclass(table, Tracks | Truth):
@@ -272,7 +269,7 @@ def _write_places(
     unit: str,
     missed: UnrepresentableColumns,
 ) -> int:
-    """Write positions of targets, piece by piece; the number of rows."""
+    """Write positions of targets, in parts; return the number of rows."""
     targets = check_targets(missed.watched(_rows(opened, table)), request.targets)
     if name == "tum":
         check_one_target(targets)
@@ -307,7 +304,7 @@ def _write_boxes(
     scene: Scene | None,
     missed: UnrepresentableColumns,
 ) -> tuple[int, Cameras]:
-    """Write boxes, piece by piece where each line of the format is a box; their number, and what the table holds."""
+    """Write boxes, in parts if each line of the format is a box; return their number, and the content of the table."""
     found = survey(missed.watched(whole_times(_rows(opened, table))))
     camera = request.camera
     if name != "coco" or camera is not None:
@@ -341,7 +338,7 @@ def _write_boxes(
 
 @contextmanager
 def _output(path: Path, overwrite: bool, together: OutputGroup) -> Iterator[IO[bytes]]:
-    """The file, which appears when it is complete; compressed where its name states it; or standard output."""
+    """Open the output (atomic; compressed if its name says so), or standard output."""
     if path == STANDARD:
         yield sys.stdout.buffer
         sys.stdout.buffer.flush()

@@ -1,9 +1,7 @@
-"""Positions of targets in formats of trajectories: MOTChallenge in space, TUM, GeoJSON, TRC.
+"""Export of trajectories: MOTChallenge in space, TUM, GeoJSON, TRC.
 
-Whole tables as text with a header, and as Parquet with plain columns.
-
-A name of a column ends in its unit: `bearing_rad`, `x_m`, `cov_xx_m2`; those of times and pixels state it already.
-Reading it again (`occlog.io.external`) gives the same table.
+Also whole tables as CSV, and as Parquet with plain columns. Column names end in the unit: `bearing_rad`, `x_m`,
+`cov_xx_m2` (those of times and pixels already do). Reading them back (`occlog.io.external`) gives the same table.
 """
 
 from __future__ import annotations
@@ -37,7 +35,7 @@ MAX_CELLS = 50_000_000
 
 
 class ExportedPositions(NamedTuple):
-    """Positions of targets; N rows in the order of time, then of identities."""
+    """N positions of targets, sorted by time, then by identity."""
 
     t_ns: Ints
     identity: Ints
@@ -47,7 +45,7 @@ class ExportedPositions(NamedTuple):
 
 
 def check_targets(chunks: Iterable[Tracks | Truth], targets: tuple[int, ...]) -> list[int]:
-    """The identities that are written, rising: a pass over the rows.
+    """Sorted identities that are exported, by a pass over the rows.
 
     Args:
         chunks: of the table.
@@ -68,12 +66,12 @@ def check_targets(chunks: Iterable[Tracks | Truth], targets: tuple[int, ...]) ->
 
 
 def _used(table: Tracks | Truth) -> Bools:
-    """(N,) rows of targets: of a truth those with the role of one."""
+    """(N,) mask of rows of targets: in a truth, those with the role of a target."""
     return table.role == "target" if isinstance(table, Truth) else np.ones(len(table), dtype=np.bool_)
 
 
 def places_of(table: Tracks | Truth, targets: tuple[int, ...]) -> ExportedPositions:
-    """The targets of a table; of a truth those with the role of one.
+    """Positions of the targets in a table; in a truth, of rows with the role of a target.
 
     Args:
         table: rows in any order.
@@ -92,9 +90,9 @@ def places_of(table: Tracks | Truth, targets: tuple[int, ...]) -> ExportedPositi
 
 
 def mot3d_text(pieces: Iterable[ExportedPositions]) -> Iterator[str]:
-    """Lines `frame,id,-1,-1,-1,-1,confidence,x,y,z`, a text for each piece; frames are the distinct times, from 1.
+    """Lines `frame,id,-1,-1,-1,-1,confidence,x,y,z`, a text for each part; frames are the distinct times, from 1.
 
-    A time is in one piece only.
+    A time is in one part only.
     """
     first = 1
     for positions in pieces:
@@ -111,14 +109,14 @@ def mot3d_text(pieces: Iterable[ExportedPositions]) -> Iterator[str]:
 
 
 def check_one_target(names: list[int]) -> None:
-    """UsageError for several targets, of which TUM text holds one."""
+    """UsageError for several targets, since TUM text holds one."""
     if len(names) > 1:
         few = ", ".join(map(str, names[:10])) + (f" and {len(names) - 10} more" if len(names) > 10 else "")
         raise UsageError(f"TUM text holds one target, and there are {few}; choose one (target)", id="ambiguous-input")
 
 
 def tum_text(positions: ExportedPositions) -> str:
-    """Lines `t x y z qx qy qz qw` of one target [s]; it faces its direction of motion, or +x if unknown."""
+    """Lines `t x y z qx qy qz qw` of one target [s]; orientation is the direction of motion, or +x if unknown."""
     heading = np.arctan2(positions.velocity[:, 1], positions.velocity[:, 0])
     half = np.where(np.isnan(heading), 0.0, 0.5 * heading)
     rows = zip(
@@ -128,7 +126,7 @@ def tum_text(positions: ExportedPositions) -> str:
 
 
 def _seconds(t_ns: int) -> str:
-    """A time as exact seconds, also one before the epoch."""
+    """Format a time as exact seconds, also before the epoch."""
     whole, rest = divmod(abs(t_ns), NS)
     return f"{'-' if t_ns < 0 else ''}{whole}.{rest:09d}"
 
@@ -136,7 +134,7 @@ def _seconds(t_ns: int) -> str:
 def geojson_texts(
     pieces: Callable[[], Iterable[ExportedPositions]], origin: Origin, length_unit: str, most: int = MAX_ROWS
 ) -> Iterator[str]:
-    """A feature for each target: a line in WGS 84, a point for a target of one row, with the times of its corners.
+    """GeoJSON text in parts: a WGS 84 line per target (a point for a single row), with times of its vertices.
 
     Args:
         pieces: gives the positions, the same each time, in the order of time.
@@ -175,7 +173,7 @@ def geojson_texts(
 
 
 def _groups(counts: Mapping[int, int], most: int) -> Iterator[list[int]]:
-    """Identities, rising, in groups of not more than this many rows, or of one identity."""
+    """Sorted identities in groups of at most `most` rows, or of one identity."""
     group: list[int] = []
     rows = 0
     for name in sorted(counts):
@@ -189,7 +187,7 @@ def _groups(counts: Mapping[int, int], most: int) -> Iterator[list[int]]:
 
 
 def _of_targets(pieces: Callable[[], Iterable[ExportedPositions]], names: Sequence[int]) -> ExportedPositions:
-    """All positions of some targets."""
+    """Concatenate the positions of some targets."""
     found = [
         ExportedPositions._make(column[np.isin(positions.identity, names)] for column in positions)
         for positions in pieces()
@@ -216,7 +214,7 @@ def _feature(name: int, positions: ExportedPositions, rows: Ints, origin: Origin
 def _long_feature(
     pieces: Callable[[], Iterable[ExportedPositions]], name: int, origin: Origin, length_unit: str
 ) -> Iterator[str]:
-    """A line of more corners than are kept in memory, part by part: corners, then times."""
+    """A line with more vertices than fit in memory, in parts: vertices, then times."""
     head = {"type": "Feature", "geometry": {"type": "LineString", "coordinates": []}}
     yield json.dumps(head)[:-3]
     for part in (0, 1):
@@ -231,9 +229,9 @@ def _long_feature(
 
 
 def trc_texts(pieces: Callable[[], Iterable[ExportedPositions]], length_unit: str, name: str) -> Iterator[str]:
-    """A table of markers, one a target, with a line for each time; a target that is not there has empty cells.
+    """TRC text in parts: a marker per target, a line per time; empty cells for absent targets.
 
-    The unit is m, or mm for lengths in others than m and mm.
+    The unit is mm, or m for lengths in m.
 
     Args:
         pieces: gives the positions, the same each time, in the order of time; a time is in one piece only.
@@ -302,7 +300,7 @@ def shown_name(column: Column, length_unit: str) -> str:
 def write_csv(
     rows: Iterable[ColumnTable], table: type[ColumnTable], file: IO[bytes], length_unit: str
 ) -> tuple[int, tuple[str, ...]]:
-    """Write text; the number of rows, and the columns that have more than one number a row and are skipped."""
+    """Write CSV; return the number of rows, and the list columns that were skipped."""
     kept = [c for c in table.columns() if not c.width]
     file.write((",".join(shown_name(c, length_unit) for c in kept) + "\n").encode())
     count = 0
@@ -314,7 +312,7 @@ def write_csv(
 
 
 def _cells(part: ColumnTable, column: Column) -> Sequence[str]:
-    """The values of a column as text; unknown values are empty."""
+    """Values of a column as text; unknown values are empty."""
     values = getattr(part, column.name)
     if column.kind == "U":
         return [_quoted(no_formula(text)) for text in values.tolist()]
@@ -332,7 +330,7 @@ def _quoted(text: str) -> str:
 
 
 def write_parquet(rows: Iterable[ColumnTable], table: type[ColumnTable], file: IO[bytes], length_unit: str) -> int:
-    """Write Parquet without our keys, with null for unknown values; the number of rows."""
+    """Write Parquet without occlog's metadata, with null for unknown values; return the number of rows."""
     schema = pa.schema([pa.field(shown_name(c, length_unit), _kind(c)) for c in table.columns()])
     count = 0
     with pq.ParquetWriter(file, schema, compression="zstd") as writer:

@@ -1,4 +1,4 @@
-"""The `occlog view` command: shows a run or a recording in a viewer that is installed."""
+"""`occlog view`: show a run or a recording in an installed viewer."""
 
 from __future__ import annotations
 

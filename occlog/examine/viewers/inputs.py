@@ -1,4 +1,4 @@
-"""Input to show: a run folder with its recording, a recording alone, or a table with or without one."""
+"""Inputs of a viewer: a run folder with its recording, a recording, or a table with or without one."""
 
 from __future__ import annotations
 
@@ -79,12 +79,12 @@ class ViewerInputs:
 
     @property
     def metres(self) -> float:
-        """Length of the unit; 1 where it is not known."""
+        """Metres per length unit; 1 if unknown."""
         return METRES.get(self.unit, 1.0)
 
     @property
     def opened(self) -> list[Opened]:
-        """Every file that is read, each once."""
+        """All files that are read, without duplicates."""
         return list({opened.path: opened for opened in self.tables.values()}.values())
 
     def has(self, table: type[ColumnTable]) -> bool:
@@ -92,21 +92,21 @@ class ViewerInputs:
         return table.NAME in self.tables
 
     def pieces(self, table: type[T]) -> Iterator[T]:
-        """Rows of a table, those of one time and sensor together; none if missing."""
+        """Generate the rows of a table grouped by time and sensor; empty if missing."""
         if not self.has(table):
             return
         for rows in whole_times(self.tables[table.NAME].rows(table, at_once=ROWS)):
             yield from chunks_of_equal_time(rows)
 
     def targets(self) -> set[int]:
-        """Every identity that is tracked."""
+        """All tracked identities."""
         kinds: tuple[type[Tracks] | type[ViewTracks], ...] = (Tracks, ViewTracks)
         found = (rows for kind in kinds if self.has(kind) for rows in self.tables[kind.NAME].rows(kind, at_once=ROWS))
         return {target for rows in found for target in np.unique(rows.target_id).tolist()}
 
 
 def chunks_of_equal_time(rows: T) -> Iterator[T]:
-    """The rows cut where the time changes, or the sensor."""
+    """Split rows where the time or the sensor changes."""
     change = np.diff(rows.t_ns) != 0  # type: ignore[attr-defined]
     sensor = getattr(rows, "sensor", None)
     if sensor is not None:
@@ -156,7 +156,7 @@ def find_inputs(path: Path, recording: Path | None, scene: Path | None) -> Viewe
 
 
 def viewer_format_of(path: Path) -> str | None:
-    """The format of a file that was made for viewers; None for any other."""
+    """Format of a file made for viewers; None for others."""
     opened = open_if_ours(path)
     if opened is None or opened.recording is None or opened.provenance.command != "export":
         return None
@@ -164,7 +164,7 @@ def viewer_format_of(path: Path) -> str | None:
 
 
 def _unit(opened: list[Opened], scene: Scene | None) -> str:
-    """The unit of lengths; InputError where a table has another."""
+    """Length unit; InputError if a table has another one."""
     from occlog.io.open import check_unit, common_unit
 
     tables = [each for each in opened if each.recording is None]
@@ -176,7 +176,7 @@ def _unit(opened: list[Opened], scene: Scene | None) -> str:
 
 
 def _files(folder: Path) -> list[Path]:
-    """The tables and the recording of a run folder; InputError if missing."""
+    """Tables and recording of a run folder; InputError if missing."""
     names = [RECORDING, *(f"{table.NAME}.parquet" for table in SHOWN)]
     files = [folder / name for name in names if (folder / name).is_file()]
     if not files:
@@ -188,7 +188,7 @@ def _files(folder: Path) -> list[Path]:
 
 
 def note_unexpected(inputs: ViewerInputs, quiet: bool) -> None:
-    """Report unusual inputs: no images, a unit without a length, tracks of another recording."""
+    """Note unusual inputs: no images, a unit without a length, tracks of another recording."""
     if inputs.recording is None:
         console.note(
             f"no recording is given: no images and no truth are shown; name it with {option('recording')}", quiet

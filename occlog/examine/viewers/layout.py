@@ -27,7 +27,7 @@ Node = str | dict[str, object]
 
 
 def foxglove_layout(topics: Mapping[str, str], scene: Scene | None) -> dict[str, object]:
-    """The layout: the scene in space, the images, plots and the log.
+    """Create the layout: 3-D scene, images, plots and log.
 
     Args:
         topics: names of schemas by topic.
@@ -62,7 +62,7 @@ def _split(first: Node, second: Node, direction: str, share: float) -> dict[str,
 
 
 def _tiled(panels: Sequence[Node], direction: str) -> Node:
-    """Panels one after another; four and more in turns side by side and below each other."""
+    """Arrange panels: in a row, or from four on alternately side by side and below each other."""
     if len(panels) == 1:
         return panels[0]
     if len(panels) == 2:
@@ -125,7 +125,7 @@ def _image(camera: str, topics: Mapping[str, str]) -> dict[str, object]:
 
 
 def _plots(topics: Mapping[str, str]) -> list[list[str]]:
-    """Paths of the lines of up to two plots."""
+    """Message paths of up to two plots."""
     found = []
     for source, names in PLOTS:
         targets = [topic for topic in topics if topic.startswith(f"/{source}/")]

@@ -1,4 +1,4 @@
-"""Opens a viewer that is installed with the file made for it."""
+"""Opening of an installed viewer with the file made for it."""
 
 from __future__ import annotations
 
@@ -47,10 +47,10 @@ class ViewRequest:
 
 
 def run_view(request: ViewRequest, *, quiet: bool = False) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Make the file, and show it until the viewer is closed; the summary, and the losses.
+    """Write the viewer's file, and show it until the viewer is closed; return the summary and losses.
 
     Raises:
-        UsageError: no viewer is installed, or there is nowhere for the file to stay.
+        UsageError: no viewer is installed, or no permanent output is given for a viewer that needs one.
         OutputError: the viewer could not be started.
     """
     made = None if request.input.is_dir() else viewer_format_of(request.input)
@@ -87,7 +87,7 @@ def run_view(request: ViewRequest, *, quiet: bool = False) -> tuple[dict[str, ob
 
 
 def _start(program: str, viewer: str, file: Path, *, started: bool) -> str:
-    """Show a file until the viewer is closed; the command."""
+    """Show a file until the viewer is closed; return the command."""
     line = [program, *(RERUN_OPTIONS if viewer == RERUN else ()), str(file.resolve())]
     if started:
         try:
@@ -100,7 +100,7 @@ def _start(program: str, viewer: str, file: Path, *, started: bool) -> str:
 
 
 def find_viewer(named: str | None, *, started: bool, takes: str | None = None) -> tuple[str, str]:
-    """The program and the format that it takes.
+    """Executable of a viewer, and the format that it reads.
 
     Args:
         named: name or path; None: the first of `PROGRAMS` that is installed.

@@ -1,4 +1,4 @@
-"""Writes the MCAP file that viewers show, and the layout that goes with it."""
+"""Writing of the MCAP file for viewers, with its layout."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class ViewerTask:
 
 
 def run_viewers(request: ViewerTask, *, quiet: bool = False) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Write the file; the summary, and the losses."""
+    """Write the file; return the summary and the losses."""
     files = (request.input, request.recording, request.scene)
     check_outputs(files, (request.output, request.layout), request.overwrite)
     inputs = find_inputs(request.input, request.recording, request.scene)
@@ -143,7 +143,7 @@ def _provenance(inputs: ViewerInputs, request: ViewerTask, losses: tuple[Loss, .
 
 
 def _begun(items: Iterator[StreamItem], sink: _Sink, inputs: ViewerInputs) -> Iterator[StreamItem]:
-    """The time steps; before the first one everything that does not move is written, at its time."""
+    """Generate the time steps; static content is written before the first one, at its time."""
     for n, item in enumerate(items):
         if not n:
             sink.begin(item.frame.t_ns if isinstance(item, ImageOverlay) else item.t_ns, inputs)
@@ -151,7 +151,7 @@ def _begun(items: Iterator[StreamItem], sink: _Sink, inputs: ViewerInputs) -> It
 
 
 class _Sink:
-    """Codes the drawing for one viewer and writes it."""
+    """Encodes drawings for one viewer, and writes them."""
 
     def __init__(self, out: RecordingWriter, inputs: ViewerInputs, request: ViewerTask) -> None:
         self._out, self._inputs, self._request = out, inputs, request
@@ -166,7 +166,7 @@ class _Sink:
         self.frames = 0
 
     def begin(self, t_ns: int, inputs: ViewerInputs) -> None:
-        """Write what does not move, and the losses before."""
+        """Write static content and earlier losses."""
         for loss in _previous_losses(inputs):
             self.write(LogLine(t_ns, True, "lost earlier", str(loss)))
         if inputs.scene is None:
@@ -177,7 +177,7 @@ class _Sink:
             self.write(SceneDrawing("/static_shadows", t_ns, shadows))
 
     def write(self, item: StreamItem) -> None:
-        """Write one time step, unless its topic has had one in this time interval."""
+        """Write one time step, unless its topic had one in this time interval."""
         if self._thinner is not None and not self._thinner.keeps(item):
             return
         if isinstance(item, SceneDrawing) and item.topic == PARTICLES:
@@ -200,9 +200,9 @@ class _Sink:
             self._message("/log", Log, item.t_ns, message.SerializeToString(deterministic=True))
 
     def _second(self, topic: str) -> str:
-        """The topic of what Rerun draws.
+        """Topic of Rerun's point cloud.
 
-        Where lines are written, too, it has the same name without the slash before it: Rerun takes both for one.
+        If lines are written as well, it is the same name without the leading slash: Rerun treats both as one.
         """
         return topic.removeprefix("/") if self._lines else topic
 
@@ -239,7 +239,7 @@ class _Sink:
             self._layer(f"/camera/{frame.sensor}/image/{layer}", frame, things, camera)
 
     def _layer(self, topic: str, frame: Frame, things: list[DrawingGroup], camera: Camera | None) -> None:
-        """Write what one layer has over a frame; nothing, too, once it had something."""
+        """Write the shapes of one layer over a frame; an empty message if it had shapes before."""
         if self._lines:
             self._message(topic, ImageAnnotations, frame.t_ns, image_annotations(things, frame.t_ns))
         if self._points and camera is not None and camera.placed:
@@ -247,7 +247,7 @@ class _Sink:
             self._message(self._second(topic), PointCloud, frame.t_ns, data)
 
     def _image(self, frame: Frame) -> tuple[bytes, str, tuple[int, int], float]:
-        """Return the compressed image (JPEG where it is encoded again), format, size and scale factor."""
+        """Compressed image (JPEG if re-encoded), format, size and scale factor."""
         most = self._request.height
         if frame.encoded is not None:
             kind, size = image_kind(frame.encoded), shown_size(frame.encoded)

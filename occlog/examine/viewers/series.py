@@ -1,6 +1,6 @@
-"""Numbers over time as messages of protobuf, which every viewer plots: a field for each column of numbers.
+"""Numbers over time as protobuf messages for plots: a field per numeric column.
 
-The main number of each table as the message of ROS 2 that Rerun plots by itself, which has numbers without names.
+For Rerun, the main numbers as a ROS 2 message without names.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Series:
 
     @classmethod
     def of_table(cls, table: type[ColumnTable]) -> Series:
-        """The columns of numbers of a table, under its name; time and identity are reported otherwise."""
+        """Numeric columns of a table, except time and identity."""
         names = [c.name for c in table.columns() if c.kind in NUMBERS and not c.width and c.name not in LEFT_OUT]
         return cls(table.NAME.capitalize(), names)
 
@@ -66,7 +66,7 @@ class Series:
         return data
 
     def message(self, values: Sequence[float]) -> bytes:
-        """The bytes of one message; a value that is not known is NaN."""
+        """Encode one message; unknown values are NaN."""
         message = self._class(**dict(zip(self.fields, values, strict=True)))
         data: bytes = message.SerializeToString(deterministic=True)
         return data
@@ -99,13 +99,13 @@ LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 
 
 def main_columns(series: Series, values: Sequence[float]) -> tuple[str, ...]:
-    """The first choice of columns of which the values of a row are known; the very first where none are."""
+    """First choice of columns whose values are known in a row; the very first choice if there is none."""
     known, choices = dict(zip(series.fields, values, strict=True)), MAIN[series.name]
     return next((names for names in choices if not any(math.isnan(known[name]) for name in names)), choices[0])
 
 
 def main_numbers(series: Series, names: Sequence[str], values: Sequence[float]) -> bytes:
-    """The bytes of a `std_msgs/msg/Float64MultiArray` in CDR; the label of its dimension names the columns.
+    """Encode a `std_msgs/msg/Float64MultiArray` in CDR; the label of its dimension lists the columns.
 
     Args:
         series: one of those in `MAIN`.

@@ -1,9 +1,7 @@
-"""Messages of a viewer in the order of time: rows of tables and frames.
+"""Messages for a viewer, sorted by time: table rows and frames.
 
-At one time truth comes first, then the diagnostics of the filter, then estimates, and images last: an image is drawn
-over with the values known by then.
-
-Fewer time steps of a long recording: what viewers keep in memory grows with what a file holds.
+At one time truth is first, then filter diagnostics, estimates, and images with the drawings over them. Time steps of
+long recordings are thinned, since viewers keep the whole file in memory.
 """
 
 from __future__ import annotations
@@ -67,7 +65,7 @@ SHADOWS_NS = NS // 5
 
 
 class SceneDrawing(NamedTuple):
-    """Things in space on a topic."""
+    """Shapes in space on a topic."""
 
     topic: str
     t_ns: int
@@ -75,7 +73,7 @@ class SceneDrawing(NamedTuple):
 
 
 class ImageOverlay(NamedTuple):
-    """A frame, and the drawing over it, by the layer (see `LAYERS`)."""
+    """A frame, and the shapes over it by layer (see `LAYERS`)."""
 
     frame: Frame
     layers: dict[str, list[DrawingGroup]]
@@ -91,7 +89,7 @@ class Numbers(NamedTuple):
 
 
 class LogLine(NamedTuple):
-    """A line of the log."""
+    """A log message."""
 
     t_ns: int
     warns: bool
@@ -103,10 +101,10 @@ StreamItem = SceneDrawing | ImageOverlay | Numbers | LogLine
 
 
 class ViewerStream:
-    """Goes through everything once; memory does not grow with the length."""
+    """Generates everything to show in one pass, in bounded memory."""
 
     def __init__(self, inputs: ViewerInputs) -> None:
-        """Take what there is; identities are read before, for their colours."""
+        """Identities are read first, to assign colours."""
         self._inputs, self._metres = inputs, inputs.metres
         self.palette = Palette(inputs.targets())
         self.crowd = PeopleDrawing(self.palette)
@@ -120,7 +118,7 @@ class ViewerStream:
         self._next_shadows = -(1 << 62)
 
     def items(self) -> Iterator[StreamItem]:
-        """Everything in the order of time."""
+        """Generate all items sorted by time."""
         sources: list[Iterator[tuple[int, int, Callable[[], Iterator[StreamItem]]]]] = []
 
         def add(order: int, rows: Iterator[object], show: Callable[..., Iterator[StreamItem]]) -> None:
@@ -150,7 +148,7 @@ class ViewerStream:
                 yield item
 
     def _note(self, item: SceneDrawing) -> None:
-        """Keep until when the drawing is valid: as long as two and a half times it took to come, 1 s at least."""
+        """Record the validity of a drawing: 2.5 times the interval since the previous one, at least 1 s."""
         before = self._stands.get(item.topic)
         elapsed = 0 if before is None else item.t_ns - before[0]
         self._stands[item.topic] = (item.t_ns, item.t_ns + max(STALE_NS, 5 * elapsed // 2))
@@ -158,7 +156,7 @@ class ViewerStream:
             del self._stands[item.topic]
 
     def _ended(self, t_ns: int) -> Iterator[StreamItem]:
-        """Clear topics that have ended by now; a viewer would show their last drawing forever."""
+        """Generate messages that clear expired topics, which a viewer would show forever."""
         for topic, (_, until) in list(self._stands.items()):
             if t_ns > until:
                 del self._stands[topic]
@@ -265,14 +263,14 @@ class ViewerStream:
 def _timed(
     order: int, rows: Iterator[object], show: Callable[..., Iterator[StreamItem]]
 ) -> Iterator[tuple[int, int, Callable[[], Iterator[StreamItem]]]]:
-    """The pieces of a source with their times and its position among others of the same time."""
+    """Parts of a source with time and rank among others of the same time."""
     for piece in rows:
         times = piece.t_ns  # type: ignore[attr-defined]
         yield int(times if isinstance(times, int) else times[0]), order, partial(show, piece)
 
 
 def _numbers(topic: str, series: Series, rows: object, targets: list[int]) -> Iterator[StreamItem]:
-    """The numbers of rows of one time, on a topic for each target."""
+    """Numbers in rows of one time, on a topic for each target."""
     columns = [np.asarray(getattr(rows, name), dtype=np.float64).tolist() for name in series.fields]
     t_ns = int(rows.t_ns[0])  # type: ignore[attr-defined]
     for target, values in zip(targets, zip(*columns, strict=True), strict=True):
@@ -282,19 +280,19 @@ def _numbers(topic: str, series: Series, rows: object, targets: list[int]) -> It
 class Thinner:
     """Keeps the first time step of each topic in each time interval.
 
-    Each message states all that its topic shows, so that any of them may be skipped.  Sections are the same for all
-    topics: images and the drawing over the floor stay near each other.  Lines of the log are all kept.
+    Each message shows the whole state of its topic, so that any of them may be omitted. Intervals are the same for all
+    topics, so that images and drawings correspond. All log lines are kept.
     """
 
     def __init__(self, every_ns: int) -> None:
-        """Sections of this many nanoseconds, counted from the first time step."""
+        """Interval length [ns], counted from the first time step."""
         self._every_ns = every_ns
         self._begin: int | None = None
         self._kept: dict[str, int] = {}
         self._shown: set[str] = set()  # topics with a last message that shows something
 
     def keeps(self, item: StreamItem) -> bool:
-        """Return whether a time step is written; time steps come in the order of time."""
+        """Whether a time step is kept; time steps must be in the order of time."""
         if isinstance(item, LogLine):
             return True
         topic, t_ns = (

@@ -4,9 +4,9 @@ Its row of the table `measurements` has a range and a bearing, the azimuth of th
 
     z = atan2(y - p_y, x - p_x) + noise,
 
-from +x towards +y in the world, with residuals wrapped to [-pi, pi).  The errors of range and bearing are independent
-(Bar-Shalom, Li and Kirubarajan 2001, Sec. 10.4); each of the two can be false by itself.  A detour of the signal makes
-the range late and leaves the bearing.
+from +x towards +y in the world, with residuals wrapped to [-pi, pi). The errors of range and bearing are independent
+(Bar-Shalom, Li and Kirubarajan 2001, Sec. 10.4); each of the two can be false by itself. A detour of the signal
+lengthens the range and does not affect the bearing.
 """
 
 from __future__ import annotations

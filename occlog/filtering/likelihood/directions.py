@@ -56,7 +56,7 @@ MIN_FALSE_ALARM_PROBABILITY = 1e-5
 
 
 class MeasurementNoise(NamedTuple):
-    """What [Ercan] Eq. 2 needs also the noise of reading, and the widths of images; S sensors."""
+    """Noise parameters of S sensors for [Ercan] Eq. 2 (except measurement noise), and image widths."""
 
     focal_px: Floats  # (S,)
     sigma_position: Floats  # (S,)
@@ -68,8 +68,8 @@ class MeasurementNoise(NamedTuple):
 class PackedScan(NamedTuple):
     """A scan as the kernels read it: n reports with m measurements in all.
 
-    Numba requires a tuple of arrays of one kind each, and a report's measurements in adjacent rows: rows that
-    saw nothing are gone, pixels and bearings share a column, and every measurement has a variance.
+    Numba requires arrays of one type each, and a report's measurements in adjacent rows: rows without detection are
+    removed, pixels and bearings share a column, and every measurement has a variance.
     `occlog.track.methods.apf.model.pack_scan` makes it of an `occlog.scans.grouping.Scan`.
     """
 
@@ -83,7 +83,7 @@ class PackedScan(NamedTuple):
 
 
 class DetectionModel(NamedTuple):
-    """Probabilities of the factors above, for each of S sensors."""
+    """Detection model: probabilities of the factors in the module docstring, for S sensors."""
 
     hit: Floats  # (S,)
     miss: Floats  # (S,)
@@ -122,7 +122,7 @@ def add_pixel(
 def add_bearing(out: Floats, xy: Floats, x0: float, y0: float, bearing: float, variance: float, share: float) -> None:
     """Add `share` times the density of a bearing [rad] from (x0, y0) at positions (L, 2) to `out` (L,), in place.
 
-    The density is a Gaussian of the difference wrapped to [-pi, pi), so sigma must be small against pi.
+    The density is a Gaussian of the difference wrapped to [-pi, pi); sigma must be much smaller than pi.
     """
     scale = share / (ROOT_2PI * math.sqrt(variance))
     for p in range(xy.shape[0]):
@@ -133,7 +133,7 @@ def add_bearing(out: Floats, xy: Floats, x0: float, y0: float, bearing: float, v
 
 @kernel
 def densities(xy: Floats, k: int, scan: PackedScan, sensors: Sensors, noise: MeasurementNoise) -> Floats:
-    """(L,) sum over the measurements of report k of share times density, for targets at (L, 2) positions."""
+    """(L,) sum over the measurements of report k of share times density, for target positions (L, 2)."""
     out = np.zeros(xy.shape[0])
     i = scan.sensor[k]
     for m in range(scan.first[k], scan.first[k + 1]):
@@ -148,7 +148,7 @@ def densities(xy: Floats, k: int, scan: PackedScan, sensors: Sensors, noise: Mea
 def factors(
     xy: Floats, k: int, scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, model: DetectionModel, seen: Bools
 ) -> tuple[Floats, float]:
-    """Factors of report k, as in the table of the module, for targets at (L, 2) positions.
+    """Factors of report k, by the table in the module docstring, for target positions (L, 2).
 
     Args:
         xy: (L, 2) positions.
@@ -187,7 +187,7 @@ def factors(
 
 @kernel
 def image_width(k: int, scan: PackedScan, noise: MeasurementNoise) -> float:
-    """W: range of the values of the measurements of report k, which must have one [px or rad]."""
+    """W: range of possible measurement values of report k [px or rad]."""
     widths = noise.width_px if scan.pixel[scan.first[k]] else noise.width
     width: float = widths[scan.sensor[k]]
     return width
@@ -197,9 +197,9 @@ def image_width(k: int, scan: PackedScan, noise: MeasurementNoise) -> float:
 def log_likelihood(
     xy: Floats, scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, model: DetectionModel, free: Bools
 ) -> Floats:
-    """(L,) log-likelihoods of a scan for targets at (L, 2) positions; -inf where it is impossible.
+    """(L,) log-likelihoods of a scan for target positions (L, 2); -inf where it is impossible.
 
-    Nothing is known about moving occluders; with priors of them: `occlog.filtering.likelihood.directions`.
+    Without priors of moving occluders; with these see `log_likelihood_among`.
 
     Args:
         xy: (L, 2) positions.
@@ -225,7 +225,7 @@ def log_likelihood(
 def multiply_into(product: Floats, total: Floats, factor: Floats) -> None:
     """Multiply products (L,) by factors (L,), in place; one logarithm then serves many factors.
 
-    A product that leaves [1e-150, 1e150] is moved, as its logarithm, to `total` (L,), and begins again at 1.
+    A product outside [1e-150, 1e150] is added as its logarithm to `total` (L,), and reset to 1.
     """
     for p in range(product.shape[0]):
         product[p] *= factor[p]
@@ -238,7 +238,7 @@ def multiply_into(product: Floats, total: Floats, factor: Floats) -> None:
 def likely_inliers(
     xy: Floats, scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, model: DetectionModel
 ) -> Bools:
-    """(n,) bool: reports with a measurement that is more likely the target's than false or another target's.
+    """(n,) mask of reports with a measurement more probably the target's than false or another target's.
 
     Args:
         xy: (1, 2) where the target is thought to be.
@@ -263,7 +263,7 @@ def likely_inliers(
 
 
 class Occlusion(NamedTuple):
-    """How moving occluders are taken into account.
+    """Settings of the occlusion by moving occluders.
 
     Attributes:
         probability: INDEPENDENT, RECURSION or EXACT.
@@ -294,7 +294,9 @@ def log_likelihood_among(
     priors: Priors,
     occlusion: Occlusion,
 ) -> Floats:
-    """(L,) log-likelihoods of a scan for targets at (L, 2) positions; -inf where it is impossible.
+    """(L,) log-likelihoods of a scan for target positions (L, 2), given priors of moving occluders.
+
+    -inf where it is impossible.
 
     Args:
         xy: (L, 2) positions.
@@ -338,7 +340,7 @@ def _independent(
     priors: Priors,
     occlusion: Occlusion,
 ) -> Floats:
-    """`log_likelihood_among` with cameras that count as independent of each other given the position."""
+    """`log_likelihood_among` with cameras taken as independent given the position."""
     L = xy.shape[0]
     total, product = np.zeros(L), np.ones(L)
     grid = make_grid(xy, free, priors, occlusion.far)
@@ -366,7 +368,7 @@ def _independent(
 def _split_by_occlusion(
     xy: Floats, scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, model: DetectionModel, free: Bools
 ) -> tuple[Floats, Floats, Floats, Bools]:
-    """Split a scan into what moving occluders cannot hide and what they can.
+    """Split a scan into factors that moving occluders cannot change and those that they can.
 
     Returns:
         (L,) log-likelihoods of arrays, and of cameras that are not assigned to a position.

@@ -1,4 +1,4 @@
-"""Measurements of distances: ranges, signal strengths, and differences of ranges; as arrays, with their likelihood.
+"""Likelihood of distance measurements: ranges, signal strengths, and range differences.
 
 Each measurement has a mean m(x) at a position x on the ground and Gaussian noise of a standard deviation that does
 not depend on x:
@@ -52,7 +52,7 @@ MAX_EXPONENT = 700.0
 
 
 class DistanceErrors(NamedTuple):
-    """How m measurements err; arrays of (m,)."""
+    """Error model of m measurements; arrays (m,)."""
 
     bend: Floats  # k, > 0
     late: Floats  # chance of E(u), 0 to 1
@@ -61,16 +61,16 @@ class DistanceErrors(NamedTuple):
 
     @property
     def tailed(self) -> bool:
-        """Whether any signal may come by a detour."""
+        """Whether any signal may be non-line-of-sight."""
         return bool(self.late.any() or self.early.any())
 
     def widened(self, variance: Floats) -> DistanceErrors:
-        """Error model of residuals in units of the root of a variance (..., m): noise plus that of the position."""
+        """Error model for residuals normalised by the noise plus a position variance (..., m)."""
         return self._replace(rate=self.rate * np.sqrt(variance))
 
 
 class ScoreAndInformation(NamedTuple):
-    """How measurements pull at an estimate, of the shape of their residuals."""
+    """Score and information of measurements, as functions of their residuals."""
 
     slope: Floats  # derivative of -log f by u
     weight: Floats  # curvature that counts: 1 of a value without a detour, 0 to 1 of one that has it, 0 of a false one
@@ -78,7 +78,7 @@ class ScoreAndInformation(NamedTuple):
 
 
 def without_detours(bend: Floats) -> DistanceErrors:
-    """Errors of measurements (m,) that are Gaussian or false."""
+    """Errors of measurements (m,) that are Gaussian or false, without detours."""
     none = np.zeros(len(bend))
     return DistanceErrors(bend, none, none, np.ones(len(bend)))
 
@@ -100,7 +100,7 @@ def log_density(u: Floats, errors: DistanceErrors, variance: Floats | float = 1.
 
 
 def inlier_probability(u: Floats, errors: DistanceErrors) -> Floats:
-    """(..., m) probability that values with residuals (..., m) are neither false nor came by a detour."""
+    """(..., m) probability that measurements with residuals (..., m) are neither false nor non-line-of-sight."""
     own = _log_direct(errors) - 0.5 * u**2
     others = np.broadcast_to(-0.5 * errors.bend**2, np.shape(own))
     if errors.tailed:
@@ -109,10 +109,10 @@ def inlier_probability(u: Floats, errors: DistanceErrors) -> Floats:
 
 
 def score_and_information(u: Floats, errors: DistanceErrors) -> ScoreAndInformation:
-    """What residuals (..., m) do to an estimate.
+    """Score (gradient) and information of residuals (..., m), for iteratively reweighted least squares.
 
-    The curvature is the expectation of those of the parts (direct, late, false), which is not below 0; what not
-    knowing which part it is takes away is omitted, as usual in iteratively reweighted least squares.
+    The information is the expected curvature over the components (direct, late, false), which is nonnegative; the loss
+    from the unknown component is omitted, as usual.
     """
     own = inlier_probability(u, errors)
     if not errors.tailed:
@@ -131,14 +131,14 @@ def _log_direct(errors: DistanceErrors) -> Floats:
 
 
 def _tails(u: Floats, errors: DistanceErrors, variance: Floats | float) -> tuple[Floats, Floats]:
-    """Logs of sqrt(2 pi) times the parts of late and of early signals; -inf where missing."""
+    """Log densities, times sqrt(2 pi), of the components of late and early signals; -inf if absent."""
     with np.errstate(divide="ignore"):
         late, early = np.log(errors.late), np.log(errors.early)
     return late + _log_tail(u, errors.rate, variance), early + _log_tail(-u, errors.rate, variance)
 
 
 def _log_tail(u: Floats, rate: Floats, variance: Floats | float) -> Floats:
-    """Log of sqrt(2 pi) E(u), with a variance of the Gaussian."""
+    """Log of sqrt(2 pi) E(u), with the given variance of the Gaussian."""
     root = np.sqrt(variance)
     return np.asarray(
         LOG_ROOT_2PI + np.log(rate) + 0.5 * rate**2 * variance - rate * u + log_ndtr(u / root - rate * root)
@@ -159,7 +159,7 @@ NEAREST = 1e-9
 
 
 class RangeMeasurements(NamedTuple):
-    """m measurements of one target at one time, or at several."""
+    """m measurements of one target, at one time or at several."""
 
     kind: Ints  # (m,) index of `MODELS`: RANGE, LOGARITHM, DIFFERENCE, ...
     value: Floats  # (m,) z
@@ -183,12 +183,12 @@ class RangeMeasurements(NamedTuple):
 
     @property
     def geometry(self) -> StationPositions:
-        """Positions of the stations."""
+        """Positions of the stations of the measurements."""
         return StationPositions(self.position, self.rise2, self.other, self.other_rise2)
 
     @property
     def errors(self) -> DistanceErrors:
-        """How the measurements err: strengths cannot be late, and a difference may be too long or too short."""
+        """Error model of the measurements: strengths cannot be late, and a difference may be too long or too short."""
         differs = self.kind == DIFFERENCE
         either = 0.5 * self.late * (2.0 - self.late)
         late = np.where(differs, either, np.where(DELAYED[self.kind], self.late, 0.0))
@@ -201,20 +201,20 @@ COLUMNS = 8
 
 
 class LinearisedDistances(NamedTuple):
-    """What m measurements leave at L positions, in standard deviations."""
+    """Residuals and gradients of m measurements at L positions, in standard deviations."""
 
     residual: Floats  # (L, m) r
     gradient: Floats  # (L, m, 2) of m(x) / sigma
 
 
 def concat(parts: list[RangeMeasurements]) -> RangeMeasurements:
-    """All measurements of several sets, at least one; how they err is as in the last."""
+    """Concatenate measurements; the error parameters are those of the last set."""
     columns = (np.concatenate(column) for column in zip(*(part[:COLUMNS] for part in parts), strict=True))
     return RangeMeasurements._make((*columns, *parts[-1][COLUMNS:]))
 
 
 def no_measurements(bend: float, late: float = 0.0, detour: float = math.nan) -> RangeMeasurements:
-    """No measurements."""
+    """Empty set of measurements."""
     none, no_position, whole = np.empty(0), np.empty((0, 2)), np.empty(0, dtype=np.int64)
     return RangeMeasurements(whole, none, none, no_position, none, no_position, none, whole, bend, late, detour)
 
@@ -241,7 +241,7 @@ def residuals_at_own_position(rows: RangeMeasurements, xy: Floats) -> tuple[Floa
 
 
 def information(rows: RangeMeasurements, xy: Floats) -> Floats:
-    """(m, 2, 2) Fisher information of each measurement about its own true position (m, 2), if it is true."""
+    """(m, 2, 2) Fisher information of each measurement about its own true position (m, 2), if it is an inlier."""
     gradient = residuals_at_own_position(rows, xy)[1]
     return np.asarray(gradient[:, :, None] * gradient[:, None, :])
 

@@ -1,6 +1,5 @@
-"""What sensors measure of a position: readings ([Ercan] Eq. 1) and bearings, their derivatives and variances (Eq. 2).
-
-What a measurement model is: the predicted value of a station's measurement as a function of a target's position.
+"""Measurement models of cameras and arrays: readings ([Ercan] Eq. 1) and bearings, their derivatives and variances (Eq.
+2); and the interface of measurement models of stations.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from .directions import MIN_DEPTH, MIN_DEPTH_RATIO, MeasurementNoise, PackedScan
 
 
 class MeasurementWorld(NamedTuple):
-    """The sensors, their noise, and where a target can be."""
+    """Sensors with their noise, and the region where a target can be."""
 
     sensors: Sensors
     noise: MeasurementNoise
@@ -27,7 +26,7 @@ class MeasurementWorld(NamedTuple):
 
 
 class LinearisedRows(NamedTuple):
-    """R measurements."""
+    """R measurements, prepared for linearisation."""
 
     sensor: Ints  # (R,)
     pixel: Bools  # (R,) true: z [px], false: a bearing [rad]
@@ -41,21 +40,21 @@ class LinearisedRows(NamedTuple):
 
 
 def rows_of(packed: PackedScan) -> LinearisedRows:
-    """The measurements of a scan."""
+    """Convert the measurements of a scan."""
     count = np.diff(packed.first)
     sensor, labelled = np.repeat(packed.sensor, count), np.repeat(packed.labelled, count)
     return LinearisedRows(sensor, packed.pixel, packed.value, packed.variance, labelled)
 
 
 def offsets(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> tuple[Floats, Floats]:
-    """(..., R) offsets h across and d along each sensor's axis, of (..., 2) positions."""
+    """(..., R) offsets h across and d along each sensor's axis, of positions (..., 2) ([Ercan] Fig. 2)."""
     away = xy[..., None, :] - world.sensors.xy[rows.sensor]
     c, s = world.sensors.axis[rows.sensor].T
     return c * away[..., 1] - s * away[..., 0], c * away[..., 0] + s * away[..., 1]
 
 
 def measured(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> tuple[Floats, Bools]:
-    """(L, R) what the sensors would measure of (L, 2) positions without noise, and where they could: z wants d > 0."""
+    """(L, R) noise-free measurements of positions (L, 2), and mask of possible ones (readings need d > 0)."""
     h, d = offsets(xy, rows, world)
     ahead = ~rows.pixel | (d > np.maximum(MIN_DEPTH_RATIO * np.abs(h), MIN_DEPTH))
     ratio = world.noise.focal_px[rows.sensor] * h / np.where(ahead & rows.pixel, d, 1.0)
@@ -72,15 +71,15 @@ def azimuths(rows: LinearisedRows, world: MeasurementWorld) -> Floats:
 
 
 def residuals(expected: Floats, rows: LinearisedRows) -> Floats:
-    """(..., R) what was measured less what was expected (..., R)."""
+    """(..., R) measured minus expected values; bearings are wrapped."""
     off = rows.value - expected
     return np.where(rows.pixel, off, wrap_angle(off))
 
 
 def linearised(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> tuple[Floats, Floats]:
-    """(..., R, 2) derivatives of what sensors measure by (..., 2) positions, (..., R) variances there ([Ercan] Eq. 2).
+    """(..., R, 2) derivatives of measurements by positions (..., 2), and their variances (..., R) ([Ercan] Eq. 2).
 
-    Readings want d > 0.
+    Readings need d > 0.
     """
     h, d = offsets(xy, rows, world)
     c, s = world.sensors.axis[rows.sensor].T
@@ -101,7 +100,7 @@ def linearised(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> tup
 
 
 class Linearisation(NamedTuple):
-    """R measurements as linear functions of a position, next to `at`."""
+    """R measurements linearised at the position `at`."""
 
     at: Floats  # (2,)
     residual: Floats  # (R,) what was measured less what is expected there
@@ -115,18 +114,18 @@ class Linearisation(NamedTuple):
         return Linearisation(self.at, *own)
 
     def innovation(self, mean: Floats) -> Floats:
-        """(R,) what was measured less what a state with this mean (n,) of position and more expects."""
+        """(R,) measured values minus those expected for a state with mean (n,), position first."""
         return np.asarray(self.residual - self.H @ (mean[:2] - self.at))
 
 
 def linearise(at: Floats, rows: LinearisedRows, world: MeasurementWorld) -> Linearisation:
-    """Measurements as linear functions next to a position (2,)."""
+    """Linearise measurements at a position (2,)."""
     expected, ahead = measured(at[None], rows, world)
     return Linearisation(at, residuals(expected[0], rows), ahead[0], *linearised(at, rows, world))
 
 
 def visible(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> Bools:
-    """(L, R) visibility of (L, 2) positions from sensors: on the floor, in view, not behind walls or occluders."""
+    """(L, R) mask of positions (L, 2) that sensors can see: on the floor, in view, not behind walls or occluders."""
     xy = np.ascontiguousarray(xy)
     free = on_floor(xy, world.floor.room, world.floor.walls, world.floor.starts)
     columns = [free & seen_from(xy, int(i), world.sensors) for i in rows.sensor]
@@ -143,7 +142,7 @@ class StationPositions(NamedTuple):
 
 
 class MeasurementModel(NamedTuple):
-    """One kind of measurement: z = h(x) + noise.
+    """Interface of a measurement model: z = h(x) + noise.
 
     `predict(xy, geometry)` gives h (..., m) at positions (..., m or 1, 2) and its gradient (..., m, 2).
     """

@@ -5,9 +5,9 @@ The state is [x, vx, y, vy].  A model is a row (lateral, a_x, a_y) of accelerati
 if positive (x to the right, y up), at the rate lateral / |v| of Eq. 2.14; (a_x, a_y) is a
 known input along the axes.  (0, 0, 0) is constant velocity, Eq. 2.12.
 
-Two slips of the print are put right: rows 2 and 3 of Eq. 2.13 are swapped there, and the
-rate +alpha / |v| called clockwise turns counter-clockwise.  Constant acceleration enters as
-an input, not through the division by the velocity of Eq. 2.15, which has no value at rest.
+Two misprints are corrected: rows 2 and 3 of Eq. 2.13 are exchanged, and the rate +alpha / |v| called clockwise turns
+counter-clockwise. Constant acceleration enters as an input, not through the division by the velocity of Eq. 2.15, which
+has no value at rest.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def three_models(alpha: float) -> Floats:
 
 
 def acceleration_root(density: float, dt: float) -> Floats:
-    """(2, 2) lower root of the noise that white acceleration gathers in a step, for one axis.
+    """(2, 2) lower Cholesky factor of the white acceleration noise of a step, for one axis.
 
     Args:
         density: variance of the velocity accumulated over 1 s [length^2/s^3], >= 0.
@@ -59,7 +59,7 @@ def turn_matrix(rate: float, dt: float) -> Floats:
 
 @kernel
 def _turned(angle: float) -> tuple[float, float, float, float]:
-    """sin(a)/a, (1 - cos(a))/a, cos(a) and sin(a); with the half angle nothing cancels."""
+    """sin(a)/a, (1 - cos(a))/a, cos(a) and sin(a), by the half angle to avoid cancellation."""
     if abs(angle) < 1e-8:  # the next terms are below the last digit; half of the least number would be 0
         return 1.0, 0.5 * angle, 1.0, angle
     s, c = math.sin(0.5 * angle), math.cos(0.5 * angle)
@@ -104,9 +104,9 @@ def move(states: Floats, model: Floats, dt: float, root: Floats, normals: Floats
 
 @kernel
 def move_under_all(states: Floats, models: Floats, dt: float, root: Floats, normals: Floats) -> Floats:
-    """(J, L, 4) states after one step, each under every one of the (J, 3) models; see `move`.
+    """(J, L, 4) states after one step under each of the models (J, 3); see `move`.
 
-    `normals` is (J, L, 4); one `root` for all models, as the thesis has it.
+    `normals` is (J, L, 4); `root` is common to all models, as in the thesis.
     """
     moved = np.empty((models.shape[0], states.shape[0], 4))
     for m in range(models.shape[0]):

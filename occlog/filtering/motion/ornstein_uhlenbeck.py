@@ -1,4 +1,4 @@
-"""Motion with a velocity that is forgotten: the first two moments of a walk by waypoints.
+"""Ornstein-Uhlenbeck velocity: motion with the first two moments of a random waypoint walk.
 
 A target of [Ercan] Sec. 4.1 keeps its velocity until it chooses another destination.  Where choices come at random,
 1 / tau in a unit of time, and destinations lie in all directions, its velocity v has mean 0, variance
@@ -31,7 +31,7 @@ class OrnsteinUhlenbeck(NamedTuple):
 
     @property
     def velocity_variance(self) -> float:
-        """V: variance of the velocity per axis, of a target that was not seen yet."""
+        """V: velocity variance per axis of a target before its first measurement."""
         return 0.5 * self.speed**2
 
     def transition(self, dt: float) -> tuple[Floats, Floats]:

@@ -5,7 +5,7 @@ its destination (MTD, Eq. 5), changes its destination and moves (CD), or waits (
 The paper's step has length 1; here it lasts T, the reference step, and lengths and
 speeds are per second:
 
-* noise: variance sigma^2 dt per axis, so that sigma is what gathers in a second;
+* noise: variance sigma^2 dt per axis, so that sigma is the standard deviation after a second;
 * regimes: resampled with probability n = dt / T, else the last one goes on (after CD:
   MTD).  A particle so decides once a reference step on average, waits for a reference
   step on average, and changes its destination lambda times a reference step;
@@ -90,7 +90,7 @@ class WaypointModel(NamedTuple):
 
 @kernel
 def reached(particles: WaypointParticles, motion: WaypointModel, floor: Floor) -> Bools:
-    """(L,) bool: which particles decide as if they had reached their destination."""
+    """(L,) mask of particles that decide as if they had reached their destination."""
     L = particles.speed.shape[0]
     out, ahead = np.empty(L, dtype=np.bool_), np.empty((L, 2))
     for i in range(L):
@@ -105,9 +105,9 @@ def reached(particles: WaypointParticles, motion: WaypointModel, floor: Floor) -
 
 @kernel
 def expected_xy(particles: WaypointParticles, arrived: Bools, dt: float, motion: WaypointModel) -> Floats:
-    """(L, 2) kappa of [Ercan] Alg. 1: the expected position after the step, x + beta s e(tau) dt.
+    """(L, 2) expected positions after the step, x + beta s e(tau) dt (kappa of [Ercan] Alg. 1).
 
-    A new destination is taken to lead nowhere on average; any kappa leaves the filter correct.
+    A new destination is in no direction on average; the filter is correct for any kappa.
 
     Args:
         particles: L states.
@@ -131,7 +131,7 @@ def expected_xy(particles: WaypointParticles, arrived: Bools, dt: float, motion:
 
 @kernel
 def choose_regimes(particles: WaypointParticles, arrived: Bools, dt: float, motion: WaypointModel, u: Floats) -> Ints:
-    """(L,) regimes of the particles in a step.
+    """Sample the regimes (L,) of the particles in a step.
 
     Args:
         particles: L states.
@@ -161,11 +161,10 @@ def choose_regimes(particles: WaypointParticles, arrived: Bools, dt: float, moti
 
 @kernel
 def gather(dt: float, motion: WaypointModel) -> tuple[float, float, float]:
-    """Process noise of a step: variance of the position per axis, gain and remaining variance of the velocity.
+    """Process noise of a step: position variance per axis, gain of the velocity, and its conditional variance.
 
-    Noise of the velocity is that of white acceleration: given the position x', the velocity is at
-    c + gain (x' - x - c dt), c being that before, with the variance that is left, per axis.  Without it the gain is
-    that of the speed in Eq. 5.
+    Velocity noise is white acceleration: given the position x', the velocity is c + gain (x' - x - c dt), with c the
+    previous velocity, plus the conditional variance per axis. Without it the gain is that of the speed in Eq. 5.
 
     Args:
         dt: length of the step [s].
@@ -181,16 +180,16 @@ def gather(dt: float, motion: WaypointModel) -> tuple[float, float, float]:
 
 @kernel
 def stands(regime: int, motion: WaypointModel) -> bool:
-    """Whether a particle of a regime creeps, by its destination."""
+    """Whether particles of a regime creep (move with their own velocity while standing)."""
     return regime == WAIT and motion.wait_s > 0.0
 
 
 @kernel
 def waiting_noise(dt: float, motion: WaypointModel, stood: bool) -> tuple[float, float, float]:
-    """What noise does in a step of one that waits: variance of the position, gain of the velocity, variance left of it.
+    """Process noise of a waiting particle in a step: position variance, velocity gain, conditional velocity variance.
 
-    They mean the same as those of `gather`.  One that has just stopped creeps with a velocity of
-    N(0, sigma_creep^2 s) per axis; the velocity of one that stood in the step before, too, has white noise.
+    Defined as in `gather`. A particle that has just stopped creeps with a velocity of N(0, sigma_creep^2 s) per axis;
+    the velocity of one that stood before also has white noise.
 
     Args:
         dt: length of the step [s].
@@ -233,7 +232,7 @@ def regime_probabilities(regime: Ints, arrived: Bools, dt: float, motion: Waypoi
 def held_step(
     particles: WaypointParticles, i: int, share: float, dt: float, motion: WaypointModel
 ) -> tuple[float, float]:
-    """Displacement of particle i in a share of a step, before it changes its destination; 0 in the paper's wait."""
+    """Displacement of particle i during a share of a step, before it changes its destination (0 while waiting)."""
     dx = particles.destination[i, 0] - particles.xy[i, 0]
     dy = particles.destination[i, 1] - particles.xy[i, 1]
     scale = 0.0
@@ -254,7 +253,7 @@ def hypotheses(
     dt: float,
     motion: WaypointModel,
 ) -> tuple[Floats, Floats, Floats]:
-    """What each particle may do in a step: go on (MTD), change its destination (CD), wait (W).
+    """Hypotheses for each particle in a step: continue (MTD), change its destination (CD), wait (W).
 
     Args:
         particles: L states.
@@ -308,7 +307,7 @@ def move(
     dt: float,
     motion: WaypointModel,
 ) -> WaypointParticles:
-    """Particles after a step, Eq. 5.
+    """Move the particles by a step, [Ercan] Eq. 5.
 
     Args:
         particles: L states.
@@ -362,7 +361,7 @@ def arrive(
     dt: float,
     motion: WaypointModel,
 ) -> WaypointParticles:
-    """Particles that have come to given positions in a step: what becomes of their destinations and speeds.
+    """Update destinations and speeds of particles that have moved to given positions in a step.
 
     Args:
         particles: L states before the step.
@@ -411,9 +410,9 @@ def arrive(
 
 @kernel
 def headings(particles: WaypointParticles, motion: WaypointModel) -> Floats:
-    """(L, 5) position, speed towards the destination along x and y, and speed; also of particles that wait.
+    """(L, 5) position, velocity towards the destination (x, y), and speed, also of waiting particles.
 
-    Of one that stands, columns 2 and 3 are the velocity with which it creeps.
+    For a standing particle, columns 2 and 3 are its creeping velocity.
     """
     out = np.zeros((particles.speed.shape[0], 5))
     for i in range(out.shape[0]):
@@ -430,7 +429,7 @@ def headings(particles: WaypointParticles, motion: WaypointModel) -> Floats:
 
 @kernel
 def velocities(particles: WaypointParticles) -> Floats:
-    """(L, 2) velocities: speed towards the destination; 0 for particles that wait."""
+    """(L, 2) velocities towards the destination; 0 for waiting particles."""
     out = np.zeros_like(particles.xy)
     for i in range(out.shape[0]):
         dx = particles.destination[i, 0] - particles.xy[i, 0]
@@ -445,7 +444,7 @@ def velocities(particles: WaypointParticles) -> Floats:
 def start_particles(
     xy: Floats, floor: Floor, speed: float, speed_spread: float, rng: np.random.Generator
 ) -> WaypointParticles:
-    """Particles at (L, 2) positions with random destinations and speeds |N(speed, speed_spread^2)|."""
+    """Create particles at positions (L, 2) with random destinations and speeds |N(speed, speed_spread^2)|."""
     speeds = np.abs(speed + speed_spread * rng.standard_normal(len(xy)))
     return WaypointParticles(xy, sample_floor(len(xy), floor, rng), speeds, np.zeros(len(xy), dtype=np.int64))
 

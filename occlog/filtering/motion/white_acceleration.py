@@ -1,12 +1,7 @@
-"""Motion of clouds of particles: known acceleration, turns in a plane, white acceleration ([Lee] Sec. 2.1.4).
-
-A cloud is (2d, L): d coordinates, then d velocities, for d = 3 in space and 2 in a plane.
-A known acceleration is an input; the print's Eq. 2.15 divides by the velocity instead.
-
-Kalman filters of objects that walk with nearly constant velocity, many at once.
-
-The state of an object is its position and its velocity.  Over a time dt the velocity is
-disturbed, in each axis and independently, with
+"""Motion of particles: known acceleration, turns in a plane, white acceleration ([Lee] Sec. 2.1.4). Particles are (2d, L):
+d coordinates, then d velocities, for d = 3 in space and 2 in a plane. A known acceleration is an input; the printed Eq.
+2.15 divides by the velocity instead. Also Kalman filters of many objects with nearly constant velocity. Over a time dt
+the velocity is disturbed, in each axis independently, with
 
     Q = q^2 [dt^3/4  dt^2/2]
             [dt^2/2  dt    ]
@@ -31,7 +26,7 @@ from .coordinated_turn import _turned, acceleration_root
 
 
 class AccelerationModel(NamedTuple):
-    """How a target moves on d axes."""
+    """Motion parameters of a target on d axes."""
 
     acceleration: Floats  # (d,) known [length/s^2]
     density: Floats  # (d,) of the white acceleration of each axis [length^2/s^3]
@@ -40,19 +35,19 @@ class AccelerationModel(NamedTuple):
 
 
 def known_jump(acceleration: Floats, dt: float) -> Floats:
-    """(2d,) displacement and change of velocity by a known acceleration in dt."""
+    """(2d,) displacement and velocity change by a known acceleration during dt."""
     return np.concatenate([0.5 * dt * dt * acceleration, dt * acceleration])
 
 
 def motion_noise(motion: AccelerationModel, dt: float) -> Floats:
-    """(d, 2, 2) lower roots of the noise of a step, of position and velocity of each axis."""
+    """(d, 2, 2) lower Cholesky factors of the process noise of position and velocity, for each axis."""
     return np.sqrt(motion.density)[:, None, None] * acceleration_root(1.0, dt)
 
 
 def moved(
     cloud: Floats, motion: AccelerationModel, dt: float, rng: np.random.Generator, jump: Floats | None = None
 ) -> Floats:
-    """Move a cloud by dt >= 0 seconds; the result is a new array.
+    """Predict particles by dt >= 0 seconds, with noise; the result is a new array.
 
     Args:
         cloud: (2d, L).
@@ -72,7 +67,7 @@ def moved(
 
 
 def moved_back(cloud: Floats, motion: AccelerationModel, dt: float) -> Floats:
-    """(2d, L) states dt >= 0 seconds before a cloud's, without noise: the inverse of `moved` where the density is 0.
+    """(2d, L) states dt >= 0 seconds earlier, without noise: the inverse of `moved` with noise density 0.
 
     It is exact for a known acceleration or a turn; with both at once it is right to first order in dt.
     """
@@ -86,8 +81,8 @@ def moved_back(cloud: Floats, motion: AccelerationModel, dt: float) -> Floats:
 def half_normals(particles: int, rows: int, rng: np.random.Generator) -> Floats:
     """(rows, H) standard normal draws for L = `particles`, H = ceil(L / 2): antithetic variates.
 
-    Each draw serves two particles, once with its sign changed.  Each particle has the right distribution, the
-    mean of all noise is 0 instead of nearly 0, and drawing, which is most of the work, is halved.
+    Each draw is used for two particles, with opposite signs. Each particle has the right distribution, and the mean of
+    the noise is exactly 0.
     """
     return rng.standard_normal((rows, (particles + 1) // 2))
 
@@ -126,7 +121,7 @@ def drift(cloud: Floats, dt: float, jump: Floats, root: Floats, normals: Floats)
 
 @kernel
 def _turn(out: Floats, before: Floats, lateral: float, i: int, j: int, dt: float) -> None:
-    """Adds to `out` what a turn of each particle at its own rate (Eq. 2.14) changes on the axes i and j."""
+    """Add to `out` the change of a coordinated turn of each particle (Eq. 2.14) on the axes i and j."""
     d = before.shape[0] // 2
     for l in range(before.shape[1]):  # noqa: E741
         vi, vj = before[d + i, l], before[d + j, l]
@@ -140,14 +135,14 @@ def _turn(out: Floats, before: Floats, lateral: float, i: int, j: int, dt: float
 
 
 def turn_jump(velocity: Floats, lateral: float, dt: float) -> Floats:
-    """(4,) change of (a, b, va, vb) by a turn of one known velocity (2,), also that of constant velocity."""
+    """(4,) change of (a, b, va, vb) by a turn with known velocity (2,), including that of constant velocity."""
     out, before = np.zeros((4, 1)), np.concatenate([np.zeros(2), velocity])[:, None]
     _turn(out, before, lateral, 0, 1, dt)
     return out[:, 0]
 
 
 class Walkers(NamedTuple):
-    """M objects; the covariance in blocks of two axes."""
+    """M objects; covariances are in blocks common to both axes."""
 
     xy: Floats  # (M, 2)
     velocity: Floats  # (M, 2) per unit of time
@@ -157,7 +152,7 @@ class Walkers(NamedTuple):
 
 
 def initiate(xy: Floats, noise: Floats, speed: float) -> Walkers:
-    """Start objects at their first measurement, with an unknown velocity.
+    """Initiate objects at their first measurement, with unknown velocity.
 
     Args:
         xy: (M, 2) measured positions.
@@ -170,7 +165,7 @@ def initiate(xy: Floats, noise: Floats, speed: float) -> Walkers:
 
 
 def predict(walkers: Walkers, dt: Floats | float, q: float) -> Walkers:
-    """Predict the objects a time later: P' = F P F^T + Q in blocks of position and velocity.
+    """Predict the objects: P' = F P F^T + Q in blocks of position and velocity.
 
     Args:
         walkers: M objects.
@@ -190,9 +185,9 @@ def predict(walkers: Walkers, dt: Floats | float, q: float) -> Walkers:
 
 
 def update(walkers: Walkers, xy: Floats, noise: Floats) -> Walkers:
-    """Update the objects by measurements of their positions.
+    """Update the objects by position measurements.
 
-    The covariances are formed as products that stay positive semi-definite.
+    Covariances are computed as products that stay positive semidefinite.
 
     Args:
         walkers: M objects.
@@ -220,5 +215,5 @@ def select(walkers: Walkers, rows: object) -> Walkers:
 
 
 def concat(first: Walkers, second: Walkers) -> Walkers:
-    """The objects of both."""
+    """Concatenate objects."""
     return Walkers(*(np.concatenate(pair) for pair in zip(first, second, strict=True)))

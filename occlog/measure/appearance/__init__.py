@@ -1,1 +1,1 @@
-"""Verb: learn appearance by viewing direction, and identify boxes by it."""
+"""Learning of appearance by viewing angle, and re-identification of boxes."""

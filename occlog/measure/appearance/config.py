@@ -13,7 +13,7 @@ MAX_LEVELS = 15
 
 @dataclass(frozen=True)
 class SightingConfig(Settings):
-    """Settings for assigning boxes to people with viewing directions; lengths in the scene's unit."""
+    """Settings for the assignment of boxes to people with viewing angles; lengths in the scene's unit."""
 
     OWNER: ClassVar[str] = "appearance"
 
@@ -76,7 +76,7 @@ class SightingConfig(Settings):
 
 @dataclass(frozen=True)
 class LearnConfig(SightingConfig):
-    """Settings of a gallery."""
+    """Settings of an appearance gallery."""
 
     angle_step: float = setting(
         30.0,
@@ -105,20 +105,20 @@ class LearnConfig(SightingConfig):
     )
 
     def rules(self) -> list[tuple[str, bool, str]]:
-        """The step divides half a turn, or is a whole one."""
+        """Check that the angle step divides half a turn."""
         steps = 180.0 / self.angle_step
         good = self.angle_step == 360.0 or (steps >= 1.0 and abs(steps - round(steps)) < 1e-9)
         return [("angle_step", good, "a divisor of 180 degrees, or 360")]
 
     @property
     def angles(self) -> int:
-        """Number N of viewing angles ([Lee] 5.6); 1: all sides together."""
+        """Number N of viewing angles ([Lee] 5.6); 1: not distinguished."""
         return 1 if self.angle_step == 360.0 else round(180.0 / self.angle_step) + 1
 
 
 @dataclass(frozen=True)
 class MatchConfig(SightingConfig):
-    """When a box is of a target of the gallery."""
+    """Thresholds for assigning a box to a target of the gallery."""
 
     OWNER: ClassVar[str] = "match"
 

@@ -1,6 +1,6 @@
-"""Run of `occlog appearance learn`: read boxes with their images, collect their colours, write a gallery.
+"""`occlog appearance learn`: read boxes with their images, collect their colours, write a gallery.
 
-Inputs of `occlog appearance learn` and of `occlog label` with a gallery: boxes, images, tracks, and the scene.
+Also inputs shared with `occlog label --gallery`: boxes, images, tracks, and the scene.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class SightingInput:
     """
 
     def __init__(self, files: SightingFiles, labelled: bool) -> None:
-        """Open everything; nothing but headers is read yet.
+        """Open all inputs; only headers are read.
 
         Args:
             files: what to read.
@@ -85,11 +85,11 @@ class SightingInput:
 
     @property
     def losses(self) -> tuple[Loss, ...]:
-        """Losses when the inputs were made."""
+        """Losses recorded in the inputs."""
         return input_losses([self._images, self._boxes, self._tracks])
 
     def boxes(self) -> Iterator[FrameBoxes]:
-        """Boxes frame by frame."""
+        """Generate the boxes frame by frame."""
         return boxes_of_frames(self._chunks())
 
     def _chunks(self) -> Iterator[Boxes] | Iterator[Views]:
@@ -97,7 +97,7 @@ class SightingInput:
         return self._boxes.rows(table)  # type: ignore[return-value]
 
     def images(self) -> Iterator[Frame]:
-        """Frames in the order of time; none where boxes bring their colours."""
+        """Generate the frames sorted by time; empty if boxes have appearances."""
         for opened in (self._images, self._boxes):
             if opened is not None and opened.recording is not None and opened.recording.cameras:
                 return opened.recording.frames()
@@ -122,7 +122,7 @@ class SightingInput:
 
 
 def run_learn(request: LearnRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Learn and write; the summary, and the losses."""
+    """Learn the gallery and write it; return the summary and the losses."""
     if request.boxes is not None and request.views is not None:
         raise UsageError(
             f"{option('boxes')} and {option('views')} are two sources of boxes; give one of them",
@@ -157,7 +157,7 @@ def run_learn(request: LearnRequest, job: Job) -> tuple[dict[str, object], tuple
 
 
 def _figures(gallery: Gallery, tally: SightingTally) -> dict[str, object]:
-    """Figures of the summary; `sides` has the viewing angles that each target was learnt at."""
+    """Figures of the summary; `sides` lists the viewing angles learned for each target."""
     sides: dict[int, list[int]] = {}
     for target, angle in zip(gallery.target_id.tolist(), gallery.angle.tolist(), strict=True):
         sides.setdefault(target, []).append(angle)

@@ -1,8 +1,7 @@
-"""Sightings: colours of boxes with their tracks and viewing directions.
+"""Sightings: appearances of boxes with their tracks and viewing angles.
 
-Of which track a box is, and whether a nearer person covers it.
-
-From which side a camera sees people: paths with headings, and viewing angles in bins ([Lee] Sec. 5.2.1).
+Association of boxes with tracks, and whether a nearer person covers a box. Viewing angles from headings and camera
+positions, in bins ([Lee] Sec. 5.2.1).
 """
 
 from __future__ import annotations
@@ -33,9 +32,9 @@ AROUND = np.stack([np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) * np.pi
 
 
 def expected_boxes(camera: Camera, xy: Floats, height: float) -> Floats:
-    """(K, 4) left, top, right, bottom [px] of upright people at (K, 2); NaN for those not wholly in front.
+    """(K, 4) left, top, right, bottom [px] of upright people at positions (K, 2); NaN unless entirely in front.
 
-    A person is a cylinder on the floor, `WIDTH` as wide as high.
+    A person is a cylinder on the floor, `WIDTH` times as wide as high.
     """
     ring = xy[:, None] + 0.5 * WIDTH * height * AROUND
     rows = [np.concatenate([ring, np.full((*ring.shape[:2], 1), z)], axis=2) for z in (0.0, height)]
@@ -45,7 +44,7 @@ def expected_boxes(camera: Camera, xy: Floats, height: float) -> Floats:
 
 
 def overlaps(a: Floats, b: Floats) -> Floats:
-    """(n, K) areas that boxes (n, 4) and (K, 4), as left, top, right, bottom, share; 0 where one is NaN."""
+    """(n, K) intersection areas of boxes (n, 4) and (K, 4), given by edges; 0 for NaN."""
     corner = np.minimum(a[:, None, 2:], b[None, :, 2:]) - np.maximum(a[:, None, :2], b[None, :, :2])
     return np.asarray(np.nan_to_num(np.prod(np.maximum(corner, 0.0), axis=2)))
 
@@ -56,7 +55,7 @@ def areas(boxes: Floats) -> Floats:
 
 
 def tracks_of_boxes(boxes: Floats, expected: Floats, least_overlap: float) -> Ints:
-    """(n,) position of the track of each box, -1 for none: one to one, the greatest sum of intersections over union.
+    """(n,) index of the track of each box, -1 for none: one-to-one assignment with the greatest total IoU.
 
     Args:
         boxes: (n, 4) of one frame.
@@ -73,14 +72,14 @@ def tracks_of_boxes(boxes: Floats, expected: Floats, least_overlap: float) -> In
 
 
 def covered(boxes: Floats) -> Floats:
-    """(n,) greatest share of each box that a box of a person nearer covers; lower feet in the image are nearer."""
+    """(n,) largest share of each box covered by the box of a nearer person (with lower feet in the image)."""
     nearer = boxes[None, :, 3] > boxes[:, None, 3]
     share = np.where(nearer, overlaps(boxes, boxes), 0.0) / areas(boxes)[:, None]
     return np.asarray(share.max(axis=1, initial=0.0))
 
 
 class PersonPath(NamedTuple):
-    """Positions and headings of a person."""
+    """Positions and headings of a person over time."""
 
     t_ns: Ints  # (M,) rising
     xy: Floats  # (M, 2)
@@ -88,7 +87,7 @@ class PersonPath(NamedTuple):
 
 
 class PeopleAtTimes(NamedTuple):
-    """All people at some times; N times, K people."""
+    """All people at N times; K people."""
 
     identity: Ints32  # (K,) rising
     xy: Floats  # (N, K, 2) NaN: not there
@@ -97,7 +96,7 @@ class PeopleAtTimes(NamedTuple):
 
 
 def path_of(t_ns: Ints, xy: Floats, velocity: Floats, heading_ns: int, least_speed: float) -> PersonPath:
-    """Make a path of one person's rows.
+    """Create the path of one person from its rows.
 
     Args:
         t_ns: (M,) times, not falling; of equal times the last counts.
@@ -126,7 +125,7 @@ def path_of(t_ns: Ints, xy: Floats, velocity: Floats, heading_ns: int, least_spe
 
 
 def at_times(paths: dict[int, PersonPath], t_ns: Ints, limit_ns: int) -> PeopleAtTimes:
-    """All people at times (N,), linear between their rows where these are at most `limit_ns` apart."""
+    """All people at times (N,), linearly interpolated over gaps of at most `limit_ns`."""
     identity = np.array(sorted(paths), dtype=np.int32)
     n, k = len(t_ns), len(identity)
     xy, heading = np.full((n, k, 2), np.nan), np.full((n, k, 2), np.nan)
@@ -145,7 +144,7 @@ def at_times(paths: dict[int, PersonPath], t_ns: Ints, limit_ns: int) -> PeopleA
 def viewing_angles(xy: Floats, heading: Floats, camera: Floats) -> Floats:
     """Angles between headings and the directions to a camera, 0 (the front is seen) to pi (the back) [rad].
 
-    Left and right are the same, since people are taken to be symmetric.
+    Left and right are not distinguished, since people are taken as symmetric.
 
     Args:
         xy: (..., 2) positions on the floor.
@@ -162,7 +161,7 @@ def viewing_angles(xy: Floats, heading: Floats, camera: Floats) -> Floats:
 
 
 def angle_bins(angle: Floats, angles: int) -> Ints32:
-    """Numbers n of viewing angles, 1 (front) to N (back), the nearest of (n - 1) pi / (N - 1) ([Lee] 5.6).
+    """Indices n of viewing angles, 1 (front) to N (back): the nearest of (n - 1) pi / (N - 1) ([Lee] 5.6).
 
     Args:
         angle: [rad] 0 to pi; NaN: not known.
@@ -197,7 +196,7 @@ class FrameBoxes(NamedTuple):
 
 
 class Sighting(NamedTuple):
-    """Sightings in the n boxes of one frame."""
+    """Appearances and viewing angles of the n boxes of one frame."""
 
     boxes: FrameBoxes
     track: Ints32  # (n,) NO_ID: of no track
@@ -209,7 +208,7 @@ class Sighting(NamedTuple):
 
 @dataclass
 class SightingTally:
-    """Results accumulated over a stream of frames.
+    """Counts over a stream of frames.
 
     Attributes:
         frames, boxes: of those with boxes.
@@ -234,9 +233,9 @@ class SightingTally:
 
 
 def boxes_of_frames(chunks: Iterable[Boxes] | Iterable[Views]) -> Iterator[FrameBoxes]:
-    """Boxes frame by frame, in the order of time and of names; frames without boxes are skipped.
+    """Generate boxes frame by frame, sorted by time and camera name; frames without boxes are skipped.
 
-    Regions that the fusion of detections put in or took out are skipped, too.
+    Regions that the fusion of detections added or removed are skipped, too.
     """
     for table in _whole_times(chunks):
         if isinstance(table, Views):
@@ -265,7 +264,7 @@ def boxes_of_frames(chunks: Iterable[Boxes] | Iterable[Views]) -> Iterator[Frame
 
 
 def _whole_times(chunks: Iterable[Boxes] | Iterable[Views]) -> Iterator[Boxes | Views]:
-    """Parts that never end amid the rows of one time."""
+    """Rechunk rows so that no time is split."""
     held: Boxes | Views | None = None
     for chunk in chunks:
         whole = chunk if held is None else type(chunk).concat([held, chunk])  # type: ignore[list-item]
@@ -291,9 +290,9 @@ def paths_of_rows(table: Tracks | Truth, config: SightingConfig) -> dict[int, Pe
 def paths_of_boxes(
     chunks: Iterable[Boxes] | Iterable[Views], scene: Scene, config: SightingConfig
 ) -> dict[int, PersonPath]:
-    """Paths of the identities that boxes have: the floor below the middle of their lower edges.
+    """Paths of the identities of boxes: floor positions below the middle of their lower edges.
 
-    At one time the mean over the cameras; boxes with a lower edge off the floor are skipped.
+    Averaged over the cameras at one time; boxes with a lower edge above the horizon are skipped.
     """
     placed = {c.name: c for c in scene.cameras if c.has_height}
     identity, t_ns, xy = [np.zeros(0, dtype=np.int32)], [np.zeros(0, dtype=np.int64)], [np.zeros((0, 2))]
@@ -336,7 +335,7 @@ def observe_boxes(
     own_identity: bool,
     tally: SightingTally,
 ) -> Iterator[Sighting]:
-    """See what boxes show, frame by frame.
+    """Generate the sightings of boxes, frame by frame.
 
     Args:
         boxes: in the order of time; those of cameras that the scene does not have are an error.
@@ -378,7 +377,7 @@ def observe_boxes(
 
 
 def in_ellipse(image: Image, edges: Floats) -> tuple[Bytes, Bytes]:
-    """The part of an image that a box holds, and a mask of the pixels in the ellipse that touches its edges.
+    """Part of an image inside a box, and mask of the pixels in the inscribed ellipse.
 
     Args:
         image: (height, width, 3) BGR or (height, width) grey.
@@ -396,7 +395,7 @@ def in_ellipse(image: Image, edges: Floats) -> tuple[Bytes, Bytes]:
 def _seen_tracks(
     boxes: FrameBoxes, paths: dict[int, PersonPath], camera: Camera, config: SightingConfig, own_identity: bool
 ) -> tuple[Ints32, Floats]:
-    """(n,) track of each box, NO_ID for none, and (n,) viewing angle."""
+    """(n,) track of each box, NO_ID for none, and its viewing angle (n,)."""
     n = len(boxes.box)
     if not paths or not camera.has_height:
         identity = boxes.identity if own_identity else np.full(n, NO_ID, dtype=np.int32)
@@ -416,17 +415,17 @@ def _seen_tracks(
 
 
 class _Images:
-    """Images as a stream; holds those of the time that is asked for."""
+    """Stream of images that holds those of the current time."""
 
     def __init__(self, frames: Iterable[Frame], tally: SightingTally) -> None:
-        """Create sightings that are not read yet."""
+        """Start without reading images."""
         self._frames, self._tally = iter(frames), tally
         self._held: dict[tuple[str, int], Frame] = {}
         self._next: Frame | None = None
         self._time = -1
 
     def at(self, boxes: FrameBoxes) -> Image | None:
-        """The image of a frame; times must not fall.  None, and counted, if missing."""
+        """Image of a frame; times must not decrease. None, and counted, if missing."""
         if boxes.t_ns > self._time:
             self._held.clear()
             self._time = boxes.t_ns

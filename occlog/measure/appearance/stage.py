@@ -1,6 +1,6 @@
-"""Sightings to a gallery, and sightings with a gallery to decisions ([Lee] Sec. 5.2.1).
+"""From sightings to a gallery, and from sightings with a gallery to decisions ([Lee] Sec. 5.2.1).
 
-Identity of each track by all of its boxes; and tracks under the identities of the gallery.
+Also the identity of each track from all its boxes, and renaming of tracks.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ ANGLE, HEADING, COVERED, PIXELS = "angle", "heading", "covered", "pixels"
 
 
 def learn(sightings: Iterable[Sighting], config: LearnConfig) -> Gallery:
-    """Collect the colours of each target and viewing angle; every pixel counts the same.
+    """Accumulate the histograms of each target and viewing angle; every pixel has the same weight.
 
-    Boxes without a track, of a heading that is not known, covered ones and those of too few pixels are skipped.
-    The table is empty where no side of any person has enough boxes.
+    Boxes without a track, with unknown heading, covered, or with too few pixels are skipped. The table is empty if no
+    viewing angle of any person has enough boxes.
     """
     counts: dict[tuple[int, int], Floats] = {}
     samples: dict[tuple[int, int], int] = {}
@@ -60,7 +60,7 @@ def learn(sightings: Iterable[Sighting], config: LearnConfig) -> Gallery:
 
 
 def obstacles(sighting: Sighting, config: SightingConfig) -> np.ndarray[tuple[int], np.dtype[np.str_]]:
-    """(n,) why boxes contain nothing about whom they show: `covered` or `pixels`; empty: they do."""
+    """(n,) reason why a box has no usable appearance, `covered` or `pixels`; empty if it has."""
     few = sighting.pixels < config.min_pixels
     return np.where(sighting.covered > config.max_occlusion, COVERED, np.where(few, PIXELS, ""))
 
@@ -76,7 +76,7 @@ class GalleryArrays(NamedTuple):
 
 
 def sides_of(gallery: Gallery) -> GalleryArrays:
-    """The sides of a gallery's targets; InputError for an empty one, or one with bins of no number of levels."""
+    """Arrays of a gallery; InputError if it is empty, or its number of bins belongs to no number of levels."""
     if not len(gallery):
         raise InputError("gallery: has no rows; make one with occlog appearance learn", id="empty-input")
     bins, angles = int(gallery.bins[0]), int(gallery.angles[0])
@@ -91,11 +91,11 @@ def sides_of(gallery: Gallery) -> GalleryArrays:
 
 
 def match(sightings: Iterable[Sighting], sides: GalleryArrays, config: MatchConfig) -> Iterator[AppearanceMatches]:
-    """Compare each box with each target seen from the same side; one table a frame.
+    """Compare each box with each target at the same viewing angle; one table per frame.
 
-    In a frame a box is the target that it is most like, if it is like it enough; of two boxes that are most like one
-    target the one that is more like it is.  What cannot be compared is suspended: a target of which the gallery has not
-    this side, and all targets where it is not known which side is seen, or where hardly anything is.
+    A box is identified as the most similar target if the similarity is sufficient; of two boxes most similar to one
+    target the more similar one is identified. Comparisons are suspended for a target without this viewing angle in the
+    gallery, and for all targets if the viewing angle is unknown or the box has too few visible pixels.
     """
     n_targets, n_angles = sides.there.shape
     for each in sightings:
@@ -135,7 +135,9 @@ def match(sightings: Iterable[Sighting], sides: GalleryArrays, config: MatchConf
 
 
 def most_alike(likeness: Floats, least: float) -> Bools:
-    """(n, R) pairs of a box and the target that it is most like, of which no other box is more like that target.
+    """(n, R) mask of pairs of box and target that are mutually most similar.
+
+    `least`: minimum similarity.
 
     Args:
         likeness: (n, R); NaN: not compared.
@@ -158,7 +160,7 @@ T = TypeVar("T", bound=Tracks)
 
 
 class IdentityEvidence(NamedTuple):
-    """Sums over the boxes of K tracks that were compared with R targets."""
+    """Similarity sums over the boxes of K tracks compared with R targets."""
 
     track: Ints32  # (K,) rising
     target: Ints32  # (R,) rising
@@ -167,14 +169,14 @@ class IdentityEvidence(NamedTuple):
 
 
 class EvidenceTally:
-    """The sums, accumulated over streams of tables."""
+    """Accumulates similarity sums over a stream of tables."""
 
     def __init__(self) -> None:
-        """Create an empty stage."""
+        """Start without sums."""
         self._sums: dict[tuple[int, int], tuple[float, int]] = {}
 
     def add(self, part: AppearanceMatches) -> None:
-        """Count the pairs that were compared."""
+        """Add the compared pairs."""
         rows = np.flatnonzero((part.decision != SUSPENDED) & (part.track_id != NO_ID))
         columns = (part.track_id[rows], part.target_id[rows], part.rho_corrected[rows])
         for track, target, value in zip(*(c.tolist() for c in columns), strict=True):
@@ -182,7 +184,7 @@ class EvidenceTally:
             self._sums[track, target] = total + value, n + 1
 
     def evidence(self) -> IdentityEvidence:
-        """Sums of the appearance statistics over the frames so far."""
+        """Similarity sums so far."""
         track, target = (np.unique(np.array([k[i] for k in self._sums], dtype=np.int32)) for i in (0, 1))
         likeness, boxes = np.zeros((len(track), len(target))), np.zeros((len(track), len(target)), dtype=np.int64)
         for (name, other), (total, n) in self._sums.items():
@@ -192,10 +194,10 @@ class EvidenceTally:
 
 
 def identities(evidence: IdentityEvidence, together: Bools, least_likeness: float, least_boxes: int) -> dict[int, int]:
-    """Target of each track that is surely enough of one; a target may have several successive tracks.
+    """Target of each track with sufficient evidence; a target may have several successive tracks.
 
-    The pair of track and target with the highest mean similarity comes first.  A track is of one target, and two tracks
-    that are there at the same time are not of one target.
+    Pairs of track and target are assigned greedily by mean similarity. A track has one target, and tracks that coexist
+    have different targets.
 
     Args:
         evidence: of K tracks and R targets.
@@ -216,7 +218,7 @@ def identities(evidence: IdentityEvidence, together: Bools, least_likeness: floa
 
 
 def tracks_together(tracks: Tracks, which: Ints32) -> Bools:
-    """(K, K) whether the spans of two of the tracks have a time in common; true of a track and itself."""
+    """(K, K) mask of tracks whose time spans overlap; True on the diagonal."""
     first, last = np.full(len(which), np.iinfo(np.int64).max), np.full(len(which), np.iinfo(np.int64).min)
     for k, name in enumerate(which.tolist()):
         own = tracks.t_ns[tracks.target_id == name]
@@ -226,9 +228,9 @@ def tracks_together(tracks: Tracks, which: Ints32) -> Bools:
 
 
 def renamed(tracks: T, named: dict[int, int], gallery: Iterable[int]) -> tuple[T, dict[int, int]]:
-    """The tracks under the targets' identities, and the new name of every track.
+    """Rename tracks to the gallery's identities; also return the new name of every track.
 
-    Tracks without a gallery identity get numbers above all of the gallery's, in their order.
+    Other tracks get numbers above all of the gallery's, in their order.
     """
     names = np.unique(tracks.target_id)
     free = 1 + max(gallery, default=-1)

@@ -1,1 +1,1 @@
-"""Verb: give candidates the identity of the track they agree with."""
+"""Labelling of candidates with the identity of the track that they agree with."""

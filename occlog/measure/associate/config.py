@@ -10,7 +10,7 @@ from occlog.settings import Settings, setting
 
 @dataclass(frozen=True)
 class LabelConfig(Settings):
-    """When a candidate agrees with a track."""
+    """Gate for the association of a candidate with a track."""
 
     OWNER: ClassVar[str] = "label"
 
@@ -37,7 +37,7 @@ class LabelConfig(Settings):
 
 @dataclass(frozen=True)
 class NamingConfig(Settings):
-    """When a track is of a target of a gallery."""
+    """Thresholds for identifying a track as a target of a gallery."""
 
     OWNER: ClassVar[str] = "naming"
 

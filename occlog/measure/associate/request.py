@@ -42,14 +42,14 @@ class LabelRequestBase(Request):
 
 @dataclass(frozen=True, kw_only=True)
 class _ByKind(LabelRequestBase):
-    """Shared options, with the one that chooses the kind."""
+    """Shared options, including the one that selects the kind."""
 
     gallery: Path | None = source(GALLERY)
 
 
 @dataclass(frozen=True, kw_only=True)
 class LabelRequest(LabelRequestBase):
-    """Candidates that are labelled by the positions of tracks."""
+    """Request to label candidates by the positions of tracks."""
 
     RUN: ClassVar[str] = "occlog.measure.associate.run:run_label"
 
@@ -64,13 +64,13 @@ class LabelRequest(LabelRequestBase):
 
     @property
     def inputs(self) -> list[Path]:
-        """Every file that is read."""
+        """All files that are read."""
         return [p for p in (self.bearings, self.tracks, self.scene, self.doa) if p is not None]
 
 
 @dataclass(frozen=True, kw_only=True)
 class MatchRequest(LabelRequestBase):
-    """Boxes that are labelled by the appearance of people."""
+    """Request to label boxes by the appearance of people."""
 
     RUN: ClassVar[str] = "occlog.measure.associate.run:run_match"
 
@@ -88,7 +88,7 @@ class MatchRequest(LabelRequestBase):
 
     @property
     def inputs(self) -> list[Path]:
-        """Every file that is read, each once."""
+        """All files that are read, without duplicates."""
         given = (self.images, self.bearings, self.tracks, self.scene)
         return [*dict.fromkeys(p for p in given if p is not None), self.gallery]
 

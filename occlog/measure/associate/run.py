@@ -1,6 +1,6 @@
-"""Run of `occlog label`: read, assign, write.
+"""`occlog label`: read, assign, write.
 
-What `occlog label --gallery` does: compare boxes with a gallery, write the matches, and the tracks renamed.
+With `--gallery`, compare boxes with a gallery, and write matches and renamed tracks.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 def run_label(request: LabelRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Label and write; the summary, and earlier losses."""
+    """Label candidates and write them; return the summary and earlier losses."""
     inputs = MeasurementInputs(request.bearings, request.scene, request.doa, request.doa_labels)
     tracks = inputs.open(request.tracks, Tracks)
     sensors = choose_sensors(inputs.scene, request.cameras, request.without)
@@ -56,10 +56,10 @@ def run_label(request: LabelRequest, job: Job) -> tuple[dict[str, object], tuple
 
 
 class LabelTally:
-    """Figures of the summary, accumulated while streaming."""
+    """Counts of labelled rows for the summary."""
 
     def __init__(self) -> None:
-        """Create an empty summary."""
+        """Start all counts at 0."""
         self.rows = 0
         self.labelled: Counter[int] = Counter()
         self.not_seen: Counter[int] = Counter()
@@ -67,7 +67,7 @@ class LabelTally:
         self.frames = 0
 
     def add(self, part: Labelled) -> None:
-        """Count some more rows."""
+        """Add rows."""
         self.rows += len(part.bearings)
         self.labelled.update(part.given.tolist())
         self.not_seen.update(part.missed.tolist())
@@ -75,10 +75,8 @@ class LabelTally:
         self.frames += part.frames
 
     def summary(self) -> dict[str, object]:
-        """The figures.
-
-        rows: in the output.  frames_of_tracks: frames with a track at their time.  labelled, not_seen:
-        rows of each target that got a label, or were added.  candidates_left: without a label.
+        """Figures of the summary. rows: in the output. frames_of_tracks: frames with a track at their time. labelled,
+        not_seen: rows of each target that got a label, or were added. candidates_left: without a label.
         """
         return {
             "rows": self.rows,
@@ -90,7 +88,7 @@ class LabelTally:
 
 
 def run_match(request: MatchRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Match and write; the summary, and the losses."""
+    """Match boxes with the gallery and write the matches; return the summary and the losses."""
     if request.reidentified is not None and request.tracks is None:
         raise UsageError(
             f"{option('reidentified')}: needs tracks to rename; give {option('tracks')}", id="missing-option"
@@ -156,15 +154,15 @@ def run_match(request: MatchRequest, job: Job) -> tuple[dict[str, object], tuple
 
 
 class DecisionTally:
-    """Figures of the summary, accumulated while streaming."""
+    """Counts of gallery decisions for the summary."""
 
     def __init__(self) -> None:
-        """Create an empty summary."""
+        """Start all counts at 0."""
         self.rows = self.boxes = self.same = self.decided = 0
         self.reasons: Counter[str] = Counter()
 
     def add(self, part: AppearanceMatches) -> None:
-        """Count the rows of whole frames."""
+        """Add the rows of whole frames."""
         fresh = np.append(True, (part.box[1:] != part.box[:-1]) | (part.sensor[1:] != part.sensor[:-1]))
         first = np.flatnonzero(fresh[: len(part)])
         self.rows += len(part)
@@ -174,10 +172,8 @@ class DecisionTally:
         self.reasons.update(part.reason[part.reason != ""].tolist())
 
     def summary(self) -> dict[str, object]:
-        """The figures.
-
-        boxes: of all frames.  labelled: boxes that are a person of the gallery.  compared: pairs of a box and a target.
-        suspended: pairs that were not compared, by the reason.
+        """Figures of the summary. boxes: of all frames. labelled: boxes that are a person of the gallery. compared: pairs
+        of a box and a target. suspended: pairs that were not compared, by the reason.
         """
         return {
             "boxes": self.boxes,

@@ -1,4 +1,4 @@
-"""Label candidates: assign each to the track with the bearing that it agrees with."""
+"""Labelling of candidates: assignment to the track with the most similar bearing."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ ANY_DIRECTION = np.pi**2 / 3.0
 
 
 class Labelled(NamedTuple):
-    """Labelled bearings of one or more complete time steps, with counts of candidates."""
+    """Labelled bearings of complete time steps, with counts of candidates."""
 
     bearings: Bearings
     given: Ints32  # target of each candidate that got a label
@@ -50,14 +50,12 @@ def label(
     config: LabelConfig,
     sensors: Collection[str] | None = None,
 ) -> Iterator[Labelled]:
-    """Bearings in which candidates carry the identity of the track they agree with, in the order of time.
+    """Generate the bearings with candidates labelled by the tracks that they agree with, sorted by time.
 
-    In every frame of a sensor candidates are assigned one to one to the tracks that there are
-    at its time: as many as the gate lets, and of these those with the least sum of squared
-    differences of bearings, each in standard deviations of candidate and track together.
-    A track without a candidate gets a row that states "not seen", since the sensor delivered a
-    frame.  Rows that have a label stay, and for their tracks nothing is assigned or added.
-    Where chunks are cut does not matter; memory does not grow with their number.
+    In every frame of a sensor candidates are assigned one to one to the tracks at its time: the maximum number within
+    the gate, then the least sum of squared normalised bearing differences. A track without a candidate gets a row
+    without detection, since the sensor delivered a frame. Labelled rows are kept, and their tracks are excluded. The
+    result is independent of chunk borders; memory is bounded.
 
     Args:
         bearings: chunks in the order of time.
@@ -80,7 +78,7 @@ def label(
 
 
 def _whole_times(chunks: Iterable[Bearings]) -> Iterator[Bearings]:
-    """Parts of about `ROWS_PER_PART` rows that never end amid the rows of one time."""
+    """Rechunk to about `ROWS_PER_PART` rows without splitting a time."""
     rest = Bearings.empty()
     for chunk in chunks:
         table = Bearings.concat([rest, chunk])
@@ -97,16 +95,16 @@ def _whole_times(chunks: Iterable[Bearings]) -> Iterator[Bearings]:
 
 
 class _Paths:
-    """Tracks as a stream; holds the rows about the times that are asked for."""
+    """Stream of tracks that holds the rows around the current times."""
 
     def __init__(self, chunks: Iterable[Tracks], limit_ns: int) -> None:
-        """Create a stage that has not read any input."""
+        """Start without reading tracks."""
         self._chunks = iter(chunks)
         self._limit_ns = limit_ns
         self._held = Tracks.empty()
 
     def at(self, t_ns: Ints) -> _States:
-        """All tracks at times, not falling, from one call to the next either."""
+        """All tracks at nondecreasing times (also across calls)."""
         near = self._near(int(t_ns[0]) - self._limit_ns, int(t_ns[-1]) + self._limit_ns).with_covariance()
         target = np.unique(near.target_id)
         values, there = np.empty((len(t_ns), len(target), 5)), np.zeros((len(t_ns), len(target)), dtype=np.bool_)
@@ -117,7 +115,7 @@ class _Paths:
         return _States(target, values, there)
 
     def _near(self, first_ns: int, last_ns: int) -> Tracks:
-        """Rows from one time to another; earlier rows are dropped."""
+        """Rows in a time range; earlier rows are dropped."""
         parts = [self._held]
         while not len(parts[-1]) or parts[-1].t_ns[-1] <= last_ns:
             chunk = next(self._chunks, None)
@@ -136,7 +134,7 @@ class _Paths:
 
 
 def _label(table: Bearings, paths: _Paths, ground: dict[str, Floats], config: LabelConfig) -> Labelled:
-    """The rows of whole times, ordered by the key, with labels."""
+    """Label the rows of whole times, sorted by the key."""
     # Frames: the rows of one sensor at one time
     fresh = np.ones(len(table), dtype=np.bool_)
     fresh[1:] = (np.diff(table.t_ns) != 0) | (table.sensor[1:] != table.sensor[:-1])
@@ -166,7 +164,7 @@ def _label(table: Bearings, paths: _Paths, ground: dict[str, Floats], config: La
 
 
 def _assigned(cost: Floats, bounds: Ints, wanted: Bools, gate: float) -> tuple[Ints, Ints]:
-    """Candidates and their tracks, of all frames.
+    """Assign candidates to tracks in all frames.
 
     Args:
         cost: (n, K) of candidates, frame after frame, and tracks.
@@ -184,7 +182,7 @@ def _assigned(cost: Floats, bounds: Ints, wanted: Bools, gate: float) -> tuple[I
 
 
 def _labels_of(table: Bearings, frame: Ints, frames: int, target: Ints32) -> Bools:
-    """(frames, K) whether a frame has a row of a track already."""
+    """(frames, K) mask of frames that already have a labelled row of a track."""
     labelled = np.zeros((frames, len(target)), dtype=np.bool_)
     rows = np.flatnonzero(np.isin(table.target_id, target))
     labelled[frame[rows], np.searchsorted(target, table.target_id[rows])] = True
@@ -192,10 +190,10 @@ def _labels_of(table: Bearings, frame: Ints, frames: int, target: Ints32) -> Boo
 
 
 def _apart2(table: Bearings, rows: Ints, frame: Ints, states: _States, positions: Floats) -> Floats:
-    """(n, K) squared difference of bearings from those of the tracks, over the variance of both together.
+    """(n, K) squared normalised differences between bearings and those of the tracks.
 
-    The track's variance is that of its position across the line of sight, over the squared
-    distance; infinite where a track is not.
+    The variance includes the track's position across the line of sight, over the squared distance; infinite for an
+    absent track.
 
     Args:
         table: bearings.
@@ -216,7 +214,7 @@ def _apart2(table: Bearings, rows: Ints, frame: Ints, states: _States, positions
 
 
 def missed_detections(rows: Bearings, target: Ints32) -> Bearings:
-    """Rows of the same times and sensors which state that these targets, (n,), were searched for and not seen."""
+    """Rows without detection for the targets (n,), at the same times and sensors as `rows`."""
     nothing = np.full(len(rows), np.nan)
     return Bearings(
         t_ns=rows.t_ns,

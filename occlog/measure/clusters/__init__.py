@@ -1,1 +1,4 @@
-"""People in a foreground region: mixture of person-shaped Gaussians by EM, and outlines where several touch."""
+"""Detection of people in foreground regions.
+
+Mixture of person-sized Gaussians by EM, and outlines for merged silhouettes.
+"""

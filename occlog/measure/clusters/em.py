@@ -1,15 +1,14 @@
 """EM for a mixture of Gaussians with a person's covariance as prior, [Rahimi] Sec. 7.
 
-Model of a foreground pixel x: p(x) = sum_k pi_k N(x | mu_k, Sigma_k) + pi_0 / A, with A
-the area of the image; the last term takes isolated specks.  Prior of each covariance: an
-inverse Wishart with its mode at the covariance S_k of a person there, as strong as nu_k
-pixels.  Maximised is
+Model of a foreground pixel x: p(x) = sum_k pi_k N(x | mu_k, Sigma_k) + pi_0 / A, with A the area of the image; the last
+term models isolated noise pixels. The prior of each covariance is inverse Wishart with its mode at the covariance S_k
+of a person at this position, and the weight of nu_k pixels. The objective is
 
     J = sum_i n_i log p(x_i) - 1/2 sum_k nu_k (tr(Sigma_k^-1 S_k) - 2 - log det(Sigma_k^-1 S_k))
 
-so a blob that is smaller than a person keeps nearly a person's covariance and takes in
-the blobs near it.  Pixels come in cells (`occlog.measure.regions.regions`) that share their
-responsibilities; with the cells' own scatter in both steps J never decreases.
+so that a region smaller than a person keeps nearly a person's covariance and merges with regions nearby. Pixels come in
+cells (`occlog.measure.regions.regions`) that share their responsibilities; with the cells' own scatter in both steps J
+never decreases.
 
 Arrays: covariances and scatters are rows (xx, xy, yy) [px^2]; K clusters, N cells.
 
@@ -34,7 +33,7 @@ FAR2 = 40.0  # squared Mahalanobis distance from which a density counts as 0
 
 
 class Mixture(NamedTuple):
-    """State of EM."""
+    """State of EM: means, covariances and weights of the clusters."""
 
     means: Floats  # (K, 2) [px]
     covs: Floats  # (K, 3) [px^2]
@@ -63,7 +62,7 @@ def log_prior(covs: Floats, prior_covs: Floats, prior_mass: Floats) -> float:
 
 
 class _Shape(NamedTuple):
-    """Parameters of the cluster densities."""
+    """Parameters of the cluster densities, precomputed."""
 
     inverse: Floats  # (K, 3) of the covariances
     log_scale: Floats  # (K,) logarithm of share / (2 pi sqrt(det))
@@ -86,7 +85,7 @@ def _shape(mixture: Mixture, area: float) -> _Shape:
 
 @kernel
 def _densities_into(density: Floats, cell: Floats, means: Floats, shape: _Shape) -> float:
-    """Write the clusters' densities (K,) at a cell, shares included; returns their sum with the specks'."""
+    """Write the weighted cluster densities (K,) at a cell; return their sum with the uniform term."""
     n, x, y, cxx, cxy, cyy = cell
     total = shape.speck
     for k in range(means.shape[0]):
@@ -147,9 +146,9 @@ def e_step(cells: Floats, mixture: Mixture, area: float, labels: Ints) -> tuple[
 
 @kernel
 def shared_entropy(cells: Floats, mixture: Mixture, area: float) -> Floats:
-    """(K, K) entropy of which of two clusters a pixel is of, summed over the pixels that are of either.
+    """(K, K) assignment entropy between two clusters, summed over their pixels.
 
-    It is what J loses, in addition to the fit, when the two become one.
+    The loss of J, in addition to the fit, when the two are merged.
     """
     n_clusters = mixture.means.shape[0]
     shape = _shape(mixture, area)
@@ -190,7 +189,7 @@ def _statistics(sums: Floats, origins: Floats, speck_mass: float) -> EmStatistic
 
 @kernel
 def m_step(statistics: EmStatistics, prior_covs: Floats, prior_mass: Floats) -> Mixture:
-    """State that maximises J for given responsibilities: Sigma_k = (nu_k S_k + C_k) / (nu_k + n_k)."""
+    """M-step: Sigma_k = (nu_k S_k + C_k) / (nu_k + n_k) for given responsibilities."""
     covs = np.empty_like(prior_covs)
     for k in range(prior_covs.shape[0]):
         weight = prior_mass[k] + statistics.mass[k]
@@ -209,7 +208,7 @@ def run_em(
     max_steps: int,
     tolerance: float,
 ) -> tuple[Mixture, EmStatistics, float]:
-    """EM steps until J rises by less than `tolerance` per pixel, or `max_steps`; labels as in `e_step`.
+    """Run EM until J rises by less than `tolerance` per pixel, or `max_steps`; labels as in `e_step`.
 
     Returns:
         The state, the statistics of its responsibilities, and J.
@@ -235,7 +234,7 @@ NEIGHBOUR2 = 16.0  # squared Mahalanobis distance up to which two clusters may b
 
 @kernel
 def union(a: Floats, b: Floats) -> Floats:
-    """Two groups as one."""
+    """Merge two groups."""
     n = a[0] + b[0]
     share = b[0] / n
     dx, dy = b[1] - a[1], b[2] - a[2]
@@ -260,16 +259,16 @@ def groups_of(statistics: EmStatistics) -> Floats:
 
 @kernel
 def group_worth(g: Floats, prior: Prior) -> float:
-    """Worth of a group; 0 for one without pixels."""
+    """Contribution of a group to the objective; 0 without pixels."""
     return worth(g[0], g[1], g[2], g[3], g[4], g[5], prior) if g[0] > 0.0 else 0.0
 
 
 @kernel
 def merge(groups: Floats, covs: Floats, entropy: Floats, prior: Prior) -> Floats:
-    """The groups (K, 6) after merging, best first, every pair with a union that raises the objective.
+    """Merge pairs of groups (K, 6), best first, as long as the objective rises.
 
-    The union must be worth more than both and the entropy between them: pixels that are
-    between two clusters are explained by both of them together, and by each only in part.
+    The union must exceed both groups and the entropy between them, since pixels between two clusters are explained by
+    both together.
 
     Args:
         groups: pixels, means and scatter of the clusters, by responsibilities.
@@ -308,9 +307,9 @@ def _near(a: Floats, b: Floats, cov_a: Floats, cov_b: Floats) -> bool:
 
 @kernel
 def split(cells: Floats, labels: Ints, groups: Floats, prior: Prior) -> Floats:
-    """The groups (K, 6) after cutting in two every one with halves that are worth more than the whole.
+    """Split groups (K, 6) whose halves have a higher objective than the whole.
 
-    The cut is a line along the axis of a person, at the best of all positions.
+    The cut is perpendicular to or along the axis of a person, at the best position.
 
     Args:
         cells: (N, 6) cell table.
@@ -334,7 +333,7 @@ def split(cells: Floats, labels: Ints, groups: Floats, prior: Prior) -> Floats:
 
 @kernel
 def _halves(cells: Floats, at: int, prior: Prior) -> Floats:
-    """(2, 6) best halves of cells cut along a person's axis; (0, 6) if the whole is worth more."""
+    """(2, 6) best halves of cells cut along a person's axis; (0, 6) if the whole is better."""
     # Direction across a person: the minor axis of its covariance.
     xx, xy, yy = prior.cov[at]
     angle = 0.5 * math.atan2(2.0 * xy, xx - yy) + 0.5 * math.pi

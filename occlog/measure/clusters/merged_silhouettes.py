@@ -1,18 +1,13 @@
-"""Silhouettes that are larger than one person: the people in them, instead of the clusters of their pixels.
-
-People who touch in the image are one cluster where they overlap by much: their pixels are no two Gaussians.  Such
-silhouettes are explained by outlines of people (`outlines`), with boxes that go on where another person hides them.
-
-Several people in one silhouette: outlines of people of the expected size, fitted to the foreground together.
-
-Where people touch in the image their foreground is one region.  A cell of it is foreground unless no person covers it,
+"""Merged silhouettes: several people in one foreground region. || People who overlap considerably in the image are not
+separated by Gaussian clusters. Their silhouette is explained by outlines of people of the expected size, fitted
+jointly. A cell is foreground unless no person covers it,
 
     P(foreground) = 1 - (1 - SPECKS) prod_k (1 - p_k),
 
 p_k the probability that a person at position k covers the cell: the model of a probabilistic occupancy map (Fleuret,
-Berclaz, Lengagne and Fua 2008, IEEE T-PAMI 30(2), Eq. 12) in one image, with the outline of a walking person instead
-of a rectangle.  Its logarithm, summed over the cells, is maximised: people are added one after another where they
-explain most, all positions and sizes are improved in turn, and the last one stays if the sum rises by enough.
+Berclaz, Lengagne and Fua 2008, IEEE T-PAMI 30(2), Eq. 12) in one image, with the outline of a walking person instead of
+a rectangle. The log likelihood over the cells is maximised: people are added one after another where the gain is
+largest, all positions and sizes are refined in turn, and the last one is kept if the gain is sufficient.
 
 Lengths are in cells; a foreground (rows, columns) holds shares of the cells, 0 to 1.
 """
@@ -84,7 +79,7 @@ def expected_height(prior: Prior, x: float, y: float, side: int) -> float:
 
 @kernel
 def _window(x: float, y: float, height: float, rows: int, columns: int) -> tuple[int, int, int, int]:
-    """First row, row after the last, first column, column after the last that a person may cover."""
+    """Range of rows and columns that a person may cover: first row, end row, first column, end column."""
     top, bottom = max(math.ceil(y - 0.5 * height), 0), min(math.floor(y + 0.5 * height), rows - 1)
     half = 0.5 * SPAN * height
     left, right = max(math.ceil(x - half), 0), min(math.floor(x + half), columns - 1)
@@ -93,7 +88,7 @@ def _window(x: float, y: float, height: float, rows: int, columns: int) -> tuple
 
 @kernel
 def not_covered(x: float, y: float, height: float, column: int, row: int) -> float:
-    """Log of the probability that a person with the middle at (x, y) does not cover a cell of their window."""
+    """Log probability that a person with centre (x, y) does not cover a cell of their window."""
     down = min(max(int(((row - y) / height + 0.5) * ROWS), 0), ROWS - 1)
     across = min(max(int(((column - x) / (SPAN * height) + 0.5) * COLUMNS), 0), COLUMNS - 1)
     return float(OUTLINE[down, across])
@@ -101,7 +96,7 @@ def not_covered(x: float, y: float, height: float, column: int, row: int) -> flo
 
 @kernel
 def _put(free: Floats, x: float, y: float, height: float, sign: float) -> None:
-    """Add a person to the (rows, columns) logs of the probability that no person covers a cell, or take them out."""
+    """Add (sign 1) or remove (-1) a person in `free`, log probabilities (rows, columns) that no person covers a cell."""
     top, bottom, left, right = _window(x, y, height, *free.shape)
     for row in range(top, bottom):
         for column in range(left, right):
@@ -110,7 +105,7 @@ def _put(free: Floats, x: float, y: float, height: float, sign: float) -> None:
 
 @kernel
 def gain(foreground: Floats, free: Floats, x: float, y: float, height: float) -> float:
-    """Return the gain in log-likelihood from one more person.
+    """Gain in log-likelihood from one more person.
 
     Args:
         foreground: (rows, columns) shares of the cells.
@@ -136,13 +131,13 @@ def gain(foreground: Floats, free: Floats, x: float, y: float, height: float) ->
 
 @kernel
 def _size_cost(height: float, size: float) -> float:
-    """Cost of a person of a height who is `size` times as large as expected."""
+    """Cost of a person with `size` times the expected height."""
     return SIZE_COST * AREA * height * height * math.log(size) ** 2
 
 
 @kernel
 def fit_outlines(foreground: Floats, prior: Prior, side: int, left: int, top: int) -> Floats:
-    """The people (K, 3) in a silhouette: x, y of the middle and height [cells of the foreground]; none where none fits.
+    """Fit people (K, 3: centre x, y and height [cells]) to a silhouette; empty if none fits.
 
     Args:
         foreground: (rows, columns) shares of cells of one silhouette and its surroundings.
@@ -185,7 +180,7 @@ def fit_outlines(foreground: Floats, prior: Prior, side: int, left: int, top: in
 
 @kernel
 def _improve(foreground: Floats, free: Floats, people: Floats, prior: Prior, side: int, left: int, top: int) -> float:
-    """Improve positions and sizes of all people (K, 4) in turn, in steps that get finer; how much it is worth."""
+    """Refine positions and sizes of all people (K, 4) in turn, with decreasing steps; return the log-likelihood."""
     step, risen = max(1.0, people[-1, 2] / FINE), 0.0
     for _ in range(ROUNDS):
         moved = False
@@ -239,7 +234,9 @@ APART_FRAMES = 5
 
 @dataclass
 class SeparateSightings:
-    """Evidence that a camera has seen several separate people; one with spread limbs resembles two who touch.
+    """Evidence that a camera has detected several separate people.
+
+    Without it, one person with spread limbs would be taken for two who touch.
 
     Attributes:
         frames: in which at least two people had their own silhouettes.
@@ -249,12 +246,12 @@ class SeparateSightings:
 
     @property
     def several(self) -> bool:
-        """True if this camera has seen more than one person."""
+        """Whether this camera has detected several people."""
         return self.frames >= APART_FRAMES
 
 
 class Crowds(NamedTuple):
-    """Clusters of one frame, some of which are people in a silhouette of several; by falling mass."""
+    """Clusters of one frame, with merged silhouettes replaced by people; sorted by decreasing mass."""
 
     clusters: Clusters
     boxes: Floats  # (K, 4) left, top, width, height [px] of people in crowds; NaN: given by their pixels
@@ -263,7 +260,7 @@ class Crowds(NamedTuple):
 def split_silhouettes(
     cells: Floats, corners: Ints, side: int, prior: Prior, clusters: Clusters, separate: SeparateSightings
 ) -> Crowds:
-    """Replace clusters by people where a silhouette is larger than one person, once several were seen separately.
+    """Replace clusters by people in silhouettes larger than one person, once several people have been detected.
 
     Args:
         cells: (N, 6) cell table.
@@ -312,14 +309,14 @@ def split_silhouettes(
 
 
 def _may_be_several(box: Ints32, height: float, clusters: int) -> bool:
-    """Return whether a silhouette with a box (left, top, width, height, cells) may hold several people."""
+    """Whether a silhouette with box (left, top, width, height, cells) may hold several people."""
     if box[4] < MIN_SHARE * height**2:
         return False
     return bool(clusters > 1 or box[2] > MIN_WIDTH_RATIO * WIDTH * height or box[3] > MIN_HEIGHT_RATIO * height)
 
 
 def _people_in(grid: Floats, silhouette: Bools, box: Ints32, height: float, prior: Prior, side: int) -> Floats:
-    """(K, 3) middles and heights [cells] of the people in a silhouette."""
+    """(K, 3) centres and heights [cells] of the people in a silhouette."""
     around = int(AROUND * height)
     left, top = max(int(box[0]) - around, 0), max(int(box[1]) - around, 0)
     window = np.s_[top : box[1] + box[3] + around, left : box[0] + box[2] + around]
@@ -329,7 +326,7 @@ def _people_in(grid: Floats, silhouette: Bools, box: Ints32, height: float, prio
 
 @kernel
 def _owners(column: Ints, row: Ints, people: Floats, first: int) -> Ints:
-    """(n,) number of the person who covers each cell with the highest probability, counted from `first`; -1: none."""
+    """(n,) number of the person who most probably covers each cell, counted from `first`; -1 if none."""
     out = np.full(column.shape[0], -1)
     for i in range(column.shape[0]):
         best = np.log1p(-MIN_OWN)
@@ -345,7 +342,7 @@ def _owners(column: Ints, row: Ints, people: Floats, first: int) -> Ints:
 def _together(
     cells: Floats, labels: Ints, clusters: Clusters, gone: Bools, people: Floats, side: int, prior: Prior
 ) -> Crowds:
-    """The remaining clusters, and the people, by falling mass."""
+    """Combine the remaining clusters and the people, sorted by decreasing mass."""
     K, n = len(clusters.mass), len(clusters.mass) + len(people)
     means = np.concatenate([clusters.means, (people[:, :2] + 0.5) * side - 0.5])
     mass, covs = np.concatenate([clusters.mass, np.zeros(len(people))]), np.zeros((n, 3))
@@ -368,7 +365,7 @@ def _together(
 
 
 def _moments(cells: Floats) -> tuple[float, Floats]:
-    """Pixels of cells and their covariance xx, xy, yy [px^2]."""
+    """Number of pixels of cells, and their covariance xx, xy, yy [px^2]."""
     n = cells[:, 0]
     total = float(n.sum())
     if total <= 0.0:

@@ -1,9 +1,8 @@
-"""Size of a person in the image by position, and the prior probability of a cluster.
+"""Expected size of a person in the image by position, and the prior of clusters.
 
-The size comes from the camera's pose, or from detections.  A person is a box of given
-height, width and depth that stands on the ground, turned towards the camera.  Its
-projection is close to a parallelogram, and the pixels of one that is spanned by vectors
-a, b, c have the covariance (a a' + b b' + c c') / 12.
+The size follows from the camera's pose, or from detections. A person is a box of given height, width and depth on the
+ground, turned towards the camera. Its projection is nearly a parallelogram, and pixels of one spanned by vectors a, b,
+c have the covariance (a a' + b b' + c c') / 12.
 """
 
 from __future__ import annotations
@@ -79,13 +78,13 @@ def sizes_from_heights(image_size: tuple[int, int], heights_px: Floats, spread: 
 
 
 def constant_sizes(image_size: tuple[int, int], height_px: float) -> SizeMap:
-    """Size map of people of one height [px] everywhere."""
+    """Size map with one height of people [px] everywhere."""
     _, centres = cell_centres(image_size)
     return sizes_from_heights(image_size, np.full(len(centres), height_px), LOG_SIZE_SPREAD)
 
 
 def sizes_from_camera(camera: Camera, image_size: tuple[int, int], height: float, reach: float) -> SizeMap:
-    """Size map from a camera's pose.
+    """Compute the size map from a camera's pose.
 
     Along the azimuth of each position people are placed at many distances; each counts
     by how near its centre comes to the position, so that a camera that points down gets
@@ -136,7 +135,7 @@ def person_in_image(camera: Camera, spots: Floats, height: float) -> tuple[Float
 
 
 def _mean_sizes(image_size: tuple[int, int], shape: tuple[int, int], weights: Floats, spans: Floats) -> SizeMap:
-    """Size map from people at (distances, cells) positions: geometric mean size, mean shape."""
+    """Size map from people at (distances, cells): geometric mean size, mean shape, weighted."""
     cov = np.einsum("nki,nkj->nij", spans, spans).reshape(*weights.shape, 2, 2) / 12.0
     det = cov[..., 0, 0] * cov[..., 1, 1] - cov[..., 0, 1] ** 2
     known = np.isfinite(det) & (det > 0)
@@ -159,7 +158,7 @@ def _mean_sizes(image_size: tuple[int, int], shape: tuple[int, int], weights: Fl
 
 
 def _nearest_standing(standing: Bools, image_size: tuple[int, int]) -> Ints:
-    """(cells,) number of the nearest cell in which a person can stand; ValueError if it is less than half of them."""
+    """(cells,) index of the nearest cell where a person can stand; ValueError if these are less than half of all."""
     like = np.arange(len(standing))
     if 2 * np.count_nonzero(standing) < len(standing):
         raise ValueError("no person can stand in most of the image; check the camera's pose")
@@ -171,7 +170,7 @@ def _nearest_standing(standing: Bools, image_size: tuple[int, int]) -> Ints:
 
 
 class Prior(NamedTuple):
-    """A size map of people for one camera, and its weight as a prior."""
+    """Size map of people for one camera, and its weight as a prior."""
 
     cov: Floats  # (grid cells, 3) covariance xx, xy, yy of a person's pixels [px^2]
     mass: Floats  # (grid cells,) foreground pixels of a person in full view
@@ -186,7 +185,7 @@ class Prior(NamedTuple):
 
 
 def make_prior(sizes: SizeMap, strength: float, penalty: float, least: float) -> Prior:
-    """The prior for the images of one camera; see `Prior`."""
+    """Create the prior for the images of one camera."""
     width, height = sizes.image_size
     rows, columns = sizes.shape
     return Prior(
@@ -205,7 +204,7 @@ def make_prior(sizes: SizeMap, strength: float, penalty: float, least: float) ->
 
 @kernel
 def grid_cell(prior: Prior, x: float, y: float) -> int:
-    """Grid cell of the size map at a pixel; positions off the image take the nearest cell."""
+    """Grid cell of the size map at a pixel; the nearest cell outside the image."""
     column = min(max(int((x + 0.5) * prior.columns / prior.width), 0), prior.columns - 1)
     row = min(max(int((y + 0.5) * prior.rows / prior.height), 0), prior.rows - 1)
     return row * prior.columns + column
@@ -225,10 +224,10 @@ def person_at(means: Floats, log_sizes: Floats, prior: Prior) -> tuple[Floats, F
 
 @kernel
 def best_size(n: float, cxx: float, cxy: float, cyy: float, at: int, prior: Prior) -> float:
-    """Logarithm of the size, relative to the map, that suits a cluster best, within the map's range.
+    """Log size, relative to the map, that maximises the objective of a cluster, within the map's range.
 
-    The size s and the covariance Sigma = (nu s^2 S + C) / (nu + n) maximise the prior in turn;
-    for given Sigma that is s^2 = 2 / tr(Sigma^-1 S).
+    The size s and the covariance Sigma = (nu s^2 S + C) / (nu + n) are optimised in turn; for given Sigma, s^2 = 2 /
+    tr(Sigma^-1 S).
 
     Args:
         n: pixels of the cluster.
@@ -252,11 +251,11 @@ def best_size(n: float, cxx: float, cxy: float, cyy: float, at: int, prior: Prio
 
 @kernel
 def worth(n: float, x: float, y: float, cxx: float, cxy: float, cyy: float, prior: Prior) -> float:
-    """Share of a cluster in the penalised objective, if its pixels belong to it alone.
+    """Contribution of a cluster to the penalised objective, if its pixels belong to it alone.
 
-    With Sigma at its maximum, sum_i log N - 1/2 nu (tr(Sigma^-1 S) - log det(Sigma^-1 S)) is
-    -1/2 (n + nu) log det Sigma + 1/2 nu log det S up to terms that add up to the same
-    before and after a merge or split, and its share of all pixels adds n log n.
+    With Sigma at its maximum, sum_i log N - 1/2 nu (tr(Sigma^-1 S) - log det(Sigma^-1 S)) is -1/2 (n + nu) log det
+    Sigma + 1/2 nu log det S up to terms that are equal before and after a merge or split; its mixing weight adds n log
+    n.
 
     Args:
         n: pixels, > 0.

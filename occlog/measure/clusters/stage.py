@@ -1,4 +1,4 @@
-"""Find the people-sized clusters of a frame's foreground, and how many there are.
+"""Clustering of a frame's foreground into people, with their number.
 
 EM starts from seeds: greedily the positions with the most foreground in a person-sized window.
 Then clusters are merged, split, or dropped as too small for a person, even a hidden one, and
@@ -32,7 +32,7 @@ SEED_REACH2 = 4.0  # squared Mahalanobis distance of the pixels that a seed take
 
 
 class Clusters(NamedTuple):
-    """Clusters of one frame, by falling mass."""
+    """Clusters of one frame, sorted by decreasing mass."""
 
     means: Floats  # (K, 2) [px]
     covs: Floats  # (K, 3) covariance xx, xy, yy of the pixels [px^2]
@@ -43,13 +43,13 @@ class Clusters(NamedTuple):
 
 
 def cell_side(sizes: SizeMap) -> int:
-    """Side of the cells [px]: a tenth of a person's width, 2 to 16."""
+    """Side of the cells [px]: a tenth of a person's width, from 2 to 16."""
     return int(np.clip(round(sizes.width_px / 10.0), 2, 16))
 
 
 @kernel
 def find_clusters(cells: Floats, corners: Ints, side: int, prior: Prior) -> Clusters:
-    """The people-sized clusters of a frame.
+    """Find the person-sized clusters of a frame.
 
     Args:
         cells: (N, 6) cell table.
@@ -87,7 +87,7 @@ def find_clusters(cells: Floats, corners: Ints, side: int, prior: Prior) -> Clus
 
 
 class _Fit(NamedTuple):
-    """Result of EM."""
+    """Result of an EM run."""
 
     mixture: Mixture
     statistics: EmStatistics
@@ -101,7 +101,7 @@ def _area(prior: Prior) -> float:
 
 @kernel
 def _fit(cells: Floats, groups: Floats, labels: Ints, prior: Prior) -> _Fit:
-    """Run EM from groups of pixels, and write the cells' labels."""
+    """Run EM from groups of pixels, and write the labels of the cells."""
     means = groups[:, 1:3].copy()
     covs, person = person_at(means, _sizes_of(groups, prior), prior)
     nu = prior.strength * person
@@ -119,10 +119,10 @@ def _fit(cells: Floats, groups: Floats, labels: Ints, prior: Prior) -> _Fit:
 
 @kernel
 def _without_the_unclear(cells: Floats, groups: Floats, entropy: Floats, value: float, prior: Prior) -> Floats:
-    """Drop the first group without which J rises, and return the groups of that fit.
+    """Drop the first group without which J rises; return the groups of that fit.
 
-    Between two people who touch a third cluster can settle that no merging of pairs removes.
-    The groups with the highest entropy a pixel are tried, at most `MAX_DOUBTS` of them.
+    Between two people who touch there may be a third cluster that merging of pairs does not remove. The groups with the
+    highest entropy per pixel are tried, at most `MAX_DOUBTS` of them.
     """
     doubt = entropy.sum(axis=1) / np.maximum(groups[:, 0], 1.0)
     for k in np.argsort(-doubt, kind="mergesort")[:MAX_DOUBTS]:
@@ -138,7 +138,7 @@ def _without_the_unclear(cells: Floats, groups: Floats, entropy: Floats, value: 
 
 @kernel
 def _groups_at(centres: Floats, prior: Prior) -> Floats:
-    """(K, 6) groups as of people in full view at (K, 2) positions."""
+    """(K, 6) groups of unoccluded people at positions (K, 2)."""
     covs, person = person_at(centres, np.zeros(centres.shape[0]), prior)
     groups = np.empty((centres.shape[0], 6))
     groups[:, 0] = person
@@ -150,7 +150,7 @@ def _groups_at(centres: Floats, prior: Prior) -> Floats:
 
 @kernel
 def _sizes_of(groups: Floats, prior: Prior) -> Floats:
-    """(K,) logarithms of the best sizes."""
+    """(K,) logs of the best sizes of groups."""
     out = np.empty(groups.shape[0])
     for k in range(groups.shape[0]):
         n, x, y, xx, xy, yy = groups[k]
@@ -160,14 +160,14 @@ def _sizes_of(groups: Floats, prior: Prior) -> Floats:
 
 @kernel
 def _large(groups: Floats, prior: Prior) -> Floats:
-    """The groups with enough pixels for a person."""
+    """Groups with enough pixels for a person."""
     _, person = person_at(groups[:, 1:3].copy(), _sizes_of(groups, prior), prior)
     return groups[np.flatnonzero(groups[:, 0] >= prior.least * person)]
 
 
 @kernel
 def _sorted_clusters(groups: Floats, labels: Ints, prior: Prior) -> Clusters:
-    """The groups by falling mass, and the cells' labels renumbered."""
+    """Groups sorted by decreasing mass, with labels of the cells renumbered."""
     order = np.argsort(-groups[:, 0], kind="mergesort")
     rank = np.empty(order.shape[0], dtype=np.int64)
     groups = groups[order]
@@ -185,7 +185,7 @@ def _sorted_clusters(groups: Floats, labels: Ints, prior: Prior) -> Clusters:
 
 @kernel
 def _seeds(cells: Floats, corners: Ints, side: int, prior: Prior) -> Floats:
-    """(K, 2) centres of person-sized windows with much foreground, greedily.
+    """(K, 2) initial centres: person-sized windows with much foreground, selected greedily.
 
     Args:
         cells: (N, 6) cell table.
@@ -226,7 +226,7 @@ def _integrate_into(integral: Floats, counts: Floats, corners: Ints, side: int) 
 
 @kernel
 def _window_mass(integral: Floats, x: float, y: float, side: int, prior: Prior) -> float:
-    """Foreground within one standard deviation of a person's box around a position, in persons' pixels."""
+    """Foreground within one standard deviation of a person's box around a position, in units of a person's pixels."""
     at = grid_cell(prior, x, y)
     rx, ry = math.sqrt(prior.cov[at, 0]), math.sqrt(prior.cov[at, 2])
     rows, columns = integral.shape[0] - 1, integral.shape[1] - 1
@@ -238,7 +238,7 @@ def _window_mass(integral: Floats, x: float, y: float, side: int, prior: Prior) 
 
 @kernel
 def _take_into(left: Floats, centre: Floats, cells: Floats, x: float, y: float, prior: Prior) -> None:
-    """Take the foreground of a person at (x, y) out of `left`; write its mean to `centre`."""
+    """Remove the foreground of a person at (x, y) from `left`; write its mean to `centre`."""
     xx, xy, yy = prior.cov[grid_cell(prior, x, y)]
     det = xx * yy - xy * xy
     n = sx = sy = 0.0

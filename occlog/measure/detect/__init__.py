@@ -1,1 +1,1 @@
-"""Verb: reduce the frames of a recording to bearings."""
+"""`occlog detect`: reduce the frames of a recording to views and bearings."""

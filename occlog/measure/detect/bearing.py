@@ -35,7 +35,7 @@ STEP_PX = 0.5  # of the finite differences
 
 
 class RegionBearings(NamedTuple):
-    """Directions of K regions; NaN for a camera without pose."""
+    """Bearings of K regions; NaN for a camera without pose."""
 
     bearing: Floats  # (K,) [rad]
     sigma: Floats  # (K,) [rad]
@@ -44,7 +44,7 @@ class RegionBearings(NamedTuple):
 
 
 class BearingNoise(NamedTuple):
-    """Settings of the noise of centres."""
+    """Noise settings of region centres."""
 
     sigma_px: float | None = None  # of a person in full view [px], instead of POSTURE and reading; None: from these
     scale: float = 1.0  # factor on all standard deviations
@@ -55,7 +55,7 @@ AS_MODELLED = BearingNoise()
 
 
 def shape_covariance(person: Floats, fill: Floats, cut: Bools, noise: BearingNoise = AS_MODELLED) -> Floats:
-    """(K, 3) covariance xx, xy, yy [px^2] of centres of mass as positions of people's axes.
+    """(K, 3) covariance xx, xy, yy [px^2] of centres of mass, as measurements of people's axes.
 
     Args:
         person: (K, 3) spread of a person's pixels at the position [px^2].
@@ -78,7 +78,7 @@ def sights(
     persons: Floats,
     noise: BearingNoise = AS_MODELLED,
 ) -> RegionBearings:
-    """Bearings of centres in the image.
+    """Bearings, with their noise, of centres in the image.
 
     Args:
         camera: its `sigma_read_px` is added.
@@ -104,7 +104,7 @@ def sights(
 
 
 def _gradient(camera: Camera, centres: Floats) -> tuple[Floats, Floats]:
-    """Derivatives of the azimuth by the pixel's column and row [rad/px]."""
+    """Derivatives of the azimuth by pixel column and row [rad/px]."""
     right, down = np.array([STEP_PX, 0.0]), np.array([0.0, STEP_PX])
     gx = wrap_angle(camera.bearings(centres + right) - camera.bearings(centres - right)) / (2.0 * STEP_PX)
     gy = wrap_angle(camera.bearings(centres + down) - camera.bearings(centres - down)) / (2.0 * STEP_PX)
@@ -112,6 +112,6 @@ def _gradient(camera: Camera, centres: Floats) -> tuple[Floats, Floats]:
 
 
 def _across(covs: Floats, gx: Floats, gy: Floats) -> Floats:
-    """Variances g' C g along the gradient, for covariances in rows (xx, xy, yy)."""
+    """Variances g' C g along the gradient, for covariances as rows (xx, xy, yy)."""
     total: Floats = covs[:, 0] * gx**2 + 2.0 * covs[:, 1] * gx * gy + covs[:, 2] * gy**2
     return total

@@ -1,8 +1,8 @@
-"""Detect people in frames with a network: frames in, views with colours and embeddings, and candidate bearings, out.
+"""Detection of people with a neural network: frames to views (with colours and embeddings) and candidate bearings.
 
-One thread decodes the frames, in their order, and brings them to the network's size; the network, which has threads of
-its own, runs next to it.  Frames of one time are written together, so that the rows depend neither on the number of
-images that the network takes at a time nor on that of threads.
+One thread decodes and resizes the frames, in order; the network, which has its own threads, runs in parallel. Frames of
+one time are written together, so that the rows depend neither on the number of images that the network takes at a time
+nor on that of threads.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ NOT_FINITE = "the network gives numbers that are not finite"
 
 
 class _Ready(NamedTuple):
-    """A frame that was decoded, or why it could not be used."""
+    """A decoded frame, or why it could not be used."""
 
     frame: Frame
     lost: str = ""
@@ -45,7 +45,7 @@ class _Ready(NamedTuple):
 
 
 class DetectedFrame(NamedTuple):
-    """A frame with its boxes by falling area, or why it could not be used."""
+    """A frame with its boxes by decreasing area, or why it could not be used."""
 
     frame: Frame
     lost: str
@@ -64,10 +64,10 @@ def detect_by_network(
     rows: int = BATCH,
     shapes: dict[str, tuple[int, ...]] | None = None,
 ) -> Iterator[Detections]:
-    """Boxes of a network as views and candidate bearings (`from_boxes`), in the order of time.
+    """Generate boxes of a network as views and candidate bearings (`from_boxes`), sorted by time.
 
-    Frames that cannot be decoded, that are not of the size of the camera's first, or for which the network gives
-    numbers that are not finite, are listed as losses and give no row.
+    Frames that cannot be decoded, have another size than the camera's first, or for which the network returns
+    non-finite numbers, are losses without rows.
 
     Args:
         frames: in the order of time; each camera's also in the order of its index.
@@ -90,7 +90,7 @@ def detect_by_network(
 def in_parts(
     frames: Iterable[DetectedFrame], scene: Scene, config: DetectConfig, *, rows: int = BATCH
 ) -> Iterator[Detections]:
-    """Frames with their boxes as views, candidate bearings and losses; those of one time together.
+    """Convert frames with boxes to views, candidate bearings and losses; frames of one time in one part.
 
     Raises:
         InputError: times go back.
@@ -119,7 +119,7 @@ def _detect_frames(
     config: DetectConfig,
     shapes: dict[str, tuple[int, ...]],
 ) -> Iterator[DetectedFrame]:
-    """Frames in their order with what the network finds in them."""
+    """Generate the frames in order with the detections of the network."""
 
     def prepare(some: list[Frame]) -> list[_Ready]:
         return [_prepare(frame, scene, detector, shapes, config) for frame in some]
@@ -159,13 +159,13 @@ def _detect_frames(
 def _prepare(
     frame: Frame, scene: Scene, detector: NetworkDetector, shapes: dict[str, tuple[int, ...]], config: DetectConfig
 ) -> _Ready:
-    """Decode a frame and bring it to the network's size."""
+    """Decode a frame and resize it for the network."""
     image = decoded(frame, scene, shapes, config)
     return _Ready(frame, image) if isinstance(image, str) else _Ready(frame, "", image, detector.prepare(image))
 
 
 def decoded(frame: Frame, scene: Scene, shapes: dict[str, tuple[int, ...]], config: DetectConfig) -> Image | str:
-    """The image (height, width, 3) of a frame in BGR; in words why it cannot be used.
+    """Image (height, width, 3) of a frame in BGR, or the reason why it cannot be used.
 
     Args:
         frame: to be decoded.
@@ -194,7 +194,7 @@ def decoded(frame: Frame, scene: Scene, shapes: dict[str, tuple[int, ...]], conf
 
 
 def in_colour(image: Image) -> Image:
-    """The image (height, width, 3) in BGR of one that may be grey (height, width)."""
+    """BGR image (height, width, 3) of one that may be grey (height, width)."""
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), dtype=np.uint8) if image.ndim == 2 else image
 
 
@@ -217,7 +217,7 @@ def _part(seen: list[DetectedFrame], scene: Scene, config: DetectConfig) -> Dete
 
 
 def _boxes(frame: Frame, boxed: Boxed) -> Boxes:
-    """Rows of a frame; one that is no box if missing."""
+    """Rows of a frame; one row without a box if there are none."""
     n = len(boxed.boxes)
     edges = boxed.boxes if n else np.full((1, 4), np.nan)
     rows = len(edges)

@@ -1,4 +1,4 @@
-"""Detect people with the network of occlog in all cameras of a recording, or in some of them."""
+"""Detection with occlog's person network in all cameras of a recording, or in some of them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .config import NETWORK, DetectConfig
 
 @dataclass
 class Work:
-    """What is detected in a recording, and how.
+    """Detections of a recording, with the method used.
 
     Attributes:
         parts: detections in the order of time.
@@ -42,7 +42,7 @@ class Work:
 
 @dataclass(frozen=True)
 class PersonDetector:
-    """The network of occlog, with a network for re-identification if one is given."""
+    """Occlog's person network, with an optional re-identification network."""
 
     network: NetworkDetector
     embedder: Embedder | None
@@ -56,12 +56,12 @@ class PersonDetector:
 
     @property
     def used(self) -> dict[str, object]:
-        """Parameters, for the provenance."""
+        """Parameters of the networks, for provenance."""
         more = {} if self.embedder is None else self.embedder.parameters()
         return {"network": self.network.network.file.path.name, **self.network.parameters(), **more}
 
     def work(self, frames: Iterable[Frame], scene: Scene, checks: tuple[Check, ...]) -> Work:
-        """Detection in all cameras."""
+        """Detect in all cameras with the network."""
         parts = _with_threads(detect_by_network(frames, scene, self.network, self.embedder, self.config), self.threads)
         used = {"input": "images", "method": NETWORK, **self.used, **of_boxes(self.config)}
         summary = {"method": NETWORK, **described(self.network)}
@@ -76,7 +76,7 @@ class PersonDetector:
         by_background: Callable[[Iterable[Frame]], Iterator[Detections]],
         used: Mapping[str, object],
     ) -> Work:
-        """Detection in some cameras, with background subtraction in the others."""
+        """Detect in some cameras with the network, and in the others with background subtraction."""
         own = partial(detect_by_network, scene=scene, detector=self.network, embedder=self.embedder,
                       config=self.config, shapes={})  # fmt: skip
         length = 0 if self.embedder is None else self.embedder.length
@@ -87,29 +87,29 @@ class PersonDetector:
 
 
 def _with_threads(parts: Iterator[Detections], threads: int) -> Iterator[Detections]:
-    """The parts, made while OpenCV has that many threads."""
+    """Generate the parts while OpenCV has `threads` threads."""
     with opencv_threads(threads):
         yield from parts
 
 
 def described(detector: NetworkDetector) -> dict[str, object]:
-    """The network and its threshold, for the summary."""
+    """Description of the network and its threshold, for the summary."""
     return {"network": network_in_words(detector), "min_confidence": detector.least}
 
 
 def network_in_words(detector: NetworkDetector) -> str:
-    """Name and begin of the SHA-256 of a network."""
+    """Name of a network and beginning of its SHA-256."""
     path = detector.network.file.path
     return f"{path.name} (sha256 {hash_file(path)[:12]})"
 
 
 def check_of(detector: NetworkDetector) -> Check:
-    """Passed check of the verdict, with the network and its confidence threshold as its text."""
+    """Passed check of the verdict that states the network and its confidence threshold."""
     text = f"{network_in_words(detector)}, boxes of confidence {detector.least:g} and more"
     return Check(DETECTOR, "passed", text=text, figures={"min_confidence": detector.least})
 
 
 def of_boxes(config: DetectConfig) -> dict[str, object]:
-    """Settings of detection that external boxes use, unless they are the defaults, for the provenance."""
+    """Settings of detection that apply to external boxes and differ from the defaults, for provenance."""
     known = {name: getattr(config, name) for name in ("bit_depth", "sigma_px") if getattr(config, name) is not None}
     return known | ({"sigma_scale": config.sigma_scale} if config.sigma_scale != 1.0 else {})

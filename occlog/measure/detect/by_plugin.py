@@ -1,4 +1,4 @@
-"""Detect people in frames with a plug-in: frames in, views with embeddings, and candidate bearings, out."""
+"""Detection of people with a plug-in: frames to views (with embeddings) and candidate bearings."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .config import DetectConfig
 def detect_by_plugin(
     frames: Iterable[Frame], scene: Scene, chosen: Chosen, config: DetectConfig
 ) -> Iterator[Detections]:
-    """Boxes of a plug-in as views and candidate bearings, in the order of time; losses as of a network.
+    """Generate boxes of a plug-in as views and candidate bearings, sorted by time; losses as for a network.
 
     Args:
         frames: in the order of time; each camera's also in the order of its index.
@@ -41,7 +41,7 @@ def detect_by_plugin(
 def _detect_frames(
     frames: Iterable[Frame], scene: Scene, chosen: Chosen, config: DetectConfig
 ) -> Iterator[DetectedFrame]:
-    """Frames in their order with what the plug-in finds in them."""
+    """Generate the frames in order with the detections of the plug-in."""
     shapes: dict[str, tuple[int, ...]] = {}
     own: dict[str, Detector] = {}
     names = sorted(camera.name for camera in scene.cameras)
@@ -77,7 +77,7 @@ def _detect_frames(
 
 
 def vectors_of(found: Detected) -> np.ndarray[tuple[int, int], np.dtype[np.float32]]:
-    """(N, D) embeddings of length 1; D is 0 where the detector gives none."""
+    """(N, D) unit embeddings; D = 0 if the detector has none."""
     if found.embeddings is None:
         return np.zeros((len(found.boxes), 0), dtype=np.float32)
     vectors = np.asarray(found.embeddings, dtype=np.float32)
@@ -86,7 +86,7 @@ def vectors_of(found: Detected) -> np.ndarray[tuple[int, int], np.dtype[np.float
 
 
 def fault_of(found: object) -> str | None:
-    """Faults of what a detector gave back, in words; None: nothing."""
+    """Description of what is wrong with a detector plug-in's result; None if it is valid."""
     if not isinstance(found, Detected):
         return f"detect gives a {type(found).__name__}; a Detected was expected"
     try:

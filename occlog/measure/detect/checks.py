@@ -1,4 +1,4 @@
-"""Checks of detections: cameras without detections, boxes outside the image, one that stays where it is."""
+"""Checks of detections: cameras without detections, boxes outside the image, static detections."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ OUTSIDE = 0.01
 
 
 def with_figures(check: Check, frames: int, detections: int) -> Check:
-    """The check of the detector with the number of frames and detections."""
+    """Check of the detector with the number of frames and detections."""
     if check.name != DETECTOR or check.found:
         return check
     return structs.replace(check, figures={**check.figures, "frames": frames, "detections": detections})
 
 
 class Checked:
-    """Accumulates the checks of detections over a stream of views."""
+    """Accumulates statistics of detections over a stream of views."""
 
     def __init__(self, scene: Scene) -> None:
-        """Create empty statistics of detections."""
+        """Start without detections."""
         self._sizes = {c.name: c.image_size for c in scene.cameras}
         self._rotations = [c.rotation for c in scene.cameras if c.placed]
         self._boxes: Counter[str] = Counter()
@@ -55,14 +55,14 @@ class Checked:
         self._seen: Counter[int] = Counter()
 
     def add_bearings(self, rows: Bearings) -> None:
-        """Take in some more bearings; those of candidates are not counted."""
+        """Add bearings; candidates are not counted."""
         for target in np.unique(rows.target_id[rows.target_id >= 0]).tolist():
             own = rows.target_id == target
             self._rows[target] += int(np.count_nonzero(own))
             self._seen[target] += int(np.count_nonzero(own & rows.seen))
 
     def add(self, views: Views) -> None:
-        """Take in some more; rows that a fusion recovered have no box."""
+        """Add views; rows recovered by fusion have no box."""
         for name in np.unique(views.sensor).tolist():
             own = views.take((views.sensor == name) & np.isfinite(views.left_px))
             edges = np.column_stack([own.left_px, own.top_px, own.width_px, own.height_px])
@@ -103,16 +103,16 @@ class Checked:
         )
 
     def _without_pose(self) -> Iterator[Check]:
-        """Find that no camera of the boxes has a pose."""
+        """Report if no camera of the boxes has a pose."""
         if not self._rotations:
             yield finding(POSES, "cameras-without-pose")
 
     def _tilted(self) -> Iterator[Check]:
-        """Find a world of the scene that is not upright."""
+        """Report a world that is not upright."""
         return tilted_world(np.array(self._rotations).reshape(-1, 3, 3))
 
     def _none(self, frames: Mapping[str, int]) -> Iterator[Check]:
-        """Cameras without detections where another one often has some."""
+        """Report cameras without detections while another one has many."""
         if frames and not self._boxes:
             yield finding(DETECTS, "nothing-detected", sensors=sorted(frames), frames=sum(frames.values()))
             return
@@ -124,13 +124,13 @@ class Checked:
             )
 
     def _never_seen(self) -> Iterator[Check]:
-        """Targets that no camera ever detects."""
+        """Report targets that no camera detects."""
         never = [target for target, rows in sorted(self._rows.items()) if rows >= FEWEST and not self._seen[target]]
         if never:
             yield finding(TARGETS, "target-never-detected", targets=never, rows=max(self._rows[t] for t in never))
 
     def _wide(self) -> Iterator[Check]:
-        """Cameras with boxes outside the image."""
+        """Report cameras with boxes outside the image."""
         for name, count in sorted(self._boxes.items()):
             if exceeds_share(self._outside[name], count, OUTSIDE):
                 yield finding(
@@ -144,7 +144,7 @@ class Checked:
                 )
 
     def _staying(self, frames: Mapping[str, int]) -> Iterator[Check]:
-        """Cameras that nearly always detect the same position of the image."""
+        """Report cameras with detections at nearly constant positions (static clutter)."""
         for name, count in sorted(frames.items()):
             kept = self._kept.get(name, [])
             if self._frames[name] <= STAYING * count or not kept:
@@ -165,7 +165,7 @@ class Checked:
 
 
 def _overlaps(box: Floats, others: Floats) -> bool:
-    """Return whether any of (k, 4) boxes is at the position of a (4,) box."""
+    """Whether any of the boxes (k, 4) is at the position of a box (4,)."""
     both = np.prod(np.maximum(np.minimum(box[2:], others[:, 2:]) - np.maximum(box[:2], others[:, :2]), 0.0), axis=1)
     each = np.prod(others[:, 2:] - others[:, :2], axis=1) + np.prod(box[2:] - box[:2])
     return bool((both >= SAME * (each - both)).any())

@@ -1,9 +1,9 @@
-"""Choose between a network and background subtraction for each camera, and detect with both in one recording.
+"""Selection between the person network and background subtraction for each camera, and detection with both.
 
-Rule: in frames spread evenly over the recording, count those in which the network finds a person, and those in which a
-region of the size of a person differs from the empty scene.  Background subtraction is used where the second number is
-`MIN_MOVING` or more and the first less than `MIN_FOUND_RATIO` of it: people move, and the network does not know them
-(thermal images, views from above, drawings).
+In frames spread evenly over the recording, frames are counted in which the network finds a person, and those in which a
+person-sized region differs from the empty scene. Background subtraction is used if the second number is at least
+`MIN_MOVING` and the first less than `MIN_FOUND_RATIO` of it: people move, and the network does not recognise them
+(thermal images, top views, drawings).
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from .config import (
 
 
 class Probe(NamedTuple):
-    """Sampled frames of a camera, and in how many of them people are found.
+    """Numbers of sampled frames of a camera, and of those in which people are found.
 
     Attributes:
         frames: number of frames.
@@ -72,7 +72,7 @@ def probe(
     config: DetectConfig,
     detector: NetworkDetector,
 ) -> dict[str, Probe]:
-    """Frames with people by the network, and with moving regions of their size, of each camera with samples."""
+    """Numbers of frames with people by the network, and with person-sized moving regions, by camera."""
     found: dict[str, Probe] = {}
     for name, kept in samples.items():
         if not kept.images:
@@ -88,7 +88,7 @@ def probe(
 
 
 def moving_frames(images: Iterable[Image], empty: Image, sizes: SizeMap) -> int:
-    """Number of images with a region of the size of a person that differs from the empty scene.
+    """Number of images with a person-sized region that differs from the empty scene.
 
     Args:
         images: (height, width, 3) or (height, width).
@@ -111,7 +111,7 @@ Detect = Callable[[Iterable[Frame]], Iterator[Detections]]
 def detect_in_both(
     frames: Iterable[Frame], cameras: Iterable[str], by_network: Detect, by_background: Detect, embedding: int
 ) -> Iterator[Detections]:
-    """Detections of cameras with a network and of cameras with background subtraction, in the order of time.
+    """Generate the detections of cameras with the network and of those with background subtraction, sorted by time.
 
     Args:
         frames: in the order of time.
@@ -134,6 +134,6 @@ def detect_in_both(
 
 
 def _widened(part: Detections, embedding: int) -> Detections:
-    """Detections with views that have vectors of that length, NaN."""
+    """Add NaN embeddings of a length to views."""
     vectors = np.full((len(part.views), embedding), np.nan, dtype=np.float32)
     return part._replace(views=replace(part.views, embedding=vectors))

@@ -1,6 +1,5 @@
-"""Views and candidate bearings from the boxes of a person detector.
-
-Targets that the identities of boxes represent, and the frames in which they should have been seen.
+"""Conversion of person detector boxes to views and candidate bearings. With identities, boxes are labelled, and missed
+detections of targets are added.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from .config import GLOBAL, DetectConfig
 
 @dataclass
 class LabelMap:
-    """Identities of boxes and the targets that they represent.
+    """Map from identities of boxes to targets.
 
     Attributes:
         scope: `GLOBAL` or `CAMERA`, see `config`.
@@ -36,12 +35,12 @@ class LabelMap:
     span: dict[int, tuple[int, int]] = field(default_factory=dict)
 
     def of(self, sensor: str, ids: Ints32) -> Ints32:
-        """(n,) targets of (n,) identities in a camera; `UNLABELLED` if missing."""
+        """(n,) targets of identities (n,) in a camera; `UNLABELLED` if unknown."""
         known = {i: self.number.get(self.key(sensor, i), UNLABELLED) for i in np.unique(ids).tolist()}
         return np.array([known[i] for i in ids.tolist()], dtype=np.int32)
 
     def missed(self, sensor: str, frames: Ints, t_ns: Ints, target: Ints32) -> tuple[Ints, Ints32]:
-        """Times and targets of frames of a camera in which a target that is there then has no box, by time and target.
+        """Times and targets of a camera's frames in which a present target has no box, sorted.
 
         Args:
             sensor: the camera.
@@ -68,13 +67,13 @@ class LabelMap:
 
 
 def counted(boxes: Boxes, config: DetectConfig) -> Bools:
-    """(R,) rows that are boxes with enough confidence; those with a confidence that is not given count."""
+    """(R,) mask of rows that are boxes with sufficient or unknown confidence."""
     with np.errstate(invalid="ignore"):
         return (boxes.box >= 0) & ~(boxes.confidence < config.min_confidence)
 
 
 def scan_labels(chunks: Iterable[Boxes], scope: str, config: DetectConfig) -> LabelMap:
-    """Scan all boxes for the targets and the times at which each is present.
+    """Scan all boxes for targets, and the time range of each.
 
     With global identities a target has the identity's own number.  Identities of cameras are numbered from 0,
     in the order of the times, the cameras and the identities.
@@ -108,15 +107,14 @@ def scan_labels(chunks: Iterable[Boxes], scope: str, config: DetectConfig) -> La
 def detect_boxes(
     boxes: Iterable[Boxes], scene: Scene, config: DetectConfig | None = None, labels: LabelMap | None = None
 ) -> Iterator[Detections]:
-    """Views and bearings of boxes, chunk by chunk.
+    """Generate views and bearings of boxes, chunk by chunk.
 
-    Each box with enough confidence is a view and a candidate bearing of whoever it may
-    be (`target_id` -1, `score` its confidence); boxes with a confidence that is not given
-    count.  A frame in which no box counts gives one bearing row that is not seen.
-    Cameras without pose give views only.  The identity of a box is the view's `hint`.
+    Each box with sufficient or unknown confidence is a view and an unlabelled candidate bearing (`target_id` -1,
+    `score` its confidence). A frame without such a box has one bearing row without detection. Cameras without pose give
+    views only. The identity of a box is the view's `hint`.
 
-    With `labels` boxes with an identity are of its target, and a target that has none in a frame, between the
-    first and the last time at which it has a box, has a bearing row there that is not seen.
+    With `labels`, boxes with an identity are labelled with its target, and a target without a box in a frame, between
+    its first and last box, has a bearing row without detection.
 
     Args:
         boxes: in the order of time; rows of one frame must not be split between chunks.
@@ -154,7 +152,7 @@ def _of_camera(camera: Camera, boxes: Boxes, config: DetectConfig, labels: Label
 
 
 def _cut(camera: Camera, boxes: Boxes) -> Bools:
-    """True where a box reaches the left or right border; false where the size of the image is not known."""
+    """Mask of boxes that touch the left or right border; False if the image size is unknown."""
     if camera.image_size is None:
         return np.zeros(len(boxes), dtype=np.bool_)
     right = camera.image_size[0] - 1.5
@@ -193,7 +191,7 @@ def _views(boxes: Boxes, centres: Floats, spreads: Floats, seen: RegionBearings,
 
 
 def _ranks(boxes: Boxes, area: Floats) -> np.ndarray[tuple[int], np.dtype[np.int32]]:
-    """Number of each box in its frame, by falling area."""
+    """Number of each box in its frame, by decreasing area."""
     order = np.lexsort((boxes.box, -area, boxes.t_ns))
     t_ns = boxes.t_ns[order]
     starts = np.flatnonzero(np.concatenate([[True], t_ns[1:] != t_ns[:-1]])) if len(t_ns) else np.empty(0, int)

@@ -42,7 +42,7 @@ OF_SHIPPED = ("runtime", "nms_iou", "tiles", "embed_pixel_scaling", "embed_size"
 
 
 def _embed() -> Any:
-    """Declare the network for re-identification, `--embed`."""
+    """Declare the re-identification network, `--embed`."""
     words = "Describe the person in each box with this network (ONNX), for re-identification."
     return source(words, metavar="REID", there=False)
 
@@ -82,13 +82,13 @@ class Detection(Request):
 
     @property
     def threads(self) -> int:
-        """Threads that work."""
+        """Number of threads."""
         return self.workers or threads_by_default()
 
 
 @dataclass(frozen=True, kw_only=True)
 class DetectRequest(Detection):
-    """Options of detection by the network of occlog or background subtraction, or of boxes and bearings passed on."""
+    """Request of detection by occlog's network or background subtraction, or of boxes and bearings passed on."""
 
     RUN: ClassVar[str] = "occlog.measure.detect.run:run_detect"
 
@@ -141,7 +141,7 @@ class DetectRequest(Detection):
 
 @dataclass(frozen=True, kw_only=True)
 class _BoxRequest(Detection):
-    """Options of detectors that give boxes."""
+    """Options of detectors that return boxes."""
 
     output: Path = output_file(
         "Bearings of the targets (Parquet); with --onnx or a plug-in the boxes, a table of views.", "views"
@@ -152,7 +152,7 @@ class _BoxRequest(Detection):
 
 @dataclass(frozen=True, kw_only=True)
 class NetworkRequest(_BoxRequest):
-    """Options of detection with a network."""
+    """Request of detection with a given network."""
 
     RUN: ClassVar[str] = "occlog.measure.detect.run:run_network"
 
@@ -173,7 +173,7 @@ class NetworkRequest(_BoxRequest):
 
 @dataclass(frozen=True, kw_only=True)
 class PluginRequest(_BoxRequest):
-    """Options of detection with the detector of a plug-in."""
+    """Request of detection with a detector plug-in."""
 
     RUN: ClassVar[str] = "occlog.measure.detect.run:run_plugin"
 
@@ -182,7 +182,7 @@ class PluginRequest(_BoxRequest):
 
 
 def _of_plugin(name: str) -> Form:
-    """The form of a request for the detector of a plug-in, with its settings under its name."""
+    """Form of a request for a detector plug-in, with its settings under its name."""
     from occlog.plugins.loading import DETECTOR, find
 
     plugin = find(name, DETECTOR)
@@ -197,7 +197,7 @@ def _plugged() -> dict[str, VerbKind]:
 
 
 def _form(without: Collection[str], settings: Collection[str] = ()) -> Form:
-    """The form of `DetectRequest` without some fields, or with some settings of detection alone."""
+    """Form of `DetectRequest` without some fields, or with some settings only."""
     names = {f.name for f in fields(DetectRequest)} - set(without)
     return Form(DetectRequest, takes=(names - {"settings"}) | set(settings) if settings else names)
 

@@ -1,9 +1,4 @@
-"""Run of `occlog detect`: open a recording, detect in what it holds, fuse, write.
-
-What `occlog detect --onnx` does: open a recording and networks, detect in its images, write views and bearings.
-
-What `occlog detect --method` does: open a recording, detect in it with a plug-in, write views and bearings.
-"""
+"""`occlog detect`: open a recording, detect people in its content, fuse, and write views and bearings."""
 
 from __future__ import annotations
 
@@ -60,7 +55,7 @@ T = TypeVar("T", Boxes, Bearings)
 
 
 def run_detect(request: DetectRequest, job: Job) -> tuple[dict[str, object], list[Loss]]:
-    """Detect and write; the summary, and the input that was lost."""
+    """Detect and write the tables; return the summary and the losses."""
     of_fusion = (e.key for e in Form(DetectRequest).entries() if e.field == "fusion" and e.of.name in request.fusion)
     if not request.fuse and (key := next(of_fusion, None)) is not None:
         raise UsageError(f"{option(key)} is an option of the fusion; add {option('fuse')}", id="missing-option")
@@ -100,7 +95,7 @@ def write_detections(
     fused: FuseTally | None = None,
     checks: Sequence[Check] = (),
 ) -> tuple[list[Loss], Counter[str]]:
-    """Write the tables that were asked for.
+    """Write the requested tables.
 
     Args:
         job: of a request with outputs that are tables of bearings and of views.
@@ -143,7 +138,7 @@ def write_detections(
 
 
 def _figures(tally: Counter[str]) -> dict[str, int]:
-    """Figures of the summary; frames that only taught the background are reported if there are any."""
+    """Figures of the summary; frames used for learning the background only are listed if there are any."""
     names = ("frames", "warmup_frames", "regions", "rows", "seen")
     return {name: tally[name] for name in names if tally[name] or name != "warmup_frames"}
 
@@ -151,16 +146,16 @@ def _figures(tally: Counter[str]) -> dict[str, int]:
 def _fused(
     detections: Iterator[Detections], scene: Scene, config: FuseConfig, tally: FuseTally
 ) -> Iterator[Detections]:
-    """The parts after the fusion, counted."""
+    """Generate the parts after fusion, and count their rows."""
     for part in fuse(detections, scene, config):
         tally.add(part)
         yield part.detections
 
 
 def _detections(request: DetectRequest, recording: McapRecording, scene: Scene, left: SkippedFrames, job: Job) -> Work:
-    """Detections of what the recording holds.
+    """Generate the detections in a recording.
 
-    Images come first; a recording without images gives its boxes, and one without boxes its bearings.
+    Images have priority; without images its boxes are used, and without boxes its bearings.
     """
     config = configure(DetectConfig(), {"method": request.method, **request.settings})
     if config.label_scope is not None and (recording.cameras or not recording.has(Boxes)):
@@ -206,7 +201,7 @@ def _detections(request: DetectRequest, recording: McapRecording, scene: Scene, 
 
 
 def _sensors_of(request: DetectRequest, known: list[str]) -> tuple[str, ...]:
-    """Names of the sensors with rows that are taken, empty: all; UsageError for one that the scene has not."""
+    """Names of the selected sensors; empty: all. UsageError for one that is not in the scene."""
     for name in request.cameras:
         if name not in known:
             raise UsageError(
@@ -216,7 +211,7 @@ def _sensors_of(request: DetectRequest, known: list[str]) -> tuple[str, ...]:
 
 
 def _rows_of(chunks: Iterator[T], only: tuple[str, ...]) -> Iterator[T]:
-    """Rows of some sensors; empty: of all."""
+    """Rows of some sensors (`only` empty: of all)."""
     for chunk in chunks:
         kept = chunk.take(np.isin(chunk.sensor, only)) if only else chunk
         if len(kept):
@@ -226,10 +221,10 @@ def _rows_of(chunks: Iterator[T], only: tuple[str, ...]) -> Iterator[T]:
 def _near(
     request: DetectRequest, config: DetectConfig, length_unit: str
 ) -> tuple[TrackFeedback | None, dict[str, object]]:
-    """Return the track feedback that limits the search, and its parameters.
+    """Track feedback that limits the search, and its parameters.
 
     Raises:
-        UsageError: there is a gate and no tracks.
+        UsageError: a gate is given without tracks.
         InputError: the tracks are in another unit than the scene, have no covariance, or are missing.
     """
     if request.track_feedback is None:
@@ -251,7 +246,7 @@ def _near(
 def _simulated_bearings(
     chunks: Iterator[Bearings], near: TrackFeedback | None, positions: dict[str, Floats]
 ) -> Iterator[Detections]:
-    """Simulated bearings as they are, or near where targets are thought to be."""
+    """Simulated bearings unchanged, or within the gates of track feedback."""
     for chunk in chunks:
         kept = chunk if near is None else limited(chunk, near, positions)
         yield Detections(Views.empty(), kept, (), len(chunk), 0)
@@ -260,7 +255,7 @@ def _simulated_bearings(
 def _from_images(
     request: DetectRequest, recording: McapRecording, scene: Scene, config: DetectConfig, left: SkippedFrames, job: Job
 ) -> Work:
-    """Choose a detector for each camera, learn from a first pass where it needs that, then detect in a second."""
+    """Choose a detector for each camera, learn in a first pass if required, and detect in a second pass."""
     sensors = cameras_of(request.cameras, recording)
     boxes = [_box(text) for text in request.target_boxes]
     targets = _references(request, recording)
@@ -311,7 +306,7 @@ def _from_images(
 
 
 def _background_because(request: DetectRequest, recording: McapRecording, targets: Sequence[Target]) -> str:
-    """Why background subtraction is used without a trial of the network; empty: there is no such reason."""
+    """Reason to use background subtraction without trying the network; empty if there is none."""
     if recording.provenance.command == "simulate":
         return "the recording is simulated"
     if targets or request.target_boxes or request.track_feedback is not None:
@@ -322,7 +317,7 @@ def _background_because(request: DetectRequest, recording: McapRecording, target
 
 
 def _chosen(sensors: Sequence[str], probes: Mapping[str, Probe]) -> tuple[list[str], tuple[Check, ...]]:
-    """Names of the cameras in which the network detects, and what is found of the others."""
+    """Names of the cameras in which the network detects, and findings about the others."""
     others = {name: probes[name] for name in sensors if name in probes and probes[name].background}
     checks = tuple(
         finding(DETECTOR, "background-used", sensors=[name], found=each.found, frames=each.frames, moving=each.moving)
@@ -332,7 +327,7 @@ def _chosen(sensors: Sequence[str], probes: Mapping[str, Probe]) -> tuple[list[s
 
 
 def _person_detector(request: DetectRequest, config: DetectConfig) -> PersonDetector:
-    """Load the network of occlog, and that for re-identification if one is given."""
+    """Load occlog's person network, and the re-identification network if given."""
     _check_embed(request)
     if "min_confidence" not in request.settings:
         config = replace(config, min_confidence=MIN_CONFIDENCE)
@@ -343,7 +338,7 @@ def _person_detector(request: DetectRequest, config: DetectConfig) -> PersonDete
 
 
 def _check_embed(request: DetectRequest | NetworkRequest) -> None:
-    """UsageError for settings of the network for re-identification without one."""
+    """UsageError for settings of a re-identification network without one."""
     if request.embed is None and {"embed_pixel_scaling", "embed_size"} & set(request.network):
         raise UsageError(
             f"{option('embed_pixel_scaling')} and {option('embed_size')} go with {option('embed')}; add it",
@@ -352,7 +347,7 @@ def _check_embed(request: DetectRequest | NetworkRequest) -> None:
 
 
 def images_of(request: Detection, detector: str) -> tuple[McapRecording, Scene, tuple[str, ...]]:
-    """The recording of a request, its scene, and the cameras to detect in.
+    """Open the recording of a request, with its scene and the cameras to detect in.
 
     Raises:
         InputError: the recording holds no images, or those of a camera that is not in the scene.
@@ -379,7 +374,7 @@ def images_of(request: Detection, detector: str) -> tuple[McapRecording, Scene, 
 
 
 def cameras_of(only: tuple[str, ...], recording: McapRecording) -> tuple[str, ...]:
-    """Names of the cameras to detect in; UsageError for one of which there are no images."""
+    """Names of the cameras to detect in; UsageError for one without images."""
     for name in only:
         if name not in recording.cameras:
             known = ", ".join(recording.cameras)
@@ -396,7 +391,7 @@ def frames_of(recording: McapRecording, sensors: tuple[str, ...]) -> int:
 
 
 def _references(request: DetectRequest, recording: McapRecording) -> tuple[Target, ...]:
-    """Appearances of the targets, from a file or attached to the recording; none where there is neither."""
+    """Appearances of the targets, from a file or attached to the recording; empty without either."""
     if request.target is not None:
         where = str(request.target)
         raw: bytes | None = check_input(request.target, "appearances of targets (JSON)").read_bytes()
@@ -416,7 +411,7 @@ def _references(request: DetectRequest, recording: McapRecording) -> tuple[Targe
 
 
 def _box(text: str) -> TargetBox:
-    """A target's box from `[ID:]CAM:FRAME:X,Y,W,H`; the target is 0 if it is not named."""
+    """Parse a target's box `[ID:]CAM:FRAME:X,Y,W,H`; the target is 0 if not given."""
     try:
         *head, frame, location = text.split(":")
         target, sensor = (int(head[0]), head[1]) if len(head) == 2 else (0, head[0])
@@ -435,7 +430,7 @@ def _box(text: str) -> TargetBox:
 
 
 def run_network(request: NetworkRequest, job: Job) -> tuple[dict[str, object], list[Loss]]:
-    """Detect and write; the summary, and the input that was lost."""
+    """Detect with a network and write the tables; return the summary and the losses."""
     opened, scene, sensors = images_of(request, "a network")
     config, of_networks = configure(DetectConfig(), request.settings), configure(NetworkConfig(), request.network)
     _check_embed(request)
@@ -467,14 +462,14 @@ def run_network(request: NetworkRequest, job: Job) -> tuple[dict[str, object], l
 
 
 def figures(request: NetworkRequest | PluginRequest, tally: Counter[str], **more: object) -> dict[str, object]:
-    """The summary: tables that were written, figures of the detector, and counts of frames, boxes and rows."""
+    """Summary: written tables, figures of the detector, and numbers of frames, boxes and rows."""
     bearings = {} if request.bearings is None else {"bearings": str(request.bearings)}
     counts = {"frames": tally["frames"], "boxes": tally["regions"]} | ({"rows": tally["rows"]} if bearings else {})
     return {"views": str(request.output), **bearings, **more, **counts}
 
 
 def _note_assumed(detector: NetworkDetector, job: Job) -> None:
-    """Report that names of classes are not the network's own."""
+    """Note that class names are assumed rather than read from the network."""
     if detector.names.source.endswith("assumed"):
         shown = ", ".join(f"{k} is {detector.names.names.get(k, 'unknown')}" for k in detector.wanted.tolist())
         job.note(
@@ -484,7 +479,7 @@ def _note_assumed(detector: NetworkDetector, job: Job) -> None:
 
 
 def run_plugin(request: PluginRequest, job: Job) -> tuple[dict[str, object], list[Loss]]:
-    """Detect and write; the summary, and the input that was lost."""
+    """Detect with a plug-in and write the tables; return the summary and the losses."""
     plugin = find(request.method, DETECTOR_PLUGIN)
     assert plugin is not None  # its settings are those of the request
     chosen = Chosen(plugin, request.own)

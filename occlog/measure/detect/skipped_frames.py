@@ -1,4 +1,4 @@
-"""Numbers of skipped frames: they are not in the recording, or could not be used."""
+"""Numbers of skipped frames: missing in the recording, or unusable."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ MAX_STRETCHES = 10_000
 
 
 class SkippedFrames:
-    """Accumulates frame numbers over a stream of frames.
+    """Accumulates gaps in the frame numbers of a stream.
 
-    Frames that are numbered in steps (0, 5, 10) leave no number out between them.
+    Frames numbered in steps (0, 5, 10) have no gaps.
 
     Attributes:
         frames: how many of each camera passed.
@@ -34,20 +34,20 @@ class SkippedFrames:
         self._lost: dict[str, list[tuple[int, int]]] = {}
 
     def watch(self, frames: Iterable[Frame]) -> Iterator[Frame]:
-        """Pass on the frames."""
+        """Generate the frames unchanged, and record their numbers."""
         for frame in frames:
             self._see(frame.sensor, frame.index)
             yield frame
 
     def watch_boxes(self, chunks: Iterable[Boxes]) -> Iterator[Boxes]:
-        """Pass on boxes, which have a row for each frame that a detector processed, also for one without any."""
+        """Generate boxes unchanged (with a row for each processed frame), and record the frame numbers."""
         for chunk in chunks:
             for sensor, number in dict.fromkeys(zip(chunk.sensor.tolist(), chunk.frame.tolist(), strict=True)):
                 self._see(sensor, number)
             yield chunk
 
     def lost(self, losses: Iterable[Loss]) -> None:
-        """Count frames that could not be used."""
+        """Add unusable frames."""
         for loss in losses:
             if (numbers := numbers_of(loss)) is not None and loss.source in self._last:
                 stretches = self._lost.setdefault(loss.source, [])
@@ -70,12 +70,12 @@ class SkippedFrames:
             gaps.append((last + 1, number - 1))
 
     def _without_steps(self, sensor: str) -> list[tuple[int, int]]:
-        """The gaps that are more than a step of the numbers."""
+        """Gaps larger than the usual step of the numbers."""
         step = self._step.get(sensor, 1)
         return [(first, last) for first, last in self._gaps.get(sensor, ()) if last - first + 2 > step]
 
     def parameters(self) -> dict[str, object]:
-        """Provenance entries; empty if no number is skipped."""
+        """Provenance entries; empty without gaps."""
         skipped = {name: sorted({*self._without_steps(name), *self._lost.get(name, ())}) for name in sorted(self._last)}
         skipped = {name: each for name, each in skipped.items() if 0 < len(each) <= MAX_STRETCHES}
         return {LEFT_OUT: skipped} if skipped else {}

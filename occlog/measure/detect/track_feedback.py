@@ -21,7 +21,7 @@ MAX_AGE_S = 1.0
 
 
 class TargetPath(NamedTuple):
-    """A target's track in the order of time."""
+    """Track of a target, sorted by time."""
 
     t_ns: Ints  # (T,)
     xy: Floats  # (T, 2)
@@ -44,7 +44,7 @@ class ExpectedDirections(NamedTuple):
 
 
 def track_feedback(tracks: Tracks, gate: float) -> TrackFeedback:
-    """The tracks by target; `gate` in standard deviations."""
+    """Create track feedback; `gate` in standard deviations."""
     paths = {}
     for target in np.unique(tracks.target_id).tolist():
         own = tracks.take(tracks.target_id == target)
@@ -57,7 +57,7 @@ def track_feedback(tracks: Tracks, gate: float) -> TrackFeedback:
 def directions(path: TargetPath, origin: Floats, t_ns: Ints) -> ExpectedDirections:
     """Predicted directions from a sensor (2,) at times (N,), by the last position and velocity before each.
 
-    The position is uncertain by its covariance and by the way that was predicted; after `MAX_AGE_S` nothing is known.
+    The uncertainty includes the position's covariance and the predicted displacement; NaN after `MAX_AGE_S`.
     """
     last = np.searchsorted(path.t_ns, t_ns, side="left") - 1
     k = np.maximum(last, 0)
@@ -73,7 +73,7 @@ def directions(path: TargetPath, origin: Floats, t_ns: Ints) -> ExpectedDirectio
 
 
 def inside_gate(near: TrackFeedback, target: int, origin: Floats, t_ns: Ints, bearing: Floats, sigma: Floats) -> Bools:
-    """(N,) whether bearings may be of a target: within the gate, or where nothing is known of its position.
+    """(N,) mask of bearings that may be of a target: within the gate, or with unknown position.
 
     Args:
         near: the tracks.
@@ -91,7 +91,7 @@ def inside_gate(near: TrackFeedback, target: int, origin: Floats, t_ns: Ints, be
 
 
 def limited(bearings: Bearings, near: TrackFeedback, positions: dict[str, Floats]) -> Bearings:
-    """Bearings with labelled ones outside of their target's gate marked "not seen".
+    """Mark labelled bearings outside their target's gate as not detected.
 
     Args:
         bearings: of sensors in `positions`; candidates without a label stay.

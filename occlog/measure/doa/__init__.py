@@ -1,1 +1,1 @@
-"""Verb: find directions of arrival in the sound of microphone arrays."""
+"""Directions of arrival from the sound of microphone arrays."""

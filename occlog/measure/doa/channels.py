@@ -1,4 +1,4 @@
-"""Checks of sound: microphones that are silent, at full scale, late, inverted, exchanged, or of another sound."""
+"""Checks of sound: microphones that are silent, clipped, delayed, inverted, exchanged, or unrelated."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ MIN_SHARE, MIN_FRAMES = 0.75, 3
 
 
 class ChannelLags:
-    """Correlation of each pair of channels (GCC-PHAT, Knapp & Carter 1976), as a mean over blocks of samples."""
+    """Cross-correlation of each pair of channels (GCC-PHAT, Knapp & Carter 1976), averaged over blocks of samples."""
 
     def __init__(self) -> None:
         """Start without samples."""
@@ -61,7 +61,7 @@ class ChannelLags:
         self._frames: list[Floats] = []  # (M, M, FRAME) correlations
 
     def add(self, block: Floats) -> None:
-        """Take (n, M) samples."""
+        """Add samples (n, M)."""
         if self._blocks >= MAX_BLOCKS:
             return
         self._parts.append(block)
@@ -72,13 +72,13 @@ class ChannelLags:
             self._parts, self._held = [whole[BLOCK:]], len(whole) - BLOCK
 
     def finish(self) -> None:
-        """Take the samples of a recording that is shorter than a block."""
+        """Use the samples of a recording shorter than a block."""
         if not self._blocks and self._held >= MIN_BLOCK:
             whole = np.concatenate(self._parts)
             self._correlate(np.pad(whole, ((0, BLOCK - len(whole)), (0, 0))), len(whole))
 
     def _correlate(self, samples: Floats, sound: int = BLOCK) -> None:
-        """Add the correlations of one block, of which some samples are sound."""
+        """Add the correlations of one block; `sound`: mask of samples with sound."""
         found = _phat(samples)
         self._sums = found if self._sums is None else self._sums + found
         self._blocks += 1
@@ -87,7 +87,7 @@ class ChannelLags:
                 self._frames.append(_phat(samples[start : start + FRAME]))
 
     def unrelated(self) -> list[int]:
-        """Channels, from 0, that have no sound in common with any other, where most others have."""
+        """Channels, from 0, without sound in common with any other channel, although most others have."""
         if self._sums is None:
             return []
         count, limit = len(self._sums), MIN_PEAK_SIGMAS / np.sqrt(self._blocks * BLOCK)
@@ -99,7 +99,7 @@ class ChannelLags:
         return alone if largest > count / 2 else []
 
     def inverted(self, microphones: Floats, rate: float) -> list[int]:
-        """Channels, from 0, with the sign of samples of the fewer; see `late` for the arguments."""
+        """Channels, from 0, with inverted sign relative to the majority; see `late` for the arguments."""
         if self._sums is None:
             return []
         count = len(self._sums)
@@ -116,11 +116,10 @@ class ChannelLags:
         return groups[0] if len(groups) == 2 and alike and len(groups[0]) < len(groups[1]) else []
 
     def exchanged(self, microphones: Floats, rate: float) -> Exchange | None:
-        """Pairs of channels of which one is exchanged, as delays show that are no plane wave's; see `late`.
+        """Pairs of channels of which one pair seems exchanged, since delays fit no plane wave; see `late`.
 
-        Delays of microphones in a plane wave are linear in their positions (Smith & Abel 1987).  Only what the
-        positions of more microphones than the wave has unknowns contradict is found: some exchanges give another
-        plane wave.
+        Delays of microphones in a plane wave are linear in their positions (Smith & Abel 1987). This detects an
+        exchange only with more microphones than unknowns of the wave, and unless the exchange fits another plane wave.
         """
         count = len(microphones)
         pairs = list(combinations(range(count), 2))
@@ -142,15 +141,15 @@ class ChannelLags:
         return Exchange(tuple(named), float(np.median(found[:, 0]))) if named else None
 
     def _within(self, i: int, j: int, microphones: Floats, rate: float, size: int = BLOCK) -> Bools:
-        """(size,) lags that the distance of two microphones permits."""
+        """(size,) mask of lags possible for the distance of two microphones."""
         limit = float(np.linalg.norm(microphones[i] - microphones[j])) * rate + SLACK_SAMPLES
         return np.asarray(np.abs(np.fft.fftfreq(size, 1.0 / size)) <= limit)
 
     def late(self, microphones: Floats, rate: float) -> dict[int, int]:
-        """By how many samples channels are late, by their numbers from 0; negative: early.
+        """Delays of channels [samples], by number from 0; negative: early.
 
-        Channels that agree with each other, with lags that the distances of their microphones permit, are a group; the
-        largest group (of equal ones that of the first channel) is right.
+        Channels with lags that the distances of their microphones allow form a group; the largest group (on ties, that
+        of the first channel) is the reference.
 
         Args:
             microphones: (M, 3) positions, in seconds of sound.
@@ -180,7 +179,7 @@ class ChannelLags:
         return out
 
     def _peak(self, i: int, j: int, limit: float) -> tuple[float, bool, bool]:
-        """Lag of channel j behind i [samples]; whether it is within the limit, and whether it is clearly beyond."""
+        """Lag of channel j relative to i [samples], whether it is within the limit, and whether it is clearly beyond."""
         found = np.zeros(0) if self._sums is None else self._sums[i, j] / max(self._blocks, 1)
         lags = np.fft.fftfreq(BLOCK, 1.0 / BLOCK)
         near = np.abs(lags) <= limit
@@ -191,7 +190,7 @@ class ChannelLags:
 
 
 class Exchange(NamedTuple):
-    """Channels that seem to be exchanged.
+    """A pair of channels that seems exchanged.
 
     Attributes:
         pairs: of channels, from 0; one of them is exchanged.
@@ -203,7 +202,7 @@ class Exchange(NamedTuple):
 
 
 def _phat(samples: Floats) -> Floats:
-    """(M, M, n) correlations of (n, M) samples with the phase transform; those of channels i < j."""
+    """(M, M, n) phase transform correlations of samples (n, M), for channels i < j."""
     spectra = np.fft.rfft(samples, axis=0).T
     with np.errstate(invalid="ignore", divide="ignore"):
         phases = np.nan_to_num(spectra / np.abs(spectra))
@@ -215,9 +214,9 @@ def _phat(samples: Floats) -> Floats:
 
 
 def _delay(found: Floats, near: Bools) -> float:
-    """Lag [samples] of the peak of a correlation, between samples; NaN: it is not clear.
+    """Lag [samples, fractional] of the peak of a correlation; NaN if it is not distinct.
 
-    Of sound in all frequencies the peak is a sinc, of which two neighbours give the position (Foroosh et al. 2002).
+    For broadband sound the peak is a sinc, whose position follows from two neighbours (Foroosh et al. 2002).
     """
     values = np.where(near, found, -np.inf)
     top = int(np.argmax(values))
@@ -230,20 +229,20 @@ def _delay(found: Floats, near: Bools) -> float:
 
 
 def _swapped(count: int, i: int, j: int) -> Ints:
-    """Numbers of channels with two exchanged."""
+    """Channel numbers with two of them exchanged."""
     out = np.arange(count)
     out[[i, j]] = j, i
     return out
 
 
 def _residual_maker(microphones: Floats, pairs: Sequence[tuple[int, int]]) -> Floats:
-    """(P, P) matrix that leaves of delays of pairs what no plane wave gives."""
+    """(P, P) projection matrix: residual of the delays of pairs after a plane wave fit."""
     apart: Floats = np.array([microphones[i] - microphones[j] for i, j in pairs])
     return np.eye(len(pairs)) - apart @ np.linalg.pinv(apart, rcond=1e-3)
 
 
 def _connected(fits: Bools) -> list[list[int]]:
-    """Groups of channels that are connected by pairs that fit."""
+    """Groups of channels connected by fitting pairs."""
     groups: list[list[int]] = []
     for channel in range(len(fits)):
         joined = [group for group in groups if fits[channel, group].any()]
@@ -256,7 +255,7 @@ class Channels:
     """Levels of the microphones of one array, accumulated over a stream of samples."""
 
     def __init__(self, microphones: Floats | None = None, rate: float = 0.0) -> None:
-        """Create empty statistics of channels; for lags positions (M, 3) in seconds of sound, and the rate [Hz]."""
+        """Start without samples; `microphones`: positions (M, 3) in seconds of sound travel, `rate` [Hz]."""
         self.count = 0
         self._microphones, self._rate, self._lags = microphones, rate, ChannelLags()
         self._squares = self._full = np.zeros(0)
@@ -265,7 +264,7 @@ class Channels:
         self._levels: list[Floats] = []  # (M,) mean squares of each piece
 
     def watch(self, blocks: Iterable[Floats]) -> Iterator[Floats]:
-        """The (n, M) blocks as they are."""
+        """Generate the blocks (n, M) unchanged, and accumulate their levels."""
         for block in blocks:
             if not self.count:
                 self._squares, self._full = np.zeros((2, block.shape[1]))
@@ -284,39 +283,39 @@ class Channels:
             yield block
 
     def unrelated(self) -> list[int]:
-        """Numbers, from 1, of microphones with other sound than all others; silent ones are left out."""
+        """Numbers, from 1, of microphones with sound unrelated to all others (silent ones are excluded)."""
         self._lags.finish()
         silent = self.silent()
         return [n + 1 for n in self._lags.unrelated() if n + 1 not in silent]
 
     def inverted(self) -> list[int]:
-        """Numbers, from 1, of microphones with the sign of samples of the fewer."""
+        """Numbers, from 1, of microphones with inverted sign relative to the majority."""
         if self._microphones is None:
             return []
         self._lags.finish()
         return [n + 1 for n in self._lags.inverted(self._microphones, self._rate)]
 
     def exchanged(self) -> Exchange | None:
-        """Microphones, from 1, that seem to be exchanged, where nothing else is wrong with their samples."""
+        """Numbers, from 1, of microphones that seem exchanged, if nothing else is wrong with their samples."""
         if self._microphones is None or self.silent() or self.alike() or self.late() or self.inverted():
             return None
         found = None if self.unrelated() else self._lags.exchanged(self._microphones, self._rate)
         return None if found is None else found._replace(pairs=tuple((i + 1, j + 1) for i, j in found.pairs))
 
     def late(self) -> dict[int, int]:
-        """Samples by which microphones are late, by their numbers from 1."""
+        """Delays of microphones [samples], by number from 1."""
         if self._microphones is None:
             return {}
         self._lags.finish()
         return {n + 1: lag for n, lag in self._lags.late(self._microphones, self._rate).items()}
 
     def silent(self) -> list[int]:
-        """Numbers, from 1, of microphones that have next to no sound where the others have."""
+        """Numbers, from 1, of microphones that are nearly silent while others are not."""
         level = np.sqrt(self._squares)
         return (np.flatnonzero(level < SILENT * np.median(level)) + 1).tolist()
 
     def interrupted(self) -> dict[int, float]:
-        """Share of the pieces with sound in which a microphone has none, by its number from 1, without `silent`."""
+        """Share of intervals with sound in which a microphone has none, by number from 1, without `silent` ones."""
         levels = np.sqrt(np.array(self._levels).reshape(len(self._levels), -1))
         if not levels.size:
             return {}
@@ -327,12 +326,12 @@ class Channels:
         return {n + 1: float(gone[n]) for n in np.flatnonzero(gone >= MIN_SILENCE).tolist() if n + 1 not in silent}
 
     def clipped(self) -> dict[int, float]:
-        """Share of samples at full scale by microphone number, for microphones with many."""
+        """Share of clipped samples by microphone number, for those with many."""
         shares = self._full / max(self.count, 1)
         return {n + 1: float(shares[n]) for n in np.flatnonzero(shares > CLIPPED).tolist()}
 
     def alike(self) -> list[int]:
-        """Numbers of microphones with the very samples of another one; silence is none."""
+        """Numbers of microphones with samples identical to another one's (silence excluded)."""
         own = [a if q > 0.0 else None for a, q in zip(self._sums, self._squares.tolist(), strict=True)]
         return [n + 1 for n, each in enumerate(own) if each is not None and own.count(each) > 1]
 
@@ -340,7 +339,7 @@ class Channels:
 def checks(
     channels: Mapping[str, Channels], tallies: Mapping[str, DoaTally], rows: Mapping[str, int]
 ) -> tuple[Check, ...]:
-    """Checks of each array's sound with their findings.
+    """Checks of each array's sound, with their findings.
 
     Args:
         channels: by the name of the array.

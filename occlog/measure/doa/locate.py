@@ -1,12 +1,8 @@
-"""Directions of arrival in a frame of spectra: peaks of the map that an algorithm of pyroomacoustics gives.
+"""Directions of arrival in a frame of spectra, as peaks of a spatial spectrum by pyroomacoustics.
 
-Each direction has a standard deviation from the Cramer-Rao bound of the array (`sharpness`).
-
-Spectra of a microphone array's signals, coherence with a plane wave, and the bound of a direction's error.
-
-Directions are unit vectors towards the source in the array's frame.  A plane wave from u
-reaches microphone m earlier by p_m . u / c, so that its spectrum there has the phase
-omega p_m . u / c.
+Each direction has a standard deviation from the Cramer-Rao bound of the array (`sharpness`). Directions are unit
+vectors towards the source in the array's frame. A plane wave from u reaches microphone m earlier by p_m . u / c, so
+that its spectrum there has the phase omega p_m . u / c.
 """
 
 from __future__ import annotations
@@ -31,7 +27,7 @@ MIN_COHERENCE, MAX_COHERENCE = 1e-3, 0.999
 
 
 def extents(microphones: Floats) -> tuple[int, Floats]:
-    """Number of dimensions in which microphones (n, 3) spread, and the direction (3,) in which they spread least."""
+    """Number of dimensions spanned by microphones (n, 3), and the direction (3,) of least extent."""
     centred = microphones - microphones.mean(axis=0)
     _, sizes, axes = np.linalg.svd(centred, full_matrices=True)
     sizes = np.pad(sizes, (0, max(0, 3 - len(sizes))))
@@ -40,13 +36,13 @@ def extents(microphones: Floats) -> tuple[int, Floats]:
 
 
 def direction(azimuth: Floats, elevation: Floats) -> Floats:
-    """(n, 3) unit vectors."""
+    """(n, 3) unit vectors of directions."""
     c = np.cos(elevation)
     return np.stack([c * np.cos(azimuth), c * np.sin(azimuth), np.sin(elevation)], axis=-1)
 
 
 def spectra(samples: Floats, length: int, hop: int) -> np.ndarray:
-    """(M, length/2 + 1, S) Hann-windowed spectra of (n, M) samples; S is 0 for fewer samples than `length`."""
+    """(M, length/2 + 1, S) Hann-windowed spectra of samples (n, M); S = 0 for fewer samples than `length`."""
     M = samples.shape[1]
     if len(samples) < length:
         return np.empty((M, length // 2 + 1, 0), dtype=np.complex128)
@@ -56,7 +52,7 @@ def spectra(samples: Floats, length: int, hop: int) -> np.ndarray:
 
 
 def levels(X: np.ndarray, bins: np.ndarray) -> Floats:
-    """(S,) power of each of `spectra` in some bins, mean over microphones; 1 of a full-scale sine in them."""
+    """(S,) mean power of each spectrum in some bins, over microphones; 1 for a full-scale sine."""
     n = 2 * (X.shape[1] - 1)
     # Parseval, with the Hann window's mean square of 3/8 and the sine's of 1/2, on one side of the spectrum.
     full = n**2 * (3.0 / 8.0) * 0.5 / 2.0
@@ -64,9 +60,9 @@ def levels(X: np.ndarray, bins: np.ndarray) -> Floats:
 
 
 def coherence(X: np.ndarray, bins: np.ndarray, omega: Floats, microphones: Floats, u: Floats, c: float) -> float:
-    """Return the agreement of phases with a plane wave: 1 of one wave, about 0 of independent noise.
+    """Coherence with a plane wave: 1 for a single wave, about 0 for independent noise.
 
-    Mean over pairs of microphones, bins and spectra of the cosine of the phase that is left.
+    Mean, over pairs of microphones, bins and spectra, of the cosine of the phase residual.
 
     Args:
         X: (M, F, S) spectra.
@@ -90,7 +86,7 @@ def sharpness(
 ) -> Floats:
     """(2, 2) Cramer-Rao bound of (azimuth, elevation) [rad^2] from phases with Gaussian errors.
 
-    A coherence g of pairs is a phase variance of -ln g a microphone.  Infinite where an angle is not given.
+    A pair coherence g corresponds to a phase variance of -ln g per microphone. Infinite where an angle is not given.
 
     Args:
         omega: (B,) angular frequencies [rad/s].
@@ -133,7 +129,7 @@ MAX_POINTS = 200_000
 
 
 class ArrayDirection(NamedTuple):
-    """A direction, in the array's frame."""
+    """A direction of arrival, in the array's frame."""
 
     azimuth: float
     elevation: float  # NaN: not measured
@@ -143,7 +139,7 @@ class ArrayDirection(NamedTuple):
 
 
 class Band(NamedTuple):
-    """Bins of the spectra that are used."""
+    """Frequency bins that are used."""
 
     rate: int
     length: int  # of a spectrum, samples
@@ -152,7 +148,7 @@ class Band(NamedTuple):
 
 
 class DirectionGrid(NamedTuple):
-    """Directions that are tried: colatitudes by azimuths."""
+    """Grid of candidate directions: colatitudes by azimuths."""
 
     azimuth: Floats  # (A,) rising, all around
     elevation: Floats  # (E,)
@@ -160,7 +156,7 @@ class DirectionGrid(NamedTuple):
 
 
 class Locator(NamedTuple):
-    """Everything that does not change from frame to frame."""
+    """Precomputed parameters for locating directions, constant over frames."""
 
     engine: Any  # of pyroomacoustics
     microphones: Floats  # (M, 3)
@@ -172,7 +168,7 @@ class Locator(NamedTuple):
 
 
 def library() -> ModuleType:
-    """pyroomacoustics.doa; UsageError if it is not installed."""
+    """Import pyroomacoustics.doa; UsageError if it is not installed."""
     try:
         return importlib.import_module("pyroomacoustics.doa")
     except ImportError as error:
@@ -183,7 +179,7 @@ def library() -> ModuleType:
 
 
 def make_band(rate: int, config: DoaConfig) -> Band:
-    """Bins of the band; UsageError if the recording has fewer than three of them."""
+    """Select the bins of the band; UsageError if the recording has fewer than three of them."""
     length = 1 << max(math.ceil(math.log2(config.window_s * rate)), 3)
     frequency = np.arange(length // 2 + 1) * rate / length
     bins = np.flatnonzero((frequency >= config.low_hz) & (frequency <= config.high_hz) & (frequency > 0))
@@ -197,10 +193,10 @@ def make_band(rate: int, config: DoaConfig) -> Band:
 
 
 def locator(array: MicrophoneArray, rate: int, unit: str, config: DoaConfig) -> Locator:
-    """Prepare to find directions; InputError for an array that cannot determine any.
+    """Prepare locating; InputError for an array that cannot determine directions.
 
-    UsageError where pyroomacoustics is missing, the band or the grid does not suit the array, or
-    the algorithm finds fewer sources than `config.sources`.
+    UsageError where pyroomacoustics is missing, the band or the grid is unsuitable for the array, or the algorithm
+    finds fewer sources than `config.sources`.
     """
     doa, band, speed = library(), make_band(rate, config), speed_of_sound(config, unit)
     _check_extent(array, band, speed, unit)
@@ -234,7 +230,7 @@ def locator(array: MicrophoneArray, rate: int, unit: str, config: DoaConfig) -> 
 
 
 def speed_of_sound(config: DoaConfig, unit: str) -> float:
-    """Speed of sound in lengths of the scene per second; UsageError where the unit states no length."""
+    """Speed of sound [scene units/s]; UsageError if the unit is not a length."""
     if config.speed_of_sound is not None:
         return config.speed_of_sound
     if unit not in METRES:
@@ -246,9 +242,9 @@ def speed_of_sound(config: DoaConfig, unit: str) -> float:
 
 
 def _check_extent(array: MicrophoneArray, band: Band, speed: float, unit: str) -> None:
-    """InputError where sound takes longer across an array than a window lasts, so that no two spectra are of one wave.
+    """InputError if the travel time across an array exceeds the window, so that spectra are unrelated.
 
-    The grid becomes finer with the extent, up to a degree: a frame takes seconds then.
+    The grid becomes finer with the extent, up to 1 degree.
     """
     window = band.length / band.rate
     extent = float(np.hypot.reduce(np.ptp(array.microphones, axis=0))) if len(array.microphones) else 0.0
@@ -261,7 +257,7 @@ def _check_extent(array: MicrophoneArray, band: Band, speed: float, unit: str) -
 
 
 def make_grid(array: MicrophoneArray, band: Band, speed: float, config: DoaConfig) -> DirectionGrid:
-    """Directions to try: a few a lobe of the array at the top of the band, between 1 and 5 degrees apart."""
+    """Create the grid: a few directions per lobe of the array at the top of the band, 1 to 5 degrees apart."""
     span = float(np.ptp(array.microphones, axis=0).max())
     lobe = np.degrees(2.0 * np.pi * speed / (float(band.omega[-1]) * span))
     step = config.grid_deg if config.grid_deg is not None else float(np.clip(lobe / POINTS_A_LOBE, 1.0, 5.0))
@@ -288,7 +284,7 @@ def make_grid(array: MicrophoneArray, band: Band, speed: float, config: DoaConfi
 
 
 def locate(at: Locator, X: np.ndarray) -> list[ArrayDirection]:
-    """Directions in (M, F, S) spectra, by falling confidence; none with less than `config.confidence`."""
+    """Directions in spectra (M, F, S), by decreasing confidence, at least `config.confidence`."""
     config, grid = at.config, at.grid
     # Map of the algorithm over the grid (SRP-PHAT, MUSIC, ...)
     at.engine.locate_sources(X, num_src=max(config.max_sources, 1), freq_bins=at.band.bins)
@@ -307,7 +303,7 @@ def locate(at: Locator, X: np.ndarray) -> list[ArrayDirection]:
 def _with_uncertainty(
     at: Locator, azimuth: float, elevation: float, agreement: float, snapshots: int
 ) -> ArrayDirection:
-    """The direction with its standard deviations, at least `FLOOR` and at most those of no knowledge."""
+    """Direction with its standard deviations, between `FLOOR` and those of a uniform distribution."""
     count = float(np.clip(snapshots * INDEPENDENT, 1.0, MAX_INDEPENDENT))
     flat = len(at.grid.elevation) == 1
     # Without a third dimension the elevation is taken for known.
@@ -336,7 +332,7 @@ def _with_uncertainty(
 
 
 def _off_plane(azimuth: float, elevation: float, normal: Floats) -> Floats:
-    """(2,) variances [rad^2] of azimuth and elevation from the error of the angle to a flat array's plane."""
+    """(2,) variances [rad^2] of azimuth and elevation due to the angle to the plane of a flat array."""
     u = direction(np.array(azimuth), np.array(elevation))
     out = float(abs(u @ normal))
     towards = normal - (normal @ u) * u
@@ -377,7 +373,7 @@ def peaks(chart: Floats, grid: DirectionGrid, config: DoaConfig) -> list[tuple[i
 
 
 def refined(chart: Floats, grid: DirectionGrid, row: int, column: int) -> tuple[float, float]:
-    """Azimuth and elevation of the top of the parabolas through a maximum and its neighbours."""
+    """Azimuth and elevation of the maximum, refined by parabolas through its neighbours."""
     A = len(grid.azimuth)
     line = chart[row, [(column - 1) % A, column, (column + 1) % A]]
     azimuth = grid.azimuth[column] + _top(line) * (2.0 * np.pi / A)
@@ -388,6 +384,6 @@ def refined(chart: Floats, grid: DirectionGrid, row: int, column: int) -> tuple[
 
 
 def _top(y: Floats) -> float:
-    """Return the maximum of a parabola through y at -1, 0, 1, within half a step."""
+    """Position of the maximum of a parabola through y at -1, 0, 1, within half a step."""
     bend = float(y[0] - 2.0 * y[1] + y[2])
     return float(np.clip(0.5 * (y[0] - y[2]) / bend, -0.5, 0.5)) if bend < 0.0 else 0.0

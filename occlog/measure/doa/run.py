@@ -1,4 +1,4 @@
-"""Run of `occlog listen`: open sound and scene, find directions, write them in the order of time."""
+"""`occlog listen`: open sound and scene, find directions, and write them sorted by time."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ Pairs = tuple[tuple[str | None, T], ...]
 
 
 class _Plan(NamedTuple):
-    """Plan of channels, arrays and settings."""
+    """Channels, arrays and settings of a request."""
 
     scene: Path | None
     sounds: Pairs[Path]  # (array or None, path)
@@ -49,7 +49,7 @@ class _Plan(NamedTuple):
 
 
 def _plan(request: DoaRequest) -> _Plan:
-    """The plan of a request; UsageError or SettingError for what cannot be."""
+    """Plan of a request; UsageError or SettingError if invalid."""
     settings = dict(request.settings)
     if request.source_limit is not None:
         settings["max_sources"] = parse_most(request.source_limit)
@@ -66,7 +66,7 @@ def _plan(request: DoaRequest) -> _Plan:
 
 
 def parse_most(text: str) -> int:
-    """Number of directions a frame, 1 to 100; 0 for `auto`."""
+    """Parse the number of directions per frame, 1 to 100; 0 for `auto`."""
     if text == "auto":
         return 0
     if not (text.isdecimal() and 1 <= int(text) <= 100):
@@ -75,7 +75,7 @@ def parse_most(text: str) -> int:
 
 
 def parse_channels(parts: tuple[str, ...]) -> tuple[int, ...]:
-    """Channels from 0 of a list from 1."""
+    """Parse a list of channels (from 1) to indices (from 0)."""
     text = ",".join(parts)
     if not all(part.isdecimal() and 1 <= int(part) <= 4096 for part in parts):
         raise UsageError(f"{option('channels')} {text}: expected numbers from 1, with commas")
@@ -86,7 +86,7 @@ def parse_channels(parts: tuple[str, ...]) -> tuple[int, ...]:
 
 
 def run_listen(request: DoaRequest, job: Job) -> tuple[dict[str, object], list[Loss]]:
-    """Listen and write; the summary, and the losses."""
+    """Find directions and write them; return the summary and the losses."""
     plan = _plan(request)
     library()  # before anything is read
     scene = _scene(plan)
@@ -145,7 +145,7 @@ def _scene(plan: _Plan) -> Scene:
 
 
 def _arrays(plan: _Plan, scene: Scene) -> dict[str, Path]:
-    """The file of each array that has one."""
+    """Sound file of each array that has one."""
     names = [a.name for a in scene.arrays]
     out: dict[str, Path] = {}
     for label, path in plan.sounds:
@@ -164,7 +164,7 @@ def _arrays(plan: _Plan, scene: Scene) -> dict[str, Path]:
 def _directions(
     scene: Scene, name: str, sound: Sound, plan: _Plan, tally: DoaTally, channels: Channels, job: Job
 ) -> Iterator[Doa]:
-    """Directions of one array, by world time."""
+    """Generate the directions of one array by world time."""
     array = next(a for a in scene.arrays if a.name == name)
     _check_channels(sound, array, plan.channels)
     text = for_sensor(plan.start_time, name)

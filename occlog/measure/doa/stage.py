@@ -1,4 +1,4 @@
-"""Directions of arrival of sound, frame by frame; memory does not grow with the recording."""
+"""Directions of arrival of sound, frame by frame, in bounded memory."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MIN_SPECTRA = 3
 
 @dataclass
 class DoaTally:
-    """Counts of frames, accumulated while streaming."""
+    """Counts of frames over a stream."""
 
     frames: int = 0
     silent: int = 0  # frames without enough sound
@@ -40,9 +40,8 @@ def estimate_directions(
     start_ns: int,
     tally: DoaTally,
 ) -> Iterator[Doa]:
-    """Directions of each frame that has some, in the order of time, azimuths in the world's frame.
-
-    A frame's time is that of its middle.  A remainder shorter than a frame is left.
+    """Generate the directions of each frame, sorted by time, with azimuths in the world frame. A frame's time is that of
+    its centre; a remainder shorter than a frame is omitted.
 
     Args:
         blocks: (n, M) samples of the array's microphones, in their order.
@@ -65,7 +64,7 @@ def estimate_directions(
 
 
 def frames(blocks: Iterable[Floats], size: int, hop: int) -> Iterator[tuple[int, Floats]]:
-    """Iterate over frames of audio: (index of the first sample, (size, M) samples); blocks may be cut anywhere."""
+    """Generate frames of audio: (index of the first sample, samples (size, M)); independent of block borders."""
     held: list[Floats] = []
     have, first, skip = 0, 0, 0
     for block in blocks:
@@ -85,12 +84,12 @@ def frames(blocks: Iterable[Floats], size: int, hop: int) -> Iterator[tuple[int,
 
 
 def frame_size(rate: int, config: DoaConfig) -> int:
-    """Samples of a frame: one window at least."""
+    """Number of samples in a frame, at least one window."""
     return max(round(config.frame_s * rate), make_band(rate, config).length)
 
 
 def frames_of(samples: int, rate: int, config: DoaConfig) -> int:
-    """Number of whole frames in a recording."""
+    """Number of complete frames in a recording."""
     size = frame_size(rate, config)
     hop = size if config.hop_s is None else max(round(config.hop_s * rate), 1)
     return max((samples - size) // hop + 1, 0)
@@ -110,7 +109,10 @@ def _heard(at: Locator, samples: Floats, quiet: deque[float], tally: DoaTally) -
 
 
 def _active(at: Locator, X: np.ndarray, quiet: deque[float]) -> Bools:
-    """(S,) whether each spectrum has sound: above `min_level_db`, and `min_snr_db` above the quietest of `NOISE_S`."""
+    """(S,) mask of spectra with sound.
+
+    Above `min_level_db`, and `min_snr_db` above the quietest level of the last `NOISE_S`.
+    """
     with np.errstate(divide="ignore"):
         level = 10.0 * np.log10(levels(X, at.band.bins))
     active = level > at.config.min_level_db

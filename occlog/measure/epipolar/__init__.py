@@ -1,1 +1,1 @@
-"""Verb: find how pairs of views see the same point, or check it."""
+"""`occlog epipolar`: estimate the epipolar geometry of pairs of views, or check it."""

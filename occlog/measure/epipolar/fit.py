@@ -1,8 +1,7 @@
 """Least-squares fits of fundamental matrices and homographies to matches, with the expected error of the lines.
 
-The error of a match is its Sampson distance: to first order how far, in the four
-coordinates of its two points together, it is from a pair that fits.  With noise of standard
-deviation s in every coordinate it has standard deviation s.
+The error of a match is its Sampson distance: the first-order distance, in the four coordinates of its two points, from
+an exact match. With noise of standard deviation s in every coordinate it has standard deviation s.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ BEST_NOISE_PX = 0.1
 
 
 class FundamentalMatrixFit(NamedTuple):
-    """A fundamental matrix and its fit to the matches."""
+    """A fundamental matrix with its fit to the matches."""
 
     matrix: Floats  # (3, 3)
     residuals: Floats  # (N,) Sampson distances [px]
@@ -47,10 +46,10 @@ def sampson_slopes(matrix: Floats, a: Floats, b: Floats) -> Floats:
 
 
 def fit_affine(a: Floats, b: Floats) -> FundamentalMatrixFit:
-    """The best matrix of two views with rays that are parallel: cameras far away with long lenses.
+    """Best affine fundamental matrix of two views with parallel rays (distant cameras with long lenses).
 
-    The matches are on a plane of their four coordinates; least squares finds it at once.
-    `error_px` is as in `fit_perspective`, with 4 unknowns.
+    The matches are on a hyperplane of their four coordinates, found by linear least squares. `error_px` is as in
+    `fit_perspective`, with 4 unknowns.
 
     Args:
         a: (N, 2), N >= 5.
@@ -66,7 +65,7 @@ def fit_affine(a: Floats, b: Floats) -> FundamentalMatrixFit:
 
 
 def _affine_matrix(normal: Floats, offset: float) -> Floats:
-    """The matrix of normal . (xb, yb, xa, ya) + offset = 0."""
+    """Fundamental matrix of the hyperplane normal . (xb, yb, xa, ya) + offset = 0."""
     matrix = np.zeros((3, 3))
     matrix[0, 2], matrix[1, 2], matrix[2, 0], matrix[2, 1] = normal
     matrix[2, 2] = offset
@@ -74,7 +73,9 @@ def _affine_matrix(normal: Floats, offset: float) -> Floats:
 
 
 def eight_points(a: Floats, b: Floats) -> Floats:
-    """(3, 3) of rank 2 from at least 8 matches (N, 2): least squares of b' F a, for `fit_perspective` to start from."""
+    """(3, 3) matrix of rank 2 from at least 8 matches (N, 2), by linear least squares of b' F a (normalised eight-point
+    algorithm).
+    """
     # Normalised eight-point algorithm: linear least squares, then the nearest matrix of rank 2
     a1, b1, change_a, change_b = _about_zero(a, b)
     rows = homogeneous(b1)[:, :, None] * homogeneous(a1)[:, None, :]
@@ -83,18 +84,17 @@ def eight_points(a: Floats, b: Floats) -> Floats:
 
 
 def _least(rows: Floats) -> Floats:
-    """(9,) unit vector x with the least |rows x|."""
+    """(9,) unit vector x that minimises |rows x|."""
     padded = np.vstack([rows, np.zeros((1, 9))])  # 8 rows have 9 directions, too
     return np.asarray(np.linalg.svd(padded, full_matrices=False)[2][8])
 
 
 def fit_perspective(a: Floats, b: Floats, start: Floats | None = None, steps: int = 50) -> FundamentalMatrixFit:
-    """The matrix of rank 2 with the least sum of squared Sampson distances.
+    """Rank 2 fundamental matrix that minimises the sum of squared Sampson distances.
 
-    `error_px` is what to expect of its lines: the root mean square error, at the distance by
-    which points of a view spread, along the line and to both sides of the match.  The errors
-    of the seven unknowns come from the residuals, to first order.  A set that does not determine
-    them all has a large error.
+    `error_px` is the expected root mean square error of its epipolar lines, at the spread of the points along the line
+    on both sides of the match, by first-order propagation of the errors of the seven unknowns. It is large for
+    degenerate sets of matches.
 
     Args:
         a: (N, 2), N >= 8.
@@ -131,7 +131,10 @@ def fit_perspective(a: Floats, b: Floats, start: Floats | None = None, steps: in
 
 
 def _about_zero(a: Floats, b: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Points of both views about 0 and of size 1, and the two (3, 3) changes; one scale, so that distances stay so."""
+    """Normalise points of both views to mean 0 and scale 1; return them with the transforms (3, 3).
+
+    The scale is common, so that ratios of distances are preserved.
+    """
     mean_a, mean_b = a.mean(axis=0), b.mean(axis=0)
     size = float(np.sqrt((((a - mean_a) ** 2).sum() + ((b - mean_b) ** 2).sum()) / (2 * len(a))))
     s = 1.0 / max(size, 1e-12)
@@ -146,7 +149,7 @@ _CROSS = np.array(
 
 
 def _turn(vector: Floats) -> Floats:
-    """(3, 3) rotation about a vector by its length."""
+    """(3, 3) rotation of a rotation vector."""
     angle = float(np.linalg.norm(vector))
     if angle < 1e-15:
         return np.eye(3)
@@ -159,7 +162,7 @@ def _rank2(u: Floats, angle: float, vt: Floats) -> Floats:
 
 
 def _tangents(u: Floats, angle: float, vt: Floats) -> Floats:
-    """(7, 3, 3) how the matrix changes with turns of u, turns of v, and the angle."""
+    """(7, 3, 3) derivatives of the matrix by rotations of u, rotations of v, and the angle."""
     middle = np.diag([np.cos(angle), np.sin(angle), 0.0])
     moved = np.diag([-np.sin(angle), np.cos(angle), 0.0])
     return np.concatenate(
@@ -168,7 +171,7 @@ def _tangents(u: Floats, angle: float, vt: Floats) -> Floats:
 
 
 def _judged(matrix: Floats, tangents: Floats, a: Floats, b: Floats) -> FundamentalMatrixFit:
-    """The fit with its noise and expected error; `tangents` (p, 3, 3) are the directions in which the matrix varies."""
+    """Fit with its noise and expected error; `tangents` (p, 3, 3) span the variations of the matrix."""
     residuals = sampson(matrix, a, b)
     free = max(len(a) - len(tangents), 1)
     noise = float(np.sqrt((residuals**2).sum() / free))
@@ -186,7 +189,7 @@ def _judged(matrix: Floats, tangents: Floats, a: Floats, b: Floats) -> Fundament
 
 
 def _line_variance(matrix: Floats, tangents: Floats, spread: Floats, a: Floats, b: Floats) -> float:
-    """Mean squared error [px^2] of lines in view b, at positions as far along them as the points of b spread."""
+    """Mean squared error [px^2] of epipolar lines in view b, at distances along them equal to the spread of b's points."""
     lines = epipolar_lines(matrix, a)
     along = np.column_stack([-lines[:, 1], lines[:, 0]])
     reach = float(np.sqrt(((b - b.mean(axis=0)) ** 2).sum() / len(b)))
@@ -202,7 +205,7 @@ def _line_variance(matrix: Floats, tangents: Floats, spread: Floats, a: Floats, 
 
 
 def fit_homography(a: Floats, b: Floats) -> Floats:
-    """(3, 3) mapping of view a to view b that suits matches (N, 2), N >= 4, of points of one plane: linear fit."""
+    """(3, 3) homography from view a to view b, by a linear fit to matches (N, 2), N >= 4."""
     a1, b1, change_a, change_b = _about_zero(a, b)
     ha, x, y = homogeneous(a1), b1[:, :1], b1[:, 1:]
     zero = np.zeros_like(ha)
@@ -212,10 +215,10 @@ def fit_homography(a: Floats, b: Floats) -> Floats:
 
 
 def homography_distances(mapping: Floats, a: Floats, b: Floats) -> Floats:
-    """(N,) how far matches are from those of a plane [px]; inf where the mapping leaves the image.
+    """(N,) distances [px] of matches from a homography; inf where the mapping is undefined.
 
-    To first order the distance, in the four coordinates of a match, from a pair that fits.
-    With noise of standard deviation s in each, its square is s^2 times a chi-square of 2.
+    First-order distance, in the four coordinates of a match, from an exact match. With noise of standard deviation s in
+    each, its square is s^2 times a chi-square of 2.
     """
     h = homogeneous(a) @ np.asarray(mapping).T
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -230,11 +233,10 @@ def homography_distances(mapping: Floats, a: Floats, b: Floats) -> Floats:
 
 
 def homography_parallax(a: Floats, b: Floats) -> float:
-    """Return the parallax [px] of matches (N, 2), N >= 5, against a homography (one plane, or one camera position).
+    """Parallax [px] of matches (N, 2), N >= 5, relative to a homography (one plane, or one camera position).
 
-    The root mean square of `homography_distances` of the best plane for each of the
-    coordinates that are left: noise of standard deviation s in every coordinate alone
-    leaves about s.
+    Root mean square of `homography_distances` of the best plane per degree of freedom: noise of standard deviation s in
+    every coordinate gives about s.
     """
     squares = homography_distances(fit_homography(a, b), a, b) ** 2
     return float(np.sqrt(squares.sum() / max(2 * len(a) - 8, 1)))

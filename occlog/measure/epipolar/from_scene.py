@@ -1,8 +1,7 @@
-"""Fundamental matrices from the poses of cameras, and from matches of which some are wrong.
+"""Fundamental matrices from camera poses, and robustly from matches.
 
-Sets of matches that do not determine the matrix are refused: too few, all on a line, on one
-plane, or from one position.  Floors are such planes: a matrix from people's feet is wrong by
-tens of pixels for their heads.
+Degenerate sets of matches are refused: too few, on one line, on one plane, or from one position. The floor is such a
+plane: a matrix from people's feet is wrong by tens of pixels for their heads.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ AFFINE_DRAWS = 500
 
 
 class FundamentalFit(NamedTuple):
-    """A fundamental matrix estimated from matches; see `occlog.core.geometry.fundamental` for what it maps."""
+    """A fundamental matrix estimated from matches; see `occlog.core.geometry.fundamental` for the convention."""
 
     matrix: Floats  # (3, 3)
     inliers: Bools  # (N,) the matches it rests on
@@ -58,15 +57,16 @@ class FundamentalFit(NamedTuple):
 
 
 def ideal_pixels(camera: Camera, pixels: Floats) -> Floats:
-    """(N, 2) where a camera without distortion, otherwise the same, would show recorded pixels (N, 2)."""
+    """(N, 2) undistorted pixels of recorded pixels (N, 2)."""
     normalised = (np.asarray(pixels, dtype=np.float64) - camera.principal_px) / camera.focal_px
     return undistort(normalised, camera.distortion, camera.distortion_model) * camera.focal_px + camera.principal_px
 
 
 def ideal_pixels_anywhere(camera: Camera, pixels: Floats) -> Floats:
-    """(N, 2) the same, where `pixels` may be far outside the image: what the lens does at its border goes on there.
+    """(N, 2) undistorted pixels, also for `pixels` far outside the image, by linear extrapolation of the distortion at
+    its border.
 
-    A lens model states nothing outside the image, and may not even have a solution.
+    A lens model is undefined outside the image, and may have no solution there.
     """
     p = np.asarray(pixels, dtype=np.float64)
     if camera.image_size is None or camera.straight:
@@ -168,11 +168,10 @@ def _not_on_a_line(a: Floats, b: Floats, threshold_px: float) -> None:
 
 
 def _not_on_a_plane(a: Floats, b: Floats, inliers: Bools, noise: float) -> float:
-    """The parallax [px] of the matches that agree; ValueError if it is insignificant.
+    """Parallax [px] of the inlier matches; ValueError if it is insignificant.
 
-    All the same plane leaves the matrix two degrees of freedom, which a few wrong matches
-    fix by chance.  So enough matches off the plane have to agree, and enough of those there
-    are.
+    If all inliers are on one plane, two degrees of freedom are determined by few wrong matches. So enough inliers must
+    be off the plane, and most matches off the plane must be inliers.
     """
     parallax = homography_parallax(a[inliers], b[inliers])
     if parallax < PARALLAX * noise:
@@ -192,13 +191,15 @@ def _not_on_a_plane(a: Floats, b: Floats, inliers: Bools, noise: float) -> float
 
 
 def _off_the_plane(a: Floats, b: Floats, noise: float) -> Bools:
-    """(N,) the matches that are not of the plane with most matches (or of the turn of a camera that has most)."""
+    """(N,) mask of matches off the plane (or camera rotation) with most matches."""
     front, behind = (_off_one_plane(a, b, side, noise) for side in (1.0, -1.0))
     return front if front.sum() <= behind.sum() else behind
 
 
 def _off_one_plane(a: Floats, b: Floats, side: float, noise: float) -> Bools:
-    """Matches off one plane, seen from one side by both views (1) or from both (-1): OpenCV finds the first kind."""
+    """Mask of matches off one plane, viewed from one side by both views (1) or from both sides (-1, which OpenCV does
+    not find).
+    """
     mirror = np.array([side, 1.0])
     mapping, _ = cv2.findHomography(a, b * mirror, cv2.USAC_MAGSAC, PARALLAX * noise, maxIters=5_000, confidence=0.9999)
     off = np.ones(len(a), dtype=np.bool_)
@@ -213,7 +214,7 @@ def _off_one_plane(a: Floats, b: Floats, side: float, noise: float) -> Bools:
 
 
 def _robust(a: Floats, b: Floats, model: str, threshold_px: float) -> tuple[FundamentalMatrixFit, Bools, bool]:
-    """Best fit over the matches that agree with it, these, and whether it is affine."""
+    """Best fit over its inliers, the mask of these, and whether it is affine."""
     candidates: list[tuple[FundamentalMatrixFit, Bools, bool]] = []
     if model != "affine":
         found = _magsac(a, b, threshold_px)
@@ -234,7 +235,7 @@ def _affine_will_do(
     full: tuple[FundamentalMatrixFit, Bools, bool],
     affine: tuple[FundamentalMatrixFit, Bools, bool],
 ) -> bool:
-    """Return whether perspective fits its matches no better than chance does with 3 more unknowns."""
+    """Whether the perspective fit is not significantly better than the affine one with 3 unknowns less."""
     inliers, fit = full[1], full[0]
     n = int(inliers.sum())
     if n < MIN_MATCHES or affine[1].sum() < 0.9 * n:
@@ -246,7 +247,7 @@ def _affine_will_do(
 
 
 def _magsac(a: Floats, b: Floats, threshold_px: float) -> Floats | None:
-    """(3, 3) of OpenCV's MAGSAC++, which draws the same sets every time; None where it finds none."""
+    """(3, 3) matrix by OpenCV's MAGSAC++ (deterministic); None if it finds none."""
     try:
         matrix, _ = cv2.findFundamentalMat(a, b, cv2.USAC_MAGSAC, threshold_px, 0.9999, 10_000)
     except cv2.error:
@@ -257,7 +258,7 @@ def _magsac(a: Floats, b: Floats, threshold_px: float) -> Floats | None:
 
 
 def _sampled_affine(a: Floats, b: Floats, threshold_px: float) -> Floats:
-    """(3, 3) affine matrix of the four matches with which most others agree, the nearer the better."""
+    """(3, 3) affine matrix of the random four matches with most, and nearest, inliers."""
     both = np.hstack([b, a])
     rng = np.random.default_rng(0)  # the same sets every time
     sets = both[np.argsort(rng.random((AFFINE_DRAWS, len(both))), axis=1)[:, :4]]
@@ -272,7 +273,9 @@ def _sampled_affine(a: Floats, b: Floats, threshold_px: float) -> Floats:
 def _settle(
     a: Floats, b: Floats, matrix: Floats, threshold_px: float, *, affine: bool
 ) -> tuple[FundamentalMatrixFit, Bools]:
-    """Least squares over the matches that agree, and these again by the noise found, until they stay the same."""
+    """Alternate least squares over the inliers and reselection of inliers by the estimated noise, until they are
+    stable.
+    """
     fewest = 5 if affine else 8
     inliers = np.abs(sampson(matrix, a, b)) <= threshold_px
     fit = FundamentalMatrixFit(matrix, np.zeros(int(inliers.sum())), np.inf, np.inf)

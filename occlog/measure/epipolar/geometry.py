@@ -19,7 +19,7 @@ from .views import TrackedView, ViewGeometry
 def view_geometry(
     views: Sequence[TrackedView], scene: Scene | None = None, fundamental: ViewPairs | None = None
 ) -> ViewGeometry:
-    """Fundamental matrices of all pairs of views, and what takes lens distortion from their pixels.
+    """Fundamental matrices of all pairs of views, with undistortion of their pixels.
 
     Args:
         views: V views, in the order of the result.
@@ -46,7 +46,7 @@ def view_geometry(
 
 
 def bends(camera: Camera | None) -> bool:
-    """Return whether a camera's lens distorts, if known."""
+    """Whether a camera's lens has distortion, if known."""
     return camera is not None and not camera.straight
 
 
@@ -55,7 +55,7 @@ def _camera(name: str, scene: Scene | None) -> Camera | None:
 
 
 def _of_poses(a: Camera | None, b: Camera | None) -> Floats:
-    """(3, 3) of two cameras with poses; NaN for others, and for two at the same position."""
+    """(3, 3) fundamental matrix of two cameras with poses; NaN for others, or at the same position."""
     if a is not None and b is not None and a.placed and b.placed:
         try:
             return fundamental_of_cameras(a, b)

@@ -1,4 +1,4 @@
-"""Fundamental matrices of the views of a command: from a file, a scene or the recording, and which is from where."""
+"""Fundamental matrices of the views of a command, from a file, a scene or the recording, with their sources."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .views import TrackedView, ViewGeometry
 
 
 class KnownGeometry(NamedTuple):
-    """State of how views see the same point."""
+    """Epipolar geometry of the views, with its sources."""
 
     geometry: ViewGeometry
     sources: dict[str, str]  # by pair (`view1-view2`): file name, `recording`, `poses` or `none`
@@ -30,10 +30,10 @@ class KnownGeometry(NamedTuple):
 def known_geometry(
     views: Sequence[TrackedView], recording: McapRecording, given: Scene | None, file: Path | None
 ) -> KnownGeometry:
-    """The geometry of some views.
+    """Epipolar geometry of some views.
 
-    For each pair of views the first of these counts that reports it: the file; poses of the
-    scene that was given; what the recording holds, unless there is a file; poses of its scene.
+    The first source that has a pair is used: the file; poses of the given scene; the recording's matrices, unless a
+    file is given; poses of its scene.
 
     Args:
         views: that are used.
@@ -61,13 +61,13 @@ def known_geometry(
 
 
 def _without_posed(pairs: ViewPairs, scene: Scene) -> ViewPairs:
-    """The pairs that the poses of a scene do not determine."""
+    """Pairs not determined by poses of the scene."""
     placed = [camera.name for camera in scene.cameras if camera.placed]
     return ViewPairs(tuple(p for p in pairs.pairs if not (p.a in placed and p.b in placed)))
 
 
 def _check_pairs(pairs: ViewPairs, views: Sequence[TrackedView], file: Path) -> tuple[str, ...]:
-    """A line about pairs of other views; InputError where there are no others."""
+    """Note on pairs of other views; InputError if all pairs are of other views."""
     names = [view.name for view in views]
     others = [f"{p.a}-{p.b}" for p in pairs.pairs if p.a not in names or p.b not in names]
     if len(others) == len(pairs.pairs):

@@ -1,4 +1,4 @@
-"""Run of `occlog epipolar`: open matches, poses or matrices, estimate or check, write."""
+"""`occlog epipolar`: open matches, poses or matrices, estimate or check, and write."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 def run_epipolar(request: EpipolarRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Find the matrices and write them, or check them; the summary, and earlier losses."""
+    """Estimate and write the matrices, or check them; return the summary and earlier losses."""
     _check_usage(request)
     config = EpipolarConfig(**request.settings)  # type: ignore[arg-type]
     recording = open_recording(request.recording) if request.recording is not None else None
@@ -123,7 +123,7 @@ def _checks(
 
 
 def _matches(request: EpipolarRequest, config: EpipolarConfig) -> tuple[PointMatches, ...]:
-    """Matches of the cameras asked for; InputError if missing."""
+    """Matches of the selected cameras; InputError if missing."""
     found = _of_tracks(request.tracks, config.points) if request.tracks is not None else ()
     if request.matches is not None:
         found = read_matches(request.matches)
@@ -159,7 +159,7 @@ def _only(pairs: ViewPairs, only: tuple[str, ...]) -> ViewPairs:
 
 
 def _check_names(pairs: ViewPairs, recording: McapRecording) -> None:
-    """InputError where a pair names a camera that the recording knows nothing of."""
+    """InputError if a pair names a camera that is not in the recording."""
     known = [*recording.cameras, *(c.name for c in (recording.scene.cameras if recording.scene else ()))]
     for pair in pairs.pairs:
         for name in (pair.a, pair.b):
@@ -171,7 +171,7 @@ def _check_names(pairs: ViewPairs, recording: McapRecording) -> None:
 
 
 def _warn(pairs: ViewPairs, scene: Scene | None, job: Job) -> None:
-    """A note for cameras that are in no pair."""
+    """Note cameras that are in no pair."""
     used = {name for p in pairs.pairs for name in (p.a, p.b)}
     if rest := [c.name for c in (scene.cameras if scene is not None else ()) if c.name not in used]:
         job.note(f"no fundamental matrix of {', '.join(rest)}")

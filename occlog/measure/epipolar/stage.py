@@ -1,6 +1,6 @@
-"""Fundamental matrices of all pairs of views: from calibration or from matches, and whether matches agree with them.
+"""Fundamental matrices of all pairs of views, from calibration or matches, and checks of matches.
 
-Matches of two views from targets that are labelled in both: points of their ellipses or true boxes.
+Matches are points of targets labelled in both views: ends of their ellipses or of true boxes.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from .geometry import bends
 
 
 class PairCheck(NamedTuple):
-    """Agreement of matches with a fundamental matrix; distances are from the epipolar lines."""
+    """Agreement of matches with a fundamental matrix; distances are from epipolar lines."""
 
     a: str
     b: str
@@ -39,7 +39,7 @@ class PairCheck(NamedTuple):
 
 
 def calibrated_pairs(scene: Scene) -> ViewPairs:
-    """The pairs of all cameras with a pose, but for two at the same position; InputError if missing."""
+    """All pairs of cameras with poses at different positions; InputError without pairs."""
     pairs = []
     placed = [camera for camera in scene.cameras if camera.placed]
     for a, b in combinations(placed, 2):
@@ -62,7 +62,7 @@ def estimated_pairs(
     scene: Scene | None = None,
     config: EpipolarConfig | None = None,
 ) -> ViewPairs:
-    """Pairs of views by their matches, lens distortion removed where the scene states it.
+    """Estimate the pairs of views from their matches, after removal of lens distortion stated in the scene.
 
     Args:
         matches: of each pair.
@@ -79,7 +79,7 @@ def estimated_pairs(
 def checked_pairs(
     pairs: ViewPairs, matches: Iterable[PointMatches], scene: Scene | None, tolerance_px: float
 ) -> tuple[PairCheck, ...]:
-    """Return the agreement of each pair's matches with its matrix.
+    """Agreement of each pair's matches with its matrix.
 
     Raises:
         InputError: no matrix is known of a pair that has matches, it is for other pixels, or
@@ -138,7 +138,7 @@ def _checked(pairs: ViewPairs, m: PointMatches, scene: Scene | None, tolerance_p
 
 
 def _ideal(m: PointMatches, scene: Scene | None) -> tuple[Floats, Floats, bool]:
-    """The points of both views without lens distortion, and whether there was any."""
+    """Points of both views without lens distortion, and whether there was any."""
     cameras = [None if scene is None else _camera(scene, name, m.where) for name in (m.a, m.b)]
     points = [
         ideal_pixels(camera, p) if camera is not None and bends(camera) else p
@@ -165,7 +165,7 @@ VISIBLE = 0.8
 def matches_of_tracks(
     chunks: Iterable[ViewTracks] | Iterable[TruthBoxes], where: str, points: str = "centres", window_ns: int = 0
 ) -> tuple[PointMatches, ...]:
-    """Points of the same target at the same time in two views, for each pair of views that has some.
+    """Points of the same target at the same time in two views, for each pair of views.
 
     Args:
         chunks: in the order of time.
@@ -187,10 +187,9 @@ def matches_of_tracks(
 
 @dataclass
 class _Sample:
-    """Matches of time steps drawn at random, never much more than twice `MAX_MATCHES` of them.
+    """Random sample of time steps with their matches, at most about twice `MAX_MATCHES`.
 
-    Whole time steps, because matches come in a fixed order: equal steps may fall on the same
-    targets, or the same ends, each time.
+    Whole time steps are sampled, since regular sampling of ordered matches would select the same targets or ends.
     """
 
     kept: list[tuple[float, Floats]] = field(default_factory=list)  # (lot, matches) of each time step
@@ -199,7 +198,7 @@ class _Sample:
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(SEED))
 
     def add(self, block: Floats) -> None:
-        """Keep the (N, 2, 2) matches of a random share of the time steps; halve the share when too many are kept."""
+        """Add the matches (N, 2, 2) of a random share of time steps; halve the share when too many are kept."""
         lot = float(self.rng.random())
         if lot < self.share:
             self.kept.append((lot, block))
@@ -210,7 +209,7 @@ class _Sample:
             self.size = sum(len(block) for _, block in self.kept)
 
     def matches(self, a: str, b: str, where: str) -> PointMatches:
-        """Kept matches, at most `MAX_MATCHES`, but at least a time step."""
+        """Kept matches, at most `MAX_MATCHES`, but at least one time step."""
         lots = np.array([lot for lot, _ in self.kept])
         order = np.argsort(lots)
         sizes = np.cumsum([len(self.kept[k][1]) for k in order])
@@ -226,7 +225,7 @@ ViewDetections = dict[str, Shown]
 
 
 def _time_steps(times: Iterable[tuple[int, ViewDetections]], window_ns: int) -> Iterator[ViewDetections]:
-    """Detections of the views at times at most a window apart, each view at one of them."""
+    """Group detections of the views within a window, each view at one time."""
     step: ViewDetections = {}
     begin = 0
     for t_ns, shown in times:
@@ -241,7 +240,7 @@ def _time_steps(times: Iterable[tuple[int, ViewDetections]], window_ns: int) -> 
 
 
 def _times(chunks: Iterable[ViewTracks] | Iterable[TruthBoxes]) -> Iterator[tuple[int, ViewDetections]]:
-    """Each time with what the views show at it; where chunks are cut does not matter."""
+    """Group rows by time and view, independent of chunk borders."""
     shown: ViewDetections = {}
     last = 0
     for chunk in chunks:

@@ -9,7 +9,7 @@ from occlog.array_types import Floats
 
 
 class TrackedView(NamedTuple):
-    """A camera with images that are tracked in."""
+    """A camera in whose images targets are tracked."""
 
     name: str
     width: int  # of its images [px]

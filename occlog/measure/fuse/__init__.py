@@ -1,1 +1,1 @@
-"""Verb: fuse detections of several cameras, or tracks of several groups of cameras."""
+"""`occlog fuse`: fusion of the detections of several cameras, or of tracks of several groups of cameras."""

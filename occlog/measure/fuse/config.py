@@ -13,7 +13,7 @@ from occlog.settings import Settings, setting
 class FuseConfig(Settings):
     """Settings of the fusion; lengths in the scene's unit.
 
-    The default lengths are those of objects 3.33 wide; `FuseConfig.in_unit` gives those of people.
+    Default lengths are for objects of width 3.33 ([Ercan]); `FuseConfig.in_unit` returns those for people.
     """
 
     OWNER: ClassVar[str] = "fuse"

@@ -1,15 +1,9 @@
-"""Lines of sight of several cameras, and the decision by likelihood ratio.
+"""Kernels of detection fusion ([Lee] Ch. 4): global decision by likelihood ratio, lines of sight, Kalman prediction.
 
-One decision from the detections of several cameras, and what becomes of each ([Lee] Ch. 4).
-
-All cameras search for one and the same object.  Arrays have N times and J cameras.  A local detection is a
-ground position; a NaN row states that the camera has a frame without a detection.  A camera that delivered no
-frame, or cannot see the position, is marked in `observing` and has no part in the decision.
-
-Lines of sight on the ground, some with a distance, against a position and its covariance.
-
-What the fusion of detections needs: how far lines pass from a position, where a line or several meet, and a
-target's state between its detections.  R lines each start at a sensor.
+All cameras search for one object. Arrays have N times and J cameras. A local detection is a ground position; a NaN row
+is a frame without detection. A camera without a frame, or that cannot see the position, is excluded by `observing`.
+Also: distances of lines of sight from a position, their intersection, and the state of a target between detections. R
+lines each start at a sensor.
 """
 
 from __future__ import annotations
@@ -47,7 +41,7 @@ CAUSES = (
 
 
 class FusionDecisions(NamedTuple):
-    """The global decision of each time and what becomes of each local detection."""
+    """Global decision at each time, and the classification of each local detection."""
 
     declared: Bools  # (N,) an object is there (G_1)
     value: Floats  # (N,) decision value, natural log
@@ -58,17 +52,17 @@ class FusionDecisions(NamedTuple):
 
     @property
     def kept(self) -> Bools:
-        """(N, J) local detections that are kept."""
+        """(N, J) mask of local detections that are kept."""
         return np.asarray(self.cause == KEPT)
 
     @property
     def recovered(self) -> Bools:
-        """(N, J) cameras that missed a declared object; the global position is theirs to fill in."""
+        """(N, J) mask of cameras that missed a declared object, to which the global position is assigned."""
         return np.asarray(self.cause == RECOVERED)
 
     @property
     def removed(self) -> Bools:
-        """(N, J) local detections that fall; for cause REMOVED_FAR the global position takes their position."""
+        """(N, J) mask of removed local detections; for cause REMOVED_FAR they are replaced by the global position."""
         return np.asarray((self.cause == REMOVED_FALSE) | (self.cause == REMOVED_FAR))
 
 
@@ -88,9 +82,8 @@ def quality(positions: Floats, predicted: Floats, sigma: float) -> Floats:
 def fused_position(positions: Floats, predicted: Floats, sigma: float) -> Floats:
     """(N, 2) mean of the detections weighted by quality; NaN with no detection ([Lee] Eq. 4.22).
 
-    The weights are taken relative to the largest, so that detections so far away that all W
-    underflow still have a mean.  Without a prediction (NaN) the weights are equal.
-    Arguments as in `quality`.
+    The weights are relative to the largest, so that they do not all underflow for distant detections. Without a
+    prediction (NaN) the weights are equal. Arguments as in `quality`.
     """
     detected = _detected(positions)
     exponent = np.where(detected, np.nan_to_num(_exponent(positions, predicted[:, None, :], sigma)), np.inf)
@@ -102,9 +95,9 @@ def fused_position(positions: Floats, predicted: Floats, sigma: float) -> Floats
 
 
 def prior_present(fused: Floats, predicted: Floats, sigma: float, edge: float = EDGE) -> Floats:
-    """(N,) prior P_1 = w(n) that the object is there, in [edge, 1 - edge] ([Lee] Eqs. 4.23-4.24).
+    """(N,) prior probability P_1 = w(n) that the object is present, in [edge, 1 - edge] ([Lee] Eqs. 4.23-4.24).
 
-    Where either position is NaN the dynamic model states nothing, and P_1 = 1/2.
+    If either position is NaN, P_1 = 1/2.
 
     Args:
         fused: (N, 2) global position.
@@ -128,9 +121,8 @@ def decision_value(
 ) -> Floats:
     """(N,) log-likelihood ratio; above 0 the object is declared ([Lee] Eq. 4.13).
 
-    The detecting cameras count log (1 - P_M)/P_F, as Eq. 4.11 must have it, where the thesis prints
-    (1 - P_F)/P_F.  All probabilities are kept in [edge, 1 - edge]: an exact 0 or 1 gives a large but
-    finite term, and two certainties that contradict each other cancel.  With no camera the prior decides.
+    A detection contributes log (1 - P_M)/P_F, the correct form of Eq. 4.11, where the thesis prints (1 - P_F)/P_F.
+    Probabilities are clipped to [edge, 1 - edge], so that terms are finite. Without cameras the prior decides.
 
     Args:
         detected: (N, J) the camera detected an object.
@@ -156,9 +148,9 @@ def weighted_value(
     observing: Bools | None = None,
     edge: float = EDGE,
 ) -> Floats:
-    """(N,) prior log odds plus each camera's term, natural log; `weight` (N, J) is added to that of a detection.
+    """(N,) prior log odds plus the terms of all cameras (natural log); `weight` (N, J) is added for detections.
 
-    Without weights it is [Lee] Eq. 4.3, with log W/(1 - W) it is Eq. 4.13.  Other arguments as in `decision_value`.
+    With weight 0 it is [Lee] Eq. 4.3, with log W/(1 - W) Eq. 4.13. Other arguments as in `decision_value`.
     """
     miss, false = (np.clip(np.asarray(p, dtype=np.float64), edge, 1.0 - edge) for p in (p_miss, p_false))
     hit_term = np.log1p(-miss) - np.log(false) + weight
@@ -179,11 +171,11 @@ def fuse(
     observing: Bools | None = None,
     reach: float = math.inf,
 ) -> FusionDecisions:
-    """Global decision of each time by [Lee] Eqs. 4.13 and 4.20-4.24, and what becomes of each local detection.
+    """Global decision at each time by [Lee] Eqs. 4.13 and 4.20-4.24, and classification of local detections.
 
-    With no detection there is nothing to declare, whatever the prior.  A lone detection counts by its quality
-    twice, as W and as P_1: close to the prediction it outvotes several cameras that miss.  Without a prediction
-    (NaN) all W and P_1 are 1/2: the rule of Eq. 4.3 with equal priors.
+    Without a detection no object is declared. The quality of a single detection is used twice, as W and as P_1: near
+    the prediction it outvotes several misses. Without a prediction (NaN) all W and P_1 are 1/2: the rule of Eq. 4.3
+    with equal priors.
 
     Args:
         positions: (N, J, 2) ground positions of the local detections, NaN where missed.
@@ -211,7 +203,7 @@ def fuse(
 
 
 def _causes(positions: Floats, xy: Floats, declared: Bools, observing: Bools, gate: float) -> Codes:
-    """(N, J) what becomes of each local detection, see CAUSES."""
+    """(N, J) classification of each local detection (index in CAUSES)."""
     far = _distance(positions, xy[:, None, :]) > gate
     if_declared = np.where(_detected(positions), np.where(far, REMOVED_FAR, KEPT), RECOVERED)
     if_not = np.where(_detected(positions), REMOVED_FALSE, NOTHING)
@@ -220,7 +212,7 @@ def _causes(positions: Floats, xy: Floats, declared: Bools, observing: Bools, ga
 
 
 def _log_odds(p: Floats, edge: float) -> Floats:
-    """Log odds log p/(1 - p), p kept in [edge, 1 - edge]."""
+    """Log odds log p/(1 - p), with p clipped to [edge, 1 - edge]."""
     inner = np.clip(p, edge, 1.0 - edge)
     return np.asarray(np.log(inner) - np.log1p(-inner))
 
@@ -235,7 +227,7 @@ def _distance(a: Floats, b: Floats) -> Floats:
 
 
 def _detected(positions: Floats) -> Bools:
-    """A position is there: both coordinates are finite."""
+    """Mask of positions with finite coordinates."""
     return np.asarray(np.isfinite(positions).all(axis=-1))
 
 
@@ -244,7 +236,7 @@ NEAREST = 1e-6
 
 
 class LocalDirections(NamedTuple):
-    """R local detections as directions from sensors."""
+    """R local detections as directions from sensors, some with distances."""
 
     sensor: Ints  # (R,) which sensor
     origin: Floats  # (R, 2)
@@ -273,7 +265,7 @@ class PositionWithCovariance(NamedTuple):
 
 
 def deviations(sight: LocalDirections, position: PositionWithCovariance) -> tuple[Floats, Floats]:
-    """Return distances of local detections from a position, and their variance without the position's own.
+    """Offsets of local detections from a position, and their variances (without the position's).
 
     Returns:
         (R, 2) offsets across and along each line; across is infinite for a line that points away, along is 0
@@ -291,9 +283,9 @@ def deviations(sight: LocalDirections, position: PositionWithCovariance) -> tupl
 
 
 def misfit(sight: LocalDirections, position: PositionWithCovariance, extra: float = 0.0) -> Floats:
-    """(R,) squared distance of local detections from a position, in variances of both and `extra` [length^2].
+    """(R,) squared Mahalanobis distance of local detections from a position; `extra`: additional variance [length^2].
 
-    One degree of freedom for a line, two for one with known distance.
+    One degree of freedom for a line, two with known distance.
     """
     offset, variance = deviations(sight, position)
     c, s = np.cos(sight.azimuth), np.sin(sight.azimuth)
@@ -311,7 +303,7 @@ def misfit(sight: LocalDirections, position: PositionWithCovariance, extra: floa
 
 
 def meet(sight: LocalDirections, min_crossing: float) -> PositionWithCovariance | None:
-    """Return the position where lines meet, or else the mean of those with a distance; None without either.
+    """Intersection of lines; or else the mean of those with a distance; None without either.
 
     Args:
         sight: of one object.
@@ -331,7 +323,7 @@ def meet(sight: LocalDirections, min_crossing: float) -> PositionWithCovariance 
 
 
 def points(sight: LocalDirections) -> tuple[Floats, Floats]:
-    """(R, 2) positions of local detections with a distance, and (R, 2, 2) their covariances."""
+    """(R, 2) positions of local detections with distances, and their covariances (R, 2, 2)."""
     c, s = np.cos(sight.azimuth), np.sin(sight.azimuth)
     xy = sight.origin + sight.distance[:, None] * np.column_stack([c, s])
     across, along = (sight.distance * sight.sigma) ** 2, sight.sigma_distance**2
@@ -341,7 +333,7 @@ def points(sight: LocalDirections) -> tuple[Floats, Floats]:
 
 
 class MotionEstimate(NamedTuple):
-    """A target that moves at nearly constant velocity: x, y, vx, vy and their covariance."""
+    """State of a target with nearly constant velocity: x, y, vx, vy and covariance."""
 
     t_ns: int
     mean: Floats  # (4,)
@@ -354,14 +346,14 @@ class MotionEstimate(NamedTuple):
 
 
 def begin(t_ns: int, position: PositionWithCovariance, speed: float) -> MotionEstimate:
-    """A target found at a position; each component of its velocity is 0 with standard deviation `speed`."""
+    """Initiate a target at a position; velocity components are 0 with standard deviation `speed`."""
     cov = np.zeros((4, 4))
     cov[:2, :2], cov[2, 2], cov[3, 3] = position.cov, speed**2, speed**2
     return MotionEstimate(t_ns, np.append(position.xy, [0.0, 0.0]), cov)
 
 
 def ahead(motion: MotionEstimate, t_ns: int, acceleration: float) -> MotionEstimate:
-    """The motion at a later time ([Lee] Eq. 4.19), with white acceleration of a density [length^2/s^3]."""
+    """Predict to a later time ([Lee] Eq. 4.19), with white acceleration of a density [length^2/s^3]."""
     dt = (t_ns - motion.t_ns) * 1e-9
     step = np.eye(4)
     step[0, 2] = step[1, 3] = dt
@@ -370,12 +362,12 @@ def ahead(motion: MotionEstimate, t_ns: int, acceleration: float) -> MotionEstim
 
 
 def corrected_by_place(motion: MotionEstimate, position: PositionWithCovariance) -> MotionEstimate:
-    """The motion after its position was found by itself."""
+    """Update by a position measurement."""
     return _corrected(motion, np.eye(2, 4), position.xy - motion.mean[:2], position.cov)
 
 
 def corrected_by_line(motion: MotionEstimate, sight: LocalDirections) -> MotionEstimate:
-    """The motion after one line, or several that are nearly parallel, passed by it; distances are not used."""
+    """Update by one line of sight, or several nearly parallel ones; distances are not used."""
     for row in range(len(sight.azimuth)):
         offset, variance = deviations(sight.take(np.array([row])), motion.position)
         away = motion.mean[:2] - sight.origin[row]
@@ -387,7 +379,7 @@ def corrected_by_line(motion: MotionEstimate, sight: LocalDirections) -> MotionE
 
 
 def _corrected(motion: MotionEstimate, H: Floats, innovation: Floats, R: Floats) -> MotionEstimate:
-    """Kalman update in Joseph's form."""
+    """Kalman update (Joseph form)."""
     P = motion.cov
     gain = np.linalg.solve(H @ P @ H.T + R, H @ P).T
     rest = np.eye(4) - gain @ H

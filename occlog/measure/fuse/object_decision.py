@@ -1,13 +1,10 @@
-"""The global decision about one object at one time step, from the local detections of several cameras ([Lee] Ch. 4).
-
-A camera's detection is a line of sight, with a distance where its foot on the floor is known.  The global position
-is the position where the lines that agree meet, or else the mean of the feet, or else the prediction corrected by a
-line.  The decision is Eq. 4.13 with the qualities W (Eq. 4.20) and the prior P_1 (Eqs. 4.23-4.24), which fall with
-the distance to the prediction.  Two things differ from the thesis: distances are measured in the spread sigma
-together with the errors of detection and prediction, and the position is weighted by errors and not by W, because
-cameras measure a direction much better than a distance.
-
-Candidates without a label: bring them together on the ground, and track their objects over time steps.
+"""Global decision about one object at one time step, from the local detections of several cameras ([Lee] Ch. 4). A
+camera's detection is a line of sight, with a distance if the foot on the floor is known. The global position is the
+intersection of agreeing lines, or else the mean of the feet, or else the prediction updated by a line. The decision is
+Eq. 4.13 with the qualities W (Eq. 4.20) and the prior P_1 (Eqs. 4.23-4.24), which fall with the distance to the
+prediction. Unlike in the thesis, distances are normalised by sigma together with the errors of detection and
+prediction, and the position is weighted by errors rather than by W, since cameras measure directions much better than
+distances. Unlabelled candidates are grouped on the ground, and their objects are tracked over time steps.
 """
 
 from __future__ import annotations
@@ -45,7 +42,7 @@ SAMPLES = 16
 
 
 class ObjectMemory(NamedTuple):
-    """State of an object after the time steps before."""
+    """State of an object after previous time steps."""
 
     motion: MotionEstimate | None = None
     absent: int = 0  # time steps in a row without a declaration
@@ -53,7 +50,7 @@ class ObjectMemory(NamedTuple):
 
 
 class Decision(NamedTuple):
-    """The decision about one object at one time step."""
+    """Decision about one object at one time step."""
 
     declared: bool
     value: float  # of Eq. 4.13, natural log
@@ -66,7 +63,7 @@ class Decision(NamedTuple):
 
     @property
     def at(self) -> PositionWithCovariance:
-        """The global position of a decision that has one, as every decision with missed cameras has."""
+        """Global position of a decision that has one (as has every decision with missed cameras)."""
         if self.position is None:
             raise ValueError("the decision states no position")
         return self.position
@@ -130,8 +127,8 @@ def agreeing(
 ) -> Ints:
     """Select the detections that determine the global position; empty if they determine no position.
 
-    Those with lines that meet in one position; without two that meet, the one nearest to the prediction; without a
-    prediction, one with known distance and those that agree with it.
+    These are the lines that intersect at one position; without an intersection, the one nearest to the prediction;
+    without a prediction, one with known distance and those that agree with it.
     """
     if len(rows) > 1:
         mine = sight.take(rows)
@@ -151,7 +148,7 @@ def agreeing(
 def _meeting(
     sight: LocalDirections, motion: MotionEstimate | None, cameras: PlacedCameras, config: FuseConfig
 ) -> PositionWithCovariance | None:
-    """Return the position where most lines meet, of equals the nearest to the prediction; None if no two meet."""
+    """Position where most lines intersect (on ties the nearest to the prediction); None without an intersection."""
     crossing = math.radians(config.min_triangulation_angle_deg)
     everything = triangulate(
         sight.origin, sight.azimuth, sight.sigma, np.array([0, len(sight.azimuth)]), "gauss", crossing
@@ -174,7 +171,7 @@ def _meeting(
 def _locate(
     motion: MotionEstimate | None, t_ns: int, sight: LocalDirections, config: FuseConfig
 ) -> tuple[PositionWithCovariance, MotionEstimate]:
-    """Global position from the detections that make it, and the motion after it."""
+    """Global position from the determining detections, and the updated motion."""
     position = meet(sight, math.radians(config.min_triangulation_angle_deg))
     if motion is None:
         if position is None:  # `agreeing` gives lines that meet, or distances
@@ -194,7 +191,7 @@ def _predicted_object(
     memory: ObjectMemory,
     config: FuseConfig,
 ) -> tuple[MotionEstimate, int]:
-    """Motion of an object met again that was not confirmed yet, or that of a new one, and how often it was met."""
+    """Motion and hit count of a tentative object that is detected again, or of a new one."""
     away = position.xy - held.mean[:2]
     spread = held.position.cov + position.cov + config.sigma_prediction**2 * np.eye(2)
     if away @ np.linalg.solve(spread, away) > config.detection_gate**2:
@@ -203,13 +200,13 @@ def _predicted_object(
 
 
 def _across(sight: LocalDirections, position: PositionWithCovariance) -> Floats:
-    """(R,) standard deviations by which lines miss a position; distances are not used."""
+    """(R,) distances of lines from a position in standard deviations; distances along the lines are not used."""
     nothing = np.full(len(sight.azimuth), np.nan)
     return np.sqrt(misfit(sight._replace(distance=nothing, sigma_distance=nothing), position))
 
 
 def _prior(position: PositionWithCovariance, predicted: PositionWithCovariance, sigma2: float) -> float:
-    """P_1 of [Lee] Eqs. 4.23-4.24, with the prediction's own covariance in the spread."""
+    """P_1 of [Lee] Eqs. 4.23-4.24, with the prediction's covariance included in the spread."""
     away = position.xy - predicted.xy
     spread = predicted.cov + sigma2 * np.eye(2)
     return float(np.exp(-0.5 * away @ np.linalg.solve(spread, away)))
@@ -218,7 +215,7 @@ def _prior(position: PositionWithCovariance, predicted: PositionWithCovariance, 
 def _nothing(
     motion: MotionEstimate | None, memory: ObjectMemory, kept: Bools, value: float, config: FuseConfig
 ) -> Decision:
-    """No object is declared; a prediction that was not met for long is dropped, a new one at once."""
+    """Decision without an object; a prediction without recent detections is dropped, a new one at once."""
     absent = memory.absent + 1
     after = (
         ObjectMemory()
@@ -231,9 +228,9 @@ def _nothing(
 def _single_line_updates(
     sight: LocalDirections, observing: Ints, cameras: PlacedCameras, config: FuseConfig
 ) -> Decision:
-    """The decision where no position is known: each line by the cameras that see at least half of it.
+    """Decision without a global position: each line is decided by the cameras that see at least half of it.
 
-    Another camera's detection supports a line where the two come together.
+    Detections of other cameras support a line if they intersect it.
     """
     kept = np.zeros(len(sight.azimuth), dtype=np.bool_)
     values = np.empty(len(kept))
@@ -250,7 +247,7 @@ def _single_line_updates(
 
 
 class CandidateDecisions(NamedTuple):
-    """Decisions about the candidates of one time step."""
+    """Decisions about the candidates at one time step."""
 
     objects: list[ObjectMemory]  # those that stay tracked
     decisions: list[tuple[Decision, Ints]]  # with the rows of the candidates that each is about
@@ -266,9 +263,9 @@ def fuse_candidates(
     cameras: PlacedCameras,
     config: FuseConfig,
 ) -> CandidateDecisions:
-    """Decisions about the objects known, then about what the other candidates may be of.
+    """Decide about the known objects, then about objects formed by the other candidates.
 
-    A candidate is of one object at most.
+    A candidate is used for one object at most.
 
     Args:
         objects: with a motion each, at earlier time steps.
@@ -302,7 +299,7 @@ def fuse_candidates(
 def _shared_out(
     objects: Sequence[ObjectMemory], t_ns: int, sight: LocalDirections, rows: Ints, config: FuseConfig
 ) -> list[Ints]:
-    """Rows of each object: of every camera at most one, within reach of the prediction."""
+    """Rows assigned to each object: at most one per camera, within reach of the prediction."""
     out: list[list[int]] = [[] for _ in objects]
     if objects and len(rows):
         mine = sight.take(rows)
@@ -322,7 +319,10 @@ def _off(memory: ObjectMemory, t_ns: int, sight: LocalDirections, config: FuseCo
 
 
 def _groups(sight: LocalDirections, rows: Ints, cameras: PlacedCameras, config: FuseConfig) -> Iterator[Ints]:
-    """Candidates that may be of one object: those that meet, most first; those with feet at one position; the rest."""
+    """Groups of candidates that may be of one object: intersecting ones, most first; those with coincident feet.
+
+    The rest.
+    """
     left = rows
     for position in [*_meetings(sight.take(rows), cameras, config), *_standing(sight.take(rows))]:
         mine = _nearest(sight, left, position, config.gate)
@@ -350,7 +350,7 @@ def _standing(sight: LocalDirections) -> list[PositionWithCovariance]:
 
 
 def _nearest(sight: LocalDirections, rows: Ints, position: PositionWithCovariance, gate: float) -> Ints:
-    """Rows near a position, of every camera the nearest."""
+    """Rows near a position, the nearest of each camera."""
     off = misfit(sight.take(rows), position)
     out = []
     for camera in np.unique(sight.sensor[rows]).tolist():

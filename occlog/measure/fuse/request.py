@@ -40,7 +40,7 @@ class FuseRequestBase(Request):
 
 @dataclass(frozen=True, kw_only=True)
 class FuseRequest(FuseRequestBase):
-    """Detections of several cameras to fuse."""
+    """Request to fuse detections of several cameras."""
 
     RUN: ClassVar[str] = "occlog.measure.fuse.run:run_fuse"
 
@@ -54,7 +54,7 @@ class FuseRequest(FuseRequestBase):
 
 @dataclass(frozen=True, kw_only=True)
 class TrackFusionRequest(FuseRequestBase):
-    """Tracks of several groups of cameras to fuse."""
+    """Request to fuse tracks of several groups of cameras."""
 
     RUN: ClassVar[str] = "occlog.measure.fuse.tracks.run:run_fuse_tracks"
 

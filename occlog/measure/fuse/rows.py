@@ -1,6 +1,6 @@
-"""Rows of bearings and views after the fusion: kept, removed, recovered in place, or added.
+"""Rows of bearings and views after fusion: kept, removed, recovered in place, or added.
 
-Views and bearings in parts of whole time steps, and the rows of each time step.
+Also the division of views and bearings into whole time steps.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ T = TypeVar("T", Views, Bearings)
 
 @dataclass(frozen=True, eq=False)
 class FusionPart:
-    """Chunk of whole time steps: their views, their bearings, and the first row of each time step in the bearings."""
+    """Chunk of whole time steps: views, bearings, and the first bearing row of each time step."""
 
     views: Views
     bearings: Bearings
@@ -34,10 +34,10 @@ class FusionPart:
 
 
 def whole_time_steps(parts: Iterable[Detections], window_ns: int) -> Iterator[FusionPart]:
-    """Parts that never end amid a time step; where the input is cut does not matter to the time steps.
+    """Rechunk to parts of whole time steps, independent of the input's chunk borders.
 
-    Rows at most `window_ns` apart are of one time step, unless a sensor reports at two times.  Views go with the
-    bearings of their time.
+    Rows at most `window_ns` apart are of one time step, unless a sensor reports at two times. Views are in the part of
+    their bearings.
 
     Raises:
         InputError: times that go back from one part to the next.
@@ -84,7 +84,7 @@ def time_step_rows(bearings: Bearings, window_ns: int) -> Ints:
 
 
 def in_step(views: Iterable[Views], bearings: Iterable[Bearings]) -> Iterator[Detections]:
-    """Separate tables as parts: each chunk of bearings with the views up to its last time."""
+    """Combine separate tables: each chunk of bearings with the views up to its last time."""
     ahead = iter(views)
     held = Views.empty()
     for chunk in bearings:
@@ -108,7 +108,7 @@ CAUSES = (KEPT, RECOVERED, REMOVED)
 
 
 class FusionRows:
-    """The rows of a part with what the decisions do to them."""
+    """Rows of a part, to which the decisions are applied."""
 
     def __init__(self, part: FusionPart, cameras: PlacedCameras, camera_of: Ints) -> None:
         """Create an empty set of decisions.
@@ -128,15 +128,15 @@ class FusionRows:
         self._views, self._view_of = part.views, views_of(part.views, part.bearings)
 
     def keep(self, rows: Ints) -> None:
-        """Keep these detections."""
+        """Mark detections as kept."""
         self.cause[rows] = KEPT
 
     def remove(self, rows: Ints) -> None:
-        """Mark detections as removed: other cameras contradict them."""
+        """Mark detections as removed, since other cameras contradict them."""
         self.cause[rows] = REMOVED
 
     def recover(self, t_ns: int, camera: int, target: int, position: PositionWithCovariance, row: int | None) -> None:
-        """A camera that missed an object gets a detection at the global position, in a row that it has or a new one."""
+        """Add a detection at the global position for a camera that missed an object, in its row or a new one."""
         self._new.append((t_ns, camera, target, position))
         if target == UNLABELLED:
             self._fresh.add((t_ns, camera))
@@ -144,9 +144,9 @@ class FusionRows:
             self._sight[row] = expected_sight(self.cameras.placed[camera], position)
 
     def tidy_candidates(self, first: int, last: int) -> None:
-        """One row "not seen" of a camera's candidates at most, and none if a candidate is kept.
+        """Keep at most one "not detected" row of each camera's candidates, and none if a candidate is kept.
 
-        To be called for the rows of a time step after all its decisions.
+        To be called after all decisions of a time step.
         """
         rows = np.arange(first, last)
         mine = rows[(self.bearings.target_id[first:last] == UNLABELLED) & (self.camera_of[first:last] >= 0)]
@@ -171,7 +171,7 @@ class FusionRows:
         return Views.merge([views, added]), Bearings.merge([self._changed_bearings(), self._new_bearings()])
 
     def counts(self) -> Ints:
-        """(C, 3) detections of each camera that were kept, recovered, removed."""
+        """(C, 3) numbers of kept, recovered and removed detections of each camera."""
         out = np.zeros((len(self.cameras.placed), 3), dtype=np.int64)
         for column, cause in ((0, KEPT), (2, REMOVED)):
             np.add.at(out[:, column], self.camera_of[self.cause == cause], 1)
@@ -179,7 +179,7 @@ class FusionRows:
         return out
 
     def of_targets(self) -> Ints:
-        """(C, 2) detections with a label of each camera that were kept, removed."""
+        """(C, 2) numbers of kept and removed labelled detections of each camera."""
         out = np.zeros((len(self.cameras.placed), 2), dtype=np.int64)
         for column, cause in enumerate((KEPT, REMOVED)):
             np.add.at(
@@ -203,7 +203,7 @@ class FusionRows:
         return replace(b, seen=seen, cause=cause.astype(np.str_), **columns).take(~self.dropped)
 
     def _new_bearings(self) -> Bearings:
-        """Recovered rows for which there was none."""
+        """Rows of recovered detections that had no row."""
         values = {
             (int(self.bearings.t_ns[r]), int(self.camera_of[r]), int(self.bearings.target_id[r])) for r in self._sight
         }
@@ -236,7 +236,7 @@ class FusionRows:
 
 
 def distances(part: FusionPart, feet: Floats) -> Floats:
-    """(N, 2) distance and its standard deviation of each bearing, from the feet (V, 2) of its view; NaN for none."""
+    """(N, 2) distance and its standard deviation of each bearing, from the feet (V, 2) of its view; NaN without."""
     view = views_of(part.views, part.bearings)
     out = np.full((len(part.bearings), 2), np.nan)
     out[view >= 0] = feet[view[view >= 0]]

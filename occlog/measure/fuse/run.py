@@ -1,4 +1,4 @@
-"""Run of `occlog fuse`: open bearings and views, fuse, write; and the figures of a fusion."""
+"""`occlog fuse`: open bearings and views, fuse, and write them; figures of the fusion."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ MAX_REMOVED = 0.2
 
 
 def run_fuse(request: FuseRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Fuse and write; the summary, and earlier losses."""
+    """Fuse and write the detections; return the summary and earlier losses."""
     if request.fused_views is not None and request.views is None:
         raise UsageError(
             f"{option('fused_views')} requires the views of the bearings; give them with {option('views')}",
@@ -65,7 +65,7 @@ def run_fuse(request: FuseRequest, job: Job) -> tuple[dict[str, object], tuple[L
 
 
 class FuseTally:
-    """Figures of the summary of a fusion, accumulated while streaming."""
+    """Counts of a fusion for the summary."""
 
     def __init__(self, scene: Scene, config: FuseConfig) -> None:
         """Start with no figures."""
@@ -84,9 +84,8 @@ class FuseTally:
         self.totals.update(moments=part.moments, declared=part.declared, not_declared=part.absent, alone=part.alone)
 
     def summary(self) -> dict[str, object]:
-        """Figures of all cameras, and of each.
-
-        declared: objects, one a time step and object; not_declared: those with detections that were not.
+        """Figures of all cameras, and of each. declared: declared objects (per time step); not_declared: objects with
+        detections that were not declared.
         """
         whole: Counter[str] = Counter()
         for counts in self.cameras.values():
@@ -97,7 +96,7 @@ class FuseTally:
         return out | {"cameras": {name: dict(counts) for name, counts in self.cameras.items()}}
 
     def checks(self) -> tuple[Check, ...]:
-        """Return whether the cameras agree on where targets are: detections with a label that the fusion removes."""
+        """Check the agreement of the cameras: the share of labelled detections that fusion removes."""
         removed = {name: own["removed"] for name, own in self._of_targets.items()}
         whole = {name: own.total() for name, own in self._of_targets.items()}
         counted = [name for name, count in whole.items() if count >= MIN_SAMPLES]
@@ -121,7 +120,7 @@ class FuseTally:
         return outcome(AGREE, found, unless="" if counted else few, share=share, allowed=limit)
 
     def warn(self, quiet: bool) -> None:
-        """Print a note if at most time steps a single camera delivered a frame, so that there is nothing to fuse."""
+        """Note if only a single camera has a frame at most time steps, so that there is nothing to fuse."""
         alone, n_steps = self.totals["alone"], self.totals["moments"]
         if 2 * alone > n_steps:
             console.note(

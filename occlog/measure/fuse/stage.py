@@ -1,8 +1,7 @@
 """Fusion of the detections of several cameras: false ones are removed, missed ones recovered ([Lee] Ch. 4).
 
-At each time step the detections of each target, and the candidates that may be of any object, are brought together on
-the ground; `decide` makes the decision about each object.  The output has the rows of the input with their causes,
-and rows for recovered detections.
+At each time step the detections of each target, and unlabelled candidates, are grouped on the ground; `decide` decides
+about each object. The output has the rows of the input with their causes, and rows for recovered detections.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ from .views import PlacedCameras, feet, placed_cameras
 
 
 class FusedPart(NamedTuple):
-    """A part of the recording after the fusion: the fields of `Detections`, and counts."""
+    """A part of the recording after fusion: the fields of `Detections`, and counts."""
 
     views: Views
     bearings: Bearings
@@ -52,7 +51,7 @@ class FusedPart(NamedTuple):
 
 @dataclass
 class _FusionState:
-    """Targets and objects as known from the time steps before, and counts."""
+    """Targets and objects after previous time steps, and counts."""
 
     targets: dict[int, ObjectMemory] = field(default_factory=dict)
     objects: list[ObjectMemory] = field(default_factory=list)
@@ -63,17 +62,17 @@ class _FusionState:
     absent: int = 0
 
     def count(self, decision: Decision, detections: int) -> None:
-        """Count a decision about some detections."""
+        """Add a decision about detections to the counts."""
         self.declared += decision.declared
         self.absent += not decision.declared and detections > 0
 
 
 def fuse(parts: Iterable[Detections], scene: Scene, config: FuseConfig | None = None) -> Iterator[FusedPart]:
-    """Views and bearings after the fusion, in the order of time.
+    """Generate views and bearings after fusion, sorted by time.
 
-    Each target's labelled detections are fused by themselves.  Candidates (target_id -1) are grouped on the ground
-    and tracked from one time step to the next.  Rows of microphone arrays, and of cameras without a pose, stay as
-    they are.  Where the input is cut does not matter; memory does not grow with it.
+    Labelled detections are fused by target. Candidates (target_id -1) are grouped on the ground and tracked over time
+    steps. Rows of microphone arrays, and of cameras without a pose, are unchanged. The result is independent of chunk
+    borders; memory is bounded.
 
     Args:
         parts: views and bearings in the order of time; views may be left empty.
@@ -129,7 +128,7 @@ def _fuse_part(
 
 
 def sights_of(bearings: Bearings, camera_of: Ints, cameras: PlacedCameras, distance: Floats) -> LocalDirections:
-    """All rows as lines of sight; rows of sensors other than cameras with a pose get a camera's position, unused."""
+    """Convert all rows to lines of sight (rows of other sensors get a placeholder, which is unused)."""
     ground = np.array([c.ground for c in cameras.placed])
     return LocalDirections(
         sensor=camera_of,
@@ -153,7 +152,7 @@ class _FusionStep(NamedTuple):
 def _fuse_step(
     ledger: FusionRows, sight: LocalDirections, first: int, last: int, state: _FusionState, config: FuseConfig
 ) -> None:
-    """Decide about all targets and candidates in the rows from `first` to before `last`, which are of one time step."""
+    """Decide about all targets and candidates in the rows first <= row < last of one time step."""
     rows = np.arange(first, last)[ledger.camera_of[first:last] >= 0]
     observing = np.unique(ledger.camera_of[rows])
     if not len(observing):

@@ -1,8 +1,4 @@
-"""Views in the fusion: distances of feet on the floor, and boxes of recovered detections.
-
-Cameras with a pose: the positions that each sees, how reliably it detects, and at which bearing it would see a
-position.
-"""
+"""Cameras and views in the fusion: distances of feet on the floor, visibility, expected bearings, recovered boxes."""
 
 from __future__ import annotations
 
@@ -29,7 +25,7 @@ DEFAULT_HALF_SIDE = 1e7
 
 @dataclass(frozen=True, eq=False)
 class PlacedCameras:
-    """Cameras with a pose, in the order of the scene."""
+    """Cameras with poses, in scene order."""
 
     placed: tuple[Camera, ...]
     sensors: Sensors
@@ -45,7 +41,7 @@ class PlacedCameras:
         return tuple(c.name for c in self.placed)
 
     def sees(self, xy: Floats, which: int) -> Bools:
-        """(N,) whether a camera can see each of (N, 2) positions: field of view, range, walls, border of the image."""
+        """(N,) mask of positions (N, 2) that a camera can see: field of view, range, walls, image border."""
         seen = seen_from(np.ascontiguousarray(xy), which, self.sensors)
         camera = self.placed[which]
         if self.person_height is None or camera.image_size is None or not camera.above_floor:
@@ -56,7 +52,7 @@ class PlacedCameras:
         return np.asarray(seen & inside.all(axis=1))
 
     def along(self, line: LocalDirections, n: int) -> Floats:
-        """(m, 2) positions on a line of sight that its own camera can see, at most `n`, at least one."""
+        """(m, 2) positions on a line of sight that its own camera can see, 1 <= m <= n."""
         which = int(line.sensor[0])
         reach = np.linspace(0.0, self.far[which], n + 1)[1:]
         xy = line.origin + reach[:, None] * np.column_stack([np.cos(line.azimuth), np.sin(line.azimuth)])
@@ -65,7 +61,7 @@ class PlacedCameras:
 
 
 def placed_cameras(scene: Scene, config: FuseConfig) -> PlacedCameras:
-    """The cameras of a scene that have a pose; InputError if there are fewer than two of them.
+    """Cameras of a scene with poses; InputError if there are fewer than two.
 
     Args:
         scene: the scene.
@@ -101,10 +97,10 @@ def placed_cameras(scene: Scene, config: FuseConfig) -> PlacedCameras:
 
 
 def expected_sight(camera: Camera, position: PositionWithCovariance) -> tuple[float, float, float, float]:
-    """Bearing, sigma [rad], u_px and sigma_px at which a camera would see a position.
+    """Expected bearing, sigma [rad], u_px and sigma_px of a position in a camera.
 
-    `sigma_px` is the uncertainty of the position across the line of sight; `sigma` has that of the camera's pose
-    ([Ercan] Eq. 2) also.  There is no reading, so no reading noise.
+    `sigma_px` is the uncertainty of the position across the line of sight; `sigma` also includes that of the camera's
+    pose ([Ercan] Eq. 2), but no measurement noise.
     """
     away = position.xy - camera.ground
     bearing = float(np.arctan2(away[1], away[0]))
@@ -133,7 +129,7 @@ New = tuple[int, int, int, PositionWithCovariance]
 
 
 def views_of(views: Views, bearings: Bearings) -> Ints:
-    """(N,) row of the view that each bearing is of, -1 for none: that of its sensor and time with the same bearing."""
+    """(N,) row of the view of each bearing, -1 for none: same sensor, time and bearing."""
     rows = {
         key: row
         for row, key in enumerate(zip(views.t_ns.tolist(), views.sensor.tolist(), views.bearing.tolist(), strict=True))
@@ -144,10 +140,10 @@ def views_of(views: Views, bearings: Bearings) -> Ints:
 
 
 def feet(views: Views, cameras: PlacedCameras) -> Floats:
-    """(V, 2) distance along the ground of each view's feet, and its standard deviation; NaN where they do not show.
+    """(V, 2) ground distance of each view's feet, and its standard deviation; NaN if not visible.
 
-    Feet are at the middle of the lower edge, on the floor z = 0.  They do not show in a camera of unknown
-    height, at the border of the image, or in a box that is too short or too tall for a person at that position.
+    Feet are at the middle of the lower edge, on the floor z = 0. NaN for a camera of unknown height, a box at the image
+    border, or one too short or too tall for a person at that position.
     """
     out = np.full((len(views), 2), np.nan)
     for which, camera in enumerate(cameras.placed):
@@ -190,7 +186,7 @@ def recovered_views(
 ) -> Views:
     """Views of recovered detections: a person's box at the global position, without appearance.
 
-    Nothing for cameras without their own views so far, or where a person's height is not known.
+    None for cameras without views so far, or with unknown height of people.
 
     Args:
         new: recovered detections.
@@ -220,7 +216,7 @@ def recovered_views(
 def _numbers(
     views: Views, bearings: Bearings, frames: dict[str, int], counts: dict[tuple[int, str], int]
 ) -> dict[tuple[int, str], int]:
-    """Number of each frame; clusters in each are counted into `counts`."""
+    """Frame number of each view; clusters in each frame are counted in `counts`."""
     number_of: dict[tuple[int, str], int] = {}
     for t_ns, name, number in zip(views.t_ns.tolist(), views.sensor.tolist(), views.frame.tolist(), strict=True):
         number_of[t_ns, name] = number
@@ -236,7 +232,7 @@ def _numbers(
 def _view(
     t_ns: int, camera: Camera, frame: int, cluster: int, target: int, position: PositionWithCovariance, height: float
 ) -> Views:
-    """A person's box at a position."""
+    """View of a person's box at a position."""
     middle, spans = person_in_image(camera, position.xy[None], height)
     x, y = middle[0].tolist()
     cov = np.einsum("ki,kj->ij", spans[0], spans[0]) / 12.0

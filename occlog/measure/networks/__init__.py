@@ -1,1 +1,1 @@
-"""Neural networks in ONNX files: boxes of objects in images, and appearance vectors (embeddings) of them."""
+"""Neural networks in ONNX files: object detection, and appearance vectors (embeddings)."""

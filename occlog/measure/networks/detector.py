@@ -1,8 +1,6 @@
-"""Boxes of the requested classes in images, by a network.
+"""Detection of the requested classes by a network, and embeddings by a re-identification network.
 
-Appearance vectors of people, by a network for re-identification, from the boxes of an image.
-
-Non-maximum suppression: of boxes that cover each other the most confident one.
+Non-maximum suppression keeps the most confident of overlapping boxes.
 """
 
 from __future__ import annotations
@@ -47,7 +45,7 @@ from .network import (
 
 @dataclass(frozen=True)
 class Embedder:
-    """A network that gives a vector for the image of a person.
+    """Re-identification network, which returns a vector for the image of a person.
 
     Attributes:
         network: network to run.
@@ -62,7 +60,7 @@ class Embedder:
     length: int
 
     def vectors(self, image: Image, boxes: Floats) -> Floats32:
-        """(n, `length`) unit vectors of the contents of boxes (n, 4) of an image; NaN: the network gives none."""
+        """(n, `length`) unit embeddings of boxes (n, 4) in an image; NaN if the network returns no valid vector."""
         width, height = self.network.size
         out = np.empty((len(boxes), self.length), dtype=np.float32)
         step = MAX_CROPS if self.network.open_batch else self.network.batch
@@ -81,7 +79,7 @@ class Embedder:
         return out
 
     def parameters(self) -> dict[str, object]:
-        """Parameters of the vectors, for the provenance."""
+        """Parameters of the embeddings, for provenance."""
         width, height = self.network.size
         return {
             "embed_runtime": self.network.runtime.called,
@@ -96,7 +94,7 @@ def open_embedder(path: Path, config: NetworkConfig, threads: int) -> Embedder:
     """Load a network for re-identification.
 
     Raises:
-        InputError: the file is none of such a network, or it cannot be run.
+        InputError: the file is not such a network, or cannot be run.
         UsageError: a setting that is not for it.
     """
     network = ready(path, config.runtime, threads, size_of(config.embed_size), batch=1)
@@ -114,10 +112,10 @@ def open_embedder(path: Path, config: NetworkConfig, threads: int) -> Embedder:
 
 
 def suppress(boxes: Floats, score: Floats, label: Ints, overlap: float) -> Ints:
-    """Positions of the boxes that stay, by falling score.
+    """Non-maximum suppression: indices of the kept boxes, by decreasing score.
 
-    Greedy, within each class: a box goes where its intersection over union with one that stays is above `overlap`.  Of
-    equal scores the earlier box comes first.
+    Greedy, within each class: a box is removed if its IoU with a kept box exceeds `overlap`. On equal scores the
+    earlier box has priority.
 
     Args:
         boxes: (n, 4) left, top, right, bottom.
@@ -142,7 +140,7 @@ def suppress(boxes: Floats, score: Floats, label: Ints, overlap: float) -> Ints:
 
 
 class PreparedTile(NamedTuple):
-    """A part of an image as the network requires it."""
+    """A part of an image, prepared as input of the network."""
 
     numbers: Floats32  # (3, H, W)
     where: ImagePlacement
@@ -152,25 +150,28 @@ class PreparedTile(NamedTuple):
 
 
 class Prepared(NamedTuple):
-    """An image as the network requires it: the whole, then its tiles."""
+    """An image prepared as input of the network: the whole, then its tiles."""
 
     tiles: tuple[PreparedTile, ...]
 
 
 class Boxed(NamedTuple):
-    """Boxes in an image by falling area, cut at its edges; edges count from the centre of the first pixel."""
+    """Boxes in an image by decreasing area, clipped to the image.
+
+    Coordinates are relative to the centre of the first pixel.
+    """
 
     boxes: Floats  # (n, 4) left, top, right, bottom [px]
     score: Floats  # (n,)
 
 
 def _select(found: NetworkDetections, rows: Ints) -> NetworkDetections:
-    """Some of the detections."""
+    """Select detections by rows."""
     return NetworkDetections(found.boxes[rows], found.score[rows], found.label[rows])
 
 
 def _cut(tile: PreparedTile, boxes: Floats) -> Bools:
-    """(n,) whether boxes (n, 4) in the image end at an edge of a tile beyond which the image continues."""
+    """(n,) mask of boxes (n, 4) that end at an inner edge of a tile."""
     w = tile.where
     edges = np.array([tile.left, tile.top, tile.left + w.width, tile.top + w.height]) - 0.5
     near = np.abs(boxes - edges) <= CUT_PX / np.array([w.x_scale, w.y_scale] * 2)
@@ -180,7 +181,7 @@ def _cut(tile: PreparedTile, boxes: Floats) -> Bools:
 
 @dataclass(frozen=True)
 class NetworkDetector:
-    """A network that detects; `prepare` may be called by other threads than `find`.
+    """A detection network; `prepare` may be called by other threads than `find`.
 
     Attributes:
         network: network to run.
@@ -205,7 +206,7 @@ class NetworkDetector:
     tiles: tuple[int, int] = (1, 1)
 
     def prepare(self, image: Image) -> Prepared:
-        """Convert an image (height, width, 3) in BGR to the network's input."""
+        """Convert a BGR image (height, width, 3) to the network's input."""
         height, width = image.shape[:2]
         parts = [((0, width), (0, height))]
         if self.tiles != (1, 1):
@@ -223,9 +224,9 @@ class NetworkDetector:
         return PreparedTile(numbers, where, xs[0], ys[0], inner)
 
     def find(self, images: Sequence[Prepared]) -> list[Boxed | None]:
-        """Boxes in each image; None where the network gives numbers that are not finite.
+        """Boxes in each image; None if the network returns non-finite numbers.
 
-        The network is always given as many images as it takes, so that results do not depend on how many there are.
+        The network is always run with a full batch, so that results do not depend on the number of images.
         """
         tiles = [tile for image in images for tile in image.tiles]
         step = self.network.batch
@@ -233,7 +234,7 @@ class NetworkDetector:
         return [self._merged(image, [next(found) for _ in image.tiles]) for image in images]
 
     def _run(self, tiles: Sequence[PreparedTile]) -> list[NetworkDetections | None]:
-        """Raw boxes in each of at most `network.batch` tiles, in pixels of the network's image."""
+        """Raw boxes in at most `network.batch` tiles, in pixels of the network's input."""
         numbers = [tiles[min(n, len(tiles) - 1)].numbers for n in range(self.network.batch)]
         outputs = self.network.run(np.stack(numbers) if len(numbers) > 1 else numbers[0][None])
         found: list[NetworkDetections | None] = []
@@ -247,7 +248,7 @@ class NetworkDetector:
         return found
 
     def _merged(self, image: Prepared, found: Sequence[NetworkDetections | None]) -> Boxed | None:
-        """Boxes of the tiles of an image, each object once."""
+        """Merge the boxes of an image's tiles, each object once."""
         if any(raw is None for raw in found):
             return None
         repeats = HEADS[self.reading.head].repeats
@@ -271,7 +272,7 @@ class NetworkDetector:
         return Boxed(every.boxes[order], np.clip(every.score[order], 0.0, 1.0))
 
     def parameters(self) -> dict[str, object]:
-        """Parameters of the boxes, for the provenance."""
+        """Parameters of the boxes, for provenance."""
         width, height = self.network.size
         return {
             "runtime": self.network.runtime.called,
@@ -290,7 +291,7 @@ class NetworkDetector:
 def open_detector(
     path: Path, config: NetworkConfig, classes: Sequence[str], names: Path | None, least: float, threads: int
 ) -> NetworkDetector:
-    """Load a network that detects.
+    """Load a detection network.
 
     Args:
         path: its file.

@@ -1,4 +1,4 @@
-"""Network heads: the meaning of outputs, how names and shapes determine it, and how to read them.
+"""Network heads: formats of outputs, their recognition by names and shapes, and decoding.
 
 | head | outputs | by |
 |---|---|---|
@@ -64,7 +64,7 @@ PLAIN_DETR = 92
 
 
 class NetworkDetections(NamedTuple):
-    """Boxes in a network's image."""
+    """Boxes in pixels of the network's input."""
 
     boxes: Floats  # (n, 4) left, top, right, bottom [px], from the corner
     score: Floats  # (n,)
@@ -73,7 +73,7 @@ class NetworkDetections(NamedTuple):
 
 @dataclass(frozen=True)
 class Head:
-    """Input format of a head, and whether it outputs several boxes per object."""
+    """Format of a head, and whether it outputs several boxes per object."""
 
     fit: str
     pixels: str
@@ -103,7 +103,7 @@ Outputs = Mapping[str, Floats32]
 
 
 class Reading(NamedTuple):
-    """Data read from a network's outputs."""
+    """Location of boxes, scores and classes in a network's outputs."""
 
     head: str
     classes: int | None  # of the head; None: the outputs do not determine
@@ -162,12 +162,12 @@ def _named_classes(names: int | None) -> str:
 
 
 def shapes(outputs: Outputs) -> str:
-    """Names and shapes for a person."""
+    """Format names and shapes for messages."""
     return ", ".join(f"{name} {' x '.join(map(str, each.shape)) or 'one number'}" for name, each in outputs.items())
 
 
 def _candidates(outputs: Outputs, size: tuple[int, int], names: int | None, more: bool) -> list[str]:
-    """Heads with such outputs, by their names, by the number of classes, and of positions of YOLO."""
+    """Candidate heads for these outputs, by names, number of classes, and number of positions of YOLO."""
     of_dets = RTMDET if "dets" in outputs and outputs["dets"].shape[-1:] == (5,) else RFDETR
     for head in (of_dets if "dets" in outputs else DETR, RTDETR):
         if _reading(outputs, head, names) is not None:
@@ -196,7 +196,7 @@ def _candidates(outputs: Outputs, size: tuple[int, int], names: int | None, more
 
 
 def _reading(outputs: Outputs, head: str, names: int | None, more: bool = False) -> Reading | None:
-    """Data read from these outputs as those of a head, with `more` numbers after the classes; None: they are not."""
+    """Interpret the outputs as those of a head, with `more` numbers after the classes; None if impossible."""
     if head in BOXES:
         wanted = [_one(outputs, each.get(head)) for each in (BOXES, SCORES, LABELS)]
         if None in wanted:
@@ -229,17 +229,17 @@ def _reading(outputs: Outputs, head: str, names: int | None, more: bool = False)
 
 
 def _one(outputs: Outputs, known: Sequence[str] | None) -> str | None:
-    """The output that has one of these names; empty where none is requested, None if missing."""
+    """The output with one of these names; empty if none is required, None if missing."""
     return "" if known is None else next((name for name in known if name in outputs), None)
 
 
 def read(
     reading: Reading, outputs: Outputs, n: int, size: tuple[int, int], wanted: Ints, least: float
 ) -> NetworkDetections:
-    """Boxes of the requested classes with at least that confidence, in the n-th image of a batch.
+    """Decode boxes of the requested classes with at least a confidence, in the n-th image of a batch.
 
-    A box of `yolo`, `yolov5` and `ultralytics-detr` is of the class with the highest score, as their makers have it; of
-    `rfdetr` and `detr` the N highest scores of all boxes and classes count.
+    As in the original implementations, a box of `yolo`, `yolov5` and `ultralytics-detr` has the class with the highest
+    score; for `rfdetr` and `detr` the N highest scores over all boxes and classes are used.
 
     Args:
         reading: interpretation of the outputs.
@@ -285,7 +285,7 @@ def read(
 def _best(
     boxes: Floats32, scores: Floats32, objectness: Floats32 | None, wanted: Ints, least: float
 ) -> NetworkDetections:
-    """Boxes with a requested class as the best one."""
+    """Boxes whose best class is a requested one."""
     if objectness is not None:
         _check_scores(YOLOV5, objectness)
     _check_scores(YOLO, scores)
@@ -301,7 +301,7 @@ def _best(
 
 
 def _highest(boxes: Floats32, logits: Floats32, wanted: Ints, least: float) -> NetworkDetections:
-    """Boxes among the N highest scores of N boxes and all classes."""
+    """Boxes among the N highest scores over N boxes and all classes."""
     with np.errstate(over="ignore"):
         scores = 1.0 / (1.0 + np.exp(-logits.astype(np.float64)))
     enough = scores >= least
@@ -314,7 +314,7 @@ def _highest(boxes: Floats32, logits: Floats32, wanted: Ints, least: float) -> N
 
 
 def _edges(boxes: Floats, size: tuple[float, float]) -> Floats:
-    """Left, top, right, bottom of boxes by centre and size, times the size of the image."""
+    """Edges left, top, right, bottom of boxes given by centre and size, times the image size."""
     scale = np.array(size, dtype=np.float64)
     centre, half = boxes[:, :2] * scale, 0.5 * boxes[:, 2:] * scale
     return np.concatenate([centre - half, centre + half], axis=1)
@@ -362,14 +362,14 @@ COCO_91 = dict(zip((k for k in range(91) if k not in LEFT_OUT), COCO, strict=Tru
 
 
 class ClassNames(NamedTuple):
-    """Names of a network's classes, and where they are from, for a person."""
+    """Class names of a network, and their source for messages."""
 
     names: Mapping[int, str]
     source: str
 
 
 def names_in(metadata: Mapping[str, str]) -> dict[int, str] | None:
-    """The names that ultralytics writes into a model (`names`: a dictionary or a list); None: missing.
+    """Parse the class names in an ultralytics model (`names`: a dictionary or a list); None if missing.
 
     Raises:
         InputError: they cannot be read.
@@ -393,7 +393,7 @@ def names_in(metadata: Mapping[str, str]) -> dict[int, str] | None:
 
 
 def read_names(path: Path) -> dict[int, str]:
-    """Names from a text file, one a line, the first of class 0."""
+    """Read class names from a text file, one per line, starting with class 0."""
     check_input(path, "names of classes (text, one a line)")
     if path.stat().st_size > LONGEST_FILE:
         raise InputError(
@@ -415,7 +415,7 @@ def read_names(path: Path) -> dict[int, str]:
 
 
 def names_of(count: int | None, declared: Mapping[int, str] | None, file: Path | None) -> ClassNames:
-    """Names of a network's classes: the file's, else the network's own, else COCO's if their number fits.
+    """Class names of a network: from a file, else from the network, else COCO's if their number matches.
 
     Args:
         count: classes that the head has; None: not known.
@@ -442,7 +442,7 @@ def names_of(count: int | None, declared: Mapping[int, str] | None, file: Path |
 
 
 def wanted_classes(asked: Sequence[str], names: ClassNames, count: int | None) -> Ints:
-    """Numbers of the classes asked for, rising; nothing asked for is a person, or the only class.
+    """Sorted numbers of the requested classes; default: person, or the only class.
 
     Raises:
         UsageError: a class that is not there, with the nearest name.

@@ -1,9 +1,6 @@
-"""A network that is ready: its file is read, a separate process has loaded it, and it has been tried once.
-
-Images as networks require them: brought to the network's size, colours as numbers; and boxes brought back.
-
-Edges of boxes in a network's image are counted from the image's corner (0 is the left edge of the first pixel);
-those of the program from the centre of the first pixel, so that they are half a pixel less.
+"""Image networks: loading in a separate process, image preparation (resizing, colour normalisation), and conversion of
+boxes. Box edges in a network's image are relative to the image corner (0 is the left edge of the first pixel); occlog's
+are relative to the centre of the first pixel, i.e. smaller by half a pixel.
 """
 
 from __future__ import annotations
@@ -41,7 +38,7 @@ from .running.subprocess_runtime import SubprocessRuntime
 
 @dataclass(frozen=True)
 class ImageNetwork:
-    """A network of images.
+    """A network with images as input.
 
     Attributes:
         file: what its file states about itself.
@@ -62,9 +59,9 @@ class ImageNetwork:
     open_batch: bool
 
     def run(self, images: Floats32) -> dict[str, Floats32]:
-        """Outputs for (B, 3, H, W) images, as 32-bit numbers.
+        """Outputs (float32) for images (B, 3, H, W).
 
-        The size that RT-DETR is given is that of the network's images: its boxes are then in their pixels.
+        RT-DETR gets the size of the network's input, so that its boxes are in input pixels.
         """
         feeds: dict[str, np.ndarray[tuple[int, ...], np.dtype[np.generic]]] = {
             self.image.name: images.astype(np.float16) if self.image.kind == "float16" else images
@@ -85,7 +82,7 @@ class ImageNetwork:
 
 
 def ready(path: Path, runtime: str, threads: int, size: tuple[int, int] | None, batch: int) -> ImageNetwork:
-    """Read, load and try a network.
+    """Read, load and test a network.
 
     Args:
         path: its file.
@@ -114,7 +111,7 @@ def ready(path: Path, runtime: str, threads: int, size: tuple[int, int] | None, 
 
 
 def _inputs(file: OnnxFile) -> tuple[Port, str]:
-    """The input for images, and the name of that for their size, if there is one."""
+    """The image input, and the name of the image size input if there is one."""
     images = [p for p in file.inputs if p.shape is None or len(p.shape) == 4]
     others = [p for p in file.inputs if p not in images]
     sizes = [p.name for p in others if p.kind == "int64" and p.shape is not None and p.shape[-1:] == (2,)]
@@ -134,12 +131,12 @@ def _inputs(file: OnnxFile) -> tuple[Port, str]:
 
 
 def _ports(ports: tuple[Port, ...] | list[Port]) -> str:
-    """Inputs for a person."""
+    """Format inputs for messages."""
     return ", ".join(f"{p.name} {p.kind} {' x '.join(str(n or '?') for n in p.shape or ())}".strip() for p in ports)
 
 
 def _whole_size(file: OnnxFile, wide: int | None, high: int | None, asked: tuple[int, int] | None) -> tuple[int, int]:
-    """Width and height of a network's images: its own, else the requested size, else that of its metadata."""
+    """Input width and height of a network: fixed, else requested, else from its metadata."""
     requested = asked
     if requested is None and (wide is None or high is None):
         try:
@@ -161,7 +158,7 @@ def _whole_size(file: OnnxFile, wide: int | None, high: int | None, asked: tuple
 
 
 def size_of(text: str | None) -> tuple[int, int] | None:
-    """Width and height from `640` or `960x544`; UsageError for another text."""
+    """Parse width and height from `640` or `960x544`; UsageError for another text."""
     if text is None:
         return None
     try:
@@ -175,7 +172,7 @@ def size_of(text: str | None) -> tuple[int, int] | None:
 
 
 def tiles_of(text: str | None) -> tuple[int, int]:
-    """Columns and rows of tiles from `3x2`; None: 1, 1; UsageError for another text."""
+    """Parse columns and rows of tiles from `3x2`; None: 1, 1; UsageError for another text."""
     if text is None:
         return 1, 1
     try:
@@ -188,14 +185,14 @@ def tiles_of(text: str | None) -> tuple[int, int]:
 
 
 def tile_edges(length: int, count: int) -> list[tuple[int, int]]:
-    """First and last pixel + 1 of equal tiles that cover a side of an image and overlap by `TILE_OVERLAP`."""
+    """First and end pixel of equal tiles that cover an image side and overlap by `TILE_OVERLAP`."""
     side = min(length, math.ceil(length / (count - (count - 1) * TILE_OVERLAP)))
     starts = [round(n * (length - side) / (count - 1)) for n in range(count)] if count > 1 else [0]
     return [(start, start + side) for start in starts]
 
 
 def _table(mean: Sequence[float], deviation: Sequence[float], scale: float) -> Floats32:
-    """(3, 256) number of each value of a colour: (value / scale - mean) / deviation, rounded as in 32 bits."""
+    """(3, 256) lookup table of normalised colours: (value / scale - mean) / deviation, rounded as float32."""
     values = np.arange(256, dtype=np.float32) / np.float32(scale)
     column = (3, 1)
     means, deviations = (np.array(each, dtype=np.float32).reshape(column) for each in (mean, deviation))
@@ -213,7 +210,7 @@ PIXELS: dict[str, tuple[bool, Floats32]] = {
 
 @dataclass(frozen=True)
 class ImagePlacement:
-    """Placement of an image in a network's: x_network = x_scale * x + left, both counted from the corners."""
+    """Placement of an image in the network's input: x_network = x_scale * x + left, relative to corners."""
 
     x_scale: float
     y_scale: float
@@ -223,7 +220,7 @@ class ImagePlacement:
     height: int
 
     def to_image(self, boxes: Floats) -> Floats:
-        """(n, 4) left, top, right, bottom in the image, cut at its edges, of boxes (n, 4) in the network's image."""
+        """Convert boxes (n, 4: left, top, right, bottom) from the network's input to the image, clipped."""
         xs = (boxes[:, 0::2] - self.left) / self.x_scale
         ys = (boxes[:, 1::2] - self.top) / self.y_scale
         out = np.empty_like(boxes, dtype=np.float64)
@@ -233,7 +230,7 @@ class ImagePlacement:
 
 
 def image_placement(size: tuple[int, int], wanted: tuple[int, int], fit: str) -> ImagePlacement:
-    """Placement of an image in a network's.
+    """Compute the placement of an image in the network's input.
 
     `LETTERBOX` is that of ultralytics (`LetterBox`, `scaleup`, centred): one scale for both axes, the size rounded,
     the border halved and the odd pixel at the right and below.  `CORNER` is that of MMDetection (`Resize`, `Pad`).
@@ -258,7 +255,7 @@ def image_placement(size: tuple[int, int], wanted: tuple[int, int], fit: str) ->
 
 
 def laid(image: Image, wanted: tuple[int, int], where: ImagePlacement, smooth: bool) -> Image:
-    """The network's image (H, W, 3) from one in BGR; `smooth` averages where an image becomes smaller."""
+    """Resize and pad a BGR image to the network's input (H, W, 3); `smooth` averages when reducing."""
     W, H = wanted
     new = (round(where.x_scale * where.width), round(where.y_scale * where.height))
     if new != (where.width, where.height):
@@ -276,7 +273,7 @@ def laid(image: Image, wanted: tuple[int, int], where: ImagePlacement, smooth: b
 
 
 def fill(out: Floats32, image: Image, pixels: str) -> None:
-    """Write the numbers (3, H, W) of an image (H, W, 3) in BGR."""
+    """Write the normalised values (3, H, W) of a BGR image (H, W, 3)."""
     red_first, table = PIXELS[pixels]
     planes = cv2.split(image)
     for c in range(3):
@@ -284,9 +281,9 @@ def fill(out: Floats32, image: Image, pixels: str) -> None:
 
 
 def crop(image: Image, box: Floats, wanted: tuple[int, int]) -> Image:
-    """Content of a box (left, top, right, bottom) of an image, stretched to a size (width, height).
+    """Crop a box (left, top, right, bottom) and resize it to (width, height).
 
-    All pixels of which a part is in the box are taken, at least one.
+    All pixels that the box touches are included, at least one.
     """
     h, w = image.shape[:2]
     left, top = (int(np.clip(np.floor(edge + 0.5), 0, end - 1)) for edge, end in zip(box[:2], (w, h), strict=True))

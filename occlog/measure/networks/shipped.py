@@ -1,6 +1,6 @@
-"""The person network that is installed with occlog: its file, and the settings that fit it.
+"""The person network shipped with occlog: its file, and default settings.
 
-`MIN_CONFIDENCE` and `NMS_IOU` are the values of the best F1 on PETS 2009 S2.L1, view 1 (docs/how-to/detectors.md).
+`MIN_CONFIDENCE` and `NMS_IOU` are the values with the best F1 on PETS 2009 S2.L1, view 1 (docs/how-to/detectors.md).
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ NMS_IOU = 0.5
 
 
 def shipped_network() -> Path:
-    """The file of the network."""
+    """Path of the network file."""
     return Path(str(resources.files("occlog") / "networks" / NAME))
 
 
 def shipped_config(given: Mapping[str, object]) -> NetworkConfig:
-    """The settings of the network, with those that the user gave by name."""
+    """Settings of the network, updated by those that the user gives."""
     return configure(replace(NetworkConfig(), nms_iou=NMS_IOU), given)

@@ -1,1 +1,1 @@
-"""Verb: find where moving occluders are, from views, positions or sound."""
+"""`occlog priors`: priors of moving occluders from views, positions or sound."""

@@ -124,7 +124,7 @@ class HullConfig(Settings):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """A polygon must be allowed to move."""
+        """Check that a polygon may move between time steps."""
         yield "max_jump", self.max_speed + self.max_jump > 0, "above 0 where speed is 0"
 
 

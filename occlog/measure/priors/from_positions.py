@@ -23,17 +23,16 @@ from .config import PositionPriorConfig
 
 
 class _MeasurementStep:
-    """Measurements of one time; rows by rising identity."""
+    """Measurements at one time; rows sorted by identity."""
 
     def __init__(self, t_ns: int, identity: Ints32, xy: Floats, noise: Floats) -> None:
         self.t_ns, self.identity, self.xy, self.noise = t_ns, identity, xy, noise
 
 
 def virtual_priors(truth: Iterable[Truth], sigma: float, q: float, seed: int, *, run: int = 0) -> Iterator[Occluders]:
-    """Priors from virtual measurements of the moving occluders' true positions, chunk by chunk.
+    """Generate priors from virtual measurements (true positions with noise) of moving occluders, chunk by chunk.
 
-    The noise of an occluder depends on seed, run and its number only, not on where chunks are
-    cut or on how many others there are.
+    The noise of an occluder depends only on seed, run and its number.
 
     Args:
         truth: in the order of time; rows of the role `occluder` are used.
@@ -63,7 +62,7 @@ def virtual_priors(truth: Iterable[Truth], sigma: float, q: float, seed: int, *,
 def kalman_priors(
     positions: Iterable[Truth] | Iterable[Tracks], config: PositionPriorConfig, *, without: Iterable[int] = ()
 ) -> Iterator[Occluders]:
-    """Priors from real measurements of positions, chunk by chunk.
+    """Generate priors from measured positions, chunk by chunk.
 
     Args:
         positions: in the order of time.  Of a table of truth (or positions) the rows of the role
@@ -93,7 +92,7 @@ def _filtered(
     measure: Callable[..., tuple[Floats, Floats]],
     config: PositionPriorConfig,
 ) -> Iterator[Occluders]:
-    """One table of priors a chunk, but for its last time, which goes with the next."""
+    """One table of priors per chunk; its last time is output with the next chunk."""
     state = _FilterState()
     held: list[_MeasurementStep] = []
     for chunk in chunks:
@@ -115,7 +114,7 @@ def _joined(a: _MeasurementStep, b: _MeasurementStep) -> _MeasurementStep:
 
 
 def _time_steps(chunk: Truth | Tracks, measure: Callable[..., tuple[Floats, Floats]]) -> Iterator[_MeasurementStep]:
-    """The measurements by time; a time without a moving occluder has none."""
+    """Measurements by time; empty at times without moving occluders."""
     if not len(chunk):
         return
     times = np.unique(chunk.t_ns)
@@ -128,7 +127,7 @@ def _time_steps(chunk: Truth | Tracks, measure: Callable[..., tuple[Floats, Floa
 
 
 class _FilterState:
-    """The filters: M objects at the time of the last step, rising identities."""
+    """Kalman filters of M objects at the last time step, sorted by identity."""
 
     def __init__(self) -> None:
         self.identity = np.empty(0, dtype=np.int32)
@@ -138,7 +137,7 @@ class _FilterState:
 
 
 def _step(state: _FilterState, m: _MeasurementStep, config: PositionPriorConfig) -> None:
-    """Advance the filters to a time step and take its measurements in."""
+    """Predict the filters to a time step, and update them by its measurements."""
     if (same := np.diff(m.identity) == 0).any():
         raise InputError(
             f"priors: occluder {m.identity[1:][same][0]} has two positions at {time_words(m.t_ns)}; leave one of them",
@@ -167,7 +166,7 @@ def _step(state: _FilterState, m: _MeasurementStep, config: PositionPriorConfig)
 
 
 def _measure(walkers: Walkers, rows: Ints, xy: Floats, noise: Floats) -> None:
-    """Update the filters in some rows with measurements, in place."""
+    """Update some filters by measurements, in place."""
     if not len(rows):
         return
     updated = update(select(walkers, rows), xy, noise)
@@ -182,7 +181,7 @@ def _keep(state: _FilterState, keep: Bools) -> None:
 
 
 def _add(state: _FilterState, m: _MeasurementStep, new: Bools, speed: float) -> None:
-    """Objects that are measured for the first time; the velocity is as uncertain as after a second of walking."""
+    """Initiate filters at first measurements; the velocity uncertainty is that of a walker."""
     walkers = concat(state.walkers, initiate(m.xy[new], m.noise[new], speed))
     identity = np.concatenate([state.identity, m.identity[new]])
     measured = np.concatenate([state.measured_ns, np.full(int(new.sum()), m.t_ns)])

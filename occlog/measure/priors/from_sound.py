@@ -1,4 +1,4 @@
-"""Priors of moving occluders from directions of arrival: locate people who speak, and track each by Kalman filter."""
+"""Priors of moving occluders from directions of arrival: locate speakers, and track each by a Kalman filter."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ STEPS_PER_CHUNK = 256
 
 
 class _Sources(NamedTuple):
-    """N sources that are tracked."""
+    """N tracked sources."""
 
     identity: Ints
     first_ns: Ints
@@ -32,7 +32,7 @@ class _Sources(NamedTuple):
 
 
 def acoustic_priors(chunks: Iterable[Doa], scene: Scene, config: AcousticConfig) -> Iterator[Occluders]:
-    """Gaussians of the sources that two arrays or more hear, chunk by chunk.
+    """Generate Gaussian priors of sources heard by at least two arrays, chunk by chunk.
 
     Args:
         chunks: directions in the order of time; identities that they carry are not used.
@@ -77,7 +77,7 @@ def acoustic_priors(chunks: Iterable[Doa], scene: Scene, config: AcousticConfig)
 
 
 def _time_steps(chunks: Iterable[Doa], window_ns: int) -> Iterator[tuple[int, Doa]]:
-    """Directions of one time step; its time is that of the last of them."""
+    """Group directions into time steps; the time is that of the last of them."""
     rest: Doa | None = None
     for chunk in chunks:
         if not len(chunk):
@@ -113,7 +113,7 @@ def _directions(rows: Doa, scene: Scene) -> SourceDirections:
 
 
 def _aged(s: _Sources, t_ns: int, dt: float, config: AcousticConfig) -> _Sources:
-    """The sources a time later, without those that fell silent."""
+    """Predict the sources, without those that are silent for too long."""
     if not len(s.identity):
         return s
     keep = t_ns - s.last_ns <= config.max_coasting_s * 1e9
@@ -122,7 +122,7 @@ def _aged(s: _Sources, t_ns: int, dt: float, config: AcousticConfig) -> _Sources
 
 
 def _heard(s: _Sources, t_ns: int, xy: Floats, cov: Floats, fresh: int, config: AcousticConfig) -> tuple[_Sources, int]:
-    """The sources after positions were found: each is of a known source near by, or of a new one."""
+    """Update sources by located positions: each is of a nearby known source, or of a new one."""
     rows, columns = assign(distance2(s.walkers.xy, s.walkers.cov, xy, cov), config.gate**2)
     last, walkers = s.last_ns.copy(), Walkers(*(c.copy() for c in s.walkers))
     if len(rows):
@@ -140,7 +140,7 @@ def _heard(s: _Sources, t_ns: int, xy: Floats, cov: Floats, fresh: int, config: 
 
 
 def _single(s: _Sources, t_ns: int, config: AcousticConfig) -> _Sources:
-    """The sources without those that were not heard now while another one, heard now, is where they are thought."""
+    """Remove sources that are silent now while another one is heard at their position."""
     now = s.last_ns == t_ns
     if now.all() or not now.any():
         return s

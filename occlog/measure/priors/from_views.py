@@ -1,4 +1,4 @@
-"""Priors of moving occluders from views: at each time step the visual hull of all cameras."""
+"""Priors of moving occluders from views: visual hull of all cameras at each time step."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ STEPS_PER_CHUNK = 256
 
 
 class HullPriors(NamedTuple):
-    """Polygons and Gaussians of some time steps."""
+    """Polygons and Gaussians of time steps."""
 
     hulls: Hulls  # the polygons
     occluders: Occluders  # Gaussians with their means and covariances
@@ -47,7 +47,7 @@ class HullPriors(NamedTuple):
 
 
 class _Frame(NamedTuple):
-    """One camera's rows of one time; no rows: the camera saw no people."""
+    """Rows of one camera at one time; empty: the camera detected no people."""
 
     t_ns: int
     sensor: str
@@ -57,10 +57,10 @@ class _Frame(NamedTuple):
 def hull_priors(
     views: Iterable[Views], scene: Scene, config: HullConfig, frames: Iterable[Bearings] | None = None
 ) -> Iterator[HullPriors]:
-    """Polygons and Gaussians in which the moving occluders are, chunk by chunk.
+    """Generate polygons and Gaussians that contain the moving occluders, chunk by chunk.
 
-    Clusters of a target (`target_id` 0 or above) are not occluders; in their directions the
-    camera cannot see the region behind.  Cameras without pose are not used.
+    Clusters of a target (`target_id` >= 0) are not occluders; the region behind them is invisible to the camera.
+    Cameras without pose are not used.
 
     Args:
         views: in the order of time.
@@ -100,7 +100,7 @@ def hull_priors(
 
 
 def _on_map(found: HullPriors, origin: Floats) -> HullPriors:
-    """Positions that were found from a (2,) origin, on the map."""
+    """Translate positions relative to an origin (2,) to the map."""
     x, y = origin
     return found._replace(
         hulls=replace(found.hulls, x=found.hulls.x + x, y=found.hulls.y + y),
@@ -109,7 +109,7 @@ def _on_map(found: HullPriors, origin: Floats) -> HullPriors:
 
 
 def _rules(config: HullConfig) -> HullRules:
-    """The rules for identities of polygons; times in nanoseconds."""
+    """Rules for the identities of polygons; times in nanoseconds."""
     return HullRules(
         persist_ns=round(1e9 * config.confirmation_time_s),
         memory_ns=round(1e9 * config.evidence_memory_s),
@@ -123,7 +123,7 @@ def _rules(config: HullConfig) -> HullRules:
 def _time_steps(
     views: Iterable[Views], frames: Iterable[Bearings] | None, scene: Scene, window_ns: int
 ) -> Iterator[tuple[int, list[_Frame]]]:
-    """Frames of one time step, by camera; its time is that of the last of them."""
+    """Group frames into time steps, by camera; the time is that of the last of them."""
     unplaced = [c.name for c in scene.cameras if not c.placed]
     group: dict[str, _Frame] = {}
     first = last = 0
@@ -144,7 +144,7 @@ def _time_steps(
 
 
 def _frames(views: Iterable[Views], frames: Iterable[Bearings] | None, scene: Scene) -> Iterator[_Frame]:
-    """Frames in the order of time; one that both tables have comes twice, its clusters first."""
+    """Frames sorted by time; one that is in both tables occurs twice, its clusters first."""
     streams = [_split(views, scene)]
     if frames is not None:
         streams.append(_split(frames, scene))
@@ -152,7 +152,7 @@ def _frames(views: Iterable[Views], frames: Iterable[Bearings] | None, scene: Sc
 
 
 def _split(chunks: Iterable[Views] | Iterable[Bearings], scene: Scene) -> Iterator[_Frame]:
-    """Every camera's rows of every time, by time and camera; of bearings only that there was a frame."""
+    """Split rows by time and camera; bearings only indicate that there was a frame."""
     names = [c.name for c in scene.cameras]
     arrays = [a.name for a in scene.arrays]
     rest: Views | Bearings | None = None
@@ -191,7 +191,7 @@ def _split_complete(table: Views | Bearings, names: list[str]) -> Iterator[_Fram
 
 
 def _camera_cones(frame: _Frame, cameras: dict[str, HullCamera], scene: Scene, config: HullConfig) -> CameraCones:
-    """Cones of a camera's clusters that are no targets, and the region in which it can decide on presence."""
+    """Cones of a camera's non-target clusters, and the region in which it can decide on presence."""
     if frame.sensor not in cameras:
         cameras[frame.sensor] = hull_camera(scene.camera(frame.sensor), scene)
     view, v = cameras[frame.sensor], frame.views
@@ -237,7 +237,7 @@ def _corners(polygon: Polygon) -> Floats:
 
 
 def _gaussians(t_ns: np.ndarray[tuple[int], np.dtype[np.int64]], identity: Ints32, corners: list[Floats]) -> Occluders:
-    """The Gaussians with the means and covariances of uniform distributions over polygons."""
+    """Gaussians with the moments of uniform distributions over polygons."""
     p = polygon_priors(corners, 1.0)
     c, s = p.axis[:, 0], p.axis[:, 1]
     major, minor = p.sigma**2, p.minor**2

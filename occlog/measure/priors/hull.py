@@ -1,16 +1,13 @@
-"""The visual hull of one time step: where objects can be, given the runs of all cameras' scan lines.
+"""Visual hull of one time step: where objects can be, given the foreground of all cameras.
 
-A run is an interval of azimuths in which a camera sees foreground; its cone is the part of
-the ground within it.  A position belongs to the hull if every camera that can see it has a run
-there (N of N).  For runs that no such position explains, positions count, too, at which up to
-`misses` of the cameras have none (N-1 of N): an object that a camera overlooked.
+A run is an interval of azimuths in which a camera sees foreground; its cone is the part of the ground within it. A
+position is in the hull if every camera that can see it has a run there (N of N). For otherwise unexplained runs,
+positions at which up to `misses` cameras have none (N-1 of N) are included, for a camera that missed an object.
 
-Polygons of a visual hull over time: stable identities, and no phantoms.
-
-Where the cones of two objects cross, the hull has polygons without an object.  Such a phantom
-comes and goes, or all of its runs are explained by others.  A polygon has *evidence* at a time
-if it alone explains one of its runs.  A polygon is given out if it was there long enough,
-and had evidence lately or is needed to explain a run.
+Polygons of the hull are tracked over time, and phantoms removed: where the cones of two objects cross, the hull has
+polygons without an object, which are transient, or whose runs are all explained by others. A polygon has *evidence* at
+a time if it alone explains one of its runs. It is confirmed if it has existed long enough, and had recent evidence or
+is needed to explain a run.
 """
 
 from __future__ import annotations
@@ -35,7 +32,7 @@ STEP = np.pi / 6
 
 
 class HullCamera(NamedTuple):
-    """A camera with the part of the room in which it can see an object."""
+    """A camera with the part of the room in which it can see objects."""
 
     camera: Camera
     visible: shapely.Geometry
@@ -43,7 +40,7 @@ class HullCamera(NamedTuple):
 
 
 def hull_camera(camera: Camera, scene: Scene) -> HullCamera:
-    """The camera's field of view and range within the room, without what static occluders hide from it."""
+    """Camera with its field of view and range within the room, without the shadows of static occluders."""
     room = shapely.Polygon(scene.region)
     far = 1.0 + 2.0 * float(np.hypot(*(scene.region - camera.ground).T).max())
     visible = shapely.intersection(room, wedge(camera.ground, camera.yaw, camera.fov, far))
@@ -55,7 +52,7 @@ def hull_camera(camera: Camera, scene: Scene) -> HullCamera:
 
 
 def wedge(origin: Floats, axis: float, width: float, far: float) -> shapely.Geometry:
-    """Polygon of the directions within `width` / 2 of `axis` [rad], to a distance of at least `far`."""
+    """Sector of directions within `width` / 2 of `axis` [rad], to a distance of at least `far`, as a polygon."""
     width = min(width, 2.0 * np.pi)
     n = max(int(np.ceil(width / STEP)), 1)
     angles = axis + np.linspace(-0.5 * width, 0.5 * width, n + 1)
@@ -66,7 +63,7 @@ def wedge(origin: Floats, axis: float, width: float, far: float) -> shapely.Geom
 
 
 def shadow(origin: Floats, wall: Floats, far: float) -> shapely.Geometry:
-    """Return the shadow of a polygon from a point outside it, up to at least `far`, including the polygon."""
+    """Shadow of a polygon from a point outside it, up to at least `far`, including the polygon."""
     parts = [shapely.Polygon(wall)]
     for a, b in zip(wall, np.roll(wall, -1, axis=0), strict=True):
         rays = np.array([a, b]) - origin
@@ -82,9 +79,9 @@ def shadow(origin: Floats, wall: Floats, far: float) -> shapely.Geometry:
 
 
 def runs(boxes: Floats, camera: Camera, dilate: float) -> Floats:
-    """(B, 2) centre and width [rad] of the azimuths that boxes cover, each dilated to both sides.
+    """(B, 2) centre and width [rad] of the azimuth intervals of boxes, dilated on both sides.
 
-    The azimuths are those of the undistorted, levelled image at half the height of each box.
+    Azimuths are those of the undistorted, levelled image at half the height of each box.
 
     Args:
         boxes: (B, 4) left, top, width, height [px].
@@ -99,13 +96,13 @@ def runs(boxes: Floats, camera: Camera, dilate: float) -> Floats:
 
 
 def cones(view: HullCamera, of_runs: Floats) -> list[shapely.Geometry]:
-    """Cones of runs (B, 2) within what the camera can see; runs that overlap make one cone."""
+    """Cones of runs (B, 2) within the visible region; overlapping runs make one cone."""
     parts = [wedge(view.camera.ground, centre, width, view.far) for centre, width in _merged(of_runs)]
     return [shapely.intersection(part, view.visible) for part in parts]
 
 
 def _merged(of_runs: Floats) -> list[tuple[float, float]]:
-    """Union of intervals (centre, width): those that overlap are joined; sorted by lower end."""
+    """Union of intervals (centre, width), sorted by lower end."""
     spans = sorted((float(c - 0.5 * w), float(c + 0.5 * w)) for c, w in of_runs)
     out: list[list[float]] = []
     for low, high in spans:
@@ -121,14 +118,14 @@ def _merged(of_runs: Floats) -> list[tuple[float, float]]:
 
 
 class CameraCones(NamedTuple):
-    """Evidence of one camera."""
+    """Cones and visible region of one camera."""
 
     visible: shapely.Geometry  # where it can decide whether an object is present
     cones: list[shapely.Geometry]  # of its runs
 
 
 class Polygon(NamedTuple):
-    """A part of the hull."""
+    """A polygon of the hull with the runs that it explains."""
 
     shape: shapely.Polygon
     runs: tuple[Run, ...]  # with cones that contain it, rising
@@ -142,7 +139,7 @@ class _Cell(NamedTuple):
 
 
 def hull(views: Sequence[CameraCones], room: Floats, least: int, misses: int, smallest: float) -> list[Polygon]:
-    """The polygons of the hull, in an order that depends on the frames only.
+    """Polygons of the hull, in a deterministic order.
 
     Args:
         views: frames of the cameras, at one time.
@@ -167,7 +164,7 @@ def hull(views: Sequence[CameraCones], room: Floats, least: int, misses: int, sm
 
 
 def _best(candidates: list[Polygon], missing: list[Run]) -> list[Polygon]:
-    """Choose candidates greedily: the one that explains most missing runs first, while runs are left."""
+    """Greedy set cover: select the candidate that explains most unexplained runs, until none is left."""
     left, out = list(missing), []
     for p in sorted(candidates, key=lambda p: (-sum(r in missing for r in p.runs), -p.shape.area, p.runs)):
         if any(r in left for r in p.runs):
@@ -177,7 +174,7 @@ def _best(candidates: list[Polygon], missing: list[Run]) -> list[Polygon]:
 
 
 def _cells(views: Sequence[CameraCones], whole: _Cell, allowed: int) -> list[_Cell]:
-    """The room cut up by what the cameras saw, without cells that more cameras than allowed contradict."""
+    """Partition the room by cones and visible regions; cells contradicted by more cameras than allowed are omitted."""
     cells = [whole]
     for i, view in enumerate(views):
         rest = _union(view.cones)
@@ -203,7 +200,7 @@ def _kept(shape: shapely.Geometry, runs: tuple[Run, ...], missed: int) -> Iterat
 
 
 def _polygons(cells: list[_Cell], least: int, smallest: float) -> list[Polygon]:
-    """Connected parts of the hull; neighbours that differ in who can see them only are one."""
+    """Connected parts of the hull; neighbouring cells that differ only in visibility are joined."""
     good = [c for c in cells if len(c.runs) >= least]
     out: list[Polygon] = []
     for missed in sorted({c.missed for c in good}):
@@ -223,7 +220,7 @@ def _union(shapes: Sequence[shapely.Geometry]) -> shapely.Geometry:
 
 
 def _parts(shape: shapely.Geometry) -> list[shapely.Polygon]:
-    """The polygons of a shape without their holes, left to right."""
+    """Polygons of a shape without holes, from left to right."""
     parts = [shapely.Polygon(p.exterior) for p in shapely.get_parts(shape) if p.geom_type == "Polygon"]
     return sorted(parts, key=lambda p: p.bounds)
 
@@ -240,7 +237,7 @@ class HullRules(NamedTuple):
 
 
 class TrackedPolygon(NamedTuple):
-    """A polygon with its identity, at the last time step at which it was there."""
+    """A polygon with its identity, at its last time step."""
 
     identity: int
     polygon: Polygon  # the last one
@@ -251,14 +248,14 @@ class TrackedPolygon(NamedTuple):
 
 
 class HullMemory(NamedTuple):
-    """Identities of polygons after the earlier time steps."""
+    """Identities of polygons after previous time steps."""
 
     known: tuple[TrackedPolygon, ...] = ()
     next_identity: int = 0
 
 
 class ConfirmedPolygon(NamedTuple):
-    """A polygon that is accepted in."""
+    """A confirmed polygon."""
 
     identity: int
     polygon: Polygon
@@ -267,7 +264,7 @@ class ConfirmedPolygon(NamedTuple):
 def track_polygons(
     memory: HullMemory, t_ns: int, polygons: Sequence[Polygon], rules: HullRules
 ) -> tuple[HullMemory, list[ConfirmedPolygon]]:
-    """The next memory, and the polygons that are accepted in, by identity.
+    """Update the memory, and return it with the confirmed polygons, by identity.
 
     Args:
         memory: after the last time step; `HullMemory()` initially.
@@ -287,7 +284,7 @@ def track_polygons(
 
 
 def evidence(polygons: Sequence[Polygon]) -> list[bool]:
-    """For each polygon: whether it alone explains at least one of its runs."""
+    """Mask of polygons that alone explain at least one of their runs."""
     count: dict[tuple[int, int], int] = {}
     for p in polygons:
         for r in p.runs:
@@ -298,7 +295,7 @@ def evidence(polygons: Sequence[Polygon]) -> list[bool]:
 def _identities(
     old: list[TrackedPolygon], fresh: int, t_ns: int, polygons: Sequence[Polygon], rules: HullRules
 ) -> list[TrackedPolygon]:
-    """An identity for each polygon: a known one near by, or a new one."""
+    """Identity of each polygon: that of a nearby known one, or a new one."""
     centres = np.array([[p.shape.centroid.x, p.shape.centroid.y] for p in polygons]).reshape(-1, 2)
     mine: dict[int, TrackedPolygon] = {}
     if old and len(centres):
@@ -317,15 +314,14 @@ def _identities(
 
 
 def _lately(known: TrackedPolygon, t_ns: int, rules: HullRules) -> bool:
-    """Return whether there was evidence of it lately."""
+    """Whether a polygon had evidence recently."""
     return known.evidence_ns is not None and t_ns - known.evidence_ns <= rules.memory_ns
 
 
 def _needed(current: list[TrackedPolygon], t_ns: int, rules: HullRules) -> list[TrackedPolygon]:
-    """Select polygons with evidence, and those that explain otherwise unexplained runs.
+    """Select polygons with recent evidence, and those needed to explain other runs.
 
-    Which of two polygons that may both be phantoms is one cannot be decided from their runs; what
-    explains more is taken first, both of what explains as much.
+    Of possible phantoms, those that explain more runs have priority; equal ones are all selected.
     """
     chosen = [k for k in current if _lately(k, t_ns, rules)]
     rest = [k for k in current if not _lately(k, t_ns, rules)]

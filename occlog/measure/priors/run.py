@@ -1,4 +1,4 @@
-"""Run of `occlog priors`: read, find occluders, write."""
+"""`occlog priors`: read inputs, estimate priors of occluders, and write them."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ Result = tuple[dict[str, object], tuple["Loss", ...]]
 
 
 class TableStream:
-    """A table in a file of either kind, as a stream, with the scene and earlier losses."""
+    """Stream of a table in a table file or recording, with scene and earlier losses."""
 
     def __init__(self, path: Path, scene: Path | None) -> None:
-        """Open; nothing but headers is read yet."""
+        """Open the file; only headers are read."""
         self.path = path
         self.opened = open_input(path)
         self.losses = self.opened.losses
@@ -47,15 +47,15 @@ class TableStream:
 
     @property
     def unit(self) -> str:
-        """Unit of lengths."""
+        """Length unit."""
         return self.opened.length_unit or "m"
 
     def need_scene(self) -> Scene:
-        """The scene; UsageError if none was given."""
+        """The scene; UsageError if none is given."""
         return self.scene if self.scene is not None else load_scene(None, None, self.path)
 
     def chunks(self, table: type[T]) -> Iterator[T]:
-        """All rows of a table; InputError if the file does not hold them or has none."""
+        """Generate all rows of a table; InputError if the file has none."""
         return _not_empty(self.opened.rows(table), self.path)
 
 
@@ -69,7 +69,7 @@ def _not_empty(chunks: Iterable[T], path: Path) -> Iterator[T]:
 
 
 def run_kalman(request: KalmanRequest, job: Job) -> Result:
-    """Positions to priors; the summary and earlier losses."""
+    """Positions to priors; return the summary and earlier losses."""
     path, measured = request.positions, request.measured
     source = TableStream(path, request.scene)
     unit = source.scene.length_unit if source.scene is not None else source.unit
@@ -110,7 +110,7 @@ def run_kalman(request: KalmanRequest, job: Job) -> Result:
 
 
 def run_hull(request: HullRequest, job: Job) -> Result:
-    """Views to priors; the summary and earlier losses."""
+    """Views to priors; return the summary and earlier losses."""
     path = request.views
     source = TableStream(path, request.scene)
     scene = source.need_scene()
@@ -137,7 +137,7 @@ def cameras_of(request: HullRequest, scene: Scene) -> list[str]:
     """Names of the cameras with a pose to use.
 
     Raises:
-        UsageError: the scene does not have a camera that is named, or fewer than two are left.
+        UsageError: a named camera is not in the scene, or fewer than two cameras are left.
     """
     names = tuple(c.name for c in scene.cameras)
     for name in (*request.cameras, *request.without):
@@ -153,7 +153,7 @@ def cameras_of(request: HullRequest, scene: Scene) -> list[str]:
 
 
 def run_acoustic(request: AcousticRequest, job: Job) -> Result:
-    """Directions of arrival to priors; the summary and earlier losses."""
+    """Directions of arrival to priors; return the summary and earlier losses."""
     source = TableStream(request.doa, request.scene)
     scene = source.need_scene()
     config = configure(AcousticConfig.in_unit(scene.length_unit), request.settings)
@@ -174,10 +174,10 @@ def _of_cameras(chunks: Iterable[S], names: list[str]) -> Iterator[S]:
 
 
 class PriorsTally:
-    """Figures of the summary, accumulated while streaming."""
+    """Counts of priors for the summary."""
 
     def __init__(self) -> None:
-        """Create an empty summary."""
+        """Start all counts at 0."""
         self.rows = 0
         self.occluders = 0
         self.times = 0
@@ -185,7 +185,7 @@ class PriorsTally:
         self.spread = 0.0
 
     def add(self, table: Occluders) -> None:
-        """Count some more rows."""
+        """Add rows."""
         there = table.occluder_id >= 0
         self.rows += len(table)
         self.times += len(np.unique(table.t_ns))
@@ -194,7 +194,7 @@ class PriorsTally:
         self.spread += float(np.sum(table.cov_xx[there] + table.cov_yy[there]))
 
     def summary(self) -> dict[str, object]:
-        """The figures; `rms_sigma` is the RMS error that the priors expect of their means."""
+        """Figures of the summary; `rms_sigma` is the RMS error expected from the covariances of the priors."""
         return {
             "times": self.times,
             "identities": len(self.identities),

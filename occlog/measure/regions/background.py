@@ -1,27 +1,18 @@
-"""Background subtraction with OpenCV's MOG2 and KNN: frames in, foreground masks out.
+"""Background subtraction with OpenCV's MOG2 and KNN, empty scene estimation, and sizes of people from blobs.
 
-A model that has seen only a few frames takes people for background within a few frames
-more, because OpenCV's automatic learning rate starts high (1 / (2 n) after n frames).
-So a model can be started from an image of the empty scene (`occlog.measure.regions.background`);
-it then learns at the rate that the automatic one settles at, 1 / history, from its first
-frame on.
+OpenCV's automatic learning rate starts high (1 / (2 n) after n frames), so that a model with few frames absorbs people
+into the background. A model can therefore be started from an image of the empty scene; it then learns at the rate 1 /
+history from its first frame on.
 
-The empty scene behind moving people, from frames sampled over a recording.
+Empty scene, from frames sampled over a recording: a plain median over time would show a person who stays in one
+position. Here samples are excluded from a pixel's median if the picture around the pixel changes towards the previous
+or next sample, i.e. where something moves.
 
-A plain median over time shows a person who stays in one position for most of it.  Here a
-sample is skipped of a pixel's median where the picture around the pixel changes towards
-the sample before or after it, that is where something moves; so the scene behind a man
-who moves on the spot is found as soon as it shows in one quiet sample.
-
-How tall people are in the image, from the people that were seen in it.
-
-Rule: in each sample, what differs from the empty scene is joined over gaps of an eighth
-of its height; a blob counts as a separate person if it is 1.5 to 4.5 times as
-high as wide, fills 35 to 95 % of its box, is at least 24 px high and does not touch the
-border of the image.  On level ground the height grows linearly with the row of the feet,
-so a line is fitted by the median of the slopes between all pairs (Theil-Sen).  With
-fewer than ten blobs, or blobs with feet all in nearly the same rows, the height is
-their median everywhere.
+Height of people in the image: in each sample, differences from the empty scene are joined over gaps of an eighth of
+their height; a blob is a separate person if it is 1.5 to 4.5 times as high as wide, fills 35 to 95 % of its box, is at
+least 24 px high and does not touch the image border. On level ground the height is linear in the row of the feet; a
+line is fitted by Theil-Sen. With fewer than ten blobs, or feet in nearly the same rows, the height is their median
+everywhere.
 """
 
 from __future__ import annotations
@@ -51,7 +42,7 @@ KNN_START_FRAMES = 30  # fills the short, middle and long sample sets of the KNN
 
 @dataclass(frozen=True)
 class Subtractor:
-    """A background model of one camera; `foreground` advances the OpenCV object inside."""
+    """Background model of one camera; `foreground` updates it."""
 
     model: cv2.BackgroundSubtractor
     rate: float  # learning rate; negative: OpenCV's automatic one
@@ -62,7 +53,7 @@ class Subtractor:
 def make_subtractor(
     kind: str, history: int, threshold: float | None, shadows: bool, start: Bytes | None = None, seed: int = 0
 ) -> Subtractor:
-    """A new background model.
+    """Create a background model.
 
     Args:
         kind: `mog2` or `knn`.
@@ -91,7 +82,7 @@ def make_subtractor(
 
 
 def largest_image(kind: str) -> int:
-    """Pixels that an image for a model of this kind may have."""
+    """Maximum number of pixels of an image for a model of this kind."""
     return LARGEST_KNN if kind == "knn" else LARGEST_IMAGE
 
 
@@ -108,7 +99,7 @@ NEAR_PX, STREAK_PX = 7, 4
 
 
 def has_colours(image: Bytes) -> bool:
-    """Return whether an image (height, width, 3) or (height, width) has colours."""
+    """Whether an image (height, width, 3) or (height, width) has colours."""
     if image.ndim == 2:
         return False
     few = image[::COLOUR_STEP, ::COLOUR_STEP].astype(np.int16)
@@ -116,11 +107,10 @@ def has_colours(image: Bytes) -> bool:
 
 
 def without_grey_shadows(marked: Bytes, image: Bytes, empty: Bytes) -> Bytes:
-    """(height, width) mask, 255 on the foreground, of an image without colours.
+    """(height, width) foreground mask (255) of a grey image, without shadows.
 
-    OpenCV knows a shadow by its colour, which is that of the scene: without colours it takes every pixel that is
-    darker for one.  Here a darker pixel is a shadow where its ratio to the empty scene is as smooth as the scene's
-    texture leaves it; clothes and limbs are rough.
+    OpenCV detects shadows by colour, and without colours takes every darker pixel for one. Here a darker pixel is a
+    shadow if its ratio to the empty scene is smooth; clothes and limbs are not.
 
     Args:
         marked: (height, width) of the background model: 255 foreground, 127 darker.
@@ -141,19 +131,19 @@ def without_grey_shadows(marked: Bytes, image: Bytes, empty: Bytes) -> Bytes:
 
 
 def _eroded(mask: Bytes, columns: int, rows: int) -> Bytes:
-    """Smallest value in a rectangle; with `_dilated` of the same sides nothing is shifted, also if they are even."""
+    """Minimum filter over a rectangle; with `_dilated` of the same size nothing is shifted, even for even sizes."""
     anchor = ((columns - 1) // 2, (rows - 1) // 2)
     return cv2.erode(mask, np.ones((rows, columns), np.uint8), anchor=anchor)  # type: ignore[no-any-return]
 
 
 def _dilated(mask: Bytes, columns: int, rows: int) -> Bytes:
-    """Largest value in a rectangle, mirrored."""
+    """Maximum filter over a rectangle, mirrored."""
     anchor = (columns // 2, rows // 2)
     return cv2.dilate(mask, np.ones((rows, columns), np.uint8), anchor=anchor)  # type: ignore[no-any-return]
 
 
 def foreground(subtractor: Subtractor, image: Bytes, number: int, clean_px: int) -> Bytes:
-    """(height, width) mask, 255 on the foreground and 0 elsewhere; the model learns from the image.
+    """Update the model by an image, and return the mask (height, width): 255 foreground, 0 background.
 
     Args:
         subtractor: the camera's model; frames must come in order.
@@ -203,7 +193,7 @@ def motion_masks(samples: Bytes, thickness_px: float) -> Bytes:
 
 
 def empty_scene(samples: list[Bytes], thickness_px: float) -> Bytes:
-    """Image of the scene without what moves: per pixel the median of its quiet samples.
+    """Image of the empty scene: per pixel the median of its samples without motion.
 
     Args:
         samples: at least one image (height, width, 3) or (height, width), all of one
@@ -226,7 +216,7 @@ def empty_scene(samples: list[Bytes], thickness_px: float) -> Bytes:
 
 @kernel
 def _masked_median(samples: Bytes, masks: Bytes) -> Bytes:
-    """(pixels, channels) lower median over samples (n, pixels, channels) where masks (n, pixels) is 0, or over all."""
+    """(pixels, channels) lower median over samples (n, pixels, channels) where masks (n, pixels) are 0, or over all."""
     n, pixels, channels = samples.shape
     out = np.empty((pixels, channels), dtype=np.uint8)
     values = np.empty(n, dtype=np.uint8)
@@ -250,7 +240,7 @@ def _masked_median(samples: Bytes, masks: Bytes) -> Bytes:
 
 
 def difference(a: Bytes, b: Bytes) -> Bytes:
-    """(height, width) largest absolute difference over the channels of two images of one shape."""
+    """(height, width) maximum absolute difference over the channels of two images."""
     change = cv2.absdiff(a, b)
     if change.ndim == 2:
         return change  # type: ignore[no-any-return]
@@ -268,7 +258,7 @@ CLOSINGS = (3, 7, 15)  # sides tried for joining pieces [px]; the one with most 
 
 
 def person_like_blobs(samples: list[Bytes], empty: Bytes) -> Floats:
-    """(N, 2) row of the feet and height [px] of blobs that resemble a separate person."""
+    """(N, 2) row of the feet and height [px] of blobs that look like a separate person."""
     return max((_blobs(samples, empty, side) for side in CLOSINGS), key=len)
 
 
@@ -292,7 +282,7 @@ def _blobs_of(sample: Bytes, empty: Bytes, side: int) -> Floats:
 
 
 def observed_sizes(image_size: tuple[int, int], blobs: Floats) -> SizeMap | None:
-    """Size map from blobs (N, 2) of feet's row and height; None if missing."""
+    """Size map from blobs (N, 2: row of the feet, height); None without blobs."""
     if not len(blobs):
         return None
     feet, heights = blobs.T

@@ -1,6 +1,6 @@
-"""Appearance of people in the boxes of a detector: colour histograms of the ellipse in each box.
+"""Appearance of people in detector boxes: colour histograms of the inscribed ellipses.
 
-Pixels in a more confident box with lower feet, of a nearer person, do not count.
+Pixels inside a more confident box with lower feet (a nearer person) are excluded.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ MIN_PIXELS = 30
 
 
 def box_appearance(image: Bytes, boxes: Floats, score: Floats) -> Floats32:
-    """(n, 72) histograms, each with the sum 1, of people in boxes; NaN: too little of a person is visible.
+    """(n, 72) normalised histograms of people in boxes; NaN if too little is visible.
 
     Args:
         image: (height, width, 3) BGR.

@@ -1,6 +1,5 @@
-"""Measurements of each person-sized region of a frame: moments, box, appearance.
-
-Foreground pixels collected in small square cells, with exact moments: what clustering works on.
+"""Person-sized regions of a frame: moments, box, appearance. For clustering, foreground pixels are collected in small
+square cells with exact moments.
 
 A row of a cell table is (n, x, y, xx, xy, yy): number of foreground pixels, their mean
 [px], and the sums of squares and products about that mean [px^2].  Sums over cells are
@@ -58,7 +57,7 @@ def add_pixels_into(
 
 
 def histogram(image: Bytes, mask: Bytes | None = None) -> Floats:
-    """(72,) appearance of the masked pixels, summing to 1.
+    """(72,) normalised colour histogram of the masked pixels.
 
     Args:
         image: (height, width, 3) BGR or (height, width) grey.
@@ -76,14 +75,14 @@ def histogram(image: Bytes, mask: Bytes | None = None) -> Floats:
 
 
 def normalised(counts: Floats) -> Floats:
-    """Histograms (..., 72) scaled to sum to 1; NaN where there are no counts."""
+    """Histograms (..., 72) normalised to sum 1; NaN without counts."""
     total = counts.sum(axis=-1, keepdims=True)
     with np.errstate(invalid="ignore"):
         return np.where(total > 0, counts / np.where(total > 0, total, 1.0), np.nan)
 
 
 def similarity(a: Floats, b: Floats) -> Floats:
-    """Bhattacharyya coefficients of histograms, 0 (nothing in common) to 1 (equal).
+    """Bhattacharyya coefficients of histograms, 0 (disjoint) to 1 (equal).
 
     Args:
         a: (K, 72) normalised histograms.
@@ -98,7 +97,7 @@ def similarity(a: Floats, b: Floats) -> Floats:
 
 @kernel
 def gather(mask: Bytes, side: int) -> tuple[Floats, Ints]:
-    """Cells that hold foreground, row by row.
+    """Collect the foreground in cells, row by row.
 
     Args:
         mask: (height, width), non-zero on the foreground.
@@ -136,7 +135,7 @@ def gather(mask: Bytes, side: int) -> tuple[Floats, Ints]:
 
 @kernel
 def _moments_into(cell: Floats, mask: Bytes, left: int, top: int) -> None:
-    """Count, mean and scatter of the foreground of one cell, which must not be empty."""
+    """Count, mean and scatter of the foreground in one nonempty cell."""
     n = sx = sy = xx = xy = yy = 0
     for y in range(mask.shape[0]):
         for x in range(mask.shape[1]):
@@ -157,7 +156,7 @@ CORE2 = 9.0  # squared Mahalanobis distance of the pixels that make a cluster's 
 
 
 class ForegroundRegions(NamedTuple):
-    """Regions of one frame by falling number of pixels; K rows."""
+    """K regions of one frame, by decreasing number of pixels."""
 
     means: Floats  # (K, 2) [px]
     covs: Floats  # (K, 3) covariance xx, xy, yy of the pixels [px^2]
@@ -171,7 +170,7 @@ class ForegroundRegions(NamedTuple):
 def cluster_regions(
     image: Bytes, mask: Bytes, side: int, prior: Prior, separate: SeparateSightings | None = None
 ) -> ForegroundRegions:
-    """The people-sized clusters of a frame by EM (`occlog.measure.clusters.stage`).
+    """Person-sized clusters of a frame by EM (`occlog.measure.clusters.stage`).
 
     Args:
         image: (height, width, 3) BGR or (height, width) grey.
@@ -203,7 +202,7 @@ def cluster_regions(
 def _measure(
     image: Bytes, mask: Bytes, corners: Ints, side: int, cells: Floats, clusters: Clusters
 ) -> tuple[Floats, Floats]:
-    """Boxes (K, 4) around the core of each cluster and histograms (K, 72) of all its pixels."""
+    """Boxes (K, 4) around the core of each cluster, and histograms (K, 72) of its pixels."""
     n_clusters = clusters.means.shape[0]
     counts = np.zeros((n_clusters, N_BINS))
     edges = np.empty((n_clusters, 4), dtype=np.int64)  # left, top, right, bottom, of whole pixels
@@ -230,7 +229,7 @@ def _measure(
 
 @kernel
 def _distance2(x: float, y: float, mean: Floats, cov: Floats) -> float:
-    """Squared Mahalanobis distance; a cluster that is a line counts as a twelfth of a pixel wide."""
+    """Squared Mahalanobis distance; a degenerate cluster has a minimum variance of 1/12 px^2."""
     xx, xy, yy = cov[0] + 1.0 / 12.0, cov[1], cov[2] + 1.0 / 12.0
     dx, dy = x - mean[0], y - mean[1]
     return float((yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / (xx * yy - xy * xy))
@@ -238,7 +237,7 @@ def _distance2(x: float, y: float, mean: Floats, cov: Floats) -> float:
 
 @kernel
 def _boxes(edges: Ints, means: Floats, covs: Floats) -> Floats:
-    """Boxes from first and last pixels: pixel x reaches from x - 1/2 to x + 1/2."""
+    """Boxes from first and last pixels: pixel x extends from x - 1/2 to x + 1/2."""
     boxes = np.empty((edges.shape[0], 4))
     for k in range(edges.shape[0]):
         left, top, right, bottom = edges[k]
@@ -255,10 +254,9 @@ CLOSING = 0.2  # side of the closing that joins pieces, over a person's width
 
 
 def component_regions(image: Bytes, mask: Bytes, width_px: float, prior: Prior) -> ForegroundRegions:
-    """The connected components of a frame that have enough foreground for a person.
+    """Connected components of a frame with sufficient foreground for a person.
 
-    Pieces nearer than about a fifth of a person's width are joined first.  People who
-    touch in the image are one region; a person in several pieces is several, or none.
+    Parts nearer than about a fifth of a person's width are joined first. People who touch in the image are one region.
 
     Args:
         image: (height, width, 3) BGR or (height, width) grey.
@@ -337,12 +335,12 @@ MOST = 8
 
 
 def downscale_factor(width_px: float) -> int:
-    """Return the integer factor for downscaling images, by the width of people."""
+    """Integer factor for downscaling images, by the width of people [px]."""
     return int(np.clip(width_px // ENOUGH_WIDTH_PX, 1, MOST))
 
 
 def downscale(image: Bytes, factor: int) -> Bytes:
-    """(height // factor, width // factor) image of means; the image itself for factor 1."""
+    """Downscale an image by block means to (height // factor, width // factor); unchanged for factor 1."""
     if factor == 1:
         return image
     rows, columns = image.shape[0] // factor, image.shape[1] // factor
@@ -351,14 +349,14 @@ def downscale(image: Bytes, factor: int) -> Bytes:
 
 
 def downscale_sizes(sizes: SizeMap, factor: int) -> SizeMap:
-    """Size map for shrunk images."""
+    """Size map for downscaled images."""
     width, height = sizes.image_size
     area = float(factor**2)
     return replace(sizes, image_size=(width // factor, height // factor), cov=sizes.cov / area, mass=sizes.mass / area)
 
 
 def enlarge(regions: ForegroundRegions, factor: int) -> ForegroundRegions:
-    """Regions of a shrunk image in pixels of the whole one."""
+    """Convert regions of a downscaled image to pixels of the original."""
     if factor == 1:
         return regions
     area = float(factor**2)

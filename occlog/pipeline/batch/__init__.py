@@ -1,1 +1,1 @@
-"""Verb: do the stages of a run for each of many recordings, and collect their results in tables over all."""
+"""`occlog batch`: run the stages for each of many recordings, and collect results in common tables."""

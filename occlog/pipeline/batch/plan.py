@@ -1,4 +1,4 @@
-"""The recordings of a batch: patterns are expanded, each recording gets the name of its run folder."""
+"""Recordings of a batch: patterns are expanded, and each recording gets the name of its run folder."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ class BatchRecording(NamedTuple):
 
 
 def sources_of(patterns: Sequence[str], results: str = "") -> list[BatchRecording]:
-    """Find the recordings that patterns name, each once, in the order of their names.
+    """Find the recordings that match patterns, without duplicates, sorted by name.
 
-    Of several ways to one recording, over links, the one with the fewest links counts, and else the first by name.
-    A recording is called by its file name without the ending; those of one name have a hash of their folder below the
-    common one behind it, so that names do not depend on absolute paths; long names are shortened as well.
+    Of several paths to one recording through links, the one with the fewest links is used, then the first by name. A
+    recording is named by its file name without suffix; equal names get a hash of their relative folder, and long names
+    are shortened.
 
     Args:
         patterns: files, patterns with `*`, `?`, `[...]` and `**`, and URLs.
@@ -70,18 +70,18 @@ def sources_of(patterns: Sequence[str], results: str = "") -> list[BatchRecordin
 
 
 def in_text(name: str) -> str:
-    r"""A name of a file, or words with one, as text: a byte that is not UTF-8 is written as `\xe9`."""
+    r"""A name, or text with one, with bytes that are not UTF-8 written as `\xe9`."""
     bytewise = (f"\\x{ord(c) - 0xDC00:02x}" if 0xDC80 <= ord(c) <= 0xDCFF else c for c in name)
     return "".join(bytewise).encode("utf-8", "backslashreplace").decode()
 
 
 def in_line(text: str) -> str:
-    """A message as a table has it: one line of text."""
+    """A message as one line of text, for a table."""
     return in_text(" ".join(text.split()))
 
 
 def _each_once(locations: Iterable[str]) -> list[str]:
-    """Path to each recording over the fewest links; of several the first by name."""
+    """Path to each recording through the fewest links; of several the first by name."""
     ways: dict[str, set[str]] = defaultdict(set)
     for location in locations:
         ways[location if is_url(location) else os.path.realpath(location)].add(location)
@@ -126,7 +126,7 @@ def _is_below(name: str, folder: str) -> bool:
 
 
 def _may_be_file(name: str) -> bool:
-    """Return whether it is a file, or something inaccessible, which is reported to the caller."""
+    """Whether a path is a file, or inaccessible (which is reported later)."""
     try:
         return stat.S_ISREG(Path(name).stat().st_mode)
     except OSError:
@@ -147,7 +147,7 @@ def _fault(location: str) -> str:
 
 
 def _absolute(name: str) -> str:
-    """The absolute path that keeps the names of links, except where a `..` after one would lead elsewhere."""
+    """Absolute path that keeps link names, except where a following `..` would lead elsewhere."""
     path, real = os.path.abspath(name), os.path.realpath(name)  # noqa: PTH100 -- Path.absolute keeps `..`
     return path if os.path.realpath(path) == real else real
 
@@ -163,7 +163,7 @@ def _found(pattern: str, results: str) -> list[str]:
 
 
 def _stem(location: str) -> str:
-    """The file's name without its ending, as text; with `_` for points where it has no more, as these name folders."""
+    """File name without suffix, as text; `_` replaces names of dots only, which denote folders."""
     stem = PurePosixPath(without_secrets(location) if is_url(location) else in_text(location)).stem
     return stem if stem.strip(".") else "_" * len(stem)
 
@@ -173,7 +173,7 @@ def _fits(name: str) -> bool:
 
 
 def _shown(locations: Sequence[str]) -> dict[str, str]:
-    """Return the short name of each location: its path below the folder that all have in common."""
+    """Short name of each location: its path below the common folder."""
     local = [location for location in locations if not is_url(location)]
     common = os.path.commonpath([str(Path(location).parent) for location in local]) if local else ""
     files = {location: Path(location).relative_to(common).as_posix() for location in local}
@@ -181,7 +181,7 @@ def _shown(locations: Sequence[str]) -> dict[str, str]:
 
 
 def _with_hash(stem: str, shown: str, taken: set[str]) -> str:
-    """Return an unused name that file systems accept, and reserve it."""
+    """Reserve and return an unused name that file systems accept."""
     digest = hashlib.sha256(os.fsencode(shown)).hexdigest()
     ends = (f"-{digest[:length]}" for length in range(MIN_DIGITS, len(digest) + 1))
     names = (stem.encode()[: LONGEST_NAME - len(end)].decode(errors="ignore") + end for end in ends)

@@ -1,11 +1,7 @@
-"""One recording of a batch: the stages of its run, and what a row of the table of runs states about it.
-
-Whatever is wrong with a recording is an outcome, not an error: the others go on.
-
-The folder of a batch, on this machine or at a URL: begun, filled with tables, and known again.
-
-A run at a URL is worked on in a folder of this machine: existing files are fetched, and new ones are written
-back, `run.json` last, so that a worker may be killed at any time.
+"""One recording of a batch: the stages of its run, and its row in the table of runs. A fault in a recording is an outcome
+rather than an error: the others continue. The folder of a batch may be at a URL: a run is then processed in a local
+folder; existing files are fetched, and new ones are uploaded, `run.json` last, so that a worker may be killed at any
+time.
 """
 
 from __future__ import annotations
@@ -40,9 +36,9 @@ RUNS = "runs"
 
 @contextmanager
 def batch_folder(output: str, results: Sequence[str], cache: Cache) -> Iterator[Path]:
-    """Yield a folder on this machine for the results of a batch; those at a URL are written there at the end.
+    """Context manager: local folder for the results of a batch, uploaded at the end if the output is a URL.
 
-    Results of an earlier command are removed, since runs change from here on; also tables that this one does not join.
+    Tables of an earlier command are removed, since runs change.
 
     Args:
         output: folder or URL.
@@ -106,7 +102,7 @@ def _mark() -> dict[str, object]:
 
 @contextmanager
 def run_folder(location: str, name: str, cache: Cache) -> Iterator[Path]:
-    """Yield the folder of a run on this machine; new files of one at a URL is written there at the end."""
+    """Context manager: local folder of a run; new files are uploaded at the end if the run is at a URL."""
     if not is_url(location):
         yield Path(location)
         return
@@ -126,7 +122,7 @@ def run_folder(location: str, name: str, cache: Cache) -> Iterator[Path]:
 
 
 def fetch_files(location: str, names: Iterable[str], folder: Path) -> None:
-    """Fetch files of a run into a folder, which is made if missing."""
+    """Fetch files of a run into a folder, which is created if missing."""
     folder.mkdir(parents=True, exist_ok=True)
     for name in names:
         fetch(f"{location}/{name}", folder / name)
@@ -169,23 +165,23 @@ class RecordingOutcome:
 
     @property
     def state(self) -> str:
-        """The exit code in a word."""
+        """Exit code as a word."""
         return STATES.get(ExitCode(self.code), FAILED)
 
     @property
     def plausible(self) -> bool | None:
-        """True if every stage found its results plausible; None: none has judged."""
+        """True if every stage found its results plausible; None if none was checked."""
         return all_plausible(self.verdicts)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Findings against the results, each with its stage."""
+        """Warnings about the results, each with its stage."""
         failed = ((stage, check) for stage, check in found_by_stage(self.verdicts) if check.status == "failed")
         return tuple(f"{stage}: {check.id}: {check.text}" for stage, check in failed)
 
 
 def process(task: Task) -> RecordingOutcome:
-    """Do the stages of a recording that are not up to date."""
+    """Run the stages of a recording that are not up to date."""
     begin, used = time.perf_counter(), time.process_time()
     with redirect_stderr(io.StringIO()):  # what stages state about losses and warnings is in the outcome
         outcome = _Run(task).outcome()
@@ -193,7 +189,7 @@ def process(task: Task) -> RecordingOutcome:
 
 
 class _Run:
-    """The run of a recording, in its current state."""
+    """Run of a recording, in its current state."""
 
     def __init__(self, task: Task) -> None:
         self._task = task
@@ -202,7 +198,7 @@ class _Run:
         self._steps: list[StageStep] = []
 
     def outcome(self) -> RecordingOutcome:
-        """Do all stages, until one fails."""
+        """Run all stages until one fails; return the outcome."""
         task, found = self._task, RecordingOutcome(self._task.name, self._task.shown)
         try:
             with self._recording() as recording, run_folder(task.folder, task.name, task.cache) as folder:
@@ -226,12 +222,12 @@ class _Run:
         return found
 
     def _recording(self) -> AbstractContextManager[Path]:
-        """The recording on this machine, while the block lasts."""
+        """Context manager: local copy of the recording."""
         location = self._task.location
         return self._task.cache.holding(location) if is_url(location) else nullcontext(Path(location))
 
     def _do_stages(self, recording: Path, folder: Path) -> int:
-        """Do the stages; the exit code of the run."""
+        """Run the stages; return the exit code."""
         config = self._task.config
         config = replace(config, values={**config.values, "recording": str(recording)})
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -241,7 +237,7 @@ class _Run:
         return last.code if last.code not in GOING_ON else worst(step.code for step in self._steps)
 
     def _failed(self, found: RecordingOutcome, error: Exception) -> RecordingOutcome:
-        """The outcome with the error, in one line that names no folder of this machine."""
+        """Outcome with the error in one line, without local folders."""
         text, code, _ = explain(error)
         for path, name in self._names.items():
             for each in {path, " ".join(path.split())} - {"/"}:
@@ -252,7 +248,7 @@ class _Run:
         self._stage = stage
 
     def _with_outputs(self, outcome: RecordingOutcome, folder: Path) -> RecordingOutcome:
-        """The outcome with what its files state."""
+        """Outcome with the contents of its output files."""
         made = tuple(name for step in self._steps for name in step.outputs)
         redone = outcome.redone or any(step.what == "done" for step in self._steps)
         files = [folder / name for name in made]

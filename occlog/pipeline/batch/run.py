@@ -1,6 +1,6 @@
-"""Work of `occlog batch`: runs every recording on an executor, and collects the results in tables.
+"""`occlog batch`: run every recording on an executor, and collect results in tables.
 
-The tables of a batch: what became of each recording, its figures, and its rows in the joined tables.
+Tables: outcome of each recording, its figures, and its rows in joined tables.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ WHOLE = "the whole recording"
 
 @dataclass(frozen=True)
 class DatasetTables:
-    """Outputs over all recordings.
+    """Output tables over all recordings.
 
     Attributes:
         rows: number of rows by the name of the table.
@@ -63,7 +63,7 @@ class DatasetTables:
 def gather(
     folder: Path, runs: Path, outcomes: Sequence[RecordingOutcome], tables: Sequence[str], config: Config
 ) -> DatasetTables:
-    """Write the tables over all recordings, which replace older ones.
+    """Write the tables over all recordings, replacing older ones.
 
     Args:
         folder: of the batch.
@@ -90,9 +90,9 @@ def gather(
 
 
 def losses_of(outcomes: Sequence[RecordingOutcome]) -> tuple[Loss, ...]:
-    """Losses in all recordings; of one that failed all of it, of one with many losses a part and their number.
+    """Losses of all recordings: of a failed one all of it, of one with many losses the first ones and their number.
 
-    The table of runs has them all: in the metadata of a file, a million are more than libraries of Parquet read.
+    The table of runs has all losses; file metadata cannot hold millions.
     """
     found = []
     for each in outcomes:
@@ -122,7 +122,7 @@ def _provenance(outcomes: Sequence[RecordingOutcome], tables: Sequence[str], con
 
 
 def _checks(outcomes: Sequence[RecordingOutcome]) -> tuple[Check, ...]:
-    """The verdicts of all recordings as one check, with those that are doubted."""
+    """Verdicts of all recordings as one check, with those that are implausible."""
     judged = [each for each in outcomes if each.plausible is not None]
     doubted = (
         finding(
@@ -154,7 +154,7 @@ def _row(each: RecordingOutcome) -> dict[str, object]:
 
 
 def _figures(runs: Path, outcomes: Sequence[RecordingOutcome]) -> Iterator[dict[str, object]]:
-    """A row for each number that the evaluations give."""
+    """A row for each figure of the evaluations."""
     for each in outcomes:
         for file in METRICS_FILES:
             if file not in each.outputs:
@@ -199,7 +199,7 @@ class BatchRequest:
 
 
 def run_batch(request: BatchRequest, *, strict: bool, quiet: bool, as_json: bool) -> int:
-    """Do the stages of every recording that are not up to date, and write the tables; return the exit code.
+    """Run the stages of every recording that are not up to date, and write the tables; return the exit code.
 
     Args:
         request: options.
@@ -238,7 +238,7 @@ def run_batch(request: BatchRequest, *, strict: bool, quiet: bool, as_json: bool
 
 
 def _check_config(config: Config) -> None:
-    """Refuse keys and values that every run would refuse, before any recording is opened."""
+    """Check the configuration before any recording is opened."""
     # What a recording holds is not known yet; the video that is drawn on depends on it
     values = {key: value for key, value in config.values.items() if key != OVERLAY}
     unknown = replace(config, values={**values, "recording": "recording.mcap"})
@@ -247,7 +247,7 @@ def _check_config(config: Config) -> None:
 
 
 def _check_places(request: BatchRequest, sources: Sequence[BatchRecording]) -> None:
-    """Refuse positions that other processes do not have."""
+    """UsageError for paths that other processes cannot access."""
     here = [
         p for p in (request.output, *(source.location for source in sources)) if is_url(p) and kind_of(p) == "memory"
     ]
@@ -260,7 +260,7 @@ def _check_places(request: BatchRequest, sources: Sequence[BatchRecording]) -> N
 def _outcomes(
     request: BatchRequest, config: Config, sources: Sequence[BatchRecording], folder: str, quiet: bool
 ) -> list[RecordingOutcome]:
-    """The outcome of every recording, in their order."""
+    """Outcome of every recording, in order."""
     # A worker of another machine may have another working folder
     config = replace(config, path=config.path.absolute())
     tasks = {
@@ -288,7 +288,7 @@ def _outcomes(
 
 
 def _refused(source: BatchRecording) -> RecordingOutcome:
-    """The outcome of a recording that is not tried."""
+    """Outcome of a recording that is not attempted."""
     message = in_line(f"{source.shown}: {source.fault}")
     return RecordingOutcome(
         source.name, source.shown, code=ExitCode.BAD_INPUT, stage="recording", message=message, redone=True
@@ -296,14 +296,14 @@ def _refused(source: BatchRecording) -> RecordingOutcome:
 
 
 def _fetch_gathered(location: str, runs: Path, outcomes: Sequence[RecordingOutcome], results: Sequence[str]) -> None:
-    """Fetch what the tables over all are made of."""
+    """Fetch the files needed for the tables over all recordings."""
     for each in outcomes:
         wanted = [name for name in each.outputs if name in METRICS_FILES or name in results]
         fetch_files(f"{location}/{RUNS}/{each.name}", wanted, runs / each.name)
 
 
 def _code(outcomes: Sequence[RecordingOutcome], lost: bool) -> int:
-    """The exit code: 3 where recordings failed, as where anything else was lost; that of the first if all did."""
+    """Exit code: 3 if recordings failed or anything was lost; that of the first if all failed."""
     if all(each.state == FAILED for each in outcomes):
         return outcomes[0].code
     codes = [ExitCode.LOSSY if each.state == FAILED else ExitCode(each.code) for each in outcomes]
@@ -311,7 +311,7 @@ def _code(outcomes: Sequence[RecordingOutcome], lost: bool) -> int:
 
 
 def _from_here(source: BatchRecording) -> str:
-    """Return the argument of a command for a recording: tables have its name without the folder."""
+    """Command argument for a recording, of which tables have the name only."""
     if is_url(source.location):
         return source.shown
     path, here = Path(source.location), Path.cwd()
@@ -319,7 +319,7 @@ def _from_here(source: BatchRecording) -> str:
 
 
 def _tell(outcomes: Sequence[RecordingOutcome], sources: Sequence[BatchRecording], quiet: bool) -> None:
-    """Name recordings that failed or that are not reliable, on standard error."""
+    """Report failed and implausible recordings on standard error."""
     failed = [(each, source) for each, source in zip(outcomes, sources, strict=True) if each.state == FAILED]
     for each, source in failed[:MAX_REPORTED]:
         message = each.message.replace(in_line(each.shown), _from_here(source))

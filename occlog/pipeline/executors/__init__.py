@@ -1,1 +1,1 @@
-"""Executors of independent pieces of work: this process, processes of this machine, or a cluster."""
+"""Executors of independent tasks: this process, local processes, or a cluster."""

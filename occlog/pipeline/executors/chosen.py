@@ -1,4 +1,4 @@
-"""The executor that the options of a command ask for."""
+"""Selection of the executor by the options of a command."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .processes import Processes
 def executor_of(
     workers: int, scheduler: str | None, jobs: Mapping[str, str], folder: Path | None, *, isolated: bool = False
 ) -> Executor:
-    """Return what runs the work.
+    """Create the executor.
 
     Args:
         workers: processes of this machine.

@@ -1,8 +1,6 @@
-"""The workers of a Dask cluster, which another person has started.
+"""Executors on clusters.
 
-The workers of a Ray cluster, or of a Ray that is started on this machine.
-
-Jobs of Slurm, by submitit; or the same jobs as processes of this machine, to try them.
+Dask (started by others), Ray (or a local Ray), and Slurm jobs by submitit (or local processes).
 """
 
 from __future__ import annotations
@@ -32,13 +30,13 @@ class DaskCluster:
     """Workers of a Dask scheduler; they need the same version of occlog."""
 
     def __init__(self, address: str) -> None:
-        """Use the scheduler at this address, e.g. tcp://10.0.0.1:8786."""
+        """`address`: of the scheduler, e.g. tcp://10.0.0.1:8786."""
         self._address = address
 
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
-        """Iterate over the results; `Lost` for a piece of which as many workers died as Dask allows, twice.
+        """Generate the results; `Lost` for a task whose workers died as often as Dask allows, twice.
 
-        The second time it is alone in the cluster: Dask blames every piece that waited at a worker for its death.
+        The second time it runs alone, since Dask blames every task that waited at a dead worker.
         """
         try:
             import distributed
@@ -73,10 +71,10 @@ class DaskCluster:
     def _submitted(
         self, library: Any, client: Any, todo: Mapping[str, T], work: Callable[[T], R]
     ) -> Iterator[tuple[str, R | Lost]]:
-        """Iterate over the results of jointly submitted work.
+        """Generate the results of jointly submitted tasks.
 
         Raises:
-            InputError: the scheduler has gone, or has no occlog that it could read the work with.
+            InputError: the scheduler is gone, or has no occlog installed.
         """
         # The scheduler gives one result to all who ask for it by one key: others may have pieces of the same names
         mine = f"occlog-{uuid.uuid4().hex}"
@@ -104,7 +102,7 @@ class DaskCluster:
 
 
 async def _greet(library: Any, address: str) -> None:
-    """Connect to a scheduler and leave, within the time that the configuration of Dask gives a connection."""
+    """Test the connection to a scheduler, within Dask's configured timeout."""
     arguments = library.Security().get_connection_args("client")
     comm = await library.core.connect(address, **arguments)
     await comm.close()
@@ -112,7 +110,7 @@ async def _greet(library: Any, address: str) -> None:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep what Dask logs of connections, with tracebacks, out of standard error: their end is its own error."""
+    """Context manager that silences Dask's connection logs."""
     before = logging.root.manager.disable
     logging.disable()
     try:
@@ -122,7 +120,7 @@ def _quiet() -> Iterator[None]:
 
 
 def _in_turn(version: str, work: Callable[[T], R], piece: T) -> R:
-    """Do a piece of work while no other thread of this worker does one."""
+    """Run a task exclusively among the threads of this worker."""
     with _ONE_AT_A_TIME:
         return done_alike(version, work, piece)
 
@@ -131,11 +129,11 @@ class RayCluster:
     """Workers of Ray, each a process with one thread."""
 
     def __init__(self, address: str) -> None:
-        """Use the cluster at an address, e.g. ray://10.0.0.1:10001; `ray` starts one on this machine."""
+        """`address`: of the cluster, e.g. ray://10.0.0.1:10001; `ray` starts one locally."""
         self._address = address
 
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
-        """Iterate over the results; `Lost` for a piece with a worker that died as often as Ray allows."""
+        """Generate the results; `Lost` for a task whose worker died as often as Ray allows."""
         try:
             import ray
         except ImportError as error:
@@ -177,10 +175,10 @@ POLL_S = 10.0
 
 
 class Jobs:
-    """Jobs that share the pieces of work; each does one piece after another, in a subprocess."""
+    """Jobs that share the tasks; each runs its tasks one after another, in subprocesses."""
 
     def __init__(self, cluster: str, folder: Path, settings: Mapping[str, str]) -> None:
-        """Use jobs on a cluster.
+        """Configure jobs on a cluster.
 
         Args:
             cluster: "slurm", or "local" for processes of this machine.
@@ -197,7 +195,7 @@ class Jobs:
         self._cluster, self._folder, self._count, self._settings = cluster, folder, int(count), options
 
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
-        """Iterate over the results as jobs end; `Lost` for every piece of a job that did not come to its end."""
+        """Generate the results as jobs end; `Lost` for every task of a job that did not finish."""
         library = _library()
         if not self._folder.exists():
             # Others of this machine are not to read what jobs are given
@@ -250,5 +248,5 @@ def _number(value: str) -> object:
 
 
 def _each(work: Callable[[T], R], pieces: list[tuple[str, T]]) -> list[tuple[str, R | Lost]]:
-    """Do the pieces of a job, in a separate process: one that dies would end the job before the others, each time."""
+    """Run the tasks of a job in subprocesses, so that one that crashes does not end the job."""
     return list(Processes(1).outcomes(dict(pieces), work))

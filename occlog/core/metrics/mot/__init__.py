@@ -1,1 +1,1 @@
-"""Figures of many targets at once: CLEAR-MOT, IDF1, HOTA, failure rates, and distances between sets of targets."""
+"""Metrics of many targets: CLEAR-MOT, IDF1, HOTA, failure rates, and distances between sets of targets."""

@@ -22,10 +22,10 @@ MOSTLY_LOST = 0.2
 
 
 class ClearRule(NamedTuple):
-    """How targets and tracks are paired in a frame.
+    """Rule by which targets and tracks are paired in a frame.
 
-    A target first keeps the track that it had last, if that one still is similar enough (of two
-    targets that had the same one, that of the lower label); the rest is assigned again.
+    A target first keeps its last track, if this is still similar enough (of two targets with the same last track, the
+    one with the lower label); the others are assigned in each frame.
 
     Attributes:
         threshold: least similarity of a pair.
@@ -46,7 +46,7 @@ CHALLENGE = ClearRule(memory=1, most=False)
 
 
 class MatchedPairs(NamedTuple):
-    """The pairs that were made, in order of frames.
+    """Pairs of targets and tracks, sorted by frame.
 
     Attributes:
         frame: (n,) position of the frame in `MatchedFrames`.
@@ -66,7 +66,7 @@ class MatchedPairs(NamedTuple):
 
 
 class ClearMot(NamedTuple):
-    """Counts and rates; rates are NaN where nothing is there to divide by.
+    """CLEAR-MOT counts and rates; rates are NaN if the divisor is 0.
 
     Attributes:
         objects: number of true rows.
@@ -107,16 +107,16 @@ class ClearMot(NamedTuple):
 
 
 class Matcher:
-    """Pairs targets and tracks one to one in each frame, in order of frames that come in parts."""
+    """Pairs targets and tracks one to one in each frame, over parts of a recording in order."""
 
     def __init__(self, targets: int, rule: ClearRule = CLASSIC) -> None:
-        """Start without frames; number of all targets, and how they are paired."""
+        """Start without frames; number of all targets, and the pairing rule."""
         self._rule = rule
         self._held = np.full(targets, -1, dtype=np.int64)
         self._when = np.zeros(targets, dtype=np.int64)
 
     def update(self, frames: MatchedFrames) -> MatchedPairs:
-        """Pairs of some more frames; targets and tracks have the same numbers in all parts."""
+        """Pair the rows of further frames; target and track numbers are the same in all parts."""
         rule, held, when = self._rule, self._held, self._when
         parts: list[MatchedPairs] = []
         for t in frames.meeting():
@@ -142,7 +142,7 @@ class Matcher:
 
 
 def match(frames: MatchedFrames, rule: ClearRule = CLASSIC) -> MatchedPairs:
-    """Pair targets and tracks one to one in each frame, in order of frames.
+    """Pair targets and tracks one to one in each frame.
 
     Args:
         frames: truth and tracks.
@@ -152,7 +152,7 @@ def match(frames: MatchedFrames, rule: ClearRule = CLASSIC) -> MatchedPairs:
 
 
 class ClearCounts:
-    """CLEAR-MOT figures of frames that come in the order of time."""
+    """Accumulates CLEAR-MOT counts over frames in the order of time."""
 
     def __init__(self, targets: int) -> None:
         """Start without frames; number of all targets."""
@@ -162,7 +162,7 @@ class ClearCounts:
         self._goes_on = np.zeros(targets, dtype=np.bool_)  # the target was paired when it was there last
 
     def update(self, frames: MatchedFrames, made: MatchedPairs) -> None:
-        """Count some more frames and their pairs; targets have the same numbers in all parts."""
+        """Add frames with their pairs; target numbers are the same in all parts."""
         size = len(self._life)
         self._objects, self._estimates = self._objects + len(frames.truth), self._estimates + len(frames.track)
         self._tp, self._switches = self._tp + len(made.truth), self._switches + int(np.count_nonzero(made.switch))
@@ -182,7 +182,7 @@ class ClearCounts:
         self._goes_on[who[last]] = there[last]
 
     def merge(self, other: ClearCounts) -> None:
-        """Add another recording with its targets numbered after these; no frame is added after it."""
+        """Add another recording, with its targets numbered after these; no frame may be added afterwards."""
         self._objects, self._estimates = self._objects + other._objects, self._estimates + other._estimates
         self._tp, self._switches = self._tp + other._tp, self._switches + other._switches
         self._distance.merge(other._distance)
@@ -192,7 +192,7 @@ class ClearCounts:
         self._stretches = np.concatenate([self._stretches, other._stretches])
 
     def result(self) -> ClearMot:
-        """The figures of all frames."""
+        """CLEAR-MOT figures of all frames."""
         n, m, tp = self._objects, self._estimates, self._tp
         known = self._life > 0
         # Share of each target's frames in which it is paired
@@ -232,7 +232,7 @@ def clear_mot(frames: MatchedFrames, rule: ClearRule = CLASSIC, matches: Matched
 
 
 def _pair(allowed: Bools, values: Floats, kept: Bools, most: bool) -> tuple[Ints, Ints]:
-    """Rows and columns of the pairs of one frame, rows rising.
+    """Rows and columns of the pairs of one frame, sorted by row.
 
     Args:
         allowed: (n, m) pairs that are similar enough.

@@ -1,8 +1,8 @@
-"""False position and false label rates of trackers that each have a target of their own, [Qu] Eq. 9.
+"""False position and false label rates of trackers with one assigned target each, [Qu] Eq. 9.
 
-[Qu] does not say when a tracker is on a target.  Here: tracker k is on target k if that is within
-tau of it, otherwise on the nearest target within tau (of two as near that of the lower label), and
-on none without one.  Several trackers may be on one target.
+[Qu] does not say when a tracker is on a target. Here: tracker k is on its target k if that is within tau, otherwise on
+the nearest target within tau (of two equally near, the one with the lower label), or on none. Several trackers may be
+on one target.
 
     position failure    a target that no tracker is on
     label failure       a tracker that is on another target than its own
@@ -26,7 +26,7 @@ NO_TARGET = -1
 
 
 class FailureRates(NamedTuple):
-    """A row for each failure, by view, frame and target, and the rates.
+    """Failures as rows (view, frame, target), and their rates.
 
     Attributes:
         frame: (n,) number of the frame.
@@ -54,7 +54,7 @@ class FailureRates(NamedTuple):
     fr_l: float
 
     def causes(self, unit: str = "px") -> list[str]:
-        """The cause of each failure in words."""
+        """Cause of each failure, as text."""
         rows = zip(*(column.tolist() for column in (self.label, self.other, self.away, self.elsewhere)), strict=True)
         return [_cause(label, other, away, elsewhere, unit) for label, other, away, elsewhere in rows]
 
@@ -97,7 +97,7 @@ def failures(truth: Objects, trackers: Objects, tau: Floats | float, own: Ints |
 
 
 class _FrameMatches(NamedTuple):
-    """Each tracker's row against the true rows of its frame (M), and each true row against its own trackers (N)."""
+    """Row of each tracker with the true rows of its frame (M), and of each true row with its own trackers (N)."""
 
     assigned: Ints  # (M,) label of its own target
     on: Ints  # (M,) true row that it is on; -1: none
@@ -107,7 +107,7 @@ class _FrameMatches(NamedTuple):
 
 
 def _match_frame(frames: MatchedFrames, reach: Floats, assigned: Ints) -> _FrameMatches:
-    """Find the target that each tracker is on, and the nearest own tracker of each target.
+    """Target that each tracker is on, and the nearest assigned tracker of each target.
 
     Args:
         frames: N true rows and M rows of trackers.
@@ -136,7 +136,7 @@ def _match_frame(frames: MatchedFrames, reach: Floats, assigned: Ints) -> _Frame
 
 
 def _failures(frames: MatchedFrames, matches: _FrameMatches) -> FailureRates:
-    """Collect the failures of both kinds as rows, and divide their numbers by that of the true rows."""
+    """Failures of both kinds as rows, and their numbers divided by the number of true rows."""
     # Targets that a tracker is on
     found = np.zeros(len(frames.truth), dtype=np.bool_)
     found[matches.on[matches.on >= 0]] = True

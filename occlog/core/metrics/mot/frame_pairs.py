@@ -1,17 +1,15 @@
-"""Labelled objects of two sides, truth and tracks, laid against each other frame by frame.
+"""Truth and tracks, matched by frame for all multi-target metrics.
 
-All figures of merit for many targets (`clear_mot`, `idf1`, `hota`, `gospa`, `failure_rates`)
-start from the same table of pairs.  Several views, or several recordings, are put in as
-`view`: a label of one view is another object than the same label of another view, so that the
-figures are those of all views pooled.
+`clear_mot`, `idf1`, `hota`, `gospa` and `failure_rates` start from the same table of pairs. Several views, or
+recordings, are distinguished by `view`: equal labels in different views are different objects, so that metrics are
+pooled over the views. Two objects are compared by a distance and a similarity in [0, 1]:
 
-Two objects are compared by a distance and by a similarity in [0, 1]:
+boxes: distance 1 - IoU; similarity IoU (intersection over union)
 
-    boxes     distance 1 - IoU; similarity IoU (intersection over union)
-    points    distance Euclidean; similarity max(0, 1 - distance / (2 limit)), which is 0.5 at
-              the limit, as an IoU of 0.5 is the usual limit of boxes, and 0 from twice the limit on
+points: Euclidean distance; similarity max(0, 1 - distance / (2 limit)), which is 0.5 at the limit (as an IoU of 0.5 is
+the usual limit of boxes) and 0 from twice the limit
 
-Sums for couples, a target with a track, while frames come by.
+Also sums for couples of target and track over a stream of frames.
 """
 
 from __future__ import annotations
@@ -29,7 +27,7 @@ EPS = float(np.finfo(np.float64).eps)
 
 
 class Objects(NamedTuple):
-    """What is where: a row for each object and frame, in any order.
+    """Labelled objects of one side (truth or tracks): a row per object and frame, in any order.
 
     Attributes:
         frame: (n,) number of the frame.
@@ -45,11 +43,10 @@ class Objects(NamedTuple):
 
 
 class MatchedFrames(NamedTuple):
-    """Truth and tracks by frame; a frame of one view is a frame of its own here.
+    """Truth and tracks by frame; frames of different views are separate.
 
-    Rows are sorted by view, frame, label.  T frames that have a row on either side, N true rows
-    of G targets, M rows of K tracks.  Pairs are compared frame by frame when they are asked for,
-    so that memory does not grow with their number.
+    Rows are sorted by view, frame, label. T frames that have a row on either side, N true rows of G targets, M rows of
+    K tracks. Pairs are compared frame by frame on request, so that memory does not grow with their number.
 
     Attributes:
         frame: (T,) number of each frame.
@@ -82,7 +79,7 @@ class MatchedFrames(NamedTuple):
     limit: float
 
     def meeting(self) -> list[int]:
-        """Frames that have rows on both sides."""
+        """Frames with rows on both sides."""
         return [int(t) for t in np.flatnonzero(np.diff(self.truth_start) * np.diff(self.track_start))]
 
     def rows(self, t: int) -> tuple[slice, slice]:
@@ -93,7 +90,7 @@ class MatchedFrames(NamedTuple):
         )
 
     def compare(self, t: int) -> tuple[Floats, Floats]:
-        """(n, m) distance >= 0 and similarity in [0, 1] of all pairs of frame t."""
+        """Distances (n, m) >= 0 and similarities (n, m) in [0, 1] of all pairs in frame t."""
         left, right = self.rows(t)
         a, b = self.truth_position[left], self.track_position[right]
         if np.isnan(self.limit):
@@ -104,9 +101,9 @@ class MatchedFrames(NamedTuple):
 
 
 def _without_rounding(distance: Floats, a: Floats, b: Floats) -> Floats:
-    """Distances to the precision of the positions.
+    """Round distances to the precision of the positions.
 
-    Those of 0.3 and 0.8 and of 1000.3 and 1000.8 differ in the last bits, but must be on the same side of a limit.
+    Distances of 0.3 to 0.8 and of 1000.3 to 1000.8 differ in the last bits, but must be on the same side of a limit.
     """
     largest = max(np.abs(a).max(initial=0.0), np.abs(b).max(initial=0.0))
     if not largest:
@@ -115,7 +112,7 @@ def _without_rounding(distance: Floats, a: Floats, b: Floats) -> Floats:
 
 
 def numbered(part: MatchedFrames, truth_key: Ints, track_key: Ints) -> MatchedFrames:
-    """Frames of a part of a recording, with the numbers that targets and tracks have in the whole.
+    """Frames of a part of a recording, with target and track numbers of the whole recording.
 
     Args:
         part: frames that know of their own targets and tracks only.
@@ -135,7 +132,7 @@ def numbered(part: MatchedFrames, truth_key: Ints, track_key: Ints) -> MatchedFr
 
 
 def of_boxes(truth: Objects, tracks: Objects) -> MatchedFrames:
-    """Frames of boxes (n, 4): left, top, width, height.
+    """Create frames of boxes (n, 4): left, top, width, height.
 
     Raises:
         ValueError: a position is not finite or no box, a label comes twice in a frame of a view, or
@@ -148,7 +145,7 @@ def of_boxes(truth: Objects, tracks: Objects) -> MatchedFrames:
 
 
 def of_points(truth: Objects, tracks: Objects, limit: float) -> MatchedFrames:
-    """Frames of points (n, d), on the ground, in space or in the image.
+    """Create frames of points (n, d), on the ground, in space or in the image.
 
     Args:
         truth: the targets.
@@ -165,7 +162,7 @@ def of_points(truth: Objects, tracks: Objects, limit: float) -> MatchedFrames:
 
 
 def reaches(similarity: Floats, threshold: float) -> Bools:
-    """Whether similarities reach a threshold, up to rounding; 0 never does."""
+    """Whether similarities reach a threshold, up to rounding; a similarity of 0 never does."""
     return np.asarray((similarity >= threshold - EPS) & (similarity > EPS))
 
 
@@ -210,7 +207,7 @@ def _views(side: Objects) -> Ints:
 
 
 def _numbered(first: Ints, second: Ints) -> tuple[Ints, Ints]:
-    """Distinct pairs (n, 2) of two columns in rising order, and the number of each row's pair."""
+    """Distinct pairs (n, 2) of two columns, sorted, and the index of each row's pair."""
     a, at_a = np.unique(first, return_inverse=True)
     b, at_b = np.unique(second, return_inverse=True)
     codes, number = np.unique(at_a * max(len(b), 1) + at_b, return_inverse=True)
@@ -219,7 +216,7 @@ def _numbered(first: Ints, second: Ints) -> tuple[Ints, Ints]:
 
 
 def _sorted(side: Objects, cell: Ints, number: Ints, cells: int) -> tuple[Ints, Ints]:
-    """Rows of one side in order of frame and label, and where each frame starts."""
+    """Rows of one side sorted by frame and label, and the first row of each frame."""
     order = np.lexsort((number, cell))
     same = (np.diff(cell[order]) == 0) & (np.diff(number[order]) == 0)
     if same.any():
@@ -245,7 +242,7 @@ def _overlaps(a: Floats, b: Floats) -> Floats:
 
 @kernel
 def _distances(a: Floats, b: Floats) -> Floats:
-    """(n, m) distances of points (n, d) and (m, d)."""
+    """(n, m) Euclidean distances of points (n, d) and (m, d)."""
     out = np.zeros((len(a), len(b)))
     for i in range(len(a)):
         for j in range(len(b)):
@@ -263,14 +260,13 @@ PENDING = 1 << 18
 
 
 class TargetTrackSums:
-    """Some sums for each couple of a target and a track.
+    """Sparse sums for couples of a target and a track.
 
-    A long recording has a hundred thousand of each, of which few are ever there together: memory grows with the couples
-    that something was added to.
+    In a long recording few of the possible couples coexist: memory grows with the couples to which something was added.
     """
 
     def __init__(self, targets: int, tracks: int, sums: int = 1) -> None:
-        """Sums of 0.
+        """Create `sums` sums per couple, all 0.
 
         Args:
             targets: number of all targets.
@@ -284,7 +280,7 @@ class TargetTrackSums:
         self._waiting = 0
 
     def add(self, target: Ints, track: Ints, values: Floats) -> None:
-        """Add to some couples, of which none comes twice.
+        """Add values to couples, each of which occurs once.
 
         Args:
             target: (n,) numbers of targets.
@@ -301,7 +297,7 @@ class TargetTrackSums:
             self._settle()
 
     def at(self, target: Ints, track: Ints) -> Floats:
-        """(sums, n) sums of couples, 0 where nothing was added."""
+        """(sums, n) values of couples; 0 if nothing was added."""
         if self._matrix is not None:
             return np.asarray(self._matrix[:, target, track])
         self._settle()
@@ -314,7 +310,7 @@ class TargetTrackSums:
         return out
 
     def all(self) -> tuple[Ints, Ints, Floats]:
-        """(n,) targets and (n,) tracks of the couples that have a sum other than 0, by target and track; (sums, n)."""
+        """Targets (n,), tracks (n,) and sums (sums, n) of the couples with a nonzero sum, sorted."""
         if self._matrix is not None:
             target, track = np.nonzero(self._matrix.any(axis=0))
             return target, track, self._matrix[:, target, track]
@@ -323,7 +319,7 @@ class TargetTrackSums:
         return self._keys // tracks, self._keys % tracks, self._values
 
     def merge(self, other: TargetTrackSums) -> None:
-        """Take in the couples of other targets and tracks, which get the numbers behind these."""
+        """Append the couples of another recording, with its targets and tracks numbered after these."""
         (target, track, values), (its_target, its_track, more) = self.all(), other.all()
         tracks = self._tracks + other._tracks
         theirs = (its_target + self._targets) * tracks + its_track + self._tracks
@@ -332,7 +328,7 @@ class TargetTrackSums:
         self._matrix, self._targets, self._tracks = None, self._targets + other._targets, tracks
 
     def _settle(self) -> None:
-        """Sum up what was added since, in the order in which it was, as a matrix does."""
+        """Add up pending values, in the order in which they were added."""
         if not self._pending:
             return
         keys = np.concatenate([self._keys, *(key for key, _ in self._pending)])

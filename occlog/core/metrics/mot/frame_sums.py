@@ -1,9 +1,9 @@
-"""What each frame adds to the figures of many targets, so that parts of a recording can be reweighted.
+"""Contribution of each frame to multi-target metrics, so that parts of a recording can be reweighted.
 
-MOTA, the RMSE of pairs and rates are ratios of sums over frames.  IDF1 and HOTA become that with the identities of the
-whole recording: which track a target is given (IDF1), and how far each couple of target and track belongs together
-(HOTA's association of a pair).  Sums over all frames give exactly the figures of `identity`, `hota` and `clear_mot`;
-of a part of them they are those of the part within the recording, not of the part alone.
+MOTA, the RMSE of pairs and rates are ratios of sums over frames. IDF1 and HOTA become such ratios with the associations
+of the whole recording: the track assigned to each target (IDF1), and the association score of each couple (HOTA). Sums
+over all frames give exactly the figures of `identity`, `hota` and `clear_mot`; of a part of them they are those of the
+part within the recording, not of the part alone.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ SIZE = len(COUNTS) + 2 * A
 
 
 def frame_sums(frames: MatchedFrames, cells: int, rule: ClearRule = CLASSIC) -> Floats:
-    """(cells, SIZE) what each frame adds.
+    """(cells, SIZE) contribution of each frame.
 
     Args:
         frames: truth and tracks as points; numbers of frames are below `cells`.

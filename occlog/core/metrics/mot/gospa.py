@@ -1,4 +1,4 @@
-"""GOSPA: one distance between the set of targets and the set of estimates of each frame.
+"""GOSPA: distance between the set of targets and the set of estimates of each frame.
 
 Rahmathullah, Garcia-Fernandez and Svensson 2017, "Generalized optimal sub-pattern assignment metric".
 
@@ -24,7 +24,7 @@ from .frame_pairs import MatchedFrames, TargetTrackSums
 
 
 class Gospa(NamedTuple):
-    """The metric by frame, (T,) each; localisation + missed + false = gospa^p.
+    """GOSPA by frame, (T,) each; localisation + missed + false = gospa^p.
 
     Attributes:
         frame: number of each frame.
@@ -49,7 +49,7 @@ class Gospa(NamedTuple):
     p: float
 
     def means(self, frames: int | None = None) -> dict[str, float]:
-        """Mean over frames, and its parts (mean of their p-th powers) with `power_mean` = their sum^(1/p).
+        """Means over frames of GOSPA and of its parts (p-th powers), and `power_mean`, their sum^(1/p).
 
         Args:
             frames: number of frames to divide by, where some have neither target nor estimate; None: those given.
@@ -60,25 +60,25 @@ class Gospa(NamedTuple):
 
 
 class GospaSums:
-    """GOSPA of frames that come in parts."""
+    """Accumulates GOSPA over parts of a recording."""
 
     def __init__(self, p: float) -> None:
-        """Start without frames; the exponent."""
+        """Start without frames; p is the exponent."""
         self._p = p
         self._sums = {name: Sum() for name in ("gospa", "localisation", "missed", "false")}
 
     def update(self, part: Gospa) -> None:
-        """Add frames."""
+        """Add the GOSPA of frames."""
         for name, found in self._sums.items():
             found.add(float(np.sum(getattr(part, name))))
 
     def merge(self, other: GospaSums) -> None:
-        """Take in the frames of another recording."""
+        """Add another recording."""
         for name, found in self._sums.items():
             found.merge(other._sums[name])
 
     def means(self, frames: int) -> dict[str, float]:
-        """Means over a number of frames, as in `Gospa.means`."""
+        """Means over a number of frames, as by `Gospa.means`."""
         values = {name: found.value / max(frames, 1) for name, found in self._sums.items()}
         return {**values, "power_mean": sum(list(values.values())[1:]) ** (1.0 / self._p)}
 
@@ -130,7 +130,7 @@ def gospa(frames: MatchedFrames, cutoff: float, p: float = 2.0, alpha: float = 2
 
 
 class Ospa2(NamedTuple):
-    """The metric and its parts, unit of the distance; ospa2^p = localisation^p + cardinality^p.
+    """OSPA(2) and its parts, in the unit of distance; ospa2^p = localisation^p + cardinality^p.
 
     Attributes:
         ospa2: the metric, 0 to the cutoff.
@@ -164,7 +164,7 @@ def ospa2(frames: MatchedFrames, cutoff: float, p: float = 1.0) -> Ospa2:
 
 
 def ospa2_over_time(frames: MatchedFrames, cutoff: float, p: float, window: int, ends: Iterable[int]) -> list[Ospa2]:
-    """Compute OSPA(2) over windows of a number of frames that end with each of these frames.
+    """OSPA(2) over sliding windows of a number of frames that end at the given frames.
 
     Args:
         frames: truth and tracks of one view.
@@ -182,7 +182,7 @@ def ospa2_over_time(frames: MatchedFrames, cutoff: float, p: float, window: int,
 
 
 class _FrameCounts(NamedTuple):
-    """What one frame adds."""
+    """Contribution of one frame to the sums of OSPA(2)."""
 
     frame: int
     truth: Ints
@@ -191,10 +191,10 @@ class _FrameCounts(NamedTuple):
 
 
 class Ospa2Sums:
-    """OSPA(2) of frames that come in parts: how long each trajectory and each pair is there, and how far apart."""
+    """Accumulates OSPA(2): numbers of frames of each trajectory and pair, and their summed distances."""
 
     def __init__(self, targets: int, tracks: int, cutoff: float, p: float) -> None:
-        """Start without frames; number of all targets and tracks; ValueError for an option outside its range."""
+        """Start without frames; numbers of all targets and tracks. ValueError for an option outside its range."""
         if not (0 < cutoff < np.inf and 1 <= p < np.inf):
             raise ValueError(f"cutoff {cutoff:g} must be above 0, p {p:g} at least 1")
         self._cutoff, self._p = cutoff, p
@@ -203,12 +203,12 @@ class Ospa2Sums:
         self._couples = TargetTrackSums(targets, tracks, sums=2)
 
     def update(self, frames: MatchedFrames) -> None:
-        """Add some more frames; targets and tracks have the same numbers in all parts."""
+        """Add frames; target and track numbers are the same in all parts."""
         for t in range(len(frames.frame)):
             self.count(self.seen(frames, t), 1)
 
     def seen(self, frames: MatchedFrames, t: int) -> _FrameCounts:
-        """What frame t adds."""
+        """Contribution of frame t."""
         left, right = frames.rows(t)
         truth, track, distance = frames.truth[left], frames.track[right], np.zeros((0, 0))
         if len(truth) and len(track):
@@ -216,7 +216,7 @@ class Ospa2Sums:
         return _FrameCounts(int(frames.frame[t]), truth, track, distance)
 
     def count(self, seen: _FrameCounts, sign: int) -> None:
-        """Add a frame (sign 1), or take it away again (-1)."""
+        """Add (sign 1) or subtract (sign -1) a frame."""
         # No label comes twice in a frame, so nothing is added to twice.
         self._truth[seen.truth] += sign
         self._track[seen.track] += sign
@@ -233,7 +233,7 @@ class Ospa2Sums:
         self._couples.merge(other._couples)
 
     def result(self) -> Ospa2:
-        """OSPA(2) of the frames that are counted."""
+        """OSPA(2) of the frames added so far."""
         n, m, c = np.count_nonzero(self._truth), np.count_nonzero(self._track), self._cutoff**self._p
         if not n and not m:
             return Ospa2(0.0, 0.0, 0.0)
@@ -252,15 +252,15 @@ class Ospa2Sums:
 
 
 class Ospa2Windows:
-    """OSPA(2) over windows of a number of frames, over a stream."""
+    """OSPA(2) over sliding windows of a number of frames, over a stream."""
 
     def __init__(self, targets: int, tracks: int, cutoff: float, p: float, window: int) -> None:
-        """Start without frames; number of all targets and tracks; ValueError for an option outside its range."""
+        """Start without frames; numbers of all targets and tracks. ValueError for an option outside its range."""
         self._sums, self._window = Ospa2Sums(targets, tracks, cutoff, p), window
         self._within: deque[_FrameCounts] = deque()
 
     def update(self, frames: MatchedFrames, ends: Iterable[int]) -> Iterator[Ospa2]:
-        """OSPA(2) of the windows that end with each of some frames, which rise, up to the last one of this part."""
+        """OSPA(2) of the windows that end at the frames `ends` (increasing) of this part."""
         t = 0
         for end in ends:
             while t < len(frames.frame) and frames.frame[t] <= end:

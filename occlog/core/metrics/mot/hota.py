@@ -25,7 +25,7 @@ ALPHAS: Floats = np.arange(1, 20) / 20.0
 
 
 class Hota(NamedTuple):
-    """Figures by threshold, (A,) each; the figure that is published is the mean over thresholds.
+    """HOTA figures by threshold, (A,) each; the published HOTA is the mean over thresholds.
 
     A threshold at which nothing is paired has 0 everywhere, and `loc_a` 1, as in TrackEval.
     TP, FN and FP count pairs, true rows without a pair, and rows of tracks without one.  TPA, FNA and FPA of a
@@ -63,7 +63,7 @@ class Hota(NamedTuple):
 
 
 class Alignment:
-    """How well each target and track agree over all frames."""
+    """Accumulates the global alignment score of each target and track."""
 
     def __init__(self, targets: int, tracks: int) -> None:
         """Start without frames; number of all targets and tracks."""
@@ -72,7 +72,10 @@ class Alignment:
         self.length = np.zeros(tracks, dtype=np.int64)
 
     def update(self, frames: MatchedFrames) -> None:
-        """Add frames; a frame adds to a pair its similarity over the similarities of both to anything."""
+        """Add frames.
+
+        A pair adds its similarity over the sum of the similarities of both to anything, minus its own.
+        """
         for t in frames.meeting():
             left, right = frames.rows(t)
             similarity = frames.compare(t)[1]
@@ -85,16 +88,16 @@ class Alignment:
         self.length += np.bincount(frames.track, minlength=len(self.length))
 
     def of(self, target: Ints, track: Ints) -> Floats:
-        """(n,) alignment of couples over all frames, 0 to 1: shared rows over rows of either."""
+        """(n,) alignment scores of couples over all frames, 0 to 1: shared rows over rows of either."""
         (met,) = self._met.at(target, track)
         either = self.life[target] + self.length[track] - met
         return np.asarray(met / np.where(either > 0, either, 1.0))
 
 
 class HotaCounts:
-    """HOTA of frames that come in parts, of all of which the alignment is known.
+    """Accumulates HOTA counts, given the alignment over all frames.
 
-    A couple is a target with a track that it is ever paired with.
+    A couple is a target with a track with which it is paired at least once.
     """
 
     def __init__(self, known: Alignment, alphas: Floats = ALPHAS) -> None:
@@ -125,7 +128,7 @@ class HotaCounts:
         self._couples, self._tpa = both, counts
 
     def merge(self, other: HotaCounts) -> None:
-        """Add another recording; its targets and tracks get the numbers behind these; no frame is added after it.
+        """Add another recording, with its targets and tracks numbered after these; no frame may be added afterwards.
 
         Both have the same thresholds.
         """
@@ -187,7 +190,7 @@ def hota(frames: MatchedFrames, alphas: Floats = ALPHAS) -> Hota:
 
 
 def associations(frames: MatchedFrames, alphas: Floats = ALPHAS) -> tuple[Ints, Floats, Floats]:
-    """What each pair adds to HOTA = sqrt(sum of associations / (TP + FN + FP)).
+    """Association score of each pair, of which HOTA = sqrt(sum of associations / (TP + FN + FP)).
 
     Args:
         frames: truth and tracks.
@@ -207,7 +210,7 @@ def associations(frames: MatchedFrames, alphas: Floats = ALPHAS) -> tuple[Ints, 
 
 
 def _paired(frames: MatchedFrames) -> tuple[Ints, Ints, Ints, Ints, Floats]:
-    """Pairs of all frames, and the couples that they are of.
+    """Pairs of all frames with their couples.
 
     Returns:
         (n,) position of each pair's frame, (n,) number of its couple; of each couple the rows of its target (TPA + FNA)
@@ -221,7 +224,7 @@ def _paired(frames: MatchedFrames) -> tuple[Ints, Ints, Ints, Ints, Floats]:
 
 
 def _aligned(frames: MatchedFrames) -> Alignment:
-    """The alignment of whole tables."""
+    """Alignment scores of whole tables."""
     out = Alignment(len(frames.truth_key), len(frames.track_key))
     out.update(frames)
     return out
@@ -230,8 +233,8 @@ def _aligned(frames: MatchedFrames) -> Alignment:
 def _assigned(frames: MatchedFrames, known: Alignment) -> tuple[Ints, Ints, Ints, Floats]:
     """Frames, targets, tracks and similarities of the pairs of all frames, four arrays (n,).
 
-    In each frame the assignment has the largest sum of similarity times alignment, so that of two tracks
-    that are as near the one that agrees with the target over all frames is taken.
+    In each frame the assignment maximises similarity times alignment, so that of two equally near tracks the one that
+    agrees with the target over all frames is chosen.
     """
     none = np.zeros(0, dtype=np.int64)
     indices, targets, tracks, similarities = [none], [none], [none], [np.zeros(0)]
@@ -250,7 +253,7 @@ def _assigned(frames: MatchedFrames, known: Alignment) -> tuple[Ints, Ints, Ints
 
 
 class Identity(NamedTuple):
-    """Counts and rates; rates are NaN where nothing is there to divide by.
+    """IDF1 counts and rates; rates are NaN if the divisor is 0.
 
     Attributes:
         idtp: rows in which a target is met by the track that is given to it.
@@ -272,16 +275,16 @@ class Identity(NamedTuple):
 
 
 class IdentityCounts:
-    """IDF1 of frames that come in parts: the rows in which each target is met by each track."""
+    """Accumulates IDF1: the number of rows in which each target matches each track."""
 
     def __init__(self, targets: int, tracks: int, threshold: float = 0.5) -> None:
-        """Start without frames; number of all targets and tracks, and the minimum similarity of a match."""
+        """Start without frames; numbers of all targets and tracks, and the minimum similarity of a match."""
         self._met, self._targets = TargetTrackSums(targets, tracks), targets
         self._objects = self._estimates = 0
         self._threshold = threshold
 
     def update(self, frames: MatchedFrames) -> None:
-        """Count some more frames; targets and tracks have the same numbers in all parts."""
+        """Add frames; target and track numbers are the same in all parts."""
         self._objects, self._estimates = self._objects + len(frames.truth), self._estimates + len(frames.track)
         for t in frames.meeting():
             left, right = frames.rows(t)
@@ -296,7 +299,10 @@ class IdentityCounts:
         self._objects, self._estimates = self._objects + other._objects, self._estimates + other._estimates
 
     def result(self) -> Identity:
-        """Assign targets and tracks: the least IDFN + IDFP = N + M - 2 IDTP has the most IDTP."""
+        """Assign targets and tracks one to one with the most IDTP, and compute the figures.
+
+        This minimises IDFN + IDFP = N + M - 2 IDTP.
+        """
         n, m = self._objects, self._estimates
         target, track, (met,) = self._met.all()
         made = maximum_weight_matching(target, track, met)

@@ -1,19 +1,13 @@
-"""Trajectory GOSPA: a distance between sets of trajectories, and the linear programs that it is found by.
-
-Cuts trajectory GOSPA into programs that can be solved apart, in time as well as among targets.
-
-While a target and a track meet no other for long enough, they have each other in every solution in whole
-numbers: a solution without that for a segment would save at most three changes of price gamma^p by it, and lose what
-the segment gains.  Where both the part before and the part behind a time step gain as much, the pair is sure of that
-time step, and what comes behind it needs to know nothing of what was before.
-
-Trajectory GOSPA: one distance between the true trajectories and the tracks, with a price for every change of track.
+"""Trajectory GOSPA: distance between true trajectories and tracks, with a penalty for every track switch.
 
 Garcia-Fernandez, Rahmathullah and Svensson 2020, "A metric on the space of finite sets of trajectories for evaluation
-of multi-target tracking algorithms", IEEE Trans. Signal Processing 68; its relaxation as a linear program, which is a
-metric, too, and equal to the combinatorial form where the program's solution is whole numbers.
+of multi-target tracking algorithms", IEEE Trans. Signal Processing 68; the relaxation as a linear program, which is a
+metric, too, and equal to the combinatorial form if the solution is integral.
 
-The linear program of trajectory GOSPA for pieces of time that have to be solved together.
+The program is decomposed in time and among targets. While a target and a track are near no other for long enough, they
+are paired in every integral solution: leaving the pair would save at most three switches of gamma^p, and lose the gain
+of the segment. If both the part before and the part after a time step gain as much, the pair is fixed at that time
+step, and later steps are independent of earlier ones. The remaining pieces are solved as linear programs.
 """
 
 from __future__ import annotations
@@ -38,7 +32,7 @@ FREE, CHANGE, NOTHING = 0, 1, 2
 
 
 class TrajectoryPairs(NamedTuple):
-    """Rows of targets and tracks that meet, sorted by pair, then by time."""
+    """Rows of target-track pairs within the cutoff, sorted by pair, then by time."""
 
     truth: Ints  # target
     track: Ints
@@ -56,7 +50,7 @@ class TrajectoryPairs(NamedTuple):
 
 
 class TrajectoryPieces(NamedTuple):
-    """Pieces of time of pairs, between the time steps of which a target or a track of theirs is sure.
+    """Time pieces of pairs between the time steps at which their targets or tracks are fixed.
 
     Attributes:
         truth: (n,) number of the target in its piece of time: pieces with the same one share it.
@@ -95,7 +89,7 @@ class TrajectoryPieces(NamedTuple):
         return TrajectoryPieces._make(column[rows] for column in self)
 
     def blocks(self) -> Iterator[Ints]:
-        """Pieces that have to be solved together."""
+        """Groups of pieces that must be solved together."""
         if not len(self.truth):
             return
         targets = int(self.truth.max()) + 1
@@ -107,7 +101,7 @@ class TrajectoryPieces(NamedTuple):
 
 
 class FixedPairs(NamedTuple):
-    """Segments of time in which a pair is sure, in any order.
+    """Time segments in which a pair is fixed (present in every integral solution), in any order.
 
     Attributes:
         truth: (n,) target.
@@ -127,19 +121,19 @@ class FixedPairs(NamedTuple):
 
     @classmethod
     def of(cls, truth: Ints, track: Ints, first: Ints, last: Ints) -> FixedPairs:
-        """Pins about which nothing is done yet."""
+        """Create segments that have not been processed yet."""
         no = np.zeros(len(truth), dtype=np.bool_)
         return cls(truth, track, first, last, no, no.copy())
 
     def by(self, key: Ints) -> dict[int, Ints]:
-        """Places of the pins of each target (or track), in the order of time."""
+        """Indices of the segments of each target (or track), in the order of time."""
         order = np.lexsort((self.first, key))
         who, start = np.unique(key[order], return_index=True)
         return dict(zip(who.tolist(), np.split(order, start)[1:], strict=True))
 
 
 class FixedStretches(NamedTuple):
-    """Segments of rows of a pair in which it is sure."""
+    """Segments of rows of a pair in which it is fixed."""
 
     first: Ints  # (k,) first row of `TrajectoryPairs`
     last: Ints  # (k,) last row
@@ -149,14 +143,14 @@ class FixedStretches(NamedTuple):
     gained: Floats  # (n,) what the run of rows of the pair has gained, this row included
 
     def pins(self, pairs: TrajectoryPairs) -> FixedPairs:
-        """The segments as times."""
+        """Convert the segments from rows to times."""
         return FixedPairs.of(
             pairs.truth[self.first], pairs.track[self.first], pairs.time[self.first], pairs.time[self.last]
         )
 
 
 def sure_stretches(pairs: TrajectoryPairs, most: float, switch: float, known: Ints | None = None) -> FixedStretches:
-    """Rows in which a pair is sure, in every solution in whole numbers.
+    """Find rows in which a pair is fixed, i.e. present in every integral solution.
 
     Args:
         pairs: rows that meet.
@@ -191,16 +185,16 @@ def sure_stretches(pairs: TrajectoryPairs, most: float, switch: float, known: In
 
 
 def enough_gain(switch: float) -> float:
-    """What a pair must gain before and behind a row to be sure of it: three changes; `switch` is gamma^p."""
+    """Gain that a pair needs before and after a row to be fixed: three switches; `switch` is gamma^p."""
     return 3.0 * switch * (1.0 + 1e-9)
 
 
 def pieces_of(
     pairs: TrajectoryPairs, pins: FixedPairs, frames: int, over: tuple[Bools, Bools] | None = None
 ) -> TrajectoryPieces:
-    """Pieces of time of all pairs, between the pins of their targets and tracks.
+    """Time pieces of all pairs, between the fixed segments of their targets and tracks.
 
-    Pieces in which a pair does not meet and has no weight before or behind, and those that are done, are omitted.
+    Pieces without a row and without weight before or after, and processed pieces, are omitted.
 
     Args:
         pairs: rows that meet, sorted by pair, then by time; rows within pins may be omitted.
@@ -250,12 +244,12 @@ _BITS = 31
 
 
 def _code(truth: Ints, track: Ints) -> Ints:
-    """One number for a pair, in the order of pairs."""
+    """One integer for a pair, sorted like the pairs."""
     return (truth << _BITS) | track
 
 
 def delimiters(pieces: TrajectoryPieces, pins: FixedPairs) -> Bools:
-    """(n,) which pins are the last before pieces or the first behind them, of their targets and tracks."""
+    """(n,) mask of the fixed segments that are the last before pieces, or the first after them."""
     needed = np.zeros(len(pins.first), dtype=np.bool_)
     for key, owner in ((pins.truth, pieces.target), (pins.track, pieces.partner)):
         own = pins.by(key)
@@ -272,7 +266,7 @@ def delimiters(pieces: TrajectoryPieces, pins: FixedPairs) -> Bools:
 class _Program(NamedTuple):
     """Unknowns of one piece after another, in the order of time.
 
-    Each is the weight of the pair in a frame in which the two meet, or over a segment of other frames.
+    Each is the weight of the pair in a frame within the cutoff, or over a segment of other frames.
     """
 
     piece: Ints  # (n,) position of the piece among those that are solved together
@@ -281,7 +275,7 @@ class _Program(NamedTuple):
 
 
 def _unknowns(pairs: TrajectoryPairs, pieces: TrajectoryPieces) -> _Program:
-    """The unknowns of pieces that are solved together."""
+    """Unknowns of pieces that are solved together."""
     found: list[tuple[int, int, int]] = []
     for number, (begin, end, first, last) in enumerate(
         zip(*(column.tolist() for column in (pieces.begin, pieces.end, pieces.first, pieces.last)), strict=True)
@@ -298,7 +292,7 @@ def _unknowns(pairs: TrajectoryPairs, pieces: TrajectoryPieces) -> _Program:
 
 
 def solve(pairs: TrajectoryPairs, pieces: TrajectoryPieces, most: float, switch: float, weights: Floats) -> float:
-    """Put in the weights of the meetings, and give the sum of all changes.
+    """Solve the linear program of pieces: write the weights of the rows, and return the sum of all switches.
 
     Args:
         pairs: rows that meet.
@@ -349,7 +343,7 @@ def solve(pairs: TrajectoryPairs, pieces: TrajectoryPieces, most: float, switch:
 
 
 def _capacity(program: _Program, pieces: TrajectoryPieces) -> csr_array:
-    """(R, n) rows of ones: weights of a target, or of a track, in one frame, which add up to at most 1."""
+    """(R, n) constraint matrix: weights of a target, or of a track, in one frame sum to at most 1."""
     rows: list[Ints] = []
     begins = np.searchsorted(program.piece, np.arange(len(pieces.truth) + 1))
     for side in (pieces.truth, pieces.track):
@@ -371,7 +365,7 @@ def _capacity(program: _Program, pieces: TrajectoryPieces) -> csr_array:
 
 
 class TrajectoryGospa(NamedTuple):
-    """The metric to the power of p, summed over all frames, and its parts, which add up to it; unit^p each.
+    """Trajectory GOSPA to the power of p, summed over all frames, and its parts (sum of the parts); unit^p each.
 
     Attributes:
         total: the sum; the metric is its p-th root.
@@ -391,10 +385,10 @@ class TrajectoryGospa(NamedTuple):
 
 
 class TrajectoryCosts:
-    """Trajectory GOSPA of frames that come in parts, in the order of time.
+    """Accumulates trajectory GOSPA over parts of a recording, in the order of time.
 
-    What is sure is added up at once.  What is not is kept until nothing that comes later can have a part in it: until
-    the targets and tracks of the piece are sure of a person again, or have no rows any more.
+    Fixed pairs are added at once. Others are kept until no later frame can change them: until their targets and tracks
+    are fixed again, or have no rows any more.
     """
 
     def __init__(self, frames: int, targets: int, tracks: int, cutoff: float, switch: float, p: float = 2.0) -> None:
@@ -427,7 +421,7 @@ class TrajectoryCosts:
         self._finished = False
 
     def update(self, frames: MatchedFrames, first: int, over: tuple[Bools, Bools] | None = None) -> None:
-        """Add frames, with numbers of targets and tracks that stay the same.
+        """Add frames; target and track numbers are the same in all parts.
 
         Args:
             frames: truth and tracks.
@@ -440,7 +434,7 @@ class TrajectoryCosts:
         self._solve()
 
     def merge(self, other: TrajectoryCosts) -> None:
-        """Take in another recording, with no target and no track in common; no frame is added after it."""
+        """Add another recording without common targets or tracks; no frame may be added afterwards."""
         for each in (self, other):
             each._finish()
         self._rows = self._rows + other._rows
@@ -449,7 +443,7 @@ class TrajectoryCosts:
         self._changes.merge(other._changes)
 
     def _finish(self) -> None:
-        """Solve what is left, once all frames were added."""
+        """Solve the remaining pieces, after all frames were added."""
         if self._finished:
             return
         targets, tracks = self._over
@@ -458,7 +452,7 @@ class TrajectoryCosts:
         self._solve()
 
     def result(self) -> TrajectoryGospa:
-        """The metric of all frames, after which none can be added."""
+        """Metric of all frames; none can be added afterwards."""
         self._finish()
         half, weight = 0.5 * self._most, self._weight.value
         n, m = self._rows.tolist()
@@ -466,7 +460,7 @@ class TrajectoryCosts:
         return TrajectoryGospa(sum(parts), *parts, self._p)
 
     def _tell_sure(self, new: TrajectoryPairs) -> None:
-        """Add up the rows that are sure, and sort the others into those that may become so and those that will not."""
+        """Add the costs of fixed rows, and separate others that may become fixed from those that will not."""
         rows = TrajectoryPairs._make(
             np.concatenate(column) for column in zip(self._runs, self._later, new, strict=True)
         )
@@ -506,7 +500,7 @@ class TrajectoryCosts:
         self._runs, self._sure = kept._replace(cost=self._most - sure.gained[keep]), sure.rows[keep].astype(np.int64)
 
     def _solve(self) -> None:
-        """Solve what nothing that comes later has a part in, and forget it."""
+        """Solve the pieces that no later frame can change, and drop them."""
         pieces = pieces_of(self._loose, self._pins, self._frames, self._over)
         done = np.zeros(len(pieces.final), dtype=np.bool_)
         done[(pieces.kind != FREE) & pieces.final] = True
@@ -530,7 +524,7 @@ class TrajectoryCosts:
         self._forget(pieces, done)
 
     def _forget(self, pieces: TrajectoryPieces, done: Bools) -> None:
-        """Let go of pins about which everything is done, and which end no piece that is not."""
+        """Drop fixed segments that are processed and delimit no unprocessed piece."""
         pins = self._pins
         pins.behind[pieces.pin_before[done & (pieces.pin_before >= 0)]] = True
         pins.before[pieces.pin_behind[done & (pieces.pin_behind >= 0)]] = True
@@ -550,10 +544,9 @@ def trajectory_gospa(frames: MatchedFrames, cutoff: float, switch: float, p: flo
         sum over t of [sum over pairs of W_t(i, j) min(d, c)^p + c^p / 2 (weight of targets without a track + weight of
         tracks without a target)] + gamma^p / 2 sum over t, i, j of |W_t+1(i, j) - W_t(i, j)|.
 
-    Pairs that never are nearer than c have no weight.  In frames in which a pair is not nearer than c its weight
-    neither costs nor saves anything but the change, so that one unknown serves a whole segment of them: the weight that
-    is least anywhere in it leaves most to others and changes no more.  Pairs that share no target and no track, not
-    even by way of others, are solved apart.
+    Pairs never within c have no weight. Over a segment of frames in which a pair is not within c its weight costs only
+    its changes, so that one unknown suffices for the segment. Pairs without common targets or tracks, also indirectly,
+    are solved separately.
 
     Args:
         frames: truth and tracks.
@@ -571,7 +564,7 @@ def trajectory_gospa(frames: MatchedFrames, cutoff: float, switch: float, p: flo
 
 
 def rows_within_cutoff(frames: MatchedFrames, cutoff: float, p: float, first: int = 0) -> TrajectoryPairs:
-    """Rows that are nearer than the cutoff; `first` is the number of frames before these."""
+    """Rows of pairs within the cutoff; `first` is the number of frames before these."""
     none = np.zeros(0, dtype=np.int64)
     found = [(none, none, none, np.zeros(0))]
     for t in frames.meeting():

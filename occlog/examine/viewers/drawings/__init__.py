@@ -1,1 +1,1 @@
-"""Drawings in the world and over images: people, sensors, lines of sight, what does not move."""
+"""Drawings in the world and over images: people, sensors, lines of sight, static objects."""

@@ -1,6 +1,6 @@
-"""Drawings as messages of Foxglove, which Lichtblick shows too: scenes in space, annotations of images.
+"""Drawings as Foxglove messages (also for Lichtblick): scenes in space, and annotations of images.
 
-Drawings as clouds of coloured points: what Rerun draws of Foxglove's messages, which has no lines or areas.
+For Rerun, which does not draw Foxglove's lines and areas, drawings are clouds of coloured points.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ GROUND: Rgba = (0.06, 0.06, 0.06, 0.7)
 
 
 def scene_update(things: Iterable[DrawingGroup], t_ns: int, frame: str) -> bytes:
-    """A `foxglove.SceneUpdate` that shows these things and nothing else of its topic.
+    """`foxglove.SceneUpdate` that shows these shapes and removes all others of its topic.
 
-    Each message states all: earlier drawings go, so that a jump in time shows the same as playing up to it.
+    Since each message replaces earlier ones, a jump in time shows the same as continuous playback.
 
     Args:
         things: in metres.
@@ -76,7 +76,7 @@ def _points(points: Floats) -> list[Point3]:
 
 
 def _drawn(lines: Sequence[Polyline], dash: float) -> Iterator[Floats]:
-    """The points of each line: its corners, or the ends of its dashes."""
+    """Points of each line: its vertices, or the ends of its dashes."""
     ends = iter(dashes([line.points for line in lines if line.dashed], dash))
     return (next(ends) if line.dashed else line.points for line in lines)
 
@@ -112,7 +112,7 @@ def _add_text(entity: SceneEntity, text: Text) -> None:
 
 
 def image_annotations(things: Sequence[DrawingGroup], t_ns: int) -> bytes:
-    """A `foxglove.ImageAnnotations` of lines and words over an image, in its pixels, their centres at whole numbers."""
+    """`foxglove.ImageAnnotations` with lines and texts over an image, in pixels (centres at integers)."""
     message = ImageAnnotations()
     if "timestamp" in ImageAnnotations.DESCRIPTOR.fields_by_name:  # since 0.4 of the schemas
         message.timestamp.FromNanoseconds(t_ns)
@@ -147,7 +147,7 @@ PLACED = np.dtype([("xyz", "<f4", 3), ("rgba", "u1", 4)])
 
 
 def point_cloud(things: Iterable[DrawingGroup], t_ns: int, frame: str) -> bytes:
-    """A `foxglove.PointCloud` along the lines and edges of things [m], then of their dots; words are skipped."""
+    """`foxglove.PointCloud` along the lines and edges of shapes [m], then of their dots; texts are omitted."""
     things = list(things)
     cut = iter(_cut([line for thing in things for line in thing.lines], DASH))
     ways: list[Floats] = []
@@ -168,7 +168,7 @@ def point_cloud(things: Iterable[DrawingGroup], t_ns: int, frame: str) -> bytes:
 
 
 def image_cloud(things: Sequence[DrawingGroup], t_ns: int, frame: str, camera: Camera) -> bytes:
-    """The lines over an image as a `foxglove.PointCloud` in a plane before the camera, where they cover the image.
+    """Lines over an image as a `foxglove.PointCloud` in a plane in front of the camera, where they cover the image.
 
     Args:
         things: in pixels as recorded, their centres at whole numbers.
@@ -187,7 +187,7 @@ def image_cloud(things: Sequence[DrawingGroup], t_ns: int, frame: str, camera: C
 
 
 def _message(points: Floats, counts: Ints, colours: Sequence[Rgba], t_ns: int, frame: str) -> bytes:
-    """Points (N, 3), of which each colour has its count, one colour after another."""
+    """Message of points (N, 3), coloured in runs of the given counts."""
     packed = np.zeros(len(points), dtype=PLACED)
     if len(points):
         packed["xyz"] = points
@@ -205,13 +205,13 @@ def _message(points: Floats, counts: Ints, colours: Sequence[Rgba], t_ns: int, f
 
 
 def _cut(lines: Sequence[Polyline], dash: float) -> list[list[Floats]]:
-    """The ways (k, d) of each line that are drawn: all of it, or its dashes."""
+    """Polylines (k, d) that are drawn: each line, or its dashes."""
     ends = iter(dashes([line.points for line in lines if line.dashed], dash))
     return [list(next(ends).reshape(-1, 2, line.points.shape[1])) if line.dashed else [line.points] for line in lines]
 
 
 def _column(column: Cylinder) -> list[Floats]:
-    """Both rims of a cylinder, and four of its sides."""
+    """Lines of a cylinder: both rims, and four vertical ones."""
     ring = around(column.foot[:2], np.full(2, 0.5 * column.width))
     low, high = float(column.foot[2]), float(column.foot[2]) + column.height
     sides = [np.array([[*ring[k], low], [*ring[k], high]]) for k in range(0, len(ring) - 1, len(ring) // 4)]
@@ -219,7 +219,7 @@ def _column(column: Cylinder) -> list[Floats]:
 
 
 def _edges(fill: Fill) -> list[Floats]:
-    """The edges that belong to one triangle only: the border of an area."""
+    """Border of an area: the edges that belong to one triangle only."""
     corners = np.round(fill.corners, 6).reshape(-1, 3, 3)
     edges: dict[tuple[tuple[float, ...], ...], int] = {}
     for triangle in corners.tolist():

@@ -1,4 +1,4 @@
-"""Targets at one time: in space as columns with ellipses, trails and names, and as a camera sees them."""
+"""Drawings of targets at one time: in space with ellipses, trails and names, and as seen by a camera."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ NAME_SIZE, NAME_PX = 0.3, 14.0
 
 @dataclass(frozen=True, eq=False)
 class PersonEstimate:
-    """The estimate of a target [m]."""
+    """Estimate of a target [m], for drawing."""
 
     t_ns: int
     target: int
@@ -59,26 +59,26 @@ class PersonEstimate:
 
     @property
     def unsure(self) -> bool:
-        """True if it is drawn dashed: no camera sees it, or a check contradicts it."""
+        """Whether it is drawn dashed: coasting, or with a quality flag."""
         return bool(self.quality_flags) or (self.seen_by is not None and not self.seen_by)
 
     @cached_property
     def rim(self) -> Floats | None:
-        """(k, 2) around the 95 % ellipse of its position; None where that is not known."""
+        """(k, 2) points of the 95 % ellipse of its position; None if unknown."""
         return rim(self.xy, self.covariance) if np.isfinite(self.covariance).all() else None
 
     @cached_property
     def body(self) -> Floats:
-        """(2 n, 3) around its feet and its head."""
+        """(2 n, 3) points around the feet and the head."""
         ring = around(self.xy, np.full(2, 0.5 * self.width))
         return np.vstack([at_height(ring, self.floor), at_height(ring, self.floor + self.height)])
 
 
 class Palette:
-    """Colours of targets, in the order of their identities."""
+    """Colours of targets, by order of identity."""
 
     def __init__(self, targets: Iterable[int]) -> None:
-        """Take all the identities that there are."""
+        """`targets`: all identities."""
         self._index = {target: n for n, target in enumerate(sorted(set(targets)))}
 
     def __len__(self) -> int:
@@ -86,7 +86,7 @@ class Palette:
         return len(self._index)
 
     def __call__(self, target: int) -> Rgba:
-        """Colour of one; grey for a stranger."""
+        """Colour of a target; grey for an unknown one."""
         if target not in self._index:
             return GREY
         r, g, b = target_rgb(self._index[target])
@@ -94,15 +94,15 @@ class Palette:
 
 
 class DiagnosticsDrawing:
-    """Latest filter output for each target that tracks do not contain: the sensors that see it, and uncertainties."""
+    """Latest filter diagnostics of each target: sensors that detect it, quality flags."""
 
     def __init__(self) -> None:
-        """Create empty drawings."""
+        """Start without diagnostics."""
         self.quality_flags: dict[int, str] = {}
         self.seen_by: dict[int, frozenset[str] | None] = {}
 
     def add(self, rows: Diagnostics) -> None:
-        """Take the rows of one time."""
+        """Add the rows of one time."""
         for k, target in enumerate(rows.target_id.tolist()):
             self.quality_flags[target] = str(rows.quality_flags[k]) or str(rows.fallback[k])
             names = frozenset(filter(None, str(rows.seen_by[k]).split(",")))
@@ -111,7 +111,7 @@ class DiagnosticsDrawing:
 
 
 def people_of(rows: Tracks, metres: float, diagnostics: DiagnosticsDrawing | None = None) -> list[PersonEstimate]:
-    """The targets of rows of one time.
+    """Estimates of the targets in rows of one time.
 
     Args:
         rows: of tracks, one a target.
@@ -148,16 +148,16 @@ def people_of(rows: Tracks, metres: float, diagnostics: DiagnosticsDrawing | Non
 
 
 class PeopleDrawing:
-    """The latest estimate of each target, and where it was in the last seconds."""
+    """Latest estimate of each target, and its trail over the last seconds."""
 
     def __init__(self, palette: Palette, trail_ns: int = TRAIL_NS) -> None:
-        """Create an empty list of people."""
+        """Start without targets."""
         self._palette, self._trail_ns = palette, trail_ns
         self._people: dict[int, PersonEstimate] = {}
         self._trails: dict[int, deque[tuple[int, Floats]]] = {}
 
     def add(self, people: Iterable[PersonEstimate]) -> None:
-        """Take the estimates of one time."""
+        """Add the estimates of one time."""
         for person in people:
             self._people[person.target] = person
             trail = self._trails.setdefault(person.target, deque())
@@ -166,23 +166,23 @@ class PeopleDrawing:
                 trail.popleft()
 
     def at(self, t_ns: int) -> list[PersonEstimate]:
-        """The targets that are there, by identity; those not heard of for long are forgotten."""
+        """Current targets, by identity; those without recent estimates are dropped."""
         for target in [name for name, person in self._people.items() if person.t_ns < t_ns - STALE_NS]:
             del self._people[target], self._trails[target]
         return [self._people[target] for target in sorted(self._people)]
 
     def find(self, target: int) -> PersonEstimate | None:
-        """The latest estimate of one."""
+        """Latest estimate of a target."""
         return self._people.get(target)
 
     def trail(self, target: int) -> Floats:
-        """(k, 2) where a target was, the earliest first; at most `TRAIL_POINTS`, evenly taken."""
+        """(k, 2) trail of a target, earliest first; at most `TRAIL_POINTS`, evenly selected."""
         points = np.array([xy for _, xy in self._trails[target]])
         keep = np.unique(np.linspace(0, len(points) - 1, min(len(points), TRAIL_POINTS)).round().astype(np.int64))
         return np.asarray(points[keep])
 
     def in_space(self, t_ns: int) -> list[DrawingGroup]:
-        """Drawings in space at a time."""
+        """Shapes in space at a time."""
         return [self._in_space(person) for person in self.at(t_ns)]
 
     def _in_space(self, person: PersonEstimate) -> DrawingGroup:
@@ -199,7 +199,10 @@ class PeopleDrawing:
         return DrawingGroup(f"target {person.target}", lines, [body], texts=[name])
 
     def in_image(self, camera: Camera, metres: float, t_ns: int) -> list[DrawingGroup]:
-        """The targets as a camera sees them: outline and ellipse on the floor, dashed for those it does not see."""
+        """Shapes over a camera's image.
+
+        Outline and floor ellipse of each target, dashed if the camera does not detect it.
+        """
         things = []
         for person in self.at(t_ns):
             box = body_in_image(person, camera, metres)
@@ -217,12 +220,12 @@ class PeopleDrawing:
 
 
 def name_of(person: PersonEstimate) -> str:
-    """Number of a person's track, with a question mark where the identity is ambiguous."""
+    """Number of a person's track, with a question mark if the identity is ambiguous."""
     return f"{person.target}?" if person.quality_flags else str(person.target)
 
 
 def true_in_space(rows: Truth, metres: float) -> list[DrawingGroup]:
-    """True positions: white columns without filling, and grey ones for occluders."""
+    """True positions: white columns, and grey ones for occluders."""
     things = []
     for role, target, x, y in zip(
         rows.role.tolist(), rows.target_id.tolist(), rows.x.tolist(), rows.y.tolist(), strict=True
@@ -236,7 +239,10 @@ def true_in_space(rows: Truth, metres: float) -> list[DrawingGroup]:
 
 
 def body_in_image(person: PersonEstimate, camera: Camera, metres: float) -> Floats | None:
-    """(4,) left, top, right, bottom [px] around a person; None where it is not wholly before the camera, or outside."""
+    """(4,) left, top, right, bottom [px] of a person.
+
+    None if not entirely in front of the camera, or outside the image.
+    """
     away = person.xy / metres - camera.ground
     aside = float(wrap_angle(np.arctan2(away[1], away[0]) - camera.yaw))
     pixels = camera.project(person.body / metres)
@@ -250,7 +256,7 @@ def body_in_image(person: PersonEstimate, camera: Camera, metres: float) -> Floa
 
 
 def feet_in_image(person: PersonEstimate, camera: Camera, metres: float) -> Floats | None:
-    """(k, 2) the 95 % ellipse of the position on the floor as the camera sees it [px]; None where it does not."""
+    """(k, 2) projected 95 % ellipse of the position on the floor [px]; None if not visible."""
     if person.rim is None or not camera.above_floor:
         return None
     pixels = camera.project(at_height(person.rim, person.floor) / metres)
@@ -258,13 +264,13 @@ def feet_in_image(person: PersonEstimate, camera: Camera, metres: float) -> Floa
 
 
 def corners(box: Floats) -> Floats:
-    """(5, 2) the way around left, top, right, bottom."""
+    """(5, 2) closed polyline of the edges left, top, right, bottom."""
     left, top, right, bottom = box.tolist()
     return np.array([[left, top], [right, top], [right, bottom], [left, bottom], [left, top]])
 
 
 def tracked_in_image(rows: ViewTracks, palette: Palette) -> list[DrawingGroup]:
-    """Ellipses of trackers in an image; dashed where neighbours push them and no view helps, or they are hidden."""
+    """Ellipses of image trackers; dashed if interactions are unresolved, or if occluded."""
     helped = rows.assisting_views != ""
     dashed = ((rows.neighbours != "") & ~helped) | (rows.likelihood_mode == GROUND)
     things = []
@@ -280,7 +286,7 @@ def tracked_in_image(rows: ViewTracks, palette: Palette) -> list[DrawingGroup]:
 
 
 def boxes_in_image(rows: Boxes | Views | TruthBoxes) -> list[DrawingGroup]:
-    """Boxes: of a detector in grey; true ones in white, dashed where the target is hidden."""
+    """Boxes of a detector (grey), or true boxes (white, dashed if the target is occluded)."""
     true = isinstance(rows, TruthBoxes)
     if isinstance(rows, Boxes):  # a frame without boxes has a row without one
         rows = rows.take(rows.box >= 0)

@@ -1,8 +1,6 @@
-"""Drawings in the world and over images, before it is coded for a viewer.
+"""Shapes in the world and over images, independent of the viewer.
 
-Many ways through points at once: dashes of them, and points close together along them.
-
-An image has hundreds of short ways, which one after another would take most of the time of an export.
+Dashes and dense points along many polylines are computed together for speed.
 """
 
 from __future__ import annotations
@@ -34,7 +32,7 @@ SIGMAS_95 = float(np.sqrt(5.991))
 
 @dataclass(frozen=True)
 class Polyline:
-    """A way through points (k, 3) in the world or (k, 2) in an image; `dashed`: every other piece."""
+    """Polyline through points (k, 3) in the world or (k, 2) in an image; `dashed`: every other section is drawn."""
 
     points: Floats
     colour: Rgba
@@ -62,7 +60,7 @@ class Fill:
 
 @dataclass(frozen=True)
 class Text:
-    """Words at a point (3,) of the world or (2,) of an image; `size` is their height."""
+    """Text at a point (3,) of the world or (2,) of an image; `size` is its height."""
 
     at: Floats
     words: str
@@ -72,7 +70,7 @@ class Text:
 
 @dataclass(frozen=True)
 class Dots:
-    """Points (n, 3) of the world, each for itself."""
+    """Separate points (n, 3) in the world."""
 
     points: Floats
     colour: Rgba
@@ -80,7 +78,7 @@ class Dots:
 
 @dataclass(frozen=True)
 class DrawingGroup:
-    """Group of shapes, such as all of a person; shapes of one name are adjacent."""
+    """Named group of shapes, such as all of one person."""
 
     name: str
     lines: Sequence[Polyline] = field(default=())
@@ -91,19 +89,19 @@ class DrawingGroup:
 
 
 def faded(colour: Rgba, opacity: float) -> Rgba:
-    """The colour, more or less transparent."""
+    """The colour with another opacity."""
     return (*colour[:3], opacity)
 
 
 def smaller(thing: DrawingGroup, shrunk: float) -> DrawingGroup:
-    """A thing over an image that is made smaller; pixels have their centres at whole numbers in both."""
+    """Scale a shape over an image to a reduced image (pixel centres at integers in both)."""
     lines = [replace(line, points=shrunk * (line.points + 0.5) - 0.5) for line in thing.lines]
     texts = [replace(text, at=shrunk * (text.at + 0.5) - 0.5) for text in thing.texts]
     return replace(thing, lines=lines, texts=texts)
 
 
 def rim(middle: Floats, covariance: Floats) -> Floats:
-    """(RIM + 1, 2) points around the ellipse that holds 95 % of a Gaussian, the first again at the end.
+    """(RIM + 1, 2) points of the 95 % ellipse of a Gaussian, closed.
 
     Args:
         middle: (2,).
@@ -114,27 +112,27 @@ def rim(middle: Floats, covariance: Floats) -> Floats:
 
 
 def around(middle: Floats, half: Floats, axes: Floats | None = None) -> Floats:
-    """(RIM + 1, 2) points around an ellipse with half axes (2,) along the columns of (2, 2) `axes`."""
+    """(RIM + 1, 2) points of an ellipse with half axes (2,) along the columns of `axes` (2, 2)."""
     unit = UNIT_CIRCLE * half
     return np.asarray(middle + (unit if axes is None else unit @ axes.T))
 
 
 def at_height(points: Floats, z: float) -> Floats:
-    """(k, 3) points of the plan at a height."""
+    """(k, 3) points of the plan at height z."""
     out = np.empty((len(points), 3))
     out[:, :2], out[:, 2] = points, z
     return out
 
 
 def fan(polygon: Floats, z: float) -> Floats:
-    """(3 (k - 2), 3) triangles of a convex polygon (k, 2) at a height; both sides are seen in all viewers."""
+    """(3 (k - 2), 3) triangles of a convex polygon (k, 2) at height z; viewers show both sides."""
     n = len(polygon) - 2
     order = np.column_stack([np.zeros(n, dtype=np.int64), np.arange(1, n + 1), np.arange(2, n + 2)])
     return at_height(polygon[order.reshape(-1)], z)
 
 
 def triangles(polygon: Floats, z: float) -> Floats:
-    """(3 k, 3) triangles of any simple polygon (K, 2) at a height."""
+    """(3 k, 3) triangles of a simple polygon (K, 2) at height z."""
     import shapely
 
     parts = shapely.constrained_delaunay_triangles(shapely.Polygon(polygon)).geoms
@@ -146,7 +144,7 @@ MIN_DASHES, MAX_DASHES = 6, 200
 
 
 class EqualLengthPolylines(NamedTuple):
-    """The ways of as many points.
+    """Polylines with the same number of points, as one array.
 
     Attributes:
         which: (m,) they are.
@@ -160,7 +158,7 @@ class EqualLengthPolylines(NamedTuple):
 
 
 def dashes(ways: Sequence[Floats], length: float) -> list[Floats]:
-    """(2 n, d) ends of the dashes of each way, of about `length`, with gaps as long between them.
+    """(2 n, d) ends of dashes along each polyline, about `length` long, with equal gaps.
 
     Args:
         ways: points (k, d), k > 1, of one d.
@@ -178,7 +176,7 @@ def dashes(ways: Sequence[Floats], length: float) -> list[Floats]:
 
 
 def dense(ways: Sequence[Floats], step: float, most: int) -> tuple[Floats, Ints]:
-    """Points along ways, evenly from the first to the last of each, and how many each has.
+    """Points along polylines, evenly spaced from the first to the last of each, and the number on each.
 
     Args:
         ways: points (k, d), k > 1, of one d; at least one way.
@@ -216,7 +214,7 @@ def _totals(groups: Sequence[EqualLengthPolylines], count: int) -> Floats:
 
 
 def _at(groups: Sequence[EqualLengthPolylines], wanted: Floats, counts: Ints) -> Floats:
-    """Points (N, d) at distances `wanted` (N,) along all ways, of which each has its count of them, in order."""
+    """(N, d) points at distances `wanted` (N,) along all polylines; `counts` of them on each, in order."""
     if len(groups) == 1:
         return _between(groups[0], counts, wanted)
     out, begins = np.empty((len(wanted), groups[0].points.shape[2])), np.cumsum(counts) - counts
@@ -228,7 +226,7 @@ def _at(groups: Sequence[EqualLengthPolylines], wanted: Floats, counts: Ints) ->
 
 
 def _between(group: EqualLengthPolylines, counts: Ints, wanted: Floats) -> Floats:
-    """(n, d) at distances (n,) along the ways of a group, of which each has its count; as `np.interp` does it."""
+    """(n, d) points at distances (n,) along the polylines of a group, interpolated like `np.interp`."""
     points, along = group.points, group.along
     size, axes = points.shape[1:]
     owner = np.repeat(np.arange(len(points)), counts)
@@ -246,7 +244,7 @@ def _between(group: EqualLengthPolylines, counts: Ints, wanted: Floats) -> Float
 
 
 def _passed(along: Floats, counts: Ints, wanted: Floats) -> Ints:
-    """(n,) how many points of its way are behind each distance, the first skipped."""
+    """(n,) number of vertices of the polyline before each distance, excluding the first."""
     if along.shape[1] == 2:
         return (wanted >= np.repeat(along[:, 1], counts)).astype(np.int64)
     parts = np.split(wanted, np.cumsum(counts)[:-1])
@@ -254,5 +252,5 @@ def _passed(along: Floats, counts: Ints, wanted: Floats) -> Ints:
 
 
 def _from_zero(counts: Ints) -> Ints:
-    """0, 1, ... for each count, one after another."""
+    """Concatenated ranges 0, 1, ..., count - 1 for each count."""
     return np.arange(int(counts.sum())) - np.repeat(np.cumsum(counts) - counts, counts)

@@ -1,8 +1,7 @@
-"""Static parts of a scene: the floor, walls, static occluders and what they hide, names of sensors.
+"""Static parts of a scene, sensor poses and calibrations, and observations of sensors, for viewers.
 
-Where sensors are and how cameras see, as messages of Foxglove.
-
-Observations of sensors: lines of sight, which cameras were selected, and what people hide from cameras.
+Floor, walls, static occluders with their shadows, names of sensors; lines of sight, selected cameras, and what people
+hide from cameras.
 """
 
 from __future__ import annotations
@@ -51,18 +50,18 @@ MODELS = {"brown": ("plumb_bob", 5), "opencv": ("rational_polynomial", 8), "equi
 
 
 def world_of(scene: Scene | None) -> str:
-    """Name of the world's frame of reference; those of sensors have their names."""
+    """Name of the world frame, different from all sensor names (which name their frames)."""
     names = () if scene is None else [sensor.name for sensor in scene.sensors]
     return WORLD if WORLD not in names else f"{WORLD}_"
 
 
 def placed(scene: Scene) -> list[Camera | MicrophoneArray]:
-    """The sensors with known poses."""
+    """Sensors with known poses."""
     return [*(camera for camera in scene.cameras if camera.placed), *scene.arrays]
 
 
 def frame_transforms(scene: Scene, t_ns: int, metres: float) -> bytes:
-    """A `foxglove.FrameTransforms` with the pose of each sensor in the world; lengths in metres, `metres` a unit."""
+    """`foxglove.FrameTransforms` with the pose of each sensor; `metres`: metres per length unit."""
     message = FrameTransforms()
     for sensor in placed(scene):
         entry = message.transforms.add(parent_frame_id=world_of(scene), child_frame_id=sensor.name)
@@ -77,8 +76,8 @@ def frame_transforms(scene: Scene, t_ns: int, metres: float) -> bytes:
 def camera_calibration(camera: Camera, size: tuple[int, int], t_ns: int) -> bytes:
     """A `foxglove.CameraCalibration` for images of `size` (width, height).
 
-    Models of distortion that viewers do not know (`tsai`, thin prisms and tilted sensors) are skipped: what they
-    project themselves is then off towards the edges of images.
+    Distortion models that viewers do not support (`tsai`, thin prism, tilted sensor) are omitted, so that their
+    projections are inaccurate towards the image edges.
     """
     fx, fy = camera.focal_px.tolist()
     cx, cy = camera.principal_px.tolist()
@@ -101,7 +100,7 @@ def camera_calibration(camera: Camera, size: tuple[int, int], t_ns: int) -> byte
 
 
 def smaller_camera(camera: Camera, shrunk: float) -> Camera:
-    """The camera of images that are made smaller."""
+    """The camera for reduced images."""
     return replace(
         camera,
         focal_px=shrunk * camera.focal_px,
@@ -119,7 +118,7 @@ LIFTED = 0.01
 
 
 def plan(scene: Scene, metres: float) -> list[DrawingGroup]:
-    """The plan [m]; `metres` is the length of the scene's unit."""
+    """Shapes of the plan [m]; `metres`: metres per length unit."""
     things: list[DrawingGroup] = []
     if scene.room is not None:
         room = metres * scene.room
@@ -153,7 +152,7 @@ def _prism(occluder: Occluder, metres: float) -> DrawingGroup:
 
 
 def static_shadows(scene: Scene, metres: float) -> list[DrawingGroup]:
-    """The parts of the floor behind static occluders, for each camera [m]."""
+    """Parts of the floor hidden by static occluders, for each camera [m]."""
     things = []
     room = walls(scene, metres)
     for camera in (c for c in scene.cameras if c.placed):
@@ -166,17 +165,17 @@ def static_shadows(scene: Scene, metres: float) -> list[DrawingGroup]:
 
 
 def walls(scene: Scene, metres: float) -> Polygon | None:
-    """Boundary of shadows: the convex hull of the room [m]; None without a room."""
+    """Boundary of shadows: convex hull of the room [m]; None without a room."""
     import shapely
 
     return None if scene.room is None else shapely.convex_hull(shapely.MultiPoint(metres * scene.room))
 
 
 def shadows(eyes: Floats, bases: Floats, heights: Floats, room: Polygon | None) -> list[Floats | None]:
-    """(k, 2) convex part of the floor that each upright prism hides from its eye, its own base with it [m].
+    """(k, 2) convex part of the floor [m] that each upright prism hides from a camera, including its base.
 
-    A prism as high as the eye hides all behind it, up to the walls; a lower one up to where the floor is seen again
-    over its top. None where there is no such part.
+    A prism as high as the camera hides everything behind it, up to the walls; a lower one up to where the floor is
+    visible over its top. None if nothing is hidden.
 
     Args:
         eyes: (n, 3).
@@ -215,18 +214,18 @@ AROUND = np.column_stack([np.cos(_TURNS), np.sin(_TURNS)])
 
 
 class SightDrawing:
-    """Draws what the sensors of a scene saw."""
+    """Draws the observations of a scene's sensors."""
 
     def __init__(self, scene: Scene, metres: float, palette: Palette, crowd: PeopleDrawing) -> None:
-        """Take the scene, the length of its unit [m], the colours, and where targets are."""
+        """`metres`: metres per length unit; `crowd`: current positions of targets."""
         self._scene, self._metres, self._palette, self._crowd = scene, metres, palette, crowd
         self._sensors: Mapping[str, Camera | MicrophoneArray] = {sensor.name: sensor for sensor in placed(scene)}
         self._walls = walls(scene, metres)
 
     def lines(self, sensor: str, targets: Sequence[int], azimuths: Sequence[float]) -> list[DrawingGroup] | None:
-        """Lines of sight of one sensor and time.
+        """Lines of sight of one sensor at one time.
 
-        They end at the target; a dashed grey one leads to a target that the sensor searched for and did not see.
+        They end at the target; a dashed grey line leads to a target that the sensor did not detect.
 
         Args:
             sensor: its name.
@@ -249,7 +248,7 @@ class SightDrawing:
         return things
 
     def chosen(self, names: Iterable[str]) -> list[DrawingGroup]:
-        """A mark at each camera that was selected."""
+        """Marks at the selected cameras."""
         things = []
         for name in names:
             if name in self._sensors:
@@ -258,7 +257,7 @@ class SightDrawing:
         return things
 
     def shadows(self, t_ns: int) -> list[DrawingGroup]:
-        """The parts of the floor that people hide from each camera."""
+        """Parts of the floor that people hide from each camera."""
         people = self._crowd.at(t_ns)
         cameras = [c for c in self._scene.cameras if c.placed]
         if not people or not cameras:
@@ -294,7 +293,7 @@ def _missed(eye: Floats, person: PersonEstimate | None) -> Polyline | None:
 
 
 def moving_occluders(middles: Floats, covariances: Floats, metres: float) -> list[DrawingGroup]:
-    """Ellipses of moving occluders as the tracker was given.
+    """Ellipses of the priors of moving occluders used by the tracker.
 
     Args:
         middles: (n, 2).

@@ -1,1 +1,1 @@
-"""People as regions that differ from the empty scene: found, chosen for targets, made rows."""
+"""Detection of people by background subtraction: regions, assignment to targets, rows."""

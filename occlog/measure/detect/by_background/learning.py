@@ -1,8 +1,8 @@
-"""A first pass at a recording: the empty scene, the size of people, and the target's appearance.
+"""Learning pass over a recording: empty scene, size of people, and appearance of targets.
 
-Of each camera some frames are kept, spread evenly over the recording; the rest is not
-decoded.  The camera's empty scene, how large people are where the
-camera's pose does not determine, and what a person in a given box resembles come from these.
+Some frames of each camera, spread evenly over the recording, are kept; others are not decoded. From them follow the
+empty scene, the size of people if the camera's pose does not determine it, and the appearance of a person in a given
+box.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ MIN_PIXELS = 30  # of foreground in a box, for an appearance
 
 @dataclass(frozen=True)
 class TargetBox:
-    """A box drawn around a target in one frame."""
+    """A box around a target in one frame, drawn by the user."""
 
     target_id: int
     sensor: str
@@ -49,10 +49,9 @@ class TargetBox:
 
 @dataclass
 class LearningFrames:
-    """Frames of one camera kept for learning, at most `limit` of them, evenly spread.
+    """Frames of one camera kept for learning, at most `limit`, evenly spread.
 
-    Every `stride`-th frame is kept; when there are too many, every second one is dropped
-    and the stride doubles.
+    Every `stride`-th frame is kept; when there are too many, every second one is dropped and the stride doubles.
     """
 
     limit: int = 2
@@ -69,11 +68,11 @@ class LearningFrames:
         return (self.shape[1], self.shape[0]) if self.shape is not None else (0, 0)
 
     def wants(self, number: int) -> bool:
-        """True if frame `number` of the camera (from 0) is to be kept."""
+        """Whether frame `number` of the camera (from 0) is to be kept."""
         return number % self.stride == 0
 
     def keep(self, number: int, image: Image) -> None:
-        """Keep an image that `wants` asked for."""
+        """Keep an image selected by `wants`."""
         if len(self.images) == self.limit:
             self.images = self.images[::2]
             self.stride *= 2
@@ -118,7 +117,7 @@ def learn_from(
     boxes: Sequence[TargetBox] = (),
     workers: int = 1,
 ) -> tuple[Learned, tuple[Target, ...]]:
-    """Learn as `learn` does from the frames of each camera that `sample_frames` kept."""
+    """Learn as `learn` does, from the frames kept by `sample_frames`."""
 
     def study(name: str) -> _LearntCamera | None:
         return _study(samples[name], scene.camera(name), scene, config)
@@ -135,7 +134,7 @@ def learn_from(
 def sample_frames(
     frames: Iterable[Frame], scene: Scene, config: DetectConfig, boxes: Sequence[TargetBox] = ()
 ) -> dict[str, LearningFrames]:
-    """Frames of each camera that are kept for learning: spread evenly over the recording, and those of boxes."""
+    """Frames of each camera kept for learning: spread evenly over the recording, and those with boxes."""
     wanted = {(b.sensor, b.frame) for b in boxes}
     samples: dict[str, LearningFrames] = {}
     for frame in frames:
@@ -158,20 +157,20 @@ def sample_frames(
 
 
 def _begin(samples: LearningFrames, image: Image, name: str, scene: Scene, config: DetectConfig) -> None:
-    """Set the shape, the shrinking and the number of samples from a camera's first image."""
+    """Set image shape, downscaling factor and number of samples from a camera's first image."""
     samples.shape = image.shape
     samples.shrink = shrink_of(scene.camera(name), scene, samples.size, config)
     samples.limit = sample_limit(downscale(image, samples.shrink).nbytes, len(scene.cameras))
 
 
 def sample_limit(image_bytes: int, n_cameras: int) -> int:
-    """Maximum number of samples per camera by memory; an even number, since every second one is dropped when full."""
+    """Maximum number of samples per camera in memory (even, since every second one is dropped when full)."""
     fits = SAMPLE_BYTES // max(1, image_bytes * n_cameras)
     return int(np.clip(fits, MIN_SAMPLES, MAX_SAMPLES)) // 2 * 2
 
 
 def _study(samples: LearningFrames, camera: Camera, scene: Scene, config: DetectConfig) -> _LearntCamera | None:
-    """The empty scene, and sizes of people unless the camera's pose determines them; None without images."""
+    """Empty scene, and sizes of people unless the camera's pose determines them; None without images."""
     if not samples.images:
         return None
     sizes = known_sizes(camera, scene, samples.size, config)
@@ -200,7 +199,7 @@ def _targets(boxes: Sequence[TargetBox], samples: dict[str, LearningFrames], lea
 
 
 def appearance_in_box(image: Image, empty: Image | None, box: TargetBox) -> Floats:
-    """(72,) appearance of what differs from the empty scene inside a box.
+    """(72,) colour histogram of the foreground inside a box.
 
     Args:
         image: (height, width, 3) BGR or (height, width) grey.

@@ -1,8 +1,5 @@
-"""Regions in the frames of one camera: decode, subtract the background, find people-sized regions.
-
-Frames that cannot be used become losses.
-
-Choose the region of each target: by appearance, and among equals by where the target was last seen.
+"""Detection in the frames of one camera: decode, subtract the background, find person-sized regions, and assign them to
+targets. Unusable frames become losses. Targets are assigned by appearance, and by their last position.
 """
 
 from __future__ import annotations
@@ -61,7 +58,7 @@ MAX_JUMP_WIDTHS = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """A person to search for, known by appearance; InputError where a row of `appearances` is no histogram."""
+    """A person to search for, with appearances; InputError if a row of `appearances` is not a histogram."""
 
     target_id: int
     appearances: Floats  # (n, 72) histograms of one person, in several views or lights
@@ -85,13 +82,13 @@ def check_targets(targets: Sequence[Target]) -> None:
 
 @dataclass
 class TargetMemory:
-    """The position where one camera last saw each target: number of the target to time [ns], x and y [px]."""
+    """Last detection of each target in one camera: target number to time [ns], x and y [px]."""
 
     last: dict[int, tuple[int, float, float]] = field(default_factory=dict)
 
 
 def similarities(appearance: Floats, targets: Sequence[Target]) -> Floats:
-    """(K, T) similarity of regions (K, 72) to each target: that to its best appearance, NaN where a row has NaN."""
+    """(K, T) similarity of regions (K, 72) to each target (to its most similar appearance); NaN for NaN rows."""
     columns = [similarity(appearance, target.appearances).max(axis=1, initial=-np.inf) for target in targets]
     return np.column_stack(columns) if columns else np.empty((len(appearance), 0))
 
@@ -104,13 +101,12 @@ def choose(
     least_likeness: float,
     allowed: Bools | None = None,
 ) -> Ints:
-    """Choose the region of each target in one frame, and update `memory`.
+    """Assign a region to each target in one frame, and update `memory`.
 
-    With appearances, pairs of target and region are taken greedily in falling order of
-    similarity plus `CONTINUITY_BONUS` times closeness, each region for one target at most, while the
-    similarity is at least `min_similarity`.  Without appearances there is one target: the
-    region with the most foreground times 1 + closeness, so that it does not change between
-    regions of about the same size.  A region of more than `MAX_CLUSTER_RATIO` persons' pixels is no target.
+    With appearances, pairs of target and region are assigned greedily by similarity plus `CONTINUITY_BONUS` times
+    closeness, each region to one target at most, while the similarity is at least `min_similarity`. Without appearances
+    there is one target: the region with the most foreground times 1 + closeness, so that it does not change between
+    regions of about the same size. Regions with more than `MAX_CLUSTER_RATIO` times a person's pixels are excluded.
 
     Args:
         t_ns: time of the frame.
@@ -149,7 +145,10 @@ def choose(
 
 
 def _closeness(t_ns: int, regions: ForegroundRegions, last: tuple[int, float, float] | None) -> Floats:
-    """(K,) closeness to the target's last position: 1 there, exp(-far^2 / 2) around it; 0 after `MEMORY_S`."""
+    """(K,) closeness to the target's last position: exp(-d^2 / 2) with the normalised distance d.
+
+    0 after `MEMORY_S`.
+    """
     if last is None or (t_ns - last[0]) * 1e-9 > MEMORY_S:
         return np.zeros(len(regions.mass))
     widths = np.sqrt(regions.person[:, 0])
@@ -164,7 +163,7 @@ BLOCK = 16  # codecs cut images at the right and below to whole blocks
 
 @dataclass(frozen=True)
 class CameraSetup:
-    """Setup of a camera from its first frame."""
+    """Image shape, background model and sizes of a camera, set from its first frame."""
 
     shape: tuple[int, ...]
     shrink: int
@@ -177,7 +176,7 @@ class CameraSetup:
 
 @dataclass
 class CameraState:
-    """State of one camera; touched by one thread at a time."""
+    """State of one camera, used by one thread at a time."""
 
     camera: Camera
     scene: Scene
@@ -203,7 +202,7 @@ class FrameRegions:
 
 @dataclass(frozen=True)
 class CameraBatch:
-    """Regions and losses of one camera's frames of a batch."""
+    """Regions and losses of one camera's frames in a batch."""
 
     found: tuple[FrameRegions, ...]
     losses: tuple[Loss, ...]
@@ -211,7 +210,7 @@ class CameraBatch:
 
 
 def process(state: CameraState, frames: list[Frame]) -> CameraBatch:
-    """Regions of a camera's frames, which must come in order; `state` is brought up to date."""
+    """Detect the regions in a camera's frames, in order, and update its state."""
     found: list[FrameRegions] = []
     lost: list[tuple[int, str]] = []
     warmup = 0
@@ -242,7 +241,7 @@ def process(state: CameraState, frames: list[Frame]) -> CameraBatch:
 def _regions_of_frame(
     state: CameraState, setup: CameraSetup, frame: Frame, image: Image
 ) -> tuple[str, ForegroundRegions | None]:
-    """Why a frame cannot be used, or its regions; neither while the background is being learnt."""
+    """Regions of a frame, or why it cannot be used; neither during warm-up of the background."""
     if image.shape != setup.shape:
         return f"image is {size_in_words(image.shape)}, the camera's first was {size_in_words(setup.shape)}", None
     c = state.config
@@ -266,10 +265,10 @@ def _regions_of_frame(
 
 
 def set_up(state: CameraState, image: Image) -> CameraSetup:
-    """Background model and expected sizes for images like the camera's first.
+    """Create the background model and size map for images like the camera's first.
 
     Raises:
-        InputError: the image does not fit the scene's, or nothing states how large people are.
+        InputError: the image size contradicts the scene, or the size of people is unknown.
     """
     camera, c = state.camera, state.config
     size = (image.shape[1], image.shape[0])
@@ -293,7 +292,7 @@ def set_up(state: CameraState, image: Image) -> CameraSetup:
 
 
 def known_sizes(camera: Camera, scene: Scene, size: tuple[int, int], config: DetectConfig) -> SizeMap | None:
-    """Size map from the options or from the camera's pose; None if neither states."""
+    """Size map from the options or the camera's pose; None if neither determines it."""
     if config.person_height_px is not None:
         return constant_sizes(size, config.person_height_px)
     height = config.person_height or PERSON_HEIGHT.get(scene.length_unit)
@@ -309,15 +308,15 @@ def known_sizes(camera: Camera, scene: Scene, size: tuple[int, int], config: Det
 
 
 def upright(scene: Scene) -> bool:
-    """Return whether the scene's world seems to be upright, so that poses of cameras determine the size of people."""
+    """Whether the scene's world seems to be upright, so that camera poses determine the size of people."""
     return is_upright(np.array([c.rotation for c in scene.cameras if c.placed]).reshape(-1, 3, 3))
 
 
 def shrink_of(camera: Camera, scene: Scene, size: tuple[int, int], config: DetectConfig) -> int:
-    """Factor by which a camera's images are shrunk, from the options or the size of people in them.
+    """Downscaling factor of a camera's images, from the options or the size of people in them.
 
     Raises:
-        InputError: so shrunk they are too large for a model of the background.
+        InputError: the downscaled images are too large for a background model.
     """
     sizes = known_sizes(camera, scene, size, config) if config.downscale is None else None
     if config.downscale is not None:
@@ -331,7 +330,7 @@ def shrink_of(camera: Camera, scene: Scene, size: tuple[int, int], config: Detec
 
 
 def check_size(camera: Camera, size: tuple[int, int]) -> None:
-    """Raise InputError unless images of this width and height fit the camera's calibration."""
+    """InputError unless images of this width and height fit the camera's calibration."""
     if camera.image_size is None:
         return
     cut = np.subtract(camera.image_size, size)
@@ -345,7 +344,7 @@ def check_size(camera: Camera, size: tuple[int, int]) -> None:
 
 
 def check_background(camera: Camera, kind: str, size: tuple[int, int], factor: int) -> None:
-    """Raise InputError where images of this size, shrunk by a factor, are too large for a model of the background."""
+    """InputError if images of this size, after downscaling, are too large for a background model."""
     pixels, most = size[0] * size[1], largest_image(kind)
     if pixels / factor**2 > most:
         raise InputError(
@@ -355,7 +354,7 @@ def check_background(camera: Camera, kind: str, size: tuple[int, int], factor: i
 
 
 def plain_image(image: NDArray[np.integer], bits: int | None) -> Image:
-    """8-bit grey or BGR image from a decoded one.
+    """Convert a decoded image to 8-bit grey or BGR.
 
     Args:
         image: integer array (height, width) or (height, width, 1, 3 or 4).
@@ -378,12 +377,12 @@ def plain_image(image: NDArray[np.integer], bits: int | None) -> Image:
 
 
 def size_in_words(shape: tuple[int, ...]) -> str:
-    """Size and kind of an image of that shape, for a person."""
+    """Size and kind of an image of that shape, for messages."""
     return f"{shape[1]} x {shape[0]} px {'in colour' if len(shape) == 3 else 'grey'}"
 
 
 def stretches(sensor: str, lost: list[tuple[int, str]]) -> tuple[Loss, ...]:
-    """One loss for each run of consecutive frames lost for the same reason."""
+    """Losses of frames, one for each run of consecutive frames with the same reason."""
     losses = []
     # Index minus position is constant in a run of consecutive frames.
     for (what, _), group in groupby(enumerate(lost), key=lambda item: (item[1][1], item[1][0] - item[0])):
@@ -398,6 +397,6 @@ FRAMES = re.compile(r"frames? (\d+)(?: to (\d+))?")
 
 
 def numbers_of(loss: Loss) -> tuple[int, int] | None:
-    """First and last number of the frames of a loss that `stretches` has made; None for any other loss."""
+    """First and last frame number of a loss made by `stretches`; None for other losses."""
     found = FRAMES.fullmatch(loss.place)
     return None if found is None else (int(found[1]), int(found[2] or found[1]))

@@ -20,7 +20,7 @@ BORDER_PX = 1.0  # a box that comes this near to the side of the image is cut by
 
 
 class _RegionFrames(NamedTuple):
-    """Regions of F frames, one after another: K rows in all."""
+    """Regions of F frames, concatenated: K rows in all."""
 
     t_ns: Ints  # (F,)
     number: Ints  # (F,) of the frames
@@ -29,7 +29,7 @@ class _RegionFrames(NamedTuple):
 
 
 def to_tables(state: CameraState, found: Sequence[FrameRegions]) -> tuple[Views, Bearings]:
-    """Views and bearings of one camera; its memory of the targets is brought up to date."""
+    """Views and bearings of one camera; updates its memory of the targets."""
     if not found or state.setup is None:
         return Views.empty(), Bearings.empty()
     frames = _gather(found)
@@ -54,14 +54,14 @@ def _gather(found: Sequence[FrameRegions]) -> _RegionFrames:
 
 
 def _cut(boxes: Floats, width: int) -> Bools:
-    """True where a box reaches the left or right border of the image."""
+    """Mask of boxes that touch the left or right border of the image."""
     left, right = boxes[:, 0], boxes[:, 0] + boxes[:, 2]
     cut: Bools = (left < BORDER_PX - 0.5) | (right > width - 0.5 - BORDER_PX)
     return cut
 
 
 def _choose(state: CameraState, frames: _RegionFrames, like: Floats, seen: RegionBearings) -> Ints:
-    """(F, T) row of each target's region among all regions, -1 = not seen."""
+    """(F, T) index of each target's region among all regions; -1 if not detected."""
     chosen, may_be = [], _near(state, frames, seen)
     for t_ns, a, b in zip(frames.t_ns.tolist(), frames.first[:-1], frames.first[1:], strict=True):
         mine = ForegroundRegions(*(column[a:b] for column in frames.regions))
@@ -76,7 +76,7 @@ def _choose(state: CameraState, frames: _RegionFrames, like: Floats, seen: Regio
 
 
 def _near(state: CameraState, frames: _RegionFrames, seen: RegionBearings) -> Bools | None:
-    """(K, T) regions that are near where each target is thought to be; None: nothing is reported, or without a pose."""
+    """(K, T) mask of regions near the predicted position of each target; None without predictions or pose."""
     near, camera = state.near, state.camera
     if near is None or not camera.placed:
         return None

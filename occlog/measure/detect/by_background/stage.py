@@ -1,9 +1,8 @@
 """Detect people-sized regions and the targets' bearings in frames, camera by camera, streaming.
 
-Frames are taken in small batches.  Within a batch each camera's frames are one job, in
-order; jobs run on threads (OpenCV and the kernels let go of Python's lock), and a
-camera's job waits for its job before.  So the result is the same for any number of
-workers, and memory does not grow with the length of the recording.
+Frames are processed in small batches. Within a batch each camera's frames are one job, in order; jobs run on threads
+(OpenCV and the kernels release the GIL), and a camera's job waits for its previous one. So the result is the same for
+any number of workers, and memory does not grow with the length of the recording.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ IN_FLIGHT = 2  # batches that wait or run while the oldest is finished
 
 @dataclass(frozen=True)
 class Learned:
-    """Images and sizes learnt from a first pass at a recording (`learning.learn`), by camera."""
+    """Results of the learning pass (`learning.learn`), by camera."""
 
     empty: Mapping[str, Image] = field(default_factory=dict)  # images of the empty scene
     sizes: Mapping[str, SizeMap] = field(default_factory=dict)  # of people, where the pose does not determine
@@ -62,12 +61,11 @@ def detect(
     batch: int = BATCH,
     states: dict[str, CameraState] | None = None,
 ) -> Iterator[Detections]:
-    """Regions (`views`) and target bearings of all cameras, in the order of time.
+    """Detect regions (`views`) and target bearings of all cameras, sorted by time.
 
-    A frame gives one bearing row for each target, seen or not, and a view row for each
-    region.  Frames that cannot be used are listed as losses and give no row, nor do the
-    first `warmup` frames of a camera without an image of the empty scene: what they show
-    is unknown.  A camera without pose gives views only.
+    A frame has one bearing row for each target, detected or not, and a view row for each region. Unusable frames are
+    losses and have no row, nor have the first `warmup` frames of a camera without an image of the empty scene. A camera
+    without pose gives views only.
 
     Args:
         frames: in the order of time; each camera's also in the order of its index.
@@ -117,7 +115,7 @@ def detect(
 
 
 def batches(frames: Iterable[Frame], size: int) -> Iterator[list[Frame]]:
-    """Lists of about `size` frames; frames of one time are never split."""
+    """Batches of about `size` frames; frames of one time are never split."""
     batch: list[Frame] = []
     for frame in frames:
         if batch and frame.t_ns < batch[-1].t_ns:
@@ -143,10 +141,9 @@ def _by_camera(batch: list[Frame]) -> dict[str, list[Frame]]:
 
 
 def _job(state: CameraState, frames: list[Frame], before: Future[_Part] | None) -> _Part:
-    """One camera's part of a batch; its part of the batch before must be done.
+    """Process one camera's part of a batch, after its part of the previous batch.
 
-    Jobs start in the order in which they were submitted, so the one waited for has
-    always started and the wait ends.
+    Jobs start in the order of submission, so that there is no deadlock.
     """
     if before is not None:
         before.result()
@@ -167,7 +164,7 @@ def _merge(parts: list[_Part]) -> Detections:
 
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
-    """OpenCV without its own threads: cameras are the unit of parallel work."""
+    """Context manager: OpenCV without its own threads, since cameras are processed in parallel."""
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:

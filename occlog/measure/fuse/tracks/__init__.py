@@ -1,1 +1,1 @@
-"""Tracks of several groups of cameras brought together: one identity and one state of each person."""
+"""Fusion of tracks of several groups of cameras: one identity and one state per person."""

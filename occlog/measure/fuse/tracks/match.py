@@ -1,8 +1,6 @@
-"""Matching of tracks from two groups of cameras to people, by time step.
+"""Matching of tracks of two groups of cameras to people, by time step.
 
-Identities of people that several groups of cameras track: they pass from one group to the other.
-
-Covariance intersection of two estimates of one state with errors that have an unknown part in common.
+Also consistent identities over several groups, and covariance intersection of estimates with unknown common errors.
 """
 
 from __future__ import annotations
@@ -24,11 +22,10 @@ CONTINUITY_BONUS_CHI2 = 4.0
 
 
 def match_tracks(first: PeopleTracks, second: PeopleTracks, error: float, gate: float, span_s: float) -> Ints:
-    """Find for each row of the first group the row of the second that is of the same person.
+    """For each row of the first group, find the row of the same person in the second group.
 
-    Two tracks are compared by the mean, over `span_s` about the time step, of the squared distance of their positions
-    in standard deviations, that of each time step at most `MAX_DISTANCE_GATES` times the gate.  At each time step the
-    pairs within the gate are assigned one to one.
+    Tracks are compared by their mean squared Mahalanobis distance over `span_s` around the time step, clipped to
+    `MAX_DISTANCE_GATES` times the gate. At each time step the pairs within the gate are assigned one to one.
 
     Args:
         first: tracks at common time steps, ordered by time.
@@ -66,7 +63,7 @@ def match_tracks(first: PeopleTracks, second: PeopleTracks, error: float, gate: 
 
 
 class GroundPositions(NamedTuple):
-    """Positions on the floor; n of them."""
+    """n positions on the floor with covariances."""
 
     x: Floats  # (n,)
     y: Floats
@@ -76,7 +73,7 @@ class GroundPositions(NamedTuple):
 
     @classmethod
     def of(cls, tracks: PeopleTracks) -> GroundPositions:
-        """Return the positions of all rows."""
+        """Positions of all rows."""
         tracks = tracks.with_covariance()
         return cls(tracks.x, tracks.y, tracks.cov_xx, tracks.cov_xy, tracks.cov_yy)
 
@@ -86,7 +83,7 @@ class GroundPositions(NamedTuple):
 
 
 def distances(first: GroundPositions, second: GroundPositions, error: float) -> Floats:
-    """(n,) squared distances in standard deviations; chi-square with 2 degrees of freedom for independent errors.
+    """(n,) squared Mahalanobis distances; chi-square with 2 degrees of freedom for independent errors.
 
     Args:
         first: n positions.
@@ -103,7 +100,7 @@ def distances(first: GroundPositions, second: GroundPositions, error: float) -> 
 def _compared(
     first: PeopleTracks, second: PeopleTracks, error: float, gate: float, span_s: float
 ) -> tuple[Ints, Ints, Floats]:
-    """Rows of both groups at one time step, of tracks that are ever near each other, and the mean squared distance."""
+    """Rows of both groups at one time step, of tracks that are near each other at some time, and their mean distances."""
     positions = GroundPositions.of(first), GroundPositions.of(second)
     rows_of = [{i: np.flatnonzero(g.target_id == i) for i in np.unique(g.target_id).tolist()} for g in (first, second)]
     none = np.zeros(0, dtype=np.int64)
@@ -137,7 +134,7 @@ def _ever_near(first: PeopleTracks, second: PeopleTracks, error: float, gate: fl
 
 
 def _windowed(values: Floats, t_ns: Ints, half_ns: int) -> Floats:
-    """Means of the values that are at most so long before or after each one."""
+    """Moving averages of values over +-`half_ns` around each time."""
     total = np.concatenate([[0.0], np.cumsum(values)])
     low = np.searchsorted(t_ns, t_ns - half_ns, side="left")
     high = np.searchsorted(t_ns, t_ns + half_ns, side="right")
@@ -152,10 +149,8 @@ NO_ID = -1
 
 @dataclass
 class IdentityMatcher:
-    """Identity matching over time steps.
-
-    A person is tracked by tracks of one group or of several; while one of these tracks goes on, the person keeps the
-    identity.  Of tracks that part one keeps it: the one that has had it for longest.
+    """Assigns identities to people tracked by one or several groups, over time steps. A person keeps the identity while
+    one of the tracks continues. When tracks separate, the one that has had the identity longest keeps it.
 
     Attributes:
         doubts: pairs of identities that may have been exchanged in the last time step.
@@ -167,7 +162,7 @@ class IdentityMatcher:
     _next: int = 0
 
     def step(self, people: list[tuple[Member, ...]]) -> list[int]:
-        """Give an identity to each person, who is a set of tracks, at the next time step."""
+        """Assign an identity to each person (a set of tracks) at the next time step."""
         self.doubts = []
         taken: dict[int, int] = {}
         # The oldest identity goes first, to those with tracks that have had it all along
@@ -188,7 +183,10 @@ class IdentityMatcher:
         return [given[index] for index in range(len(people))]
 
     def _claims(self, people: list[tuple[Member, ...]]) -> Iterator[tuple[int, int]]:
-        """Identities and who claims them, the oldest first; tracks that had one from the start come first."""
+        """Identities with the tracks that claim them, oldest first.
+
+        Tracks that had one from the start have priority.
+        """
         claims = [
             (self._held[m], self._own[m] != self._held[m], m, index)
             for index, members in enumerate(people)
@@ -199,7 +197,7 @@ class IdentityMatcher:
             yield identity, index
 
     def _again(self, members: tuple[Member, ...], taken: dict[int, int]) -> int:
-        """The identity that a track had before it was taken for another one's; else a new one."""
+        """Identity that a track had before it was merged with another person; else a new one."""
         for member in members:
             own = self._own.get(member)
             if own is not None and own not in taken:
@@ -213,7 +211,7 @@ LEAST = 1e-12
 
 
 def weights(first: Floats, second: Floats) -> Floats:
-    """Weights of the first estimate that make the area of the fused position's ellipse smallest.
+    """Weights of the first estimate that minimise the area of the fused position's error ellipse.
 
     With the information matrices A and B and the eigenvalues d of A^-1 B, the determinant of w A + (1 - w) B is
     proportional to the product of w + (1 - w) d, a parabola in w with known vertex.
@@ -239,9 +237,9 @@ def weights(first: Floats, second: Floats) -> Floats:
 
 
 def intersect(means: tuple[Floats, Floats], covariances: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-    """Fuse two estimates by covariance intersection (Julier and Uhlmann 1997), whatever their errors have in common.
+    """Fuse two estimates with unknown correlation by covariance intersection (Julier and Uhlmann 1997).
 
-    P^-1 = w A^-1 + (1 - w) B^-1, P^-1 x = w A^-1 a + (1 - w) B^-1 b; w as `weights` states.
+    P^-1 = w A^-1 + (1 - w) B^-1, P^-1 x = w A^-1 a + (1 - w) B^-1 b; w by `weights`.
 
     Args:
         means: two times (n, k) states, the first two numbers the position.

@@ -1,4 +1,4 @@
-"""Run of `occlog fuse` on tracks: read those of all groups of cameras, bring them together, write."""
+"""`occlog fuse` on tracks: read those of all groups of cameras, fuse, and write."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def figures(paths: tuple[Path, ...], groups: list[PeopleTracks], fused: FusedGro
 def _checks(
     paths: tuple[Path, ...], groups: list[PeopleTracks], fused: FusedGroupTracks, config: TrackFusionConfig, unit: str
 ) -> tuple[Check, ...]:
-    """Checks of the inputs with their findings."""
+    """Checks of the inputs, with their findings."""
     anybody = any(len(group) for group in groups)
     empty = (
         finding(FOUND, "group-without-tracks", file=str(path))
@@ -87,7 +87,7 @@ def _checks(
 def _apart(
     paths: tuple[Path, ...], groups: list[PeopleTracks], fused: FusedGroupTracks, config: TrackFusionConfig, unit: str
 ) -> Iterator[Check]:
-    """Findings on groups of cameras without a common person, or with a displacement, relative to earlier groups."""
+    """Findings about groups of cameras without common people, or displaced relative to earlier groups."""
     for path, group, agreement in zip(paths[1:], groups[1:], fused.agreements, strict=True):
         if not len(group):
             continue

@@ -1,10 +1,8 @@
-"""Fusion of the tracks of several groups of cameras: one identity and one state of each person.
+"""Fusion of tracks of several groups of cameras: one identity and one state per person.
 
-The tracks of all groups are brought to common time steps.  Then one group after the other joins those before: tracks of
-one person are matched, their states are fused by covariance intersection, since groups share what they do not know (the
-motion, cameras, poses), and identities go over from track to track.
-
-Tracks of several groups of cameras at common time steps.
+The tracks of all groups are resampled to common time steps. Groups are then added one after the other: tracks of one
+person are matched, their states are fused by covariance intersection, since groups have common errors (motion model,
+cameras, poses), and identities continue from track to track.
 """
 
 from __future__ import annotations
@@ -41,13 +39,13 @@ shares, whatever their errors have in common."""
 
 
 def default_window(groups: Sequence[PeopleTracks]) -> int:
-    """Just under half the shortest period of all groups [ns]; 0 where none has two times."""
+    """Default window [ns]: just under half the shortest period of all groups; 0 if no group has two times."""
     periods = [np.median(np.diff(times)) for g in groups if len(times := np.unique(g.t_ns)) > 1]
     return int(JUST_UNDER * min(periods)) if periods else 0
 
 
 def step_times(groups: Sequence[PeopleTracks], window_ns: int) -> Ints:
-    """(T,) the common time steps [ns]: the first of all times that are at most a window after it."""
+    """(T,) common time steps [ns]: the first of all times within a window."""
     times = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(g.t_ns for g in groups)]))
     starts: list[int] = []
     at = 0
@@ -58,10 +56,10 @@ def step_times(groups: Sequence[PeopleTracks], window_ns: int) -> Ints:
 
 
 def at_times(tracks: PeopleTracks, times: Ints, window_ns: int, gap_ns: int) -> PeopleTracks:
-    """Rows of all tracks at the time steps at which they are there, ordered by time and identity.
+    """Resample all tracks to the time steps; rows sorted by time and identity.
 
-    A row at a time step stays as it is.  Between rows that are at most `gap_ns` apart lies a straight line; a row that
-    is at most `window_ns` from a time step is moved there with its velocity where there is no line.
+    A row at a time step is unchanged. Between rows at most `gap_ns` apart states are interpolated linearly; otherwise a
+    row at most `window_ns` from a time step is moved there with its velocity.
     """
     order = np.lexsort((tracks.t_ns, tracks.target_id))
     starts = np.flatnonzero(np.diff(tracks.target_id[order], prepend=-1)) if len(order) else np.zeros(0, dtype=np.int64)
@@ -94,7 +92,7 @@ def _one_at_times(track: PeopleTracks, times: Ints, window_ns: int, gap_ns: int)
 
 
 def _line(values: Floats, before: Ints, after: Ints, share: Floats) -> Floats:
-    """Values between two rows; one that is not known at an end where nothing of it counts does no harm."""
+    """Linear interpolation between rows; NaN at an end with weight 0 is ignored."""
     same = before == after
     between: Floats = (1.0 - share) * values[before] + share * values[after]
     return np.where(same, values[before], between)
@@ -114,7 +112,7 @@ NOT_THERE = "-"
 
 
 class GroupConsistency(NamedTuple):
-    """Consistency of a group of cameras with those before it."""
+    """Agreement of a group of cameras with the groups before it."""
 
     n_common: int  # at which both have a person
     pairs: int  # rows of one person, at these time steps
@@ -123,7 +121,7 @@ class GroupConsistency(NamedTuple):
 
 
 class FusedGroupTracks(NamedTuple):
-    """Tracks of all people, from all groups."""
+    """Tracks of all people, fused over all groups."""
 
     tracks: JoinedTracks
     events: Events
@@ -137,7 +135,7 @@ class _Doubt(NamedTuple):
 
 
 def fuse_tracks(groups: Sequence[PeopleTracks], config: TrackFusionConfig) -> FusedGroupTracks:
-    """Bring the tracks of several groups of cameras together.
+    """Fuse the tracks of several groups of cameras.
 
     Args:
         groups: tracks on the ground in one world frame; their times may differ.
@@ -162,7 +160,7 @@ def fuse_tracks(groups: Sequence[PeopleTracks], config: TrackFusionConfig) -> Fu
 
 
 def _alone(tracks: PeopleTracks) -> JoinedTracks:
-    """The tracks of the first group; their identities stay until another group joins."""
+    """Tracks of the first group, with their own identities."""
     columns = {c.name: getattr(tracks, c.name) for c in PeopleTracks.columns()}
     return JoinedTracks(**columns, source_ids=tracks.target_id.astype(np.str_))
 
@@ -170,7 +168,7 @@ def _alone(tracks: PeopleTracks) -> JoinedTracks:
 def _join(
     first: JoinedTracks, second: PeopleTracks, number: int, config: TrackFusionConfig
 ) -> tuple[JoinedTracks, list[_Doubt], GroupConsistency]:
-    """The tracks of two groups as one; `number` groups have joined before."""
+    """Add the tracks of a group to those fused before; `number`: groups added before."""
     partner = match_tracks(first, second, config.sigma_registration, config.gate, config.comparison_window_s)
     pairs = np.flatnonzero(partner >= 0)
     mine, theirs = first.take(pairs), second.take(partner[pairs])
@@ -202,7 +200,7 @@ def _join(
 
 
 def _identities(t_ns: Ints, here: Ints, also: Ints) -> tuple[Ints32, list[_Doubt], Bools]:
-    """Identities of rows in the order of time, by the tracks of both groups that they are of (-1: none)."""
+    """Identities of rows in the order of time, by the tracks of both groups (-1: none)."""
     identities, doubts = IdentityMatcher(), list[_Doubt]()
     out: Ints32 = np.zeros(len(t_ns), dtype=np.int32)
     exchanged: Bools = np.zeros(len(t_ns), dtype=np.bool_)
@@ -219,7 +217,7 @@ def _identities(t_ns: Ints, here: Ints, also: Ints) -> tuple[Ints32, list[_Doubt
 
 
 def _fuse_matched(mine: JoinedTracks, theirs: PeopleTracks, config: TrackFusionConfig) -> JoinedTracks:
-    """Rows of people that both groups track: covariance intersection, and flags of either group."""
+    """Fuse rows of people tracked by both groups: covariance intersection, and the flags of either."""
     n = len(mine)
     known = np.isfinite(_covariances(mine)).all(axis=(1, 2)) & np.isfinite(_covariances(theirs)).all(axis=(1, 2))
     mean, covariance = np.full((n, 4), np.nan), np.full((n, 4, 4), np.nan)
@@ -259,23 +257,23 @@ def _means(tracks: PeopleTracks) -> Floats:
 
 
 def _covariances(tracks: PeopleTracks) -> Floats:
-    """(n, 4, 4)."""
+    """(n, 4, 4) covariances of the states."""
     return np.stack([np.column_stack([getattr(tracks, name) for name in row]) for row in COVARIANCE], axis=1)
 
 
 def _united(first: str, second: str) -> str:
-    """Names that are in one list or the other, in their order."""
+    """Union of two lists of names, in order."""
     return ",".join(dict.fromkeys(name for text in (first, second) for name in text.split(",") if name))
 
 
 def _keep_flags(word: str, where: Bools) -> Bools:
-    """(n, W) mask of possible switches with one of them."""
+    """Keep flag `word` only in the masked rows."""
     mask: Bools = where[:, None] & (np.array(DOUBTS) == word)
     return mask
 
 
 def _with(texts: Strings, more: Strings) -> Strings:
-    """Lists with one more word each."""
+    """Append one word to each comma-separated list."""
     return np.array([f"{a},{b}" for a, b in zip(texts.tolist(), more.tolist(), strict=True)], dtype=np.str_)
 
 
@@ -290,7 +288,7 @@ def _agreement(first: PeopleTracks, second: PeopleTracks, mine: PeopleTracks, th
 
 
 def _renamed(doubts: list[_Doubt], before: JoinedTracks, after: JoinedTracks) -> list[_Doubt]:
-    """Possible switches with the identities that people have after one more group has joined."""
+    """Rename possible switches to the identities after one more group was added."""
     named: dict[int, tuple[Ints, Ints]] = {}
     groups = before.source_ids[0].count(",") + 1 if len(before) else 0
     keys = np.array([text.rsplit(",", 1)[0] for text in after.source_ids.tolist()], dtype=np.str_)
@@ -310,7 +308,7 @@ def _renamed(doubts: list[_Doubt], before: JoinedTracks, after: JoinedTracks) ->
 
 
 def _events(tracks: JoinedTracks, doubts: list[_Doubt], times: Ints) -> Events:
-    """Track initiations (first row of an identity), terminations (time step after the last) and possible switches."""
+    """Events: track initiations (first row of an identity), terminations (time step after the last), possible switches."""
     ids, first = np.unique(tracks.target_id, return_index=True)
     last = len(tracks) - 1 - np.unique(tracks.target_id[::-1], return_index=True)[1]
     ended = np.searchsorted(times, tracks.t_ns[last], side="right")

@@ -1,1 +1,1 @@
-"""Programs that run networks, each network in a separate process."""
+"""Inference runtimes, each network in a separate process."""

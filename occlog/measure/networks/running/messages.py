@@ -1,7 +1,5 @@
-"""Messages between the process that requires a network run and the one that runs it: JSON, and arrays.
-
-A message is the length of its JSON, the JSON, and the bytes of its arrays as they are in memory.  The process that asks
-does not trust the other: what it reads is of known types, and no larger than it allows.
+"""Messages between the main process and the one that runs a network: length, JSON header, and raw arrays. The main process
+does not trust the other one: types and sizes are checked.
 """
 
 from __future__ import annotations
@@ -73,7 +71,7 @@ def receive(pipe: IO[bytes], most: float = math.inf) -> tuple[dict[str, Any], di
 
 
 def _whole(pipe: IO[bytes], buffer: bytearray) -> bytearray:
-    """The buffer, filled; EOFError where there is not so much."""
+    """Fill the buffer from the pipe; EOFError if there is not enough data."""
     if pipe.readinto(buffer) < len(buffer):  # type: ignore[attr-defined]
         raise EOFError
     return buffer

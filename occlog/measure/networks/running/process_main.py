@@ -1,7 +1,7 @@
 """The process that runs a network: `python -m occlog.measure.networks.running.process_main`, started by `apart`.
 
-The first message on standard input states which network; each further one has its inputs.  Each is answered on standard
-output by the outputs, or by the reason of a failure.  The process ends when the requests end.
+The first message on standard input names the network; each further one has its inputs. Each is answered on standard
+output by the outputs, or by an error. The process ends when the requests end.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from .subprocess_runtime import SECONDS
 
 
 def main() -> None:
-    """Load the network that the first message names, and run it."""
+    """Load the network named by the first message, and run it for each request."""
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what programs write there is no message
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what an interruption means
@@ -52,7 +52,7 @@ def _run(network: Runtime, feeds: Feeds) -> tuple[Runtime, dict[str, str], Feeds
 
 
 def _answered(out: IO[bytes], work: Callable[[], tuple[Runtime, dict[str, str], Feeds]]) -> Runtime | None:
-    """Answer by the result of some work; the network, None where the work failed."""
+    """Answer with the result of some work; None if it failed."""
     try:
         network, header, arrays = work()
     except InputError as error:

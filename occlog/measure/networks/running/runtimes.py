@@ -1,4 +1,4 @@
-"""Programs that run a network: OpenCV, which is always there, ONNX Runtime and OpenVINO, which are extras."""
+"""Inference runtimes: OpenCV (always available), ONNX Runtime and OpenVINO (extras)."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from .messages import Feeds
 
 
 class Runtime(Protocol):
-    """A network that is loaded and can be run."""
+    """Interface of a loaded network."""
 
     @property
     def called(self) -> str:
-        """Name and version of the program."""
+        """Name and version of the runtime."""
 
     def run(self, feeds: Feeds) -> dict[str, NDArray[np.generic]]:
-        """The outputs by name; InputError where the program fails."""
+        """Outputs by name; InputError on failure."""
 
 
 def load(model: OnnxFile, runtime: str, threads: int) -> Runtime:
@@ -51,7 +51,7 @@ def load(model: OnnxFile, runtime: str, threads: int) -> Runtime:
 
 @contextmanager
 def opencv_threads(threads: int) -> Iterator[None]:
-    """OpenCV with that many threads, and without messages on standard error."""
+    """Context manager: set the number of OpenCV threads, and silence its messages."""
     log = cv2.utils.logging
     before, level = cv2.getNumThreads(), log.getLogLevel()
     cv2.setNumThreads(threads)
@@ -64,7 +64,7 @@ def opencv_threads(threads: int) -> Iterator[None]:
 
 
 def _extra(name: str) -> ModuleType:
-    """The module of an extra."""
+    """Import the module of an extra."""
     try:
         return importlib.import_module(name)
     except ImportError as error:
@@ -76,7 +76,7 @@ def _extra(name: str) -> ModuleType:
 
 @contextmanager
 def _as_input_error(model: OnnxFile, called: str, errors: tuple[type[Exception], ...], does: str) -> Iterator[None]:
-    """Turn errors of a program into InputError."""
+    """Context manager that converts errors of a runtime to InputError."""
     try:
         yield
     except errors as error:
@@ -89,7 +89,7 @@ def _as_input_error(model: OnnxFile, called: str, errors: tuple[type[Exception],
 
 @dataclass
 class _OpenCv:
-    """`cv2.dnn`."""
+    """Runtime `cv2.dnn`."""
 
     model: OnnxFile
 
@@ -117,7 +117,7 @@ class _OpenCv:
 
 @dataclass
 class _OnnxRuntime:
-    """`onnxruntime` on the processor."""
+    """Runtime `onnxruntime` on the CPU."""
 
     model: OnnxFile
     threads: int
@@ -146,7 +146,7 @@ class _OnnxRuntime:
 
 @dataclass
 class _OpenVino:
-    """`openvino` on the processor, with numbers of 32 bits."""
+    """Runtime `openvino` on the CPU, in float32."""
 
     model: OnnxFile
     threads: int

@@ -1,4 +1,4 @@
-"""A network that runs in a separate process: programs that run networks check little, and may crash on one."""
+"""A network that runs in a separate process, since inference runtimes may crash on an invalid one."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MAX_OUTPUT_BYTES = 2**30
 
 
 class SubprocessRuntime:
-    """A network in another process; a `Runtime`.  The process ends with the last reference to this.
+    """A `Runtime` in another process, which ends with the last reference to this object.
 
     Attributes:
         called: name and version of the program that runs it.
@@ -61,7 +61,7 @@ class SubprocessRuntime:
         """The outputs by name.
 
         Raises:
-            InputError: the program fails, ends, or gives more than `MAX_OUTPUT_BYTES`.
+            InputError: the runtime fails, ends, or returns more than `MAX_OUTPUT_BYTES`.
         """
         return self._ask({}, feeds, "running")[1]
 
@@ -91,7 +91,7 @@ class SubprocessRuntime:
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """End a process, and let go of its pipes."""
+    """End a process, and close its pipes."""
     process.kill()
     for pipe in (process.stdin, process.stdout):
         if pipe is not None:
