@@ -1,8 +1,9 @@
-"""Request of a verb, declared once: the command line, the Python function and the keys of YAML are made from it.
+"""Request of a command, declared once: command line options, Python arguments and YAML keys are made from it.
 
 A class of requests derives from `Request`. Its fields are files to read (`source`) and to write (`sink`), values
 (`occlog.settings.setting`) and groups of settings (`group`). A field has one name, the key that YAML has for it; the
-command line spells it `--fused-views`, Python `fused_views`. A field with an option of another name has that one.
+command line spells it `--fused-views`, Python `fused_views`. A field whose option has another name is called by that
+name everywhere.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ SCENE_HELP = "Scene file (YAML), a recording that contains one, or a text table 
 
 @dataclass(frozen=True)
 class File:
-    """Declaration of a field that names a file, or several.
+    """Declaration of a field that names one or several files.
 
     Attributes:
         help: one sentence or more.
@@ -61,7 +62,7 @@ class File:
 
 @dataclass(frozen=True)
 class SettingsGroup:
-    """Declaration of a field that holds those settings of a class that were given, by name.
+    """Declaration of a field that holds given settings of a class, by name.
 
     Attributes:
         of: makes the class; None: the form of the request states which (a tracking method, for example).
@@ -86,7 +87,7 @@ class SettingsGroup:
 
 @dataclass(frozen=True)
 class PluginField:
-    """Declaration of a field that holds plug-ins that were chosen, with their settings.
+    """Declaration of a field that holds selected plug-ins with their settings.
 
     Attributes:
         kind: of the plug-ins.
@@ -102,12 +103,12 @@ class PluginField:
 
 
 def plugged(kind: str, help: str, option: str, kinds: tuple[str, ...] = ()) -> Any:
-    """Declare a field that holds plug-ins that were chosen, a tuple of `occlog.plugins.loading.Chosen`."""
+    """Declare a field of selected plug-ins, a tuple of `occlog.plugins.loading.Chosen`."""
     return field(default=(), metadata={"plugged": PluginField(kind, help, option, kinds)})
 
 
 def source(help: str, *, required: bool | None = None, **declared_of: Any) -> Any:
-    """Declare a field that names a file to read; an argument is required unless it is stated, all else where it is."""
+    """Declare a field that names a file to read; positional arguments are required by default, options are not."""
     of = File(help, **declared_of)
     return _file(of, of.argument if required is None else required)
 
@@ -128,7 +129,7 @@ def output_file(help: str, table: str = "", result: str = "") -> Any:
 
 
 def scene_file() -> Any:
-    """Declare the scene, which replaces that of the input."""
+    """Declare the scene option, which replaces the scene of the input."""
     return source(SCENE_HELP, scene=True)
 
 
@@ -138,7 +139,7 @@ def seed_of_all() -> Any:
 
 
 def number_of_threads() -> Any:
-    """Declare how many threads work, `--workers`."""
+    """Declare the number of threads, `--workers`."""
     words = "Number of threads; results do not depend on it. [default: one per processor]"
     return setting(None, words, at_least=1, option="--workers", shown="")
 
@@ -150,13 +151,12 @@ def group(of: Callable[[], type[Settings]] | None, **declared_of: Any) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class Request(Settings):
-    """Base of all classes of requests; the docstring of a class is the help of its command.
+    """Base class of requests; the docstring of a class is the help of its command.
 
     `RUN` is module and name of the function that does it: from the request and a `Job` to a summary and losses.
-    `JUDGED`: the summary has the figure `VERDICT`, whether all is well; `STRICT` states when false is the exit code
-    6 with `--strict`; empty: it always is.
-    `KIND` is module and name of the function that states about which kind of input a request is, and `KINDS` are words
-    for these kinds; without any a request takes all that it declares.
+    `JUDGED`: the summary has the figure `VERDICT` (whether all is well); `STRICT` states when False gives exit code 6
+    with `--strict` (empty: always). `KIND` is module and name of the function that determines the kind of input, and
+    `KINDS` are names of these kinds; without these all declared options apply.
     """
 
     RUN: ClassVar[str]
@@ -167,7 +167,7 @@ class Request(Settings):
     KINDS: ClassVar[Mapping[str, str]] = {}
 
     def files(self, *, output: bool) -> dict[str, Path]:
-        """Files to read or write by the names of fields, in the order of declaration; those of a tuple separately."""
+        """Files to read (or write, with `output`) by field, in order of declaration; items of a tuple separately."""
         found: dict[str, Path] = {}
         for f in fields(self):
             value, of = getattr(self, f.name), f.metadata.get("file")
@@ -177,16 +177,16 @@ class Request(Settings):
         return found
 
     def file_field(self, field_name: str) -> File:
-        """The declaration of a field that names files; of several, also by `name[1]`."""
+        """Declaration of a file field; items of a tuple are named `name[1]`."""
         found: File = type(self).__dataclass_fields__[field_name.partition("[")[0]].metadata["file"]
         return found
 
     def kind_of_input(self) -> str:
-        """The kind of its input; empty: it has none."""
+        """Kind of its input; empty if there are no kinds."""
         return str(load(self.KIND)(self)) if self.KIND else ""
 
     def unfit(self, kind: str) -> Iterator[RequestEntry]:
-        """Options given that do not apply to a kind of input."""
+        """Given options that do not apply to a kind of input."""
         for entry in Form(type(self)).entries():
             value = getattr(self, entry.field)
             value = value.get(entry.of.name) if entry.group is not None else value
@@ -194,24 +194,24 @@ class Request(Settings):
                 yield entry
 
     def check_kind(self, kind: str) -> None:
-        """UsageError for an option that does not apply to a kind of input; it names the kinds that have it."""
+        """UsageError, which lists the applicable kinds, for an option that does not apply to a kind of input."""
         for entry in self.unfit(kind):
             wanted = ", or ".join(self.KINDS[each] for each in entry.kinds)
             raise UsageError(f"{option(entry.key)} is for {wanted}; not for {self.KINDS[kind]}", id="not-applicable")
 
     @property
     def inputs(self) -> list[Path]:
-        """Every file that is read, each once."""
+        """All files that are read, without duplicates."""
         return list(dict.fromkeys(self.files(output=False).values()))
 
     @property
     def outputs(self) -> list[Path]:
-        """Every file that is written."""
+        """All files that are written."""
         return list(self.files(output=True).values())
 
 
 class RequestEntry(NamedTuple):
-    """One thing that a request takes.
+    """A field or setting of a request.
 
     Attributes:
         key: its name, which all surfaces spell.
@@ -243,24 +243,24 @@ class RequestEntry(NamedTuple):
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Kinds of input that it is for; empty: all."""
+        """Kinds of input to which it applies; empty: all."""
         return (self.file or self.plugged or declaration(self.of)).kinds
 
     @property
     def required(self) -> bool:
-        """True if it must be given."""
+        """Whether it must be given."""
         return self.of.default is MISSING and self.of.default_factory is MISSING
 
     @property
     def name(self) -> str:
-        """Name of the value in a command: the field's name, with the prefix of its group."""
+        """Name of the value in a command: the field's name with the prefix of its group."""
         prefix = "" if self.group is None else self.group.prefix
         return prefix + _under(self.under, self.of.name)
 
 
 @dataclass(frozen=True)
 class Form:
-    """A request that a verb takes.
+    """Form of a request: its class, with the fields and settings that are offered.
 
     Attributes:
         request: its class.
@@ -277,7 +277,7 @@ class Form:
     under: Mapping[str, str] = field(default_factory=dict)
 
     def entries(self) -> Iterator[RequestEntry]:
-        """Everything that it takes and that has its own name, in the order of declaration."""
+        """All fields and settings with their own names, in order of declaration."""
         for f in fields(self.request):
             of: SettingsGroup | None = f.metadata.get("group")
             if of is not None:
@@ -286,7 +286,7 @@ class Form:
                 yield RequestEntry(_key(f), f.name, self.request, f, None)
 
     def classes(self) -> dict[str, type[Settings]]:
-        """The class of settings of each group that this form has, by its field."""
+        """Settings class of each group of this form, by field."""
         groups = {f.name: f.metadata["group"].of for f in fields(self.request) if "group" in f.metadata}
         made = {name: self.settings.get(name) or (of() if of is not None else None) for name, of in groups.items()}
         return {name: of for name, of in made.items() if of is not None}
@@ -303,12 +303,12 @@ class Form:
                 yield RequestEntry(_under(under, _key(each)), f.name, settings, each, of, under)
 
     def set_group(self) -> tuple[str, str] | None:
-        """The field of the settings that `--set` gives, and an example; None: nothing does."""
+        """Field of the settings for `--set`, and an example; None if there is none."""
         groups = ((f.name, f.metadata["group"].example) for f in fields(self.request) if "group" in f.metadata)
         return next(((name, example) for name, example in groups if example), None)
 
     def build(self, given: Mapping[str, object], groups: Mapping[str, Mapping[str, object]]) -> Request:
-        """The request of values that were given.
+        """Build the request from given values.
 
         Args:
             given: by `RequestEntry.name`; None and () are not given.
@@ -337,7 +337,7 @@ class Form:
 
 @dataclass(frozen=True)
 class Verbs:
-    """Several verbs under one name, as `occlog priors hull`.
+    """Several commands under one name, such as `occlog priors hull`.
 
     Attributes:
         help: of the name alone.
@@ -350,7 +350,7 @@ class Verbs:
 
 @dataclass(frozen=True)
 class VerbKind:
-    """One of the things that a verb can do.
+    """A kind of request of a command.
 
     Attributes:
         summary: one line.
@@ -367,7 +367,7 @@ class VerbKind:
 
 @dataclass(frozen=True)
 class Verb:
-    """A verb that takes several kinds of requests, of which a value chooses one.
+    """A command with several kinds of requests, selected by a value.
 
     Attributes:
         shared: class of which all requests are; its fields are those of all kinds.
@@ -399,18 +399,18 @@ class Verb:
 
     @property
     def help(self) -> str | None:
-        """The help of the command: the docstring of the class that all requests of the verb derive from."""
+        """Help of the command: docstring of the base class of its requests."""
         of = self.shared
         while of.__base__ not in (Request, None):
             of = of.__base__
         return of.__doc__
 
     def kind(self, name: str) -> VerbKind | None:
-        """The kind of that name, ours or of a plug-in; None: missing."""
+        """Kind of that name, built in or of a plug-in; None if missing."""
         return self.kinds[name] if name in self.kinds else self.more().get(name)
 
     def form(self, name: str) -> Form:
-        """The form of a kind; UsageError, with the nearest name, if no kind has that name."""
+        """Form of a kind; UsageError, with the most similar name, for an unknown kind."""
         kind = self.kind(name)
         if kind is None:
             raise UsageError(
@@ -420,7 +420,7 @@ class Verb:
 
 
 def _flat(value: object) -> Iterator[object]:
-    """The items of tuples in tuples, or the value itself."""
+    """Flatten nested tuples; other values are returned as one item."""
     if isinstance(value, tuple):
         for each in value:
             yield from _flat(each)
@@ -429,7 +429,7 @@ def _flat(value: object) -> Iterator[object]:
 
 
 def _key(f: Field[Any]) -> str:
-    """The name of a field: that of its option, or its own."""
+    """Name of a field: that of its option, or its own."""
     of: File | PluginField | Declaration = f.metadata.get("file") or f.metadata.get("plugged") or declaration(f)
     option = of.option
     if option is None or getattr(of, "argument", False):
@@ -439,11 +439,11 @@ def _key(f: Field[Any]) -> str:
 
 
 def _under(under: str, name: str) -> str:
-    """A name that begins with another, as one of a variable."""
+    """A prefixed name as a Python identifier."""
     return "".join(c if c.isalnum() else "_" for c in f"{under}_") + name if under else name
 
 
 def load(where: str) -> Any:
-    """The value of `module:name`."""
+    """Import the value of `module:name`."""
     module, _, name = where.partition(":")
     return getattr(importlib.import_module(module), name)

@@ -1,4 +1,4 @@
-"""Does a request: checks its files, opens its outputs with their provenance, and calls the run of its verb."""
+"""Execution of a request: checks its files, opens outputs with provenance, and calls its run function."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class JobResult(NamedTuple):
 
 
 def run(request: Request, *, overwrite: bool = False, quiet: bool = False) -> JobResult:
-    """Do a request.
+    """Execute a request.
 
     Args:
         request: what to do.
@@ -70,7 +70,7 @@ def run(request: Request, *, overwrite: bool = False, quiet: bool = False) -> Jo
 
 
 def _with_file(error: InputError, request: Request) -> InputError:
-    """The error of a stage, which knows tables and no files, with the file before it: `a.csv: bearings: row 3: ...`."""
+    """Prefix the error of a stage, which names tables only, with the file: `a.csv: bearings: row 3: ...`."""
     noun, colon, _ = str(error).partition(": ")
     files = request.files(output=False)
     # Errors of other classes name an option or a place themselves
@@ -80,7 +80,7 @@ def _with_file(error: InputError, request: Request) -> InputError:
 
 
 def _with_earlier(done: JobResult, inputs: Iterable[Path]) -> JobResult:
-    """The result with what its inputs list as lost apart from what was lost on the way."""
+    """Result with the losses recorded in the inputs, separate from the new ones."""
     if not done.losses:
         return done
     known = set(previous_losses(inputs))
@@ -89,7 +89,7 @@ def _with_earlier(done: JobResult, inputs: Iterable[Path]) -> JobResult:
 
 
 def exit_code(request: Request, done: JobResult, *, strict: bool) -> int:
-    """The exit code of a request that was done; `strict`: results that are not plausible count, and minor losses."""
+    """Exit code of a request; `strict`: implausible results and minor losses count."""
     if done.failed:
         return ExitCode.THRESHOLD
     lost = any(strict or not loss.minor for loss in done.losses)
@@ -100,7 +100,7 @@ def exit_code(request: Request, done: JobResult, *, strict: bool) -> int:
 
 @dataclass(frozen=True)
 class Job:
-    """A request that is being done: how its run reads, reports and writes.
+    """A request in execution: reading, reporting and writing for its run function.
 
     Attributes:
         request: the request to run.
@@ -115,11 +115,11 @@ class Job:
     kind: str = ""
 
     def progress(self, items: Iterable[T], label: str, total: int | None = None) -> Iterator[T]:
-        """The items, with a bar on a terminal."""
+        """Generate the items with a progress bar on a terminal."""
         return console.progress(items, label, total, quiet=self.quiet)
 
     def note(self, text: str) -> None:
-        """A line for the user."""
+        """Print a note for the user."""
         console.note(text, self.quiet)
 
     def provenance(
@@ -129,7 +129,7 @@ class Job:
         seed: int | None = None,
         inputs: Sequence[Path] | None = None,
     ) -> Provenance:
-        """Return the provenance of the outputs: the verb, its parameters, and the names and SHA-256 of all inputs.
+        """Provenance of the outputs: command, parameters, and names and SHA-256 of all inputs.
 
         Args:
             parameters: on which the outputs depend.
@@ -154,7 +154,7 @@ class Job:
         wider: Mapping[str, type[ColumnTable]] | None = None,
         later: Collection[str] = (),
     ) -> Iterator[Tables]:
-        """Open the tables that were asked for; they appear together when the block ends without an error.
+        """Context manager: requested output tables, which appear together when the block ends without an error.
 
         Args:
             provenance: of all.
@@ -171,10 +171,10 @@ class Job:
 
 
 class Tables:
-    """Tables that are being written, by the fields of the request."""
+    """Output tables of a request, by field."""
 
     def __init__(self, job: Job, length_unit: str, stack: ExitStack, together: OutputGroup) -> None:
-        """Without a table yet.
+        """Start without open tables.
 
         Args:
             job: of which they are the outputs.
@@ -186,7 +186,7 @@ class Tables:
         self._writers: dict[str, TableWriter] = {}
 
     def open(self, field: str, provenance: Provenance, wider: type[ColumnTable] | None = None) -> None:
-        """Open the table of a field if it was asked for and is one.
+        """Open the table of a field if requested.
 
         Args:
             field: of the request.
@@ -207,17 +207,17 @@ class Tables:
             self._writers[field] = self._stack.enter_context(writer)
 
     def write(self, **parts: ColumnTable | None) -> None:
-        """Append rows to the tables that are open, by field; None has none."""
+        """Append rows to the open tables, by field; None is skipped."""
         for name, part in parts.items():
             if part is not None and name in self._writers:
                 self._writers[name].write(part)
 
     def write_bytes(self, field: str, content: bytes) -> None:
-        """Write an output that is no table and was asked for; it appears with the tables."""
+        """Write a requested output that is not a table; it appears with the tables."""
         with open_output(self._job.request.files(output=True)[field], self._job.overwrite, self._together) as file:
             file.write(content)
 
     def annotate(self, provenance: Provenance) -> None:
-        """Replace the provenance of all open tables, before they are complete."""
+        """Replace the provenance of all open tables before they are completed."""
         for writer in self._writers.values():
             writer.annotate(provenance)

@@ -1,9 +1,9 @@
 """Settings: declared once, with default, unit, range and help.
 
-A class of settings derives from `Settings`; each of its fields is a `setting(...)`.  From the
-declaration derive the check of its values, the reading of texts (`--set NAME=VALUE`), the
-options of the command line (`occlog.cli.setting_options`), the JSON Schema and the pages of
-the documentation.  Modules that declare settings load nothing heavy, so that `--help` can read them.
+A class of settings derives from `Settings`; each of its fields is a `setting(...)`. From the declaration derive the
+check of its values, the reading of texts (`--set NAME=VALUE`), the options of the command line
+(`occlog.cli.setting_options`), the JSON Schema and the pages of the documentation. Modules that declare settings import
+nothing heavy, so that `--help` is fast.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ C = TypeVar("C", bound="Settings")
 
 
 class SettingError(InputError):
-    """A value that a setting cannot have.
+    """An invalid value of a setting.
 
     Attributes:
         owner: owner of the setting: a method or a command.
@@ -53,7 +53,7 @@ LONG_INTEGERS = ("seed", "_ns")
 
 @dataclass(frozen=True)
 class Declaration:
-    """Description of a setting in addition to its type and default.
+    """Declaration of a setting in addition to its type and default.
 
     Attributes:
         help: one sentence or more, for people.
@@ -101,7 +101,7 @@ class Declaration:
     kinds: tuple[str, ...] = ()
 
     def limit(self) -> str:
-        """The range in words: `above 0 and at most 1`, `one of a, b`; empty if every value will do."""
+        """The range as text: `above 0 and at most 1`, `one of a, b`; empty without limits."""
         if self.choices:
             return ("of " if self.several else "one of ") + ", ".join(self.choices)
         ends = (
@@ -113,7 +113,7 @@ class Declaration:
         return " and ".join(f"{word} {end:g}" for word, end in ends if end is not None)
 
     def holds(self, value: Any) -> bool:
-        """Return whether a number or a text is in the range; None always is."""
+        """Whether a number or text is in the range; True for None."""
         if value is None:
             return True
         if self.choices:
@@ -130,18 +130,18 @@ class Declaration:
 
 
 def setting(default: Any, help: str, **declared: Any) -> Any:
-    """Declare a field of a class of settings; see `Declaration` for what may be stated of it."""
+    """Declare a field of a settings class; see `Declaration` for the parameters."""
     return field(default=default, metadata={"setting": Declaration(help, **declared)})
 
 
 def like(of: type[Settings], name: str, help: str, **declared: Any) -> Any:
-    """Declare a field as another class of settings has it, but for its words and what else is given."""
+    """Declare a field like that of another settings class, with some changes."""
     other = next(f for f in fields(of) if f.name == name)
     return field(default=other.default, metadata={"setting": replace(declaration(other), help=help, **declared)})
 
 
 def declaration(of: Field[object]) -> Declaration:
-    """Description of a field of a class of settings."""
+    """Declaration of a field of a settings class."""
     found: Declaration = of.metadata["setting"]
     return found
 
@@ -153,7 +153,7 @@ def listed(text: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Settings:
-    """Base of all classes of settings; frozen, and checked when it is made.
+    """Base class of settings: frozen, and validated on construction.
 
     `OWNER` is the name of the method or the command, for messages.
     """
@@ -168,17 +168,17 @@ class Settings:
                 raise SettingError(self.OWNER, name, getattr(self, name), limit)
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Rules between settings: name of the one that is wrong, whether the rule holds, what it states."""
+        """Rules between settings: name of the wrong one, whether the rule holds, and its text."""
         return ()
 
     @classmethod
     def in_unit(cls, length_unit: str) -> Self:
-        """The defaults that suit a scene with lengths in this unit."""
+        """Default settings for a scene with this length unit."""
         return cls(**{f.name: default_in(f, length_unit) for f in declared(cls)})
 
 
 def _check(of: type[Settings], f: Field[object], value: Any) -> None:
-    """SettingError for a value of another type, that is not finite, or out of its range."""
+    """SettingError for a value of the wrong type, not finite, or out of range."""
     spec, kind = declaration(f), kind_of(of, f.name)
     if not (value is None and optional(kind)) and not _is_a(value, kind):
         raise SettingError(of.OWNER, f.name, repr(value), spec.limit() if spec.choices else KIND_WORDS[item_kind(kind)])
@@ -209,7 +209,7 @@ KIND_WORDS: dict[type | tuple[type, type], str] = {
 
 
 def item_kind(kind: object) -> type | tuple[type, type]:
-    """Key of `KIND_WORDS` of an annotated type: the plain type, or a tuple with the type of its items."""
+    """Key of `KIND_WORDS` of an annotated type: the plain type, or a tuple with its item type."""
     plain = plain_kind(kind)
     if plain is not tuple:
         return plain
@@ -218,7 +218,7 @@ def item_kind(kind: object) -> type | tuple[type, type]:
 
 
 def _is_a(value: object, kind: object) -> bool:
-    """Return whether a value is of the annotated type; a whole number is a number, true is none."""
+    """Whether a value is of the annotated type; an int is accepted as a float, a bool is not."""
     key = item_kind(kind)
     if isinstance(key, tuple):
         items = {float: numbers.Real, int: numbers.Integral}.get(key[1], str)
@@ -234,12 +234,12 @@ def counted(counts: tuple[int, ...]) -> str:
 
 
 def declared(of: type[Settings]) -> tuple[Field[object], ...]:
-    """The fields of a class that are settings, in the order of declaration."""
+    """Fields of a class that are settings, in order of declaration."""
     return tuple(f for f in fields(of) if "setting" in f.metadata)
 
 
 def default_in(f: Field[object], length_unit: str) -> object:
-    """The default of a setting in scenes of that unit; lengths of people are reported in metres and converted."""
+    """Default of a setting for a length unit; lengths of people are declared in metres and converted."""
     spec = declaration(f)
     if length_unit not in METRES:
         return f.default if spec.own is None else spec.own
@@ -254,17 +254,17 @@ def default_in(f: Field[object], length_unit: str) -> object:
 
 
 def configure(config: C, values: Mapping[str, object]) -> C:
-    """The settings with some of them replaced; texts are read as the type of the setting.
+    """Replace some settings; texts are parsed to the type of the setting.
 
     Raises:
-        UsageError: a setting that is not there, or a text that is no value of it.
+        UsageError: an unknown setting, or an invalid text.
         SettingError: a value out of its range.
     """
     return replace(config, **{name: _read(type(config), name, value) for name, value in values.items()})
 
 
 def check_setting(of: Sequence[type[Settings]], name: str, value: object) -> None:
-    """Refuse a value that a setting by itself cannot have; its relation to other settings is not checked.
+    """Check the value of one setting, without relations to others.
 
     Args:
         of: classes of settings; the first that has the setting is meant.
@@ -290,7 +290,7 @@ def _names(of: type[Settings]) -> list[str]:
 
 
 def _read(of: type[Settings], name: str, value: object) -> object:
-    """The value, or what its text states; UsageError for a setting that is not there, or a text that is no value."""
+    """Parse the value of a setting; UsageError for an unknown setting or an invalid text."""
     if name not in _names(of):
         raise UsageError(_unknown(of.OWNER, name, _names(of)), id="unknown-key")
     return read_value(value, kind_of(of, name), name) if isinstance(value, str) else value
@@ -307,7 +307,7 @@ def kind_of(of: type, name: str) -> object:
 
 @functools.cache
 def _kinds(of: type) -> Mapping[str, object]:
-    """Types of all settings; annotations are texts, and to read them takes as long as to check hundreds of values."""
+    """Types of all settings, cached, since evaluating annotations is slow."""
     return typing.get_type_hints(of)
 
 
@@ -319,12 +319,12 @@ def plain_kind(kind: object) -> type:
 
 
 def optional(kind: object) -> bool:
-    """Return whether a setting of this type may be None."""
+    """Whether a setting of this type may be None."""
     return isinstance(kind, types.UnionType) and types.NoneType in typing.get_args(kind)
 
 
 def read_value(text: str, kind: object, name: str) -> object:
-    """The value that a text states; UsageError where it states none."""
+    """Parse a text to a value; UsageError if invalid."""
     if optional(kind) and text.strip().lower() in ("none", ""):
         return None
     plain = plain_kind(kind)
@@ -340,7 +340,7 @@ def read_value(text: str, kind: object, name: str) -> object:
 
 
 def read_pair(text: str, size: bool) -> tuple[int, int]:
-    """Two whole numbers: of a size WIDTHxHEIGHT, else of a range A:B with A < B; UsageError for anything else."""
+    """Parse two integers: a size WIDTHxHEIGHT, or a range A:B with A < B; UsageError for anything else."""
     pattern = r"(\d{1,5})[xX](\d{1,5})" if size else r"(\d{0,9}):(\d{1,9})"
     found = re.fullmatch(pattern, text.strip())
     first, second = (int(found[1] or 0), int(found[2])) if found is not None else (0, 0)
@@ -351,13 +351,13 @@ def read_pair(text: str, size: bool) -> tuple[int, int]:
 
 
 def json_schema(of: type[Settings]) -> dict[str, object]:
-    """JSON Schema of an object that gives some of the settings; missing ones have their defaults."""
+    """JSON Schema of an object with some of the settings; missing ones have their defaults."""
     properties = {f.name: _property(of, f) for f in declared(of)}
     return {"type": "object", "properties": properties, "additionalProperties": False}
 
 
 def _property(of: type[Settings], f: Field[object]) -> dict[str, object]:
-    """JSON Schema of one setting; where people in metres have another default, it states it also."""
+    """JSON Schema of one setting, including a different default for metres."""
     spec, kind = declaration(f), kind_of(of, f.name)
     names = {int: "integer", float: "number", bool: "boolean", str: "string", tuple: "array"}
     name = names[plain_kind(kind)]

@@ -1,7 +1,8 @@
-"""Resampling from a kernel density, so that particles without process noise do not collapse. A copy of a particle is
-shrunk towards the mean and moved by a draw from a Gaussian with the particles' covariance, a x + (1 - a) mean + h B n
-with a^2 + h^2 = 1 and B B^T the covariance. Mean and covariance are preserved; finer structure is smoothed by h
-standard deviations.
+"""Resampling from a kernel density, so that particles without process noise do not collapse.
+
+A copy of a particle is shrunk towards the mean and moved by a draw from a Gaussian with the particles' covariance, a x
++ (1 - a) mean + h B n with a^2 + h^2 = 1 and B B^T the covariance. Mean and covariance are preserved; finer structure
+is smoothed by h standard deviations.
 
 Backward simulation of trajectories through kernel densities of particles.
 

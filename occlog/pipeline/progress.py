@@ -1,4 +1,4 @@
-"""The progress bar of work that is made of many pieces."""
+"""Progress bar of many tasks."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 @contextmanager
 def shown_progress(label: str, unit: str, total: int, quiet: bool) -> Iterator[Callable[[int], None] | None]:
-    """Show a progress bar on a terminal; yield what advances it, None elsewhere."""
+    """Show a progress bar on a terminal; yield the function that advances it (None elsewhere)."""
     if quiet or not sys.stderr.isatty():
         yield None
         return

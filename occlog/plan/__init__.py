@@ -1,1 +1,1 @@
-"""Verb: predict the errors of sensors over the floor, and rank further placements."""
+"""`occlog plan`: predict tracking errors over the floor, and rank placements of sensors."""

@@ -1,21 +1,15 @@
-"""The expected error of a filter at the end of each way, for many targets at a time.
+"""Expected errors of a filter at the end of paths, for many targets.
 
-The filter knows that people walk straight on and turn now and then (`occlog.plan.filtering`).  How often they turn,
-how fast they are and the noise of their positions is that of the walk (`occlog.plan.walks`).  Between turns it expects
-as much noise as the trackers of occlog do by their defaults, and is worse for it where the walk has less.  None can
-know where the target requires to go, as the posterior bound of `occlog evaluate` does.
+The filter models people who walk straight and turn now and then, with the turn rate, speed and position noise of the
+walk (`occlog.plan.walks`). Between turns it assumes as much process noise as occlog's trackers by default, even if the
+walk has less. Unlike the posterior bound of `occlog evaluate`, it does not know where the target is going.
 
-A filter that knows that people walk straight on and turn now and then: compiled, for one way after the other.
-
-Between turns a velocity stays as it is, but for noise; at a turn it is redrawn, N(0, fresh I), whatever it was.
-The filter estimates the times of turns from measurements.  It keeps hypotheses, each a Kalman filter of (x, y,
-vx, vy) with a probability: at every step one more starts from all others, for a turn at this step.  Of more than
-`MAX_HYPOTHESES` two neighbours in the order of their start are merged that differ least.  In a gap without sight the
-first two moments of all hypotheses together are exactly those of the walk.
-
-A filter may expect more noise of velocities than there is.  So each hypothesis has two covariances: the one that the
-filter believes in, which makes its gains and probabilities, and that of the errors that come of these gains on the
-walk.
+Between turns the velocity is constant except for noise; at a turn it is redrawn from N(0, fresh I). The filter
+estimates the times of turns by hypotheses, each a Kalman filter of (x, y, vx, vy) with a probability: at every step one
+is added, for a turn at this step. If there are more than `MAX_HYPOTHESES`, the two most similar neighbours in the order
+of start are merged. In a gap the first two moments over all hypotheses are exactly those of the walk. Each hypothesis
+has two covariances: the one assumed by the filter, which determines gains and probabilities, and that of the actual
+errors with these gains.
 """
 
 from __future__ import annotations
@@ -40,7 +34,7 @@ TRIANGLE = np.array([[0, 1, 2, 3], [1, 4, 5, 6], [2, 5, 7, 8], [3, 6, 8, 9]])
 
 
 class StepNoise(NamedTuple):
-    """Process noise of a step without a turn, per axis, and the velocity after a turn."""
+    """Process noise of a step without a turn, per axis, and velocity variance after a turn."""
 
     position: float
     both: float  # of position and velocity
@@ -61,7 +55,7 @@ def run_filter(
     dt: float,
     keep: int,
 ) -> tuple[Floats, Floats]:
-    """Errors of the filter at the last steps of each way.
+    """Filter errors at the last steps of each path.
 
     Args:
         ways: (N, T, 2) positions of targets.
@@ -132,7 +126,7 @@ def _moments_into(rows: Floats, n: int, first: int, position: Floats, spread: Fl
 
 @kernel
 def _turn_into(rows: Floats, n: int, turn: float, fresh: float) -> None:
-    """Row n becomes the hypothesis that the target turns now, wherever it is; the others lose that probability."""
+    """Add hypothesis n, that the target turns now; the probabilities of others are reduced."""
     born = rows[n]
     born[:] = 0.0
     _moments_into(rows, n, FILTER_COVARIANCE, born[STATE : STATE + 2], born[TRUE_COVARIANCE : TRUE_COVARIANCE + 3])
@@ -154,7 +148,7 @@ def _turn_into(rows: Floats, n: int, turn: float, fresh: float) -> None:
 
 @kernel
 def _move_into(rows: Floats, h: int, dt: float, assumed: StepNoise, true: StepNoise) -> None:
-    """Hypothesis h a step later."""
+    """Predict hypothesis h by a step."""
     rows[h, STATE] += dt * rows[h, STATE + 2]
     rows[h, STATE + 1] += dt * rows[h, STATE + 3]
     _spread_into(rows[h, FILTER_COVARIANCE:TRUE_COVARIANCE], dt, assumed)
@@ -163,7 +157,7 @@ def _move_into(rows: Floats, h: int, dt: float, assumed: StepNoise, true: StepNo
 
 @kernel
 def _spread_into(P: Floats, dt: float, noise: StepNoise) -> None:
-    """The triangle (10,) of a covariance a step later."""
+    """Predict the triangle (10,) of a covariance by a step."""
     P[0] += dt * (2.0 * P[2] + dt * P[7]) + noise.position
     P[1] += dt * (P[3] + P[5] + dt * P[8])
     P[4] += dt * (2.0 * P[6] + dt * P[9]) + noise.position
@@ -177,7 +171,7 @@ def _spread_into(P: Floats, dt: float, noise: StepNoise) -> None:
 
 @kernel
 def _weigh_into(rows: Floats, n: int, information: Floats, work: Floats) -> int:
-    """All hypotheses after the measurement of a step; how many are left of them, in front.
+    """Update all hypotheses by the measurement of a step; return the number kept (at the front).
 
     Args:
         rows: hypotheses.
@@ -208,10 +202,10 @@ def _weigh_into(rows: Floats, n: int, information: Floats, work: Floats) -> int:
 
 @kernel
 def _update_into(row: Floats, information: Floats, work: Floats) -> float:
-    """A hypothesis after a measurement; the logarithm of its likelihood, but for what all have in common.
+    """Update a hypothesis by a measurement; return its log likelihood up to a common constant.
 
-    With M = 1 + I P_xx: gain W = P_x M^-1 of the report beyond I x, G = W I of the position; the filter covariance
-    becomes P - G P_x^T, the true one (1 - G H) R (1 - G H)^T + W I W^T.
+    With M = 1 + I P_xx: gain W = P_x M^-1 for the report minus I x, G = W I for the position; the filter covariance
+    becomes P - G P_x^T, the actual one (1 - G H) R (1 - G H)^T + W I W^T.
     """
     xx, xy, yy = information[0], information[1], information[2]
     p, q, r = row[FILTER_COVARIANCE], row[FILTER_COVARIANCE + 1], row[FILTER_COVARIANCE + 4]
@@ -244,7 +238,7 @@ def _update_into(row: Floats, information: Floats, work: Floats) -> float:
 
 @kernel
 def _merge_into(rows: Floats, n: int) -> None:
-    """Merge the two neighbours of n hypotheses that lose least, by probability and distance in standard deviations."""
+    """Merge the two neighbouring hypotheses with the smallest loss, by probability and Mahalanobis distance."""
     at, least = 0, math.inf
     for h in range(n - 1):
         one, two = rows[h, PROBABILITY], rows[h + 1, PROBABILITY]
@@ -280,7 +274,7 @@ MIN_VELOCITY_VARIANCE = 1e-18
 
 
 class Motion(NamedTuple):
-    """The second moments of a walk; computed in `occlog.plan.walks`."""
+    """Second moments of a walk; computed in `occlog.plan.walks`."""
 
     speed: float  # root mean square of the velocity, per second
     turns: float  # how often a second the velocity is forgotten
@@ -288,28 +282,28 @@ class Motion(NamedTuple):
 
 
 class FilterNoise(NamedTuple):
-    """Noise that a filter expects between turns, per axis, accumulated over 1 s; at least that of the walk counts."""
+    """Process noise assumed by a filter between turns, per axis, accumulated over 1 s; at least that of the walk."""
 
     sigma_v: float  # of the position
     sigma_a: float  # of the velocity
 
 
 class Reports(NamedTuple):
-    """Measurement information of N targets at T steps."""
+    """Measurement information for N targets at T steps."""
 
     information: Floats  # (3, N, T) xx, xy, yy of the Fisher information I of each step about the position
     noise: Floats  # (2, N, T) the error of the measurement, in units of I times a position; its covariance is I
 
 
 class ExpectedPosteriors(NamedTuple):
-    """Expected posteriors of N targets with error covariances, at K steps."""
+    """Expected posteriors of N targets at K steps, with error covariances."""
 
     position: Floats  # (N, K, 2)
     covariance: Floats  # (N, K, 2, 2)
 
 
 def noise_of(information: Floats, chance: Floats) -> Floats:
-    """(2, N, T) errors of the measurement, from (2, N, T) standard normals: a root of the information times these."""
+    """(2, N, T) measurement errors from standard normals (2, N, T), by a root of the information."""
     xx, xy, yy = information
     root = np.sqrt(xx)
     across = np.divide(xy, root, out=np.zeros_like(xy), where=root > 0.0)
@@ -326,7 +320,7 @@ def errors_along(
     dt: float,
     keep: int = 1,
 ) -> ExpectedPosteriors:
-    """Filter errors from measurements of targets along their paths, at the last `keep` steps.
+    """Filter errors for measurements of targets along their paths, at the last `keep` steps.
 
     Args:
         ways: (N, T, 2) positions.
@@ -354,15 +348,15 @@ def errors_along(
 
 
 def step_noise(sigma: float, sigma_a: float, fresh: float, dt: float) -> StepNoise:
-    """Noise of a step: of the position, and of the velocity as of white acceleration."""
+    """Process noise of a step: position noise, and velocity noise as white acceleration."""
     q = sigma_a**2
     return StepNoise(sigma**2 * dt + q * dt**3 / 3.0, q * dt**2 / 2.0, q * dt, fresh)
 
 
 def square_error_in_room(covariance: Floats, at: Floats, floor: Floats, size: Floats) -> Floats:
-    """Mean square error where the filter knows that the target is on the floor: of a normal, cut off where it ends.
+    """Mean square error if the filter knows that the target is on the floor: of a truncated normal.
 
-    Summed over cells of the floor; a normal narrower than a cell is as it is.
+    Computed by summation over cells of the floor; a normal narrower than a cell is unchanged.
 
     Args:
         covariance: (N, 2, 2) of positions, positive definite.

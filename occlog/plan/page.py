@@ -1,7 +1,4 @@
-"""The page of a plan: map, figures in words, rankings; one offline file without scripts.
-
-Picture of a plan: where what error is to be expected, and where two sensors see the target, over the floor plan.
-"""
+"""HTML page and picture of a plan: maps of expected error and of coverage by two sensors, figures, rankings."""
 
 from __future__ import annotations
 
@@ -33,7 +30,7 @@ MAP = "viridis_r"
 
 
 class MapPicture(NamedTuple):
-    """Drawings."""
+    """Content of the maps."""
 
     scene: Scene
     table: PlanMap
@@ -43,7 +40,7 @@ class MapPicture(NamedTuple):
 
 
 def map_picture(what: MapPicture, suffix: str) -> bytes:
-    """The picture as PNG or SVG, by the suffix of its name."""
+    """Draw the picture as PNG or SVG, by suffix."""
     with house_style():
         figure = new_figure(*size_of(what))
         draw_maps(figure, what)
@@ -57,13 +54,13 @@ def _svg(figure: Figure) -> bytes:
 
 
 def size_of(what: MapPicture) -> tuple[float, float]:
-    """Width and height of a picture of maps in inches, with the aspect ratio of the room."""
+    """Width and height of the maps [inches], with the aspect ratio of the room."""
     extent = np.diff(_limits(what), axis=0)[0]
     return WIDTH, float(np.clip(0.44 * WIDTH * extent[1] / extent[0] + 1.9, 3.4, 9.0))
 
 
 def draw_maps(figure: FigureBase, what: MapPicture) -> None:
-    """Draw both maps, to be called inside `house_style`."""
+    """Draw both maps (inside `house_style`)."""
     unit = label(what.scene.length_unit)
     left, right = figure.subplots(1, 2)
     rmse = what.table.rmse
@@ -118,7 +115,7 @@ def _squares(what: MapPicture, values: Floats, **style: Any) -> PatchCollection:
 
 
 def _outline(axes: Axes, what: MapPicture, good: Bools) -> None:
-    """Dots in the squares that are good enough."""
+    """Draw dots in the cells that meet the requirement."""
     rows = np.flatnonzero(good)
     axes.plot(
         what.table.x[rows], what.table.y[rows], ".", color=COLOURS["halo"], markersize=2.0, zorder=2.4, linestyle="none"
@@ -126,7 +123,7 @@ def _outline(axes: Axes, what: MapPicture, good: Bools) -> None:
 
 
 def _limits(what: MapPicture) -> Floats:
-    """(2, 2) lower and upper corner of the room and all sensors."""
+    """(2, 2) lower and upper corners of the bounding box of room and sensors."""
     assert what.scene.room is not None
     sensors = [sensor.position[None, :2] for sensor in (*what.scene.cameras, *what.scene.arrays, *what.added)]
     points = np.vstack([what.scene.room, *sensors])
@@ -153,7 +150,7 @@ class PageInput(NamedTuple):
 
 
 def plan_page(what: PageInput) -> str:
-    """The page as HTML."""
+    """Build the HTML page."""
     unit = what.drawn.scene.length_unit
     words = "Seen from above, x and y to the same scale; the colours of the errors are on a logarithmic scale."
     with house_style():
@@ -177,7 +174,7 @@ def plan_page(what: PageInput) -> str:
 
 
 def _figures(summary: Mapping[str, object], unit: str) -> list[tuple[str, str]]:
-    """Names and values of the figures, in words."""
+    """Names and formatted values of the figures."""
     number = {name: value for name, value in summary.items() if isinstance(value, int | float)}
     out = [
         (f"expected error over the floor, RMSE [{unit}]", f"{number[f'rmse_{unit}']:.3f}"),

@@ -1,4 +1,4 @@
-"""Run of `occlog plan`: scene in; map, picture, page and rankings out."""
+"""`occlog plan`: scene in; map, picture, page and rankings out."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ PLACES = 16
 
 @dataclass(frozen=True)
 class Rankings:
-    """Sensors by the error over the floor with them, or without them; None: not asked for."""
+    """Rankings of sensors by the error over the floor with, or without, them; None: not requested."""
 
     candidates: tuple[PlacementCandidate, ...] | None
     added: tuple[PlacementCandidate, ...] | None
@@ -57,7 +57,7 @@ class Rankings:
 
 
 def run_plan(request: PlanRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Plan and write the requested output; the summary, and the losses of the paths before."""
+    """Plan, and write the requested outputs; return the summary and the losses of the paths."""
     _check(request)
     scene = load_scene(request.scene, None, request.scene)
     config = configure(PlanConfig.in_unit(scene.length_unit), request.settings)
@@ -84,7 +84,7 @@ def run_plan(request: PlanRequest, job: Job) -> tuple[dict[str, object], tuple[L
 
 
 def _check(request: PlanRequest) -> None:
-    """UsageError for what contradicts each other, a picture of another format, or a page that is not named so."""
+    """UsageError for contradictory options, or wrong suffixes of picture and page."""
     candidates, walls = option("candidates"), option("along_walls")
     if request.candidates is not None and request.along_walls is not None:
         raise UsageError(
@@ -101,7 +101,7 @@ def _check(request: PlanRequest) -> None:
 
 
 def _candidates(request: PlanRequest, scene: Scene) -> tuple[Sensor, ...]:
-    """Sensors that may be added; none if none are asked for."""
+    """Candidate sensors; empty if none are requested."""
     if request.along_walls is not None:
         like = scene.camera(request.along_walls)
         if scene.room is None:
@@ -138,7 +138,7 @@ def _perimeter(room: Floats) -> float:
 
 
 def _places(path: Path | None, scene: Scene) -> tuple[Floats | None, tuple[Loss, ...]]:
-    """(P, 2) positions of people, in the scene's unit, and the losses of them before."""
+    """(P, 2) positions of people, in the scene's unit, and the losses of their input."""
     if path is None:
         return None, ()
     opened = open_input(path, Tracks, Truth)
@@ -165,7 +165,7 @@ def _rank(request: PlanRequest, planned: PreparedPlan, candidates: Sequence[Sens
 
 
 def caveats(scene: Scene, table: PlanMap) -> list[str]:
-    """Unreliable and skipped parts, in words."""
+    """Messages about unreliable and skipped parts."""
     out = []
     unplaced = [camera.name for camera in scene.cameras if not camera.placed]
     if unplaced:
@@ -211,7 +211,7 @@ def _summary(request: PlanRequest, planned: PreparedPlan, table: PlanMap, rankin
 
 
 def _listed(ranking: Sequence[PlacementCandidate], unit: str) -> InWords:
-    """Sensors of a ranking; for people their names and errors."""
+    """Names and errors of the sensors in a ranking, for people."""
     words = ", ".join(f"{placed.sensor.name} {placed.rmse:.3g}" for placed in ranking)
     return InWords([placed_as_dict(placed, unit) for placed in ranking], words)
 

@@ -1,6 +1,6 @@
-"""Visibility of targets along their paths for each sensor, and its Fisher information about their positions.
+"""Visibility of targets along their paths for each sensor, and Fisher information about their positions.
 
-Positions that a walking crowd hides from a sensor: the discs of [Ercan] Fig. 3, with a height where it is known.
+Moving people occlude by discs ([Ercan] Fig. 3), with their height if known.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ def hide_behind_crowd(
     diameter: float,
     least_share: float,
 ) -> None:
-    """Set `seen` to false, in place, where a disc is between sensor and target.
+    """Set `seen` to False, in place, where a person's disc is between sensor and target.
 
-    A disc hides the target if its centre is in the rectangle from the sensor to the target, as wide as the disc.
+    The disc occludes the target if its centre is in the rectangle from the sensor to the target, as wide as the disc.
 
     Args:
         seen: (N, T) what the sensor would see without a crowd.
@@ -77,24 +77,24 @@ Sensor = Camera | MicrophoneArray
 
 
 class ExpectedInformation(NamedTuple):
-    """Information of one sensor."""
+    """Expected information from one sensor."""
 
     seen: Bools  # (N, T) whether it reports the target
     information: Floats  # (3, N, T) xx, xy, yy of the Fisher information about the position; 0 where not seen
 
 
 def rate_of(sensor: Sensor, config: PlanConfig) -> float:
-    """Frames a second."""
+    """Frame rate of a sensor [Hz]."""
     return config.rate_hz if sensor.rate_hz is None else sensor.rate_hz
 
 
 def detection_of(sensor: Sensor) -> float:
-    """Probability that it reports a target that it could see."""
+    """Probability that a sensor reports an unoccluded target."""
     return 1.0 if isinstance(sensor, MicrophoneArray) or sensor.detection is None else sensor.detection
 
 
 def unoccluded_view(sensor: Sensor, scene: Scene, walked: Walked, config: PlanConfig) -> Bools:
-    """(N, T) if neither obstacles nor people hide the target from the sensor; sound is never blocked."""
+    """(N, T) mask of targets that neither obstacles nor people hide from the sensor; sound is never occluded."""
     n, steps = walked.ways.shape[:2]
     xy = walked.ways.reshape(-1, 2)
     if isinstance(sensor, MicrophoneArray):
@@ -118,7 +118,7 @@ def unoccluded_view(sensor: Sensor, scene: Scene, walked: Walked, config: PlanCo
 
 
 def share_below_heads(camera: Camera, config: PlanConfig) -> float:
-    """Share of the line of sight, from the camera, beyond which it is not above people's heads."""
+    """Share of the line of sight, from the camera, beyond which it is below people's heads."""
     above = float(camera.position[2])
     if config.height is None or not camera.has_height or above <= config.height:
         return 0.0
@@ -130,7 +130,7 @@ def share_below_heads(camera: Camera, config: PlanConfig) -> float:
 def information_of_sensor(
     sensor: Sensor, scene: Scene, walked: Walked, config: PlanConfig, seed: int
 ) -> ExpectedInformation:
-    """Return the information of one sensor about all targets; its detections depend on its name and the seed alone."""
+    """Information of one sensor about all targets; random detections depend on its name and the seed only."""
     seen = unoccluded_view(sensor, scene, walked, config)
     n, steps = seen.shape
     # Frames: the last step is one; others at the sensor's own rate
@@ -148,7 +148,7 @@ def information_of_sensor(
 
 
 def _information(sensor: Sensor, xy: Floats, config: PlanConfig) -> Floats:
-    """(N, 2, 2) of one report of a target at (N, 2) positions."""
+    """(N, 2, 2) information of one report of a target at positions (N, 2)."""
     if isinstance(sensor, Camera):
         return camera_information(
             xy,

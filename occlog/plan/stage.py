@@ -1,9 +1,7 @@
-"""Compute the map of expected errors of a scene, and those with a sensor more or less.
+"""Map of expected errors of a scene, and errors with a sensor added or removed.
 
-Sensors that may be added, ranked by the error over the floor with each; and the scene's own, by that without each.
-
-All are judged on the same walks and crowds, with errors made of the same numbers, so that differences are known
-better than the errors themselves.
+Candidate sensors are ranked by the error over the floor with each, and the scene's own by that without each. All use
+the same walks, crowds and random numbers, so that differences are more precise than the errors themselves.
 """
 
 from __future__ import annotations
@@ -46,7 +44,7 @@ MAX_WALK_STEPS = 5_000_000
 
 
 class PreparedPlan(NamedTuple):
-    """A scene prepared for planning: positions, walks, and the information of each sensor."""
+    """A scene prepared for planning: cells, walks, and information of each sensor."""
 
     scene: Scene
     cells: FloorCells
@@ -62,14 +60,14 @@ class PreparedPlan(NamedTuple):
 
 
 def sensors_of(scene: Scene) -> tuple[Sensor, ...]:
-    """Cameras with a pose, then arrays."""
+    """Cameras with poses, then arrays."""
     return (*(c for c in scene.cameras if c.placed), *scene.arrays)
 
 
 def prepare(
     scene: Scene, config: PlanConfig, seed: int, also: Sequence[Sensor] = (), paths: Floats | None = None
 ) -> PreparedPlan:
-    """Walks and crowds for a scene, and the information of its sensors.
+    """Simulate walks and crowds for a scene, and compute the information of its sensors.
 
     Args:
         scene: with a room and sensors.
@@ -116,7 +114,7 @@ def prepare(
 
 
 def _weights(cells: FloorCells, paths: Floats | None) -> Floats:
-    """(C,) shares of the floor, or of the positions (P, 2) that are nearest to each cell."""
+    """(C,) weights of the cells: shares of the floor, or of the positions (P, 2) nearest to each cell."""
     if paths is None:
         return np.full(len(cells.xy), 1.0 / len(cells.xy))
     cell = nearest_cell(cells, paths)
@@ -130,7 +128,7 @@ def _weights(cells: FloorCells, paths: Floats | None) -> Floats:
 
 
 def filter_noise_of(config: PlanConfig) -> FilterNoise:
-    """Return the process noise that the filter assumes between turns."""
+    """Process noise that the filter assumes between turns."""
     return FilterNoise(config.filter_process_noise_position, config.filter_process_noise_velocity)
 
 
@@ -152,7 +150,7 @@ def square_errors(planned: PreparedPlan, found: ExpectedPosteriors) -> Floats:
 
 
 def expected_error(planned: PreparedPlan, information: Sequence[ExpectedInformation]) -> float:
-    """Root of the mean square error over the floor for a set of sensors."""
+    """Root mean square error over the floor for a set of sensors."""
     return float(np.sqrt(planned.weight @ square_errors(planned, expected(planned, information)).mean(axis=1)))
 
 
@@ -182,7 +180,7 @@ def plan_map(planned: PreparedPlan) -> PlanMap:
 
 
 def _seen_by(planned: PreparedPlan) -> tuple[Floats, Floats]:
-    """(C,) probabilities that no sensor, and exactly one, reports a target that comes to a position."""
+    """(C,) probabilities that no sensor, and that exactly one, reports a target arriving at a cell."""
     count, walked = len(planned.cells.xy), planned.walked
     still = paths_through_cells(planned.visits, walked.people, SNAPSHOTS, 1, walked.dt)
     none, one = np.ones(len(still.own)), np.zeros(len(still.own))
@@ -193,17 +191,17 @@ def _seen_by(planned: PreparedPlan) -> tuple[Floats, Floats]:
 
 
 def area_share_below(table: PlanMap, limit: float) -> float:
-    """Share of the floor, by weight, with an expected error below a limit."""
+    """Weighted share of the floor with an expected error below a limit."""
     return float(table.weight[table.rmse < limit].sum())
 
 
 def worst_cell(table: PlanMap) -> int:
-    """Row with the greatest expected error."""
+    """Row with the largest expected error."""
     return int(np.argmax(table.rmse))
 
 
 class PlacementCandidate(NamedTuple):
-    """A sensor, and the error over the floor with it (or without it)."""
+    """A candidate sensor, with the error over the floor with it (or without it)."""
 
     sensor: Sensor
     rmse: float
@@ -212,7 +210,7 @@ class PlacementCandidate(NamedTuple):
 def rank_candidates(
     planned: PreparedPlan, candidates: Iterable[Sensor], also: Sequence[ExpectedInformation] = ()
 ) -> list[PlacementCandidate]:
-    """Each candidate added to the scene's sensors, the best one first; equal ones in the order given."""
+    """Rank candidates by the error with each added to the scene's sensors, best first."""
     information = [_sum([*planned.information.values(), *also])] if planned.information or also else []
     found = []
     for sensor in candidates:
@@ -224,7 +222,7 @@ def rank_candidates(
 def add_greedily(
     planned: PreparedPlan, ranked: Sequence[PlacementCandidate], count: int
 ) -> Iterator[PlacementCandidate]:
-    """One sensor after the other, each time the one that lowers the expected error most."""
+    """Add sensors greedily, each time the one that reduces the expected error most."""
     also: list[ExpectedInformation] = []
     left = list(ranked)
     for _ in range(min(count, len(ranked))):
@@ -236,7 +234,7 @@ def add_greedily(
 
 
 def rank_removal(planned: PreparedPlan) -> list[PlacementCandidate]:
-    """The error without each of the scene's sensors, the least needed one first."""
+    """Rank the scene's sensors by the error without each, the least needed first."""
     found = []
     for sensor in sensors_of(planned.scene):
         others = [information for name, information in planned.information.items() if name != sensor.name]
@@ -245,7 +243,7 @@ def rank_removal(planned: PreparedPlan) -> list[PlacementCandidate]:
 
 
 def _sum(terms: Sequence[ExpectedInformation]) -> ExpectedInformation:
-    """Information of several sensors as one."""
+    """Sum of the information of several sensors."""
     seen, information = terms[0].seen.copy(), terms[0].information.copy()
     for one in terms[1:]:
         seen |= one.seen
@@ -274,7 +272,7 @@ def along_walls(scene: Scene, like: Camera, spacing: float) -> tuple[Camera, ...
 
 
 def _turned(like: Camera, point: Floats, to: Floats, name: str) -> Camera:
-    """The camera at a position, with its pitch, pointing at another."""
+    """The camera at another position, with its pitch, pointing at a target."""
     _, pitch, roll = angles_from_rotation(like.rotation)
     yaw = float(np.arctan2(*(to - point)[::-1]))
     position = np.array([point[0], point[1], like.position[2]])

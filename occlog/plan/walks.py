@@ -1,19 +1,12 @@
-"""Walks of people in a room, and the sections that lead them to each position of the floor.
+"""Simulated walks of people in a room, and the paths that lead to each cell of the floor.
 
-All walk as in `occlog simulate`: to random positions, around static occluders and out of each other's way.  Any of them
-may be the target, hidden by the others: the frequency and duration of close encounters is
-part of the walk.
+All walk as in `occlog simulate`: to random positions, around static occluders and avoiding each other. Any of them may
+be the target, occluded by the others, so that close encounters are realistic.
 
-The second moments of a walk, counted.
-
-Whoever walks straight on at speed v, turns r times a second to anywhere and has noise s of the position takes steps
-that have, with a = (1 - exp(-r dt)) / r,
-
-    E[d_0 . d_k] = v^2 a^2 exp(-r (k - 1) dt),   k = 1, 2, ...
-    E[d_0 . d_0] = 2 v^2 (dt - a) / r + 2 s^2 dt
-
-so that r is determined where that has fallen to half of its value at k = 1, v from that value, and s from the steps
-alone.  Walkers who turn at walls, or aside for each other, are counted with all of it.
+Second moments of a walk: a walker with speed v, r random turns per second and position noise s has steps with, for a =
+(1 - exp(-r dt)) / r, E[d_0 . d_k] = v^2 a^2 exp(-r (k - 1) dt), k = 1, 2, ... and E[d_0 . d_0] = 2 v^2 (dt - a) / r + 2
+s^2 dt, so that r is determined by where the correlation has fallen to half of its value at k = 1, v by that value, and
+s by the steps alone. Turns at walls, and around each other, are included.
 """
 
 from __future__ import annotations
@@ -49,7 +42,7 @@ FINE = 2000
 
 
 class Walked(NamedTuple):
-    """N targets on their ways, and all people meanwhile; the targets are of them."""
+    """N targets on their paths, and all people at the same times (the targets among them)."""
 
     ways: Floats  # (N, T, 2)
     people: Floats  # (K, n, 2) the walk of all
@@ -59,7 +52,7 @@ class Walked(NamedTuple):
 
 
 class Visits(NamedTuple):
-    """When a person is at the positions of the floor: those of cell k are rows begin[k] to begin[k + 1]."""
+    """Visits of people to cells of the floor: those of cell k are rows begin[k] to begin[k + 1]."""
 
     step: Ints  # (V,) of the walk
     own: Ints  # (V,) who
@@ -67,14 +60,14 @@ class Visits(NamedTuple):
 
 
 class FloorCells(NamedTuple):
-    """C rectangles of the floor, nearly square."""
+    """C nearly square rectangles of the floor."""
 
     xy: Floats  # (C, 2) their middles
     size: Floats  # (2,) their sides
 
 
 def cells_of(scene: Scene, count: int) -> FloorCells:
-    """Cells that cover the free floor, about `count` of them; those with a middle that is free.
+    """Divide the free floor into about `count` cells with free centres.
 
     Raises:
         InputError: the scene has no room.
@@ -98,21 +91,21 @@ def cells_of(scene: Scene, count: int) -> FloorCells:
 
 
 def _grid(low: Floats, high: Floats, size: float) -> Floats:
-    """(N, 2) middles of the rectangles, the same from either side; rows from below."""
+    """(N, 2) centres of the rectangles, symmetric; rows from below."""
     numbers = _numbers(low, high, size)
     x, y = (lo + (np.arange(n) + 0.5) * (hi - lo) / n for lo, hi, n in zip(low, high, numbers, strict=True))
     return np.column_stack([np.tile(x, len(y)), np.repeat(y, len(x))])
 
 
 def _numbers(low: Floats, high: Floats, size: float) -> Ints:
-    """(2,) how many rectangles there are along x and y."""
+    """(2,) number of rectangles along x and y."""
     return np.asarray(np.maximum(1, np.rint((high - low) / size)), dtype=np.int64)
 
 
 def simulate_crowd(scene: Scene, config: PlanConfig, dt: float, steps: int, seed: int) -> Floats:
-    """(K, n, 2) positions of all people, the target among them, K steps of `dt`.
+    """Simulate positions (K, n, 2) of all people, the target among them, K steps of `dt`.
 
-    There are `WALKED` steps of all people that have `steps` - 1 before them.
+    `WALKED` steps of all people have at least `steps` - 1 steps before them.
 
     Raises:
         InputError: they do not fit into the room.
@@ -150,7 +143,7 @@ def simulate_crowd(scene: Scene, config: PlanConfig, dt: float, steps: int, seed
 
 
 def crowd_size(scene: Scene, config: PlanConfig) -> int:
-    """Number of people near the target."""
+    """Number of people in the simulated crowd."""
     if config.people is not None:
         return config.people
     if config.density == 0.0:
@@ -166,9 +159,9 @@ def crowd_size(scene: Scene, config: PlanConfig) -> int:
 
 
 def cell_visits(cells: FloorCells, people: Floats, steps: int) -> Visits:
-    """When a person who has walked `steps` steps is in each cell, in the order of time.
+    """Visits of people who have walked at least `steps` steps to each cell, sorted by time.
 
-    A cell without any visit has the visits of the nearest one with visits.
+    A cell without visits has those of the nearest cell with visits.
     """
     n = people.shape[1]
     cell = nearest_cell(cells, people[steps - 1 :].reshape(-1, 2))
@@ -182,7 +175,7 @@ def cell_visits(cells: FloorCells, people: Floats, steps: int) -> Visits:
 
 
 def paths_through_cells(visits: Visits, people: Floats, draws: int, steps: int, dt: float) -> Walked:
-    """Ways of `steps` steps that end with visits, `draws` for each cell in turn, spread over all visits of the cell."""
+    """Paths of `steps` steps that end with visits, `draws` for each cell, spread over all visits of the cell."""
     spread = (np.arange(draws) + 0.5) / draws
     chosen = (visits.begin[:-1, None] + spread * np.diff(visits.begin)[:, None]).astype(np.int64).ravel()
     own, first = visits.own[chosen], visits.step[chosen] - (steps - 1)
@@ -191,13 +184,13 @@ def paths_through_cells(visits: Visits, people: Floats, draws: int, steps: int, 
 
 
 def nearest_cell(cells: FloorCells, xy: Floats) -> Ints:
-    """(P,) number of the cell with the centre nearest to each position; it contains the position if any cell does."""
+    """(P,) index of the cell with the nearest centre to each position."""
     tree = KDTree(cells.xy)
     return np.asarray(tree.query(xy)[1], dtype=np.int64)
 
 
 def moments_of(people: Floats, dt: float) -> Motion:
-    """The motion with steps that fit those of a walk best.
+    """Fit the motion parameters to the steps of a walk.
 
     Args:
         people: (K, n, 2) their positions, K >= 3.
@@ -215,14 +208,14 @@ def moments_of(people: Floats, dt: float) -> Motion:
 
 
 def _agreement(steps: Floats, lag: int) -> float:
-    """Mean inner product of steps at this lag."""
+    """Mean inner product of steps at a lag."""
     return float(np.mean(np.einsum("tni,tni->tn", steps[: len(steps) - lag], steps[lag:])))
 
 
 def _half(steps: Floats, whole: float) -> float:
-    """Return the number of steps until the correlation is half of `whole`: between two lags, in proportion.
+    """Lag [steps] at which the correlation is half of `whole`, interpolated.
 
-    The lag is found by doubling and halving; a walk too short for it is taken at its longest lag.
+    Found by doubling and bisection; limited by the length of the walk.
     """
     low, at_low, high, longest = 1, whole, 2, len(steps) - 1
     while (at_high := _agreement(steps, min(high, longest))) > 0.5 * whole:

@@ -1,16 +1,8 @@
-"""Interfaces of plug-ins: classes with a line of summary, a class of settings, and one function that works.
+"""Interfaces of plug-ins: classes with a one-line summary, a settings class, and one working method.
 
-Detectors: an image in, boxes out.
-
-Exporters: a table in, a file in an external format out.
-
-Tracking methods of bearings: what a filter is given, and what it gives back.
-
-Metrics: tracks and truth in, figures out.
-
-Readers: a file of an external format as named columns.
-
-Tracking methods of one camera: boxes in, identities out.
+Detectors: image to boxes. Exporters: table to a file in an external format. Tracking methods of bearings: scans to
+positions. Metrics: tracks and truth to figures. Readers: file of an external format to named columns. Tracking methods
+of one camera: boxes to identities.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Finds installed plug-ins by their entry points, which are read only where a name is not ours or help is asked for.
+"""Discovery of installed plug-ins by entry points, which are read only for names that are not built in, and for help.
 
-A plug-in that the user has chosen, with the settings that were given.
+`Chosen` is a plug-in selected by the user, with its settings.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ KINDS = {
 
 
 class Plugin(NamedTuple):
-    """An installed plug-in, which has not been imported yet.
+    """An installed plug-in, not imported yet.
 
     Attributes:
         kind: a key of `KINDS`.
@@ -60,7 +60,7 @@ class Plugin(NamedTuple):
 
     @property
     def origin(self) -> str:
-        """Package and version, for provenances."""
+        """Package and version, for provenance."""
         return f"{self.package} {self.version}"
 
     @property
@@ -77,7 +77,7 @@ class Plugin(NamedTuple):
             return str(error)
 
     def load(self) -> Any:
-        """The class; PluginError, in one line, where it cannot be imported or lacks what its kind requires."""
+        """Import the class; PluginError if that fails, or if it lacks what its kind requires."""
         from importlib import import_module
 
         module, _, name = self.where.partition(":")
@@ -93,7 +93,7 @@ class Plugin(NamedTuple):
 
 @contextmanager
 def plugin_errors(plugin: Plugin) -> Iterator[None]:
-    """Turn whatever a plug-in raises into one PluginError that names it, the error and the line."""
+    """Context manager that converts any exception of a plug-in to PluginError with its name, the error and the line."""
     try:
         yield
     except OcclogError:
@@ -110,13 +110,13 @@ def plugin_errors(plugin: Plugin) -> Iterator[None]:
 
 
 def installed(kind: str | None = None) -> list[Plugin]:
-    """The plug-ins of a kind, or all, by kind and name; a package that is on the path twice counts once."""
+    """Installed plug-ins of a kind (or all), by kind and name, without duplicates."""
     return [plugin for plugin in _installed(tuple(sys.path)) if kind in (None, plugin.kind)]
 
 
 @cache
 def _installed(path: tuple[str, ...]) -> tuple[Plugin, ...]:
-    """The plug-ins of packages on the path; metadata of packages are read once for a path."""
+    """Plug-ins of the packages on the path; package metadata are cached."""
     from importlib.metadata import distributions
 
     kinds = {kind.group: name for name, kind in KINDS.items()}
@@ -130,7 +130,7 @@ def _installed(path: tuple[str, ...]) -> tuple[Plugin, ...]:
 
 
 def find(name: str, *kinds: str) -> Plugin | None:
-    """The plug-in of a name and of one of some kinds; None: missing.
+    """Find a plug-in by name and kind; None if missing.
 
     Raises:
         UsageError: several packages have one of that name.
@@ -145,7 +145,7 @@ def find(name: str, *kinds: str) -> Plugin | None:
 
 
 def named(name: str) -> list[Plugin]:
-    """All plug-ins of a name, of whatever kind; UsageError, with the nearest name, if missing."""
+    """All plug-ins of a name, of any kind; UsageError, with the most similar name, if missing."""
     found = [plugin for plugin in installed() if plugin.name == name]
     if not found:
         raise UsageError(
@@ -155,7 +155,7 @@ def named(name: str) -> list[Plugin]:
 
 
 class Chosen(NamedTuple):
-    """A plug-in and its settings.
+    """A plug-in selected by the user, with its settings.
 
     Attributes:
         plugin: the plug-in.
@@ -166,18 +166,18 @@ class Chosen(NamedTuple):
     values: Mapping[str, object]
 
     def config(self, length_unit: str) -> Settings:
-        """All settings, for lengths in this unit."""
+        """All settings, for a length unit."""
         of = self.plugin.load()
         with plugin_errors(self.plugin):
             defaults: Settings = of.settings.in_unit(length_unit)
         return configure(defaults, self.values)
 
     def make(self, length_unit: str, *more: Any) -> Any:
-        """A new object of the plug-in; PluginError where it fails."""
+        """Create an object of the plug-in; PluginError if that fails."""
         of, config = self.plugin.load(), self.config(length_unit)
         with plugin_errors(self.plugin):
             return of(config, *more)
 
     def provenance(self, length_unit: str) -> dict[str, object]:
-        """Name, package, version and all settings, for the provenance of outputs."""
+        """Name, package, version and all settings, for provenance."""
         return {"name": self.plugin.name, "package": self.plugin.origin, **asdict(self.config(length_unit))}

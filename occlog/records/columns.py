@@ -1,6 +1,6 @@
-"""What a table is: columns declared once with dtype, unit and meaning; validation on construction.
+"""Base of tables: columns declared once with dtype, unit and description; validation on construction.
 
-The largest time that occlog takes.
+Also the limit of times and lengths.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ MAX_NS = 2**62 - 1
 
 
 def bounded_ns(t_ns: int) -> int:
-    """A time [ns] that a file states; ValueError beyond `MAX_NS` before or after the epoch."""
+    """Check a time [ns] from a file; ValueError beyond +-`MAX_NS` from the epoch."""
     if not -MAX_NS <= t_ns <= MAX_NS:
         far = f"{t_ns} ns" if abs(t_ns) < 10**24 else f"ns in {len(str(abs(t_ns)))} digits"
         raise ValueError(f"its time of {far} is out of range: 2116 is the last year")
@@ -44,20 +44,20 @@ LENGTHS = {"m": 1, "m^2": 2, "m/s": 1, "m^2/s": 2, "m^2/s^2": 2}
 
 
 def largest(unit: str) -> float:
-    """Largest value of a column in that unit, either way; infinite for what is no length."""
+    """Largest absolute value of a column in that unit; infinite unless it is a length."""
     if unit in LENGTHS:
         return MAX_LENGTH ** LENGTHS[unit]
     return {"px": MAX_PX, "px^2": MAX_PX**2}.get(unit, math.inf)
 
 
 def in_length_unit(unit: str, length_unit: str) -> str:
-    """The unit of a column where lengths are in a unit: `cm^2/s` for `m^2/s` and `cm`."""
+    """Unit of a column in another length unit: `cm^2/s` for `m^2/s` and `cm`."""
     return unit.replace("m", length_unit) if unit in LENGTHS else unit
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One column of a table: name, NumPy kind, width of a row (0 = a scalar, `ANY_WIDTH`), unit, meaning."""
+    """A table column: name, NumPy kind, width of a row (0: scalar, `ANY_WIDTH`), unit, description."""
 
     name: str
     kind: str
@@ -69,24 +69,24 @@ class Column:
 
     @property
     def dtype(self) -> np.dtype[np.generic]:
-        """NumPy dtype of the column; "U" represents strings of any length."""
+        """NumPy dtype of the column; "U" for strings of any length."""
         return np.dtype(self.kind)
 
     @property
     def limits(self) -> tuple[int, int]:
-        """Smallest and largest whole number that a column of these (`i4`, `i8`, `u1`, ...) holds."""
+        """Smallest and largest integer of a column's kind (`i4`, `i8`, `u1`, ...)."""
         bits = 8 * self.dtype.itemsize
         return (-(1 << bits - 1), (1 << bits - 1) - 1) if self.dtype.kind == "i" else (0, (1 << bits) - 1)
 
 
 def column(kind: str, unit: str, doc: str, *, nan: str | None = None, width: int = 0, optional: bool = False) -> Any:
-    """Declare one column of a table; an `optional` one is NaN, "" or, of whole numbers, -1 where it gets no values."""
+    """Declare a table column; an `optional` one without values is NaN, "" or, for integers, -1."""
     metadata = {"kind": kind, "unit": unit, "doc": doc, "nan": nan, "width": width, "optional": optional}
     return field(default=None, metadata=metadata) if optional else field(metadata=metadata)
 
 
 class ColumnTable:
-    """What all tables share: validation on construction, slicing, concatenation."""
+    """Base class of tables: validation on construction, slicing, concatenation."""
 
     __slots__ = ()
     NAME: ClassVar[str]
@@ -105,7 +105,7 @@ class ColumnTable:
         self.check()
 
     def check(self) -> None:
-        """Raise InputError where values contradict each other; tables refine this."""
+        """Raise InputError for contradictory values; refined by tables."""
 
     def __len__(self) -> int:
         return len(getattr(self, "t_ns"))  # noqa: B009
@@ -129,7 +129,7 @@ class ColumnTable:
 
     @classmethod
     def concat(cls, parts: Iterable[Self]) -> Self:
-        """One table from parts in order."""
+        """Concatenate parts in order."""
         tables = [part for part in parts if len(part)]
         if not tables:
             return cls.empty()
@@ -137,7 +137,7 @@ class ColumnTable:
 
     @classmethod
     def merge(cls, parts: Iterable[Self]) -> Self:
-        """One table from parts that overlap in time, its rows ordered by the key (stable)."""
+        """Merge parts that overlap in time; rows are sorted by the key (stable)."""
         tables = [part for part in parts if len(part)]
         if not tables:
             return cls.empty()
@@ -146,18 +146,18 @@ class ColumnTable:
         return cls(**{name: column[order] for name, column in values.items()})
 
     def take(self, rows: Ints | Bools | slice) -> Self:
-        """The rows selected by a mask, a slice or an index array."""
+        """Select rows by a mask, a slice or an index array."""
         return type(self)(**{c.name: getattr(self, c.name)[rows] for c in self.columns()})
 
     def sorted(self) -> Self:
-        """Rows ordered by the key of the table (stable)."""
+        """Sort rows by the table's key (stable)."""
         if not len(self):
             return self
         return self.take(np.lexsort([getattr(self, name) for name in reversed(self.KEY)]))
 
 
 def _absent(c: Column, rows: int) -> NDArray[np.generic]:
-    """Values of an optional column that nothing is known of."""
+    """Default values of an optional column without values."""
     if c.kind == "U":
         return np.full(rows, "")
     if c.width == ANY_WIDTH:
@@ -171,7 +171,7 @@ def _empty_column(c: Column, rows: int) -> NDArray[np.generic]:
 
 
 def _joined(c: Column, parts: list[NDArray[np.generic]]) -> NDArray[np.generic]:
-    """The parts of a column, one after another; parts without vectors among others have NaN."""
+    """Concatenate the parts of a column; parts without vectors are filled with NaN."""
     if c.width != ANY_WIDTH:
         return np.concatenate(parts)
     (length, *others) = sorted({part.shape[1] for part in parts} - {0}) or [0]
@@ -184,7 +184,7 @@ def _joined(c: Column, parts: list[NDArray[np.generic]]) -> NDArray[np.generic]:
 
 
 def as_column(c: Column, values: object) -> NDArray[np.generic]:
-    """Cast array-like values to the dtype of a column; a cast that loses information is an error."""
+    """Cast array-like values to the dtype of a column; InputError if information would be lost."""
     array = np.asarray(values)
     if not array.size:
         return _empty_column(c, len(array) if c.width == ANY_WIDTH else 0)
@@ -202,14 +202,14 @@ def as_column(c: Column, values: object) -> NDArray[np.generic]:
 
 
 def semidefinite(xx: Floats, xy: Floats, yy: Floats) -> Bools:
-    """Which 2 x 2 covariances are positive semi-definite up to rounding, whatever their size; NaN is not."""
+    """Mask of 2 x 2 covariances that are positive semidefinite up to rounding; False for NaN."""
     with np.errstate(invalid="ignore"):
         most = np.sqrt(np.maximum(xx, 0.0)) * np.sqrt(np.maximum(yy, 0.0))
         return np.asarray((xx >= 0.0) & (yy >= 0.0) & (np.abs(xy) <= most * (1.0 + ROUNDING) + TINY))
 
 
 def check_columns(record: ColumnTable) -> None:
-    """Raise InputError unless columns have their dtype, shape and length, times in range, no undeclared NaN."""
+    """InputError unless columns have their dtype, shape and length, times in range, and no undeclared NaN."""
     name = type(record).__name__
     length = None
     for c in record.columns():
@@ -251,7 +251,7 @@ def _check_times(name: str, c: Column, values: NDArray[np.generic]) -> None:
 
 
 def check_order(table: ColumnTable) -> None:
-    """Raise InputError where t_ns goes back."""
+    """InputError if t_ns decreases."""
     t_ns: Ints = getattr(table, "t_ns")  # noqa: B009
     back = np.flatnonzero(t_ns[1:] < t_ns[:-1])  # a difference could overflow
     if len(back):
@@ -263,10 +263,10 @@ def check_order(table: ColumnTable) -> None:
 
 
 def repeated_rows(table: ColumnTable, but: str = "") -> tuple[Bools, Bools]:
-    """Which rows of a table in the order of its key are a copy of another, and which only have the key of another.
+    """Masks of duplicate rows, and of other rows with a repeated key, in a table sorted by its key.
 
-    Where the key ends in an identity rows with -1, which is none, count as neither: many may have it, and what two
-    of them say may be the same.  Measurements (`MEASURED`) that are the same to the last digit are copies.
+    If the key ends in an identity, rows with -1 (none) are excluded, since several may be equal. Measurements
+    (`MEASURED`) equal to the last digit are duplicates.
 
     Args:
         table: in the order of its key.
@@ -301,7 +301,7 @@ def repeated_rows(table: ColumnTable, but: str = "") -> tuple[Bools, Bools]:
 
 
 def is_in_key_order(table: ColumnTable) -> bool:
-    """Whether the rows of a table are in the order of its key, not of its times alone."""
+    """Whether a table is sorted by its whole key, not only by time."""
     near = np.arange(max(len(table) - 1, 0))
     for name in table.KEY:
         values = getattr(table, name)
@@ -313,7 +313,7 @@ def is_in_key_order(table: ColumnTable) -> bool:
 
 
 def check_copies(table: ColumnTable) -> None:
-    """InputError if a row is repeated, or a person is in two positions at one time."""
+    """InputError for a duplicate row, or an identity at two positions at one time."""
     table = table if is_in_key_order(table) else table.sorted()
     copies, twice = repeated_rows(table)
     if copies.any():
@@ -327,12 +327,12 @@ def check_copies(table: ColumnTable) -> None:
 
 
 def key_of(table: ColumnTable, row: int) -> str:
-    """The values of a row's key, with their names."""
+    """Values of a row's key, with names."""
     return ", ".join(f"{name} {getattr(table, name)[row]}" for name in table.KEY)
 
 
 def _comparable(table: ColumnTable, c: Column, rows: Ints) -> NDArray[np.generic]:
-    """The values of some rows of a column, so that NaN equals NaN."""
+    """Values of some rows of a column, comparable so that NaN equals NaN."""
     values: NDArray[np.generic] = getattr(table, c.name)[rows]
     if not values.size:  # vectors of no numbers
         return np.zeros(len(rows))
@@ -340,7 +340,7 @@ def _comparable(table: ColumnTable, c: Column, rows: Ints) -> NDArray[np.generic
 
 
 def rows_by_label(labels: NDArray[np.signedinteger]) -> list[tuple[int, Ints]]:
-    """Each of (n,) whole numbers, rising, and the rows that have it, rising."""
+    """Sorted distinct integers, each with its sorted rows."""
     order = np.argsort(labels, kind="stable")
     names, first = np.unique(labels[order], return_index=True)
     pieces = np.split(order, first)[1:]  # the first piece is what lies before the first name: nothing
@@ -348,5 +348,5 @@ def rows_by_label(labels: NDArray[np.signedinteger]) -> list[tuple[int, Ints]]:
 
 
 def first_row(mask: Bools) -> int:
-    """Index of the first true row of a mask that has one."""
+    """Index of the first True in a mask that has one."""
     return int(np.flatnonzero(mask)[0])

@@ -1,8 +1,6 @@
-"""One video frame on its way from a recording to the detector.
+"""A video frame on its way from a recording to the detector; and numbers of skipped frames from provenance.
 
-Numbers of skipped frames, from the provenance of a table of regions.
-
-Such a table has no rows of frames without detections, so that a frame that was lost would pass for one of these.
+A table of regions has no rows for frames without detections; the provenance distinguishes these from lost frames.
 """
 
 from __future__ import annotations
@@ -40,12 +38,12 @@ LEFT_OUT = "frames_left_out"
 
 
 def skipped_frames_of(parameters: Mapping[str, object]) -> dict[str, object]:
-    """Provenance of a table that is made of another one, about that one."""
+    """Entry about skipped frames in the provenance of a source table."""
     return {LEFT_OUT: parameters[LEFT_OUT]} if LEFT_OUT in parameters else {}
 
 
 def gaps_of(parameters: Mapping[str, object]) -> dict[str, list[tuple[int, int]]]:
-    """The segments by camera, in order, as provenance has them; none for what is not of this form."""
+    """Skipped frame ranges by camera, from provenance; empty for invalid ones."""
     value = parameters.get(LEFT_OUT)
     if not isinstance(value, Mapping):
         return {}
@@ -57,6 +55,6 @@ def gaps_of(parameters: Mapping[str, object]) -> dict[str, list[tuple[int, int]]
 
 
 def inside(stretches: list[tuple[int, int]], number: int) -> bool:
-    """Whether a number is in one of the segments, which are in order."""
+    """Whether a number is in one of the sorted ranges."""
     k = bisect_right(stretches, (number, 2**63)) - 1
     return k >= 0 and number <= stretches[k][1]

@@ -1,4 +1,4 @@
-"""What a camera's lens is good for in its image: whether it can be undone, and which part is used.
+"""Check of a camera's lens model in its image: whether it is invertible, and the valid part.
 
 The models are those of `occlog.core.geometry.lens`.
 """
@@ -25,7 +25,7 @@ FAR = 4.0
 
 
 class LensCheck(NamedTuple):
-    """How a lens fares in its image.
+    """Result of the check of a lens in its image.
 
     Attributes:
         undone: the model is one-to-one in the image, or in the part that is used.
@@ -39,7 +39,7 @@ class LensCheck(NamedTuple):
 
 
 def check_lens(model: str, coefficients: Floats, size: tuple[int, int], focal: Floats, principal: Floats) -> LensCheck:
-    """Examine a lens at a grid of pixels.
+    """Check a lens on a grid of pixels.
 
     Args:
         model: a key of `COEFFICIENTS`.

@@ -12,7 +12,7 @@ OUTSIDE_IMAGE = "wholly outside the image"
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """One segment of input that could not be used.
+    """A part of the input that could not be used.
 
     Attributes:
         source: file or sensor.
@@ -30,7 +30,7 @@ class Loss:
 
     @property
     def minor(self) -> bool:
-        """Whether so few detections of many were lost that the exit code stays 0; they are listed all the same."""
+        """Whether so small a share of detections was lost that the exit code stays 0 (the loss is listed anyway)."""
         return 0 < self.count <= MINOR_SHARE * self.total
 
     def __str__(self) -> str:
@@ -38,5 +38,5 @@ class Loss:
         return f"{self.source}: {self.place}: {self.what}{lost}"
 
     def as_dict(self) -> dict[str, str | int]:
-        """The loss as JSON-ready values."""
+        """The loss as JSON-compatible values."""
         return {name: value for name, value in asdict(self).items() if value or name != "total"}

@@ -30,7 +30,7 @@ class Severity(StrEnum):
 
 
 class Message(NamedTuple):
-    """A kind of finding.
+    """Text and remedy of a kind of finding.
 
     Attributes:
         severity: how bad it is, unless the code states another severity.
@@ -45,20 +45,20 @@ class Message(NamedTuple):
     limit: str = ""
 
     def fill(self, sensors: Sequence[str] = (), targets: Sequence[int] = (), **values: object) -> str:
-        """The text and the remedy with values in the places of their fields."""
+        """Text and remedy with the values filled in."""
         template = f"{self.text}; {self.remedy}" if self.remedy else self.text
         return template.format(option=_OPTIONS, sensors=listed(sensors), targets=listed(targets), **values)
 
 
 class _Options:
-    """Options for a template: `{option[initial_ellipses]}`."""
+    """Access to options in a template: `{option[initial_ellipses]}`."""
 
     def __getitem__(self, name: str) -> str:
         return option(name)
 
 
 def listed(names: Sequence[object]) -> str:
-    """The first `MAX_NAMES` names, and the number of the others."""
+    """Format the first `MAX_NAMES` names, and the number of others."""
     more = [f"{len(names) - MAX_NAMES} more"] if len(names) > MAX_NAMES else []
     return ", ".join([*map(str, names[:MAX_NAMES]), *more])
 

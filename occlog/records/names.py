@@ -6,7 +6,10 @@ from collections.abc import Iterable
 
 
 def first_double(names: Iterable[str]) -> str | None:
-    """The first name that was there before; None where all differ.  It takes time in proportion to their number."""
+    """First repeated name; None if all differ.
+
+    Linear in the number of names.
+    """
     before: set[str] = set()
     for name in names:
         if name in before:

@@ -45,13 +45,13 @@ PLANES: dict[str, tuple[int, int]] = {"xy": (0, 1), "yz": (1, 2), "zx": (2, 0)}
 
 
 def to_ns(seconds: float) -> int:
-    """Whole nanoseconds, so that a time that a step should meet is met."""
+    """Convert seconds to whole nanoseconds."""
     return round(seconds * 1e9)
 
 
 @dataclass(frozen=True)
 class Segment:
-    """How a target moves for a while; constant velocity by default."""
+    """Motion of a scripted target for a section of time; constant velocity by default."""
 
     from_s: float
     until_s: float = math.inf
@@ -63,7 +63,7 @@ class Segment:
 
 @dataclass(frozen=True)
 class ScriptedTarget:
-    """One object; it is there from `from_s` to `until_s`, both included."""
+    """A scripted target, present from `from_s` to `until_s` (inclusive)."""
 
     id: int
     position: Triple  # at from_s; z NaN: not known
@@ -78,7 +78,7 @@ class ScriptedTarget:
 
 @dataclass(frozen=True)
 class MotionScript:
-    """All targets by rising number, and how long and how often they are to be observed, if the file states it."""
+    """All scripted targets by number, with duration and rate of the observation if the file states them."""
 
     targets: tuple[ScriptedTarget, ...]
     length_unit: str | None = None
@@ -87,7 +87,7 @@ class MotionScript:
 
     @property
     def heights(self) -> bool:
-        """Whether the height of any of them is known."""
+        """Whether the height of any target is known."""
         return any(not math.isnan(t.position[2]) for t in self.targets)
 
 
@@ -142,11 +142,11 @@ class Camera:
         return is_straight(self.distortion, self.distortion_model)
 
     def usable(self, pixels: Floats) -> Bools:
-        """(N,) whether recorded pixels (N, 2) have a line of sight: in a wide fisheye image those within 80 degrees."""
+        """(N,) mask of recorded pixels (N, 2) with a valid line of sight (within 80 degrees for a fisheye lens)."""
         return is_usable((pixels - self.principal_px) / self.focal_px, self.distortion, self.distortion_model)
 
     def to_usable(self, pixels: Floats) -> Floats:
-        """(N, 2) recorded pixels, those without a line of sight moved to the edge of the usable disc."""
+        """(N, 2) recorded pixels, with invalid ones moved to the edge of the usable disc."""
         if self.distortion_model != "equidistant":
             return pixels
         moved = to_usable((pixels - self.principal_px) / self.focal_px, self.distortion, self.distortion_model)
@@ -159,12 +159,12 @@ class Camera:
 
     @property
     def has_height(self) -> bool:
-        """Whether its pose is known in space: one at the ground, to `HEIGHT_SLACK`, is of unknown height."""
+        """Whether its pose is known in space; a camera at the ground (to `HEIGHT_SLACK`) has unknown height."""
         return self.placed and bool(abs(self.position[2]) > HEIGHT_SLACK)
 
     @property
     def above_floor(self) -> bool:
-        """Whether it stands above the floor z = 0, by more than `HEIGHT_SLACK`: it sees where people stand."""
+        """Whether it is above the floor z = 0 by more than `HEIGHT_SLACK`."""
         return bool(self.position[2] > HEIGHT_SLACK)
 
     def rays(self, pixels: Floats) -> Floats:
@@ -219,7 +219,7 @@ class MicrophoneArray:
 
     @property
     def upright(self) -> bool:
-        """Whether its z axis is the world's."""
+        """Whether its z axis is vertical."""
         return self.pitch == 0.0 and self.roll == 0.0
 
 
@@ -255,7 +255,7 @@ class Clock:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Everything that does not move."""
+    """Static environment and sensors."""
 
     cameras: tuple[Camera, ...] = ()
     arrays: tuple[MicrophoneArray, ...] = ()
@@ -280,7 +280,7 @@ class Scene:
         return (*self.cameras, *self.arrays, *self.readers)
 
     def camera(self, name: str) -> Camera:
-        """The camera of that name; InputError names the ones there are."""
+        """Camera of that name; InputError lists the existing ones."""
         for camera in self.cameras:
             if camera.name == name:
                 return camera
@@ -289,7 +289,7 @@ class Scene:
 
     @cached_property
     def views(self) -> ViewPrior | None:
-        """Region of possible target positions, by the fields of view; None: the room defines it.
+        """Prior of target positions by the fields of view; None if the room defines it.
 
         InputError for a scene with neither a room nor a sensor.
         """
@@ -303,13 +303,13 @@ class Scene:
 
     @cached_property
     def region(self) -> Floats:
-        """(K, 2) polygon in which a target can be: the room, or else the hull of what sensors can see."""
+        """(K, 2) polygon of possible target positions: the room, or else the convex hull of the visible region."""
         views = self.views
         return self.surroundings if views is None else visible_region(views)
 
     @cached_property
     def surroundings(self) -> Floats:
-        """(K, 2) the room, or else a box around all sensors: where a simulated world is, and the scale of the scene."""
+        """(K, 2) the room, or else a box around all sensors: extent of a simulated world, and scale of the scene."""
         if self.room is not None:
             return self.room
         if not self.cameras and not self.arrays and not self.readers:
@@ -342,7 +342,7 @@ def camera_rotation(yaw: float, pitch: float, roll: float) -> Floats:
 def _border_rays(
     size: tuple[int, int], focal_px: Floats, principal_px: Floats, distortion: Floats, model: str, rotation: Floats
 ) -> Floats:
-    """(132, 3) rays of the image's border, or of the edge of the usable disc where the border is outside of it."""
+    """(132, 3) rays of the image border, or of the edge of the usable disc where it is inside."""
     w, h = size
     across, down = np.linspace(-0.5, w - 0.5, 33), np.linspace(-0.5, h - 0.5, 33)
     sides = [np.column_stack([np.full(33, x), down]) for x in (-0.5, w - 0.5)]
@@ -375,17 +375,17 @@ SIDE = 1024.0
 
 
 def map_origin(cameras: Sequence[Camera]) -> Floats:
-    """(2,) point of the grid of `SIDE` that is nearest to the middle of the cameras, of which there is one at least."""
+    """(2,) grid point (spacing `SIDE`) nearest to the centre of at least one camera."""
     return np.asarray(SIDE * np.round(np.mean([c.ground for c in cameras], axis=0) / SIDE))
 
 
 def camera_from(camera: Camera, origin: Floats) -> Camera:
-    """A camera, with its position as seen from a (2,) origin."""
+    """The camera with its position relative to an origin (2,)."""
     return replace(camera, position=camera.position - np.append(origin, 0.0))
 
 
 def scene_from(scene: Scene, origin: Floats) -> Scene:
-    """A scene, with all positions as seen from a (2,) origin."""
+    """The scene with all positions relative to an origin (2,)."""
     by = np.append(origin, 0.0)
     return replace(
         scene,
@@ -412,7 +412,7 @@ BELOW_HORIZON = np.radians(0.5)
 
 
 def box_around(scene: Scene) -> tuple[Floats, Floats]:
-    """(2,) lowest and (2,) highest corner of a box around all sensors, widened by 1 unit and a tenth."""
+    """(2,) lower and (2,) upper corner of a box around all sensors, with a margin of 1 unit and a tenth."""
     positions = np.array([s.position[:2] for s in scene.sensors])
     low, high = positions.min(axis=0), positions.max(axis=0)
     pad = SENSOR_MARGIN_M + 0.1 * float(np.max(high - low))
@@ -420,7 +420,7 @@ def box_around(scene: Scene) -> tuple[Floats, Floats]:
 
 
 def view_prior(scene: Scene) -> ViewPrior:
-    """Where targets can be, by what each sensor with a pose can see; by all of them where none has one.
+    """Prior of target positions from the visible regions of the sensors with poses.
 
     Args:
         scene: with at least one sensor.
@@ -445,7 +445,7 @@ def view_prior(scene: Scene) -> ViewPrior:
 
 
 def sight_limit(camera: Camera, least: float, metre: float | None) -> float:
-    """How far a camera sees a target, in the scene's unit.
+    """Maximum distance at which a camera sees a target, in the scene's unit.
 
     Args:
         camera: with a pose.
@@ -465,7 +465,7 @@ def sight_limit(camera: Camera, least: float, metre: float | None) -> float:
 
 
 def highest_elevation(camera: Camera) -> float | None:
-    """Highest elevation [rad] of a line of sight through the image's border; None: the image's size is not known."""
+    """Highest elevation [rad] of a ray through the image border; None if the image size is unknown."""
     if camera.image_size is None:
         return None
     rays = _border_rays(

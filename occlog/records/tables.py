@@ -11,7 +11,7 @@ Conventions (all tables)
     * Pixels carry `_px`; x to the right, y down, the centre of the first pixel is (0, 0).
     * NaN is allowed only in columns declared with `nan=...`, which gives the meaning.
 
-Tables in pieces that a command works through one after another, so that memory does not grow with their length.
+Also the processing of tables in parts, so that memory is bounded.
 """
 
 from __future__ import annotations
@@ -95,12 +95,12 @@ WIDER: tuple[type[ColumnTable], ...] = (FusedTracks, TagTracks, PeopleTracks, Jo
 
 
 def has_all_columns(table: type[ColumnTable]) -> bool:
-    """Whether a class asks for all columns of its table: rows of one that asks for some may be equal."""
+    """Whether a class declares all columns of its table (rows of a partial class may be equal)."""
     return table.NAME in TABLES and issubclass(table, TABLES[table.NAME])
 
 
 def table_with(name: str, columns: Collection[str]) -> type[ColumnTable]:
-    """The table of a name that has the most of a file's columns, and of several the one with the fewest others.
+    """Variant of the named table that has most of a file's columns (of several, the one with fewest others).
 
     Args:
         name: one of `TABLES`.
@@ -167,13 +167,13 @@ FIRST, LAST = int(np.iinfo(np.int64).min), int(np.iinfo(np.int64).max)
 
 
 def times(table: ColumnTable) -> Ints:
-    """The column t_ns, which every table has."""
+    """The column t_ns."""
     out: Ints = getattr(table, "t_ns")  # noqa: B009
     return out
 
 
 def whole_times(chunks: Iterable[T]) -> Iterator[T]:
-    """The rows of chunks in pieces that end between two times.
+    """Rechunk rows so that no time is split.
 
     Args:
         chunks: in the order of time; a time may be split over several of them.
@@ -199,7 +199,7 @@ def whole_times(chunks: Iterable[T]) -> Iterator[T]:
 
 
 class TableWindow(NamedTuple, Generic[A, B]):
-    """Rows of two tables during a segment of time, and those about it.
+    """Rows of two tables in a time segment, with margins.
 
     Attributes:
         a: rows of the first table from the beginning of the segment to its end, which is omitted.
@@ -215,7 +215,7 @@ class TableWindow(NamedTuple, Generic[A, B]):
 
 
 class TableBuffer(Generic[T]):
-    """Chunks of one table, and its rows that are read and still wanted.
+    """Buffered chunks of one table.
 
     Attributes:
         rows: these rows.
@@ -223,7 +223,7 @@ class TableBuffer(Generic[T]):
     """
 
     def __init__(self, chunks: Iterable[T], kind: type[T], name: str = "") -> None:
-        """Start before the first chunk; `name` is that of the table in messages, if it is not its own."""
+        """Start before the first chunk; `name`: of the table in messages."""
         self._chunks = iter(chunks)
         self._kind = kind
         self._name = name or kind.NAME
@@ -233,7 +233,7 @@ class TableBuffer(Generic[T]):
         self.until = FIRST
 
     def pull(self) -> None:
-        """Take the next chunk that has rows; with the last one all rows have arrived."""
+        """Read the next chunk with rows."""
         if not self._begun:
             self._next, self._begun = self._read(), True
         chunk = self._next
@@ -254,14 +254,14 @@ class TableBuffer(Generic[T]):
         return next((chunk for chunk in self._chunks if len(chunk)), None)
 
     def between(self, low: int, high: int) -> T:
-        """Rows from a time on, up to another, which is omitted unless it is the last one that there is."""
+        """Rows in [low, high), or [low, high] at the end of the table."""
         at = times(self.rows)
         stop = len(at) if high >= LAST else int(np.searchsorted(at, high))
         return self.rows.take(slice(int(np.searchsorted(at, max(low, FIRST))), stop))
 
 
 class Limits(NamedTuple):
-    """A segment of time.
+    """A time segment.
 
     Attributes:
         begin: its first time step.
@@ -276,15 +276,15 @@ class Limits(NamedTuple):
         return side.between(self.begin, self.end)
 
     def about(self, side: TableBuffer[T], before_ns: int, after_ns: int | None = None) -> T:
-        """Return the rows of the segment and of the margins around it; `after_ns` None: as `before_ns`."""
+        """Rows of the segment and of margins around it; `after_ns` None: as `before_ns`."""
         after = before_ns if after_ns is None else after_ns
         return side.between(self.begin - before_ns, LAST if self.end == LAST else self.end + after)
 
 
 def in_step(sides: Sequence[TableBuffer[Any]], margins_ns: Sequence[int]) -> Iterator[Limits]:
-    """Iterate over tables in parallel, in segments of time that hold every row once.
+    """Generate time segments of tables in parallel, which together cover every row once.
 
-    While the caller reads a segment the sides have all rows of it and those that are at most their margins away.
+    Within a segment the buffers also hold the rows of the margins.
 
     Args:
         sides: tables of which nothing is read yet.
@@ -313,7 +313,7 @@ def in_step(sides: Sequence[TableBuffer[Any]], margins_ns: Sequence[int]) -> Ite
 def windows(
     a: Iterable[A], b: Iterable[B], kinds: tuple[type[A], type[B]], margin_ns: int
 ) -> Iterator[TableWindow[A, B]]:
-    """Go through two tables as `in_step` does, with the rows of each segment and those about it.
+    """Generate the rows of two tables by segments (`in_step`), with margins.
 
     Args:
         a: chunks of the first table in the order of time; a time may be split over two chunks.

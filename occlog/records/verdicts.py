@@ -1,4 +1,4 @@
-"""Verdicts: what a stage checked of its results and what it found, stored with its outputs, as the losses are."""
+"""Verdicts: checks of a stage's results and their findings, stored with its outputs (like losses)."""
 
 from __future__ import annotations
 
@@ -41,17 +41,17 @@ class Check(Struct, frozen=True, omit_defaults=True):
 
     @property
     def found(self) -> bool:
-        """Whether there is something that a user must know."""
+        """Whether there is a finding that the user must know."""
         return bool(self.id)
 
     @property
     def severity(self) -> Severity:
-        """`warning`: the check failed; `note`: it passed, and the results need care all the same."""
+        """Severity: `warning` if the check failed; `note` if it passed with a remark."""
         return "warning" if self.status == "failed" else "note"
 
 
 class Verdict(Struct, frozen=True, omit_defaults=True):
-    """What a stage checked and what it found."""
+    """Checks of a stage, with findings."""
 
     stage: Annotated[str, Meta(description="The command that made the checks.")]
     plausible: Annotated[bool | None, Meta(description="Whether no check failed; null: no check could be made.")]
@@ -59,7 +59,7 @@ class Verdict(Struct, frozen=True, omit_defaults=True):
 
     @classmethod
     def of(cls, stage: str, checks: Iterable[Check]) -> Verdict:
-        """The verdict of a stage; of findings with one id, only the first `MAX_FINDINGS` are listed."""
+        """Verdict of a stage; of findings with one id, the first `MAX_FINDINGS` are listed."""
         kept: list[Check] = []
         of_id: dict[str, list[Check]] = {}
         for check in checks:
@@ -85,7 +85,7 @@ def finding(
     targets: Iterable[int] = (),
     **values: float | str,
 ) -> Check:
-    """Return a check that failed (`warning`), or one that passed with something to be known (`note`).
+    """Create a failed check (`warning`), or a passed one with a remark (`note`).
 
     Args:
         check: what was checked.
@@ -103,7 +103,7 @@ def finding(
 
 
 def outcome(name: str, findings: Iterable[Check], *, unless: str = "", **figures: float) -> tuple[Check, ...]:
-    """The findings of a check; without any, the check itself as passed.
+    """Findings of a check; without any, the check itself as passed.
 
     Args:
         name: what is checked.
@@ -120,18 +120,18 @@ def outcome(name: str, findings: Iterable[Check], *, unless: str = "", **figures
 
 
 def _rounded(figures: Mapping[str, float]) -> dict[str, float]:
-    """Finite figures to six significant digits, so that they do not depend on the order of sums."""
+    """Round finite figures to six significant digits, so that they do not depend on the order of summation."""
     return {name: float(f"{value:.6g}") for name, value in figures.items() if math.isfinite(value)}
 
 
 def plausible(checks: Iterable[Check]) -> bool | None:
-    """Whether no check failed; None: none could be made."""
+    """Whether no check failed; None if none could be made."""
     made = [check.status for check in checks if check.status != "not applicable"]
     return "failed" not in made if made else None
 
 
 def counts_of(checks: Iterable[Check]) -> str:
-    """How many checks were made, and how they came out; `nothing` where missing."""
+    """Numbers of checks by outcome; `nothing` if there is none."""
     made = tuple(checks)
     by_status = Counter(check.status for check in made)
     noted = sum(check.found and check.status == "passed" for check in made)
@@ -141,18 +141,18 @@ def counts_of(checks: Iterable[Check]) -> str:
 
 
 def findings(checks: Iterable[Check]) -> tuple[Check, ...]:
-    """The checks that found something."""
+    """Checks with findings."""
     return tuple(check for check in checks if check.found)
 
 
 def all_plausible(verdicts: Iterable[Verdict]) -> bool | None:
-    """Whether every stage that judged found its results plausible; None: none has judged."""
+    """Whether every stage with checks found its results plausible; None without checks."""
     given = [verdict.plausible for verdict in verdicts if verdict.plausible is not None]
     return all(given) if given else None
 
 
 def distinct(verdicts: Iterable[Verdict]) -> tuple[Verdict, ...]:
-    """Verdicts without repetitions, in their order."""
+    """Verdicts without duplicates, in order."""
     kept: list[Verdict] = []
     for verdict in verdicts:
         if verdict not in kept:
@@ -161,7 +161,7 @@ def distinct(verdicts: Iterable[Verdict]) -> tuple[Verdict, ...]:
 
 
 def found_by_stage(verdicts: Sequence[Verdict]) -> tuple[tuple[str, Check], ...]:
-    """Findings with their stages; what a later stage found again of the same sensors and targets is reported once."""
+    """Findings with their stages; repeated findings of later stages are omitted."""
     kept: list[tuple[str, Check]] = []
     for verdict in verdicts:
         found = findings(verdict.checks)
@@ -171,12 +171,12 @@ def found_by_stage(verdicts: Sequence[Verdict]) -> tuple[tuple[str, Check], ...]
 
 
 def _subject(check: Check) -> tuple[str, Status, tuple[str, ...], tuple[int, ...]]:
-    """What was found, and of whom."""
+    """Key of a finding: id, sensors and targets."""
     return check.id, check.status, check.sensors, check.targets
 
 
 def texts_of(verdicts: Sequence[Verdict], own: str) -> tuple[str, ...]:
-    """Lines on what was found: warnings and notes of the stage `own`, and warnings of the others with their names."""
+    """Lines for the findings: warnings and notes of the stage `own`, and warnings of other stages with their names."""
     return tuple(
         f"{check.severity}: {check.text}" if stage == own else f"warning: {stage}: {check.text}"
         for stage, check in found_by_stage(verdicts)
@@ -204,10 +204,10 @@ def summary_of(verdicts: Sequence[Verdict]) -> dict[str, object]:
 
 
 def made_checks(verdicts: Sequence[Verdict]) -> tuple[tuple[str, Check], ...]:
-    """The outcome of each check with its stage, in the order of the stages.
+    """Outcome of each check with its stage, in the order of the stages.
 
-    Of a check that several stages made, the findings and otherwise the last result stand; that it was not applicable
-    is kept only where no stage could make it.
+    For a check made by several stages, findings are kept, or else the last result; "not applicable" is kept only if no
+    stage could make it.
     """
     by_name: dict[str, list[tuple[str, Check]]] = {}
     for verdict in verdicts:

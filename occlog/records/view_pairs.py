@@ -1,4 +1,4 @@
-"""How pairs of views see the same point: matches, and fundamental matrices with what they rest on."""
+"""Epipolar geometry of pairs of views: matches, and fundamental matrices with their sources."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ SOURCES = ("calibration", "matches")
 
 
 class PointMatches(NamedTuple):
-    """Images of the same points in two views."""
+    """Pixels of the same points in two views."""
 
     a: str  # name of the first camera
     b: str
@@ -53,12 +53,15 @@ class ViewPair(NamedTuple):
 
 
 class ViewPairs(NamedTuple):
-    """The pairs of views that are known; each pair once, in either order."""
+    """Known pairs of views; each pair once, in either order."""
 
     pairs: tuple[ViewPair, ...]
 
     def find(self, a: str, b: str) -> ViewPair | None:
-        """The pair of two views, turned so that its matrix maps points of a to lines of b; None: not known."""
+        """Pair of two views, transposed if required so that its matrix maps points of a to lines of b.
+
+        None if unknown.
+        """
         for pair in self.pairs:
             if (pair.a, pair.b) == (a, b):
                 return pair

@@ -1,1 +1,1 @@
-"""Verb: show a run as one offline page, a picture, or video with tracks drawn in."""
+"""`occlog report`: show a run as an offline page, a picture, or video with tracks drawn in."""

@@ -1,18 +1,9 @@
-"""Style, SVG and thinning of curves.
+"""Style, SVG and templates of report pages.
 
-Pages from templates, in which every value is escaped, and their one script.
-
-A figure of a page: drawn, in words, and with the position of its axis of time.
-
-Colours, fonts and sizes of all figures; figures as SVG and PNG without global state.
-
-Matplotlib's SVG made fit for a page: small, themed by the page, readable by a screen reader.
-
-Style attributes become presentation attributes, so that the figures also show where a
-content security policy forbids inline styles; colours become CSS variables with the
-colour itself as the default when there is no style sheet.
-
-Fewer points for drawing, with the extremes kept: a page must not grow with the recording.
+Templates with escaped values; figures with text descriptions and the position of their time axis; a house style
+independent of the user's Matplotlib settings; SVG that is small, themed by CSS variables, and readable by screen
+readers (presentation attributes, which a content security policy allows); and thinning of curves that keeps extremes,
+so that pages do not grow with the recording.
 """
 
 from __future__ import annotations
@@ -46,7 +37,7 @@ from .content.model import TIME_LABEL
 
 @cache
 def template(name: str, package: str = "occlog.report", folder: str = "templates") -> Template:
-    """A template of a package; a value that is missing is an error."""
+    """Load a template of a package; a missing value is an error."""
     environment = Environment(
         loader=PackageLoader(package, folder),
         autoescape=True,
@@ -59,14 +50,14 @@ def template(name: str, package: str = "occlog.report", folder: str = "templates
 
 
 class PageScript(NamedTuple):
-    """A script of a page, with the SHA-256 by which a Content Security Policy allows it and no other."""
+    """A script of a page, with the SHA-256 for its Content Security Policy."""
 
     text: Markup
     digest: str
 
 
 def script(*names: str) -> PageScript:
-    """The scripts of these names, one after the other, as one."""
+    """Concatenate the scripts of these names."""
     folder = resources.files("occlog.report").joinpath("templates")
     text = "\n".join(folder.joinpath(name).read_text(encoding="utf-8") for name in names)
     return PageScript(Markup(text), base64.b64encode(hashlib.sha256(text.encode()).digest()).decode())
@@ -159,10 +150,9 @@ LABEL_LENGTH = 28
 
 @contextmanager
 def house_style() -> Iterator[None]:
-    """The house style inside the block, whatever the user's matplotlib settings are.
+    """Context manager: house style, independent of the user's Matplotlib settings.
 
-    Names in scripts that the font does not have are drawn as boxes in the picture;
-    that is no reason to warn, the page shows them with the reader's fonts.
+    Warnings about glyphs missing in the font are suppressed, since the page uses the reader's fonts.
     """
     with matplotlib.rc_context(), warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing", category=UserWarning)
@@ -172,12 +162,12 @@ def house_style() -> Iterator[None]:
 
 
 def target_colour(index: int) -> str:
-    """Colour of the index-th target; they repeat after six."""
+    """Colour of the target with this index (repeated after six)."""
     return COLOURS[TARGET_COLOURS[index % len(TARGET_COLOURS)]]
 
 
 def label(text: object, length: int = LABEL_LENGTH) -> str:
-    """Text fit for a figure: one line, no control characters, cut in the middle where it is too long."""
+    """Label for a figure: one line, no control characters, shortened in the middle."""
     plain = "".join(c if unicodedata.category(c)[0] != "C" else "\N{REPLACEMENT CHARACTER}" for c in str(text))
     if len(plain) <= length:
         return plain
@@ -191,7 +181,7 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def raw_svg(figure: Figure) -> str:
-    """The figure as matplotlib's SVG, without dates."""
+    """Render the figure as Matplotlib's SVG, without dates."""
     out = io.StringIO()
     metadata = {"Date": None, "Creator": None, "Format": None, "Type": None}
     figure.savefig(out, format="svg", metadata=metadata, transparent=True)
@@ -199,7 +189,7 @@ def raw_svg(figure: Figure) -> str:
 
 
 def to_png(figure: Figure, dpi: float, texts: Mapping[str, str]) -> bytes:
-    """The figure as PNG with text entries, without dates or the library's name."""
+    """Render the figure as PNG with text entries, without dates or software name."""
     out = io.BytesIO()
     figure.savefig(out, format="png", dpi=dpi, metadata={"Software": None, **texts})
     return out.getvalue()
@@ -218,7 +208,7 @@ _COLOUR = re.compile("|".join(_NAMES))
 
 
 def page_svg(raw: str, prefix: str, title: str, description: str) -> str:
-    """The `<svg>` element for the page.
+    """Convert Matplotlib's SVG to the `<svg>` element of a page.
 
     Args:
         raw: SVG document as matplotlib writes it.
@@ -247,7 +237,7 @@ def page_svg(raw: str, prefix: str, title: str, description: str) -> str:
 
 
 def _shrink(text: str, prefix: str) -> str:
-    """The tags made short and unique; text between them is left as it is (it may resemble a tag's inside)."""
+    """Shorten tags and make their ids unique; text between them is unchanged."""
     # Matplotlib makes ids of coordinates to their last bit, which its layout does not keep from one time to the next
     used = {name: k for k, name in enumerate(dict.fromkeys(_REFERENCE.findall(text)))}
     text = _TAG.sub(lambda m: _tag(m[0], used, prefix), text)
@@ -265,7 +255,7 @@ def _tag(tag: str, used: Mapping[str, int], prefix: str) -> str:
 
 
 def _attributes(style: str) -> str:
-    """CSS declarations as presentation attributes; colours as variables of the page."""
+    """CSS declarations as presentation attributes, with colours as CSS variables of the page."""
     out = []
     for declaration in style.split(";"):
         name, _, value = (part.strip() for part in declaration.partition(":"))
@@ -284,7 +274,7 @@ def _variable(match: re.Match[str]) -> str:
 
 
 def _numbers(value: str) -> str:
-    """Coordinates with two decimals and without line ends: a hundredth of a point cannot be seen."""
+    """Round coordinates to two decimals (points)."""
     value = " ".join(value.split())
     value = _NUMBER.sub(lambda m: f"{float(m[0]):.2f}".rstrip("0").rstrip("."), value)
     return re.sub(r" ?([A-Za-z]) (?=[-\d])", r"\1", value) if value[:1] == "M" else value
@@ -292,7 +282,7 @@ def _numbers(value: str) -> str:
 
 @dataclass(frozen=True)
 class Plot:
-    """One figure of the page: the picture, its heading, its description, and the position of its time axis."""
+    """A figure of the page: SVG, heading, description, and position of its time axis."""
 
     heading: str
     svg: Markup
@@ -301,7 +291,7 @@ class Plot:
 
 
 class TimeSpan(NamedTuple):
-    """The axis of time of a figure: its ends as shares of the width, and their times in the unit of the page."""
+    """Time axis of a figure: ends as shares of the width, and their times in the page's unit."""
 
     x0: float
     x1: float
@@ -310,7 +300,7 @@ class TimeSpan(NamedTuple):
 
 
 def plot(name: str, heading: str, caption: str, size: tuple[float, float], draw: Callable[[FigureBase], None]) -> Plot:
-    """Draw a figure, inside `house_style`.
+    """Draw a figure (inside `house_style`).
 
     Args:
         name: of its parts in the page.
@@ -326,7 +316,7 @@ def plot(name: str, heading: str, caption: str, size: tuple[float, float], draw:
 
 
 def _time_of(canvas: Canvas) -> TimeSpan | None:
-    """Position of the time axis of a drawn figure; None: it has none."""
+    """Position of the time axis of a figure; None without one."""
     for axes in canvas.axes:
         if axes.get_xlabel().startswith(TIME_LABEL):
             box, (t0, t1) = axes.get_position(), axes.get_xlim()
@@ -339,13 +329,13 @@ GAP = 5.0
 
 
 def buckets_of(n: int, buckets: int) -> tuple[int, int]:
-    """Rows per bucket and number of buckets for n rows."""
+    """Rows per bucket, and number of buckets, for n rows."""
     width = max(1, -(-n // buckets))
     return width, -(-n // width)
 
 
 def extremes(values: Floats, buckets: int) -> Ints:
-    """Ascending indices of the lowest and highest value in each of `buckets` sections, and both ends.
+    """Sorted indices of the minimum and maximum in each of `buckets` sections, and both ends.
 
     Args:
         values: (N,) samples; NaN is never an extreme.
@@ -368,12 +358,12 @@ def extremes(values: Floats, buckets: int) -> Ints:
 
 
 def thin_path(xy: Floats, buckets: int) -> Ints:
-    """Ascending indices of points that keep a path's extent: extremes of x and of y in each section."""
+    """Sorted indices of points that keep the extent of a path: extremes of x and y in each section."""
     return np.union1d(extremes(xy[:, 0], buckets), extremes(xy[:, 1], buckets))
 
 
 def envelope(t: Floats, low: Floats, high: Floats, buckets: int) -> tuple[Floats, Floats, Floats]:
-    """Times, lowest `low` and highest `high` in each section: a band that covers the one given."""
+    """Times, minimum of `low` and maximum of `high` in each section."""
     n = len(t)
     if n <= 2 * buckets:
         return t, low, high
@@ -385,7 +375,7 @@ def envelope(t: Floats, low: Floats, high: Floats, buckets: int) -> tuple[Floats
 
 
 def gaps(t_ns: Ints) -> Bools:
-    """(N,) true where the time since the row before is unusually long (the line is broken there)."""
+    """(N,) mask of times after an unusually long gap, where a line is broken."""
     out = np.zeros(len(t_ns), dtype=bool)
     if len(t_ns) > 2:
         steps = np.diff(t_ns)
@@ -394,7 +384,7 @@ def gaps(t_ns: Ints) -> Bools:
 
 
 def broken(t_ns: Ints, keep: Ints, *series: Floats) -> tuple[Floats, ...]:
-    """The kept samples of each series with a NaN before each gap, ready for a line plot.
+    """Thinned samples of each series with NaN before gaps, for a line plot.
 
     Args:
         t_ns: (N,) times of all samples.
@@ -410,10 +400,10 @@ def broken(t_ns: Ints, keep: Ints, *series: Floats) -> tuple[Floats, ...]:
 
 
 def sensible_top(*series: Floats) -> float:
-    """Upper limit of an axis that shows nearly everything, whatever a few outliers do.
+    """Upper limit of an axis that ignores few outliers.
 
-    The highest value where it is not more than twice the 99th percentile, else 1.3
-    times that percentile; at least a tiny positive number.
+    The maximum if it is at most twice the 99th percentile, else 1.3 times that percentile; at least a tiny positive
+    number.
     """
     values = np.concatenate([s[np.isfinite(s)] for s in series]) if series else np.empty(0)
     if not len(values):

@@ -1,9 +1,7 @@
-"""Goes through the tables of a report: figures of all their rows, and of long ones the part that is drawn.
+"""Reading of a report's tables: figures of all rows, and the part of long tables that is drawn.
 
-A table comes in chunks, of a file or as a whole, and is read several times.  Tracks are first, as their times
-determine which rows of the other tables the replay needs.
-
-Passes over the bearings of a report: alone, then with the tracks.
+A table is read in chunks, several times: tracks first, since their times determine the rows that the replay needs;
+bearings alone, then with the tracks.
 """
 
 from __future__ import annotations
@@ -104,7 +102,7 @@ STEP = np.dtype([("group", "i8"), ("step", "f8")])
 
 
 class Posts:
-    """Estimates on both sides of gaps, of any width, between which positions are interpolated."""
+    """Estimates on both sides of gaps, for interpolation over gaps of any width."""
 
     def __init__(self) -> None:
         """Start without estimates."""
@@ -123,7 +121,7 @@ class Posts:
         self._last = both.take(np.sort(order[np.append(np.diff(target) != 0, True)]))
 
     def about(self, limits: Limits, side: TableBuffer[Tracks]) -> Tracks:
-        """All estimates around those of a time interval; the side has those `NEAR_NS` about it."""
+        """All estimates around those of a time interval; `side` has those within `NEAR_NS`."""
         if self._all is None:
             found = Tracks.merge(self._parts)
             _, first = np.unique(np.column_stack([found.t_ns, found.target_id]), axis=0, return_index=True)
@@ -139,7 +137,7 @@ class Posts:
 
 @dataclass(frozen=True)
 class BearingReference:
-    """Reference of the comparison with bearings.
+    """Tracks and settings with which bearings are compared.
 
     Attributes:
         tracks: gives all estimates, as often as requested.
@@ -160,7 +158,7 @@ class BearingReference:
 
 @dataclass
 class ThinnedBearings:
-    """Bearings of which a part is drawn.
+    """Bearings, of which a part is drawn.
 
     Attributes:
         table: those of the time steps.
@@ -180,7 +178,7 @@ class ThinnedBearings:
 
 
 class _Periods:
-    """Scan periods: sensors of a target share their times, or a scan lasts one period."""
+    """Scan periods of targets."""
 
     def __init__(self, scene: Scene, targets: frozenset[int]) -> None:
         self._scene, self._targets = scene, sorted(targets)
@@ -190,7 +188,7 @@ class _Periods:
         self._counts = np.zeros(len(targets) * self._sensors, dtype=np.int64)
 
     def add(self, bearings: Bearings) -> None:
-        """Add bearings that end between two times."""
+        """Add the bearings of a time interval."""
         for k, (target, lines) in enumerate(sight_lines(bearings, self._scene, self._targets).items()):
             self._rows[target] += len(lines.t_ns)
             self._together[target] += int(np.count_nonzero(has_common_time(lines.t_ns)))
@@ -204,7 +202,7 @@ class _Periods:
                 self._steps.append(rows)
 
     def periods_ns(self) -> dict[int, int | None]:
-        """Return the scan period of each target; None: its sensors share their times."""
+        """Scan period of each target; None if its sensors share times."""
         out: dict[int, int | None] = {t: None for t in self._targets if 2 * self._together[t] >= self._rows[t]}
         if len(out) < len(self._targets):
             self._steps.end()
@@ -227,7 +225,7 @@ def bearings_of(
     reference: BearingReference | None,
     most: int = sys.maxsize,
 ) -> ThinnedBearings:
-    """Collect bearings for a report in two passes: counts first, then a subsample to draw.
+    """Read the bearings for a report in two passes: counts first, then a subsample for drawing.
 
     Args:
         stream: gives them, in the order of time, as often as requested.
@@ -277,7 +275,7 @@ def bearings_of(
 def _beside(
     stream: Callable[[], Iterator[Bearings]], scene: Scene, reference: BearingReference
 ) -> Iterator[tuple[Tracks, Bearings]]:
-    """Sections of bearings, and all estimates between which they are; evidence is collected meanwhile."""
+    """Generate sections of bearings with the estimates around them, and collect evidence."""
     sight = SightEvidence(reference.evidence, scene, reference.made, ())
     tracks, bearings = TableBuffer(reference.tracks(), Tracks), TableBuffer(stream(), Bearings)
     diagnostics: TableBuffer[Diagnostics] | None = None
@@ -299,7 +297,7 @@ TABLES = ("tracks", "bearings", "truth", "errors", "bound", "diagnostics", "even
 
 @dataclass(frozen=True, eq=False)
 class ReportFigures:
-    """Figures of all rows: every number that a page states; None of tables that are not given, or state nothing.
+    """Figures computed from all rows, for a page; None for missing tables.
 
     Attributes:
         whole: of each table that is given, by its name.
@@ -358,11 +356,11 @@ class StreamedTable(Generic[T]):
 
     @cached_property
     def rows(self) -> int:
-        """Number of rows, counted by reading if no file states it."""
+        """Number of rows, counted by reading if the file does not state it."""
         return sum(len(chunk) for chunk in self.chunks()) if self.of_file is None else self.of_file[0]
 
     def may_have(self, column: str) -> bool:
-        """Return whether it may have a column."""
+        """Whether it may have a column."""
         known = {each.name for each in self.kind.columns()} if self.of_file is None else self.of_file[1]
         return column in known
 
@@ -372,7 +370,7 @@ Given = Callable[..., StreamedTable[Any] | None]
 
 
 def in_memory(tables: Mapping[str, ColumnTable]) -> Given:
-    """Tables in memory by their names, each as one chunk."""
+    """Tables in memory, by name, each as one chunk."""
 
     def opened(name: str, *_: type[ColumnTable]) -> StreamedTable[Any] | None:
         table = tables.get(name)
@@ -382,9 +380,9 @@ def in_memory(tables: Mapping[str, ColumnTable]) -> Given:
 
 
 def in_files(paths: Mapping[str, Path], unit: str | None, scene: Scene | None) -> Given:
-    """Tables in files by their names, with lengths in a unit; those of a recording that has none are not given.
+    """Tables in files, by name, with lengths in a unit; tables missing in a recording are omitted.
 
-    Bearings of a recording are its directions of arrival, too, as `occlog track` uses them, where there is a scene.
+    With a scene, directions of arrival of a recording are included as bearings, as in `occlog track`.
     """
 
     def opened(name: str, *kinds: type[ColumnTable]) -> StreamedTable[Any] | None:
@@ -408,7 +406,7 @@ def in_files(paths: Mapping[str, Path], unit: str | None, scene: Scene | None) -
 
 
 def in_pixels(given: Given) -> Given:
-    """The same tables with tracks in images as positions in pixels, for tables of tracks in images."""
+    """The same tables with tracks in images converted to positions in pixels."""
 
     def opened(name: str, *kinds: type[ColumnTable]) -> StreamedTable[Any] | None:
         if name != "tracks":
@@ -422,7 +420,7 @@ def in_pixels(given: Given) -> Given:
 
 
 def pixel_positions(tracks: ViewTracks) -> PeopleTracks:
-    """A row for each target and time: its centre in the first camera that has it [px], and the cameras that see it.
+    """A row for each target and time: its centre in the first camera that has it [px], and its cameras.
 
     Args:
         tracks: whole times, in order.
@@ -460,7 +458,7 @@ def gather(
     *,
     in_images: bool = False,
 ) -> tuple[dict[str, Any], ReportFigures]:
-    """The part of each table that is drawn, by its name, and figures of all rows.
+    """Part of each table that is drawn, by name, and figures of all rows.
 
     Args:
         given: the tables.
@@ -474,7 +472,7 @@ def gather(
 
 
 class _Reading:
-    """Reads the tables, and collects the drawings and figures."""
+    """Reads the tables, and collects drawn rows and figures."""
 
     def __init__(
         self, given: Given, made: TrackProvenance, scene: Scene | None, unthinned: Collection[str], in_images: bool
@@ -510,7 +508,7 @@ class _Reading:
         return self._tables, ReportFigures(whole=self._whole, times=self._steps, **self._figures)
 
     def _most(self, name: str) -> int:
-        """Return the approximate number of rows of a table to draw."""
+        """Approximate number of rows of a table to draw."""
         return sys.maxsize if name in self._unthinned else rule.MAX_ROWS
 
     def _keep(self, name: str, found: DownsampledTable[T]) -> T:
@@ -520,14 +518,14 @@ class _Reading:
     def _thin(
         self, name: str, given: StreamedTable[T], chunks: Iterable[T] | None = None, *, ends: bool = True
     ) -> DownsampledTable[T]:
-        """Keep a part of a table, in chunks of which something else is made, too."""
+        """Downsample a table from chunks that are also used elsewhere."""
         chunks, most = given.chunks() if chunks is None else chunks, self._most(name)
         found = downsample(chunks, given.kind, given.rows, most, also=self._steps, ends=ends)
         self._keep(name, found)
         return found
 
     def _read_tracks(self) -> None:
-        """Tracks, and of all people how many people there are and who sees them."""
+        """Read the tracks, and statistics of people."""
         given: StreamedTable[Tracks] | None = self._open("tracks", PeopleTracks)
         if given is None:
             return
@@ -566,7 +564,7 @@ class _Reading:
             self._figures["people"] = people.finish(people_statistics(table.take(np.isin(table.t_ns, whole.at))))
 
     def _read_truth(self) -> None:
-        """The truth, and with it the time steps that the replay shows."""
+        """Read the truth, and choose the time steps of the replay."""
         given, truth = self._open("truth", Truth), None
         if given is not None:
             truth = self._thin("truth", given)
@@ -587,7 +585,7 @@ class _Reading:
             self._keep("truth", near)
 
     def _read_diagnostics(self) -> None:
-        """Read the filter diagnostics, and the selected cameras."""
+        """Read the diagnostics, and camera selections."""
         given: StreamedTable[Diagnostics] | None = self._open("diagnostics", Diagnostics)
         if given is None:
             return
@@ -610,12 +608,12 @@ class _Reading:
 
     @property
     def _relabelled(self) -> bool:
-        """True if tracks have their own names, and errors those of the truth."""
+        """Whether tracks have their own identities."""
         errors, tracks = self._tables.get("errors"), self._tables.get("tracks")
         return errors is not None and tracks is not None and relabelled(matching_tracks(errors, tracks))
 
     def _read_selections(self) -> None:
-        """Errors at selections of cameras; errors contain nothing about tracks that have their own names."""
+        """Read errors at camera selections (only if tracks have the truth's identities)."""
         if self._selected is None:
             return
         selected, given = self._selected
@@ -628,7 +626,7 @@ class _Reading:
     def _came_out(
         self, selected: SelectionStreams, diagnostics: StreamedTable[Diagnostics], kind: type[Errors] | type[Tracks]
     ) -> None:
-        """Values of errors or tracks at the times at which cameras were selected."""
+        """Errors or tracks at the times of camera selections."""
         companion = self._open(kind.NAME, kind)
         if companion is None:
             return
@@ -640,7 +638,7 @@ class _Reading:
             selected.came_out(limits.of(ours), limits.of(its))
 
     def _read_errors_and_bound(self) -> None:
-        """Errors, with the RMSE up to each one that is drawn, and the bound on it."""
+        """Read errors with their running RMSE, and the bound."""
         errors, bound = self._open("errors", Errors), self._open("bound", Bound)
         theirs = None if bound is None else self._thin("bound", bound)
         if errors is None:
@@ -693,11 +691,11 @@ class _Reading:
 
     @property
     def _with_bearings(self) -> bool:
-        """True if bearings are evidence for or against the tracks; labels of all people are independent of bearings."""
+        """Whether bearings are evidence about the tracks (not for people's tracks, whose labels are independent)."""
         return "bearings" in self._whole and self._whole["bearings"].rows > 0 and "people" not in self._figures
 
     def _read_bearings(self) -> None:
-        """Read the bearings, their residuals, and the lines of sight of the time steps."""
+        """Read the bearings, their residuals, and the lines of sight at the time steps."""
         stream: StreamedTable[Bearings] | None = self._open("bearings", Bearings)
         if stream is None:
             return
@@ -717,13 +715,13 @@ class _Reading:
         self._figures |= {"residuals": found.residuals, "sight": found.sight}
 
     def _targets(self) -> tuple[int, ...]:
-        """Identities of the tracked targets, ascending."""
+        """Sorted identities of the tracked targets."""
         tables = ("tracks",) if self._relabelled else ("tracks", "errors")
         names = [np.unique(self._tables[name].target_id) for name in tables if name in self._tables]
         return tuple(int(i) for i in np.unique(np.concatenate(names))) if names else ()
 
     def _without(self) -> frozenset[int]:
-        """Targets of which no error is known."""
+        """Targets without known errors."""
         errors = self._tables.get("errors")
         if self._relabelled:
             return frozenset()
@@ -731,7 +729,7 @@ class _Reading:
 
 
 class _Drawn:
-    """Select the values of the drawn rows from those of all rows."""
+    """Selects the values of the drawn rows from those of all rows."""
 
     def __init__(self, rows: Ints) -> None:
         self._rows, self._count = rows, 0
@@ -744,12 +742,12 @@ class _Drawn:
         self._count += len(values)
 
     def values(self, shape: tuple[int, ...]) -> np.ndarray:
-        """(N, ...) all of them; the shape of each."""
+        """(N, ...) selected values; `shape` of each."""
         return np.concatenate([np.zeros((0, *shape)), *self._parts])
 
 
 def _shown(truth: Truth) -> float:
-    """Share of true positions that the replay shows: of objects other than targets where there are few of them."""
+    """Roles of true positions shown by the replay: objects other than targets only if they are few."""
     others = truth.role != "target"
     few = len(np.unique(truth.target_id[others])) <= MAX_MOVING
     return 1.0 if few or not len(truth) else 1.0 - float(others.mean())

@@ -1,9 +1,4 @@
-"""Puts a report together: figures, tables and words into one page, and the main ones into one picture.
-
-The few figures on top of a report, and how many rows it was made from.
-
-The words and figures of a report as Markdown, for pull requests and notes.
-"""
+"""The report page: figures, tables and text; headline figures; Markdown."""
 
 from __future__ import annotations
 
@@ -48,12 +43,12 @@ from .replay.thumbnails import Thumbnails
 
 
 def plural(count: int, what: str, several: str = "") -> str:
-    """`1 target`, `2 targets`, `2 boxes` with several="boxes"."""
+    """Format a count: `1 target`, `2 targets`, `2 boxes` with several="boxes"."""
     return f"{number(count)} {noun(count, what, several)}"
 
 
 def headline(data: ReportInput) -> list[Figure]:
-    """The few figures on top of the page: accuracy first, then how much was processed."""
+    """Headline figures: accuracy first, then the amount of data."""
     out = _headline_accuracy(data)
     if data.time.length > 0:
         out.append(Figure("recorded time", number(float(f"{data.time.length:.4g}")), data.time.unit))
@@ -72,7 +67,7 @@ def headline(data: ReportInput) -> list[Figure]:
 
 
 def _people(people: PeopleStatistics) -> list[Figure]:
-    """Numbers of people in total and at a time, and share of unobserved ones."""
+    """Headline: number of people in total and at a time, and share of coasting rows."""
     at_a_time = number(float(f"{people.mean:.3g}"))
     unseen = number(round(100.0 * people.unseen, 1))
     return [
@@ -82,7 +77,7 @@ def _people(people: PeopleStatistics) -> list[Figure]:
 
 
 def _headline_accuracy(data: ReportInput) -> list[Figure]:
-    """RMSE, bound and their ratio over all targets; without truth, the distance from the lines of sight."""
+    """Headline: RMSE, bound and ratio over all targets; without truth, the triangulation distance."""
     if data.in_images or independent_ids(data.metrics):
         return _pairs(data)
     if data.errors is None or not len(data.errors):
@@ -98,7 +93,7 @@ def _headline_accuracy(data: ReportInput) -> list[Figure]:
 
 
 def _pairs(data: ReportInput) -> list[Figure]:
-    """Figures of tracks with their own identities, of the evaluation."""
+    """Headline: evaluation figures of tracks with their own identities."""
     unit = data.unit
     value = {name: found for name, found in data.metrics.items() if isinstance(found, int | float)}
     gate = f"matching per frame, {number(value.get(f'matched_gate_{unit}'))} {unit} gate"
@@ -114,7 +109,7 @@ def _pairs(data: ReportInput) -> list[Figure]:
 
 
 def _in_space(data: ReportInput) -> list[Figure]:
-    """RMSE in space and over its bound, where heights are known."""
+    """Headline: RMSE in space, and its ratio to the bound, if heights are known."""
     whole = data.figures.errors.rmse_in_space()
     if math.isnan(whole):
         return []
@@ -124,7 +119,7 @@ def _in_space(data: ReportInput) -> list[Figure]:
 
 
 def _headline_sight(data: ReportInput) -> list[Figure]:
-    """RMS distance of the tracks from where the lines of sight meet."""
+    """Headline: RMS distance of the tracks from triangulated positions."""
     reported = [each for each in data.sight.values() if each.rows]
     rows = sum(each.rows for each in reported)
     off = math.sqrt(math.fsum(each.rms**2 * each.rows for each in reported) / rows) if rows else math.nan
@@ -132,7 +127,7 @@ def _headline_sight(data: ReportInput) -> list[Figure]:
 
 
 def row_counts(data: ReportInput) -> list[Figure]:
-    """Return the number of rows and the time span of each table."""
+    """Number of rows and time range of each table."""
     out = []
     for name in ("truth", "bearings", "tracks", "diagnostics", "events", "errors", "bound"):
         if getattr(data, name) is None:
@@ -147,7 +142,7 @@ def row_counts(data: ReportInput) -> list[Figure]:
 
 
 class CheckRow(NamedTuple):
-    """A row of the table of checks."""
+    """Row of the table of checks."""
 
     name: str
     stage: str
@@ -157,7 +152,7 @@ class CheckRow(NamedTuple):
 
 
 def verdict_heading(verdicts: Sequence[Verdict]) -> str:
-    """The verdict in a line."""
+    """The verdict in one line."""
     return {
         True: "All checks of these estimates passed",
         False: "Not reliable as they are",
@@ -166,7 +161,7 @@ def verdict_heading(verdicts: Sequence[Verdict]) -> str:
 
 
 def check_rows(verdicts: Sequence[Verdict]) -> list[CheckRow]:
-    """Checks with results, figures and the reasons of checks that were impossible."""
+    """Rows of checks with results and figures, and reasons of checks that were impossible."""
     return [
         CheckRow(check.name, stage, _result(check), _figures(check), affected(check))
         for stage, check in made_checks(verdicts)
@@ -174,12 +169,12 @@ def check_rows(verdicts: Sequence[Verdict]) -> list[CheckRow]:
 
 
 def check_counts(verdicts: Sequence[Verdict]) -> str:
-    """Describe the number of checks and their outcomes."""
+    """Number of checks by outcome, as text."""
     return counts_of(check for _, check in made_checks(verdicts))
 
 
 def affected(check: Check) -> str:
-    """Sensors and targets that a finding is about."""
+    """Sensors and targets of a finding."""
     targets = [f"target {target}" for target in check.targets]
     return ", ".join([*check.sensors, *targets])
 
@@ -200,7 +195,7 @@ MAX_LIVES, MAX_SWITCHES = 300, 100
 
 
 class LifeRow(NamedTuple):
-    """A row of the table of tracks; times in seconds since the start."""
+    """Row of the table of tracks; times in seconds since the start."""
 
     target: int
     cameras: str
@@ -213,7 +208,7 @@ class LifeRow(NamedTuple):
 
 
 class SwitchRow(NamedTuple):
-    """A row of the table of possible identity switches."""
+    """Row of the table of possible identity switches."""
 
     seconds: float
     target: int
@@ -222,7 +217,7 @@ class SwitchRow(NamedTuple):
 
 
 def life_rows(data: ReportInput) -> list[LifeRow]:
-    """Begin, end and share of predicted rows of each track in images, the longest ones, in the order of their begin."""
+    """Start, end and share of predicted rows of the longest tracks in images, sorted by start."""
     if not data.in_images or data.people is None:
         return []
     lives = sorted(data.people.lives.items(), key=lambda item: -item[1].rows)[:MAX_LIVES]
@@ -243,7 +238,7 @@ def life_rows(data: ReportInput) -> list[LifeRow]:
 
 
 def switch_rows(data: ReportInput) -> list[SwitchRow]:
-    """The most probable identity switches of tracks in images, in the order of time."""
+    """Most probable identity switches of tracks in images, sorted by time."""
     events = data.events
     if not data.in_images or events is None:
         return []
@@ -265,7 +260,7 @@ SCRIPTS = ("plan.js", "time.js", "replay.js")
 
 
 def build_page(data: ReportInput, images: Thumbnails | None = None) -> str:
-    """The page of a run as HTML: self-contained, with its own script and no other.
+    """Build the page of a run as self-contained HTML with its own script.
 
     Args:
         data: the run.
@@ -290,7 +285,7 @@ def _plots(data: ReportInput) -> list[Plot]:
 
 
 def floorplan(data: ReportInput) -> Plot:
-    """The floor plan, to be called inside `house_style`."""
+    """Draw the floor plan (inside `house_style`)."""
     size = np.diff(plan_limits(data), axis=0)[0]
     height = float(np.clip(WIDTH * 0.88 * size[1] / size[0] + 1.0, 3.4, 8.4))
     words = ["Seen from above, x and y to the same scale."]
@@ -324,7 +319,7 @@ EVENT_WORDS = {
 
 
 def _everybody(data: ReportInput) -> list[Plot]:
-    """Plots of people and the sensors that see them."""
+    """Plots of people and of the sensors that detect them."""
     tracks, people = data.everybody, data.people
     if tracks is None or people is None:
         return []
@@ -353,7 +348,7 @@ def _everybody(data: ReportInput) -> list[Plot]:
 
 
 def _drawn(data: ReportInput, *names: str) -> str:
-    """Drawings of tables, as the end of a caption; nothing where all of them is."""
+    """End of a caption about partly drawn tables; empty if all rows are drawn."""
     diagnostics = data.drawn(*names)
     return f" {diagnostics[:-1]}; figures are of all." if diagnostics else ""
 
@@ -493,7 +488,7 @@ MAX_LOSSES = 20
 
 
 def build_markdown(data: ReportInput) -> str:
-    """The verdict, the losses, and all figures; no pictures."""
+    """Build the Markdown: verdict, losses, and all figures, without pictures."""
     out = [f"# {plain(data.title)}", ""]
     if data.tracks is not None or data.verdicts:
         out += [f"**{plain(verdict_heading(data.verdicts))}.**", ""]
@@ -525,7 +520,7 @@ def build_markdown(data: ReportInput) -> str:
 
 
 def table_lines(head: Sequence[str], rows: Iterable[Sequence[object]], sides: str) -> list[str]:
-    """A table; `sides` states about each column whether it is to the left (l) or the right (r)."""
+    """Lines of a Markdown table; `sides`: alignment of each column, left (l) or right (r)."""
     lines = [_row(head), "|" + "|".join("---:" if side == "r" else "---" for side in sides) + "|"]
     return [*lines, *(_row(row) for row in rows), ""]
 
@@ -535,6 +530,6 @@ def _row(cells: Sequence[object]) -> str:
 
 
 def plain(value: object) -> str:
-    """Text in which nothing is markup, in one line."""
+    """Text without markup, in one line."""
     plain = " ".join(str(value).split())
     return "".join(f"\\{c}" if c in SPECIAL else c for c in plain)

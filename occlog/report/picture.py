@@ -1,4 +1,4 @@
-"""The main figures in one picture: floor plan, error and bound, what each sensor saw, key figures."""
+"""Overview picture: floor plan, error and bound, observation coverage, key figures."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from .page import headline
 
 
 class PicturePanel(NamedTuple):
-    """One part of the picture."""
+    """A panel of the picture."""
 
     heading: str
     height: float
@@ -39,7 +39,7 @@ MAX_ROWS = 20
 
 
 def build_picture(data: ReportInput) -> bytes:
-    """PNG of the run; targets after the first are in the floor plan only."""
+    """Overview of the run as PNG; targets after the first are in the floor plan only."""
     texts = {"Title": data.title, "Description": json.dumps(data.provenance, sort_keys=True, default=str)}
     with house_style():
         canvas = new_figure(*SIZE)
@@ -50,7 +50,7 @@ def build_picture(data: ReportInput) -> bytes:
 
 
 def _arrange(figure: SubFigure, data: ReportInput, panels: list[PicturePanel]) -> None:
-    """Floor plan on the left, the other panels on the right."""
+    """Arrange the floor plan on the left, the other panels on the right."""
     if data.in_images:
         if data.everybody is not None and data.people is not None:
             draw_crowd(figure, data, data.everybody, data.people)
@@ -85,7 +85,7 @@ def _head(figure: FigureBase, text: str) -> None:
 
 
 def _panels(data: ReportInput) -> list[PicturePanel]:
-    """Panels next to the floor plan: the first target's error, and who saw it."""
+    """Panels: error of the first target, and its observation coverage."""
     out: list[PicturePanel] = []
     coverage, errors = data.coverage, data.errors
     first = data.targets[0] if data.targets else None

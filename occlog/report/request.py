@@ -51,7 +51,7 @@ class ReportRequestBase(Request):
 
 @dataclass(frozen=True, kw_only=True)
 class PageRequest(ReportRequestBase):
-    """A run that is shown as one page."""
+    """Request of a page of one run."""
 
     RUN: ClassVar[str] = "occlog.report.run:run_report"
     JUDGED: ClassVar[bool] = True
@@ -81,19 +81,19 @@ class PageRequest(ReportRequestBase):
 
     @cached_property
     def found(self) -> PageRequest:
-        """Copy of the request in which the files of a run folder replace inputs that were not given."""
+        """The request with missing inputs replaced by files of the run folder."""
         found: PageRequest = load("occlog.report.run:from_folder")(self)
         return found
 
     @cached_property
     def in_images(self) -> bool:
-        """True if the tracks are in images, so that there is no floor plan."""
+        """Whether the tracks are in images, so that there is no floor plan."""
         found: bool = load("occlog.report.run:has_tracks_in_images")(self.found.tracks)
         return found
 
     @property
     def inputs(self) -> list[Path]:
-        """Every file that is read, each once, those of a run folder too."""
+        """All files that are read, including those of a run folder, without duplicates."""
         own = self.found
         first = (own.tracks, own.scene, own.truth, own.bearings, own.errors, own.bound, own.diagnostics)
         files = (*first, own.events, own.occluders, own.metrics, own.images, own.recording)
@@ -102,7 +102,7 @@ class PageRequest(ReportRequestBase):
 
 @dataclass(frozen=True, kw_only=True)
 class OverlayRequest(ReportRequestBase):
-    """Tracks and true boxes that are drawn over the video of a recording."""
+    """Request to draw tracks and true boxes over the video of a recording."""
 
     RUN: ClassVar[str] = "occlog.report.overlay.run:run_overlay"
 
@@ -179,14 +179,14 @@ class OverlayRequest(ReportRequestBase):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Frames must be a range."""
+        """Check that frames are a range."""
         if self.frames is not None:
             yield "frames", 0 <= self.frames[0] < self.frames[1], "A:B with 0 <= A < B"
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunComparisonRequest(ReportRequestBase):
-    """Two runs that are shown side by side."""
+    """Request of a page that compares two runs."""
 
     RUN: ClassVar[str] = "occlog.report.comparison.run:run_beside"
     JUDGED: ClassVar[bool] = True
@@ -200,14 +200,14 @@ class RunComparisonRequest(ReportRequestBase):
 
     @cached_property
     def runs(self) -> tuple[PageRequest, PageRequest]:
-        """The files of both runs, as a page of each shows them."""
+        """Files of both runs, as for a page of each."""
         files_of = load("occlog.report.comparison.run:files_of")
         shared = PageRequest(scene=self.scene, truth=self.truth)
         return files_of(self.tracks, shared), files_of(self.other, shared)
 
     @property
     def inputs(self) -> list[Path]:
-        """Every file that is read, each once."""
+        """All files that are read, without duplicates."""
         return list(dict.fromkeys(path for run in self.runs for path in run.inputs))
 
 

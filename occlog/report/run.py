@@ -1,7 +1,4 @@
-"""Run of `occlog report` for a page: read, draw, write the page, the picture and the text.
-
-What `occlog report` reads: the files that are named or in a run folder, and their rows.
-"""
+"""`occlog report` for a page: read the inputs, draw, and write page, picture and Markdown."""
 
 from __future__ import annotations
 
@@ -46,7 +43,7 @@ PIXELS = "px"
 
 
 def from_folder(request: PageRequest) -> PageRequest:
-    """If TRACKS is a run folder, use its files for the inputs that are not named."""
+    """If TRACKS is a run folder, use its files for inputs that are not named."""
     folder = request.tracks
     if folder is None or not folder.is_dir():
         return request
@@ -63,7 +60,7 @@ def from_folder(request: PageRequest) -> PageRequest:
 
 
 def _in_images(request: PageRequest, folder: Path, found: Mapping[str, Path]) -> PageRequest:
-    """Report of a run with tracks in images, with the images themselves."""
+    """Request for a run with tracks in images, including the images."""
     tracks = folder / "view_tracks.parquet"
     if not tracks.is_file():
         raise InputError(
@@ -84,7 +81,7 @@ def _has_truth(recording: Path) -> bool:
 
 
 def has_tracks_in_images(tracks: Path | None) -> bool:
-    """Return whether a table is of tracks in images; a recording is none."""
+    """Whether a table is of tracks in images (False for a recording)."""
     from occlog.io.open import open_input
 
     if tracks is None or content_of(tracks) is Content.RECORDING:
@@ -94,7 +91,7 @@ def has_tracks_in_images(tracks: Path | None) -> bool:
 
 
 def read_input(request: PageRequest, whole: Collection[str] = ()) -> ReportInput:
-    """Everything that was named; the scene of the recording with truth, bearings or images if no other is named.
+    """Read all inputs; the scene is that of the recording with truth, bearings or images if none is named.
 
     Args:
         request: inputs.
@@ -132,7 +129,7 @@ def read_input(request: PageRequest, whole: Collection[str] = ()) -> ReportInput
 
 
 def _states_boxes(tracks: Path) -> bool:
-    """Return whether a table of tracks in images states in which frames there is a box of a target."""
+    """Whether a table of tracks in images states in which frames a target has a box."""
     from occlog.io.open import open_input
 
     modes = (BOX, GROUND, PREDICTED)
@@ -140,7 +137,7 @@ def _states_boxes(tracks: Path) -> bool:
 
 
 def _made_tracks(tracks: Path | None) -> TrackProvenance:
-    """Return the provenance of the tracks."""
+    """Provenance of the tracks."""
     from occlog.evaluate.verdict import TrackProvenance
     from occlog.io.open import open_if_ours
 
@@ -159,7 +156,7 @@ def _scene(paths: PageRequest) -> Scene | None:
 
 
 def _unit(paths: PageRequest, scene: Scene | None) -> str:
-    """The unit of lengths; InputError where a table has another than the scene or the tracks."""
+    """Length unit; InputError if a table has another unit than the scene or the tracks."""
     from occlog.io.open import check_unit, common_unit, open_input
 
     named = (paths.tracks, paths.truth, paths.errors, paths.bound, paths.diagnostics, paths.occluders)
@@ -171,7 +168,7 @@ def _unit(paths: PageRequest, scene: Scene | None) -> str:
 
 
 def _made(paths: PageRequest, title: str) -> tuple[dict[str, object], tuple[Loss, ...], tuple[Verdict, ...]]:
-    """Return the provenance of this report and its inputs, with their losses and findings."""
+    """Provenance of this report and of its inputs, with their losses and findings."""
     from occlog.io.files.inputs import hash_inputs
     from occlog.io.files.provenance import Provenance
     from occlog.io.open import input_losses, open_if_ours
@@ -188,7 +185,7 @@ def _made(paths: PageRequest, title: str) -> tuple[dict[str, object], tuple[Loss
 
 
 def run_report(request: PageRequest, job: Job) -> JobResult:
-    """Read everything, draw, write the page, the picture and the text."""
+    """Read the inputs, draw, and write page, picture and Markdown."""
     paths = request.found
     if paths.output is None:
         raise UsageError(
@@ -249,7 +246,7 @@ def write(made: Mapping[Path, bytes], *, overwrite: bool) -> None:
 
 
 def _images(paths: PageRequest, data: ReportInput) -> Thumbnails | None:
-    """Small images of the recording that is named, with the tracks drawn over them."""
+    """Small images of the recording, with the tracks drawn over them."""
     images = paths.images or paths.recording
     if images is None:
         return None

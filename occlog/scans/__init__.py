@@ -1,1 +1,1 @@
-"""Rows of one time step: measurements of all sensors at one time, and priors of occluders."""
+"""Scans: measurements of all sensors at one time step, and priors of occluders."""

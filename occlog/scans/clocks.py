@@ -1,7 +1,7 @@
-"""Clocks of a scene that differ from those by which the times of an input were made: the difference is applied, once.
+"""Clocks of a scene that differ from those by which an input's times were corrected: the difference is applied once.
 
-A recording holds the scene that it was made with, and its times are corrected by the clocks of that. A scene that is
-given to `track` may state other ones, as after a calibration. A camera without a clock in it stays as it was.
+The times of a recording are corrected by the clocks of the scene stored in it. A scene given to `track` may state
+others, e.g. after a calibration. A camera without a clock there is unchanged.
 """
 
 from __future__ import annotations
@@ -19,31 +19,34 @@ RIGHT = Clock("")
 
 
 class ClockChange(NamedTuple):
-    """Clock by which times were corrected, and the one by which they should be."""
+    """Clock by which times were corrected, and the clock by which they should be."""
 
     before: Clock
     after: Clock
 
     def time(self, t_ns: int, first_ns: int) -> int:
-        """World time [ns] of a time that was corrected by the first clock; `first_ns` is the first of the sensor."""
+        """Corrected world time [ns] of a time that was corrected by the first clock.
+
+        `first_ns`: first time of the sensor.
+        """
         elapsed = (t_ns - first_ns) / (1.0 - self.before.drift_ppm * 1e-6)
         start = first_ns + self.before.offset_ns - self.after.offset_ns
         return start + round(elapsed * (1.0 - self.after.drift_ppm * 1e-6))
 
     @property
     def differs(self) -> bool:
-        """Whether it changes any time."""
+        """Whether the clocks differ."""
         return self.before.offset_ns != self.after.offset_ns or self.before.drift_ppm != self.after.drift_ppm
 
 
 def clocks_of(scene: Scene) -> dict[str, Clock]:
-    """Clocks of the cameras that have one, by camera."""
+    """Clocks of the cameras, by camera."""
     named = {clock.name: clock for clock in scene.clocks}
     return {camera.name: named[camera.clock] for camera in scene.cameras if camera.clock is not None}
 
 
 def applied_clocks(opened: Opened) -> dict[str, Clock] | None:
-    """Clocks by which the times of an input were corrected, by camera; None: not known."""
+    """Clocks by which the times of an input were corrected, by camera; None if unknown."""
     if opened.recording is not None:
         return {} if opened.scene is None else clocks_of(opened.scene)
     if opened.foreign is not None or opened.provenance.command != "detect":
@@ -54,14 +57,14 @@ def applied_clocks(opened: Opened) -> dict[str, Clock] | None:
 
 
 def stated_clocks(scene: Scene) -> dict[str, object]:
-    """`CLOCKS` for the provenance of a table; empty: no clock is off."""
+    """Entry `CLOCKS` for the provenance of a table; empty without clock errors."""
     off = {name: c for name, c in clocks_of(scene).items() if c.offset_ns or c.drift_ppm}
     values = {name: {"offset_ns": c.offset_ns, "drift_ppm": c.drift_ppm} for name, c in off.items()}
     return {CLOCKS: values} if values else {}
 
 
 def with_applied_clocks(scene: Scene, applied: Mapping[str, Clock]) -> Scene:
-    """The scene with the clocks by which times were corrected for cameras that state none."""
+    """The scene with the applied clocks of cameras for which it states none."""
     names = {clock.name for clock in scene.clocks}
     added: dict[str, Clock] = {}
     cameras = []
@@ -79,7 +82,7 @@ def with_applied_clocks(scene: Scene, applied: Mapping[str, Clock]) -> Scene:
 
 
 def clock_changes(cameras: Sequence[Camera], scene: Scene, applied: Mapping[str, Clock]) -> dict[int, ClockChange]:
-    """Changes by number of the camera, of those that are there."""
+    """Clock changes by camera index."""
     stated = clocks_of(scene)
     every = {c: ClockChange(applied.get(k.name, RIGHT), stated.get(k.name, RIGHT)) for c, k in enumerate(cameras)}
     return {c: change for c, change in every.items() if change.differs}

@@ -15,7 +15,7 @@ SPEEDS = {"sound": 343.0, "light": 299_792_458.0}
 
 @dataclass(frozen=True)
 class DistanceMeasurementConfig(Settings):
-    """Parameters of ranges, signal strengths and time differences in addition to the table."""
+    """Parameters of ranges, signal strengths and time differences that the table does not state."""
 
     OWNER: ClassVar[str] = "measurements"
 
@@ -97,7 +97,7 @@ class DistanceMeasurementConfig(Settings):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """A speed is a number above 0, or has a name."""
+        """Check that the speed is a positive number or a known name."""
         yield (
             "propagation_speed",
             self.propagation_speed is None or self.speed is not None,
@@ -106,7 +106,7 @@ class DistanceMeasurementConfig(Settings):
 
     @property
     def speed(self) -> float | None:
-        """Speed of propagation [m/s]; None: not stated."""
+        """Speed of propagation [m/s]; None if not stated."""
         if self.propagation_speed is None:
             return None
         if self.propagation_speed in SPEEDS:

@@ -1,17 +1,13 @@
-"""Ranges, signal strengths and time differences as the methods take them: packed, and put to the scans of directions.
+"""Ranges, signal strengths and time differences: packed for the methods, and joined with the scans of directions.
 
-A time difference becomes a difference of ranges by the speed of propagation, which must be stated.  A signal strength
-becomes the logarithm of a distance by the log-distance path loss.  Heights of stations count where that of the
-targets is stated; where it is not, stations that are not all in one plane are refused.
-
-Measurements of distances that cannot be: negative ranges, too strong signals, too long differences, copies.
-
-Standard deviations of signal strengths that do not state their own, where shadowing lasts from one read to the next.
-
-A strength has white noise and shadowing that decorrelates as exp(-dt / shadow_s).  Filters take all errors for
-white.  The mean of many reads that follow each other by dt has the variance (1 + r) / (1 - r) = coth(dt / 2 shadow_s)
-times that of as many independent ones, r = exp(-dt / shadow_s): so much larger is the variance of shadowing that a
-read counts with, after dt since the same station last read the same target.  Reads long after another count in full.
+A time difference becomes a difference of ranges by the speed of propagation, which must be stated. A signal strength
+becomes the logarithm of a distance by the log-distance path loss. Heights of stations are used if the height of the
+targets is stated; otherwise stations at different heights are refused. Implausible measurements are refused: negative
+ranges, too strong signals, too long differences, duplicates. || A strength has white noise and shadowing with
+correlation exp(-dt / shadow_s), while filters assume white errors. The mean of many reads at intervals dt has the
+variance (1 + r) / (1 - r) = coth(dt / 2 shadow_s) times that of independent ones, with r = exp(-dt / shadow_s): the
+shadowing variance of a read is multiplied by this factor, dt being the time since the last read of the same target by
+the same station.
 """
 
 from __future__ import annotations
@@ -56,7 +52,7 @@ are false."""
 
 
 class RangeDifferenceCheck:
-    """Counts differences that are longer than their stations are apart, while measurements come by."""
+    """Counts range differences longer than the distance of their stations, over a stream."""
 
     def __init__(self) -> None:
         """Start without data."""
@@ -76,7 +72,7 @@ class RangeDifferenceCheck:
         self._all, self._beyond = self._all + int(np.count_nonzero(differs)), self._beyond + len(beyond)
 
     def refuse(self) -> None:
-        """InputError where these are too many."""
+        """InputError if there are too many of them."""
         if self._all >= MIN_DIFFERENCES and self._beyond > MAX_IMPOSSIBLE_SHARE * self._all:
             raise InputError(
                 f"measurements: {self._beyond} of {self._all} differences are longer than their stations are apart: "
@@ -91,7 +87,7 @@ def _where(table: Measurements, n: int) -> str:
 def check_plausible(
     table: Measurements, row: Ints, packed: RangeMeasurements, differences: RangeDifferenceCheck | None = None
 ) -> None:
-    """InputError, with the station and the time, for measurements from which only a wrong position could come.
+    """InputError, with station and time, for implausible measurements.
 
     Args:
         table: the measurements, or a part of them that has all of each time.
@@ -122,7 +118,7 @@ def check_plausible(
 
 
 def _refuse_copies(table: Measurements, row: Ints, packed: RangeMeasurements) -> None:
-    """InputError for a range or difference that is there twice: it would count as two that agree."""
+    """InputError for a duplicate range or difference, which would count twice."""
     exact = np.flatnonzero(packed.kind != LOGARITHM)  # two of whole dBm may well be equal
     own = row[exact]
     keys = (table.t_ns[own], packed.station[exact], table.target_id[own], packed.kind[exact], packed.value[exact])
@@ -146,7 +142,7 @@ MIN_INTERVAL_SHARE = 1e-3
 
 
 class SignalErrors(NamedTuple):
-    """Errors of signal strengths."""
+    """Noise and shadowing of signal strengths."""
 
     noise_db: float = NOISE_DB  # standard deviation of the white noise
     shadow_db: float = SHADOW_DB  # of the shadowing
@@ -158,7 +154,7 @@ LastReads = MutableMapping[tuple[str, int], int]
 
 
 def sigmas(shadowing: SignalErrors, since_s: Floats) -> Floats:
-    """(n,) standard deviations [dB] that reads count with as if errors were white.
+    """(n,) standard deviations [dB] of reads for a filter that assumes white errors.
 
     Args:
         shadowing: how errors are.
@@ -169,7 +165,7 @@ def sigmas(shadowing: SignalErrors, since_s: Floats) -> Floats:
 
 
 def with_sigmas(table: Measurements, shadowing: SignalErrors, last: LastReads | None) -> Measurements:
-    """The table with a standard deviation for each strength that has none.
+    """Table with a standard deviation for each strength.
 
     Args:
         table: in the order of time.
@@ -186,7 +182,7 @@ def with_sigmas(table: Measurements, shadowing: SignalErrors, last: LastReads | 
 
 
 def _since(table: Measurements, own: Ints, last: LastReads) -> Floats:
-    """(n,) times since the last strength of the same station and target [s]; inf: there was none."""
+    """(n,) time since the last strength of the same station and target [s]; inf if there was none."""
     since = np.full(len(own), np.inf)
     names, station = np.unique(table.sensor[own], return_inverse=True)
     order = np.lexsort((table.t_ns[own], table.target_id[own], station))
@@ -205,7 +201,7 @@ WORDS = {"range": "range", "rssi": "signal strength", "tdoa": "time difference",
 
 
 class Radio(NamedTuple):
-    """A fitted path loss."""
+    """A fitted path loss model."""
 
     power: Mapping[str, float]  # of each station, strength at 1 m [dBm]
     exponent: float
@@ -214,7 +210,7 @@ class Radio(NamedTuple):
 
 
 class StationModel(NamedTuple):
-    """The S sensors of a scene, those that measure directions first, as required for distances."""
+    """The S sensors of a scene (direction sensors first), with the parameters needed for distances."""
 
     names: tuple[str, ...]
     position: Floats  # (S, 3); NaN where it is not known
@@ -223,12 +219,12 @@ class StationModel(NamedTuple):
 
 
 def station_names(scene: Scene) -> tuple[str, ...]:
-    """Names of all sensors of a scene: those that measure directions in their order, then readers."""
+    """Names of all sensors of a scene: direction sensors in order, then readers."""
     return (*sensor_names(scene), *(r.name for r in scene.readers))
 
 
 def make_stations(scene: Scene, config: DistanceMeasurementConfig, radio: Radio | None = None) -> StationModel:
-    """The sensors of a scene; a fitted path loss comes before the powers in the scene."""
+    """Sensors of a scene for distance measurements; a fitted path loss has priority over powers in the scene."""
     unknown = np.full(3, math.nan)
     positions = [c.position if c.placed else unknown for c in scene.cameras] + [a.position for a in scene.arrays]
     positions += [r.position for r in scene.readers]
@@ -240,7 +236,7 @@ def make_stations(scene: Scene, config: DistanceMeasurementConfig, radio: Radio 
 
 
 def measurements_of_reads(chunks: Iterable[Reads]) -> Iterator[Measurements]:
-    """Reads of tags as signal strengths; reads without a strength are omitted."""
+    """Convert tag reads to signal strengths; reads without a strength are omitted."""
     for chunk in chunks:
         measured = chunk.take(np.isfinite(chunk.rssi))
         nan = np.full(len(measured), np.nan)
@@ -256,7 +252,7 @@ def measurements_of_reads(chunks: Iterable[Reads]) -> Iterator[Measurements]:
 
 
 class DistanceMeasurementFeed:
-    """Packs measurements, and joins them with the scans of directions, in the order of time."""
+    """Packs distance measurements, and joins them with the scans of directions, in the order of time."""
 
     def __init__(
         self,
@@ -290,7 +286,7 @@ class DistanceMeasurementFeed:
         targets: Collection[int] | None = None,
         window_ns: int = 0,
     ) -> Iterator[Scan]:
-        """All scans in the order of time: of directions, of measurements, and of both where times are near.
+        """Generate all scans in the order of time: of directions, of measurements, or of both within the window.
 
         Args:
             scans: of directions.
@@ -320,7 +316,7 @@ class DistanceMeasurementFeed:
     def _scans(
         self, sensors: Collection[str] | None, targets: Collection[int] | None, window_ns: int
     ) -> Iterator[Scan]:
-        """Scans of measurements alone."""
+        """Generate scans of measurements only."""
         rest: Measurements | None = None
         last: LastReads | None = None if self._with_times else {}
         for chunk in self._chunks:
@@ -349,7 +345,7 @@ class DistanceMeasurementFeed:
             yield from self._packed(rest, [0, len(rest)])
 
     def _packed(self, table: Measurements, starts: list[int]) -> Iterator[Scan]:
-        """A scan for each pair of starts."""
+        """Generate a scan for each pair of starts."""
         if starts[-1] == 0:
             return
         row, distances = pack(table.take(slice(0, starts[-1])), self._stations, self._config, self._radio)
@@ -360,7 +356,7 @@ class DistanceMeasurementFeed:
             yield Scan.of(int(table.t_ns[last - 1]), [])._replace(measured=measured)
 
     def passed(self, until_ns: int) -> list[tuple[int, ScanMeasurements]]:
-        """Times [ns] and measurements that have passed up to a time, since the last call."""
+        """Times [ns] and measurements up to a time, since the last call."""
         n = sum(t_ns <= until_ns for t_ns, _ in self._passed)
         out, self._passed = self._passed[:n], self._passed[n:]
         return out
@@ -369,7 +365,7 @@ class DistanceMeasurementFeed:
 def with_strengths(
     table: Measurements, config: DistanceMeasurementConfig, radio: Radio | None, last: LastReads | None
 ) -> Measurements:
-    """The table, in which all signal strengths have a standard deviation; `last` as `with_sigmas` has it."""
+    """Table in which all signal strengths have standard deviations; `last` as in `with_sigmas`."""
     if config.sigma_rssi is not None:
         own = np.where(np.isfinite(table.rssi), _filled(table.sigma_rssi, config.sigma_rssi), table.sigma_rssi)
         return replace(table, sigma_rssi=own)
@@ -377,7 +373,7 @@ def with_strengths(
 
 
 def _starts(t_ns: Ints, window_ns: int) -> list[int]:
-    """First rows of the scans; the last scan may go on in the next chunk."""
+    """First rows of the scans; the last scan may continue in the next chunk."""
     if window_ns == 0:
         return [0, *(np.flatnonzero(np.diff(t_ns)) + 1).tolist()]
     starts = [0]
@@ -394,7 +390,7 @@ def pack(
     radio: Radio | None = None,
     differences: RangeDifferenceCheck | None = None,
 ) -> tuple[Ints, RangeMeasurements]:
-    """All measurements of a table, by rising row; a row may have several.
+    """Pack all measurements of a table, sorted by row; a row may have several.
 
     Args:
         table: in the order of time.
@@ -469,7 +465,7 @@ def _as_length(
     config: DistanceMeasurementConfig,
     radio: Radio | None,
 ) -> tuple[int, Floats, Floats]:
-    """Kind, values and standard deviations of one column for `RangeMeasurements`; NaN: no standard deviation."""
+    """Kind, values and standard deviations of one column for `RangeMeasurements`; NaN: not stated."""
     value: Floats = getattr(table, name)
     sigma: Floats = getattr(table, f"sigma_{name}")
     if name in PLAIN:
@@ -497,7 +493,7 @@ def _filled(sigma: Floats, usual: float | None) -> Floats:
 
 
 def _numbers(names: np.ndarray, at: StationModel, column: str) -> Ints:
-    """(n,) numbers of stations; InputError for one that the scene does not have, or has without a position."""
+    """(n,) indices of stations; InputError for one that is missing, or has no position."""
     found, inverse = np.unique(names, return_inverse=True)
     for name in found.tolist():
         if name not in at.names:
@@ -511,7 +507,7 @@ def _numbers(names: np.ndarray, at: StationModel, column: str) -> Ints:
 
 
 def _rise2(at: StationModel, station: Ints, reference: Ints, height: float | None) -> Floats:
-    """(S,) squares of the heights of stations over the targets; InputError where these matter and are not known."""
+    """(S,) squared heights of stations above the targets; InputError if needed and unknown."""
     used: Bools = np.isin(np.arange(len(at.names)), np.concatenate([station, reference]))
     z = np.where(used, at.position[:, 2], 0.0)
     if height is None:

@@ -1,7 +1,4 @@
-"""Bearings to scans: rows of one time step are put together, and checked against the scene.
-
-One scan: the rows of `Bearings` of one time step, as filters and their kernels read them.
-"""
+"""Grouping of bearings into scans: rows of one time step, checked against the scene."""
 
 from __future__ import annotations
 
@@ -23,7 +20,7 @@ from occlog.records.tables import UNLABELLED, Bearings
 
 
 class ScanMeasurements(NamedTuple):
-    """Measurements of stations other than directions at one time; see `occlog.scans.distance_measurements`."""
+    """Distance measurements of stations at one time; see `occlog.scans.distance_measurements`."""
 
     target_id: Ints32  # (m,) >= 0
     distances: RangeMeasurements  # m measurements
@@ -35,11 +32,10 @@ class ScanMeasurements(NamedTuple):
 
 
 class Scan(NamedTuple):
-    """What all sensors say at one time: R rows of the columns of `occlog.records.tables.Bearings`, by sensor.
+    """Measurements of all sensors at one time: R rows with the columns of `occlog.records.tables.Bearings`, by sensor.
 
-    A sensor has one row for each label, and a row for each candidate or one that is not `seen`.
-    A sensor without a row had no frame.  A scan is a tuple of arrays and no table: tables check
-    their values when they are made, which a filter cannot afford at every step.
+    A sensor has one row for each label, and a row for each candidate, or one that is not `seen`. A sensor without a row
+    had no frame. A scan is a plain tuple of arrays, without the validation of tables, for speed.
     """
 
     t_ns: int
@@ -58,7 +54,7 @@ class Scan(NamedTuple):
 
     @classmethod
     def of(cls, t_ns: int, sensor: Sequence[int] | Ints, **columns: ArrayLike) -> Scan:
-        """A scan of array-likes; columns omitted say nothing: no label, seen, and NaN."""
+        """Create a scan from array-likes; omitted columns are unlabelled, seen, and NaN."""
         n = len(sensor)
         known = {"sensor": np.asarray(sensor, dtype=np.int64)}
         known |= {name: np.asarray(values, dtype=DTYPES.get(name, np.float64)) for name, values in columns.items()}
@@ -67,15 +63,15 @@ class Scan(NamedTuple):
 
     @property
     def labelled(self) -> Bools:
-        """(R,) rows with a known target."""
+        """(R,) mask of rows with a known target."""
         return np.asarray(self.target_id != UNLABELLED)
 
     def take(self, rows: Bools | Ints | slice) -> Scan:
-        """The rows selected by a mask, a slice or an index array."""
+        """Select rows by a mask, a slice or an index array."""
         return Scan._make((self.t_ns, *(column[rows] for column in self[1:-2]), self.occluders, self.measured))
 
     def of_target(self, target: int) -> Scan | None:
-        """A target's own rows, and candidates of sensors that have none for it; None for nothing."""
+        """A target's own rows, and candidates of sensors without a row for it; None if there are none."""
         own = self.target_id == target
         rows, free = own, self.target_id == UNLABELLED
         if free.any():
@@ -90,12 +86,12 @@ class Scan(NamedTuple):
 
     @property
     def targets(self) -> set[int]:
-        """Targets that rows or measurements name."""
+        """Targets in labelled rows or measurements."""
         named = set(self.target_id[self.labelled].tolist())
         return named if self.measured is None else named.union(self.measured.target_id.tolist())
 
     def by_sensor(self) -> Iterator[tuple[int, Scan]]:
-        """Every sensor that has rows, rising, and its rows that are `seen`: none where it detected nothing."""
+        """Each sensor with rows, sorted, with its `seen` rows (empty if nothing was detected)."""
         for sensor in np.unique(self.sensor).tolist():
             yield sensor, self.take((self.sensor == sensor) & self.seen)
 
@@ -107,21 +103,21 @@ COLUMNS = tuple(name for name in Scan._fields if name not in ("t_ns", "occluders
 
 
 def concat(scans: Sequence[Scan]) -> Scan:
-    """The rows of scans, at least one, one after the other; the time and the occluders are those of the last.
+    """Concatenate the rows of at least one scan; time and occluders are those of the last.
 
-    Measurements other than directions are omitted.
+    Distance measurements are omitted.
     """
     columns = (np.concatenate(parts) for parts in zip(*(scan[1:-2] for scan in scans), strict=True))
     return Scan._make((scans[-1].t_ns, *columns, scans[-1].occluders, None))
 
 
 def empty_scan(t_ns: int, sensors: Sequence[int]) -> Scan:
-    """A scan of sensors, rising, without any detection: a row of no target for each."""
+    """A scan of sensors without any detection: an unlabelled row for each."""
     return Scan.of(t_ns, sensors, seen=np.zeros(len(sensors), dtype=np.bool_))
 
 
 def sensor_names(scene: Scene) -> tuple[str, ...]:
-    """Names of all sensors of a scene, cameras first; `Scan.sensor` counts in this order."""
+    """Names of all sensors of a scene, cameras first; `Scan.sensor` is an index into them."""
     return (*(c.name for c in scene.cameras), *(a.name for a in scene.arrays))
 
 
@@ -134,7 +130,7 @@ class BearingRows(NamedTuple):
 
 
 def scans_of(chunks: Iterable[Bearings], scene: Scene, use: BearingRows, window_ns: int = 0) -> Iterator[Scan]:
-    """Scans in the order of time; where chunks are cut does not matter.
+    """Generate scans in the order of time, independent of chunk borders.
 
     Args:
         chunks: bearings in the order of time.
@@ -171,7 +167,7 @@ def scans_of(chunks: Iterable[Bearings], scene: Scene, use: BearingRows, window_
 
 
 def checked(chunks: Iterable[Bearings], scene: Scene, sensors: Collection[str]) -> Iterator[Bearings]:
-    """The chunks; InputError names the row of a sensor that the scene does not have, or of `sensors` without a pose."""
+    """Generate the chunks; InputError for rows of an unknown sensor, or of one in `sensors` without a pose."""
     names = sensor_names(scene)
     unplaced = {c.name for c in scene.cameras if not c.placed} & set(sensors)
     count = 0
@@ -197,7 +193,7 @@ def _check_sensors(chunk: Bearings, names: tuple[str, ...], unplaced: set[str], 
 
 
 def nearest(name: str, names: tuple[str, ...]) -> str:
-    """A hint for a sensor that does not exist: the nearest name, or all of them."""
+    """Hint for an unknown sensor: the most similar name, or all names."""
     alike = [known for known in names if known.casefold() == name.casefold()]
     near = alike or get_close_matches(name, names, n=1)
     return f"did you mean {near[0]!r}?" if near else f"it has: {', '.join(names) or 'none'}"
@@ -213,7 +209,7 @@ def _chosen(chunk: Bearings, use: BearingRows) -> Bearings:
 
 
 def _starts(table: Bearings, window_ns: int) -> list[int]:
-    """First rows of the scans; the last scan may go on in the next chunk."""
+    """First rows of the scans; the last scan may continue in the next chunk."""
     if window_ns == 0 or not len(table):
         return [0, *(np.flatnonzero(np.diff(table.t_ns)) + 1).tolist()]
     starts = [0]
@@ -227,7 +223,7 @@ def _starts(table: Bearings, window_ns: int) -> list[int]:
 
 
 def _split(table: Bearings, starts: list[int], names: tuple[str, ...]) -> Iterator[Scan]:
-    """The scans between consecutive starts; rows after the last start are left."""
+    """Scans between consecutive starts; rows after the last start are kept for later."""
     n = starts[-1]
     if n == 0:
         return
@@ -244,7 +240,7 @@ def _split(table: Bearings, starts: list[int], names: tuple[str, ...]) -> Iterat
 
 
 def _check_single(table: Bearings, sensor: Ints, scan: Ints, order: Ints) -> None:
-    """InputError where a sensor has two rows for a target in one scan."""
+    """InputError if a sensor has two rows for a target in one scan."""
     target = table.target_id[order]
     same = (np.diff(scan) == 0) & (np.diff(sensor[order]) == 0) & (np.diff(target) == 0)
     same &= target[1:] != UNLABELLED
@@ -262,7 +258,7 @@ def _check_single(table: Bearings, sensor: Ints, scan: Ints, order: Ints) -> Non
 def choose_sensors(
     scene: Scene, only: Iterable[str] = (), without: Iterable[str] = (), *, readers: bool = False
 ) -> frozenset[str]:
-    """Names of the sensors to use, of readers too if these count; UsageError names one that the scene does not have."""
+    """Names of the sensors to use (including readers if applicable); UsageError for an unknown name."""
     names = (*sensor_names(scene), *(r.name for r in scene.readers if readers))
     only, without = list(only), list(without)
     for name in (*only, *without):

@@ -25,7 +25,7 @@ T = TypeVar("T", bound=ColumnTable)
 
 
 class MeasurementInputs:
-    """The measurements as one stream, with the scene and what had been lost before."""
+    """All measurements as one stream, with the scene and earlier losses."""
 
     def __init__(
         self,
@@ -39,7 +39,7 @@ class MeasurementInputs:
         distances: bool = False,
         reads: bool = False,
     ) -> None:
-        """Open everything; nothing but headers is read yet.
+        """Open all inputs; only headers are read.
 
         Args:
             bearings: bearings or directions of arrival, or what `distances` allows.
@@ -90,11 +90,11 @@ class MeasurementInputs:
 
     @property
     def losses(self) -> tuple[Loss, ...]:
-        """What was lost when the inputs were made, each once, in the order in which they were opened."""
+        """Losses recorded in the inputs, without duplicates, in the order of opening."""
         return input_losses(self._opened)
 
     def _measurements(self, inputs: list[Opened]) -> Iterator[Measurements] | None:
-        """Measurements of all inputs, those of a reader's reads too; None: missing."""
+        """Distance measurements of all inputs, including reads of tags; None without any."""
         streams: list[Iterable[Measurements]] = []
         for each in inputs:
             each.require(Measurements, Reads, remedy="give ranges, signal strengths or time differences")
@@ -105,18 +105,18 @@ class MeasurementInputs:
         return within_times(streams) if streams else None
 
     def _priors(self, path: Path) -> Iterator[Occluders] | Iterator[Hulls]:
-        """Priors of the moving occluders; true positions are known exactly."""
+        """Priors of moving occluders; true positions are exactly known priors."""
         opened = open_input(path, Truth, Hulls, Occluders)
         if opened.has(Truth):
             return known_positions(self._rows(opened, Truth))
         return self._rows(opened, Hulls) if opened.has(Hulls) else self._rows(opened, Occluders)
 
     def open(self, path: Path, table: type[T]) -> Iterator[T]:
-        """Read a table in chunks, from a recording or a table file; InputError where the file has no such table."""
+        """Read a table in chunks, from a recording or a table file; InputError if the file has no such table."""
         return self._rows(open_input(path), table)
 
     def _rows(self, opened: Opened, table: type[T]) -> Iterator[T]:
-        """Chunks of a table; the input's losses count, and its lengths must be in the unit of the scene."""
+        """Chunks of a table; records the input's losses, and checks its length unit against the scene."""
         rows = opened.rows(table)
         self._opened.append(opened)
         if opened.has_lengths(table):
@@ -129,7 +129,7 @@ def _opened(path: Path | None) -> list[Opened]:
 
 
 def _remedy(measured: Opened) -> str:
-    """What to do about a recording without measurements."""
+    """Remedy for a recording without measurements."""
     if measured.recording is not None and measured.has(Reads):
         return "track the reads of its tags with method rssi or virtual"
     if measured.recording is not None and measured.recording.cameras:
@@ -142,7 +142,7 @@ def _remedy(measured: Opened) -> str:
 
 
 def _not_empty(chunks: Iterable[Bearings], path: Path) -> Iterator[Bearings]:
-    """The chunks; refuses input without rows, from which nothing can be tracked."""
+    """Generate the chunks; InputError without rows."""
     rows = 0
     for chunk in chunks:
         rows += len(chunk)

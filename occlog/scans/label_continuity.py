@@ -1,8 +1,8 @@
 """Labels of bearings against the continuity of motion: labels that two targets exchange, and labels that jump.
 
-The bearings pass by on their way to a method.  Labels of two targets that are exchanged, of all sensors or of one, are
-found and, where wanted, exchanged back: the identity of a target is that of its first label.  A label that jumps, so
-that no other label explains it, is reported.
+Bearings are checked as a stream on the way to a method. Exchanged labels of two targets, of all sensors or of one, are
+detected and optionally corrected: the identity of a target is that of its first label. A label that jumps without an
+exchange is reported.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ MAX_LABELS = 200
 
 
 class LabelExchange(NamedTuple):
-    """Labels of two targets that were exchanged."""
+    """An interval in which the labels of two targets are exchanged."""
 
     targets: tuple[int, int]
     sensor: str  # empty: all sensors
@@ -48,7 +48,7 @@ class LabelExchange(NamedTuple):
 
 
 class LabelJump(NamedTuple):
-    """A label that continues at another position."""
+    """A label that continues at a distant position."""
 
     target: int
     begin_ns: int  # first bearing of the new position
@@ -82,7 +82,7 @@ class LabelEvents:
     motion: dict[int, float] = field(default_factory=dict)
 
     def consistent(self, chunks: Iterable[Bearings]) -> Iterator[Bearings]:
-        """The chunks without the bearings that contradict the motion of their target."""
+        """Generate the chunks without the bearings that contradict the motion of their target."""
         for chunk in chunks:
             if self.contradicting:
                 keys = zip(chunk.target_id.tolist(), chunk.t_ns.tolist(), chunk.sensor.tolist(), strict=True)
@@ -92,7 +92,7 @@ class LabelEvents:
                 yield chunk
 
     def at(self, t_ns: Ints, target_id: Ints32) -> tuple[Bools, Bools]:
-        """(N,) rows of targets while their labels were exchanged, and while their label jumped."""
+        """(N,) masks of rows of targets while their labels were exchanged, and while their label jumped."""
         exchanged, jumped = np.zeros(len(t_ns), dtype=np.bool_), np.zeros(len(t_ns), dtype=np.bool_)
         for one in self.exchanges:
             own = (t_ns >= one.begin_ns) & np.isin(target_id, one.targets)
@@ -103,7 +103,7 @@ class LabelEvents:
 
 
 class LabelContinuity:
-    """Follows the labels of bearings that pass by."""
+    """Checks the labels of a stream of bearings."""
 
     def __init__(
         self, scene: Scene, usual_speed: float, walk: WalkingSpeed, used: Collection[str], *, repair: bool
@@ -137,7 +137,7 @@ class LabelContinuity:
         self._identity = np.empty(0, dtype=np.int64)  # of the held rows that were followed
 
     def watch(self, chunks: Iterable[Bearings]) -> Iterator[Bearings]:
-        """The chunks, with identities for labels; rows of which these are not yet known wait, for a second at most."""
+        """Generate the chunks with corrected labels; undecided rows are delayed by at most a second."""
         for chunk in chunks:
             if not len(self._held) and not np.any(chunk.target_id != UNLABELLED):
                 yield chunk
@@ -147,7 +147,7 @@ class LabelContinuity:
         yield from self._passed(last=True)
 
     def _passed(self, *, last: bool) -> Iterator[Bearings]:
-        """Follow the rows that are held, and give out those that are settled."""
+        """Process the buffered rows, and return those that are decided."""
         held = self._held
         if not len(held):
             return
@@ -169,7 +169,7 @@ class LabelContinuity:
         yield out
 
     def _follow(self, rows: Bearings, begun: int) -> int:
-        """Find the identities of rows from `begun` on; the time from which they may still change."""
+        """Determine the identities of rows from `begun` on; return the time from which they may still change."""
         if self._origin_ns is None:
             self._origin_ns = self.events.origin_ns = int(rows.t_ns[0])
         labelled = rows.target_id != UNLABELLED
@@ -221,7 +221,7 @@ class LabelContinuity:
         return self._origin_ns + round(seconds * NS)
 
     def _add(self, event: list[float]) -> None:
-        """Note an event of the kernel."""
+        """Record an event of the kernel."""
         kind, at_s, speed, first, second, third, distance = event
         if kind == EXCHANGED:
             names = {s: name for name, s in self._number.items()}
@@ -234,7 +234,7 @@ class LabelContinuity:
             self.events.jumps.append(LabelJump(target, self._time(at_s), self._time(third), distance, speed, allowed))
 
     def _exchange(self, targets: tuple[int, int], sensor: str, t_ns: int) -> None:
-        """Begin an exchange, or end the one that holds."""
+        """Start an exchange, or end the current one."""
         exchanges = self.events.exchanges
         for n, one in enumerate(exchanges):
             if one.targets == targets and one.sensor == sensor and one.end_ns is None:
@@ -244,7 +244,7 @@ class LabelContinuity:
 
 
 def _empty(labels: int, sensors: int) -> ContinuityState:
-    """Filters without predictions."""
+    """Filters without states."""
     return ContinuityState(
         mean=np.zeros((labels, 4)),
         covariance=np.zeros((labels, 4, 4)),
@@ -269,7 +269,7 @@ def _empty(labels: int, sensors: int) -> ContinuityState:
 
 
 def _grown(state: ContinuityState, labels: int) -> ContinuityState:
-    """The filters, and those of further labels."""
+    """Add filters for further labels."""
     K, out = len(state.known), _empty(labels, len(state.identity))
     for name, values in zip(ContinuityState._fields, state, strict=True):
         new: Floats = getattr(out, name)

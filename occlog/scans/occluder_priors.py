@@ -1,6 +1,6 @@
-"""Priors of moving occluders as a filter asks for them: the latest ones at the time of a scan.
+"""Priors of moving occluders for a filter: the latest ones at the time of a scan.
 
-People of tracks, or of a truth, as obstacles that move.
+Also people of tracks or of a truth as moving obstacles.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from occlog.records.tables import Hulls, Occluders, Tracks, Truth
 
 
 class OccluderFeed:
-    """Streams priors along with scans; times asked for must not go back."""
+    """Stream of priors, queried at nondecreasing times."""
 
     def __init__(self, chunks: Iterable[Occluders] | Iterable[Hulls], diameter: float, max_age_ns: int) -> None:
         """Start before the first chunk.
@@ -43,9 +43,9 @@ class OccluderFeed:
         """How often the latest priors were too old to be used."""
 
     def at(self, t_ns: int) -> Priors | None:
-        """The latest priors that are not after a time; None if missing, or if they are too old.
+        """Latest priors at or before a time; None if there are none, or if they are too old.
 
-        InputError where the priors' times go back, or a polygon has no area.
+        InputError if times of priors decrease, or a polygon has no area.
         """
         passed = None
         while self._next is not None and self._next[0] <= t_ns:
@@ -63,7 +63,7 @@ class OccluderFeed:
 
 
 def _by_time(chunks: Iterable[Occluders] | Iterable[Hulls]) -> Iterator[tuple[int, Occluders | Hulls]]:
-    """All rows of each time, in the order of time."""
+    """Rows grouped by time, sorted."""
     rest: Occluders | Hulls | None = None
     for chunk in chunks:
         if not len(chunk):
@@ -85,7 +85,7 @@ def _by_time(chunks: Iterable[Occluders] | Iterable[Hulls]) -> Iterator[tuple[in
 
 
 def _priors(table: Occluders | Hulls, diameter: float) -> Priors:
-    """Priors of the rows of one time; a row of no occluder (id below 0) states that there are none."""
+    """Priors of the rows of one time; a row without occluder (id below 0) means that there are none."""
     absent = table.occluder_id < 0
     there = table.take(~absent) if absent.any() else table
     if not len(there):
@@ -103,9 +103,9 @@ def _priors(table: Occluders | Hulls, diameter: float) -> Priors:
 
 
 def known_positions(truth: Iterable[Truth]) -> Iterator[Occluders]:
-    """Occluders where they truly are, known exactly: the case RMSE_occ = 0 of [Ercan].
+    """Priors at the true positions, with covariance 0: the case RMSE_occ = 0 of [Ercan].
 
-    A time of the truth without a moving occluder gives a row of no occluder.
+    A time without moving occluders has a row without occluder.
     """
     for chunk in _whole_times(truth):
         there = chunk.take(chunk.role == "occluder")
@@ -118,7 +118,7 @@ def known_positions(truth: Iterable[Truth]) -> Iterator[Occluders]:
 
 
 def _whole_times(chunks: Iterable[Truth]) -> Iterator[Truth]:
-    """Regroup rows into chunks that do not end within a time."""
+    """Rechunk rows so that no time is split."""
     rest = Truth.empty()
     for chunk in chunks:
         table = Truth.concat([rest, chunk])
@@ -131,7 +131,7 @@ def _whole_times(chunks: Iterable[Truth]) -> Iterator[Truth]:
 
 
 def none_at(t_ns: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Occluders:
-    """Rows that say that there is no moving occluder at these times."""
+    """Rows stating that there is no moving occluder at these times."""
     n = len(t_ns)
     nothing = np.full(n, np.nan)
     return Occluders(
@@ -149,7 +149,7 @@ T = TypeVar("T", Tracks, Truth)
 
 
 class PeopleAsObstacles(NamedTuple):
-    """How people are taken as obstacles."""
+    """Settings of people as obstacles."""
 
     radius: float  # of each
     sigmas: float  # standard deviations, along the widest axis of a track's covariance, by which they are larger
@@ -185,14 +185,14 @@ def moving_people(opened: Opened, length_unit: str, start_s: float, people: Peop
 
 
 def obstacles_of(rows: Tracks | Truth, start_ns: int, people: PeopleAsObstacles) -> MovingObstacleTracks:
-    """The people of a table as obstacles; those of a truth have no covariance."""
+    """People of a table as obstacles; those of a truth have no covariance."""
     positions = np.column_stack([rows.x, rows.y, people.radius + people.sigmas * _deviation(rows)])
     clock, limit_ns = StepClock(start_ns, people.step_s), round(people.max_gap_s * NS)
     return MovingObstacleTracks(rows.t_ns, rows.target_id, positions, clock, limit_ns)
 
 
 def _between(opened: Opened, table: type[T], after_ns: int, people: PeopleAsObstacles) -> tuple[int, T]:
-    """Time `after_ns` after the first row, and the rows of all steps from then on, with a gap before and after."""
+    """Start time, `after_ns` after the first row, and the rows from then on, with a margin."""
     gap_ns, most_ns = round(people.max_gap_s * NS), round((people.steps + 1) * people.step_s * NS)
     parts: list[T] = []
     start_ns: int | None = None

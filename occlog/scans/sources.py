@@ -1,7 +1,7 @@
 """Streams of bearings: from directions of arrival, joined in the order of time, and with rows omitted.
 
-`bearings_of_doa` makes bearings of directions, `within_times` joins several streams, `round_robin` keeps one sensor
-at a time, and `only_measured` takes back the rows that the fusion of detections recovered.
+`bearings_of_doa` converts directions to bearings, `within_times` merges streams, `round_robin` keeps one sensor at a
+time, and `only_measured` reverts the rows recovered by the fusion of detections.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ MEASURED = ("bearing", "sigma", "u_px", "sigma_px", "score", "elevation", "sigma
 
 
 def only_measured(chunks: Iterable[Bearings]) -> Iterator[Bearings]:
-    """The chunks with recovered rows as the cameras reported them: observed, not detected.
+    """Generate the chunks with recovered rows reverted to missed detections.
 
-    A recovered row repeats what other cameras measured at the same time, so that it is no measurement of its own.
+    A recovered row repeats what other cameras measured at the same time, and is not an independent measurement.
     """
     for chunk in chunks:
         recovered = chunk.cause == "recovered"
@@ -38,7 +38,7 @@ def only_measured(chunks: Iterable[Bearings]) -> Iterator[Bearings]:
 
 
 def bearings_of_doa(chunks: Iterable[Doa], scene: Scene, labels: bool = False) -> Iterator[Bearings]:
-    """Directions of arrival as bearings, of any object unless they are labelled.
+    """Convert directions of arrival to bearings, unlabelled unless they have labels.
 
     A direction without a standard deviation has that of its array.
 
@@ -91,12 +91,11 @@ def bearings_of_doa(chunks: Iterable[Doa], scene: Scene, labels: bool = False) -
 
 
 def round_robin(chunks: Iterable[Bearings], names: Sequence[str], seconds: float) -> Iterator[Bearings]:
-    """The rows of one sensor at a time, as if the others had no frame: a network without overlap.
+    """Generate the rows of one sensor at a time, as if the others had no frame (a network without overlap).
 
-    The first of `names` has the first turn, which begins with the first row of any of them;
-    after the last it is the first one's turn again.  A row at the very time at which turns
-    change is of the next turn.  Rows of other sensors are omitted.  Where chunks are cut
-    does not matter.
+    The first of `names` has the first turn, which begins with the first row of any of them; after the last it is the
+    first one's turn again. A row at the very time at which turns change is of the next turn. Rows of other sensors are
+    omitted. The result is independent of chunk borders.
 
     Args:
         chunks: bearings in the order of time.
@@ -119,7 +118,7 @@ def round_robin(chunks: Iterable[Bearings], names: Sequence[str], seconds: float
 
 
 def within_times(streams: Sequence[Iterable[T]]) -> Iterator[T]:
-    """One stream of chunks from several, each in the order of time; holds one chunk of each.
+    """Merge several streams of chunks, each sorted by time; one chunk of each is buffered.
 
     Rows of equal time keep the order of the streams.
     """
@@ -142,7 +141,7 @@ def within_times(streams: Sequence[Iterable[T]]) -> Iterator[T]:
 
 
 def _by_time(parts: list[T]) -> T:
-    """One table of parts that overlap in time; rows of equal time keep the order of the parts."""
+    """Merge parts that overlap in time; rows of equal time keep the order of the parts."""
     table = type(parts[0])
     order = np.argsort(np.concatenate([part.t_ns for part in parts]), kind="stable")
     columns = {c.name: np.concatenate([getattr(part, c.name) for part in parts])[order] for c in table.columns()}

@@ -1,1 +1,1 @@
-"""Verb: make a recording with ground truth from a scene."""
+"""`occlog simulate`: make a recording with ground truth from a scene."""

@@ -188,7 +188,7 @@ class SoundConfig(Settings):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Sound and silence last for some time."""
+        """Check that sound and silence have durations."""
         yield (
             "sound_and_silence_s",
             self.sound_and_silence_s is None or min(self.sound_and_silence_s) > 0,
@@ -329,13 +329,13 @@ class MeasureConfig(Settings):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Kinds are known."""
+        """Check that the kinds are known."""
         known = self.measure is None or (bool(self.kinds) and set(self.kinds) <= set(KINDS))
         yield "measure", known, f"one or several of {', '.join(KINDS)}, separated by commas"
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Settings of the measurements."""
+        """Kinds of measurements."""
         return () if self.measure is None else tuple(part.strip() for part in self.measure.split(","))
 
 

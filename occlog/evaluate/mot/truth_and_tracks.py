@@ -1,9 +1,8 @@
 """Boxes of tracks and true boxes in common frames (camera and time), with each identity once per frame.
-`boxes_in_true_frames` selects them, `view_boxes` returns those of a view as tables. True boxes of annotation tools have
-frame numbers without times: XML (PETS, CAVIAR), VATIC's and KITTI's text.
 
-`occlog ingest --truth` reads the same files by the same readers.  Frames are those of the tracks by their numbers, so
-that the times are needed in tables only.
+`boxes_in_true_frames` selects them, `view_boxes` returns those of a view as tables. True boxes of annotation tools have
+frame numbers without times: XML (PETS, CAVIAR), VATIC's and KITTI's text. `occlog ingest --truth` reads the same files
+by the same readers. Frames are those of the tracks by their numbers, so that times are needed in tables only.
 
 Truth with classes is preprocessed as in MOTChallenge and TrackEval: tracks of a distractor (a person who is not a
 pedestrian to be tracked) are dropped, as are true boxes marked 0 or of another class than pedestrian.

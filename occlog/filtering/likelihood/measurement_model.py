@@ -1,5 +1,6 @@
-"""Measurement models of cameras and arrays: readings ([Ercan] Eq. 1) and bearings, their derivatives and variances (Eq.
-2); and the interface of measurement models of stations.
+"""Measurement models of cameras and arrays, with derivatives and variances ([Ercan] Eqs. 1 and 2).
+
+Also the interface of measurement models of stations.
 """
 
 from __future__ import annotations

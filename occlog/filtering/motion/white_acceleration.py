@@ -1,7 +1,8 @@
-"""Motion of particles: known acceleration, turns in a plane, white acceleration ([Lee] Sec. 2.1.4). Particles are (2d, L):
-d coordinates, then d velocities, for d = 3 in space and 2 in a plane. A known acceleration is an input; the printed Eq.
-2.15 divides by the velocity instead. Also Kalman filters of many objects with nearly constant velocity. Over a time dt
-the velocity is disturbed, in each axis independently, with
+"""Motion of particles: known acceleration, turns in a plane, white acceleration ([Lee] Sec.
+
+2.1.4). Particles are (2d, L): d coordinates, then d velocities, for d = 3 in space and 2 in a plane. A known
+acceleration is an input; the printed Eq. 2.15 divides by the velocity instead. Also Kalman filters of many objects with
+nearly constant velocity. Over a time dt the velocity is disturbed, in each axis independently, with
 
     Q = q^2 [dt^3/4  dt^2/2]
             [dt^2/2  dt    ]

@@ -75,8 +75,10 @@ class LabelTally:
         self.frames += part.frames
 
     def summary(self) -> dict[str, object]:
-        """Figures of the summary. rows: in the output. frames_of_tracks: frames with a track at their time. labelled,
-        not_seen: rows of each target that got a label, or were added. candidates_left: without a label.
+        """Figures of the summary: rows of the output, frames with tracks, labels and candidates left.
+
+        rows: in the output. frames_of_tracks: frames with a track at their time. labelled, not_seen: rows of each
+        target that got a label, or were added. candidates_left: without a label.
         """
         return {
             "rows": self.rows,
@@ -172,8 +174,10 @@ class DecisionTally:
         self.reasons.update(part.reason[part.reason != ""].tolist())
 
     def summary(self) -> dict[str, object]:
-        """Figures of the summary. boxes: of all frames. labelled: boxes that are a person of the gallery. compared: pairs
-        of a box and a target. suspended: pairs that were not compared, by the reason.
+        """Figures of the summary: boxes, labelled boxes, and compared and suspended pairs.
+
+        boxes: of all frames. labelled: boxes that are a person of the gallery. compared: pairs of a box and a target.
+        suspended: pairs that were not compared, by the reason.
         """
         return {
             "boxes": self.boxes,

@@ -96,7 +96,7 @@ def not_covered(x: float, y: float, height: float, column: int, row: int) -> flo
 
 @kernel
 def _put(free: Floats, x: float, y: float, height: float, sign: float) -> None:
-    """Add (sign 1) or remove (-1) a person in `free`, log probabilities (rows, columns) that no person covers a cell."""
+    """Add (sign 1) or remove (-1) a person in `free`, log probabilities that no person covers a cell."""
     top, bottom, left, right = _window(x, y, height, *free.shape)
     for row in range(top, bottom):
         for column in range(left, right):

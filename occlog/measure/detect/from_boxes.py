@@ -1,5 +1,6 @@
-"""Conversion of person detector boxes to views and candidate bearings. With identities, boxes are labelled, and missed
-detections of targets are added.
+"""Conversion of person detector boxes to views and candidate bearings.
+
+With identities, boxes are labelled, and missed detections of targets are added.
 """
 
 from __future__ import annotations

@@ -179,7 +179,7 @@ class ChannelLags:
         return out
 
     def _peak(self, i: int, j: int, limit: float) -> tuple[float, bool, bool]:
-        """Lag of channel j relative to i [samples], whether it is within the limit, and whether it is clearly beyond."""
+        """Lag of channel j relative to i [samples], whether it is within the limit, and whether clearly beyond."""
         found = np.zeros(0) if self._sums is None else self._sums[i, j] / max(self._blocks, 1)
         lags = np.fft.fftfreq(BLOCK, 1.0 / BLOCK)
         near = np.abs(lags) <= limit

@@ -40,8 +40,9 @@ def estimate_directions(
     start_ns: int,
     tally: DoaTally,
 ) -> Iterator[Doa]:
-    """Generate the directions of each frame, sorted by time, with azimuths in the world frame. A frame's time is that of
-    its centre; a remainder shorter than a frame is omitted.
+    """Generate the directions of each frame, sorted by time, with azimuths in the world frame.
+
+    A frame's time is that of its centre; a remainder shorter than a frame is omitted.
 
     Args:
         blocks: (n, M) samples of the array's microphones, in their order.

@@ -73,9 +73,7 @@ def _affine_matrix(normal: Floats, offset: float) -> Floats:
 
 
 def eight_points(a: Floats, b: Floats) -> Floats:
-    """(3, 3) matrix of rank 2 from at least 8 matches (N, 2), by linear least squares of b' F a (normalised eight-point
-    algorithm).
-    """
+    """(3, 3) matrix of rank 2 from at least 8 matches (N, 2), by the normalised eight-point algorithm."""
     # Normalised eight-point algorithm: linear least squares, then the nearest matrix of rank 2
     a1, b1, change_a, change_b = _about_zero(a, b)
     rows = homogeneous(b1)[:, :, None] * homogeneous(a1)[:, None, :]
@@ -189,7 +187,7 @@ def _judged(matrix: Floats, tangents: Floats, a: Floats, b: Floats) -> Fundament
 
 
 def _line_variance(matrix: Floats, tangents: Floats, spread: Floats, a: Floats, b: Floats) -> float:
-    """Mean squared error [px^2] of epipolar lines in view b, at distances along them equal to the spread of b's points."""
+    """Mean squared error [px^2] of epipolar lines in view b, at distances along them equal to the spread of points."""
     lines = epipolar_lines(matrix, a)
     along = np.column_stack([-lines[:, 1], lines[:, 0]])
     reach = float(np.sqrt(((b - b.mean(axis=0)) ** 2).sum() / len(b)))

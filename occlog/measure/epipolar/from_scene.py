@@ -63,8 +63,7 @@ def ideal_pixels(camera: Camera, pixels: Floats) -> Floats:
 
 
 def ideal_pixels_anywhere(camera: Camera, pixels: Floats) -> Floats:
-    """(N, 2) undistorted pixels, also for `pixels` far outside the image, by linear extrapolation of the distortion at
-    its border.
+    """(N, 2) undistorted pixels, also for `pixels` outside the image, by linear extrapolation of the distortion.
 
     A lens model is undefined outside the image, and may have no solution there.
     """
@@ -197,9 +196,7 @@ def _off_the_plane(a: Floats, b: Floats, noise: float) -> Bools:
 
 
 def _off_one_plane(a: Floats, b: Floats, side: float, noise: float) -> Bools:
-    """Mask of matches off one plane, viewed from one side by both views (1) or from both sides (-1, which OpenCV does
-    not find).
-    """
+    """Mask of matches off one plane, viewed from one side by both views (1), or from opposite sides (-1)."""
     mirror = np.array([side, 1.0])
     mapping, _ = cv2.findHomography(a, b * mirror, cv2.USAC_MAGSAC, PARALLAX * noise, maxIters=5_000, confidence=0.9999)
     off = np.ones(len(a), dtype=np.bool_)
@@ -273,9 +270,7 @@ def _sampled_affine(a: Floats, b: Floats, threshold_px: float) -> Floats:
 def _settle(
     a: Floats, b: Floats, matrix: Floats, threshold_px: float, *, affine: bool
 ) -> tuple[FundamentalMatrixFit, Bools]:
-    """Alternate least squares over the inliers and reselection of inliers by the estimated noise, until they are
-    stable.
-    """
+    """Alternate least squares over the inliers and reselection of inliers, until these are stable."""
     fewest = 5 if affine else 8
     inliers = np.abs(sampson(matrix, a, b)) <= threshold_px
     fit = FundamentalMatrixFit(matrix, np.zeros(int(inliers.sum())), np.inf, np.inf)

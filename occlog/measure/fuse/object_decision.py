@@ -1,7 +1,8 @@
-"""Global decision about one object at one time step, from the local detections of several cameras ([Lee] Ch. 4). A
-camera's detection is a line of sight, with a distance if the foot on the floor is known. The global position is the
-intersection of agreeing lines, or else the mean of the feet, or else the prediction updated by a line. The decision is
-Eq. 4.13 with the qualities W (Eq. 4.20) and the prior P_1 (Eqs. 4.23-4.24), which fall with the distance to the
+"""Global decision about one object at one time step, from the local detections of several cameras ([Lee] Ch.
+
+4). A camera's detection is a line of sight, with a distance if the foot on the floor is known. The global position is
+the intersection of agreeing lines, or else the mean of the feet, or else the prediction updated by a line. The decision
+is Eq. 4.13 with the qualities W (Eq. 4.20) and the prior P_1 (Eqs. 4.23-4.24), which fall with the distance to the
 prediction. Unlike in the thesis, distances are normalised by sigma together with the errors of detection and
 prediction, and the position is weighted by errors rather than by W, since cameras measure directions much better than
 distances. Unlabelled candidates are grouped on the ground, and their objects are tracked over time steps.

@@ -84,8 +84,9 @@ class FuseTally:
         self.totals.update(moments=part.moments, declared=part.declared, not_declared=part.absent, alone=part.alone)
 
     def summary(self) -> dict[str, object]:
-        """Figures of all cameras, and of each. declared: declared objects (per time step); not_declared: objects with
-        detections that were not declared.
+        """Figures of all cameras, and of each.
+
+        declared: declared objects (per time step); not_declared: objects with detections that were not declared.
         """
         whole: Counter[str] = Counter()
         for counts in self.cameras.values():

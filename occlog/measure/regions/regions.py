@@ -1,5 +1,6 @@
-"""Person-sized regions of a frame: moments, box, appearance. For clustering, foreground pixels are collected in small
-square cells with exact moments.
+"""Person-sized regions of a frame: moments, box, appearance.
+
+For clustering, foreground pixels are collected in small square cells with exact moments.
 
 A row of a cell table is (n, x, y, xx, xy, yy): number of foreground pixels, their mean
 [px], and the sums of squares and products about that mean [px^2].  Sums over cells are

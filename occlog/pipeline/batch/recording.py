@@ -1,7 +1,8 @@
-"""One recording of a batch: the stages of its run, and its row in the table of runs. A fault in a recording is an outcome
-rather than an error: the others continue. The folder of a batch may be at a URL: a run is then processed in a local
-folder; existing files are fetched, and new ones are uploaded, `run.json` last, so that a worker may be killed at any
-time.
+"""One recording of a batch: the stages of its run, and its row in the table of runs.
+
+A fault in a recording is an outcome rather than an error: the others continue. The folder of a batch may be at a URL: a
+run is then processed in a local folder; existing files are fetched, and new ones are uploaded, `run.json` last, so that
+a worker may be killed at any time.
 """
 
 from __future__ import annotations

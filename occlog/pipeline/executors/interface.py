@@ -1,4 +1,4 @@
-"""Interface of executors: run independent pieces of work, and hand over each outcome as it comes."""
+"""Interface of executors, which run independent tasks and return each outcome as it is available."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ R = TypeVar("R")
 
 
 class Lost(NamedTuple):
-    """Replacement of the result of a piece of work with a dead worker.
+    """Placeholder for the result of a task whose worker died.
 
     Attributes:
         reason: description of the end.
@@ -23,10 +23,10 @@ class Lost(NamedTuple):
 
 
 class Executor(Protocol):
-    """Runs pieces of work, in any order and side by side."""
+    """Runs tasks in any order, possibly in parallel."""
 
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
-        """Iterate over the key and the result of every piece, in the order in which they finish.
+        """Generate key and result of every task, in the order in which they finish.
 
         Args:
             todo: pieces of work by their keys; other processes must be able to read them.
@@ -40,7 +40,7 @@ class Executor(Protocol):
 
 
 def done_alike(version: str, work: Callable[[T], R], piece: T) -> R:
-    """Do a piece of work on another machine; InputError where its occlog is another one, with other figures."""
+    """Run a task on another machine; InputError if its occlog has another version."""
     if version != __version__:
         raise InputError(
             f"a worker has occlog {__version__}, this is {version}; install the same", id="version-mismatch"
@@ -49,9 +49,9 @@ def done_alike(version: str, work: Callable[[T], R], piece: T) -> R:
 
 
 class InThisProcess:
-    """Does one piece after another, here."""
+    """Executor that runs one task after another in this process."""
 
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
-        """Iterate over the results in the order of the pieces."""
+        """Generate the results in the order of the tasks."""
         for key, piece in todo.items():
             yield key, work(piece)

@@ -1,4 +1,4 @@
-"""Options that state who does work that is made of many pieces; they load no executor."""
+"""Options that select the executor; they import no executor."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ JOB_FOLDER = "folder"
 
 
 def scheduler_options(command: F) -> F:
-    """`--scheduler` and `--job`, which state where work is done that is made of many pieces."""
+    """Add the options `--scheduler` and `--job`, which select where tasks are run."""
     for option in (
         click.option(
             "--job",
@@ -41,7 +41,7 @@ def scheduler_options(command: F) -> F:
 
 
 def job_settings(texts: Sequence[str], scheduler: str | None) -> dict[str, str]:
-    """The settings of `--job`; UsageError where they are none, or there are no jobs."""
+    """Parse the settings of `--job`; UsageError if invalid, or without job scheduler."""
     if texts and scheduler not in JOB_CLUSTERS:
         raise UsageError(
             f"--job {texts[0]}: only goes with --scheduler {' or '.join(JOB_CLUSTERS)}", id="not-applicable"

@@ -1,4 +1,4 @@
-"""Processes of this machine, each with one thread; one that dies takes its own piece of work with it and no other."""
+"""Executor with local processes of one thread each; one that dies loses its own task only."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ DIED = "its process died (out of memory, killed, or a crash of a library)"
 
 
 class Processes:
-    """New processes, which inherit no state of this one."""
+    """Executor with new processes, which inherit no state of this one."""
 
     def __init__(self, workers: int) -> None:
-        """Use this many processes, at least 1."""
+        """`workers`: number of processes, at least 1."""
         self._workers = workers
 
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
-        """Iterate over the results; `Lost` for a piece with a process that died twice, the second time alone in it."""
+        """Generate the results; `Lost` for a task whose process died twice, the second time alone in it."""
         rest = dict(todo)
         while rest:
             pool = _Pool(min(self._workers, len(rest)), work)
@@ -48,7 +48,7 @@ class Processes:
 
 
 class _Pool(Generic[T, R]):
-    """A pool of processes that lasts until one of them dies.
+    """Pool of processes that lasts until one of them dies.
 
     Attributes:
         under_way: keys of the pieces that had been handed over when a process died.
@@ -59,7 +59,7 @@ class _Pool(Generic[T, R]):
         self._workers, self._work = workers, work
 
     def outcomes(self, todo: Mapping[str, T]) -> Iterator[tuple[str, R]]:
-        """Iterate over the results; fewer than there is work, if a process dies."""
+        """Generate the results; incomplete if a process dies."""
         waiting = iter(list(todo.items()))
         running: dict[Future[R], str] = {}
         with _one_thread_each():
@@ -92,7 +92,7 @@ class _Pool(Generic[T, R]):
 
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
-    """Let processes that are started meanwhile have one thread."""
+    """Context manager in which started processes have one thread."""
     own = dict.fromkeys(ONE_THREAD, "1") | SAFE_PATH
     before = {name: os.environ.get(name) for name in own}
     os.environ.update(own)
@@ -107,7 +107,7 @@ def _one_thread_each() -> Iterator[None]:
 
 
 def _leave_with_parent() -> None:
-    """End this worker when the process that started it has ended, in whatever way; Ctrl-C is for that one alone."""
+    """End this worker when its parent has ended; Ctrl-C is handled by the parent only."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is None:

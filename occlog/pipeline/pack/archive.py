@@ -1,6 +1,6 @@
-"""The archive of a packed run: a ZIP file with the same bytes each time, and unpacking that trusts nothing in it.
+"""Archive of a packed run: a ZIP file with reproducible bytes, and safe unpacking.
 
-What a packed run states about itself: `pack.json`.
+`pack.json` describes the run.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ Size = Annotated[int, msgspec.Meta(ge=0)]
 
 
 class PackedFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One file.
+    """A file of a packed run.
 
     Attributes:
         path: its name below the folder of inputs, or the run folder.
@@ -51,7 +51,7 @@ class PackedFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A packed run.
+    """Manifest of a packed run.
 
     Attributes:
         occlog_pack: version of this format.
@@ -83,13 +83,13 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def manifest_bytes(manifest: Manifest) -> bytes:
-    """The text of `pack.json`, the same each time."""
+    """Text of `pack.json`, reproducible."""
     text = msgspec.json.format(msgspec.json.encode(manifest, order="sorted"), indent=2)
     return text + b"\n"
 
 
 def read_manifest(data: bytes, where: str) -> Manifest:
-    """A manifest with names that all stay in their folders; InputError for anything else."""
+    """Parse a manifest whose names stay in their folders; InputError for anything else."""
     try:
         manifest = msgspec.json.decode(data, type=Manifest)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
@@ -105,7 +105,7 @@ def read_manifest(data: bytes, where: str) -> Manifest:
 
 
 def check_names(manifest: Manifest, where: str, so: str) -> None:
-    """InputError, which ends with `so`, for names that no archive has, or two that some systems take for one."""
+    """InputError (ending with `so`) for invalid names, or two that some systems treat as one."""
     for folder, files in ((INPUTS, manifest.inputs), (OUTPUTS, manifest.outputs)):
         met: dict[str, str] = {}
         for file in files:
@@ -126,9 +126,9 @@ def key_of_name(name: str) -> str:
 
 
 def check_name(name: str, where: str, so: str) -> None:
-    """InputError, which ends with `so`, for a name that leads out of its folder, or that other programs misread.
+    """InputError (ending with `so`) for a name that leads out of its folder, or that other programs misread.
 
-    A colon is in many names of recordings, for their time, and leads nowhere on the systems that occlog runs on.
+    Colons are allowed: names of recordings with a time contain them.
     """
     parts = name.split("/")
     bad = (
@@ -139,7 +139,7 @@ def check_name(name: str, where: str, so: str) -> None:
 
 
 def lock_text(manifest: Manifest) -> bytes:
-    """Exact versions as pip takes them, Python's in a comment."""
+    """Exact package versions in pip's format, Python's in a comment."""
     packages = {name: version for name, version in manifest.versions.items() if name != "python"}
     lines = [f"# Python {manifest.versions.get('python', '?')}", f"occlog=={manifest.version}"]
     return "\n".join([*lines, *(f"{name}=={version}" for name, version in sorted(packages.items())), ""]).encode()
@@ -324,7 +324,7 @@ def _copy(
 
 
 def take(source: Path, target: Path, entry: PackedFile) -> None:
-    """Copy a file that is not in the archive; InputError unless it is the one that the manifest names."""
+    """Copy a file that is not in the archive; InputError unless it matches the manifest."""
     check_input(source, "an input of the packed run")
     with source.open("rb") as file:
         _copy(file, target, entry, str(source), "give the folder that has the inputs of this run: --inputs FOLDER")

@@ -1,4 +1,4 @@
-"""Work of `occlog pack`: a run folder that is up to date, with all that it was made of, in one archive."""
+"""`occlog pack`: archive an up-to-date run folder with all its inputs."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Packed(NamedTuple):
 
 
 def pack_run(folder: Path, config: Path, output: Path, *, include: bool, overwrite: bool) -> Packed:
-    """Write `output`, whole or not at all.
+    """Write the archive `output` atomically.
 
     Args:
         folder: run folder, in which every stage is as `config` makes it now.
@@ -106,7 +106,7 @@ def pack_run(folder: Path, config: Path, output: Path, *, include: bool, overwri
 
 
 def inputs_of(config: Config, folder: Path) -> list[Path]:
-    """The configuration, and the files that its stages read and that none of them makes; absolute paths."""
+    """The configuration, and the files that stages read and no stage makes; absolute paths."""
     path = config.path.parent.resolve() / config.path.name
     found, own = {path: None}, folder.resolve()
     for stage in plan(config, own):
@@ -122,7 +122,7 @@ def inputs_of(config: Config, folder: Path) -> list[Path]:
 
 
 def _check_relative(config: Config) -> None:
-    """InputError for a file that is named by an absolute path, which is elsewhere on another machine."""
+    """InputError for a file named by an absolute path, which differs on another machine."""
     for text in _texts(config.values):
         if any(path.is_absolute() for path in places_of(text)):
             raise InputError(
@@ -132,7 +132,7 @@ def _check_relative(config: Config) -> None:
 
 
 def _check_unpackable(manifest: Manifest, folder: Path) -> None:
-    """InputError for names, or this many files, that `unpack` would refuse."""
+    """InputError for names, or a number of files, that `unpack` would refuse."""
     check_names(manifest, str(folder), "rename it, run again, and pack")
     count = len({*manifest.members(), MANIFEST, LOCK})
     if count > MAX_FILES:

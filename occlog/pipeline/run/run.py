@@ -1,7 +1,7 @@
-"""Work of `occlog run`: every stage of a configuration in order, without those that are up to date.
+"""`occlog run`: every stage of a configuration in order, except those that are up to date.
 
-The state of the run folder, `run.json`, has for each stage a hash of everything that it depends on, its
-exit code, and hashes of its outputs.
+The state of the run folder, `run.json`, has for each stage a hash of everything that it depends on, its exit code, and
+hashes of its outputs.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ WAITING = "would run"
 
 @dataclass(frozen=True)
 class StageOutcome:
-    """Outcome of a stage, kept in `run.json`."""
+    """Outcome of a stage, stored in `run.json`."""
 
     key: str  # hash of everything that the outputs depend on
     code: int
@@ -58,14 +58,14 @@ class StageStep(NamedTuple):
 
 
 class Digests:
-    """Hashes of files, each read once unless it changes."""
+    """Cache of file hashes; each file is read once unless it changes."""
 
     def __init__(self) -> None:
-        """Create an empty list of stages."""
+        """Create an empty cache."""
         self._known: dict[tuple[str, int, int], str] = {}
 
     def of(self, path: Path) -> str:
-        """SHA-256 of a file's bytes, in hexadecimal; InputError where it cannot be read."""
+        """SHA-256 of a file's content, in hexadecimal; InputError if unreadable."""
         status = path.stat()
         key = (str(path), status.st_mtime_ns, status.st_size)
         if key not in self._known:
@@ -134,7 +134,7 @@ def do_stages(
     begin: Callable[[str], None],
     noted: Collection[str] = (),
 ) -> Iterator[StageStep]:
-    """Do the stages of a configuration that are not up to date, in order, until one fails.
+    """Run the stages of a configuration that are not up to date, in order, until one fails.
 
     Args:
         wanted: the configuration; its paths are relative to its folder.
@@ -155,7 +155,7 @@ def do_stages(
 def _stages(
     wanted: Config, folder: Path, *, force: bool, dry_run: bool, begin: Callable[[str], None], noted: Collection[str]
 ) -> Iterator[StageStep]:
-    """`do_stages` in a folder that is there."""
+    """`do_stages` in an existing folder."""
     state = outcomes(folder)
     if not dry_run and not (folder / STATE).exists():
         _write_state(folder, state)  # so that a run which is killed in its first stage leaves a run folder
@@ -191,9 +191,9 @@ def _stages(
 
 
 def _drop_others(folder: Path, state: dict[str, StageOutcome], stages: Sequence[RunStage]) -> None:
-    """Forget stages that the configuration no longer has, and remove what they made: it would pass for the run's own.
+    """Forget stages that the configuration no longer has, and delete their outputs.
 
-    A file that was changed since is left alone, and one that another stage makes now.
+    Files changed since, or made by another stage now, are kept.
     """
     made = {str(Path(p).relative_to(folder)) for stage in stages for p in stage.output_paths}
     for name in set(state) - {stage.name for stage in stages}:
@@ -214,17 +214,17 @@ def _note_begin(stage: str, quiet: bool) -> None:
 
 
 def verdicts_of(files: Iterable[Path]) -> tuple[Verdict, ...]:
-    """Verdicts that the outputs of a run carry, each once, in the order of the stages."""
+    """Verdicts stored in the outputs of a run, without duplicates, in the order of the stages."""
     return distinct(verdict for file in files for verdict in verdicts_of_file(file))
 
 
 def losses_of(files: Iterable[Path]) -> tuple[Loss, ...]:
-    """Losses while reading to some tables, each once."""
+    """Losses recorded in tables, without duplicates."""
     return previous_losses(file for file in files if file.suffix == ".parquet")
 
 
 def worst(codes: Iterable[int]) -> int:
-    """The exit code that states most of several after each of which the work went on."""
+    """Most severe of several exit codes after which the work continued."""
     codes = list(codes)
     for code in (ExitCode.THRESHOLD, ExitCode.LOSSY):
         if code in codes:
@@ -267,7 +267,7 @@ def _folder(output: Path, dry_run: bool) -> Path:
 
 @contextmanager
 def inside(folder: Path) -> Iterator[None]:
-    """Work inside a folder: paths in a configuration are relative to it."""
+    """Context manager: work inside a folder, since paths in a configuration are relative to it."""
     before = Path.cwd()
     os.chdir(folder)
     try:
@@ -277,14 +277,14 @@ def inside(folder: Path) -> Iterator[None]:
 
 
 def _do(stage: RunStage) -> int:
-    """Do a stage without its own summary; the exit code."""
+    """Run a stage without printing its summary; return the exit code."""
     return stage.do()
 
 
 def key_of(stage: RunStage, folder: Path, digests: Digests) -> str:
-    """Hash everything that the stage's outputs depend on: program, arguments, and content of the inputs.
+    """Hash of everything that the stage's outputs depend on: program, arguments, and content of the inputs.
 
-    Files are known by name (those of a folder by the way to them) and content, so that a run may be moved.
+    Files are identified by name (relative path within a folder) and content, so that a run may be moved.
     """
     digest = hashlib.sha256(f"{__version__}\0{installed_versions()}\0{stage.name}\0".encode())
     for text in stage.texts():
@@ -312,7 +312,7 @@ def _is_current(outcome: StageOutcome, key: str, folder: Path) -> bool:
 
 
 def outcomes(folder: Path) -> dict[str, StageOutcome]:
-    """Return the outcomes of the stages from a run folder's state; none in an empty folder.
+    """Outcomes of the stages in a run folder's state; empty in an empty folder.
 
     Raises:
         UsageError: it is not a run folder.
@@ -339,7 +339,7 @@ def outcomes(folder: Path) -> dict[str, StageOutcome]:
 
 
 def _is_outcome(outcome: StageOutcome, folder: Path) -> bool:
-    """Return whether a state's report of a stage is possible: all its outputs are in the run folder."""
+    """Whether the state of a stage is valid: all its outputs are in the run folder."""
     texts = [outcome.key, *outcome.outputs.keys(), *outcome.outputs.values()]
     return (
         all(isinstance(text, str) for text in texts)
@@ -350,7 +350,7 @@ def _is_outcome(outcome: StageOutcome, folder: Path) -> bool:
 
 
 def other_versions(folder: Path) -> str:
-    """Packages in other versions than those that made a run folder; "": equal, or none are recorded."""
+    """Packages with other versions than those that made a run folder; "" if equal or unknown."""
     path = folder / STATE
     then = read_json(path).get("versions") if path.is_file() else None
     if not isinstance(then, dict):
@@ -361,7 +361,7 @@ def other_versions(folder: Path) -> str:
 
 
 def drop_empty(folder: Path) -> None:
-    """Remove a run folder in which no stage has ever ended; one with a part of the first stage is gone on with."""
+    """Delete a run folder in which no stage has ever finished; one with a part of the first stage is kept."""
     if [path.name for path in folder.glob("*")] == [STATE] and not outcomes(folder):
         (folder / STATE).unlink()
     with suppress(OSError):  # it holds something, or is not there

@@ -1,7 +1,4 @@
-"""Stages of a run: requests made from the values of a configuration's keys.
-
-The files that an argument of a stage names, and those that are read with them.
-"""
+"""Stages of a run: requests from the keys of a configuration, and the files that a stage reads."""
 
 from __future__ import annotations
 
@@ -42,7 +39,7 @@ READS, SET, STRICT = "reader", "set", "strict"
 
 @dataclass(frozen=True)
 class RunStage:
-    """A request that is made from the keys of a configuration.
+    """A request made from the keys of a configuration.
 
     Attributes:
         name: of the stage.
@@ -57,34 +54,37 @@ class RunStage:
     output_paths: tuple[str, ...]
 
     def texts(self) -> list[str]:
-        """Return the parameters of the outputs as text: the names of all values, and each value or its items."""
+        """Parameters of the outputs as text: names of all values, and each value or its items."""
         return [text for name, value in self.values.items() for text in (f"{name}:", *map(str, listed(value)))]
 
     def keys(self) -> list[str]:
-        """The keys that the stage can have.
+        """Keys that the stage accepts.
 
         Raises:
-            UsageError: a key names a plug-in that is not there.
+            UsageError: a key names a missing plug-in.
         """
         settings = () if self.form.set_group() is None else (SET,)
         strict = (STRICT,) if self.form.request.JUDGED and self.form.request.STRICT else ()
         return [*(entry.key for entry in self._entries()), READS, *settings, *strict]
 
     def without_key(self, name: str) -> bool:
-        """Return whether a name is that of a setting without its own key, given under `set`."""
+        """Whether a name is that of a setting without its own key, given under `set`."""
         return any(name == f.name for of in self._free() for f in declared(of))
 
     def check(self) -> None:
-        """Read all values as the request will.
+        """Parse all values as the request does.
 
         Raises:
-            UsageError: a value that cannot be; it names the key.
+            UsageError: an invalid value; it names the key.
         """
         self._chosen_reader()
         self._request()
 
     def do(self, *, quiet: bool = True) -> int:
-        """Do the request without a word of its summary; the exit code. `quiet`: no notes either."""
+        """Run the request without printing its summary; return the exit code.
+
+        `quiet`: no notes either.
+        """
         with ExitStack() as stack:
             kept = stack.enter_context(standard_input()) if STANDARD_INPUT in self.texts() else None
             request, chosen = self._request(kept), self._chosen_reader()
@@ -114,7 +114,7 @@ class RunStage:
         return self.values.get(entry.key) is not None
 
     def _entries(self) -> Iterator[RequestEntry]:
-        """Iterate over the fields of the request, and the settings of the plug-ins that keys name."""
+        """Generate the fields of the request, and settings of plug-ins that keys name."""
         own = list(self.form.entries())
         named = [plugin for entry in own if entry.plugged is not None for plugin in self._plugins(entry)]
         if (reader := self._reader()) is not None:
@@ -140,7 +140,7 @@ class RunStage:
         return Chosen(plugin, {entry.of.name: self._read(entry) for entry in entries if self._has(entry)})
 
     def _read(self, entry: RequestEntry, kept: Path | None = None) -> object:
-        """The value of a key, as the field of the request has it."""
+        """Parse the value of a key to that of the request's field."""
         value, of = self.values[entry.key], entry.file
         if entry.plugged is not None:
             return tuple(self._chosen(plugin) for plugin in self._plugins(entry))
@@ -155,7 +155,7 @@ class RunStage:
         return tuple(zip(*(flat[n :: of.together] for n in range(of.together)), strict=True))
 
     def _settings(self) -> dict[str, str]:
-        """Values under `set`, as texts by name."""
+        """Values under `set`, as text by name."""
         given = self.values.get(SET) or {}
         if isinstance(given, Mapping):
             return {str(name): ",".join(map(str, listed(value))) for name, value in given.items()}
@@ -166,7 +166,7 @@ class RunStage:
         return {name.strip(): value for name, _, value in parts}
 
     def _free(self) -> list[type[Settings]]:
-        """Classes of the settings that `set` gives."""
+        """Settings classes to which `set` applies."""
         free = self.form.set_group()
         return [] if free is None else [self.form.classes()[free[0]], *self.form.around]
 
@@ -179,7 +179,7 @@ class RunStage:
 
     @contextmanager
     def _keys_in_errors(self) -> Iterator[None]:
-        """Let the error of a setting name the key that gave it; one that no key gave is as it is."""
+        """Context manager: name the key in the error of a setting; errors without a key are unchanged."""
         try:
             yield
         except SettingError as error:
@@ -201,12 +201,12 @@ class _Plugged(Request):
 
 
 def form_of_plugin(plugin: Plugin) -> Form:
-    """Return the form of a plug-in: its settings, each under its name."""
+    """Form of a plug-in: its settings by name."""
     return Form(_Plugged, settings={"own": plugin.load().settings}, under={"own": plugin.name})
 
 
 def plugin_of(key: str, name: str, kind: str) -> Plugin:
-    """The plug-in of a name; UsageError, with the nearest name, if missing."""
+    """Plug-in of a name; UsageError, with the most similar name, if missing."""
     plugin = find(name, kind)
     if plugin is None:
         known = did_you_mean(name, (each.name for each in installed(kind)))
@@ -215,7 +215,7 @@ def plugin_of(key: str, name: str, kind: str) -> Plugin:
 
 
 def setting_of(entry: RequestEntry, value: object) -> object:
-    """The value of a setting, of what YAML has for it; UsageError, which names the key, where it states none."""
+    """Parse the YAML value of a setting; UsageError, which names the key, if invalid."""
     spec, kind = declaration(entry.of), kind_of(entry.owner, entry.of.name)
     if plain_kind(kind) is bool:
         if not isinstance(value, bool):
@@ -234,7 +234,7 @@ def setting_of(entry: RequestEntry, value: object) -> object:
 
 
 def _file(entry: RequestEntry, value: object, kept: Path | None) -> float | Path:
-    """A path, or the number that may replace it."""
+    """Parse a path, or the number that may replace it."""
     text = ",".join(map(str, listed(value)))
     if kept is not None and text == STANDARD_INPUT:
         return kept
@@ -251,7 +251,7 @@ def _file(entry: RequestEntry, value: object, kept: Path | None) -> float | Path
 
 
 def listed(value: object) -> list[object]:
-    """The items of a value: of a mapping `key=value` each, of a single value."""
+    """Items of a value: `key=value` for a mapping, one item for a single value."""
     if isinstance(value, Mapping):
         return [f"{k}={v}" for k, v in value.items()]
     return list(value) if isinstance(value, list | tuple) else [value]
@@ -261,17 +261,17 @@ NETWORK = ".onnx"
 
 
 def places_of(argument: str) -> list[Path]:
-    """The paths that an argument may mean and that are there: the whole of it, and the part behind `NAME=`."""
+    """Existing paths that an argument may mean: the whole of it, and the part after `NAME=`."""
     texts = dict.fromkeys((argument, argument.split("=", 1)[-1]))
     # A title may be longer than any name of a file, of which Path.exists would complain
     return [Path(text) for text in texts if text and os.path.exists(text)]  # noqa: PTH110
 
 
 def files_of(argument: str) -> list[Path]:
-    """Files that an argument names, with the files read with them.
+    """Files that an argument names, with the files that are read along with them.
 
-    Of a recording these are the videos that it links to, of a network its weights, of folders with labels the names of
-    their classes; of a folder all its files.
+    For a recording also the linked videos, for a network its weights, for folders with labels their class names; for a
+    folder all its files.
     """
     found: dict[Path, None] = {}
     for path in places_of(argument):
@@ -296,6 +296,6 @@ def _beside(path: Path) -> Iterator[Path]:
 
 
 def name_of(file: Path, argument: str) -> str:
-    """Key of a file of `files_of`, independent of its folder: its name, in a folder with the way to it."""
+    """Key of a file in `files_of`, independent of its location: its name, in a folder its relative path."""
     folders = (path for path in places_of(argument) if path.is_dir() and file.is_relative_to(path))
     return next((file.relative_to(path).as_posix() for path in folders), file.name)

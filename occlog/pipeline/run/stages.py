@@ -1,6 +1,6 @@
-"""Reads a run configuration, and makes the requests of its stages from the values of its keys.
+"""Run configurations, and the requests of their stages from the keys.
 
-The keys of a stage are those of the request of its verb, as its long options with underscores for dashes.
+The keys of a stage are the long options of its command, with underscores for dashes.
 """
 
 from __future__ import annotations
@@ -51,14 +51,14 @@ KEYS = ("occlog_run", *SOURCES, *STAGES, "seed", "scene")
 
 @dataclass(frozen=True)
 class Config:
-    """A run configuration: its file and its keys, and the line of each value by its position."""
+    """A run configuration: file, keys, and the line of each value."""
 
     path: Path
     values: dict[str, object]
     lines: Mapping[str, int] = field(default_factory=dict)
 
     def at(self, *keys: str) -> str:
-        """Name a key for messages, with its file and line: `run.yaml: line 5: track.particles`."""
+        """Name of a key for messages, with file and line: `run.yaml: line 5: track.particles`."""
         for length in range(len(keys), 0, -1):
             line = self.lines.get(".".join(("$", *keys[:length])))
             if line is not None:
@@ -66,13 +66,13 @@ class Config:
         return f"{self.path}: {'.'.join(keys)}"
 
     def stage(self, name: str) -> dict[str, object]:
-        """Keys of a stage; none for a stage that the configuration does not name."""
+        """Keys of a stage; empty if the configuration does not name the stage."""
         values = self.values.get(name)
         return dict(values) if isinstance(values, dict) else {}
 
 
 def read_config(path: Path, sources: tuple[str, ...] = SOURCES) -> Config:
-    """Read a configuration (YAML); InputError names an unknown key and the nearest valid one.
+    """Read a configuration (YAML); InputError with an unknown key and the most similar valid one.
 
     Args:
         path: the file.
@@ -105,7 +105,7 @@ def read_config(path: Path, sources: tuple[str, ...] = SOURCES) -> Config:
 
 
 def check_settings(config: Config, stage: RunStage) -> None:
-    """Read the values of a stage as its command will, before any stage runs; InputError names the file's line."""
+    """Check the values of a stage before any stage runs; InputError with the line of the file."""
     if STANDARD_INPUT not in stage.texts():  # it can be read once
         with refused_in(config, stage.name):
             stage.check()
@@ -113,7 +113,7 @@ def check_settings(config: Config, stage: RunStage) -> None:
 
 @contextmanager
 def refused_in(config: Config, stage: str) -> Iterator[None]:
-    """Let what a stage of that name refuses be an error of the configuration: InputError with the line of the value."""
+    """Context manager: convert errors of a stage to InputError with the line of the value in the configuration."""
     spelling = SPELLING.set(str)
     try:
         yield
@@ -133,16 +133,16 @@ def refused_in(config: Config, stage: str) -> Iterator[None]:
 
 
 def _place(config: Config, stage: str, keys: tuple[str, ...]) -> str:
-    """Name a key of a stage, or the one of the whole configuration that represents it."""
+    """Name of a stage's key, or of the top-level key that represents it."""
     whole = keys[0] in config.values and keys[0] not in config.stage(stage)
     return config.at(*keys) if whole else config.at(stage, *keys)
 
 
 def plan(config: Config, folder: Path) -> Iterator[RunStage]:
-    """Iterate over the stages in order, with outputs in the run folder.
+    """Generate the stages in order, with outputs in the run folder.
 
-    The arguments of later stages depend on what the recording holds.  The first stage must therefore have
-    run when the iteration goes on; without a recording the configuration determines what it will hold.
+    The arguments of later stages depend on the content of the recording, so that the first stage must have run before
+    the iteration continues; without a recording the configuration determines its content.
     """
     method = str(config.stage("track").get("method"))
     if method in METHODS and METHODS[method].takes_in == VIEW:
@@ -211,9 +211,9 @@ def plan(config: Config, folder: Path) -> Iterator[RunStage]:
 
 
 def _of_table(config: Config, folder: Path, out: dict[str, Path]) -> Iterator[RunStage]:
-    """Iterate over the stages of measurements in a table, or of directions in sound: nothing is to be detected.
+    """Generate the stages for measurements in a table, or for directions in sound, which need no detection.
 
-    Without a scene the positions of arrays are unknown: their directions are the result.
+    Without a scene the positions of arrays are unknown: directions are the result.
     """
     if "table" in config.values:
         measured = config.path.resolve().parent / str(config.values["table"])
@@ -238,7 +238,7 @@ def _of_table(config: Config, folder: Path, out: dict[str, Path]) -> Iterator[Ru
 def _without_views(
     config: Config, folder: Path, measured: Path, out: dict[str, Path], scene: dict[str, object]
 ) -> Iterator[RunStage]:
-    """Iterate over the stages after measurements without images and boxes: bearings, directions, ranges, reads of tags.
+    """Generate the stages for measurements without images and boxes: bearings, directions, ranges, tag reads.
 
     Args:
         config: the configuration.
@@ -270,7 +270,7 @@ def _without_views(
 
 
 def _has_views(config: Config, recording: Path) -> bool:
-    """Return whether a recording holds images or boxes; without a recording the configuration decides."""
+    """Whether a recording holds images or boxes; without a recording by the configuration."""
     if recording.is_file():
         try:
             opened = open_recording(recording)
@@ -281,12 +281,12 @@ def _has_views(config: Config, recording: Path) -> bool:
 
 
 def _measures(recording: McapRecording) -> bool:
-    """Return whether a recording holds measurements of sensors other than cameras."""
+    """Whether a recording holds measurements of sensors other than cameras."""
     return any(recording.has(table) for table in (Doa, Reads, Measurements))
 
 
 def _with_particles(config: Config, folder: Path, tracked: dict[str, Path]) -> tuple[Config, dict[str, Path]]:
-    """Take the key that asks for the particles out of a configuration, and add their table to what `track` writes."""
+    """Remove the key for particles from a configuration, and add their table to the outputs of `track`."""
     values = config.stage("track")
     asked = values.pop(PARTICLES, False)
     if not isinstance(asked, bool):
@@ -302,7 +302,7 @@ def _with_particles(config: Config, folder: Path, tracked: dict[str, Path]) -> t
 def _overlay(
     config: Config, folder: Path, recording: Path, tracks: Path, inputs: dict[str, object]
 ) -> Iterator[RunStage]:
-    """The stage that draws tracks over the video of the recording; none where it is false, or there is no video."""
+    """Stage that draws tracks over the video of the recording; none if disabled, or without video."""
     if config.values.get(OVERLAY) is False:
         return
     if _has_video(config, recording):
@@ -314,7 +314,7 @@ def _overlay(
 
 
 def _of_everybody(config: Config) -> bool:
-    """Return whether people are tracked by boxes, not targets by bearings."""
+    """Whether people are tracked from boxes, rather than targets from bearings."""
     method = str(config.stage("track").get("method"))
     if method not in METHODS or METHODS[method].takes_in != BOXES:
         return False
@@ -326,7 +326,7 @@ def _of_everybody(config: Config) -> bool:
 def _everybody(
     config: Config, folder: Path, recording: Path, out: dict[str, Path], scene: dict[str, object]
 ) -> Iterator[RunStage]:
-    """Iterate over the stages after detection if all people are tracked, in the world and in the images."""
+    """Generate the stages after detection if all people are tracked, in the world and in the images."""
     found = {n: folder / f"{n}.parquet" for n in ("associations", "events", "view_tracks")}
     yield _stage(config, "track", {"output": out["tracks"], **found}, (str(out["views"]),), scene)
     inputs, shown, metrics = dict(scene), dict(scene), folder / "metrics.json"
@@ -352,7 +352,7 @@ def _everybody(
 
 
 def _in_images(config: Config, folder: Path, recording: Path, boxes: Path, takes_in: str) -> Iterator[RunStage]:
-    """Iterate over the stages after detection if targets are tracked in the image of each camera.
+    """Generate the stages after detection if targets are tracked in the image of each camera.
 
     Args:
         config: the configuration.
@@ -381,10 +381,10 @@ def _in_images(config: Config, folder: Path, recording: Path, boxes: Path, takes
 
 
 def _has_positions(config: Config, recording: Path) -> bool:
-    """Return whether the recording holds positions on the ground; without a recording the configuration decides.
+    """Whether the recording holds positions on the ground; without a recording by the configuration.
 
     Raises:
-        InputError: it holds images, too, in which people would have to be detected first.
+        InputError: it also holds images, in which people would have to be detected first.
     """
     found = open_recording(recording).has(Positions) if recording.is_file() else "positions" in config.stage("ingest")
     if found and _has_video(config, recording):
@@ -397,7 +397,7 @@ def _has_positions(config: Config, recording: Path) -> bool:
 
 
 def _has_video(config: Config, recording: Path) -> bool:
-    """Return whether the recording holds images; without a recording the configuration decides."""
+    """Whether the recording holds images; without a recording by the configuration."""
     if recording.is_file():
         return bool(open_recording(recording).cameras)
     simulated, ingested = config.stage("simulate"), config.stage("ingest")
@@ -407,7 +407,7 @@ def _has_video(config: Config, recording: Path) -> bool:
 def _priors(
     config: Config, folder: Path, recording: Path, out: dict[str, Path], scene: dict[str, object]
 ) -> tuple[RunStage, str]:
-    """Make the stage that finds moving occluders, and name the file that `track` reads: polygons if there are any."""
+    """Stage that estimates priors of moving occluders, and the file for `track` (polygons if available)."""
     values = config.stage("priors")
     kind = values.get("source", "hull")
     if kind not in PRIORS:
@@ -424,7 +424,7 @@ def _priors(
 
 
 def _truth(config: Config, recording: Path, views: Path) -> dict[str, str]:
-    """Return `truth`, and `views` where there are true boxes; a file in the configuration takes precedence."""
+    """`truth`, and `views` if there are true boxes; a file in the configuration has priority."""
     given = config.stage("evaluate").get("truth")
     if given is not None:
         return {"truth": str(given)}
@@ -439,15 +439,15 @@ def _truth(config: Config, recording: Path, views: Path) -> dict[str, str]:
 
 
 def _held(recording: Path) -> tuple[bool, bool]:
-    """Return whether a recording holds true positions, and true boxes."""
+    """Whether a recording holds true positions, and true boxes."""
     opened = open_recording(recording)
     return opened.has(Truth), opened.has(TruthBoxes)
 
 
 def _images(config: Config, recording: Path) -> tuple[Config, dict[str, str]]:
-    """The configuration, and the key of the report that shows the images of the recording where it has some.
+    """Add the report key that shows images of the recording, if it has some.
 
-    `report: {images: false}` shows none.
+    `report: {images: false}` disables it.
     """
     values = config.stage("report")
     if values.get("images") is False:
@@ -496,7 +496,7 @@ def _stage(
 
 
 def _hint(stage: RunStage, verb: type[Request] | Verb | Verbs, key: str, known: Collection[str]) -> str:
-    """What to do about a key that a stage does not have: where it belongs, or the nearest key."""
+    """Remedy for an unknown key of a stage: the stage to which it belongs, or the most similar key."""
     if stage.without_key(key):
         return f"it is a setting; give it under set: `set: {{{key}: ...}}`"
     kinds = verb.kinds.items() if isinstance(verb, Verb) else ()
@@ -507,7 +507,7 @@ def _hint(stage: RunStage, verb: type[Request] | Verb | Verbs, key: str, known: 
 
 
 def known_keys(stage: str, values: Mapping[str, object]) -> tuple[str, ...]:
-    """Keys that a stage can have, of all kinds of its command; none where a plug-in is named, which has its own."""
+    """Keys that a stage can have, over all kinds of its command; empty for a plug-in, which has its own."""
     verb = load(COMMANDS["report" if stage == OVERLAY else stage].where)
     by: tuple[str, ...] = ()
     if isinstance(verb, Verbs):
@@ -527,7 +527,7 @@ def known_keys(stage: str, values: Mapping[str, object]) -> tuple[str, ...]:
 
 
 def form_of(verb: type[Request] | Verb | Verbs, name: str, values: Mapping[str, object]) -> Form:
-    """The form of the request of a verb that values choose.
+    """Form of a command's request selected by the values.
 
     Args:
         verb: as it is declared.

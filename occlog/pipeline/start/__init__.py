@@ -1,1 +1,1 @@
-"""Inspects files as people have them, and writes and runs a configuration for them."""
+"""`occlog start`: inspects files, and writes and runs a configuration for them."""

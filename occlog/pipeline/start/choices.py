@@ -1,7 +1,7 @@
-"""From what there is to a run configuration: every choice with its reason, and with what changes it.
+"""Choices from the available files to a run configuration, each with its reason and how to change it.
 
-Nothing that is ambiguous is chosen in silence: each choice is a line that names the key or the option for another one.
-What cannot be chosen at all, as a frame rate that no file states, is an error that asks for it.
+Nothing ambiguous is chosen silently: each choice is a line with the key or option for another one. What cannot be
+chosen, such as a frame rate that no file states, is an error that asks for it.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ ASKED = {
 
 
 class ChoiceLine(NamedTuple):
-    """A choice.
+    """A choice with its reason.
 
     Attributes:
         text: what was chosen, and why.
@@ -61,13 +61,13 @@ class ChoiceLine(NamedTuple):
     change: str = ""
 
     def __str__(self) -> str:
-        """Write it for a person."""
+        """Format for people."""
         return f"{self.text}  [{self.change}]" if self.change else self.text
 
 
 @dataclass
 class Choices:
-    """A run configuration in the making.
+    """A run configuration under construction.
 
     Attributes:
         found: the files.
@@ -84,33 +84,33 @@ class Choices:
     lines: list[ChoiceLine] = field(default_factory=list)
 
     def say(self, text: str, change: str = "") -> None:
-        """Add a line."""
+        """Add a line about a choice."""
         self.lines.append(ChoiceLine(text, change))
 
     def has(self, stage: str, key: str) -> bool:
-        """Return whether the user sets a key."""
+        """Whether the user sets a key."""
         return key in self.given.get(stage, {})
 
     def put(self, stage: str, key: str, value: object) -> None:
-        """Set a key that is no guess."""
+        """Set a key that is certain."""
         self.values.setdefault(stage, {})[key] = value
 
     def guess(self, stage: str, key: str, value: object, text: str) -> None:
-        """Set a key unless the user does, with a line and the option that changes it."""
+        """Set a key unless the user sets it, with a line and the option that changes it."""
         if not self.has(stage, key):
             self.put(stage, key, value)
             self.say(text, f"--set {stage}{'.' if stage else ''}{key}=...")
 
     def value(self, stage: str, key: str) -> object:
-        """The value of a key, of the user or chosen; None: not set."""
+        """Value of a key (of the user, or chosen); None if not set."""
         return self.given.get(stage, {}).get(key, self.values.get(stage, {}).get(key))
 
     def shown(self, path: Path) -> str:
-        """A path as the user knows it."""
+        """Path as the user named it."""
         return shown(path, self.sources)
 
     def only(self, items: Sequence[Item], what: str) -> Item:
-        """The first of some items; a line states the others, which are not used."""
+        """The first of some items; a line lists the others, which are not used."""
         first, *others = sorted(items, key=lambda item: not item.stated)
         for other in others:
             self.found.drop(other, f"a second {what}")
@@ -121,7 +121,7 @@ class Choices:
 
 
 def choose(made: Choices) -> None:
-    """Choose the source, the inputs and the method; files that are not used are marked so.
+    """Choose the source, the inputs and the method; unused files are marked.
 
     Raises:
         InputError: nothing can be used, or something is needed that no file states; it names the option.
@@ -156,7 +156,7 @@ def _nothing(found: Survey) -> str:
 
 
 def _drop_thumbnails(made: Choices) -> None:
-    """Leave out folders of pictures that are no camera's."""
+    """Exclude folders of pictures that are not a camera's."""
     videos = {item.path.parent for item in made.found.of(FileKind.VIDEO)}
     for item in made.found.of(FileKind.IMAGES):
         if item.stated:
@@ -168,7 +168,7 @@ def _drop_thumbnails(made: Choices) -> None:
 
 
 def _annotated(made: Choices) -> bool:
-    """Take annotated boxes for those of a detector where there are no others, and say so."""
+    """Use annotated boxes as detector boxes if there are no others, with a note."""
     both = [item for item in made.found.of(FileKind.TRUTH) if FileKind.BOXES in item.others]
     if not both or made.found.of(FileKind.DIRECTIONS, FileKind.READS, FileKind.TABLE):
         return False
@@ -247,7 +247,7 @@ def _of_dataset(made: Choices, folder: Path) -> None:
 
 
 def _of_cameras(made: Choices) -> None:
-    """Videos, images and boxes with their calibration."""
+    """Choose videos, images and boxes, with their calibration."""
     found = made.found
     boxes, opened = _opened_boxes(made)
     _guess_size(made, opened)
@@ -284,7 +284,7 @@ def _of_cameras(made: Choices) -> None:
 
 
 def _put_positions(made: Choices) -> bool:
-    """Positions on the ground; return whether there are any."""
+    """Choose files of positions on the ground; return whether there are any."""
     items = made.found.of(FileKind.POSITIONS)
     for item in items:
         made.say(f"positions on the ground: {made.shown(item.path)}", f"--as {made.shown(item.path)}=truth")
@@ -305,7 +305,7 @@ def _times() -> set[str]:
 
 
 def _guess_size(made: Choices, opened: OpenedBoxes) -> None:
-    """The size of the images of calibrations that do not state it: that of all boxes, if it is one."""
+    """Image size for calibrations that do not state it: that of all boxes, if unique."""
     if made.has("ingest", "image_size") or not any(
         item.words.removeprefix("calibration, ") in WITHOUT_SIZE for item in made.found.of(FileKind.CALIBRATION)
     ):
@@ -320,18 +320,18 @@ def _guess_size(made: Choices, opened: OpenedBoxes) -> None:
 
 
 class OpenedBoxes(NamedTuple):
-    """Files of boxes that could be opened, and what is in them."""
+    """Readable box files, with their content."""
 
     files: dict[Item, BoxSurvey]
 
     @property
     def cameras(self) -> list[str]:
-        """All cameras."""
+        """Names of all cameras."""
         return list(dict.fromkeys(name for each in self.files.values() for name in each.cameras))
 
 
 def _opened_boxes(made: Choices) -> tuple[list[Item], OpenedBoxes]:
-    """Files of boxes by what is in them; those that cannot be read are not used."""
+    """Box files by content; unreadable ones are excluded."""
     opened: dict[Item, BoxSurvey] = {}
     options = _box_options(made)
     for item in made.found.of(FileKind.BOXES):
@@ -367,7 +367,7 @@ def _texts(value: object) -> tuple[str, ...]:
 
 
 def _check_doubles(made: Choices) -> None:
-    """Two videos or folders of images of one name are two cameras of unknown names, or copies: an error."""
+    """InputError for two videos or image folders with one name (different cameras, or copies)."""
     for kind in (FileKind.VIDEO, FileKind.IMAGES):
         owner: dict[str, Item] = {}
         for item in made.found.of(kind):
@@ -396,14 +396,14 @@ class OpenedCalibration(NamedTuple):
 
 
 def _calibration_items(made: Choices) -> list[Item]:
-    """Files that together are the calibration of the cameras of a bag."""
+    """Files that together are the calibration of a bag's cameras."""
     groups = _calibrations(made)
     chosen = _choose_calibration(made, groups, [], {})
     return [] if chosen is None else list(chosen.items)
 
 
 def _calibrations(made: Choices) -> list[OpenedCalibration]:
-    """Calibrations that can be read: files of one folder and format are one, where the format has a file a camera."""
+    """Readable calibrations; files of one folder and format are combined if the format has one camera per file."""
     groups: dict[tuple[object, ...], list[Item]] = {}
     for item in made.found.of(FileKind.CALIBRATION):
         alone = item.path.is_dir() or item.words.removeprefix("calibration, ") in ONE_FILE
@@ -442,7 +442,7 @@ def _size(value: object) -> tuple[int, int] | None:
 def _choose_calibration(
     made: Choices, groups: Sequence[OpenedCalibration], names: Sequence[str], _items: Mapping[Path, Item]
 ) -> OpenedCalibration | None:
-    """The calibration that has most of the cameras; the others are not used."""
+    """Choose the calibration with most of the cameras; others are excluded."""
     if made.has("ingest", "calibration") or not groups:
         return None
     ranked = sorted(groups, key=lambda g: (not any(i.stated for i in g.items), -_common(names, g.file)))
@@ -462,7 +462,7 @@ def _choose_calibration(
 
 
 def _common(names: Sequence[str], file: CalibrationFile) -> int:
-    """How many cameras a calibration has of those with data."""
+    """Number of cameras with data that a calibration has."""
     known = [camera.name for camera in file.cameras]
     return sum(_same(name, known) is not None for name in names)
 
@@ -475,7 +475,7 @@ def _same(name: str, known: Sequence[str]) -> str | None:
 
 
 def _match(made: Choices, calibration: OpenedCalibration | None, names: Sequence[str], scene: bool) -> dict[str, str]:
-    """The name in use of each camera that can be used; cameras without a calibration are left out."""
+    """Match calibrated cameras to names in use; cameras without a calibration are omitted."""
     if calibration is None:
         return {name: name for name in names}
     known = [camera.name for camera in calibration.file.cameras]
@@ -517,7 +517,7 @@ def _path_of(made: Choices, name: str) -> str:
 
 
 def _put_boxes(made: Choices, boxes: Sequence[Item], opened: OpenedBoxes, renamed: Mapping[str, str]) -> None:
-    """The files of boxes, with the class of people."""
+    """Choose the box files, with the class of people."""
     own: list[object] = []
     used = [item for item in boxes if item in made.found.items and set(opened.files[item].cameras) & set(renamed)]
     for item in used:
@@ -538,7 +538,7 @@ def _put_boxes(made: Choices, boxes: Sequence[Item], opened: OpenedBoxes, rename
 
 
 def _choose_class(made: Choices, used: Sequence[Item], opened: OpenedBoxes) -> None:
-    """The class of people, where boxes are of several."""
+    """Choose the class of people if boxes have several classes."""
     if made.has("ingest", "class"):
         return
     found: Counter[tuple[str, ...]] = Counter()
@@ -560,7 +560,7 @@ def _choose_class(made: Choices, used: Sequence[Item], opened: OpenedBoxes) -> N
 
 
 def _put_calibration(made: Choices, calibration: OpenedCalibration) -> None:
-    """The files of the calibration, and which way is up where they do not have z up."""
+    """Choose the calibration files, and the up direction if z is not up."""
     paths = [item.path for item in calibration.items]
     made.put("ingest", "calibration", paths)
     cameras = calibration.file.cameras
@@ -590,7 +590,7 @@ def _put_calibration(made: Choices, calibration: OpenedCalibration) -> None:
 
 
 def _put_scene(made: Choices, stage: str) -> bool:
-    """The scene file; true: it has cameras."""
+    """Choose the scene file; return whether it has cameras."""
     scenes = made.found.of(FileKind.SCENE)
     if not scenes or made.has(stage, "scene"):
         return made.has(stage, "scene")
@@ -603,7 +603,7 @@ def _put_scene(made: Choices, stage: str) -> bool:
 
 
 def _rates(made: Choices, opened: OpenedBoxes, renamed: Mapping[str, str]) -> None:
-    """The frame rate, where files do not state times."""
+    """Choose frame rates if files do not state times."""
     if times := made.found.of(FileKind.TIMES):
         made.put("ingest", "timestamps", [item.path for item in times])
         for item in times:
@@ -649,7 +649,7 @@ def _need_rate(what: str) -> None:
 
 
 def _check_size(made: Choices, size: tuple[int, int]) -> None:
-    """Refuse boxes of images of another size than that of the calibration."""
+    """InputError for boxes of images of another size than the calibration's."""
     for group in _calibrations(made):
         for camera in group.file.cameras:
             if camera.image_size not in (None, size):
@@ -664,7 +664,7 @@ OURS = (".parquet", ".arrow", ".feather")
 
 
 def _put_truth(made: Choices, opened: OpenedBoxes | None, *, framed: bool, cameras: tuple[str, ...] = ()) -> None:
-    """The ground truth: into the recording, or as the table that `evaluate` takes."""
+    """Choose the ground truth, for the recording or for `evaluate`."""
     items = made.found.of(FileKind.TRUTH)
     direct = [item for item in items if item.path.suffix.lower() in OURS or "TUM" in item.words or "Geo" in item.words]
     own: list[object] = []
@@ -688,7 +688,7 @@ def _put_truth(made: Choices, opened: OpenedBoxes | None, *, framed: bool, camer
 
 
 def _names_cameras(path: Path) -> bool:
-    """Return whether a table has a column of cameras."""
+    """Whether a table has a camera column."""
     from occlog.io.formats.boxes.columns import COLUMNS
 
     try:
@@ -698,7 +698,7 @@ def _names_cameras(path: Path) -> bool:
 
 
 def _first_numbers(made: Choices, opened: OpenedBoxes, truths: Iterable[Path]) -> None:
-    """Where boxes count frames from 1 and true positions from 0, or the other way about, they are the same frames."""
+    """Align frame numbers if boxes count frames from 1 and true positions from 0, or vice versa."""
     if made.has("ingest", "first_number") or made.has("ingest", "truth_first_number"):
         return
     free = [s for s in opened.files.values() if not any("MOT" in kind or "CVAT" in kind for kind in s.kinds)]
@@ -715,7 +715,7 @@ def _first_numbers(made: Choices, opened: OpenedBoxes, truths: Iterable[Path]) -
 
 
 def _truth_of_evaluation(made: Choices, held: bool) -> None:
-    """A table of true positions for `evaluate`."""
+    """Choose a table of true positions for `evaluate`."""
     items = made.found.of(FileKind.TRUTH)
     if items and not made.has("evaluate", "truth"):
         item = made.only(items, "ground truth")
@@ -724,7 +724,7 @@ def _truth_of_evaluation(made: Choices, held: bool) -> None:
 
 
 def _of_logs(made: Choices) -> None:
-    """Logs of directions with their arrays, or of reads with their readers."""
+    """Choose logs of directions with their arrays, or of reads with their readers."""
     found = made.found
     reads = found.of(FileKind.READS)
     what = "reads" if reads else "bearings"
@@ -751,7 +751,7 @@ def _of_logs(made: Choices) -> None:
 
 
 def _put_sound(made: Choices) -> None:
-    """Logs of directions, each with its array."""
+    """Choose logs of directions, each with its array."""
     logs = made.found.of(FileKind.DIRECTIONS)
     if not logs:
         return
@@ -791,7 +791,7 @@ def _put_sound(made: Choices) -> None:
 
 
 def _has_sensors(item: Item) -> bool:
-    """Return whether a log of directions names its sensors."""
+    """Whether a log of directions names its sensors."""
     from occlog.io.formats.scenes.stations import NAMES
 
     if "odas" in item.words or "frida" in item.words:
@@ -802,7 +802,7 @@ def _has_sensors(item: Item) -> bool:
 
 
 def _array_names(made: Choices, tables: Sequence[Item]) -> list[str]:
-    """Names of arrays in tables and scene."""
+    """Array names in tables and scene."""
     from occlog.io.formats.sound.formats import read_arrays
     from occlog.io.open import scene_in
 
@@ -814,7 +814,7 @@ def _array_names(made: Choices, tables: Sequence[Item]) -> list[str]:
 
 
 def _of_sound(made: Choices) -> None:
-    """Sound of microphone arrays."""
+    """Choose sound files of microphone arrays."""
     found = made.found
     sounds, tables, scenes = found.of(FileKind.SOUND), found.of(FileKind.MICROPHONES), found.of(FileKind.SCENE)
     if not tables and not scenes and not made.given.get("listen"):
@@ -861,7 +861,7 @@ def _of_sound(made: Choices) -> None:
 
 
 def _of_table(made: Choices) -> None:
-    """A table of bearings, ranges, signal strengths, boxes or views, with its scene."""
+    """Choose a table of bearings, ranges, signal strengths, boxes or views, with its scene."""
     item = made.only(made.found.of(FileKind.TABLE), "table of measurements")
     made.put("", "table", item.path)
     made.say(f"measurements: {made.shown(item.path)} ({item.words})", f"--as {made.shown(item.path)}=unused")
@@ -880,7 +880,7 @@ def _of_table(made: Choices) -> None:
 
 
 def _need_deviations(made: Choices, item: Item) -> None:
-    """Ask for the standard deviations that a table of another program does not have."""
+    """InputError that asks for standard deviations missing in an external table."""
     from occlog.io.open import open_if_ours
     from occlog.records.declared.sensors import VALUES
 
@@ -912,7 +912,7 @@ def _method(made: Choices, what: str) -> None:
 
 
 def _rest(made: Choices) -> None:
-    """Items that no choice has used."""
+    """Mark the items that no choice has used."""
     text = " ".join(map(str, _flat(made.values))) + " ".join(map(str, _flat(made.given)))
     for item in list(made.found.items):
         if str(item.path) not in text and item.kind is not FileKind.SEQUENCE:

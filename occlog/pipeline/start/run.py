@@ -1,4 +1,4 @@
-"""Work of `occlog start`: inspect, choose, write the configuration, and run it."""
+"""`occlog start`: inspect, choose, write the configuration, and run it."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def start(
 
 
 def _without_comments(text: str) -> list[str]:
-    """Lines of a configuration but for its choices, which name files as the user does."""
+    """Lines of a configuration without the comments on choices."""
     return [line for line in text.splitlines() if not line.startswith("#")]
 
 
@@ -89,10 +89,10 @@ def _summary(made: Choices) -> dict[str, object]:
 
 
 def read_settings(texts: Sequence[str]) -> dict[str, dict[str, object]]:
-    """Keys of the configuration by stage; those of the whole configuration under "".
+    """Parse settings to keys by stage; top-level keys are under "".
 
     Raises:
-        UsageError: a text is no `STAGE.KEY=VALUE`.
+        UsageError: a text is not `STAGE.KEY=VALUE`.
     """
     out: dict[str, dict[str, object]] = {}
     for text in texts:
@@ -118,7 +118,7 @@ def read_settings(texts: Sequence[str]) -> dict[str, dict[str, object]]:
 
 
 def as_text(made: Choices, unused: Sequence[str], folder: Path) -> str:
-    """The configuration with its choices as comments; paths are relative to the run folder."""
+    """Text of the configuration with its choices as comments; paths are relative to the run folder."""
     stages = list(dict.fromkeys([*made.values, *made.given]))
     values: dict[str, object] = {"occlog_run": 1}
     whole = {**made.values.get("", {}), **made.given.get("", {})}
@@ -133,7 +133,7 @@ def as_text(made: Choices, unused: Sequence[str], folder: Path) -> str:
 
 
 def _relative(given: Mapping[str, object]) -> dict[str, object]:
-    """Values of the user; those that name files that are there are paths."""
+    """User values with existing files converted to paths."""
     return {key: Path(v) if isinstance(v, str) and Path(v).exists() else v for key, v in given.items()}
 
 

@@ -1,4 +1,4 @@
-"""The files and folders that a start is given: what each may be, and the name of its camera or array."""
+"""Survey of the given files and folders: possible kinds, and camera or array names."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ TRUE = re.compile(r"(^|[^a-z])(gt|truth|true|ground|annot|groundtruth|reference|
 
 
 class Stated(NamedTuple):
-    """What the user states about a file: its kind (None: not to be used), and the name of its sensor or ""."""
+    """User's statement about a file: kind (None: not to be used), and sensor name or ""."""
 
     kind: FileKind | None
     name: str
 
 
 class Item(NamedTuple):
-    """A file or folder that is of use.
+    """A usable file or folder.
 
     Attributes:
         path: where it is.
@@ -68,31 +68,31 @@ class Item(NamedTuple):
 
 @dataclass
 class Survey:
-    """What there is: items by kind, and what is not used with the reason."""
+    """Survey result: items by kind, and unused files with the reason."""
 
     items: list[Item] = field(default_factory=list)
     unused: list[tuple[Path, str]] = field(default_factory=list)
 
     def of(self, *kinds: FileKind) -> list[Item]:
-        """Items of some kinds, in natural order of their paths."""
+        """Items of some kinds, in natural order of paths."""
         return [item for item in self.items if item.kind in kinds]
 
     def drop(self, item: Item, reason: str) -> None:
-        """Leave an item out."""
+        """Exclude an item, with the reason."""
         self.items.remove(item)
         self.unused.append((item.path, reason))
 
     def replace(self, item: Item, kind: FileKind) -> None:
-        """Take an item for another of its kinds."""
+        """Treat an item as another of its possible kinds."""
         others = tuple(dict.fromkeys((item.kind, *(other for other in item.others if other is not kind))))
         self.items[self.items.index(item)] = item._replace(kind=kind, others=others)
 
 
 def read_stated(texts: Sequence[str], sources: Sequence[Path]) -> dict[Path, Stated]:
-    """Statements `PATH=KIND[:NAME]` of the user; the path as it is, or below a source.
+    """Parse statements `PATH=KIND[:NAME]`; the path as given, or below a source.
 
     Raises:
-        UsageError: a path is not there, or a kind is unknown.
+        UsageError: a path does not exist, or a kind is unknown.
     """
     out: dict[Path, Stated] = {}
     words = [kind.value for kind in FileKind] + [UNUSED]
@@ -131,7 +131,7 @@ def survey(sources: Sequence[Path], stated: Mapping[Path, Stated]) -> Survey:
 
 
 def _look(path: Path, root: Path, depth: int, stated: Mapping[Path, Stated], found: Survey, seen: set[Path]) -> None:
-    """Add what a path is to what is found; folders within it, too."""
+    """Add the possible kinds of a path to the result, including folders within it."""
     own = path.resolve()
     if own in seen or (depth and path.name.startswith(".")):
         return
@@ -166,7 +166,7 @@ CLOSED = (FileKind.CALIBRATION, FileKind.TRUTH)
 def _look_into(
     path: Path, root: Path, depth: int, stated: Mapping[Path, Stated], found: Survey, seen: set[Path]
 ) -> None:
-    """Inspect the entries of a folder; pictures and labels of frames are those of the folder."""
+    """Inspect the entries of a folder; pictures and labels of frames are represented by the folder."""
     if depth >= DEEPEST:
         found.unused.append((path, f"more than {DEEPEST} folders deep"))
         return
@@ -206,7 +206,7 @@ def _item(path: Path, root: Path, contents: Sequence[FileContent], stated: State
 
 
 def name_of(path: Path, root: Path) -> str:
-    """The name of a sensor that a path states: of the file, or of the nearest folder with one that says something."""
+    """Sensor name stated by a path: of the file, or of the nearest folder with a meaningful name."""
     for each in (path, *path.parents):
         stem = each.name if each.is_dir() else each.name.split(".")[0]
         stem = _ENDING.sub("", stem)
@@ -219,7 +219,7 @@ def name_of(path: Path, root: Path) -> str:
 
 
 def shown(path: Path, sources: Sequence[Path]) -> str:
-    """A path as the user knows it: below a source that is a folder, else as it was given."""
+    """Path as the user knows it: relative to a source folder, else as given."""
     for source in sources:
         if source.is_dir() and path != source and path.is_relative_to(source):
             return path.relative_to(source).as_posix()
@@ -227,7 +227,7 @@ def shown(path: Path, sources: Sequence[Path]) -> str:
 
 
 def unused_lines(found: Survey, sources: Sequence[Path]) -> Iterator[str]:
-    """A line for each reason, with the first paths that it holds for."""
+    """A line for each reason, with the first paths to which it applies."""
     reasons: dict[str, list[str]] = {}
     for path, reason in found.unused:
         reasons.setdefault(reason, []).append(shown(path, sources))
@@ -237,5 +237,5 @@ def unused_lines(found: Survey, sources: Sequence[Path]) -> Iterator[str]:
 
 
 def counts(found: Survey) -> Counter[FileKind]:
-    """How many items there are of each kind."""
+    """Number of items of each kind."""
     return Counter(item.kind for item in found.items)

@@ -1,1 +1,1 @@
-"""Verb: Monte Carlo runs over seeds and parameters, in parallel."""
+"""`occlog sweep`: Monte Carlo runs over seeds and parameters, in parallel."""

@@ -1,8 +1,8 @@
-"""Runs many trials on an executor, and stores each as it finishes.
+"""Execution of many trials on an executor, with storage of each result.
 
-The result of a trial depends on its description alone, so that any number of workers gives the
-same results, in the order of the descriptions.  Finished trials are kept in a file, one JSON object
-a line: the process may be killed at any time, and the sweep goes on from there.
+The result of a trial depends on its description only, so that any number of workers gives the same results, in the
+order of the descriptions. Finished trials are stored in a file, one JSON object per line, so that an interrupted sweep
+can be resumed.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ Trial = Callable[[Spec], Result]
 
 
 def key_of(spec: Spec, run: Trial = run_trial) -> str:
-    """Hash what identifies a trial: the version of the program, the function that runs it, and its description."""
+    """Hash that identifies a trial: program version, function, and description."""
     text = json.dumps([__version__, run.__module__, run.__qualname__, spec], sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
 class Store:
-    """Results by key; without a path they are kept in memory only.
+    """Store of results by key; without a path in memory only.
 
-    A last line that was cut off is skipped and overwritten; its trial is run again.
+    A truncated last line is overwritten; its trial is repeated.
     """
 
     def __init__(self, path: Path | None) -> None:
@@ -85,7 +85,7 @@ class Store:
         return self
 
     def add(self, key: str, result: dict[str, float]) -> None:
-        """Keep a result; it is on the disk when this returns."""
+        """Store a result; it is on the disk when this returns."""
         self.results[key] = result
         if self._file is None:
             return
@@ -98,7 +98,7 @@ class Store:
             raise OutputError(f"{self._path}: cannot be written: {error.strerror}") from error
 
     def __exit__(self, kind: object, *_: object) -> None:
-        """Close the file; OutputError where its last bytes cannot be written, unless an error is on its way."""
+        """Close the file; OutputError if writing fails, unless another error is being handled."""
         if self._file is not None:
             try:
                 self._file.close()
@@ -110,14 +110,14 @@ class Store:
 
 
 class TrialOutcome(NamedTuple):
-    """Result of a trial, or the reason why it is missing."""
+    """Result of a trial, or the reason why it failed."""
 
     result: Result | None
     error: str | None
 
 
 class TrialError(OcclogError):
-    """Error for failed trials; the others are stored."""
+    """Some trials failed; the others are stored."""
 
 
 def run_all(
@@ -172,7 +172,7 @@ def run_all(
 
 
 def attempt(spec: Spec, run: Trial) -> TrialOutcome:
-    """Run a trial; an error in its description is returned, not raised."""
+    """Run a trial; an error is returned rather than raised."""
     try:
         return TrialOutcome(run(spec), None)
     except OcclogError as error:
@@ -180,7 +180,7 @@ def attempt(spec: Spec, run: Trial) -> TrialOutcome:
 
 
 def describe(spec: Spec) -> str:
-    """Write a trial in one line, without its scene."""
+    """Format a trial in one line, without its scene."""
     return ", ".join(f"{name}={value}" for name, value in spec.items() if name != "scene")
 
 

@@ -57,7 +57,7 @@ class SweepSpec(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True, 
 
 
 class Setting(NamedTuple):
-    """One combination of the varied values, and its trials."""
+    """One combination of the varied values, with its trials."""
 
     label: dict[str, object]  # the varied values by name
     trials: tuple[dict[str, object], ...]  # one for each run
@@ -69,7 +69,7 @@ def read_sweep(path: Path) -> SweepSpec:
 
 
 def check_values(path: Path, spec: SweepSpec, settings: Sequence[Setting]) -> None:
-    """Refuse settings that a trial would refuse, before any trial runs; InputError names the file's line."""
+    """Check the settings before any trial runs; InputError with the line of the file."""
     lines, checked = lines_of(path), set[str]()
     cases = spec.cases or [{}]
     for number, setting in enumerate(settings):
@@ -96,7 +96,7 @@ def check_values(path: Path, spec: SweepSpec, settings: Sequence[Setting]) -> No
 
 
 def _check_value(part: str, method: str, name: str, value: object) -> None:
-    """Refuse a value that a setting of a part of a trial cannot have."""
+    """Check the value of a setting of one part of a trial."""
     if part == "priors":
         _check_priors(name, value)
         return
@@ -121,7 +121,7 @@ def _check_priors(name: str, value: object) -> None:
 
 
 def _place(spec: SweepSpec, case: int, name: str, value: object) -> tuple[str, str]:
-    """Position of a trial's value in the file: for people, and as `lines_of` names it."""
+    """Position of a trial's value in the file: for messages, and as a key of `lines_of`."""
     if name in spec.vary:
         return f"vary.{name}", f"$.vary.{name}[{spec.vary[name].index(value)}]"
     if spec.cases and name in spec.cases[case]:
@@ -130,7 +130,7 @@ def _place(spec: SweepSpec, case: int, name: str, value: object) -> tuple[str, s
 
 
 def settings_of(path: Path, spec: SweepSpec) -> list[Setting]:
-    """Combine all settings with their trials, in the order of the file; the last name of `vary` varies fastest.
+    """Combine all varied values with their trials, in file order; the last name in `vary` varies fastest.
 
     Args:
         path: the sweep file, next to the scene.
@@ -195,7 +195,7 @@ def _put(trial: dict[str, object], name: str, value: object) -> None:
 
 
 def _cameras(value: object, order: Sequence[str]) -> list[str] | None:
-    """Return the names of the cameras that are used; a number takes the first of the order."""
+    """Names of the cameras in use; a number selects the first ones of the order."""
     if value is None or isinstance(value, list):
         return value
     if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= len(order):

@@ -1,6 +1,6 @@
-"""Work of `occlog sweep`: plans the trials, runs them, and writes the tables.
+"""`occlog sweep`: plan the trials, run them, and write the tables.
 
-A table has a row of figures for every trial; another has statistics over the runs of every setting.
+One table has the figures of every trial, another statistics over the runs of every setting.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ def _make(folder: Path) -> None:
 
 
 def _prepare(folder: Path, made: dict[str, object], overwrite: bool) -> None:
-    """Refuse a folder that holds another sweep, unless it may be replaced."""
+    """Check that the folder holds no other sweep, unless it may be replaced."""
     marker = folder / MADE
     if marker.exists() and msgspec.json.decode(msgspec.json.encode(read_json(marker))) == msgspec.to_builtins(made):
         return
@@ -126,7 +126,7 @@ def _prepare(folder: Path, made: dict[str, object], overwrite: bool) -> None:
 
 
 class Summary(NamedTuple):
-    """Statistics of one figure over n runs; NaN where there are too few."""
+    """Statistics of one figure over n runs; NaN with too few runs."""
 
     n: int
     mean: float
@@ -144,14 +144,14 @@ class SummaryRow(NamedTuple):
     summary: Summary
 
     def as_row(self) -> Row:
-        """Return the row as it is written."""
+        """The row as it is written."""
         return {**self.label, "figure": self.figure, **self.summary._asdict()}
 
 
 def summarise(values: Sequence[float]) -> Summary:
-    """Summarise a figure over runs, without those in which it is NaN.
+    """Statistics of a figure over runs, without NaN.
 
-    The confidence interval is that of Student's t distribution, which holds for means of about normal values.
+    The confidence interval is that of Student's t distribution, for means of approximately normal values.
 
     Args:
         values: one for each run.
@@ -170,7 +170,7 @@ def summarise(values: Sequence[float]) -> Summary:
 
 
 def trial_rows(settings: Sequence[Setting], results: Sequence[Mapping[str, float]]) -> list[Row]:
-    """Make a row for each trial: the varied values, the run and the figures."""
+    """A row for each trial: varied values, run and figures."""
     rows, index = [], 0
     for setting in settings:
         for trial in setting.trials:
@@ -180,7 +180,7 @@ def trial_rows(settings: Sequence[Setting], results: Sequence[Mapping[str, float
 
 
 def summary_rows(settings: Sequence[Setting], results: Sequence[Mapping[str, float]]) -> list[SummaryRow]:
-    """Make a row for each setting and figure: n, mean, sd, se and the 95 % confidence interval of the mean."""
+    """A row for each setting and figure: n, mean, sd, se and 95 % confidence interval of the mean."""
     rows: list[SummaryRow] = []
     index = 0
     for setting in settings:
@@ -197,7 +197,7 @@ def _label(setting: Setting) -> Row:
 
 
 def to_text(rows: Sequence[SummaryRow], figures: Sequence[str]) -> str:
-    """Write a table for reading: a line for each setting, mean and half-width of the interval of some figures."""
+    """Format a table: a line per setting, with mean and half-width of the confidence interval of some figures."""
     lines: dict[tuple[object, ...], dict[str, str]] = {}
     for row in rows:
         label, found = {k: str(v) for k, v in row.label.items()}, row.summary

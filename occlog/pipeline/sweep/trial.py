@@ -46,7 +46,7 @@ WORLDS = 2
 
 
 class SimulatedWorld(NamedTuple):
-    """The simulated truth and bearings, which do not depend on the tracker."""
+    """Simulated truth and bearings of a trial, independent of the tracker."""
 
     truth: Truth
     bearings: Bearings
@@ -103,7 +103,7 @@ def _check(spec: Spec) -> None:
 
 
 def _seed(seed: int, run: int) -> int:
-    """Draw a seed for a run."""
+    """Seed of a run."""
     return int(np.random.SeedSequence(seed, spawn_key=(run,)).generate_state(1, np.uint32)[0])
 
 
@@ -138,7 +138,7 @@ def _priors(values: Values, truth: Truth, seed: int) -> Occluders | None:
 
 
 def rmse_of_priors(occluders: Occluders | None, truth: Truth) -> float:
-    """Return the RMS distance of the priors' means from the true positions of the occluders; NaN without priors."""
+    """RMS distance of the priors' means from the true occluder positions; NaN without priors."""
     if occluders is None or not len(occluders):
         return float("nan")
     true = truth.take(truth.role == "occluder")
@@ -152,7 +152,7 @@ def rmse_of_priors(occluders: Occluders | None, truth: Truth) -> float:
 
 
 def errors_of(tracks: Tracks, truth: Truth, scene: Scene, skip: int) -> dict[str, float]:
-    """Compare the estimates of target 0 with the truth at their times, without the first `skip` of them."""
+    """Errors of the estimates of target 0, without the first `skip` times."""
     true = truth.take(truth.target_id == 0)
     own = tracks.take(tracks.target_id == 0)
     index = np.searchsorted(true.t_ns, own.t_ns)

@@ -1,1 +1,1 @@
-"""Verb: make a packed run again, and state whether it is the same."""
+"""`occlog verify`: repeat a packed run, and compare the outputs."""

@@ -1,4 +1,4 @@
-"""Work of `occlog verify`: a packed run is made again from its inputs, and compared file by file."""
+"""`occlog verify`: repeat a packed run from its inputs, and compare it file by file."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ class Verified(NamedTuple):
 
     @property
     def code(self) -> ExitCode:
-        """0 if all is the same, but for bytes where versions are others; else 5."""
+        """Exit code: 0 if all is equal (with other versions, equal values suffice); else 5."""
         explained = not self.alike or bool(self.versions)
         return ExitCode.DONE if explained and not self.different else ExitCode.DIFFERENT
 
     def in_words(self) -> str:
-        """Conclusion in one sentence."""
+        """Conclusion as a sentence."""
         if not self.alike and not self.different:
             return "made again to the same bytes"
         if not self.versions:
@@ -63,7 +63,7 @@ class Verified(NamedTuple):
 
 
 def verify_pack(archive: Path, inputs: Path | None, begin: Callable[[str], None]) -> Verified:
-    """Make a packed run again in a temporary folder, and compare all outputs.
+    """Repeat a packed run in a temporary folder, and compare all outputs.
 
     Args:
         archive: written by `occlog pack`.
@@ -97,7 +97,7 @@ def verify_pack(archive: Path, inputs: Path | None, begin: Callable[[str], None]
 
 
 def _add_inputs(archive: Path, manifest: Manifest, inputs: Path | None, folder: Path) -> None:
-    """Copy the inputs that the archive only names."""
+    """Copy the inputs that the archive only references."""
     for file in manifest.inputs:
         if not file.included:
             if inputs is None:
@@ -109,7 +109,7 @@ def _add_inputs(archive: Path, manifest: Manifest, inputs: Path | None, folder: 
 
 
 def _make_again(manifest: Manifest, folder: Path, made: Path, begin: Callable[[str], None]) -> list[StageStep]:
-    """Do all stages; InputError for a configuration that names files outside of the archive, or not all inside."""
+    """Run all stages; InputError for a configuration with files outside of, or missing in, the archive."""
     config = read_config(folder / INPUTS / manifest.config)
     unused = {(folder / INPUTS / file.path).resolve() for file in manifest.inputs} - {config.path.resolve()}
     for stage in plan(config, made):
@@ -155,7 +155,7 @@ def _compare(manifest: Manifest, packed: Path, made: Path) -> Verified:
 
 
 def _first(part: DiffResult) -> str:
-    """The first difference of two files in words."""
+    """Description of the first difference of two files."""
     first = part.first or part.schema[0]
     values = f": {first.a} is now {first.b}" if first.a is not None or first.b is not None else ""
     return f"{first.kind} {first.location}{values}" + (f" ({first.column})" if first.column else "")

@@ -1,1 +1,4 @@
-"""The tables, declared: what stages pass on, by what they are about.  `occlog.records.tables` names them all."""
+"""Declarations of the tables, by subject.
+
+`occlog.records.tables` lists all.
+"""

@@ -2,7 +2,7 @@
 
 Conventions: see `tables`.
 
-Tables of appearance from several viewing angles, and of the people it distinguishes ([Lee] Sec. 5.2.1).
+Also tables of appearance by viewing angle, and of re-identified people ([Lee] Sec. 5.2.1).
 
 Conventions: see `tables`.
 """
@@ -37,14 +37,14 @@ COASTING, SINGLE_VIEW, POSSIBLE_SWITCH, INCONSISTENT_VIEWS = (
 
 
 def words_of(mask: Bools, words: Sequence[str]) -> Strings:
-    """(N,) words of the columns that are set in a mask (N, W), separated by commas."""
+    """(N,) comma-separated words of the columns set in a mask (N, W)."""
     different, which = np.unique(mask, axis=0, return_inverse=True)
     texts = [",".join(w for w, has in zip(words, row, strict=True) if has) for row in different.tolist()]
     return np.array(texts, dtype=np.str_)[which.reshape(-1)]
 
 
 def has_word(texts: Strings, word: str) -> Bools:
-    """(N,) whether lists of words, separated by commas, have a word."""
+    """(N,) mask of comma-separated lists that contain a word."""
     different, which = np.unique(texts, return_inverse=True)
     there = np.array([word in text.split(",") for text in different.tolist()], dtype=np.bool_)
     found: Bools = there[which]
@@ -78,7 +78,7 @@ class PeopleTracks(Tracks):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JoinedTracks(PeopleTracks):
-    """Tracks of several groups of cameras brought together; every command reads them as `Tracks`.
+    """Tracks fused over several groups of cameras; every command reads them as `Tracks`.
 
     `quality_flags` has `inconsistent_views` also, where two groups have the person in places that do not agree at
     this time.
@@ -127,7 +127,7 @@ class Associations(ColumnTable):
     probability: Floats = column("f8", "1", "that the box is of this person, above 0 and at most 1")
 
     def check(self) -> None:
-        """Times in order, probabilities in their range."""
+        """Check that times are in order, and probabilities in range."""
         check_order(self)
         if (bad := ~((self.probability > 0.0) & (self.probability <= 1.0))).any():
             row = first_row(bad)
@@ -164,7 +164,7 @@ class Events(ColumnTable):
 
     @classmethod
     def of_rows(cls, rows: Iterable[tuple[int, str, int, int, float]]) -> Self:
-        """Build the table from rows of time, kind, identity, other identity and probability, in any order."""
+        """Build the table from rows of (time, kind, identity, other identity, probability), in any order."""
         listed = sorted(rows, key=lambda row: (row[0], row[2]))
         if not listed:
             return cls.empty()
@@ -178,7 +178,7 @@ class Events(ColumnTable):
         )
 
     def check(self) -> None:
-        """Times in order, known kinds."""
+        """Check that times are in order, and kinds are known."""
         check_order(self)
         if (bad := ~np.isin(self.kind, KINDS)).any():
             row = first_row(bad)
@@ -218,7 +218,7 @@ class Gallery(ColumnTable):
     )
 
     def check(self) -> None:
-        """Times in order, angles and bins in range and the same everywhere, densities that sum to 1, no row twice."""
+        """Check times, angles and bins, that densities sum to 1, and that no row is repeated."""
         check_order(self)
         if not len(self):
             return
@@ -256,7 +256,7 @@ class Gallery(ColumnTable):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AppearanceMatches(ColumnTable):
-    """How like the people of a gallery each box is, seen from the same side: a row for each box and target."""
+    """Similarity of each box to the people of a gallery at the same viewing angle: a row per box and target."""
 
     NAME: ClassVar[str] = "appearance_matches"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "sensor", "box", "target_id")
@@ -287,7 +287,7 @@ class AppearanceMatches(ColumnTable):
     )
 
     def check(self) -> None:
-        """Times in order, known decisions, coefficients where and only where something is decided."""
+        """Check times, decisions, and that coefficients exist exactly for compared pairs."""
         check_order(self)
         if (bad := ~np.isin(self.decision, DECISIONS)).any():
             row = first_row(bad)

@@ -1,6 +1,6 @@
-"""The tables of what sensors saw, heard and read, true boxes included.  Conventions: see `tables`.
+"""Tables of sensor measurements, including true boxes. Conventions: see `tables`.
 
-The table of measurements of stations other than directions: ranges, signal strengths, time differences.
+`Measurements` has ranges, signal strengths and time differences of stations.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ MAX_EDGE_PX = 1e6
 
 
 def check_frames(frame: Ints, name: str) -> None:
-    """InputError for a frame number that no camera comes to."""
+    """InputError for an implausibly large frame number."""
     if (wrong := (frame < 0) | (frame >= MAX_FRAMES)).any():
         row = first_row(wrong)
         raise InputError(f"{name}: row {row}: frame {frame[row]}; it must be from 0 and below {MAX_FRAMES}")
 
 
 def check_edges(edges: Sequence[Floats], name: str) -> None:
-    """InputError for a box that reaches farther than any image."""
+    """InputError for a box that extends farther than any image."""
     far = np.max(np.abs(edges), axis=0)
     if (wrong := far > MAX_EDGE_PX).any():
         row = first_row(wrong)
@@ -50,7 +50,7 @@ def check_edges(edges: Sequence[Floats], name: str) -> None:
 
 
 def check_ids(ids: Ints32, column: str, name: str) -> None:
-    """InputError for an identity below -1, which represents none."""
+    """InputError for an identity below -1 (none)."""
     if (wrong := ids < -1).any():
         row = first_row(wrong)
         raise InputError(f"{name}: row {row}: {column} {ids[row]} must be at least -1")
@@ -110,7 +110,7 @@ class Bearings(ColumnTable):
     )
 
     def check(self) -> None:
-        """Times in order, angles wrapped, measurements complete where seen and absent where not."""
+        """Check that times are in order, angles wrapped, and measurements exist exactly where detected."""
         check_order(self)
         check_ids(self.target_id, "target_id", "Bearings")
         value = np.isfinite(self.bearing) & np.isfinite(self.sigma)
@@ -205,7 +205,7 @@ class Views(ColumnTable):
     )
 
     def check(self) -> None:
-        """Times in order, boxes of positive size that an image may hold, identities and frames that there are."""
+        """Check that times are in order, boxes have positive plausible sizes, and identities and frames are valid."""
         check_order(self)
         check_frames(self.frame, "Views")
         check_ids(self.target_id, "target_id", "Views")
@@ -241,7 +241,7 @@ class Boxes(ColumnTable):
     confidence: Floats = column("f8", "1", "the detector's confidence, 0 to 1", nan="not given")
 
     def check(self) -> None:
-        """Times in order, boxes of positive size that an image may hold, identities and frames that there are."""
+        """Check that times are in order, boxes have positive plausible sizes, and identities and frames are valid."""
         check_order(self)
         name = type(self).__name__
         check_frames(self.frame, name)
@@ -289,7 +289,7 @@ class Doa(ColumnTable):
     confidence: Floats = column("f8", "1", "strength of the peak, 0 to 1", nan="not given")
 
     def check(self) -> None:
-        """Times in order, azimuths wrapped."""
+        """Check that times are in order, and azimuths wrapped."""
         check_order(self)
         check_ids(self.source_id, "source_id", "Doa")
         bad = ~(np.abs(self.azimuth) <= np.pi)
@@ -322,7 +322,7 @@ class Positions(ColumnTable):
     confidence: Floats = column("f8", "1", "the detector's confidence, 0 to 1", nan="not given")
 
     def check(self) -> None:
-        """Times in order, identities and frames that there are, positions in frames that have one."""
+        """Check that times are in order, identities and frames are valid, and positions match detections."""
         check_order(self)
         check_frames(self.frame, "Positions")
         for key in ("detection", "target_id"):
@@ -356,7 +356,7 @@ class Reads(ColumnTable):
     rssi: Floats = column("f8", "dBm", "strength of the received signal", nan="the reader does not measure it")
 
     def check(self) -> None:
-        """Times in order; every tag is of a target."""
+        """Check that times are in order, and every tag has a target."""
         check_order(self)
         if (bad := self.target_id < 0).any():
             row = first_row(bad)
@@ -419,7 +419,7 @@ class Measurements(ColumnTable):
     sigma_bearing: Floats = column("f8", "rad", "its standard deviation, > 0", nan="not stated", optional=True)
 
     def check(self) -> None:
-        """Times in order, targets known, standard deviations above 0, two stations for each difference."""
+        """Check times, targets, positive standard deviations, and two stations for each difference."""
         check_order(self)
         bad: Bools = np.asarray(self.target_id < 0)
         if bad.any():
@@ -451,5 +451,5 @@ class Measurements(ColumnTable):
 
     @property
     def present(self) -> Bools:
-        """(N, 4) which of `VALUES` each row has."""
+        """(N, 4) mask of the `VALUES` that each row has."""
         return np.column_stack([np.isfinite(getattr(self, name)) for name in VALUES])

@@ -58,7 +58,7 @@ class Tracks(ColumnTable):
     cov_zz: Floats = column("f8", "m^2", "position covariance", nan="the method tracks on the ground", optional=True)
 
     def check(self) -> None:
-        """Times in order, covariances positive semi-definite up to rounding."""
+        """Check that times are in order, and covariances positive semidefinite up to rounding."""
         check_order(self)
         unknown = np.isnan(self.cov_xx) & np.isnan(self.cov_xy) & np.isnan(self.cov_yy)
         bad = ~(unknown | semidefinite(self.cov_xx, self.cov_xy, self.cov_yy)) | (self.cov_zz < 0)
@@ -66,7 +66,7 @@ class Tracks(ColumnTable):
             raise InputError(f"Tracks: row {first_row(bad)}: the covariance is not positive semi-definite")
 
     def with_covariance(self) -> Self:
-        """The tracks; InputError where a position has no covariance, so that nothing can be weighed by it."""
+        """Return the tracks; InputError if a position has no covariance."""
         if (unknown := np.isnan(self.cov_xx)).any():
             raise InputError(
                 f"tracks: row {first_row(unknown)} (target {self.target_id[first_row(unknown)]}) has no covariance, "
@@ -77,7 +77,7 @@ class Tracks(ColumnTable):
 
 
 def doubt_column(reasons: str) -> Any:
-    """Declare the column of reasons why a row is not reliable.
+    """Declare the column of quality flags, with the meaning of each.
 
     Args:
         reasons: each that there is, with its meaning.
@@ -113,7 +113,7 @@ class TagTracks(Tracks):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VirtualSensors(ColumnTable):
-    """Regions into which the ranges of readers cut the floor: a row for each set of readers that cover one together."""
+    """Regions into which the ranges of readers divide the floor: a row for each set of readers that cover one."""
 
     NAME: ClassVar[str] = "virtual_sensors"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "readers")
@@ -129,7 +129,7 @@ class VirtualSensors(ColumnTable):
     cov_yy: Floats = column("f8", "m^2", "covariance of a position that is even over the region")
 
     def check(self) -> None:
-        """Neither areas nor numbers of readers are below 0."""
+        """Check that areas and numbers of readers are not negative."""
         check_order(self)
         if (bad := (self.area < 0.0) | (self.count < 0)).any():
             raise InputError(f"VirtualSensors: row {first_row(bad)}: area and count must not be below 0")
@@ -137,7 +137,7 @@ class VirtualSensors(ColumnTable):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Diagnostics(ColumnTable):
-    """How a filter fared at each step."""
+    """Diagnostics of a filter at each step."""
 
     NAME: ClassVar[str] = "diagnostics"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id")
@@ -208,7 +208,7 @@ class Diagnostics(ColumnTable):
     )
 
     def check(self) -> None:
-        """Times in order."""
+        """Check that times are in order."""
         check_order(self)
 
 
@@ -227,7 +227,7 @@ class Particles(ColumnTable):
     weight: Floats = column("f8", "1", "its weight; those of one target and time have the sum 1")
 
     def check(self) -> None:
-        """Times in order, weights in their range."""
+        """Check that times are in order, and weights in range."""
         check_order(self)
         bad = ~((self.weight >= 0.0) & (self.weight <= 1.0 + 1e-9))
         if bad.any():
@@ -258,7 +258,7 @@ class Residuals(ColumnTable):
     )
 
     def check(self) -> None:
-        """Times in order, probabilities and variances in their range."""
+        """Check that times are in order, and probabilities and variances in range."""
         check_order(self)
         bad = ~((self.inlier_probability >= 0.0) & (self.inlier_probability <= 1.0) & (self.expected_variance >= 0.0))
         if bad.any():
@@ -285,7 +285,7 @@ class Calibration(ColumnTable):
     sd_dyaw: Floats = column("f8", "rad", "standard deviation")
 
     def check(self) -> None:
-        """Times in order."""
+        """Check that times are in order."""
         check_order(self)
 
 
@@ -322,7 +322,7 @@ class Errors(ColumnTable):
     )
 
     def check(self) -> None:
-        """Times in order."""
+        """Check that times are in order."""
         check_order(self)
 
 
@@ -371,7 +371,7 @@ class Bound(ColumnTable):
     )
 
     def check(self) -> None:
-        """Times in order."""
+        """Check that times are in order."""
         check_order(self)
 
 
@@ -404,7 +404,7 @@ class Cooperation(ColumnTable):
     cov_yy: Floats = column("f8", "m^2", "position covariance", nan="not answered")
 
     def check(self) -> None:
-        """Times in order, a position where and only where there was an answer."""
+        """Check that times are in order, and that exactly the answered requests have positions."""
         check_order(self)
         if (wrong := self.answered != (np.isfinite(self.x) & np.isfinite(self.y))).any():
             row = first_row(wrong)

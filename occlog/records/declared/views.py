@@ -71,7 +71,7 @@ class ViewTracks(ColumnTable):
     )
 
     def check(self) -> None:
-        """Times in order, axes above 0, identities from 0, known words."""
+        """Check times, positive axes, identities from 0, and known words."""
         check_order(self)
         if (bad := ~((self.a_px > 0) & (self.b_px > 0))).any():
             row = first_row(bad)
@@ -112,7 +112,7 @@ class Failures(ColumnTable):
     )
 
     def check(self) -> None:
-        """Times in order, known kinds."""
+        """Check that times are in order, and kinds are known."""
         check_order(self)
         if (bad := ~np.isin(self.kind, ("position", "label"))).any():
             row = first_row(bad)
@@ -136,12 +136,12 @@ class Counts(ColumnTable):
     switches: Ints = column("i8", "1", "targets with another track than they had last")
 
     def check(self) -> None:
-        """Times in order."""
+        """Check that times are in order."""
         check_order(self)
 
 
 def boxes_of_ellipses(tracks: ViewTracks) -> Boxes:
-    """The bounding boxes of ellipses, not cut at the edge of the image, with the tracks' identities."""
+    """Bounding boxes of ellipses (not clipped to the image), with the tracks' identities."""
     cos, sin = np.cos(tracks.rho), np.sin(tracks.rho)
     half_width = np.hypot(tracks.a_px * cos, tracks.b_px * sin)
     half_height = np.hypot(tracks.a_px * sin, tracks.b_px * cos)

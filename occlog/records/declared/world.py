@@ -1,10 +1,6 @@
-"""Tables of positions: the truth, and priors of occluders.  Conventions: see `tables`.
+"""Tables of true positions, priors of occluders, plans, robot paths, and network messages.
 
-Table of the expected performance of planned sensors.  Conventions: see `tables`.
-
-The table of a robot's path.  Conventions: see `tables`.
-
-The table of messages in a network of sensors.  Conventions: see `tables`.
+Conventions: see `tables`.
 """
 
 from __future__ import annotations
@@ -43,7 +39,7 @@ class Occluders(ColumnTable):
     cov_yy: Floats = column("f8", "m^2", "position covariance", nan="no occluder")
 
     def check(self) -> None:
-        """Times in order, numbers where there is an occluder, covariances positive semi-definite up to rounding."""
+        """Check times, numbers of occluders, and positive semidefinite covariances."""
         check_order(self)
         numbers = np.stack([self.x, self.y, self.cov_xx, self.cov_xy, self.cov_yy])
         there: Bools = np.asarray(np.isfinite(numbers).all(axis=0))
@@ -71,7 +67,7 @@ class Hulls(ColumnTable):
     y: Floats = column("f8", "m", "position of the corner", nan="no occluder")
 
     def check(self) -> None:
-        """Times in order, corners from 0 on and at least three of them."""
+        """Check times, and that corners are numbered from 0, at least three per polygon."""
         check_order(self)
         _check_there(self, self.occluder_id, np.isfinite(self.x) & np.isfinite(self.y))
         if not len(self):
@@ -89,7 +85,7 @@ class Hulls(ColumnTable):
 
 
 def _check_there(table: ColumnTable, identity: Ints32, there: Bools) -> None:
-    """InputError where an occluder has no position or a row of "none" has one."""
+    """InputError if an occluder has no position, or a row without occluder has one."""
     if (wrong := (identity >= 0) != there).any():
         row = first_row(wrong)
         raise InputError(
@@ -114,7 +110,7 @@ class Truth(ColumnTable):
     z: Floats = column("f8", "m", "height of the point above the ground", nan="not known")
 
     def check(self) -> None:
-        """Times in order, known roles."""
+        """Check that times are in order, and roles are known."""
         check_order(self)
         bad = ~np.isin(self.role, ("target", "occluder"))
         if bad.any():
@@ -146,7 +142,7 @@ class PlanMap(ColumnTable):
     )
 
     def check(self) -> None:
-        """Probabilities are between 0 and 1."""
+        """Check that probabilities are between 0 and 1."""
         check_order(self)
         for name in ("weight", "seen_by_0", "seen_by_1", "seen_by_2", "unlocalised_share"):
             values = getattr(self, name)
@@ -196,7 +192,7 @@ class RobotPath(ColumnTable):
     obstacle: Strings = column("U", "1", "name of that obstacle; empty: no obstacle")
 
     def check(self) -> None:
-        """Times in order, known states."""
+        """Check that times are in order, and states are known."""
         check_order(self)
         bad = ~np.isin(self.state, PATH_STATES)
         if bad.any():
@@ -234,7 +230,7 @@ class Delays(ColumnTable):
     air_s: Floats = column("f8", "s", "time on the air with acknowledgements, over all hops", nan="end-to-end")
 
     def check(self) -> None:
-        """Times in order, no message arrives before it is sent."""
+        """Check that times are in order, and that no message arrives before it is sent."""
         check_order(self)
         if (bad := self.delay_s < 0.0).any():
             raise InputError(f"Delays: row {first_row(bad)}: delay_s is {self.delay_s[first_row(bad)]:g}, below 0")

@@ -1,1 +1,1 @@
-"""Two runs side by side: whether they differ, where they first part, and who became another one."""
+"""Comparison of two runs: whether they differ, where they first diverge, and identity changes."""

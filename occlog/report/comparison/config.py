@@ -1,4 +1,4 @@
-"""Settings of two runs side by side."""
+"""Settings of the comparison of two runs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from occlog.settings import Settings, setting
 
 @dataclass(frozen=True)
 class RunComparisonConfig(Settings):
-    """When two tracks are of one person, and when two runs have parted; lengths in the scene's unit."""
+    """Distance for matching tracks of one person, and tolerance of divergence; lengths in the scene's unit."""
 
     OWNER: ClassVar[str] = "two runs side by side"
 

@@ -1,9 +1,4 @@
-"""The page of two runs as HTML: self-contained, with its own script and no other.
-
-The words and tables of two runs as Markdown, for pull requests.
-
-The summary that `occlog report A B` prints.
-"""
+"""HTML page (self-contained), Markdown and summary of the comparison of two runs."""
 
 from __future__ import annotations
 
@@ -32,7 +27,7 @@ MAX_LISTED_LOSSES = 100
 
 
 def build_page(found: RunComparisonPage) -> str:
-    """The page of two runs.
+    """Build the HTML page.
 
     Args:
         found: the runs, aligned.
@@ -73,7 +68,7 @@ def build_page(found: RunComparisonPage) -> str:
 
 
 def _errors(found: RunComparisonPage) -> Plot | None:
-    """Errors over time."""
+    """Figure of errors over time."""
     truth = found.against_truth
     if truth is None or not truth.over_time.both:
         return None
@@ -90,7 +85,7 @@ def _errors(found: RunComparisonPage) -> Plot | None:
 
 
 def _lives(found: RunComparisonPage) -> Plot | None:
-    """Matched tracks over time: people with changing tracks, or else all, as many as fit."""
+    """Figure of matched tracks over time: people with changing tracks first, as many as fit."""
     truth = found.against_truth
     if truth is not None:
         names = _whose(truth.a, truth.b)
@@ -116,7 +111,7 @@ def _whose(*followed: MatchedRuns) -> list[int]:
 
 
 def build_markdown(found: RunComparisonPage) -> str:
-    """The verdict, unreliable results, figures, partings and identities; no pictures."""
+    """Build the Markdown: verdict, unreliable results, figures, divergences and identities, without pictures."""
     out = [f"# {plain(found.title)}", "", f"**{plain(words.comparison_heading(found))}.**", ""]
     out += [f"- {plain(f'{letter}: {side.name}')}" for letter, side in found.sides]
     out += ["", *(f"- {plain(sentence)}" for sentence in words.sentences(found)), ""]
@@ -185,14 +180,14 @@ def summary_of(found: RunComparisonPage, request: RunComparisonRequest) -> dict[
 
 
 def _figure(row: ComparisonRow) -> dict[str, object]:
-    """State of a figure of both."""
+    """Values of a figure in both runs."""
     d = row.found
     values = {"a": d.a, "b": d.b, "difference": d.difference, "low": d.low, "high": d.high, "p": row.holm}
     return {name: value for name, value in values.items() if math.isfinite(value)} | {"verdict": row.verdict}
 
 
 def _step(found: RunComparisonPage, step: RunComparisonStep) -> dict[str, object]:
-    """Values of a time step that are known."""
+    """Known values of a time step."""
     values: dict[str, object] = {"seconds": (step.t_ns - found.time.start_ns) / NS, "t_ns": step.t_ns}
     values |= {name: label for name, label in (("a", step.a), ("b", step.b)) if label is not None}
     return values | ({"distance": step.distance} if math.isfinite(step.distance) else {})

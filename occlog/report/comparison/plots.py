@@ -1,10 +1,7 @@
-"""Figures of two runs: errors over time with their difference, and matched tracks.
+"""Figures of the comparison of two runs (errors, matched tracks), and data for the page's replay.
 
-What the script of a page of two runs is given: both plans in the same time steps, and who is whom.
-
-The rule: of the common frames every k-th is kept, with the smallest k by which not more than `MAX_TIME_STEPS` of them,
-`MAX_SHOWN` estimates of both runs together and as many true positions are left; in addition those that the page leads
-to.
+Of the common frames every k-th is kept, with the smallest k such that at most `MAX_TIME_STEPS` frames, `MAX_SHOWN`
+estimates of both runs and as many true positions remain; frames to which the page links are kept as well.
 """
 
 from __future__ import annotations
@@ -47,7 +44,7 @@ STYLES: dict[str, Style] = {
 
 
 class PersonLifeline(NamedTuple):
-    """A person with tracks in both runs."""
+    """A person with tracks in both runs over time."""
 
     name: str
     a: tuple[Piece, ...]
@@ -55,7 +52,7 @@ class PersonLifeline(NamedTuple):
 
 
 def draw_errors(figure: FigureBase, time: TimeAxis, found: ErrorsOverTime, near: float, unit: str) -> None:
-    """Draw errors of both runs, their difference below, and how many targets each has not found, lowest.
+    """Draw the errors of both runs, their difference, and the numbers of missed targets, one below the other.
 
     Args:
         figure: is drawn into.
@@ -88,7 +85,7 @@ def draw_errors(figure: FigureBase, time: TimeAxis, found: ErrorsOverTime, near:
 
 
 def draw_lives(figure: FigureBase, time: TimeAxis, lives: Sequence[PersonLifeline]) -> None:
-    """Draw two bars for each person, of A above that of B; a bar changes its colour where the track changes."""
+    """Draw two bars for each person, A above B; the colour changes with the track."""
     axes = figure.add_subplot()
     for index, life in enumerate(lives):
         for letter, pieces, offset in (("A", life.a, 0.21), ("B", life.b, -0.21)):
@@ -107,7 +104,7 @@ def draw_lives(figure: FigureBase, time: TimeAxis, lives: Sequence[PersonLifelin
 
 
 def _bar(axes: Axes, time: TimeAxis, pieces: Sequence[Piece], y: float) -> None:
-    """Pieces of one person in one run, with the number of the track where there is room."""
+    """Draw the intervals of one person in one run, with track numbers where they fit."""
     tracks = list(dict.fromkeys(piece.track for piece in pieces))
     for before, piece in zip((None, *pieces), pieces, strict=False):
         start, end = time.of(np.array([piece.start_ns, piece.end_ns])).tolist()
@@ -127,7 +124,7 @@ PAIR_COLOURS = 6
 
 @dataclass(frozen=True, eq=False)
 class CommonMoments(ReplaySteps):
-    """Time steps of a run that are those of the other run, too.
+    """Time steps common to both runs, with those that are kept.
 
     Attributes:
         common: (M,) their times.
@@ -142,13 +139,13 @@ class CommonMoments(ReplaySteps):
 
     @cached_property
     def same(self) -> bool:
-        """Tracks are known by their own numbers, whatever those of the truth are."""
+        """Whether tracks are shown under their own numbers (True), independent of the truth."""
         return False
 
 
 @dataclass(frozen=True)
 class RunComparisonReplay:
-    """The time steps of two runs for the page.
+    """Replay data of two runs for the page.
 
     Attributes:
         json: what the script is given, safe inside a `<script>` element.
@@ -164,7 +161,7 @@ class RunComparisonReplay:
 
 
 def beside_replay(found: RunComparisonPage, led_to: list[int]) -> RunComparisonReplay | None:
-    """The time steps of two runs; None where there are fewer than two.
+    """Replay data of two runs; None with fewer than two time steps.
 
     Args:
         found: the runs.
@@ -205,13 +202,13 @@ def beside_replay(found: RunComparisonPage, led_to: list[int]) -> RunComparisonR
 
 
 def name_of(person: Any) -> str:
-    """Tracks of a person: `A 3, 7 · B 5`."""
+    """Label of a person's tracks: `A 3, 7 · B 5`."""
     sides = (("A", person.a), ("B", person.b))
     return " · ".join(f"{letter} {', '.join(map(str, labels))}" for letter, labels in sides if labels)
 
 
 def _drawn(side: RunSide, times: Ints, truth: Truth | None) -> ReportInput:
-    """Drawings of a run: its estimates in the common frames, and its occluder priors."""
+    """Drawn tables of a run: estimates in the common frames, and occluder priors."""
     table: Tracks = side.laid.table(side.tracks, times)
     return replace(
         side.data, tracks=table, truth=truth, bearings=None, errors=None, bound=None, events=None, gathered=None
@@ -219,12 +216,12 @@ def _drawn(side: RunSide, times: Ints, truth: Truth | None) -> ReportInput:
 
 
 def _both(a: Floats, b: Floats) -> Floats:
-    """(2, 2) corners of what holds both plans."""
+    """(2, 2) corners of the bounding box of both plans."""
     return np.array([np.minimum(a[0], b[0]), np.maximum(a[1], b[1])])
 
 
 def _colours(found: RunComparisonPage) -> list[int]:
-    """Number of each person's colour; -1: one run alone has them."""
+    """Colour index of each person; -1 for people in one run only."""
     out, k = [], 0
     for person in found.pairs.people:
         both = bool(person.a and person.b)
@@ -234,7 +231,7 @@ def _colours(found: RunComparisonPage) -> list[int]:
 
 
 def _partners(found: RunComparisonPage, steps: ReplaySteps) -> Any:
-    """Index of the partner among B's targets of each of A's estimates at the kept time steps; NONE: no partner."""
+    """Index of the partner, among B's targets, of each estimate of A at the kept time steps; NONE without."""
     partner = np.full(len(found.a.laid.frame), MISSING, dtype=np.int64)
     targets = np.unique(found.b.laid.label)
     partner[found.pairs.a] = np.searchsorted(targets, found.b.laid.label[found.pairs.b])
@@ -243,12 +240,12 @@ def _partners(found: RunComparisonPage, steps: ReplaySteps) -> Any:
 
 
 def _most(values: np.ndarray, frames: Ints) -> np.ndarray:
-    """(M,) the largest value since the frame that was kept before."""
+    """(M,) maximum since the previous kept frame."""
     return np.asarray(np.maximum.reduceat(values, np.concatenate([[0], frames[:-1] + 1])))
 
 
 def _changes(found: RunComparisonPage, start: int) -> list[float]:
-    """Times [s] at which a person is another one in one of the runs; evenly taken where there are many."""
+    """Times [s] of identity changes in either run, evenly thinned if there are many."""
     changes = [change for each in followed(found) for change in each.changes]
     times = np.unique(np.array([change.t_ns for change in changes], dtype=np.int64))
     some = times[np.unique(np.linspace(0, len(times) - 1, min(len(times), MAX_EVENTS)).round().astype(int))]

@@ -1,7 +1,4 @@
-"""Run of `occlog report A B`: open two runs, compare them, write the page.
-
-Two runs as they are opened: their names, files, estimates, and the truth of both.
-"""
+"""`occlog report A B`: open two runs, compare them, and write the page."""
 
 from __future__ import annotations
 
@@ -51,7 +48,7 @@ WHOLE = ("tracks", "diagnostics", "occluders")
 
 
 class ReportRun(NamedTuple):
-    """One of two runs: its name, the table of its tracks, all of it, and what a report shows of it."""
+    """One of two runs: name, table of tracks, and content for the report."""
 
     name: str
     file: Path
@@ -60,7 +57,7 @@ class ReportRun(NamedTuple):
 
 
 def names_of(a: Path, b: Path) -> tuple[str, str]:
-    """Names of two runs: the ends of their paths, as many parts of them as distinguish them."""
+    """Names of two runs: the ends of their paths that distinguish them."""
     ways = []
     for path in (a, b):
         whole = Path(os.path.abspath(path))  # noqa: PTH100  # links keep their names
@@ -73,7 +70,7 @@ def names_of(a: Path, b: Path) -> tuple[str, str]:
 
 
 def files_of(run: Path, shared: PageRequest) -> PageRequest:
-    """The files of a run; UsageError where a recording is named, InputError where tracks are in images.
+    """Files of a run; UsageError for a recording, InputError for tracks in images.
 
     Args:
         run: a run folder or a table of tracks.
@@ -91,7 +88,7 @@ def files_of(run: Path, shared: PageRequest) -> PageRequest:
 
 
 def open_run(name: str, paths: PageRequest) -> ReportRun:
-    """Everything of a run; InputError where it has no estimates, or too many."""
+    """Open all files of a run; InputError if it has no estimates, or too many."""
     file = paths.tracks
     assert file is not None
     opened = open_input(file)
@@ -123,7 +120,7 @@ def check_scenes(a: ReportRun, b: ReportRun) -> None:
 
 
 def truth_of(files: Sequence[PageRequest], unit: str) -> tuple[Path, Truth] | None:
-    """The truth of both runs; None: no truth with targets.  InputError where each has another one, or unit."""
+    """Truth of both runs; None without targets. InputError if truths or units differ."""
     first: tuple[Path, Truth] | None = None
     for path in dict.fromkeys(each.truth for each in files if each.truth is not None):
         opened = open_input(path)
@@ -143,10 +140,10 @@ def truth_of(files: Sequence[PageRequest], unit: str) -> tuple[Path, Truth] | No
 
 
 def run_beside(request: RunComparisonRequest, job: Job) -> JobResult:
-    """Read both runs, compare them, write the page and its words.
+    """Read both runs, compare them, and write the page.
 
     Raises:
-        UsageError: lengths have a unit without defaults, or something is asked for that is of one run.
+        UsageError: a length unit without defaults, or an option for a single run.
         InputError: a run is missing, damaged, too long, or of another scene, truth or time than the other.
     """
     if request.output is None:
@@ -227,7 +224,7 @@ def align_runs(
 
 
 def _made(run: ReportRun) -> dict[str, object]:
-    """Return the provenance of each table of a run."""
+    """Provenance of each table of a run."""
     made = run.data.provenance.get("made", {})
     return made if isinstance(made, dict) else {}
 
@@ -235,7 +232,7 @@ def _made(run: ReportRun) -> dict[str, object]:
 def _provenance(
     request: RunComparisonRequest, job: Job, found: RunComparisonPage, config: RunComparisonConfig
 ) -> dict[str, object]:
-    """Return the provenance of this page and of both runs."""
+    """Provenance of this page and of both runs."""
     own = job.provenance({"title": request.title, **asdict(config)}, seed=request.seed)
     made = {f"{letter}: {side.name}": side.data.provenance.get("made", {}) for letter, side in found.sides}
     return {name: value for name, value in own.as_dict().items() if name != "losses"} | {"made": made}

@@ -1,4 +1,4 @@
-"""Two runs aligned: tables in, what the page states out."""
+"""Alignment of two runs: tables to page content."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MOVED = 1e-6
 
 
 def same_rows(a: ColumnTable, b: ColumnTable) -> bool:
-    """Return whether two tables have the same values."""
+    """Whether two tables have the same values."""
     if len(a) != len(b):
         return False
     columns = ((getattr(a, c.name), getattr(b, c.name)) for c in type(a).columns())
@@ -36,7 +36,7 @@ def same_rows(a: ColumnTable, b: ColumnTable) -> bool:
 def matched_by_truth(
     a: Tracks, b: Tracks, truth: Truth, near: float, unit: str, lasting_ns: int
 ) -> tuple[MatchedRuns, MatchedRuns, tuple[int, int], ErrorsOverTime]:
-    """Compare both runs with the truth, in all true frames.
+    """Compare both runs with the truth in all true frames.
 
     Args:
         a: run A.
@@ -64,7 +64,7 @@ def matched_by_truth(
 
 
 def notes_on_time(a: Tracks, b: Tracks, *, truth: bool) -> Iterator[str]:
-    """Describe the times that only one run covers."""
+    """Notes on times that only one run covers."""
     spans = [(int(t.t_ns[0]), int(t.t_ns[-1])) for t in (a, b)]
     step = max(int(np.median(np.diff(np.unique(t.t_ns)))) if len(t) > 1 else 0 for t in (a, b))
     start, end = max(s for s, _ in spans), min(e for _, e in spans)
@@ -81,7 +81,7 @@ def notes_on_time(a: Tracks, b: Tracks, *, truth: bool) -> Iterator[str]:
 
 
 def notes_on_truth(found: ErrorsOverTime, near: float, unit: str) -> Iterator[str]:
-    """Runs that have tracks, none of which is ever on a true target."""
+    """Notes on runs with tracks that are never on a true target."""
     for letter, unmatched in zip(("A", "B"), found.on_unmatched, strict=True):
         if unmatched:
             yield (
@@ -91,7 +91,7 @@ def notes_on_truth(found: ErrorsOverTime, near: float, unit: str) -> Iterator[st
 
 
 def recordings_of(made: Mapping[str, object]) -> dict[str, str]:
-    """Names, by SHA-256, of the recordings that tables of a run were made of; empty: they do not state.
+    """Names, by SHA-256, of the recordings from which tables of a run were made; empty if not stated.
 
     Args:
         made: provenance of each table, as JSON-ready values.
@@ -101,7 +101,7 @@ def recordings_of(made: Mapping[str, object]) -> dict[str, str]:
 
 
 def notes_on_recordings(a: Mapping[str, str], b: Mapping[str, str]) -> Iterator[str]:
-    """Runs of different recordings, of which nothing between them states what the methods do.
+    """Notes on runs of different recordings, whose differences may not be due to the methods.
 
     Args:
         a: names of the recordings of A by SHA-256.
@@ -113,7 +113,7 @@ def notes_on_recordings(a: Mapping[str, str], b: Mapping[str, str]) -> Iterator[
 
 
 def notes_on_scenes(a: Scene | None, b: Scene | None) -> Iterator[str]:
-    """Sensors that one scene alone has, and those that moved."""
+    """Notes on sensors that are in one scene only, and on those that moved."""
     if a is None or b is None:
         return
     own, other = ({s.name: s for s in scene.sensors} for scene in (a, b))
@@ -130,7 +130,7 @@ def notes_on_scenes(a: Scene | None, b: Scene | None) -> Iterator[str]:
 
 
 def same_room(a: Scene | None, b: Scene | None) -> bool:
-    """Return whether two scenes can be of one site, by their rooms, or by names of sensors without rooms."""
+    """Whether two scenes can be of one site, by their rooms, or by sensor names without rooms."""
     if a is None or b is None:
         return True
     if a.room is not None and b.room is not None:

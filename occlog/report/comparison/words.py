@@ -1,7 +1,4 @@
-"""Two runs in words: the heading, the sentences below it, and the cells of tables.
-
-What a page of two runs states.
-"""
+"""Text of the comparison of two runs: heading, sentences, and table cells."""
 
 from __future__ import annotations
 
@@ -38,7 +35,7 @@ from .matching.pairs import AlignedEstimates, MatchedRuns, Piece, RunPairs, Trac
 
 @dataclass(frozen=True, eq=False)
 class RunSide:
-    """One of two runs.
+    """One side of the comparison.
 
     Attributes:
         name: other than that of the other run.
@@ -73,7 +70,7 @@ class TruthComparison:
 
 @dataclass(frozen=True, eq=False)
 class RunComparisonPage:
-    """Two runs side by side.
+    """Comparison of two runs: content of the page.
 
     Attributes:
         title: heading of the page.
@@ -109,24 +106,24 @@ class RunComparisonPage:
 
     @property
     def unit(self) -> str:
-        """Unit of lengths."""
+        """Length unit."""
         return self.a.data.unit
 
     @property
     def sides(self) -> tuple[tuple[str, RunSide], tuple[str, RunSide]]:
-        """Both, with their letters."""
+        """Both runs, with their letters."""
         return ("A", self.a), ("B", self.b)
 
     @property
     def time(self) -> TimeAxis:
-        """Time since the start of the common frames, or of the truth if that is earlier, to the end of either."""
+        """Time axis, from the start of the common frames (or of the truth) to the later end."""
         found = [self.times] if self.against_truth is None else [self.times, self.against_truth.over_time.t_ns]
         found = [times for times in found if len(times)]
         return TimeAxis(int(min(t[0] for t in found)), int(max(t[-1] for t in found)))
 
     @property
     def losses(self) -> tuple[tuple[str, Loss], ...]:
-        """Input that was lost, with the letter of the run; equal losses of both are listed once."""
+        """Losses with the letter of the run; equal losses of both are listed once."""
         known: dict[Loss, str] = {}
         for letter, side in self.sides:
             for loss in side.data.losses:
@@ -135,7 +132,7 @@ class RunComparisonPage:
 
 
 def lengths_of(config: RunComparisonConfig, unit: str) -> tuple[float, float]:
-    """Return the matching distance and the tolerance in a scene's unit; UsageError if neither given nor default.
+    """Matching distance and tolerance in the scene's unit; UsageError without value or default.
 
     Args:
         config: as given, in the scene's unit; None for a default.
@@ -193,7 +190,7 @@ class FigureRow(NamedTuple):
 
 
 class DivergenceRow(NamedTuple):
-    """One way in which the runs part."""
+    """Table row of one kind of divergence."""
 
     what: str
     seconds: float | None
@@ -203,14 +200,14 @@ class DivergenceRow(NamedTuple):
 
 
 class Cell(NamedTuple):
-    """A track and the interval in which it is matched to a person; `seconds`: its begin, None for skipped ones."""
+    """A track with the interval in which it is matched to a person; `seconds`: its start, None for skipped ones."""
 
     text: str
     seconds: float | None
 
 
 class IdentityRow(NamedTuple):
-    """A person, and the tracks of both runs matched to them."""
+    """A person with the matched tracks of both runs."""
 
     who: str
     a: list[Cell]
@@ -229,7 +226,7 @@ class ChangeRow(NamedTuple):
 
 
 def seconds(found: RunComparisonPage, t_ns: int) -> float:
-    """Time since the page's start."""
+    """Time since the page's start [s]."""
     return round((t_ns - found.time.start_ns) / NS, 6)
 
 
@@ -242,7 +239,7 @@ def format_time(found: RunComparisonPage, t_ns: int) -> str:
 
 
 def comparison_heading(found: RunComparisonPage) -> str:
-    """Return whether the runs differ, in a line."""
+    """Line about whether the runs differ."""
     if found.same:
         return "The two runs are the same"
     if found.against_truth is not None:
@@ -252,7 +249,7 @@ def comparison_heading(found: RunComparisonPage) -> str:
 
 
 def _of_verdicts(rows: Sequence[ComparisonRow]) -> str:
-    """Describe in one line which figures of a comparison are better and which are worse."""
+    """Line about which figures are better and which are worse."""
     decided = [f"{v} in {names}" for v in ("better", "worse") if (names := _names(r for r in rows if r.verdict == v))]
     if decided:
         return f"B is {' and '.join(decided)}"
@@ -267,12 +264,12 @@ def _names(rows: Iterable[ComparisonRow]) -> str:
 
 
 def listed(names: Sequence[str]) -> str:
-    """`a`, `a and b`, `a, b and c`."""
+    """Format a list: `a`, `a and b`, `a, b and c`."""
     return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def sentences(found: RunComparisonPage) -> list[str]:
-    """Lines below the heading, each one sentence or two."""
+    """Sentences below the heading."""
     out = []
     if found.same:
         out.append("Every estimate of one is an estimate of the other, to the last digit.")
@@ -308,7 +305,7 @@ def _of_figures(found: RunComparisonPage) -> list[str]:
 
 
 def first_divergence(found: RunComparisonPage) -> str:
-    """Describe the first divergence of the runs, or that there is no divergence."""
+    """Sentence about the first divergence of the runs."""
     first, measure = found.partings.first, f"{number(found.tolerance)} {found.unit}"
     if first is None:
         return (
@@ -337,7 +334,7 @@ def _divergence_text(found: RunComparisonPage, kind: str, step: RunComparisonSte
 
 
 def of_identities(found: RunComparisonPage) -> str:
-    """Describe the number of identity changes."""
+    """Sentence about the number of identity changes."""
     truth = found.against_truth
     if truth is not None:
         a, b = len(truth.a.changes), len(truth.b.changes)
@@ -360,7 +357,7 @@ def of_identities(found: RunComparisonPage) -> str:
 
 
 def followed(found: RunComparisonPage) -> tuple[MatchedRuns, MatchedRuns]:
-    """Tracks of A and of B matched to true targets, or without a truth those of the other run."""
+    """Tracks of A and B matched to true targets, or without a truth to each other."""
     truth = found.against_truth
     return (found.in_a, found.in_b) if truth is None else (truth.a, truth.b)
 
@@ -383,7 +380,7 @@ def verdict_words(side: RunSide) -> tuple[str, bool]:
 
 
 def figure_rows(found: RunComparisonPage) -> list[FigureRow]:
-    """Figures with their differences."""
+    """Table rows of figures with their differences."""
     if found.against_truth is None:
         return []
     comparison, out = found.against_truth.comparison, []
@@ -398,14 +395,14 @@ def figure_rows(found: RunComparisonPage) -> list[FigureRow]:
 
 
 def basis_sentence(found: RunComparisonPage) -> str:
-    """Describe the basis of the figures."""
+    """Sentence about the basis of the figures."""
     if found.against_truth is None:
         return ""
     return text.basis(found.against_truth.comparison)
 
 
 def stored_metrics(found: RunComparisonPage) -> list[tuple[str, str, str, str]]:
-    """Figures that `evaluate` left in the folders of both runs: name, A, B, unit."""
+    """Figures stored by `evaluate` in both run folders: name, A, B, unit."""
     values = [_values(side, found.unit) for _, side in found.sides]
     if not all(values):
         return []
@@ -414,13 +411,13 @@ def stored_metrics(found: RunComparisonPage) -> list[tuple[str, str, str, str]]:
 
 
 def _values(side: RunSide, unit: str) -> dict[tuple[str, str, str], str]:
-    """Figures of a run that have words, by their group, name and unit."""
+    """Figures of a run that have labels, by group, name and unit."""
     known = [group for group in groups(side.data.metrics, unit) if group.title != "Other figures"]
     return {(group.title, f.name, f.unit): f.value for group in known for f in group.figures}
 
 
 def parting_rows(found: RunComparisonPage) -> list[DivergenceRow]:
-    """Each kind of divergence, the largest distance, and the longest sections."""
+    """Table rows of divergences: each kind, the largest distance, and the longest sections."""
     out = []
     for kind in found.partings.kinds:
         often = f"{kind.frames} of {counted(found.partings.frames, 'frame')}" if kind.frames else "never"
@@ -444,7 +441,7 @@ def _row(found: RunComparisonPage, what: str, step: RunComparisonStep | None, of
 
 
 def identity_rows(found: RunComparisonPage) -> tuple[list[IdentityRow], int]:
-    """Matched tracks, people with differing tracks first; how many more there are."""
+    """Table rows of matched tracks, people with differing tracks first; and the number of omitted ones."""
     rows = []
     truth = found.against_truth
     if truth is not None:
@@ -463,7 +460,7 @@ def _own(followed: MatchedRuns) -> list[int]:
 
 
 def _several(pieces: Sequence[Piece]) -> int:
-    """Number of further tracks of a person after the first."""
+    """Number of further tracks of a person."""
     return max(len({piece.track for piece in pieces}) - 1, 0)
 
 
@@ -479,7 +476,7 @@ def _cells(found: RunComparisonPage, pieces: Sequence[Piece]) -> list[Cell]:
 
 
 def change_rows(found: RunComparisonPage) -> tuple[list[ChangeRow], int]:
-    """Every change of track in the order of time, as many as are reported; how many more there are."""
+    """Table rows of track changes in the order of time; and the number of omitted ones."""
     truth, rows = found.against_truth, list[tuple[int, ChangeRow]]()
     if truth is not None:
         for letter, own, other in (("A", truth.a, truth.b), ("B", truth.b, truth.a)):
@@ -498,7 +495,7 @@ def _change(found: RunComparisonPage, run: str, who: str, change: TrackChange, a
 
 
 def consequence_of_change(found: RunComparisonPage) -> list[int]:
-    """Times [ns] of common frames that the page leads to: a time step of the replay is there for each."""
+    """Times [ns] of common frames to which the page links, kept in the replay."""
     steps = [kind.first.t_ns for kind in found.partings.kinds if kind.first is not None]
     steps += [found.partings.farthest.t_ns] if found.partings.farthest is not None else []
     steps += [stretch.start_ns for stretch in found.partings.stretches]

@@ -1,1 +1,1 @@
-"""Content of a page: figures in words, the plane of sight."""
+"""Content of report pages."""

@@ -1,8 +1,6 @@
-"""Errors and the bound, row by row: the RMSE and the bound on it over the times and targets that have both.
+"""Accuracy for a report: RMSE and bound over the times and targets that have both; filter diagnostics.
 
-Which track errors are of: they name the true target, and a tracker of all people has its own identities.
-
-Filter diagnostics in numbers: effective sample size, fallbacks, quality flags.
+Also which track each error is of: errors name the true target, while tracks may have their own identities.
 """
 
 from __future__ import annotations
@@ -22,7 +20,7 @@ KINDS = ("bound", "smoothed")
 
 
 def _common_times(errors: Errors, bound: Bound, target: int, kind: str, where: str) -> tuple[Floats, Floats]:
-    """Errors and bounds of a target at the times that have both."""
+    """Errors and bounds of a target at common times."""
     error, least = getattr(errors, f"error{where}"), getattr(bound, f"{kind}{where}")
     mine = (errors.target_id == target) & np.isfinite(error)
     its = (bound.target_id == target) & np.isfinite(least)
@@ -32,7 +30,7 @@ def _common_times(errors: Errors, bound: Bound, target: int, kind: str, where: s
 
 @dataclass
 class _Sums:
-    """Squares of errors and bounds that have one another."""
+    """Sums of squares of errors and bounds at common times."""
 
     rows: int = 0
     errors: Sum = field(default_factory=Sum)
@@ -42,7 +40,7 @@ class _Sums:
 
 @dataclass
 class _BoundSoFar:
-    """Squares of a target's bounds up to now, whatever errors there are."""
+    """Running sum of squares of a target's bounds."""
 
     rows: int = 0
     squares: dict[str, Sum] = field(default_factory=lambda: {kind: Sum() for kind in KINDS})
@@ -58,7 +56,7 @@ class ErrorsAgainstBound:
         self._targets: dict[int, _BoundSoFar] = {}
 
     def add(self, errors: Errors, bound: Bound) -> Floats:
-        """Add a section; return (N, 2) running root mean squares of the target's bounds, filtering and smoothing."""
+        """Add a section; return (N, 2) running root mean square filtering and smoothing bounds of the target."""
         out = np.full((len(bound), 2), np.nan)
         for target in np.unique(bound.target_id).tolist():
             for where in WHERE:
@@ -85,7 +83,7 @@ class ErrorsAgainstBound:
         sums.known = sums.known or bool(np.isfinite(getattr(bound, f"{kind}{where}")[rows]).any())
 
     def figures(self, target: int | None = None, where: str = "", *, smoothed: bool = False) -> tuple[float, float]:
-        """RMSE and root mean square bound over the times and targets that have both; NaN where none has.
+        """RMSE and root mean square bound over common times and targets; NaN without any.
 
         Args:
             target: of which they are; None: of all.
@@ -104,7 +102,7 @@ class ErrorsAgainstBound:
         )
 
     def smooths(self, target: int) -> bool:
-        """Return whether the bound of smoothing of a target is known all the time."""
+        """Whether the smoothing bound of a target is known at all times."""
         return target in self._targets and self._targets[target].smoothed
 
 
@@ -113,14 +111,14 @@ MAX_LOOKUPS = 200
 
 
 def relabelled(found: Mapping[int, int | None]) -> bool:
-    """Return whether tracks have their own names, and errors those of the truth, of what `matching_tracks` found."""
+    """Whether tracks have their own identities, by the result of `matching_tracks`."""
     return any(target != track for target, track in found.items())
 
 
 def matching_tracks(errors: Errors, tracks: Tracks) -> dict[int, int | None]:
-    """Identity of the track with these estimates, by the identity in the errors.
+    """Track identity of each true target in the errors, by common estimates.
 
-    An error is of the estimate of its time and position.
+    An error is matched to the estimate with its time and position.
 
     Args:
         errors: of `occlog evaluate`, or some of them.
@@ -152,18 +150,18 @@ MARKS = 300
 
 
 def has_particles(diagnostics: Diagnostics) -> bool:
-    """Return whether the diagnostics are of a particle filter."""
+    """Whether the diagnostics are of a particle filter."""
     return bool(np.isfinite(diagnostics.ess).any())
 
 
 def deviation(tracks: Tracks) -> Floats:
-    """(T,) standard deviation of the position: square root of the covariance's trace."""
+    """(T,) standard deviation of the position: square root of the trace of the covariance."""
     return np.sqrt(tracks.cov_xx + tracks.cov_yy)
 
 
 @dataclass(frozen=True, eq=False)
 class Fallbacks:
-    """Fallbacks of one kind.
+    """Fallbacks of one kind: number and times.
 
     Attributes:
         rows: how many there are.
@@ -208,7 +206,7 @@ class FilterDiagnosticsStreams:
         self._doubts: set[str] = set()
 
     def add(self, part: Diagnostics) -> None:
-        """Add diagnostics."""
+        """Add rows of diagnostics."""
         if not len(part):
             return
         self._start = int(part.t_ns[0]) if self._start is None else self._start
@@ -224,7 +222,7 @@ class FilterDiagnosticsStreams:
         self._doubts.update(kind for text in np.unique(part.quality_flags).tolist() if text for kind in text.split(","))
 
     def finish(self) -> FilterDiagnostics:
-        """All that was collected."""
+        """Summary of all diagnostics added."""
         fallbacks = {kind: self._drawn(times) for kind, times in sorted(self._fallbacks.items())}
         doubts = tuple(sorted(self._doubts))
         return FilterDiagnostics(self._rows, self._particles, self._lowest, fallbacks, self._doubtful, doubts)

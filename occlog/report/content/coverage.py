@@ -1,6 +1,6 @@
-"""Observation coverage of bearings without tracks: frames, detections and times of each sensor.
+"""Observation coverage for a report: frames and detections of each sensor over time.
 
-Which cameras were selected when: how often, for how long each, and the error that was expected of them and found.
+Also camera selections: how often and how long each camera was selected, with expected and actual errors.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ MAX_SENSORS, MAX_TARGETS = 60, 6
 
 
 def scene_order(scene: Scene | None, found: Iterable[str]) -> tuple[str, ...]:
-    """Names of the sensors of a scene, in its order, then others of those found."""
+    """Names of a scene's sensors in order, then others of those found."""
     known = [] if scene is None else [c.name for c in scene.cameras] + [a.name for a in scene.arrays]
     return (*known, *(n for n in found if n not in known))
 
 
 @dataclass(frozen=True, eq=False)
 class SensorSightings:
-    """One sensor's frames and how many of them saw the target.
+    """Frames of one sensor, and how many of them detected the target.
 
     Attributes:
         sensor: its name.
@@ -51,7 +51,7 @@ class SensorSightings:
 
     @property
     def share(self) -> float:
-        """Share of the frames that saw the target; NaN without frames."""
+        """Share of the frames with a detection of the target; NaN without frames."""
         frames = int(self.observed.sum())
         return float(self.seen.sum()) / frames if frames else float("nan")
 
@@ -61,7 +61,7 @@ def _nothing(sensor: str) -> SensorSightings:
 
 
 class _Cells:
-    """Counts of observations in `CELLS` cells of equal time."""
+    """Counts of observations in `CELLS` intervals of equal length."""
 
     def __init__(self, first: int, end: int) -> None:
         self.edges = np.linspace(first, end, CELLS + 1).astype(np.int64)
@@ -74,7 +74,7 @@ class _Cells:
 
 
 def _frame_cells(times: Ints, seen: Bools, period: int) -> tuple[Ints, Ints, Ints]:
-    """Each frame lasts until the next one, but at most half as long again as usual; then nothing."""
+    """Assign frames to intervals; a frame lasts until the next one, at most 1.5 times the usual period."""
     longest = period + period // 2
     ends = np.append(np.minimum(times[1:], times[:-1] + longest), times[-1] + period)
     edges = np.unique(np.concatenate([times, ends]))
@@ -104,11 +104,11 @@ class ObservationCoverage:
 
     @property
     def watched(self) -> tuple[int, ...]:
-        """Targets that bearings are labelled with; -1 (any object) only if there is no other."""
+        """Targets with labelled bearings; -1 (any object) only if there is no other."""
         return tuple(i for i in self.labels if i != UNLABELLED) or self.labels
 
     def sightings(self, sensor: str, target: int) -> SensorSightings:
-        """Frames of one sensor that were to see a target."""
+        """Frames of one sensor that should detect a target."""
         return self.found.get((sensor, target)) or _nothing(sensor)
 
 
@@ -118,10 +118,10 @@ def _by_sensor(names: Strings, which: Ints, seen: Bools) -> dict[str, tuple[int,
 
 
 class ObservationStreams:
-    """Accumulates observations over a stream of bearings, buffered on disk until the borders of cells are known."""
+    """Accumulates observations over a stream of bearings, buffered on disk until the intervals are known."""
 
     def __init__(self, blocks: Blocks | None = None) -> None:
-        """Create an empty coverage; `blocks` takes records of `LOOK`."""
+        """Start without bearings; `blocks` makes buffers for records of `LOOK`."""
         self.rows = self._seen = 0
         self._sensors: dict[str, tuple[int, int]] = {}
         self._pairs: dict[Pair, int] = {}
@@ -129,7 +129,7 @@ class ObservationStreams:
         self._records = Blocks(LOOK) if blocks is None else blocks
 
     def add(self, bearings: Bearings) -> None:
-        """Add bearings that end between two times."""
+        """Add the bearings of a time interval."""
         self.rows += len(bearings)
         names, which = np.unique(bearings.sensor, return_inverse=True)
         for name, (rows, seen) in _by_sensor(names, which, bearings.seen).items():
@@ -148,7 +148,7 @@ class ObservationStreams:
             self._records.append(np.concatenate(parts))
 
     def _frames(self, number: int, t_ns: Ints, seen: Bools) -> Records:
-        """Observations of one pair: several candidates of one frame are one."""
+        """Observations of a sensor and target: several candidates in one frame are one."""
         times, first = np.unique(t_ns, return_index=True)
         if number == len(self._ends):
             self._ends.append([int(times[0]), int(times[0]), 0])
@@ -163,16 +163,16 @@ class ObservationStreams:
 
     @property
     def labels(self) -> tuple[int, ...]:
-        """Targets that bearings are labelled with, ascending."""
+        """Targets with labelled bearings, sorted."""
         return tuple(sorted({label for _, label in self._pairs}))
 
     @property
     def sensors(self) -> tuple[str, ...]:
-        """Names of the sensors, ascending."""
+        """Names of the sensors, sorted."""
         return tuple(sorted(self._sensors))
 
     def finish(self, sensors: Iterable[str], targets: Iterable[int]) -> ObservationCoverage:
-        """All that was collected, with the sightings of some sensors and targets."""
+        """Summary of all bearings, with the observations of some sensors and targets."""
         self._records.end()
         wanted: dict[Pair, tuple[int, bool]] = {}
         named = {sensor for sensor, label in self._pairs if label != UNLABELLED}
@@ -192,7 +192,7 @@ class ObservationStreams:
         return ObservationCoverage(self.rows, self._seen, by_name, self.labels, series)
 
     def _sightings(self, wanted: set[int]) -> dict[int, tuple[Ints, Ints, Ints]]:
-        """Edges, observations and detections of pairs."""
+        """Interval borders, observations and detections of pairs of sensor and target."""
 
         def steps() -> Iterator[tuple[Ints, np.ndarray]]:
             for number in range(self._records.count):
@@ -232,7 +232,7 @@ Cameras = frozenset[str]
 
 @dataclass(frozen=True, eq=False)
 class Selections:
-    """Selections of one target.
+    """Camera selections for one target.
 
     Attributes:
         count: how many there are.
@@ -266,17 +266,17 @@ class _SelectionTarget:
     found: dict[str, tuple[int, Sum]] = field(default_factory=dict)
 
     def hold(self, until: int) -> None:
-        """Add a duration to the time for which the current selection of sensors was in use."""
+        """Add the duration until a time to the current selection."""
         begin, cameras = self.since
         for name in cameras:
             self.selected_ns[name] = self.selected_ns.get(name, 0) + until - begin
 
 
 class SelectionStreams:
-    """Accumulates selections over a stream of diagnostics, and their outcomes over errors or tracks read along."""
+    """Accumulates camera selections over a stream of diagnostics, with their outcomes from errors or tracks."""
 
     def __init__(self, every: int = 1) -> None:
-        """Create an empty list of selections; every n-th selection is drawn."""
+        """Start without selections; every `every`-th one is drawn."""
         self._every = every
         self._targets: dict[int, _SelectionTarget] = {}
 
@@ -302,7 +302,7 @@ class SelectionStreams:
             own.last = int(part.t_ns[mine][-1])
 
     def came_out(self, part: Diagnostics, companion: Errors | Tracks) -> None:
-        """Values of errors or tracks at the times of selections, both of a time interval."""
+        """Errors or tracks at the times of selections, both of one time interval."""
         finite = np.isfinite(part.predicted_mse)
         for target in np.unique(part.target_id[finite]).tolist():
             at = np.isin(companion.t_ns, part.t_ns[finite & (part.target_id == target)])
@@ -317,11 +317,11 @@ class SelectionStreams:
 
     @property
     def any(self) -> bool:
-        """True if cameras were selected for any target."""
+        """Whether cameras were selected for any target."""
         return bool(self._targets)
 
     def finish(self) -> dict[int, Selections]:
-        """All that was collected, by rising target."""
+        """Summary of all selections, sorted by target."""
         return {target: _finished(own) for target, own in sorted(self._targets.items())}
 
 

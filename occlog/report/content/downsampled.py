@@ -1,8 +1,8 @@
-"""Drawings of tables, downsampled to every n-th time if long; numbers are of all rows.
+"""Downsampling of tables for drawing; figures are computed from all rows.
 
-The rule: of a table of more than `MAX_ROWS` rows those of every k-th time are kept, with the smallest k by which not
-more than this many are left, if all times have as many; in addition the first and the last row of each target, of
-errors the largest one of each target between two times that are kept, and what the time steps of the replay need.
+Of a table with more than `MAX_ROWS` rows, every k-th time is kept, with the smallest k that leaves at most this many
+rows; also the first and last row of each target, the largest error of each target between kept times, and the rows
+needed by the replay.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ MAX_MOVING = 40
 
 @dataclass(frozen=True)
 class TableTotals:
-    """State of all rows of a table of which a part is drawn.
+    """Number, times and targets of all rows of a table, of which a part is drawn.
 
     Attributes:
         rows: how many there are.
@@ -54,7 +54,7 @@ class TableTotals:
 
 @dataclass(frozen=True, eq=False)
 class DownsampledTable(Generic[T]):
-    """A table of which a part is kept.
+    """A table with the rows that are kept.
 
     Attributes:
         table: the rows that are kept.
@@ -70,7 +70,7 @@ class DownsampledTable(Generic[T]):
 def downsample(
     chunks: Iterable[T], kind: type[T], rows: int, most: int = MAX_ROWS, *, also: Ints | None = None, ends: bool = True
 ) -> DownsampledTable[T]:
-    """Keep rows by the rule of this file.
+    """Select rows by the rule of this module.
 
     Args:
         chunks: the table in the order of time.
@@ -115,7 +115,7 @@ def downsample(
 
 
 def downsample_with(found: DownsampledTable[T], chunks: Iterable[T], pick: Callable[[T], Ints]) -> DownsampledTable[T]:
-    """Downsample a table and keep the rows that `pick` selects from each chunk."""
+    """Downsample a table, and also keep the rows that `pick` selects from each chunk."""
     parts, numbers, count = [found.table], [found.rows], 0
     for chunk in chunks:
         rows = pick(chunk)
@@ -127,12 +127,12 @@ def downsample_with(found: DownsampledTable[T], chunks: Iterable[T], pick: Calla
 
 
 def kept_steps(times: int, rows: Iterable[int]) -> int:
-    """Every n-th time is shown of this many, of tables of this many rows."""
+    """Interval k of the kept times, for a number of times and rows."""
     return max(1, -(-times // MAX_TIME_STEPS), *(-(-n // MAX_SHOWN) for n in rows))
 
 
 def rows_before(kept: Ints, period_ns: float, t_ns: Ints) -> tuple[Ints, Ints]:
-    """Rows at a time step that is kept or since the time before it, and the time step of each.
+    """Rows at a kept time step, or since the previous kept one, and the time step of each.
 
     Args:
         kept: (M,) time steps.
@@ -148,7 +148,7 @@ def rows_before(kept: Ints, period_ns: float, t_ns: Ints) -> tuple[Ints, Ints]:
 
 
 def every_nth(counts: Ints, most: int) -> int:
-    """The smallest number by which not more than this many are left if every n-th count is kept."""
+    """Smallest k such that every k-th of the counts sums to at most `most`."""
     every = max(-(-int(counts.sum()) // max(most, 1)), 1)
     while every < len(counts) and int(counts[::every].sum()) > most:
         every += 1
@@ -156,7 +156,7 @@ def every_nth(counts: Ints, most: int) -> int:
 
 
 def _in_place(kind: type[T], parts: list[T], numbers: list[Ints]) -> tuple[T, Ints]:
-    """Join parts with overlapping times to one table, with the indices of its rows; each row once, by its number."""
+    """Join parts that overlap in time to one table without duplicate rows; also return the row numbers."""
     found, index = np.unique(np.concatenate(numbers), return_index=True)
     columns = {c.name: [getattr(part, c.name) for part in parts] for c in kind.columns()}
     # Column by column, so that no more than one is in memory twice
@@ -170,14 +170,14 @@ def _targets(table: ColumnTable) -> Ints:
 
 
 def _firsts(target: Ints, known: Ints) -> Ints:
-    """First rows of targets that are not known."""
+    """First rows of new targets."""
     names, first = np.unique(target, return_index=True)
     new: Ints = first[~np.isin(names, known)]
     return new
 
 
 def largest(values: Floats, target: Ints, stretch: Ints) -> Bools:
-    """(N,) whether a row has the largest value of its target in its section."""
+    """(N,) mask of the rows with the largest value of their target in their section."""
     if not len(values):
         return np.zeros(0, dtype=np.bool_)
     order = np.lexsort((values, target, stretch))
@@ -197,14 +197,14 @@ class _ErrorsOfTarget:
 
 
 class ErrorsSoFar:
-    """Figures of a stream of errors: RMSE and largest error of each target, and the RMSE up to each row."""
+    """Running figures of errors: RMSE and largest error of each target."""
 
     def __init__(self) -> None:
         """Start without errors."""
         self._targets: dict[int, _ErrorsOfTarget] = {}
 
     def add(self, errors: Errors) -> Floats:
-        """Add errors in the order of time; return (N,) the RMSE of each one's target up to it."""
+        """Add errors in the order of time; return (N,) the running RMSE of each one's target."""
         out = np.zeros(len(errors))
         for k in np.unique(errors.target_id).tolist():
             own = self._targets.setdefault(k, _ErrorsOfTarget())
@@ -221,12 +221,12 @@ class ErrorsSoFar:
         return out
 
     def rmse(self, target: int | None = None) -> float:
-        """Root mean square of a target's errors on the ground; None: of all; NaN without any."""
+        """RMSE of a target on the ground (None: of all); NaN without errors."""
         own = self._of(target)
         return _root(sum(t.squares.value for t in own), sum(t.rows for t in own))
 
     def rmse_in_space(self) -> float:
-        """Return the RMSE in space over all targets."""
+        """RMSE in space over all targets."""
         own = self._of(None)
         return _root(sum(t.squares_in_space.value for t in own), sum(t.in_space for t in own))
 

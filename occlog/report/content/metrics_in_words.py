@@ -1,4 +1,4 @@
-"""Metrics of an evaluation in words: the meaning and unit of each, and the target or sensor that it is of."""
+"""Names of an evaluation's metrics for people: meaning, unit, and target or sensor."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SHARE = "share"
 
 
 class Word(NamedTuple):
-    """A metric: its key without target, sensor and unit, and what it is called."""
+    """Vocabulary entry of a metric: key without target, sensor and unit, and its name."""
 
     group: str
     base: str
@@ -190,7 +190,7 @@ LONGEST_FIRST = sorted(WORDS, key=lambda word: -len(word.base))
 
 @dataclass(frozen=True)
 class Figure:
-    """One row of a table: what, how much, in which unit, and what it means."""
+    """Table row: name, value, unit, meaning."""
 
     name: str
     value: str
@@ -200,7 +200,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Breakdown:
-    """One figure a column, one target, sensor or kind of box a row."""
+    """Table with a figure per column, and a target, sensor or kind of box per row."""
 
     kind: str
     columns: tuple[str, ...]
@@ -209,7 +209,7 @@ class Breakdown:
 
 @dataclass
 class MetricGroup:
-    """Figures that belong together: over everything, then broken down."""
+    """Related figures: overall, then broken down."""
 
     title: str
     figures: list[Figure] = field(default_factory=list)
@@ -221,7 +221,7 @@ Value = str | int | float | np.number | np.bool_ | None
 
 
 class MetricValue(NamedTuple):
-    """One number and what it is of."""
+    """A metric value with its target or sensor."""
 
     word: Word
     settled: bool
@@ -231,7 +231,7 @@ class MetricValue(NamedTuple):
 
 
 def number(value: Value) -> str:
-    """A number with about four digits, thousands separated; a dash for NaN and None."""
+    """Format a number with about four digits and thousands separators; a dash for NaN and None."""
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return "–" if value is None or math.isnan(value) else ("∞" if value > 0 else "\N{MINUS SIGN}∞")
     if isinstance(value, bool | np.bool_):
@@ -245,7 +245,7 @@ def number(value: Value) -> str:
 
 
 def groups(metrics: Mapping[str, object], length_unit: str) -> list[MetricGroup]:
-    """All metrics, collected in the order of the vocabulary; unknown ones last, under their own names."""
+    """Group all metrics in the order of the vocabulary; unknown ones last, under their own names."""
     parsed = [_parse(key, value, length_unit) for key, value in _flat(metrics)]
     order = {word.base + word.unit: n for n, word in enumerate(WORDS)}
     found = sorted(parsed, key=lambda m: (m.settled, order.get(m.word.base + m.word.unit, len(order))))
@@ -257,7 +257,7 @@ def groups(metrics: Mapping[str, object], length_unit: str) -> list[MetricGroup]
 
 
 def _flat(values: Mapping[str, object], prefix: str = "") -> list[tuple[str, Value]]:
-    """Scalars of a mapping with dotted paths; entries that begin with `_` (provenance) are skipped."""
+    """Flatten a mapping to dotted paths; entries that begin with `_` (provenance) are skipped."""
     out: list[tuple[str, Value]] = []
     for key, value in values.items():
         if str(key).startswith("_") or key == "plausible":  # shown with its reasons elsewhere
@@ -308,7 +308,7 @@ def _unit(word: Word, length_unit: str) -> str:
 
 
 def _shown(metric: MetricValue) -> str:
-    """The number as a person reads it: shares in per cent, angles in degrees."""
+    """Format a value for people: shares in per cent, angles in degrees."""
     value = metric.value
     if isinstance(value, int | float | np.number) and not isinstance(value, bool):
         if metric.word.unit == SHARE:

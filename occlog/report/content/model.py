@@ -1,4 +1,4 @@
-"""Input and content of a report."""
+"""Input and content model of a report."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ CALENDAR_FROM_NS = 365 * 86_400 * NS
 
 @dataclass(frozen=True)
 class TimeAxis:
-    """Time as drawn: elapsed since the first row, in a unit that suits the length."""
+    """Time axis: elapsed time since the first row, in a suitable unit."""
 
     start_ns: int
     end_ns: int
@@ -55,21 +55,21 @@ class TimeAxis:
 
     @property
     def ns_per_unit(self) -> float:
-        """Nanoseconds in one unit of the axis."""
+        """Nanoseconds per unit of the axis."""
         return {"s": 1.0, "min": 60.0, "h": 3600.0}[self.unit] * NS
 
     def of(self, t_ns: Ints) -> Floats:
-        """Elapsed time of each t_ns in the axis' unit."""
+        """Convert times [ns] to elapsed time in the axis' unit."""
         return np.asarray((t_ns - self.start_ns) / self.ns_per_unit)
 
     @property
     def length(self) -> float:
-        """Time from first to last row in the axis' unit."""
+        """Time from the first to the last row, in the axis' unit."""
         return (self.end_ns - self.start_ns) / self.ns_per_unit
 
     @property
     def duration(self) -> str:
-        """Time from first to last row with its unit, in words."""
+        """Time from the first to the last row with its unit, as text."""
         return f"{self.length:.4g} {self.unit}"
 
     @property
@@ -79,7 +79,7 @@ class TimeAxis:
 
     @property
     def start(self) -> str:
-        """The first time as a date in UTC, or as seconds where it is not a date."""
+        """First time as a UTC date, or in seconds if it is not a date."""
         if self.start_ns < CALENDAR_FROM_NS:
             return f"{self.start_ns / NS:.3f} s"
         whole, rest = divmod(self.start_ns, NS)
@@ -92,7 +92,7 @@ class TimeAxis:
 
 @dataclass(frozen=True, eq=False)
 class ReportInput:
-    """Everything a report can show; all but the scene or the tracks may be missing.
+    """All inputs of a report; all but the scene or the tracks may be missing.
 
     Attributes:
         title: heading of the page.
@@ -132,7 +132,7 @@ class ReportInput:
     gathered: ReportFigures | None = None
 
     def __post_init__(self) -> None:
-        """Raise InputError where there is nothing to draw."""
+        """InputError if there is nothing to draw."""
         if self.scene is None and self.tracks is None:
             raise InputError(
                 "report: neither a scene nor tracks are given; give at least one of them", id="missing-option"
@@ -140,7 +140,7 @@ class ReportInput:
 
     @cached_property
     def figures(self) -> ReportFigures:
-        """Figures of all rows."""
+        """Figures computed from all rows."""
         if self.gathered is not None:
             return self.gathered
         tables = {name: table for name in TABLES if (table := getattr(self, name)) is not None}
@@ -149,42 +149,42 @@ class ReportInput:
 
     @property
     def whole(self) -> Mapping[str, TableTotals]:
-        """State of all rows of each table that is given, by its name."""
+        """Totals of all rows of each given table, by name."""
         return self.figures.whole
 
     def rows(self, name: str) -> int:
-        """Return the number of rows of a given table, drawn or not."""
+        """Number of rows of a given table, whether drawn or not."""
         return self.whole[name].rows
 
     def drawn(self, *names: str) -> str:
-        """A sentence on the drawing of the tables of these names; empty: all of them."""
+        """Sentence about tables that are drawn in part; empty if all rows are drawn."""
         parts = {name: self.whole[name] for name in names if name in self.whole and self.whole[name].every > 1}
         reported = [f"one time in {w.every} of the {w.rows:,} rows of {name}" for name, w in parts.items()]
         return f"Drawn: {', '.join(reported)}." if reported else ""
 
     @property
     def unit(self) -> str:
-        """Unit of lengths."""
+        """Length unit."""
         return self.scene.length_unit if self.scene is not None else self.length_unit
 
     @property
     def smoothed(self) -> bool:
-        """True if the tracks are smoothed."""
+        """Whether the tracks are smoothed."""
         return self.made.smoothed
 
     @property
     def everybody(self) -> PeopleTracks | None:
-        """The tracks if they are of all people, with probabilities of existence; None: they are not."""
+        """Tracks of all people with existence probabilities; None for other tracks."""
         return self.tracks if isinstance(self.tracks, PeopleTracks) and self.people is not None else None
 
     @property
     def labelled(self) -> Bearings | None:
-        """The bearings if their labels are identities of the tracks, which those of all people are not."""
+        """Bearings with labels that are track identities; None for people's tracks."""
         return self.bearings if self.everybody is None else None
 
     @cached_property
     def verdicts(self) -> tuple[Verdict, ...]:
-        """Verdicts of the stages before, and that of the report where its tables state something of the tracks."""
+        """Verdicts of earlier stages, and of the report if its tables contradict the tracks."""
         own = self.figures.judged
         return self.earlier if own is None else (*self.earlier, Verdict.of("report", own))
 
@@ -195,7 +195,7 @@ class ReportInput:
 
     @property
     def plausible(self) -> bool | None:
-        """True if all checks of all stages passed; None: no stage has checks."""
+        """True if all checks of all stages passed; None without checks."""
         return all_plausible(self.verdicts)
 
     @cached_property
@@ -207,26 +207,26 @@ class ReportInput:
 
     @cached_property
     def followers(self) -> Mapping[int, int | None]:
-        """By the target that errors name, the track that they are of; None: of several."""
+        """Track of each target in the errors; None if it has several tracks."""
         return {} if self.errors is None or self.tracks is None else matching_tracks(self.errors, self.tracks)
 
     @cached_property
     def relabelled(self) -> bool:
-        """True if tracks have their own names, and errors those of the truth."""
+        """Whether tracks have their own identities, different from those in the errors."""
         return relabelled(self.followers)
 
     @cached_property
     def compared(self) -> tuple[int, ...]:
-        """The targets that errors name, ascending."""
+        """Targets in the errors, sorted."""
         return () if self.errors is None else tuple(np.unique(self.errors.target_id).tolist())
 
     @property
     def same_names(self) -> bool:
-        """Whether tracks, truth and labels of bearings have the same identities (labelled targets only)."""
+        """Whether tracks, truth and labelled bearings have the same identities."""
         return self.everybody is None and not self.relabelled
 
     def whose_bearings(self, target: int) -> str:
-        """Words for bearings of a label, after a comma; empty where there are no others."""
+        """Phrase for the label of bearings, after a comma; empty if there is one label only."""
         if target < 0:
             return ", any object"
         if self.coverage is None or len(self.coverage.watched) == 1:
@@ -234,7 +234,7 @@ class ReportInput:
         return f", target {target}" if self.same_names else f", label {target}"
 
     def whose_errors(self, target: int) -> str:
-        """Words for the target that errors name, with its track where that has another name."""
+        """Phrase for a target in the errors, with its track if that has another identity."""
         if not self.relabelled:
             return f"target {target}"
         track = self.followers.get(target)
@@ -242,7 +242,7 @@ class ReportInput:
 
     @cached_property
     def targets(self) -> tuple[int, ...]:
-        """Identities of the tracked targets, or of the true ones where nothing is tracked, ascending."""
+        """Sorted identities of the tracked targets, or of the true ones without tracks."""
         tables = (self.tracks,) if self.relabelled else (self.tracks, self.errors)
         tracked = [t.target_id for t in tables if t is not None and len(t)]
         if not tracked and self.truth is not None:
@@ -251,7 +251,7 @@ class ReportInput:
 
     @property
     def sight(self) -> Mapping[int, TriangulationDistances]:
-        """Distances of each track without errors from where its lines of sight meet; without any where they cannot."""
+        """Triangulation distances of each track without errors; empty where lines do not intersect."""
         return self.figures.sight
 
     @property
@@ -266,7 +266,7 @@ class ReportInput:
 
     @property
     def strangers(self) -> tuple[str, ...]:
-        """Sensors of bearings that the scene does not have, so that nothing of them is drawn."""
+        """Sensors of bearings missing in the scene, which are not drawn."""
         if self.scene is None or self.coverage is None:
             return ()
         known = {sensor.name for sensor in self.scene.sensors}
@@ -279,7 +279,7 @@ class ReportInput:
 
     @property
     def fared(self) -> FilterDiagnostics | None:
-        """Summary of diagnostics; None without any."""
+        """Summary of diagnostics; None without diagnostics."""
         return self.figures.fared
 
     @property
@@ -288,5 +288,5 @@ class ReportInput:
         return self.figures.selections
 
     def beside_bound(self, target: int | None = None, where: str = "") -> tuple[float, float]:
-        """RMSE and bound over the times that have both, of a target or of all; see `BesideBound.figures`."""
+        """RMSE and bound over common times, of a target or of all; see `ErrorsAgainstBound.figures`."""
         return self.figures.bound.figures(target, where, smoothed=self.smoothed)

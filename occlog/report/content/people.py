@@ -1,4 +1,4 @@
-"""People in numbers: counts over time, longest tracks, number of cameras that see them."""
+"""Statistics of people for a report: counts over time, longest tracks, number of cameras that detect them."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ class PeopleCount:
 
 
 def people_statistics(tracks: PeopleTracks) -> PeopleCount:
-    """Counts of the times that have rows."""
+    """Number of people at each time with rows."""
     times, row = np.unique(tracks.t_ns, return_inverse=True)
     counts = [np.bincount(row, w, len(times)) for w in (None, tracks.existence_probability, tracks.seen_by != "")]
     return PeopleCount(times, *(c.astype(np.float64) for c in counts))
 
 
 def true_people(truth: Truth, at: Ints) -> tuple[Ints, Floats]:
-    """Times of true targets, of those `at` which all rows are there, and how many there are."""
+    """Times at which all true targets have rows, of those in `at`, and the number of targets."""
     own = truth.t_ns[truth.role == "target"]
     times, number = np.unique(own[np.isin(own, at)], return_counts=True)
     return times, number.astype(np.float64)
@@ -59,18 +59,18 @@ def _names(tracks: PeopleTracks) -> set[str]:
 
 
 def camera_has_box(tracks: PeopleTracks, name: str) -> Bools:
-    """(N,) whether a camera has a box of the person."""
+    """(N,) mask of rows in which a camera has a box of the person."""
     return has_word(tracks.seen_by, name)
 
 
 def usual_step(t_ns: Ints) -> int:
-    """The usual time between two time steps [ns], at least 1."""
+    """Usual interval between time steps [ns], at least 1."""
     times = np.unique(t_ns)
     return max(int(np.median(np.diff(times))), 1) if len(times) > 1 else 1
 
 
 class _VisibilityCells:
-    """People there, and those of whom a camera has a box, in cells of equal time."""
+    """Numbers of people, and of those with a box of a camera, in intervals of equal length."""
 
     def __init__(self, first: int, end: int, step: int) -> None:
         self._cells = max(min(CELLS, (end - first) // step), 1)
@@ -95,7 +95,7 @@ class _VisibilityCells:
 
 @dataclass
 class TrackLife:
-    """When a track was there, and who saw it.
+    """Lifetime of a track, with the cameras that detected the person.
 
     Attributes:
         begin: number of its first row among all.
@@ -114,7 +114,7 @@ class TrackLife:
 
 @dataclass(frozen=True, eq=False)
 class PeopleStatistics:
-    """Summary of all estimates of all people.
+    """Summary of all people's tracks.
 
     Attributes:
         rows: how many there are.
@@ -145,12 +145,12 @@ class PeopleStatistics:
     lives: Mapping[int, TrackLife] = field(default_factory=dict)
 
     def sightings(self, name: str) -> SensorSightings:
-        """People there, and those of them of whom a camera has a box, in cells of equal time."""
+        """Numbers of people, and of those with a box of the camera, in intervals of equal length."""
         return self.found[name]
 
 
 class PeopleStreams:
-    """Accumulates estimates of all people over a stream."""
+    """Accumulates people's tracks over a stream, in two passes."""
 
     def __init__(self) -> None:
         """Create an empty summary of people."""
@@ -162,11 +162,11 @@ class PeopleStreams:
 
     @property
     def any(self) -> bool:
-        """True if it is known of any person how probable it is that they are there."""
+        """Whether existence probabilities are known."""
         return self._with_existence > 0
 
     def add(self, tracks: PeopleTracks) -> None:
-        """Add rows that end between two times."""
+        """First pass: add the rows of a time interval."""
         found = people_statistics(tracks)
         self._times += len(found.t_ns)
         self._people += int(found.people.sum())
@@ -193,17 +193,17 @@ class PeopleStreams:
         self._rows += len(tracks)
 
     def begin_cells(self, span_ns: tuple[int, int], step_ns: float) -> None:
-        """End the first pass, before the second to `see`; give the first and the last time, and the step."""
+        """End the first pass; time range and step of the intervals of the second one."""
         step = max(int(step_ns), 1) if self._times > 1 else 1
         self._cells = _VisibilityCells(span_ns[0], span_ns[1] + step, step)
 
     def see(self, tracks: PeopleTracks, cameras: int) -> None:
-        """Count what the first this many cameras saw of some more."""
+        """Second pass: add the detections of the first `cameras` cameras."""
         assert self._cells is not None
         self._cells.add(tracks, tuple(sorted(self._cameras))[:cameras])
 
     def finish(self, drawn: PeopleCount) -> PeopleStatistics:
-        """All that was collected; `drawn`: at the times that are drawn."""
+        """Summary of all tracks; `drawn`: times that are drawn."""
         lives = {name: self._lives[name] for name in sorted(self._lives)}
         names = np.array(list(lives), dtype=np.int64)
         first = np.array([life.begin for life in lives.values()], dtype=np.int64)

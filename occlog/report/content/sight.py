@@ -1,7 +1,4 @@
-"""Distances of tracks from lines of sight and from triangulated positions, accumulated over both streams.
-
-What a sensor can see, and where lines of sight meet: plane geometry for drawing.
-"""
+"""Distances of tracks from lines of sight and from triangulated positions, and plane geometry for drawing."""
 
 from __future__ import annotations
 
@@ -25,7 +22,7 @@ RAYS = 121
 
 
 def visible_area(origin: Floats, yaw: float, fov: float, reach: float, walls: Floats) -> Floats:
-    """Polygon that a sensor sees: a wedge cut off at walls.
+    """Polygon visible to a sensor: its field of view cut off at walls.
 
     Args:
         origin: (2,) position of the sensor.
@@ -49,7 +46,7 @@ def visible_area(origin: Floats, yaw: float, fov: float, reach: float, walls: Fl
 
 
 def _hits(origin: Floats, direction: Floats, walls: Floats) -> Floats:
-    """(R,) distance along each ray to the nearest wall; inf if missing."""
+    """(R,) distance along each ray to the nearest wall; inf without a wall."""
     if not len(walls):
         return np.full(len(direction), np.inf)
     start, along = walls[:, 0] - origin, walls[:, 1] - walls[:, 0]
@@ -69,13 +66,13 @@ def edges_of(polygon: Floats) -> Floats:
 
 
 def sensor_positions(scene: Scene) -> dict[str, Floats]:
-    """(2,) position on the ground of each sensor with known pose, by name."""
+    """(2,) ground position of each sensor with a known pose, by name."""
     cameras = {c.name: c.ground for c in scene.cameras if c.placed}
     return cameras | {a.name: a.position[:2] for a in scene.arrays}
 
 
 def positions_at(tracks: Tracks, target: int, t_ns: Ints) -> Floats:
-    """(N, 2) estimated positions of a target at given times, by linear interpolation; NaN outside the track."""
+    """(N, 2) positions of a target interpolated linearly at given times; NaN outside the track."""
     rows = np.flatnonzero(tracks.target_id == target)
     if not len(rows):
         return np.full((len(t_ns), 2), np.nan)
@@ -87,7 +84,7 @@ def positions_at(tracks: Tracks, target: int, t_ns: Ints) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class DirectionErrors:
-    """Measured minus expected direction of a target at each sighting, ordered by time."""
+    """Measured minus expected directions of a target, sorted by time."""
 
     t_ns: Ints
     sensor: Ints  # index into names
@@ -98,7 +95,7 @@ class DirectionErrors:
 
 @dataclass(frozen=True, eq=False)
 class LabelledSightings:
-    """Sightings of one label by sensors with known position, ordered by time."""
+    """Bearings of one label by sensors with known position, sorted by time."""
 
     t_ns: Ints  # (N,)
     sensor: Ints  # (N,) index into the names of `sensor_positions`
@@ -107,7 +104,7 @@ class LabelledSightings:
 
 
 def sight_lines(bearings: Bearings, scene: Scene, labels: Iterable[int]) -> dict[int, LabelledSightings]:
-    """Group sightings by label."""
+    """Bearings grouped by label."""
     sensor = _index(bearings.sensor, tuple(sensor_positions(scene)))
     seen, out = bearings.seen & (sensor >= 0), {}
     for label in labels:
@@ -117,12 +114,12 @@ def sight_lines(bearings: Bearings, scene: Scene, labels: Iterable[int]) -> dict
 
 
 def label_of(target: int, labels: Collection[int]) -> int:
-    """The label of bearings that are compared with a target; any object's where none is the target's."""
+    """Label of the bearings to compare with a target; -1 if none has the target's label."""
     return target if target in labels else UNLABELLED
 
 
 def distance_to_lines(lines: LabelledSightings, estimate: Floats, scene: Scene, *, nearest: bool) -> DirectionErrors:
-    """Return distances of (N, 2) estimates from lines of sight; `nearest`: the nearest line per time and sensor."""
+    """Distances of estimates (N, 2) from lines of sight; `nearest`: only of the nearest line per time and sensor."""
     known = sensor_positions(scene)
     origins = np.array(list(known.values())).reshape(-1, 2)[lines.sensor]
     delta = estimate - origins
@@ -140,7 +137,7 @@ def distance_to_lines(lines: LabelledSightings, estimate: Floats, scene: Scene, 
 
 
 def _nearest(t_ns: Ints, sensor: Ints, value: Floats, rows: Ints) -> Ints:
-    """Rows with the smallest value for each time and sensor, of the given rows; ascending."""
+    """Rows with the smallest value for each time and sensor, among the given rows, sorted."""
     order = rows[np.lexsort([np.abs(value[rows]), sensor[rows], t_ns[rows]])]
     first = np.ones(len(order), dtype=bool)
     first[1:] = (np.diff(t_ns[order]) != 0) | (np.diff(sensor[order]) != 0)
@@ -148,27 +145,27 @@ def _nearest(t_ns: Ints, sensor: Ints, value: Floats, rows: Ints) -> Ints:
 
 
 def _index(names: np.ndarray, known: tuple[str, ...]) -> Ints:
-    """(N,) position of each name in `known`, -1 where it is not there."""
+    """(N,) index of each name in `known`; -1 if missing."""
     unique, inverse = np.unique(names, return_inverse=True)
     numbers = np.array([known.index(n) if n in known else -1 for n in unique], dtype=np.int64)
     return numbers[inverse] if len(unique) else np.empty(0, np.int64)
 
 
 def has_common_time(t_ns: Ints) -> Bools:
-    """(N,) which of the times, in their order, are there more than once."""
+    """(N,) mask of sorted times that occur more than once."""
     same = np.diff(t_ns) == 0
     return np.append(False, same) | np.append(same, False) if len(t_ns) else np.zeros(0, np.bool_)
 
 
 def period_of(steps: Sequence[float]) -> int:
-    """Return the scan period of sensors with these usual intervals."""
+    """Scan period of sensors with these usual intervals."""
     return max(int(np.median(steps)) if len(steps) else 1, 1)
 
 
 def scans(lines: LabelledSightings, period_ns: int | None, start_ns: int) -> tuple[Ints, Ints]:
-    """Rows that form scans, and the scan of each, ascending; a scan has each sensor at most once.
+    """Rows that form scans, and the scan of each, sorted; a scan has each sensor at most once.
 
-    A scan is all rows of equal time; where sensors do not share their times, it is all rows within one period.
+    A scan is all rows of equal time or, if sensors do not share times, all rows within one period.
 
     Args:
         lines: in the order of time.
@@ -184,7 +181,7 @@ def scans(lines: LabelledSightings, period_ns: int | None, start_ns: int) -> tup
 
 
 def triangulate_scans(lines: LabelledSightings, rows: Ints, scan: Ints, scene: Scene) -> tuple[Ints, Floats]:
-    """First row and meeting point of each scan with lines that meet; see `scans`."""
+    """First row and triangulated position of each scan with intersecting lines; see `scans`."""
     origins = np.array(list(sensor_positions(scene).values())).reshape(-1, 2)[lines.sensor[rows]]
     _, first = np.unique(scan, return_index=True)
     starts = np.append(first, len(rows))
@@ -195,7 +192,7 @@ def triangulate_scans(lines: LabelledSightings, rows: Ints, scan: Ints, scene: S
 
 @dataclass(frozen=True, eq=False)
 class Residual:
-    """Bearing residuals of a track.
+    """Bearing residuals of a track, by sensor.
 
     Attributes:
         drawn: sightings, or a part of them.
@@ -211,7 +208,7 @@ class Residual:
 
     @property
     def any(self) -> bool:
-        """True if there is any sighting."""
+        """Whether there is any residual."""
         return any(self.rows.values())
 
 
@@ -221,7 +218,7 @@ def _squares(residual: Floats, sigma: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class TriangulationDistances:
-    """Distances of a track from where the lines of sight of scans meet.
+    """Distances of a track from triangulated positions.
 
     Attributes:
         t_ns: (D,) times of those that are drawn.
@@ -288,7 +285,7 @@ class BearingResidualStreams:
         self._spools = {target: Spool(in_memory // len(periods_ns)) for target in periods_ns}
 
     def add(self, tracks: Tracks, bearings: Bearings) -> None:
-        """The bearings of another time interval, and all estimates between which they are."""
+        """Add the bearings of a time interval, with all estimates around them."""
         lines = sight_lines(bearings, self._scene, set(self._labels.values()))
         for target, label in self._labels.items():
             own, mine = self._off[target], lines[label]
@@ -311,7 +308,7 @@ class BearingResidualStreams:
         own.drawn.append(DirectionErrors(t_ns, sensor, found.names, residual, sigma))
 
     def _distances(self, target: int, lines: LabelledSightings, estimate: Floats, *, last: bool) -> None:
-        """Distances at the scans that are over."""
+        """Distances at completed scans."""
         own, period = self._off[target], self._periods_ns[target]
         if own.held is not None:
             lines, estimate = _joined(own.held[0], lines), np.concatenate([own.held[1], estimate])
@@ -339,7 +336,7 @@ class BearingResidualStreams:
         self._spools[target].add(found)
 
     def finish(self) -> tuple[dict[int, Residual], dict[int, TriangulationDistances]]:
-        """Everything, by target."""
+        """All residuals and distances, by target."""
         names = tuple(sensor_positions(self._scene))
         off, separate = {}, {}
         for target, own in self._off.items():

@@ -1,4 +1,4 @@
-"""Draws tracks and truth over the frames of several views, as in [Qu] Fig. 7."""
+"""Drawing of tracks and truth over the frames of several views, as in [Qu] Fig. 7."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ BAR = 26
 
 
 class Outline(NamedTuple):
-    """An estimate."""
+    """An estimate drawn in a frame."""
 
     ellipse: Floats  # (5,) see `occlog.core.image`
     target_id: int
@@ -47,7 +47,7 @@ class TruePosition(NamedTuple):
 
 
 class LineDrawing(NamedTuple):
-    """A line of a target: where it was, or where a camera should see it."""
+    """A line of a target: its trail, or the epipolar line of another view."""
 
     points: Floats  # (k, 2)
     target_id: int
@@ -57,7 +57,7 @@ class LineDrawing(NamedTuple):
 
 
 class FrameDrawing(NamedTuple):
-    """Drawings over one frame of one view; all in pixels of the frame, their centres at whole numbers."""
+    """Drawings over one frame of one view, in pixels of the frame (centres at integers)."""
 
     title: str
     outlines: Sequence[Outline] = ()
@@ -77,13 +77,13 @@ class FrameDrawing(NamedTuple):
 
 
 def colour_of(index: int) -> Colour:
-    """BGR colour of the target that is the index-th by identity, that of the report on a dark ground."""
+    """BGR colour of the target with this index by identity, as in the report on a dark background."""
     r, g, b = target_rgb(index, dark=True)
     return b, g, r
 
 
 def draw_shot(image: Bytes, shot: FrameDrawing, scale: float) -> Bytes:
-    """The frame, enlarged, under a bar with its title, with everything of the shot drawn over it.
+    """Draw the enlarged frame under a title bar, with all estimates, lines and true positions.
 
     Args:
         image: (H, W, 3) BGR or (H, W) grey.
@@ -122,7 +122,7 @@ def draw_shot(image: Bytes, shot: FrameDrawing, scale: float) -> Bytes:
 
 
 def tile(pictures: Sequence[Bytes], columns: int) -> Bytes:
-    """Tile pictures row by row on a dark ground; the total width and height are even, as codecs require."""
+    """Tile pictures in rows on a dark background; width and height are even, as codecs require."""
     height, width = (max(p.shape[k] for p in pictures) for k in (0, 1))
     gap, rows = 4, math.ceil(len(pictures) / columns)
     whole = (rows * height + (rows - 1) * gap, columns * width + (columns - 1) * gap)
@@ -138,7 +138,7 @@ def _interpolation(scale: float) -> int:
 
 
 def _points(points: Floats, scale: float) -> NDArray[np.int32]:
-    """(k, 1, 2) whole numbers for OpenCV; far ones are brought so near that they do not overflow."""
+    """(k, 1, 2) integer points for OpenCV; distant ones are clipped against overflow."""
     moved = np.clip(scale * (np.asarray(points) + 0.5) - 0.5, -30_000, 30_000)
     return np.rint(moved * (1 << SUB)).astype(np.int32).reshape(-1, 1, 2)
 
@@ -151,7 +151,7 @@ def _path(picture: Bytes, points: Floats, scale: float, colour: Colour, width: i
 
 
 def _rim(ellipse: Floats) -> Floats:
-    """(73, 2) points around an ellipse, the first one again at the end."""
+    """(73, 2) points of an ellipse, closed."""
     x, y, a, b, rho = ellipse.tolist()
     t = np.linspace(0.0, 2.0 * np.pi, 73)
     u, v = a * np.cos(t), b * np.sin(t)
@@ -159,7 +159,7 @@ def _rim(ellipse: Floats) -> Floats:
 
 
 def _dashes(points: Floats, scale: float) -> list[Floats]:
-    """Parts of a way (k, 2) with gaps between them that can be distinguished in the picture."""
+    """Dashes of a polyline (k, 2), with visible gaps."""
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     count = max(3, round(scale * float(way[-1]) / 22.0))
     parts = (np.arange(count)[:, None] + np.linspace(0.0, 0.5, 7)) / count * way[-1]
@@ -167,7 +167,7 @@ def _dashes(points: Floats, scale: float) -> list[Floats]:
 
 
 def draw_way(picture: Bytes, way: LineDrawing, scale: float, colour: Colour) -> None:
-    """Draw a line, dashed or not."""
+    """Draw a polyline, dashed or solid."""
     for part in _dashes(way.points, scale) if way.dashed else [way.points]:
         _path(picture, part, scale, colour, way.width, halo=way.width > 1)
 
@@ -181,7 +181,7 @@ def _estimate(picture: Bytes, outline: Outline, scale: float, colour: Colour) ->
 
 
 def _tag(picture: Bytes, outline: Outline, scale: float, taken: list[Box], colour: Colour) -> None:
-    """The target's number above its ellipse, and the faults of it."""
+    """Draw a target's number, with its failures, above its ellipse."""
     rim = _rim(outline.ellipse)
     x, y = (scale * (rim[rim[:, 1].argmin()] + 0.5) - 0.5).tolist()
     words = str(outline.target_id) + (f" {outline.wrong}" if outline.wrong else "")
@@ -189,9 +189,9 @@ def _tag(picture: Bytes, outline: Outline, scale: float, taken: list[Box], colou
 
 
 def label(picture: Bytes, words: str, bottom: tuple[float, float], colour: Colour, taken: list[Box]) -> None:
-    """Words on a ground of some colour, with the middle of its lower edge at `bottom`.
+    """Draw text on a coloured background, centred above `bottom`.
 
-    It stays in the picture and is moved aside where it would hide one of those in `taken`, to which it is added.
+    It is moved inside the picture and away from labels in `taken`, to which it is added.
     """
     (width, height), _ = cv2.getTextSize(words, cv2.FONT_HERSHEY_SIMPLEX, 0.5, 1)
     wide, high = width + 8, height + 8
@@ -218,14 +218,14 @@ def _corners(box: Floats) -> Floats:
 
 
 def _true_box(picture: Bytes, position: TruePosition, scale: float, colour: Colour) -> None:
-    """The box, dashed where the target is hidden."""
+    """Draw a true box, dashed if the target is occluded."""
     corners, hidden = _corners(position.box), position.visible < HIDDEN
     for part in _dashes(corners, scale) if hidden else [corners]:
         _path(picture, part, scale, colour, 2, halo=True)
 
 
 def _true_cross(picture: Bytes, position: TruePosition, scale: float, own: Colour) -> None:
-    """A cross in the middle of the target, a ring too where it is hidden; in red around one without a tracker."""
+    """Draw a cross at the centre of a target, with a ring if it is occluded; red if it has no tracker."""
     middle, colour = position.box[:2] + 0.5 * position.box[2:], own if position.coloured else WHITE
     arms = [np.array([middle - arm, middle + arm]) for arm in 5.0 / scale * np.eye(2)]
     for paint, width in ((BLACK, 4), (colour, 2)):
@@ -243,7 +243,7 @@ def _true_cross(picture: Bytes, position: TruePosition, scale: float, own: Colou
 
 
 def _note(picture: Bytes, words: str, line: int) -> None:
-    """Words on a dark ground in the lower left corner, some lines up."""
+    """Draw text on a dark background in the lower left corner, `line` lines up."""
     (width, _), _ = cv2.getTextSize(words, cv2.FONT_HERSHEY_SIMPLEX, 0.5, 1)
     bottom = picture.shape[0] - 22 * line
     cv2.rectangle(picture, (0, max(bottom - 22, 0)), (width + 12, bottom - 1), BLACK, cv2.FILLED)
@@ -251,7 +251,7 @@ def _note(picture: Bytes, words: str, line: int) -> None:
 
 
 def bar(title: str, width: int) -> Bytes:
-    """(BAR, width, 3) a title on a dark ground."""
+    """(BAR, width, 3) title bar on a dark background."""
     strip = np.full((BAR, width, 3), 24, dtype=np.uint8)
     cv2.putText(strip, title, (6, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (230, 230, 230), 1, cv2.LINE_AA)
     return strip

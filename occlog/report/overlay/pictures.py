@@ -1,6 +1,6 @@
-"""The pictures of a video, one after another: the frames of all cameras with tracks, and the plan.
+"""Pictures of an overlay video: the frames of all cameras with tracks, and the plan.
 
-Frames that cannot be decoded: nothing is shown of them, and they are listed as lost.
+Frames that cannot be decoded are empty, and listed as lost.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ NO_IMAGE = "no image: lost"
 
 
 class LostFrames:
-    """Decodes frames, and keeps which of those that were requested could not be."""
+    """Decodes frames, and records which requested ones could not be decoded."""
 
     def __init__(self) -> None:
         """Create an empty series of pictures."""
@@ -47,7 +47,7 @@ class LostFrames:
         self._missed: set[tuple[str, int]] = set()
 
     def image(self, frame: Frame) -> Image | None:
-        """The image; None: it cannot be decoded."""
+        """Decoded image; None if it cannot be decoded."""
         try:
             return frame.decode()
         except InputError as error:
@@ -56,11 +56,11 @@ class LostFrames:
             return None
 
     def is_lost(self, sensor: str, index: int) -> bool:
-        """Return whether a frame could not be decoded."""
+        """Whether a frame could not be decoded."""
         return (sensor, index) in self._why
 
     def miss(self, sensor: str, index: int) -> None:
-        """A frame is requested: it counts as lost if it could not be decoded."""
+        """Request a frame: it is recorded as lost if it could not be decoded."""
         if self.is_lost(sensor, index):
             self._missed.add((sensor, index))
 
@@ -82,7 +82,7 @@ LARGEST = (3840, 2160)
 
 
 class FrameRowReader(Generic[T]):
-    """Rows of a table sorted by time, chunk by chunk, taken by time and camera; earlier ones are let go."""
+    """Reads rows of a table sorted by time, by time and camera; earlier rows are dropped."""
 
     def __init__(self, chunks: Iterable[T]) -> None:
         """`chunks` are in the order of time."""
@@ -91,7 +91,7 @@ class FrameRowReader(Generic[T]):
         self.read = self.used = 0
 
     def at(self, t_ns: int, sensor: str) -> T | None:
-        """Rows of one frame; times must not go back.  None at the end of a table without any rows."""
+        """Rows of one frame; times must not decrease. None at the end of a table without rows."""
         while self._held is None or not len(self._held) or int(self._times(self._held)[-1]) <= t_ns:
             more = next(self._chunks, None)
             if more is None:
@@ -112,16 +112,16 @@ class FrameRowReader(Generic[T]):
 
 
 class FrameOverlay:
-    """What tables in images have over single frames, which are asked for in the order of time."""
+    """Drawings from tables in images over single frames, which are requested in the order of time."""
 
     def __init__(self, tracks: Path, truth: Path | None, trail_s: float) -> None:
-        """Read tracks in images, and true boxes if there are some, with trails of some seconds."""
+        """Read tracks in images and optionally true boxes; trails have a length of `trail_s`."""
         self._tracks, self._truth = _rows(tracks, ViewTracks), _rows(truth, TruthBoxes)
         self._trails: dict[str, Trails] = {}
         self._trail_s = trail_s
 
     def shot(self, frame: Frame) -> FrameDrawing:
-        """Drawings over a frame: estimates and their trails, and crosses at true positions."""
+        """Drawings over a frame: estimates with trails, and crosses at true positions."""
         rows = OverlayFrameRows(_at(self._tracks, frame), _at(self._truth, frame), None)
         # Without epipolar lines the size of a view is of no account
         rig = OverlayRig([TrackedView(frame.sensor, 1, 1)], [None], None, numbered=False)
@@ -131,10 +131,10 @@ class FrameOverlay:
 
 
 class Pictures:
-    """Iterable of (number of the first camera's frame, picture of all views), one each time round.
+    """Iterable of (frame number of the first camera, picture of all views).
 
-    A picture shows the latest frame of every camera; the next one starts with the second
-    frame of any of them.  Of a frame that cannot be decoded it shows nothing but the drawing over it.
+    A picture shows the latest frame of every camera; the next picture begins at the next frame of any camera already
+    shown. A frame that cannot be decoded is black under its drawing.
     """
 
     def __init__(
@@ -161,7 +161,7 @@ class Pictures:
         self._start = (recording.time_ns or (0, 0))[0]
 
     def _good_scale(self, cells: int) -> float:
-        """Low images are enlarged, and large ones made smaller until all fit."""
+        """Scale: small images are enlarged, and large ones reduced until all fit."""
         height, width = (max(getattr(view, side) for view in self._rig.views) for side in ("height", "width"))
         rows = math.ceil(cells / self._columns)
         most = min(LARGEST[0] / (self._columns * width), (LARGEST[1] / rows - BAR) / height)
@@ -173,11 +173,11 @@ class Pictures:
         return PlanRenderer(scene, METRES.get(scene.length_unit, 1.0), size, self._ranks)
 
     def strange(self) -> bool:
-        """Return whether the table of tracks in images has rows, none of which is of a frame so far."""
+        """Whether the tracks in images have rows, but none of a frame so far."""
         return self._tracks is not None and self._tracks.read > 0 and not self._tracks.used
 
     def used(self) -> dict[str, int]:
-        """Rows of each table that belong to the frames so far."""
+        """Number of rows of each table used so far."""
         tables = {"tracks": self._tracks, "world": self._world, "truth": self._truth, "failures": self._failures}
         return {name: rows.used for name, rows in tables.items() if rows is not None}
 
@@ -204,20 +204,20 @@ class Pictures:
 
     @property
     def losses(self) -> tuple[Loss, ...]:
-        """Frames that cannot be seen in the pictures that were kept."""
+        """Frames missing in the pictures that were kept."""
         return self._lost.losses
 
     def keep(self) -> None:
-        """The last picture is kept: what cannot be seen in it is lost."""
+        """Mark the last picture as kept: its missing frames are losses."""
         for name, number in zip(self.names, self._numbers, strict=True):
             self._lost.miss(name, number)
 
     def _rows_of(self, frame: Frame) -> OverlayFrameRows:
-        """Rows of one frame of every table."""
+        """Rows of one frame from every table."""
         return OverlayFrameRows(_at(self._tracks, frame), _at(self._truth, frame), _at(self._failures, frame))
 
     def _ways_of(self, view: int, frame: Frame, rows: OverlayFrameRows) -> list[LineDrawing]:
-        """Trails in the image; of targets tracked in the world only, at their expected positions."""
+        """Trails in the image; for targets tracked in the world only, at their projected positions."""
         if self._world is not None:
             self._world.move(frame.t_ns)
         if rows.tracks is not None:
@@ -228,7 +228,7 @@ class Pictures:
         return self._world.ways(camera, frame.t_ns)
 
     def _shot(self, view: int, number: int, rows: list[OverlayFrameRows]) -> FrameDrawing:
-        """Drawings over one frame; true boxes only where no estimates are drawn as boxes."""
+        """Drawings over one frame; true boxes only if estimates are not drawn as boxes."""
         shot = frame_shot(view, number, rows, self._rig)
         if self._lost.is_lost(self.names[view], number):
             shot = shot._replace(notes=[*shot.notes, NO_IMAGE])
@@ -260,7 +260,7 @@ def _columns(cells: int) -> int:
 def _world(
     asked: OverlayRequest, recording: McapRecording, scene: Scene | None, ranks: Mapping[int, int], job: Job
 ) -> GroundTrackPositions | None:
-    """Tracks of the world; None: missing, or nothing states where the cameras are."""
+    """Tracks in the world; None if missing, or if camera poses are unknown."""
     if asked.ground_tracks is None:
         return None
     if scene is None:
@@ -282,7 +282,7 @@ def _world(
 
 
 def _first_image(recording: McapRecording, name: str, lost: LostFrames) -> Image:
-    """The first image of a camera that can be decoded; InputError if missing."""
+    """First decodable image of a camera; InputError without one."""
     for frame in recording.frames([name]):
         image = lost.image(frame)
         if image is not None:
@@ -295,7 +295,7 @@ def _first_image(recording: McapRecording, name: str, lost: LostFrames) -> Image
 def _rig(
     asked: OverlayRequest, recording: McapRecording, names: list[str], scene: Scene | None, lost: LostFrames, job: Job
 ) -> OverlayRig:
-    """The views, as large as their first images, and the geometry that the tracker had, if known."""
+    """The views, with the sizes of their first images, and the tracker's epipolar geometry if known."""
     cameras = [next((c for c in scene.cameras if c.name == name), None) if scene else None for name in names]
     sizes = [_first_image(recording, name, lost).shape for name in names]
     views = [TrackedView(name, size[1], size[0]) for name, size in zip(names, sizes, strict=True)]
@@ -309,7 +309,7 @@ def _rig(
 
 
 def _numbered(asked: OverlayRequest) -> bool:
-    """Return whether trackers have the numbers of their targets: not those that began with detections."""
+    """Whether trackers have the numbers of their targets (not if initiated by detections)."""
     births = read_provenance(asked.tracks).parameters.get("births") if asked.tracks is not None else None
     failures = asked.failures
     own = read_provenance(failures).parameters.get("assigned_target") if failures is not None else None

@@ -1,7 +1,4 @@
-"""The floor plan next to the images: who is where, how surely, where from, and which cameras see them.
-
-Tracks of the world on their way over the video: onto the plan, and into the images of cameras that are in it.
-"""
+"""Floor plan next to the images, and tracks in the world drawn into the images of cameras with poses."""
 
 from __future__ import annotations
 
@@ -48,10 +45,10 @@ MARK = 7.0
 
 
 class PlanRenderer:
-    """Draws the plan of a scene into pictures of one size."""
+    """Draws the plan of a scene in pictures of one size."""
 
     def __init__(self, scene: Scene, metres: float, size: tuple[int, int], ranks: Mapping[int, int]) -> None:
-        """Fit what does not move into the picture.
+        """Draw the static parts.
 
         Args:
             scene: with a room, or sensors around which the plan is.
@@ -71,7 +68,7 @@ class PlanRenderer:
         self._still, self._names = self._draw_still(scene, size)
 
     def draw(self, crowd: PeopleDrawing, truth: Sequence[Floats], t_ns: int, seconds: float) -> Bytes:
-        """(BAR + height, width, 3) the plan at a time, under a bar that states the time since the start.
+        """(BAR + height, width, 3) picture of the plan at a time, under a bar with the elapsed time.
 
         Args:
             crowd: estimates.
@@ -109,11 +106,11 @@ class PlanRenderer:
                 draw_way(picture, LineDrawing(ends, person.target, 1), 1.0, (dim[0], dim[1], dim[2]))
 
     def _at(self, points: Floats) -> Floats:
-        """Pixels of positions [m]; y goes up."""
+        """Pixels of positions [m]; y points up."""
         return np.asarray(self._centre + self._scale * (points - self._middle) * [1.0, -1.0])
 
     def _draw_still(self, scene: Scene, size: tuple[int, int]) -> tuple[Bytes, list[Box]]:
-        """Floor, walls, occluders and sensors; and where their names are."""
+        """Draw floor, walls, occluders and sensors; store the positions of their names."""
         picture = np.full((size[1], size[0], 3), GROUND, dtype=np.uint8)
         shapes = [(scene.room, FLOOR)] if scene.room is not None else []
         shapes += [(occluder.polygon, PILLAR) for occluder in scene.occluders]
@@ -134,7 +131,7 @@ class PlanRenderer:
 
 
 def _mark(yaw: float) -> Floats:
-    """(3, 2) corners of a camera's mark around its position, which opens in its viewing direction [px]."""
+    """(3, 2) corners of a camera's mark [px], which opens in the viewing direction."""
     c, s = math.cos(yaw), -math.sin(yaw)
     ahead, aside = np.array([c, s]), np.array([-s, c])
     return MARK * np.array([0.0 * ahead, ahead + 0.6 * aside, ahead - 0.6 * aside])
@@ -151,7 +148,7 @@ class Latest(Generic[T]):
     """Rows of the latest time of a table that is read once."""
 
     def __init__(self, path: Path, table: type[T], unit: str | None) -> None:
-        """Open it; `unit`: of lengths, None: as the file has them.  InputError where one of ours has another."""
+        """Open the table; `unit`: of lengths (None: that of the file). InputError for another unit."""
         opened = open_input(path)
         if unit is not None:
             check_unit(opened, unit, "the scene", InputError)
@@ -162,7 +159,7 @@ class Latest(Generic[T]):
         self.used = 0
 
     def until(self, t_ns: int) -> Iterator[T]:
-        """The rows of each time that has come since the last call, up to `t_ns`."""
+        """Generate the rows of each time since the last call, up to `t_ns`."""
         while self._next is not None and int(self._next.t_ns[0]) <= t_ns:  # type: ignore[attr-defined]
             piece, self._next = self._next, next(self._pieces, None)
             self.used += len(piece)
@@ -170,9 +167,9 @@ class Latest(Generic[T]):
 
 
 class OverlayTables(NamedTuple):
-    """Tables of the world: tracks, the diagnostics of the filter, and the input with true positions.
+    """Tables in the world: tracks, diagnostics, and the input with true positions.
 
-    `unit`: of their lengths; None: as the files have them.
+    `unit`: of their lengths; None: as in the files.
     """
 
     tracks: Path
@@ -182,10 +179,10 @@ class OverlayTables(NamedTuple):
 
 
 class GroundTrackPositions:
-    """Positions of targets in the world at the times of frames, which must not go back."""
+    """Positions of targets in the world at nondecreasing frame times."""
 
     def __init__(self, sources: OverlayTables, metres: float, ranks: Mapping[int, int], trail_s: float) -> None:
-        """Open the tables; lengths are of a unit of `metres`, trails are as long as `trail_s`."""
+        """Open the tables; `metres` per length unit, trails with a length of `trail_s`."""
         tracks, diagnostics, truth, unit = sources
         self._tracks = Latest(tracks, PeopleTracks, unit)
         self._diagnostics = None if diagnostics is None else Latest(diagnostics, Diagnostics, unit)
@@ -197,11 +194,11 @@ class GroundTrackPositions:
 
     @property
     def used(self) -> int:
-        """Rows of tracks so far."""
+        """Number of rows of tracks used so far."""
         return self._tracks.used
 
     def move(self, t_ns: int) -> None:
-        """Go on to a time."""
+        """Advance to a time."""
         for diagnostics in self._diagnostics.until(t_ns) if self._diagnostics is not None else ():
             self._diagnostics_drawing.add(diagnostics)
         for rows in self._tracks.until(t_ns):
@@ -211,7 +208,10 @@ class GroundTrackPositions:
             self.true = list(self._metres * np.column_stack([true.x[own], true.y[own]]))
 
     def ways(self, camera: Camera, t_ns: int) -> list[LineDrawing]:
-        """Bodies, ellipses on the floor and trails as a camera sees them; dashed what it does not see."""
+        """Outlines, floor ellipses and trails projected into a camera.
+
+        Dashed if the camera does not detect the target.
+        """
         out = []
         for person in self.crowd.at(t_ns):
             box = body_in_image(person, camera, self._metres)
@@ -240,7 +240,7 @@ class Trails:
         self._positions: dict[int, deque[tuple[int, Floats]]] = {}
 
     def ways(self, rows: ViewTracks, t_ns: int) -> list[LineDrawing]:
-        """Take the rows of a frame; the trails of those who are in it."""
+        """Add the rows of a frame; return the trails of the targets in it."""
         ellipses = np.column_stack([rows.x_px, rows.y_px, rows.a_px, rows.b_px, rows.rho])
         for target, foot in zip(rows.target_id.tolist(), anchors(ellipses, True), strict=True):
             self._positions.setdefault(target, deque()).append((t_ns, foot))
@@ -256,7 +256,7 @@ class Trails:
 
 
 def targets_of(paths: Mapping[Path, type[Tracks] | type[ViewTracks]]) -> dict[int, int]:
-    """Position of each identity among all of the tables; a pass over their rows."""
+    """Index of each identity over all tables, by a pass over their rows."""
     found = (rows for path, table in paths.items() for rows in open_input(path).rows(table))
     names = {target for rows in found for target in np.unique(rows.target_id).tolist()}
     return {target: rank for rank, target in enumerate(sorted(names))}

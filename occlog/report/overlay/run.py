@@ -23,14 +23,14 @@ from .pictures import Pictures
 
 
 def _previous_losses(asked: OverlayRequest) -> tuple[Loss, ...]:
-    """Losses in making the inputs."""
+    """Losses recorded in the inputs."""
     tables = (asked.recording, asked.tracks, asked.ground_tracks, asked.diagnostics, asked.truth, asked.failures)
     found = input_losses(open_if_ours(path) for path in tables if path is not None)
     return tuple(dict.fromkeys((*found, *model_losses([asked.fundamental]))))
 
 
 def run_overlay(request: OverlayRequest, job: Job) -> JobResult:
-    """Draw, write the video and the picture; what they show, and which of their frames were lost."""
+    """Draw, and write the video and the picture; return a summary and the losses."""
     asked = classify_inputs(request)
     _check(asked)
     recording = open_recording(asked.recording)
@@ -66,7 +66,7 @@ def run_overlay(request: OverlayRequest, job: Job) -> JobResult:
 
 
 def _check(asked: OverlayRequest) -> None:
-    """UsageError for what does not go together."""
+    """UsageError for incompatible options."""
     if asked.tracks is None and asked.truth is None and asked.ground_tracks is None:
         raise UsageError(
             f"nothing to draw: give TRACKS (a table or a run folder), or true boxes with {option('truth')}, or both",
@@ -85,7 +85,7 @@ def _check(asked: OverlayRequest) -> None:
 
 
 def classify_inputs(asked: OverlayRequest) -> OverlayRequest:
-    """Sort the inputs of a run folder, and tracks of the world, into the request."""
+    """Assign the inputs of a run folder, and tracks in the world, to the request."""
     given = asked.tracks
     if given is not None and given.is_dir():
         found = {name: given / f"{name}.parquet" for name in ("view_tracks", "tracks", "diagnostics")}
@@ -140,7 +140,7 @@ def _cameras(recording: McapRecording, asked: tuple[str, ...]) -> list[str]:
 
 
 def _rate(recording: McapRecording, names: list[str]) -> float:
-    """Frames a second of the fastest camera; 25 where a recording holds one time only."""
+    """Frame rate of the fastest camera; 25 for a recording with a single time."""
     first, last = recording.time_ns or (0, 0)
     topics = [t for t in recording.topics if t.schema in (IMAGE_SCHEMA, VIDEO_FRAME)]
     most = max((t.messages for t in topics if any(f"/{name}/" in t.name for name in names)), default=0)

@@ -1,4 +1,4 @@
-"""From the rows of a frame to its drawing: estimates, those that touch, help and fail, and true positions."""
+"""From the rows of a frame to its drawing: estimates, interactions, failures, and true positions."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ BENT = 65
 
 
 class OverlayFrameRows(NamedTuple):
-    """Rows of each table for one frame of one camera; None where the table is not given."""
+    """Rows of each table for one frame of one camera; None for missing tables."""
 
     tracks: ViewTracks | None
     truth: TruthBoxes | None
@@ -33,7 +33,7 @@ class OverlayFrameRows(NamedTuple):
 
 
 class OverlayRig(NamedTuple):
-    """The views that are drawn, and how they see the same point."""
+    """Views that are drawn, with their epipolar geometry."""
 
     views: Sequence[TrackedView]
     cameras: Sequence[Camera | None]  # of the scene, for lens distortion
@@ -73,7 +73,7 @@ def frame_shot(view: int, frame: int, rows: Sequence[OverlayFrameRows], rig: Ove
 
 
 def _label_failures(failures: Failures | None) -> dict[int, int]:
-    """The target that a tracker is on, by its own target."""
+    """Target that a tracker is on, by its assigned target."""
     if failures is None:
         return {}
     rows = np.flatnonzero(failures.kind == "label")
@@ -81,7 +81,7 @@ def _label_failures(failures: Failures | None) -> dict[int, int]:
 
 
 def _others(failures: Failures | None, numbered: bool) -> list[str]:
-    """Words for label failures of trackers with numbers that are not given."""
+    """Text about label failures of trackers without numbers."""
     if failures is None or numbered:
         return []
     rows = np.flatnonzero(failures.kind == "label")
@@ -106,7 +106,7 @@ def _outlines(tracks: ViewTracks, labels: Mapping[int, int]) -> list[Outline]:
 
 
 def _links(tracks: ViewTracks) -> list[Floats]:
-    """Centres of the pairs that touch, each pair once."""
+    """Centres of touching pairs of targets, each pair once."""
     centres = np.column_stack([tracks.x_px, tracks.y_px])
     row = {target: k for k, target in enumerate(tracks.target_id.tolist())}
     pairs = {
@@ -130,7 +130,7 @@ def _places(truth: TruthBoxes, missed: set[int], coloured: bool) -> list[TruePos
 def _lines(
     view: int, tracks: ViewTracks, rows: Sequence[OverlayFrameRows], rig: OverlayRig, geometry: ViewGeometry
 ) -> list[tuple[int, Floats]]:
-    """The epipolar lines of what other views state about the targets that they help with."""
+    """Epipolar lines from other views that constrain the targets."""
     numbers = {v.name: n for n, v in enumerate(rig.views)}
     out = []
     for target, names in zip(tracks.target_id.tolist(), tracks.assisting_views.tolist(), strict=True):
@@ -144,7 +144,7 @@ def _lines(
 def _line(
     target: int, helper: int, view: int, tracks: ViewTracks | None, rig: OverlayRig, geometry: ViewGeometry
 ) -> Floats | None:
-    """(k, 2) recorded pixels of a line in `view`; None if missing, or it passes by."""
+    """(k, 2) recorded pixels of an epipolar line in `view`; None without a line, or if it misses the image."""
     rows = np.flatnonzero(tracks.target_id == target) if tracks is not None else np.zeros(0, dtype=np.int64)
     if tracks is None or not len(rows):
         return None
@@ -159,7 +159,7 @@ def _line(
 
 
 def line_in_image(line: Floats, view: TrackedView, camera: Camera | None) -> Floats | None:
-    """(k, 2) recorded pixels along a line of ideal pixels, near the image; None: it passes by.
+    """(k, 2) recorded pixels along a line in undistorted pixels, near the image; None if it misses the image.
 
     Args:
         line: (3,) with l1^2 + l2^2 = 1.

@@ -1,8 +1,6 @@
-"""The floor plan: room, occluders, sensors and what they see, priors of moving occluders, true and estimated paths.
+"""Floor plan: room, occluders, sensors with fields of view, priors of moving occluders, true and estimated paths.
 
-Fixed parts of a floor plan: room, occluders, sensors, their fields of view, their names, the scale.
-
-Names next to points are moved until they do not cover each other.
+Names next to points are placed without overlap.
 """
 
 from __future__ import annotations
@@ -32,7 +30,7 @@ CHARACTER = 0.62
 
 
 def place_labels(axes: Axes, points: Floats, texts: list[str], limits: Floats, keep_free: list[Floats]) -> None:
-    """Write a name at each point, on the side where it is free, outward first.
+    """Place a name at each point, on a free side, outward first.
 
     Args:
         axes: where to draw; its limits must be set to `limits`, with equal scales.
@@ -74,7 +72,7 @@ def place_labels(axes: Axes, points: Floats, texts: list[str], limits: Floats, k
 
 
 def _offsets(outward: Floats, shape: Floats) -> list[Floats]:
-    """Centres of the label relative to its point: eight directions at two distances, outward first."""
+    """Centres of a label relative to its point: eight directions at two distances, outward first."""
     angles = np.arange(8) * np.pi / 4
     first = float(np.arctan2(outward[1], outward[0]))
     order = np.argsort(np.abs(np.angle(np.exp(1j * (angles - first)))), kind="stable")
@@ -88,12 +86,12 @@ def _overlap(a: Floats, b: Floats) -> float:
 
 
 def _beyond(box: Floats, limits: Floats) -> float:
-    """Return the overhang of a label beyond the axes."""
+    """Overhang of a label beyond the axes."""
     return float(np.maximum(limits[0] - box[0], 0.0).sum() + np.maximum(box[1] - limits[1], 0.0).sum())
 
 
 def frame_plan(axes: Axes, limits: Floats, unit: str) -> None:
-    """Set the limits (2, 2) of a plan, x and y to the same scale, and name its axes; no grid."""
+    """Set limits (2, 2), equal scale and axis names of a plan, without grid."""
     axes.grid(False)
     axes.set_xlim(limits[0, 0], limits[1, 0])
     axes.set_ylim(limits[0, 1], limits[1, 1])
@@ -103,7 +101,7 @@ def frame_plan(axes: Axes, limits: Floats, unit: str) -> None:
 
 
 def draw_scene(axes: Axes, scene: Scene, limits: Floats) -> list[Line2D | Patch]:
-    """Draw what does not move; handles for the legend."""
+    """Draw static parts; return handles for the legend."""
     handles: list[Line2D | Patch] = []
     if scene.room is not None:
         axes.add_patch(Polygon(scene.room, facecolor=COLOURS["room"], edgecolor="none", zorder=0.5))
@@ -134,9 +132,9 @@ def draw_scene(axes: Axes, scene: Scene, limits: Floats) -> list[Line2D | Patch]
 
 
 def view_area(scene: Scene, camera: Camera, far: float) -> Floats:
-    """(K, 2) polygon of the floor that a camera sees, to a distance `far` at most.
+    """(K, 2) polygon of the floor visible to a camera, up to a distance `far`.
 
-    It is cut off by occluders, and by the room's walls if the camera is in the room.
+    Cut off by occluders, and by the room's walls if the camera is inside.
     """
     walls = [edges_of(o.polygon) for o in scene.occluders]
     if scene.room is not None and Polygon(scene.room).get_path().contains_point(tuple(camera.ground)):
@@ -148,7 +146,7 @@ def view_area(scene: Scene, camera: Camera, far: float) -> Floats:
 
 
 def _view(axes: Axes, scene: Scene, camera: Camera, limits: Floats) -> None:
-    """Field of view, cut off by occluders and by the room's walls."""
+    """Draw a field of view, cut off by occluders and walls."""
     area = view_area(scene, camera, float(np.hypot(*(limits[1] - limits[0]))))
     wedge = Polygon(
         area,
@@ -164,7 +162,7 @@ def _view(axes: Axes, scene: Scene, camera: Camera, limits: Floats) -> None:
 
 
 def _cameras(axes: Axes, cameras: list[Camera], limits: Floats) -> Line2D:
-    """Cameras as dots with their optical axes as short lines."""
+    """Draw cameras as dots, with short lines along their optical axes."""
     for camera in cameras:
         tip = _tip(camera, limits)
         axes.annotate(
@@ -190,13 +188,13 @@ def _cameras(axes: Axes, cameras: list[Camera], limits: Floats) -> Line2D:
 
 
 def _tip(camera: Camera, limits: Floats) -> Floats:
-    """End of the arrow along a camera's optical axis."""
+    """End of the line along a camera's optical axis."""
     length = 0.05 * float((limits[1] - limits[0]).max())
     return np.asarray(camera.ground + length * np.array([np.cos(camera.yaw), np.sin(camera.yaw)]))
 
 
 def name_sensors(axes: Axes, scene: Scene, limits: Floats, bar: Floats) -> None:
-    """Write the names of all sensors, clear of arrows and of the scale bar's box."""
+    """Write the names of all sensors, clear of axis lines and the scale bar."""
     names: dict[tuple[float, float], list[str]] = {}
     for name, xy in sensor_positions(scene).items():
         names.setdefault((float(xy[0]), float(xy[1])), []).append(label(name, 16))
@@ -206,7 +204,7 @@ def name_sensors(axes: Axes, scene: Scene, limits: Floats, bar: Floats) -> None:
 
 
 def draw_scale_bar(axes: Axes, limits: Floats, unit: str) -> Floats:
-    """A bar of a round length in the lower right corner, outside the room where there is space; its box."""
+    """Draw a scale bar in the lower right corner, outside the room if possible; return its box."""
     size = limits[1] - limits[0]
     goal = 0.15 * float(size.max())
     power = 10.0 ** np.floor(np.log10(goal))
@@ -272,7 +270,7 @@ def draw_floorplan(figure: FigureBase, data: ReportInput) -> None:
 
 
 def plan_limits(data: ReportInput) -> Floats:
-    """(2, 2) lower and upper corner of the drawing: the scene whole, the paths but for a few outliers."""
+    """(2, 2) lower and upper corners of the drawing: the whole scene, and paths except for few outliers."""
     points = []
     if data.scene is not None:
         points += [data.scene.room] if data.scene.room is not None else []
@@ -294,7 +292,7 @@ def plan_limits(data: ReportInput) -> Floats:
 
 
 def near_scene(scene: Scene) -> tuple[Scene, list[str]]:
-    """The scene without cameras so far from its room that this would be a dot, and their names."""
+    """The scene without cameras so distant that the room would be a dot, and their names."""
     if scene.room is None:
         return scene, []
     low, high = scene.room.min(axis=0), scene.room.max(axis=0)
@@ -304,7 +302,7 @@ def near_scene(scene: Scene) -> tuple[Scene, list[str]]:
 
 
 def _ahead(scene: Scene) -> Floats:
-    """(N, 2) points in front of the cameras, at about the distance between them."""
+    """(N, 2) points in front of the cameras, at about their mutual distance."""
     cameras = [c for c in scene.cameras if c.placed]
     at = np.array([c.ground for c in cameras]).reshape(-1, 2)
     spread = float(np.ptp(at, axis=0).max()) if len(at) else 0.0
@@ -322,7 +320,7 @@ def outside(data: ReportInput) -> int:
 
 
 def bold_from(data: ReportInput) -> int | None:
-    """Time [ns] from which paths are drawn boldly; None where they are short enough to be drawn so from the start."""
+    """Time [ns] from which paths are drawn boldly; None if the whole path is."""
     limits = plan_limits(data)
     diagonal = float(np.hypot(*(limits[1] - limits[0])))
     starts = []
@@ -351,13 +349,13 @@ def _moving_occluders(axes: Axes, truth: Truth) -> list[Line2D | Patch]:
 
 
 def _rows_of(truth: Truth, role: str) -> dict[int, Ints]:
-    """Rows of each identity of a role."""
+    """Rows of each identity with a role."""
     those = np.flatnonzero(truth.role == role)
     return {identity: those[rows] for identity, rows in rows_by_label(truth.target_id[those])}
 
 
 def _line(axes: Axes, table: Tracks | Truth, rows: Ints, points: int, **style: Any) -> None:
-    """One path, thinned, broken at gaps."""
+    """Draw one path, thinned and broken at gaps."""
     part = table.take(rows)
     keep = thin_path(np.column_stack([part.x, part.y]), points)
     x, y = broken(part.t_ns, keep, part.x, part.y)
@@ -365,7 +363,7 @@ def _line(axes: Axes, table: Tracks | Truth, rows: Ints, points: int, **style: A
 
 
 def _path(axes: Axes, table: Tracks | Truth, rows: Ints, since: int | None, points: int, **style: Any) -> None:
-    """One path; older than `since` is faint."""
+    """Draw one path; parts older than `since` are faint."""
     if since is not None:
         faint = {"color": style["color"], "linewidth": 0.4, "alpha": 0.3, "zorder": 2.8}
         _line(axes, table, rows[table.t_ns[rows] <= since], points, **faint)
@@ -424,7 +422,7 @@ def _estimate(
 
 
 def confidence_ellipse(rows: Tracks | Occluders, row: int, **style: Any) -> Ellipse:
-    """Ellipse that holds an object with 95 % probability if its position is Gaussian; a known position has no area."""
+    """95 % confidence ellipse of a Gaussian position; a known position has no area."""
     covariance = np.array([[rows.cov_xx[row], rows.cov_xy[row]], [rows.cov_xy[row], rows.cov_yy[row]]])
     values, vectors = np.linalg.eigh(covariance)
     minor, major = 2.0 * np.sqrt(CHI2_95_2D * np.maximum(values, 0.0))
@@ -440,7 +438,7 @@ def _ends(axes: Axes, path: Tracks | Truth, colour: str) -> None:
 
 
 def draw_priors(axes: Axes, priors: Occluders | Hulls) -> list[Line2D | Patch]:
-    """Draw the priors of a few time steps, evenly spread over those that have any; return their legend."""
+    """Draw the priors at few evenly spread time steps; return their legend."""
     there = priors.take(priors.occluder_id >= 0)
     if not len(there):
         return []
@@ -457,7 +455,7 @@ def draw_priors(axes: Axes, priors: Occluders | Hulls) -> list[Line2D | Patch]:
 
 
 def drawn_times(t_ns: Ints) -> Ints:
-    """The times at which priors are drawn."""
+    """Times at which priors are drawn."""
     times = np.unique(t_ns)
     if not len(times):
         return times
@@ -466,7 +464,7 @@ def drawn_times(t_ns: Ints) -> Ints:
 
 
 def _polygons(hulls: Hulls, style: Style) -> list[Patch]:
-    """One patch a polygon."""
+    """A patch for each polygon."""
     first = np.flatnonzero(hulls.corner == 0)
     corners = np.split(np.column_stack([hulls.x, hulls.y]), first[1:])
     return [Polygon(xy, closed=True, alpha=0.22, zorder=2.4, **style) for xy in corners]

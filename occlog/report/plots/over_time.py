@@ -1,14 +1,8 @@
-"""Error and bound over time, in total and for each axis, that of the height too where it is known.
+"""Plots over time: error and bound in total and by axis; filter diagnostics; people; camera selection; coverage.
 
-How the filter fared: effective sample size, or how well a method without particles knows the position; fallbacks.
-
-People over time: counts, presence, the cameras that see them, and ambiguous identities.
-
-Which cameras were selected when, and the error that was expected of them.
-
-Where there is no truth: how far the track is from where the lines of sight meet, and from each of them.
-
-What each sensor saw when: one row a sensor, filled for the share of detections.
+Filter: effective sample size, or position uncertainty for a method without particles; fallbacks. People: counts,
+presence, detecting cameras, possible identity switches. Without truth: distances from triangulated positions and lines
+of sight. Coverage: one row per sensor, filled by the share of detections.
 """
 
 from __future__ import annotations
@@ -48,7 +42,7 @@ OF_ALL = 600
 
 
 def draw_accuracy(figure: FigureBase, data: ReportInput, all_errors: Errors, target: int) -> None:
-    """Draw distance with running RMSE and bound, then a row for each axis: error along x, y and, if known, z."""
+    """Draw the distance with running RMSE and bound, then a row for each axis: error along x, y and, if known, z."""
     errors = of_target(all_errors, target)
     names = axes_of(errors)
     total, *rest = figure.subplots(1 + len(names), 1, sharex=True, height_ratios=[2.0, *[1.0] * len(names)])
@@ -68,20 +62,20 @@ def draw_accuracy(figure: FigureBase, data: ReportInput, all_errors: Errors, tar
 
 
 def of_target(table: T, target: int) -> T:
-    """Rows of a target; the table itself where it has no others."""
+    """Rows of a target; the table itself if it has no other target."""
     own = table.target_id == target
     return table if own.all() else table.take(own)
 
 
 def axes_of(errors: Errors) -> str:
-    """Axes along which there are errors: x, y and, where any height is known, z."""
+    """Axes with errors: x, y and, if any height is known, z."""
     return "xyz" if np.isfinite(errors.error_z).any() else "xy"
 
 
 def _distance(
     axes: Axes, data: ReportInput, target: int, errors: Errors, bound: Bound | None, colour: str, buckets: int
 ) -> None:
-    """Distance between estimate and truth, its running RMSE, and the bound on both, that of smoothing too."""
+    """Draw the distance between estimate and truth, its running RMSE, and the bounds of both (filtering and smoothing)."""
     time, figures = data.time, data.figures
     assert data.errors is not None
     line(axes, time, errors.t_ns, errors.error, buckets, color=colour, linewidth=0.8, alpha=0.65, label="error")
@@ -114,7 +108,7 @@ def _distance(
 
 
 def line(axes: Axes, time: TimeAxis, t_ns: Ints, values: Floats, buckets: int = BUCKETS, **style: object) -> None:
-    """One line, thinned to the extremes of this many sections, broken at gaps."""
+    """Draw one line, thinned to the extremes of `buckets` sections, broken at gaps."""
     if len(values):
         keep = extremes(values, buckets)
         t, v = broken(t_ns, keep, time.of(t_ns), values)
@@ -124,9 +118,9 @@ def line(axes: Axes, time: TimeAxis, t_ns: Ints, values: Floats, buckets: int = 
 def mark_clipped(
     axes: Axes, time: TimeAxis, t_ns: Ints, values: Floats, top: float, unit: str, *, all_there: bool = True
 ) -> None:
-    """Marks at the upper edge where values leave the drawing, with the highest one in words.
+    """Mark values beyond the upper edge, with the highest one as text.
 
-    How many there are is stated only if the values are `all_there`.
+    Their number is stated only if the values are `all_there`.
     """
     over = np.flatnonzero(values > top)
     if not len(over):
@@ -151,7 +145,7 @@ def _axis_error(
     colour: str,
     buckets: int,
 ) -> None:
-    """Signed error along one axis with what the filter and the bound state about its spread; heights where known."""
+    """Draw the signed error along one axis, with the spread by the filter and by the bound."""
     # Columns alone: of a long run tables are large
     t_ns, values = _known(errors.t_ns, getattr(errors, f"error_{name}"))
     shown = [np.abs(values)]
@@ -177,13 +171,13 @@ def _axis_error(
 
 
 def _known(t_ns: Ints, values: Floats) -> tuple[Ints, Floats]:
-    """Times and values where these are known."""
+    """Times and values, where known."""
     known = np.isfinite(values)
     return t_ns[known], values[known]
 
 
 def _band(axes: Axes, time: TimeAxis, t_ns: Ints, spread: Floats, colour: str, buckets: int) -> None:
-    """The filter's own +-2 standard deviations, one piece between gaps."""
+    """Draw the filter's +-2 standard deviations, broken at gaps."""
     named = "± 2 standard deviations of the filter"
     for piece in np.split(np.arange(len(t_ns)), np.flatnonzero(gaps(t_ns))):
         share = max(4, buckets * len(piece) // len(t_ns))
@@ -210,7 +204,7 @@ FALLBACKS = {
 def draw_filter(figure: FigureBase, data: ReportInput, diagnostics: Diagnostics) -> None:
     """Draw the effective sample size of each target's filter, with a mark at each fallback.
 
-    A method without particles has none; then the position's standard deviation is drawn.
+    For a method without particles, the position's standard deviation.
     """
     axes = figure.add_subplot()
     if data.fared is None or not data.fared.particles:
@@ -228,7 +222,7 @@ def draw_filter(figure: FigureBase, data: ReportInput, diagnostics: Diagnostics)
 
 
 def _deviation(axes: Axes, data: ReportInput) -> None:
-    """The standard deviation of each target's position."""
+    """Draw the standard deviation of each target's position."""
     tracks = data.tracks
     if tracks is None:
         return
@@ -250,7 +244,7 @@ def _finish(figure: FigureBase, axes: Axes, data: ReportInput) -> None:
 
 
 def _scale(axes: Axes, low: float, high: float) -> None:
-    """From zero, or logarithmic where the sizes differ by more than a factor of 20."""
+    """Scale an axis from zero, or logarithmically for a range of more than a factor 20."""
     low = max(low, 1.0)
     if high <= 20.0 * low:
         axes.set_ylim(0.0, 1.1 * max(high, 1.0))
@@ -263,7 +257,7 @@ def _scale(axes: Axes, low: float, high: float) -> None:
 
 
 def _fallbacks(axes: Axes, data: ReportInput) -> None:
-    """A row of marks at the lower edge; where there are very many, every k-th is drawn."""
+    """Draw marks of fallbacks at the lower edge; if there are very many, every k-th."""
     for kind, found in data.fared.fallbacks.items() if data.fared is not None else ():
         colour, marker, text = FALLBACKS.get(kind, ("ink", "x", kind))
         axes.plot(
@@ -284,7 +278,7 @@ DOT_MARKERS = ("o", "s", "^", "v", "D", "P")
 
 
 def draw_sight(figure: FigureBase, data: ReportInput, target: int) -> None:
-    """Draw the distance to the meeting point, and each sensor's residual in degrees below it."""
+    """Draw the distance to triangulated positions, and each sensor's residual [deg] below."""
     found = data.sight[target]
     handles: list[Line2D] = []
     if found.rows:
@@ -311,7 +305,7 @@ def _plot_distance(axes: Axes, data: ReportInput, found: TriangulationDistances,
 
 
 def _residuals(axes: Axes, data: ReportInput, found: DirectionErrors) -> list[Line2D]:
-    """Residuals as dots, one mark a sensor; handles for the legend."""
+    """Draw residuals as dots, with a marker per sensor; return handles for the legend."""
     degrees = np.degrees(found.residual)
     handles = []
     for i, name in enumerate(found.names):
@@ -340,19 +334,19 @@ HEIGHT = 0.72
 
 
 def watched(data: ReportInput) -> tuple[int, ...]:
-    """Targets that bearings are labelled with; -1 (any object) last and only if there is no other."""
+    """Targets with labelled bearings; -1 (any object) only if there is no other."""
     return () if data.coverage is None else data.coverage.watched
 
 
 def sensors(data: ReportInput) -> tuple[str, ...]:
-    """Names of all sensors, in the scene's order, then those that only the bearings know."""
+    """Names of all sensors, in scene order, then those in bearings only."""
     return scene_order(data.scene, [] if data.coverage is None else data.coverage.sensors)
 
 
 def draw_visibility(
     figure: FigureBase, data: ReportInput, coverage: ObservationCoverage, target: int, most: int = MAX_SENSORS
 ) -> None:
-    """Draw the rows of all sensors, or of the first `most`, for one target; the first sensor is on top."""
+    """Draw a row for each sensor (or the first `most`) for one target; the first sensor is on top."""
     axes = figure.add_subplot()
     names = sensors(data)[:most]
     cells = max(CELLS_OF_ALL // max(len(names) * min(len(coverage.watched), MAX_TARGETS), 1), MIN_CELLS)
@@ -386,7 +380,7 @@ def draw_rows(axes: Axes, time: TimeAxis, rows: Sequence[SensorSightings], names
 
 
 def _percent(share: float) -> str:
-    """Format as whole per cent; never 0 or 100 unless it is exactly that."""
+    """Format a share as whole per cent; 0 and 100 only if exact."""
     if 0.0 < share < 1.0:
         return f"{min(max(round(100 * share), 1), 99)} %"
     return f"{100 * share:.0f} %"
@@ -407,7 +401,7 @@ def label_rows(axes: Axes, names: Sequence[str], shares: Sequence[str]) -> None:
 
 
 def _bar(axes: Axes, time: TimeAxis, found: SensorSightings, y: float) -> None:
-    """Grey where there is no frame, orange where the sensor observed, blue from below for the share of detections."""
+    """Draw an interval bar: grey without frame, orange when observing, blue for the share of detections."""
     low = y - HEIGHT / 2
     axes.fill_between([0.0, time.length], low, low + HEIGHT, color=COLOURS["absent"], linewidth=0)
     if not len(found.observed):
@@ -421,7 +415,7 @@ def _bar(axes: Axes, time: TimeAxis, found: SensorSightings, y: float) -> None:
 
 
 def _merged(found: SensorSightings) -> tuple[Ints, Floats]:
-    """Borders of the cells and share seen (NaN without frames), neighbours of the same share as one cell."""
+    """Borders of the intervals, and share of detections (NaN without frames), with equal neighbours merged."""
     share = np.where(found.observed > 0, found.seen / np.maximum(found.observed, 1), -1.0)
     first = np.concatenate([[True], np.diff(share) != 0])
     edges = np.append(found.edges[:-1][first], found.edges[-1])
@@ -435,7 +429,7 @@ SEEN, SINGLE_VIEW, COASTING = "seen", "view", "hidden"
 
 
 def draw_crowd(figure: FigureBase, data: ReportInput, tracks: PeopleTracks, found: PeopleStatistics) -> None:
-    """Draw how many people there are, above, and a row for each of them, below."""
+    """Draw the number of people above, and a row for each of them below."""
     people, events = found.drawn, data.events
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1.3, max(0.16 * len(people), 0.6)))
     _counts(above, data, found.crowd)
@@ -454,7 +448,7 @@ def draw_crowd(figure: FigureBase, data: ReportInput, tracks: PeopleTracks, foun
 
 
 def draw_seen_by(figure: FigureBase, data: ReportInput, found: PeopleStatistics) -> None:
-    """Draw for each camera, over time, the share of the people there of whom it has a box."""
+    """Draw for each camera, over time, the share of people with a box of it."""
     names = found.cameras[:MAX_SENSORS]
     axes = figure.add_subplot()
     rows = [found.sightings(name) for name in names]
@@ -480,7 +474,7 @@ def _counts(axes: Axes, data: ReportInput, found: PeopleCount) -> None:
 
 
 def _life(axes: Axes, time: TimeAxis, own: PeopleTracks, y: float) -> None:
-    """A bar where the person is there, in the colour of how many cameras see them."""
+    """Draw a bar for a person's presence, coloured by the number of detecting cameras."""
     last = max(int(LONGEST_GAP * usual_step(own.t_ns)), 1)
     ends = np.append(np.minimum(own.t_ns[1:], own.t_ns[:-1] + last), own.t_ns[-1] + last)
     kind = np.where(own.seen_by == "", 2, np.where(np.char.find(own.seen_by, ",") < 0, 1, 0))
@@ -494,7 +488,7 @@ def _life(axes: Axes, time: TimeAxis, own: PeopleTracks, y: float) -> None:
 
 
 def _doubts(axes: Axes, time: TimeAxis, people: Ints, events: Events | None) -> None:
-    """A mark in the row of each identity that may have been exchanged."""
+    """Mark possible identity switches in the row of each identity."""
     if events is None:
         return
     doubts = events.take((events.kind == "possible_switch") & np.isin(events.target_id, people))
@@ -516,13 +510,13 @@ def _legend(data: ReportInput, events: Events | None) -> list[Patch | Line2D]:
 
 
 def cameras_of(data: ReportInput, found: Selections) -> tuple[str, ...]:
-    """Cameras in the scene's order, then those that only the diagnostics know."""
+    """Cameras in scene order, then those in the diagnostics only."""
     known = () if data.scene is None else tuple(c.name for c in data.scene.cameras)
     return (*known, *sorted(set(found.shares) - set(known)))
 
 
 def draw_selection(figure: FigureBase, data: ReportInput, found: Selections) -> None:
-    """Draw a row for every camera, filled while it was selected, and the share of the time on the right."""
+    """Draw a row for each camera, filled while selected, with the share of time on the right."""
     axes = figure.add_subplot()
     names = cameras_of(data, found)[:MAX_SENSORS]
     shares = []

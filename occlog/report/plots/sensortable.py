@@ -1,4 +1,4 @@
-"""The table of sensors: position, detections, and bearing residuals of each."""
+"""Table of sensors: position, detections and bearing residuals of each."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .over_time import sensors
 
 @dataclass(frozen=True)
 class SensorRow:
-    """One sensor in words; angles in degrees."""
+    """Formatted row of one sensor; angles in degrees."""
 
     name: str
     kind: str
@@ -31,7 +31,7 @@ class SensorRow:
 
 
 def sensor_rows(data: ReportInput) -> list[SensorRow]:
-    """One row a sensor, all targets together."""
+    """A row per sensor, over all targets."""
     fits = _fits(data)
     names = sensors(data)
     return [SensorRow(label(n, 60), *_pose(data, n), *_counts(data, n), *fits.get(n, ("–", "–"))) for n in names]
@@ -57,7 +57,7 @@ def _point(position: Floats) -> str:
 
 
 def _counts(data: ReportInput, name: str) -> tuple[str, str, str]:
-    """Observations, detections, and their share."""
+    """Observations, detections, and their ratio."""
     if data.coverage is None:
         return "–", "–", "–"
     observed, seen = data.coverage.sensors.get(name, (0, 0))
@@ -65,7 +65,7 @@ def _counts(data: ReportInput, name: str) -> tuple[str, str, str]:
 
 
 def _fits(data: ReportInput) -> dict[str, tuple[str, str]]:
-    """RMS distance of the track from each sensor's lines of sight: in degrees, and in its own standard deviations."""
+    """RMS distance of the track from each sensor's lines of sight, in degrees and in standard deviations."""
     every, out = list(data.residuals.values()), {}
     for name in dict.fromkeys(name for found in every for name in found.rows):
         rows = sum(found.rows[name] for found in every)

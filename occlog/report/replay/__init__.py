@@ -1,1 +1,1 @@
-"""The time steps of a run, to be scrubbed and played in the page."""
+"""Replay: the time steps of a run, for scrubbing and playing in the page."""

@@ -35,7 +35,7 @@ Layer = tuple[str, str, bool]
 
 @dataclass(frozen=True)
 class Peak:
-    """A large error: of whom, in words, how large, when [s since the start]."""
+    """A large error: target, size, and time [s since the start]."""
 
     target: int
     kind: str
@@ -67,7 +67,7 @@ class Replay:
 
 
 def replay(data: ReportInput, images: Thumbnails | None = None) -> Replay | None:
-    """The time steps of a run; None where nothing moves."""
+    """Replay data of a run; None if nothing moves."""
     limits = plan_limits(data)
     # In images it is seen that there is no target
     steps = ReplaySteps(data, limits, imaged=images.times) if data.in_images and images else ReplaySteps(data, limits)
@@ -93,7 +93,7 @@ def replay(data: ReportInput, images: Thumbnails | None = None) -> Replay | None
 
 
 def plan_values(data: ReportInput, steps: ReplaySteps) -> tuple[dict[str, Any], int, list[Layer]]:
-    """Return the plan's data at each time step, the interval of those with lines of sight, and the layers."""
+    """Plan data at each time step, the interval of steps with lines of sight, and the layers."""
     sensors = [] if data.scene is None else _sensors(near_scene(data.scene)[0], steps.limits)
     metres = METRES.get(data.unit, 1.0)
     seen, doubts = Words(), Words()
@@ -125,7 +125,7 @@ def plan_values(data: ReportInput, steps: ReplaySteps) -> tuple[dict[str, Any], 
 
 
 def safe_json(values: object) -> str:
-    """JSON in which nothing can end the element that it is in, or begin another."""
+    """JSON that is safe inside an HTML script element."""
     text = json.dumps(values, ensure_ascii=True, separators=(",", ":"), allow_nan=False)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
@@ -135,7 +135,7 @@ def _rounded(points: Floats) -> list[Any]:
 
 
 def _sigma_step(data: ReportInput, steps: ReplaySteps) -> float:
-    """Step of standard deviations: the largest, up to twice the plan, fits 16 bits."""
+    """Quantisation step of standard deviations, such that the largest (up to twice the plan) fits 16 bits."""
     most = 2.0 * float((steps.limits[1] - steps.limits[0]).max())
     tracks = data.tracks
     if tracks is not None and len(tracks):
@@ -146,7 +146,7 @@ def _sigma_step(data: ReportInput, steps: ReplaySteps) -> float:
 
 
 def _sensors(scene: Scene, limits: Floats) -> list[dict[str, Any]]:
-    """Position, axis and view of each sensor with known pose."""
+    """Position, axis and field of view of each sensor with a known pose."""
     far = float(np.hypot(*(limits[1] - limits[0])))
     placed: list[Camera | MicrophoneArray] = [*(c for c in scene.cameras if c.placed), *scene.arrays]
     out = []
@@ -162,7 +162,7 @@ def _sensors(scene: Scene, limits: Floats) -> list[dict[str, Any]]:
 
 
 def _events(data: ReportInput) -> list[list[Any]]:
-    """Times [s] and kinds of what happened; where there is too much of it, evenly taken."""
+    """Times [s] and kinds of events, evenly thinned if there are many."""
     events = data.events
     if events is None or not len(events):
         return []
@@ -172,7 +172,7 @@ def _events(data: ReportInput) -> list[list[Any]]:
 
 
 def _peaks(data: ReportInput) -> list[Peak]:
-    """The largest errors, none near to a larger one of the same target."""
+    """Largest errors, each far in time from a larger one of the same target."""
     errors, out = data.errors, list[Peak]()
     if errors is None or not len(errors):
         return out

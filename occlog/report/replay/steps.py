@@ -1,12 +1,10 @@
-"""Time steps of a run that can be shown, and the state at each.
+"""Time steps of a replay, and the state at each.
 
-The rule: of the times of the tracks (of the truth, if missing) every k-th is kept, with the smallest k by
-which not more than `MOST_SHOWN` estimates and as many true positions are left; where a part of a table is drawn, that
-part is chosen with these times (`chosen`).  Lines of sight are those of the latest frame
-of each sensor since the time before; where more than `MAX_OBSERVATIONS` would be left, those of every j-th kept
-time step, with the smallest such j.
+Every k-th time of the tracks (or of the truth, without tracks) is kept, with the smallest k that leaves at most
+`MAX_MOVING` estimates and as many true positions. Lines of sight are those of the latest frame of each sensor since the
+previous kept time, at every j-th kept time, with the smallest j that leaves at most `MAX_OBSERVATIONS`.
 
-Columns of numbers as text that is short and that a script turns back into arrays.
+Columns of numbers are encoded as compact text that the script decodes to arrays.
 """
 
 from __future__ import annotations
@@ -38,7 +36,7 @@ Packed = list[Any]
 
 
 def packed(kind: str, values: ArrayLike) -> Packed:
-    """Numbers as the smallest kind like `kind` that holds them, which `kind` must do."""
+    """Encode numbers in the smallest kind like `kind` that holds them (`kind` itself must)."""
     array = np.asarray(values)
     fitted = array.astype(KINDS[kind])
     if kind != "f8" and not np.array_equal(fitted, array):
@@ -51,25 +49,25 @@ def packed(kind: str, values: ArrayLike) -> Packed:
 
 
 def placed(values: Floats, middle: float, step: float) -> Ints:
-    """(N,) positions as whole steps from the middle of the plan, cut off where 16 bits end."""
+    """(N,) positions in integer steps from the centre of the plan, clipped to 16 bits."""
     steps = np.round((values - middle) / step)
     return np.asarray(np.clip(steps, -MAX_INT16, MAX_INT16).astype(np.int64))
 
 
 def starts(step: Ints, n_steps: int) -> Packed:
-    """First row of each time step and the end, of rows in the order of their time steps."""
+    """First row of each time step and the end, for rows sorted by time step."""
     return packed("u4", np.searchsorted(step, np.arange(n_steps + 1)))
 
 
 class Words:
-    """Texts that repeat, each once."""
+    """Table of distinct texts."""
 
     def __init__(self) -> None:
         """Create an empty list of times."""
         self._numbers: dict[str | None, int] = {}
 
     def numbers(self, texts: Iterable[Any], known: Bools | None = None) -> Ints:
-        """(N,) number of each text; of those that are not known that of None."""
+        """(N,) number of each text; unknown ones have that of None."""
         out = [
             self._numbers.setdefault(None if known is not None and not known[k] else str(text), len(self._numbers))
             for k, text in enumerate(texts)
@@ -78,7 +76,7 @@ class Words:
 
     @property
     def all(self) -> list[str | None]:
-        """The texts, by their numbers; one at least."""
+        """All texts, by number; at least one."""
         return list(self._numbers) or [""]
 
 
@@ -95,7 +93,7 @@ TRUE_FROM = 40_000
 
 @dataclass(frozen=True, eq=False)
 class ReplaySteps:
-    """Replay data of a run.
+    """Replay data of a run, by time step.
 
     Attributes:
         data: the run.
@@ -109,7 +107,7 @@ class ReplaySteps:
 
     @property
     def _leading(self) -> TableTotals | None:
-        """State of the table that states the time steps: the tracks, or the truth without them."""
+        """Totals of the table that determines the time steps: tracks, or truth without tracks."""
         return self.data.whole.get("truth" if self.data.tracks is None else "tracks")
 
     @property
@@ -136,22 +134,22 @@ class ReplaySteps:
 
     @property
     def period_ns(self) -> float:
-        """Interval between the frames of the leading camera [ns]; 1 s without one."""
+        """Frame period of the leading camera [ns]; 1 s without one."""
         return float(NS) if self._leading is None else self._leading.step_ns
 
     @cached_property
     def step(self) -> float:
-        """Length of a step of positions: 16 bits reach from the middle of the plan to twice its size."""
+        """Quantisation step of positions: 16 bits reach twice the size of the plan."""
         return float((self.limits[1] - self.limits[0]).max()) * 2.0 / MAX_UINT16
 
     @cached_property
     def same(self) -> bool:
-        """True if the identities of tracks are those of the truth."""
+        """Whether tracks have the identities of the truth."""
         return self.data.same_names
 
     @property
     def pairs(self) -> dict[int, int]:
-        """Track identity by true target, from the errors; empty: not in the errors, or not for all."""
+        """Track identity of each true target, from the errors; empty unless known for all."""
         found = {target: track for target, track in self.data.followers.items() if track is not None}
         return found if not self.same and len(set(found.values())) == len(self.data.followers) else {}
 
@@ -161,7 +159,7 @@ class ReplaySteps:
         return np.asarray((self.kept - self.data.time.start_ns) / NS)
 
     def at(self, t_ns: Ints) -> tuple[Ints, Ints]:
-        """Rows of a table at the times that the page shows, and the time step of each row."""
+        """Rows of a table at the shown times, and the time step of each row."""
         step = np.searchsorted(self.kept, t_ns)
         inside = np.minimum(step, len(self.kept) - 1)
         rows = np.flatnonzero((step < len(self.kept)) & (self.kept[inside] == t_ns))
@@ -178,7 +176,7 @@ class ReplaySteps:
 
     @cached_property
     def _truth(self) -> Truth | None:
-        """True positions of targets, and of other objects if few; those of the errors if no other source exists."""
+        """True positions of targets, and of other objects if few; from the errors without another source."""
         truth = _of_errors(self.data.errors) if self.data.truth is None else self.data.truth
         if truth is None or not len(truth):
             return None
@@ -221,7 +219,9 @@ class ReplaySteps:
         }
 
     def _said(self, tracks: Tracks, rows: Ints) -> tuple[Texts, Bools, Texts]:
-        """Sensors that saw each row's target, whether these are known, and quality flags, by tracks or filter."""
+        """Sensors that detected each row's target, whether these are known, and quality flags, from tracks or
+        diagnostics.
+        """
         if self.data.everybody is not None:
             people = self.data.everybody
             known = np.isfinite(people.existence_probability[rows]) | self.data.in_images
@@ -272,7 +272,7 @@ class ReplaySteps:
         }
 
     def sight(self, sensors: list[str]) -> tuple[dict[str, Packed], int]:
-        """Directions in which sensors saw something at each time step, and every how manieth time step has them."""
+        """Directions of detections at each time step, and the interval of steps that have them."""
         bearings = self.data.bearings
         if bearings is None or not len(bearings) or not len(self.kept):
             return {}, 1
@@ -304,7 +304,7 @@ class ReplaySteps:
         return rows[seen], step[seen], number[rows[seen]]
 
     def _latest(self, t_ns: Ints, who: Ints) -> tuple[Ints, Ints]:
-        """Rows of each one's latest time since the previous kept time step, and their time steps, ascending.
+        """Rows at the latest time of each target or sensor since the previous kept time step, and their steps, sorted.
 
         Args:
             t_ns: (N,) times.
@@ -337,14 +337,14 @@ class ReplaySteps:
 
 
 def _steps(values: Floats, step: float, unknown: int, most: int = MISSING - 1) -> Ints:
-    """(N,) values >= 0 in whole steps."""
+    """(N,) values >= 0 in integer steps."""
     found = np.isfinite(values)
     steps = np.clip(np.round(np.where(found, values, 0.0) / step), 0, most)
     return np.asarray(np.where(found, steps, unknown).astype(np.int64))
 
 
 def _of_errors(errors: Errors | None) -> Truth | None:
-    """The true positions to which estimates were compared."""
+    """True positions to which the estimates were compared."""
     if errors is None:
         return None
     own = errors.take(np.isfinite(errors.truth_x) & np.isfinite(errors.truth_y))
@@ -353,7 +353,7 @@ def _of_errors(errors: Errors | None) -> Truth | None:
 
 
 def _as_hulls(priors: Occluders | Hulls | None) -> Hulls | None:
-    """Polygons; those of Gaussians hold the occluder with 95 % probability."""
+    """Priors as polygons; Gaussian ones contain the occluder with 95 % probability."""
     if priors is None or isinstance(priors, Hulls):
         return None if priors is None else priors.take(priors.occluder_id >= 0)
     own = priors.take(priors.occluder_id >= 0)

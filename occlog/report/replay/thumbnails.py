@@ -1,7 +1,7 @@
 """Small images of the cameras next to the plan, with tracks drawn over them.
 
-The rule: images of evenly spaced time steps, this many that all together stay below a limit that the user gives, judged
-by those of the first time step; not more than `MAX_TIME_STEPS`.
+Time steps are evenly spaced; their number is limited by `MAX_TIME_STEPS`, and by the user's limit of total size,
+estimated from the first time step.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ TRAIL_S = 2.0
 
 
 class ImageTables(NamedTuple):
-    """Tables of rows in images that are drawn over them: tracks, and true boxes."""
+    """Tables in images that are drawn over them: tracks, and true boxes."""
 
     tracks: Path
     truth: Path | None = None
@@ -62,16 +62,16 @@ class Thumbnails:
 
     @property
     def words(self) -> str:
-        """Description of the images in a sentence."""
+        """Sentence about the images."""
         return f"Images: {self.n_steps:,} of {self.of:,} time steps." if self.of > self.n_steps else ""
 
     @property
     def times(self) -> Ints:
-        """(N,) times of all images, each once [ns]."""
+        """(N,) distinct times of all images [ns]."""
         return np.unique(np.array([t for images in self.cameras.values() for t, _ in images], dtype=np.int64))
 
     def packed(self, start_ns: int) -> list[dict[str, Any]]:
-        """Return the data of the script."""
+        """Data for the script."""
         return [
             {
                 "index": index,
@@ -88,7 +88,7 @@ def thumbnails(
 ) -> Thumbnails:
     """Images of a recording, with tracks drawn over them.
 
-    Tracks of the world are drawn over the images of cameras that are in it, in its unit.
+    Tracks in the world are drawn into the images of cameras with poses.
 
     Args:
         recording: with images or videos.
@@ -128,7 +128,7 @@ def _size(
     sources: OverlayTables | ImageTables | None,
     targets: Sequence[int],
 ) -> int:
-    """Bytes of the first image of each camera that can be decoded."""
+    """Size [bytes] of the first decodable image of each camera."""
     wanted = {name: set(own) for name, own in known.items()}
     size = 0
     for name, _, data in _drawn(opened, wanted, sources, targets, LostFrames()):
@@ -140,7 +140,7 @@ def _size(
 
 
 def _before(times: Ints, chosen_ns: Ints) -> set[int]:
-    """The last of some times before each time step, or at it."""
+    """Latest of the sorted times at or before each time step."""
     at = np.searchsorted(times, chosen_ns, side="right") - 1
     return set(times[at[at >= 0]].tolist())
 
@@ -152,7 +152,7 @@ def _drawn(
     targets: Sequence[int],
     lost: LostFrames,
 ) -> Iterator[tuple[str, int, bytes]]:
-    """Camera, time and JPEG of each frame that was chosen; dark where it cannot be decoded and there was another."""
+    """Camera, time and JPEG of each selected frame; black if it cannot be decoded."""
     scene = opened.scene
     metres = 1.0 if scene is None else METRES.get(scene.length_unit, 1.0)
     ranks = {target: rank for rank, target in enumerate(targets)}

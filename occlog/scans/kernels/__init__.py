@@ -1,1 +1,1 @@
-"""Compiled loops over the measurements of all sensors."""
+"""Kernels over the measurements of all sensors."""

@@ -3,10 +3,10 @@
 Every label has an extended Kalman filter with its bearings of all sensors.  Where bearings of label a are improbable
 at the prediction of a and probable at that of b, and those of b the other way round, the labels have been exchanged.
 
-From the first bearing that contradicts a filter, a second one, the rival, follows the bearings since then alone.  It
-replaces the filter where bearings after its first position are clearly more probable with it.  If that position is
-farther from the confirmed track than the target can go, the label jumped.  The distance is from the last two positions
-of the track, since the last one may follow a false bearing.
+From the first bearing that contradicts a filter, a second filter, the rival, processes the bearings since then only. It
+replaces the filter if later bearings are clearly more probable with it. If its first position is farther from the
+confirmed track than the target can go, the label jumped. The distance is measured from the last two positions of the
+track, since the last one may follow a false bearing.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ EXCHANGED, JUMPED = 0.0, 1.0
 
 
 class LabelledRows(NamedTuple):
-    """N labelled bearings, in the order of time."""
+    """N labelled bearings, sorted by time."""
 
     seconds: Floats  # (N,)
     sensor: Ints  # (N,)
@@ -64,7 +64,7 @@ class LabelledRows(NamedTuple):
 
 
 class WalkingSpeed(NamedTuple):
-    """Motion of targets, an Ornstein-Uhlenbeck process."""
+    """Motion parameters of targets, an Ornstein-Uhlenbeck velocity."""
 
     variance: float  # of the velocity per axis
     rate: float  # 1 / time constant [1/s]
@@ -72,7 +72,7 @@ class WalkingSpeed(NamedTuple):
 
 
 class ContinuityState(NamedTuple):
-    """Filters of K labels, the identities of their labels by S sensors, and open evidence."""
+    """Filters of K labels, identities of their labels by S sensors, and evidence for exchanges."""
 
     mean: Floats  # (K, 4)
     covariance: Floats  # (K, 4, 4)
@@ -98,7 +98,7 @@ class ContinuityState(NamedTuple):
 
 
 class SensorPositions(NamedTuple):
-    """Where S sensors are."""
+    """Positions of S sensors."""
 
     x: Floats  # (S,)
     y: Floats  # (S,)
@@ -109,7 +109,7 @@ class SensorPositions(NamedTuple):
 def _innovation(
     mean: Floats, covariance: Floats, sensors: SensorPositions, s: int, azimuth: float, variance: float
 ) -> tuple[float, float, float, float, float]:
-    """Innovation of an azimuth, its variance, that of the measurement, and the derivative by the position."""
+    """Innovation of an azimuth, its variance, the measurement variance, and the gradient by position."""
     dx, dy = mean[0] - sensors.x[s], mean[1] - sensors.y[s]
     r2 = max(dx * dx + dy * dy, 1e-12)
     gx, gy = -dy / r2, dx / r2
@@ -121,14 +121,14 @@ def _innovation(
 
 @kernel
 def _log_density(off: float, spread: float) -> float:
-    """Log density of an innovation that may be of nothing."""
+    """Log density of an innovation, with a share of false bearings."""
     inside = math.exp(-0.5 * off * off / spread) / math.sqrt(2.0 * math.pi * spread)
     return math.log((1.0 - FALSE_PROBABILITY) * inside + FALSE_PROBABILITY / (2.0 * math.pi))
 
 
 @kernel
 def _predict(mean: Floats, covariance: Floats, dt: float, scale: float, walk: WalkingSpeed) -> None:
-    """Predict a filter over a time, with a multiple of the variance of the velocity."""
+    """Predict a filter, with a scaled velocity variance."""
     keep = math.exp(-walk.rate * dt)
     move = (1.0 - keep) / walk.rate
     V = walk.variance * scale
@@ -160,7 +160,10 @@ def _meet(
     mean: Floats,
     covariance: Floats,
 ) -> bool:
-    """Begin a filter where the last bearings (S, 3) of two sensors or more since a time meet; False if they do not."""
+    """Initiate a filter at the intersection of the last bearings (S, 3) of at least two sensors.
+
+    False if they do not intersect.
+    """
     S = len(sensors.x)
     use = np.empty(S, dtype=np.int64)
     n = 0
@@ -214,7 +217,7 @@ def _meet(
 
 @kernel
 def _update(mean: Floats, covariance: Floats, r: int, rows: LabelledRows, sensors: SensorPositions) -> None:
-    """Update a filter by a bearing inside the gate, in Joseph's form."""
+    """Update a filter by a bearing inside the gate (Joseph form)."""
     off, spread, noise, gx, gy = _innovation(
         mean, covariance, sensors, rows.sensor[r], rows.azimuth[r], rows.variance[r]
     )
@@ -230,9 +233,9 @@ def _update(mean: Floats, covariance: Floats, r: int, rows: LabelledRows, sensor
 
 @kernel
 def _compare(first: int, last: int, rows: LabelledRows, sensors: SensorPositions, state: ContinuityState) -> bool:
-    """Add the bearings of one time step to the evidence for exchanges; whether any is open.
+    """Add the bearings of one time step to the evidence for exchanges; return whether any is open.
 
-    Evidence is collected for pairs of which one bearing contradicts its identity, and for those that are open.
+    Evidence is collected for pairs with a bearing that contradicts its identity, and for open pairs.
     """
     K, S, now = len(state.known), len(sensors.x), rows.seconds[first]
     suspect = np.zeros(K, dtype=np.bool_)
@@ -280,7 +283,7 @@ def _compare(first: int, last: int, rows: LabelledRows, sensors: SensorPositions
 
 @kernel
 def _accept(s: int, a: int, b: int, state: ContinuityState) -> bool:
-    """Whether the evidence suffices that a sensor's labels (S: of all sensors) of two identities are exchanged."""
+    """Whether there is sufficient evidence that a sensor's labels (S: all sensors') of two identities are exchanged."""
     S = len(state.identity)
     to_b, to_a = state.odds[s, a, b], state.odds[s, b, a]
     least = MIN_LOG_ODDS if s == S else MIN_LOG_ODDS_SENSOR
@@ -291,7 +294,7 @@ def _accept(s: int, a: int, b: int, state: ContinuityState) -> bool:
 
 @kernel
 def _decide(first: int, rows: LabelledRows, state: ContinuityState, identity: Ints, events: Floats) -> int:
-    """Exchange the identities of the labels for which evidence suffices, from its first row; the number of events."""
+    """Exchange the identities of labels with sufficient evidence, from its first row; return the number of events."""
     S, K, n = len(state.identity), len(state.known), 0
     exchanged = np.zeros(S, dtype=np.bool_)
     for a in range(K):
@@ -332,7 +335,7 @@ def follow_labels(
     against: Bools,
     begun: int,
 ) -> tuple[Floats, float]:
-    """Find the identities of labelled bearings by the continuity of their motion.
+    """Determine the identities of labelled bearings by the continuity of their motion.
 
     Args:
         rows: whole time steps.
@@ -397,7 +400,7 @@ def _take(
     state: ContinuityState,
     events: Floats,
 ) -> int:
-    """Update all filters by the bearings of one time step; the number of jumps that were found."""
+    """Update all filters by the bearings of one time step; return the number of jumps."""
     K, now, n = len(state.known), rows.seconds[first], 0
     inside = np.zeros(last - first, dtype=np.bool_)
     accepted, rejected = np.zeros(K), np.zeros(K)
@@ -469,7 +472,7 @@ def _take(
 def _take_rivals(
     first: int, last: int, rows: LabelledRows, identity: Ints, sensors: SensorPositions, state: ContinuityState
 ) -> None:
-    """Update the rivals by the bearings of one time step, and their log odds, before the filters themselves are."""
+    """Update the rivals and their log odds by the bearings of one time step, before the filters."""
     for r in range(first, last):
         k = identity[r]
         if state.rival[k, 0] == math.inf or math.isnan(rows.azimuth[r]):
@@ -485,7 +488,7 @@ def _take_rivals(
 
 @kernel
 def _replace(k: int, now: float, state: ContinuityState, events: Floats) -> int:
-    """Replace the filter of a label by the rival, or drop the rival, if the odds suffice; the number of events."""
+    """Replace the filter of a label by its rival, or drop the rival, given the odds; return the number of events."""
     rival, old = state.rival[k], state.contradicted[k]
     opened = min(state.open_s[:, k].min(), state.open_s[:, :, k].min()) < math.inf
     if rival[4] >= MIN_LOG_ODDS_RIVAL and rival[5] >= MIN_CONFIRMED and not opened:
@@ -508,12 +511,12 @@ def _replace(k: int, now: float, state: ContinuityState, events: Floats) -> int:
 
 @kernel
 def _position(now: float, mean: Floats, covariance: Floats) -> Floats:
-    """Time, position and trace of the position's covariance of a filter."""
+    """Time, position and trace of the position covariance of a filter."""
     return np.array([now, mean[0], mean[1], covariance[0, 0] + covariance[1, 1]])
 
 
 @kernel
 def _speed(one: Floats, other: Floats) -> float:
-    """Speed from one position to a later one, less the uncertainty of their distance."""
+    """Minimum speed between two positions, given their uncertainty."""
     away = math.hypot(other[1] - one[1], other[2] - one[2])
     return float((away - JUMP_SIGMAS * math.sqrt(one[3] + other[3])) / max(other[0] - one[0], 1e-9))

@@ -1,1 +1,1 @@
-"""Similar balls, rendered for several cameras."""
+"""Simulation of similar balls, rendered for several cameras."""

@@ -91,7 +91,7 @@ class BallsConfig(Settings):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """The cameras are outside the box in which the balls fly; balls that collide fly straight on in between."""
+        """Check that cameras are outside the box of the balls, and options of colliding balls."""
         limit = self.width + self.height + 4 * self.radius
         yield "distance", self.distance > limit, f"above {limit:g}, outside the box"
         yield "ball_motion", self.ball_motion == "straight" or not self.collide, "straight for balls that collide"

@@ -1,7 +1,6 @@
-"""Kernels that draw balls over a background: nearest surfaces first, then colours.
+"""Kernels that render balls over a background: visibility first, then colours.
 
-Every pixel has four lines of sight.  All positions are in the frame of the camera: x to the
-right, y down, z forward.
+Every pixel has four lines of sight. Positions are in the camera's frame: x to the right, y down, z forward.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ AMBIENT = 0.62
 
 
 class RenderView(NamedTuple):
-    """Camera and light as the kernels need them."""
+    """Camera and light parameters for the kernels."""
 
     focal: float  # [px]
     cx: float
@@ -28,7 +27,7 @@ class RenderView(NamedTuple):
 
 
 class Skin(NamedTuple):
-    """The panels of a football: a truncated icosahedron blown up."""
+    """Surface panels of a football: a spherical truncated icosahedron."""
 
     faces: Floats  # (F, 3) normals, over their distances from the centre, of those near +x, +y, +z; pentagons first
     pentagons: int
@@ -81,7 +80,7 @@ def trace_balls_into(
 
 @kernel
 def _limits(p: float, z: float, radius: float, focal: float, middle: float, size: int) -> tuple[int, int]:
-    """First pixel, and the one after the last, that a ball can touch along one axis of the image."""
+    """First and end pixel that a ball can touch along one image axis."""
     distance = math.hypot(p, z)
     centre, half = math.atan2(p, z), math.asin(min(radius / max(distance, 1e-300), 1.0))
     if centre - half <= -0.5 * math.pi or centre + half >= 0.5 * math.pi:
@@ -106,7 +105,7 @@ def paint_balls_into(
     view: RenderView,
     skin: Skin,
 ) -> None:
-    """Paint what `trace_balls_into` found and count the lines of sight that end on each ball.
+    """Paint the result of `trace_balls_into`, and count the lines of sight that end on each ball.
 
     Args:
         image: (H, W, 3) a copy of the background, changed in place.
@@ -169,7 +168,7 @@ def shade_ball_into(colour: Floats, x: float, y: float, z: float, turn: Floats, 
 
 @kernel
 def clear_balls(depth: Floats, covered: Ints) -> None:
-    """Set the depths back to inf where balls can be."""
+    """Reset the depth buffer to inf where balls can be."""
     for k in range(covered.shape[0]):
         for row in range(covered[k, 1], covered[k, 3]):
             for col in range(covered[k, 0], covered[k, 2]):
@@ -179,7 +178,7 @@ def clear_balls(depth: Floats, covered: Ints) -> None:
 
 @array_kernel
 def deliver_into(out: Bytes, image: Floats32, noise: Floats32, starts: Ints) -> None:
-    """The frame as the sensor delivers it: light plus noise, rounded and clipped to 0-255.
+    """Convert light plus noise to the sensor's frame, rounded and clipped to 0-255.
 
     Args:
         out: (H, 3 W) the frame.

@@ -1,7 +1,7 @@
-"""Balls that fly about in a box, and the cameras around it: the world of [Qu] Sec. 4.1.
+"""Simulated balls in a box, and the cameras around it: the world of [Qu] Sec. 4.1.
 
-Lengths are pixels: the cameras are so far away, and so long, that a pixel is one unit
-everywhere in the box.  The floor is at z = 0, half an image height below the box's centre.
+Lengths are pixels: cameras are distant with long lenses, so that a pixel is one unit everywhere in the box. The floor
+is at z = 0, half an image height below the centre of the box.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class BallPaths(NamedTuple):
 
 
 def ball_cameras(config: BallsConfig) -> tuple[Camera, ...]:
-    """The cameras, named `view1`, `view2`, ...; a pixel is one unit at the centre of the box."""
+    """Cameras `view1`, `view2`, ...; a pixel is one unit at the centre of the box."""
     middle = np.array([0.0, 0.0, 0.5 * config.height])
     cameras = []
     for k, (yaw, pitch) in enumerate(VIEWS[: config.views]):
@@ -54,7 +54,10 @@ def ball_cameras(config: BallsConfig) -> tuple[Camera, ...]:
 
 
 def ball_box(config: BallsConfig) -> Floats:
-    """(3,) half lengths of the box in x, y, z: as wide and high as the images, or smaller so that all views hold it."""
+    """(3,) half lengths of the box in x, y, z.
+
+    As wide and high as the images, or smaller so that all views contain it.
+    """
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
     half = 0.5 * np.array([config.width, config.width, config.height], dtype=np.float64)
     cameras, middle = ball_cameras(config), np.array([0.0, 0.0, 0.5 * config.height])
@@ -62,7 +65,7 @@ def ball_box(config: BallsConfig) -> Floats:
 
 
 def _largest(good: Callable[[float], bool]) -> float:
-    """The largest scale up to 1 that is good; good ones are below bad ones."""
+    """Largest scale up to 1 that fulfils a monotonic condition, by bisection."""
     if good(1.0):
         return 1.0
     low, high = 0.0, 1.0
@@ -73,7 +76,7 @@ def _largest(good: Callable[[float], bool]) -> float:
 
 
 def _all_inside(cameras: tuple[Camera, ...], points: Floats) -> bool:
-    """Return whether all points are in all images, or over their edges by less than 0.1 px."""
+    """Whether all points are in all images, to 0.1 px."""
     for camera in cameras:
         pixels = camera.project(points)
         size = np.asarray(camera.image_size)
@@ -83,7 +86,7 @@ def _all_inside(cameras: tuple[Camera, ...], points: Floats) -> bool:
 
 
 def ball_paths(config: BallsConfig, seed: int) -> BallPaths:
-    """True positions and turns of the balls in every frame; InputError where they have no room."""
+    """True positions and rotations of the balls in every frame; InputError without sufficient room."""
     reach = ball_box(config) - config.radius
     if not (reach > 0).all():
         raise InputError(
@@ -110,13 +113,13 @@ def ball_paths(config: BallsConfig, seed: int) -> BallPaths:
 
 
 def _directions(rngs: list[np.random.Generator]) -> Floats:
-    """(n, 3) unit vectors, evenly spread."""
+    """(n, 3) uniformly distributed unit vectors."""
     drawn = np.array([rng.standard_normal(3) for rng in rngs])
     return np.asarray(drawn / np.linalg.norm(drawn, axis=1, keepdims=True))
 
 
 def _start(config: BallsConfig, reach: Floats, rng: np.random.Generator) -> Floats:
-    """(n, 3) positions about the centre of the box; separated in all views, or in space, if requested."""
+    """(n, 3) start positions around the centre of the box; separated in all views, or in space, if requested."""
     cameras, middle = ball_cameras(config), np.array([0.0, 0.0, 0.5 * config.height])
     gap = 2.1 * config.radius
     placed = np.zeros((0, 3))
@@ -145,7 +148,7 @@ def _start(config: BallsConfig, reach: Floats, rng: np.random.Generator) -> Floa
 
 
 def _way(config: BallsConfig, velocity: Floats, rngs: list[np.random.Generator]) -> Floats:
-    """(T, n, 3) ways of the balls from their starts if there were no walls.
+    """(T, n, 3) paths of the balls from their starts without walls.
 
     Args:
         config: kind of motion.
@@ -168,13 +171,13 @@ def _way(config: BallsConfig, velocity: Floats, rngs: list[np.random.Generator])
 
 
 def _folded(way: Floats, reach: Floats) -> Floats:
-    """(T, n, 3) positions of balls that only the walls reflect: a path without walls, folded into the box."""
+    """(T, n, 3) positions of balls reflected by the walls: a path without walls, folded into the box."""
     folded = np.mod(way + reach, 4.0 * reach)
     return np.asarray(np.where(folded > 2.0 * reach, 4.0 * reach - folded, folded) - reach)
 
 
 def _bounce(config: BallsConfig, start: Floats, velocity: Floats, reach: Floats) -> Floats:
-    """(T, n, 3) positions of balls of equal mass that also bounce off each other, in steps of a tenth of a radius."""
+    """(T, n, 3) positions of balls of equal mass that also collide, in steps of a tenth of a radius."""
     position, v = start.copy(), velocity.copy()
     steps = max(1, math.ceil(1.5 * config.ball_speed / (0.1 * config.radius)))
     out = np.empty((config.frames, *start.shape))
@@ -190,7 +193,7 @@ def _bounce(config: BallsConfig, start: Floats, velocity: Floats, reach: Floats)
 
 
 def _collide(position: Floats, v: Floats, diameter: float) -> None:
-    """Change the velocities of the balls that meet: each pair exchanges what it has along the line of centres."""
+    """Elastic collision: each colliding pair exchanges velocities along the line of centres."""
     for i in range(len(position)):
         for j in np.flatnonzero(np.linalg.norm(position[i + 1 :] - position[i], axis=1) < diameter) + i + 1:
             along = position[j] - position[i]

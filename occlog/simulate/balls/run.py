@@ -1,4 +1,4 @@
-"""The work of `occlog simulate --scene balls`: settings of a request, and their video to a recording."""
+"""`occlog simulate --scene balls`: from a request's settings to a recording with video."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from .video import BallsFrame, balls_boxes, balls_scene, balls_truth, render_bal
 
 @dataclass(frozen=True)
 class BallsSetup:
-    """Everything that decides on the recording, but for the seed."""
+    """All settings of the recording except the seed."""
 
     config: BallsConfig
     scene: Scene
@@ -42,7 +42,7 @@ class BallsSetup:
 
 
 def balls_setup(request: BallsRequest) -> BallsSetup:
-    """The settings of a request, with the defaults of the others; without `fps` there are 25 frames a second."""
+    """Settings of a request with defaults; 25 frames/s without `fps`."""
     size = {} if request.size is None else dict(zip(("width", "height"), request.size, strict=True))
     config, rate_hz = configure(BallsConfig(), {**request.balls, **size}), request.fps or 25.0
     return BallsSetup(
@@ -55,7 +55,7 @@ def balls_setup(request: BallsRequest) -> BallsSetup:
 
 
 def _paths(config: BallsConfig, seed: int) -> BallPaths:
-    """True paths; UsageError for balls that have no room."""
+    """True paths; UsageError for balls without sufficient room."""
     try:
         return ball_paths(config, seed)
     except InputError as error:
@@ -63,14 +63,14 @@ def _paths(config: BallsConfig, seed: int) -> BallPaths:
 
 
 def balls_videos(setup: BallsSetup, output: Path) -> dict[str, Path]:
-    """The video file of each view, next to the recording; none where images go into it."""
+    """Video file of each view, next to the recording; empty if images are stored in it."""
     if setup.store.store != "ffv1":
         return {}
     return {c.name: output.with_name(f"{output.stem}.{c.name}.avi") for c in setup.scene.cameras}
 
 
 def run_balls(request: BallsRequest, job: Job) -> JobResult:
-    """Write the recording and summarise what it holds."""
+    """Write the recording; return the summary."""
     setup, output, seed, overwrite = balls_setup(request), request.output, request.seed, job.overwrite
     videos = balls_videos(setup, output)
     check_outputs([], [output, *videos.values()], overwrite)
@@ -96,7 +96,7 @@ def run_balls(request: BallsRequest, job: Job) -> JobResult:
 
 
 def _made(setup: BallsSetup, job: Job, seed: int) -> Provenance:
-    """Return the provenance of the recording; views as their yaw and pitch [deg]."""
+    """Provenance of the recording; views as yaw and pitch [deg]."""
     values = asdict(setup.config)
     values["views"] = [list(view) for view in VIEWS[: setup.config.views]]
     made = {"balls": values, "rate_hz": setup.rate_hz, "store": setup.store.store, "grey": setup.store.grey}
@@ -106,7 +106,7 @@ def _made(setup: BallsSetup, job: Job, seed: int) -> Provenance:
 def _write_truth(
     writer: RecordingWriter, setup: BallsSetup, paths: BallPaths, frame: BallsFrame, counts: Counter[str]
 ) -> int:
-    """Write the ground truth of the frames of one time; return the time [ns]."""
+    """Write the ground truth of one time; return the time [ns]."""
     t_ns = START_NS + int(step_times(frame.frame, 1, 1.0 / setup.rate_hz)[0])
     writer.table(balls_truth(paths.centres[frame.frame], t_ns))
     for boxes in balls_boxes(frame, setup.scene.cameras, t_ns):
@@ -116,7 +116,7 @@ def _write_truth(
 
 
 def _delivered(setup: BallsSetup, frame: BallsFrame) -> tuple[Image, ...]:
-    """The images of all views, grey where that is asked for."""
+    """Images of all views, grey if requested."""
     return tuple(map(grey, frame.images)) if setup.store.grey else frame.images
 
 
@@ -127,7 +127,7 @@ def _write_images(
     frames: Iterator[BallsFrame],
     counts: Counter[str],
 ) -> None:
-    """Write PNG images into the recording; some are compressed while the next ones are drawn."""
+    """Write PNG images to the recording, compressed in parallel with drawing."""
 
     def write(frame: BallsFrame, coded: list[Future[bytes]]) -> None:
         t_ns = _write_truth(writer, setup, paths, frame, counts=counts)

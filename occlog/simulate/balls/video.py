@@ -1,8 +1,6 @@
-"""The synthetic video of [Qu] Sec. 4.1: identical balls that hide one another, seen by several cameras.
+"""Synthetic video of [Qu] Sec. 4.1: identical balls with mutual occlusion, seen by several cameras.
 
-Where the balls are is in `render_balls_motion`; this makes the images of it.
-
-The synthetic video of balls as tables: the scene, and the ground truth of each frame.
+Positions of the balls are in `motion`; here are the images, the scene, and the ground truth of each frame.
 """
 
 from __future__ import annotations
@@ -60,7 +58,7 @@ class ViewCanvas(NamedTuple):
 def render_balls(
     config: BallsConfig, seed: int, workers: int = 1, paths: BallPaths | None = None
 ) -> Iterator[BallsFrame]:
-    """Draw the synthetic video of [Qu] Sec. 4.1, frame by frame.
+    """Render the synthetic video of [Qu] Sec. 4.1, frame by frame.
 
     Args:
         config: balls, motion and views.
@@ -107,7 +105,7 @@ def _draw(
     depth: Floats,
     label: NDArray[np.int32],
 ) -> tuple[Bytes, Floats]:
-    """One image and the visible shares (n,); the buffers are left as they were found."""
+    """Render one image, and the visible shares (n,); buffers are restored."""
     centres = np.ascontiguousarray((paths.centres[t] - canvas.camera.position) @ canvas.camera.rotation)
     turns = np.ascontiguousarray(canvas.camera.rotation.T @ paths.turns[t])
     covered, visible = np.zeros((len(centres), 5), dtype=np.int64), np.zeros(len(centres), dtype=np.int64)
@@ -138,7 +136,7 @@ def _draw(
 
 
 def _noise(config: BallsConfig, rng: np.random.Generator) -> Floats32:
-    """Return sensor noise for the three colours of pixels in a row, plus 0.5 for rounding."""
+    """Sensor noise of the three colours of a row of pixels, plus 0.5 for rounding."""
     n = NOISE + config.width
     common, single = rng.standard_normal((n, 1), dtype=np.float32), rng.standard_normal((n, 3), dtype=np.float32)
     return np.asarray(0.5 + config.noise * common + config.colour_noise * single, dtype=np.float32).ravel()
@@ -159,14 +157,14 @@ def football_faces() -> Floats:
 
 
 def football() -> Skin:
-    """Dark pentagons and light hexagons with seams between them; only the faces that shading uses."""
+    """Colours of the faces: dark pentagons and light hexagons with seams."""
     faces = football_faces() * CIRCUMSCRIBED
     used = _first_or_second(faces)
     return Skin(np.ascontiguousarray(faces[used]), int(used[:12].sum()), 0.035, np.vstack([PENTAGON, HEXAGON, SEAM]))
 
 
 def _first_or_second(faces: Floats) -> NDArray[np.bool_]:
-    """(F,) the faces that are nearest, or second to it, somewhere with x, y, z >= 0: all that shading uses."""
+    """(F,) faces that are nearest or second nearest somewhere with x, y, z >= 0 (sufficient by symmetry)."""
     x, y, z = np.meshgrid(*3 * [np.linspace(0.0, 1.0, 25)])
     points = np.column_stack([x.ravel(), y.ravel(), z.ravel()])
     points = points[np.linalg.norm(points, axis=1) > 0.5]
@@ -183,7 +181,7 @@ def _view_canvas(config: BallsConfig, seed: int, number: int, camera: Camera) ->
 
 
 def _background(config: BallsConfig, rng: np.random.Generator) -> Floats32:
-    """(H, W, 3) a mottled wall with patches in the colours of the balls."""
+    """(H, W, 3) mottled background with patches in the colours of the balls."""
     height, width = config.height, config.width
     x, y = (a.ravel().astype(np.float64) for a in np.meshgrid(np.arange(width), np.arange(height)))
     grain_seed = int(rng.integers(1 << 20))
@@ -203,7 +201,7 @@ FOOTBALL = football()
 
 
 def balls_scene(config: BallsConfig, rate_hz: float) -> Scene:
-    """Cameras `view1`, `view2`, ... about the box in which the balls fly; lengths are pixels.
+    """Scene with cameras `view1`, `view2`, ... around the box of the balls; lengths are pixels.
 
     Args:
         config: balls and views.
@@ -219,7 +217,7 @@ def balls_scene(config: BallsConfig, rate_hz: float) -> Scene:
 
 
 def balls_truth(centres: Floats, t_ns: int) -> Truth:
-    """Positions of the centres (n, 3) of all balls at one time; each is a target."""
+    """True positions (n, 3) of all balls at one time; each is a target."""
     n = len(centres)
     return Truth.of(
         t_ns=np.full(n, t_ns),
@@ -232,9 +230,9 @@ def balls_truth(centres: Floats, t_ns: int) -> Truth:
 
 
 def balls_boxes(frame: BallsFrame, cameras: tuple[Camera, ...], t_ns: int) -> list[TruthBoxes]:
-    """For each view the boxes around the whole outlines of all balls that reach into the image.
+    """True boxes of all balls that reach into the image, for each view.
 
-    Hidden balls have theirs too: the visible share of the part that is in the image states it.
+    Occluded balls are included, with their visible share.
     """
     return [_boxes(frame.ellipses[k], frame.share[k], camera, frame.frame, t_ns) for k, camera in enumerate(cameras)]
 

@@ -1,1 +1,1 @@
-"""Video of people who walk in a room, by ray casting."""
+"""Rendering of video of walking people in a room, by ray casting."""

@@ -1,5 +1,6 @@
-"""Detection in the frames of one camera: decode, subtract the background, find person-sized regions, and assign them to
-targets. Unusable frames become losses. Targets are assigned by appearance, and by their last position.
+"""Detection in the frames of one camera: decode, subtract the background, find person-sized regions.
+
+Unusable frames become losses. Regions are assigned to targets by appearance, and by the targets' last positions.
 """
 
 from __future__ import annotations

@@ -100,7 +100,7 @@ def distances(first: GroundPositions, second: GroundPositions, error: float) -> 
 def _compared(
     first: PeopleTracks, second: PeopleTracks, error: float, gate: float, span_s: float
 ) -> tuple[Ints, Ints, Floats]:
-    """Rows of both groups at one time step, of tracks that are near each other at some time, and their mean distances."""
+    """Rows of both groups at one time step, of tracks that are ever near each other, with their mean distances."""
     positions = GroundPositions.of(first), GroundPositions.of(second)
     rows_of = [{i: np.flatnonzero(g.target_id == i) for i in np.unique(g.target_id).tolist()} for g in (first, second)]
     none = np.zeros(0, dtype=np.int64)
@@ -149,8 +149,10 @@ NO_ID = -1
 
 @dataclass
 class IdentityMatcher:
-    """Assigns identities to people tracked by one or several groups, over time steps. A person keeps the identity while
-    one of the tracks continues. When tracks separate, the one that has had the identity longest keeps it.
+    """Assigns identities to people tracked by one or several groups, over time steps.
+
+    A person keeps the identity while one of the tracks continues. When tracks separate, the one that has had the
+    identity longest keeps it.
 
     Attributes:
         doubts: pairs of identities that may have been exchanged in the last time step.

@@ -308,7 +308,7 @@ def _renamed(doubts: list[_Doubt], before: JoinedTracks, after: JoinedTracks) ->
 
 
 def _events(tracks: JoinedTracks, doubts: list[_Doubt], times: Ints) -> Events:
-    """Events: track initiations (first row of an identity), terminations (time step after the last), possible switches."""
+    """Track initiations (first row of an identity), terminations (time step after the last), possible switches."""
     ids, first = np.unique(tracks.target_id, return_index=True)
     last = len(tracks) - 1 - np.unique(tracks.target_id[::-1], return_index=True)[1]
     ended = np.searchsorted(times, tracks.t_ns[last], side="right")

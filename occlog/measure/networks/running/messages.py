@@ -1,5 +1,6 @@
-"""Messages between the main process and the one that runs a network: length, JSON header, and raw arrays. The main process
-does not trust the other one: types and sizes are checked.
+"""Messages between the main process and the one that runs a network: length, JSON header, and raw arrays.
+
+The main process does not trust the other one: types and sizes are checked.
 """
 
 from __future__ import annotations

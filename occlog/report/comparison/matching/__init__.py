@@ -1,1 +1,1 @@
-"""Two runs compared time step by time step: who is who, how far both are from the truth, and where they part."""
+"""Comparison of two runs by time step: matching of tracks, distances from the truth, divergences."""

@@ -1,9 +1,8 @@
-"""Divergences of two runs: the first time step of each kind, how often, and the longest sections.
+"""Divergences of two runs: first time step of each kind, frequency, and longest sections.
 
-Two runs have parted in a frame where one has a person who has no partner in the other, or where partners are farther
-from each other than a tolerance; and at a time step from which on a person has another partner.
-
-How far both runs are from the truth over time: of targets that both have found, and how many each has not.
+Two runs diverge in a frame in which a person of one has no partner in the other, or partners are farther apart than a
+tolerance; and at a time step from which a person has another partner. Also errors of both runs over time: of targets
+that both have found, and number of targets that each misses.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ class RunComparisonStep(NamedTuple):
 
 
 class DivergenceKind(NamedTuple):
-    """One way of having parted: the first time step, in how many frames, and how often it happens to any person."""
+    """A kind of divergence: first time step, number of frames, and number of occurrences."""
 
     name: str
     first: RunComparisonStep | None
@@ -50,7 +49,7 @@ class DivergenceKind(NamedTuple):
 
 
 class DivergenceStretch(NamedTuple):
-    """Consecutive frames in which the runs diverge: from, to, and the time step of the largest divergence."""
+    """Consecutive frames with divergence: start, end, and the time step of the largest one."""
 
     start_ns: int
     end_ns: int
@@ -81,7 +80,7 @@ class Divergences:
 
     @property
     def first(self) -> tuple[str, RunComparisonStep] | None:
-        """Kind and time step of the first parting; None: they never part."""
+        """Kind and time step of the first divergence; None without divergence."""
         found = [(kind.name, kind.first) for kind in self.kinds if kind.first is not None]
         return min(found, key=lambda each: each[1].t_ns, default=None)
 
@@ -98,7 +97,7 @@ def divergences_of(
     tolerance: float,
     partners: tuple[MatchedRuns, MatchedRuns],
 ) -> Divergences:
-    """Find where two runs part.
+    """Find the divergences of two runs.
 
     Args:
         a: run A in common frames.
@@ -126,7 +125,7 @@ def divergences_of(
 
 
 def _kind(name: str, frames: Ints, step_at: Callable[[int], RunComparisonStep]) -> DivergenceKind:
-    """A kind by the frames of its rows, one of which is `step_at`."""
+    """Divergence of a kind from the frames of its rows; `step_at` makes the time step of a row."""
     if not len(frames):
         return DivergenceKind(name, None, 0, 0)
     return DivergenceKind(name, step_at(int(np.argmin(frames))), len(np.unique(frames)), len(frames))
@@ -135,7 +134,7 @@ def _kind(name: str, frames: Ints, step_at: Callable[[int], RunComparisonStep]) 
 def _exchanges(
     a: AlignedEstimates, b: AlignedEstimates, pairs: RunPairs, times: Ints, partners: tuple[MatchedRuns, MatchedRuns]
 ) -> DivergenceKind:
-    """Time steps from which on a track has another partner."""
+    """Time steps from which a track has another partner."""
     found = [(change.t_ns, change.who, change.after) for change in partners[0].changes]
     found += [(change.t_ns, change.after, change.who) for change in partners[1].changes]
     if not found:
@@ -154,7 +153,7 @@ def _of_pair(a: AlignedEstimates, b: AlignedEstimates, pairs: RunPairs, times: I
 
 
 def _of_one(own: AlignedEstimates, other: AlignedEstimates, times: Ints, row: int, *, first: bool) -> RunComparisonStep:
-    """A person without a partner, with the distance from the nearest one of the other run."""
+    """Time step of a person without a partner, with the distance to the nearest person of the other run."""
     frame, label = int(own.frame[row]), int(own.label[row])
     at = slice(*np.searchsorted(other.frame, [frame, frame + 1]))
     away = np.hypot(*(other.xy[at] - own.xy[row]).T)
@@ -163,7 +162,7 @@ def _of_one(own: AlignedEstimates, other: AlignedEstimates, times: Ints, row: in
 
 
 def _longest(parted: Bools, times: Ints) -> list[tuple[int, int]]:
-    """First and last frame of the longest sections in which runs have parted."""
+    """First and last frame of the longest sections with divergence."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], parted, [False]]).astype(np.int8)))
     found = list(zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True))
     found.sort(key=lambda each: (int(times[each[0]] - times[each[1]]), each[0]))
@@ -173,7 +172,7 @@ def _longest(parted: Bools, times: Ints) -> list[tuple[int, int]]:
 def _stretch(
     a: AlignedEstimates, b: AlignedEstimates, pairs: RunPairs, times: Ints, frames: tuple[int, int]
 ) -> DivergenceStretch:
-    """A section with its worst time step: the pair of largest distance, or else the first one without a partner."""
+    """A section with its worst time step: largest distance of partners, or the first person without a partner."""
     inside = np.flatnonzero((pairs.frame >= frames[0]) & (pairs.frame <= frames[1]))
     lone = [
         _of_one(own, other, times, int(rows[0]), first=is_a)
@@ -214,7 +213,7 @@ class ErrorsOverTime:
 
     @property
     def on_unmatched(self) -> tuple[bool, bool]:
-        """True if a run, A or B, has tracks, but never one that is on a target."""
+        """Whether a run, A or B, has tracks, but none ever on a target."""
         return self._mostly_unmatched(self.missed_a, self.false_a), self._mostly_unmatched(self.missed_b, self.false_b)
 
     def _mostly_unmatched(self, missed: Ints, false: Ints) -> bool:
@@ -222,12 +221,12 @@ class ErrorsOverTime:
 
     @property
     def both(self) -> int:
-        """Number of frames with targets in both runs."""
+        """Number of frames with targets found in both runs."""
         return int(np.isfinite(self.a).sum())
 
 
 def over_time(a: Paired, b: Paired, t_ns: Ints) -> ErrorsOverTime:
-    """Errors over time, in pairs of each frame alone as `matched_rmse` has them.
+    """Errors over time, from per-frame pairs as in `matched_rmse`.
 
     Args:
         a: truth and tracks of run A, and their pairs of each frame alone.

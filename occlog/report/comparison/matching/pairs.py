@@ -1,8 +1,6 @@
-"""Matching of two runs: pairs of each frame, and the resulting people.
+"""Matching of two runs: per-frame pairs, and tracks of the same people.
 
-Tracks matched to a person over time, and when one track replaces another.
-
-Two runs in the same time steps: the times of both, from the later of their starts to the earlier of their ends.
+Both runs are compared at the times of both, from the later start to the earlier end.
 """
 
 from __future__ import annotations
@@ -24,7 +22,7 @@ from occlog.records.tables import Tracks
 
 @dataclass(frozen=True, eq=False)
 class AlignedEstimates:
-    """Estimates of a run in common frames, in the order of frame and identity.
+    """Estimates of a run in common frames, sorted by frame and identity.
 
     Attributes:
         frame: (n,) number of the frame.
@@ -39,17 +37,17 @@ class AlignedEstimates:
     label: Ints
 
     def objects(self) -> Objects:
-        """The positions, to be laid against others."""
+        """The positions as objects for matching."""
         return Objects(self.frame, self.label, self.xy)
 
     def table(self, tracks: Tracks, times: Ints) -> Tracks:
-        """The run's table as it is in the frames at these times."""
+        """Table of the run's estimates in the frames at these times."""
         own = tracks.take(self.row)
         return replace(own, t_ns=times[self.frame], x=self.xy[:, 0], y=self.xy[:, 1])
 
 
 def common_times(a: Tracks, b: Tracks) -> Ints:
-    """(T,) times at which one run or the other has estimates, while both last.
+    """(T,) times at which either run has estimates, in their common interval.
 
     Raises:
         InputError: they have no time in common.
@@ -67,10 +65,10 @@ def common_times(a: Tracks, b: Tracks) -> Ints:
 
 
 def align_estimates(tracks: Tracks, times: Ints) -> AlignedEstimates:
-    """A run's estimates at some times.
+    """Estimates of a run at common times.
 
-    At a run's own times the people with a row are present.  At times of the other run alone positions are interpolated,
-    over gaps of a usual step of the person's rows (`Path.usual_gap_ns`).
+    At the run's own times people with a row are present. At times of the other run positions are interpolated over gaps
+    of the usual interval of the person's rows.
     """
     index = np.searchsorted(times, tracks.t_ns)
     inside = np.minimum(index, len(times) - 1)
@@ -100,7 +98,7 @@ EACH_FRAME = ClearRule(memory=0)
 
 @dataclass(frozen=True)
 class PersonPair:
-    """Tracks of either run that are one person's, where the runs agree; one of them may have none.
+    """Tracks of both runs that are of one person; one of them may have none.
 
     Attributes:
         a, b: identities, the one that is there longest first.
@@ -132,7 +130,7 @@ class RunPairs:
 
 
 def pairs_of(a: AlignedEstimates, b: AlignedEstimates, near: float) -> RunPairs:
-    """Pair the two runs, with each other and not with the truth.
+    """Pair the people of two runs (without truth).
 
     Args:
         a: run A in common frames.
@@ -168,7 +166,7 @@ def _lacking(count: int, rows: Ints) -> Bools:
 def _people(
     a: AlignedEstimates, b: AlignedEstimates, one_to_one: dict[int, int], of_a: Ints, of_b: Ints
 ) -> tuple[PersonPair, ...]:
-    """Tracks that are one person's: those of the one-to-one assignment, and each other one with its usual partner."""
+    """Tracks of one person: those of the one-to-one assignment, and every other one with its usual partner."""
     number: dict[tuple[str, int], int] = {}
     for k, label in enumerate(np.unique(a.label).tolist()):
         partner = one_to_one.get(label)
@@ -195,7 +193,7 @@ def _people(
 
 
 class Piece(NamedTuple):
-    """A time interval in which one track is matched to a person: first and last time step [ns]."""
+    """Interval in which one track is matched to a person: first and last time step [ns]."""
 
     who: int
     track: int
@@ -226,12 +224,12 @@ class MatchedRuns(NamedTuple):
     passing: int
 
     def of(self, who: int) -> tuple[Piece, ...]:
-        """The pieces of one."""
+        """Intervals of one person."""
         return tuple(piece for piece in self.pieces if piece.who == who)
 
 
 def tracks_by_target(frames: MatchedFrames, made: MatchedPairs, times: Ints, lasting_ns: int) -> MatchedRuns:
-    """Tracks of a run matched to each true target.
+    """Intervals of a run's tracks matched to each true target.
 
     Args:
         frames: truth and tracks in the true frames.
@@ -247,7 +245,7 @@ def tracks_by_target(frames: MatchedFrames, made: MatchedPairs, times: Ints, las
 def mutual_matches(
     a: AlignedEstimates, b: AlignedEstimates, pairs: RunPairs, times: Ints, lasting_ns: int
 ) -> tuple[MatchedRuns, MatchedRuns]:
-    """Tracks of B matched to each one of A, and the other way round.
+    """Intervals of B's tracks matched to each track of A, and vice versa.
 
     Args:
         a: run A in common frames.
@@ -264,10 +262,10 @@ def mutual_matches(
 
 
 def pieces_of(who: Ints, track: Ints, frame: Ints, times: Ints, lasting_ns: int) -> MatchedRuns:
-    """Sections of time in which each one has one track.
+    """Intervals in which each person has one track.
 
-    Interruptions shorter than `lasting_ns` do not end a section; sections that are shorter are skipped, and the rest
-    left on either side of them becomes one if it is of the same track.
+    Interruptions shorter than `lasting_ns` do not end an interval; shorter intervals are skipped, and intervals of the
+    same track on both sides of them are joined.
 
     Args:
         who: (n,) identities of the other side.
@@ -304,17 +302,17 @@ def pieces_of(who: Ints, track: Ints, frame: Ints, times: Ints, lasting_ns: int)
 
 
 def _gap(t_ns: Ints, frame: Ints) -> Ints:
-    """(n - 1,) time between rows that are not of neighbouring frames, else 0."""
+    """(n - 1,) time between rows of non-adjacent frames, else 0."""
     return np.where(np.diff(frame) > 1, np.diff(t_ns), 0)
 
 
 def _changed(who: Ints, track: Ints) -> Bools:
-    """(n - 1,) whether a row's track is another one than that of the row before, of the same one."""
+    """(n - 1,) mask of rows with another track than the previous row of the same person."""
     return np.asarray((np.diff(who) == 0) & (np.diff(track) != 0))
 
 
 def unmatched_changes(own: MatchedRuns, other: MatchedRuns, within_ns: int) -> tuple[TrackChange, ...]:
-    """Changes of one run for which the other run has none of the same person at about the same time."""
+    """Changes of one run without a change of the same person in the other run at about the same time."""
     known: dict[int, list[int]] = {}
     for change in other.changes:
         known.setdefault(change.who, []).append(change.t_ns)
