@@ -3,7 +3,7 @@
 A time difference becomes a difference of ranges by the speed of propagation, which must be stated. A signal strength
 becomes the logarithm of a distance by the log-distance path loss. Heights of stations are used if the height of the
 targets is stated; otherwise stations at different heights are refused. Implausible measurements are refused: negative
-ranges, too strong signals, too long differences, duplicates. || A strength has white noise and shadowing with
+ranges, too strong signals, too long differences, duplicates. A strength has white noise and shadowing with
 correlation exp(-dt / shadow_s), while filters assume white errors. The mean of many reads at intervals dt has the
 variance (1 + r) / (1 - r) = coth(dt / 2 shadow_s) times that of independent ones, with r = exp(-dt / shadow_s): the
 shadowing variance of a read is multiplied by this factor, dt being the time since the last read of the same target by

@@ -60,7 +60,7 @@ APPEARANCE = "appearance.json"
 
 
 def run_scene(request: SceneRequest, job: Job) -> JobResult:
-    """Make the recording of a scene from a file."""
+    """Simulate a recording of a scene from a file."""
     if request.scene is None:
         raise UsageError(
             f"no scene: give SCENE (a file), or {option('scene')} {' or '.join(KINDS)}", id="missing-option"
@@ -88,7 +88,7 @@ def _write(setup: Setup, request: SimulateRequestBase, job: Job) -> JobResult:
 
 
 def make_setup(scene: Scene, request: SceneRequest, script: MotionScript | None = None) -> Setup:
-    """The request's settings with the defaults that suit the scene; UsageError for what does not go together.
+    """Resolve the request's settings with scene-dependent defaults; UsageError for conflicting options.
 
     Args:
         scene: its unit of length decides on the defaults.
@@ -123,7 +123,7 @@ def make_setup(scene: Scene, request: SceneRequest, script: MotionScript | None 
 
 
 def _people(opened: Opened, scene: Scene, world: WorldConfig) -> MovingObstacleTracks:
-    """Return the people that walkers avoid."""
+    """Return the people of another recording whom the simulated walkers avoid, or None."""
     taken = PeopleAsObstacles(
         radius=0.5 * world.diameter, sigmas=0.0, max_gap_s=LONGEST_GAP_S, step_s=world.step_s, steps=world.steps
     )
@@ -131,7 +131,7 @@ def _people(opened: Opened, scene: Scene, world: WorldConfig) -> MovingObstacleT
 
 
 def _check_request(scene: Scene, request: SceneRequest) -> None:
-    """UsageError for settings that state nothing about this scene, or that state one thing twice."""
+    """Raise UsageError for options that do not apply to this scene or that state one value twice."""
     of_video = [flag_of(RenderConfig, name) for name in request.look]
     of_video += [flag_of(StoreConfig, name) for name in request.store]
     if of_video and not request.render:
@@ -170,7 +170,7 @@ def _check_request(scene: Scene, request: SceneRequest) -> None:
 
 
 def _walkers(scene: Scene, request: SceneRequest) -> WorldConfig:
-    """Settings of objects that walk at random; in video no person walks into a wall."""
+    """Return the settings of randomly walking objects; with video, no person walks into a wall."""
     defaults = WorldConfig.in_unit(scene.length_unit)
     world = configure(defaults, {**_times(defaults, request.rate_hz, request.seconds), **request.world})
     if request.render and "wall_clearance" not in request.world:
@@ -179,7 +179,10 @@ def _walkers(scene: Scene, request: SceneRequest) -> WorldConfig:
 
 
 def _scripted(scene: Scene, request: SceneRequest, script: MotionScript) -> WorldConfig:
-    """Number and times of the steps, and sizes; options go before the file of paths, and that before the defaults."""
+    """Return step count, step times and sizes for scripted paths.
+
+    Options override the paths file, which overrides defaults.
+    """
     if script.length_unit not in (None, scene.length_unit):
         raise InputError(
             f"{option('paths')}: its length unit is {script.length_unit}, the scene's {scene.length_unit}; make one",
@@ -199,14 +202,14 @@ def _scripted(scene: Scene, request: SceneRequest, script: MotionScript) -> Worl
 
 
 def _times(defaults: WorldConfig, rate_hz: float | None, seconds: float | None) -> dict[str, object]:
-    """Arguments for the time step and the number of steps that the request states."""
+    """Return the keyword arguments for step duration and step count that the request states."""
     step_s = defaults.step_s if rate_hz is None else 1.0 / rate_hz
     steps = {} if seconds is None else {"steps": round(seconds / step_s) + 1}
     return {"step_s": step_s, **steps}
 
 
 def people_setup(request: SimulatePeopleRequest) -> Setup:
-    """All settings of the video of people of similar appearance; without `fps` 25 frames a second."""
+    """Return all settings of the video of people of similar appearance; 25 frames/s unless `fps` is set."""
     if "occluders" in request.world:
         raise UsageError(
             f"{option('occluders')}: all people of this scene are targets; leave it out", id="not-applicable"
@@ -230,7 +233,7 @@ def people_setup(request: SimulatePeopleRequest) -> Setup:
 def write_recording(
     setup: Setup, made: Provenance, output: Path, *, overwrite: bool = False, quiet: bool = False
 ) -> dict[str, object]:
-    """Write the recording, with the seed of its provenance, and summarise what it holds."""
+    """Write the recording with provenance and seed, and return the summary of its contents."""
     seed = made.seed or 0
     start = _places_apart(setup, seed) if setup.separate else None
     if setup.render is not None and setup.script is not None:
@@ -255,7 +258,7 @@ def write_recording(
 
 
 def parameters(setup: Setup) -> dict[str, object]:
-    """Every value that changes the result."""
+    """Return every parameter that influences the result, for the provenance."""
     world = asdict(setup.world)
     if world["motion"] == "waypoints":
         del world["motion"]
@@ -279,14 +282,14 @@ def parameters(setup: Setup) -> dict[str, object]:
 
 
 def _targets(setup: Setup) -> list[int]:
-    """Numbers of the targets, rising."""
+    """Return the ascending target numbers."""
     if setup.script is None:
         return list(range(setup.world.targets))
     return [t.id for t in setup.script.targets if t.role == "target"]
 
 
 def _places_apart(setup: Setup, seed: int) -> Floats:
-    """First positions without occlusions between people; UsageError if missing."""
+    """Return start positions of people at which they do not occlude each other; UsageError if none are found."""
     try:
         return people_apart(setup.scene, setup.world.targets, seed)
     except InputError as error:
@@ -294,7 +297,7 @@ def _places_apart(setup: Setup, seed: int) -> Floats:
 
 
 def _truth(setup: Setup, seed: int, start: Floats | None) -> Iterator[Truth | TimeGrid]:
-    """Chunks of true paths: random walks from the initial positions (n, 2) (None: random ones), or the script's."""
+    """Generate chunks of true paths: random walks from positions (n, 2) (None: random), or scripted paths."""
     world, script = setup.world, setup.script
     if script is None:
         return simulate_truth(setup.scene, world, seed, start, field=setup.field, people=setup.people)
@@ -305,7 +308,7 @@ def _truth(setup: Setup, seed: int, start: Floats | None) -> Iterator[Truth | Ti
 def _recorded(
     writer: RecordingWriter, setup: Setup, seed: int, start: Floats | None, counts: Counter[str]
 ) -> Iterator[Truth | TimeGrid]:
-    """The chunks of truth, each written, with what the sensors state about it, when it is passed on."""
+    """Yield the chunks of truth, writing each with the sensors' simulated measurements to the recording."""
     truth, seen, heard, read, ranged = itertools.tee(_truth(setup, seed, start), 5)
     bearings = observe(setup.scene, seen, setup.observe or ObserveConfig(), seed)
     silent = silences(setup.script, setup.world.start_ns) if setup.script is not None else {}
@@ -340,7 +343,7 @@ def _recorded(
 
 
 def _contacts(chunk: TimeGrid, people: MovingObstacleTracks, world: WorldConfig) -> int:
-    """At how many time steps a person was nearer to a walker than a diameter: the person walked into the walker."""
+    """Count the time steps at which a person came closer to a walker than one diameter."""
     numbers = np.rint((chunk.t_ns - world.start_ns) * 1e-9 / world.step_s).astype(np.int64)
     gaps = [
         distance(positions[:, None, :2], people.at(int(number)).xy)

@@ -40,7 +40,7 @@ STARTS = 200
 
 
 def motion_in_a_step(config: WorldConfig) -> WaypointMotion:
-    """Speed, noise and change of destination per step, from those per second."""
+    """Convert speed, noise and destination changes from per second to per step."""
     redirect, step_s = config.redirect_probability, config.step_s
     return WaypointMotion(
         step=config.speed * step_s,
@@ -51,7 +51,7 @@ def motion_in_a_step(config: WorldConfig) -> WaypointMotion:
 
 
 def ground(scene: Scene, clearance: float) -> Ground:
-    """Return the free ground of a scene."""
+    """Return the free ground (walkable area) of a scene, shrunk by `clearance`."""
     walls = [o.polygon for o in scene.occluders] + pockets(scene.surroundings)
     return Ground(np.ascontiguousarray(scene.surroundings, dtype=np.float64), *pack_polygons(walls), clearance)
 
@@ -100,7 +100,7 @@ def simulate_truth(
 
 
 def _avoidance(scene: Scene, config: WorldConfig, field: FieldConfig, people: MovingObstacleTracks | None) -> Avoidance:
-    """Rules of objects that avoid obstacles."""
+    """Return the potential-field settings of objects that avoid obstacles."""
     return Avoidance(
         field=field_of(field),
         steps=steps_of(field, config.speed * config.step_s, 0.5 * config.diameter),
@@ -111,7 +111,7 @@ def _avoidance(scene: Scene, config: WorldConfig, field: FieldConfig, people: Mo
 
 
 def _first(floor: Ground, n: int, config: WorldConfig, seed: int, people: MovingObstacleTracks | None) -> WaypointState:
-    """All objects at random positions, where no people are."""
+    """Draw random start positions for all n objects, away from people."""
     if n == 0:
         raise InputError("simulate: targets and occluders are both 0; give at least one object")
     there = np.empty((0, 2)) if people is None else people.at(0).xy
@@ -131,7 +131,7 @@ def _first(floor: Ground, n: int, config: WorldConfig, seed: int, people: Moving
 
 
 def _draw(generators: list[list[np.random.Generator]]) -> WaypointNoise:
-    """Random numbers of one chunk, each object's from its own generators."""
+    """Draw the random numbers of one chunk, each object's from its own generator."""
     c, n = CHUNK_STEPS, len(generators)
     draws = WaypointNoise(np.empty((c, n, 2)), np.empty((c, n)), np.empty((c, n, CANDIDATES, 2)))
     for i, (noise, chance, position_noise) in enumerate(generators):
@@ -142,7 +142,7 @@ def _draw(generators: list[list[np.random.Generator]]) -> WaypointNoise:
 
 
 def _truth(positions: Floats, first: int, config: WorldConfig) -> Truth:
-    """Table of (C, n, 2) positions with first step number `first`."""
+    """Return the truth table of (C, n, 2) positions whose first step number is `first`."""
     c, n = positions.shape[:2]
     ids = np.arange(n)
     steps = np.rint(np.arange(first, first + c) * (config.step_s * 1e9)).astype(np.int64)

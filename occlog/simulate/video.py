@@ -35,7 +35,7 @@ from .config import (
 
 @dataclass(frozen=True)
 class Setup:
-    """Everything that decides on the recording, but for the seed.
+    """All settings that determine the recording, except the seed.
 
     Attributes:
         scene: room, occluders and sensors.
@@ -86,7 +86,7 @@ def film(
     overwrite: bool,
     quiet: bool,
 ) -> None:
-    """Render all cameras along the chunks of truth; write video and true boxes, and count them."""
+    """Render all cameras along the chunks of truth; write and count video frames and true boxes."""
     if setup.render is None:
         return
     drawn = render(setup.scene, chunks, setup.render, seed)
@@ -118,7 +118,7 @@ def _film_files(
     counts: Counter[str],
     overwrite: bool,
 ) -> dict[str, LosslessVideo]:
-    """The video of each camera, complete."""
+    """Write the frames to one video file per camera; close all files at the end."""
     videos: dict[str, LosslessVideo] = {}
     with ExitStack() as stack:
         for frame in frames:
@@ -143,7 +143,7 @@ def _frames_in_all(setup: Setup) -> int:
 
 
 def _compressed(frames: Iterable[Rendered], workers: int) -> Iterator[tuple[Rendered, bytes]]:
-    """Frames with their PNG bytes, in order; some are compressed while the next ones are drawn."""
+    """Yield frames with their PNG bytes in order, compressing in background threads."""
     waiting: deque[tuple[Rendered, Future[bytes]]] = deque()
     with ThreadPoolExecutor(workers) as pool:
         for frame in frames:

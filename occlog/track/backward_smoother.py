@@ -17,7 +17,7 @@ WINDOW_LAGS = 3
 
 
 class SmoothableRow(Protocol):
-    """A row that a filter made, and that can be smoothed."""
+    """Protocol of a filtered estimate that can be replaced by a smoothed one."""
 
     @property
     def target(self) -> int:
@@ -28,14 +28,14 @@ class SmoothableRow(Protocol):
         """Time of the estimate."""
 
     def smoothed(self, past: SmoothedState) -> Self:
-        """The row with a state that was estimated with later measurements."""
+        """Return this row with a smoothed state."""
 
 
 Row = TypeVar("Row", bound=SmoothableRow)
 
 
 class PendingRows(NamedTuple, Generic[Row]):
-    """The rows of one target that wait, each with what its step left for the way back."""
+    """Filtered rows of one target waiting for smoothing, each with what the backward pass needs of its step."""
 
     rows: list[Row]
     traces: list[Any]
@@ -43,10 +43,10 @@ class PendingRows(NamedTuple, Generic[Row]):
 
 
 class BackwardSmoother(Generic[State, Config, Row]):
-    """Holds the rows of all targets until enough was seen after them, and smooths them then."""
+    """Buffer of all targets' filtered rows, which are smoothed once later scans are available."""
 
     def __init__(self, smoothing: Smoothing[State, Config], config: Config, seed: int) -> None:
-        """Start without buffered rows.
+        """Start with an empty buffer.
 
         Args:
             smoothing: the method's.
@@ -59,7 +59,7 @@ class BackwardSmoother(Generic[State, Config, Row]):
         self._ready: list[Row] = []
 
     def add(self, row: Row, state: State) -> None:
-        """Add a row of a target, and its filter's state after it."""
+        """Append a target's filtered row and the filter state after it."""
         if row.target not in self._waiting:
             rng = generator(self._seed, RandomStream.SMOOTH, row.target)
             self._waiting[row.target] = PendingRows([], [], rng)
@@ -68,10 +68,10 @@ class BackwardSmoother(Generic[State, Config, Row]):
         own.traces.append(self._smoothing.trace(state))
 
     def settled(self, now_ns: int) -> list[Row]:
-        """Rows that need not wait any longer, of all targets, in the order of time.
+        """Return the rows older than the lag, smoothed, of all targets in time order.
 
-        With a lag a target's rows are smoothed whenever they span `WINDOW_LAGS` lags, and those older than one are
-        given out; all of them when the target was not met for longer than that.
+        Rows of one target are smoothed once they span `WINDOW_LAGS` lags; those older than one lag are released. All
+        rows of a target are released when it had no scan for longer than the lag.
         """
         for target, own in list(self._waiting.items()):
             first, last = own.rows[0].t_ns, own.rows[-1].t_ns
@@ -86,17 +86,17 @@ class BackwardSmoother(Generic[State, Config, Row]):
 
     @property
     def held(self) -> int:
-        """How many rows wait, or are ready and wait for an earlier one of another target."""
+        """Return the number of buffered rows, including smoothed rows waiting for an earlier row of another target."""
         return len(self._ready) + sum(len(own.rows) for own in self._waiting.values())
 
     def rest(self) -> list[Row]:
-        """All rows that still wait, in the order of time."""
+        """Return all remaining rows, smoothed, in time order."""
         for target, own in list(self._waiting.items()):
             self._release(target, len(own.rows))
         return self._until(None)
 
     def _release(self, target: int, count: int) -> None:
-        """Smooth all rows of a target, and give the first ones out."""
+        """Smooth all buffered rows of a target and release the first `count`."""
         own = self._waiting[target]
         found = self._smoothing.back(own.traces, self._config, own.rng)
         for row, past in zip(own.rows[:count], found[:count], strict=True):
@@ -108,7 +108,7 @@ class BackwardSmoother(Generic[State, Config, Row]):
             del own.rows[:count], own.traces[:count]
 
     def _until(self, horizon_ns: int | None) -> list[Row]:
-        """Ready rows before a time; None: all.  They are in the order of time and target."""
+        """Return released rows before time `horizon_ns` (None: all), sorted by time and target."""
         count = (
             len(self._ready) if horizon_ns is None else bisect_left(self._ready, horizon_ns, key=lambda row: row.t_ns)
         )
@@ -120,7 +120,7 @@ class BackwardSmoother(Generic[State, Config, Row]):
 def backward_smoother(
     smoothing: Smoothing[State, Config] | None, config: Config, seed: int
 ) -> BackwardSmoother[State, Config, Row] | None:
-    """What holds the rows back; None where the method cannot smooth or the settings want none."""
+    """Return the buffer for smoothing; None if the method has no smoother or the settings disable smoothing."""
     if smoothing is None or not smoothing.wanted(config).smoothed:
         return None
     return BackwardSmoother(smoothing, config, seed)

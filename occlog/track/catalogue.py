@@ -73,7 +73,7 @@ UNCALIBRATED = "boxes without a calibration"
 
 @dataclass(frozen=True)
 class MethodEntry:
-    """A method.
+    """One tracking method in the table.
 
     Attributes:
         summary: one line.
@@ -96,19 +96,19 @@ class MethodEntry:
 
     @property
     def images(self) -> bool:
-        """Whether it tracks in the images of a recording."""
+        """Return whether the method tracks in the images of a recording."""
         return self.takes_in == IMAGES
 
 
 class Methods(dict[str, MethodEntry]):
-    """Our methods; a name that is none of them is searched among the plug-ins, which are not iterated over."""
+    """Built-in methods; other names are resolved among installed plug-ins, which iteration omits."""
 
     def __contains__(self, name: object) -> bool:
-        """Whether there is a method of that name, ours or a plug-in's."""
+        """Return whether a built-in or plug-in method has that name."""
         return super().__contains__(name) or (isinstance(name, str) and _plugged(name) is not None)
 
     def __missing__(self, name: str) -> MethodEntry:
-        """The method of a plug-in; KeyError where missing of that name."""
+        """Return the plug-in method of that name; KeyError if there is none."""
         found = _plugged(name)
         if found is None:
             raise KeyError(name)
@@ -116,7 +116,7 @@ class Methods(dict[str, MethodEntry]):
 
 
 def _plugged(name: str) -> MethodEntry | None:
-    """The method of a plug-in; None where missing of that name."""
+    """Return the plug-in method of that name; None if there is none."""
     from occlog.plugins.loading import METHOD, VIEW_TRACKER, find
 
     plugin = find(name, METHOD, VIEW_TRACKER)
@@ -124,7 +124,7 @@ def _plugged(name: str) -> MethodEntry | None:
 
 
 def entry_of(plugin: Plugin) -> MethodEntry:
-    """The line of a plug-in's method; PluginError where it cannot be loaded."""
+    """Return the table entry of a plug-in's method; PluginError if the plug-in cannot be loaded."""
     from occlog.plugins.loading import VIEW_TRACKER
 
     summary = str(plugin.load().summary)
@@ -263,21 +263,21 @@ METHODS = Methods(OURS)
 
 
 def entry(name: str) -> MethodEntry:
-    """The method's line in the table; UsageError names the nearest method, or all."""
+    """Return the table entry of a method; UsageError names the closest method, or all methods."""
     if name not in METHODS:
         raise UsageError(f"no tracking method {name!r}; {did_you_mean(name, METHODS)}", id="unknown-name")
     return METHODS[name]
 
 
 def settings_of(name: str) -> type[Settings]:
-    """The class of a method's settings; loads the method's `config.py`, which loads nothing heavy."""
+    """Return the settings class of a method by importing its `config.py` only."""
     plugin = entry(name).plugin
     found: type[Settings] = load(METHODS[name].settings) if plugin is None else plugin.load().settings
     return found
 
 
 def tracker(name: str) -> AnyMethod:
-    """The method of that name, which takes bearings; UsageError names the ones there are."""
+    """Return the bearing-tracking method of that name; UsageError lists the available ones."""
     if name not in METHODS or METHODS[name].takes_in != BEARINGS:
         in_world = [n for n, e in METHODS.items() if e.takes_in == BEARINGS]
         raise UsageError(f"no tracking method {name!r}; there are: {', '.join(in_world)}", id="unknown-name")
@@ -313,7 +313,7 @@ def method_for(path: Path | str, scene: Path | str | None = None) -> str:
 
 
 def _calibrated(path: Path, scene: Path | None) -> bool:
-    """Whether boxes are of cameras with a pose: by the scene, or by the bearings of views without one."""
+    """Return whether the cameras of the boxes have poses: stated in the scene, or in the file's bearings."""
     from occlog.errors import OcclogError
     from occlog.io.open import open_input, scene_in
     from occlog.records.tables import Boxes, Views
@@ -332,7 +332,7 @@ def _calibrated(path: Path, scene: Path | None) -> bool:
 
 
 def smooths(command: str, parameters: Mapping[str, object]) -> bool:
-    """Whether tracks that a command made with these parameters know what came after them.
+    """Return whether a command with these parameters makes smoothed tracks (estimates that use later measurements).
 
     Args:
         command: as the tracks' provenance names it.
@@ -355,7 +355,7 @@ REQUESTS: Mapping[str, type[Request]] = {
 
 
 def form_of(method: str) -> Form:
-    """The form of a request for a method; UsageError where there is no such method."""
+    """Return the request class of a method; UsageError for an unknown method."""
     found = entry(method)
     around = (load("occlog.track.methods.images.initiation.config:ViewsConfig"),) if found.images else ()
     shared = (each.name for each in Form(TrackRequestBase).entries())
@@ -364,7 +364,7 @@ def form_of(method: str) -> Form:
 
 
 def _plugged_kinds() -> dict[str, VerbKind]:
-    """The methods of installed plug-ins."""
+    """Return the methods of installed plug-ins."""
     from occlog.plugins.loading import METHOD, VIEW_TRACKER, installed
 
     plugins = (*installed(METHOD), *installed(VIEW_TRACKER))
@@ -430,7 +430,7 @@ _ABOUT = {
 
 
 def about(name: str) -> str:
-    """The paragraphs of the help of a method of ours, with an example."""
+    """Return the help paragraphs of a built-in method, with an example."""
     if name in _ABOUT:
         return _ABOUT[name]
     each = OURS[name]

@@ -25,7 +25,7 @@ from .smoothing_and_lag import LagConfig
 
 
 class HeightEstimate(NamedTuple):
-    """The third coordinate of an estimate in space."""
+    """Height estimate of a target in 3-D: value [scene units] and variance."""
 
     z: float
     vz: float  # per second; NaN if the method does not estimate it
@@ -33,21 +33,21 @@ class HeightEstimate(NamedTuple):
 
 
 class ParticleSet(NamedTuple):
-    """Where a filter thinks that the target is: L weighted positions."""
+    """L weighted particles (L, 2) of a target's position."""
 
     xy: Floats  # (L, 2)
     weights: Floats  # (L,), sum 1
 
 
 class SensorErrors(NamedTuple):
-    """Errors of the sensors' poses, true minus stated, as they are thought to be."""
+    """Estimated pose errors of the sensors, true minus stated: x, y [scene units], yaw [rad]."""
 
     mean: Floats  # (S, 3) dx, dy, dyaw [rad]
     deviation: Floats  # (S, 3) standard deviations
 
 
 class BearingResiduals(NamedTuple):
-    """How n bearings agree with the estimates."""
+    """Normalised residuals of n bearings, from the estimates."""
 
     row: Ints  # (n,) which estimate, from 0; 0 where there is one alone
     sensor: Ints  # (n,) index in `sensor_names`
@@ -57,14 +57,14 @@ class BearingResiduals(NamedTuple):
 
 
 class NoiseScales(NamedTuple):
-    """Variance factors estimated from residuals."""
+    """Estimated variance factors of the sensors' noise."""
 
     bearings: float
     motion: float
 
 
 class StationBias(NamedTuple):
-    """A constant error of the ranges of a station."""
+    """Estimated constant range error of a station."""
 
     station: int
     bias: float  # by how much they are too long
@@ -72,7 +72,7 @@ class StationBias(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """What a filter knows after a scan, and how it fared."""
+    """Estimate of a filter after a scan, with diagnostics."""
 
     xy: Floats  # (2,)
     velocity: Floats  # (2,) per second; NaN if the method does not estimate it
@@ -90,7 +90,7 @@ class Estimate(NamedTuple):
 
 
 class SmoothedState(NamedTuple):
-    """A state estimated from what was seen before and after it; as in `Estimate`."""
+    """Smoothed state of a target at one time; fields as in `Estimate`."""
 
     xy: Floats  # (2,)
     velocity: Floats  # (2,) per second
@@ -99,7 +99,7 @@ class SmoothedState(NamedTuple):
 
 
 class SmoothedTrajectory(NamedTuple):
-    """T states of one target, estimated from what was seen before and after them."""
+    """Smoothed states of one target at T times."""
 
     t_ns: Ints  # (T,)
     xy: Floats  # (T, 2)
@@ -128,14 +128,14 @@ Report = TypeVar("Report")
 
 
 class OccluderTerms(NamedTuple):
-    """What a method wants to know of moving occluders."""
+    """What a method requests about moving occluders (their prior positions)."""
 
     diameter: float  # of each, in the scene's unit
     max_age_s: float  # priors that are older are not used
 
 
 class TargetPredictor(NamedTuple, Generic[State, Config]):
-    """How a method predicts its target, as the selection of cameras needs it."""
+    """Position prediction of a method, as used by the selection of cameras."""
 
     cloud: Callable[
         [State, int, Generator], ParticleSet

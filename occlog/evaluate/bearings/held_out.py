@@ -3,7 +3,7 @@
 The tracks must have been made without the sensor (`occlog track --without NAME`): then its bearings are an independent
 test that needs no ground truth. Labelled rows are compared directly; of unlabelled candidates the nearest is taken,
 which flatters any track where there are many. So every figure is also computed with the sensor's frames paired with
-predictions for other times, as a chance level. || With tracks of all people, the boxes of a held-out camera are
+predictions for other times, as a chance level. With tracks of all people, the boxes of a held-out camera are
 compared with the boxes that the tracks predict.
 
 The tracks must have been made without the camera (`occlog track --without NAME`).  At each of its frames every track

@@ -1,6 +1,7 @@
-"""Merged silhouettes: several people in one foreground region. || People who overlap considerably in the image are not
-separated by Gaussian clusters. Their silhouette is explained by outlines of people of the expected size, fitted
-jointly. A cell is foreground unless no person covers it,
+"""Merged silhouettes: several people in one foreground region.
+
+People who overlap considerably in the image are not separated by Gaussian clusters. Their silhouette is explained by
+outlines of people of the expected size, fitted jointly. A cell is foreground unless no person covers it,
 
     P(foreground) = 1 - (1 - SPECKS) prod_k (1 - p_k),
 

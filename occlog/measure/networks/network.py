@@ -1,6 +1,7 @@
-"""Image networks: loading in a separate process, image preparation (resizing, colour normalisation), and conversion of
-boxes. Box edges in a network's image are relative to the image corner (0 is the left edge of the first pixel); occlog's
-are relative to the centre of the first pixel, i.e. smaller by half a pixel.
+"""Image networks: loading in a separate process, image preparation and conversion of boxes.
+
+Images are resized and their colours normalised. Box edges in a network's image are relative to the image corner (0 is
+the left edge of the first pixel); occlog's are relative to the centre of the first pixel, i.e. smaller by half a pixel.
 """
 
 from __future__ import annotations

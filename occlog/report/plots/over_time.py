@@ -75,7 +75,7 @@ def axes_of(errors: Errors) -> str:
 def _distance(
     axes: Axes, data: ReportInput, target: int, errors: Errors, bound: Bound | None, colour: str, buckets: int
 ) -> None:
-    """Draw the distance between estimate and truth, its running RMSE, and the bounds of both (filtering and smoothing)."""
+    """Draw the distance between estimate and truth, its running RMSE, and both bounds (filtering, smoothing)."""
     time, figures = data.time, data.figures
     assert data.errors is not None
     line(axes, time, errors.t_ns, errors.error, buckets, color=colour, linewidth=0.8, alpha=0.65, label="error")

@@ -219,9 +219,7 @@ class ReplaySteps:
         }
 
     def _said(self, tracks: Tracks, rows: Ints) -> tuple[Texts, Bools, Texts]:
-        """Sensors that detected each row's target, whether these are known, and quality flags, from tracks or
-        diagnostics.
-        """
+        """Sensors that detected each row's target, whether these are known, and quality flags."""
         if self.data.everybody is not None:
             people = self.data.everybody
             known = np.isfinite(people.existence_probability[rows]) | self.data.in_images

@@ -36,7 +36,7 @@ class Clothes(NamedTuple):
 
 
 class Poses(NamedTuple):
-    """Positions and postures of n bodies."""
+    """Positions (n, 2), headings [rad] and gait phases [rad] of n bodies."""
 
     xy: Floats  # (n, 2) in scene units
     heading: Floats  # (n, 2) unit vectors
@@ -45,7 +45,7 @@ class Poses(NamedTuple):
 
 
 class Solids(NamedTuple):
-    """P ellipsoids |A (p - c)| = 1, in scene units."""
+    """P ellipsoids in scene units: the points p with |A (p - c)| = 1, with centre c (3,) and matrix A (3, 3) each."""
 
     centre: Floats  # (P, 3)
     axes: Floats  # (P, 3, 3) A: its rows are the axes over their half lengths
@@ -55,7 +55,10 @@ class Solids(NamedTuple):
 
 
 def solids(poses: Poses, clothes: Clothes, metre: float) -> Solids:
-    """The ellipsoids of n bodies, body after body; feet touch the floor."""
+    """Return the ellipsoids of n bodies with these poses, all ellipsoids of one body in a row.
+
+    The feet touch the floor.
+    """
     build = _Builder(len(poses.xy))
     lowest = _legs(build, poses)
     _trunk(build)
@@ -93,7 +96,7 @@ class _Builder:
         self.part.append(part)
 
     def limb(self, part: int, start: Floats, angle: Floats, length: float, radius: float) -> Floats:
-        """A limb that hangs from `start`, swung forward by `angle`; returns its other end."""
+        """Add a limb hanging from `start`, swung forward by `angle` [rad]; return the position of its other end."""
         s, c, o = np.sin(angle), np.cos(angle), np.zeros(self.n)
         along = np.stack([s, o, -c], axis=-1)
         self.centre.append(start + 0.5 * length * along)
@@ -105,7 +108,7 @@ class _Builder:
 
 
 def _legs(build: _Builder, poses: Poses) -> Floats:
-    """Two legs; returns (n,) the lowest point of the shoes with the hips at their standing height."""
+    """Add both legs of n bodies; return (n,) the height of the lowest point of the shoes, hips at standing height."""
     lowest = np.full(build.n, np.inf)
     for side in (1.0, -1.0):
         phase = poses.phase + (0.0 if side > 0 else np.pi)
@@ -139,7 +142,7 @@ def _arms(build: _Builder, poses: Poses) -> None:
 
 
 def _frames(heading: Floats) -> Floats:
-    """(n, 3, 3) world-from-body rotations."""
+    """Return (n, 3, 3) rotation matrices from body to world axes, from headings [rad]."""
     c, s, o = heading[:, 0], heading[:, 1], np.zeros(len(heading))
     columns = [np.stack([c, s, o], axis=-1), np.stack([-s, c, o], axis=-1), np.stack([o, o, o + 1], axis=-1)]
     return np.stack(columns, axis=-1)
@@ -231,7 +234,7 @@ def walking(grids: Iterable[TimeGrid], metre: float) -> Iterator[TimeGrid]:
 
 
 def _start(last: TimeGrid | None, grid: TimeGrid, metre: float) -> tuple[Floats, Floats, Floats]:
-    """Position, velocity and phase of each object before the first time of a chunk."""
+    """Return position, velocity and gait phase of each object at the last time of the previous chunk."""
     position = grid.xyz[0, :, :2].copy()
     velocity = np.zeros_like(position)
     velocity[:, 0] = 1e-6
@@ -246,7 +249,7 @@ def _start(last: TimeGrid | None, grid: TimeGrid, metre: float) -> tuple[Floats,
 
 
 def poses(rows: Floats) -> Poses:
-    """Poses of n bodies from (n, 5) x, y, vx, vy, phase."""
+    """Convert (n, 5) rows of x, y, vx, vy, gait phase to the poses of n bodies."""
     speed = np.hypot(rows[:, 2], rows[:, 3])
     heading = rows[:, 2:4] / np.maximum(speed, 1e-12)[:, None]
     heading[speed < 1e-9] = (1.0, 0.0)

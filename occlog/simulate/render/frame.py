@@ -26,7 +26,7 @@ BORDER = np.linspace(0.0, 1.0, 9)
 
 
 def ideal_limits(camera: Camera) -> Floats:
-    """(4,) least and greatest ideal normalised image coordinates of the image's pixels: x0, y0, x1, y1."""
+    """Return (4,) bounds x0, y0, x1, y1 of the image in undistorted normalised coordinates (pixels / focal length)."""
     width, height = camera.image_size or (0, 0)
     across, down = np.linspace(-0.5, width - 0.5, 65), np.linspace(-0.5, height - 0.5, 65)
     sides = [np.column_stack([np.full(65, x), down]) for x in (-0.5, width - 0.5)]
@@ -66,7 +66,7 @@ def pixel_boxes(camera: Camera, limits: Floats, points: Floats) -> Ints:
 
 
 def _to_pixels(camera: Camera, low: Floats, high: Floats) -> tuple[Floats, Floats]:
-    """Bounds in the recorded image of boxes in ideal normalised coordinates; lens distortion bends their sides."""
+    """Convert bounding boxes in undistorted normalised coordinates to pixel bounds of the distorted image."""
     u = np.concatenate([BORDER, BORDER, 0 * BORDER, 0 * BORDER + 1])
     v = np.concatenate([0 * BORDER, 0 * BORDER + 1, BORDER, BORDER])
     border = low[:, None] + (high - low)[:, None] * np.stack([u, v], axis=-1)
@@ -77,14 +77,14 @@ def _to_pixels(camera: Camera, low: Floats, high: Floats) -> tuple[Floats, Float
 
 
 def around_ellipsoids(centre: Floats, axes: Floats, half: Floats) -> Floats:
-    """(P, 8, 3) corners of the boxes around ellipsoids |A (p - c)| = 1; `half` are the lengths of the axes."""
+    """Return (P, 8, 3) corners of the oriented boxes around ellipsoids; `half` are the lengths of their semi-axes."""
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
     edges = axes * half[..., None] ** 2  # rows: axis direction times half length
     return np.asarray(centre[:, None] + np.einsum("ck,pkj->pcj", signs, edges))
 
 
 def around_shadows(xy: Floats, height: Floats, radius: Floats, lights: Floats, reach: Floats) -> Floats:
-    """(n, m, 3) floor points around the shadows of upright cylinders, cut at `reach` from the cylinder."""
+    """Return (n, m, 3) floor points around the shadows of n upright cylinders for m lamps, cut off at `reach`."""
     turns = np.linspace(0, 2 * np.pi, 8, endpoint=False)
     ring = np.stack([np.cos(turns), np.sin(turns)], axis=-1)
     parts = [xy[:, None] + 2.2 * radius[:, None, None] * ring]
@@ -131,7 +131,7 @@ class RenderedFrame(NamedTuple):
 
 
 def canvas(scene: Scene, camera: Camera, metre: float, noise: Floats32, contrast: float = 1.0) -> Canvas:
-    """Everything about a camera that does not change, and its work space.
+    """Prepare the renderer of one camera: background image, depth buffer and noise, computed once for all frames.
 
     Args:
         scene: room and occluders.
@@ -146,7 +146,7 @@ def canvas(scene: Scene, camera: Camera, metre: float, noise: Floats32, contrast
 
 
 def bare_canvas(camera: Camera, lights: Floats, metre: float) -> Canvas:
-    """A canvas for bodies alone, on black and without noise."""
+    """Prepare a renderer for bodies alone, on a black background and without noise."""
     width = (camera.image_size or (0, 0))[0]
     return _on(camera, blank(camera, len(lights)), lights, metre, np.zeros(4 * width, dtype=np.float32))
 
@@ -175,7 +175,7 @@ def draw(
     shadows: bool,
     rng: np.random.Generator,
 ) -> RenderedFrame:
-    """One frame.
+    """Render one frame of a camera with bodies, shadows and noise.
 
     Args:
         c: the camera's canvas; its work space is used, so that a canvas draws one frame at a time.
@@ -221,7 +221,7 @@ def _shadows(c: Canvas, rows: Floats, worn: Clothes) -> None:
 
 
 def _bodies(c: Canvas, rows: Floats, worn: Clothes) -> tuple[Ints, Ints]:
-    """Draw the bodies; returns extent and visible part of each."""
+    """Draw the bodies into the canvas; return the image bounds and the visible part of each body."""
     n = len(rows)
     parts = solids(poses(rows), worn, c.room.metre)
     boxes = pixel_boxes(c.camera, c.limits, around_ellipsoids(parts.centre, parts.axes, parts.half))

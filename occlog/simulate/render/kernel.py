@@ -99,7 +99,7 @@ def trace_into(
 
 @kernel
 def cloth(qx: float, qy: float, qz: float, half: float, pattern: int, metre: float) -> float:
-    """Share of the first colour, 0 or 1, at a point of the unit sphere."""
+    """Return the share (0 or 1) of the first of two colours of a cloth pattern, at a point of the unit sphere."""
     first = True
     if pattern == 1 or pattern == 3:
         first = math.floor(qz * half / (0.06 * metre)) % 2 == 0
@@ -112,7 +112,7 @@ def cloth(qx: float, qy: float, qz: float, half: float, pattern: int, metre: flo
 
 @kernel
 def shade_body_into(colour: Floats, p: int, t: float, ray: Floats32, bodies: Bodies, room: Room) -> None:
-    """Colour (3,) of ellipsoid p where a line of sight meets it at depth t."""
+    """Return the shaded colour (3,), BGR, of ellipsoid p where a line of sight meets it at depth t."""
     rx, ry, rz = ray[0], ray[1], ray[2]
     x, y, z = room.origin[0] + t * rx, room.origin[1] + t * ry, room.origin[2] + t * rz
     a, centre = bodies.axes[p], bodies.centre[p]
@@ -177,7 +177,7 @@ def resolve_into(
 
 @kernel
 def count_into(bounds: Ints, row: int, col: int) -> None:
-    """Widen (5,) left, top, right, bottom, count by a line of sight of a pixel."""
+    """Extend the pixel bounds (5,) left, top, right, bottom, count in place by one line of sight at a pixel."""
     bounds[0] = min(bounds[0], col)
     bounds[1] = min(bounds[1], row)
     bounds[2] = max(bounds[2], col)
@@ -187,7 +187,7 @@ def count_into(bounds: Ints, row: int, col: int) -> None:
 
 @kernel
 def step_down(x: float) -> float:
-    """1 below -1, 0 above 1, smooth between."""
+    """Return a smooth step: 1 for x < -1, 0 for x > 1, a cubic in between."""
     u = min(1.0, max(0.0, 0.5 * (1.0 - x)))
     return u * u * (3.0 - 2.0 * u)
 

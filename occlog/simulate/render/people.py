@@ -55,7 +55,7 @@ class Rendered:
 
 
 class RenderJob(NamedTuple):
-    """A frame that is to be drawn."""
+    """A frame that is to be rendered: camera, time, and positions of the bodies."""
 
     t_ns: int
     number: int  # of the camera among those drawn
@@ -66,7 +66,10 @@ class RenderJob(NamedTuple):
 
 
 def scene_metre(scene: Scene, diameter: float) -> float:
-    """Length of a metre in the scene's unit; where the unit is not a length, a person is one diameter wide."""
+    """Return the length of one metre in scene units.
+
+    For scenes without a length unit, a person is one diameter wide.
+    """
     return 1.0 / METRES[scene.length_unit] if scene.length_unit in METRES else diameter / PERSON
 
 
@@ -138,7 +141,7 @@ def _checked(camera: Camera) -> Camera:
 
 
 def _clothes(ids: NDArray[np.int64], target: NDArray[np.bool_], config: RenderConfig, seed: int) -> Clothes:
-    """Clothes of the objects: they depend on seed and number only (where some look similar, on who is a target too)."""
+    """Draw clothes for the objects, dependent on seed and number only."""
     targets = ids[target].tolist()
     worn = []
     for number, is_target in zip(ids.tolist(), target.tolist(), strict=True):
@@ -156,7 +159,7 @@ def _clothes(ids: NDArray[np.int64], target: NDArray[np.bool_], config: RenderCo
 
 
 def _jobs(found: list[SensorFrames], ids: NDArray[np.int64], clothes: Clothes) -> list[RenderJob]:
-    """The frames of a chunk, by time and then by camera."""
+    """Return the frames to render in one chunk of truth, sorted by time and then by camera."""
     jobs = [
         RenderJob(int(t), number, appearance.first + k, appearance.xyz[k], ids, clothes)
         for number, appearance in enumerate(found)
@@ -186,7 +189,7 @@ def _rendered(camera: Camera, job: RenderJob, drawn: RenderedFrame, config: Rend
 def _boxes(
     camera: Camera, job: RenderJob, ids: NDArray[np.int64], pixels: NDArray[np.int64], share: Floats
 ) -> TruthBoxes:
-    """Boxes around whole pixels; one empty row for a frame without people."""
+    """Return the ground-truth boxes of one frame, rounded to whole pixels; one empty row for a frame without people."""
     if not len(ids):
         ids, pixels, share = np.array([-1]), np.full((1, 5), -1), np.array([np.nan])
         left = top = width = height = np.array([np.nan])
@@ -245,7 +248,7 @@ def reference_appearances(
 
 
 def _view(scene: Scene, metre: float, angle: float) -> tuple[Canvas, Floats]:
-    """A camera at a distance that points at the position under the first lamp, and that position (2,)."""
+    """Return a camera that views a position under the first lamp from azimuth `angle` [rad], and that position (2,)."""
     lights = lamps(scene.surroundings, scene.room_height)
     position = lights[0, :2]
     width, height = SIZE
@@ -262,7 +265,7 @@ def _view(scene: Scene, metre: float, angle: float) -> tuple[Canvas, Floats]:
 
 
 def _add_into(counts: Floats, view: tuple[Canvas, Floats], clothes: Clothes, phase: float, colours: bool) -> None:
-    """Add the pixels of one body, walking along x, to a histogram."""
+    """Add the pixels of one rendered body, walking along x, to a colour histogram in place."""
     sheet, position = view
     rows = np.array([[*position, WALKING, 0.0, phase]])
     image = draw(

@@ -30,7 +30,7 @@ BAND = 32
 
 
 class Solid(NamedTuple):
-    """The static scene in the kernels' form."""
+    """Walls, pillars and lamps of the scene as arrays for the kernels."""
 
     faces: Floats  # (F, 5) visible upright faces: ax, ay, bx, by, height
     wall: NDArray[np.bool_]  # (F,) a wall of the room, not a face of a pillar
@@ -46,7 +46,7 @@ class Solid(NamedTuple):
 
 
 class Background(NamedTuple):
-    """The view of the empty room."""
+    """Image, depths and lines of sight of the empty room as seen by one camera."""
 
     colour: Floats32  # (H, W, 3) BGR
     depth: Floats32  # (H, W, 4) distance along the optical axis to what each line of sight hits
@@ -66,7 +66,10 @@ def cast(
     starts: Ints,
     heights: Floats,
 ) -> tuple[Floats, Ints]:
-    """Nearest hits of (N, 3) lines of sight: distance in units of the ray, infinite for none, and the surface hit."""
+    """Intersect (N, 3) lines of sight with the room: (N,) distances in ray lengths (inf.
+
+    No hit), and the surface numbers.
+    """
     cx, cy, cz = origin[0], origin[1], origin[2]
     t_out = np.full(rays.shape[0], np.inf)
     hit = np.full(rays.shape[0], -1, dtype=np.int64)
@@ -99,7 +102,7 @@ def cast(
 
 
 def solid_scene(scene: Scene, camera: Camera, metre: float, contrast: float) -> Solid:
-    """Return the surfaces visible from a camera: the sides of walls and pillars that face it."""
+    """Return the surfaces visible to a camera: the sides of walls and pillars that face it."""
     sides: list[list[float]] = []
     wall: list[bool] = []
     if scene.room is not None:
@@ -129,7 +132,7 @@ def _circle(polygon: Floats, margin: float) -> list[float]:
 
 
 def _sides(polygon: Floats, height: float, ground: Floats, inner: bool) -> list[list[float]]:
-    """Edges of a counter-clockwise polygon of which the camera sees the inner or the outer side."""
+    """Return the edges of a counter-clockwise polygon whose inner (or outer) side faces the camera."""
     found = []
     for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
         left = (b[0] - a[0]) * (ground[1] - a[1]) - (b[1] - a[1]) * (ground[0] - a[0])
@@ -139,7 +142,7 @@ def _sides(polygon: Floats, height: float, ground: Floats, inner: bool) -> list[
 
 
 def background(scene: Scene, camera: Camera, metre: float, contrast: float = 1.0) -> Background:
-    """The view of the empty room by one camera, with four lines of sight a pixel."""
+    """Render the empty room for one camera, with four lines of sight per pixel."""
     solid = solid_scene(scene, camera, metre, contrast)
     out = blank(camera, len(solid.lights))
     height = out.depth.shape[0]
@@ -149,7 +152,7 @@ def background(scene: Scene, camera: Camera, metre: float, contrast: float = 1.0
 
 
 def blank(camera: Camera, n_lights: int) -> Background:
-    """The view of nothing: black, infinitely far, no floor; with the camera's lines of sight."""
+    """Return a black background at infinite depth without a floor, with the camera's lines of sight."""
     if camera.image_size is None:
         raise ValueError(f"camera {camera.name} has no image size")
     width, height = camera.image_size
@@ -167,14 +170,14 @@ def blank(camera: Camera, n_lights: int) -> Background:
 
 
 def _sight_lines(camera: Camera, top: int, bottom: int, width: int) -> Floats:
-    """(rows * width * 4, 3) lines of sight through the pixels of some rows."""
+    """Return (rows * width * 4, 3) lines of sight through the pixels of the image rows `top` to `bottom`."""
     v, u = np.mgrid[top:bottom, 0:width].astype(np.float64)
     pixels = np.stack([np.stack([u + du, v + dv], axis=-1) for du, dv in SAMPLES], axis=2)
     return camera.rays(camera.to_usable(pixels.reshape(-1, 2)))
 
 
 def _band_into(out: Background, camera: Camera, solid: Solid, top: int, bottom: int) -> None:
-    """Fill some rows."""
+    """Render the image rows `top` to `bottom` of the background in place."""
     width = out.depth.shape[1]
     rays = out.rays[top:bottom].reshape(-1, 3).astype(np.float64)
     t, hit = cast(
@@ -198,7 +201,7 @@ def _band_into(out: Background, camera: Camera, solid: Solid, top: int, bottom: 
 
 @kernel
 def floor_into(floor: Floats32, lamp: Floats32, share: Floats, rays: Floats, origin: Floats, lights: Floats) -> None:
-    """Compute the floor position at the centre of each floor pixel, and the light of each lamp there."""
+    """Compute, in place, the floor position (2,) at the centre of each floor pixel and the light of each lamp there."""
     for row in range(share.shape[0]):
         for col in range(share.shape[1]):
             if share[row, col] > 0.0 and rays[row, col, 2] < 0.0:
@@ -210,7 +213,7 @@ def floor_into(floor: Floats32, lamp: Floats32, share: Floats, rays: Floats, ori
 
 
 def surface_colours(origin: Floats, rays: Floats, t: Floats, hit: Ints, solid: Solid) -> Floats:
-    """(N, 3) lit colours of what the lines of sight hit; the sky where they hit nothing."""
+    """Return (N, 3) lit BGR colours of the surface points hit by lines of sight; the sky colour for misses."""
     colour = np.tile(SKY, (len(rays), 1))
     normals = np.zeros((len(rays), 3))
     points = origin + np.where(np.isfinite(t), t, 0.0)[:, None] * rays
@@ -235,7 +238,7 @@ def surface_colours(origin: Floats, rays: Floats, t: Floats, hit: Ints, solid: S
 
 
 def _surface(what: int, metres: Floats, solid: Solid) -> tuple[Floats, Floats]:
-    """Colours before lighting of points on one surface, and its normal."""
+    """Return unlit BGR colours of points on one surface, and the surface's normal (3,)."""
     x, y, z = metres.T
     k, contrast = what - FACES, solid.contrast
     if what == FLOOR:

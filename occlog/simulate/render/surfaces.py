@@ -38,7 +38,7 @@ def hash_point(i: int, j: int, seed: int) -> float:
 
 @kernel
 def hashed(i: Ints, j: Ints, seed: int) -> Floats:
-    """(N,) of `hash_point`."""
+    """Return (N,) pseudo-random numbers of integer points: `hash_point` for arrays."""
     out = np.empty(i.shape[0])
     for n in range(i.shape[0]):
         out[n] = hash_point(i[n], j[n], seed)
@@ -47,7 +47,7 @@ def hashed(i: Ints, j: Ints, seed: int) -> Floats:
 
 @kernel
 def smooth_noise(x: Floats, y: Floats, cell: float, seed: int) -> Floats:
-    """(N,) smooth noise in [-1, 1] with grains that are `cell` wide: hashed grid values, blended."""
+    """Return (N,) smooth noise in [-1, 1] with correlation length `cell` (value noise on a grid of hashed numbers)."""
     out = np.empty(x.shape[0])
     for n in range(x.shape[0]):
         i, j = math.floor(x[n] / cell), math.floor(y[n] / cell)
@@ -60,14 +60,17 @@ def smooth_noise(x: Floats, y: Floats, cell: float, seed: int) -> Floats:
 
 
 def grain(x: Floats, y: Floats, seed: int, contrast: float) -> Floats:
-    """(N, 1) brightness factor about 1 with grains from 4 cm to half a metre; `contrast` 1 is usual, 0 none."""
+    """Return (N, 1) brightness factors around 1 with a texture of 4 cm to 50 cm.
+
+    `contrast` scales the deviation from 1.
+    """
     coarse, fine = smooth_noise(x, y, 0.5, seed), smooth_noise(x, y, 0.04, seed + 1)
     grains = 0.05 * coarse + 0.05 * smooth_noise(x, y, 0.13, seed + 2) + 0.03 * fine
     return (1.0 + contrast * grains)[:, None]
 
 
 def floor_colour(x: Floats, y: Floats, contrast: float) -> Floats:
-    """(N, 3) square tiles of 60 cm in two shades with dark joints."""
+    """Return (N, 3) BGR colours of the floor: 60 cm tiles in two shades with dark joints."""
     i, j = np.floor(x / 0.6).astype(np.int64), np.floor(y / 0.6).astype(np.int64)
     u, v = x / 0.6 - i, y / 0.6 - j
     dark = ((i + j) % 2 == 0) - 0.5
@@ -78,7 +81,10 @@ def floor_colour(x: Floats, y: Floats, contrast: float) -> Floats:
 
 
 def wall_colour(along: Floats, z: Floats, number: int, height: float, contrast: float) -> Floats:
-    """(N, 3) painted wall with a darker base, a ledge, and pictures; `along` runs along the wall."""
+    """Return (N, 3) BGR colours of a painted wall with a darker base, a ledge and pictures.
+
+    `along` [m] runs along the wall.
+    """
     base = (z < 0.42 * height)[:, None]
     colour = np.where(base, WALL_BASE, WALL_PAINT) * grain(along, z, 101 + number, contrast)
     ledge = (np.abs(z - 0.42 * height) < 0.012 * height) | (z < 0.04 * height)
@@ -96,7 +102,7 @@ def wall_colour(along: Floats, z: Floats, number: int, height: float, contrast: 
 
 
 def pillar_colour(along: Floats, z: Floats, number: int, contrast: float) -> Floats:
-    """(N, 3) bricks of 24 x 8 cm, every second row shifted by half a brick."""
+    """Return (N, 3) BGR colours of a pillar: bricks of 24 x 8 cm, every second row shifted by half a brick."""
     row = np.floor(z / 0.08).astype(np.int64)
     shifted = along / 0.24 + 0.5 * (row % 2)
     brick = np.floor(shifted).astype(np.int64)
@@ -108,7 +114,7 @@ def pillar_colour(along: Floats, z: Floats, number: int, contrast: float) -> Flo
 
 
 def ceiling_colour(x: Floats, y: Floats, contrast: float) -> Floats:
-    """(N, 3) pale panels of 1.2 m."""
+    """Return (N, 3) BGR colours of the ceiling: pale panels of 1.2 m."""
     u, v = np.mod(x, 1.2) / 1.2, np.mod(y, 1.2) / 1.2
     joint = np.minimum(np.minimum(u, 1 - u), np.minimum(v, 1 - v)) < 0.01
     shade = np.where(joint, 1.0 - 0.2 * min(contrast, 1.0), 1.0) * (1 + 0.02 * contrast * smooth_noise(x, y, 0.3, 400))
@@ -141,7 +147,7 @@ def lamps(region: Floats, height: float) -> Floats:
 
 @kernel
 def light_at(px: float, py: float, pz: float, nx: float, ny: float, nz: float, lights: Floats, ambient: float) -> float:
-    """Brightness factor of a surface at p with unit normal n, without shadows."""
+    """Return the brightness of a surface at point p with unit normal n from all lamps, ignoring shadows."""
     total = ambient
     for k in range(lights.shape[0]):
         lx, ly, lz = lights[k, 0] - px, lights[k, 1] - py, lights[k, 2] - pz
@@ -156,7 +162,7 @@ def light_at(px: float, py: float, pz: float, nx: float, ny: float, nz: float, l
 def in_shadow(
     px: float, py: float, pz: float, lx: float, ly: float, lz: float, walls: Floats, starts: Ints, heights: Floats
 ) -> bool:
-    """True if a prism is between the point p and the lamp l above it."""
+    """Return whether a wall or pillar (vertical prism) lies between point p and lamp l above it."""
     ex, ey = lx - px, ly - py
     for w in range(starts.shape[0] - 1):
         first, last = starts[w], starts[w + 1]
@@ -177,7 +183,10 @@ def in_shadow(
 
 @kernel
 def may_be_shadowed(px: float, py: float, lx: float, ly: float, reach: Floats) -> bool:
-    """False only if the way from (px, py) to (lx, ly) keeps clear of all circles (P, 3) x, y, radius."""
+    """Return whether the segment from (px, py) to (lx, ly) comes near any circle (P, 3) x, y, radius.
+
+    A fast pre-test.
+    """
     ex, ey = lx - px, ly - py
     length2 = max(ex * ex + ey * ey, 1e-12)
     for w in range(reach.shape[0]):
@@ -193,7 +202,7 @@ def may_be_shadowed(px: float, py: float, lx: float, ly: float, reach: Floats) -
 def lit_share(
     px: float, py: float, pz: float, lamp: Floats, spread: float, walls: Floats, starts: Ints, heights: Floats
 ) -> float:
-    """Share of a lamp, a square panel that is `spread` from middle to side, that is seen from p."""
+    """Return the visible share, 0 to 1, of a square lamp of half width `spread` as seen from point p."""
     lit = 0
     for corner in range(LAMP.shape[0]):
         lx = lamp[0] + spread * LAMP[corner, 0]
@@ -233,6 +242,6 @@ def shade_into(
 
 
 def grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """(H, W, 3) BGR image without its colours: three equal channels."""
+    """Return the (H, W, 3) BGR image in grey levels: three equal channels."""
     luma = image @ np.array([0.114, 0.587, 0.299])
     return np.repeat(np.rint(luma).astype(np.uint8)[..., None], 3, axis=2)

@@ -32,12 +32,15 @@ class Sounding:
     """Active intervals of sources; draws are remembered, so that all arrays hear the same."""
 
     def __init__(self, silent: Mapping[int, Ints], means: tuple[float, float] | None, start_ns: int, seed: int) -> None:
-        """`silent` has (k, 2) times from and to [ns] of scripted silence; `means` as `SoundConfig.silence`."""
+        """`silent`: (k, 2) scripted silent intervals [ns].
+
+        `means`: mean durations [s] of sound and silence (`SoundConfig`).
+        """
         self._silent, self._means, self._start, self._seed = dict(silent), means, start_ns, seed
         self._changes: dict[int, SoundChanges] = {}
 
     def at(self, t_ns: Ints, ids: Ints) -> Bools:
-        """(T, n) bool: whether each source sounds at each time."""
+        """Return (T, n) booleans: whether each of n sources sounds at each of T times [ns]."""
         out = np.ones((len(t_ns), len(ids)), dtype=np.bool_)
         for column, number in enumerate(ids.tolist()):
             for low, high in self._silent.get(number, ()):
@@ -51,7 +54,7 @@ class Sounding:
 
 
 class SoundChanges:
-    """Times at which one source starts and stops, drawn on demand."""
+    """Random on/off switching times of one source, drawn on demand."""
 
     def __init__(self, means: tuple[float, float], start_ns: int, rng: np.random.Generator) -> None:
         sounds = rng.random() * sum(means) < means[0]
@@ -62,7 +65,7 @@ class SoundChanges:
         self._start = start_ns
 
     def sounding(self, t_ns: Ints) -> Bools:
-        """(T,) whether the source sounds at rising times [ns]."""
+        """Return (T,) booleans: whether the source sounds at ascending times [ns]."""
         seconds = (t_ns - self._start) * 1e-9
         while self._times[-1] <= seconds[-1]:
             lengths = (self._rng.standard_exponential((PAIRS, 2)) * self._means).ravel()
@@ -99,7 +102,7 @@ def merge_near(to: Floats, known: Bools, heard: Bools, resolution: float, planar
 
 
 def _merge(to: Floats, known: Bools, heard: Bools, resolution: float, planar: bool) -> tuple[Floats, Bools, Bools]:
-    """`merge_near` of one block of times."""
+    """Merge unresolved sources for one block of times; see `merge_near`."""
     flat = planar | ~(known[:, :, None] & known[:, None, :])
     ground = _unit(np.concatenate([to[..., :2], np.zeros_like(to[..., :1])], axis=-1))
     units = ground if planar else _unit(to)
@@ -127,7 +130,7 @@ def _unit(vectors: Floats) -> Floats:
 
 
 def _distances(units: Floats) -> Floats:
-    """(T, n, n) chords between unit vectors; NaN where one of them is."""
+    """Return (T, n, n) chord distances between unit vectors; NaN where a vector is NaN."""
     return np.asarray(np.linalg.norm(units[:, :, None] - units[:, None, :], axis=-1))
 
 
@@ -135,7 +138,7 @@ PLAIN = SoundConfig()
 
 
 class SimulatedArray(NamedTuple):
-    """A microphone array with its own random numbers."""
+    """A microphone array with its own random generator."""
 
     array: MicrophoneArray
     noise: np.random.Generator  # of the directions
@@ -189,7 +192,7 @@ def observe_arrays(
 
 
 def _simulated_array(array: MicrophoneArray, number: int, seed: int) -> SimulatedArray:
-    """The array with its own random numbers; InputError for one that is planar and tilted."""
+    """Return the array with its own random generator; InputError for a tilted planar array."""
     if array.planar and not _vertical(array):
         raise InputError(
             f"microphone array {array.name} is planar and tilted, so that it measures no azimuth in the world; "
@@ -205,7 +208,7 @@ def _simulated_array(array: MicrophoneArray, number: int, seed: int) -> Simulate
 
 
 def _vertical(array: MicrophoneArray) -> bool:
-    """Return whether its own z axis is the world's, or opposite: then noise about it is the same in the world."""
+    """Return whether the array's z axis is vertical, so that its angular noise equals noise in world angles."""
     return abs(abs(float(array.rotation[2, 2])) - 1.0) < 1e-12
 
 
@@ -218,7 +221,7 @@ def _report(
     miss: float,
     sound: SoundConfig,
 ) -> Doa:
-    """One array's rows.
+    """Simulate the rows of one array for a block of times.
 
     Args:
         sensor: the array.
@@ -258,7 +261,7 @@ def _report(
 
 
 def _check_heights(array: MicrophoneArray, known: Bools, heard: Bools) -> None:
-    """InputError if a tilted array hears a target of unknown height."""
+    """Raise InputError if a tilted array hears a target of unknown height."""
     if (heard & ~known).any() and not _vertical(array):
         raise InputError(
             f"microphone array {array.name} is tilted and hears a target of unknown height; give targets a z"
@@ -266,10 +269,7 @@ def _check_heights(array: MicrophoneArray, known: Bools, heard: Bools) -> None:
 
 
 def _noisy(array: MicrophoneArray, to: Floats, noise: Floats) -> tuple[Floats, Floats]:
-    """World azimuths and elevations of (m, 3) directions with (m, 2) standard normal noise on the array's own angles.
-
-    What the noise carries over the pole comes down on its other side.
-    """
+    """Return world azimuths and elevations [rad] of (m, 3) directions, with noise on the array's two angles."""
     sigma_elevation = array.sigma if array.sigma_elevation is None else array.sigma_elevation
     vertical = _vertical(array)
     own = to if vertical else to @ array.rotation
@@ -286,7 +286,10 @@ def _noisy(array: MicrophoneArray, to: Floats, noise: Floats) -> tuple[Floats, F
 
 
 def _false(sensor: SimulatedArray, t_ns: Ints, sound: SoundConfig) -> tuple[Ints, Ints, Floats, Floats]:
-    """Directions without a source: their number is Poisson, and they are even over the sphere (or all azimuths)."""
+    """Draw false directions at given times: Poisson in number, uniform over the sphere (planar arrays.
+
+    Over azimuths).
+    """
     period_s = 1.0 / sensor.array.rate_hz if sensor.array.rate_hz else sound.step_s
     numbers = sensor.false_numbers.poisson(sound.false_alarm_rate * period_s, len(t_ns))
     positions = sensor.false_positions.random((int(numbers.sum()), 2))
@@ -302,7 +305,10 @@ def _false(sensor: SimulatedArray, t_ns: Ints, sound: SoundConfig) -> tuple[Ints
 
 
 def _rows(array: MicrophoneArray, t_ns: Ints, source: Ints, azimuth: Floats, elevation: Floats) -> Doa:
-    """The table of an array's directions; all columns are of one length, angles in the world [rad]."""
+    """Return the measurement table of an array from columns of equal length.
+
+    Azimuth and elevation in the world [rad].
+    """
     n = len(t_ns)
     azimuth = wrap_angle(azimuth)
     order = np.lexsort((azimuth, t_ns))  # by direction, so that the order does not give targets away

@@ -24,7 +24,7 @@ from occlog.simulate.world.scripted_paths import truth_grid
 
 
 class SimulatedCamera(NamedTuple):
-    """A camera with what stays the same for all its frames."""
+    """A camera with the quantities constant over all its frames."""
 
     camera: Camera
     walls: tuple[Floats, ...]  # (K, 2) polygons that no line of sight crosses
@@ -62,7 +62,7 @@ def observe(
 
 
 def _simulated_camera(scene: Scene, camera: Camera, number: int, config: ObserveConfig, seed: int) -> SimulatedCamera:
-    """The camera with its own random numbers, at its true position if its calibration is wrong."""
+    """Return the camera with its own random generator, at its true pose if calibration errors are simulated."""
     ground, yaw = camera.ground, camera.yaw
     if config.pose_noise == "calibration":
         error = generator(seed, RandomStream.CAMERA_CALIBRATION, number).standard_normal(3)
@@ -79,7 +79,10 @@ def _simulated_camera(scene: Scene, camera: Camera, number: int, config: Observe
 
 
 def visible(camera: Camera, walls: tuple[Floats, ...], xyz: Floats, k: int, diameter: float) -> Bools:
-    """(T,) bool: whether the camera sees object k of the (T, n, 3) positions; an absent object is not seen."""
+    """Return (T,) booleans: whether the camera sees object k of (T, n, 3) positions.
+
+    False where the object is absent.
+    """
     xy = xyz[:, k, :2]
     # In front of the camera, in its field of view and range
     seen: Bools = in_view(*planar_offsets(xy, camera.ground, camera.yaw), camera.fov, camera.range)
@@ -93,7 +96,7 @@ def visible(camera: Camera, walls: tuple[Floats, ...], xyz: Floats, k: int, diam
 
 
 def _report(sensor: SimulatedCamera, sensor_frames: SensorFrames, grid: TimeGrid, config: ObserveConfig) -> Bearings:
-    """One camera's rows for all targets; random numbers are drawn for every frame and target, used or not."""
+    """Simulate one camera's rows for all targets; random numbers are drawn for every frame and target, used or not."""
     frames, targets = len(sensor_frames.t_ns), np.flatnonzero(grid.target)
     noise = sensor.noise.standard_normal((frames, len(targets)))
     chance = sensor.chance.random((frames, len(targets), 3))
@@ -115,7 +118,7 @@ def _report_target(
     chance: Floats,
     config: ObserveConfig,
 ) -> Bearings:
-    """One camera's rows for object k, which is the target of that number.
+    """Simulate one camera's rows for object k, which is target number `target`.
 
     Args:
         sensor: the camera.
@@ -150,7 +153,7 @@ def _report_target(
 
 
 def _variance(camera: Camera, h: Floats, d: Floats) -> Floats:
-    """Variance of a reading, [Ercan] Eq. 2 [px^2]."""
+    """Return the variance [px^2] of a camera reading h at distance d ([Ercan] Eq. 2)."""
     f = float(camera.focal_px[0])
     return noise_variance(
         h, d, f, sigma_position=camera.sigma_position, sigma_yaw=camera.sigma_yaw, sigma_read_px=camera.sigma_read_px

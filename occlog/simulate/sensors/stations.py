@@ -25,7 +25,7 @@ from occlog.simulate.world.scripted_paths import truth_grid
 
 @dataclass
 class SimulatedReader:
-    """A reader with its own random numbers, and the shadowing of each tag at its last reading."""
+    """A tag reader with its own random generator and the shadowing [dB] of each tag at its last read."""
 
     reader: TagReader
     noise: np.random.Generator  # of the strengths
@@ -94,7 +94,7 @@ def observe_readers(
 def _read(
     own: SimulatedReader, frames: SensorFrames, xyz: Floats, ids: Ints, metre: float, config: ReadConfig
 ) -> Reads:
-    """One reader's rows.
+    """Simulate one reader's rows for a block of times.
 
     Args:
         own: the reader.
@@ -135,7 +135,7 @@ def _read(
 
 
 class Station(NamedTuple):
-    """A sensor with a position that measures distances, and its own random numbers."""
+    """A sensor of known position that measures ranges, range differences or signal strengths."""
 
     name: str
     position: Floats  # (3,)
@@ -145,7 +145,10 @@ class Station(NamedTuple):
 
 
 def stations_of(scene: Scene, seed: int) -> list[Station]:
-    """Cameras and arrays that have a position, in the order of the scene; readers have their own reads."""
+    """Return the stations, i.e. cameras and arrays with a known position, in scene order.
+
+    Tag readers are simulated apart.
+    """
     named = [(c.name, c.position) for c in scene.cameras if c.placed] + [(a.name, a.position) for a in scene.arrays]
     return [
         Station(
@@ -209,7 +212,7 @@ def _measured(
     config: MeasureConfig,
     radio: ReadConfig,
 ) -> Measurements:
-    """One station's rows.
+    """Simulate one station's rows for a block of times.
 
     Args:
         own: the station.
@@ -274,6 +277,6 @@ def _measured(
 
 
 def _distance(xyz: Floats, position: Floats) -> Floats:
-    """(T, n) distances in space of (T, n, 3) positions; those without a height are on the floor."""
+    """Return (T, n) 3-D distances of (T, n, 3) positions from a station; targets without a height are on the floor."""
     up = np.where(np.isnan(xyz[..., 2]), 0.0, xyz[..., 2]) - position[2]
     return np.asarray(np.sqrt((xyz[..., 0] - position[0]) ** 2 + (xyz[..., 1] - position[1]) ** 2 + up**2))

@@ -123,20 +123,20 @@ def people_apart(scene: Scene, people: int, seed: int) -> Floats:
 
 
 def _image_boxes(camera: Camera, positions: Floats) -> Floats:
-    """(n, 4) left, top, right, bottom of bodies at positions (n, 2)."""
+    """Return (n, 4) image boxes left, top, right, bottom [px] of people at positions (n, 2)."""
     corners = np.column_stack([positions, np.zeros(len(positions))])[:, None] + BODY
     pixels = camera.project(corners.reshape(-1, 3)).reshape(len(positions), len(BODY), 2)
     return np.concatenate([pixels.min(axis=1), pixels.max(axis=1)], axis=1)
 
 
 def _clear(box: Floats, others: Floats) -> Bools:
-    """(m,) whether others' boxes (m, V, 4) overlap with none of a body's (V, 4)."""
+    """Return (m,) booleans: whether a person's boxes (V, 4) overlap none of the others' boxes (m, V, 4) in any view."""
     disjoint = (box[:, :2] > others[..., 2:]) | (others[..., :2] > box[:, 2:])
     return np.asarray(disjoint.any(axis=-1).all(axis=-1))
 
 
 class Avoidance(NamedTuple):
-    """Obstacle avoidance of objects."""
+    """Parameters of potential-field obstacle avoidance."""
 
     field: Field
     steps: StepRules
@@ -157,7 +157,7 @@ class AvoidingState(NamedTuple):
 
 
 def starting(world: WaypointState) -> AvoidingState:
-    """Objects that have not moved yet."""
+    """Return the initial state of objects at rest."""
     n = len(world.xy)
     return AvoidingState(
         xy=world.xy.copy(),
@@ -206,7 +206,7 @@ def walk_avoiding(
 
 
 def _free(candidates: Floats, ground: Ground) -> Floats | None:
-    """The first of (K, 2) positions where an object can be; None if missing."""
+    """Return the first of (K, 2) candidate positions that is free; None if none is."""
     for position in candidates:
         if place_free(position[0], position[1], ground):
             return np.asarray(position)
@@ -216,7 +216,7 @@ def _free(candidates: Floats, ground: Ground) -> Floats | None:
 def _around(
     xy: Floats, ground: Ground, motion: WaypointMotion, rules: Avoidance, obstacles: MovingObstacles | None
 ) -> NearbyObstacles:
-    """Obstacles as (n, 2) objects meet them: each other, people, static occluders and walls."""
+    """Return the obstacles for n objects: each other, people, static occluders and walls."""
     n, radius = len(xy), 0.5 * motion.diameter
     others = np.array([[j for j in range(n) if j != i] for i in range(n)], dtype=np.int64).reshape(n, max(n - 1, 0))
     people = np.empty((0, 2)) if obstacles is None else obstacles.xy[np.isfinite(obstacles.xy[:, 0])]
@@ -237,7 +237,10 @@ def _around(
 def _moved(
     xy: Floats, step: Floats, *, first: int, ground: Ground, diameter: float, obstacles: MovingObstacles | None
 ) -> Floats:
-    """(n, 2) positions after steps (n, 2); each object in turn moves first, and none where it is not free."""
+    """Return (n, 2) positions after steps (n, 2).
+
+    Objects move in turn, starting with `first`, and only to free positions.
+    """
     n, out = len(xy), xy.copy()
     people = np.empty((0, 2)) if obstacles is None else np.concatenate([obstacles.xy, obstacles.after])
     people = people[np.isfinite(people[:, 0])]

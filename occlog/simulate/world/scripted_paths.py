@@ -29,7 +29,7 @@ CHUNK_STEPS = 256
 
 
 def step_times(first: int, count: int, step_s: float) -> Ints:
-    """(count,) times of the steps from number `first` on, in ns after the first step of all."""
+    """Return (count,) times of steps `first`, `first` + 1, …, in ns after step 0."""
     times: Ints = np.rint(np.arange(first, first + count) * (step_s * 1e9)).astype(np.int64)
     return times
 
@@ -75,7 +75,7 @@ def grid_truth(grid: TimeGrid) -> Truth:
 
 
 def silences(script: MotionScript, start_ns: int) -> dict[int, Ints]:
-    """For each object that is silent at times: (k, 2) times from and to [ns]."""
+    """Return for each object with scripted silence the (k, 2) silent intervals [ns]."""
     return {
         t.id: start_ns + np.array([[to_ns(a), to_ns(b)] for a, b in t.silent], dtype=np.int64)
         for t in script.targets
@@ -101,7 +101,7 @@ def check_inside(scene: Scene, grid: TimeGrid, start_ns: int) -> None:
 
 
 def moved(state: Floats, segment: Segment, dt: float) -> Floats:
-    """(6,) position and velocity after dt seconds of one segment, without noise."""
+    """Return (6,) position and velocity after dt seconds of one path segment, without noise."""
     out = state.copy()
     out[:3] += dt * state[3:]
     if any(segment.acceleration):
@@ -118,7 +118,7 @@ def moved(state: Floats, segment: Segment, dt: float) -> Floats:
 
 
 def _follow(target: ScriptedTarget, steps: int, step_s: float, z: float, rng: np.random.Generator) -> Iterator[Floats]:
-    """The (3,) position at every step; NaN where the target is not there."""
+    """Return (steps, 3) positions of one scripted target; NaN while it is absent."""
     x, y, own_z = target.position
     state = np.array([x, y, z if math.isnan(own_z) else own_z, *target.velocity])
     begin, end = to_ns(target.from_s), math.inf if math.isinf(target.until_s) else to_ns(target.until_s)
@@ -139,7 +139,7 @@ def _follow(target: ScriptedTarget, steps: int, step_s: float, z: float, rng: np
 
 
 def _pieces(target: ScriptedTarget) -> list[tuple[int, Segment]]:
-    """Segments with their starts [ns], and constant velocity before, between and after them."""
+    """Return segments with start times [ns], with constant-velocity segments inserted in the gaps."""
     begin = to_ns(target.from_s)
     pieces = [(begin, Segment(target.from_s))]
     for segment in target.segments:
@@ -157,7 +157,7 @@ def _entered(state: Floats, segment: Segment) -> Floats:
 
 
 def _advanced(state: Floats, pieces: list[tuple[int, Segment]], starts: list[int], now: int, t: int) -> Floats:
-    """The state at time t [ns], from that at `now`, through all pieces in between."""
+    """Return the state at time t [ns], propagated from time `now` through all segments in between."""
     piece = bisect_right(starts, now) - 1
     while piece + 1 < len(pieces) and starts[piece + 1] <= t:
         state = _entered(moved(state, pieces[piece][1], (starts[piece + 1] - now) * 1e-9), pieces[piece + 1][1])

@@ -35,7 +35,7 @@ class Ground(NamedTuple):
 
 
 class WaypointMotion(NamedTuple):
-    """Motion parameters of objects, per step."""
+    """Motion parameters of simulated objects, per step."""
 
     step: float  # speed: length of a step without noise
     sigma: float  # standard deviation of the noise of a step, per axis
@@ -107,7 +107,7 @@ def try_into(
     ground: Ground,
     diameter: float,
 ) -> bool:
-    """Move object i by (ux, uy), in place, if that is free; True if it moved."""
+    """Move object i by (ux, uy) in place if the new position is free; return whether it moved."""
     bx, by = xy[i, 0] + ux, xy[i, 1] + uy
     if first_hit(xy, i, bx, by, diameter) >= 0:
         return False

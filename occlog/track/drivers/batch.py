@@ -24,7 +24,7 @@ MAX_PAUSE_LAGS = 4
 
 
 class _TargetScans(NamedTuple, Generic[State]):
-    """A target's scans since the last call of the method."""
+    """Buffered scans of a target since the last call of the batch method."""
 
     state: State
     due_ns: int  # when the method is called next
@@ -113,14 +113,14 @@ def track_batch(
 def _advance(
     own: _TargetScans[State], target: int, method: Batch[State, Config], names: tuple[str, ...], *, last: bool
 ) -> tuple[_TargetScans[State], TrackChunk]:
-    """The method's next call, and what it gave out."""
+    """Call the batch method with the buffered scans; return the states it releases."""
     state, smoothed = method.advance(own.state, own.scans, last)
     given = int(smoothed.t_ns[-1]) if len(smoothed.t_ns) else own.given_ns
     return own._replace(state=state, given_ns=given, scans=[]), as_tables(smoothed, target, names)
 
 
 def _until(waiting: list[TrackChunk], horizon_ns: int) -> tuple[list[TrackChunk], list[TrackChunk]]:
-    """Rows up to a time, of all targets by time; and the others."""
+    """Split buffered rows of all targets at a time: rows up to it, sorted by time, and the rest."""
     early, late = [], []
     for part in waiting:
         n = int(np.searchsorted(part.tracks.t_ns, horizon_ns, side="right"))
@@ -138,7 +138,10 @@ def _until(waiting: list[TrackChunk], horizon_ns: int) -> tuple[list[TrackChunk]
 
 
 def _cut(part: TrackChunk, n: int, *, first: bool) -> TrackChunk:
-    """The first n rows with what belongs to them, or the others; the solves stay with the first ones."""
+    """Return the first n rows with their diagnostics, or (`first` False) the remaining rows.
+
+    Solver records stay with the first.
+    """
     rows = slice(None, n) if first else slice(n, None)
     residuals = part.residuals
     if residuals is not None and n < len(part.tracks):
@@ -153,7 +156,7 @@ def _cut(part: TrackChunk, n: int, *, first: bool) -> TrackChunk:
 
 
 def as_tables(found: SmoothedTrajectory, target: int, names: tuple[str, ...]) -> TrackChunk:
-    """The tables of one target's states."""
+    """Convert one target's smoothed trajectory to output tables."""
     T, C = len(found.t_ns), found.covariance
     identity = np.full(T, target, dtype=np.int32)
     names4 = ("x", "y", "vx", "vy")

@@ -81,7 +81,7 @@ def track_online(
 def _selector(
     scene: Scene, method: Online[State, Config], tracking: TrackingTask[Config]
 ) -> Selector[State, Config] | None:
-    """The selection of cameras, if there is one; UsageError for a method that cannot say where a target will be."""
+    """Return the camera selector, or None; UsageError for a method that cannot predict the target's position."""
     if tracking.selection is None:
         return None
     if method.prediction is None:
@@ -96,7 +96,7 @@ def _selector(
 def _stepped(
     own: TargetFilter[State], method: Online[State, Config], selector: Selector[State, Config] | None, scan: Scan
 ) -> tuple[TargetFilter[State], EstimateRow | None]:
-    """The filter after a scan, and its row; None where the scan gives none: the next row counts its frames, too."""
+    """Advance a target's filter by a scan; return its state and output row (None if the scan gives none)."""
     offered = own.offered + len(np.unique(scan.sensor))
     asked: Scan | None = scan
     if selector is not None:
@@ -115,5 +115,5 @@ def _stepped(
 
 
 def _targets(scan: Scan, filters: Collection[int], wanted: Collection[int] | None) -> list[int]:
-    """Targets that a scan may be about, rising."""
+    """Return the ascending target numbers that a scan may concern."""
     return sorted(scan.targets.union(filters)) or [next(iter(wanted)) if wanted else FIRST_TARGET]

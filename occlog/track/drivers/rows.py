@@ -60,7 +60,7 @@ def particle_rows(clouds: Sequence[tuple[int, int, ParticleSet]]) -> Particles:
 
 
 class Solve(NamedTuple):
-    """One search of a batch method."""
+    """One optimisation run of a batch method (iterations, cost, time)."""
 
     target: int
     iterations: int
@@ -71,7 +71,7 @@ class Solve(NamedTuple):
 
 
 class TrackChunk(NamedTuple):
-    """Add rows of a track and how the filter fared, equal in number, and what it learned of the sensors."""
+    """Output rows of a track with diagnostics of the filter (equal in number) and sensor-error estimates."""
 
     tracks: Tracks
     diagnostics: Diagnostics
@@ -93,7 +93,7 @@ ROWS_PER_CHUNK = 4096
 
 
 class EstimateRow(NamedTuple):
-    """One estimate of one target."""
+    """One estimate of one target, with time and diagnostics."""
 
     target: int
     t_ns: int
@@ -104,7 +104,7 @@ class EstimateRow(NamedTuple):
     cloud: ParticleSet | None = None  # None: not asked for
 
     def smoothed(self, past: SmoothedState) -> EstimateRow:
-        """The row with a state that was estimated with later measurements."""
+        """Return this row with the smoothed state `past`."""
         better = self.estimate._replace(
             xy=past.xy, velocity=past.velocity, covariance=past.covariance, height=past.height
         )
@@ -112,7 +112,7 @@ class EstimateRow(NamedTuple):
 
 
 def tables(rows: Sequence[EstimateRow], names: tuple[str, ...]) -> TrackChunk:
-    """The tables of estimates in order.
+    """Convert estimates, in order, to the output tables.
 
     Args:
         rows: in the order of time.
@@ -131,7 +131,7 @@ def tables(rows: Sequence[EstimateRow], names: tuple[str, ...]) -> TrackChunk:
 
 
 def _residuals(rows: Sequence[EstimateRow], names: tuple[str, ...]) -> Residuals | None:
-    """How bearings agree with the estimates; None if the method does not judge them."""
+    """Return the table of bearing residuals of the estimates; None if the method does not compute them."""
     fits = [(r, r.estimate.fit) for r in rows if r.estimate.fit is not None]
     if not fits:
         return None
@@ -139,7 +139,7 @@ def _residuals(rows: Sequence[EstimateRow], names: tuple[str, ...]) -> Residuals
 
 
 def residual_rows(fit: BearingResiduals, t_ns: Ints, target: int, names: tuple[str, ...]) -> Residuals:
-    """The table of how bearings agree with the estimates of a target at T times, t_ns."""
+    """Return the table of a target's bearing residuals at T times t_ns."""
     return Residuals.of(
         t_ns=t_ns[fit.row],
         target_id=np.full(len(fit.row), target, dtype=np.int32),
@@ -193,7 +193,7 @@ def _identities(rows: Sequence[EstimateRow]) -> Ints32:
 
 
 def _heights(estimates: list[Estimate]) -> dict[str, Floats]:
-    """Columns of estimates in space; none if all are on the ground."""
+    """Return the height columns of 3-D estimates; none if all estimates are on the ground plane."""
     if all(e.height is None for e in estimates):
         return {}
     none = HeightEstimate(math.nan, math.nan, np.full(3, math.nan))
@@ -204,7 +204,7 @@ def _heights(estimates: list[Estimate]) -> dict[str, Floats]:
 
 
 def _calibration(rows: Sequence[EstimateRow], names: tuple[str, ...]) -> Calibration:
-    """Errors of all sensors after each scan, where they are estimated."""
+    """Return the table of estimated pose errors of all sensors after each scan, if the method estimates them."""
     found = [(r.t_ns, r.target, r.estimate.calibration) for r in rows if r.estimate.calibration is not None]
     if not found:
         return Calibration.empty()
@@ -226,7 +226,7 @@ ORDER_BYTES = 4
 
 
 class NetworkTraffic:
-    """Counts over the chunks of the diagnostics."""
+    """Counts of messages and bytes sent by cameras, accumulated over the diagnostics."""
 
     def __init__(self) -> None:
         """Start all counts at 0."""
@@ -237,7 +237,7 @@ class NetworkTraffic:
         self._on: dict[int, frozenset[str]] = {}
 
     def add(self, part: Diagnostics) -> None:
-        """Count some more scans."""
+        """Add the counts of one chunk."""
         self.reports += int(part.n_observing.sum())
         self.offered += int(part.n_available.sum())
         for row in np.flatnonzero(np.isfinite(part.predicted_mse)).tolist():
@@ -249,11 +249,11 @@ class NetworkTraffic:
 
     @property
     def bytes(self) -> int:
-        """Sent in all."""
+        """Return the total number of bytes sent."""
         return self.reports * REPORT_BYTES + self.orders * ORDER_BYTES
 
     def summary(self) -> dict[str, float | int]:
-        """The figures; none where no cameras were selected."""
+        """Return the figures for the summary; empty if no cameras were selected."""
         if not self.selections:
             return {}
         whole = self.offered * REPORT_BYTES

@@ -114,7 +114,7 @@ def track(
 
 
 def label_continuity(scene: Scene, tracking: TrackingTask[Config], *, repair: bool) -> LabelContinuity:
-    """What follows labels, with the motion of the Kalman filters, or of the settings where they have it."""
+    """Return the label-continuity check of a scene, with the motion model of the method's settings."""
     own = tracking.config
     walk = own if isinstance(own, WalkConfig) else EkfConfig.in_unit(scene.length_unit)
     rate = 1.0 / (LABEL_TIME_CONSTANT_RATIO * walk.velocity_time_constant_s)
@@ -123,7 +123,10 @@ def label_continuity(scene: Scene, tracking: TrackingTask[Config], *, repair: bo
 
 
 def motion_check(scene: Scene, config: object) -> MotionCheck | None:
-    """How the motion of a method's settings compares with that by which labels are followed; None: not at all."""
+    """Return how the motion model of the method's settings compares with that of the label check.
+
+    None: no comparison.
+    """
     if isinstance(config, FixConfig):
         return None
     if isinstance(config, WalkConfig):
@@ -144,7 +147,7 @@ def _tracked(
     occluders: Iterable[Occluders] | Iterable[Hulls] | None,
     measured: DistanceMeasurementFeed | None,
 ) -> Iterator[TrackChunk]:
-    """Tracks by the driver for the kind of the method."""
+    """Run the driver for the method's kind (online, batch or joint)."""
     if isinstance(method, Online):
         yield from track_online(bearings, scene, method, tracking, occluders, measured)
         return

@@ -61,7 +61,7 @@ class TrackingTask(Generic[Config]):
 
 
 def check_start(started: bool, target: int, others: Collection[int]) -> None:
-    """UsageError where the settings have a start, which is that of one target, and there is one more than one."""
+    """Raise UsageError if the settings fix a start position and more than one target is tracked."""
     if started and others:
         raise UsageError(
             f"start says where one target is, but there is target {target} in addition to "
@@ -74,7 +74,7 @@ def feed_of(
     method: Online[State, Config] | Batch[State, Config],
     tracking: TrackingTask[Config],
 ) -> OccluderFeed | None:
-    """Priors of the moving occluders at any time; UsageError for a method that knows nothing of them."""
+    """Return the function that gives moving-occluder priors at any time; UsageError if the method cannot use them."""
     if occluders is None:
         return None
     if method.occluders is None:

@@ -2,7 +2,7 @@
 
 A chunk is accepted if its check sum is valid. The last chunk of a truncated file cannot be verified; its complete
 messages are accepted. If the length of a record is damaged, the search continues at the next chunk with a valid header,
-or at the next of several concatenated recordings. || For a truncated LZ4 frame, the library returns whole blocks only.
+or at the next of several concatenated recordings. For a truncated LZ4 frame, the library returns whole blocks only.
 A block is a list of sequences (literal bytes, then a match that repeats earlier output), which are decompressed here up
 to the truncation (LZ4 block format, sections "Compressed block format" and "End of block").
 """

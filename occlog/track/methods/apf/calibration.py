@@ -55,7 +55,7 @@ MAX_INITIAL_SCANS = 1000
 
 
 class StatedSensors(NamedTuple):
-    """The sensors as the scene has them."""
+    """The sensors with poses as stated in the scene."""
 
     scene: Scene
     sensors: Sensors
@@ -67,7 +67,7 @@ class StatedSensors(NamedTuple):
 
 
 class InitialPhase(NamedTuple):
-    """What the initial phase has gathered."""
+    """Scans and estimates collected in the initial calibration phase."""
 
     until_ns: int | None  # None: not begun
     scans: tuple[LabelledBearings, ...]
@@ -75,7 +75,7 @@ class InitialPhase(NamedTuple):
 
 
 class PoseCalibration(NamedTuple):
-    """What is known about the sensors' errors, and the sensors as corrected by it."""
+    """Estimated pose errors of the sensors, and the sensors corrected for them."""
 
     stated: StatedSensors
     belief: PoseErrorBelief
@@ -87,7 +87,10 @@ class PoseCalibration(NamedTuple):
 
     @property
     def converged(self) -> bool:
-        """Whether cameras are corrected: something was learned, and errors that stay explain it better than noise."""
+        """Return whether corrections are applied.
+
+        Pose errors were estimated and explain the residuals better than noise.
+        """
         return self.phase is None and self.belief.log_odds > MIN_LOG_ODDS
 
 
@@ -137,7 +140,7 @@ def corrected(calibration: PoseCalibration, xy: Floats, weights: Floats) -> tupl
 
 
 def corrected_scan(calibration: PoseCalibration, packed: PackedScan) -> PackedScan:
-    """PackedScan with bearings turned by the errors of yaw, and readings as noisy as they turned out to be."""
+    """Return the packed scan with bearings corrected for yaw errors, and its reading noise scaled."""
     if not calibration.converged:
         return packed
     sensor = np.repeat(packed.sensor, np.diff(packed.first))
@@ -172,7 +175,7 @@ def updated_calibration(
 def _gather(
     calibration: PoseCalibration, sights: LabelledBearings, t_ns: int, xy: Floats, seconds: float
 ) -> PoseCalibration:
-    """The calibration with one more scan in its initial phase, solved when that is over."""
+    """Add a scan to the initial calibration phase; solve for the pose errors when it has lasted long enough."""
     phase = calibration.phase or InitialPhase(None, (), ())
     until = t_ns + round(seconds * NS) if phase.until_ns is None else phase.until_ns
     phase = InitialPhase(until, (*phase.scans, sights), (*phase.positions, xy))
@@ -185,10 +188,10 @@ def _gather(
 
 
 def _follow(calibration: PoseCalibration, sights: LabelledBearings, estimate: Estimate) -> PoseCalibration:
-    """The calibration with `follows` as it is after the filter took in bearings.
+    """Return the calibration with `follows` updated for a scan: the sensitivity of the estimate to pose errors.
 
-    The gain of the particle filter is taken to be that of a Kalman filter with its covariance;
-    bearings that miss the estimate by far are taken to have had no weight.
+    The gain of the particle filter is approximated by that of a Kalman filter with the same covariance; outlier
+    bearings are taken to have no weight.
     """
     belief, positions = calibration.belief, calibration.stated.positions
     if not len(sights.sensor) or np.hypot(*(estimate.xy - positions[sights.sensor]).T).min() == 0.0:
@@ -208,7 +211,7 @@ def _follow(calibration: PoseCalibration, sights: LabelledBearings, estimate: Es
 
 
 def _sights(scan: Scan, stated: StatedSensors) -> LabelledBearings:
-    """The labelled bearings of a scan, with the stated poses."""
+    """Return the labelled bearings of a scan, with the stated sensor poses."""
     rows = np.flatnonzero(scan.labelled & scan.seen)
     sensor, u = scan.sensor[rows], scan.u_px[rows]
     pixel = np.isfinite(u)
@@ -221,7 +224,7 @@ def _sights(scan: Scan, stated: StatedSensors) -> LabelledBearings:
 
 
 def _packed(calibration: PoseCalibration) -> PoseCalibration:
-    """The calibration with sensors moved to where they are now thought to be, unless they hardly are elsewhere."""
+    """Return the calibration with the packed sensors moved to their estimated poses, if these differ enough."""
     stated, mean = calibration.stated, calibration.belief.mean
     prior = np.array([(c.sigma_position, c.sigma_position, c.sigma_yaw) for c in stated.scene.cameras]).reshape(-1, 3)
     moved = np.abs(mean - calibration.packed)[: len(prior)]

@@ -164,14 +164,14 @@ def _updated(state: ApfState, packed: PackedScan, dt: float, rng: Generator) -> 
 
 
 def _last(model: ApfModel, draw: ProposedParticles, dt: float) -> Trace:
-    """The smoother state of a scan; None without a smoother."""
+    """Return the smoother record of a scan (particles, ancestors and time step dt [s]); None without a smoother."""
     if not model.config.smoothed:
         return ()
     return (record_particles(draw.particles, draw.weights, draw.parents, dt, model, draw.sharpness),)
 
 
 def _begin(model: ApfModel, packed: PackedScan, reason: str, rng: Generator) -> tuple[ProposedParticles, Trace]:
-    """Particles resampled: all over the ground, or, without a room, from the scan."""
+    """Return newly initialised particles over the whole ground, or, in a scene without a room, from the scan."""
     draw = reinitialise(model, packed, rng)._replace(fallback=reason)
     return draw, _last(model, draw, 0.0)
 
@@ -226,7 +226,7 @@ def _as_estimate(
     packed: PackedScan,
     seen: Bools,
 ) -> Estimate:
-    """The estimate, with the sensors that contributed."""
+    """Return the estimate with mean (2,), covariance (2, 2), and the sensors that contributed."""
     return Estimate(
         xy=mean,
         velocity=draw.weights @ waypoint.velocities(draw.particles),

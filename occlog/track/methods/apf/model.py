@@ -68,7 +68,7 @@ def pack_sensors(scene: Scene, walls: Sequence[Sequence[Floats]] | None = None) 
 
 
 def pack_noise(scene: Scene) -> MeasurementNoise:
-    """Calibration noise and image widths of all sensors."""
+    """Return calibration noise and image widths of all sensors as arrays."""
     cameras, none = scene.cameras, [0.0] * len(scene.arrays)
     focal = [float(c.focal_px[0]) for c in cameras]
     fov = [c.fov for c in cameras]

@@ -43,7 +43,7 @@ PARALLEL = 1e-12
 
 
 class Folded(NamedTuple):
-    """What the jackknife makes of an estimate."""
+    """Results of the jackknife of an estimate: mean and covariance."""
 
     xy: Floats  # (2,) mean of the pseudo-values: bias removed to the first order
     covariance: Floats  # (2, 2) of that mean
@@ -105,7 +105,7 @@ RELATIVE_TOLERANCE = 1e-10
 
 
 class Fix(NamedTuple):
-    """A position and how sure it is."""
+    """A position estimate with covariance and convergence flags."""
 
     xy: Floats  # (2,)
     covariance: Floats  # (2, 2) of the estimator as published, or from the stated standard deviations
@@ -115,7 +115,7 @@ class Fix(NamedTuple):
 
 
 class _Equations(NamedTuple):
-    """Lenth's estimating equations at a position."""
+    """Lenth's estimating equations, linear in the position, evaluated at a position."""
 
     matrix: Floats  # (2, 2)
     right: Floats  # (2,)
@@ -154,7 +154,7 @@ def fix(
 
 
 def _psi(estimator: str, bend: float) -> Callable[[Floats], Floats]:
-    """psi(t)/t of an estimator."""
+    """Return the weight function psi(t) / t of an M-estimator with bend (tuning constant) `bend`."""
     if estimator == "huber":
         return lambda t: np.minimum(1.0, bend / np.maximum(t, 1e-300))
     if estimator == "andrews":
@@ -163,7 +163,7 @@ def _psi(estimator: str, bend: float) -> Callable[[Floats], Floats]:
 
 
 def inverse_kappa(mean_cosine: float) -> float:
-    """1/kappa of von Mises errors with that mean cosine in (0, 1], by Lenth's approximation."""
+    """Return 1/kappa of a von Mises distribution with mean cosine in (0, 1], by Lenth's approximation."""
     c = min(max(mean_cosine, 1e-6), 1.0 - 1e-15)
     return 2.0 * (1.0 - c) + (1.0 - c) ** 2 * (0.48794 - 0.82905 * c - 1.3915 * c * c) / c
 
@@ -171,7 +171,7 @@ def inverse_kappa(mean_cosine: float) -> float:
 def _m_estimate(
     positions: Floats, bearings: Floats, share: Floats, stated: float, psi: Callable[[Floats], Floats], learned: bool
 ) -> Fix | None:
-    """From the least-squares point; where that does not settle, from the repeated median."""
+    """Return the M-estimate started from the least-squares point; if it diverges, from the repeated median."""
     for start in (None, repeated_median(positions, bearings)):
         found = _iterate(positions, bearings, share, stated, psi, learned, start)
         if found is not None:
@@ -188,7 +188,7 @@ def _iterate(
     learned: bool,
     start: Floats | None,
 ) -> Fix | None:
-    """Fixed point of Lenth's equations, the weights and kappa found along with the position."""
+    """Iterate Lenth's equations to a fixed point, updating weights and kappa with the position."""
     n = len(bearings)
     weights, kappa, xy = np.ones(n), stated, start
     for iteration in range(ITERATIONS):
@@ -213,7 +213,10 @@ def _iterate(
 
 
 def _fix_at(xy: Floats, equations: _Equations, weights: Floats, kappa: float, learned: bool) -> Fix | None:
-    """The fix with the published covariance: 1/kappa times the inverse of the symmetric part."""
+    """Return the position with Lenth's covariance.
+
+    1/kappa times the inverse of the symmetric part of the equations' matrix.
+    """
     information = 0.5 * (equations.matrix + equations.matrix.T)
     if not np.linalg.det(information) > 0.0 or not information[0, 0] > 0.0:
         return None
@@ -225,7 +228,7 @@ def _directions(positions: Floats, xy: Floats) -> Floats:
 
 
 def _equations(positions: Floats, bearings: Floats, weights: Floats, xy: Floats | None) -> _Equations:
-    """The equations at a position; None: for sensors that are all equally far away."""
+    """Return Lenth's estimating equations at position xy; None at a point equidistant from all sensors."""
     s, c = np.sin(bearings), np.cos(bearings)
     # Relative to the sensors' centre, or large coordinates of maps would cost digits.
     centre = positions.mean(axis=0)
@@ -243,7 +246,7 @@ def _equations(positions: Floats, bearings: Floats, weights: Floats, xy: Floats 
 
 
 def _solved(equations: _Equations) -> Floats | None:
-    """The solution; None where the lines are parallel or the numbers not finite."""
+    """Return the solution (2,) of the linear equations; None for parallel lines or non-finite values."""
     size = float(np.abs(equations.matrix).max())
     if not np.isfinite(size) or size == 0.0 or abs(np.linalg.det(equations.matrix / size)) < 1e-12:
         return None
@@ -254,7 +257,7 @@ def _solved(equations: _Equations) -> Floats | None:
 def _median(
     positions: Floats, bearings: Floats, share: Floats, stated: float, jackknife: bool, learned: bool
 ) -> Fix | None:
-    """Repeated median; its covariance is that of the jackknife, or from the stated standard deviations."""
+    """Return the repeated-median position with covariance by the jackknife, or from the stated standard deviations."""
     xy = repeated_median(positions, bearings)
     if xy is None:
         return None
@@ -269,7 +272,7 @@ def _median(
 
 
 def _fisher(positions: Floats, xy: Floats, share: Floats) -> _Equations:
-    """Information about a position for kappa 1."""
+    """Return the Fisher information (2, 2) of the position for unit concentration kappa."""
     away = xy - positions
     squared = np.maximum((away**2).sum(axis=1), 1e-24)
     across = np.column_stack([-away[:, 1], away[:, 0]]) / squared[:, None]
@@ -277,7 +280,7 @@ def _fisher(positions: Floats, xy: Floats, share: Floats) -> _Equations:
 
 
 def _ahead(positions: Floats, bearings: Floats, found: Fix) -> bool:
-    """Whether it is in front of most of the sensors that count, two of them at least."""
+    """Return whether the position is in front of the majority of the weighted sensors, and of at least two."""
     ahead: Bools = np.cos(bearings - _directions(positions, found.xy)) > 0.0
     counted = found.weights[ahead].sum()
     finite = bool(np.isfinite(found.covariance).all() and np.isfinite(found.xy).all())
@@ -298,7 +301,7 @@ MIN_INFORMATION_RATIO = 1e-9
 
 
 class Modes(NamedTuple):
-    """M modes, the most probable first."""
+    """M modes of the position likelihood, the most probable first."""
 
     xy: Floats  # (M, 2)
     covariance: Floats  # (M, 2, 2) with the stated standard deviations
@@ -356,11 +359,11 @@ def modes(positions: Floats, bearings: Floats, sigma: Floats, bend: float) -> Mo
 
 
 def _with_distances(xy: Floats, covariance: Floats, inlier: Floats, positions: Floats, sigma: Floats) -> Floats:
-    """(M, 2, 2) covariances that know how uncertain the distance of each sensor is.
+    """Return (M, 2, 2) covariances of modes, including the uncertainty of the sensors' distances.
 
-    An error of the bearing puts the target aside by that times the distance, with a mean square of the estimate's plus
-    its variance along the line of sight.  Where that is large, as for lines of sight that are nearly parallel, a mode
-    next to a sensor would else seem sharp, since little is between them.
+    An error of a bearing displaces the target across by the error times the distance, whose mean square is that of the
+    estimate plus its variance along the line of sight. For nearly parallel lines of sight, a mode next to a sensor
+    would otherwise appear too precise.
     """
     away = xy[:, None, :] - positions[None]
     squared = np.maximum((away**2).sum(axis=2), 1e-24)
@@ -371,7 +374,7 @@ def _with_distances(xy: Floats, covariance: Floats, inlier: Floats, positions: F
 
 
 def spread_of(found: Modes, *, pooled: bool) -> Floats:
-    """(2, 2) second moment of all modes about the first, with scales that are pooled or as stated."""
+    """Return the (2, 2) second moment of all modes about the first, with pooled or stated scales."""
     factor = np.ones(len(found.xy))
     if pooled:
         squares = np.einsum("mn,mn->m", found.inlier_probability, np.minimum(found.residual**2, 1e6))
@@ -383,7 +386,7 @@ def spread_of(found: Modes, *, pooled: bool) -> Floats:
 
 
 def _at(xy: Floats, positions: Floats, bearings: Floats, sigma: Floats, bend: float) -> tuple[Floats, Floats, Floats]:
-    """Residuals (M, n), beliefs (M, n) and gradients (M, n, 2) of the predicted bearings, in standard deviations."""
+    """Return normalised residuals (M, n), inlier probabilities (M, n) and gradients (M, n, 2) of bearings."""
     away = xy[:, None, :] - positions[None]
     off = bearings - np.arctan2(away[..., 1], away[..., 0])
     residual = ((off + np.pi) % (2.0 * np.pi) - np.pi) / sigma
@@ -394,12 +397,15 @@ def _at(xy: Floats, positions: Floats, bearings: Floats, sigma: Floats, bend: fl
 
 
 def _cost(residual: Floats, bend: float) -> Floats:
-    """(M,) negative log likelihoods, up to a constant."""
+    """Return (M,) negative log likelihoods of residuals (M, n), up to a constant."""
     return np.asarray(-np.logaddexp(-0.5 * residual**2, -0.5 * bend**2).sum(axis=1))
 
 
 def _climbed(xy: Floats, positions: Floats, bearings: Floats, sigma: Floats, bend: float) -> Floats:
-    """(M, 2) modes that starts lead to: Gauss and Newton with reweighting, and steps halved until the cost falls."""
+    """Return (M, 2) modes reached from start positions.
+
+    Reweighted Gauss-Newton with step halving until the cost falls.
+    """
     xy = xy.copy()
     scale = np.hypot(*(positions - positions.mean(axis=0)).T).max() + 1e-300
     for _ in range(MAX_EM_ITERATIONS):

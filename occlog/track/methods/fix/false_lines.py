@@ -29,14 +29,14 @@ POINTS, MODE_CHI2 = 48, 16.0
 
 
 class Region(NamedTuple):
-    """Where a target can be: a rectangle."""
+    """Rectangle of possible target positions."""
 
     low: Floats  # (2,)
     high: Floats  # (2,)
 
 
 class FalseLines(NamedTuple):
-    """Where false bearings come from."""
+    """Model of false bearings: rate and the sensors' fields of view."""
 
     width: Floats  # (n,) fields of view [rad]
     probability: float  # that a bearing is false, above 0
@@ -45,7 +45,7 @@ class FalseLines(NamedTuple):
 
 
 def depends_on_one(found: Modes, positions: Floats, sigma: Floats) -> bool:
-    """Whether the first mode would be undetermined, or nearly so, without one of the bearings that agree."""
+    """Return whether the first mode would be (nearly) undetermined without one of its inlier bearings."""
     inlier = found.inlier_probability[0]
     if np.count_nonzero(inlier >= 0.5) <= 2:
         return True
@@ -108,12 +108,12 @@ def false_line_moment(
 
 
 def _variances(found: Modes) -> Floats:
-    """(M, 2) variances of modes along the axes."""
+    """Return (M, 2) variances of modes along their principal axes."""
     return np.maximum(np.diagonal(found.covariance, axis1=1, axis2=2), 1e-300)
 
 
 def _inside(positions: Floats, bearings: Floats, region: Region) -> tuple[Floats, Floats]:
-    """(n,) distances at which the rays of n bearings enter and leave a region; the same where they miss it."""
+    """Return (n,) entry and exit distances of n bearing rays for a region; equal where a ray misses it."""
     ahead = np.column_stack([np.cos(bearings), np.sin(bearings)])
     ahead = np.where(np.abs(ahead) < 1e-12, 1e-12, ahead)
     one, other = (region.low - positions) / ahead, (region.high - positions) / ahead

@@ -68,7 +68,7 @@ residuals as large as that of the accepted measurements has less than the second
 
 
 class BearingLines(NamedTuple):
-    """n lines of sight."""
+    """Positions and directions of n lines of sight."""
 
     positions: Floats  # (n, 2) where they were taken
     bearings: Floats  # (n,) [rad]
@@ -144,7 +144,7 @@ def has_rival_mode(found: Modes) -> bool:
 
 
 def measured_at(lines: BearingLines, distances: RangeMeasurements, xy: Floats) -> LineAndDistanceResiduals:
-    """Residuals and gradients of lines, then of distances, at (M, 2) positions."""
+    """Return normalised residuals and gradients of lines of sight, then of distances, at (M, 2) positions."""
     away = xy[:, None, :] - lines.positions[None]
     off = lines.bearings - np.arctan2(away[..., 1], away[..., 0])
     turned = ((off + np.pi) % (2.0 * np.pi) - np.pi) / lines.sigma
@@ -159,10 +159,10 @@ def measured_at(lines: BearingLines, distances: RangeMeasurements, xy: Floats) -
 def _moment(
     lines: BearingLines, distances: RangeMeasurements, errors: DistanceErrors, xy: Floats, narrow: Floats
 ) -> Floats:
-    """(2, 2) second moment about a mode of the likelihood of what is not false there, by a grid.
+    """Return the (2, 2) second moment of the inlier likelihood about a mode, integrated over a grid.
 
-    The grid is even in the coordinates of the Gaussian of the mode, with covariance `narrow`.  Where circles touch,
-    that Gaussian is much longer than the likelihood, of which the grid would see one row: then it is made shorter.
+    The grid is regular in the coordinates of the mode's Gaussian with covariance `narrow`. Where circles touch, this
+    Gaussian is much longer than the likelihood and is shortened.
     """
     at_point = measured_at(lines, distances, xy[None]).residual[0]
     inlier = 1.0 - np.exp(np.minimum(-0.5 * errors.bend**2 - log_density(at_point, errors), 0.0))
@@ -186,7 +186,7 @@ def _moment(
 def _starts(
     lines: BearingLines, distances: RangeMeasurements, errors: DistanceErrors, scale: float
 ) -> tuple[Floats, Floats, float, Bools]:
-    """Where to begin.
+    """Return start positions for the maximisation.
 
     Returns:
         (K, 2) positions where two measurements agree, (G, 2) the best positions of a grid, its step, and (G, n) the
@@ -227,30 +227,30 @@ def _starts(
 
 
 def _evenly(rows: Ints) -> Ints:
-    """At most `MAX_CROSSED` of some rows, at equal steps."""
+    """Return at most `MAX_CROSSED` of the rows, at equal intervals."""
     return rows[np.linspace(0, len(rows) - 1, min(len(rows), MAX_CROSSED)).round().astype(np.int64)]
 
 
 def _pairs(differs: Bools) -> list[list[int]]:
-    """Pairs of measurements of which one at least is a difference: where they meet has no closed form here."""
+    """Return pairs of measurements with at least one range difference (intersected on a grid, not in closed form)."""
     n = len(differs)
     every = ([i, i + offset] for offset in range(1, n) for i in range(n - offset))
     return [pair for pair in every if differs[pair].any()][:PAIRS]
 
 
 def _meetings(soft: Floats) -> Ints:
-    """Flat indices of the positions of the grid where two measurements meet, from their (G, 2) softened residuals."""
+    """Return flat indices of grid positions where two measurements intersect, from their (G, 2) residuals."""
     low = _local_minima((soft**2).sum(axis=1).reshape(GRID, GRID), MAX_STARTS)
     return np.asarray(low[(np.abs(soft[low]) <= START_GATE_SIGMAS).all(axis=1)])
 
 
 def _widened(at: LineAndDistanceResiduals, wide: float) -> Floats:
-    """(M, n) variances of residuals that also hold an error of so much of the position."""
+    """Return (M, n) residual variances with a position error of standard deviation `wide` added."""
     return np.asarray(1.0 + wide**2 * np.sum(at.gradient**2, axis=2))
 
 
 def _local_minima(cost: Floats, most: int) -> Ints:
-    """Flat indices of the lowest positions of a square that no neighbour is below."""
+    """Return flat indices of at most `most` local minima of a square cost grid, lowest first."""
     padded = np.pad(cost, 1, constant_values=np.inf)
     n = len(cost)
     around = [padded[1 + i : 1 + i + n, 1 + j : 1 + j + n] for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
@@ -259,7 +259,7 @@ def _local_minima(cost: Floats, most: int) -> Ints:
 
 
 def _line_crossings(lines: BearingLines) -> Floats:
-    """(K, 2) where lines cross ahead of both sensors."""
+    """Return (K, 2) intersections of lines of sight ahead of both sensors."""
     if len(lines.sigma) < 2:
         return np.empty((0, 2))
     points = crossings(lines.positions, lines.bearings)
@@ -269,7 +269,10 @@ def _line_crossings(lines: BearingLines) -> Floats:
 
 
 def _circle_crossings(centre: Floats, radius: Floats) -> Floats:
-    """(K, 2) where each two of m circles meet: two positions; where they do not, twice the position between them."""
+    """Return (K, 2) intersections of each two of m circles: two positions.
+
+    For disjoint circles, twice a position between.
+    """
     i, j = np.triu_indices(len(radius), 1)
     to = centre[j] - centre[i]
     distance = np.hypot(*to.T)
@@ -284,7 +287,7 @@ def _circle_crossings(centre: Floats, radius: Floats) -> Floats:
 
 
 def _leaving(lines: BearingLines, centre: Floats, radius: Floats) -> Floats:
-    """(K, 2) where half-lines meet circles, or come nearest to them."""
+    """Return (K, 2) intersections of half-lines with circles, or the points of closest approach."""
     ahead = np.column_stack([np.cos(lines.bearings), np.sin(lines.bearings)])[:, None, :]
     to = centre[None] - lines.positions[:, None, :]
     along = np.einsum("nki,nki->nk", to, np.broadcast_to(ahead, to.shape))
@@ -303,7 +306,7 @@ def _climbed(
     wide: float = 0.0,
     own: Bools | None = None,
 ) -> Floats:
-    """(K, 2) modes that starts lead to: Gauss and Newton with reweighting, and steps halved until the cost falls.
+    """Return (K, 2) modes reached from start positions: reweighted Gauss-Newton with step halving.
 
     Args:
         xy: (K, 2) starts.
@@ -347,9 +350,9 @@ def _climbed(
 
 
 def _log_inside(xy: Floats, information: Floats, room: Floats | None, errors: DistanceErrors) -> Floats:
-    """(M,) log of how well positions fit a room, which counts as one measurement more: it may be false, too.
+    """Return (M,) log likelihoods of positions being inside the room, treated as one more (possibly false) measurement.
 
-    Its residual is the distance from the room over the largest standard deviation of the position.
+    Its residual is the distance outside the room over the largest standard deviation of the position.
     """
     if room is None:
         return np.zeros(len(xy))
@@ -363,7 +366,7 @@ def _log_inside(xy: Floats, information: Floats, room: Floats | None, errors: Di
 
 
 def _cost(residual: Floats, errors: DistanceErrors) -> Floats:
-    """(M,) negative log likelihoods, up to a constant."""
+    """Return (M,) negative log likelihoods of residuals, up to a constant."""
     return np.asarray(-log_density(residual, errors).sum(axis=1))
 
 
@@ -377,7 +380,10 @@ def _middle(lines: BearingLines, distances: RangeMeasurements) -> Floats:
 
 
 def _extent(lines: BearingLines, distances: RangeMeasurements) -> float:
-    """Size of the position: of the sensors' box, or of the largest circle if that is more."""
+    """Return the length scale of the problem.
+
+    The size of the sensors' bounding box, or the largest circle if greater.
+    """
     positions = _places(lines, distances)
     size = float(np.ptp(positions, axis=0).max())
     ranges = distances.value[distances.kind == RANGE]

@@ -42,7 +42,7 @@ UNVERIFIED, POSSIBLE_OUTLIER = "unverified", "possible_outlier"
 
 
 class FixState(NamedTuple):
-    """Settings and sensors; how many bearings were false is all that is carried from scan to scan."""
+    """State of method `fix`: settings, sensors and the running count of false bearings."""
 
     config: FixConfig
     positions: Floats  # (S, 2), as in `sensor_names`
@@ -53,7 +53,7 @@ class FixState(NamedTuple):
 
 
 def init(scene: Scene, config: FixConfig, rng: Generator) -> FixState:  # noqa: ARG001
-    """State before the first scan: settings, ground positions of cameras and arrays, and the room."""
+    """Return the state before the first scan: settings, ground positions of cameras and arrays, and the room."""
     found = [c.ground for c in scene.cameras] + [a.position[:2] for a in scene.arrays]
     positions = np.array(found, dtype=np.float64).reshape(-1, 2)
     width = np.array([c.fov for c in scene.cameras] + [2.0 * math.pi] * len(scene.arrays))
@@ -64,7 +64,7 @@ def init(scene: Scene, config: FixConfig, rng: Generator) -> FixState:  # noqa: 
 
 
 def step(state: FixState, scan: Scan, rng: Generator) -> tuple[FixState, Estimate | None]:  # noqa: ARG001
-    """The scan's position, None if undetermined."""
+    """Return the scan's position estimate; None if undetermined."""
     config = state.config
     # Associate: rows of the target, and the candidates that agree best
     rows = _rows(state, scan)
@@ -113,9 +113,9 @@ def step(state: FixState, scan: Scan, rng: Generator) -> tuple[FixState, Estimat
 
 
 def _mixed(state: FixState, scan: Scan, rows: Ints, distances: RangeMeasurements) -> Estimate | None:
-    """The position by bearings and measurements of distances; None if undetermined.
+    """Return the position from bearings and distances; None if undetermined.
 
-    UsageError for an estimator of bearings alone.
+    UsageError for an estimator that takes bearings alone.
     """
     config = state.config
     if config.estimator != MIXTURE:
@@ -160,7 +160,7 @@ def _mixed(state: FixState, scan: Scan, rows: Ints, distances: RangeMeasurements
 
 
 def _fallback(found: Modes, spread: str) -> str:
-    """What is to be said of a position: several fit, two measurements alone tell it, or one of more may be false."""
+    """Return the reason why a position is doubtful: rival modes, only two measurements, or a possible false one."""
     if len(found.xy) > 1 and found.probability[1] >= MIN_SECOND_MODE_PROBABILITY:
         return AMBIGUOUS
     inlier = found.inlier_probability[0]
@@ -172,7 +172,10 @@ def _fallback(found: Modes, spread: str) -> str:
 
 
 def _mixture(state: FixState, sensor: Ints, bearings: Floats, sigma: Floats) -> tuple[FixState, Fix | None]:
-    """The position by a mixture of true and false bearings; its weights are the probabilities that they are true."""
+    """Return the position by the mixture of true and false bearings.
+
+    Weights are probabilities that bearings are true.
+    """
     config, positions = state.config, state.positions[sensor]
     found = modes(positions, bearings, sigma, config.bent)
     if found is None:
@@ -191,7 +194,7 @@ def _mixture(state: FixState, sensor: Ints, bearings: Floats, sigma: Floats) -> 
 
 
 def _estimated(config: FixConfig, positions: Floats, bearings: Floats, sigma: Floats) -> Fix | None:
-    """The position by an estimator of [Lenth]; its weights are those of the bearings."""
+    """Return the position by an estimator of [Lenth]; weights are those of the bearings."""
     pooled, median = config.covariance == "pooled", config.estimator in ("rmr", "jrmr")
     learned = config.covariance == "residuals" or (pooled and not median)
     fixed = fix(positions, bearings, sigma, config.estimator, config.bent, learned)
@@ -205,12 +208,12 @@ def _estimated(config: FixConfig, positions: Floats, bearings: Floats, sigma: Fl
 
 
 def _inlier_probabilities(residual: Floats) -> Floats:
-    """Probability that bearings are true, given a position."""
+    """Return probabilities that bearings with these normalised residuals at the position are true."""
     return np.asarray(1.0 / (1.0 + np.exp(np.minimum(0.5 * (residual**2 - BENDS[MIXTURE] ** 2), 700.0))))
 
 
 def _expected(positions: Floats, sigma: Floats, found: Fix) -> Floats:
-    """Variance of each residual of a true bearing: 1 less its leverage."""
+    """Return the expected variance of each residual of a true bearing: 1 minus its leverage."""
     away = found.xy - positions
     squared = np.maximum((away**2).sum(axis=1), 1e-24)
     across = np.column_stack([-away[:, 1], away[:, 0]]) / (squared * sigma)[:, None]
@@ -220,7 +223,7 @@ def _expected(positions: Floats, sigma: Floats, found: Fix) -> Floats:
 
 
 def _rows(state: FixState, scan: Scan) -> Ints:
-    """Rows that the position is made from: those of the target, and candidates that agree."""
+    """Return the scan rows used: those labelled as the target, and unlabelled candidates that agree with them."""
     usable = scan.seen & np.isfinite(scan.bearing) & np.isfinite(scan.sigma) & (scan.sigma > 0.0)
     if state.config.candidates == "ignore":
         usable &= scan.labelled
@@ -231,7 +234,7 @@ def _rows(state: FixState, scan: Scan) -> Ints:
 
 
 def _agreed(state: FixState, scan: Scan, rows: Ints) -> Ints:
-    """One row a sensor at most: those that agree with the crossing on which most sensors agree."""
+    """Return at most one row per sensor: those consistent with the intersection supported by most sensors."""
     if len(rows) ** 2 > MAX_PAIRS:
         keep = np.lexsort((scan.sigma[rows], ~scan.labelled[rows]))[: int(MAX_PAIRS**0.5)]
         rows = rows[np.sort(keep)]

@@ -55,10 +55,10 @@ BEARING, PIXEL, RANGE, LOG_RANGE, DIFFERENCE = range(5)
 
 @kernel
 def measurements(scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, model: DetectionModel) -> Floats:
-    """(m, 12) what counts of each measurement of a scan, side by side in one array.
+    """Return (m, 12) parameters of the scan's measurements, one row each, for the likelihood kernels.
 
-    The factor of a frame that is assigned to a position is the sum of SCALE times the density of its measurements,
-    plus RIVAL, what is not the target; see `occlog.filtering.likelihood.directions`.
+    The factor of a frame assigned to a position is the sum of SCALE times the density of its measurements, plus RIVAL
+    for measurements not of the target; see `occlog.filtering.likelihood.directions`.
     """
     out = np.empty((scan.value.shape[0], 12))
     for k in range(scan.sensor.shape[0]):
@@ -83,7 +83,10 @@ def measurements(scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, mo
 
 @kernel
 def linearise_distance(x: float, y: float, z: Floats) -> tuple[float, float, float, float]:
-    """Linearise a range, a log range or a range difference, as `linearise` does bearings; the variance is never -1."""
+    """Linearise a range, log range or range difference at (x, y), as `linearise` does bearings.
+
+    The variance is positive.
+    """
     dx, dy = x - z[X0], y - z[Y0]
     d = math.sqrt(max(dx * dx + dy * dy + z[RISE2], CLOSEST))
     if z[KIND] == LOG_RANGE:
@@ -97,7 +100,7 @@ def linearise_distance(x: float, y: float, z: Floats) -> tuple[float, float, flo
 
 @kernel
 def linearise(x: float, y: float, z: Floats) -> tuple[float, float, float, float]:
-    """Residual at (x, y) of a row z of `measurements`, its derivatives by x and y, and its variance.
+    """Linearise measurement row z at (x, y): residual, its derivatives by x and y, and its variance.
 
     The variance is -1 where the position is behind the camera or at the sensor.
     """
@@ -143,7 +146,7 @@ def with_distances(first: Ints, rows: Floats, measured: RangeMeasurements) -> tu
 
 
 class Laplace(NamedTuple):
-    """Laplace approximations of n posteriors."""
+    """Laplace (Gaussian) approximations of n posteriors of position: modes, square roots of covariances."""
 
     mode: Floats  # (n, 2) m
     root: Floats  # (n, 3) the upper triangle of a root of P: x = m_x + r0 n1 + r1 n2, y = m_y + r2 n2

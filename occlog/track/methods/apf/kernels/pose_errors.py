@@ -51,12 +51,12 @@ class PoseErrorBelief(NamedTuple):
 
     @property
     def scale(self) -> float:
-        """Variance of bearings relative to what they say, at least 1."""
+        """Return the ratio of the bearing variance to its stated value, at least 1."""
         return max(1.0, (PRIOR_COUNT + self.excess) / (PRIOR_COUNT + self.counted))
 
     @property
     def blocks(self) -> Floats:
-        """(S, 3, 3) covariance of each sensor's own errors."""
+        """Return the (S, 3, 3) covariance of each sensor's own pose error."""
         S = len(self.mean)
         index = np.arange(S)
         return np.asarray(self.covariance.reshape(S, 3, S, 3)[index, :, index, :])
@@ -211,7 +211,7 @@ def update(belief: PoseErrorBelief, sights: LabelledBearings, positions: Floats,
 
 
 def _log_density(y: Floats, covariance: Floats) -> float:
-    """Log-density of a Gaussian of mean 0, without the constant."""
+    """Return the log density of a zero-mean Gaussian at y, up to the constant."""
     return float(-0.5 * (y @ np.linalg.solve(covariance, y) + np.linalg.slogdet(covariance)[1]))
 
 
@@ -254,7 +254,7 @@ def solve(
 def _round(
     now: PoseErrorBelief, scans: Sequence[LabelledBearings], positions: Floats, starts: Floats, deviation: Floats
 ) -> PoseErrorBelief:
-    """One round of Gauss-Newton from the belief of the round before."""
+    """Perform one Gauss-Newton iteration of `solve` from the belief of the previous one."""
     information, pull = np.eye(len(deviation)), np.zeros(len(deviation))
     excess, count = 0.0, 0.0
     for sights, start in zip(scans, starts, strict=True):

@@ -32,7 +32,10 @@ OCCLUDER_SUPPORT_SIGMAS = 3.5
 
 
 class CameraMoments(NamedTuple):
-    """Covariances of the position and the measurements of N cameras, of which the metric is made."""
+    """Covariances between target position and measurements of N cameras ([Ercan] Sec.
+
+    5), from which the metric is computed.
+    """
 
     x: Floats  # (2, 2) Sigma_x
     zx: Floats  # (N, 2) Sigma_Zx
@@ -41,7 +44,10 @@ class CameraMoments(NamedTuple):
 
 
 def views(xy: Floats, cameras: Sequence[int], sensors: Sensors) -> Bools:
-    """(N, L) bool: which of the (L, 2) positions nothing static keeps each camera from seeing."""
+    """Return (N, L) booleans.
+
+    Whether each camera has a view of each of (L, 2) positions not blocked by static obstacles.
+    """
     return np.array([seen_from(xy, i, sensors) for i in cameras]).reshape(len(cameras), len(xy))
 
 

@@ -1,4 +1,4 @@
-"""Run of `occlog ground`: read view tracks, triangulate positions, write tracks, and sum up."""
+"""Run `occlog ground`: read view tracks, triangulate positions, write tracks and return the summary."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def run_ground(request: GroundRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Find the positions and write them; return the summary, and what the view tracks say was lost."""
+    """Triangulate positions and write them; return the summary and the losses recorded in the view tracks."""
     view_tracks = open_input(request.view_tracks)
     if view_tracks.recording is not None:
         raise InputError(
@@ -50,7 +50,7 @@ def run_ground(request: GroundRequest, job: Job) -> tuple[dict[str, object], tup
 
 
 def _as_tracked(made: Provenance) -> dict[str, object]:
-    """Settings that follow from how the view tracks were made; without such parameters they have none."""
+    """Return settings that follow from the parameters of the view tracks; none if the tracks state no parameters."""
     window, births = made.parameters.get("window_ns", 0), made.parameters.get("births", "")
     return {
         "window_s": window * 1e-9 if isinstance(window, int) and window >= 0 else 0.0,
@@ -62,19 +62,19 @@ class GroundSummary:
     """Figures of the summary, counted while streaming."""
 
     def __init__(self) -> None:
-        """Begin with all counts at 0."""
+        """Start with all counts at 0."""
         self.counts: Counter[str] = Counter()
         self.targets: dict[int, None] = {}
         self.verdict = GroundConsistency()
 
     def add(self, part: GroundTracksPart) -> None:
-        """Count some more rows."""
+        """Add the counts of one part."""
         self.verdict.add(part)
         self.counts.update(part.counts)
         self.targets.update(dict.fromkeys(part.tracks.target_id.tolist()))
 
     def check(self, where: str) -> None:
-        """Raise InputError where no target has a position at any time: no later command could use the tracks."""
+        """Raise InputError if no target has a position at any time."""
         if not self.counts["times"]:
             raise InputError(
                 f"{where}: has no rows of these cameras, so that no position can be triangulated; choose others",
@@ -88,11 +88,11 @@ class GroundSummary:
             )
 
     def _why(self) -> str:
-        """Reasons for times without a position, with their numbers."""
+        """Return the reasons for times without a position, with their counts."""
         return ", ".join(f"{k.replace('_', ' ')} {n}" for k, n in self._not_triangulated().items() if n)
 
     def _not_triangulated(self) -> dict[str, int]:
-        """Times without a position, by the reason."""
+        """Return the number of times without a position, by reason."""
         return {name: self.counts[name] for name in ("single_view", "parallel", "behind", "inconsistent")}
 
     def summary(self) -> dict[str, object]:

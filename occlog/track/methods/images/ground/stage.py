@@ -53,7 +53,7 @@ MAX_GAP_S = 1.0
 
 
 class LastGroundState(NamedTuple):
-    """What was known of a target when it had its last row."""
+    """State of a target at its last row."""
 
     t_ns: int
     exchanged: float  # probability
@@ -61,7 +61,7 @@ class LastGroundState(NamedTuple):
 
 
 class SwitchProbabilities:
-    """Probability that each target was exchanged, carried from time to time."""
+    """Running probabilities that each target's identity was exchanged with another's."""
 
     def __init__(self, rate: float, alone: float, start: float) -> None:
         """Start without targets.
@@ -75,7 +75,7 @@ class SwitchProbabilities:
         self._known: dict[int, LastGroundState] = {}
 
     def update(self, t_ns: int, targets: Ints, contested: Floats, views: Ints) -> Floats:
-        """(K,) probabilities that the targets of one time have been exchanged.
+        """Return (K,) probabilities that the targets of one time step have exchanged identities.
 
         Args:
             t_ns: the time.
@@ -97,7 +97,7 @@ class SwitchProbabilities:
 
 
 def spread_over_others(xyz: Floats, covariance: Floats, exchanged: Floats) -> Floats:
-    """(K, 3, 3) second moments about the positions of one time, of targets that may be where the others are.
+    """Return (K, 3, 3) second moments about positions, widened for possible identity exchanges.
 
     Args:
         xyz: (K, 3) positions.
@@ -110,7 +110,7 @@ def spread_over_others(xyz: Floats, covariance: Floats, exchanged: Floats) -> Fl
 
 
 WHY = {TOO_FEW: "single_view", NEAR_PARALLEL: "parallel", BEHIND: "behind", DISAGREEING: "inconsistent"}
-"""Names in `GroundFigures.counts` of the reasons why a target has no position at a time."""
+"""Names in `GroundTracksPart.counts` of the reasons why a target has no position at a time."""
 
 SINGLE_VIEW, INCONSISTENT_VIEWS, POSSIBLE_SWITCH = "single_view", "inconsistent_views", "possible_switch"
 """Values of the column `quality_flags`, in the order of the column."""
@@ -134,9 +134,9 @@ class GroundTracksPart(NamedTuple):
 def ground_tracks(
     chunks: Iterable[ViewTracks], scene: Scene, config: GroundConfig | None = None, cameras: Sequence[str] = ()
 ) -> Iterator[GroundTracksPart]:
-    """Find tracks in the world: positions by each time itself, covariances by what was seen before, too.
+    """Generate triangulated tracks; positions use one time step each, covariances also the earlier ones.
 
-    The result does not depend on how chunks are cut.
+    The result does not depend on the division into chunks.
 
     Args:
         chunks: in the order of time; rows in which a tracker has left or lost its target are not used.
@@ -170,13 +170,13 @@ def ground_tracks(
 
 
 def _wanted(chunk: ViewTracks, cameras: Sequence[str]) -> Bools:
-    """(R,) rows of these cameras with the tracker on its target."""
+    """Return (R,) rows of the selected cameras whose tracker is on its target."""
     wanted = ~np.isin(chunk.lifecycle, ("left", "terminated"))
     return wanted & np.isin(chunk.sensor, list(cameras)) if cameras else wanted
 
 
 def _check(chunk: ViewTracks, scene: Scene, cameras: Sequence[str], last_ns: int | None, seen: int) -> None:
-    """Raise InputError for times that go back and for cameras without a pose."""
+    """Raise InputError for decreasing times and for cameras without a pose."""
     if last_ns is not None and chunk.t_ns[0] < last_ns:
         raise InputError(
             f"view tracks: row {seen}: time {time_words(chunk.t_ns[0])} comes after "
@@ -191,7 +191,7 @@ def _check(chunk: ViewTracks, scene: Scene, cameras: Sequence[str], last_ns: int
 
 
 def _starts(table: ViewTracks, window_ns: int) -> Ints:
-    """First row of each time: rows at most the window apart are of one time, unless a camera has rows at two times."""
+    """Return the first row of each time step: rows within the window belong together, unless a camera appears twice."""
     times, first = np.unique(table.t_ns, return_index=True)
     if window_ns <= 0:
         return first.astype(np.int64)
@@ -208,7 +208,7 @@ def _starts(table: ViewTracks, window_ns: int) -> Ints:
 def _part(
     table: ViewTracks, starts: Ints, scene: Scene, config: GroundConfig, exchanges: SwitchProbabilities
 ) -> GroundTracksPart:
-    """Find the positions of all targets at the times that begin at the rows `starts`."""
+    """Triangulate all targets at the time steps starting at rows `starts`."""
     if not len(table):
         return GroundTracksPart(FusedTracks.empty(), Counter(), 0.0, 0)
     step = np.searchsorted(starts, np.arange(len(table)), side="right") - 1
@@ -246,7 +246,7 @@ def _part(
 
 
 def _agreement(config: GroundConfig) -> float:
-    """Variance of the residuals of views on one target, of the stated one."""
+    """Return the variance of the residuals of views on the same target, relative to the stated variance."""
     return (
         min(1.0, (config.common_error_share / config.centre_error_share) ** 2)
         if config.centre_error_share > 0.0
@@ -255,7 +255,7 @@ def _agreement(config: GroundConfig) -> float:
 
 
 def _areas(cameras: Sequence[Camera]) -> Floats:
-    """(V,) sizes of the images [px^2]; where they are not known, the principal point is in the middle."""
+    """Return (V,) image areas [px^2]; where the size is unknown, the principal point is taken as the centre."""
     sizes = [c.image_size or (2.0 * c.principal_px[0], 2.0 * c.principal_px[1]) for c in cameras]
     return np.array([max(float(w * h), 1.0) for w, h in sizes])
 
@@ -268,7 +268,7 @@ def _possible_identity_switches(
     contest: ViewContradictions,
     sights: CentresInViews,
 ) -> tuple[Floats, Floats]:
-    """(N, 3, 3) covariances with the chance that the targets were exchanged, and (N,) that chance."""
+    """Return (N, 3, 3) covariances that include possible identity exchanges, and (N,) their probabilities."""
     covariance, exchanged = contest.covariance.copy(), np.zeros(len(keys))
     views = sights.there.sum(axis=1)
     for rows in np.split(np.arange(len(keys)), np.flatnonzero(np.diff(keys[:, 0])) + 1):
@@ -279,7 +279,7 @@ def _possible_identity_switches(
 
 
 def _rig(cameras: Sequence[Camera]) -> CameraRig:
-    """The cameras' parameters as arrays."""
+    """Return the cameras' parameters as arrays."""
     return CameraRig(
         focal=np.array([c.focal_px for c in cameras]),
         principal=np.array([c.principal_px for c in cameras]),
@@ -291,10 +291,10 @@ def _rig(cameras: Sequence[Camera]) -> CameraRig:
 def _sights(
     table: ViewTracks, point: Ints, view: Ints, points: int, cameras: Sequence[Camera], model_share: float
 ) -> CentresInViews:
-    """The centres without lens distortion, and their covariance.
+    """Return undistorted image centres (n, 2) and their covariances (n, 2, 2).
 
-    The covariance is that of the tracker, and that of the target's middle about the ellipse's
-    centre, which is `centre_error_share` of its half axes.
+    Each covariance is the tracker's plus that of the target's centre about the ellipse's centre, which is
+    `centre_error_share` of its half axes.
     """
     shape = (points, len(cameras))
     there, pixels = np.zeros(shape, dtype=np.bool_), np.zeros((*shape, 2))
@@ -312,13 +312,13 @@ def _sights(
 
 
 def _covariances(table: ViewTracks) -> Floats:
-    """(R, 2, 2) covariances of the centres [px^2], plus a variance of (0.01 px)^2 so that none is singular."""
+    """Return (R, 2, 2) covariances of the ellipse centres [px^2], plus (0.01 px)^2 so that none is singular."""
     xx, xy, yy = table.cov_xx_px, table.cov_xy_px, table.cov_yy_px
     return np.stack([xx, xy, xy, yy], axis=1).reshape(-1, 2, 2) + 1e-4 * np.eye(2)
 
 
 def _shapes(table: ViewTracks) -> Floats:
-    """(R, 2, 2) matrices with the squared half axes [px^2], turned by the angles of the ellipses."""
+    """Return (R, 2, 2) shape matrices of the ellipses: squared half axes [px^2] rotated by their angles."""
     c, s = np.cos(table.rho), np.sin(table.rho)
     a2, b2 = table.a_px**2, table.b_px**2
     xy = c * s * (a2 - b2)
@@ -326,7 +326,7 @@ def _shapes(table: ViewTracks) -> Floats:
 
 
 def _ideal(camera: Camera, centres: Floats) -> tuple[Floats, Floats]:
-    """(R, 2) centres without lens distortion, and (R, 2, 2) their derivatives by the recorded ones."""
+    """Return (R, 2) undistorted centres and their (R, 2, 2) derivatives with respect to the recorded centres."""
     ideal = ideal_pixels_anywhere(camera, centres)
     if camera.straight:
         return ideal, np.broadcast_to(np.eye(2), (len(centres), 2, 2))
@@ -339,7 +339,7 @@ def _ideal(camera: Camera, centres: Floats) -> tuple[Floats, Floats]:
 
 
 def _tracks(met: GroundPosition, t_ns: Ints, target: Ints, names: Sequence[str], doubts: Bools) -> FusedTracks:
-    """Rows of the positions that were found; velocities are not known.
+    """Return output rows of the triangulated positions; velocities are unknown.
 
     Args:
         met: N positions.
@@ -368,12 +368,12 @@ def _tracks(met: GroundPosition, t_ns: Ints, target: Ints, names: Sequence[str],
 
 
 def _joined(mask: Bools, words: Sequence[str]) -> Strings:
-    """(N,) words of the columns that are set in a mask (N, W), separated by commas."""
+    """Return (N,) strings with the words of the True columns of a mask (N, W), comma-separated."""
     return np.array([",".join(w for w, has in zip(words, row, strict=True) if has) for row in mask.tolist()], np.str_)
 
 
 def _counts(met: GroundPosition, sights: CentresInViews) -> Counter[str]:
-    """See `GroundTracksPart`."""
+    """Return the counts of one part; see `GroundTracksPart`."""
     good = met.status == MET
     counts: Counter[str] = Counter(times=len(good))
     for views in met.used.sum(axis=1)[good].tolist():
@@ -399,7 +399,7 @@ FLAGS = {
 
 
 class GroundConsistency:
-    """Counts quality flags over a stream of chunks."""
+    """Counts of quality flags over a stream of chunks."""
 
     def __init__(self) -> None:
         """Start all counts at 0."""
@@ -419,7 +419,7 @@ class GroundConsistency:
             self._alone[target] += SINGLE_VIEW in words
 
     def figures(self) -> dict[str, object]:
-        """Rows by doubt, targets that one view supports, and the mean of the squared standardised residuals."""
+        """Return the numbers of rows by flag, of targets with one view, and the mean squared residual."""
         return {
             "quality_flags": {word: self._doubts[word] for word in FLAGS if self._doubts[word]},
             "single_view_targets": self._one_view(),
@@ -427,7 +427,7 @@ class GroundConsistency:
         }
 
     def findings(self, check: str) -> tuple[Check, ...]:
-        """What makes the positions doubtful."""
+        """Return the findings about doubtful positions."""
         total = sum(self._rows.values())
         found = [
             finding(check, id, count=self._doubts[flag], rows=total)
@@ -441,7 +441,7 @@ class GroundConsistency:
         return tuple(found)
 
     def _one_view(self) -> list[int]:
-        """Targets that one view alone supports."""
+        """Return the targets seen by one view only."""
         return [
             target for target, rows in sorted(self._rows.items()) if self._alone[target] > MIN_SINGLE_VIEW_SHARE * rows
         ]
