@@ -30,7 +30,7 @@ START, LEFT, TERMINATED = 1, 2, 3
 
 
 class Birth(NamedTuple):
-    """A target that gets a tracker in a view."""
+    """A tracker to be started for a target in a view."""
 
     view: int
     target_id: int
@@ -48,7 +48,7 @@ class FrameSet(NamedTuple):
 
 
 class TrackerOutlines(NamedTuple):
-    """The n trackers of the views that had a frame, ordered by view and target, after that frame."""
+    """Ellipses of the n trackers whose views had a frame, sorted by view and target, after that frame."""
 
     view: Ints  # (n,)
     target_id: Ints  # (n,)

@@ -32,7 +32,7 @@ ROOT_2PI = math.sqrt(2.0 * math.pi)
 
 
 class BearingFit(NamedTuple):
-    """Densities of an array's bearings for the particles of one target."""
+    """Densities of an array's N bearings at the particles of one target."""
 
     each: Floats  # (N, J, L) density of each bearing for each particle [1/rad]; 0 out of the array's range
     within: Bools  # (J, L) in range
@@ -42,14 +42,14 @@ class BearingFit(NamedTuple):
 
 
 class Direction(NamedTuple):
-    """Predicted bearing of a target at an array, as a Gaussian."""
+    """Gaussian prediction of a target's bearing at an array."""
 
     centre: float  # circular mean of the particles' bearings [rad]
     spread: float  # standard deviation of them [rad]
 
 
 class BearingAssociation(NamedTuple):
-    """Probabilities of K targets and N bearings."""
+    """Association probabilities of K targets and N bearings."""
 
     alone: Floats  # (K, N) bearing i is of target k and no other
     unheard: Floats  # (K,) no bearing is of target k
@@ -77,7 +77,7 @@ def bearing_fit(
 
 
 def in_range(predicted: Floats, weights: Floats, position: Floats, reach: float) -> tuple[Bools, float]:
-    """(J, L) which of the (J, L, 4) particles are in the range of an array, and their weight."""
+    """Return (J, L) booleans: which particles (J, L, 4) are in the array's range, and their total weight."""
     if math.isinf(reach):
         return np.ones(weights.shape, dtype=np.bool_), 1.0
     dx, dy = predicted[..., 0] - position[0], predicted[..., 2] - position[1]
@@ -86,14 +86,17 @@ def in_range(predicted: Floats, weights: Floats, position: Floats, reach: float)
 
 
 def direction(heard: BearingFit, weights: Floats) -> Direction:
-    """Mean and standard deviation of the bearings of (J, L) weighted particles."""
+    """Return circular mean and standard deviation [rad] of the bearings of (J, L) weighted particles."""
     c, s = float(np.vdot(weights, np.cos(heard.at))), float(np.vdot(weights, np.sin(heard.at)))
     length = min(math.hypot(c, s), 1.0)
     return Direction(math.atan2(s, c), math.sqrt(-2.0 * math.log(max(length, 1e-12))))
 
 
 def density(at: Floats, within: Bools, bearing: Floats, sigma: Floats) -> Floats:
-    """(N, J, L) normal densities of N bearings at particles of bearings `at` in [-pi, pi], 0 where not `within`."""
+    """Return (N, J, L) normal densities of N bearings given particle bearings `at` in [-pi, pi].
+
+    0 where not `within`.
+    """
     out = np.empty((len(bearing), *at.shape))
     for i, (a, s) in enumerate(zip(wrap_angle(bearing).tolist(), sigma.tolist(), strict=True)):
         off = np.abs(a - at)
@@ -127,7 +130,7 @@ def merged_bearing_density(
 
 @kernel
 def merge_probability(off: Floats, sigma: float, limit: float) -> Floats:
-    """(J, L) probability that a normal of mean `off` and deviation sigma is within +- limit."""
+    """Return (J, L) probabilities that normals with mean `off` and standard deviation sigma lie within ± limit."""
     out = np.empty_like(off)
     scale = 1.0 / (math.sqrt(2.0) * sigma)
     for m in range(off.shape[0]):
@@ -167,7 +170,7 @@ def joint_data_association(
 
 
 def _clusters(possible: Bools) -> list[Ints]:
-    """Targets that share bearings, directly or by others; every target is in one cluster."""
+    """Return clusters of targets that share bearings, directly or through others."""
     left, found = list(range(len(possible))), []
     while left:
         mine = [left.pop(0)]
@@ -185,10 +188,10 @@ def _clusters(possible: Bools) -> list[Ints]:
 
 
 def _groups(possible: Bools, ratio: Floats) -> list[tuple[Ints, Bools]]:
-    """Targets to be enumerated together, and what is possible of them: no more than MOST_EVENTS events each.
+    """Return groups of targets for joint enumeration, with at most MOST_EVENTS events each.
 
-    Where there are more, the least likely bearing of a target that has others is omitted, which
-    parts targets sooner or later; a target's last bearing goes only if none has another.
+    If there are more, the least likely bearing of a target with alternatives is dropped, which separates targets; a
+    target's last bearing is dropped only if no target has an alternative.
     """
     left, found = _clusters(possible), []
     keep = possible.copy()
@@ -211,7 +214,7 @@ def _groups(possible: Bools, ratio: Floats) -> list[tuple[Ints, Bools]]:
 def _all_events(
     alone: Floats, unheard: Floats, shared: Floats, separate: Floats, possible: Bools
 ) -> tuple[Floats, Floats, Floats, float]:
-    """Sums over all events, `alone` and `shared` in units of the clutter; see `BearingAssociation`."""
+    """Return sums over all association events, with `alone` and `shared` in units of the clutter density."""
     K, N = alone.shape
     p_alone, p_unheard, p_shared = np.zeros((K, N)), np.zeros(K), np.zeros((K, K, N))
     choice = np.full(K, -1, dtype=np.int64)  # bearing of each target; -1: unheard
@@ -260,7 +263,7 @@ def _partner(choice: Ints, k: int) -> int:
 
 @kernel
 def _event(choice: Ints, alone: Floats, unheard: Floats, shared: Floats, separate: Floats) -> float:
-    """Weight of one event; 0 if three targets have one bearing."""
+    """Return the weight of one association event; 0 if three targets share a bearing."""
     K = choice.shape[0]
     weight = 1.0
     for k in range(K):
@@ -293,7 +296,7 @@ def reweigh(
     unheard: float,
     shared: Sequence[tuple[Floats, Floats]],
 ) -> Floats:
-    """(J, L) weights, sum 1, of one target's particles after the association.
+    """Return (J, L) normalised weights of one target's particles after the association.
 
     Args:
         weights: (J, L) before.

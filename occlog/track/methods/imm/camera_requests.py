@@ -50,7 +50,7 @@ PLACE = (0, 2)
 
 
 def moved_to(states: Floats, position: Floats, covariance: Floats, normals: Floats) -> Floats:
-    """(L, 4) states at positions drawn about the position, with their velocities as they were.
+    """Return (L, 4) states with positions drawn about the measured one and velocities unchanged.
 
     Args:
         states: (L, 4).
@@ -82,7 +82,7 @@ def updated(states: Floats, position: Floats, covariance: Floats, normals: Float
 
 
 def root(covariance: Floats) -> Floats:
-    """(2, 2) symmetric root of a covariance; what is below zero by rounding counts as zero."""
+    """Return the (2, 2) symmetric square root of a covariance, negative eigenvalues from rounding set to 0."""
     values, axes = np.linalg.eigh(covariance)
     return np.asarray((axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T)
 
@@ -110,7 +110,7 @@ SHARED = "shared"
 
 
 class RequestMemory(NamedTuple):
-    """What was asked before."""
+    """Previous camera requests: what was requested, and when."""
 
     period_ns: int | None = None  # since when the period runs
     bearings: Mapping[int, int] = {}  # of each array, in its scan before
@@ -118,7 +118,7 @@ class RequestMemory(NamedTuple):
 
 
 class CameraQuestion(NamedTuple):
-    """A question to cameras: where is this target, or which target is on this line of sight?"""
+    """A request to cameras: the position of a known target, or of an unknown one on a line of sight."""
 
     number: int  # UNNUMBERED: a target that is not known yet
     causes: tuple[str, ...]
@@ -128,7 +128,7 @@ class CameraQuestion(NamedTuple):
 
 
 class CameraAnswer(NamedTuple):
-    """What the cameras found; `position` None: nothing."""
+    """Response to a camera request; `position` is None if nothing was found."""
 
     ask: CameraQuestion
     position: Floats | None  # (2,)
@@ -139,7 +139,7 @@ class CameraAnswer(NamedTuple):
 def requests_after_scan(
     state: ImmState, report: ImmStepResult, memory: RequestMemory, rng: Generator
 ) -> tuple[list[CameraQuestion], RequestMemory]:
-    """What to ask after a scan, by track, and what to remember."""
+    """Return the requests after a scan, by track, and the updated memory."""
     assert state.t_ns is not None
     config, t_ns = state.world.config, state.t_ns
     causes: dict[int, list[str]] = {b.number: [] for b in report.beliefs}
@@ -175,7 +175,7 @@ def requests_after_scan(
 
 
 def other_targets(state: ImmState, report: ImmStepResult, asked: Sequence[CameraQuestion]) -> list[CameraQuestion]:
-    """Targets that no question is about, and that the frames may show as well; none if `config.share` is false."""
+    """Return other targets that the requested frames may show; none if `config.share` is false."""
     if not state.world.config.update_other_targets or not asked:
         return []
     numbers = {a.number for a in asked}
@@ -193,7 +193,7 @@ def _count_asks(config: ImmConfig, count: Count, memory: RequestMemory) -> bool:
 
 
 def _own_causes(state: ImmState, report: ImmStepResult, belief: TrackPosterior) -> list[str]:
-    """Causes that lie in one track."""
+    """Return the reasons for a request that concern a single track."""
     config, estimate, found = state.world.config, belief.estimate, []
     if "printed" in config.policies and "bearing" in config.printed:
         arrays = ((sensor - state.world.cameras, heard) for sensor, heard in report.scan.by_sensor())
@@ -222,7 +222,7 @@ def _where(estimate: imm.ModelEstimates) -> tuple[Floats, Floats]:
 
 
 def _leads(state: ImmState, report: ImmStepResult, unknown: Iterable[Count], rng: Generator) -> list[CameraQuestion]:
-    """Questions about targets not known yet: tracks that are not confirmed, or else bearings of no target."""
+    """Return requests about possible unknown targets: tentative tracks, or else bearings assigned to no target."""
     waiting = [t for t in state.tracks if t.number == TENTATIVE]
     if not waiting:
         waiting = [_lead(state, report.scan, count.array, i, rng) for count in unknown for i in count.free.tolist()]
@@ -230,7 +230,7 @@ def _leads(state: ImmState, report: ImmStepResult, unknown: Iterable[Count], rng
 
 
 def _lead(state: ImmState, scan: Scan, array: int, i: int, rng: Generator) -> Track:
-    """A track on the line of sight of bearing i of an array."""
+    """Return a tentative track on the line of sight of bearing i of an array."""
     heard = dict(scan.by_sensor())[state.world.cameras + array]
     assert state.t_ns is not None
     return track_on_bearing(
@@ -246,7 +246,7 @@ def _middle(track: Track) -> tuple[Floats, Floats]:
 def apply_answer(
     state: ImmState, report: ImmStepResult, answers: Iterable[CameraAnswer], memory: RequestMemory, rng: Generator
 ) -> tuple[ImmState, ImmStepResult, RequestMemory]:
-    """The state with what the cameras found, the report of it, and when they found nothing."""
+    """Return the state updated with the cameras' positions, its report, and the times at which they found nothing."""
     assert state.t_ns is not None
     config, t_ns, free = state.world.config, state.t_ns, state.free
     tracks, refused = list(state.tracks), dict(memory.refused)
@@ -279,17 +279,17 @@ def apply_answer(
 
 
 def _number(label: int, tracks: list[Track], free: int) -> int:
-    """Number of a new track: its label, where no track has that number."""
+    """Return the number of a new track (its label, if free) and the next free number."""
     return label if label != UNLABELLED_TRACK and all(t.number != label for t in tracks) else free
 
 
 def _same_lead(track: Track, answer: CameraAnswer) -> bool:
-    """Whether a track that is not confirmed is the one that the answer is about."""
+    """Return whether a tentative track is the one that the answer concerns."""
     return track.number == TENTATIVE and bool(np.array_equal(_middle(track)[0], answer.ask.position))
 
 
 def _fixed(config: ImmConfig, track: Track, answer: CameraAnswer, t_ns: int, rng: Generator) -> Track:
-    """The track once cameras found it."""
+    """Return the track updated with its position from cameras."""
     assert answer.position is not None
     assert answer.covariance is not None
     change = moved_to if config.camera_fix == "replace" else updated
@@ -300,7 +300,7 @@ def _fixed(config: ImmConfig, track: Track, answer: CameraAnswer, t_ns: int, rng
 
 
 def _moments(track: Track) -> imm.ModelEstimates:
-    """Moments of a track's particles, all models together."""
+    """Return mean and covariance of a track's particles over all models."""
     states = track.cloud.states
     return imm.moments(states[None], np.full((1, len(states)), 1.0 / len(states)))
 
@@ -317,7 +317,7 @@ Pair = tuple[int, int]
 
 
 class CameraRequest(NamedTuple):
-    """One row of `Cooperation`, with the answer."""
+    """One output row of `Cooperation`: a camera request with its answer."""
 
     answer: CameraAnswer
     cameras: tuple[str, ...]
@@ -325,7 +325,7 @@ class CameraRequest(NamedTuple):
 
 
 class _CameraFix(NamedTuple):
-    """Where lines of sight of two cameras cross."""
+    """Intersection of the lines of sight of two cameras."""
 
     xy: Floats  # (C, 2)
     covariance: Floats  # (C, 2, 2)
@@ -333,7 +333,7 @@ class _CameraFix(NamedTuple):
 
 
 class CameraRequests:
-    """The cameras' frames, of which only those that are asked for are processed."""
+    """Frames of the cameras, of which only requested ones are processed."""
 
     def __init__(self, scene: Scene, config: ImmConfig) -> None:
         """Start without frames."""
@@ -345,7 +345,7 @@ class CameraRequests:
         self.offered = 0  # frames that could have been asked for
 
     def put(self, scan: Scan) -> None:
-        """Keep the frames of every camera that answers can be about; labels below 0 are none."""
+        """Store the frames of every camera; labels below 0 mean unlabelled."""
         for camera, frame in scan.take(scan.sensor < len(self._cameras)).by_sensor():
             known = frame._replace(target_id=np.maximum(frame.target_id, UNLABELLED))
             self._coming.setdefault(camera, deque()).append(known)
@@ -353,7 +353,7 @@ class CameraRequests:
         self._arrive(scan.t_ns)
 
     def _arrive(self, t_ns: int) -> None:
-        """Let frames that are old enough take the position of those before them: an answer takes its time."""
+        """Make frames available that are older than the response time."""
         latest = t_ns - round(self._config.answer_delay_s * NS)
         for camera, coming in self._coming.items():
             while coming and coming[0].t_ns <= latest:
@@ -398,9 +398,9 @@ class CameraRequests:
         return tuple(self._cameras[c].name for c in cameras)
 
     def _pair(self, ask: CameraQuestion, fresh: list[int], asked: list[Pair]) -> Pair | None:
-        """The two cameras that should determine the position best, of those that can see it, or else of all.
+        """Return the two cameras with the smallest expected position error, preferably those that can see the position.
 
-        Two that are asked already will do if they tell it nearly as well.
+        Two cameras already requested are preferred if nearly as good.
         """
         ranks = {pair: self._rank(ask.position, pair) for pair in combinations(fresh, 2)}
         if not ranks:
@@ -412,7 +412,7 @@ class CameraRequests:
         return best
 
     def _rank(self, position: Floats, pair: Pair) -> tuple[int, float]:
-        """How many of two cameras cannot see a position, and the variance with which they would tell it."""
+        """Return how many of two cameras cannot see a position, and the expected variance of their estimate."""
         assert self._sensors is not None
         at = np.ascontiguousarray(position[None])
         blind = sum(not seen_from(at, c, self._sensors)[0] for c in pair)
@@ -420,13 +420,13 @@ class CameraRequests:
         return blind, expected_variance(position, origins, np.array([self._sigma(c) for c in pair]))
 
     def _sigma(self, camera: int) -> float:
-        """Noise that the camera is known to have: nothing of the frame is used before it is asked for."""
+        """Return the camera's stated noise (before its frame is requested, nothing of the frame may be used)."""
         c = self._cameras[camera]
         sigma = math.hypot(c.sigma_yaw, c.sigma_read_px / float(c.focal_px[0]))
         return sigma if sigma > 0.0 else DEFAULT_BEARING_SIGMA_RAD
 
     def _cross(self, pair: Pair, t_ns: int) -> _CameraFix:
-        """Where lines of two frames cross: equal labels, and every two candidates without."""
+        """Return intersections of lines of two frames: equal labels, and all pairs of unlabelled candidates."""
         one, other = (self._frames[c] for c in pair)
         i, j = np.nonzero(one.target_id[:, None] == other.target_id)
         if not len(i):
@@ -448,9 +448,9 @@ class CameraRequests:
     def _match(
         self, asks: Sequence[CameraQuestion], others: Sequence[CameraQuestion], found: _CameraFix
     ) -> list[CameraAnswer]:
-        """What is found for each target: by label where it has one, else by distance; each crossing once.
+        """Assign intersections to targets: by label if present, else by distance; each intersection once.
 
-        Known targets, asked for or not, go before those that are not known yet.
+        Known targets have priority over unknown ones.
         """
         # Match by label
         everyone = [*asks, *others]
@@ -488,7 +488,7 @@ def _answer(ask: CameraQuestion, found: _CameraFix, c: int) -> CameraAnswer:
 
 
 def _once(requests: list[CameraRequest]) -> list[CameraRequest]:
-    """The requests; a position that two of them found belongs to the first."""
+    """Return the requests, with a position found by two of them kept in the first only."""
     seen: set[tuple[float, ...]] = set()
     out = []
     for request in requests:

@@ -168,12 +168,12 @@ class ImmConfig(SmoothingConfig):
 
     @property
     def policies(self) -> frozenset[str]:
-        """Names of `cooperate`."""
+        """Return the names in setting `cooperate`."""
         return frozenset(listed(self.cooperate))
 
     @property
     def printed(self) -> frozenset[str]:
-        """Names of `triggers`."""
+        """Return the names in setting `triggers`."""
         return frozenset(listed(self.triggers))
 
 

@@ -80,7 +80,7 @@ class ImmState(NamedTuple):
 
 
 class Count(NamedTuple):
-    """How many bearings an array had, and how many were expected."""
+    """Number of bearings of an array, and the expected number."""
 
     array: int
     bearings: int
@@ -107,7 +107,7 @@ class ImmStepResult(NamedTuple):
 
 
 def init(scene: Scene, config: ImmConfig, rng: Generator) -> ImmState:
-    """The state before the first scan: no tracks, or those of the targets in `config.start`."""
+    """Return the state before the first scan: no tracks, or those in `config.start`."""
     tracks = initial_tracks(config, 0, rng)
     return ImmState(make_world(scene, config), tracks, None, len(tracks))
 
@@ -157,9 +157,9 @@ def step(state: ImmState, scan: Scan, rng: Generator) -> tuple[ImmState, ImmStep
 
 
 def _rests_on(track: Track, lineage: Genealogy, estimate: imm.ModelEstimates, config: ImmConfig) -> tuple[Track, float]:
-    """The track, and how many families of particles its covariance rests on; infinity where these are enough.
+    """Return the track and the effective number of ancestors of its covariance; infinity if it is sufficient.
 
-    Families are counted again once the motion's noise has made up for those that were lost.
+    Ancestors are counted afresh once process noise has restored the diversity.
     """
     families = lineage.effective()
     if families >= MIN_EFFECTIVE_SAMPLE_SIZE:
@@ -170,7 +170,7 @@ def _rests_on(track: Track, lineage: Genealogy, estimate: imm.ModelEstimates, co
 
 
 def _in_range(world: ImmWorld, moved: Moved, array: int) -> bool:
-    """Whether the middle of a track is in an array's range."""
+    """Return whether the track's mean position is in the array's range."""
     if math.isinf(world.reach[array]):
         return True
     x, y = np.einsum("ml,mlc->c", moved.weights, moved.predicted)[::2] - world.positions[array]
@@ -178,7 +178,7 @@ def _in_range(world: ImmWorld, moved: Moved, array: int) -> bool:
 
 
 def _update_by_array(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> tuple[list[Moved], Ints, float]:
-    """Tracks after an array's bearings, which of these are of no target, and the log density of all."""
+    """Return tracks updated with an array's bearings, the unassigned bearings, and the log density of all."""
     if heard.labelled.any():
         moved = _labelled(world, moved, array, heard)
     take = _associate_any if world.config.association == "any" else _associate_jointly
@@ -188,7 +188,7 @@ def _update_by_array(world: ImmWorld, moved: list[Moved], array: int, heard: Sca
 
 
 def _fits(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> list[BearingFit]:
-    """How an array's bearings fit each track."""
+    """Return the bearing densities of an array for each track."""
     position, reach = world.positions[array], float(world.reach[array])
     return [
         bearing_fit(m.predicted, m.weights, bearing=heard.bearing, sigma=heard.sigma, position=position, reach=reach)
@@ -197,7 +197,7 @@ def _fits(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> list[
 
 
 def _labelled(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> list[Moved]:
-    """Tracks after assigning each new label to the track with the most probable association of its bearing."""
+    """Return tracks with each new label assigned to the track of highest association probability."""
     fits = np.array([f.fit for f in _fits(world, moved, array, heard)]).reshape(len(moved), len(heard.bearing))
     for i in np.flatnonzero(heard.labelled).tolist():
         label = int(heard.target_id[i])
@@ -211,7 +211,10 @@ def _labelled(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> l
 
 
 def _allowed(moved: list[Moved], heard: Scan) -> Bools:
-    """(K, N) whether bearing i can be of track k: labels must agree, and a track's own label excludes others."""
+    """Return (K, N) booleans: whether bearing i can belong to track k.
+
+    Labels must agree, and a label assigned to one track excludes the others.
+    """
     if not heard.labelled.any():
         return np.ones((len(moved), len(heard.bearing)), dtype=np.bool_)
     own = np.array([m.track.label for m in moved], dtype=np.int64)[:, None]
@@ -221,14 +224,14 @@ def _allowed(moved: list[Moved], heard: Scan) -> Bools:
 
 
 def _clutter(world: ImmWorld, bearing: Floats) -> Floats:
-    """(N,) density of each bearing if it is clutter [1/rad]."""
+    """Return (N,) density [1/rad] of each bearing under the clutter hypothesis."""
     return np.full(len(bearing), world.config.clutter_rate / (2.0 * math.pi))
 
 
 def _associate_jointly(
     world: ImmWorld, moved: list[Moved], array: int, heard: Scan, allowed: Bools
 ) -> tuple[BearingAssociation, list[Moved]]:
-    """Joint association of an array's bearings with all tracks, and the tracks with their weights after it."""
+    """Associate an array's bearings jointly with all tracks; return the association and the reweighted tracks."""
     K, N, config = len(moved), len(heard.bearing), world.config
     fits = _fits(world, moved, array, heard)
     exists = np.array([m.track.exists for m in moved])
@@ -256,7 +259,10 @@ def _associate_jointly(
 def _merged_densities(
     world: ImmWorld, moved: list[Moved], array: int, heard: Scan, fits: list[BearingFit]
 ) -> tuple[Floats, Floats, dict[tuple[int, int], Floats]]:
-    """Two targets heard as one: (K, K, N) densities, (K, K) probabilities to be heard apart, and those by particle."""
+    """Return densities of bearings from two merged targets.
+
+    These are (K, K, N) densities, (K, K) probabilities that the two are resolved, and the densities by particle.
+    """
     K, N, resolution = len(moved), len(heard.bearing), float(world.resolution[array])
     shared, separate = np.zeros((K, K, N)), np.ones((K, K))
     pairs: dict[tuple[int, int], Floats] = {}
@@ -277,7 +283,7 @@ def _merged_densities(
 
 
 def _resolution_probability(one: Direction, other: Direction, resolution: float) -> float:
-    """Probability that two targets are heard apart, both taken for Gaussians in bearing."""
+    """Return the probability that an array resolves two targets, both Gaussian in bearing."""
     gap = math.remainder(one.centre - other.centre, 2.0 * math.pi)
     scale = math.sqrt(2.0) * max(math.hypot(one.spread, other.spread), 1e-9)
     return 1.0 - 0.5 * (math.erf((resolution - gap) / scale) + math.erf((resolution + gap) / scale))
@@ -286,7 +292,7 @@ def _resolution_probability(one: Direction, other: Direction, resolution: float)
 def _associate_any(
     world: ImmWorld, moved: list[Moved], array: int, heard: Scan, allowed: Bools
 ) -> tuple[BearingAssociation, list[Moved]]:
-    """Every track takes any bearing, [Lee] Eq. 3.6; silence does not constrain its position."""
+    """Associate every bearing with every track ([Lee] Eq. 3.6); silence does not constrain positions."""
     K, N, config = len(moved), len(heard.bearing), world.config
     position, reach = world.positions[array], float(world.reach[array])
     alone, unheard, out, evidence = np.zeros((K, N)), np.ones(K), [], 0.0
@@ -317,7 +323,7 @@ def _after(m: Moved, weights: Floats, reached: float, config: ImmConfig, unheard
 
 
 def _initiate_tracks(world: ImmWorld, array: int, free: Scan, numbers: set[int], rng: Generator) -> list[Moved]:
-    """New tracks on the lines of sight of bearings of no target; a label that is a track's number gets another."""
+    """Return tentative tracks on the lines of sight of unassigned bearings."""
     # Where every track takes any bearing, several come to follow one source, and the others' bearings seem free.
     config, born = world.config, []
     unaided = config.birth_probability > 0.0 and config.association == "joint"
@@ -332,7 +338,7 @@ def _initiate_tracks(world: ImmWorld, array: int, free: Scan, numbers: set[int],
 
 
 def _with_hit(m: Moved, t_ns: int) -> Track:
-    """The track with its hits and the time of the last."""
+    """Return the track with its hit count and time of the last hit updated."""
     if not m.heard:
         return m.track
     return m.track._replace(hits=m.track.hits + (not m.born), met_ns=t_ns)
@@ -343,7 +349,7 @@ def _existing_tracks(track: Track, t_ns: int, config: ImmConfig) -> bool:
 
 
 def _numbered(moved: list[Moved], free: int, config: ImmConfig) -> tuple[list[Moved], int]:
-    """The tracks with numbers for those that are confirmed now, in the order of these; and the least free number."""
+    """Return the tracks, with numbers given to newly confirmed ones, and the lowest free number."""
     out = []
     for m in moved:
         track = m.track
@@ -359,7 +365,7 @@ def _numbered(moved: list[Moved], free: int, config: ImmConfig) -> tuple[list[Mo
 
 
 def estimates(report: ImmStepResult, scene: Scene) -> list[tuple[int, Estimate]]:
-    """The confirmed targets' estimates by number."""
+    """Return the estimates of the confirmed targets by number."""
     return [(belief.number, _estimate(belief, report, len(scene.cameras))) for belief in report.beliefs]
 
 
@@ -380,7 +386,7 @@ def _estimate(belief: TrackPosterior, report: ImmStepResult, cameras: int) -> Es
 
 
 def trace(result: tuple[ImmState, int]) -> TrackTrace:
-    """What the last step leaves of a target for the way back."""
+    """Return what smoothing needs of the last step, by target."""
     state, number = result
     assert state.t_ns is not None
     return trace_of(next(track for track in state.tracks if track.number == number), state.t_ns)
@@ -404,7 +410,7 @@ LATE_PERIOD_SHARE = 0.5
 
 
 class ListeningTimes:
-    """The times at which one array listens."""
+    """Estimated scan times of one array."""
 
     def __init__(self, array: MicrophoneArray) -> None:
         """Before the first row."""
@@ -415,7 +421,7 @@ class ListeningTimes:
 
     @property
     def period_ns(self) -> int | None:
-        """Time between two scans; None: not known."""
+        """Return the interval between scans [ns]; None if unknown."""
         if self._known is not None:
             return self._known
         return min(self._gaps) if len(self._gaps) >= MIN_INTERVALS else None
@@ -427,7 +433,7 @@ class ListeningTimes:
         self._row_ns = self.last_ns = t_ns
 
     def due(self, t_ns: int, most: int) -> list[int]:
-        """Times before t_ns at which it listened in vain, up to `most` of them."""
+        """Return the times before t_ns with a scan but no detection, at most `most`."""
         period = self.period_ns
         if period is None or self.last_ns is None or period <= 0:
             return []
@@ -439,7 +445,7 @@ class ListeningTimes:
 
 
 class ArrayScans:
-    """All arrays' scans, silent ones among them."""
+    """Scans of all arrays, including scans without detections."""
 
     def __init__(self, scene: Scene, forget_s: float) -> None:
         """Before the first row.
@@ -453,10 +459,10 @@ class ArrayScans:
         self._forget_ns = round(forget_s * NS)
 
     def scans(self, scan: Scan) -> Iterator[Scan]:
-        """What arrays heard, up to the time of a scan: times in vain first, then the arrays' rows themselves.
+        """Return the arrays' scans up to a time: scans without detections first, then rows.
 
-        An array that listened in vain has a row that is not `seen`.  Rows of an array come by label and
-        bearing; labels below 0 are none.
+        A scan without detection has a row that is not `seen`. Rows of an array are sorted by label and bearing; labels
+        below 0 mean unlabelled.
         """
         rows = scan.take(scan.sensor >= self._cameras)
         # Silence before this scan, by the arrays' own clocks
@@ -478,7 +484,7 @@ class ArrayScans:
         yield _ordered(concat([empty_scan(scan.t_ns, silent), rows]))
 
     def _in_vain(self, t_ns: int) -> Iterator[Scan]:
-        """Times before t_ns at which arrays listened in vain."""
+        """Return the times before t_ns of scans without detections."""
         silent: dict[int, list[int]] = {}
         for a, clock in enumerate(self._clocks):
             period = clock.period_ns or 1
@@ -489,7 +495,7 @@ class ArrayScans:
 
 
 def _ordered(scan: Scan) -> Scan:
-    """The rows by array, label, bearing and standard deviation, whatever order they came in."""
+    """Return the rows sorted by array, label, bearing and standard deviation."""
     label = np.maximum(scan.target_id, UNLABELLED)
     order = np.lexsort((scan.sigma, scan.bearing, label, scan.sensor))
     return scan._replace(target_id=label).take(order)

@@ -43,7 +43,7 @@ class ImmParticles(NamedTuple):
 
 
 class MotionModels(NamedTuple):
-    """How targets move; see `occlog.filtering.motion.coordinated_turn.move`."""
+    """Motion models of targets; see `turns.move`."""
 
     models: Floats  # (J, 3)
     root: Floats  # (2, 2) noise of this step
@@ -59,7 +59,7 @@ class ImmNoise(NamedTuple):
 
 
 class Weights(NamedTuple):
-    """Weights of one step, and how well the bearings fit."""
+    """Particle weights of one step, with the likelihood of the bearings."""
 
     each: Floats  # (N, J, L) w_m^i(l) of Eq. 3.6, sum 1
     total: Floats  # (J, L) sum over i; the weights before the bearings if missing
@@ -67,7 +67,7 @@ class Weights(NamedTuple):
 
 
 class ModelEstimates(NamedTuple):
-    """Weighted moments of one step; for a model of no weight its mean and covariance are NaN."""
+    """Weighted mean and covariance of one step, in total and per model; NaN for a model of zero weight."""
 
     mean: Floats  # (4,)
     covariance: Floats  # (4, 4)
@@ -77,7 +77,7 @@ class ModelEstimates(NamedTuple):
 
 
 class ImmStep(NamedTuple):
-    """Everything one step yields.
+    """Full result of one filter step.
 
     The ellipses of Eq. 3.16 are those of the predicted particles: `moments(predicted, prior)`.
     """
@@ -127,7 +127,7 @@ def step(
 
 
 def prior_weights(models: Ints, count: int, switching: Floats | None) -> Floats:
-    """(J, L) weights, sum 1, of particles moved under all J = `count` models, before any bearing.
+    """Return (J, L) normalised weights of particles moved under all J = `count` models, before any bearing.
 
     Args:
         models: (L,) model of each particle in the step before.
@@ -183,9 +183,9 @@ def _log_weights(at: Floats, prior: Floats, angle: Floats, sigma: Floats, scale:
 
 @array_kernel
 def _times_prior(each: Floats, top: float, prior: Floats) -> tuple[Floats, float]:
-    """Weights of log weights `each`, relative to the largest, times the prior, in place; sums over i, (J, L), and all.
+    """Convert log weights to weights times the prior, in place; return sums over i, (J, L), and the total.
 
-    Most bearings are far from most particles: there is no exponential to be had for them.
+    Exponentials of negligible weights are skipped.
     """
     N, J, L = each.shape
     total = np.zeros((J, L))
@@ -212,7 +212,7 @@ def moments(particles: Floats, weights: Floats) -> ModelEstimates:
 
 @array_kernel
 def _moments(x: Floats, w: Floats) -> tuple[Floats, Floats, Floats]:
-    """Compute mu, means and covariances of `ModelEstimates`; sums in local variables are twice as fast."""
+    """Compute mu, means and covariances for `ModelEstimates`."""
     J, L = w.shape
     mu, means, covariances = np.zeros(J), np.full((J, 4), math.nan), np.full((J, 4, 4), math.nan)
     for m in range(J):
@@ -248,7 +248,7 @@ def _moments(x: Floats, w: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def resample(weights: Floats, u: float, picks: Floats) -> tuple[Ints, Ints]:
-    """Rows and models, (n,) each, of n particles drawn from (J, L) weights of sum 1.
+    """Return rows and models, (n,) each, of n particles drawn from (J, L) weights of sum 1.
 
     Rows l are drawn systematically by their weight over all models, each row's model by a
     draw of its own.  In silence every row is so kept exactly once, under any model; one
@@ -265,7 +265,7 @@ def resample(weights: Floats, u: float, picks: Floats) -> tuple[Ints, Ints]:
 
 @kernel
 def taken(predicted: Floats, models: Ints, rows: Ints) -> Floats:
-    """(n, 4) particles predicted[models, rows], of (J, L, 4)."""
+    """Return (n, 4) particles predicted[models, rows] of (J, L, 4)."""
     out = np.empty((rows.shape[0], 4))
     for i in range(rows.shape[0]):
         for a in range(4):
@@ -275,7 +275,7 @@ def taken(predicted: Floats, models: Ints, rows: Ints) -> Floats:
 
 @kernel
 def _models_of(weights: Floats, rows: Ints, picks: Floats) -> Ints:
-    """(n,) a model of each row, drawn by the row's weights; one without weight is never taken."""
+    """Return (n,) a model for each row, drawn by the row's weights; models of zero weight are never drawn."""
     J, n = weights.shape[0], rows.shape[0]
     models = np.empty(n, dtype=np.int64)
     for i in range(n):
@@ -329,10 +329,10 @@ def outside_ellipses(mean: Floats, means: Floats, covariances: Floats) -> bool:
 
 
 def position_sigma(covariance: Floats) -> float:
-    """Root of the trace of the position's covariance, of a (4, 4) one of the state [length]."""
+    """Return the root of the trace of the position covariance, from the (4, 4) state covariance."""
     return math.sqrt(max(0.0, float(covariance[0, 0] + covariance[2, 2])))
 
 
 def position_sigma_exceeds(covariance: Floats, limit: float) -> bool:
-    """True if `position_sigma` is above the limit [length]."""
+    """Return whether `position_sigma` exceeds a limit."""
     return position_sigma(covariance) > limit

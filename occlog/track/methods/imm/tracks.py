@@ -37,28 +37,28 @@ REJUVENATION_VARIANCE_SHARE = 0.25
 
 
 class Genealogy(NamedTuple):
-    """Families of a target's particles: those that come from one particle of the time when it began."""
+    """Ancestry of a target's particles: the initial particle from which each descends."""
 
     families: Ints  # (L,)
     since_s: float  # how long ago that was
 
     def drawn(self, rows: Ints, dt: float) -> Genealogy:
-        """The lineage of the particles (n,) `rows` of those a time dt [s] before."""
+        """Return the ancestry after resampling rows (n,) and a time step dt [s]."""
         return Genealogy(self.families[rows], self.since_s + dt)
 
     def effective(self) -> float:
-        """Effective number of families, 1 to L: L^2 / sum of their squared sizes."""
+        """Return the effective number of ancestors, 1 to L: L^2 / sum of squared family sizes."""
         sizes = np.bincount(self.families)
         return float(len(self.families) ** 2 / (sizes @ sizes))
 
 
 def new_genealogy(particles: int) -> Genealogy:
-    """Each particle is a family of its own."""
+    """Return an ancestry in which each particle is its own ancestor."""
     return Genealogy(np.arange(particles), 0.0)
 
 
 def is_rejuvenated(lineage: Genealogy, covariance: Floats, sigma_v: float) -> bool:
-    """Whether the noise of the motion alone spreads particles as far as their covariance, or nearly.
+    """Return whether process noise alone explains (nearly) the particles' covariance.
 
     White acceleration gives a position the variance sigma_v^2 t^3 / 3 per axis.
 
@@ -81,7 +81,7 @@ MAX_DRAWS = 20
 
 
 class Track(NamedTuple):
-    """One target, or what may be one."""
+    """A confirmed or tentative target."""
 
     number: int  # UNNUMBERED until it is confirmed
     label: int  # identity that sensors give it; UNLABELLED: none did
@@ -94,7 +94,7 @@ class Track(NamedTuple):
 
 
 class Moved(NamedTuple):
-    """A track at the time of a scan, before and while its bearings are taken in."""
+    """A track at a scan's time, before and during its update."""
 
     track: Track
     predicted: Floats  # (J, L, 4)
@@ -106,7 +106,7 @@ class Moved(NamedTuple):
 
 
 class ImmWorld(NamedTuple):
-    """Scene and settings as the filter wants them; they do not change with time."""
+    """Scene and settings as constants of the filter."""
 
     config: ImmConfig
     models: Floats  # (3, 3) of `turns`
@@ -120,7 +120,7 @@ class ImmWorld(NamedTuple):
 
 
 def make_world(scene: Scene, config: ImmConfig) -> ImmWorld:
-    """The scene's arrays and room, for the filter."""
+    """Return the scene's arrays and room in the filter's form."""
     arrays = scene.arrays
     positions = np.array([a.position[:2] for a in arrays], dtype=np.float64).reshape(-1, 2)
     region = np.ascontiguousarray(scene.region)
@@ -140,27 +140,27 @@ def make_world(scene: Scene, config: ImmConfig) -> ImmWorld:
 
 
 def _reach(far: float, height: float, sources: float | None) -> float:
-    """How far on the ground an array hears sources of a height; None: the range is taken on the ground."""
+    """Return the ground range of an array for sources at a height; None if the range is measured on the ground."""
     if sources is None or math.isinf(far):
         return far
     return math.sqrt(max(far**2 - (height - sources) ** 2, 0.0))
 
 
 def initial_tracks(config: ImmConfig, t_ns: int, rng: Generator) -> tuple[Track, ...]:
-    """Tracks of the targets that are known initially, confirmed, numbered from 0."""
+    """Return confirmed tracks, numbered from 0, of the targets known initially."""
     starts = np.reshape(config.start or (), (-1, START_NUMBERS)).tolist()
     return tuple(confirmed_track(config, n, start, t_ns, rng) for n, start in enumerate(starts))
 
 
 def confirmed_track(config: ImmConfig, number: int, start: Sequence[float], t_ns: int, rng: Generator) -> Track:
-    """A confirmed track of a target with a known state X, Y, SIGMA, VX, VY, SIGMA_V."""
+    """Return a confirmed track with known initial state X, Y, SIGMA, VX, VY, SIGMA_V."""
     x, y, s, vx, vy, sv = start
     states = np.array([x, vx, y, vy]) + rng.standard_normal((config.particles, 4)) * np.array([s, sv, s, sv])
     return _confirmed(config, number, UNLABELLED_TRACK, states, t_ns)
 
 
 def _confirmed(config: ImmConfig, number: int, label: int, states: Floats, t_ns: int) -> Track:
-    """A track of (L, 4) particles of a target that is sure to exist."""
+    """Return a track of (L, 4) particles with existence probability 1."""
     hits = config.confirmation_hits
     return Track(number=number, label=label, cloud=_cloud(states), exists=1.0, sounds=1.0, hits=hits, met_ns=t_ns)
 
@@ -168,7 +168,7 @@ def _confirmed(config: ImmConfig, number: int, label: int, states: Floats, t_ns:
 def track_on_bearing(
     world: ImmWorld, array: int, angle: float, sigma: float, t_ns: int, label: int, rng: Generator
 ) -> Track:
-    """A track somewhere on the line of sight of a bearing: as far as the array hears, and in the room.
+    """Return a tentative track with particles along a bearing's line of sight, within range and room.
 
     Positions are equally likely per length of the line; where none is in the room any will do.
     """
@@ -197,7 +197,7 @@ def track_on_bearing(
 def track_at_position(
     world: ImmWorld, position: Floats, covariance: Floats, number: int, label: int, t_ns: int, rng: Generator
 ) -> Track:
-    """A confirmed track of a new target at a position that cameras found."""
+    """Return a confirmed track of a new target at a position found by cameras."""
     config = world.config
     n = config.particles
     xy = rng.multivariate_normal(position, covariance, n, method="eigh")
@@ -232,14 +232,14 @@ def move_track(world: ImmWorld, track: Track, dt: float, rng: Generator) -> Move
 
 
 def new_track(world: ImmWorld, track: Track) -> Moved:
-    """A new track at its own time, under all models alike."""
+    """Return a new track at its initial time, with equal model probabilities."""
     J, L = len(world.models), len(track.cloud.states)
     prior = np.full((J, L), 1.0 / (J * L))
     return Moved(track, np.repeat(track.cloud.states[None], J, axis=0), prior, prior, born=True, heard=True)
 
 
 def switching(models: int, dt: float, hold_s: float | None) -> Floats | None:
-    """(J, J) probabilities of the models after a time; None if they are all alike."""
+    """Return (J, J) transition probabilities of the models over a time; None if all are equal."""
     if hold_s is None:
         return None
     stay = math.exp(-dt / hold_s)
@@ -251,7 +251,7 @@ def _chance(dt: float, mean_s: float) -> float:
 
 
 def update_existence(track: Track, reached: float, detection: float, unheard: float) -> Track:
-    """The track's probabilities once an array has listened.
+    """Return the track's existence and sounding probabilities after an array's scan.
 
     Args:
         track: before.
@@ -269,7 +269,7 @@ def update_existence(track: Track, reached: float, detection: float, unheard: fl
 
 
 def resampled(moved: Moved, particles: int, dt: float, rng: Generator) -> Track:
-    """The track with its particles resampled; a track that is not confirmed keeps all that it has.
+    """Return the track with resampled particles; a tentative track keeps all of its particles.
 
     Args:
         moved: the track after a scan.
@@ -286,14 +286,14 @@ def resampled(moved: Moved, particles: int, dt: float, rng: Generator) -> Track:
 
 
 class TrackTrace(NamedTuple):
-    """A target's particles after a scan, for the way back."""
+    """A target's particles after a scan, as needed by smoothing."""
 
     t_ns: int
     knot: KernelDensity  # rows x, vx, y, vy; kinds are motion models
 
 
 def trace_of(track: Track, t_ns: int) -> TrackTrace:
-    """What a step leaves of a target for the way back."""
+    """Return what smoothing needs of a target after a step."""
     states, models = track.cloud
     return TrackTrace(
         t_ns, kernel_density(np.ascontiguousarray(states.T), np.full(len(states), 1.0 / len(states)), models)
@@ -301,7 +301,7 @@ def trace_of(track: Track, t_ns: int) -> TrackTrace:
 
 
 def smooth_backwards(traces: Sequence[TrackTrace], config: ImmConfig, rng: Generator) -> list[SmoothedState]:
-    """Past states of a target from trajectories that are drawn back from the last trace to the first."""
+    """Return smoothed past states of a target, from trajectories sampled backwards through its particles."""
     models, out = three_models(config.turn_acceleration), []
     states, kinds = last_states(traces[-1].knot, config.smoothing_trajectories, rng)
     out.append(_past(states))
@@ -329,7 +329,7 @@ def moved_back(states: Floats, kinds: Ints, models: Floats, dt: float) -> Floats
 
 
 def noise_back(density: float, dt: float) -> Floats:
-    """(4, 4) covariance of a step's noise moved back by the step; that of a turn counts as that of the straight way."""
+    """Return the (4, 4) process-noise covariance of a step, mapped back by the step; turns count as straight motion."""
     root = acceleration_root(density, dt)
     block = root @ root.T
     block[0, 1] = block[1, 0] = -block[0, 1]

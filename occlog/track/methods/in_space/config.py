@@ -1,4 +1,4 @@
-"""Settings of the methods that track in space, `direct3d` and `pps`."""
+"""Settings of the 3-D methods `direct3d` and `pps`."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ class SpaceConfig(SmoothingConfig):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """How many numbers `acceleration` and `start` have."""
+        """Check the number of values of `acceleration` and `start`."""
         yield "acceleration", len(self.acceleration) == 3, "AX,AY,AZ"
         limit = (
             "X,Y,SIGMA; X,Y,Z,SIGMA; X,Y,Z,VX,VY,VZ,SIGMA,SIGMA_V; or X,Y,Z,VX,VY,VZ and their six sigmas, none below 0"

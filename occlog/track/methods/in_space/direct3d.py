@@ -64,7 +64,7 @@ class Direct3dState(NamedTuple):
 
 
 class ScanUpdate(NamedTuple):
-    """Outcome of taking in one scan."""
+    """Result of updating the filter with one scan."""
 
     cloud: Floats
     weights: Floats
@@ -123,7 +123,7 @@ def step(state: Direct3dState, scan: Scan, rng: Generator) -> tuple[Direct3dStat
 
 
 def trace(state: Direct3dState) -> CloudTrace:
-    """What the last step leaves for the way back."""
+    """Return what smoothing needs of the last step."""
     assert state.t_ns is not None
     weights = np.exp(state.log_weights)
     return CloudTrace(state.t_ns, kernel_density(state.cloud, weights / weights.sum()), state.begun)
@@ -158,7 +158,7 @@ def _updated(state: Direct3dState, heard: ScanDirections, dt: float, rng: Genera
 
 
 def begin(space: SpaceModel[C], heard: ScanDirections, reason: str, rng: Generator) -> ScanUpdate:
-    """Many particles drawn from the scan."""
+    """Return many particles drawn from the scan, for a start or restart."""
     cloud, log_weights = particles_from_scan(
         space, heard, space.config.particles * space.config.initial_particle_factor, rng
     )
@@ -192,7 +192,7 @@ def is_contradicted(astray: Ints, good: Bools, heard: ScanDirections, config: Sp
 
 
 def estimate_of(mean: Floats, covariance: Floats, draw: ScanUpdate, heard: ScanDirections, good: Bools) -> Estimate:
-    """Mean (6,) and covariance (6, 6) as an estimate; `good` (N,): which sensors agree with it."""
+    """Return the estimate from mean (6,), covariance (6, 6) and the sensors `good` (N,) consistent with it."""
     seen = np.diff(heard.sights.first) > 0
     seen &= heard.sights.labelled | good
     return Estimate(

@@ -58,7 +58,7 @@ MIN_RELATIVE_EXTENT = 1e-9
 
 
 class TimeStepPath(NamedTuple):
-    """A step of time."""
+    """Motion of one time step: transition and noise."""
 
     motion: AccelerationModel
     dt: float  # [s], >= 0
@@ -84,7 +84,7 @@ def update_by_scan(
     rng: Generator,
     log_going: Callable[[Floats, Floats], Floats] | None = None,
 ) -> tuple[Floats, Floats, float]:
-    """Particles at the time of a scan, their weights, and the log of the sum of these before they were normalised.
+    """Return particles at a scan's time, their weights, and the log sum of the unnormalised weights.
 
     Particles move from the motion alone as long as that leaves `config.resampling_threshold` of them effective,
     and else are resampled by `propose`.  Where nearly none agrees with the scan even then, its likelihood
@@ -127,9 +127,9 @@ def update_by_scan(
 
 
 def process_noise(motion: AccelerationModel, dt: float) -> Floats:
-    """(2d, 2d) covariance of what white acceleration gathers in a step; dt < 0 gives that of the step back in time.
+    """Return the (2d, 2d) process-noise covariance of white acceleration over dt [s].
 
-    The noise of a turn counts as that of the straight way.
+    dt < 0 gives that of the step back in time. Turns count as straight motion.
     """
     root = acceleration_root(1.0, abs(dt))
     block = root @ root.T
@@ -138,12 +138,12 @@ def process_noise(motion: AccelerationModel, dt: float) -> Floats:
 
 
 def drift_matrix(d: int, dt: float) -> Floats:
-    """(2d, 2d) of constant velocity: positions, then velocities."""
+    """Return the (2d, 2d) constant-velocity transition matrix for d positions followed by d velocities."""
     return np.kron(np.array([[1.0, dt], [0.0, 1.0]]), np.eye(d))
 
 
 def kernel_density(cloud: Floats, weights: Floats, kernel: float) -> tuple[Floats, Floats, float]:
-    """The (2d, L) centres of the Gaussians, the covariance (2d, 2d) of the cloud and the width h."""
+    """Return the (2d, L) centres of the kernels, the covariance (2d, 2d) of the particles and the kernel width h."""
     mean, covariance = moments(cloud, weights)
     h = min(kernel * silverman_bandwidth(cloud.shape[1], len(cloud)), 0.999)
     a = math.sqrt(1.0 - h * h)
@@ -162,7 +162,7 @@ def propose(
     rng: Generator,
     log_going: Callable[[Floats, Floats], Floats] | None = None,
 ) -> ProposedStates:
-    """Particles at the time of a scan.
+    """Draw particles at a scan's time from the adapted importance density.
 
     Args:
         cloud: (2d, L) before the step, d = 3 in space, 2 in a plane.
@@ -204,7 +204,7 @@ def propose(
 
 
 def _conditional(C: Floats, d: int, least: float) -> tuple[Floats, Floats, Floats]:
-    """Lower root (3, 3) of the position, regression (d, d) of the velocity on y, and root of the remainder."""
+    """Return the Cholesky factor of the position, the regression of velocity on it, and the residual's factor."""
     position_covariance = C[:d, :d] + least**2 * np.eye(d)
     root = np.eye(3)
     root[:d, :d] = np.linalg.cholesky(position_covariance)
@@ -213,14 +213,14 @@ def _conditional(C: Floats, d: int, least: float) -> tuple[Floats, Floats, Float
 
 
 def _in_space(positions: Floats) -> Floats:
-    """(3, n) of (2, n) or (3, n) positions, row by row in memory."""
+    """Return (3, n) row-contiguous positions from (2, n) or (3, n)."""
     return np.ascontiguousarray(
         positions if len(positions) == 3 else np.vstack([positions, np.zeros(positions.shape[1])])
     )
 
 
 def sight_lines(heard: ScanDirections, chances: ReportProbabilities) -> ScanRows:
-    """The directions of a scan as residuals in space."""
+    """Return the directions of a scan as residual rows for the 3-D kernels."""
     s = heard.sights
     flat = np.isnan(s.phi)
     phi = np.where(flat, 0.5 * math.pi, s.phi)[:, None]
@@ -243,7 +243,7 @@ def factors(
 
 
 class CloudTrace(NamedTuple):
-    """Particles after a scan, for the way back."""
+    """Particles after a scan, as needed by smoothing."""
 
     t_ns: int
     knot: KernelDensity
@@ -251,7 +251,7 @@ class CloudTrace(NamedTuple):
 
 
 class GaussianTrace(NamedTuple):
-    """A combined estimate after a scan, for the way back."""
+    """Combined Gaussian estimate after a scan, as needed by smoothing."""
 
     t_ns: int
     mean: Floats  # (6,)
@@ -260,7 +260,7 @@ class GaussianTrace(NamedTuple):
 
 
 def through_clouds(traces: Sequence[CloudTrace], config: SpaceConfig, rng: Generator) -> list[SmoothedState]:
-    """Past states from trajectories that are drawn back from the last trace to the first."""
+    """Return smoothed past states from trajectories sampled backwards through the particles."""
     motion, out, states = motion_of(config), [], np.empty((6, 0))
     for k in range(len(traces) - 1, -1, -1):
         if k == len(traces) - 1 or traces[k + 1].begun:
@@ -274,7 +274,7 @@ def through_clouds(traces: Sequence[CloudTrace], config: SpaceConfig, rng: Gener
 
 
 def through_gaussians(traces: Sequence[GaussianTrace], config: SpaceConfig, rng: Generator) -> list[SmoothedState]:
-    """Past states by the recursion of Rauch, Tung and Striebel."""
+    """Return smoothed past states by the Rauch-Tung-Striebel recursion."""
     motion, out = motion_of(config), []
     mean, covariance = np.empty(6), np.empty((6, 6))
     for k in range(len(traces) - 1, -1, -1):
@@ -291,7 +291,7 @@ def through_gaussians(traces: Sequence[GaussianTrace], config: SpaceConfig, rng:
 def _before(
     m: Floats, P: Floats, later: Floats, later_covariance: Floats, motion: AccelerationModel, dt: float, rng: Generator
 ) -> tuple[Floats, Floats]:
-    """Mean and covariance a time dt before a smoothed state, where the filter had (m, P)."""
+    """Return mean and covariance at time dt before a smoothed state, given the filter's (m, P) there."""
     F = drift_matrix(3, dt)
     ahead = moved(m[:, None], motion._replace(density=np.zeros(3)), dt, rng)[:, 0]
     predicted = F @ P @ F.T + process_noise(motion, dt)

@@ -54,18 +54,18 @@ MIN_RELATIVE_VARIANCE = 1e-12
 
 
 def initial_errors(covariance: Floats) -> Floats:
-    """(12, 12) errors of planes that all begin from one estimate in space, of (6, 6) covariance."""
+    """Return the (12, 12) joint error covariance of three planes started from one (6, 6) covariance."""
     return np.asarray(TO_PLANES @ covariance @ TO_PLANES.T)
 
 
 def moved_errors(errors: Floats, motion: AccelerationModel, dt: float) -> Floats:
-    """(12, 12) errors a time dt later; all planes have the noise of one motion."""
+    """Return the (12, 12) joint error covariance after a time dt; all planes share the process noise of one motion."""
     F = np.kron(np.eye(3), drift_matrix(2, dt))
     return np.asarray(F @ errors @ F.T + initial_errors(process_noise(motion, dt)))
 
 
 def measured_errors(errors: Floats, positions: Floats, sensor: Floats, angles: Floats, used: Bools) -> Floats:
-    """(12, 12) errors after the directions of one sensor, by the gain that each plane has of its own.
+    """Return the (12, 12) joint error covariance after the directions of one sensor, by each plane's own gain.
 
     Args:
         errors: (12, 12) before.
@@ -102,14 +102,17 @@ def rescaled(errors: Floats, covariances: dict[int, Floats]) -> Floats:
 
 
 def reactivated(errors: Floats, plane: int, combination: Floats) -> Floats:
-    """(12, 12) errors where a plane begins from the combined estimate, which is the (6, 12) combination of planes."""
+    """Return the (12, 12) joint error covariance where a plane restarts from the combined estimate.
+
+    `combination` is (6, 12): the combined state as a linear function of the planes' states.
+    """
     T = np.eye(12)
     T[PLANE_ROWS[plane]] = TO_PLANES[PLANE_ROWS[plane]] @ combination
     return np.asarray(T @ errors @ T.T)
 
 
 def combination_of(planes: tuple[int, int], shared: int, shares: Floats) -> Floats:
-    """(6, 12) the state in space as a combination of two planes'.
+    """Return the (6, 12) matrix that combines the states of two planes to the 3-D state.
 
     Args:
         planes: two different ones.
@@ -125,7 +128,7 @@ def combination_of(planes: tuple[int, int], shared: int, shares: Floats) -> Floa
 
 
 def _roots(covariance: Floats) -> tuple[Floats, Floats]:
-    """The symmetric root of a covariance, and its inverse."""
+    """Return the symmetric square root of a covariance, and its inverse."""
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     sd = np.sqrt(np.maximum(values, max(MIN_RELATIVE_VARIANCE * values[-1], 1e-300)))
     return (vectors * sd) @ vectors.T, (vectors / sd) @ vectors.T
@@ -136,7 +139,7 @@ GATE_SIGMAS = 5.0
 
 
 class PlanePosterior(NamedTuple):
-    """What the filter of a plane knows."""
+    """Posterior mean and covariance of the filter of one plane."""
 
     mean: Floats  # (4,) a, b, va, vb
     covariance: Floats  # (4, 4)
@@ -145,7 +148,7 @@ class PlanePosterior(NamedTuple):
 
 
 class CombinedPosterior(NamedTuple):
-    """What two planes know of the target in space."""
+    """Combined 3-D posterior of two planes."""
 
     mean: Floats  # (6,) x, y, z, vx, vy, vz
     covariance: Floats  # (6, 6)
@@ -153,17 +156,16 @@ class CombinedPosterior(NamedTuple):
 
 
 def shared_axis(p: int, q: int) -> int:
-    """The axis that two different planes have in common."""
+    """Return the coordinate axis that two different planes have in common."""
     return next(k for k in AXES[p] if k in AXES[q])
 
 
 def combine(
     planes: tuple[int, int], flat: tuple[PlanePosterior, PlanePosterior], rule: str, errors: Floats
 ) -> CombinedPosterior:
-    """The state in space from two planes.
+    """Combine the posteriors of two planes to a 3-D state.
 
-    The axis that both have is a weighted mean.  The covariance is that of the combination: what both
-    planes' errors have in common counts once.
+    The common axis is a weighted mean; common errors of both planes are counted once.
 
     Args:
         planes: two different ones.
@@ -183,7 +185,7 @@ def combine(
 
 
 def _shares(flat: tuple[PlanePosterior, PlanePosterior], rows: list[list[int]], rule: str) -> Floats:
-    """(2, 2) weights of the two planes, for position and velocity of the common axis."""
+    """Return the (2, 2) weights of the two planes for position and velocity of the common axis."""
     if rule == "equal":
         return np.full((2, 2), 0.5)
     if rule == "planes-weighted":
@@ -200,7 +202,7 @@ NOTHING: Pair = ((-1, XY), (-1, YZ))
 
 
 class ProjectedAngles(NamedTuple):
-    """The rows of a scan in the three planes."""
+    """Directions of a scan projected to the three planes."""
 
     angle: Floats  # (R, 3) [rad]
     sigma: Floats  # (R, 3) [rad]
@@ -210,7 +212,7 @@ class ProjectedAngles(NamedTuple):
 
 
 def plane_angles(heard: ScanDirections) -> ProjectedAngles:
-    """Projected angles and their standard deviations; an azimuth alone is one of xy."""
+    """Return projected angles and standard deviations [rad]; a bare azimuth counts in plane xy only."""
     s = heard.sights
     phi = np.where(heard.flat, 0.5 * math.pi, s.phi)
     toward = np.einsum("rij,rj->ri", heard.rotation, direction(heard.theta, phi))
@@ -224,9 +226,9 @@ def plane_angles(heard: ScanDirections) -> ProjectedAngles:
 
 
 def choose_pair(rule: str, heard: ScanDirections, angles: ProjectedAngles, near: Floats, before: Pair) -> Pair:
-    """The two planes to use, with the sensor that tells most in each.
+    """Return the two planes to use, and the most informative sensor in each.
 
-    Of the candidates of a sensor that one counts which points nearest to where the target should be.
+    Of a sensor's candidates, the one nearest to the predicted position counts.
 
     Args:
         rule: `variance` or `printed`.
@@ -246,7 +248,7 @@ def choose_pair(rule: str, heard: ScanDirections, angles: ProjectedAngles, near:
 
 
 def _printed(heard: ScanDirections, rows: Ints, before: Pair) -> Pair:
-    """By polar angles alone; a sensor without them is not asked."""
+    """Return the planes by the paper's printed rule on polar angles; sensors without elevation are ignored."""
     phi = np.where(rows >= 0, heard.sights.phi[rows], np.nan)
     finite = np.flatnonzero(~np.isnan(phi))
     if not len(finite):
@@ -256,7 +258,7 @@ def _printed(heard: ScanDirections, rows: Ints, before: Pair) -> Pair:
 
 
 def _filled(found: list[tuple[int, int]], before: Pair) -> Pair:
-    """Two planes in any case: those found, those used before, and yz or xy."""
+    """Return two planes in any case: those found, completed by the previous ones, then yz or xy."""
     planes = [p for _, p in found]
     spare = [p for _, p in (*before, *NOTHING) if p not in planes]
     found = [*found, *((-1, p) for p in dict.fromkeys(spare))]
@@ -264,7 +266,7 @@ def _filled(found: list[tuple[int, int]], before: Pair) -> Pair:
 
 
 def nearest_rows(heard: ScanDirections, angles: ProjectedAngles, near: Floats) -> Ints:
-    """(N,) row of each sensor that points nearest to a position; -1 for a sensor that saw nothing."""
+    """Return (N,) for each sensor the row that points nearest to a position; -1 for a sensor without detection."""
     first = heard.sights.first
     to = near - heard.sights.position
     away = -np.einsum("ri,ri->r", angles.toward, to) / np.maximum(np.linalg.norm(to, axis=1), 1e-300)
@@ -274,7 +276,7 @@ def nearest_rows(heard: ScanDirections, angles: ProjectedAngles, near: Floats) -
 
 
 class PlaneSights(NamedTuple):
-    """The angles of a scan that count in one plane."""
+    """Projected angles of a scan that count in one plane."""
 
     rows: Bools  # (R,) of the scan
     first: Ints  # (N + 1,) rows of each sensor among those that count
@@ -284,10 +286,10 @@ class PlaneSights(NamedTuple):
 
 
 def sights_in_plane(plane: int, heard: ScanDirections, angles: ProjectedAngles, only: int | None = None) -> PlaneSights:
-    """Measurement of a scan in a plane.
+    """Return the projected angles of a scan in a plane.
 
-    A sensor counts if none of its candidates is blind in this plane: otherwise one that cannot be seen
-    here might be the target's.
+    A sensor counts only if all of its candidates can be projected to this plane, as an excluded one might be the
+    target's.
 
     Args:
         plane: index in `PLANES`.
@@ -325,7 +327,7 @@ def log_likelihood(ab: Floats, own: PlaneSights, heard: ScanDirections, chances:
 
 
 def lines_in_plane(own: PlaneSights, heard: ScanDirections, chances: ReportProbabilities) -> ScanRows:
-    """Measurement of a scan in a plane as azimuths in a space with a third axis that nothing depends on."""
+    """Return a plane's angles of a scan as azimuths for the 3-D kernels, with an irrelevant third axis."""
     none, c, s = np.zeros(len(own.angle)), np.cos(own.angle), np.sin(own.angle)
     share = heard.sights.share[own.rows]
     scale, rival = factors(heard, own.first, share, np.full(len(share), UNIFORM_AZIMUTH), chances)
@@ -348,10 +350,10 @@ def errors_after(
     own: dict[int, PlaneSights],
     flats: dict[int, PlanePosterior],
 ) -> Floats:
-    """(12, 12) errors of all planes after a scan that those of `own` took in, see `plane_errors`.
+    """Return the (12, 12) joint error covariance of the planes after a scan.
 
-    Of a sensor's candidates that one counts which is nearest to where the plane has the target, if it is
-    within `GATE_SIGMAS` standard deviations.
+    Of a sensor's candidates, the one nearest to the plane's estimate counts, if within `GATE_SIGMAS` standard
+    deviations.
     """
     s = heard.sights
     positions = np.zeros((3, 2))

@@ -87,7 +87,7 @@ def init(scene: Scene, config: PpsConfig, rng: Generator) -> PpsState:  # noqa: 
 
 
 def plane_motions(motion: AccelerationModel) -> tuple[AccelerationModel, ...]:
-    """The motion of each plane's axes; a turn in another plane comes to it as a known change, see `_turned`."""
+    """Return the motion model of each plane; turns in another plane enter as known input (see `_turned`)."""
     parts = []
     for axes in AXES:
         turn = motion.turn if axes == motion.axes else 0.0
@@ -107,7 +107,7 @@ def step(state: PpsState, scan: Scan, rng: Generator) -> tuple[PpsState, Estimat
         return begin(space, heard, reason, rng) if reason else _first(state, heard, rng)
 
     def loss(found: ScanUpdate | PlaneUpdate) -> tuple[Ints, bool]:
-        """Planes that a sensor has contradicted for some scans, or that explain nothing, are lost."""
+        """Return the planes that sensors have contradicted for several scans or that explain no measurement."""
         if isinstance(found, ScanUpdate):
             return state.astray, False
         agree = agrees(found.joined.mean[None, :3], heard, config.gate)[0]
@@ -138,7 +138,7 @@ def step(state: PpsState, scan: Scan, rng: Generator) -> tuple[PpsState, Estimat
 
 
 class PlaneUpdate(NamedTuple):
-    """Posterior of the planes after a scan."""
+    """Posteriors of the planes after a scan."""
 
     clouds: Clouds
     errors: Floats  # (12, 12)
@@ -150,7 +150,7 @@ class PlaneUpdate(NamedTuple):
 def _updated(
     state: PpsState, heard: ScanDirections, angles: ProjectedAngles, rng: Generator, dt: float
 ) -> ScanUpdate | PlaneUpdate:
-    """The planes at the time of a scan, a time dt [s] after the last one."""
+    """Return the planes updated at the time of a scan, dt [s] after the last one."""
     space, config = state.space, state.space.config
     assert state.joined is not None
     # Select the two planes with the least variance of angles, about where the target should be by now
@@ -182,14 +182,14 @@ def predict(state: PpsState, t_ns: int, rng: Generator) -> ParticleSet:
 
 
 def trace(state: PpsState) -> GaussianTrace:
-    """What the last step leaves for the way back."""
+    """Return what smoothing needs of the last step."""
     assert state.t_ns is not None
     assert state.joined is not None
     return GaussianTrace(state.t_ns, state.joined.mean, state.joined.covariance, state.begun)
 
 
 def _first(state: PpsState, heard: ScanDirections, rng: Generator) -> ScanUpdate:
-    """Particles in space around the start, weighed by the first scan, or drawn from it."""
+    """Return initial 3-D particles: around `start` weighted by the first scan, or drawn from the scan."""
     space, config = state.space, state.space.config
     if config.start is None:
         return begin(space, heard, "", rng)
@@ -210,7 +210,7 @@ def _first(state: PpsState, heard: ScanDirections, rng: Generator) -> ScanUpdate
 def _started(
     state: PpsState, t_ns: int, heard: ScanDirections, angles: ProjectedAngles, draw: ScanUpdate, rng: Generator
 ) -> tuple[PpsState, Estimate]:
-    """Reinitialise all planes from particles in space."""
+    """Reinitialise all planes from 3-D particles."""
     config = state.space.config
     mean, covariance = moments(draw.cloud, draw.weights)
     clouds, n = [], config.particles
@@ -233,7 +233,7 @@ def _started(
 
 
 def _woken(state: PpsState, pair: Pair, rng: Generator) -> PpsState:
-    """Planes that had to wait start from the combined estimate when they are chosen."""
+    """Start suspended planes from the combined estimate when they are selected."""
     if state.space.config.running == "all" or state.joined is None:
         return state
     before, clouds, errors = {p for _, p in state.pair}, list(state.clouds), state.errors
@@ -246,7 +246,7 @@ def _woken(state: PpsState, pair: Pair, rng: Generator) -> PpsState:
 
 
 def _reseeded(joined: CombinedPosterior, plane: int, n: int, rng: Generator) -> Floats:
-    """(4, n) particles around the combined estimate."""
+    """Return (4, n) particles drawn around the combined estimate."""
     rows = plane_axes(plane)
     root = root_of(joined.covariance[np.ix_(rows, rows)])
     return np.asarray(root @ rng.standard_normal((4, n)) + joined.mean[rows][:, None])
@@ -258,7 +258,7 @@ def _running(state: PpsState, pair: Pair) -> list[int]:
 
 
 def _turned(state: PpsState, plane: int, dt: float) -> Floats | None:
-    """(4,) what a turn in another plane does to the axis that this one has of it, at the combined velocity."""
+    """Return (4,) the change of a plane's state by a turn in another plane, at the combined velocity."""
     motion, axes = state.space.motion, AXES[plane]
     if motion.turn == 0.0 or axes == motion.axes or state.joined is None:
         return None
@@ -274,7 +274,7 @@ def _turned(state: PpsState, plane: int, dt: float) -> Floats | None:
 def _taken_in(
     state: PpsState, dt: float, pair: Pair, heard: ScanDirections, angles: ProjectedAngles, rng: Generator
 ) -> tuple[Clouds, dict[int, PlanePosterior], dict[int, PlaneSights]]:
-    """The running planes' particles after the scan, their posteriors, and the scan's likelihoods."""
+    """Update the running planes; return their particles, posteriors and the scan's likelihoods."""
     config, n, chances = state.space.config, state.space.config.particles, state.space.chances
     best = {p: s for s, p in pair}
     new, flats, likelihoods = list(state.clouds), {}, {}

@@ -35,7 +35,7 @@ MIN_SIGMA_RAD = 1e-9
 
 
 class ArrayGeometry(NamedTuple):
-    """Places and poses of S sensors, cameras first."""
+    """Positions, rotations and ranges of S sensors, cameras first."""
 
     position: Floats  # (S, 3)
     rotation: Floats  # (S, 3, 3) world-from-sensor; a camera's is that of the world, since it tells azimuths
@@ -45,7 +45,7 @@ class ArrayGeometry(NamedTuple):
 
 
 class ScanDirections(NamedTuple):
-    """R directions of a scan of N sensors in the frames of the sensors: what the likelihoods in space need of it."""
+    """R directions of a scan of N sensors, in sensor axes, as needed by the 3-D likelihoods."""
 
     sights: ScanDirectionSet
     theta: Floats  # (R,) measured azimuths in the sensor's frame [rad]
@@ -56,7 +56,7 @@ class ScanDirections(NamedTuple):
 
 
 def pack_ears(scene: Scene) -> ArrayGeometry:
-    """Places, poses and ranges of all sensors."""
+    """Return positions, rotations and ranges of all sensors as arrays."""
     cameras, arrays = scene.cameras, scene.arrays
     eye = np.eye(3)
     return ArrayGeometry(
@@ -69,7 +69,7 @@ def pack_ears(scene: Scene) -> ArrayGeometry:
 
 
 def pack_directions(scan: Scan, ears: ArrayGeometry, near: Floats, *, use_score: bool) -> ScanDirections:
-    """The directions of a scan in the frames of their sensors; those not seen tell nothing and have no row.
+    """Return the directions of a scan in sensor axes; rows without a detection are omitted.
 
     Args:
         scan: rows by sensor.
@@ -106,7 +106,7 @@ def pack_directions(scan: Scan, ears: ArrayGeometry, near: Floats, *, use_score:
 
 
 def _frames(theta: Floats, rotation: Floats) -> Floats:
-    """(R, 3, 3) rows along the azimuth, to its left, and up, in the world."""
+    """Return (R, 3, 3) world-axes frames of directions: rows along the azimuth, to its left, and up."""
     c, s = np.cos(theta)[:, None], np.sin(theta)[:, None]
     x, y = rotation[:, :, 0], rotation[:, :, 1]
     frame = np.empty((len(theta), 3, 3))
@@ -115,7 +115,7 @@ def _frames(theta: Floats, rotation: Floats) -> Floats:
 
 
 def _with_pose(sigma: Floats, sensor: Ints, ears: ArrayGeometry, near: Floats) -> Floats:
-    """(R,) standard deviations of azimuths with the errors of the sensors' poses."""
+    """Return (R,) standard deviations [rad] of azimuths, including the sensors' pose errors."""
     offset = near - ears.position[sensor, :2]
     distance = np.maximum(np.hypot(offset[:, 0], offset[:, 1]), 3.0 * ears.sigma_position[sensor])
     shift = ears.sigma_position[sensor] / np.where(distance > 0, distance, 1.0)
@@ -123,7 +123,7 @@ def _with_pose(sigma: Floats, sensor: Ints, ears: ArrayGeometry, near: Floats) -
 
 
 def agrees(positions: Floats, heard: ScanDirections, gate: float) -> Bools:
-    """(K, N) whether a sensor has a direction within `gate` standard deviations of each position; False for none.
+    """Return (K, N) booleans: whether a sensor has a direction within `gate` standard deviations of a position.
 
     Args:
         positions: (K, 3).
@@ -157,7 +157,7 @@ C = TypeVar("C", bound=SpaceConfig)
 
 
 class SpaceModel(NamedTuple, Generic[C]):
-    """Scene and settings as the filters want them; they do not change with time."""
+    """Scene and settings as constants of the 3-D filters."""
 
     config: C
     ears: ArrayGeometry
@@ -172,7 +172,7 @@ class SpaceModel(NamedTuple, Generic[C]):
 
 
 def motion_of(config: SpaceConfig) -> AccelerationModel:
-    """The motion model's part of the settings."""
+    """Return the motion model from the settings."""
     up = config.process_noise_density if config.process_noise_density_z is None else config.process_noise_density_z
     axes = AXES[PLANES.index(config.turn_plane)]
     return AccelerationModel(
@@ -184,7 +184,7 @@ def motion_of(config: SpaceConfig) -> AccelerationModel:
 
 
 def chances_of(config: SpaceConfig) -> ReportProbabilities:
-    """The measurements' part of the settings."""
+    """Return the measurement probabilities from the settings."""
     return ReportProbabilities(
         config.false_alarm_probability,
         config.out_of_range_likelihood,
@@ -194,7 +194,7 @@ def chances_of(config: SpaceConfig) -> ReportProbabilities:
 
 
 def make_space(scene: Scene, config: C, *, cone: bool = False) -> SpaceModel[C]:
-    """The scene as the filters want it; `cone`: likelihoods are those of the angle from the line of sight."""
+    """Return the scene in the filters' form; `cone` selects likelihoods of the angle from the line of sight."""
     ears = pack_ears(scene)
     ground = np.concatenate([scene.region, ears.position[:, :2]])
     heights = np.append(ears.position[:, 2], [0.0, scene.room_height])
@@ -216,7 +216,7 @@ def make_space(scene: Scene, config: C, *, cone: bool = False) -> SpaceModel[C]:
 
 
 def log_likelihood(xyz: Floats, heard: ScanDirections, space: SpaceModel[C]) -> Floats:
-    """(L,) log likelihoods of a scan for (3, L) particles, up to a constant."""
+    """Return (L,) log likelihoods of a scan for (3, L) particles, up to a constant."""
     s = heard.sights
     each = (log_cone if space.cone else log_product)(xyz, s, space.chances.soften)
     uniform = heard.uniform
@@ -227,7 +227,7 @@ def log_likelihood(xyz: Floats, heard: ScanDirections, space: SpaceModel[C]) -> 
 
 
 def log_room_factor(before: Floats | None, after: Floats, space: SpaceModel[C]) -> Floats:
-    """(L,) log likelihood factors: `out_of_room_likelihood` for particles that leave the room in this step, else 1.
+    """Return (L,) log factors for leaving the room: `out_of_room_likelihood` for particles that leave it now, else 1.
 
     Args:
         before: (3, L) positions before a step; None: nothing was known, and the target was in the room.
@@ -241,7 +241,7 @@ def log_room_factor(before: Floats | None, after: Floats, space: SpaceModel[C]) 
 
 
 def in_room(xyz: Floats, space: SpaceModel[C]) -> Bools:
-    """(L,) whether (3, L) positions are in the room, above its floor and below its ceiling; all where none is known."""
+    """Return (L,) booleans: whether (3, L) positions are in the room; True if no room is known."""
     if space.floor is None:
         return np.ones(xyz.shape[1], dtype=np.bool_)
     inside = on_floor(np.ascontiguousarray(xyz[:2].T), *space.floor)
@@ -249,7 +249,7 @@ def in_room(xyz: Floats, space: SpaceModel[C]) -> Bools:
 
 
 def particles_around(space: SpaceModel[C], start: tuple[float, ...], n: int, rng: Generator) -> Floats:
-    """(6, n) particles around a start; see `SpaceConfig.start`."""
+    """Return (6, n) particles around a start state (`SpaceConfig.start`)."""
     unit = rng.standard_normal((6, n))
     mean, sigma = np.zeros(6), np.append(np.zeros(3), _speeds(space))
     known = {3: 2, 4: 3}.get(len(start), 6)
@@ -263,11 +263,11 @@ def particles_around(space: SpaceModel[C], start: tuple[float, ...], n: int, rng
 
 
 def particles_from_scan(space: SpaceModel[C], heard: ScanDirections, n: int, rng: Generator) -> tuple[Floats, Floats]:
-    """(6, n) particles drawn from a scan, and their log weights.
+    """Draw (6, n) particles from a scan; return them with their log weights.
 
-    Positions are drawn along the lines of sight of all candidates, out to where they leave the
-    box, and some anywhere in it.  The weights are those of a target that is as likely in any part of
-    the room; without a room, at any distance from a sensor up to its far limit.  The scan's likelihood is in them.
+    Positions are drawn along the lines of sight of all candidates to the border of the room, and some anywhere in it.
+    The weights correspond to a uniform prior in the room (without a room, uniform in distance from a sensor up to its
+    range) times the scan's likelihood.
     """
     s = heard.sights
     R = len(s.phi)
@@ -289,7 +289,7 @@ def particles_from_scan(space: SpaceModel[C], heard: ScanDirections, n: int, rng
 
 
 def _log_prior(xyz: Floats, position: Floats, far: Floats) -> Floats:
-    """(n,) log density of a target that is at any distance from one of (S, 3) sensors, in any direction, at (3, n)."""
+    """Return (n,) log prior densities at (3, n): uniform in distance from one of (S, 3) sensors, in any direction."""
     r = np.sqrt(np.sum((xyz.T[:, None] - position) ** 2, axis=2))
     each = np.where(r <= far, 1.0 / (4.0 * math.pi * far * np.maximum(r, MIN_RELATIVE_DISTANCE * far) ** 2), 0.0)
     with np.errstate(divide="ignore"):
@@ -307,7 +307,7 @@ def _speeds(space: SpaceModel[C]) -> Floats:
 
 
 def _along(space: SpaceModel[C], s: ScanDirectionSet, r: int, n: int, rng: Generator) -> Floats:
-    """(3, n) positions along a sight, evenly in distance; an azimuth alone: evenly in height, too."""
+    """Draw (3, n) positions along a direction, uniform in distance; for a bare azimuth, also uniform in height."""
     flat = math.isnan(s.phi[r])
     theta = s.sigma_theta[r] * rng.standard_normal(n)
     phi = np.full(n, 0.5 * math.pi) if flat else s.phi[r] + s.sigma_phi[r] * rng.standard_normal(n)
@@ -321,7 +321,7 @@ def _along(space: SpaceModel[C], s: ScanDirectionSet, r: int, n: int, rng: Gener
 
 
 def _log_volume(xyz: Floats, s: ScanDirectionSet, space: SpaceModel[C]) -> Floats:
-    """(R, n) log of the volume that each sight has there, per area of its angles and share of its length."""
+    """Return (R, n) log volume elements of the directions at positions, per solid angle and share of length."""
     out = np.empty((len(s.phi), xyz.shape[1]))
     height = space.high[2] - space.low[2]
     for r, (position, frame) in enumerate(zip(s.position, s.frame, strict=True)):
@@ -337,7 +337,7 @@ def _log_volume(xyz: Floats, s: ScanDirectionSet, space: SpaceModel[C]) -> Float
 
 
 def _way_out(space: SpaceModel[C], position: Floats, line: Floats, flat: bool) -> Floats:
-    """(n,) distances along directions (3, n) from a sensor to where they leave the box, > 0."""
+    """Return (n,) distances, > 0, from a sensor along directions (3, n) to the border of the room."""
     d = 2 if flat else 3
     p = position[:d]
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -17,7 +17,7 @@ NONE, DESCENT, MULTISTART = "none", "descent", "multistart"
 
 @dataclass(frozen=True)
 class WalkConfig(Settings):
-    """How targets walk, and when a filter gives up; lengths in the scene's unit, times in seconds."""
+    """Settings of targets' walking motion and of track loss; lengths in the scene's unit, times in seconds."""
 
     # The first two moments of a walk by waypoints ([Ercan] Sec. 4.1)
     rms_speed: float = setting(
@@ -74,7 +74,7 @@ class KalmanConfig(LagConfig, WalkConfig):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """A spread is above 0: a Gaussian of no width takes nothing in."""
+        """Check that the start's standard deviations are above 0."""
         yield "start", self.start is None or self.start[2] > 0, "X,Y,SIGMA, SIGMA > 0"
 
 

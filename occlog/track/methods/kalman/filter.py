@@ -58,7 +58,7 @@ INITIAL_SEARCH_CONFIG = IekfConfig(visibility_constraint=NONE)
 
 
 class KalmanState(NamedTuple, Generic[K]):
-    """What is known at the time of the last scan; `t_ns` is None before the first."""
+    """State of the filter at the last scan; `t_ns` is None before the first."""
 
     config: K
     world: MeasurementWorld
@@ -82,14 +82,14 @@ def init(scene: Scene, config: K, rng: Generator) -> KalmanState[K]:  # noqa: AR
 
 
 def world_of(scene: Scene) -> MeasurementWorld:
-    """The sensors and the floor of a scene."""
+    """Return the sensors and the floor of a scene."""
     return MeasurementWorld(
         pack_sensors(scene), pack_noise(scene), make_floor(scene.region, [o.polygon for o in scene.occluders])
     )
 
 
 def anywhere_of(scene: Scene, world: MeasurementWorld, config: WalkConfig) -> Gaussian:
-    """Mean and covariance of where a target can be before anything was seen; InputError without free floor."""
+    """Return mean and covariance of the prior position over the whole floor; InputError without free floor."""
     try:
         moments = floor_moments(world.floor) if scene.views is None else prior_moments(scene.views)
     except ValueError as error:
@@ -103,7 +103,7 @@ def motion_of(config: WalkConfig) -> OrnsteinUhlenbeck:
 
 
 def gaussian_of(xy: Floats, covariance: Floats, config: WalkConfig) -> Gaussian:
-    """A state with an unknown velocity."""
+    """Return the Gaussian state with a position and its covariance, and unknown velocity."""
     whole = np.zeros((4, 4))
     whole[:2, :2], whole[2:, 2:] = covariance, motion_of(config).velocity_variance * np.eye(2)
     return Gaussian(np.array([*xy, 0.0, 0.0]), whole)
@@ -115,7 +115,10 @@ Update = Callable[[Gaussian, LinearisedRows, Linearisation, MeasurementWorld, K]
 def stepper(
     update: Update[K], by_stations: StationUpdate | None
 ) -> Callable[[KalmanState[K], Scan, Generator], tuple[KalmanState[K], Estimate]]:
-    """The step of the filter with these updates; None: it takes no measurements of stations."""
+    """Return the filter's step function with the given updates.
+
+    `by_stations` None: station measurements are not used.
+    """
 
     def step(state: KalmanState[K], scan: Scan, rng: Generator) -> tuple[KalmanState[K], Estimate]:  # noqa: ARG001
         config, world = state.config, state.world
@@ -151,7 +154,7 @@ def stepper(
             return taken._replace(done=done, against=int(np.count_nonzero(~inside)))
 
         def of_mixture(known: Gaussian, near: Linearisation, inside: Bools, by: RowsUpdate) -> KalmanUpdate:
-            """Rows inside are true or false, labelled ones outside are false."""
+            """Update by rows inside the gate as a mixture of true and false; labelled rows outside count as false."""
             own, outside = rows, ~inside & rows.labelled
             if not inside.all():
                 own, near = rows.take(inside), near.take(inside)
@@ -208,7 +211,7 @@ def stepper(
 
 
 class KalmanUpdate(NamedTuple):
-    """A posterior, the sensors that it is from, and whether it forgets what was known before."""
+    """Posterior, contributing sensors, and whether the prior was discarded."""
 
     done: Updated
     used: Ints
@@ -219,19 +222,19 @@ class KalmanUpdate(NamedTuple):
 
 
 def _most_outside_gate(rows: LinearisedRows, inside: Bools) -> bool:
-    """Whether at least two labelled rows are outside the gate, and more than inside."""
+    """Return whether at least two labelled rows are outside the gate, and more than inside."""
     against = int(np.count_nonzero(rows.labelled & ~inside))
     return against >= 2 and against > int(np.count_nonzero(rows.labelled & inside))
 
 
 def _inflated(known: Gaussian, config: KalmanConfig) -> Gaussian:
-    """A prediction as wide as a target of unknown velocity moves in `INFLATION_TIME_S`."""
+    """Return the prediction widened to the distance a target of unknown velocity covers in `INFLATION_TIME_S`."""
     away = (config.rms_speed * INFLATION_TIME_S) ** 2 * np.eye(2)
     return gaussian_of(known.mean[:2], known.covariance[:2, :2] + away, config)
 
 
 def left_scene(known: Gaussian, world: MeasurementWorld) -> bool:
-    """Whether a target is far outside of the region: by more than its extent."""
+    """Return whether the target is farther outside the region than the region's extent."""
     low, high = world.floor.room.min(axis=0), world.floor.room.max(axis=0)
     xy = known.mean[:2]
     return not bool(np.all((xy >= 2.0 * low - high) & (xy <= 2.0 * high - low)))
@@ -240,7 +243,7 @@ def left_scene(known: Gaussian, world: MeasurementWorld) -> bool:
 def initial_position(
     anywhere: Gaussian, rows: LinearisedRows, world: MeasurementWorld, gate: float
 ) -> tuple[Floats, Ints]:
-    """(2,) most probable position by the rows of one scan, and the indices of the rows that it is from.
+    """Return the (2,) most probable position given the rows of one scan, and the indices of the rows that it is from.
 
     Of each sensor the nearest row counts, up to the gate, so that candidates of others and false bearings do not.
     """
@@ -259,7 +262,7 @@ def initial_position(
 def _gated_rows(
     position: Floats, anywhere: Gaussian, rows: LinearisedRows, world: MeasurementWorld, gate: float
 ) -> tuple[Ints, float]:
-    """Inliers of a position, one per sensor, and its cost; a sensor that disagrees costs the gate."""
+    """Return the inlier rows of a position, one per sensor, and its cost; a disagreeing sensor costs the gate."""
     expected, ahead = measured(position[None], rows, world)
     _, variance = linearised(position, rows, world)
     off = np.where(ahead[0], residuals(expected[0], rows) ** 2 / variance, np.inf)
@@ -272,7 +275,7 @@ def _gated_rows(
 
 
 def bearing_intersections(rows: LinearisedRows, world: MeasurementWorld) -> Floats:
-    """(K, 2) positions where lines of sight of two sensors cross ahead of both."""
+    """Return (K, 2) intersections of two sensors' lines of sight, ahead of both."""
     azimuth = azimuths(rows, world)
     e, origin = np.column_stack([np.cos(azimuth), np.sin(azimuth)]), world.sensors.xy[rows.sensor]
     i, j = np.nonzero(rows.sensor[:, None] < rows.sensor[None, :])
@@ -286,14 +289,14 @@ def bearing_intersections(rows: LinearisedRows, world: MeasurementWorld) -> Floa
 
 
 def _track_loss(before: int, packed: PackedScan, taken: KalmanUpdate, measured: int) -> int:
-    """The track-loss counter after a scan with so many measurements of stations also its labelled reports."""
+    """Return the track-loss counter after a scan, counting station measurements and labelled reports."""
     reports = packed.sensor[packed.labelled & (np.diff(packed.first) > 0)]
     against = int(np.count_nonzero(~_among(reports, taken.used))) + taken.against
     return track_loss_count(before, against, len(reports) + measured)
 
 
 def _among(numbers: Ints, some: Ints) -> Bools:
-    """(n,) which of a few numbers are among others; `np.isin` takes ten times as long."""
+    """Return (n,) booleans: which numbers are among others (faster than `np.isin` for few)."""
     return np.asarray((numbers[:, None] == some).any(axis=1))
 
 

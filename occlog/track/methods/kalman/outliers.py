@@ -31,7 +31,7 @@ MIN_HYPOTHESIS_PROBABILITY = 1e-3
 
 
 class MixtureUpdate(NamedTuple):
-    """A state after rows of which some may be false."""
+    """A state updated by rows that may be false."""
 
     done: Updated
     inlier: Floats  # (R,) probability that each row is true
@@ -42,7 +42,7 @@ RowsUpdate = Callable[[Gaussian, LinearisedRows, Linearisation], Updated]
 
 
 def log_false_density(rows: LinearisedRows, world: MeasurementWorld) -> Floats:
-    """(R,) log density of false readings and bearings: uniform over what the sensor can see."""
+    """Return (R,) log densities of false readings and bearings: uniform over the sensor's field of view."""
     widths = np.where(rows.pixel, world.noise.width_px[rows.sensor], world.noise.width[rows.sensor])
     return np.asarray(-np.log(widths))
 
@@ -55,7 +55,7 @@ def mixture_update(
     false: float,
     update: RowsUpdate,
 ) -> MixtureUpdate:
-    """Update by rows each of which is false with a probability.
+    """Update a state by rows that are each false with a given probability.
 
     Args:
         state: the prediction.
@@ -86,7 +86,7 @@ def _joint_update(
     log_prior: tuple[float, Floats],
     update: RowsUpdate,
 ) -> MixtureUpdate:
-    """Update by all hypotheses on a few rows.
+    """Update by enumerating all hypotheses on a few rows.
 
     Args:
         state: the prediction.
@@ -115,7 +115,7 @@ def _joint_update(
 
 @cache
 def subsets(n: int) -> Bools:
-    """(2^n, n) masks of all subsets of n rows."""
+    """Return (2^n, n) masks of all subsets of n rows."""
     return np.asarray((np.arange(2**n)[:, None] >> np.arange(n)) % 2 == 1)
 
 
@@ -140,7 +140,7 @@ def log_evidence(P: Floats, near: Linearisation, off: Floats, true: Bools) -> Fl
 
 
 def moment_matched(weight: Floats, states: list[Gaussian]) -> Gaussian:
-    """The Gaussian with mean and covariance of a mixture with weights (M,) of sum 1."""
+    """Return the Gaussian with mean and covariance of a mixture with weights (M,), sum 1."""
     if len(states) == 1:
         return states[0]
     mean = weight @ np.array([one.mean for one in states])

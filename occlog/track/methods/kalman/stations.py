@@ -30,21 +30,21 @@ StationUpdate = Callable[[Gaussian, RangeMeasurements], tuple[Gaussian, float]]
 
 
 def innovation_gating(state: Gaussian, rows: RangeMeasurements, gate: float) -> Bools:
-    """(m,) mask of the measurements with a normalised innovation within the gate."""
+    """Return a (m,) mask of the measurements whose normalised innovation is within the gate."""
     found = linearise(rows, state.mean[None, :2])
     H, off = found.gradient[0], found.residual[0]
     return np.asarray(off**2 <= gate**2 * (np.einsum("mi,ij,mj->m", H, state.covariance[:2, :2], H) + 1.0))
 
 
 def extended(state: Gaussian, rows: RangeMeasurements) -> tuple[Gaussian, float]:
-    """Update by measurements linearised at the mean."""
+    """Update by measurements linearised at the mean (extended Kalman filter)."""
     found = linearise(rows, state.mean[None, :2])
     after, score = updated(state, _whole(found.gradient[0]), found.residual[0], np.ones(len(rows.kind)))
     return after, score - float(np.log(rows.sigma).sum())
 
 
 def unscented(state: Gaussian, rows: RangeMeasurements) -> tuple[Gaussian, float]:
-    """Update by sigma points, one measurement after the other."""
+    """Update by sigma points, one measurement after the other (unscented Kalman filter)."""
     score = -float(np.log(rows.sigma).sum())
     for m in range(len(rows.kind)):
         points = sigma_points(state)
@@ -57,14 +57,14 @@ def unscented(state: Gaussian, rows: RangeMeasurements) -> tuple[Gaussian, float
 def first_position(
     anywhere: Gaussian, rows: LinearisedRows, distances: RangeMeasurements, world: MeasurementWorld, gate: float
 ) -> tuple[Gaussian, Ints]:
-    """Most probable state by the measurements of one scan alone, and the sensors of the readings and bearings used.
+    """Return the most probable state from a single scan's measurements, and the sensors of the bearings used.
 
-    The best position of a grid decides which measurements agree; the search by Gauss and Newton for the maximum a
-    posteriori goes on from there with these.
+    The best grid position decides which measurements agree; a Gauss-Newton search for the maximum a posteriori
+    continues from there with these.
     """
 
     def deviations(at: Floats) -> tuple[Floats, Floats]:
-        """(L, n) deviations and (L, n, 2) gradients of all measurements at (L, 2) positions, in standard deviations."""
+        """Return (L, n) normalised residuals and (L, n, 2) gradients of all measurements at (L, 2) positions."""
         found = linearise(distances, at)
         expected, ahead = expected_of(at, rows, world)
         H, R = of_directions(at, rows, world)
@@ -105,5 +105,5 @@ def first_position(
 
 
 def _whole(H: Floats) -> Floats:
-    """(m, 4) derivatives by the state from (m, 2) by the position."""
+    """Return (m, 4) derivatives by the state from (m, 2) by the position."""
     return np.hstack([H, np.zeros_like(H)])

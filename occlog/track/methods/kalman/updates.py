@@ -71,7 +71,10 @@ def polar_update(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld)
 
 
 def _outwards(azimuth: float, distance: float) -> Floats:
-    """(2, 2) derivatives of the position by azimuth and by log distance; the second column is the position itself."""
+    """Return (2, 2) derivatives of the position by azimuth and log distance.
+
+    The second column is the position itself.
+    """
     c, s = np.cos(azimuth), np.sin(azimuth)
     return distance * np.array([[-s, c], [c, s]])
 
@@ -93,7 +96,7 @@ INFEASIBLE, NO_SIGMA_POINTS = "infeasible", "no_sigma_points"
 
 
 class Updated(NamedTuple):
-    """A state after rows, and how they went in."""
+    """A state after an update, and the rows used."""
 
     state: Gaussian
     score: float  # log-likelihood of the rows
@@ -101,7 +104,7 @@ class Updated(NamedTuple):
 
 
 def gated_rows(state: Gaussian, rows: LinearisedRows, near: Linearisation, gate: float) -> Bools:
-    """(R,) mask of the rows with a normalised innovation within the gate; only the nearest of a sensor's candidates.
+    """Return a (R,) mask of rows with normalised innovation inside the gate, only the nearest of a sensor's candidates.
 
     Args:
         state: the prediction.
@@ -126,12 +129,12 @@ def ekf(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld) -> Updat
 
 
 def linear(state: Gaussian, at: Floats, rows: LinearisedRows, world: MeasurementWorld) -> Updated:
-    """Update by measurements linearised at a position (2,); the covariance in Joseph's form."""
+    """Update by measurements linearised at a position (2,), with the covariance in Joseph's form."""
     return by_linearisation(state, rows, linearise(at, rows, world), world)
 
 
 def by_linearisation(state: Gaussian, rows: LinearisedRows, near: Linearisation, world: MeasurementWorld) -> Updated:
-    """Update by measurements that are linearised; the covariance in Joseph's form."""
+    """Update by linearised measurements, with the covariance in Joseph's form."""
     H = np.zeros((len(near.R), 4))
     H[:, :2] = near.H
     off = near.innovation(state.mean)
@@ -178,13 +181,13 @@ def ukf(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, config: 
 
 
 def sigma_points(state: Gaussian) -> Floats:
-    """(5, 2) sigma points of the position, to which `WEIGHTS` belong."""
+    """Return (5, 2) sigma points of the position, with weights `WEIGHTS`."""
     root = SIGMA_POINT_SPREAD * np.linalg.cholesky(state.covariance[:2, :2])
     return np.asarray(state.mean[:2] + np.vstack([np.zeros(2), root.T, -root.T]))
 
 
 def by_sigma_points(state: Gaussian, points: Floats, w: Floats, innovation: Floats, R: float) -> tuple[Gaussian, float]:
-    """The state after one measurement, and its log-likelihood, by moments over sigma points.
+    """Return the state after one measurement and its log likelihood, by moments over sigma points.
 
     Args:
         state: the prediction.
@@ -245,7 +248,7 @@ def map_cost(positions: Floats, state: Gaussian, rows: LinearisedRows, world: Me
 def gauss_newton(
     start: Floats, state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, config: IekfConfig
 ) -> tuple[Floats, float, bool]:
-    """Where a search by Gauss and Newton ends, its cost, and whether the border of the feasible set ended it."""
+    """Run a Gauss-Newton search; return its end position, cost, and whether the feasible border stopped it."""
     at, cost = start, float(map_cost(start[None], state, rows, world)[0])
     whiten = np.linalg.inv(np.linalg.cholesky(state.covariance[:2, :2]))
     scale = STEP_SIGMA_TOLERANCE * math.sqrt(float(np.trace(state.covariance[:2, :2])))

@@ -23,11 +23,10 @@ BORDER = 2.0
 def obstacles(
     record: TargetRecord, at: SensorStations, config: MapConfig, extent: float, T: int
 ) -> tuple[Obstacle, ...]:
-    """The obstacles of a record of T states.
+    """Return the obstacles of a record of T states.
 
-    Walls are there if the configuration has them.  A view is an obstacle at the states at which its
-    camera had a frame and did not detect the target, where the probability of detection P_D is known; a
-    target inside costs - log(1 - P_D) there.
+    Walls count if configured. A camera's field of view is an obstacle at the states at which it had a frame without
+    detecting the target, if its detection probability P_D is known; a target inside costs -log(1 - P_D).
     """
     always, nowhere = np.ones(T, dtype=np.bool_), np.zeros(2)
     walls = [Obstacle(counter_clockwise(w), tuple(convex_pieces(w)), None, nowhere, always, math.inf) for w in at.walls]
@@ -35,7 +34,7 @@ def obstacles(
 
 
 def _unseen(record: TargetRecord, at: SensorStations, config: MapConfig, T: int) -> list[tuple[int, Bools]]:
-    """Cameras with a known probability of detection, and at which states each did not see the target."""
+    """Return the cameras with known detection probability, and the states at which each missed the target."""
     found = []
     unseen = ~record.rows.seen
     for s in np.unique(record.rows.sensor[unseen]).tolist():
@@ -56,7 +55,7 @@ def _detection(s: int, at: SensorStations, config: MapConfig) -> float:
 
 
 def _view(s: int, when: Bools, at: SensorStations, config: MapConfig, extent: float) -> Obstacle:
-    """The field of view of a camera, as far as it reaches."""
+    """Return the field of view of a camera as an obstacle, up to its range."""
     missed = 1.0 - _detection(s, at, config)
     price = -math.log(missed) if missed > 0.0 else math.inf
     unsure = BORDER * max(float(at.sigma_yaw[s]), float(at.read_px[s] / at.focal_px[s]))
@@ -67,7 +66,7 @@ def _view(s: int, when: Bools, at: SensorStations, config: MapConfig, extent: fl
 
 
 def _wider(wall: Floats, eye: Floats, angle: float) -> Floats:
-    """A convex polygon that hides an angle more on either side."""
+    """Return a wall widened so that it hides an additional angle [rad] on both sides."""
     return offset(wall, angle * float(np.hypot(*(wall - eye).T).max()))
 
 

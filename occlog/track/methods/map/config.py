@@ -177,11 +177,11 @@ class MapConfig(Settings):
 
     @property
     def consensus(self) -> bool:
-        """Whether the search starts where most bearings agree."""
+        """Return whether the search starts from the path with which most bearings agree."""
         return self.initialisation == "consensus" or (self.initialisation is None and self.loss != "square")
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """A fitted model has both matrices; a start is a position and a spread; the mode needs no constraint."""
+        """Check that a fitted model has both matrices, a start has both parts, and constraints fit the estimate."""
         yield "Sigma", (self.A is None) == (self.Sigma is None), "given along with A"
         s = self.start
         good = s is None or (len(s) == 3 and s[2] >= LEAST and max(map(abs, s)) <= FAR)

@@ -58,7 +58,7 @@ IN_A_ROW = 12
 def mixed_search(
     pending: Pending, record: TargetRecord, around: tuple[Obstacle, ...], watch: Watch
 ) -> RobustSearchResult:
-    """Search for the mode with measurements of distances.
+    """Search for the most probable trajectory with distance measurements.
 
     UsageError for a solver that does not take them, or for priors of occluders also.
     """
@@ -99,7 +99,7 @@ def mixed_search(
 
 
 def _with_rivals_of(modes: list[RobustSearchResult], costs: list[float]) -> RobustSearchResult:
-    """The cheapest mode, with those that are nearly as cheap and significantly elsewhere."""
+    """Return the cheapest mode with its rivals: nearly as cheap and significantly different."""
     order = np.argsort(costs, kind="stable").tolist()
     best, X = modes[order[0]], modes[order[0]].mode.solution.X
     rivals: list[RivalMode] = []
@@ -117,7 +117,7 @@ def _with_rivals_of(modes: list[RobustSearchResult], costs: list[float]) -> Robu
 
 
 def _significantly_away(other: Floats, X: Floats, spread: Floats) -> Bools:
-    """(T,) whether positions of states (T, 4) are away from those of others with covariances (T, 4, 4)."""
+    """Return (T,) booleans: whether positions differ significantly from others with covariances (T, 4, 4)."""
     away = (other - X)[:, ::2]
     away2 = np.einsum("ti,tij,tj->t", away, np.linalg.inv(spread[:, ::2, ::2]), away)
     return np.asarray(away2 > RIVAL_SIGMAS**2)
@@ -139,7 +139,7 @@ def with_rivals(X: Floats, spread: Floats, rivals: Sequence[RivalMode]) -> Float
 
 
 def _total(rows: RangeMeasurements, record: TargetRecord, found: RobustSearchResult) -> float:
-    """Cost of a search with that of the lines of sight that its problem omits."""
+    """Return the cost of a solution including lines of sight omitted from its problem."""
     return _cost(rows, record.measured_state, found) + found.score - found.mode.solution.cost
 
 
@@ -151,7 +151,7 @@ def _settled(
     around: tuple[Obstacle, ...],
     watch: Watch,
 ) -> RobustSearchResult:
-    """Search from a path until nothing moves, biases of stations included."""
+    """Iterate the search from a path until it converges, station biases included."""
     biases = begin_biases(rows, len(record.t_ns))
     for _ in range(ROUNDS):
         found = _once(rows if biases is None else biases.corrected(rows), path, pending, record, around, watch)
@@ -174,7 +174,7 @@ def _once(
     watch: Watch,
     wide: float = 0.0,
 ) -> RobustSearchResult:
-    """One search with terms about a path, with measurements that are blunter by an error of the position."""
+    """Search once with measurements linearised about a path, widened by a position error `wide`."""
     square = pending.config.loss == "square"
     hints = terms(rows, record.measured_state, path.X, square=square, wide=wide)
     occlusion = OccluderHints(np.zeros(len(path.agree)), hints)
@@ -186,14 +186,14 @@ def _path(found: RobustSearchResult) -> ConsensusPath:
 
 
 def _lost(rows: RangeMeasurements, X: Floats) -> bool:
-    """Whether of so many measurements in a row most are rejected, each at its own (m, 4) state."""
+    """Return whether most of a run of consecutive measurements are rejected at their (m, 4) states."""
     doubted = inlier_probability(residuals_at_own_position(rows, X[:, ::2])[0], rows.errors) < 0.5
     several = min(IN_A_ROW, len(doubted))
     return bool(several) and bool((np.convolve(doubted, np.ones(several), "valid") > 0.5 * several).any())
 
 
 def _cost(rows: RangeMeasurements, state: Ints, found: RobustSearchResult) -> float:
-    """What a search minimises: its own cost, in which terms are replaced by what they represent."""
+    """Return the full cost of a solution, with linearised terms replaced by exact ones."""
     assert found.hints is not None
     assert found.hints.hints is not None
     X = found.mode.solution.X
@@ -205,12 +205,12 @@ def _cost(rows: RangeMeasurements, state: Ints, found: RobustSearchResult) -> fl
 
 
 def local(rows: RangeMeasurements, origin: Floats) -> RangeMeasurements:
-    """The measurements in coordinates about an origin (2,)."""
+    """Return the measurements in coordinates relative to an origin (2,)."""
     return rows._replace(position=rows.position - origin, other=rows.other - origin)
 
 
 def terms(rows: RangeMeasurements, state: Ints, X: Floats, *, square: bool, wide: float = 0.0) -> QuadraticPriors:
-    """The quadratic terms of Gauss and Newton about a trajectory.
+    """Return the Gauss-Newton quadratic terms of distance measurements about a trajectory.
 
     Args:
         rows: m measurements in the coordinates of X.
@@ -235,7 +235,7 @@ def with_distances(
     found: PathsAroundObstacles,
     biases: StationBiases | None,
 ) -> SmoothedTrajectory:
-    """The states with what they say of measurements of distances, which stand in no row of the record.
+    """Return the smoothed states with their diagnostics of distance measurements.
 
     Args:
         out: the states that are given out.

@@ -42,7 +42,7 @@ class SensorStations(NamedTuple):
 
 
 def stations(scene: Scene, origin: Floats, *, walls: bool) -> SensorStations:
-    """The sensors of a scene, in coordinates about an origin.
+    """Return the sensors of a scene in coordinates relative to an origin.
 
     Args:
         scene: cameras and arrays.
@@ -89,14 +89,14 @@ def stations(scene: Scene, origin: Floats, *, walls: bool) -> SensorStations:
 
 
 def convex_hull(polygon: Floats) -> Floats:
-    """(K, 2) corners of the convex hull of a polygon, counter-clockwise."""
+    """Return the (K, 2) counter-clockwise corners of a polygon's convex hull."""
     from scipy.spatial import ConvexHull
 
     return np.asarray(counter_clockwise(polygon[ConvexHull(polygon).vertices]))
 
 
 def sight_lines(record: TargetRecord, at: SensorStations) -> BearingLinesByStep:
-    """The lines of sight of the rows that saw the target; readings of cameras with the noise of [Ercan] Eq. 2."""
+    """Return the lines of sight of rows that saw the target; camera readings with the noise of [Ercan] Eq. 2."""
     seen = record.rows.take(record.rows.seen)
     sensor, u = seen.sensor, seen.u_px
     off_axis = np.abs(wrap_angle(seen.bearing - at.yaw[sensor]))
@@ -168,9 +168,9 @@ def constraints(
 
 
 def _before_walls(lines: BearingLinesByStep, seen: Scan, at: SensorStations) -> HalfPlanes:
-    """Half-planes on the camera's side of the first wall that each line of sight meets.
+    """Return half-planes on the camera's side of the first wall that each line of sight meets.
 
-    A line of sight that may also pass next to that wall, by its standard deviation, is uninformative.
+    A line of sight that may pass beside that wall, by its standard deviation, gives no constraint.
     """
     focal2 = lines.focal * (1.0 + (lines.reading / lines.focal) ** 2)
     away = BESIDE_WALL * np.maximum(np.sqrt(lines.c0) / focal2, seen.sigma)
@@ -215,7 +215,7 @@ def _before(position: Floats, bearing: Floats, away: Floats, walls: tuple[Floats
 
 
 def first_hit(position: Floats, bearing: Floats, start: Floats, edge: Floats) -> Ints:
-    """(n,) which of E edges lines of sight from one position meet first; -1 for none.
+    """Return (n,) index of the edge first hit by lines of sight from one position; -1 for none.
 
     Args:
         position: (2,)

@@ -51,12 +51,12 @@ from .search.start import rays_of
 
 
 def lag_ns(lag_s: float | None) -> int | None:
-    """The lag [ns] of a setting [s]; None: estimates wait for everything that was recorded."""
+    """Return the lag [ns] from the setting [s]; None: estimates wait for the end of the recording."""
     return None if lag_s is None else round(lag_s * NS)
 
 
 def settled(t_ns: Ints, lag_ns: int | None) -> int:
-    """How many of the first states are settled; the last one never is.
+    """Return the number of initial states older than the lag; the last one is never released.
 
     Args:
         t_ns: (T,) times of the states, rising, T >= 1.
@@ -70,7 +70,7 @@ def settled(t_ns: Ints, lag_ns: int | None) -> int:
 def residuals_and_noise_scales(
     pending: Pending, record: TargetRecord, sought: RobustSearchResult, found: PathsAroundObstacles
 ) -> tuple[BearingResiduals, NoiseScales]:
-    """How the bearings of a record agree with the estimate, and by how much they and the motion are noisier.
+    """Return bearing residuals of the estimate, and estimated noise factors of bearings and motion.
 
     Args:
         pending: the target.
@@ -105,7 +105,7 @@ def residuals_and_noise_scales(
 
 
 def _angles(lines: BearingLinesByStep, record: TargetRecord, pending: Pending, X: Floats) -> Floats:
-    """(N,) angles between lines of sight and the states, in standard deviations."""
+    """Return (N,) angles between lines of sight and states, in standard deviations."""
     rays = rays_of(lines, record, pending.at)
     away = X[lines.step, ::2] - lines.position
     angle = np.arctan2(away[:, 1], away[:, 0]) - np.arctan2(rays.direction[:, 1], rays.direction[:, 0])
@@ -120,7 +120,7 @@ NOT_CONVERGED, FEW_INLIERS, RIVAL_MODE = "not_converged", "few_inliers", "rival_
 def advance(
     pending: Pending, scans: Sequence[Scan], last: bool, watch: Watch = None
 ) -> tuple[Pending, SmoothedTrajectory]:
-    """Add a block of a target's record, and the states that are settled by it.
+    """Add a block of scans to a target's record; return the remaining record and the states released.
 
     Args:
         pending: from `begin` or the call before.
@@ -170,7 +170,7 @@ def advance(
 def _estimate(
     sought: RobustSearchResult, around: tuple[Obstacle, ...], pending: Pending, *, stated: bool = False
 ) -> tuple[PathsAroundObstacles, Floats]:
-    """The estimate that is given out, and its covariances (T, 4, 4).
+    """Return the estimate to be released and its covariances (T, 4, 4).
 
     Args:
         sought: the mode.
@@ -217,7 +217,7 @@ def _smoothed(
     judged: tuple[BearingResiduals, NoiseScales],
     rivals: tuple[RivalMode, ...],
 ) -> SmoothedTrajectory:
-    """The first states, as many as there are covariances, as they are given out."""
+    """Return the first states (as many as covariances) as smoothed states with diagnostics."""
     X = solution.X
     T, keep = len(X), len(spread)
     observing, seen = np.bincount(record.state, minlength=T), np.bincount(record.state[record.rows.seen], minlength=T)
@@ -263,7 +263,7 @@ def _smoothed(
 
 
 def _rival(rival: RivalMode, X: Floats, record: TargetRecord, keep: int) -> RivalTrajectory:
-    """Where another mode differs from the states (T, 4) of the trajectory, of which the first are given out."""
+    """Return where another mode differs from the trajectory's states (T, 4), for the states kept."""
     rows = np.flatnonzero(rival.elsewhere[:keep])
     away = np.hypot(*(rival.X - X)[rows, ::2].T)
     first, last = record.t_ns[rows[[0, -1]]].tolist()
@@ -271,7 +271,7 @@ def _rival(rival: RivalMode, X: Floats, record: TargetRecord, keep: int) -> Riva
 
 
 def _scores(problem: TrajectoryProblem, X: Floats) -> Floats:
-    """(T,) log likelihood of the measurements of each state: of Gaussian errors, by the loss."""
+    """Return (T,) log likelihoods of each state's measurements under the loss."""
     lines = problem.lines
     away = X[lines.step, ::2] - lines.position
     d2 = np.maximum(np.einsum("ni,ni->n", away, lines.axis) ** 2, 1e-300)

@@ -46,7 +46,7 @@ MIN_CAVITY_SHARE = 1e-6
 
 
 class OccluderHints(NamedTuple):
-    """What occluders say of N lines of sight and T states."""
+    """Effect of occluders on N lines of sight and T states."""
 
     lean: Floats  # (N,) added to the log odds that each is true, at most 0
     hints: QuadraticPriors
@@ -55,7 +55,7 @@ class OccluderHints(NamedTuple):
 def occlusion_terms(
     pending: Pending, record: TargetRecord, X: Floats, spread: Floats, inlier: Bools, before: OccluderHints | None
 ) -> OccluderHints:
-    """What occluders say along a trajectory.
+    """Compute the occluder terms along a trajectory.
 
     Args:
         pending: the target.
@@ -111,7 +111,7 @@ def occlusion_terms(
 
 
 def _detection(pending: Pending, i: int) -> float:
-    """P_D of a camera; 1 where it is not known."""
+    """Return the detection probability of a camera; 1 if unknown."""
     own = float(pending.at.detection[i])
     if math.isnan(own):
         own = 1.0 if pending.config.detection_probability is None else pending.config.detection_probability
@@ -119,7 +119,7 @@ def _detection(pending: Pending, i: int) -> float:
 
 
 def quadrature() -> tuple[Floats, Floats]:
-    """(Q, 2) points and (Q,) weights of the Gauss-Hermite rule for a standard normal of the plane."""
+    """Return (Q, 2) nodes and (Q,) weights of the 2-D Gauss-Hermite rule for a standard normal."""
     x, w = np.polynomial.hermite_e.hermegauss(NODES)
     first, second = np.meshgrid(x, x, indexing="ij")
     weights = np.outer(w, w).ravel()
@@ -129,7 +129,7 @@ def quadrature() -> tuple[Floats, Floats]:
 def cavity_distribution(
     position: Floats, covariance: Floats, term: tuple[Floats, Floats, Floats] | None
 ) -> tuple[Floats, Floats] | None:
-    """Mean (2,) and covariance (2, 2) of a position without a term that it has; None: little is left.
+    """Return mean (2,) and covariance (2, 2) of a position with one term removed; None if too uncertain.
 
     Args:
         position: (2,) mean with the term.
@@ -148,7 +148,7 @@ def cavity_distribution(
 
 
 def matched(points: Floats, weights: Floats, mean: Floats, covariance: Floats) -> tuple[Floats, Floats, Floats]:
-    """The quadratic term that gives a Gaussian the moments of weighted points, but for curvature below 0.
+    """Return the quadratic term that maps a Gaussian to the moments of weighted points (curvature >= 0).
 
     Args:
         points: (Q, 2)
@@ -173,19 +173,19 @@ def matched(points: Floats, weights: Floats, mean: Floats, covariance: Floats) -
 
 
 def _between(a: tuple[Floats, Floats, Floats], b: tuple[Floats, Floats, Floats]) -> tuple[Floats, Floats, Floats]:
-    """The mean of two quadratic terms, about the second one's centre."""
+    """Return the mean of two quadratic terms, about the second one's centre."""
     slope = a[1] + a[2] @ (b[0] - a[0])
     return b[0], 0.5 * (slope + b[1]), 0.5 * (a[2] + b[2])
 
 
 def _term(hints: QuadraticPriors, m: int) -> tuple[Floats, Floats, Floats]:
-    """Centre, slope and curvature (2, 2) of a quadratic term."""
+    """Return centre, slope and curvature (2, 2) of a quadratic term."""
     xx, xy, yy = hints.bend[m]
     return hints.position[m], hints.slope[m], np.array([[xx, xy], [xy, yy]])
 
 
 def _hints(made: list[tuple[int, Floats, Floats, Floats]]) -> QuadraticPriors:
-    """The terms of states as arrays."""
+    """Return the quadratic terms of states as arrays."""
     return QuadraticPriors(
         np.array([t for t, *_ in made], dtype=np.int64),
         np.array([c for _, c, _, _ in made]).reshape(-1, 2),

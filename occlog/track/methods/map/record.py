@@ -22,7 +22,7 @@ NO_STATES = np.empty(0, dtype=np.int64)
 
 
 class TargetRecord(NamedTuple):
-    """The rows of T scans of one target, one scan after the other: a trajectory has a state at each time."""
+    """Measurement rows of T scans of one target; the trajectory has one state per scan."""
 
     t_ns: Ints  # (T,) rising
     state: Ints  # (R,) which time each row is of, rising
@@ -32,7 +32,7 @@ class TargetRecord(NamedTuple):
     measured_state: Ints = NO_STATES  # (m,) which time each of them is of, rising
 
     def priors(self, state: int) -> Priors | None:
-        """Priors of the moving occluders at a time; None: nothing is known."""
+        """Return the priors of moving occluders at a state; None if unknown."""
         return self.occluders[state] if state < len(self.occluders) else None
 
 
@@ -41,7 +41,7 @@ EMPTY = TargetRecord(np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64), S
 
 
 def record_of(scans: Sequence[Scan]) -> TargetRecord:
-    """The record of scans in the order of time."""
+    """Return the record of scans in time order."""
     counts = [len(scan.sensor) for scan in scans]
     t_ns = np.array([scan.t_ns for scan in scans], dtype=np.int64)
     rows, occluders = concat([EMPTY.rows, *scans]), tuple(scan.occluders for scan in scans)
@@ -54,7 +54,7 @@ def record_of(scans: Sequence[Scan]) -> TargetRecord:
 
 
 def join(a: TargetRecord, b: TargetRecord) -> TargetRecord:
-    """One record and what came after it."""
+    """Concatenate two successive records."""
     state = np.concatenate([a.state, b.state + len(a.t_ns)])
     silent = (None,) * (len(a.t_ns) - len(a.occluders))
     occluders = _occluder_priors_of((*a.occluders, *silent, *b.occluders))
@@ -70,7 +70,7 @@ def join(a: TargetRecord, b: TargetRecord) -> TargetRecord:
 
 
 def after(record: TargetRecord, state: int) -> TargetRecord:
-    """What the record has from a state on."""
+    """Return the part of the record from a state on."""
     rows = record.state >= state
     own = record.measured_state >= state
     return TargetRecord(
@@ -84,14 +84,14 @@ def after(record: TargetRecord, state: int) -> TargetRecord:
 
 
 def _occluder_priors_of(occluders: tuple[Priors | None, ...]) -> tuple[Priors | None, ...]:
-    """None at all where nothing is known at any time."""
+    """Return the occluder priors, or None if they are unknown at all times."""
     return () if all(priors is None for priors in occluders) else occluders
 
 
 def fill(record: TargetRecord, longest_s: float | None) -> TargetRecord:
-    """The record with times added where missing for a longer time than `longest_s` [s]; None: nowhere.
+    """Return the record with states inserted in gaps longer than `longest_s` [s]; None if there are none.
 
-    InputError for more than `MAX_STATES` times.
+    InputError for more than `MAX_STATES` states.
     """
     if longest_s is None or len(record.t_ns) < 2:
         return record

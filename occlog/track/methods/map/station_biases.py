@@ -43,7 +43,7 @@ class StationBiases(NamedTuple):
     settled: bool = False  # the last two steps were small
 
     def corrected(self, rows: RangeMeasurements) -> RangeMeasurements:
-        """Ranges without their biases, with the last change as additional noise."""
+        """Return ranges with biases removed, and the last change as additional noise."""
         own, ranges = self._of(rows)
         value, sigma = rows.value.copy(), rows.sigma.copy()
         value[ranges] -= self.bias[own]
@@ -51,13 +51,13 @@ class StationBiases(NamedTuple):
         return rows._replace(value=value, sigma=sigma)
 
     def cost(self, rows: RangeMeasurements) -> float:
-        """- log of the prior of the biases, up to a constant."""
+        """Return the negative log prior of the biases, up to a constant."""
         return 0.5 * float((self.bias**2).sum()) / rows.bias**2
 
     def updated(
         self, rows: RangeMeasurements, state: Ints, problem: TrajectoryProblem, before: Floats, X: Floats
     ) -> StationBiases:
-        """The biases after a Newton step, no longer than the one before.
+        """Return the biases after a Newton step, no longer than the previous step.
 
         Args:
             rows: m measurements as they were, in the coordinates of X.
@@ -96,28 +96,28 @@ class StationBiases(NamedTuple):
         return StationBiases(self.station, self.bias + step, P, step, moves, bool(small.all()))
 
     def spread(self, keep: int) -> Floats:
-        """(keep, 4, 4) what the biases add to the covariances of the first states."""
+        """Return the (keep, 4, 4) contribution of the biases to the covariances of the first states."""
         return np.asarray(np.einsum("tis,sk,tjk->tij", self.moves[:keep], self.covariance, self.moves[:keep]))
 
     def stated(self) -> tuple[StationBias, ...]:
-        """The biases with their standard errors."""
+        """Return the biases with standard errors."""
         error = np.sqrt(np.diag(self.covariance))
         columns = (self.station.tolist(), self.bias.tolist(), error.tolist())
         return tuple(StationBias(*one) for one in zip(*columns, strict=True))
 
     def _of(self, rows: RangeMeasurements) -> tuple[Ints, Bools]:
-        """Which bias each range has, and which measurements are ranges."""
+        """Return the bias index of each range, and which measurements are ranges."""
         ranges = biased(rows)
         return np.searchsorted(self.station, rows.station[ranges]), ranges
 
 
 def biased(rows: RangeMeasurements) -> Bools:
-    """(m,) which measurements are ranges: these may have a bias."""
+    """Return (m,) booleans: which measurements are ranges, which may be biased."""
     return np.asarray(DELAYED[rows.kind] & (rows.kind != DIFFERENCE))
 
 
 def begin_biases(rows: RangeMeasurements, T: int) -> StationBiases | None:
-    """Biases of 0, as uncertain as stated; None: there are none, or no ranges."""
+    """Return biases of 0 with their prior uncertainty; None without biases or ranges."""
     station = np.unique(rows.station[biased(rows)])
     S = len(station)
     if not rows.bias or not S:

@@ -16,7 +16,7 @@ PARTICLES, SMOOTHED_PARTICLES = 1000, 5000
 
 @dataclass(frozen=True)
 class RefineConfig(Settings):
-    """How cameras refine positions of tags."""
+    """Settings of the refinement of tag positions by cameras."""
 
     refine: tuple[str, ...] | None = setting(
         None,
@@ -121,7 +121,7 @@ class RssiConfig(LagConfig, RefineConfig):
 
     @property
     def n_particles(self) -> int:
-        """Number of particles, given or by default."""
+        """Return the number of particles, stated or default."""
         if self.particles is not None:
             return self.particles
         return SMOOTHED_PARTICLES if self.smoothed else PARTICLES

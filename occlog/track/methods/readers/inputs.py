@@ -32,7 +32,7 @@ from .virtual_sensors import ReaderRegions, virtual_sensors
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """W observations of tags by R readers, in the order of time; a tag that no reader read in a window has none."""
+    """W observation windows of tags by R readers, in time order; windows in which no reader read the tag are absent."""
 
     t_ns: Ints  # (W,) mean time of the reads
     target_id: Ints  # (W,)
@@ -89,7 +89,7 @@ def windows_of(
 
 
 def _gathered(rows: Reads, readers: Sequence[str], first: int, window_ns: int) -> Windows:
-    """Reads of whole windows by window and tag."""
+    """Return reads grouped by window and tag, for complete windows."""
     n = len(readers)
     if not len(rows):
         none = np.zeros(0, dtype=np.int64)
@@ -121,7 +121,7 @@ REMEDY = "make a recording with reads by `occlog ingest` (readers, reads)"
 
 
 class ReadsInput:
-    """The reads as a stream of windows, and what must be known beforehand.
+    """Stream of read windows, with the readers' models.
 
     Attributes:
         scene: where.
@@ -132,7 +132,7 @@ class ReadsInput:
     """
 
     def __init__(self, request: ReadsRequest) -> None:
-        """Open the reads; InputError where missing."""
+        """Open the reads; InputError if there are none."""
         self.request = request
         opened = open_input(request.bearings, Reads, remedy=REMEDY)
         self.scene: Scene = load_scene(request.scene, opened.scene, request.bearings)
@@ -156,15 +156,15 @@ class ReadsInput:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the readers in use."""
+        """Return the names of the readers used."""
         return tuple(r.name for r in self.readers)
 
     def windows(self) -> Iterator[Windows]:
-        """Iterate over the windows."""
+        """Generate the windows."""
         return windows_of(self._chunks, self.names, self.window_ns)
 
     def _checked(self, chunks: Iterator[Reads]) -> Iterator[Reads]:
-        """Rows of the chosen readers and targets; InputError for a reader that the scene does not have."""
+        """Generate rows of the selected readers and tags; InputError for a reader missing in the scene."""
         known = tuple(r.name for r in self.scene.readers)
         for chunk in chunks:
             strange = np.flatnonzero(~np.isin(chunk.sensor, known))
@@ -181,7 +181,7 @@ class ReadsInput:
                 yield chunk.take(kept)
 
     def _path_loss(self, path: Path) -> PathLossSpec:
-        """The file of path losses; it must be in the scene's unit and have all readers."""
+        """Return the path-loss file, checked for the scene's unit and for all readers."""
         spec = read_path_loss(path)
         if spec.length_unit != self.scene.length_unit:
             raise UsageError(
@@ -196,7 +196,7 @@ class ReadsInput:
         return spec
 
     def virtual(self) -> tuple[VirtualConfig, ReaderRegions, Floats]:
-        """Settings of method `virtual`, its virtual sensors, and the (R,) strengths from which a read counts [dBm]."""
+        """Return settings of method `virtual`, its virtual sensors, and (R,) read thresholds [dBm]."""
         given = dict(self.request.settings)
         config = configure(VirtualConfig.in_unit(self.scene.length_unit), given)
         positions = np.array([r.position for r in self.readers])
@@ -214,7 +214,7 @@ class ReadsInput:
         return config, virtual_sensors(positions[:, :2], ranges, self.scene.room), thresholds
 
     def _range(self, reader: TagReader, usual: float | None) -> float:
-        """Reading range of a reader; InputError where it is not known."""
+        """Return the reading range of a reader; InputError if unknown."""
         if np.isfinite(reader.range):
             return reader.range
         if usual is None:
@@ -226,7 +226,7 @@ class ReadsInput:
         return usual
 
     def rssi(self) -> tuple[RssiConfig, TagFilterModel]:
-        """Settings of method `rssi`, and its rules."""
+        """Return settings and filter constants of method `rssi`."""
         given = dict(self.request.settings)
         config = configure(RssiConfig.in_unit(self.scene.length_unit), given)
         config = configure(config, {"particles": config.n_particles})
@@ -260,7 +260,7 @@ class ReadsInput:
         return config, rules
 
     def sight_lines(self, config: RefineConfig) -> RefineBearings | None:
-        """The bearings of the cameras that refine; None: none do."""
+        """Return bearings of the refining cameras; None without any."""
         if config.refine is None:
             if self._sights is not None:
                 raise UsageError("sights are of cameras that refine; name the cameras (refine)", id="not-applicable")
@@ -276,7 +276,7 @@ class ReadsInput:
         return RefineBearings(Bearings.concat(bearings), cameras, config.max_frame_age_s, config.gate, config.tag_speed)
 
     def _camera(self, name: str) -> Camera:
-        """A camera with a pose; UsageError names those there are."""
+        """Return a camera with a pose; UsageError lists the available ones."""
         known = tuple(c.name for c in self.scene.cameras if c.placed)
         if name not in known:
             raise UsageError(
@@ -286,7 +286,7 @@ class ReadsInput:
         return self.scene.camera(name)
 
     def parameters(self, config: VirtualConfig | RssiConfig) -> dict[str, object]:
-        """Everything that decides on the result."""
+        """Return all parameters that influence the result."""
         return {
             "method": self.request.method,
             "sensors": sorted(self.names),
@@ -298,7 +298,7 @@ class ReadsInput:
 
 
 def choose_readers(scene: Scene, request: ReadsRequest) -> tuple[TagReader, ...]:
-    """The readers to use; UsageError for a name that there is not, or where none is left."""
+    """Return the selected readers; UsageError for an unknown name or an empty selection."""
     known = tuple(r.name for r in scene.readers)
     if not known:
         raise InputError(f"{request.bearings}: its scene has no readers; give a scene that has", id="too-few-sensors")
@@ -324,7 +324,7 @@ FITTED = {
 
 
 def refuse_twice(given: Mapping[str, object], names: tuple[str, ...]) -> None:
-    """UsageError for a setting that is also in the file of path losses."""
+    """Raise UsageError for a setting that is also in the path-loss file."""
     if (twice := next((n for n in names if n in given), None)) is not None:
         raise UsageError(
             f"the file of path losses and the setting {twice} say the same; give one of them", id="conflicting-options"
@@ -332,7 +332,7 @@ def refuse_twice(given: Mapping[str, object], names: tuple[str, ...]) -> None:
 
 
 def path_loss_of(spec: PathLossSpec, readers: tuple[TagReader, ...]) -> PathLoss:
-    """The model of a file, for these readers."""
+    """Return the path-loss model of a file for these readers."""
     power = {r.name: r.power for r in spec.readers}
     return PathLoss(
         positions=np.array([r.position for r in readers]),
@@ -347,5 +347,5 @@ def path_loss_of(spec: PathLossSpec, readers: tuple[TagReader, ...]) -> PathLoss
 
 
 def metre_of(length_unit: str) -> float:
-    """A metre in units of length; 1 in a scene-specific unit."""
+    """Return one metre in length units; 1 for scene-specific units."""
     return 1.0 / METRES.get(length_unit, 1.0)

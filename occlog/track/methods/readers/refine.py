@@ -29,7 +29,7 @@ NEAREST = 1e-6
 
 
 class TagSightings(NamedTuple):
-    """What C cameras see of a tag in N windows; NaN: nothing."""
+    """Bearings of a tag from C cameras in N windows; NaN where unseen."""
 
     position: Floats  # (C, 2) of the cameras on the ground
     yaw: Floats  # (C,) azimuth of their axes [rad]
@@ -38,7 +38,7 @@ class TagSightings(NamedTuple):
 
 
 class Refined(NamedTuple):
-    """N positions; those that could not be refined are as they were."""
+    """N positions, refined where possible."""
 
     xy: Floats  # (N, 2)
     covariance: Floats  # (N, 2, 2)
@@ -67,7 +67,7 @@ def _by_rays(xy: Floats, covariance: Floats, sights: TagSightings, seen: Bools) 
     bearing = np.where(seen, sights.bearing, 0.0)
 
     def residuals(at: Floats) -> tuple[Floats, Floats, Floats]:
-        """Away from the cameras (N, C, 2), bearings less those of the positions (N, C), and the cost (N,)."""
+        """Return offsets from the cameras (N, C, 2), bearing residuals (N, C), and cost (N,)."""
         away = at[:, None, :] - sights.position
         off = _wrapped(bearing - np.arctan2(away[..., 1], away[..., 0]))
         moved = at - xy
@@ -139,7 +139,7 @@ def _wrapped(angle: Floats) -> Floats:
 
 
 class RefineBearings:
-    """Bearings of the cameras that refine, to be asked for by time."""
+    """Bearings of the refining cameras, searchable by time."""
 
     def __init__(self, bearings: Bearings, cameras: Sequence[Camera], frame_age_s: float, gate: float, pace: float):
         """Keep the rows of the cameras that saw something.
@@ -156,7 +156,7 @@ class RefineBearings:
         self._age_ns, self._gate, self._pace = round(frame_age_s * NS), gate, pace
 
     def of(self, tracks: TagTracks) -> TagSightings:
-        """Choose the line of sight of each camera for each row: the tag's own, else the candidate that agrees best."""
+        """Select the line of sight of each camera for each row: the tag's label, else the best-fitting candidate."""
         n, c = len(tracks), len(self.cameras)
         bearing, sigma = np.full((n, c), np.nan), np.full((n, c), np.nan)
         for k, camera in enumerate(self.cameras):
@@ -168,7 +168,7 @@ class RefineBearings:
         return TagSightings(positions, np.array([camera.yaw for camera in self.cameras]), bearing, sigma)
 
     def _choose(self, k: int, camera: Camera, tracks: TagTracks, row: int) -> tuple[float, float] | None:
-        """The line of sight of a camera for a row, and its standard deviation; None: it has none."""
+        """Return a camera's bearing for a row with its standard deviation; None without one."""
         own, t_ns = self._rows[k], int(tracks.t_ns[row])
         low, high = np.searchsorted(own.t_ns, [t_ns - self._age_ns, t_ns + self._age_ns + 1])
         if low == high:
@@ -198,7 +198,7 @@ class RefineBearings:
 
 
 def refined_positions(tracks: TagTracks, lines: RefineBearings, form: str) -> TagTracks:
-    """Refine the positions of tracks; velocities follow as a Gaussian's do, where the form has a posterior (`rays`)."""
+    """Refine the positions of tracks; velocities are updated by their correlation for form `rays`."""
     if not len(tracks):
         return tracks
     before = np.column_stack([tracks.x, tracks.y])
@@ -219,7 +219,7 @@ def refined_positions(tracks: TagTracks, lines: RefineBearings, form: str) -> Ta
 
 
 def _velocities(tracks: TagTracks, before: Floats, covariance: Floats, found: Refined, form: str) -> dict[str, Floats]:
-    """Velocities and their covariances given the refined positions; NaN where these are no posterior."""
+    """Return velocities and covariances given the refined positions; NaN where these are no posterior."""
     names = ("vx_vx", "vx_vy", "vy_vy", "x_vx", "x_vy", "y_vx", "y_vy")
     if form != "rays":
         changed = found.used.any(axis=1)
@@ -242,5 +242,5 @@ _XV = ((0, 0), (1, 0), (0, 1), (1, 1))
 
 
 def _matrices(a: Floats, b: Floats, c: Floats, d: Floats) -> Floats:
-    """(n, 2, 2) matrices of four columns by rows."""
+    """Return (n, 2, 2) matrices from four columns, row by row."""
     return np.stack([np.stack([a, b], axis=1), np.stack([c, d], axis=1)], axis=1)

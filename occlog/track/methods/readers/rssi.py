@@ -60,9 +60,9 @@ class PathLoss(NamedTuple):
 
 
 class ShadowingState(NamedTuple):
-    """What is known of the shadowing of R readers, for each of N hypotheses of where a tag is.
+    """Belief about the shadowing [dB] of R readers for each of N position hypotheses.
 
-    The variance does not depend on the hypothesis, since it does not depend on the strengths.
+    The variance is common to all hypotheses, since it does not depend on the strengths.
     """
 
     mean: Floats  # (N, R) [dB]
@@ -118,7 +118,7 @@ TEMPERING_STEPS, MIN_LOG_WEIGHT = 30, -700.0
 
 
 class TagFilterModel(NamedTuple):
-    """What does not change while a tag is tracked."""
+    """Constants of the tag filter."""
 
     model: PathLoss
     ranges: Floats  # (R,) infinite: not known, so that a missing read is uninformative
@@ -141,7 +141,7 @@ class TagParticles(NamedTuple):
 
 
 class ReadUpdate(NamedTuple):
-    """Particles after a window."""
+    """Particles after a window's update."""
 
     cloud: TagParticles
     log_likelihood: float  # of the window; -inf: no particle explains it
@@ -160,7 +160,7 @@ class TagEstimate(NamedTuple):
 
 
 def begin(rules: TagFilterModel, t_ns: int, rng: Generator) -> TagParticles:
-    """Draw particles evenly over the room."""
+    """Draw particles uniformly over the room."""
     n = rules.particles
     velocity = rules.speed * rng.standard_normal((n, 2))
     return TagParticles(t_ns, _places(rules.room, n, rng), velocity, np.full(n, 1.0 / n), no_shadowing(rules.model, n))
@@ -169,7 +169,7 @@ def begin(rules: TagFilterModel, t_ns: int, rng: Generator) -> TagParticles:
 def step(
     rules: TagFilterModel, cloud: TagParticles, t_ns: int, count: Ints, rssi: Floats, rng: Generator
 ) -> tuple[TagParticles, TagEstimate]:
-    """Take in the reads of a window.
+    """Update the particles by the reads of a window.
 
     Args:
         rules: model and settings.
@@ -181,13 +181,13 @@ def step(
     """
 
     def weighed(moved: TagParticles) -> ReadUpdate:
-        """Particles weighed by strengths with the shadowing integrated out, coverage, and walls."""
+        """Return particles weighted by strengths (shadowing integrated out), coverage and walls."""
         shadowing, log_weights = _weigh(rules, moved, count, rssi)
         weights, total = normalise_log_weights(log_weights)
         return ReadUpdate(moved._replace(weights=weights, shadowing=shadowing), total)
 
     def update(dt_s: float) -> ReadUpdate | None:
-        """Propose: the prior, velocities that are forgotten (Ornstein-Uhlenbeck)."""
+        """Predict particles by dt_s seconds with Ornstein-Uhlenbeck velocities."""
         draw = weighed(_predict(rules, cloud, t_ns, dt_s, rng))
         return draw if draw.log_likelihood > -math.inf else None
 
@@ -219,7 +219,7 @@ def step(
 
 
 def tempered(weights: Floats, possible: Bools, least: float) -> Floats:
-    """Weights as they are, or raised to the power at which so many particles are effective, where fewer are.
+    """Return the weights, flattened by a power if fewer than `least` particles would be effective.
 
     One or two particles have no spread: it would state millimetres where metres are open.
 
@@ -268,7 +268,7 @@ def trace_of(rules: TagFilterModel, found: TagEstimate, before_ns: int) -> Poste
 
 
 def smoothed_states(rules: TagFilterModel, traces: Sequence[PosteriorRecord]) -> list[SmoothedState]:
-    """States given all windows of a tag, by the recursion of Rauch, Tung and Striebel; walls count in the filter alone.
+    """Return smoothed states of a tag by the Rauch-Tung-Striebel recursion (walls count in the filter only).
 
     Backward simulation is no alternative: with the shadowing integrated out, a particle's past is a part of its state.
 
@@ -279,7 +279,7 @@ def smoothed_states(rules: TagFilterModel, traces: Sequence[PosteriorRecord]) ->
     readers = len(traces[0].after.mean) - 4
 
     def transition(dt_s: float) -> tuple[Floats, Floats]:
-        """Matrices of `_predict`'s motion, and of the shadowing."""
+        """Return transition matrix and noise of `_predict`'s motion and of the shadowing."""
         forgets = np.repeat([rules.turn_s, rules.model.shadow_s], [2, readers])
         stationary = np.repeat([rules.speed**2, rules.model.shadow_db**2], [2, readers])
         decay = np.exp(-dt_s / forgets)
@@ -303,7 +303,7 @@ def _predict(rules: TagFilterModel, cloud: TagParticles, t_ns: int, dt_s: float,
 
 
 def _weigh(rules: TagFilterModel, cloud: TagParticles, count: Ints, rssi: Floats) -> tuple[ShadowingState, Floats]:
-    """Update the shadowing of each particle, and return the log-weights with it."""
+    """Update each particle's shadowing; return it with the log weights."""
     expected = rules.model.expected(cloud.xy)
     shadowing, log_likelihood = update_shadowing(rules.model, cloud.shadowing, expected, rssi, count)
     log_weights = log_of(cloud.weights) + log_likelihood + _coverage(rules, cloud.xy, count > 0)
@@ -311,7 +311,7 @@ def _weigh(rules: TagFilterModel, cloud: TagParticles, count: Ints, rssi: Floats
 
 
 def _coverage(rules: TagFilterModel, xy: Floats, read: Bools) -> Floats:
-    """(N,) log-probability that those readers of known range read the tag that did, and the others did not."""
+    """Return (N,) log probabilities that exactly those readers of known range read the tag."""
     known = np.isfinite(rules.ranges)
     if not known.any():
         return np.zeros(len(xy))
@@ -323,7 +323,7 @@ def _coverage(rules: TagFilterModel, xy: Floats, read: Bools) -> Floats:
 
 
 def _places(room: Floats, n: int, rng: Generator) -> Floats:
-    """(n, 2) positions that are even over a polygon."""
+    """Draw (n, 2) positions uniform over a polygon."""
     low, high = room.min(axis=0), room.max(axis=0)
     xy = np.broadcast_to(room[0], (n, 2)).copy()
     outside = np.ones(n, dtype=np.bool_)

@@ -27,10 +27,10 @@ FLAGS = {NO_MATCHING_REGION: "no-matching-region", "restart": "reads-unexplained
 
 
 class ReadsSummary:
-    """Figures of the summary, counted over a stream of tables."""
+    """Summary figures, counted over a stream of tables."""
 
     def __init__(self) -> None:
-        """Begin with all counts at 0."""
+        """Start with all counts at 0."""
         self.tags: set[int] = set()
         self.rows = 0
         self.doubts: Counter[str] = Counter()
@@ -38,7 +38,7 @@ class ReadsSummary:
         self.refined = 0
 
     def add(self, part: TagTracks) -> None:
-        """Count some more rows."""
+        """Add the counts of some rows."""
         self.tags.update(part.target_id.tolist())
         self.rows += len(part)
         self.doubts.update(reason for text in part.quality_flags.tolist() for reason in text.split(",") if reason)
@@ -82,7 +82,7 @@ class ReadsSummary:
 
 
 def run_track_reads(request: ReadsRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Track tags and write; return the summary, and what had been lost before."""
+    """Track tags and write; return the summary and the losses recorded in the inputs."""
     inputs = ReadsInput(request)
     windows = job.progress(inputs.windows(), "track")
     config, regions = None, None

@@ -62,7 +62,7 @@ class TagRow(NamedTuple):
     doubt: str
 
     def smoothed(self, past: SmoothedState) -> TagRow:
-        """The row with a state that was estimated with later reads."""
+        """Return this row with a smoothed state."""
         return self._replace(state=past)
 
 
@@ -113,7 +113,7 @@ def track_rssi(
 
 
 def _tag_table(rows: Sequence[TagRow], names: Sequence[str]) -> TagTracks:
-    """Tabulate rows in order."""
+    """Return the table of rows in order."""
     return _tracks(
         np.array([row.t_ns for row in rows], dtype=np.int64),
         np.array([row.target for row in rows], dtype=np.int64),
@@ -126,7 +126,7 @@ def _tag_table(rows: Sequence[TagRow], names: Sequence[str]) -> TagTracks:
 
 
 def region_table(regions: Regions, names: Sequence[str], t_ns: int) -> VirtualSensors:
-    """Tabulate virtual sensors.
+    """Return the table of virtual sensors.
 
     Args:
         regions: of R readers.
@@ -147,7 +147,7 @@ def region_table(regions: Regions, names: Sequence[str], t_ns: int) -> VirtualSe
 
 
 def _names(members: Bools, names: Sequence[str]) -> np.ndarray:
-    """(n,) names of the readers of each row of (n, R), separated by commas."""
+    """Return (n,) comma-separated names of the readers in each row of (n, R)."""
     known = np.asarray(names, dtype=np.str_)
     return np.array([",".join(known[row].tolist()) for row in members], dtype=np.str_)
 

@@ -27,7 +27,7 @@ MIN_SHARE = 1e-5
 
 
 class ReaderRegions(NamedTuple):
-    """V regions of R readers, in the order in which readers cut the floor."""
+    """V regions formed by the overlaps of R readers' coverages."""
 
     members: Bools  # (V, R) which readers cover the region
     area: Floats  # (V,)
@@ -69,12 +69,12 @@ def virtual_sensors(positions: Floats, ranges: Floats, room: Floats | None = Non
 
 
 def most_virtual_sensors(readers: int, overlap: int) -> int:
-    """Count the sets of at most `overlap` of the readers: sum of C(k, i) over i = 1..p ([Lee] Sec. 5.2.3)."""
+    """Return the number of sets of at most `overlap` readers: sum of C(k, i), i = 1..p ([Lee] Sec. 5.2.3)."""
     return sum(math.comb(readers, i) for i in range(1, min(overlap, readers) + 1))
 
 
 class RegionMoments(NamedTuple):
-    """Area, centroid (2,) and covariance (2, 2) of a region over which a position is even."""
+    """Area, centroid (2,) and covariance (2, 2) of a uniform position over a region."""
 
     area: float
     centroid: Floats
@@ -103,7 +103,7 @@ def region_moments(region: BaseGeometry) -> RegionMoments:
 
 
 def _ring(ring: BaseGeometry, middle: Floats, sign: float) -> Floats:
-    """(6,) integrals of 1, x, y, xx, xy, yy over the inside of a ring, times the sign; its winding does not matter."""
+    """Return (6,) integrals of 1, x, y, xx, xy, yy over the inside of a ring times `sign`, for either winding."""
     x, y = (np.asarray(ring.coords, dtype=np.float64) - middle).T
     a, b, c, d = x[:-1], y[:-1], x[1:], y[1:]
     cross = a * d - c * b
@@ -128,7 +128,7 @@ def _disc(position: Floats, radius: float) -> BaseGeometry:
 
 
 class CoarsePositions(NamedTuple):
-    """W coarse positions."""
+    """W coarse tag positions with covariances."""
 
     xy: Floats  # (W, 2) means
     covariance: Floats  # (W, 2, 2)

@@ -21,14 +21,14 @@ OVER_S = 1.0
 
 
 class Encounters:
-    """Encounters that go on; memory is bounded by the pairs of people who are near each other."""
+    """Ongoing encounters of pairs of nearby people."""
 
     def __init__(self) -> None:
-        """Begin without any."""
+        """Start without encounters."""
         self._going_on: dict[tuple[int, int], list[float]] = {}
 
     def add(self, t_ns: int, ids: Ints, ratio: Floats, target: Ints, box: Ints) -> Iterator[Event]:
-        """Add a frame; events of the encounters that are over.
+        """Add a frame; return events of the encounters that ended.
 
         Args:
             t_ns: time of the frame.
@@ -46,16 +46,16 @@ class Encounters:
             yield from _events(pair, self._going_on.pop(pair)[0])
 
     def finish(self) -> Iterator[Event]:
-        """Events of all that still go on."""
+        """Return the events of all ongoing encounters."""
         for pair, (probability, _) in self._going_on.items():
             yield from _events(pair, probability)
         self._going_on = {}
 
 
 def exchanges(ids: Ints, ratio: Floats, target: Ints, box: Ints) -> list[tuple[int, int, float]]:
-    """Pairs of identities, and the probability that their boxes are exchanged, of those above `NEAR_PROBABILITY`.
+    """Return pairs of identities with their probability of exchanged boxes, above `NEAR_PROBABILITY`.
 
-    One of the two may have no box: then the other's may be its own.
+    One of the two may have no box: then the other's box may be its own.
     """
     assigned = np.full(len(ids), -1, dtype=np.int64)
     assigned[target] = box
@@ -75,13 +75,13 @@ def exchanges(ids: Ints, ratio: Floats, target: Ints, box: Ints) -> list[tuple[i
 
 
 def tempered(loss: Floats) -> Floats:
-    """Probability of the alternative, of the logs of likelihood ratios to it."""
+    """Return the probability of the alternative from log likelihood ratios."""
     with np.errstate(over="ignore"):
         return np.asarray(1.0 / (1.0 + np.exp(TEMPER * loss)))
 
 
 def _events(pair: tuple[int, int], probability: float) -> list[Event]:
-    """Return the possible identity switch of either person, if it is likely enough to report."""
+    """Return the possible identity switch of both people if probable enough to report."""
     if probability < MIN_PROBABILITY:
         return []
     return [Event("possible_switch", a, b, probability) for a, b in (pair, pair[::-1])]

@@ -94,16 +94,16 @@ class Targets:
     appearance: Floats
 
     def take(self, rows: Bools | Ints) -> Targets:
-        """The tracks selected by a mask or by indices."""
+        """Select tracks by a mask or indices."""
         return Targets(*(getattr(self, f.name)[rows] for f in fields(self)))
 
     def and_(self, others: Targets) -> Targets:
-        """These tracks and others."""
+        """Concatenate with other tracks."""
         return Targets(*(np.concatenate([getattr(self, f.name), getattr(others, f.name)]) for f in fields(self)))
 
 
 def no_targets(length: int) -> Targets:
-    """No tracks, with appearances of a length."""
+    """Return an empty set of tracks with appearance vectors of a length."""
     none, some = np.zeros(0, dtype=np.int64), np.zeros(0)
     wide = np.zeros((0, 4))
     return Targets(
@@ -113,7 +113,7 @@ def no_targets(length: int) -> Targets:
 
 
 class FrameTracks(NamedTuple):
-    """Confirmed tracks after a frame; m rows, and h boxes of tracks that may be confirmed later."""
+    """Confirmed tracks after a frame: m rows, and h boxes of tentative tracks that may be confirmed later."""
 
     t_ns: int
     frame: int
@@ -129,7 +129,7 @@ class FrameTracks(NamedTuple):
 
 
 class _Scored(NamedTuple):
-    """Pairs of N tracks and M boxes."""
+    """Scores of all pairs of N tracks and M boxes."""
 
     ratio: Floats  # (N, M) log likelihood ratio of the pair to a miss and clutter; -inf: beyond the gate
     likeness: Floats  # (N, M) similarity of appearance; NaN: not known
@@ -142,7 +142,7 @@ class SortFilter:
     """The filter of one camera."""
 
     def __init__(self, config: SortConfig, size: tuple[int, int] | None = None) -> None:
-        """Begin without tracks.
+        """Start without tracks.
 
         Args:
             config: settings.
@@ -164,7 +164,7 @@ class SortFilter:
         return self._reach if self._size is None else self._size
 
     def step(self, found: FrameDetections, frame: int) -> FrameTracks:
-        """Take in a frame; frames come in the order of time, those without boxes too."""
+        """Update by a frame; frames come in time order, including those without boxes."""
         rows = np.flatnonzero((found.boxes[:, 2] - found.boxes[:, 0] > 0) & (found.boxes[:, 3] - found.boxes[:, 1] > 0))
         boxes, score, appearance = found.boxes[rows], found.score[rows], found.appearance[rows]
         self._widen(boxes, appearance)
@@ -194,11 +194,11 @@ class SortFilter:
         return out._replace(events=tuple(events), keys=keys, of_keys=rows[np.concatenate([box, born])])
 
     def finish(self) -> tuple[Event, ...]:
-        """Events that wait for later frames, of which there are none."""
+        """Return the pending events at the end."""
         return tuple(self._encounters.finish())
 
     def _widen(self, boxes: Floats, appearance: Floats) -> None:
-        """Take in how far boxes reach, and how long descriptions of appearance are."""
+        """Update the image extent and the length of appearance vectors from boxes."""
         if len(boxes):
             self._reach = (max(self._reach[0], boxes[:, 2].max()), max(self._reach[1], boxes[:, 3].max()))
         if appearance.shape[1] and not self.targets.appearance.shape[1]:
@@ -206,17 +206,17 @@ class SortFilter:
             self.targets = replace(self.targets, appearance=nothing)
 
     def _weights(self) -> Floats:
-        """(N,) probability that a track hides what is behind it: confirmed and there."""
+        """Return (N,) probabilities that a track occludes what is behind it: confirmed and present."""
         return np.where(self.targets.id >= 0, self.targets.existence, 0.0)
 
     def _noise(self, boxes: Floats) -> Floats:
-        """(M, 4) variances of the states of boxes."""
+        """Return (M, 4) measurement variances of box states."""
         position = (self.config.sigma_position * (boxes[:, 3] - boxes[:, 1])) ** 2
         size = np.full(len(boxes), self.config.sigma_size**2)
         return np.column_stack([position, position, size, size])
 
     def _predict(self, dt: float) -> None:
-        """Move all tracks on."""
+        """Predict all tracks by dt [s]."""
         at, config = self.targets, self.config
         density = np.full((len(at.id), 4), SIZE_NOISE_DENSITY)
         density[:, :2] = (config.process_noise_density * np.exp(2.0 * at.mean[:, LOG_HEIGHT, 0]))[:, None]
@@ -228,7 +228,7 @@ class SortFilter:
     def _score(
         self, z: Floats, noise: Floats, score: Floats, appearance: Floats, visible: Floats, dt: float
     ) -> _Scored:
-        """Log likelihood ratios of all pairs."""
+        """Return log likelihood ratios of all pairs of tracks and boxes."""
         at = self.targets
         inside = inside_shares(boxes_of(at.mean[..., 0]), self.size)
         # Who was missed in the frame before is missed again, unless the run of misses has ended since
@@ -251,14 +251,14 @@ class SortFilter:
         return _Scored(np.where(near, ratio, -np.inf), likeness, coasts & (there > here), missed, detection)
 
     def _strolled(self) -> Floats:
-        """(N, 4) variances of where people are who left the predicted path after their last box."""
+        """Return (N, 4) variances of people who may have left the predicted path after their last box."""
         at = self.targets
         spread = (SIGMA_STROLL * np.exp(at.last[:, LOG_HEIGHT])) ** 2 * at.coasting_s
         size = SIGMA_SIZE_RATE**2 * (1.0 + at.coasting_s)
         return np.asarray(at.last_var + np.column_stack([spread, spread, size, size]))
 
     def _learn(self, scored: _Scored, score: Floats, visible: Floats, target: Ints, box: Ints) -> None:
-        """Learn how the detector does, from tracks that are sure."""
+        """Update detector statistics from tracks that are certain."""
         at, learned = self.targets, self.learned
         hit = np.zeros(len(at.id), dtype=np.bool_)
         hit[target] = True
@@ -279,7 +279,7 @@ class SortFilter:
         self, z: Floats, noise: Floats, appearance: Floats, scored: _Scored, visible: Floats,
         target: Ints, box: Ints, dt: float,
     ) -> None:  # fmt: skip
-        """Kalman updates and existence probabilities."""
+        """Update tracks by their boxes (Kalman update), and their existence probabilities."""
         at = self.targets
         stopped = scored.stopped[target, box]
         mean, cov = updated(at.mean[target], at.cov[target], z[box], noise[box])
@@ -303,7 +303,7 @@ class SortFilter:
             at.appearance[who] = old + APPEARANCE_RATE * (appearance[of] - old)
 
     def _confirm(self) -> list[Event]:
-        """Give identities to tracks that exist by their evidence."""
+        """Assign identities to tracks whose existence is sufficiently probable."""
         at = self.targets
         new = np.flatnonzero(
             (at.id < 0) & (at.existence > self.config.confirmation_threshold) & (at.boxes >= MIN_BOXES)
@@ -317,7 +317,7 @@ class SortFilter:
         return events
 
     def _begin(self, free: Ints, boxes: Floats, z: Floats, noise: Floats, score: Floats, appearance: Floats) -> Ints:
-        """Begin tentative tracks with boxes of no track; return the indices of these boxes."""
+        """Start tentative tracks at unassigned boxes; return the indices of these boxes."""
         at = self.targets
         born = free[~(score[free] < self.config.birth_score)]
         prior = self.learned.birth_probability(score[born])
@@ -343,7 +343,10 @@ class SortFilter:
         return born
 
     def _shown(self, detected: Bools) -> Bools:
-        """(N,) tracks with a row: those with a box, and those that are there, and where they are, probably enough."""
+        """Return (N,) booleans.
+
+        Tracks with an output row, i.e. with a box, or probably present with a known position.
+        """
         at = self.targets
         width = np.exp(at.mean[:, LOG_HEIGHT, 0]) * np.maximum(at.mean[:, ASPECT, 0], MIN_ASPECT)
         found = match_probability(width, at.cov[:, X, 0]) * at.existence
@@ -352,7 +355,7 @@ class SortFilter:
         return shown
 
     def _rows(self, t_ns: int, frame: int, shown: Bools, detected: Bools, visible: Floats) -> FrameTracks:
-        """Rows of tracks, by identity."""
+        """Return the output rows of tracks, sorted by identity."""
         at = self.targets
         rows = np.flatnonzero(shown)
         rows = rows[np.argsort(at.id[rows])]
@@ -363,7 +366,7 @@ class SortFilter:
         )  # fmt: skip
 
     def _end(self, detected: Bools) -> list[Event]:
-        """End tracks that have left, that do not exist, or have lost their position."""
+        """Delete tracks that left, are unlikely to exist, or whose position is lost."""
         at = self.targets
         least = np.where(at.id >= 0, MIN_CONFIRMED, MIN_TENTATIVE)
         left = inside_shares(boxes_of(at.mean[..., 0]), self.size) < MIN_INSIDE
@@ -375,13 +378,13 @@ class SortFilter:
 
 
 def match_probability(width: Floats, variance: Floats) -> Floats:
-    """(N,) probability that positions with variances (N,) are within a third of widths (N,)."""
+    """Return (N,) probabilities that positions with variances (N,) are within a third of widths (N,)."""
     out: Floats = erf(width / 3.0 / np.sqrt(2.0 * variance))
     return out
 
 
 def _born(z: Floats, noise: Floats, sigma_speed: float) -> tuple[Floats, Floats]:
-    """Means (n, 4, 2) and covariances (n, 4, 3) of tracks of one box."""
+    """Return initial means (n, 4, 2) and covariances (n, 4, 3) of tracks from single boxes."""
     mean, cov = np.zeros((len(z), 4, 2)), np.zeros((len(z), 4, 3))
     mean[..., 0], cov[..., 0] = z, noise
     cov[:, :2, 2] = (sigma_speed**2 * np.exp(2.0 * z[:, LOG_HEIGHT]))[:, None]
@@ -390,7 +393,7 @@ def _born(z: Floats, noise: Floats, sigma_speed: float) -> tuple[Floats, Floats]
 
 
 def _likelihood(mean: Floats, variance: Floats, z: Floats, noise: Floats) -> tuple[Floats, Floats]:
-    """(N, M) log likelihoods of boxes (M, 4) for tracks (N, 4), and squared Mahalanobis distances."""
+    """Return (N, M) log likelihoods of boxes (M, 4) for tracks (N, 4), and squared Mahalanobis distances."""
     spread = variance[:, None, :] + noise[None]
     off = mean[:, None, :] - z[None]
     distance = (off * off / spread).sum(axis=2)
@@ -399,7 +402,7 @@ def _likelihood(mean: Floats, variance: Floats, z: Floats, noise: Floats) -> tup
 
 
 def _assigned(ratio: Floats) -> tuple[Ints, Ints]:
-    """Pairs of tracks and boxes with the greatest sum of log likelihood ratios; those below 0 are not made."""
+    """Return the assignment of tracks to boxes with maximum sum of log likelihood ratios, without negative ones."""
     gain = np.where(ratio > 0.0, ratio, 0.0)
     rows, columns = linear_sum_assignment(gain, maximize=True)
     made = gain[rows, columns] > 0.0

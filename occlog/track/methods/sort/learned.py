@@ -31,10 +31,10 @@ STATE_VOLUME = 0.5
 
 
 class DetectorStatistics:
-    """Counts of one camera, with their priors."""
+    """Detection statistics of one camera, with priors."""
 
     def __init__(self, detection_probability: float) -> None:
-        """Begin with the prior; `detection_probability` is that in plain view."""
+        """Start with the prior; `detection_probability` is that of unoccluded people."""
         self._detected = PRIOR_FRAMES * detection_probability * np.array(HIDDEN)
         self._frames = np.full(VISIBILITY_BINS, PRIOR_FRAMES)
         shares = np.array(TRUE_SHARES)
@@ -44,17 +44,17 @@ class DetectorStatistics:
         self.likeness = np.zeros((2, 3))
 
     def detection(self, visible: Floats) -> Floats:
-        """(N,) probability of detection of people by their visible share (N,)."""
+        """Return (N,) detection probabilities of people by their visible share (N,)."""
         return np.asarray((self._detected / self._frames)[_interval(visible, VISIBILITY_BINS)])
 
     def add_detections(self, visible: Floats, hit: Bools) -> None:
-        """Count people with visible shares (n,) who were there, and whether they were detected."""
+        """Add detections or misses of people with visible shares (n,)."""
         interval = _interval(visible, VISIBILITY_BINS)
         self._frames += np.bincount(interval, minlength=VISIBILITY_BINS)
         self._detected += np.bincount(interval, hit, VISIBILITY_BINS)
 
     def _shares(self, score: Floats) -> Floats:
-        """(M,) share of people's boxes in the interval of each confidence."""
+        """Return (M,) the share of people's boxes in the confidence interval of each box."""
         shares = np.append(self._true / self._true.sum(), 1.0)
         return np.asarray(shares[_scores(score)])
 
@@ -69,29 +69,29 @@ class DetectorStatistics:
         return np.asarray(np.log(self._shares(score)) - np.log(density))
 
     def birth_probability(self, score: Floats) -> Floats:
-        """(n,) probability that a box without a track is of a person."""
+        """Return (n,) probabilities that an unassigned box is of a person."""
         born = BIRTHS_PER_FRAME * self._shares(score)
         return np.clip(born / (born + (self._false / self._looks)[_scores(score)]), MIN_BIRTH, MAX_BIRTH)
 
     def add_scores(self, score: Floats, people: Ints, clutter: Ints) -> None:
-        """Count a frame: confidences (M,), indices of boxes of confirmed tracks, and of boxes of no track."""
+        """Add a frame's confidences (M,), with indices of boxes of confirmed tracks and of unassigned boxes."""
         kept = 1.0 - 1.0 / MEMORY_FRAMES
         self._false = kept * self._false + np.bincount(_scores(score[clutter]), minlength=SCORE_BINS + 1)
         self._looks = kept * self._looks + 1.0
         self._true += np.bincount(_scores(score[people]), minlength=SCORE_BINS + 1)[:SCORE_BINS]
 
     def add_likeness(self, kind: int, values: Floats) -> None:
-        """Count similarities of appearance to the same person or to others; NaN: not known."""
+        """Add appearance similarities to the same person or to others; NaN: unknown."""
         known = values[np.isfinite(values)]
         self.likeness[kind] += [len(known), known.sum(), (known**2).sum()]
 
 
 def _interval(share: Floats, count: int) -> Ints:
-    """Index of the interval, of `count` equal ones, of shares 0 to 1."""
+    """Return the index of the interval, of `count` equal ones, containing shares 0 to 1."""
     return np.clip((np.asarray(share) * count).astype(np.int64), 0, count - 1)
 
 
 def _scores(score: Floats) -> Ints:
-    """Index of the interval of confidences; the one after the last: NaN."""
+    """Return the confidence interval index; NaN gets the one after the last."""
     known = np.where(np.isnan(score), 0.0, score)
     return np.where(np.isnan(score), SCORE_BINS, _interval(known, SCORE_BINS))

@@ -44,7 +44,7 @@ RELATIVE_COST_TOLERANCE = 1e-10
 
 
 class CameraRig(NamedTuple):
-    """V cameras without distortion."""
+    """V cameras without lens distortion: focal lengths, principal points, rotations and positions."""
 
     focal: Floats  # (V, 2) [px]
     principal: Floats  # (V, 2) [px]
@@ -53,7 +53,7 @@ class CameraRig(NamedTuple):
 
 
 class CentresInViews(NamedTuple):
-    """Centres of N points in V views."""
+    """Image positions [px] of N points in V views, with covariances."""
 
     there: Bools  # (N, V) whether the view shows the point; without it the other fields may be anything finite
     pixels: Floats  # (N, V, 2)
@@ -65,14 +65,14 @@ class CentresInViews(NamedTuple):
 
 
 class TargetHeightPrior(NamedTuple):
-    """Normal prior on the height z of a point that one view alone shows."""
+    """Gaussian prior on the height z of a point that is visible in a single view."""
 
     mean: float
     sigma: float
 
 
 class GroundPosition(NamedTuple):
-    """Places of N points; NaN where `status` is not MET."""
+    """Triangulated positions of N points; NaN where `status` is not MET."""
 
     xyz: Floats  # (N, 3)
     covariance: Floats  # (N, 3, 3)
@@ -98,7 +98,7 @@ class LeastSquares(NamedTuple):
 def triangulate_points(
     sights: CentresInViews, rig: CameraRig, height: TargetHeightPrior | None, min_sine: float
 ) -> GroundPosition:
-    """Find the positions by all the views that show a point.
+    """Triangulate points from all views that show them.
 
     The misfit of a point in one view with a height is near 0: it has as many unknowns as measurements.
 
@@ -145,7 +145,7 @@ def _rays(pixels: Floats, rig: CameraRig) -> Floats:
 
 
 def _crossing(rays: Floats, sights: CentresInViews) -> Floats:
-    """(N,) largest sine of the angles between two lines of sight; 0 for fewer than two."""
+    """Return (N,) largest sine of the angle between two lines of sight of a point; 0 for fewer than two lines."""
     widest = np.zeros(len(rays))
     for i in range(rays.shape[1]):
         for j in range(i):
@@ -155,7 +155,10 @@ def _crossing(rays: Floats, sights: CentresInViews) -> Floats:
 
 
 def _start(rays: Floats, problem: LeastSquares) -> Floats:
-    """(N, 3) least-squares positions of lines of sight; on a single line, that at the height."""
+    """Return (N, 3) initial positions: least squares of the lines of sight.
+
+    For a single line, its point at the prior height.
+    """
     sights, known = problem.sights, problem.known
     across = (np.eye(3) - rays[:, :, :, None] * rays[:, :, None, :]) * sights.there[:, :, None, None]
     A, b = across.sum(axis=1), np.einsum("nvij,vj->ni", across, problem.rig.centre)
@@ -193,7 +196,10 @@ def _refine(start: Floats, problem: LeastSquares) -> tuple[Floats, Floats, Float
 
 
 def _shortened(here: Floats, step: Floats, cost: Floats, problem: LeastSquares) -> tuple[Floats, Floats]:
-    """Places (N, 3) and costs (N,) after a step that is halved until the cost does not grow; else as before."""
+    """Return (N, 3) positions and (N,) costs after a step halved until the cost does not grow.
+
+    Unchanged if none is found.
+    """
     size = np.ones(len(here))
     for _ in range(HALVINGS):
         trial = here + size[:, None] * step
@@ -206,12 +212,15 @@ def _shortened(here: Floats, step: Floats, cost: Floats, problem: LeastSquares) 
 
 
 def _ridge(matrix: Floats) -> Floats:
-    """(N, 3, 3) multiples of the identity that make singular matrices regular and hardly change others."""
+    """Return (N, 3, 3) small multiples of the identity that make singular matrices regular."""
     return np.asarray(1e-14 * np.trace(matrix, axis1=1, axis2=2)[:, None, None] * np.eye(3))
 
 
 def _reprojection_errors(xyz: Floats, problem: LeastSquares) -> tuple[Floats, Floats]:
-    """(N, V, 2) seen minus expected [px], NaN behind a camera, and the positions (N, V, 3) in the cameras' axes."""
+    """Return (N, V, 2) reprojection residuals (measured minus expected) [px], and positions (N, V, 3) in camera axes.
+
+    Residuals are NaN behind a camera.
+    """
     sights, rig = problem.sights, problem.rig
     local = np.einsum("nvi,vij->nvj", xyz[:, None, :] - rig.centre, rig.rotation)
     depth = np.where(local[:, :, 2] > 0.0, local[:, :, 2], np.nan)[:, :, None]
@@ -220,7 +229,10 @@ def _reprojection_errors(xyz: Floats, problem: LeastSquares) -> tuple[Floats, Fl
 
 
 def _cost(xyz: Floats, left: Floats, problem: LeastSquares) -> Floats:
-    """(N,) sum of squared standardised residuals (N, V, 2) and of that of the height; inf behind a camera."""
+    """Return (N,) costs: the sum of squared standardised residuals (N, V, 2) and of the height's.
+
+    Inf behind a camera.
+    """
     known, height = problem.known, problem.height
     total = np.einsum("nvi,nvij,nvj->n", left, problem.weights, left)
     total = total + known * ((xyz[:, 2] - height.mean) / height.sigma) ** 2
@@ -228,7 +240,7 @@ def _cost(xyz: Floats, left: Floats, problem: LeastSquares) -> Floats:
 
 
 def _normal(xyz: Floats, left: Floats, local: Floats, problem: LeastSquares) -> tuple[NDArray[np.float64], Floats]:
-    """Information (N, 3, 3) and the gradient (N, 3) of minus half the cost.
+    """Return the information (N, 3, 3) and the gradient (N, 3) of half the negative cost.
 
     Args:
         xyz: (N, 3) positions.
@@ -289,13 +301,13 @@ def triangulate_in_space(
 
 
 def _bad(met: GroundPosition, limits: Floats) -> Bools:
-    """Points with views that do not agree, or that meet behind one of them."""
+    """Return the points whose views do not agree, or that lie behind one of their views."""
     bad: Bools = (met.status == BEHIND) | ((met.status == MET) & (met.misfit > limits[met.used.sum(axis=1)]))
     return bad
 
 
 def _without_one(sights: CentresInViews, used: Bools, rig: CameraRig, min_sine: float) -> GroundPosition:
-    """Find for each point the best fit without one of its views."""
+    """Return for each point the best fit that omits one of its views."""
     best: GroundPosition | None = None
     for view in range(used.shape[1]):
         there = used.copy()
@@ -314,12 +326,12 @@ def _without_one(sights: CentresInViews, used: Bools, rig: CameraRig, min_sine: 
 
 
 def _taken(met: GroundPosition, rows: Ints) -> GroundPosition:
-    """The rows of some points."""
+    """Return the rows of selected points."""
     return GroundPosition(met.xyz[rows], met.covariance[rows], met.status[rows], met.used[rows], met.misfit[rows])
 
 
 def _replaced(met: GroundPosition, rows: Ints, others: GroundPosition) -> GroundPosition:
-    """The positions with those of some rows replaced."""
+    """Return the positions with those of selected rows replaced."""
     out = GroundPosition(met.xyz.copy(), met.covariance.copy(), met.status.copy(), met.used.copy(), met.misfit.copy())
     for old, new in zip(out, others, strict=True):
         old[rows] = new
@@ -334,7 +346,7 @@ HEIGHTS = 30.0
 
 
 class ViewOdds(NamedTuple):
-    """How likely views are right, and how well they agree if they are."""
+    """Prior odds that a view is on the target, and the variance of residuals between correct views."""
 
     right: float  # probability that a view is on the target, in (0, 1]; 1: all are
     agreement: float  # variance of the residuals of views on one target, in units of the stated one, > 0
@@ -342,7 +354,7 @@ class ViewOdds(NamedTuple):
 
 
 class ViewContradictions(NamedTuple):
-    """Covariances of N positions, and how far their views contradict each other."""
+    """Covariances of N positions, and probabilities that their views contradict each other."""
 
     covariance: Floats  # (N, 3, 3) NaN where there is no position
     contested: Floats  # (N,) probability that a view is on something else; 0 for one view, 1 if no views agree
@@ -356,7 +368,7 @@ def covariances_with_contradiction(
     odds: ViewOdds,
     sine: float,
 ) -> ViewContradictions:
-    """Find the covariances of positions by all hypotheses on which views are on the target.
+    """Compute covariances of positions from all hypotheses about which views are on the target.
 
     Args:
         met: the positions as reported.
@@ -391,7 +403,7 @@ def _mixture(
     odds: ViewOdds,
     sine: float,
 ) -> tuple[Floats, Floats]:
-    """(N, 3, 3) second moments about the positions (N, 3) in the views `pattern`, and (N,) weight of all views."""
+    """Return (N, 3, 3) second moments about positions (N, 3) seen in the views `pattern`, and (N,) weights."""
     density = np.log(2.0 * np.pi) + 0.5 * np.linalg.slogdet(sights.covariance)[1] + np.log(odds.agreement)
     logs, moments = [], []
     for views in _sets(pattern):
@@ -419,7 +431,7 @@ def _mixture(
 
 
 def _sets(pattern: Bools) -> Iterator[Bools]:
-    """Sets of the views of a pattern, as (V,) masks, the largest first."""
+    """Return all subsets of a pattern's views as (V,) masks, the largest first."""
     views = np.flatnonzero(pattern)
     for size in range(len(views), 0, -1):
         if len(views) <= ALL_SUBSETS or size >= len(views) - 2 or size <= 2:

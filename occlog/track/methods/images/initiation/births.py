@@ -26,7 +26,7 @@ from .config import ViewsConfig
 
 
 def anchors(ellipses: Floats, bottom: bool) -> Floats:
-    """(N, 2) points of ellipses (N, 5) that represent their targets, as recorded [px].
+    """Return (N, 2) reference points of ellipses (N, 5) [px]: their centres, or their lowest points if `bottom`.
 
     Args:
         ellipses: see `occlog.core.image`.
@@ -42,7 +42,9 @@ def anchors(ellipses: Floats, bottom: bool) -> Floats:
 
 
 def loop_distances(geometry: ViewGeometry, a: int, b: int, of_a: Floats, of_b: Floats, bottom: bool = False) -> Floats:
-    """(N,) the larger one of the two distances from each other's epipolar lines, in radii; inf where unknown.
+    """Return (N,) larger of the two distances of ellipses from each other's epipolar lines, in radii.
+
+    Inf where unknown.
 
     Args:
         geometry: of the views.
@@ -77,20 +79,20 @@ MAX_MISFIT_RATIO = 0.5
 
 @dataclass(frozen=True)
 class Candidate:
-    """A region that no tracker explains, followed from frame to frame."""
+    """A detected region without a tracker, followed from frame to frame as a possible birth."""
 
     trail: Trail
     count: int  # frames in a row
 
     @property
     def ellipse(self) -> Floats:
-        """The latest one."""
+        """Return the latest ellipse."""
         return self.trail[-1][1]
 
 
 @dataclass(frozen=True)
 class BirthCandidates:
-    """Candidates for births, and what decides births and ends, from time step to time step."""
+    """Candidates for births and support counts of trackers, carried between time steps."""
 
     next_id: int
     candidates: tuple[tuple[Candidate, ...], ...]  # of each view
@@ -114,7 +116,7 @@ def initiate_and_terminate(
     bottom: bool = False,
     gone: Collection[TrackerKey] = (),
 ) -> tuple[BirthCandidates, tuple[Birth, ...], tuple[TrackerKey, ...]]:
-    """Decide which trackers the regions of one time step begin and end.
+    """Decide which regions of a time step start trackers and which trackers end.
 
     Args:
         state: from the time step before.
@@ -153,12 +155,12 @@ def initiate_and_terminate(
 
 
 def _extended(trail: Trail, now: int, ellipse: Floats, keep: int) -> Trail:
-    """The last `keep` entries of a trail and one more."""
+    """Return the last `keep` entries of a trail with a new entry appended."""
     return (*trail, (now, ellipse))[-keep:]
 
 
 def _birth_sized(regions: Floats, view: TrackedView, config: ViewsConfig) -> Floats:
-    """The regions (K, 5) of sufficient size and, unless `birth_allow_truncated`, not cut by the edge of the image."""
+    """Return the regions (K, 5) large enough for a birth and, as configured, not cut by the image edge."""
     low, high = regions[:, :2] - regions[:, 2:4], regions[:, :2] + regions[:, 2:4]
     good = (regions[:, 2:4] >= config.birth_min_size_px).all(axis=1)
     if not config.birth_allow_truncated:
@@ -168,7 +170,7 @@ def _birth_sized(regions: Floats, view: TrackedView, config: ViewsConfig) -> Flo
 
 
 def _unexplained(regions: Floats, trackers: Sequence[Floats], separation: float) -> Floats:
-    """The regions (K, 5) that are farther than `separation` sums of radii from all trackers."""
+    """Return the regions (K, 5) farther than `separation` sums of radii from every tracker."""
     if not trackers or not len(regions):
         return regions
     near = nearness(np.vstack([regions, *trackers]))[: len(regions), len(regions) :]
@@ -176,7 +178,10 @@ def _unexplained(regions: Floats, trackers: Sequence[Floats], separation: float)
 
 
 def _followed(before: Sequence[Candidate], regions: Floats, now: int, keep: int) -> tuple[Candidate, ...]:
-    """Candidates of this frame: each region goes on with a touching one of the frame before, nearest pairs first."""
+    """Return this frame's candidates.
+
+    Each region continues the nearest touching candidate of the last frame, or starts one.
+    """
     n = len(regions)
     earlier = dict.fromkeys(range(n), Candidate((), 0))
     if before and n:
@@ -193,7 +198,10 @@ def _followed(before: Sequence[Candidate], regions: Floats, now: int, keep: int)
 def _ends(
     state: BirthCandidates, regions: Sequence[Floats | None], trackers: Mapping[TrackerKey, Floats], config: ViewsConfig
 ) -> tuple[BirthCandidates, tuple[TrackerKey, ...]]:
-    """Count unsupported frames; end trackers after `max_coasting_frames` of them in a row."""
+    """Count frames without a supporting region.
+
+    Return trackers ended after `max_coasting_frames` such frames in a row.
+    """
     before = {key: state.unsupported.get(key, 0) for key in trackers}
     unsupported: dict[TrackerKey, int] = {}
     for v, found in enumerate(regions):
@@ -211,7 +219,10 @@ def _ends(
 def _supported(
     mine: Sequence[TrackerKey], trackers: Mapping[TrackerKey, Floats], regions: Floats, before: Mapping[TrackerKey, int]
 ) -> list[TrackerKey]:
-    """Trackers that touch a region, one region each; of several at one region, the one supported last gets it."""
+    """Return the trackers supported by a touching region, one each.
+
+    Of several, the one supported last gets the region.
+    """
     if not mine or not len(regions):
         return []
     near = nearness(np.vstack([*(trackers[key] for key in mine), regions]))[: len(mine), len(mine) :]
@@ -226,7 +237,7 @@ def _supported(
 def _births(
     state: BirthCandidates, geometry: ViewGeometry, config: ViewsConfig, bottom: bool, gone: Collection[TrackerKey]
 ) -> tuple[BirthCandidates, tuple[Birth, ...]]:
-    """Births in all views, in their order."""
+    """Return the births in all views, view by view."""
     births: list[Birth] = []
     for v in range(len(state.candidates)):
         state, born = _births_in(state, v, geometry, config, bottom, gone)
@@ -265,7 +276,7 @@ def _births_in(
 
 
 def _without_doubles(candidates: Sequence[Candidate], separation: float) -> tuple[Candidate, ...]:
-    """The candidates without those that lie at most `separation` sums of radii from a longer-lived one."""
+    """Return the candidates without those within `separation` sums of radii of a longer-lived candidate."""
     order = sorted(range(len(candidates)), key=lambda c: -candidates[c].count)
     if len(order) < 2:
         return tuple(candidates)
@@ -278,7 +289,7 @@ def _without_doubles(candidates: Sequence[Candidate], separation: float) -> tupl
 
 
 def _free_targets(trails: Mapping[TrackerKey, Trail], v: int) -> list[int]:
-    """Targets that are tracked in other views and not in this one."""
+    """Return the targets tracked in other views but not in view v."""
     mine = {target for view, target in trails if view == v}
     return sorted({target for _, target in trails} - mine)
 
@@ -286,9 +297,9 @@ def _free_targets(trails: Mapping[TrackerKey, Trail], v: int) -> list[int]:
 def _misfit(
     trail: Trail, v: int, target: int, trails: Mapping[TrackerKey, Trail], geometry: ViewGeometry, bottom: bool
 ) -> float:
-    """Largest over the other views of the mean loop distance of a trail to a target's, in radii.
+    """Return the worst view's mean loop distance between a candidate's trail and a target, in radii.
 
-    It is inf where no matrix is known, where no frame is shared, and above 1.
+    It is inf where no fundamental matrix is known, no frame is shared, or the distance exceeds 1.
     """
     worst = -np.inf
     for (w, other), theirs in trails.items():

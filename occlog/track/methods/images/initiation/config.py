@@ -10,7 +10,7 @@ from occlog.settings import Settings, setting
 
 @dataclass(frozen=True)
 class ViewsConfig(Settings):
-    """Settings around the trackers."""
+    """Settings of births, ends and image use that all image trackers share."""
 
     OWNER: ClassVar[str] = "tracking in images"
 

@@ -31,7 +31,7 @@ from occlog.records.tables import Boxes, Views
 
 
 class DetectorRegions(NamedTuple):
-    """Regions of some frames, in the order of time."""
+    """Detected regions (ellipses) of some frames in time order."""
 
     t_ns: Ints  # (N,)
     sensor: Strings  # (N,)
@@ -40,20 +40,20 @@ class DetectorRegions(NamedTuple):
 
 
 def inscribed(left: Floats, top: Floats, width: Floats, height: Floats) -> Floats:
-    """(N, 5) the ellipses inscribed in boxes."""
+    """Return (N, 5) ellipses inscribed in boxes."""
     rows = [left + 0.5 * width, top + 0.5 * height, 0.5 * width, 0.5 * height, np.zeros(len(left))]
     return np.column_stack(rows)
 
 
 def regions_of_boxes(chunks: Iterable[Boxes], min_confidence: float) -> Iterator[DetectorRegions]:
-    """Read boxes of a detector; the detector did not process frames without a row."""
+    """Generate regions from boxes of a detector; frames without a row count as not processed."""
     for c in chunks:
         there = (c.box >= 0) & ~(c.confidence < min_confidence)
         yield DetectorRegions(c.t_ns, c.sensor, inscribed(c.left_px, c.top_px, c.width_px, c.height_px), there)
 
 
 def regions_of_views(chunks: Iterable[Views]) -> Iterator[DetectorRegions]:
-    """Read the clusters of every frame, without those that the fusion of detections put in or took out."""
+    """Generate regions from the clusters of every frame, ignoring fused detections."""
     for c in chunks:
         there = ~np.isin(c.cause, ("recovered", "removed"))
         yield DetectorRegions(c.t_ns, c.sensor, inscribed(c.left_px, c.top_px, c.width_px, c.height_px), there)
@@ -61,7 +61,7 @@ def regions_of_views(chunks: Iterable[Views]) -> Iterator[DetectorRegions]:
 
 @dataclass
 class RegionStream:
-    """Regions in the order of time, given out time step by time step.
+    """Buffered stream of regions, read by time step.
 
     Attributes:
         chunks: regions in the order of time.
@@ -79,7 +79,7 @@ class RegionStream:
     _done: bool = False  # all rows are read
 
     def at(self, names: Sequence[str], t_ns: Ints) -> list[Floats | None]:
-        """Take the (K, 5) regions of each view's frame; None: it has no frame, or the detector did not process it.
+        """Return the regions (K, 5) of each view's frame; None without a frame, or if the detector did not process it.
 
         Args:
             names: of the views.
@@ -94,7 +94,7 @@ class RegionStream:
         return found
 
     def _pull(self) -> None:
-        """Read one more chunk."""
+        """Read one more chunk into the buffer."""
         chunk = next(self.chunks, None)
         if chunk is None:
             self._done = True
@@ -109,7 +109,7 @@ class RegionStream:
             self._until = int(chunk.t_ns[-1])
 
     def _take(self, name: str, t_ns: int) -> Floats | None:
-        """Take the regions of one camera and time out of those read."""
+        """Return and remove the regions of one camera and time from the buffer."""
         rows = self._rows.pop((name, t_ns), [] if self.sparse else None)
         if rows is None:
             return None
@@ -149,12 +149,12 @@ def moving_regions(
 
 
 def _size(scene: Scene, view: TrackedView, config: DetectConfig) -> SizeMap | None:
-    """Sizes of people that follow from the camera's pose; None: unknown."""
+    """Return the expected image sizes of people from the camera's pose; None if unknown."""
     return known_sizes(scene.camera(view.name), scene, (view.width, view.height), config)
 
 
 def with_cameras(scene: Scene | None, views: Sequence[TrackedView]) -> Scene:
-    """Add the views that the scene lacks to it, as cameras without a pose."""
+    """Return the scene with missing views added as cameras without a pose."""
     scene = Scene() if scene is None else scene
     known = [camera.name for camera in scene.cameras]
     new = [
@@ -194,7 +194,7 @@ def blob_sizes(frames: Iterable[Frame], empty: Mapping[str, Image], views: Seque
 
 
 def _heights(image: Image, empty: Image) -> list[float]:
-    """Heights [px] of blobs away from the edge of the image."""
+    """Return heights [px] of blobs that do not touch the image edge."""
     factor = max(1, image.shape[0] // empty.shape[0])
     small = downscale(image, factor)
     if small.shape != empty.shape:
@@ -223,7 +223,7 @@ class BackgroundModel(NamedTuple):
 def background_models(
     frames: Iterable[Frame], scene: Scene, views: Sequence[TrackedView], workers: int = 1
 ) -> tuple[BackgroundModel | None, ...]:
-    """Learn the empty scene of each view and make a background model of it; None for a view without images.
+    """Learn the empty scene of each view and return its background model; None for a view without images.
 
     Args:
         frames: of all views, in the order of time.
@@ -245,7 +245,9 @@ def background_models(
 
 
 def foreground_mask(model: BackgroundModel | None, image: Image, number: int) -> Image | None:
-    """(H, W) 255 on what is not background, 0 elsewhere; None without a model, or where it does not fit the image.
+    """Return a (H, W) mask: 255 for foreground, 0 for background; None without a model or for a wrong image size.
+
+    Updates the model with the image.
 
     Args:
         model: of the camera, with frames in order; None: no model.

@@ -168,7 +168,7 @@ def colour_similarity(bins: Bytes, ellipses: Floats, owner: Ints, colours: Float
 
 
 def upright(ellipses: Floats, share: float) -> Bools:
-    """(n,) whether ellipses (n, 5) are at least `share` times as high as wide; none for a share of 0."""
+    """Return (n,) booleans: whether ellipses (n, 5) are at least `share` times as high as wide; False for share 0."""
     a, b, s, c = ellipses[:, 2], ellipses[:, 3], np.sin(ellipses[:, 4]), np.cos(ellipses[:, 4])
     return np.asarray((np.hypot(a * s, b * c) >= share * np.hypot(a * c, b * s)) & (share > 0))
 
@@ -194,7 +194,7 @@ ROUNDING = 1e-12
 
 
 class PatchModels(NamedTuple):
-    """Densities of the patches of M targets, D numbers each."""
+    """Principal-component densities of the image patches of M targets, D pixels each."""
 
     mean: Floats  # (M, D)
     basis: Floats  # (M, K, D) orthonormal rows
@@ -203,7 +203,7 @@ class PatchModels(NamedTuple):
 
 
 def disc_points(size: int = SIZE) -> Floats:
-    """(D, 2) points in the unit disc: middles of the pixels of a size x size square about it."""
+    """Return (D, 2) points in the unit disc: pixel centres of a size x size square that lie inside it."""
     middles = (np.arange(size) + 0.5) * (2.0 / size) - 1.0
     y, x = (m.ravel() for m in np.meshgrid(middles, middles, indexing="ij"))
     return np.ascontiguousarray(np.column_stack([x, y])[x * x + y * y <= 1.0])
@@ -269,9 +269,9 @@ def learn_patches(patches: Floats, components: int, least: float = LEAST) -> Pat
 
 
 def stack_models(models: Sequence[PatchModels]) -> PatchModels:
-    """Stack the models of several targets, in this order.
+    """Concatenate the models of several targets.
 
-    Models with fewer components get directions of zeros, which add nothing, with the variance of their rest.
+    Models with fewer components are padded with zero directions, which add nothing, with the variance of their rest.
     """
     k = max(m.basis.shape[1] for m in models)
     basis, variance = [], []
@@ -320,9 +320,9 @@ def log_density(patches: Floats, owner: Ints, mean: Floats, basis: Floats, varia
 
 
 def patch_log_likelihood(image: Bytes, ellipses: Floats, owner: Ints, models: PatchModels) -> Floats:
-    """(P,) log densities of the patches inside ellipses, under the models of their targets.
+    """Return (P,) log densities of the patches inside ellipses under their targets' models.
 
-    The angle of an ellipse is known up to pi: of both ways round the likelier one counts.
+    An ellipse's angle is known up to pi: the likelier of the two orientations counts.
 
     Args:
         image: (H, W, C) or (H, W).

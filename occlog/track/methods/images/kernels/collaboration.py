@@ -39,10 +39,10 @@ class Interaction(NamedTuple):
 
 @kernel
 def add_inertia(log_weights: Floats, particles: Floats, previous: Floats, before: Floats, model: Interaction) -> None:
-    """Add the logarithms of the inertia weights 1 + g exp(-dtheta^2 / angle^2) exp(-(|v| - |v_ref|)^2 / speed^2).
+    """Add, in place, the log inertia weights of particles.
 
-    dtheta is the angle between v, the displacement to a particle, and v_ref; it is 0 where one of
-    the two is at most `AT_REST`.
+    The weights are 1 + g exp(-dtheta^2 / angle^2) exp(-(|v| - |v_ref|)^2 / speed^2). dtheta is the angle between v, the
+    displacement to a particle, and v_ref; it is 0 where one of the two is at most `AT_REST`.
 
     Args:
         log_weights: (N,) changed in place.
@@ -86,7 +86,7 @@ def repulsion(x: float, y: float, mine: Floats, estimate: Floats, touching: Bool
 
 @kernel
 def half_reach(one: Floats, other: Floats) -> float:
-    """Mean of how far two ellipses (5,) reach along the line between their centres."""
+    """Return the mean support radius of two ellipses (5,) along the line between their centres."""
     theta = math.atan2(other[1] - one[1], other[0] - one[0])
     total = 0.0
     for e in (one, other):
@@ -98,7 +98,7 @@ def half_reach(one: Floats, other: Floats) -> float:
 def repel_into(
     weights: Floats, estimate: Floats, particles: Floats, rows: Ints, touching: Bools, model: Interaction
 ) -> None:
-    """Iterate the interaction of the trackers of a view K times, each time with the estimates of the time before.
+    """Multiply the repulsion weights of a view's trackers in place, iterating K times with updated estimates.
 
     Only the weights phi^K of the last iteration are applied ([Qu] Alg. 1).  Where they would
     make all weights of a tracker 0, its weights stay as they were.
@@ -130,7 +130,7 @@ def repel_into(
 
 
 class Neighbours(NamedTuple):
-    """Which of n trackers are near each other, by the estimates of the local likelihood."""
+    """Pairs of n trackers that touch or are close, by the estimates from the local likelihood."""
 
     busy: Bools  # (n,) close to another tracker of its view
     touching: Bools  # (n, n)
@@ -138,14 +138,14 @@ class Neighbours(NamedTuple):
 
 
 class PastMotion(NamedTuple):
-    """Places and displacements of n trackers before the frame."""
+    """Positions and displacements of n trackers before the frame."""
 
     centre: Floats  # (n, 2) in the last frame [px]
     step: Floats  # (n, 2) v_ref, the displacement to expect to this frame [px]
 
 
 class CameraCollaboration(NamedTuple):
-    """How n trackers in V views may help each other, [Qu] Sec. 3.2."""
+    """Geometry and counterparts for the collaboration of n trackers in V views ([Qu] Sec. 3.2)."""
 
     camera: Ints  # (n,) view of each tracker
     helper: Ints  # (n, V) tracker of the same target in another view that may help; -1: none
@@ -157,7 +157,7 @@ class CameraCollaboration(NamedTuple):
 
 
 class WeighingModel(NamedTuple):
-    """What also the local likelihood decides the weights of a frame."""
+    """Terms of a frame's weights besides the local likelihood."""
 
     near: Neighbours
     past: PastMotion
@@ -191,10 +191,10 @@ def neighbours(estimate: Floats, camera: Ints, touch: float, close: float) -> Ne
 def reweighted(
     particles: Floats, log_local: Floats, here: Bools, model: WeighingModel, order: Ints, sweeps: int
 ) -> tuple[Floats, Floats, Bools]:
-    """Weights, estimates and helpers of n trackers.
+    """Compute weights, estimates and helper views of n trackers.
 
-    Trackers that are not close to others keep their local weights.  The rest are worked out
-    view by view, in several sweeps; in the first, views that come later do not help yet.
+    Trackers that are not close to others keep their local weights. The rest are processed view by view in several
+    sweeps; in the first, later views do not help yet.
 
     Args:
         particles: (n, N, 5).
@@ -244,11 +244,10 @@ def collaborate(
     near: Neighbours,
     cameras: CameraCollaboration,
 ) -> None:
-    """Add the bands of a tracker's counterparts to its log weights, [Qu] Eq. 5.
+    """Add the epipolar bands of a tracker's counterparts to its log weights in place ([Qu] Eq. 5).
 
-    Counterparts that are close to no other in their view help; where missing of these,
-    the others do.  A counterpart that is more hidden than the tracker would mislead it, and
-    does not help.
+    Counterparts close to no other tracker in their view help; if there are none, the others do. A counterpart that is
+    more occluded than the tracker does not help.
 
     Args:
         log_w: (N,) changed in place.

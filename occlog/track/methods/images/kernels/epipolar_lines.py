@@ -21,7 +21,7 @@ UNKNOWN, APART, TOGETHER = -1, 0, 1
 
 @kernel
 def anchor(ellipse: Floats, affine: Floats, bottom: bool) -> tuple[float, float]:
-    """The point of an ellipse that represents its target, without distortion [px].
+    """Return the reference point (centre or lowest point) of an ellipse in undistorted pixels.
 
     Args:
         ellipse: (5,).
@@ -41,7 +41,7 @@ def anchor(ellipse: Floats, affine: Floats, bottom: bool) -> tuple[float, float]
 
 @kernel
 def line_of(matrix: Floats, x: float, y: float) -> tuple[float, float, float]:
-    """Epipolar line F (x, y, 1), scaled to l1^2 + l2^2 = 1; NaN for the epipole and an unknown matrix."""
+    """Return the epipolar line F (x, y, 1), scaled to l1^2 + l2^2 = 1; NaN at the epipole or for an unknown matrix."""
     l1 = matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2]
     l2 = matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2]
     l3 = matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2]
@@ -53,7 +53,7 @@ def line_of(matrix: Floats, x: float, y: float) -> tuple[float, float, float]:
 
 @kernel
 def reach_across(ellipse: Floats, l1: float, l2: float) -> float:
-    """Half width of the band of an ellipse (5,): how far it reaches from its centre along the unit vector (l1, l2)."""
+    """Return the half width of the epipolar band of an ellipse (5,): its support along the unit vector (l1, l2)."""
     turn = math.atan2(l2, l1) - ellipse[4]
     return math.hypot(ellipse[2] * math.cos(turn), ellipse[3] * math.sin(turn))
 
@@ -62,7 +62,7 @@ def reach_across(ellipse: Floats, l1: float, l2: float) -> float:
 def add_band(
     log_weights: Floats, particles: Floats, affine: Floats, bottom: bool, line: tuple[float, float, float], sigma: float
 ) -> None:
-    """Add the logarithms of the collaboration weights of [Qu] Eq. 5, without its constant.
+    """Add, in place, the log collaboration weights of [Qu] Eq. 5, without its constant.
 
     The distance of a particle from the band is that of its point from the middle line, as [Qu] simplifies it.
 
@@ -203,7 +203,7 @@ def lines_into(
     fundamental: Floats,
     bottom: bool,
 ) -> int:
-    """Set the first rows of `lines` (V, 3) to the epipolar lines of a tracker's counterparts; return their number."""
+    """Write the epipolar lines of a tracker's counterparts to the first rows of `lines` (V, 3); return their number."""
     known = 0
     for v in range(counterpart.shape[1]):
         j = counterpart[i, v]

@@ -47,7 +47,7 @@ def overlap(one: Floats, two: Floats) -> float:
 
 @kernel
 def crowding(ellipse: Floats, pool: Floats, held: Ints, i: int) -> float:
-    """Sum of the overlaps of an ellipse (5,), as target i, with the others pool[held[j]], j != i."""
+    """Return the sum of the overlaps of an ellipse (5,), as target i, with all other targets pool[held[j]], j != i."""
     total = 0.0
     for j in range(held.shape[0]):
         if j != i:
@@ -59,7 +59,7 @@ def crowding(ellipse: Floats, pool: Floats, held: Ints, i: int) -> float:
 def run_chain(
     pool: Floats, owner: Ints, log_likelihood: Floats, log_u: Floats, strength: float, burn: int, thin: int
 ) -> Ints:
-    """Metropolis-Hastings over the joint state, one target a move.
+    """Sample the joint state by Metropolis-Hastings, changing one target per move.
 
     Args:
         pool: (n + S, 5) ellipses: where targets 0 to n - 1 start, then what S moves propose; drawn
@@ -93,7 +93,7 @@ def run_chain(
 
 @kernel
 def crowding_of_samples(samples: Floats) -> Floats:
-    """(N,) sums of the overlaps of all pairs of targets in joint samples (N, n, 5)."""
+    """Return (N,) sums of pairwise overlaps in joint samples (N, n, 5)."""
     out = np.zeros(samples.shape[0])
     for k in range(samples.shape[0]):
         for i in range(samples.shape[1]):
@@ -103,9 +103,9 @@ def crowding_of_samples(samples: Floats) -> Floats:
 
 
 def distinct_size(rows: Ints) -> Floats:
-    """Effective number of different samples of each target in a chain, 1 to N.
+    """Return the effective number of distinct samples of each target in a chain, 1 to N.
 
-    Equal samples count as one sample with the weight w of their share, and the number is 1 / sum w^2.
+    Equal samples count as one with weight w, their share; the number is 1 / sum w^2.
 
     Args:
         rows: (N, n) from `run_chain`.

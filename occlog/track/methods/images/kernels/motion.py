@@ -79,7 +79,7 @@ def turned(rho: float) -> float:
 
 @kernel
 def normalise_into(weights: Floats, log_weights: Floats) -> None:
-    """Normalise: weights (N,) that sum to 1 from their logarithms (N,); equal ones where all weights are 0."""
+    """Set weights (N,), sum 1, from log weights (N,) in place; equal weights where all are 0."""
     top = -np.inf
     for p in range(log_weights.shape[0]):
         top = max(top, log_weights[p])
@@ -96,7 +96,10 @@ def normalise_into(weights: Floats, log_weights: Floats) -> None:
 
 @kernel
 def mean_into(out: Floats, particles: Floats, weights: Floats) -> None:
-    """Mean (5,) of particles (N, 5); that of the angle is half the mean direction of the doubled angles."""
+    """Set `out` (5,) to the weighted mean of particles (N, 5).
+
+    The angle's is half the mean direction of doubled angles.
+    """
     cx, cy, a, b, c, s = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for p in range(particles.shape[0]):
         w, x = weights[p], particles[p]
@@ -111,7 +114,7 @@ def mean_into(out: Floats, particles: Floats, weights: Floats) -> None:
 
 @kernel
 def weights_and_means(particles: Floats, log_weights: Floats) -> tuple[Floats, Floats]:
-    """Weights (n, N) from their logarithms (n, N), and the mean ellipses (n, 5)."""
+    """Return normalised weights (n, N) from log weights (n, N), and mean ellipses (n, 5)."""
     weights, mean = np.empty(log_weights.shape), np.empty((particles.shape[0], 5))
     for i in range(particles.shape[0]):
         normalise_into(weights[i], log_weights[i])
@@ -151,7 +154,7 @@ def resampled(particles: Floats, weights: Floats, u: Floats) -> Floats:
 
 @kernel
 def boxes_of(particles: Floats) -> Ints:
-    """(n, 4) left, top, right, bottom, half-open: boxes that hold all pixels of the ellipses (n, N, 5) of a tracker."""
+    """Return (n, 4) boxes left, top, right, bottom (half-open) containing all ellipses (n, N, 5) of each tracker."""
     out = np.empty((particles.shape[0], 4), dtype=np.int64)
     for i in range(particles.shape[0]):
         left, top, right, bottom, reach = np.inf, np.inf, -np.inf, -np.inf, 0.0

@@ -33,7 +33,7 @@ ANCHORS = ("centre", "bottom")
 
 @dataclass(frozen=True)
 class MipfConfig(Settings):
-    """Settings of method `mipf`: a particle filter for each target and view, on its own."""
+    """Settings of method `mipf`: an independent particle filter for each target and view."""
 
     OWNER: ClassVar[str] = "mipf"
 
@@ -131,7 +131,7 @@ class MipfConfig(Settings):
 
 @dataclass(frozen=True)
 class IdmotConfig(MipfConfig):
-    """Settings of method `idmot`: trackers of a view that touch repel each other and keep their ways."""
+    """Settings of method `idmot`: touching trackers of a view repel each other and keep their direction of motion."""
 
     OWNER: ClassVar[str] = "idmot"
 
@@ -160,7 +160,7 @@ class IdmotConfig(MipfConfig):
 
 @dataclass(frozen=True)
 class LoopCheckConfig(MipfConfig):
-    """Settings of the methods in which views help each other: epipolar lines, and the check of counterparts by them."""
+    """Settings of methods with collaboration of views: epipolar lines and the check of counterparts by them."""
 
     ALONE: ClassVar[str]
     """What the method does where no other view can help."""
@@ -175,13 +175,13 @@ class LoopCheckConfig(MipfConfig):
 
     @property
     def bottom(self) -> bool:
-        """Whether the lowest point of an ellipse represents its target; else its centre."""
+        """Return whether an ellipse is represented by its lowest point, rather than its centre."""
         return self.anchor == "bottom"
 
 
 @dataclass(frozen=True)
 class BmctConfig(LoopCheckConfig, IdmotConfig):
-    """Settings of method `bmct`: trackers that are close to others are helped by the other views."""
+    """Settings of method `bmct`: trackers close to others are assisted by the other views."""
 
     OWNER: ClassVar[str] = "bmct"
     ALONE: ClassVar[str] = "does what idmot does"
@@ -206,7 +206,7 @@ class BmctConfig(LoopCheckConfig, IdmotConfig):
     restart_similarity: float = setting(0.85, "Minimum colour similarity for a restart.", **SHARE)
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """What touches is close."""
+        """Check that the distance for touching does not exceed that for closeness."""
         yield (
             "collaboration_distance",
             self.collaboration_distance >= self.interaction_distance,

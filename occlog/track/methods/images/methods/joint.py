@@ -36,7 +36,7 @@ MCMC = MODES.index("mcmc")
 
 
 class ViewFrame(NamedTuple):
-    """A frame of one view with n targets, before they are moved into it."""
+    """A frame of one view, with the state of its n targets before the motion step."""
 
     state: VisualState
     config: McmcConfig
@@ -57,7 +57,7 @@ class ViewSamples(NamedTuple):
 def joint_samples(
     state: VisualState, config: McmcConfig, frames: FrameSet, arrival: FrameContext, rng: Generator
 ) -> TrackerParticles:
-    """Move, weigh and resample the targets of each view together."""
+    """Move, weigh and resample the targets of each view jointly."""
     t = state.trackers
     n, count = t.particles.shape[:2]
     out = TrackerParticles(
@@ -87,7 +87,7 @@ def joint_samples(
 
 
 def run_mcmc(frame: ViewFrame, rng: Generator) -> ViewSamples:
-    """Draw samples by a Markov chain that starts from a moved sample of the frame before."""
+    """Sample by a Markov chain started from a predicted sample of the previous frame."""
     config, n = frame.config, len(frame.rows)
     burn = round(config.burn_in * config.particles)
     moves = burn + config.particles * config.thin
@@ -107,7 +107,7 @@ def run_mcmc(frame: ViewFrame, rng: Generator) -> ViewSamples:
 
 
 def run_sir(frame: ViewFrame, rng: Generator) -> ViewSamples:
-    """Move all samples of the frame before as wholes, and weigh them."""
+    """Predict all joint samples of the previous frame and weigh them (importance sampling)."""
     before = frame.state.trackers.particles[frame.rows]
     n, count = before.shape[:2]
     # Propose: by the motion
@@ -125,7 +125,7 @@ def run_sir(frame: ViewFrame, rng: Generator) -> ViewSamples:
 
 
 def _resampled(samples: ViewSamples, rng: Generator) -> Floats:
-    """(n, N, 5) samples of equal weight, drawn as wholes by systematic resampling."""
+    """Return (n, N, 5) joint samples of equal weight, resampled systematically."""
     ancestors = systematic_ancestors(
         normalise_log_weights(samples.log_weights)[0], len(samples.log_weights), rng.random()
     )
@@ -133,7 +133,7 @@ def _resampled(samples: ViewSamples, rng: Generator) -> Floats:
 
 
 def _moved(frame: ViewFrame, ellipses: Floats, owner: Ints, rng: Generator) -> Floats:
-    """(P, 5) ellipses after the motion from (P, 5), of the view's targets `owner` (P,)."""
+    """Return (P, 5) ellipses after the motion step, of the view's targets `owner` (P,)."""
     t, rows = frame.state.trackers, frame.rows[owner]
     after = moved(
         ellipses[:, None],
@@ -147,6 +147,6 @@ def _moved(frame: ViewFrame, ellipses: Floats, owner: Ints, rng: Generator) -> F
 
 
 def _weighed(frame: ViewFrame, ellipses: Floats, owner: Ints) -> tuple[Floats, Floats]:
-    """(P,) similarity and (P,) local log likelihood of ellipses (P, 5) of the view's targets `owner` (P,)."""
+    """Return (P,) colour similarities and (P,) local log likelihoods of ellipses (P, 5) of targets `owner` (P,)."""
     boxes = np.concatenate([boxes_of(ellipses[None, owner == i]) for i in range(len(frame.rows))])
     return local_likelihood(frame.state, frame.frames, frame.arrival.own, boxes, ellipses, frame.rows[owner])

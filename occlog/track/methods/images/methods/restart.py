@@ -88,7 +88,7 @@ def check_new_pairs(state: VisualState, config: LoopCheckConfig) -> ImageTracker
 
 
 def _check(state: VisualState, config: LoopCheckConfig, fresh: Bools) -> Ints:
-    """(n, V) outcomes of `loop_check`; unknown where an estimate is old."""
+    """Return (n, V) loop-check results; unknown where an estimate is old."""
     t = state.trackers
     found = loop_check(
         t.estimate,
@@ -102,23 +102,26 @@ def _check(state: VisualState, config: LoopCheckConfig, fresh: Bools) -> Ints:
 
 
 def _first(t: ImageTrackers, check: Ints, good: Bools, streak: Ints) -> tuple[Bools, Ints, Bools]:
-    """`good`, `streak` and `checked` where the first check of a pair decides at once."""
+    """Return `good`, `streak` and `checked`, where the first check of a pair decides its status at once."""
     first = ~t.checked & (check != UNKNOWN)
     return np.where(first, check == TOGETHER, good), np.where(first, 0, streak), t.checked | first
 
 
 def counterpart_status(t: ImageTrackers) -> Ints:
-    """(n,) `GOOD` with a good counterpart, `BAD` with bad ones only, `NONE` without one that can be checked."""
+    """Return (n,) counterpart status: `GOOD` with a good one, `BAD` with bad ones only, `NONE` without checked ones."""
     return np.where(t.good.any(axis=1), GOOD, np.where(t.checked.any(axis=1), BAD, NONE))
 
 
 def assisting_views(t: ImageTrackers, fresh: Bools) -> Ints:
-    """(n, V) rows of the trackers that may help: good counterparts with fresh estimates (n,); -1: none."""
+    """Return (n, V) row of the assisting tracker in each view: a good counterpart with a fresh estimate.
+
+    -1 for none.
+    """
     return np.where(t.good & (t.counterpart >= 0) & fresh[t.counterpart], t.counterpart, -1)
 
 
 def nearest(t: ImageTrackers) -> Floats:
-    """(n,) distance to the nearest tracker of the same view, in sums of radii; inf for none."""
+    """Return (n,) distances to the nearest tracker of the same view, in sums of radii; inf for none."""
     return np.asarray(
         np.where(t.view[:, None] == t.view[None, :], nearness(t.estimate), np.inf).min(axis=1, initial=np.inf)
     )
@@ -158,13 +161,13 @@ def restart_one(state: VisualState, config: BmctConfig, frames: FrameSet) -> Vis
 
 
 def _views_agree(t: ImageTrackers, i: int, j: int) -> bool:
-    """Whether at least half of the pairs of the two trackers' views are good, so that their geometry is not wrong."""
+    """Return whether at least half of the view pairs of the two trackers are good, so that the geometry fits."""
     pairs = (t.view == t.view[i]) & t.checked[:, t.view[j]]
     return bool(2 * (pairs & t.good[:, t.view[j]]).sum() >= pairs.sum())
 
 
 def _best_place(state: VisualState, config: BmctConfig, i: int, guide: int, frames: FrameSet) -> Floats | None:
-    """(5,) ellipse on the line of counterpart `guide` that is most like the target of tracker i; None: no good one."""
+    """Return the ellipse (5,) on counterpart `guide`'s epipolar line most similar to tracker i's target, or None."""
     t, v = state.trackers, int(state.trackers.view[i])
     view = state.views[v]
     if frames.images[v] is None:
@@ -183,7 +186,7 @@ def _best_place(state: VisualState, config: BmctConfig, i: int, guide: int, fram
 
 
 def _places_on_line(state: VisualState, config: BmctConfig, i: int, guide: int) -> Floats:
-    """(K, 5) ellipses of tracker i, as large as at its start, along the epipolar line of its counterpart."""
+    """Return (K, 5) ellipses along the epipolar line of a counterpart, of tracker i's initial size."""
     t, bottom = state.trackers, config.bottom
     maps, view = affine_maps(state, t.estimate), state.views[int(t.view[i])]
     x, y = anchor(t.estimate[guide], maps[guide], bottom)
@@ -200,7 +203,10 @@ def _places_on_line(state: VisualState, config: BmctConfig, i: int, guide: int) 
 
 
 def _moved_to(t: ImageTrackers, i: int, position: Floats) -> ImageTrackers:
-    """Put tracker i in another position, at rest; its counterparts stay bad until checks in a row say otherwise."""
+    """Move tracker i to another position with zero velocity.
+
+    Its counterparts stay bad until checks succeed in a row.
+    """
     out = ImageTrackers._make(field.copy() for field in t)
     out.particles[i], out.estimate[i] = position, position
     out.velocity[i], out.path[i], out.weak[i] = 0.0, 0.0, 0

@@ -104,7 +104,7 @@ OUTSIDE = 255
 
 
 class OwnRegions(NamedTuple):
-    """The regions that belong to one of n trackers each."""
+    """Detected regions assigned to one of n trackers each."""
 
     has: Bools  # (n,) whether the tracker has one
     region: Floats  # (n, 5) NaN: none
@@ -136,20 +136,20 @@ def mask_outside(bins: Bytes, boxes: Ints, frames: FrameSet, view: int) -> None:
 
 
 def is_masked(frames: FrameSet, view: int) -> bool:
-    """Whether `mask_outside` may change a view's map."""
+    """Return whether `mask_outside` may change the view's map of colour bins."""
     regions = bool(frames.regions) and frames.regions[view] is not None
     return regions or (bool(frames.masks) and frames.masks[view] is not None)
 
 
 def _clear(bins: Bytes, boxes: Ints, inside: Bools) -> None:
-    """Set the bins that are in the boxes and not `inside` (H, W) to `OUTSIDE`."""
+    """Set the bins inside the boxes but not `inside` (H, W) to `OUTSIDE`, in place."""
     for left, top, right, bottom in boxes.tolist():
         part = slice(max(top, 0), max(bottom, 0)), slice(max(left, 0), max(right, 0))
         bins[part][~inside[part]] = OUTSIDE
 
 
 def own_regions(frames: FrameSet, view: Ints, expected: Floats, reach: float) -> OwnRegions:
-    """Find the regions and trackers that have only each other within reach.
+    """Return the regions and trackers that have only each other within reach.
 
     Args:
         frames: with the regions.
@@ -236,7 +236,7 @@ class ImageTrackers(NamedTuple):
 
 
 class FrameClock(NamedTuple):
-    """Times of the last frames of V views."""
+    """Times of the latest frames of V views."""
 
     t_ns: Ints  # (V,) of the last one; -1: none yet
     interval_ns: Floats  # (V, INTERVALS) between the last ones; NaN: not known
@@ -271,7 +271,7 @@ def initial_state(views: Sequence[TrackedView], geometry: ViewGeometry, config: 
 
 
 def both_directions(geometry: ViewGeometry) -> ViewGeometry:
-    """Replace each unknown fundamental matrix by the transposed matrix of the other direction, F_ba = F_ab^T."""
+    """Fill each unknown fundamental matrix with the transpose of the opposite direction's, F_ba = F_ab^T."""
     given = np.array(geometry.fundamental, dtype=np.float64)
     back = given.transpose(1, 0, 3, 2)
     return geometry._replace(fundamental=np.where(np.isnan(given).any(axis=(2, 3), keepdims=True), back, given))
@@ -280,7 +280,7 @@ def both_directions(geometry: ViewGeometry) -> ViewGeometry:
 def _at_rest(
     view: Ints, target: Ints, ellipse: Floats, colours: Floats, split: Bools, views: int, config: MipfConfig
 ) -> ImageTrackers:
-    """Trackers with all particles at the given ellipses (n, 5), at rest, without counterparts yet."""
+    """Return trackers with all particles at ellipses (n, 5), zero velocity and no counterparts."""
     n, memory = len(view), config.memory if isinstance(config, IdmotConfig) else 1
     return ImageTrackers(
         view=view,
@@ -320,12 +320,12 @@ def add_trackers(state: VisualState, frames: FrameSet, births: Sequence[Birth]) 
 
 
 def keys_of(trackers: ImageTrackers) -> list[TrackerKey]:
-    """View and target of each tracker."""
+    """Return view and target of each tracker."""
     return list(zip(trackers.view.tolist(), trackers.target.tolist(), strict=True))
 
 
 def _initiated(state: VisualState, frames: FrameSet, births: Sequence[Birth]) -> ImageTrackers:
-    """New trackers, with the colours in the frames."""
+    """Return new trackers with the colours in the frames."""
     config = state.config
     ellipse = level(np.array([birth.ellipse for birth in births], dtype=np.float64))
     split = upright(ellipse, config.halves)
@@ -359,7 +359,7 @@ def update_map(state: VisualState, frames: FrameSet, view: int, boxes: Ints) -> 
 
 
 def _paired(trackers: ImageTrackers, views: int) -> ImageTrackers:
-    """Find the counterparts of all trackers; the loop check restarts for a pair that has changed."""
+    """Find the counterparts of all trackers; the loop check starts over for pairs that changed."""
     row = {key: i for i, key in enumerate(keys_of(trackers))}
     counterpart = np.full((len(trackers.view), views), -1)
     for (view, target), i in row.items():
@@ -390,7 +390,7 @@ def end_trackers(state: VisualState, keys: Sequence[TrackerKey]) -> VisualState:
 
 
 def advance_clock(state: VisualState, frames: FrameSet) -> VisualState:
-    """Put the time of the frames on the clocks of their views; the same frames a second time change nothing."""
+    """Set the latest frame times of the views; the same frames again change nothing."""
     clock = state.clock
     have = np.array([image is not None for image in frames.images]) & (clock.t_ns != frames.t_ns)
     interval = np.where(clock.t_ns >= 0, frames.t_ns - clock.t_ns, np.nan)
@@ -404,7 +404,7 @@ def advance_clock(state: VisualState, frames: FrameSet) -> VisualState:
 
 
 def gaps(clock: FrameClock, t_ns: int) -> Floats:
-    """(V,) frames of each view from its last one to one at a time: whole numbers, 1 to `LONGEST`."""
+    """Return (V,) frame counts of each view from its latest frame to a time: integers from 1 to `LONGEST`."""
     return np.clip(np.round(ages(clock, t_ns)), 1.0, LONGEST)
 
 

@@ -35,7 +35,7 @@ def initiate_trackers(state: VisualState, frames: FrameSet, births: Sequence[Bir
 
 
 def advance(state: VisualState, frames: FrameSet, rng: Generator) -> tuple[VisualState, TrackerOutlines]:
-    """Take in the frames of one time, which come after those of births.
+    """Update all trackers with the frames of one time step (after births at that time).
 
     Args:
         state: its buffers belong to the next state afterwards.
@@ -57,7 +57,10 @@ def advance(state: VisualState, frames: FrameSet, rng: Generator) -> tuple[Visua
 def advance_with(
     state: VisualState, frames: FrameSet, arrival: FrameContext, samples: TrackerParticles
 ) -> tuple[VisualState, TrackerOutlines]:
-    """Take in the weighted particles of one time: all of `advance` after the estimate."""
+    """Update all trackers with the weighted particles of one time step.
+
+    `advance` without the proposal and weighting.
+    """
     config, here = state.config, arrival.here
     after = _updated(state.trackers, arrival, samples, config)
     state = advance_clock(state._replace(trackers=_where(here, after, state.trackers)), frames)
@@ -80,7 +83,7 @@ def advance_with(
 
 
 def _updated(t: ImageTrackers, arrival: FrameContext, samples: TrackerParticles, config: MipfConfig) -> ImageTrackers:
-    """Trackers with the particles and estimates of their frame, and with what follows from these."""
+    """Return trackers with this frame's particles and estimates, and updated velocity, path and checks."""
     # Update the velocity: exponential mean of the displacements
     step = (samples.estimate[:, :2] - t.estimate[:, :2]) / arrival.gap[:, None]
     velocity = config.keep_velocity * t.velocity + (1.0 - config.keep_velocity) * step
@@ -102,7 +105,7 @@ def _updated(t: ImageTrackers, arrival: FrameContext, samples: TrackerParticles,
 
 
 def _where(rows: Bools, one: ImageTrackers, other: ImageTrackers) -> ImageTrackers:
-    """Trackers of one set in the rows (n,), and of another elsewhere."""
+    """Merge two sets of trackers: rows (n,) from the first, others from the second."""
     if rows.all():
         return one
     pairs = zip(one, other, strict=True)
@@ -110,7 +113,7 @@ def _where(rows: Bools, one: ImageTrackers, other: ImageTrackers) -> ImageTracke
 
 
 def end_events(t: ImageTrackers, size: Floats, config: MipfConfig) -> Ints:
-    """Which trackers end, [Qu] Sec. 3.4.3: `LEFT`, `TERMINATED`, or 0 for those that go on.
+    """Return the end event of each tracker ([Qu] Sec. 3.4.3): `LEFT`, `TERMINATED`, or 0 for those that go on.
 
     A target has left when the centre is outside the image, or when it was lost while the
     ellipse reaches over the edge.  It was lost when no particle has had its colours for
@@ -129,7 +132,7 @@ def end_events(t: ImageTrackers, size: Floats, config: MipfConfig) -> Ints:
 
 
 def _outlines(state: VisualState, here: Bools, samples: TrackerParticles, event: Ints) -> TrackerOutlines:
-    """Rows of the trackers in views that had a frame."""
+    """Return output rows of the trackers whose view had a frame."""
     t, rows, checked = state.trackers, np.flatnonzero(here), isinstance(state.config, LoopCheckConfig)
     return TrackerOutlines(
         view=t.view[rows],

@@ -55,7 +55,7 @@ MAX_ESTIMATE_AGE_PERIODS = 1.5
 
 
 class FrameContext(NamedTuple):
-    """What the frames of one time are to n trackers."""
+    """Frames of one time step as used by n trackers."""
 
     here: Bools  # (n,) whether the view has a frame
     age: Floats  # (n,) time since the view's last frame [frame periods]
@@ -77,7 +77,7 @@ class LocalWeights(NamedTuple):
 
 
 def arrival_of(state: VisualState, frames: FrameSet) -> FrameContext:
-    """Find which trackers have a frame and an own region at one time."""
+    """Return which trackers have a frame, and a region of their own, at one time step."""
     t = state.trackers
     here = np.array([image is not None for image in frames.images])[t.view]
     age, gap = ages(state.clock, frames.t_ns)[t.view], gaps(state.clock, frames.t_ns)[t.view]
@@ -87,7 +87,7 @@ def arrival_of(state: VisualState, frames: FrameSet) -> FrameContext:
 
 
 def local_weights(state: VisualState, frames: FrameSet, arrival: FrameContext, rng: Generator) -> LocalWeights:
-    """Move the particles of all trackers into the frames, and weigh them by the images alone."""
+    """Propose particles of all trackers for the frames and weigh them by the images alone."""
     t, c = state.trackers, state.config
     # Propose: by the motion, p(x_t | x_t-1), over as many frames as are missing
     normals = rng.standard_normal(t.particles.shape)
@@ -117,7 +117,7 @@ def local_weights(state: VisualState, frames: FrameSet, arrival: FrameContext, r
 
 
 def motion_of(config: MipfConfig) -> EllipseMotion:
-    """The motion model of the settings."""
+    """Return the ellipse motion model of the settings."""
     return EllipseMotion(
         sigma=config.sigma_px,
         keep=config.keep_axes,
@@ -158,7 +158,10 @@ def local_likelihood(
 
 
 def likeness_of_estimates(state: VisualState, here: Bools) -> Floats:
-    """(n,) similarity of the estimates where the map of bins is up to date; 1 where the view has no frame."""
+    """Return (n,) colour similarities of the estimates where the map of bins is current.
+
+    1 where the view has no frame.
+    """
     t = state.trackers
     out = np.ones(len(t.view))
     for v, bins in enumerate(state.bins):
@@ -173,7 +176,7 @@ NEVER = -1.0
 
 
 class TrackerParticles(NamedTuple):
-    """Weighted particles of n trackers in one frame, and what follows from them."""
+    """Weighted particles of n trackers in one frame, with estimates and helper views."""
 
     weights: Floats  # (n, N) w of [Qu] Eq. 4; each row sums to 1
     estimate: Floats  # (n, 5) weighted means
@@ -221,7 +224,7 @@ def weigh(state: VisualState, arrival: FrameContext, local: LocalWeights, rng: G
 
 
 def weighing_model(state: VisualState, arrival: FrameContext, local: LocalWeights) -> WeighingModel:
-    """What also the local likelihood counts, by the temporary estimates of [Qu] Alg. 1.
+    """Return the terms of the weights besides the local likelihood, from the temporary estimates of [Qu] Alg. 1.
 
     Args:
         state: before the frame.

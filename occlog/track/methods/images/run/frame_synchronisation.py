@@ -35,7 +35,7 @@ MAX_AHEAD = 8
 
 
 class CameraSurvey(NamedTuple):
-    """A camera's image size, frame period and first frames, before its frames are tracked in."""
+    """Image size, frame period and first frames of a camera, read before tracking."""
 
     view: TrackedView
     period_ns: int  # median of the first frames; 0: there is one frame only
@@ -45,14 +45,14 @@ class CameraSurvey(NamedTuple):
 
 
 class MaskedImage(NamedTuple):
-    """A frame's image, and a mask of where it shows no background; None: not known."""
+    """Image of a frame with a mask of its foreground (None: unknown)."""
 
     image: Image
     mask: Image | None
 
 
 class FrameSetImages(NamedTuple):
-    """The frames of one time."""
+    """Images of all views at one time step."""
 
     frames: FrameSet
     t_ns: Ints  # (V,) each frame's own time; -1: no frame
@@ -109,7 +109,7 @@ def survey(
 
 
 def step_window(periods: Iterable[int]) -> int:
-    """The widest window [ns] below half the shortest period; 0 where no camera has one."""
+    """Return the largest time window [ns] below half the shortest frame period; 0 if no period is known."""
     shortest = min((p for p in periods if p > 0), default=0)
     return max((shortest - 1) // 2, 0)
 
@@ -160,7 +160,7 @@ def in_step(
 
 
 def _groups(frames: Iterable[Frame], index_of: dict[str, int], window_ns: int) -> Iterator[dict[str, Frame]]:
-    """Group frames into time steps, by camera."""
+    """Generate groups of frames, one per camera at most, that belong to one time step."""
     group: dict[str, Frame] = {}
     first = last = None
     for frame in frames:
@@ -191,7 +191,7 @@ def _decode(
     before: Future[list[MaskedImage | str]] | None,
     model: BackgroundModel | None,
 ) -> list[MaskedImage | str]:
-    """Decode a camera's frames, after those `before`; a text instead of an image states why it cannot be used."""
+    """Decode a frame of a camera and update its background model; return the reason as text if it cannot be used."""
     if before is not None:
         before.exception()  # waits; the error itself is raised where the result is taken
     images = ((frame.index, _image(frame.decode, view, bits)) for frame in frames)
@@ -202,7 +202,7 @@ def _decode(
 
 
 def _image(decode: Callable[[], Image], view: TrackedView, bits: int | None) -> Image | str:
-    """Decode a frame; a text states why it cannot be used."""
+    """Decode a frame; return the reason as text if it cannot be used."""
     try:
         decoded = decode()
     except InputError as error:
@@ -221,7 +221,7 @@ def _image(decode: Callable[[], Image], view: TrackedView, bits: int | None) -> 
 def _frame_sets(
     groups: Sequence[dict[str, Frame]], jobs: dict[str, Future[list[MaskedImage | str]]], index_of: dict[str, int]
 ) -> Iterator[FrameSetImages]:
-    """Yield the time steps of a batch when its frames are decoded."""
+    """Yield the time steps of a batch once their frames are decoded."""
     decoded = {name: iter(job.result()) for name, job in jobs.items()}
     for group in groups:
         yield _frame_set(group, {name: next(decoded[name]) for name in index_of if name in group}, index_of)
@@ -230,7 +230,7 @@ def _frame_sets(
 def _frame_set(
     group: dict[str, Frame], decoded: dict[str, MaskedImage | str], index_of: dict[str, int]
 ) -> FrameSetImages:
-    """Put the frames of one time step in the order of the views; `index_of` is the number of each camera's view."""
+    """Arrange the frames of one time step by view number (`index_of`)."""
     number, t_ns = np.full(len(index_of), -1), np.full(len(index_of), -1, dtype=np.int64)
     images: list[Image | None] = [None] * len(index_of)
     masks: list[Image | None] = [None] * len(index_of)
@@ -249,5 +249,5 @@ def _frame_set(
 
 
 def there(frame_set: FrameSetImages) -> Bools:
-    """(V,) views that have a frame."""
+    """Return (V,) booleans: whether each view has a frame."""
     return np.array([image is not None for image in frame_set.frames.images])

@@ -46,10 +46,10 @@ LARGE_ID = 2**30
 
 
 class ViewsInput:
-    """The recording, and everything that tracking in its images needs to know beforehand."""
+    """The input recording and everything that image tracking needs of it."""
 
     def __init__(self, request: ViewsRequest, stage: ViewsConfig) -> None:
-        """Open the recording and look at the first frames of every camera."""
+        """Open the recording and read the first frames of every camera."""
         self.request, self.stage = request, stage
         self.given = 0  # first ellipses
         self.opened, self.recording = open_video(request)
@@ -68,18 +68,18 @@ class ViewsInput:
 
     @property
     def losses(self) -> tuple[Loss, ...]:
-        """What was lost when the recording, the first ellipses, the detections and the matrices were made."""
+        """Return the losses recorded when the recording, first ellipses, detections and matrices were made."""
         found = input_losses([self.opened, self._initial, self._detections])
         return tuple(dict.fromkeys((*found, *model_losses([self.request.fundamental]))))
 
     @property
     def length_unit(self) -> str:
-        """Unit of lengths in the scene."""
+        """Return the length unit of the scene."""
         return "m" if self.scene is None else self.scene.length_unit
 
     @property
     def frames(self) -> int:
-        """Number of frames that the recording announces."""
+        """Return the number of frames that the recording announces."""
         wanted = {f"/camera/{name}/{kind}" for name in self.names for kind in ("image", "video")}
         return sum(t.messages for t in self.recording.topics if t.name in wanted)
 
@@ -87,18 +87,18 @@ class ViewsInput:
         return next((c for c in self.scene.cameras if c.name == name), None) if self.scene is not None else None
 
     def _placed(self) -> list[str]:
-        """Names of the cameras with a pose."""
+        """Return the names of the cameras with a pose."""
         return [c.name for c in map(self._camera, self.names) if c is not None and c.placed]
 
     def on_ground(self, tracks: Iterable[ViewTracks], window_ns: int) -> Iterator[GroundTracksPart]:
-        """Tracks in the world from tracks in the images; none without a scene."""
+        """Return ground tracks triangulated from image tracks; none without a scene."""
         if self.scene is None:
             return iter(())
         config = GroundConfig(window_s=window_ns / 1e9, initial_switch_probability=STARTS.get(self.request.births, 0.0))
         return ground_tracks(tracks, self.scene, config, self._placed())
 
     def check_world(self) -> None:
-        """Raise InputError where no camera has a pose, so that no place in the world can be found."""
+        """Raise InputError if no camera has a pose, so that no ground position can be computed."""
         if not self._placed():
             raise InputError(
                 f"{self.request.bearings}: no camera has a pose, so positions on the ground are unknown; give a scene "
@@ -107,7 +107,7 @@ class ViewsInput:
             )
 
     def starts(self) -> tuple[tuple[Start, ...], int]:
-        """Trackers to begin from the file of first ellipses, and the first identity that is free for others."""
+        """Return the trackers to start from the file of first ellipses, and the first free identity."""
         if self.request.initial_ellipses is None:
             return (), 0
         sizes = {view.name: (view.width, view.height) for view in self.views}
@@ -122,7 +122,7 @@ class ViewsInput:
         return tuple(starts), first_free([s.target_id for s in starts])
 
     def _check_frames(self, given: tuple[GivenEllipse, ...]) -> None:
-        """Raise InputError for a frame that a camera does not have."""
+        """Raise InputError for a frame number that a camera does not have."""
         for name, known in zip(self.names, self.surveyed, strict=True):
             asked = [g for g in given if g.sensor == name and g.frame not in (FIRST, known.first)]
             if not asked:
@@ -136,14 +136,14 @@ class ViewsInput:
                     )
 
     def background(self, quiet: bool) -> tuple[BackgroundModel | None, ...]:
-        """Background models of the views; none unless they are wanted."""
+        """Return the background models of the views; none unless requested."""
         if not self.stage.background:
             return ()
         frames = console.progress(self.recording.frames(self.names), "first look", self.frames, quiet=quiet)
         return background_models(frames, with_cameras(self.scene, self.views), self.views, threads_by_default())
 
     def region_stream(self) -> RegionStream | None:
-        """Regions of a detector; None where trackers begin from a file only."""
+        """Return the stream of detected regions; None where trackers start from a file only."""
         path = self.request.detections
         if path is not None:
             return self._given(path)
@@ -157,7 +157,7 @@ class ViewsInput:
         return RegionStream(regions, True)
 
     def _given(self, path: Path) -> RegionStream:
-        """Regions of a file of detections."""
+        """Return the regions of a file of detections."""
         self._detections = opened = open_input(path)
         if opened.recording is None and opened.has(Views):
             return RegionStream(regions_of_views(opened.rows(Views)), True)
@@ -173,7 +173,7 @@ class ViewsInput:
 
 
 def first_free(taken: Sequence[int]) -> int:
-    """First of many free identities: after the largest one, or where that is too large after another one.
+    """Return the first of a range of free identities: after the largest taken one, or else in a gap.
 
     Args:
         taken: identities of targets, from 0 to 2^31 - 1.
@@ -225,7 +225,7 @@ FROM_DETECTIONS = "trackers were born from detections, so that their numbers are
 
 
 def video_provenance(tracks: Path | None) -> Provenance | None:
-    """How `occlog track` made a table from video; None for anything else."""
+    """Return the parameters of `occlog track` by which a table was made from video; None for other tables."""
     opened = None if tracks is None else open_if_ours(tracks)
     if opened is None or opened.recording is not None:
         return None
@@ -234,13 +234,13 @@ def video_provenance(tracks: Path | None) -> Provenance | None:
 
 
 def initiated_from_detections(tracks: Path | None) -> bool:
-    """Whether trackers came from detections, perhaps in addition to those that were given."""
+    """Return whether trackers were started from detections, alone or in addition to given ellipses."""
     made = video_provenance(tracks)
     return made is not None and made.parameters["births"] != "initial"
 
 
 def independent_id_note(tracks: Path | None, own: str, asked: str | None) -> list[str]:
-    """A line on which target is a tracker's own where trackers came from detections.
+    """Return a note on which target is an independent tracker's, where trackers came from detections.
 
     Args:
         tracks: the tracks.
@@ -254,10 +254,9 @@ def independent_id_note(tracks: Path | None, own: str, asked: str | None) -> lis
 
 
 def other_video(tracks: Path | None, recordings: Iterable[Path | None]) -> list[str]:
-    """A line for each recording with video that is not what the tracks were made from.
+    """Return a note for each recording with video that is not the one the tracks were made from.
 
-    Two recordings may have the same times and cameras, so that nothing else distinguishes them; but a
-    copy is another file too, so that this is no error.
+    Two recordings may have the same times and cameras; a copy is another file too, so this is no error.
 
     Args:
         tracks: the tracks; tables that `occlog track` did not make from video are not judged.
@@ -276,6 +275,6 @@ def other_video(tracks: Path | None, recordings: Iterable[Path | None]) -> list[
 
 
 def _has_video(path: Path) -> bool:
-    """Whether a file is a recording with images."""
+    """Return whether a file is a recording with images."""
     opened = open_if_ours(path)
     return opened is not None and opened.recording is not None and bool(opened.recording.cameras)

@@ -49,10 +49,10 @@ EARLY_PERIODS = 3
 
 
 class ViewsSummary:
-    """Figures of the summary, counted while streaming."""
+    """Summary figures of image tracking, counted while streaming."""
 
     def __init__(self, method: str, inputs: ViewsInput) -> None:
-        """Begin with all counts at 0."""
+        """Start with all counts at 0."""
         self.method, self.inputs = method, inputs
         n = len(inputs.views)
         self.rows = 0
@@ -72,7 +72,7 @@ class ViewsSummary:
         self.rows_of: Counter[str] = Counter()
 
     def add(self, part: ViewsPart) -> None:
-        """Count some time steps."""
+        """Add the counts of some time steps."""
         self.rows += len(part.tracks)
         self.rows_of.update(part.tracks.sensor.tolist())
         self.particles.add(part.tracks.ess)
@@ -89,19 +89,19 @@ class ViewsSummary:
         self.dropped += part.dropped
 
     def _check(self, checks: Checks) -> None:
-        """Count loop checks by pair of views."""
+        """Add loop checks to the counts of each pair of views."""
         for a, b, radii, px in zip(*(column.tolist() for column in checks), strict=True):
             self.failed[int(a), int(b)] += radii > 1.0
             self.distances[int(a), int(b)][int(min(px / BIN_PX, BINS - 1))] += 1
 
     def losses(self) -> list[Loss]:
-        """Frames that could not be used, in segments."""
+        """Return the unusable frames, in segments."""
         return [
             loss for view, lost in zip(self.inputs.views, self.lost, strict=True) for loss in stretches(view.name, lost)
         ]
 
     def summary(self) -> dict[str, object]:
-        """The figures of the summary."""
+        """Return the figures of the summary."""
         names = self.inputs.names
         total = max(sum(self.modes.values()), 1)
         checks = {
@@ -126,7 +126,7 @@ class ViewsSummary:
         }
 
     def checks(self) -> tuple[Check, ...]:
-        """Checks of the tracks with their findings."""
+        """Return the checks of the tracks with their findings."""
         pairs = sum(int(each.sum()) >= MIN_LOOP_CHECKS for each in self.distances.values())
         uncounted = "" if self._uses_regions else "trackers do not begin from what moves in the images"
         depleted = "" if self.particles.rows else "the method has no particles"
@@ -163,22 +163,22 @@ class ViewsSummary:
 
     @property
     def _uses_regions(self) -> bool:
-        """Whether trackers begin from regions that move, and not from first ellipses or from boxes of a detector."""
+        """Return whether trackers start from moving regions rather than from given ellipses or boxes of a detector."""
         request, boxes = self.inputs.request, self.inputs.recording.has(Boxes)
         return request.births != "initial" and (request.detections is not None or not boxes)
 
     def _at_a_time(self) -> dict[str, float]:
-        """Mean number of targets in a frame of each view."""
+        """Return the mean number of targets per frame of each view."""
         frames = zip(self.inputs.names, self.frames.tolist(), strict=True)
         return {name: self.rows_of[name] / count for name, count in frames if count}
 
     def _none(self) -> Iterator[Check]:
-        """No target at all."""
+        """Return the finding that no target was tracked, if so."""
         if not self.rows:
             yield finding(NUMBER, "no-view-tracks")
 
     def _too_many(self) -> Iterator[Check]:
-        """Views with more targets at a time than silhouettes of people can be distinguished in."""
+        """Return the views with more simultaneous targets than silhouettes of people can be separated."""
         for name, count in self._at_a_time().items():
             if count > MAX_TARGETS_PER_FRAME:
                 yield finding(
@@ -186,7 +186,7 @@ class ViewsSummary:
                 )
 
     def _first(self) -> Iterator[Check]:
-        """First ellipses that begin no tracker, and views without one."""
+        """Return findings about first ellipses that started no tracker, and views without one."""
         if (late := self.inputs.given - self.events["start"]) > 0:
             yield finding(FIRST, "initial-ellipses-unused", count=late, given=self.inputs.given)
         bare = [name for name in self.inputs.names if name not in self.begun]
@@ -194,7 +194,7 @@ class ViewsSummary:
             yield finding(FIRST, "view-without-tracks", sensors=bare)
 
     def _alone(self) -> Iterator[Check]:
-        """Views that cannot help each other."""
+        """Return the views that cannot assist each other."""
         config = CONFIGS[self.method]
         if not issubclass(config, LoopCheckConfig):
             return
@@ -204,7 +204,7 @@ class ViewsSummary:
             yield finding(SHARED, "views-without-links", method=self.method, does=config.ALONE)
 
     def _ends(self) -> Iterator[Check]:
-        """Views that end before the others."""
+        """Return the views that end before the others."""
         latest = int(self.last_ns.max(initial=-1))
         for s, last, n in zip(self.inputs.surveyed, self.last_ns.tolist(), self.frames.tolist(), strict=True):
             if last >= 0 and latest - last > EARLY_PERIODS * max(s.period_ns, 2 * self.inputs.window_ns):
@@ -212,7 +212,7 @@ class ViewsSummary:
                 yield finding(ENDS, "view-ends-early", sensors=[s.view.name], early_s=early_s, frames=n)
 
     def _misfits(self) -> list[tuple[int, int]]:
-        """Pairs of views with a fundamental matrix that most loop checks contradict."""
+        """Return pairs of views whose fundamental matrix is contradicted by most loop checks."""
         most = [
             pair
             for pair, distances in self.distances.items()
@@ -221,7 +221,7 @@ class ViewsSummary:
         return sorted({*most, *self.dropped})
 
     def _misfit(self, a: int, b: int) -> Check:
-        """The fundamental matrix of two views, with the median distance of their loop checks."""
+        """Return the finding about the fundamental matrix of two views, with the median loop distance."""
         distances = self.distances[a, b]
         n = int(distances.sum())
         median = BIN_PX * (int(np.searchsorted(np.cumsum(distances), 0.5 * n)) + 0.5)
@@ -299,7 +299,7 @@ def run_track_views(request: ViewsRequest, job: Job) -> tuple[dict[str, object],
 
 
 def _check_met(stream: RegionStream | None, request: ViewsRequest, inputs: ViewsInput) -> None:
-    """Raise InputError where no detection is of the time of a frame."""
+    """Raise InputError if no detection coincides with a frame's time."""
     if stream is not None and stream.read and not stream.met:
         raise InputError(
             f"{request.detections or request.bearings}: none of its {stream.read} regions is of the time of a frame "
@@ -317,7 +317,7 @@ def _written(parts: Iterator[ViewsPart], tables: Tables, summary: ViewsSummary) 
 
 
 def view_settings(request: ViewsRequest) -> tuple[MipfConfig, ViewsConfig]:
-    """Settings of the method, and of births and ends; UsageError for a setting of neither."""
+    """Return the method's settings and those of births and ends; UsageError for an unknown setting."""
     around = {f.name for f in fields(ViewsConfig)}
     own = {name: value for name, value in request.settings.items() if name not in around}
     others = {name: value for name, value in request.settings.items() if name in around}

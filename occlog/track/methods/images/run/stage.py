@@ -58,7 +58,7 @@ StartCounts = Mapping[tuple[int, int], tuple[int, int]]
 
 
 class Checks(NamedTuple):
-    """N loop checks of a target in two views; a check fails above 1 radius."""
+    """N loop checks, each of a target in two views; a check fails above 1 radius."""
 
     first: Floats  # (N,) the lower view of the two, a whole number
     second: Floats  # (N,) the higher view
@@ -67,17 +67,17 @@ class Checks(NamedTuple):
 
 
 def no_checks() -> Checks:
-    """No loop check."""
+    """Return an empty set of loop checks."""
     return Checks(*(np.zeros(0) for _ in range(4)))
 
 
 def gather(parts: Sequence[Checks]) -> Checks:
-    """Join loop checks."""
+    """Concatenate loop checks."""
     return Checks(*(np.concatenate(columns) for columns in zip(*parts, strict=True))) if parts else no_checks()
 
 
 def check_outlines(outlines: TrackerOutlines, geometry: ViewGeometry, bottom: bool = False) -> Checks:
-    """Check the targets that touch no other in either view.
+    """Check the loop distances of targets that touch no other in either view.
 
     Args:
         outlines: of one time step.
@@ -93,7 +93,7 @@ def check_births(
     trackers: Mapping[TrackerKey, Floats] = NO_TRACKERS,
     bottom: bool = False,
 ) -> Checks:
-    """Check the ellipses that trackers start with, against one another and against trackers of other views.
+    """Check the loop distances of starting ellipses, among themselves and against trackers of other views.
 
     Args:
         births: of one time step.
@@ -111,7 +111,7 @@ def check_births(
 
 
 def _free(view: Ints, target: Ints, ellipses: Floats) -> dict[TrackerKey, Floats]:
-    """The ellipses (n, 5) that touch no other of their view (n,), by view and target."""
+    """Return the ellipses (n, 5) that touch no other of their view (n,), keyed by view and target."""
     rows = {}
     for v in np.unique(view).tolist():
         mine = np.flatnonzero(view == v)
@@ -123,7 +123,7 @@ def _free(view: Ints, target: Ints, ellipses: Floats) -> dict[TrackerKey, Floats
 def _checks(
     rows: Mapping[TrackerKey, Floats], geometry: ViewGeometry, bottom: bool, born: Collection[TrackerKey] | None = None
 ) -> Checks:
-    """Check each target in each pair of views; with `born` only those with a tracker in it."""
+    """Return the checks of each target in each pair of views; with `born`, only those involving a starting tracker."""
     parts = []
     known = np.isfinite(geometry.fundamental).all(axis=(2, 3))
     for a, b in zip(*(indices.tolist() for indices in np.nonzero(np.triu(known, 1))), strict=True):
@@ -176,7 +176,7 @@ MAX_COMPARISON_AGE_PERIODS = 1.5
 
 
 class Start(NamedTuple):
-    """A tracker to begin in the first usable frame from number `frame` on."""
+    """A tracker to start in the first usable frame from number `frame`."""
 
     view: int
     frame: int
@@ -208,17 +208,17 @@ class TrackingSetup:
 
     @property
     def bottom(self) -> bool:
-        """Whether the lowest points of ellipses are compared with epipolar lines; else their centres."""
+        """Return whether epipolar distances use the lowest points of ellipses; otherwise their centres."""
         return isinstance(self.config, LoopCheckConfig) and self.config.bottom
 
     @property
     def views_help(self) -> bool:
-        """Whether the views of a target help each other."""
+        """Return whether the method uses the collaboration of views."""
         return isinstance(self.config, LoopCheckConfig)
 
 
 class ViewsPart(NamedTuple):
-    """What came out of some time steps."""
+    """Output tables and counts of some time steps."""
 
     tracks: ViewTracks
     frames: Ints  # (V,) frames that could be used
@@ -243,7 +243,7 @@ class _RunState:
 
 
 class _MomentResult(NamedTuple):
-    """What one time step gave."""
+    """Result of one time step."""
 
     frame_set: FrameSetImages
     outlines: TrackerOutlines | None
@@ -257,7 +257,7 @@ class _MomentResult(NamedTuple):
 def track_views(
     frame_sets: Iterable[FrameSetImages], setup: TrackingSetup, seed: int, stream: RegionStream | None = None
 ) -> Iterator[ViewsPart]:
-    """Track, and yield view tracks in the order of time, with what happened.
+    """Generate view tracks in time order, with the events and checks of each part.
 
     A tracker's first row is its birth, with the ellipse that was given.  Where most of the
     first targets that two views share contradict their fundamental matrix, the matrix is not
@@ -337,7 +337,7 @@ def _advance(
 
 
 def _survivors(trackers: Mapping[TrackerKey, Floats], outlines: TrackerOutlines) -> dict[TrackerKey, Floats]:
-    """The trackers after a step, with their latest ellipses."""
+    """Return the trackers after a step with their latest ellipses."""
     out = dict(trackers)
     rows = zip(
         outlines.view.tolist(), outlines.target_id.tolist(), outlines.ellipse, outlines.lifecycle.tolist(), strict=True
@@ -351,9 +351,10 @@ def _survivors(trackers: Mapping[TrackerKey, Floats], outlines: TrackerOutlines)
 
 
 def _due(run: _RunState, frames: FrameSet, gone: frozenset[TrackerKey]) -> tuple[_RunState, tuple[Birth, ...]]:
-    """The starts with a frame that has come, or was lost, as births; none where the target has a tracker in the view.
+    """Return the starts whose frame has come (or was lost) as births.
 
-    A start with a tracker that has ended in this frame waits for the next: a frame has one row of a target.
+    None if the target is tracked in that view already. A start whose tracker ended in this frame waits for the next
+    frame, as a frame has one row per target.
     """
     here = [s for s in run.waiting if frames.images[s.view] is not None and frames.number[s.view] >= s.frame]
     due = [s for s in here if (s.view, s.target_id) not in gone]
@@ -364,10 +365,9 @@ def _due(run: _RunState, frames: FrameSet, gone: frozenset[TrackerKey]) -> tuple
 
 
 def _recent(run: _RunState, frame_set: FrameSetImages, setup: TrackingSetup) -> dict[TrackerKey, Floats]:
-    """Ellipses of trackers with which births of other views may be compared.
+    """Return the tracker ellipses against which births in other views are checked.
 
-    There are none without collaboration: the trackers of two views may then be on different
-    targets, which is no fault of the geometry.
+    Empty without collaboration: the trackers of two views may then be on different targets.
     """
     if not setup.views_help:
         return {}
@@ -380,7 +380,7 @@ def _recent(run: _RunState, frame_set: FrameSetImages, setup: TrackingSetup) -> 
 def _without_contradicted(
     run: _RunState, checks: Checks, setup: TrackingSetup
 ) -> tuple[_RunState, tuple[tuple[int, int], ...]]:
-    """The run without the matrices that births contradict, and the pairs of views that lost theirs now."""
+    """Return the run without the fundamental matrices contradicted by births, and the pairs of views dropped now."""
     geometry, counts, dropped = drop_contradicted(run.geometry, checks, run.start_counts)
     state = run.state
     if dropped and state is not None and setup.views_help:
@@ -395,7 +395,7 @@ def _begun(
     ended: tuple[TrackerKey, ...],
     setup: TrackingSetup,
 ) -> _RunState:
-    """The run with the trackers that begin and without those that end."""
+    """Return the run with started trackers added and ended ones removed."""
     state = run.state
     if births and state is None:
         state = initial_state(setup.views, run.geometry, setup.config)
@@ -409,7 +409,7 @@ def _begun(
 
 
 def _part(results: Sequence[_MomentResult], views: Sequence[TrackedView]) -> ViewsPart:
-    """What some time steps gave, in one."""
+    """Concatenate the results of several time steps."""
     seen = np.array([there(result.frame_set) for result in results])
     times = np.array([result.frame_set.t_ns for result in results])
     return ViewsPart(
@@ -424,7 +424,7 @@ def _part(results: Sequence[_MomentResult], views: Sequence[TrackedView]) -> Vie
 
 
 def _table(result: _MomentResult, views: Sequence[TrackedView]) -> ViewTracks:
-    """Rows of one time step: the births, and the outlines of the trackers there were."""
+    """Return the rows of one time step: births and tracked ellipses."""
     parts = [] if result.outlines is None else [_tracked(result.outlines, result.frame_set, views, result.ended)]
     if result.births:
         parts.append(_born(result.births, result.frame_set, views))
@@ -432,7 +432,7 @@ def _table(result: _MomentResult, views: Sequence[TrackedView]) -> ViewTracks:
 
 
 def _born(births: Sequence[Birth], frame_set: FrameSetImages, views: Sequence[TrackedView]) -> ViewTracks:
-    """Rows of births."""
+    """Return the rows of births."""
     n = len(births)
     view = np.array([birth.view for birth in births])
     ellipse = np.array([birth.ellipse for birth in births])
@@ -455,7 +455,7 @@ def _born(births: Sequence[Birth], frame_set: FrameSetImages, views: Sequence[Tr
 def _tracked(
     o: TrackerOutlines, frame_set: FrameSetImages, views: Sequence[TrackedView], ended: Sequence[TrackerKey]
 ) -> ViewTracks:
-    """Rows of outlines; trackers that regions ended are lost."""
+    """Return the rows of tracked ellipses; trackers ended by detections are marked lost."""
     keys = list(zip(o.view.tolist(), o.target_id.tolist(), strict=True))
     event = np.where(np.array([key in ended for key in keys], dtype=np.bool_), TERMINATED, o.lifecycle)
     names = np.array([view.name for view in views])
@@ -477,7 +477,7 @@ def _tracked(
 def _places(
     view: Ints, target: Ints, ellipse: Floats, frame_set: FrameSetImages, views: Sequence[TrackedView]
 ) -> dict[str, NDArray[np.generic]]:
-    """Columns of time, camera, frame, target and ellipse."""
+    """Return the columns time, camera, frame, target and ellipse."""
     rho = (ellipse[:, 4] + 0.5 * np.pi) % np.pi - 0.5 * np.pi
     return {
         "t_ns": frame_set.t_ns[view],
@@ -493,5 +493,5 @@ def _places(
 
 
 def _listed(marks: Bools, names: Strings) -> list[str]:
-    """For each row of marks (n, K) the names (K,) that are marked, with commas."""
+    """Return for each row of marks (n, K) the marked names of (K,), comma-separated."""
     return [",".join(names[row].tolist()) for row in marks]

@@ -41,7 +41,10 @@ MIN_DEPTH_RATIO = 0.05
 
 
 class ScanRows(NamedTuple):
-    """R sights of N sensors as residuals; the factor of a sensor is the sum of scale times density, plus rival."""
+    """R directions of N sensors as residuals.
+
+    A sensor's likelihood factor is the sum of scale times density, plus rival.
+    """
 
     first: Ints  # (N + 1,) rows of each sensor
     position: Floats  # (R, 3)

@@ -41,7 +41,7 @@ class ScanDirectionSet(NamedTuple):
 
 
 class ReportProbabilities(NamedTuple):
-    """How reports come about; see `scan_log_likelihood`."""
+    """Probabilities of detections, false alarms and clutter; see `scan_log_likelihood`."""
 
     false: float
     soften: float
@@ -222,7 +222,7 @@ def scan_log_likelihood(
 
 
 def rows_of(sights: ScanDirectionSet, keep: Bools) -> ScanDirectionSet:
-    """The chosen rows, without their sensors."""
+    """Return the selected rows, without their sensor assignment."""
     s = sights
     return s._replace(
         position=s.position[keep],

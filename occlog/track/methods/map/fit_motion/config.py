@@ -14,7 +14,7 @@ ESTIMATED, COVARIANCE = "estimated", "covariance"
 
 @dataclass(frozen=True)
 class FitConfig(Settings):
-    """What is fitted, and how ([Rahimi] Sec. 7); lengths in the unit of the positions."""
+    """Model structure and method of the fit ([Rahimi] Sec. 7); lengths in the unit of the positions."""
 
     OWNER: ClassVar[str] = "fit-motion"
 
@@ -69,7 +69,7 @@ class FitConfig(Settings):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Noise is a length, or where it comes from; differences take positions for exact."""
+        """Check the measurement noise, and that method `differences` takes positions as exact."""
         good = self.measurement_noise in (ESTIMATED, COVARIANCE) or self.noise_length is not None
         yield "measurement_noise", good, f"a length of at least 0, {ESTIMATED} or {COVARIANCE}"
         yield (
@@ -80,7 +80,7 @@ class FitConfig(Settings):
 
     @property
     def noise_length(self) -> float | None:
-        """The standard deviation that is given, at least 0; None: none is."""
+        """Return the stated standard deviation of positions, >= 0; None if not stated."""
         try:
             value = float(self.measurement_noise)
         except ValueError:

@@ -29,7 +29,7 @@ LEAST = 10
 
 
 class FitProblem(NamedTuple):
-    """Measurements in steps and scales."""
+    """Measured positions in units of steps and scales."""
 
     nodes: Nodes
     shape: Shape
@@ -46,7 +46,7 @@ def fit_em(
     noise: float | None = None,
     rounds: int = 200,
 ) -> MotionFit:
-    """The most likely model of positions that are measured with errors.
+    """Return the maximum-likelihood motion model of positions with measurement errors.
 
     Args:
         paths: positions of each object; their `cov` is the error of each where `shape.noise` is false
@@ -71,10 +71,11 @@ def fit_em(
 
 
 def fit_differences(paths: Sequence[MeasuredPath], step_s: float, shape: Shape, *, longest_gap_s: float) -> MotionFit:
-    """Regression of each state on the one before: positions are exact, velocities are central differences.
+    """Fit the model by regression of each state on the previous one.
 
-    Errors of the positions become disturbances of the motion.  The log-likelihood is that of the
-    states, to be compared with no other method's; standard errors take residuals for independent.
+    Positions are taken as exact, velocities are central differences; errors of the positions become disturbances of the
+    motion. The log likelihood is that of the states, not comparable with other methods'; standard errors take residuals
+    as independent.
 
     Raises:
         ValueError: too few transitions, or nothing moves.
@@ -99,7 +100,7 @@ def fit_differences(paths: Sequence[MeasuredPath], step_s: float, shape: Shape, 
 
 
 def need(count: int, shape: Shape, what: str) -> None:
-    """ValueError if there are too few for the parameters."""
+    """Raise ValueError if there are too few transitions for the number of parameters."""
     least = max(LEAST, 3 * len(names(shape)))
     if count < least:
         raise ValueError(f"{count} {what} are too few for {len(names(shape))} parameters; want at least {least}")
@@ -131,7 +132,7 @@ def _scale(steps: Floats) -> float:
 
 
 def e_step(problem: FitProblem, theta: Floats) -> tuple[float, SmootherSums]:
-    """Log-likelihood (of positions in scales) and the expected sums."""
+    """Return the log likelihood (of scaled positions) and the expected sums."""
     A, sigma, noise = build(problem.shape, theta)
     n = problem.nodes
     R = problem.R if noise is None else np.broadcast_to(noise**2 * np.eye(2), problem.R.shape).copy()
@@ -139,7 +140,7 @@ def e_step(problem: FitProblem, theta: Floats) -> tuple[float, SmootherSums]:
 
 
 def m_step(shape: Shape, theta: Floats, sums: SmootherSums, iterations: int = 15) -> Floats:
-    """Parameters with a higher expected log-likelihood, or the same parameters if there are none."""
+    """Return parameters that increase the expected log likelihood, or the same if there are none."""
     theta = regression(shape, theta, sums)
     size = 1.0 / max(1, sums.n + sums.m)
 
@@ -158,7 +159,7 @@ def m_step(shape: Shape, theta: Floats, sums: SmootherSums, iterations: int = 15
 
 
 def em(problem: FitProblem, theta: Floats, steps: int) -> tuple[Floats, list[float]]:
-    """Parameters after some steps of EM, and the log-likelihood before each; it never falls."""
+    """Return the parameters after some EM iterations and the log likelihood before each; it never decreases."""
     trace = []
     for _ in range(steps):
         value, sums = e_step(problem, theta)
@@ -202,7 +203,7 @@ def _maximise(problem: FitProblem, rounds: int) -> Optimum:
 
 
 def _unit_sizes(problem: FitProblem, theta: Floats) -> Floats:
-    """About the standard error that each parameter would have if the states were known."""
+    """Return approximate standard errors of the parameters for known states, as search scales."""
     sums = e_step(problem, theta)[1]
     at = np.diag(information(lambda there: slope(problem.shape, there, sums), problem.shape, theta))
     return 1.0 / np.sqrt(np.where(at > 1.0, at, 1.0))

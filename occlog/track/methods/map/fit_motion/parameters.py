@@ -37,7 +37,7 @@ NODE, WEIGHT = np.polynomial.legendre.leggauss(12)
 
 
 class Shape(NamedTuple):
-    """What is fitted."""
+    """Structure of the fitted model: form of A, structure of Sigma, and whether measurement noise is fitted."""
 
     form: str = "cv"  # cv, damped or full
     disturbance: str = "white"  # white, diagonal or full
@@ -47,7 +47,7 @@ class Shape(NamedTuple):
 
 
 class MotionModelParameters(NamedTuple):
-    """A, Sigma and the standard deviation of measured positions (None: it is given)."""
+    """A (4, 4), Sigma (4, 4) and the standard deviation of measured positions (None: given)."""
 
     A: Floats
     sigma: Floats
@@ -56,7 +56,7 @@ class MotionModelParameters(NamedTuple):
 
 @functools.cache
 def names(shape: Shape) -> tuple[str, ...]:
-    """What each parameter is; standard deviations (sd) are held as logarithms."""
+    """Return the names of the free parameters; standard deviations (sd) are parametrised by logarithms."""
     out = {"cv": [], "damped": ["decay"], "full": [f"A{i + 1}{j + 1}" for i in shape.free for j in range(4)]}[
         shape.form
     ]
@@ -70,7 +70,7 @@ def names(shape: Shape) -> tuple[str, ...]:
 
 @functools.cache
 def limits(shape: Shape) -> tuple[tuple[float | None, float | None], ...]:
-    """Lower and upper limit of each parameter."""
+    """Return lower and upper bounds of the free parameters."""
     small, large = float(np.log(SMALLEST)), float(np.log(LARGEST))
     out: list[tuple[float | None, float | None]] = []
     for name in names(shape):
@@ -84,7 +84,7 @@ def limits(shape: Shape) -> tuple[tuple[float | None, float | None], ...]:
 
 
 def start(shape: Shape, bend: float) -> Floats:
-    """Parameters to begin with.
+    """Return initial parameters.
 
     Args:
         shape: what is fitted.
@@ -104,7 +104,7 @@ def start(shape: Shape, bend: float) -> Floats:
 
 
 def build(shape: Shape, theta: Floats) -> MotionModelParameters:
-    """The model of some parameters."""
+    """Return the model (A, Sigma, noise) for a parameter vector."""
     known = names(shape)
     if shape.form == "cv":
         A, beta, used = CV, 0.0, 0
@@ -142,12 +142,12 @@ def _sigma(shape: Shape, own: Floats, beta: float) -> Floats:
 
 
 def _reach(s: Floats, beta: float) -> Floats:
-    """What a velocity does to the position in time s: (1 - exp(-beta s)) / beta."""
+    """Return the effect of a velocity on the position after time s: (1 - exp(-beta s)) / beta."""
     return s.copy() if abs(beta) < 1e-9 else -np.expm1(-beta * s) / beta
 
 
 def _white(beta: float) -> Floats:
-    """Noise gathered in a step from white acceleration of density 1: Gauss-Legendre quadrature."""
+    """Return the noise of one step from white acceleration of unit density, by Gauss-Legendre quadrature."""
     if beta == 0.0:
         return np.array([[1.0 / 3.0, 0.5], [0.5, 1.0]])
     s, w = 0.5 * (NODE + 1.0), 0.5 * WEIGHT
@@ -157,7 +157,7 @@ def _white(beta: float) -> Floats:
 
 
 def expected(shape: Shape, theta: Floats, sums: SmootherSums) -> float:
-    """Expected log-likelihood of states and measurements, without what parameters do not change (the Q of EM)."""
+    """Return the expected log likelihood of states and measurements (Q of EM), up to a constant."""
     A, sigma, noise = build(shape, theta)
     B = A - CV
     cross = B @ sums.DX.T
@@ -171,7 +171,7 @@ def expected(shape: Shape, theta: Floats, sums: SmootherSums) -> float:
 
 
 def slope(shape: Shape, theta: Floats, sums: SmootherSums, h: float = 1e-5) -> Floats:
-    """Gradient of `expected` by central differences."""
+    """Return the gradient of `expected` by central differences."""
     out = np.empty(len(theta))
     for i in range(len(theta)):
         there, here = theta.copy(), theta.copy()
@@ -182,9 +182,9 @@ def slope(shape: Shape, theta: Floats, sums: SmootherSums, h: float = 1e-5) -> F
 
 
 def regression(shape: Shape, theta: Floats, sums: SmootherSums) -> Floats:
-    """The parameters with A's free rows by least squares (the exact maximum for the Sigma given); `full` only.
+    """Return the parameters with the free rows of A by least squares, for form `full` only.
 
-    K = CV_f + (W_ff)^-1 W_f. DX XX^-1, W = Sigma^-1, f the free rows.
+    K = CV_f + (W_ff)^-1 W_f. DX XX^-1 with W = Sigma^-1 and f the free rows: the exact maximum for the given Sigma.
     """
     if shape.form != "full":
         return theta

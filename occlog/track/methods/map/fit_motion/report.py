@@ -23,7 +23,7 @@ LOOSE = 0.1
 
 
 class MotionFit(NamedTuple):
-    """A motion model with how sure it is; lengths in the unit of the positions."""
+    """A fitted motion model with standard errors; lengths in the unit of the positions."""
 
     model: GaussMarkov
     noise: float | None  # standard deviation of measured positions; None: not a parameter
@@ -44,7 +44,7 @@ class MotionFit(NamedTuple):
 
 
 class Optimum(NamedTuple):
-    """Parameters that were found."""
+    """Parameters at the maximum of the likelihood."""
 
     theta: Floats
     value: float
@@ -54,7 +54,10 @@ class Optimum(NamedTuple):
 
 
 def information(gradient: Callable[[Floats], Floats], shape: Shape, theta: Floats, h: float = 1e-3) -> Floats:
-    """Observed information: minus the second derivatives; NaN for parameters at a limit."""
+    """Return the observed information: negative second derivatives of the log likelihood.
+
+    NaN for parameters at a bound.
+    """
     n = len(theta)
     out = np.full((n, n), np.nan)
     free = [i for i in range(n) if not at_limit(theta[i], limits(shape)[i])]
@@ -68,12 +71,12 @@ def information(gradient: Callable[[Floats], Floats], shape: Shape, theta: Float
 
 
 def at_limit(value: float, limit: tuple[float | None, float | None]) -> bool:
-    """Whether a parameter is as small or as large as it may be."""
+    """Return whether a parameter is at its bound."""
     return any(end is not None and abs(value - end) < 1e-2 for end in limit)
 
 
 def _covariance(information: Floats) -> tuple[Floats, Floats]:
-    """Covariance of the parameters, and a base of what is not decided (columns)."""
+    """Return the covariance of the parameters, and a basis of undetermined directions (columns)."""
     n = len(information)
     free = np.flatnonzero(np.isfinite(np.diag(information)))
     values, vectors = np.linalg.eigh(information[np.ix_(free, free)])
@@ -87,7 +90,7 @@ def _covariance(information: Floats) -> tuple[Floats, Floats]:
 def report(
     shape: Shape, scale: float, step_s: float, best: Optimum, known_by: Floats, counts: tuple[int, int, int, int]
 ) -> MotionFit:
-    """The fit in units of the positions and seconds.
+    """Convert the fit to units of the positions and seconds.
 
     Args:
         shape: what was fitted.
@@ -102,7 +105,7 @@ def report(
     stuck = np.isnan(np.diag(known_by))
 
     def spread(values: Callable[[Floats], Floats]) -> Floats:
-        """Standard errors by the delta method; NaN where something undecided has an influence."""
+        """Return standard errors by the delta method; NaN where undetermined parameters have an influence."""
         columns = [(values(theta + e) - values(theta - e)) / 2e-5 for e in 1e-5 * np.eye(len(theta))]
         J = np.column_stack(columns)
         error = np.sqrt(np.maximum(np.einsum("ai,ij,aj->a", J, cov, J), 0.0))
@@ -146,7 +149,7 @@ def _plain(name: str, value: float) -> float:
 
 
 def _units(known: tuple[str, ...], scale: float, step_s: float) -> list[float]:
-    """What turns each parameter into a quantity in seconds; 0 for entries of matrices, which have no name."""
+    """Return factors that convert each parameter to seconds and length units; 0 for unnamed matrix entries."""
     unit = {
         "decay": 1.0 / step_s,
         "noise": scale,
@@ -159,7 +162,7 @@ def _units(known: tuple[str, ...], scale: float, step_s: float) -> list[float]:
 
 
 def in_units(model: MotionModelParameters, scale: float, step_s: float) -> tuple[GaussMarkov, float | None]:
-    """The model in the positions' unit and seconds, and the noise."""
+    """Return the model and noise in the positions' unit and seconds."""
     D = scale * np.array([1.0, 1.0 / step_s, 1.0, 1.0 / step_s])
     sigma = model.sigma * np.outer(D, D)
     noise = None if model.noise is None else model.noise * scale

@@ -31,7 +31,7 @@ LARGEST_FILL = 50
 
 
 def run_fit(request: FitMotionRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Fit and write; the summary, and what had been lost before."""
+    """Fit and write the model; return the summary and the losses recorded in the inputs."""
     config = configure(FitConfig(), request.settings)
     paths, unit, losses = read_paths(request, config)
     where = ", ".join(str(p) for p in request.positions)
@@ -89,7 +89,7 @@ def _fit(config: FitConfig, paths: list[MeasuredPath], step_s: float, gap_s: flo
 
 
 def _figures(fit: MotionFit, config: FitConfig) -> dict[str, object]:
-    """How it was fitted, and how well."""
+    """Return the summary figures: method, counts and quality of the fit."""
     return {
         "method": config.method,
         "form": config.form,
@@ -111,7 +111,7 @@ def _figures(fit: MotionFit, config: FitConfig) -> dict[str, object]:
 
 
 def spectral_radius(A: Floats) -> float:
-    """Largest size of an eigenvalue; of a block-triangular A exact, where a general method has 1e-8 of rounding."""
+    """Return the largest absolute eigenvalue of A, exact for block-triangular A."""
     pairs = A.reshape(2, 2, 2, 2)
     if not (pairs[0, :, 1].any() or pairs[1, :, 0].any() or A[1, 0] or A[3, 2]):
         return float(np.abs(np.diag(A)).max())
@@ -119,7 +119,7 @@ def spectral_radius(A: Floats) -> float:
 
 
 def warnings(fit: MotionFit, config: FitConfig, paths: list[MeasuredPath]) -> list[str]:
-    """What a user should know before trusting the model."""
+    """Return the findings that put the model in doubt."""
     out = []
     radius = spectral_radius(fit.model.A)
     if radius > 1.0:
@@ -142,7 +142,7 @@ def warnings(fit: MotionFit, config: FitConfig, paths: list[MeasuredPath]) -> li
 
 
 def read_paths(request: FitMotionRequest, config: FitConfig) -> tuple[list[MeasuredPath], str, tuple[Loss, ...]]:
-    """Positions of each object and file, the unit of length, and what had been lost before."""
+    """Return positions of each object and file, the length unit, and the losses recorded in the inputs."""
     paths: list[MeasuredPath] = []
     inputs = [open_input(file, Truth, Tracks) for file in request.positions]
     unit, source = common_unit(inputs)
@@ -165,7 +165,7 @@ def read_paths(request: FitMotionRequest, config: FitConfig) -> tuple[list[Measu
 
 
 def paths_of(table: Truth | Tracks, targets: tuple[int, ...]) -> list[MeasuredPath]:
-    """The path of each object, by rising identity; of several positions at one time the first."""
+    """Return the path of each object by ascending identity, with the first of several positions at one time."""
     used = np.isin(table.target_id, targets) if targets else np.ones(len(table), np.bool_)
     if isinstance(table, Truth) and not targets:
         used &= table.role == "target"

@@ -52,7 +52,9 @@ class SmootherSums(NamedTuple):
 def smooth(
     first: Bools, seen: Bools, off: Floats, xy: Floats, R: Floats, A: Floats, sigma: Floats
 ) -> tuple[float, SmootherSums, Floats, Floats]:
-    """Log-likelihood, the sums, and (K, 4) means and (K, 4, 4) covariances of the states.
+    """Run filter and smoother.
+
+    Return the log likelihood, the sums, and smoothed means (K, 4) and covariances (K, 4, 4).
 
     Args:
         first: (K,) a trajectory begins; true at 0, and every such node is seen.
@@ -74,7 +76,7 @@ def smooth(
 
 @kernel
 def _observation_matrix(off: float) -> Floats:
-    """C of a measurement that is `off` steps after its node."""
+    """Return the measurement matrix C of a position measured `off` steps after its node."""
     C = np.zeros((2, 4))
     C[0, 0] = C[1, 2] = 1.0
     C[0, 1] = C[1, 3] = off
@@ -130,7 +132,7 @@ def _smooth(
     A: Floats,
     F: Floats,
 ) -> tuple[int, Floats, Floats, Floats, int, Floats]:
-    """Rauch-Tung-Striebel, backwards; `mean` and `cov` become those given all measurements."""
+    """Smooth by Rauch-Tung-Striebel in place: `mean` and `cov` become those given all measurements."""
     K = first.shape[0]
     DD, DX, XX, E = np.zeros((4, 4)), np.zeros((4, 4)), np.zeros((4, 4)), np.zeros((2, 2))
     Ft = np.ascontiguousarray(F.T)
@@ -162,7 +164,7 @@ BRIDGED = 2.0
 
 
 class MeasuredPath(NamedTuple):
-    """Positions of one object, as measured."""
+    """Measured positions of one object."""
 
     t_ns: Ints  # (N,) rising
     xy: Floats  # (N, 2)
@@ -170,7 +172,7 @@ class MeasuredPath(NamedTuple):
 
 
 class Nodes(NamedTuple):
-    """Trajectories on their grids, one after the other."""
+    """Concatenated trajectories on their time grids."""
 
     first: Bools  # (K,) a trajectory begins here
     seen: Bools  # (K,) there is a measurement
@@ -181,7 +183,7 @@ class Nodes(NamedTuple):
 
 
 def median_step(paths: Iterable[MeasuredPath]) -> float:
-    """Median time between successive positions [s].
+    """Return the median time between successive positions [s].
 
     Raises:
         ValueError: no path has two positions at different times.
@@ -194,7 +196,7 @@ def median_step(paths: Iterable[MeasuredPath]) -> float:
 
 
 def make_nodes(paths: Iterable[MeasuredPath], step_s: float, longest_gap_s: float) -> Nodes:
-    """All paths on their grids; trajectories of a single position are omitted (and not counted as skipped).
+    """Put all paths on their time grids; trajectories of a single position are omitted (not counted as skipped).
 
     Args:
         paths: one for each object and file.
@@ -212,7 +214,7 @@ def make_nodes(paths: Iterable[MeasuredPath], step_s: float, longest_gap_s: floa
 
 
 def split(path: MeasuredPath, longest_gap_s: float) -> list[MeasuredPath]:
-    """The path cut where two positions are farther apart in time than that."""
+    """Return the path split at gaps longer than `longest_gap_s`."""
     cuts = np.flatnonzero(np.diff(path.t_ns) > longest_gap_s * 1e9 * (1.0 + 1e-9)) + 1
     bounds = [0, *cuts.tolist(), len(path.t_ns)]
     return [
@@ -222,7 +224,7 @@ def split(path: MeasuredPath, longest_gap_s: float) -> list[MeasuredPath]:
 
 
 def _nodes_of(path: MeasuredPath, step_s: float) -> Nodes | None:
-    """One trajectory on its grid, which begins at its first position; None if only one node is measured."""
+    """Return one trajectory on its grid, starting at its first position; None if only one node is measured."""
     if len(path.t_ns) < 2:
         return None
     steps = (path.t_ns - path.t_ns[0]) * 1e-9 / step_s
@@ -245,7 +247,7 @@ def _nodes_of(path: MeasuredPath, step_s: float) -> Nodes | None:
 def transitions_by_differences(
     paths: Iterable[MeasuredPath], step_s: float, longest_gap_s: float
 ) -> tuple[Floats, Floats]:
-    """(M, 4) states u u' v v' by central differences, in steps, and (M, 4) the next states.
+    """Return (M, 4) states u u' v v' from central differences, per step, and the (M, 4) following states.
 
     Positions are interpolated linearly to equal steps, over gaps of at most BRIDGED steps.
     """

@@ -34,7 +34,7 @@ VELOCITY = (1, 3)
 
 
 class GaussMarkov(NamedTuple):
-    """A motion model: x' = A x + N(0, sigma) over one step."""
+    """A linear motion model: x' = A x + N(0, sigma) over one step."""
 
     A: Floats  # (4, 4)
     sigma: Floats  # (4, 4), positive definite
@@ -49,7 +49,7 @@ class Diffusion(NamedTuple):
 
 
 def constant_velocity(acceleration: float, jitter: float, step_s: float = 1.0) -> GaussMarkov:
-    """Constant velocity disturbed by white acceleration, and a position disturbed also.
+    """Return the constant-velocity model with white acceleration and additional position noise.
 
     Args:
         acceleration: standard deviation of the velocity accumulated over 1 s, per axis; > 0.
@@ -65,7 +65,7 @@ def constant_velocity(acceleration: float, jitter: float, step_s: float = 1.0) -
 
 
 def diffusion(model: GaussMarkov) -> Diffusion:
-    """The model in continuous time.
+    """Convert the model to continuous time.
 
     Raises:
         ValueError: A has no real logarithm (an eigenvalue is negative or 0).
@@ -86,7 +86,7 @@ def diffusion(model: GaussMarkov) -> Diffusion:
 
 
 def transitions(model: GaussMarkov, dt: Floats) -> tuple[Floats, Floats]:
-    """(K, 4, 4) A and (K, 4, 4) Sigma of steps of (K,) lengths [s], > 0.
+    """Return (K, 4, 4) A and (K, 4, 4) Sigma for steps of lengths (K,) [s], > 0.
 
     Raises:
         ValueError: there are steps of other lengths than the model's own, and A has no real logarithm.
@@ -101,7 +101,7 @@ def transitions(model: GaussMarkov, dt: Floats) -> tuple[Floats, Floats]:
 
 @kernel
 def _step(B: Floats, S: Floats, dt: float) -> tuple[Floats, Floats]:
-    """exp(B dt) and the noise gathered in dt: a series for a short step, then doubled."""
+    """Return exp(B dt) and the noise covariance of dt: a series for a short step, then repeatedly doubled."""
     norm = np.abs(B).sum(axis=1).max() * dt
     doublings = max(0, math.ceil(math.log2(norm / SMALL))) if norm > 0.0 else 0
     h = dt / 2.0**doublings

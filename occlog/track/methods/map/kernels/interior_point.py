@@ -55,7 +55,7 @@ THINNEST = 1e-6
 
 
 def move_inside(X: Floats, planes: HalfPlanes, margin: float) -> tuple[Floats, Bools]:
-    """States moved as little as needed to hold all half-planes with a margin, each state for itself.
+    """Move states as little as needed to satisfy all half-planes with a margin, each state separately.
 
     Args:
         X: (T, 4) states; only positions change.
@@ -74,7 +74,7 @@ def move_inside(X: Floats, planes: HalfPlanes, margin: float) -> tuple[Floats, B
 
 @kernel
 def _project(X: Floats, planes: HalfPlanes, margin: float, contradictory: Bools) -> None:
-    """Projections onto the farthest violated half-plane of each state, with an ever smaller margin."""
+    """Project each state repeatedly onto its most violated half-plane, with a decreasing margin."""
     M = planes.step.shape[0]
     first = 0
     while first < M:
@@ -92,7 +92,7 @@ def _project(X: Floats, planes: HalfPlanes, margin: float, contradictory: Bools)
 
 @kernel
 def _reach(X: Floats, planes: HalfPlanes, first: int, last: int, want: float) -> bool:
-    """Move one state until its half-planes first .. last - 1 hold by `want`; false if they cannot."""
+    """Move one state in place to satisfy its half-planes first .. last - 1 by `want`; return False if impossible."""
     t = planes.step[first]
     for _ in range(ROUNDS):
         worst, which = 0.0, -1
@@ -110,9 +110,9 @@ def _reach(X: Floats, planes: HalfPlanes, first: int, last: int, want: float) ->
 
 @kernel
 def _corner(X: Floats, planes: HalfPlanes, first: int, last: int, want: float) -> bool:
-    """Move one state to the nearest corner of what its half-planes leave with a margin; false if missing.
+    """Move one state to the nearest feasible corner of its half-planes; return False if there is none.
 
-    Projections take very long into a narrow wedge; what has room has a corner, but for a strip.
+    Used where projections converge slowly, in narrow wedges.
     """
     t, n, nearest = planes.step[first], planes.normal, np.inf
     x, y = X[t, 0], X[t, 2]
@@ -131,7 +131,7 @@ def _corner(X: Floats, planes: HalfPlanes, first: int, last: int, want: float) -
 
 @kernel
 def _least(planes: HalfPlanes, first: int, last: int, u: float, v: float) -> float:
-    """Smallest slack of some half-planes at a point."""
+    """Return the smallest slack of half-planes first .. last - 1 at point (u, v)."""
     least = np.inf
     for m in range(first, last):
         least = min(least, planes.normal[m, 0] * u + planes.normal[m, 1] * v - planes.offset[m])
@@ -140,7 +140,7 @@ def _least(planes: HalfPlanes, first: int, last: int, u: float, v: float) -> flo
 
 @kernel
 def _square(U: Floats, out: Floats) -> None:
-    """Out = U' U of a lower triangle."""
+    """Set `out` to U' U, for a lower triangle."""
     for i in range(4):
         for j in range(i + 1):
             v = 0.0
@@ -152,7 +152,7 @@ def _square(U: Floats, out: Floats) -> None:
 
 @kernel
 def _cholesky(S: Floats, R: Floats) -> bool:
-    """S = R' R with R upper; false if S is not positive definite."""
+    """Factor S = R' R with R upper triangular; return False if S is not positive definite."""
     for i in range(4):
         v = S[i, i]
         for k in range(i):
@@ -173,7 +173,7 @@ def _cholesky(S: Floats, R: Floats) -> bool:
 
 @kernel
 def factor_sum(steps: ChainSteps, H: Floats, R: Floats, N: Floats) -> bool:
-    """R and N by Cholesky; false if the Hessian is not positive definite numerically.
+    """Compute R and N by Cholesky in place; return False if the Hessian is not numerically positive definite.
 
     Args:
         steps: the chain.
@@ -222,7 +222,7 @@ def factor_sum(steps: ChainSteps, H: Floats, R: Floats, N: Floats) -> bool:
 
 @kernel
 def _reflect(M: Floats, rows: int, columns: int, start: int, count: int) -> None:
-    """Make `count` columns of M from `start` on upper triangular from the row of equal number on, by reflections."""
+    """Triangularise `count` columns of M from `start` by Householder reflections, in place."""
     for c in range(count):
         j, norm2 = start + c, 0.0
         for i in range(c, rows):
@@ -247,7 +247,7 @@ def _reflect(M: Floats, rows: int, columns: int, start: int, count: int) -> None
 
 @kernel
 def factor_rows(steps: ChainSteps, H: Floats, R: Floats, N: Floats) -> None:
-    """R and N by reflections, for H that is positive semi-definite.
+    """Compute R and N by reflections in place, for positive semidefinite H.
 
     Args:
         steps: the chain.
@@ -288,7 +288,7 @@ def factor_rows(steps: ChainSteps, H: Floats, R: Floats, N: Floats) -> None:
 
 @kernel
 def solve(R: Floats, N: Floats, b: Floats, x: Floats) -> None:
-    """X of R' R x = b; (T, 4) both, x changed in place."""
+    """Solve R' R x = b for (T, 4) vectors, in place of x."""
     T = R.shape[0]
     for t in range(T):  # forward: R' y = b
         for i in range(4):
@@ -312,7 +312,7 @@ def solve(R: Floats, N: Floats, b: Floats, x: Floats) -> None:
 
 @kernel
 def inverse_blocks(R: Floats, N: Floats, out: Floats) -> None:
-    """Blocks on the diagonal of the inverse of R' R into `out` (T, 4, 4): the covariance of each state."""
+    """Write the diagonal blocks (T, 4, 4) of the inverse of R' R to `out`: the covariance of each state."""
     T = R.shape[0]
     inverse, E = np.zeros((4, 4)), np.empty((4, 4))
     for t in range(T - 1, -1, -1):
@@ -348,7 +348,7 @@ MIN_EXACT = 0.1
 
 
 class Iterate(NamedTuple):
-    """One iteration of a search."""
+    """Record of one iteration of the search: cost and step."""
 
     number: int  # 0: the start
     X: Floats  # (T, 4) states after it
@@ -360,7 +360,7 @@ class Iterate(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """A minimum, or what was reached."""
+    """Solution of the minimisation, converged or not."""
 
     X: Floats  # (T, 4)
     cost: float
@@ -370,7 +370,7 @@ class Solution(NamedTuple):
 
 
 class Options(NamedTuple):
-    """When to stop."""
+    """Stopping criteria of the minimisation."""
 
     tolerance: float  # largest change of a position in the last iteration
     most: int = 200  # iterations
@@ -378,7 +378,7 @@ class Options(NamedTuple):
 
 
 def cost(problem: TrajectoryProblem, X: Floats) -> float:
-    """The negative log posterior of states (T, 4), up to a constant."""
+    """Return the negative log posterior of states (T, 4), up to a constant."""
     total: float = chain_cost(problem.steps, X) + lines_cost(problem.lines, X, problem.loss, problem.k)
     return total + hints_cost(problem.hints, X) if len(problem.hints.step) else total
 
@@ -386,7 +386,7 @@ def cost(problem: TrajectoryProblem, X: Floats) -> float:
 def minimise(
     problem: TrajectoryProblem, start: Floats, options: Options, watch: Callable[[Iterate], None] | None = None
 ) -> Solution:
-    """The local minimum of the cost that the start leads to.
+    """Return the local minimum of the cost reached from a start.
 
     Args:
         problem: what is minimised.
@@ -435,7 +435,7 @@ def minimise(
 def _direction(
     problem: TrajectoryProblem, X: Floats, mu: float, multiplier: Floats, exact: float
 ) -> tuple[Floats, Floats, float]:
-    """Gradient of the cost with its barrier, a step downhill, and the share of exact second derivatives in it."""
+    """Return the gradient of the barrier cost, a descent step, and the share of exact second derivatives in it."""
     R, N = np.empty((len(X), 4, 4)), np.empty((len(X), 4, 4))
     dX = np.empty_like(X)
     # Cholesky of the summed Hessian, with less and less of the exact second derivatives until it is positive definite
@@ -456,7 +456,7 @@ def _direction(
 
 
 def derivatives(problem: TrajectoryProblem, X: Floats, exact: float) -> tuple[Floats, Floats]:
-    """Gradient (T, 4) of the cost, and the Hessian (T, 3) of all but the chain's part, by position; see `add_lines`."""
+    """Return the gradient (T, 4) of the cost, and the positional Hessian (T, 3) without the chain's part."""
     g, H = np.zeros((len(X), 4)), np.zeros((len(X), 3))
     add_chain(problem.steps, X, g)
     add_lines(problem.lines, X, problem.loss, problem.k, exact, g, H)
@@ -468,7 +468,7 @@ def derivatives(problem: TrajectoryProblem, X: Floats, exact: float) -> tuple[Fl
 def _search(
     problem: TrajectoryProblem, X: Floats, dX: Floats, slope: float, mu: float, here: float
 ) -> tuple[float, float]:
-    """Share of the step to take, and the cost after it; 0 if no share lowers the cost with its barrier."""
+    """Line search: return the step share and the cost after it; 0 if no share decreases the barrier cost."""
     # Fraction to the boundary: stay inside the constraints
     share, barrier = 1.0, 0.0
     if len(problem.planes.step):
@@ -487,7 +487,7 @@ def _search(
 
 
 def _follow(problem: TrajectoryProblem, X: Floats, dX: Floats, share: float, mu: float, multiplier: Floats) -> Floats:
-    """(M,) multipliers after a primal-dual step, before X has moved; see `KAPPA`."""
+    """Return the (M,) multipliers after a primal-dual step, before X is updated; see `KAPPA`."""
     if not len(multiplier):
         return multiplier
     gap, change = slack(problem.planes, X), slack_change(problem.planes, dX)
@@ -498,10 +498,7 @@ def _follow(problem: TrajectoryProblem, X: Floats, dX: Floats, share: float, mu:
 
 
 def covariance(problem: TrajectoryProblem, X: Floats) -> Floats:
-    """(T, 4, 4) covariance of each state: blocks of the inverse Hessian at X, without the constraints.
-
-    The Hessian is that of Gauss and Newton, the information that the measurements have at X.
-    """
+    """Return (T, 4, 4) state covariances: diagonal blocks of the inverse Gauss-Newton Hessian, without constraints."""
     R, N, out = (np.empty((len(X), 4, 4)) for _ in range(3))
     factor_rows(problem.steps, derivatives(problem, X, 0.0)[1], R, N)
     inverse_blocks(R, N, out)

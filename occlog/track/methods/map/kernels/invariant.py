@@ -33,7 +33,7 @@ APART = 1e-3
 
 
 class Invariant(NamedTuple):
-    """The minimum of the cost with its volume."""
+    """Minimum of the cost with its volume term."""
 
     problem: TrajectoryProblem
     solution: Solution
@@ -41,7 +41,7 @@ class Invariant(NamedTuple):
 
 
 def invariant(problem: TrajectoryProblem, start: Solution, options: Options, extent: float) -> Invariant:
-    """The invariant estimate that the mode leads to.
+    """Return the invariant estimate reached from the mode.
 
     Args:
         problem: with all lines of sight in front of their cameras.
@@ -72,6 +72,6 @@ def invariant(problem: TrajectoryProblem, start: Solution, options: Options, ext
 
 
 def second_moment(X: Floats, centre: Floats, spread: Floats) -> Floats:
-    """(T, 4, 4) second moments of states about a point X that is not the centre of their distributions."""
+    """Return (T, 4, 4) second moments of states about a point X other than their mean."""
     away = X - centre
     return np.asarray(spread + away[:, :, None] * away[:, None, :])

@@ -28,7 +28,7 @@ MIN_DISTANCE_SIGMAS = 3.0
 
 
 class ModeChain(NamedTuple):
-    """N modes at W times, by rising time; every time has one at least."""
+    """N modes at W times, sorted by time, at least one per time."""
 
     first: Ints  # (W + 1,) first mode of each time
     seconds: Floats  # (W,) rising
@@ -38,7 +38,7 @@ class ModeChain(NamedTuple):
 
 
 class PairCosts(NamedTuple):
-    """Cheapest paths through P pairs of modes of successive times; pairs of a time are in the order of their modes."""
+    """Costs of the cheapest paths through P pairs of modes at successive times."""
 
     first: Ints  # (W,) first pair of modes of times t and t + 1; the last entry is P
     before: Floats  # (P,) cost of the cheapest path up to a pair, pair included
@@ -49,14 +49,14 @@ class PairCosts(NamedTuple):
 
 @kernel
 def half_square(e0: float, e1: float, s00: float, s01: float, s11: float) -> float:
-    """Half the squared Mahalanobis length of a vector of two dimensions."""
+    """Return half the squared Mahalanobis length of a 2-D vector (e0, e1) with covariance s00, s01, s11."""
     det = max(s00 * s11 - s01 * s01, 1e-300)
     return 0.5 * (s11 * e0 * e0 - 2.0 * s01 * e0 * e1 + s00 * e1 * e1) / det
 
 
 @kernel
 def turn_cost(chain: ModeChain, i: int, j: int, k: int, a: float, b: float, q: float) -> float:
-    """Cost of the second difference of three modes.
+    """Return the cost of the second difference of three modes.
 
     Args:
         chain: the modes.
@@ -83,7 +83,7 @@ def turn_cost(chain: ModeChain, i: int, j: int, k: int, a: float, b: float, q: f
 
 @kernel
 def start_cost(chain: ModeChain, i: int, j: int, a: float, q: float, velocity: Floats, spread: Floats) -> float:
-    """Cost of the first two modes: of their difference, by the prior of the velocity.
+    """Return the cost of the first two modes: their difference under the prior of the velocity.
 
     Args:
         chain: the modes.
@@ -106,7 +106,7 @@ def start_cost(chain: ModeChain, i: int, j: int, a: float, q: float, velocity: F
 
 @kernel
 def pair_costs(chain: ModeChain, q: float, velocity: Floats, spread: Floats) -> PairCosts:
-    """The cheapest paths through every pair of modes of successive times, by dynamic programming.
+    """Compute the cheapest path through every pair of modes of successive times, by dynamic programming.
 
     Args:
         chain: modes of W >= 2 times.
@@ -152,7 +152,7 @@ def pair_costs(chain: ModeChain, q: float, velocity: Floats, spread: Floats) -> 
 
 
 def modes_of_path(chain: ModeChain, pairs: PairCosts, pair: int) -> Ints:
-    """(W,) modes of the cheapest path through a pair."""
+    """Return the (W,) modes of the cheapest path through a pair."""
     path, one = [pair], pair
     while (one := int(pairs.back[one])) >= 0:
         path.append(one)
@@ -167,7 +167,7 @@ def modes_of_path(chain: ModeChain, pairs: PairCosts, pair: int) -> Ints:
 
 
 def distinct_paths(chain: ModeChain, pairs: PairCosts, most: int, gap: float) -> list[Ints]:
-    """(W,) modes of the cheapest path, then of the cheapest ones through a mode that is away from all paths before.
+    """Return the (W,) modes of the cheapest path, then of the cheapest paths through other modes.
 
     Args:
         chain: the modes.

@@ -34,7 +34,7 @@ MIN_VARIANCE_SCALE, MAX_VARIANCE_SCALE = 0.2, 20.0
 
 
 class ResidualEvidence(NamedTuple):
-    """Sums of squares of residuals, and how many degrees of freedom they have."""
+    """Sums of squared residuals with their effective degrees of freedom."""
 
     lines: float
     lines_freedom: float
@@ -43,18 +43,18 @@ class ResidualEvidence(NamedTuple):
 
     @property
     def lines_scale(self) -> float:
-        """Variance of lines of sight as a multiple of what is stated."""
+        """Return the variance of bearings as a multiple of its stated value."""
         return (PRIOR_RESIDUALS + self.lines) / (PRIOR_RESIDUALS + self.lines_freedom)
 
     @property
     def steps_scale(self) -> float:
-        """Variance of the motion as a multiple of what is stated."""
+        """Return the variance of the motion as a multiple of its stated value."""
         return (PRIOR_RESIDUALS + self.steps) / (PRIOR_RESIDUALS + self.steps_freedom)
 
 
 @kernel
 def weights(lines: BearingLinesByStep, X: Floats, loss: int, k: float) -> Floats:
-    """(N,) weights of lines of sight in iteratively reweighted least squares."""
+    """Return (N,) weights of bearings in iteratively reweighted least squares."""
     r = residuals(lines, X)
     out = np.empty(r.shape[0])
     for n in range(out.shape[0]):
@@ -63,7 +63,7 @@ def weights(lines: BearingLinesByStep, X: Floats, loss: int, k: float) -> Floats
 
 
 def evidence(problem: TrajectoryProblem, X: Floats, spread: Floats) -> ResidualEvidence:
-    """Sums over all lines of sight and steps.
+    """Return sums of squared residuals over all bearings and motion steps.
 
     Args:
         problem: with the stated variances.
@@ -84,7 +84,7 @@ def evidence(problem: TrajectoryProblem, X: Floats, spread: Floats) -> ResidualE
 
 
 def rescaled(problem: TrajectoryProblem, lines2: float, steps2: float) -> TrajectoryProblem:
-    """The problem with the variances of lines of sight and of steps multiplied."""
+    """Return the problem with variances of bearings and motion steps multiplied by factors."""
     steps: ChainSteps = problem.steps._replace(
         sigma=problem.steps.sigma * steps2, whiten=problem.steps.whiten / np.sqrt(steps2)
     )
@@ -93,7 +93,7 @@ def rescaled(problem: TrajectoryProblem, lines2: float, steps2: float) -> Trajec
 
 
 def sandwich(problem: TrajectoryProblem, X: Floats, spread: Floats) -> Floats:
-    """(T, 4, 4) covariances of the states if lines of sight and motion are as noisy as their residuals tell.
+    """Return (T, 4, 4) state covariances with the noise of bearings and motion scaled to their residuals.
 
     With C the inverse of M + G, M the information of lines of sight and G that of the motion, the covariance is
     C (s^2 M + m^2 G) C; C M C is the derivative of C by the variance of the lines of sight.  The motion counts as
@@ -115,10 +115,7 @@ def sandwich(problem: TrajectoryProblem, X: Floats, spread: Floats) -> Floats:
 
 
 def between(part: Floats, whole: Floats) -> Floats:
-    """(T, 4, 4) `part` of a covariance, brought between none and all of it where rounding has left that by `BEYOND`.
-
-    Steps of nanoseconds leave few digits of covariances, and their difference multiplies what is wrong with them.
-    """
+    """Return (T, 4, 4) `part` of a covariance clipped to between 0 and `whole`, against rounding errors."""
     size, axes = np.linalg.eigh(whole)
     root = axes * np.sqrt(np.maximum(size, np.finfo(np.float64).tiny))[:, None, :]
     back = np.linalg.pinv(root, rcond=0.0)

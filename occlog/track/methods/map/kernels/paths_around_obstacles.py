@@ -27,7 +27,7 @@ from .windows import StatePrior, part
 
 
 class Obstacle(NamedTuple):
-    """A polygon in which the target is not."""
+    """A polygon that the target cannot enter (wall or empty field of view)."""
 
     corners: Floats  # (K, 2) simple, counter-clockwise
     pieces: tuple[Floats, ...]  # convex, counter-clockwise; they make it up
@@ -38,7 +38,7 @@ class Obstacle(NamedTuple):
 
 
 class Hold(NamedTuple):
-    """States first .. last are kept out of an obstacle."""
+    """States first .. last that are constrained outside an obstacle."""
 
     obstacle: int
     first: int
@@ -46,7 +46,7 @@ class Hold(NamedTuple):
 
 
 def stretches(X: Floats, obstacles: tuple[Obstacle, ...], left_alone: Bools, touch: float) -> Iterator[Hold]:
-    """Stretches of states inside an obstacle, or at the ends of a step through a wall."""
+    """Return segments of states inside an obstacle, or at the ends of a step through a wall."""
     xy = np.ascontiguousarray(X[:, ::2])
     for k, o in enumerate(obstacles):
         inside = overlaps(xy, o, touch) & ~left_alone[k]
@@ -61,7 +61,7 @@ def stretches(X: Floats, obstacles: tuple[Obstacle, ...], left_alone: Bools, tou
 
 
 def overlaps(xy: Floats, o: Obstacle, touch: float) -> Bools:
-    """(T,) states inside an obstacle; of a wall also both ends of each step that cuts it."""
+    """Return (T,) booleans: states inside an obstacle; for a wall, also both ends of each step that crosses it."""
     out = np.zeros(len(xy), dtype=np.bool_)
     if o.seen_through is None:
         for piece in o.pieces:
@@ -86,7 +86,7 @@ def overlaps(xy: Floats, o: Obstacle, touch: float) -> Bools:
 def guesses(
     X: Floats, obstacles: tuple[Obstacle, ...], stretch: Hold, extent: float, clearance: float
 ) -> Iterator[Floats]:
-    """Trajectories that lead a segment around its obstacle."""
+    """Generate initial trajectories that lead a segment around its obstacle on either side."""
     o, T = obstacles[stretch.obstacle], len(X)
     wall = o.seen_through is None
     away = (clearance if wall else 0.0) + 1e-3 * extent
@@ -120,13 +120,13 @@ def guesses(
 
 
 def _within(xy: Floats, o: Obstacle) -> Bools:
-    """(T,) which positions are inside."""
+    """Return (T,) booleans: which positions are inside the obstacle."""
     points = np.ascontiguousarray(xy)
     return np.asarray(np.any([separate(points, points, piece).gap < 0.0 for piece in o.pieces], axis=0))
 
 
 def _to_edges(X: Floats, o: Obstacle, a: int, b: int, away: float) -> Iterator[Floats]:
-    """Trajectories with states a + 1 .. b - 1 next to one of the edges; for segments at the start or the end."""
+    """Generate trajectories with states a + 1 .. b - 1 moved beside one of the edges, for segments at start or end."""
     K = len(o.corners)
     for k in range(K):
         edge = o.corners[(k + 1) % K] - o.corners[k]
@@ -138,7 +138,7 @@ def _to_edges(X: Floats, o: Obstacle, a: int, b: int, away: float) -> Iterator[F
 
 
 def hidden_from_view(xy: Floats, o: Obstacle, rows: Ints) -> Bools:
-    """Which of some states the camera of a view cannot see for a wall."""
+    """Return which states are hidden by a wall from the camera of a field-of-view obstacle."""
     eye = np.broadcast_to(o.eye, (len(rows), 2))
     out = np.zeros(len(rows), dtype=np.bool_)
     for wall in o.seen_through or ():
@@ -164,7 +164,7 @@ MU = 1e-2
 
 
 class PathsAroundObstacles(NamedTuple):
-    """The minimum around the obstacles."""
+    """Minimum of the cost outside the obstacles."""
 
     problem: TrajectoryProblem  # with the half-planes of the detours
     solution: Solution
@@ -182,7 +182,7 @@ def find_paths_around(
     holds: Iterable[Hold] = (),
     left_alone: Bools | None = None,
 ) -> PathsAroundObstacles:
-    """The minimum around all obstacles, as far as ways around are found.
+    """Return the minimum of the cost outside all obstacles, as far as detours are found.
 
     Args:
         problem: with all other constraints.
@@ -240,9 +240,9 @@ def _local_way(
     held: tuple[Hold, ...],
     space: tuple[Options, float, float],
 ) -> tuple[Floats | None, int]:
-    """The trajectory with one segment led around its obstacle the cheapest way, and the iterations spent.
+    """Return the trajectory with one segment led around its obstacle the cheapest way, and the iterations used.
 
-    Only the neighbourhood moves; None where no way is found, or none that is worth the price.
+    Only nearby states move; None if no detour is found or none is worth its cost.
     """
     options, extent, clearance = space
     reach = max(NEIGHBOURHOOD, 2 * (stretch.last - stretch.first))
@@ -276,7 +276,7 @@ def _local_way(
 
 
 def _pinned(problem: TrajectoryProblem, X: Floats, first: int, last: int, extent: float) -> TrajectoryProblem:
-    """The problem of states first .. last - 1 with those before and after as they are in X."""
+    """Return the problem of states first .. last - 1 with their neighbours fixed at X."""
     steps = problem.steps
     before = StatePrior(steps.mean, steps.spread)
     if first > 0:
@@ -312,7 +312,7 @@ def _padded(stretch: Hold, T: int) -> Hold:
 def separating_planes(
     X: Floats, obstacles: tuple[Obstacle, ...], holds: Iterable[Hold], clearance: float
 ) -> tuple[HalfPlanes, float]:
-    """Half-planes that keep held states out of their obstacles, and the narrowest gap there is now."""
+    """Return half-planes that keep constrained states outside their obstacles, and the narrowest current gap."""
     xy = np.ascontiguousarray(X[:, ::2])
     parts, narrowest = [NO_PLANES], math.inf
     for hold in holds:
@@ -325,7 +325,7 @@ def separating_planes(
 
 
 def _piece_planes(xy: Floats, o: Obstacle, piece: Floats, hold: Hold, clearance: float) -> tuple[HalfPlanes, float]:
-    """Half-planes between the held states and one convex piece."""
+    """Return half-planes between constrained states and one convex piece of an obstacle."""
     rows: Ints = np.arange(hold.first, hold.last + 1)
     if o.seen_through is None:
         start, end = (rows[:-1], rows[1:]) if len(rows) > 1 else (rows, rows)
@@ -351,7 +351,7 @@ def settle(
     extent: float,
     clearance: float,
 ) -> tuple[TrajectoryProblem, Solution] | None:
-    """The minimum near a guess with lines resampled until nothing moves; None where no line fits.
+    """Return the minimum near a guess, updating separating lines until it converges; None if no line separates.
 
     Args:
         problem: with all other constraints.

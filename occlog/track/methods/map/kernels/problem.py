@@ -34,7 +34,7 @@ likely."""
 
 
 class ChainSteps(NamedTuple):
-    """Where the chain starts and how it moves on; K kinds of steps."""
+    """Prior of the first state and motion steps of the trajectory; K kinds of steps."""
 
     mean: Floats  # (4,) of x_1
     spread: Floats  # (4, 4) covariance of x_1, P0
@@ -46,7 +46,7 @@ class ChainSteps(NamedTuple):
 
 
 class BearingLinesByStep(NamedTuple):
-    """N measured lines of sight, by rising step."""
+    """N bearings as lines of sight, sorted by step."""
 
     step: Ints  # (N,) which state is seen, from 0
     position: Floats  # (N, 2) of the sensor
@@ -69,7 +69,7 @@ class HalfPlanes(NamedTuple):
 
 
 class QuadraticPriors(NamedTuple):
-    """K quadratic terms of positions, by rising step: g . (x - p) + 1/2 (x - p)' H (x - p), H never negative."""
+    """K quadratic terms of positions, sorted by step: g . (x - p) + 1/2 (x - p)' H (x - p), H positive semidefinite."""
 
     step: Ints  # (K,) which state
     position: Floats  # (K, 2) p
@@ -91,7 +91,7 @@ class TrajectoryProblem(NamedTuple):
 
     @property
     def T(self) -> int:  # noqa: N802
-        """Number of states."""
+        """Return the number of states."""
         return len(self.steps.kind) + 1
 
 
@@ -101,7 +101,7 @@ NO_PLANES = HalfPlanes(np.empty(0, dtype=np.int64), np.empty((0, 2)), np.empty(0
 
 
 def chain(model: GaussMarkov, dt: Floats, mean: Floats, spread: Floats) -> ChainSteps:
-    """The chain of T states with steps of given lengths.
+    """Return the chain of T states with steps of given lengths.
 
     Args:
         model: how the target moves.
@@ -148,14 +148,14 @@ def some_hints(hints: QuadraticPriors, rows: slice | Bools) -> QuadraticPriors:
 
 
 def join_lines(*parts: BearingLinesByStep) -> BearingLinesByStep:
-    """All lines of sight of several sets, by rising step."""
+    """Concatenate sets of lines of sight, sorted by step."""
     order = np.argsort(np.concatenate([p.step for p in parts]), kind="stable")
     joined = BearingLinesByStep(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
     return some_lines(joined, order)
 
 
 def join_planes(*parts: HalfPlanes) -> HalfPlanes:
-    """All constraints of several sets, by rising step."""
+    """Concatenate sets of constraints, sorted by step."""
     step = np.concatenate([p.step for p in parts])
     order = np.argsort(step, kind="stable")
     normal, offset = np.concatenate([p.normal for p in parts]), np.concatenate([p.offset for p in parts])
@@ -164,7 +164,7 @@ def join_planes(*parts: HalfPlanes) -> HalfPlanes:
 
 @kernel
 def slack(planes: HalfPlanes, X: Floats) -> Floats:
-    """(M,) by how much each constraint holds; negative where it does not."""
+    """Return the (M,) slacks of the constraints at X; negative where violated."""
     out = np.empty(planes.step.shape[0])
     for m in range(out.shape[0]):
         t = planes.step[m]
@@ -174,7 +174,7 @@ def slack(planes: HalfPlanes, X: Floats) -> Floats:
 
 @kernel
 def slack_change(planes: HalfPlanes, dX: Floats) -> Floats:
-    """(M,) change of the slacks when states change by dX."""
+    """Return the (M,) changes of the slacks for a change dX of the states."""
     out = np.empty(planes.step.shape[0])
     for m in range(out.shape[0]):
         t = planes.step[m]
@@ -184,7 +184,7 @@ def slack_change(planes: HalfPlanes, dX: Floats) -> Floats:
 
 @kernel
 def within(change: Floats, size: Floats, share: float) -> float:
-    """The largest part of a change, at most all of it, that takes positive sizes down by no more than a share."""
+    """Return the largest step share <= 1 at which positive sizes decrease by no more than `share` of themselves."""
     most = 1.0
     for m in range(size.shape[0]):
         if change[m] * most < -share * size[m]:
@@ -193,10 +193,10 @@ def within(change: Floats, size: Floats, share: float) -> float:
 
 
 def start_on_axes(lines: BearingLinesByStep, T: int, centre: Floats, depth: float) -> Floats:
-    """(T, 4) states of [Rahimi] Sec. 6: unseen ones in the centre, seen ones on the axis of the camera that saw them.
+    """Return (T, 4) initial states as in [Rahimi] Sec. 6: on the axis of the camera that saw them, else in the centre.
 
-    A state that several cameras saw is put on the axis of the last of them, which is
-    inside the constraints of that camera only; see `occlog.track.methods.map.kernels.interior_point.move_inside`.
+    A state seen by several cameras is put on the axis of the last, which satisfies the constraints of that camera only;
+    see `occlog.track.methods.map.kernels.interior_point.move_inside`.
 
     Args:
         lines: N lines of sight.
@@ -211,9 +211,9 @@ def start_on_axes(lines: BearingLinesByStep, T: int, centre: Floats, depth: floa
 
 
 def linear_problem(problem: TrajectoryProblem, distance: Floats) -> TrajectoryProblem:
-    """The problem with each residual replaced by one that is linear in the state (pseudo-linear).
+    """Return the problem with residuals replaced by pseudo-linear ones.
 
-    r = (f h - z d) / (sigma D) with a distance D that is fixed in advance.
+    r = (f h - z d) / (sigma D), with a distance D fixed in advance, is linear in the state.
 
     Args:
         problem: with any losses; those of the result are squares.

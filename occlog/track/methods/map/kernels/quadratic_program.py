@@ -33,7 +33,7 @@ Solver = Callable[[Program], tuple[Floats, Floats]]
 
 
 def program(problem: TrajectoryProblem, X: Floats) -> Program:
-    """The program about states X (T, 4)."""
+    """Return the quadratic program about states X (T, 4)."""
     g, H = derivatives(problem, X, 0.0)
     u = 4 * np.arange(len(X))
     rows, columns = np.concatenate([u, u, u + 2, u + 2]), np.concatenate([u, u + 2, u, u + 2])
@@ -49,7 +49,7 @@ def program(problem: TrajectoryProblem, X: Floats) -> Program:
 
 
 def _chain_rows(problem: TrajectoryProblem) -> sparse.csc_matrix:
-    """(4 T, 4 T) G of Eq. 3: the rows with squares that sum to the chain's cost."""
+    """Return the (4 T, 4 T) matrix G of Eq. 3, whose squared rows sum to the motion cost."""
     steps, T = problem.steps, problem.T
     after = steps.whiten[steps.kind]
     before = -np.einsum("tij,tjk->tik", after, steps.A[steps.kind])
@@ -68,7 +68,7 @@ def sequential_programs(
     solver: Solver,
     watch: Callable[[Iterate], None] | None = None,
 ) -> Solution:
-    """The local minimum that the start leads to, as `minimise` has it.
+    """Return the local minimum reached from a start by sequential quadratic programs; result as of `minimise`.
 
     Args:
         problem: what is minimised.

@@ -58,7 +58,7 @@ class BearingHalfLines(NamedTuple):
 
 
 class HypothesisBeam(NamedTuple):
-    """Hypotheses at one state; a cost of inf marks unused ones."""
+    """Hypotheses at one state; unused entries have cost inf."""
 
     x: Floats  # (BEAM, 4)
     P: Floats  # (BEAM, 4, 4)
@@ -91,14 +91,16 @@ def off_line2(rays: BearingHalfLines, n: int, x: float, y: float, extra: float) 
 
 @kernel
 def off_line(rays: BearingHalfLines, n: int, x: float, y: float, extra: float, k2: float) -> float:
-    """Cost of a line of sight at a position; at most k2."""
+    """Return the cost of a line of sight at a position, at most k2."""
     distance2, vague = off_line2(rays, n, x, y, extra)
     return min(distance2 + vague, k2)
 
 
 @kernel
 def crossing(rays: BearingHalfLines, i: int, j: int, moved2: float) -> tuple[float, float, float, float]:
-    """Where two lines of sight cross: x, y, standard deviation in the worst direction, area; inf where they do not.
+    """Return the intersection of two lines of sight: x, y, largest standard deviation, area.
+
+    Inf if they do not intersect.
 
     Args:
         rays: the lines of sight.
@@ -122,7 +124,7 @@ def crossing(rays: BearingHalfLines, i: int, j: int, moved2: float) -> tuple[flo
 
 @kernel
 def _around(first: Ints, seconds: Floats, t: int, longest: float) -> tuple[int, int]:
-    """Lines of sight first .. last - 1 of a state, and of those around it where it has few."""
+    """Return the range of lines of sight of a state, extended to nearby states if it has few."""
     T = seconds.shape[0]
     a, b = t, t
     while first[b + 1] - first[a] < MIN_CROSSINGS:
@@ -141,9 +143,9 @@ def _around(first: Ints, seconds: Floats, t: int, longest: float) -> tuple[int, 
 def candidates(
     rays: BearingHalfLines, first: Ints, seconds: Floats, t: int, speed: float, widest: float, k2: float, out: Floats
 ) -> int:
-    """The best crossings for a state into `out` (MOST, 7): and their number.
+    """Write the best intersections for a state to `out` (MOST, 7) and return their number.
 
-    Columns of `out`: x, y, standard deviation, area, cost of the lines of sight around, and which two lines cross.
+    Columns: x, y, standard deviation, area, cost of the nearby lines of sight, and the two intersecting lines.
 
     Args:
         rays: the lines of sight.
@@ -186,7 +188,7 @@ def candidates(
 
 @kernel
 def empty_beam() -> HypothesisBeam:
-    """No hypotheses."""
+    """Return an empty set of hypotheses."""
     return HypothesisBeam(
         np.zeros((BEAM_WIDTH, 4)),
         np.zeros((BEAM_WIDTH, 4, 4)),
@@ -198,14 +200,14 @@ def empty_beam() -> HypothesisBeam:
 
 @kernel
 def _put(to: HypothesisBeam, m: int, source: HypothesisBeam, s: int) -> None:
-    """Copy a hypothesis."""
+    """Copy hypothesis s of `source` to position m of `to`."""
     to.x[m], to.P[m], to.cost[m] = source.x[s], source.P[s], source.cost[s]
     to.bits[m], to.parent[m] = source.bits[s], source.parent[s]
 
 
 @kernel
 def _predict(beam: HypothesisBeam, A: Floats, sigma: Floats) -> None:
-    """Move all hypotheses on by a step of the chain."""
+    """Predict all hypotheses by one step of the chain, in place."""
     for m in range(BEAM_WIDTH):
         if beam.cost[m] < math.inf:
             beam.x[m] = A @ beam.x[m]
@@ -214,7 +216,10 @@ def _predict(beam: HypothesisBeam, A: Floats, sigma: Floats) -> None:
 
 @kernel
 def inlier_cost(rays: BearingHalfLines, n: int, x: Floats, P: Floats) -> tuple[float, float, float]:
-    """Cost of believing a line of sight, the distance from it, and the variance of that; inf behind or out of reach."""
+    """Return the cost of accepting a line of sight, the distance from it and its variance.
+
+    Inf if behind or out of range.
+    """
     c, s = rays.direction[n, 0], rays.direction[n, 1]
     dx, dy = x[0] - rays.position[n, 0], x[2] - rays.position[n, 1]
     along = c * dx + s * dy
@@ -229,7 +234,7 @@ def inlier_cost(rays: BearingHalfLines, n: int, x: Floats, P: Floats) -> tuple[f
 
 @kernel
 def _update(beam: HypothesisBeam, m: int, rays: BearingHalfLines, n: int, across: float, S: float) -> None:
-    """Kalman update of a hypothesis by a line of sight that it believes."""
+    """Update a hypothesis by a line of sight that it accepts (Kalman update), in place."""
     c, s = rays.direction[n, 0], rays.direction[n, 1]
     gain = np.empty(4)
     for i in range(4):
@@ -242,7 +247,7 @@ def _update(beam: HypothesisBeam, m: int, rays: BearingHalfLines, n: int, across
 
 @kernel
 def _split(beam: HypothesisBeam, rays: BearingHalfLines, n: int, bit: int, k2: float, spare: HypothesisBeam) -> None:
-    """Split all hypotheses by a line of sight, and keep the best ones."""
+    """Split all hypotheses on whether a line of sight is true, and keep the most probable."""
     mask = np.int64(1) << bit
     costs, across, S = np.full(2 * BEAM_WIDTH, math.inf), np.zeros(BEAM_WIDTH), np.ones(BEAM_WIDTH)
     for m in range(BEAM_WIDTH):
@@ -271,9 +276,9 @@ def _split(beam: HypothesisBeam, rays: BearingHalfLines, n: int, bit: int, k2: f
 def _begin(
     beam: HypothesisBeam, x: float, y: float, spread: Floats, speed: float, cost: float, bits: int, parent: int
 ) -> None:
-    """Put a new hypothesis in the place of the worst, or where missing; spread: variances xx, xy, yy.
+    """Start a hypothesis in place of the worst; spread: variances xx, xy, yy.
 
-    It is worse than most initially: nearly all that are kept share what was accepted before.
+    Its initial cost is higher than most, since most kept hypotheses share their accepted bearings.
     """
     m = int(np.argmax(beam.cost))
     beam.x[m], beam.P[m] = 0.0, 0.0
@@ -295,7 +300,7 @@ def _births(
     ground: Floats,
     k2: float,
 ) -> None:
-    """Begin hypotheses at the best crossings of a state, or along its lines of sight where none cross.
+    """Start hypotheses at the best intersections of a state, or along its lines of sight if none intersect.
 
     Args:
         beam: changed in place.
@@ -337,7 +342,7 @@ def _births(
 
 @kernel
 def _merge(beam: HypothesisBeam) -> None:
-    """Keep the better one of hypotheses that are nearly equal."""
+    """Merge nearly equal hypotheses, keeping the better one."""
     for m in range(BEAM_WIDTH):
         for n in range(m):
             if beam.cost[m] == math.inf or beam.cost[n] == math.inf:
@@ -356,7 +361,7 @@ def _merge(beam: HypothesisBeam) -> None:
 def agreed_path(
     rays: BearingHalfLines, first: Ints, seconds: Floats, steps: ChainSteps, ground: Floats, k: float
 ) -> tuple[Floats, Bools, float]:
-    """(T, 4) states of the most probable hypothesis as filtered, (N,) the lines of sight it believes, and its cost.
+    """Return the most probable hypothesis: (T, 4) filtered states, (N,) accepted bearings, and its cost.
 
     Args:
         rays: N lines of sight.

@@ -17,7 +17,7 @@ TINY = 1e-150
 
 @kernel
 def log_odds_offset(k: float, lean: float) -> float:
-    """The mixture's k with so much added to the log odds k^2/2; below 0 where these are."""
+    """Return the mixture's k for log odds k^2 / 2 + lean; negative where the sum is negative."""
     if lean == 0.0:
         return k
     k2 = k * k + 2.0 * lean
@@ -26,7 +26,7 @@ def log_odds_offset(k: float, lean: float) -> float:
 
 @kernel
 def loss_value(r: float, loss: int, k: float) -> float:
-    """Loss of a residual, in units of a negative log likelihood; a k below 0 is the mixture's of `log_odds_offset`."""
+    """Return the loss of a residual as a negative log likelihood; k < 0 is the mixture's k of `log_odds_offset`."""
     if loss == HUBER and abs(r) > k:
         return k * (abs(r) - 0.5 * k)
     if loss == CAUCHY:
@@ -41,14 +41,14 @@ def loss_value(r: float, loss: int, k: float) -> float:
 
 @kernel
 def inlier_probability(r: float, k: float) -> float:
-    """Probability that a line of sight with that residual is true, if it is 1/2 at k."""
+    """Return the probability that a bearing with residual r is true, 1/2 at r = k."""
     a = 0.5 * (k * abs(k) - r * r)
     return 1.0 / (1.0 + math.exp(-a)) if a >= 0.0 else math.exp(a) / (1.0 + math.exp(a))
 
 
 @kernel
 def loss_slopes(r: float, loss: int, k: float) -> tuple[float, float, float]:
-    """First and second derivative of the loss, and the weight first / r of iteratively reweighted least squares."""
+    """Return first and second derivative of the loss, and the IRLS weight first / r."""
     if loss == HUBER and abs(r) > k:
         return math.copysign(k, r), 0.0, k / abs(r)
     if loss == CAUCHY:
@@ -62,7 +62,7 @@ def loss_slopes(r: float, loss: int, k: float) -> tuple[float, float, float]:
 
 @kernel
 def in_camera(lines: BearingLinesByStep, n: int, X: Floats) -> tuple[float, float]:
-    """Offset to the left of the axis, h, and distance along it, d, of the state that line of sight n is of."""
+    """Return the state's offset h to the left of the optical axis and distance d along it, for line of sight n."""
     t = lines.step[n]
     dx, dy = X[t, 0] - lines.position[n, 0], X[t, 2] - lines.position[n, 1]
     c, s = lines.axis[n, 0], lines.axis[n, 1]
@@ -71,7 +71,7 @@ def in_camera(lines: BearingLinesByStep, n: int, X: Floats) -> tuple[float, floa
 
 @kernel
 def residual(lines: BearingLinesByStep, n: int, h: float, d: float) -> float:
-    """Residual of a line of sight in standard deviations."""
+    """Return the residual of a line of sight in standard deviations."""
     if lines.direction[n]:
         return math.atan2(h, d) / math.sqrt(lines.c0[n])
     missed: float = lines.focal[n] * h - lines.reading[n] * d
@@ -80,7 +80,7 @@ def residual(lines: BearingLinesByStep, n: int, h: float, d: float) -> float:
 
 @kernel
 def residuals(lines: BearingLinesByStep, X: Floats) -> Floats:
-    """(N,) residuals of all lines of sight in standard deviations."""
+    """Return (N,) residuals of all lines of sight in standard deviations."""
     out = np.empty(lines.step.shape[0])
     for n in range(out.shape[0]):
         h, d = in_camera(lines, n, X)
@@ -90,7 +90,7 @@ def residuals(lines: BearingLinesByStep, X: Floats) -> Floats:
 
 @kernel
 def losses(lines: BearingLinesByStep, X: Floats, loss: int, k: float) -> Floats:
-    """(N,) losses of all lines of sight."""
+    """Return (N,) losses of all lines of sight."""
     out = np.empty(lines.step.shape[0])
     for n in range(out.shape[0]):
         h, d = in_camera(lines, n, X)
@@ -100,7 +100,7 @@ def losses(lines: BearingLinesByStep, X: Floats, loss: int, k: float) -> Floats:
 
 @kernel
 def inlier_probabilities(lines: BearingLinesByStep, X: Floats, k: float) -> Floats:
-    """(N,) probability that each line of sight is true, 1/2 for a residual of k; 0 behind the camera."""
+    """Return (N,) probabilities that lines of sight are true, 1/2 at residual k; 0 behind the camera."""
     out = np.empty(lines.step.shape[0])
     for n in range(out.shape[0]):
         h, d = in_camera(lines, n, X)
@@ -114,7 +114,7 @@ def inlier_probabilities(lines: BearingLinesByStep, X: Floats, k: float) -> Floa
 
 @kernel
 def depths(lines: BearingLinesByStep, X: Floats) -> Floats:
-    """(N,) distance of each state along the axis of the camera that saw it."""
+    """Return (N,) distances of states along the optical axis of the camera that saw them."""
     out = np.empty(lines.step.shape[0])
     for n in range(out.shape[0]):
         out[n] = in_camera(lines, n, X)[1]
@@ -123,7 +123,7 @@ def depths(lines: BearingLinesByStep, X: Floats) -> Floats:
 
 @kernel
 def lines_cost(lines: BearingLinesByStep, X: Floats, loss: int, k: float) -> float:
-    """Part of the cost that the measurements have."""
+    """Return the cost of the bearings."""
     total = 0.0
     for n in range(lines.step.shape[0]):
         h, d = in_camera(lines, n, X)
@@ -137,7 +137,7 @@ def lines_cost(lines: BearingLinesByStep, X: Floats, loss: int, k: float) -> flo
 
 @kernel
 def chain_cost(steps: ChainSteps, X: Floats) -> float:
-    """Part of the cost that the motion has."""
+    """Return the cost of the motion."""
     total = 0.0
     for i in range(4):
         e = 0.0
@@ -159,7 +159,7 @@ def chain_cost(steps: ChainSteps, X: Floats) -> float:
 
 @kernel
 def add_chain(steps: ChainSteps, X: Floats, g: Floats) -> None:
-    """Add the gradient of `chain_cost` to `g` (T, 4)."""
+    """Add the gradient of `chain_cost` to `g` (T, 4) in place."""
     e = np.empty(4)
     for i in range(4):
         e[i] = 0.0
@@ -187,7 +187,7 @@ def add_chain(steps: ChainSteps, X: Floats, g: Floats) -> None:
 
 @kernel
 def hints_cost(hints: QuadraticPriors, X: Floats) -> float:
-    """Part of the cost that the quadratic terms have."""
+    """Return the cost of the quadratic terms."""
     total = 0.0
     for m in range(hints.step.shape[0]):
         t = hints.step[m]
@@ -199,7 +199,7 @@ def hints_cost(hints: QuadraticPriors, X: Floats) -> float:
 
 @kernel
 def add_hints(hints: QuadraticPriors, X: Floats, g: Floats, H: Floats) -> None:
-    """Add the quadratic terms' derivatives to `g` (T, 4) and, by position, to `H` (T, 3)."""
+    """Add the quadratic terms' derivatives to `g` (T, 4) and, by position, to `H` (T, 3), in place."""
     for m in range(hints.step.shape[0]):
         t = hints.step[m]
         dx, dy = X[t, 0] - hints.position[m, 0], X[t, 2] - hints.position[m, 1]
@@ -211,7 +211,7 @@ def add_hints(hints: QuadraticPriors, X: Floats, g: Floats, H: Floats) -> None:
 
 @kernel
 def barrier_cost(planes: HalfPlanes, X: Floats) -> float:
-    """- sum of log slacks; inf outside."""
+    """Return the negative sum of log slacks; inf outside the constraints."""
     total = 0.0
     for m in range(planes.step.shape[0]):
         t = planes.step[m]
@@ -224,7 +224,7 @@ def barrier_cost(planes: HalfPlanes, X: Floats) -> float:
 
 @kernel
 def add_lines(lines: BearingLinesByStep, X: Floats, loss: int, k: float, exact: float, g: Floats, H: Floats) -> None:
-    """Add the measurements' derivatives to `g` (T, 4) and, by position, to `H` (T, 3): xx, xy, yy.
+    """Add the bearings' derivatives to `g` (T, 4) and, by position, to `H` (T, 3): xx, xy, yy, in place.
 
     Args:
         lines: N lines of sight.
@@ -273,7 +273,7 @@ def add_lines(lines: BearingLinesByStep, X: Floats, loss: int, k: float, exact: 
 
 @kernel
 def add_planes(planes: HalfPlanes, X: Floats, mu: float, multiplier: Floats, g: Floats, H: Floats) -> None:
-    """Add the barrier's derivatives in primal-dual form: g - mu/s n, H + multiplier/s n n'."""
+    """Add the barrier's primal-dual derivatives in place: g - mu/s n, H + multiplier/s n n'."""
     for m in range(planes.step.shape[0]):
         t, n0, n1 = planes.step[m], planes.normal[m, 0], planes.normal[m, 1]
         s = n0 * X[t, 0] + n1 * X[t, 2] - planes.offset[m]
@@ -287,7 +287,7 @@ def add_planes(planes: HalfPlanes, X: Floats, mu: float, multiplier: Floats, g: 
 
 @kernel
 def in_front(lines: BearingLinesByStep, X: Floats) -> Bools:
-    """(N,) which states are in front of their camera."""
+    """Return (N,) booleans: which states are in front of their camera."""
     out = np.empty(lines.step.shape[0], dtype=np.bool_)
     for n in range(out.shape[0]):
         out[n] = in_camera(lines, n, X)[1] > 0.0
@@ -296,9 +296,9 @@ def in_front(lines: BearingLinesByStep, X: Floats) -> Bools:
 
 @kernel
 def leverages(lines: BearingLinesByStep, X: Floats, loss: int, k: float, C: Floats) -> Floats:
-    """(N,) share of each line of sight in what is known of its own direction, 0 to 1.
+    """Return (N,) leverages of the lines of sight, 0 to 1: J' C J.
 
-    That is J' C J with J the gradient of the residual and C (T, 4, 4) the covariances of the states.
+    J is the gradient of the residual and C (T, 4, 4) the covariances of the states.
     """
     out = np.empty(lines.step.shape[0])
     for n in range(out.shape[0]):

@@ -19,14 +19,14 @@ from .problem import ChainSteps, TrajectoryProblem, some_hints, some_lines, some
 
 
 class StatePrior(NamedTuple):
-    """A Gaussian of one state."""
+    """Gaussian prior of one state."""
 
     mean: Floats  # (4,)
     spread: Floats  # (4, 4) covariance, positive definite
 
 
 def part(problem: TrajectoryProblem, first: int, last: int, before: StatePrior) -> TrajectoryProblem:
-    """The problem of states first .. last - 1 alone.
+    """Return the sub-problem of states first .. last - 1.
 
     Args:
         problem: of T states.
@@ -47,15 +47,15 @@ def part(problem: TrajectoryProblem, first: int, last: int, before: StatePrior) 
 
 
 def make_first(steps: ChainSteps, before: StatePrior) -> ChainSteps:
-    """The chain with another prior of its first state."""
+    """Return the chain with another prior of its first state."""
     whiten = np.linalg.solve(np.linalg.cholesky(before.spread), np.eye(4))
     return steps._replace(mean=before.mean, spread=before.spread, whiten_first=np.ascontiguousarray(whiten))
 
 
 def summary(problem: TrajectoryProblem, solution: Solution, state: int) -> StatePrior:
-    """Marginal of a state, given everything before it.
+    """Return the marginal Gaussian of a state given everything before it.
 
-    Constraints that hold the trajectory off where it would go keep their force.
+    Active constraints keep their force.
 
     Args:
         problem: of T states.
@@ -85,7 +85,7 @@ Search = Callable[[TrajectoryProblem, Floats, int], tuple[TrajectoryProblem, Sol
 
 
 def minimise_windows(problem: TrajectoryProblem, start: Floats, window: int, search: Search) -> tuple[Floats, int]:
-    """States near the minimum, found in windows that overlap by a quarter, and the iterations all of them took.
+    """Return approximate minimising states, found in windows overlapping by a quarter, and the total iterations.
 
     Args:
         problem: of T states.

@@ -45,7 +45,7 @@ LONGEST_S = 1e9
 
 
 class Pending(NamedTuple):
-    """A target's record that is not given out yet, and what is known from before it."""
+    """Unreleased part of a target's record, with the prior from before it."""
 
     config: MapConfig
     at: SensorStations
@@ -59,7 +59,7 @@ class Pending(NamedTuple):
 
 
 def motion_of(config: MapConfig) -> GaussMarkov:
-    """How the target moves: the fitted model if there is one, or constant velocity with noise."""
+    """Return the motion model: the fitted one if stated, else constant velocity with noise."""
     if config.A is None or config.Sigma is None:
         return constant_velocity(config.process_noise_velocity, config.process_noise_position, config.model_step_s)
     A, sigma = (np.array(m, dtype=np.float64).reshape(4, 4) for m in (config.A, config.Sigma))
@@ -67,7 +67,7 @@ def motion_of(config: MapConfig) -> GaussMarkov:
 
 
 def begin(scene: Scene, config: MapConfig, returned: bool = False) -> Pending:
-    """Initial problem of a target: the prior of its position, without measurements.
+    """Return the initial problem of a target: position prior without measurements.
 
     Args:
         scene: room and sensors.
@@ -104,9 +104,9 @@ def begin(scene: Scene, config: MapConfig, returned: bool = False) -> Pending:
 
 
 def memory_ns(scene: Scene, config: MapConfig) -> int | None:
-    """The pause [ns] after which a target may be anywhere by its motion, to a factor of 2; None: missing.
+    """Return the pause [ns] after which the motion model predicts any position (to a factor of 2); None if none.
 
-    A chain over a longer one would only have variances that 64 bits do not hold together with those of bearings.
+    Longer chains would exceed the range of 64-bit variances.
     """
     model, extent = motion_of(config), _extent(scene)
     try:
@@ -126,12 +126,12 @@ def _extent(scene: Scene) -> float:
 
 
 def _moves_freely(config: MapConfig) -> bool:
-    """Whether the motion is the same everywhere, so that coordinates may be counted from anywhere."""
+    """Return whether the motion model is translation-invariant, so that any origin may be used."""
     return bool(np.allclose(motion_of(config).A[:, ::2], np.eye(4)[:, ::2], rtol=0.0, atol=1e-12))
 
 
 def problem_of(pending: Pending, record: TargetRecord, inlier: Bools | None = None) -> TrajectoryProblem:
-    """What is minimised for a record ([Rahimi] Eq. 8).
+    """Return the minimisation problem of a record ([Rahimi] Eq. 8).
 
     Args:
         pending: the target.
@@ -155,15 +155,15 @@ def problem_of(pending: Pending, record: TargetRecord, inlier: Bools | None = No
 
 
 def bend_of(config: MapConfig) -> float:
-    """The parameter of the loss."""
+    """Return the parameter of the loss."""
     return BEND[config.loss] if config.loss_threshold is None else config.loss_threshold
 
 
 def start_of(pending: Pending, problem: TrajectoryProblem) -> tuple[Floats, Bools]:
-    """Where the search begins, inside the constraints; and the states with contradictory constraints.
+    """Return the feasible initial states and those with contradictory constraints.
 
-    States that a camera saw begin on its optical axis, the others in the centre of the room ([Rahimi] Sec. 6);
-    states that were found before begin there.
+    States that a camera saw start on its optical axis, the others in the room's centre ([Rahimi] Sec. 6); states found
+    before start there.
     """
     config, T = pending.config, problem.T
     depth = 0.1 * pending.extent if config.initial_depth is None else config.initial_depth

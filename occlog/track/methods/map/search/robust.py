@@ -69,7 +69,7 @@ Watch = Callable[[Iterate], None] | None
 
 
 def linear_start(problem: TrajectoryProblem, X: Floats, config: MapConfig, extent: float) -> Floats:
-    """The minimum of linear problems: first with all targets at one distance, then at those found."""
+    """Return the minimum of linearised problems, first with all targets at one distance, then at those found."""
     distance = np.full(len(problem.lines.step), 0.3 * extent)
     for _ in range(N_LINEAR_PROBLEMS):
         X = minimise(linear_problem(problem, distance), X, Options(ROUGH * extent, config.max_iterations)).X
@@ -87,7 +87,7 @@ def search_around(
     watch: Watch = None,
     mu: float = MU_FIRST,
 ) -> PathsAroundObstacles:
-    """The minimum around all obstacles that the start leads to; long records are first solved in windows.
+    """Return the minimum outside all obstacles reached from a start; long records are first solved in windows.
 
     Args:
         problem: what is minimised.
@@ -131,7 +131,7 @@ def search_around(
 
 
 def roughly(problem: TrajectoryProblem, start: Floats, config: MapConfig, extent: float) -> tuple[Floats, int]:
-    """States near the minimum, inside the constraints but not on their border, and the iterations that they took.
+    """Return approximate minimising states strictly inside the constraints, and the iterations used.
 
     Args:
         problem: what is minimised, without obstacles.
@@ -177,7 +177,7 @@ Scales = tuple[float, float]
 
 
 class RivalMode(NamedTuple):
-    """Another mode that is nearly as probable."""
+    """A competing mode that is nearly as probable."""
 
     X: Floats  # (T, 4) states
     spread: Floats  # (T, 4, 4) covariances
@@ -186,7 +186,7 @@ class RivalMode(NamedTuple):
 
 
 class RobustSearchResult(NamedTuple):
-    """What a search found."""
+    """Result of a robust search."""
 
     problem: TrajectoryProblem  # without the half-planes of detours
     mode: PathsAroundObstacles
@@ -205,7 +205,7 @@ class RobustSearchResult(NamedTuple):
 def plain_search(
     pending: Pending, record: TargetRecord, around: tuple[Obstacle, ...], watch: Watch
 ) -> RobustSearchResult:
-    """Search from the paper's start, or from linear problems, with all bearings accepted."""
+    """Search from the paper's start, or from linearised problems, accepting all bearings."""
     config = pending.config
     problem = problem_of(pending, record)
     # Start inside the constraints ([Rahimi] Sec. 6)
@@ -236,7 +236,7 @@ def plain_search(
 def robust_search(
     pending: Pending, record: TargetRecord, around: tuple[Obstacle, ...], watch: Watch
 ) -> RobustSearchResult:
-    """Search among false bearings, and once more without what is met by chance alone, if there is something."""
+    """Search with possible false bearings; repeat without bearings that are fitted by chance, if any."""
     found = _most_probable(pending, record, around, watch)
     # Among moving occluders: again with what they say there
     for _ in range(MAX_OCCLUDER_ROUNDS if record.occluders else 0):
@@ -257,10 +257,10 @@ def robust_search(
 def _most_probable(
     pending: Pending, record: TargetRecord, around: tuple[Obstacle, ...], watch: Watch
 ) -> RobustSearchResult:
-    """Search from consensus, with the half-planes of those lines of sight alone that are accepted.
+    """Search from the consensus path, constrained by accepted bearings only.
 
-    Where some are rejected, or residuals are too large, the motion may be livelier and bearings noisier than
-    stated: then the search is repeated with scales that are learned, where these are more probable.
+    If some are rejected or residuals are too large, the search is repeated with estimated noise scales, which are kept
+    if more probable.
     """
     config = pending.config
     whole = problem_of(pending, record)
@@ -301,14 +301,14 @@ def _most_probable(
 
 
 def _overlap(record: TargetRecord) -> float:
-    """Share of lines of sight near to which, in time, another sensor has one; 1 without any."""
+    """Return the share of lines of sight with one of another sensor close in time; 1 without any lines."""
     seen = record.rows.seen
     near = confirmed_by_another(record.rows.sensor[seen], (record.t_ns[record.state[seen]] - record.t_ns[0]) / NS)
     return float(near.mean()) if len(near) else 1.0
 
 
 def _from_axes(pending: Pending, whole: TrajectoryProblem, trust: float) -> ConsensusPath:
-    """A path from the paper's start by ever narrower losses, and the lines of sight that agree with it."""
+    """Return a path from the paper's start by successively narrower losses, and the bearings consistent with it."""
     config, extent = pending.config, pending.extent
     X, stuck = start_of(pending, whole)
     problem = without(whole, stuck) if stuck.any() else whole
@@ -318,7 +318,7 @@ def _from_axes(pending: Pending, whole: TrajectoryProblem, trust: float) -> Cons
 
 
 def _plausible(found: RobustSearchResult, path: ConsensusPath) -> bool:
-    """Whether nearly all lines of sight are accepted, and residuals are what is stated."""
+    """Return whether nearly all bearings are accepted with residuals as stated."""
     residual_evidence = evidence(
         found.mode.problem, found.mode.solution.X, covariance(found.mode.problem, found.mode.solution.X)
     )
@@ -330,7 +330,7 @@ def _plausible(found: RobustSearchResult, path: ConsensusPath) -> bool:
 
 
 def inlier_weights(config: MapConfig, lines2: float) -> float:
-    """Standard deviations at which a line of sight is as likely false as true, its variance multiplied by lines2."""
+    """Return the residual thresholds (sd) at which a bearing is equally likely true or false."""
     bend = bend_of(config) if config.loss == "mixture" else OUTLIER_SIGMAS
     # False ones are as likely as before, and the peak of true ones is lower.
     return float(np.sqrt(max(bend**2 - np.log(lines2), MIN_OUTLIER_SIGMAS**2)))
@@ -347,7 +347,7 @@ def search_from(
     careful: bool = False,
     among: OccluderHints | None = None,
 ) -> RobustSearchResult:
-    """Search from a path.
+    """Search from an initial path.
 
     Args:
         pending: the target.
@@ -413,7 +413,7 @@ def search_from(
 
 
 def has_converged(before: Floats, mode: PathsAroundObstacles) -> bool:
-    """Whether no position has moved by more than `POSITION_TOLERANCE_SIGMAS` of its standard deviations."""
+    """Return whether no position moved by more than `POSITION_TOLERANCE_SIGMAS` standard deviations."""
     X = mode.solution.X
     sigma = np.sqrt(covariance(mode.problem, X)[:, (0, 2), (0, 2)].sum(axis=1))
     return bool((np.hypot(*(X - before)[:, ::2].T) <= POSITION_TOLERANCE_SIGMAS * sigma).all())
@@ -432,16 +432,16 @@ def _overfits(lines: BearingLinesByStep, X: Floats, spread: Floats, trust: float
 
 
 def _frozen(lines: BearingLinesByStep, kept: Bools, X: Floats) -> BearingLinesByStep:
-    """The lines of sight, those not kept with the variance that they have at X."""
+    """Return the lines of sight, with variances of rejected ones fixed at their values at X."""
     d2 = np.maximum(depths(lines, X) ** 2, 1e-300)
     loose = ~kept & (lines.c1 > 0.0)
     return lines._replace(c0=np.where(loose, lines.c0 + lines.c1 / d2, lines.c0), c1=np.where(loose, 0.0, lines.c1))
 
 
 def without(problem: TrajectoryProblem, states: Bools) -> TrajectoryProblem:
-    """The problem without the half-planes and the lines of sight of some states.
+    """Return the problem without half-planes and lines of sight of some states.
 
-    A line of sight without its half-plane leads into its sensor, where the cost is not continuous.
+    A line of sight without its half-plane leads into its sensor, where the cost is discontinuous.
     """
     planes = some_planes(problem.planes, ~states[problem.planes.step])
     return problem._replace(planes=planes, lines=some_lines(problem.lines, ~states[problem.lines.step]))

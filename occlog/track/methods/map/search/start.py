@@ -18,7 +18,7 @@ from occlog.track.methods.map.record import TargetRecord
 
 
 class ConsensusPath(NamedTuple):
-    """A path, and the lines of sight that agree with it."""
+    """A path with the lines of sight consistent with it."""
 
     X: Floats  # (T, 4) states
     agree: Bools  # (N,) lines of sight that agree with it
@@ -26,7 +26,7 @@ class ConsensusPath(NamedTuple):
 
 
 def rays_of(lines: BearingLinesByStep, record: TargetRecord, at: SensorStations) -> BearingHalfLines:
-    """The lines of sight as half-lines with the variance across them, by [Ercan] Eq. 2."""
+    """Return the lines of sight as half-lines with variances across them, by [Ercan] Eq. 2."""
     sensor = record.rows.sensor[record.rows.seen]
     left = np.column_stack([-lines.axis[:, 1], lines.axis[:, 0]])
     ratio = np.where(lines.direction, 0.0, lines.reading / lines.focal)
@@ -48,7 +48,7 @@ def rays_of(lines: BearingLinesByStep, record: TargetRecord, at: SensorStations)
 def ransac_path(
     problem: TrajectoryProblem, record: TargetRecord, at: SensorStations, config: MapConfig, extent: float, bend: float
 ) -> ConsensusPath:
-    """The most probable choice of true lines of sight, and a path along them.
+    """Return the most probable set of true bearings and a path along them.
 
     Args:
         problem: of T states; its lines of sight are of the rows of the record that saw the target.

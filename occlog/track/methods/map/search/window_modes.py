@@ -53,7 +53,7 @@ BATCH = 64
 
 
 class WindowMeasurements(NamedTuple):
-    """The measurements of a record in W windows: of lines of sight first, then of distances."""
+    """Measurements of a record in W windows: lines of sight first, then distances."""
 
     lines: Floats  # (N, 6) position, direction, a and b of `BearingHalfLines`
     distances: RangeMeasurements  # m, in the coordinates of the search
@@ -64,7 +64,7 @@ class WindowMeasurements(NamedTuple):
 
 
 class WindowModes(NamedTuple):
-    """K modes of windows, by rising window."""
+    """K modes of windows, sorted by window."""
 
     window: Ints  # (K,)
     x: Floats  # (K, 4) state at the middle of the window
@@ -75,7 +75,7 @@ class WindowModes(NamedTuple):
 def mode_starts(
     problem: TrajectoryProblem, record: TargetRecord, pending: Pending, distances: RangeMeasurements
 ) -> list[ConsensusPath]:
-    """The most probable paths through the modes of short windows, the most probable one first.
+    """Return paths through the modes of short windows, the most probable first.
 
     Args:
         problem: of T states.
@@ -110,7 +110,7 @@ def mode_starts(
 
 
 def _along(problem: TrajectoryProblem, rows: WindowMeasurements, modes: WindowModes, path: Ints) -> ConsensusPath:
-    """Most probable path under the motion model with one Gaussian mode per window in place of the measurements."""
+    """Return the most probable path with one Gaussian mode per window in place of its measurements."""
     xy, covariance = np.ascontiguousarray(modes.x[path, ::2]), modes.covariance[path]
     information = np.linalg.inv(covariance)
     bend = np.column_stack([information[:, 0, 0], information[:, 0, 1], information[:, 1, 1]])
@@ -129,7 +129,7 @@ def _along(problem: TrajectoryProblem, rows: WindowMeasurements, modes: WindowMo
 def _windows(
     problem: TrajectoryProblem, record: TargetRecord, pending: Pending, distances: RangeMeasurements
 ) -> WindowMeasurements:
-    """Successive windows of at least `WINDOW_S`, longer where there are few measurements."""
+    """Return successive windows of at least `WINDOW_S`, longer where measurements are few."""
     rays = rays_of(problem.lines, record, pending.at)
     lines = np.column_stack([rays.position, rays.direction, rays.a, rays.b])
     seconds = (record.t_ns - record.t_ns[0]) / NS
@@ -157,7 +157,7 @@ def _windows(
 
 
 def _modes(rows: WindowMeasurements, pending: Pending) -> WindowModes:
-    """The modes of all windows: minima of a grid, and mirror images of the best, climbed by Gauss and Newton."""
+    """Return the modes of all windows: refined grid minima and mirror images of the best."""
     grid, cell = _grid(rows, pending)
     W = len(rows.state)
     speed = max(pending.config.sigma_initial_velocity, pending.config.process_noise_velocity)
@@ -172,7 +172,7 @@ def _modes(rows: WindowMeasurements, pending: Pending) -> WindowModes:
 
 
 class ClimbScale(NamedTuple):
-    """Sizes of the search for modes."""
+    """Length scales of the mode search."""
 
     cell: float  # distance of positions at which climbs begin
     speed: float  # standard deviation of the velocity, per axis
@@ -181,9 +181,9 @@ class ClimbScale(NamedTuple):
 
 
 def _climbed(rows: WindowMeasurements, scale: ClimbScale, window: Ints, xy: Floats) -> WindowModes:
-    """Modes of windows (K,) that positions (K, 2) lead to, by Gauss and Newton with reweighting.
+    """Refine windows' modes from positions (K, 2) by reweighted Gauss-Newton.
 
-    The unknowns are the position at the middle of a window, and a constant velocity in it.
+    Unknowns are the position at a window's middle and a constant velocity.
     """
     x = np.zeros((len(window), 4))
     x[:, ::2] = xy
@@ -239,7 +239,7 @@ def _mirrored(rows: WindowMeasurements, found: WindowModes) -> tuple[Ints, Float
 
 
 def _grid(rows: WindowMeasurements, pending: Pending) -> tuple[Floats, float]:
-    """(GRID^2, 2) positions over the room, or around the sensors, and the larger distance of neighbours."""
+    """Return (GRID^2, 2) grid positions over the room or around the sensors, and the larger grid spacing."""
     at = rows.distances
     places = np.concatenate([rows.lines[:, :2], at.position, at.other])
     low, high = places.min(axis=0), places.max(axis=0)
@@ -256,7 +256,7 @@ def _grid(rows: WindowMeasurements, pending: Pending) -> tuple[Floats, float]:
 def _grid_minima(
     rows: WindowMeasurements, grid: Floats, cell: float, speed: float, windows: slice
 ) -> tuple[Ints, Floats]:
-    """Windows (K,) and positions (K, 2) of the grid that fit some windows better than positions next to them."""
+    """Return windows (K,) and grid positions (K, 2) that are local minima of the windows' costs."""
     ticks = np.arange(windows.start, windows.stop + 1)
     cost = np.zeros((len(grid), windows.stop - windows.start))
     parts = [slice(*np.searchsorted(own, ticks[[0, -1]]).tolist()) for own in rows.window]
@@ -283,7 +283,7 @@ def _grid_minima(
 
 
 class ModePairs(NamedTuple):
-    """Each mode with every measurement of its window."""
+    """Each mode paired with every measurement of its window."""
 
     node: Ints  # (P,) mode, for lines of sight first
     lines: Floats  # (L, 6)
@@ -293,7 +293,7 @@ class ModePairs(NamedTuple):
 
 
 def _pairs_of(rows: WindowMeasurements, mode_window: Ints) -> ModePairs:
-    """All measurements of the window (K,) of each mode."""
+    """Return all measurements of each mode's window (K,)."""
     nodes, chosen = [], []
     for own in rows.window:
         first = np.searchsorted(own, mode_window)
@@ -309,7 +309,7 @@ def _pairs_of(rows: WindowMeasurements, mode_window: Ints) -> ModePairs:
 
 
 def lines_at(lines: Floats, xy: Floats) -> tuple[Floats, Floats]:
-    """Residuals (..., n) of lines of sight at positions (..., n or 1, 2), and gradients (..., n, 2)."""
+    """Return residuals (..., n) and gradients (..., n, 2) of lines of sight at positions (..., n or 1, 2)."""
     away = xy - lines[:, :2]
     across = lines[:, 2] * away[..., 1] - lines[:, 3] * away[..., 0]
     along = lines[:, 2] * away[..., 0] + lines[:, 3] * away[..., 1]
@@ -320,7 +320,7 @@ def lines_at(lines: Floats, xy: Floats) -> tuple[Floats, Floats]:
 
 
 def _seen(pairs: ModePairs, x: Floats) -> tuple[Floats, Floats]:
-    """Residuals (P,) of measurements at the states (K, 4) of modes, and their gradients (P, 4)."""
+    """Return residuals (P,) and gradients (P, 4) of paired measurements at mode states (K, 4)."""
     own = x[pairs.node]
     xy = own[:, ::2] + pairs.seconds[:, None] * own[:, 1::2]
     L = len(pairs.lines)
@@ -332,7 +332,7 @@ def _seen(pairs: ModePairs, x: Floats) -> tuple[Floats, Floats]:
 
 
 def _outside(xy: Floats, covariance: Floats, hull: Floats | None) -> Floats:
-    """(K,) cost of positions outside the room, by their standard deviations.
+    """Return (K,) costs of positions outside the room, in squared standard deviations.
 
     Args:
         xy: (K, 2) positions.
@@ -349,7 +349,7 @@ def _outside(xy: Floats, covariance: Floats, hull: Floats | None) -> Floats:
 
 
 def _distinct(modes: WindowModes) -> WindowModes:
-    """The probable modes of each window that are not next to a better one."""
+    """Return the probable modes of each window, without those close to a better one."""
     information = np.linalg.inv(modes.covariance)
     kept: list[int] = []
     own: list[int] = []
@@ -366,7 +366,7 @@ def _distinct(modes: WindowModes) -> WindowModes:
 
 
 def _sums(node: Ints, weight: Floats, left: Floats, right: Floats, K: int) -> Floats:
-    """(K, a, b) sums over the pairs of each mode of a weight (P,) times columns of (P, a) and (P, b)."""
+    """Return (K, a, b) sums over each mode's pairs of weight (P,) times columns of (P, a) and (P, b)."""
     out = np.empty((K, left.shape[1], right.shape[1]))
     for i in range(left.shape[1]):
         for j in range(right.shape[1]):

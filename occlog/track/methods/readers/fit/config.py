@@ -11,7 +11,7 @@ from occlog.settings import Settings, setting
 
 @dataclass(frozen=True)
 class FitReadersConfig(Settings):
-    """How path losses are fitted."""
+    """Settings of the path-loss fit."""
 
     OWNER: ClassVar[str] = "fit-readers"
 
@@ -46,5 +46,5 @@ class FitReadersConfig(Settings):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Ranges are lengths."""
+        """Check that ranges are positive lengths."""
         yield "ranges", self.ranges is None or min(self.ranges) > 0, "lengths above 0"

@@ -20,7 +20,7 @@ MIN_LOSS = 0.1
 
 
 class Losses(NamedTuple):
-    """Least squares of strengths against distances."""
+    """Least-squares fit of strengths against log distance."""
 
     power: Floats  # (R,) [dBm]
     error: Floats  # (R,) standard errors as if the noise were white; NaN of a reader without reads
@@ -30,7 +30,7 @@ class Losses(NamedTuple):
 
 
 class TagWindows(NamedTuple):
-    """T windows of one tag in one recording, with its true positions."""
+    """T windows of one tag in one recording, with true positions."""
 
     t_s: Floats  # (T,) from the first window on
     xy: Floats  # (T, 2)
@@ -39,7 +39,7 @@ class TagWindows(NamedTuple):
 
 
 class Coverage(NamedTuple):
-    """The range that gives virtual sensors the least error, with their probabilities."""
+    """Range with the least error of virtual sensors, and the detection probabilities at it."""
 
     range: float
     detection: float
@@ -99,7 +99,7 @@ def fit_shadowing(model: PathLoss, sequences: Sequence[TagWindows]) -> PathLoss:
 
 
 def _log_likelihood(model: PathLoss, tag: TagWindows) -> float:
-    """Log-likelihood of a tag's strengths at its true positions."""
+    """Return the log likelihood of a tag's strengths at its true positions."""
     expected = model.expected(tag.xy)
     known, total = no_shadowing(model, 1), 0.0
     for row, t_s in enumerate(tag.t_s):
@@ -151,7 +151,7 @@ def _share(detected: Bools) -> float:
 
 
 def usual_ranges(positions: Floats) -> Floats:
-    """(10,) ranges from half of the median distance of (R, 2) readers to their nearest neighbours to twice it."""
+    """Return (10,) candidate ranges: half to twice the median nearest-neighbour distance of (R, 2) readers."""
     if len(positions) < 2:
         raise ValueError("one reader alone does not tell how far readers read; state ranges to try")
     away = np.sqrt(((positions[:, None, :] - positions[None, :, :]) ** 2).sum(axis=2))

@@ -33,7 +33,7 @@ START_SHADOW_DB, START_SHADOW_S = 3.0, 5.0
 
 
 class _FitSamples:
-    """Strengths with their distances, and windows with true positions, of all recordings."""
+    """Strengths with distances, and windows with true positions, collected over all recordings."""
 
     def __init__(self, readers: tuple[TagReader, ...], config: FitReadersConfig, metre: float) -> None:
         self.readers, self.config, self.metre = readers, config, metre
@@ -44,7 +44,7 @@ class _FitSamples:
         self.without = 0
 
     def add(self, opened: Opened) -> None:
-        """Take in a recording."""
+        """Add the samples of one recording."""
         reads, truth = opened.read(Reads), opened.read(Truth)
         names = [r.name for r in self.readers]
         unknown = np.flatnonzero(~np.isin(reads.sensor, names))
@@ -66,7 +66,7 @@ class _FitSamples:
             self._windows(own, path, positions, gap_ns)
 
     def _strengths(self, reads: Reads, xy: Floats, good: np.ndarray) -> None:
-        """Strengths of single reads, with the distance of the true position."""
+        """Return strengths of single reads with distances to the true positions."""
         usable = good & np.isfinite(reads.rssi)
         index_of = {r.name: k for k, r in enumerate(self.readers)}
         number = np.array([index_of[name] for name in reads.sensor[usable].tolist()], dtype=np.int64)
@@ -79,7 +79,7 @@ class _FitSamples:
         self.without += int(np.count_nonzero(~good))
 
     def _windows(self, reads: Reads, truth: Truth, positions: Floats, gap_ns: int) -> None:
-        """Windows of a tag with true positions."""
+        """Return windows of a tag with true positions."""
         names = [r.name for r in self.readers]
         for part in windows_of([reads], names, round(self.config.window_s * NS)):
             xy, good = interpolate_positions(part.t_ns, truth.t_ns, positions, gap_ns)
@@ -90,7 +90,7 @@ class _FitSamples:
 
 
 def run_fit_readers(request: FitReadersRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Fit and write; return the summary, and what had been lost before."""
+    """Fit and write; return the summary and the losses recorded in the inputs."""
     inputs = [open_input(path, Reads) for path in request.recordings]
     for opened in inputs:
         opened.require(Truth, remedy="add true positions of the tags by `occlog ingest` (truth)")
@@ -173,7 +173,7 @@ def run_fit_readers(request: FitReadersRequest, job: Job) -> tuple[dict[str, obj
 
 
 def _common_scene(request: FitReadersRequest, inputs: list[Opened]) -> Scene:
-    """The scene of all recordings; UsageError where their readers stand at other positions."""
+    """Return the common scene of all recordings; UsageError if reader positions differ."""
     scene = load_scene(request.scene, inputs[0].scene, request.recordings[0])
     if not scene.readers:
         raise InputError(

@@ -12,7 +12,7 @@ from occlog.core.numerics.jit import kernel
 
 
 def predicted(covariance: Floats, density: Floats, dt: float) -> Floats:
-    """(.., 3) covariances after a time dt, with white acceleration of spectral densities (..)."""
+    """Return (..., 3) covariances after time dt [s] under white acceleration of spectral densities (...)."""
     vv, vr, rr = np.moveaxis(covariance, -1, 0)
     return np.stack(
         [
@@ -25,7 +25,7 @@ def predicted(covariance: Floats, density: Floats, dt: float) -> Floats:
 
 
 def updated(mean: Floats, covariance: Floats, z: Floats, noise: Floats) -> tuple[Floats, Floats]:
-    """Means (.., 2) and covariances (.., 3) after measurements (..) of the values with variances (..)."""
+    """Return means (..., 2) and covariances (..., 3) after measurements (...) of the values with variances (...)."""
     gain = covariance[..., :2] / (covariance[..., 0] + noise)[..., None]
     after = mean + gain * (z - mean[..., 0])[..., None]
     kept = 1.0 - gain[..., 0]
