@@ -336,7 +336,9 @@ def read_value(text: str, kind: object, name: str) -> object:
             return listed(text) if item is str else tuple(item(part) for part in text.split(","))
         return plain(text)
     except (ValueError, KeyError) as error:
-        raise UsageError(f"setting {name}: expected {KIND_WORDS[item_kind(kind)]}, got {text!r}") from error
+        raise UsageError(
+            f"setting {name}: expected {KIND_WORDS[item_kind(kind)]}, got {text!r}", id="invalid-setting"
+        ) from error
 
 
 def read_pair(text: str, size: bool) -> tuple[int, int]:
@@ -346,7 +348,7 @@ def read_pair(text: str, size: bool) -> tuple[int, int]:
     first, second = (int(found[1] or 0), int(found[2])) if found is not None else (0, 0)
     if not (first > 0 < second if size else first < second):
         want = "WIDTHxHEIGHT, for example 1920x1080" if size else "A:B with A < B, for example 0:400"
-        raise UsageError(f"{text!r}: expected {want}")
+        raise UsageError(f"{text!r}: expected {want}", id="invalid-setting")
     return first, second
 
 

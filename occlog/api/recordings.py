@@ -339,7 +339,9 @@ def in_memory(name: str) -> Iterator[None]:
     try:
         yield
     except (pa.ArrowException, TypeError, ValueError, KeyError) as error:
-        raise InputError(f"{name}: cannot be read as a table ({' '.join(str(error).split())[:160]})") from error
+        raise InputError(
+            f"{name}: cannot be read as a table ({' '.join(str(error).split())[:160]})", id="wrong-content"
+        ) from error
 
 
 def arrow_of(value: object, name: str) -> Any:
@@ -371,7 +373,8 @@ def arrow_of(value: object, name: str) -> Any:
             return pa.table(value)
     raise InputError(
         f"{name}: is a {type(value).__name__}; give a file, a table of occlog, a DataFrame (pandas, polars), "
-        "a pyarrow table, or a dict of columns"
+        "a pyarrow table, or a dict of columns",
+        id="wrong-content",
     )
 
 

@@ -151,7 +151,7 @@ def fuse_tracks(tracks: Sequence[Source | TrackResult], **settings: Setting) -> 
         OcclogWarning: input was lost, or groups do not agree.
     """
     if isinstance(tracks, str | os.PathLike) or len(tracks) < 2:
-        raise UsageError("fuse_tracks: give the tracks of two or more groups of cameras in a list")
+        raise UsageError("fuse_tracks: give the tracks of two or more groups of cameras in a list", id="missing-option")
     first, *others = (each.tracks if isinstance(each, TrackResult) else each for each in tracks)
     arguments = {"bearings": first, "others": others, "settings": settings}
     names = {f"others[{index - 1}]" if index else "bearings": f"tracks[{index}]" for index in range(len(tracks))}

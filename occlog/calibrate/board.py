@@ -86,7 +86,8 @@ def board_of(size: str, dictionary: str, marker: float) -> Board:
         raise UsageError(f"{option('board')} {size}: expected COLUMNSxROWS, each of 2 to 50, as in 9x6")
     if dictionary and not hasattr(cv2.aruco, f"DICT_{dictionary.upper()}"):
         raise UsageError(
-            f"{option('dictionary')} {dictionary}: not a dictionary of OpenCV; for example 4X4_50, 5X5_100"
+            f"{option('dictionary')} {dictionary}: not a dictionary of OpenCV; for example 4X4_50, 5X5_100",
+            id="unknown-name",
         )
     return Board(int(cells[0]), int(cells[1]), dictionary.upper(), marker)
 
@@ -134,7 +135,10 @@ def views_of(images: Iterable[Image], board: Board) -> tuple[list[BoardView], tu
         count += 1
         own = (image.shape[1], image.shape[0])
         if size not in ((0, 0), own):
-            raise InputError(f"image {count} has {own[0]} x {own[1]} px, and those before {size[0]} x {size[1]}")
+            raise InputError(
+                f"image {count} has {own[0]} x {own[1]} px, and those before {size[0]} x {size[1]}",
+                id="image-size-mismatch",
+            )
         size = own
         found = detector.find(image)
         if found is not None and not (views and _moved(views[-1], found) < MIN_MOVED * size[0]):
@@ -179,7 +183,8 @@ def lens_of_views(name: str, views: Sequence[BoardView], size: tuple[int, int], 
     if len(views) < MIN_VIEWS:
         raise InputError(
             f"camera {name}: a {board.columns}x{board.rows} board in {len(views)} differing views of {images} images, "
-            f"{MIN_VIEWS} at least are needed; check {option('board')}, and move the board"
+            f"{MIN_VIEWS} at least are needed; check {option('board')}, and move the board",
+            id="insufficient-data",
         )
     used = list(views)
     found = _fit(used, size, board)
@@ -195,12 +200,14 @@ def lens_of_views(name: str, views: Sequence[BoardView], size: tuple[int, int], 
     if found.tilt_deg < MIN_TILT_DEG:
         raise InputError(
             f"camera {name}: all boards are parallel to {found.tilt_deg:.1f} degrees (limit {MIN_TILT_DEG:g}), which "
-            f"leaves the focal length open; {remedy}"
+            f"leaves the focal length open; {remedy}",
+            id="insufficient-data",
         )
     if not (share <= MAX_SIGMA_FOCAL and off <= MAX_SIGMA_PRINCIPAL):
         raise InputError(
             f"camera {name}: the views leave {share:.1%} of the focal length (limit {MAX_SIGMA_FOCAL:.0%}) or "
-            f"{off:.1%} of the width for the principal point (limit {MAX_SIGMA_PRINCIPAL:.0%}) open; {remedy}"
+            f"{off:.1%} of the width for the principal point (limit {MAX_SIGMA_PRINCIPAL:.0%}) open; {remedy}",
+            id="insufficient-data",
         )
     pose = np.zeros(3), np.eye(3)
     fov = camera_fov(size, focal, principal, found.distortion, "brown", np.eye(3))
@@ -235,7 +242,7 @@ def _fit(views: Sequence[BoardView], size: tuple[int, int], board: Board) -> _Fi
                 points, pixels, size, np.eye(3), np.zeros(5), flags=flags
             )
         except cv2.error as error:
-            raise InputError(f"OpenCV cannot calibrate with these views: {error.err}") from None
+            raise InputError(f"OpenCV cannot calibrate with these views: {error.err}", id="insufficient-data") from None
         normals = np.array([cv2.Rodrigues(turn)[0][:, 2] for turn in turns])
         mean = normals.mean(axis=0) / np.linalg.norm(normals.mean(axis=0))
         tilt = float(np.degrees(np.arccos(np.clip(normals @ mean, -1.0, 1.0)).max()))

@@ -39,7 +39,10 @@ def run_board(request: CalibrateRequest, job: Job) -> tuple[dict[str, object], t
     given |= {"radial": request.radial, "points": request.points, "set": request.settings, "picture": request.picture}
     for name, value in given.items():
         if value:
-            raise UsageError(f"{option(name)}: is for boxes of people, and has no effect on a board; leave it out")
+            raise UsageError(
+                f"{option(name)}: is for boxes of people, and has no effect on a board; leave it out",
+                id="not-applicable",
+            )
     board = board_of(str(request.board), request.dictionary, request.marker)
     losses: list[Loss] = []
     lenses: list[BoardLens] = []
@@ -70,10 +73,10 @@ def _cameras(request: CalibrateRequest) -> list[str]:
     names = open_recording(path).cameras
     unknown = [name for name in (*request.cameras, *request.without) if name not in names]
     if unknown:
-        raise UsageError(f"no camera {unknown[0]!r} in the recording; cameras: {', '.join(names)}")
+        raise UsageError(f"no camera {unknown[0]!r} in the recording; cameras: {', '.join(names)}", id="unknown-sensor")
     used = [n for n in names if n not in request.without and (not request.cameras or n in request.cameras)]
     if not used:
-        raise InputError(f"{path}: has no images of a camera; record the board, or name its video")
+        raise InputError(f"{path}: has no images of a camera; record the board, or name its video", id="wrong-content")
     return used
 
 

@@ -58,10 +58,12 @@ def pose_of_points(camera: Camera, pixels: Floats, points: Floats) -> MarkedPose
     """
     where, n = f"camera {camera.name}", len(points)
     if n < MIN_POINTS:
-        raise InputError(f"{where}: {n} marked points; {MIN_POINTS} at least are needed")
+        raise InputError(f"{where}: {n} marked points; {MIN_POINTS} at least are needed", id="insufficient-data")
     extent = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if not extent[1] > FLAT * extent[0]:
-        raise InputError(f"{where}: the marked points are on a line; mark points all over the floor")
+        raise InputError(
+            f"{where}: the marked points are on a line; mark points all over the floor", id="insufficient-data"
+        )
     known = float(camera.focal_px[0]) > 1.0
     start = _with_lens(camera, pixels, points) if known else _without_lens(camera, pixels, points)
     spread = float(extent[0])
@@ -86,10 +88,14 @@ def pose_of_points(camera: Camera, pixels: Floats, points: Floats) -> MarkedPose
         x, y = points[worst, :2].tolist()
         raise InputError(
             f"{where}: the point at ({x:g}, {y:g}) is {off[worst]:.0f} px off the others (limit {MAX_RESIDUAL_PX:g}); "
-            "check its position, and that the axes are right-handed"
+            "check its position, and that the axes are right-handed",
+            id="invalid-calibration",
         )
     if done.position[2] <= 0.0:
-        raise InputError(f"{where}: by its points it is below the floor; the axes of the floor must be right-handed")
+        raise InputError(
+            f"{where}: by its points it is below the floor; the axes of the floor must be right-handed",
+            id="invalid-calibration",
+        )
     # A residual of few points is uncertain: that of a mark counts as four of them
     freedom = max(2 * n - len(found.x), 0)
     variance = (float(found.fun @ found.fun) + 4.0 * SIGMA_MARK_PX**2) / (freedom + 4.0)
@@ -99,7 +105,8 @@ def pose_of_points(camera: Camera, pixels: Floats, points: Floats) -> MarkedPose
     if sigma_focal > MAX_SIGMA_FOCAL:
         raise InputError(
             f"{where}: the points leave {sigma_focal:.0%} of the focal length open; mark more points, near and far, or "
-            "give focal_px in the scene"
+            "give focal_px in the scene",
+            id="insufficient-data",
         )
     size = done.image_size or (0, 0)
     fov = camera_fov(size, done.focal_px, done.principal_px, done.distortion, done.distortion_model, done.rotation)
@@ -115,7 +122,9 @@ def _with_lens(camera: Camera, pixels: Floats, points: Floats) -> Camera:
     if np.count_nonzero(good) >= MIN_POINTS:
         found, turn, shift = cv2.solvePnP(points[good], ideal[good], np.eye(3), None, flags=cv2.SOLVEPNP_SQPNP)
     if not found:
-        raise InputError(f"camera {camera.name}: no pose fits the marked points; check them, and the lens")
+        raise InputError(
+            f"camera {camera.name}: no pose fits the marked points; check them, and the lens", id="invalid-calibration"
+        )
     rotation = cv2.Rodrigues(turn)[0]
     return replace(camera, rotation=rotation.T, position=-(rotation.T @ shift).ravel(), placed=True)
 
@@ -123,15 +132,21 @@ def _with_lens(camera: Camera, pixels: Floats, points: Floats) -> Camera:
 def _without_lens(camera: Camera, pixels: Floats, points: Floats) -> Camera:
     """Initial pose with unknown focal length, from the homography of the floor."""
     if camera.image_size is None:
-        raise InputError(f"camera {camera.name}: states no image size; give it to ingest, or image_size_px in a scene")
+        raise InputError(
+            f"camera {camera.name}: states no image size; give it to ingest, or image_size_px in a scene",
+            id="missing-image-size",
+        )
     if points[:, 2].any():
-        raise InputError(f"camera {camera.name}: points with z need a focal length; give focal_px in the scene")
+        raise InputError(
+            f"camera {camera.name}: points with z need a focal length; give focal_px in the scene", id="missing-value"
+        )
     middle = 0.5 * (np.array(camera.image_size) - 1.0)
     matrix, _ = cv2.findHomography(points[:, :2], pixels)
     pose = None if matrix is None else ground_pose(matrix, middle)
     if pose is None:
         raise InputError(
-            f"camera {camera.name}: no focal length fits the marked points; check them, or give focal_px in the scene"
+            f"camera {camera.name}: no focal length fits the marked points; check them, or give focal_px in the scene",
+            id="invalid-calibration",
         )
     return replace(
         camera, focal_px=np.full(2, pose.focal), principal_px=middle, rotation=pose.rotation.T, position=pose.centre,

@@ -165,7 +165,7 @@ def _start(
         elif unknown:
             if camera.image_size is None:
                 remedy = f"give {option('image_size')} to ingest, or a scene with focal_px and image_size_px"
-                raise InputError(f"nothing is known of the lens of camera {camera.name}; {remedy}")
+                raise InputError(f"nothing is known of the lens of camera {camera.name}; {remedy}", id="missing-value")
             guess = focal_of_people(camera, tracks_in_images(frames, c, camera), height)
             guessed[camera.name] = guess
             out[c], sigma[c] = with_focal(camera, guess.focal_px), guess.sigma_log

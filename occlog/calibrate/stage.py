@@ -380,7 +380,10 @@ def _adjusted(
     """
     seen, states = observations(rows, now.clocks, window_s, [c.image_size for c in now.cameras], body)
     if not len(seen.time):
-        raise InputError("no person is seen by two cameras for 5 time steps; record people who walk where they overlap")
+        raise InputError(
+            "no person is seen by two cameras for 5 time steps; record people who walk where they overlap",
+            id="insufficient-data",
+        )
     count = np.bincount(seen.camera, minlength=len(used))
     own = np.flatnonzero(used & (count > 0))
     free = np.where((used & (count > 0))[:, None], sigma, 0.0)

@@ -196,7 +196,8 @@ class Evaluator:
         """
         if config.held_out and (sources.tracks is None or (sources.bearings is None and sources.boxes is None)):
             raise InputError(
-                "evaluate: a held-out sensor needs tracks made without it, and bearings or boxes that include it"
+                "evaluate: a held-out sensor needs tracks made without it, and bearings or boxes that include it",
+                id="missing-option",
             )
         self._sources, self._scene, self._config = sources, scene, config
         self._outlines, self._high = TruthOutlines(), False
@@ -450,7 +451,10 @@ def with_plugins(
         named = {full_name(each.plugin.name, n, own.units[n], length_unit): float(v) for n, v in found.items()}
         both = sorted(named.keys() & metrics.keys())
         if both:
-            raise UsageError(f"{each.plugin.label}: {both[0]} is a figure of the evaluation itself; rename the plug-in")
+            raise UsageError(
+                f"{each.plugin.label}: {both[0]} is a figure of the evaluation itself; rename the plug-in",
+                id="duplicate-name",
+            )
         metrics |= named
         names += named
     return replace(result, metrics=metrics, plugged=tuple(names))

@@ -154,7 +154,7 @@ def describe(path: Path, rows: int) -> Description:
         return _describe_table(path, rows) if opened.recording is None else _describe_recording(opened.recording)
     mistaken = describe_unsupported(path)
     if mistaken is not None:
-        raise InputError(f"{path}: is {mistaken}")
+        raise InputError(f"{path}: is {mistaken}", id="unknown-format")
     known = "scenes (.yaml), recordings (.mcap) and tables (.parquet, .arrow, .csv, .tum, .trc, .geojson)"
     raise InputError(
         f"{path}: occlog info knows {known}, not {kind or 'files without an ending'!r}", id="unknown-format"

@@ -94,12 +94,17 @@ def look_into(bag: Bag, plan: IngestPlan, note: Note) -> BagSurvey:
         held = ", ".join(f"{t.name} ({t.kind or 'no type'})" for t in found.topics.values()) or "no topic"
         named = any(kind_of(t.kind) is not None for t in found.topics.values())
         if found.topics and all(t.messages == 0 for t in found.topics.values()):
-            raise InputError(f"{bag.paths[0]}: has no message ({held}); check that these were published, record again")
+            raise InputError(
+                f"{bag.paths[0]}: has no message ({held}); check that these were published, record again",
+                id="empty-input",
+            )
         remedy = "name boxes and true positions by their topics" if named else "no topic is of a type that is known"
         if (why := next(iter(found.faults.values()), None)) is not None:
             raise InputError(f"{bag.paths[0]}: {why}")
         if bag.losses:
-            raise InputError(f"{bag.paths[0]}: nothing of it can be used: {bag.losses[0]}; copy it again")
+            raise InputError(
+                f"{bag.paths[0]}: nothing of it can be used: {bag.losses[0]}; copy it again", id="damaged-file"
+            )
         raise InputError(
             f"{bag.paths[0]}: holds no images, boxes or directions that can be taken: {held}; {remedy}",
             id="wrong-content",
@@ -249,7 +254,8 @@ def _pose(camera: str, frame: str, placed: FramePose, plan: IngestPlan) -> Frame
     if plan.camera_axes is None and "optical" not in frame.lower() and placed.rotation[2, 2] > STEEP:
         raise UsageError(
             f"camera {camera}: the z axis of its frame {frame!r} points up; give {option('camera_axes')} body "
-            f"(x forward, z up), or {option('camera_axes')} optical (z forward)"
+            f"(x forward, z up), or {option('camera_axes')} optical (z forward)",
+            id="missing-option",
         )
     return placed
 
@@ -562,7 +568,9 @@ class Taking:
             for topic, stream in self._streams.items():
                 self._states[topic].damaged += stream.end()
                 if not stream.times:
-                    raise InputError(f"topic {topic}: {stream.reason or 'its video has no key frame'}")
+                    raise InputError(
+                        f"topic {topic}: {stream.reason or 'its video has no key frame'}", id="damaged-file"
+                    )
                 source = _decoding(stream, self._cameras[topic], self.plan)
                 stack.enter_context(source.decoder)
                 started.append((topic, source))
@@ -675,7 +683,9 @@ def check_plan(plan: IngestPlan, found: BagSurvey, scene: Scene, note: Note) -> 
                 f"{topic}: directions of array {array!r}, which is not in the scene ({', '.join(arrays) or 'no array'})"
             )
             if topic in asked:
-                raise UsageError(f"topic {text}; add it to the scene, or name the topic after an array of it")
+                raise UsageError(
+                    f"topic {text}; add it to the scene, or name the topic after an array of it", id="unknown-sensor"
+                )
             note(f"bag: not taken: {text}")
             del found.map.directions[array]
     if plan.store == "link":

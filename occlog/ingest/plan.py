@@ -44,7 +44,7 @@ def expand_dataset(values: Mapping[str, Any]) -> dict[str, Any]:
     if not found:
         return dict(values)
     if len(found) > 1:
-        raise UsageError(f"{found[1]}: a second data set; make a recording of each")
+        raise UsageError(f"{found[1]}: a second data set; make a recording of each", id="ambiguous-input")
     folder, out = found[0], dict(values)
     out["bags"] = tuple(path for path in values["bags"] if path != folder)
     if not values["calibration"] and not values["scene"]:
@@ -524,7 +524,9 @@ def frames_of(values: Iterable[str]) -> FrameChoice:
         except UsageError as error:
             raise UsageError(f"{option('frames')}: {error}") from None
         if name in own or (name is None and common is not None):
-            raise UsageError(f"{option('frames')} is given twice{f' for {name}' if name else ''}; keep one")
+            raise UsageError(
+                f"{option('frames')} is given twice{f' for {name}' if name else ''}; keep one", id="conflicting-options"
+            )
         if name is None:
             common = chosen
         else:

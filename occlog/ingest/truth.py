@@ -55,7 +55,8 @@ def check_truth_consistency(
         if not medians[name] <= MAX_OFF:
             raise InputError(
                 f"{path}: camera {name}: true positions are {medians[name]:.2g} people heights away from their boxes "
-                f"(median of {len(values)}; limit {MAX_OFF:g}): another camera, unit or grid of positions"
+                f"(median of {len(values)}; limit {MAX_OFF:g}): another camera, unit or grid of positions",
+                id="incompatible-inputs",
             )
     if medians:
         text = ", ".join(f"{name} {value:.2g}" for name, value in medians.items())

@@ -178,7 +178,7 @@ def open_input(path: Path, *wants: type[ColumnTable], remedy: str = REMEDY, fps:
     if opened is None:
         mistaken = describe_unsupported(path)
         if mistaken is not None:
-            raise InputError(f"{path}: is {mistaken}")
+            raise InputError(f"{path}: is {mistaken}", id="wrong-content")
         if path.suffix.lower() == ".json":
             raise InputError(
                 f"{path}: is JSON by its name; boxes in JSON go into a recording by `occlog ingest --boxes`",

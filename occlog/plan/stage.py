@@ -121,7 +121,8 @@ def _weights(cells: FloorCells, paths: Floats | None) -> Floats:
     inside = np.all(np.abs(paths - cells.xy[cell]) <= cells.size, axis=1)
     if not inside.any():
         raise InputError(
-            f"plan: no position of {option('paths')} is in the room; give paths in the scene's coordinates"
+            f"plan: no position of {option('paths')} is in the room; give paths in the scene's coordinates",
+            id="disjoint-inputs",
         )
     count = np.bincount(cell[inside], minlength=len(cells.xy))
     return np.asarray(count / count.sum())

@@ -76,7 +76,8 @@ class RangeDifferenceCheck:
         if self._all >= MIN_DIFFERENCES and self._beyond > MAX_IMPOSSIBLE_SHARE * self._all:
             raise InputError(
                 f"measurements: {self._beyond} of {self._all} differences are longer than their stations are apart: "
-                f"{self._first}; check the unit of times, propagation, and the unit of the stations"
+                f"{self._first}; check the unit of times, propagation, and the unit of the stations",
+                id="unit-mismatch",
             )
 
 

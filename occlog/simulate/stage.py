@@ -113,7 +113,7 @@ def _avoidance(scene: Scene, config: WorldConfig, field: FieldConfig, people: Mo
 def _first(floor: Ground, n: int, config: WorldConfig, seed: int, people: MovingObstacleTracks | None) -> WaypointState:
     """Draw random start positions for all n objects, away from people."""
     if n == 0:
-        raise InputError("simulate: targets and occluders are both 0; give at least one object")
+        raise InputError("simulate: targets and occluders are both 0; give at least one object", id="missing-option")
     there = np.empty((0, 2)) if people is None else people.at(0).xy
     there = there[np.isfinite(there[:, 0])]
     rng = generator(seed, RandomStream.WORLD_START)

@@ -198,7 +198,8 @@ def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Lo
     if request.calibration is not None and not estimates_poses(tracker(request.method), config):
         raise UsageError(
             f"{option('calibration')} wants estimates to write; add "
-            f"{option('set.calibrate')}joint or {option('set.calibrate')}initial"
+            f"{option('set.calibrate')}joint or {option('set.calibrate')}initial",
+            id="missing-option",
         )
     measured, reported = distance_measurements(request, inputs)
     sensors = choose_sensors(inputs.scene, request.cameras, request.without, readers=measured is not None)
@@ -415,7 +416,7 @@ def max_router_delay(path: Path) -> float:
     names = zip(ends.protocol, ends.channel, ends.image_kb, ends.objects_share, strict=True)
     cases = sorted({f"{protocol}, {channel}, {kb:g} kB, {share:g}" for protocol, channel, kb, share in names})
     if not cases:
-        raise InputError(f"{path}: has no end-to-end delays; make them with `occlog traffic`")
+        raise InputError(f"{path}: has no end-to-end delays; make them with `occlog traffic`", id="missing-value")
     if len(cases) > 1:
         raise UsageError(
             f"{path}: has delays of {len(cases)} cases ({cases[0]}; {cases[1]}...); make those of one protocol, size "

@@ -94,7 +94,9 @@ def _truth(truth: Path | None, folder: Path | None, name: str) -> Path:
                 )
             if there:
                 return there[0]
-        raise InputError(f"{truth}: holds no truth of the run {name}: a file {stem}.mcap, .parquet or .csv")
+        raise InputError(
+            f"{truth}: holds no truth of the run {name}: a file {stem}.mcap, .parquet or .csv", id="file-not-found"
+        )
     if truth is not None:
         return truth
     if folder is not None and (folder / RECORDING).is_file():

@@ -34,7 +34,7 @@ def run_export_cameras(
         InputError: the format cannot state a camera.
     """
     if str(output) == "-":
-        raise UsageError(f"-: format {format} is not written to standard output; name a file")
+        raise UsageError(f"-: format {format} is not written to standard output; name a file", id="not-applicable")
     check_outputs([input], [output] if format == SCENE else [], overwrite)
     if format != SCENE:
         check_calibration(output, format, overwrite)

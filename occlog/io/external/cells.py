@@ -95,7 +95,10 @@ class TextCells:
     def lists(self, name: str, width: int) -> Floats:
         """InputError: a text cell holds a single value."""
         numbers = "numbers" if width == ANY_WIDTH else f"{width} numbers"
-        raise InputError(f"{self._rows.path}: column {name} requires lists of {numbers}, which text does not hold")
+        raise InputError(
+            f"{self._rows.path}: column {name} requires lists of {numbers}, which text does not hold",
+            id="wrong-content",
+        )
 
     def bools(self, name: str) -> Bools:
         """(n,) booleans."""

@@ -334,7 +334,7 @@ def check_fits(source: ColumnSource, layout: TableLayout) -> None:
             id="missing-column",
         )
     if layout.missing:
-        raise InputError(f"{source.path}: {describe_missing(layout, source.names)}")
+        raise InputError(f"{source.path}: {describe_missing(layout, source.names)}", id="missing-column")
     wrong = misspelled(layout, source.names)
     if wrong is not None:
         raise InputError(f"{source.path}: {wrong}")

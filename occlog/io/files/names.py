@@ -49,7 +49,9 @@ def check_output_name(path: Path, ending: str) -> None:
     suffix = Path(path).suffix.lower()
     if suffix in PROMISING and suffix != ending:
         what, form = WRITTEN[ending]
-        raise UsageError(f"{path}: {what} are written as {form}, not {suffix}; name it {Path(path).stem}{ending}")
+        raise UsageError(
+            f"{path}: {what} are written as {form}, not {suffix}; name it {Path(path).stem}{ending}",
+        )
 
 
 def match_sensor(given: str, names: Sequence[str], where: str, *, what: str = "camera") -> str:

@@ -129,7 +129,7 @@ def _iso_ns(iso: re.Match[str], text: str) -> int:
     seconds = (instant - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds()
     ns = int(seconds) * 10**9 + int((fraction or "0").ljust(9, "0"))
     if abs(ns) > MAX_NS:
-        raise InputError(f"time {text!r}: out of range; times from 1824 to 2115 can be held")
+        raise InputError(f"time {text!r}: out of range; times from 1824 to 2115 can be held", id="time-out-of-range")
     return ns
 
 
@@ -317,7 +317,8 @@ def _named(rows: CsvRows) -> CsvRows:
     if columns is None:
         raise InputError(
             f"{rows.path}: {len(rows.cells)} columns without a header; give one time a line, frame and time, "
-            "or a header line"
+            "or a header line",
+            id="missing-column",
         )
     return CsvRows(rows.path, rows.lines, dict(zip(columns, rows.cells.values(), strict=True)))
 

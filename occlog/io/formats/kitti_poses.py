@@ -51,18 +51,22 @@ def read_kitti(path: Path) -> Iterator[CsvRows]:
     first, low, high = 0, np.full(3, np.inf), np.full(3, -np.inf)
     for rows in read_plain(path, WHAT):
         if len(rows.cells) != COLUMNS:
-            raise InputError(f"{path}: {len(rows.cells)} columns; {WHAT} was expected")
+            raise InputError(f"{path}: {len(rows.cells)} columns; {WHAT} was expected", id="unknown-format")
         position = np.column_stack([rows.floats(str(column)) for column in (3, 7, 11)])
         last = first + len(rows)
         if last > len(times):
             raise InputError(
-                f"{path}: {last} poses or more; {times_file.name} has {len(times)} times; one each is needed"
+                f"{path}: {last} poses or more; {times_file.name} has {len(times)} times; one each is needed",
+                id="incompatible-inputs",
             )
         low, high = np.minimum(low, position.min(axis=0)), np.maximum(high, position.max(axis=0))
         yield _in_the_scene(rows, position, times[first:last])
         first = last
     if first != len(times):
-        raise InputError(f"{path}: {first} poses; {times_file.name} has {len(times)} times; one each is needed")
+        raise InputError(
+            f"{path}: {first} poses; {times_file.name} has {len(times)} times; one each is needed",
+            id="incompatible-inputs",
+        )
     note_once(
         f"note: {path}: poses of KITTI with the times of {times_file.name}; x is forward (z of the file), y is "
         "left (-x), "

@@ -185,7 +185,7 @@ def _binary_parts(path: Path, options: PositionOptions) -> Iterator[TextPart]:
 
     source = find_source(path)
     if source is None:
-        raise InputError(f"{path}: {WHAT} was expected")
+        raise InputError(f"{path}: {WHAT} was expected", id="unknown-format")
     known = {name: key for key, names in FORMAT.names.items() for name in names}
     columns: dict[str, str] = {}
     for name in source.names:
@@ -248,14 +248,16 @@ def _without_header(path: Path, options: PositionOptions) -> Iterator[_Rows]:
         if len(rows.cells) not in (3, 4):
             raise InputError(
                 f"{path}: {len(rows.cells)} columns without a header; frame, x, y, and perhaps a score were expected; "
-                "name the columns in a header line"
+                "name the columns in a header line",
+                id="unknown-format",
             )
         named = CsvRows(path, rows.lines, dict(zip(PLAIN, rows.cells.values(), strict=False)))
         position = np.column_stack([named.floats("x"), named.floats("y")])
         if options.grid is None and (position == np.round(position)).all():
             raise UsageError(
                 f"{path}: positions are whole numbers, so cells of a grid; state size and origin of the cells "
-                f"({option('grid')}; {GRIDS})"
+                f"({option('grid')}; {GRIDS})",
+                id="missing-unit",
             )
         n = len(named)
         score = named.floats("confidence") if named.has("confidence") else np.full(n, np.nan)
@@ -280,7 +282,10 @@ def _sources(rows: CsvRows, options: PositionOptions) -> Strings:
     if rows.has("sensor"):
         cells = rows.cells["sensor"]
         if options.sensor is not None and len(np.unique(cells)) > 1:
-            raise UsageError(f"{rows.path}: names several sources; give it without the name {options.sensor}=")
+            raise UsageError(
+                f"{rows.path}: names several sources; give it without the name {options.sensor}=",
+                id="conflicting-options",
+            )
         if options.sensor is None:
             empty = np.flatnonzero(np.char.strip(cells) == "")
             if len(empty):

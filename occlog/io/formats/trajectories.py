@@ -105,7 +105,8 @@ def _feature(path: Path, number: int, feature: object) -> tuple[int, list[int], 
         raise InputError(f"{location}: has no whole number target_id among its properties", id="missing-value")
     if not isinstance(t_ns, list) or len(t_ns) != len(corners) or not all(_is_whole(t) for t in t_ns):
         raise InputError(
-            f"{location}: requires t_ns, a list of whole numbers, one for each of its {len(corners)} corners"
+            f"{location}: requires t_ns, a list of whole numbers, one for each of its {len(corners)} corners",
+            id="missing-value",
         )
     return identity, t_ns, degrees
 
@@ -194,7 +195,8 @@ def _targets(path: Path, header: list[str]) -> list[str]:
         if match is None:
             raise InputError(
                 f"{path}: line 4: marker {marker!r} is not a target; markers must be called target_0, target_1, ..., "
-                "and have their position on the ground (x, y) with z up"
+                "and have their position on the ground (x, y) with z up",
+                id="unknown-name",
             )
     numbers = [match[1] for match in found if match is not None]
     twice = first_double(numbers)
@@ -253,7 +255,9 @@ def read_tum(path: Path) -> Iterator[CsvRows]:
     """Read rows with the columns `NAMES`; InputError for another number of columns."""
     for rows in read_plain(path, WHAT):
         if len(rows.cells) != COLUMNS:
-            raise InputError(f"{path}: {len(rows.cells)} columns; TUM text has {COLUMNS}: t x y z qx qy qz qw")
+            raise InputError(
+                f"{path}: {len(rows.cells)} columns; TUM text has {COLUMNS}: t x y z qx qy qz qw", id="unknown-format"
+            )
         yield replace(rows, cells=dict(zip(TUM_COLUMNS, rows.cells.values(), strict=False)))
 
 

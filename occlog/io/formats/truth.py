@@ -232,7 +232,7 @@ def _frames(path: Path, first_number: int) -> Iterator[tuple[int, list[Row]]]:
         last, found = frame, True
         element.clear()
     if not found:
-        raise InputError(f"{path}: has no <frame>; frames with objects and boxes were expected")
+        raise InputError(f"{path}: has no <frame>; frames with objects and boxes were expected", id="empty-input")
 
 
 def _elements(path: Path) -> Iterator[Element]:
@@ -347,7 +347,10 @@ class TruthOptions:
             )
         first, *others = self.times.values()
         if not all(times.same_as(first) for times in others):
-            raise UsageError(f"{where}: counts frames, but the cameras' frames differ in time; give CAMERA={where}")
+            raise UsageError(
+                f"{where}: counts frames, but the cameras' frames differ in time; give CAMERA={where}",
+                id="missing-option",
+            )
         return first
 
 
@@ -485,7 +488,9 @@ def _read_csv(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]
     parts = [_csv_positions(part, options) for part in rows]
     if unit and unit != options.length_unit:
         if options.length_unit not in METRES:
-            raise InputError(f"{path}: lengths are in {unit}, which cannot be converted to {options.length_unit}")
+            raise InputError(
+                f"{path}: lengths are in {unit}, which cannot be converted to {options.length_unit}", id="unit-mismatch"
+            )
         scale = METRES[unit] / METRES[options.length_unit]
         parts = [p._replace(x=scale * p.x, y=scale * p.y, z=scale * p.z) for p in parts]
     yield _gather(path, parts)

@@ -110,7 +110,8 @@ class FrameLedger:
             raise InputError(f"{self._path}: {next(iter(self._refused))}")
         if self._frames is not None and self._start >= self._frames:
             raise InputError(
-                f"{self._path}: frames from {self._start} on are requested, but the video has only {self._frames}"
+                f"{self._path}: frames from {self._start} on are requested, but the video has only {self._frames}",
+                id="time-out-of-range",
             )
         faults = "".join(
             f"; {location}: {what}" for location, what in (self._container.problems if self._container else ())

@@ -247,7 +247,8 @@ def read_folders(
 def _with_sidecar(folder: Path, files: list[Path], table: Ints, source: str, start_ns: int) -> ImageFolder:
     if len(table) != len(files):
         raise InputError(
-            f"{folder}: {len(files)} images, but {source} gives {len(table)} times; give one time an image"
+            f"{folder}: {len(files)} images, but {source} gives {len(table)} times; give one time an image",
+            id="incompatible-inputs",
         )
     return ImageFolder(folder, tuple(enumerate(files)), sidecar_times(table, source, start_ns))
 

@@ -306,7 +306,9 @@ def _listed(path: Path, bag: Bag) -> list[Path]:
     information = _information(described)
     names = information.get("relative_file_paths")
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        raise InputError(f"{described}: has no relative_file_paths; remove it to take all files of the folder")
+        raise InputError(
+            f"{described}: has no relative_file_paths; remove it to take all files of the folder", id="missing-value"
+        )
     counts = information.get("topics_with_message_count")
     for entry in counts if isinstance(counts, list) else ():
         try:

@@ -189,7 +189,9 @@ def pixels(message: ImageMessage, where: str) -> Image:
         return image if code is None else cv2.cvtColor(image, code)
     except cv2.error as error:
         reason = " ".join(str(error.err).split())[:100]
-        raise InputError(f"{where}: pixels of {encoding} cannot be converted ({reason})") from None
+        raise InputError(
+            f"{where}: pixels of {encoding} cannot be converted ({reason})", id="unsupported-format"
+        ) from None
 
 
 STILL_M, STILL_RAD = 0.02, math.radians(0.5)

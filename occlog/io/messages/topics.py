@@ -119,7 +119,9 @@ def _kind_asked(topics: Mapping[str, BagTopic], name: str, topic: str) -> TopicK
         raise UsageError(f"topic {topic}: the bag has no such topic; it has: {known}", id="unknown-name")
     kind = kind_of(topics[topic].kind)
     if kind is None:
-        raise UsageError(f"topic {topic}: messages of type {topics[topic].kind or '(none)'} cannot be taken")
+        raise UsageError(
+            f"topic {topic}: messages of type {topics[topic].kind or '(none)'} cannot be taken", id="unsupported-format"
+        )
     if kind not in (TopicKind.POSE, TopicKind.TRANSFORM) and safe_name(name) != name:
         raise UsageError(f"topic {topic}: {name!r} cannot be the name of a sensor; try {safe_name(name)!r}")
     return kind

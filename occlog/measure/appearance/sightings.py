@@ -354,7 +354,9 @@ def observe_boxes(
     stream = _Images(images, tally)
     for each in boxes:
         if each.sensor not in cameras:
-            raise InputError(f"boxes: no camera {each.sensor!r} in the scene; it has {', '.join(cameras)}")
+            raise InputError(
+                f"boxes: no camera {each.sensor!r} in the scene; it has {', '.join(cameras)}", id="unknown-sensor"
+            )
         tally.frames += 1
         tally.boxes += len(each.box)
         colours, pixels = each.density, each.pixels

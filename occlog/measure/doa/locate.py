@@ -187,7 +187,8 @@ def make_band(rate: int, config: DoaConfig) -> Band:
     if len(bins) < 3:
         raise UsageError(
             f"listen: the band {config.low_hz:g} to {config.high_hz:g} Hz has {len(bins)} frequencies of a recording "
-            f"at {rate} Hz; take a wider band or a longer window"
+            f"at {rate} Hz; take a wider band or a longer window",
+            id="invalid-setting",
         )
     return Band(rate, length, bins, 2.0 * np.pi * frequency[bins])
 
@@ -205,12 +206,14 @@ def locator(array: MicrophoneArray, rate: int, unit: str, config: DoaConfig) -> 
         raise InputError(
             f"scene: array {array.name} has {len(array.microphones)} microphones"
             + (", all in one line" if len(array.microphones) > 1 else "")
-            + "; an azimuth takes three that are not in a line: add `microphones`"
+            + "; an azimuth takes three that are not in a line: add `microphones`",
+            id="too-few-sensors",
         )
     if config.max_sources >= len(array.microphones) and config.algorithm != "srp":
         raise UsageError(
             f"listen: sources is {config.max_sources}, but {config.algorithm} finds fewer than there are microphones "
-            f"({len(array.microphones)} in {array.name})"
+            f"({len(array.microphones)} in {array.name})",
+            id="invalid-setting",
         )
     grid = make_grid(array, band, speed, config)
     ways = (

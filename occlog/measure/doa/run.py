@@ -194,7 +194,8 @@ def _check_channels(sound: Sound, array: MicrophoneArray, channels: tuple[int, .
     if have != len(array.microphones):
         raise InputError(
             f"{sound.path}: {have} channels, but array {array.name} has {len(array.microphones)} microphones; "
-            f"choose the channels of the microphones with {option('channels')}, or correct `microphones`"
+            f"choose the channels of the microphones with {option('channels')}, or correct `microphones`",
+            id="incompatible-inputs",
         )
 
 

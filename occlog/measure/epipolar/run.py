@@ -81,7 +81,9 @@ def _check_usage(request: EpipolarRequest) -> None:
             id="conflicting-options",
         )
     if output is not None and is_recording_name(output) and request.recording is None:
-        raise UsageError(f"{output}: a recording is copied; name the one that is to hold the matrices")
+        raise UsageError(
+            f"{output}: a recording is copied; name the one that is to hold the matrices", id="missing-option"
+        )
 
 
 def _scene(request: EpipolarRequest, recording: McapRecording | None) -> Scene | None:

@@ -118,7 +118,10 @@ def _checked(pairs: ViewPairs, m: PointMatches, scene: Scene | None, tolerance_p
     a, b, undistorted = _ideal(m, scene)
     if pair.undistorted != undistorted:
         pixels = "without lens distortion" if pair.undistorted else "as recorded, but the scene has lens distortion"
-        raise InputError(f"{m.where}: the fundamental matrix is for pixels {pixels}; give the scene it was made with")
+        raise InputError(
+            f"{m.where}: the fundamental matrix is for pixels {pixels}; give the scene it was made with",
+            id="incompatible-inputs",
+        )
     try:
         found = check_fundamental(pair.matrix, a, b, tolerance_px)
     except ValueError as error:

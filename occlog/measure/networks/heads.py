@@ -383,11 +383,13 @@ def names_in(metadata: Mapping[str, str]) -> dict[int, str] | None:
         out = {int(k): str(name) for k, name in pairs}
     except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
         raise InputError(
-            f"its names of classes cannot be read: {text[:60]!r}; give them in a file (names of classes)"
+            f"its names of classes cannot be read: {text[:60]!r}; give them in a file (names of classes)",
+            id="unsupported-network",
         ) from None
     if not out or min(out) < 0 or max(out) >= MAX_NAMES:
         raise InputError(
-            f"its names of classes have numbers out of 0 to {MAX_NAMES - 1}; give them in a file (names of classes)"
+            f"its names of classes have numbers out of 0 to {MAX_NAMES - 1}; give them in a file (names of classes)",
+            id="unsupported-network",
         )
     return out
 
@@ -425,13 +427,16 @@ def names_of(count: int | None, declared: Mapping[int, str] | None, file: Path |
     if file is not None:
         names = read_names(file)
         if count is not None and len(names) != count:
-            raise InputError(f"{file}: {len(names)} names, but the network has {count} classes")
+            raise InputError(
+                f"{file}: {len(names)} names, but the network has {count} classes", id="incompatible-inputs"
+            )
         return ClassNames(names, file.name)
     if declared is not None:
         if count is not None and max(declared) >= count:
             raise InputError(
                 f"names its class {max(declared)}, but has {count} classes; give their names in a file "
-                "(names of classes)"
+                "(names of classes)",
+                id="unsupported-network",
             )
         return ClassNames(declared, "the network")
     if count == len(COCO) or count is None:

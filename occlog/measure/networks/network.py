@@ -154,7 +154,10 @@ def _whole_size(file: OnnxFile, wide: int | None, high: int | None, asked: tuple
             id="not-applicable",
         )
     if not all(1 <= side <= LARGEST_SIDE for side in size):
-        raise InputError(f"{file.path}: images of {size[0]} x {size[1]} px; sides of 1 to {LARGEST_SIDE} px are taken")
+        raise InputError(
+            f"{file.path}: images of {size[0]} x {size[1]} px; sides of 1 to {LARGEST_SIDE} px are taken",
+            id="unsupported-network",
+        )
     return size
 
 

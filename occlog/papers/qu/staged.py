@@ -40,7 +40,7 @@ class Staging(NamedTuple):
 def staging_of(scene: str, unseen: tuple[int, ...]) -> Staging:
     """Return what a video shows; InputError for a scene that is none of `SCENES`."""
     if scene and scene not in SCENES:
-        raise InputError(f"trial: scene is {scene!r}, must be one of {', '.join(SCENES)}")
+        raise InputError(f"trial: scene is {scene!r}, must be one of {', '.join(SCENES)}", id="unknown-name")
     return Staging(scene, unseen)
 
 

@@ -150,7 +150,7 @@ def exchanged(state: VisualState, view: int, one: int, other: int) -> VisualStat
     t = state.trackers
     rows = [np.flatnonzero((t.view == view) & (t.target == k)) for k in (one, other)]
     if any(len(r) != 1 for r in rows):
-        raise InputError(f"trial: view {view} has no trackers of {one} and {other} to exchange")
+        raise InputError(f"trial: view {view} has no trackers of {one} and {other} to exchange", id="unknown-name")
     order = np.arange(len(t.view))
     order[np.concatenate(rows)] = order[np.concatenate(rows[::-1])]
     return state._replace(trackers=t._replace(**{name: getattr(t, name)[order] for name in PLACED}))
@@ -161,7 +161,9 @@ def led_astray(state: VisualState, astray: DivertedTracker) -> VisualState:
     t = state.trackers
     rows = np.flatnonzero((t.view == astray.view) & (t.target == astray.target))
     if len(rows) != 1:
-        raise InputError(f"trial: view {astray.view} has no tracker of {astray.target} to lead astray")
+        raise InputError(
+            f"trial: view {astray.view} has no tracker of {astray.target} to lead astray", id="unknown-name"
+        )
     i, particles, estimate = rows[0], t.particles.copy(), t.estimate.copy()
     particles[i, :, :2], estimate[i, :2] = (astray.x, astray.y), (astray.x, astray.y)
     velocity, path = t.velocity.copy(), t.path.copy()

@@ -283,7 +283,7 @@ def runner_of(config: BallsConfig, spec: Spec, own: Values) -> Runner:
     kind, amount = (matrices, 0.0) if isinstance(matrices, str) else matrices
     use = int(own.get("use", config.views))
     if not 1 <= use <= config.views:
-        raise InputError(f"trial: use is {use}, must be 1 to {config.views}, the number of views")
+        raise InputError(f"trial: use is {use}, must be 1 to {config.views}, the number of views", id="invalid-setting")
     wrong = tuple(own.get("wrong", ()))
     births = births_of(first_frame(config, int(spec["seed"]), _staging(spec)), use, wrong if len(wrong) == 3 else None)
     seed = own.get("track_seed", spec.get("track_seed", spec["seed"]))

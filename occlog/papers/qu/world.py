@@ -43,7 +43,7 @@ def geometry_of(config: BallsConfig, use: int, kind: str = "true", amount: float
         InputError: a kind that is none of `WRONG`.
     """
     if kind not in WRONG:
-        raise InputError(f"trial: fundamental is {kind!r}, must be one of {', '.join(WRONG)}")
+        raise InputError(f"trial: fundamental is {kind!r}, must be one of {', '.join(WRONG)}", id="unknown-name")
     cameras = ball_cameras(config)
     matrices = np.full((use, use, 3, 3), np.nan)
     for a in range(use):

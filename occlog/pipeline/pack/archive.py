@@ -100,7 +100,10 @@ def read_manifest(data: bytes, where: str) -> Manifest:
     if any(f"{key_of_name(file.path)}/".startswith(f"{key_of_name(manifest.folder)}/") for file in manifest.inputs):
         raise InputError(f"{where}: has inputs in its run folder {manifest.folder!r}; pack the run again")
     if manifest.config not in {file.path for file in manifest.inputs}:
-        raise InputError(f"{where}: its configuration {manifest.config!r} is not among its inputs; pack the run again")
+        raise InputError(
+            f"{where}: its configuration {manifest.config!r} is not among its inputs; pack the run again",
+            id="missing-value",
+        )
     return manifest
 
 

@@ -148,7 +148,8 @@ def plan(config: Config, folder: Path) -> Iterator[RunStage]:
     if method in METHODS and METHODS[method].takes_in == VIEW:
         raise InputError(
             f"{config.path}: track: method {method} gives boxes with identities, of which no stage makes a "
-            "report; call `occlog track` with boxes or views"
+            "report; call `occlog track` with boxes or views",
+            id="not-applicable",
         )
     recording = folder / "recording.mcap"
     out = {n: folder / f"{n}.parquet" for n in ("bearings", "views", "tracks", "diagnostics", "errors", "bound")}

@@ -143,7 +143,7 @@ def choose(made: Choices) -> None:
     elif found.of(FileKind.TABLE):
         _of_table(made)
     else:
-        raise InputError(f"{', '.join(map(str, sources))}: {_nothing(found)}")
+        raise InputError(f"{', '.join(map(str, sources))}: {_nothing(found)}", id="wrong-content")
     _rest(made)
 
 
@@ -585,7 +585,8 @@ def _put_calibration(made: Choices, calibration: OpenedCalibration) -> None:
         why = "its world is not upright" if not upright else f"camera {low[0]} is at height 0"
         raise InputError(
             f"{names}: the height of the ground is unknown, since {why}; state it along up, in the calibration's "
-            "world: --set ingest.ground_height=-2.5 where its origin is a camera 2.5 m above the ground"
+            "world: --set ingest.ground_height=-2.5 where its origin is a camera 2.5 m above the ground",
+            id="missing-value",
         )
 
 

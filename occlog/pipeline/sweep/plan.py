@@ -115,7 +115,7 @@ def _check_priors(name: str, value: object) -> None:
     if name not in ("kind", *PRIOR_NUMBERS):
         raise UsageError(f"unknown key; {did_you_mean(name, ('kind', *PRIOR_NUMBERS))}", id="unknown-key")
     if name == "kind" and value not in PRIORS:
-        raise UsageError(f"{value!r}: must be one of {', '.join(PRIORS)}")
+        raise UsageError(f"{value!r}: must be one of {', '.join(PRIORS)}", id="unknown-name")
     if name in PRIOR_NUMBERS and (isinstance(value, bool) or not isinstance(value, int | float) or value <= 0):
         raise UsageError(f"{value!r}: must be a number above 0")
 
@@ -149,7 +149,7 @@ def settings_of(path: Path, spec: SweepSpec) -> list[Setting]:
 def _combined(spec: SweepSpec, scene: str) -> list[Setting]:
     for name, values in spec.vary.items():
         if not values:
-            raise InputError(f"vary: {name}: has no values; give at least one")
+            raise InputError(f"vary: {name}: has no values; give at least one", id="missing-value")
     axes = [[(name, value) for value in values] for name, values in spec.vary.items()]
     cases: list[dict[str, object]] = spec.cases or [{}]
     count = len(cases) * spec.runs
@@ -190,7 +190,8 @@ def _put(trial: dict[str, object], name: str, value: object) -> None:
     else:
         raise InputError(
             f"vary: {name}: expected {' or '.join(WHOLE)}, or a part and its key, e.g. track.particles "
-            f"(parts: {', '.join(PARTS)})"
+            f"(parts: {', '.join(PARTS)})",
+            id="unknown-key",
         )
 
 

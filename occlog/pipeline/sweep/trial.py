@@ -128,7 +128,7 @@ def _world(text: str, simulate: Frozen, measured: Frozen, seed: int) -> Simulate
 def _priors(values: Values, truth: Truth, seed: int) -> Occluders | None:
     kind = values.get("kind", "none")
     if kind not in PRIORS:
-        raise InputError(f"trial: priors.kind is {kind!r}, must be one of {', '.join(PRIORS)}")
+        raise InputError(f"trial: priors.kind is {kind!r}, must be one of {', '.join(PRIORS)}", id="unknown-name")
     if kind == "none":
         return None
     if kind == "known":
@@ -157,10 +157,15 @@ def errors_of(tracks: Tracks, truth: Truth, scene: Scene, skip: int) -> dict[str
     own = tracks.take(tracks.target_id == 0)
     index = np.searchsorted(true.t_ns, own.t_ns)
     if np.any(index >= len(true)) or not np.array_equal(true.t_ns[index], own.t_ns):
-        raise InputError("trial: estimates at times that the truth does not have; give cameras no separate rate")
+        raise InputError(
+            "trial: estimates at times that the truth does not have; give cameras no separate rate",
+            id="disjoint-inputs",
+        )
     error = np.hypot(own.x - true.x[index], own.y - true.y[index])[skip:]
     if not len(error):
-        raise InputError(f"trial: skip is {skip}, but there are {len(own)} estimates; skip fewer")
+        raise InputError(
+            f"trial: skip is {skip}, but there are {len(own)} estimates; skip fewer", id="insufficient-data"
+        )
     far = 0.2 * float(np.hypot(*np.ptp(scene.surroundings, axis=0)))
     return {
         "rmse": float(np.sqrt(np.mean(error**2))),

@@ -120,13 +120,15 @@ def _make_again(manifest: Manifest, folder: Path, made: Path, begin: Callable[[s
                 outside = [p for p in named if folder not in p.resolve().parents]
                 if outside:
                     raise InputError(
-                        f"stage {stage.name} uses {outside[0]}, which is not in the archive; pack the run again"
+                        f"stage {stage.name} uses {outside[0]}, which is not in the archive; pack the run again",
+                        id="missing-value",
                     )
                 unused -= {path.resolve() for path in named}
     if unused:
         first = min(unused).relative_to(folder / INPUTS)
         raise InputError(
-            f"no stage uses {counted(len(unused), 'input')} of the archive, such as {first}; pack the run again"
+            f"no stage uses {counted(len(unused), 'input')} of the archive, such as {first}; pack the run again",
+            id="incompatible-inputs",
         )
     return list(do_stages(config, made, force=False, dry_run=False, begin=begin))
 

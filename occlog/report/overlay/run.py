@@ -106,7 +106,7 @@ def classify_inputs(asked: OverlayRequest) -> OverlayRequest:
 
 def _check_shown(asked: OverlayRequest, shown: int, png: bytes, pictures: Pictures) -> None:
     if asked.png is not None and not png:
-        raise InputError(f"{asked.recording}: camera {pictures.first} has no frame {asked.frame}")
+        raise InputError(f"{asked.recording}: camera {pictures.first} has no frame {asked.frame}", id="disjoint-inputs")
     if asked.video is not None and not shown:
         first, last = asked.frames or (0, 0)
         raise InputError(f"{asked.recording}: camera {pictures.first} has no frame in {first}:{last}", id="empty-input")

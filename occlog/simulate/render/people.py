@@ -135,7 +135,7 @@ def _checked(camera: Camera) -> Camera:
     if not camera.above_floor:
         raise InputError(
             f"render: camera {camera.name} is {camera.position[2]:g} above the floor, must be above 0; "
-            "give position: [x, y, z] in the scene"
+            "give position: [x, y, z] in the scene",
         )
     return camera
 

@@ -196,7 +196,8 @@ def _simulated_array(array: MicrophoneArray, number: int, seed: int) -> Simulate
     if array.planar and not _vertical(array):
         raise InputError(
             f"microphone array {array.name} is planar and tilted, so that it measures no azimuth in the world; "
-            "set pitch_deg and roll_deg to 0 or planar to false"
+            "set pitch_deg and roll_deg to 0 or planar to false",
+            id="not-applicable",
         )
     return SimulatedArray(
         array=array,
@@ -264,7 +265,8 @@ def _check_heights(array: MicrophoneArray, known: Bools, heard: Bools) -> None:
     """Raise InputError if a tilted array hears a target of unknown height."""
     if (heard & ~known).any() and not _vertical(array):
         raise InputError(
-            f"microphone array {array.name} is tilted and hears a target of unknown height; give targets a z"
+            f"microphone array {array.name} is tilted and hears a target of unknown height; give targets a z",
+            id="missing-value",
         )
 
 

@@ -65,7 +65,8 @@ def check_start(started: bool, target: int, others: Collection[int]) -> None:
     if started and others:
         raise UsageError(
             f"start says where one target is, but there is target {target} in addition to "
-            f"{', '.join(str(k) for k in sorted(others))}; choose one target, e.g. {target}"
+            f"{', '.join(str(k) for k in sorted(others))}; choose one target, e.g. {target}",
+            id="ambiguous-input",
         )
 
 

@@ -180,7 +180,8 @@ def frames_without_boxes(
             raise InputError(
                 f"boxes: camera {names[gap.camera]}: frames {gap.first} and {gap.last} are "
                 f"{(gap.end_ns - gap.start_ns) / NS:g} s apart, too near for the frames between them (a frame in "
-                f"{SHORTEST_NS / NS:g} s at most); number frames one after the other"
+                f"{SHORTEST_NS / NS:g} s at most); number frames one after the other",
+                id="time-out-of-range",
             )
     # The next empty frame of each gap that has begun
     waiting: list[tuple[int, int, int]] = []

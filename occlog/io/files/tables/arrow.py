@@ -152,7 +152,10 @@ def _column_from_arrow(c: Column, values: pa.Array | pa.ChunkedArray) -> NDArray
     if isinstance(values, pa.ChunkedArray):
         values = values.combine_chunks()
     if values.null_count:
-        raise InputError(f"column {c.name}: {values.null_count} missing values; none are allowed (NaN is a number)")
+        raise InputError(
+            f"column {c.name}: {values.null_count} missing values; none are allowed (NaN is a number)",
+            id="missing-value",
+        )
     if c.width == ANY_WIDTH:
         return vectors(c, values)
     if c.width:

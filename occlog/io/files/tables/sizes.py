@@ -193,7 +193,7 @@ def read_groups(path: Path, file: IO[bytes], size: int) -> list[RowGroupSizes]:
     footer = os.pread(file.fileno(), length, size - END.size - length)
     found = _kept_groups(footer, size) if length <= MAX_KEPT_BYTES else _groups(footer, size)
     if found is None:
-        raise InputError(f"{path}: {ENCRYPTED}")
+        raise InputError(f"{path}: {ENCRYPTED}", id="unsupported-format")
     return found
 
 

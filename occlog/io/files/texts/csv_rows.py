@@ -263,7 +263,10 @@ def read_rows(
             raise InputError(f"{path}: has no line with data; {what} was expected", id="empty-input")
         if all(_NUMBER.match(cell) for cell in header):
             known = ",".join(names[0] for names in columns.values())
-            raise InputError(f"{path}: line {line}: a header line was expected, not data; name the columns: {known}")
+            raise InputError(
+                f"{path}: line {line}: a header line was expected, not data; name the columns: {known}",
+                id="missing-column",
+            )
         names = _resolve(path, line, header, columns, ignored, ignore_extra)
         if isinstance(file, io.StringIO):
             # Of a plug-in's table there are rows, and no lines that a user could open
@@ -373,7 +376,12 @@ def _split(path: Path, file: TextIO, *, commented: bool = False) -> Iterator[tup
             if not width:
                 header = cells if is_header(cells) else []
             elif cells == header:
-                _refuse(InputError(f"{path}: line {number}: the header again: two tables in one file; divide it here"))
+                _refuse(
+                    InputError(
+                        f"{path}: line {number}: the header again: two tables in one file; divide it here",
+                        id="ambiguous-input",
+                    )
+                )
                 continue
             width = width or len(cells)
             if reader == "\t" and len(cells) < width:  # tabs at the ends represent cells without a value
@@ -473,5 +481,5 @@ def _is_row(path: Path, location: str, line: int, cells: list[str], columns: int
     elif max(map(len, cells)) > MAX_CELL:
         fault = f"a cell of more than {MAX_CELL} characters"
     if fault:
-        _refuse(InputError(f"{path}: {location} {line}: {fault}; correct this {location}"))
+        _refuse(InputError(f"{path}: {location} {line}: {fault}; correct this {location}", id="invalid-syntax"))
     return not fault

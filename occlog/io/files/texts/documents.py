@@ -154,7 +154,7 @@ def toml_values(text: str, where: Path | str, what: str) -> Mapping[str, Any]:
 def parse_xml(text: str, path: Path) -> Element:
     """The root element; InputError with the line where the text is not XML, or declares entities."""
     if "<!ENTITY" in text:
-        raise InputError(f"{path}: declares XML entities; remove them")
+        raise InputError(f"{path}: declares XML entities; remove them", id="unsupported-format")
     with guarded(path, "XML"):
         try:
             return ElementTree.fromstring(text)

@@ -232,11 +232,11 @@ def _refuse_binary(path: Path, what: str) -> None:
     """InputError for a file with the first bytes of a binary format."""
     content = content_of(path, what)
     if content is not Content.OTHER:
-        raise InputError(f"{path}: is {content.value}; {what} was expected")
+        raise InputError(f"{path}: is {content.value}; {what} was expected", id="wrong-content")
     mistaken = describe_unsupported(path, yaml=True)
     if mistaken is not None:
         kind, _, remedy = mistaken.partition("; ")
-        raise InputError(f"{path}: is {kind}; {what} was expected; {remedy}")
+        raise InputError(f"{path}: is {kind}; {what} was expected; {remedy}", id="wrong-content")
 
 
 def lines_of(path: Path) -> dict[str, int]:
@@ -277,7 +277,7 @@ def _values(text: str, source: str) -> tuple[Any, dict[str, int]]:
                     f"{source}: a calibration of OpenCV; give it to occlog ingest {option('calibration')}",
                     id="wrong-content",
                 ) from None
-            raise InputError(f"{source}: {_yaml_problem(error)}") from error
+            raise InputError(f"{source}: {_yaml_problem(error)}", id="invalid-syntax") from error
         known = raw, lines
         if len(text) <= KEPT_LENGTH:
             for oldest in list(_KEPT)[: max(len(_KEPT) + 1 - KEPT_TEXTS, 0)]:

@@ -259,7 +259,8 @@ def _mot(path: Path) -> Iterator[CsvRows]:
         if not 7 <= len(columns) <= 10:
             raise InputError(
                 f"{path}: {len(columns)} columns; MOTChallenge has 7 to 10 "
-                "(frame,id,left,top,width,height,confidence,x,y,z), other tables need a header line"
+                "(frame,id,left,top,width,height,confidence,x,y,z), other tables need a header line",
+                id="unknown-format",
             )
         cells = dict(zip(MOT_COLUMNS, columns, strict=False))
         if len(columns) in WITH_CLASSES:

@@ -91,7 +91,8 @@ def _kitti(path: Path) -> Iterator[CsvRows]:
             if len(cells) not in (COLUMNS, COLUMNS + 1):
                 raise InputError(
                     f"{path}: line {number}: {len(cells)} columns; KITTI's text of tracks has {COLUMNS}, and perhaps "
-                    "a score"
+                    "a score",
+                    id="unknown-format",
                 )
             records.append((number, {name: cells[n] for n, name in KITTI_COLUMNS.items() if n < len(cells)}))
             if len(records) == ROWS_PER_CHUNK:
@@ -230,9 +231,14 @@ def read_people(file: Path) -> list[AnnotatedPerson]:
         )
     value = parse_json(file.read_bytes(), file, "annotations of a frame")
     if isinstance(value, dict) and isinstance(value.get("people"), list):
-        raise InputError(f"{file}: keypoints of OpenPose, which are not read; write a box around each person's")
+        raise InputError(
+            f"{file}: keypoints of OpenPose, which are not read; write a box around each person's",
+            id="unsupported-format",
+        )
     if not isinstance(value, list):
-        raise InputError(f"{file}: a list of people was expected, with personID, positionID and views")
+        raise InputError(
+            f"{file}: a list of people was expected, with personID, positionID and views", id="unknown-format"
+        )
     return [_person(file, n, person) for n, person in enumerate(value, start=1)]
 
 
@@ -410,7 +416,8 @@ def _read(file: Path, frame: int) -> list[Line]:
         if len(cells) not in (5, 6, 7):
             raise InputError(
                 f"{file}: line {number}: {len(cells)} numbers; expected class, x, y, width, height, [confidence] "
-                "and identity; outlines and turned boxes cannot be used: write boxes (detect)"
+                "and identity; outlines and turned boxes cannot be used: write boxes (detect)",
+                id="unsupported-format",
             )
         if " ".join(cells) in seen:
             raise InputError(

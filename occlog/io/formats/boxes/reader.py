@@ -280,7 +280,8 @@ class BoxSurvey:
             rates = " and ".join(f"{NS / known[name]:.3g} ({name})" for name in (fast, slow))
             raise UsageError(
                 f"{option('frames')} {first}:{stop}: cameras of {rates} frames a second, where these are other times; "
-                f"give each its own: {fast}={first}:{stop}"
+                f"give each its own: {fast}={first}:{stop}",
+                id="ambiguous-input",
             )
 
 
@@ -327,7 +328,8 @@ def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOpt
             path = next(file for file, own in zip(found.files, found.of_files, strict=True) if name in own)
             raise InputError(
                 f"{path}: camera {name}: no box reaches beyond {farthest:.3g} px; these seem to be shares of the "
-                "image: write pixels"
+                "image: write pixels",
+                id="unit-mismatch",
             )
     # Files without any box name no camera: no camera detected anything
     cameras = tuple(found.cameras or known)

@@ -208,7 +208,9 @@ def _load(path: Path) -> dict[str, Floats]:
         found = _read(path, content)
     except _FAILURES as error:
         text = " ".join(str(error).split())[:100]
-        raise InputError(f"{path}: cannot be read as arrays ({text}); save plain arrays of numbers") from None
+        raise InputError(
+            f"{path}: cannot be read as arrays ({text}); save plain arrays of numbers", id="unsupported-format"
+        ) from None
     for key, value in found.items():
         if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiu":
             raise InputError(

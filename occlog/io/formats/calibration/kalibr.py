@@ -50,7 +50,9 @@ def detect(text: str) -> bool:
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
     """Read the cameras of one chain, named cam0, cam1, ..."""
     if len(paths) > 1:
-        raise InputError(f"{paths[1]}: a second camera chain; the relative poses of the two are unknown")
+        raise InputError(
+            f"{paths[1]}: a second camera chain; the relative poses of the two are unknown", id="ambiguous-input"
+        )
     values = yaml_values(read_text(paths[0]), paths[0])
     cameras = {key: table for key, table in values.items() if _CAMERA.match(key) and isinstance(table, dict)}
     positions = _places(paths[0], cameras, options)
@@ -77,7 +79,9 @@ def _places(path: Path, cameras: Mapping[str, Mapping[str, object]], options: Ca
     """Camera-from-world transforms (4, 4)."""
     names = sorted(cameras, key=lambda name: int(name[3:]))
     if names != [f"cam{n}" for n in range(len(names))]:
-        raise InputError(f"{path}: has {', '.join(names)}; a chain has cam0, cam1, ... without a gap")
+        raise InputError(
+            f"{path}: has {', '.join(names)}; a chain has cam0, cam1, ... without a gap", id="unknown-format"
+        )
     if all("T_cn_cnm1" in cameras[name] for name in names[1:]):
         options.notes.append("the world is the frame of cam0: x to its right, y down, z forward")
         if any("T_cam_imu" in table for table in cameras.values()):

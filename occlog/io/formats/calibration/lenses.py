@@ -139,5 +139,7 @@ def stated_coefficients(model: str, coefficients: Floats, counts: Sequence[int],
     if count is None or (model == "tsai" and needed):
         of = "Tsai's lens" if model == "tsai" else f"a lens with {needed} coefficients of OpenCV's"
         remedy = "undistort the images" if model == "tsai" else "write opencv-storage"
-        raise InputError(f"{where}: this format cannot state {of}; {remedy}, or a scene (.yaml)")
+        raise InputError(
+            f"{where}: this format cannot state {of}; {remedy}, or a scene (.yaml)", id="unsupported-format"
+        )
     return np.concatenate([coefficients, np.zeros(14)])[:count]

@@ -37,6 +37,6 @@ def read_marked_points(path: Path, cameras: Sequence[str]) -> dict[str, tuple[Fl
         for name in dict.fromkeys(part["camera"].tolist()):
             found.setdefault(match_sensor(name, cameras, str(path)), []).append(rows[part["camera"] == name])
     if not found:
-        raise InputError(f"{path}: holds no points; give four or more for each camera")
+        raise InputError(f"{path}: holds no points; give four or more for each camera", id="empty-input")
     every = {name: np.concatenate(parts) for name, parts in found.items()}
     return {name: (rows[:, :2], rows[:, 2:]) for name, rows in every.items()}

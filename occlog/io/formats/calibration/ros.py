@@ -138,7 +138,9 @@ def _transforms(path: Path, part: Mapping[str, object]) -> Iterator[tuple[str, T
         parent = one.get("frame_id") or (header.get("frame_id") if isinstance(header, dict) else None)
         values = one.get("transform", one) if isinstance(one, dict) else {}
         if not child or not parent or not isinstance(values, dict):
-            raise InputError(f"{where}: expected frame_id, child_frame_id, translation and rotation")
+            raise InputError(
+                f"{where}: expected frame_id, child_frame_id, translation and rotation", id="missing-value"
+            )
         t = _parts(values.get("translation"), "xyz", f"{where}: translation")
         q = _parts(values.get("rotation"), "xyzw", f"{where}: rotation")
         if abs(float(np.linalg.norm(q)) - 1) > 1e-3:

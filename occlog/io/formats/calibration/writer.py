@@ -68,14 +68,16 @@ def write_calibration(path: Path, scene: Scene, format: str, overwrite: bool = F
     texts = TEXTS[format](_in_metres(scene, format), _late(scene))
     if not is_folder(path, format):
         if len(texts) > 1:
-            raise InputError(f"{path}: {format} has {len(texts)} files; name a folder, as {path.stem}")
+            raise InputError(f"{path}: {format} has {len(texts)} files; name a folder, as {path.stem}", id="not-a-file")
         texts = {path.name: next(iter(texts.values()))}
         folder = path.parent
     else:
         folder = path
         others = sorted(each.name for each in path.iterdir() if each.name not in texts) if path.is_dir() else []
         if others:
-            raise OutputError(f"{path}: has other files ({others[0]}), which would be read too; name a new folder")
+            raise OutputError(
+                f"{path}: has other files ({others[0]}), which would be read too; name a new folder", id="output-exists"
+            )
         with translate_write_errors(path):
             path.mkdir(exist_ok=True)
     with OutputGroup() as together:
@@ -88,16 +90,23 @@ def write_calibration(path: Path, scene: Scene, format: str, overwrite: bool = F
 def _in_metres(scene: Scene, format: str) -> list[Camera]:
     """The cameras with positions in metres; InputError for parameters that a format cannot state."""
     if not scene.cameras:
-        raise InputError(f"the scene has no camera; {format} describes cameras")
+        raise InputError(f"the scene has no camera; {format} describes cameras", id="too-few-sensors")
     if scene.length_unit not in METRES:
-        raise InputError(f"lengths are in {scene.length_unit!r}; {format} has metres: state length_unit in the scene")
+        raise InputError(
+            f"lengths are in {scene.length_unit!r}; {format} has metres: state length_unit in the scene",
+            id="missing-unit",
+        )
     out = []
     for camera in scene.cameras:
         if camera.image_size is None:
-            raise InputError(f"{format}: camera {camera.name} states no image size; add image_size_px to the scene")
+            raise InputError(
+                f"{format}: camera {camera.name} states no image size; add image_size_px to the scene",
+                id="missing-image-size",
+            )
         if not (camera.placed or format in WITHOUT_POSE):
             raise InputError(
-                f"{format}: camera {camera.name} has no pose; write opencv-storage, ros or a scene (.yaml)"
+                f"{format}: camera {camera.name} has no pose; write opencv-storage, ros or a scene (.yaml)",
+                id="missing-pose",
             )
         out.append(replace(camera, position=camera.position * METRES[scene.length_unit]))
     return out

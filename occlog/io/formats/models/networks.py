@@ -80,7 +80,7 @@ def read_network(path: Path) -> NetworkSpec:
     nodes = {name for pair in spec.links for name in pair}
     routers = nodes - {spec.server}
     if spec.server not in nodes:
-        raise InputError(f"{path}: no link leads to the server {spec.server}; add one")
+        raise InputError(f"{path}: no link leads to the server {spec.server}; add one", id="missing-value")
     if (loop := next((a for a, b in spec.links if a == b), None)) is not None:
         raise InputError(f"{path}: a link leads from {loop} to itself; remove it")
     attached = [(s.name, s.router) for s in spec.sensors] + [(c.name, c.router) for c in spec.cameras]
@@ -102,7 +102,9 @@ def read_network(path: Path) -> NetworkSpec:
                 f"{path}: objects: router {router} has {number} objects, but no sensor; add one", id="missing-value"
             )
     if not any(spec.objects.values()):
-        raise InputError(f"{path}: objects: no router has any; give at least one router a number of objects")
+        raise InputError(
+            f"{path}: objects: no router has any; give at least one router a number of objects", id="missing-value"
+        )
     _check_ways(path, spec, nodes)
     return spec
 
@@ -115,4 +117,4 @@ def _check_ways(path: Path, spec: NetworkSpec, nodes: set[str]) -> None:
         grown = not more <= reached
         reached |= more
     if lost := sorted(nodes - reached):
-        raise InputError(f"{path}: no way leads from the server to {lost[0]}; add a link")
+        raise InputError(f"{path}: no way leads from the server to {lost[0]}; add a link", id="missing-value")

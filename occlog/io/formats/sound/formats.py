@@ -171,7 +171,8 @@ def _check_still(path: Path, positions: Floats, turns: Floats, lines: Ints) -> N
         k = int(bad[0])
         raise InputError(
             f"{path}: line {lines[k]}: the array has moved by {moved[k]:.3g} m and {np.degrees(turned[k]):.3g} degrees "
-            f"(limits {STILL_M} m, {np.degrees(STILL_RAD):g} degrees); the arrays of a scene cannot move"
+            f"(limits {STILL_M} m, {np.degrees(STILL_RAD):g} degrees); the arrays of a scene cannot move",
+            id="not-applicable",
         )
 
 
@@ -246,7 +247,8 @@ def read_telemetr(path: Path, options: DoaOptions, _losses: list[Loss]) -> Itera
         columns = len(rows.cells)
         if columns < 6 or columns % 2:
             raise InputError(
-                f"{path}: {columns} columns; date, time, animal, code and pairs of tower and bearing expected"
+                f"{path}: {columns} columns; date, time, animal, code and pairs of tower and bearing expected",
+                id="unknown-format",
             )
         t_ns = np.array(
             [_moment(path, rows.lines[n], rows.cells["0"][n], rows.cells["1"][n]) for n in range(len(rows))]
@@ -293,7 +295,10 @@ def read_arrays(path: Path, name: str | None = None) -> tuple[MicrophoneArray, .
         return (read_array(path, name),)
     if holds_stations(path):
         if name is not None:
-            raise UsageError(f"{path}: names its arrays; give the file without a name ({option('arrays')} {path.name})")
+            raise UsageError(
+                f"{path}: names its arrays; give the file without a name ({option('arrays')} {path.name})",
+                id="conflicting-options",
+            )
         scene = read_stations(path)
         if scene.length_unit != "m":
             raise InputError(
@@ -315,7 +320,9 @@ def read_arrays(path: Path, name: str | None = None) -> tuple[MicrophoneArray, .
             id="input-too-large",
         )
     if len(plain[0].cells) not in (2, 3):
-        raise InputError(f"{path}: {len(plain[0].cells)} columns; x and y of direction finders were expected")
+        raise InputError(
+            f"{path}: {len(plain[0].cells)} columns; x and y of direction finders were expected", id="unknown-format"
+        )
     positions = np.concatenate([np.column_stack([rows.floats(c) for c in rows.cells]) for rows in plain])
     positions = np.column_stack([positions, np.zeros((len(positions), 3 - positions.shape[1]))])
     return tuple(MicrophoneArray(f"{name or 'tower'}{n}", xyz) for n, xyz in enumerate(positions, start=1))
@@ -463,7 +470,8 @@ def _end(path: Path, line: int, text: str, problem: str, losses: list[Loss]) -> 
 
 def _malformed(path: Path, line: int, problem: str) -> InputError:
     return InputError(
-        f"{path}: line {line}: not an object of ODAS ({problem}); objects one after another were expected"
+        f"{path}: line {line}: not an object of ODAS ({problem}); objects one after another were expected",
+        id="invalid-syntax",
     )
 
 

@@ -350,7 +350,8 @@ def check_background(camera: Camera, kind: str, size: tuple[int, int], factor: i
     if pixels / factor**2 > most:
         raise InputError(
             f"camera {camera.name}: frames are {size[0]} x {size[1]} px; the background ({kind}) is learnt from "
-            f"images of up to {most} pixels; shrink them by {math.ceil(math.sqrt(pixels / most))} or more (shrink)"
+            f"images of up to {most} pixels; shrink them by {math.ceil(math.sqrt(pixels / most))} or more (shrink)",
+            id="input-too-large",
         )
 
 
@@ -367,13 +368,16 @@ def plain_image(image: NDArray[np.integer], bits: int | None) -> Image:
     if image.ndim == 3 and image.shape[2] in (1, 4):
         image = image[:, :, 0] if image.shape[2] == 1 else image[:, :, :3]
     if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] != 3) or 0 in image.shape:
-        raise InputError(f"image of shape {image.shape} is neither grey nor colour")
+        raise InputError(f"image of shape {image.shape} is neither grey nor colour", id="unsupported-format")
     if image.dtype == np.uint16:
         if bits is None:
-            raise InputError(f"16-bit image: give the number of significant bits ({option('bit_depth')}, 8 to 16)")
+            raise InputError(
+                f"16-bit image: give the number of significant bits ({option('bit_depth')}, 8 to 16)",
+                id="missing-option",
+            )
         image = np.minimum(image >> (bits - 8), 255).astype(np.uint8)
     if image.dtype != np.uint8:
-        raise InputError(f"image of {image.dtype}: expected 8 or 16 bits")
+        raise InputError(f"image of {image.dtype}: expected 8 or 16 bits", id="unsupported-format")
     return np.ascontiguousarray(image)
 
 

@@ -72,7 +72,7 @@ def init(scene: Scene, config: ApfConfig, rng: Generator) -> ApfState:
     try:
         particles = initial_particles(model, config.start, rng)
     except ValueError as error:
-        raise InputError(f"scene: {error}; make the room larger") from error
+        raise InputError(f"scene: {error}; make the room larger", id="no-room") from error
     weights = np.full(len(particles.speed), 1.0 / len(particles.speed))
     calibration = begin(scene, model.noise, model.read_px, model.sensors, config.calibrate)
     return ApfState(model, particles, weights, None, 0, calibration)

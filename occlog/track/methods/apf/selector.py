@@ -82,7 +82,7 @@ def network(
     names = [c.name for c in scene.cameras]
     cameras = tuple(i for i, c in enumerate(scene.cameras) if c.name in usable and c.placed)
     if config.policy != "all" and config.n_cameras > len(cameras):
-        raise UsageError(f"select: {config.n_cameras} cameras of {len(cameras)}; select fewer")
+        raise UsageError(f"select: {config.n_cameras} cameras of {len(cameras)}; select fewer", id="too-few-sensors")
     order = cameras
     if config.camera_order:
         unknown = [n for n in config.camera_order if n not in names]
@@ -92,7 +92,9 @@ def network(
             )
         order = tuple(names.index(n) for n in config.camera_order if names.index(n) in cameras)
         if config.policy == "fixed" and len(set(order)) < config.n_cameras:
-            raise UsageError(f"select: order has {len(set(order))} usable cameras, want {config.n_cameras}")
+            raise UsageError(
+                f"select: order has {len(set(order))} usable cameras, want {config.n_cameras}", id="too-few-sensors"
+            )
     if config.policy == "brute-force" and math.comb(len(cameras), config.n_cameras) > MAX_SUBSETS:
         raise UsageError(
             f"select: brute-force of {config.n_cameras} out of {len(cameras)} cameras would try "

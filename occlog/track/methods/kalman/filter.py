@@ -93,7 +93,7 @@ def anywhere_of(scene: Scene, world: MeasurementWorld, config: WalkConfig) -> Ga
     try:
         moments = floor_moments(world.floor) if scene.views is None else prior_moments(scene.views)
     except ValueError as error:
-        raise InputError(f"scene: {error}; make the room larger") from error
+        raise InputError(f"scene: {error}; make the room larger", id="no-room") from error
     return gaussian_of(*moments, config)
 
 

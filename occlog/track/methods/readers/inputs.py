@@ -143,7 +143,7 @@ class ReadsInput:
         self.readers = choose_readers(self.scene, request)
         self.window_ns = WINDOW_NS if request.window_ns is None else request.window_ns
         if self.window_ns <= 0:
-            raise UsageError("reads of one time alone tell little; give a window above 0 s")
+            raise UsageError("reads of one time alone tell little; give a window above 0 s", id="invalid-setting")
         self._known = None if request.path_loss is None else self._path_loss(request.path_loss)
         self._chunks = self._checked(opened.rows(Reads))
         first = next(self._chunks, None)

@@ -33,7 +33,7 @@ def run_ground(request: GroundRequest, job: Job) -> tuple[dict[str, object], tup
     scene = load_scene(request.scene, None, request.view_tracks)
     if unknown := [name for name in request.cameras if name not in [c.name for c in scene.cameras]]:
         known = ", ".join(c.name for c in scene.cameras) or "none"
-        raise UsageError(f"{option('cameras')} {unknown[0]}: the scene has {known}")
+        raise UsageError(f"{option('cameras')} {unknown[0]}: the scene has {known}", id="unknown-sensor")
     made = _as_tracked(view_tracks.provenance)
     config = in_scene(configure(GroundConfig(), {**made, **request.settings}), scene)
     parameters = {**asdict(config), "cameras": list(request.cameras)}

@@ -132,7 +132,8 @@ class ViewsInput:
                 if each.frame in found.missing:
                     raise InputError(
                         f"{each.where}: frame {each.frame} of target {each.target_id}: camera {name} has no such "
-                        f"frame; it has {known.first} to {found.last}; correct it"
+                        f"frame; it has {known.first} to {found.last}; correct it",
+                        id="disjoint-inputs",
                     )
 
     def background(self, quiet: bool) -> tuple[BackgroundModel | None, ...]:
