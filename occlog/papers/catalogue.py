@@ -192,7 +192,7 @@ def choose(
 
 
 def size_of(experiment: Experiment, *, quick: bool, runs: int | None, steps: int | None, seed: int) -> Size:
-    """Number of runs and steps: those given, otherwise those of the quick form or of the paper."""
+    """Return the number of runs and steps: the stated ones, else those of the quick form or the paper."""
     own = experiment.quick if quick else (experiment.runs, experiment.steps)
     return Size(runs or own[0], steps or own[1], quick=quick, seed=seed)
 

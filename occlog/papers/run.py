@@ -204,7 +204,7 @@ def was_stopped(folder: Path) -> bool:
 
 
 def recorded_of(paper: str, request: ReproduceRequest) -> tuple[Experiment, ...]:
-    """Experiments on the recording that was given; none without one."""
+    """Return the experiments on the given recording; none without one."""
     _check_recorded(paper, request)
     path = request.data or request.bearings
     try:
@@ -248,7 +248,7 @@ def _check_names(paper: str, request: ReproduceRequest, recorded: Sequence[Exper
 
 
 def sizes_of(given: Sequence[str], items: Sequence[str]) -> dict[str, tuple[int, int]]:
-    """Runs and steps of single experiments, read from texts like `fig12=4x1000`; UsageError for other texts."""
+    """Parse runs and steps of single experiments from texts like `fig12=4x1000`; UsageError for other texts."""
     sizes = {}
     for text in given:
         found = SIZE.fullmatch(text)

@@ -16,7 +16,7 @@ MAX_SMOOTHING_STEPS = 4096
 
 @dataclass(frozen=True)
 class LagConfig(Settings):
-    """Whether a filter's estimates are smoothed, and with how much of what comes after them."""
+    """Smoothing settings of a filter: whether, and with how much later data."""
 
     smooth: bool = setting(
         False,
@@ -38,12 +38,12 @@ class LagConfig(Settings):
 
     @property
     def smoothed(self) -> bool:
-        """Whether estimates use what comes after them."""
+        """Return whether estimates use later measurements."""
         return self.smooth or self.lag_s is not None
 
     @property
     def lag_ns(self) -> int | None:
-        """The lag [ns]; None: estimates wait for everything that was recorded."""
+        """Return the lag [ns]; None: the whole recording."""
         from occlog.array_types import NS  # numpy comes with it, and settings are read for help, too
 
         return None if self.lag_s is None else round(self.lag_s * NS)

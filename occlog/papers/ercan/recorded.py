@@ -84,7 +84,7 @@ class Recorded:
 
     @property
     def start(self) -> Floats:
-        """(2,) first position."""
+        """Return the (2,) first position."""
         return np.array([self.positions.x[0], self.positions.y[0]])
 
     @property
@@ -278,7 +278,7 @@ class VirtualCrowd(NamedTuple):
 
 
 def crowd_size(scene: Scene) -> int:
-    """Return the number of virtual people in a scene."""
+    """Return the number of virtual people for a scene."""
     if scene.room is None:
         return OCCLUDERS
     x, y = scene.room.T
@@ -492,7 +492,7 @@ def fig14(source: RecordedFiles, names: Sequence[str], size: Size, execute: Exec
 
 
 def _over(found: Sequence[Figures]) -> Figures:
-    """Combine the figures of one run over several sets of cameras: root of the mean square, and means."""
+    """Average the figures of one run over sets of cameras: root mean squares and means."""
     mean = {name: math.fsum(f[name] for f in found) / len(found) for name in ("rmse_occ", "hidden")}
     return {"rmse": math.sqrt(math.fsum(f["rmse"] ** 2 for f in found) / len(found)), **mean}
 

@@ -44,7 +44,7 @@ LINEAR, NEARLY = 1.3, 1.6
 
 
 class LikelihoodInput(NamedTuple):
-    """Arguments of a likelihood at one step."""
+    """Arguments of the likelihood at one step."""
 
     xy: Floats  # (L, 2) positions of the particles
     packed: PackedScan
@@ -52,7 +52,7 @@ class LikelihoodInput(NamedTuple):
 
 
 class LikelihoodForm(NamedTuple):
-    """One form of the likelihood."""
+    """One form of the likelihood to be timed."""
 
     series: str
     config: ApfConfig
@@ -115,7 +115,7 @@ def _steps(scene: Scene, truth: Truth, bearings: Bearings, n: int, size: Size) -
 
 
 def _measure(taken: dict[tuple[str, int], list[float]], scene: Scene, n: int, steps: list[LikelihoodInput]) -> None:
-    """Append the CPU seconds of all steps for every form."""
+    """Measure the CPU seconds of all steps for every form, appending to `taken`."""
     for form in LIKELIHOOD_FORMS:
         compute = _likelihood(scene, form)
         compute(steps[0])  # compiles the kernels before the time is taken
@@ -176,7 +176,7 @@ def judge10(table: Table) -> list[StatementVerdict]:
 
 
 def _growth(rows: list[PaperRow]) -> PaperRow:
-    """Return the growth of time from the fewest cameras to the most, run by run."""
+    """Return the growth of CPU time from the fewest cameras to the most, run by run."""
     growth = tuple(b / a for a, b in zip(rows[0].values, rows[-1].values, strict=True))
     return PaperRow("growth", math.nan, growth)
 

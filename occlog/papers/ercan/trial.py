@@ -36,7 +36,7 @@ EACH = ("rmse_occ",)
 
 
 class TrialPoint(NamedTuple):
-    """One point of a figure: the description of its trials, without the number of the run."""
+    """One point of a figure: its trial description without run number."""
 
     series: str
     x: float

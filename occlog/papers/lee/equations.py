@@ -150,7 +150,7 @@ def _turns() -> dict[str, float]:
 
 
 def _propagator(a: float, velocity: float, step: float) -> Floats:
-    """Write (2.15) of one axis, [position, velocity], with the acceleration `a`."""
+    """Return the transition matrix (2.15) of one axis, [position, velocity], with acceleration `a`."""
     return np.array([[1.0, a * step**2 / (2.0 * velocity) + step], [0.0, a * step / velocity + 1.0]])
 
 
@@ -210,7 +210,7 @@ def _conversions(rng: np.random.Generator) -> dict[str, float]:
 
 
 def _shares(rng: np.random.Generator) -> float:
-    """Sum the coefficients of the particles in (3.7) to (3.11), for 2 bearings, 3 models and 100 particles."""
+    """Sum the particle coefficients in (3.7) to (3.11), for 2 bearings, 3 models and 100 particles."""
     w = rng.random((2, 3, 100))
     w /= w.sum()
     mass = w.sum(axis=2)  # of bearing i and model m
@@ -220,7 +220,7 @@ def _shares(rng: np.random.Generator) -> float:
 
 
 def _decisions() -> dict[str, float]:
-    """Compare (4.4) with (4.3), and the ratio in (4.11) with that of the chances by which it is defined."""
+    """Compare (4.4) with (4.3), and the ratio in (4.11) with the probability ratio that defines it."""
     equal, ratio, sensors = 0.0, 0.0, 6
     for p_miss in (0.05, 0.1, 0.2, 0.3):
         for detected in range(sensors + 1):
@@ -251,7 +251,7 @@ def _planes() -> dict[str, float]:
 
 
 def _angles() -> dict[str, float]:
-    """Compare the angles of the track of Tables 2.1 and 2.2 with those printed."""
+    """Compare the angles along the track of Tables 2.1 and 2.2 with the printed ones."""
     w = world(TABLE, TABLE_INSTANTS)
     theta, phi = (np.degrees(a) for a in sight_angles(w.states[:, :3], np.zeros(3), np.eye(3)))
     return {

@@ -35,7 +35,7 @@ def name_of(what: str, reach: float) -> str:
 
 
 def grid(readers: int) -> Floats:
-    """(readers, 2) positions in a square grid that is even over the room."""
+    """Return (readers, 2) positions on a uniform square grid over the room."""
     n = math.isqrt(readers)
     at = (np.arange(n) + 0.5) * SIDE / n
     return np.stack(np.meshgrid(at, at), axis=2).reshape(-1, 2)

@@ -74,7 +74,7 @@ def staged_paths(config: BallsConfig, seed: int, scene: str) -> BallPaths:
 
 
 def _together(config: BallsConfig, rng: Generator) -> Floats:
-    """Two balls go the same way in view 1 and hide one another for long ([Qu] Fig. 7b, camera 1)."""
+    """Return paths of two balls that move together in view 1, occluding each other ([Qu] Fig. 7b, camera 1)."""
     t = np.linspace(0.0, 1.0, config.frames)
     first, last = (rng.uniform(0.0, 2.0 * math.pi) for _ in range(2))
     near = rng.uniform(0.0, 2.0 * math.pi)
@@ -102,7 +102,7 @@ def _opposite(config: BallsConfig, rng: Generator) -> Floats:
 
 
 def _seen_in_first(middle: Floats, gap: Floats, rng: Generator) -> Floats:
-    """Return (T, 2, 3) two balls with this middle and gap (T, 2) along y and z, that are separate in view 2."""
+    """Return (T, 2, 3) two balls with given middle and gap (T, 2) along y and z, separate in view 2."""
     side = rng.choice([-1.0, 1.0])
     x = np.broadcast_to([side * ASIDE, -side * ASIDE], (len(gap), 2))
     positions = np.stack([middle - 0.5 * gap, middle + 0.5 * gap], axis=1)
@@ -110,7 +110,7 @@ def _seen_in_first(middle: Floats, gap: Floats, rng: Generator) -> Floats:
 
 
 def _following(angle: float, *, across: bool = False, back: bool = False) -> Callable[[BallsConfig, Generator], Floats]:
-    """Make the scene of a ball that comes up behind another in view 2, on the same line ([Qu] Fig. 7b, camera 2).
+    """Return the paths of a ball that approaches another from behind in view 2, on one line ([Qu] Fig. 7b, camera 2).
 
     Args:
         angle: of the line with the rows, which are the epipolar lines [deg].
@@ -138,7 +138,7 @@ def _following(angle: float, *, across: bool = False, back: bool = False) -> Cal
 
 
 def _decoys(on_line: bool) -> Callable[[BallsConfig, Generator], Floats]:
-    """Make the scene of four balls that never touch and go side by side: on one epipolar line, or in a column."""
+    """Return the paths of four balls side by side that never touch: on one epipolar line, or in a column."""
 
     def positions(config: BallsConfig, rng: Generator) -> Floats:
         t = np.linspace(-0.5, 0.5, config.frames)

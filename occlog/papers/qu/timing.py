@@ -20,10 +20,7 @@ from occlog.track.methods.images.methods.weigh import LocalWeights, arrival_of, 
 def likelihood_seconds(
     state: VisualState, config: BmctConfig, frames: FrameSet, rng: Generator, repeats: int = 5
 ) -> tuple[float, float, float]:
-    """CPU seconds of the local, the interaction and the collaboration likelihood of all particles in one frame.
-
-    The local one holds the map of bins and the motion of the particles.  The others are the
-    time that weighing takes longer with neighbours than without, and with helpers than without.
+    """Measure the CPU seconds of the local, interaction and collaboration likelihoods of one frame.
 
     Args:
         state: before the frame; it is not changed.

@@ -30,7 +30,7 @@ from .world import FLYING, frame_set_of, truth_of, views_of
 
 
 class DivertedTracker(NamedTuple):
-    """A tracker that is put where its target is not."""
+    """A tracker placed off its target."""
 
     view: int
     target: int
@@ -40,7 +40,7 @@ class DivertedTracker(NamedTuple):
 
 
 class Runner(NamedTuple):
-    """A method on a video."""
+    """A method to be run on a video."""
 
     config: MipfConfig  # settings of the method, which state how it tracks
     geometry: ViewGeometry
@@ -172,7 +172,7 @@ def led_astray(state: VisualState, astray: DivertedTracker) -> VisualState:
 
 
 def _first(births: Sequence[Birth], views: int) -> TrackerOutlines:
-    """Return the rows of the first frame, of trackers just initiated."""
+    """Return the rows of the first frame, of newly initiated trackers."""
     n = len(births)
     zero, unknown = np.zeros(n, dtype=np.int64), np.full(n, np.nan)
     return TrackerOutlines(
@@ -193,7 +193,7 @@ def _first(births: Sequence[Birth], views: int) -> TrackerOutlines:
 def _joined(
     rows: Sequence[TrackerOutlines], seconds: Sequence[float], parts: Sequence[tuple[float, float, float]]
 ) -> TrackerOutput:
-    """Join the rows of frames 0, 1, ..."""
+    """Concatenate the rows of frames 0, 1, …."""
     return TrackerOutput(
         frame=np.repeat(np.arange(len(rows)), [len(o.view) for o in rows]),
         view=np.concatenate([o.view for o in rows]),

@@ -56,7 +56,10 @@ VIEWS = VideoVariant(
 
 
 def compute(variant: VideoVariant, size: Size, execute: Execute) -> Table:
-    """Both rates [%] of every method at every value; runs of one seed at different values are different videos."""
+    """Compute both rates [%] of every method at every value.
+
+    Runs of one seed at different values are different videos.
+    """
     points = variant.quick if size.quick else variant.values
     found = _of_views(points, size, execute) if variant is VIEWS else _of_balls(variant, points, size, execute)
     return [
@@ -79,7 +82,7 @@ def _of_balls(variant: VideoVariant, points: Sequence[float], size: Size, execut
 
 
 def _of_views(points: Sequence[float], size: Size, execute: Execute) -> Found:
-    """All methods and numbers of views on one rendering of each video."""
+    """Compute all methods and numbers of views on one rendering of each video."""
     methods = {f"{m}, {x:g}": {"method": m, "use": int(x)} for m in METHODS for x in points}
     balls = {"frames": size.steps, "views": MOST_VIEWS}
     results = execute([views_spec(seed_of(size, run), methods, balls) for run in range(size.runs)])

@@ -75,7 +75,7 @@ FLYING = Staging()
 
 @functools.lru_cache(maxsize=8)
 def first_frame(config: BallsConfig, seed: int, staging: Staging = FLYING) -> BallsFrame:
-    """The first frame of a video."""
+    """Return the first frame of a video."""
     return next(video_of(config, seed, staging))
 
 

@@ -15,10 +15,10 @@ from occlog.records.tables import Boxes, Views
 
 
 class CameraTrackers:
-    """A tracker for each camera, and what their identities are called: a number is of one camera alone."""
+    """Trackers of a plug-in, one per camera, with identities made unique over the cameras."""
 
     def __init__(self, plugin: Plugin, make: Callable[[str], ViewTracker]) -> None:
-        """State before the first frame.
+        """Start without frames.
 
         Args:
             plugin: for messages.
@@ -31,7 +31,7 @@ class CameraTrackers:
 
     @property
     def cameras(self) -> list[str]:
-        """Names of the cameras with frames so far, sorted."""
+        """Return the sorted names of the cameras with frames so far."""
         return sorted(self._own)
 
     def step(self, camera: str, found: BoxesInFrame) -> Ints:
@@ -53,12 +53,12 @@ class CameraTrackers:
         return found_ids
 
     def _number(self, camera: str, own: int) -> int:
-        """The number of an identity, counted in the order in which they come."""
+        """Return the global number of a camera's identity, numbered in order of appearance."""
         return -1 if own < 0 else self.numbers.setdefault((camera, own), len(self.numbers))
 
 
 def fault_of(ids: object, count: int) -> str | None:
-    """What is wrong with a tracker's result for this number of boxes, in words; None: nothing."""
+    """Return what is invalid in a tracker's result for `count` boxes, as text; None if valid."""
     try:
         array = np.asarray(ids)
     except ValueError:
@@ -124,7 +124,7 @@ def follow(
 
 
 def _whole_times(chunks: Iterable[Boxes | Views]) -> Iterator[Boxes | Views]:
-    """Regroup rows into chunks so that the rows of one time are in one chunk."""
+    """Regroup rows so that all rows of one time are in one chunk."""
     held: Boxes | Views | None = None
     for chunk in chunks:
         whole = chunk if held is None else type(chunk).concat([held, chunk])  # type: ignore[list-item]
@@ -136,7 +136,7 @@ def _whole_times(chunks: Iterable[Boxes | Views]) -> Iterator[Boxes | Views]:
 
 
 def _boxes(rows: Boxes | Views) -> tuple[Boxes, Floats32]:
-    """Rows as boxes, with their embeddings."""
+    """Return rows as boxes with embeddings."""
     if isinstance(rows, Boxes):
         return rows, np.zeros((len(rows), 0), dtype=np.float32)
     boxes = Boxes.of(

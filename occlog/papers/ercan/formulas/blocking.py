@@ -135,7 +135,7 @@ def _eq_7(x: Floats, mean: Floats, priors: Priors, which: Bools, form: int) -> F
 
 
 def _normal_between(low: Floats, high: Floats) -> Floats:
-    """Return the probability of a standard normal between low <= high, elementwise; precise in the tails, too."""
+    """Return the probability that a standard normal is between low and high, elementwise, accurate in the tails."""
     low, high = np.broadcast_arrays(low / ROOT_2, high / ROOT_2)
     flip = high < 0.0
     low, high = np.where(flip, -high, low), np.where(flip, -low, high)
@@ -235,7 +235,7 @@ def _seen_exactly(xy: Floats, cameras: Floats, priors: Priors) -> Floats:
 
 
 def _number(eta: Bools) -> int:
-    """Return the number of the subset of cameras that are true."""
+    """Return the bit number of a subset of cameras given as booleans."""
     return sum(1 << i for i, one in enumerate(eta) if one)
 
 

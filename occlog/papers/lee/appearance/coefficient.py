@@ -66,7 +66,7 @@ def coefficient_trial(spec: Spec) -> dict[str, float]:
 
 
 def _histogram(grey: Floats, bins: int, shift: float) -> Floats:
-    """(bins + 1,) or (bins,) density of grey levels in equal bins over 0 to 256, moved by a share of their width."""
+    """Return the histogram (bins + 1,) or (bins,) of grey levels over 0 to 256, shifted by a share of the bin width."""
     width = GREY / bins
     index = np.floor((grey + shift * width) / width).astype(np.int64)
     return density(np.bincount(index, minlength=bins + (shift > 0)))
@@ -138,7 +138,7 @@ def judge_coefficients(table: Table) -> list[StatementVerdict]:
 
 
 def _nothing(table: Table, key: str, series: str, statement: str, paper: float | None = None) -> StatementVerdict:
-    """Judge that something is 0 in every run, but for rounding."""
+    """Judge that a quantity is 0 in every run, up to rounding."""
     row = v.find(table, series)
     most = max(row.values) if row is not None else float("nan")
     return v.fact(

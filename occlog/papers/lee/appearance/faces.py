@@ -49,7 +49,7 @@ class Heads(NamedTuple):
 
 
 def people_of(kind: str, rng: np.random.Generator) -> Clothes:
-    """People who differ in skin and hair, or hardly (`alike`); all in the same clothes."""
+    """Return whether a change has the stated sign and is visible; for sign 0, whether it is small against `full`."""
     wide = kind == "different"
     tone = rng.uniform(0.35, 1.05, PEOPLE) if wide else 0.85 + rng.uniform(-0.02, 0.02, PEOPLE)
     dark = rng.uniform(0.1, 0.8, PEOPLE) if wide else 0.25 + rng.uniform(-0.02, 0.02, PEOPLE)
@@ -169,7 +169,7 @@ def faces_trial(spec: Spec) -> dict[str, float]:
 
 
 def likeness(gallery: Floats, candidates: Floats, angle: Ints) -> Floats:
-    """(n, P) coefficients of candidates (n, m) with the gallery (P, A, m) at their angles (n,), without the bias."""
+    """Return (n, P) bias-corrected Bhattacharyya coefficients of candidates (n, m) with the gallery (P, A, m)."""
     out = np.empty((len(candidates), len(gallery)))
     for a in np.unique(angle).tolist():
         rows, side = angle == a, gallery[:, a]
@@ -181,7 +181,7 @@ def likeness(gallery: Floats, candidates: Floats, angle: Ints) -> Floats:
 
 
 def _by_angles(kind: str, gallery: Floats, candidates: Floats, owner: Ints, at: Ints) -> dict[str, float]:
-    """Figures by number of angles; a candidate is compared with the nearest one that there is."""
+    """Return the figures by number of gallery angles; a candidate is compared with the nearest available angle."""
     out = {}
     for n in (0, *GALLERIES):
         if n == 0:
@@ -217,7 +217,7 @@ def _suspended(kind: str, gallery: Floats, candidates: Floats, owner: Ints, at: 
 
 
 def equal_error(like: Floats, same: Bools) -> float:
-    """The threshold at which the share of right pairs below is nearest to the share of wrong pairs at or above."""
+    """Return the threshold with equal shares of right pairs below it and wrong pairs at or above it."""
     right, wrong = np.sort(like[same]), np.sort(like[~same])
     levels = np.unique(like)
     missed = np.searchsorted(right, levels) / len(right)

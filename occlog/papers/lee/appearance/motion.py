@@ -40,7 +40,7 @@ STILL = 0.25
 
 
 def camera_of(number: int) -> Camera:
-    """A camera that points at the middle from its side."""
+    """Return a camera that looks at the room's middle from its side."""
     side, lateral = PLACES[number]
     angle = math.radians(side)
     out, across = np.array([math.cos(angle), math.sin(angle)]), np.array([-math.sin(angle), math.cos(angle)])
@@ -55,7 +55,7 @@ def camera_of(number: int) -> Camera:
 
 
 def seen_motion(camera: Camera, start: Floats, direction: float) -> tuple[Floats, Floats]:
-    """Movement of people's boxes to the right, and growth, as shares of the width of the box and of its height.
+    """Return the movement to the right and the growth of people's boxes, as shares of box width and height.
 
     Args:
         camera: in which.
@@ -69,7 +69,7 @@ def seen_motion(camera: Camera, start: Floats, direction: float) -> tuple[Floats
 
 
 def motion_trial(spec: Spec) -> dict[str, float]:
-    """Share of people near the middle for whom each statement of the text holds.
+    """Return the share of people near the middle for whom each printed statement holds.
 
     Args:
         spec: `people`, `seed` and `run`.

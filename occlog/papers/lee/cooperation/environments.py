@@ -205,7 +205,7 @@ def _drawn_paths(rng: np.random.Generator) -> str:
 
 
 def _within(scene: Scene, positions: Floats) -> bool:
-    """Return whether all positions (T, K, 3) are in the scene's room."""
+    """Return whether all positions (T, K, 3) are inside the scene's room."""
     flat = np.ascontiguousarray(positions[..., :2].reshape(-1, 2))
     return bool(inside_polygon(flat, scene.surroundings).all())
 

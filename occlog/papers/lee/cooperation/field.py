@@ -219,7 +219,7 @@ def _frames(row: PaperRow) -> Floats:
 
 
 def _saved(errors: Floats, frames: Floats, of_periods: Floats, frames_of: Floats, runs: Ints) -> float:
-    """Return the frames saved in a sample of runs; between two periods log frames is linear in log error."""
+    """Return the frames saved in a sample of runs; log frames are interpolated linearly in log error."""
     wanted = math.log(errors[runs].mean())
     known, cost = np.log(of_periods[:, runs].mean(axis=1)), np.log(np.maximum(frames_of[:, runs].mean(axis=1), 0.5))
     order = np.argsort(known)

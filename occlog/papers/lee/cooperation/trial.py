@@ -84,7 +84,7 @@ SCENES: dict[str, dict[str, object]] = {
 
 
 class FilterOutput(NamedTuple):
-    """Estimates and requests of one array's filter at T steps, for K targets."""
+    """Estimates and camera requests of one array's filter at T steps, for K targets."""
 
     xy: Floats  # (T, K, 2) [m]; NaN: no track
     asked: Floats  # (T,) 1 where cameras were asked, else 0
@@ -210,7 +210,7 @@ def follow(made: Environment, spec: Spec) -> FilterOutput:
 def _roster(
     state: ImmState, made: Environment, config: ImmConfig, array: int, n: int, rng: np.random.Generator
 ) -> ImmState:
-    """Start tracks of targets that are heard for the first time, and end those of targets that are heard no more."""
+    """Start tracks of targets heard for the first time, and end those of targets no longer heard."""
     heard, ids = made.heard[array] > 0, made.truth.ids.tolist()
     there = {t.number for t in state.tracks}
     tracks = [t for t in state.tracks if heard[n:, ids.index(t.number)].any()]

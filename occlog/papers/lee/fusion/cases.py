@@ -121,7 +121,7 @@ def _threshold(key: str, statement: str, limit: float, rows: list[PaperRow], lev
 
 
 def _crossing(curve: list[tuple[float, float]], level: float) -> float | None:
-    """Return where a falling curve crosses a level; None: nowhere."""
+    """Return the position at which a falling curve crosses a level; None if nowhere."""
     for (x, y), (x_next, y_next) in itertools.pairwise(curve):
         if y > level >= y_next:
             return x + (x_next - x) * (y - level) / (y - y_next)

@@ -178,7 +178,7 @@ def judge_errors(table: Table) -> list[StatementVerdict]:
 
 
 def _judged(table: Table, key: str, statement: str, low: str, high: str) -> list[StatementVerdict]:
-    """Judge that one series is below another, for each number of cameras."""
+    """Judge that one series is below another for each number of cameras."""
     found = [(n, v.matched(table, f"{n}, {low}", f"{n}, {high}")) for n in CAMERAS]
     return [v.pairs(f"{key}-{n}", f"{statement}; {n} cameras.", points) for n, points in found if points]
 

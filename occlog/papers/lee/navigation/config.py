@@ -103,10 +103,10 @@ class NavigateConfig(FieldSettings):
 
     @property
     def way(self) -> float:
-        """s_r T_s, the length of a step."""
+        """Return the length of a step, s_r T_s."""
         return self.speed * self.step_s
 
     @property
     def near(self) -> float:
-        """Distance from the goal at which it is reached."""
+        """Return the distance at which the goal counts as reached."""
         return self.way if self.goal_tolerance is None else self.goal_tolerance

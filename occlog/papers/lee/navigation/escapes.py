@@ -45,12 +45,12 @@ RANGES = "distances in (5.27) and (5.28)"
 
 
 def name_of(step: str, radius: float) -> str:
-    """Name of the series of an escape: the least distance of centres."""
+    """Return the series name of an escape: the least distance of centres."""
     return f"{step}, r = {radius:g}"
 
 
 def escapes(size: Size, execute: Execute) -> Table:
-    """Escapes of the printed robot by the printed angle and by others, and shares over random lines."""
+    """Compute escapes of the printed robot by the printed and other angles, and shares over random lines."""
     rows: Table = []
     for step, config in STEPS.items():
         for radius in RADII:
@@ -70,7 +70,7 @@ def escapes(size: Size, execute: Execute) -> Table:
 
 
 def _fared(step: str, radius: float, angle: float, robots: Drive) -> Table:
-    """Rows of one drive; an angle of NaN is the printed one, the largest of its range."""
+    """Return table rows of one drive; angle NaN is the printed one, the largest of its range."""
     distance = float(robots.clearance[0]) + 2.0 * radius
     tried = not math.isnan(angle)
     kind = "" if tried else ", printed angle"
@@ -79,7 +79,7 @@ def _fared(step: str, radius: float, angle: float, robots: Drive) -> Table:
 
 
 def escape_trial(spec: Mapping[str, Any]) -> dict[str, float]:
-    """Shares of robots on random lines that collide although they escape, and of oscillating ones within the ranges.
+    """Compute the shares of escaping robots that collide, and of oscillating ones within the printed ranges.
 
     Args:
         spec: `item`, `seed`, `run`, and `lines`, how many robots for each radius.
@@ -222,7 +222,7 @@ WAYS = {
 
 
 def near_trial(spec: Mapping[str, Any]) -> dict[str, float]:
-    """Share of robots that collide, of those that start near the line of the printed example.
+    """Compute the share of robots starting near the printed line that collide.
 
     Args:
         spec: `seed`, `run`, `robots`, `across` (largest distance from the line), `way` (a key of `WAYS`).
@@ -239,7 +239,7 @@ def near_trial(spec: Mapping[str, Any]) -> dict[str, float]:
 
 
 def near(size: Size, execute: Execute) -> Table:
-    """Shares of robots that collide, by how far from the line they start."""
+    """Compute the shares of colliding robots by their initial distance from the line."""
     cases = [(way, across, run) for way in WAYS for across in ACROSS for run in range(size.runs)]
     found = execute(
         [{"seed": size.seed, "run": run, "robots": size.steps, "across": a, "way": way} for way, a, run in cases]

@@ -43,7 +43,7 @@ SPAWN = (2009, 52)
 
 
 class RobotLines(NamedTuple):
-    """N robots, each on its own line with the one obstacle and a goal behind it."""
+    """N robots, each on a line with one obstacle and a goal behind it."""
 
     starts: Floats  # (N, 2)
     goals: Floats  # (N, 2)
@@ -51,19 +51,19 @@ class RobotLines(NamedTuple):
 
 
 def printed_drive(config: NavigateConfig, radius: float = 0.0) -> tuple[list[RobotStep], Drive]:
-    """Drive the robot of the printed example, both radii as given; its steps, and how it fared."""
+    """Drive the robot of the printed example with stated radii; return its steps and outcome."""
     starts, goals = np.array([START]), np.array([GOAL])
     return driven(starts, goals, Disc(*OBSTACLE, radius), replace(config, radius=radius))
 
 
 def driven(starts: Floats, goals: Floats, obstacle: Disc, config: NavigateConfig) -> tuple[list[RobotStep], Drive]:
-    """Drive robots around one obstacle; their steps, and how they fared."""
+    """Drive robots around one obstacle; return their steps and outcomes."""
     robots = Drive.at(starts)
     return list(drive(robots, goals, course_of(PLANE, (obstacle,), None, config), config)), robots
 
 
 def random_lines(n: int, rng: np.random.Generator, obstacle: tuple[float, float] = (0.0, 0.0)) -> RobotLines:
-    """Lines through an obstacle in random directions; robots are 3 to 9 before it, goals 1 to 5 behind it."""
+    """Draw random lines through an obstacle: robots 3 to 9 before it, goals 1 to 5 behind it."""
     turn = rng.uniform(-math.pi, math.pi, n)
     along = np.column_stack([np.cos(turn), np.sin(turn)])
     behind = rng.uniform(1.0, 5.0, n)
@@ -72,14 +72,14 @@ def random_lines(n: int, rng: np.random.Generator, obstacle: tuple[float, float]
 
 
 def collided(robots: Drive) -> Bools:
-    """(N,) which robots collided."""
+    """Return (N,) booleans: which robots collided."""
     return np.asarray(robots.end == End.COLLIDED)
 
 
 def shown(
     key: str, statement: str, good: bool, measured: float | None, rule: str, paper: float | None = None
 ) -> StatementVerdict:
-    """Verdict on a statement about a determinate quantity."""
+    """Return the verdict on a statement about a deterministic quantity."""
     return v.fact(key, statement, holds=good, measured=measured, rule=rule, paper=paper)
 
 
@@ -120,12 +120,12 @@ EXACT = 1e-9
 
 
 def signed(force: Floats) -> Floats:
-    """(N,) forces along the diagonal, positive away from the origin."""
+    """Return (N,) forces along the diagonal, positive away from the origin."""
     return np.asarray(force @ OUT)
 
 
 def diagonal(at: Floats) -> dict[str, Floats]:
-    """Signed forces at (N,) points (at, at) of the printed example."""
+    """Return signed forces at points (at, at) of the printed example."""
     p, goal, obstacle = np.column_stack([at, at]), np.array(GOAL), np.array(OBSTACLE)
     pull, push = signed(attractive_force(p, goal, FIELD)), signed(repulsive_force(p, obstacle, FIELD))
     rule = StepRules(way=WAY, radius=0.0, prevent=True, escape="none", side="left", aligned=0.1, opposite=0.05)
@@ -137,7 +137,7 @@ def diagonal(at: Floats) -> dict[str, Floats]:
 
 
 def original_forces(size: Size, execute: Execute) -> Table:
-    """Forces along the diagonal, position of zero force, the printed robot's positions, and shares of collisions."""
+    """Compute forces along the diagonal, the zero-force position, the printed robot's path, and collision shares."""
     at = np.arange(FIRST, LAST + 0.5 * SPACING, SPACING)
     at = at[at != OBSTACLE[0]]
     rows = _curves(at, (ATTRACTION, REPULSION, TOTAL))
@@ -150,7 +150,7 @@ def original_forces(size: Size, execute: Execute) -> Table:
 
 
 def _curves(at: Floats, names: tuple[str, ...]) -> Table:
-    """Rows of forces along the diagonal."""
+    """Return table rows of forces along the diagonal."""
     curves, drawn = diagonal(at), np.abs(at - OBSTACLE[0]) >= HIDDEN
     # Curves of forces that the obstacle pushes apart are two each
     return [
@@ -161,7 +161,7 @@ def _curves(at: Floats, names: tuple[str, ...]) -> Table:
 
 
 def _shares(item: str, size: Size, execute: Execute, names: tuple[str, ...]) -> Table:
-    """Rows of shares over random lines, one value a run; outside the figures' range, so that they are in no plot."""
+    """Return table rows of shares over random lines, one value per run; not plotted."""
     found = execute([{"item": item, "seed": size.seed, "run": run, "lines": size.steps} for run in range(size.runs)])
     shares = {name: tuple(f[name] for f in found if name in f and not math.isnan(f[name])) for name in names}
     return [PaperRow(name, math.nan, values, plotted=False) for name, values in shares.items()]
@@ -258,7 +258,7 @@ def judge_original(table: Table) -> list[StatementVerdict]:
 
 
 def _mirrored(forces: list[Floats]) -> float:
-    """Largest sum of two forces that must be opposite."""
+    """Return the largest sum of two forces that should be opposite."""
     return float(np.abs(forces[0] + forces[1]).max())
 
 
@@ -267,7 +267,7 @@ ENDLESS, FIRED = "endless oscillation by (5.25)", "lines on which equality (5.18
 
 
 def prevention_trial(spec: Mapping[str, Any]) -> dict[str, float]:
-    """Shares of robots on random lines that collide, and that oscillate for ever, under the modified force.
+    """Compute the shares of robots that collide, and that oscillate forever, under the modified force.
 
     Args:
         spec: `item`, `seed`, `run`, and `lines`, how many robots.
@@ -294,7 +294,7 @@ def prevention_trial(spec: Mapping[str, Any]) -> dict[str, float]:
 
 
 def prevented_forces(size: Size, execute: Execute) -> Table:
-    """Forces along the diagonal by (5.24), the printed robot's positions, and shares over random lines."""
+    """Compute forces along the diagonal by (5.24), the printed robot's path, and shares over random lines."""
     at = np.arange(FIRST, LAST + 0.5 * SPACING, SPACING)
     at = at[at != OBSTACLE[0]]
     steps, _ = printed_drive(PREVENTION)

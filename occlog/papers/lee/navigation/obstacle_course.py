@@ -30,7 +30,7 @@ from .config import NavigateConfig
 
 
 class Disc(NamedTuple):
-    """A round obstacle that does not move."""
+    """A static round obstacle."""
 
     x: float
     y: float
@@ -66,14 +66,14 @@ class Course:
     ahead: float
 
     def obstacles_at(self, step: int) -> MovingObstacles:
-        """Moving obstacles at a step; none without people."""
+        """Return the moving obstacles at a step."""
         if self.moving is None:
             none, flat = np.empty((0, 2)), np.empty(0)
             return MovingObstacles(none, flat, after=none, radius_after=flat, move=none)
         return self.moving.at(step)
 
     def around(self, xy: Floats, obstacles: MovingObstacles) -> NearbyObstacles:
-        """Obstacles as robots at (N, 2) positions meet them."""
+        """Return the obstacles in the form needed for robots at (N, 2) positions."""
         there = np.isfinite(obstacles.xy[:, 0])
         # People are where they come nearest within the time ahead, on their course of the last step
         soon = obstacles.xy[there] + self.ahead * obstacles.move[there]
@@ -122,7 +122,7 @@ class Course:
         return np.concatenate(parts, axis=1) - radius
 
     def check_position(self, what: str, xy: Floats, config: NavigateConfig) -> None:
-        """InputError unless a robot can be at a (2,) position, the start or the goal, without touching anything."""
+        """Raise InputError unless the robot fits at a (2,) start or goal position without contact."""
         at = f"the {what} ({xy[0]:g}, {xy[1]:g})"
         here = xy[None]
         for name, polygon in zip(self.names[len(self.discs) :], self.polygons, strict=False):
@@ -162,7 +162,7 @@ def people_of(config: NavigateConfig) -> PeopleAsObstacles:
 def course_of(
     scene: Scene, discs: Sequence[Disc], moving: MovingObstacleTracks | None, config: NavigateConfig
 ) -> Course:
-    """The course of a scene with further round obstacles and people."""
+    """Return the course of a scene with additional round obstacles and people."""
     polygons = tuple(o.polygon for o in scene.occluders)
     walls = np.empty((0, 2, 2)) if scene.room is None else edges(scene.room)
     names = [f"obstacle {n + 1}" for n in range(len(discs))]
@@ -184,6 +184,6 @@ def course_of(
 
 
 def _circle(polygon: Floats) -> tuple[float, float, float]:
-    """Centre and radius of a circle about a (K, 2) polygon, about the middle of its bounding box."""
+    """Return centre and radius of a circle around a (K, 2) polygon, centred on its bounding box."""
     x, y = 0.5 * (polygon.min(axis=0) + polygon.max(axis=0))
     return float(x), float(y), float(distance(polygon, np.array([x, y])).max())

@@ -21,7 +21,7 @@ from .obstacle_course import Course
 
 
 class PathPicture(NamedTuple):
-    """Drawings."""
+    """What a path picture shows."""
 
     scene: Scene
     course: Course
@@ -48,7 +48,7 @@ BODIES = 40
 
 
 def path_png(what: PathPicture) -> bytes:
-    """The picture as PNG."""
+    """Return the path picture as PNG."""
     with house_style():
         return to_png(draw_path(what), DPI, {"Title": f"Path of a robot: {what.end}"})
 
@@ -75,7 +75,7 @@ def _plan(axes: Axes, what: PathPicture) -> list[Line2D | Patch]:
 
 
 def _limits(what: PathPicture) -> Floats:
-    """(2, 2) lower and upper corner of room, obstacles and path."""
+    """Return the (2, 2) lower and upper corners of room, obstacles and path."""
     path, discs = what.path, what.course.discs
     points = [
         np.column_stack([path.x, path.y]),
@@ -93,7 +93,7 @@ def _limits(what: PathPicture) -> Floats:
 
 
 def _obstacles(axes: Axes, what: PathPicture) -> list[Line2D | Patch]:
-    """Round obstacles, and where people were while the robot was on its way."""
+    """Draw round obstacles, and the positions of people during the drive."""
     handles: list[Line2D | Patch] = []
     fill: Style = {"facecolor": COLOURS["pillar"], "edgecolor": COLOURS["wall"], "linewidth": 0.8, "zorder": 2.5}
     for x, y, radius in what.course.discs:
@@ -108,7 +108,7 @@ def _obstacles(axes: Axes, what: PathPicture) -> list[Line2D | Patch]:
 
 
 def _people(axes: Axes, what: PathPicture) -> list[Line2D | Patch]:
-    """Paths of people; circles where they were at the time step of least clearance."""
+    """Draw the paths of people, with circles at the time of least clearance."""
     moving = what.course.moving
     style: Style = {"color": COLOURS["moving"], "linewidth": 0.8, "alpha": 0.6, "zorder": 2.2}
     assert moving is not None
@@ -159,12 +159,12 @@ def _path(axes: Axes, what: PathPicture) -> list[Line2D | Patch]:
 
 
 def _nearest_row(path: RobotPath) -> int:
-    """The row of least clearance; the first one without obstacles."""
+    """Return the path row of least clearance; the first row without obstacles."""
     return int(np.nanargmin(path.clearance)) if np.isfinite(path.clearance).any() else 0
 
 
 def _body(path: RobotPath, row: int, radius: float, alpha: float) -> Circle:
-    """Outline of the robot."""
+    """Draw the robot's outline."""
     at = (float(path.x[row]), float(path.y[row]))
     return Circle(at, radius, fill=False, edgecolor=PATH, linewidth=0.8, alpha=alpha, zorder=3.2)
 

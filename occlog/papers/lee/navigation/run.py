@@ -65,7 +65,7 @@ class RobotVerdict:
 
     @property
     def trap(self) -> bool:
-        """True if forces, or the guard, hold the robot at one position, without the prevention taking part."""
+        """Return whether forces or collision avoidance hold the robot in place without oscillation prevention."""
         return self._stays and not self._prevented
 
     def words(self) -> str:
@@ -169,7 +169,7 @@ def run_navigate(request: NavigateRequest, job: Job) -> tuple[dict[str, object],
 
 
 def disc_of(text: str) -> Disc:
-    """The round obstacle of a text `X,Y` or `X,Y,RADIUS`; UsageError where it is none."""
+    """Parse `X,Y` or `X,Y,RADIUS` to a round obstacle; UsageError for other texts."""
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
@@ -189,7 +189,7 @@ def _picture(
     config: NavigateConfig,
     verdict: RobotVerdict,
 ) -> bytes:
-    """PNG of the path in the scene."""
+    """Return the PNG of the path in the scene."""
     from .picture import PathPicture, path_png
 
     goal = np.array(request.goal)

@@ -37,7 +37,7 @@ STUCK = 4.0
 
 
 class End(IntEnum):
-    """End of a path."""
+    """Outcome of a path: goal, collision, oscillation or trap."""
 
     GOING = 0
     REACHED = 1
@@ -47,7 +47,7 @@ class End(IntEnum):
 
 
 class RobotStep(NamedTuple):
-    """N robots at one step, of which some may have ended before."""
+    """N robots at one step, some of which may have ended earlier."""
 
     number: int
     active: Ints  # numbers of the robots that were still going
@@ -87,7 +87,7 @@ class Drive:
 
     @classmethod
     def at(cls, starts: Floats) -> Drive:
-        """Robots that have not moved yet."""
+        """Return the initial state of robots at start positions."""
         n = len(starts)
         return cls(
             xy=starts.copy(),
@@ -200,12 +200,12 @@ def _guarded(
 
 
 def _standing(obstacles: MovingObstacles) -> MovingObstacles:
-    """The moving obstacles as if they stood where they are at the start."""
+    """Return the moving obstacles as if they stood still."""
     return obstacles._replace(after=obstacles.xy, radius_after=obstacles.radius)
 
 
 def _least(gaps: Floats) -> tuple[Floats, Ints]:
-    """(A,) least of (A, K) clearances, infinite where no obstacle is there, and the owner, then -1."""
+    """Return the (A,) smallest of (A, K) clearances and the obstacle's index; inf and -1 without obstacles."""
     if not gaps.shape[1]:
         return np.full(len(gaps), np.inf), np.full(len(gaps), -1)
     nearest = np.argmin(gaps, axis=1)
@@ -214,7 +214,7 @@ def _least(gaps: Floats) -> tuple[Floats, Ints]:
 
 
 def _note_clearance(robots: Drive, active: Ints, clearance: Floats, nearest: Ints) -> None:
-    """Keep the least clearance of each robot."""
+    """Update the least clearance of each robot."""
     less = clearance < robots.clearance[active]
     robots.clearance[active[less]] = clearance[less]
     robots.nearest[active[less]] = nearest[less]
@@ -229,7 +229,7 @@ class _Watch:
     """
 
     def __init__(self, xy: Floats) -> None:
-        """Create an empty state."""
+        """Start with an empty history."""
         self._step, self._next = 0, 1
         self._xy, self._total = np.full_like(xy, np.nan), np.full_like(xy, np.nan)
         self._box = np.stack([xy, xy])  # least and largest x and y of each robot in this window of steps
@@ -238,7 +238,7 @@ class _Watch:
         """(N,) whether the prevention acted since the state that is compared was taken."""
 
     def repeats(self, active: Ints, xy: Floats, total: Floats, slack: float) -> Bools:
-        """(A,) whether robots at (A, 2) positions, moved there by forces (A, 2), have been so before."""
+        """Return (A,) booleans: whether robots have been at these positions with these total forces before."""
         size = np.hypot(total[:, 0], total[:, 1])
         same = (distance(xy, self._xy[active]) <= slack) & (distance(total, self._total[active]) <= ROUNDING * size)
         if self._step == self._next:
@@ -249,7 +249,7 @@ class _Watch:
         return np.asarray(same)
 
     def see(self, xy: Floats, active: Ints, prevented: Bools) -> None:
-        """Note where all robots (N, 2) are, and for which of the active ones the prevention acted."""
+        """Record the positions (N, 2) of all robots, and where the oscillation prevention acted."""
         self._step += 1
         self.prevented[active] |= prevented
         if self._step % WINDOW == 0:
@@ -257,7 +257,7 @@ class _Watch:
         self._box = np.stack([np.minimum(self._box[0], xy), np.maximum(self._box[1], xy)])
 
     def stays(self, active: Ints, most: float) -> Bools:
-        """(A,) whether robots stayed within a length in this window and the one before; false before there are two."""
+        """Return (A,) booleans: whether robots stayed within length `most` over the last two windows."""
         if self._step < 2 * WINDOW:
             return np.zeros(len(active), dtype=np.bool_)
         low = np.minimum(self._before[0, active], self._box[0, active])
@@ -279,10 +279,10 @@ LAST = Steering(
 
 
 class PathRows:
-    """Turns steps of a drive with one robot into tables."""
+    """Converts the steps of a drive with one robot to tables."""
 
     def __init__(self, names: Sequence[str], start_ns: int, step_s: float) -> None:
-        """Create a stage that has not read any input.
+        """Start without rows.
 
         Args:
             names: of the obstacles.
@@ -292,7 +292,7 @@ class PathRows:
         self._names, self._start_ns, self._step_s = (*names, ""), start_ns, step_s
 
     def tables(self, steps: Iterable[RobotStep]) -> Iterator[RobotPath]:
-        """Tables of up to `ROWS` rows."""
+        """Generate tables of up to `ROWS` rows."""
         left = iter(steps)
         while part := list(islice(left, ROWS)):
             yield self._table(part)

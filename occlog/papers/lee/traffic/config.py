@@ -43,11 +43,11 @@ class TrafficConfig(Settings):
 
     @property
     def protocols(self) -> tuple[str, ...]:
-        """Names of `protocol`, each once."""
+        """Return the distinct names in `protocol`."""
         return tuple(dict.fromkeys(listed(self.protocol)))
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Sizes are above 0, shares are shares."""
+        """Check that sizes are above 0 and shares from 0 to 1."""
         yield "image_kb", min(self.image_kb) > 0.0 and max(self.image_kb) <= 1e5, "above 0 and at most 100000 each"
         shares = self.objects_share
         yield "objects_share", min(shares) > 0.0 and max(shares) <= 1.0, "above 0 and at most 1 each"

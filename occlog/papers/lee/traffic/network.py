@@ -187,12 +187,12 @@ class NetworkSimulation:
     _busy: set[str] = field(default_factory=set)
 
     def at(self, time_s: float, then: Then) -> None:
-        """Let something happen at a time; of equal times in the order of these calls."""
+        """Schedule an action at a time; actions of equal time run in order of scheduling."""
         heapq.heappush(self._events, (time_s, self._number, then))
         self._number += 1
 
     def run(self) -> None:
-        """Let everything happen."""
+        """Run all scheduled actions in time order."""
         while self._events:
             self.now_s, _, then = heapq.heappop(self._events)
             then(self.now_s)
@@ -260,7 +260,7 @@ class NetworkSimulation:
         self.at(self.now_s, lambda _: None)  # so that it begins now if it can
 
     def _begin(self) -> None:
-        """Begin all hops with channels that are free, in the order in which they came."""
+        """Start all hops whose channels are free, in order of arrival."""
         left = []
         for hop in self._waiting:
             if hop.channels & self._busy:
@@ -295,20 +295,20 @@ RBVC, SBVC = "rbvc", "sbvc"
 
 
 class Cycle(NamedTuple):
-    """One cycle of tracking."""
+    """Result of one tracking cycle."""
 
     delays: dict[str, float]  # of each router with objects: from the detection to the last final estimate [s]
     messages: list[NetworkMessage]
 
 
 class _Gate:
-    """Waits for several things of each router, and then goes on."""
+    """Counts events of each router and triggers an action once all have occurred."""
 
     def __init__(self, wanted: int) -> None:
         self._left = wanted
 
     def passed(self) -> bool:
-        """Count one more; true for the last one."""
+        """Count one event; return whether it was the last."""
         self._left -= 1
         return self._left == 0
 
@@ -348,7 +348,7 @@ def simulate_cycle(network: RouterNetwork, protocol: str, image_bytes: float, sh
             finish(router, now_s)
 
     def heard(router: str, now_s: float) -> None:
-        """The router has all acoustic data, and makes its estimate."""
+        """Continue after the router has all acoustic data and its estimate."""
 
         def estimate(t: float) -> None:
             if protocol == RBVC:
@@ -372,7 +372,7 @@ def simulate_cycle(network: RouterNetwork, protocol: str, image_bytes: float, sh
 
 
 def _sense(simulation: NetworkSimulation, router: str, share: float, heard: Then) -> None:
-    """Detect, assign and listen: readers send detections, the router sends assignments, arrays send bearings.
+    """Simulate detection, assignment and listening of one router's sensors.
 
     Args:
         simulation: at the time of the detection.

@@ -18,7 +18,7 @@ KILOBYTE = 1000.0
 
 
 class TrafficCase(NamedTuple):
-    """One cycle of tracking: setup and result."""
+    """Configuration and result of one simulated tracking cycle."""
 
     protocol: str
     channel: str
@@ -28,7 +28,7 @@ class TrafficCase(NamedTuple):
 
     @property
     def delay_s(self) -> float:
-        """Largest end-to-end delay of a router [s]."""
+        """Return the largest end-to-end delay over the routers [s]."""
         return max(self.cycle.delays.values())
 
 
@@ -68,7 +68,7 @@ def delay_rows(case: TrafficCase) -> Delays:
 
 
 def hop_delays(case: TrafficCase) -> dict[str, float]:
-    """Mean delay of a hop of each kind of message that has any [s]."""
+    """Return the mean hop delay of each kind of message [s]."""
     found: dict[str, float] = {}
     for kind in KINDS:
         own = [m for m in case.cycle.messages if m.kind == kind and m.hops]

@@ -121,7 +121,7 @@ class FilterVariant(NamedTuple):
     tried: Callable[[int], Sequence[int]]  # values of the setting `particles`, about those needed, by number of targets
 
     def total(self, targets: int, particles: float) -> float:
-        """Particles of all trackers in all views."""
+        """Return the number of particles of all trackers in all views."""
         return VIEWS * particles * (1 if self.joint else targets)
 
 
@@ -166,7 +166,7 @@ def table2(size: Size, execute: Execute) -> Table:
 
 
 def _printed(counts: Sequence[int]) -> list[PaperRow]:
-    """Return the printed particles of the paper's joint filter over those at 4 targets."""
+    """Return the paper's particle numbers of the joint filter, relative to 4 targets."""
     unit, name = PRINTED[MCMC][4], "MCMC-PF as printed, particles"
     return [PaperRow(name, n, (value / unit,)) for n, value in PRINTED[MCMC].items() if n in counts]
 

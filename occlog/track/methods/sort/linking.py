@@ -40,7 +40,7 @@ ROUNDS = 3
 
 @dataclass
 class Boxes:
-    """Boxes of one track in the order of time.
+    """Boxes of one track in time order.
 
     Attributes:
         frame: (k,) index of the frame among all of the camera.
@@ -55,14 +55,14 @@ class Boxes:
     row: Ints
 
     def take(self, rows: slice) -> Boxes:
-        """Some of the boxes."""
+        """Select boxes by a mask or indices."""
         return Boxes(self.frame[rows], self.boxes[rows], self.appearance[rows], self.row[rows])
 
 
 class Doubt(NamedTuple):
-    """Two links that may be the other way round: the boxes that follow them, and how probable that is.
+    """A doubtful link, or two links that may be exchanged, with the following boxes and the probability.
 
-    `other` is -1 where one link may be wrong, as a new person may have come instead.
+    `other` is -1 where one link may be wrong because a new person may have come instead.
     """
 
     row: int
@@ -72,7 +72,7 @@ class Doubt(NamedTuple):
 
 
 class SmoothedTrack(NamedTuple):
-    """A track in all frames from its first to its last box; n frames."""
+    """A track with a box in each of the n frames from its first to its last."""
 
     frame: Ints  # (n,) index of the frame
     boxes: Floats  # (n, 4)
@@ -82,7 +82,7 @@ class SmoothedTrack(NamedTuple):
 
 
 class Ends(NamedTuple):
-    """Smoothed begins and ends of T tracklets, and their mean appearance."""
+    """Smoothed first and last states of T tracklets, with mean appearances."""
 
     start: Floats  # (T,) [s]
     end: Floats  # (T,)
@@ -96,7 +96,7 @@ class Ends(NamedTuple):
 def linked(
     tracks: Sequence[Boxes], times: Floats, config: SortConfig, likeness: Floats, area: float
 ) -> tuple[list[Boxes], list[Doubt]]:
-    """Tracks cut where they are doubtful and linked again, by their first frames, and the links that are doubtful.
+    """Cut tracks where they are doubtful and link the tracklets; return them by first frame, with the doubtful links.
 
     Args:
         tracks: of the filter.
@@ -119,7 +119,7 @@ def linked(
 
 
 def cut(tracks: Sequence[Boxes], times: Floats) -> list[Boxes]:
-    """Tracklets, by their first frames: tracks are cut where two overlap most, and at gaps."""
+    """Return tracklets by first frame: tracks cut where two overlap most, and at gaps."""
     at: list[set[int]] = [set() for _ in tracks]
     for (a, b), seen in _encounters(tracks).items():
         frames = np.array(sorted(seen))
@@ -140,7 +140,7 @@ def cut(tracks: Sequence[Boxes], times: Floats) -> list[Boxes]:
 
 
 def _encounters(tracks: Sequence[Boxes]) -> dict[tuple[int, int], dict[int, float]]:
-    """Overlaps of pairs of tracks, by frame; boxes are interpolated in gaps."""
+    """Return the overlaps of pairs of tracks by frame, with boxes interpolated in gaps."""
     frames = [np.arange(each.frame[0], each.frame[-1] + 1) for each in tracks]
     if not frames:
         return {}
@@ -163,7 +163,7 @@ def _encounters(tracks: Sequence[Boxes]) -> dict[tuple[int, int], dict[int, floa
 
 
 def _smoothed(track: Boxes, times: Floats, config: SortConfig, frames: Ints) -> tuple[Floats, Floats]:
-    """Means (n, 4, 2) and covariances (n, 4, 3) of a track in frames, among them those of its boxes."""
+    """Return smoothed means (n, 4, 2) and covariances (n, 4, 3) of a track at given frames."""
     states = states_of(track.boxes)
     seen = np.isin(frames, track.frame)
     z, noise = np.zeros((len(frames), 4)), np.ones((len(frames), 4))
@@ -180,7 +180,7 @@ def _smoothed(track: Boxes, times: Floats, config: SortConfig, frames: Ints) -> 
 
 
 def _ends(parts: Sequence[Boxes], times: Floats, config: SortConfig) -> Ends:
-    """Begins and ends of tracklets."""
+    """Return smoothed first and last states of tracklets."""
     states = [_smoothed(each, times, config, each.frame) for each in parts]
     appearance = np.array([_mean(each.appearance) for each in parts])
     return Ends(
@@ -195,7 +195,7 @@ def _ends(parts: Sequence[Boxes], times: Floats, config: SortConfig) -> Ends:
 
 
 def _mean(appearance: Floats) -> Floats:
-    """(K,) mean of the rows that are known; NaN: none is."""
+    """Return the (K,) mean of the known rows; NaN if none is known."""
     known = appearance[~np.isnan(appearance).any(axis=1)]
     return known.mean(axis=0) if len(known) else np.full(appearance.shape[1], np.nan)
 
@@ -203,7 +203,7 @@ def _mean(appearance: Floats) -> Floats:
 def _joined(
     parts: Sequence[Boxes], times: Floats, config: SortConfig, likeness: Floats, births: float
 ) -> tuple[list[Boxes], list[Doubt]]:
-    """Tracklets after the links of greatest likelihood, and which of these are doubtful."""
+    """Link tracklets with maximum total likelihood; return the linked tracks and the doubtful links."""
     if len(parts) < 2:
         return list(parts), []
     ends = _ends(parts, times, config)
@@ -229,7 +229,7 @@ def _joined(
 
 
 def _doubts(parts: Sequence[Boxes], following: dict[int, int], ratios: dict[tuple[int, int], float]) -> Iterator[Doubt]:
-    """Pairs of links that the exchanged ones are nearly as likely as."""
+    """Return pairs of links whose exchange is nearly as likely."""
     before = {after: first for first, after in following.items()}
     rivals: dict[int, list[int]] = {}
     for first, after in ratios:
@@ -247,7 +247,7 @@ def _doubts(parts: Sequence[Boxes], following: dict[int, int], ratios: dict[tupl
 
 
 def _doubt(parts: Sequence[Boxes], after: int, other: int | None, loss: float) -> Iterator[Doubt]:
-    """The doubt about a link, or a pair of links, if the alternative is probable enough."""
+    """Return the doubt about a link or pair of links if the alternative is probable enough."""
     probability = float(tempered(np.asarray(loss)))
     if probability >= MIN_PROBABILITY:
         frame = max(int(parts[k].frame[0]) for k in (after, after if other is None else other))
@@ -255,7 +255,7 @@ def _doubt(parts: Sequence[Boxes], after: int, other: int | None, loss: float) -
 
 
 def _chains(parts: Sequence[Boxes], following: dict[int, int]) -> list[Boxes]:
-    """Tracklets that follow one another in one, by their first frames."""
+    """Return the sequences of linked tracklets, by first frame."""
     continued = set(following.values())
     out = []
     for first in range(len(parts)):
@@ -269,7 +269,7 @@ def _chains(parts: Sequence[Boxes], following: dict[int, int]) -> list[Boxes]:
 
 
 def _one(parts: Iterable[Boxes]) -> Boxes:
-    """The boxes of several tracklets, one after the other."""
+    """Concatenate the boxes of several tracklets."""
     some = list(parts)
     return Boxes(
         *(np.concatenate([getattr(each, name) for each in some]) for name in ("frame", "boxes", "appearance", "row"))
@@ -277,7 +277,7 @@ def _one(parts: Iterable[Boxes]) -> Boxes:
 
 
 def link_ratios(ends: Ends, i: int, after: Ints, config: SortConfig, likeness: Floats, births: float) -> Floats:
-    """(n,) log likelihood ratios that tracklets `after` continue tracklet i, to that they are of new people.
+    """Return (n,) log likelihood ratios: tracklets `after` continue tracklet i versus are of new people.
 
     The person went on along the predicted path, or has stopped or turned in the gap.  `births` is the number of people
     who appear per second and px^2.
@@ -307,7 +307,7 @@ def link_ratios(ends: Ends, i: int, after: Ints, config: SortConfig, likeness: F
 
 
 def _log_t(off: Floats, spread: Floats) -> Floats:
-    """(n,) log densities of differences (n, 3) with variances; that of the size counts by its agreement only."""
+    """Return (n,) Student-t log densities of differences (n, 3) with given variances (size: agreement term only)."""
     distance = (off * off / spread).sum(axis=1)
     return np.asarray(
         -0.5 * (TAIL + 3.0) * np.log1p(distance / TAIL) - 0.5 * np.log(spread[:, :2]).sum(axis=1) - np.log(2.0 * np.pi)
@@ -315,7 +315,7 @@ def _log_t(off: Floats, spread: Floats) -> Floats:
 
 
 def smoothed_track(track: Boxes, times: Floats, config: SortConfig) -> SmoothedTrack:
-    """A track in all frames from its first to its last box."""
+    """Return a smoothed track in all frames from its first to its last box."""
     frames = np.arange(track.frame[0], track.frame[-1] + 1)
     mean, cov = _smoothed(track, times, config, frames)
     detected = np.isin(frames, track.frame)
