@@ -393,7 +393,7 @@ def _text(value: object, argument: str) -> str:
     if isinstance(value, float):
         return f"{value:.15g}"
     if getattr(value, "ndim", 0) or hasattr(value, "__arrow_c_stream__"):
-        raise UsageError(f"{argument}: a {type(value).__name__} in memory; a path was expected, or give it to track")
+        raise UsageError(f"{argument}: a {type(value).__name__} in memory; give a path, or pass it to track")
     return os.fspath(value) if isinstance(value, os.PathLike) else str(value)
 
 

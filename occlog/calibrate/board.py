@@ -199,14 +199,15 @@ def lens_of_views(name: str, views: Sequence[BoardView], size: tuple[int, int], 
     remedy = "tilt the board by 30 to 45 degrees, both ways"
     if found.tilt_deg < MIN_TILT_DEG:
         raise InputError(
-            f"camera {name}: all boards are parallel to {found.tilt_deg:.1f} degrees (limit {MIN_TILT_DEG:g}), which "
-            f"leaves the focal length open; {remedy}",
+            f"camera {name}: all boards are within {found.tilt_deg:.1f} degrees of parallel (limit "
+            f"{MIN_TILT_DEG:g}), so "
+            f"that the focal length is undetermined; {remedy}",
             id="insufficient-data",
         )
     if not (share <= MAX_SIGMA_FOCAL and off <= MAX_SIGMA_PRINCIPAL):
         raise InputError(
-            f"camera {name}: the views leave {share:.1%} of the focal length (limit {MAX_SIGMA_FOCAL:.0%}) or "
-            f"{off:.1%} of the width for the principal point (limit {MAX_SIGMA_PRINCIPAL:.0%}) open; {remedy}",
+            f"camera {name}: the focal length is uncertain by {share:.1%} (limit {MAX_SIGMA_FOCAL:.0%}) or the "
+            f"principal point by {off:.1%} of the width (limit {MAX_SIGMA_PRINCIPAL:.0%}); {remedy}",
             id="insufficient-data",
         )
     pose = np.zeros(3), np.eye(3)

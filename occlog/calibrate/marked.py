@@ -93,7 +93,7 @@ def pose_of_points(camera: Camera, pixels: Floats, points: Floats) -> MarkedPose
         )
     if done.position[2] <= 0.0:
         raise InputError(
-            f"{where}: by its points it is below the floor; the axes of the floor must be right-handed",
+            f"{where}: the marked points put it below the floor; the axes of the floor must be right-handed",
             id="invalid-calibration",
         )
     # A residual of few points is uncertain: that of a mark counts as four of them
@@ -104,7 +104,7 @@ def pose_of_points(camera: Camera, pixels: Floats, points: Floats) -> MarkedPose
     sigma_focal = 0.0 if known else float(sigma[6])
     if sigma_focal > MAX_SIGMA_FOCAL:
         raise InputError(
-            f"{where}: the points leave {sigma_focal:.0%} of the focal length open; mark more points, near and far, or "
+            f"{where}: the focal length is uncertain by {sigma_focal:.0%}; mark more points, near and far, or "
             "give focal_px in the scene",
             id="insufficient-data",
         )
@@ -133,7 +133,7 @@ def _without_lens(camera: Camera, pixels: Floats, points: Floats) -> Camera:
     """Initial pose with unknown focal length, from the homography of the floor."""
     if camera.image_size is None:
         raise InputError(
-            f"camera {camera.name}: states no image size; give it to ingest, or image_size_px in a scene",
+            f"camera {camera.name}: has no image size; give it to ingest, or add image_size_px to a scene",
             id="missing-image-size",
         )
     if points[:, 2].any():

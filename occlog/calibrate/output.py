@@ -18,4 +18,4 @@ def write_scene(path: Path, scene: Scene, comment: str, job: Job) -> None:
     if form is None:
         write_bytes(path, (comment + scene_to_yaml(scene)).encode(), job.overwrite)
     elif missed := write_calibration(path, scene, form, job.overwrite):
-        job.note(f"{path}: not held by {form}: {'; '.join(missed)}")
+        job.note(f"{path}: {form} cannot store: {'; '.join(missed)}")

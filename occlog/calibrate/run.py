@@ -115,7 +115,7 @@ def _images(inputs: ImageInput, found: Calibrated) -> dict[str, Image]:
             try:
                 out[name] = frame.decode()
             except InputError as error:
-                console.note(f"picture without an image of {name}: {error}")
+                console.note(f"the picture has no image of camera {name}: {error}")
     return out
 
 

@@ -99,7 +99,9 @@ def evaluate_several(request: EvaluateRequest, job: Job) -> MultiRecordingFigure
     """Evaluate several recordings (all in images, or all on the ground), and write the figures."""
     for entry in Form(EvaluateRequest).entries():
         if entry.field in ALONE and getattr(request, entry.field):
-            raise UsageError(f"{option(entry.key)} is of one recording; omit {option('also')}", id="not-applicable")
+            raise UsageError(
+                f"{option(entry.key)} applies to one recording; omit {option('also')}", id="not-applicable"
+            )
     if request.tracks is None or request.truth is None:
         raise UsageError(f"{option('also')} requires TRACKS with {option('truth')} as well", id="missing-option")
     recordings = [
@@ -397,7 +399,7 @@ def _check_used(request: EvaluateRequest, given: Mapping[str, object]) -> None:
     for name in given:
         if not used.get(name, True):
             raise UsageError(
-                f"{options_of[name]} is of {OF_WHAT[name][0]} and has no effect here; give {OF_WHAT[name][1]}",
+                f"{options_of[name]} applies to {OF_WHAT[name][0]} and has no effect here; give {OF_WHAT[name][1]}",
                 id="missing-option",
             )
 

@@ -383,7 +383,7 @@ class IngestPlan(Settings):
         turned = self.up is not None or self.ground_height is not None or self.mirror is not None
         if self.positions and turned:
             raise UsageError(
-                "positions are in the world of the tracks and are not turned; leave "
+                "positions are in world coordinates already and cannot be turned; leave "
                 f"{option('up')}, {option('ground_height')} and {option('mirror')} out",
                 id="not-applicable",
             )

@@ -330,7 +330,7 @@ def _write_positions(
         for source in log.sources:
             if source in taken:
                 raise UsageError(
-                    f"{path}: its source is called as {taken[source]}; give it another name, NAME={path.name}",
+                    f"{path}: has the source name of {taken[source]}; give it another name, NAME={path.name}",
                     id="duplicate-name",
                 )
             taken[source] = f"that of {path.name}"
@@ -392,7 +392,7 @@ def _check_tags(path: Path, log: ReadLog, known: Mapping[str, int]) -> None:
     for tag, target in log.tags.items():
         if known.get(tag, target) != target or owner.get(target, tag) != tag:
             raise InputError(
-                f"{path}: tag {tag} would be target {target}, as in the logs before it another tag is; "
+                f"{path}: tag {tag} would get the number {target} of another tag in earlier logs; "
                 "join the logs into one",
                 id="duplicate-name",
             )

@@ -221,7 +221,7 @@ def fit_size(camera: Camera, size: tuple[int, int], bars: Bars, note: Callable[[
         return _scaled(camera, size, np.ones(2), np.zeros(2))
     if abs((new / old)[0] / (new / old)[1] - 1) > SHAPE_SLACK:
         raise InputError(
-            f"{change}: another shape; give the calibration of this video, or frames of its size",
+            f"{change}: another aspect ratio; give the calibration of this video, or frames of its size",
             id="image-size-mismatch",
         )
     note(f"{change}: taken for scaled by {scale:.4g}")

@@ -217,10 +217,12 @@ def check_columns(record: ColumnTable) -> None:
         ok = values.dtype.kind == "U" if c.kind == "U" else values.dtype == c.dtype
         fits = values.ndim == 2 if c.width == ANY_WIDTH else values.shape[1:] == ((c.width,) if c.width else ())
         if not ok or not fits:
-            raise InputError(f"{name}.{c.name}: want {c.kind} of width {c.width}, got {values.dtype} {values.shape}")
+            raise InputError(
+                f"{name}.{c.name}: expected {c.kind} of width {c.width}, got {values.dtype} {values.shape}"
+            )
         length = len(values) if length is None else length
         if len(values) != length:
-            raise InputError(f"{name}.{c.name}: {len(values)} rows, want {length}")
+            raise InputError(f"{name}.{c.name}: {len(values)} rows, expected {length}")
         if values.dtype.kind == "f":
             _check_finite(name, c, values)
         elif c.unit == "ns" and values.size:
@@ -246,7 +248,7 @@ def _check_times(name: str, c: Column, values: NDArray[np.generic]) -> None:
         except ValueError as error:
             row = int(np.argwhere(values == extreme)[0, 0])
             raise InputError(
-                f"{name}.{c.name}: row {row}: {error}; want ns since 1970", id="time-out-of-range"
+                f"{name}.{c.name}: row {row}: {error}; expected ns since 1970", id="time-out-of-range"
             ) from None
 
 

@@ -66,7 +66,7 @@ def listed(names: Sequence[object]) -> str:
 _OPTIONS = _Options()
 E, W, N = Severity.ERROR, Severity.WARNING, Severity.NOTE
 _ROWS = "{count} of {rows} rows (allowed: {allowed:.0%}): "
-_MEET = "{now:.0%} of estimates and targets meet within {gate:g} {unit}, and {met:.0%} with {change} (of the tracks)"
+_MEET = "{now:.0%} of estimates and targets match within {gate:g} {unit}; with {change} (of the tracks) {met:.0%} would"
 VERDICT: dict[str, Message] = {
     # Estimates of one target, or of labelled targets
     "no-tracks": Message(
@@ -80,7 +80,7 @@ VERDICT: dict[str, Message] = {
     ),
     "track-loss": Message(
         W,
-        "the target was lost and searched again in {count} of {rows} rows (allowed: {allowed:.0%})",
+        "the target was lost and the filter restarted in {count} of {rows} rows (allowed: {allowed:.0%})",
         "check the motion, the noise and the labels",
     ),
     "gaps": Message(
@@ -90,7 +90,7 @@ VERDICT: dict[str, Message] = {
     ),
     "targets-never-detected": Message(
         N,
-        "no sensor detected {count} of {of} targets ({targets}): their rows say where they can be",
+        "no sensor detected {count} of {of} targets ({targets}): their rows only state where they may be",
         "add sensors, or leave these targets out",
     ),
     "selection-without-view": Message(
@@ -105,17 +105,17 @@ VERDICT: dict[str, Message] = {
     ),
     "single-sensor": Message(
         W,
-        _ROWS + "one sensor alone sees the target, which leaves its distance open",
+        _ROWS + "a single sensor sees the target, so that its distance is undetermined",
         "add a sensor, or track in images (occlog ground)",
     ),
     "out-of-view": Message(
         W,
-        _ROWS + "the target is where the sensors that report it cannot see",
+        _ROWS + "the estimate is outside the view of the sensors that detect the target",
         "check calibration, region and labels",
     ),
     "undetected-in-view": Message(
         W,
-        _ROWS + "no sensor detects the target, although cameras have a plain view of it",
+        _ROWS + "no sensor detects the target, although it is in the unobstructed view of cameras",
         "check labels and detector; it may be hidden",
     ),
     "inconsistent-sensor": Message(
@@ -126,12 +126,12 @@ VERDICT: dict[str, Message] = {
     "few-inliers": Message(W, _ROWS + "fewer than half of the bearings are accepted", "check poses, clocks and labels"),
     "unverified": Message(
         W,
-        _ROWS + "two measurements alone fix the position, and either may be false",
+        _ROWS + "only two measurements determine the position, and either may be false",
         "add stations, or use method apf or map",
     ),
     "possible-outlier": Message(
         W,
-        _ROWS + "an accepted measurement may be false, and another position right",
+        _ROWS + "an accepted measurement may be false, so that another position would be right",
         "add stations, or use method apf or map",
     ),
     "infeasible-constraints": Message(
@@ -175,7 +175,7 @@ VERDICT: dict[str, Message] = {
     ),
     "measurements-unconfirmed": Message(
         W,
-        "{share:.0%} of {count} {what} are rejected where one sensor sees the target at a time (allowed: "
+        "{share:.0%} of {count} {what} are rejected, where sensors see the target one at a time (allowed: "
         "{allowed:.0%})",
         "add overlapping sensors, or check labels",
     ),
@@ -217,7 +217,7 @@ VERDICT: dict[str, Message] = {
     ),
     "outliers": Message(
         W,
-        _ROWS + "bearings of {sensors} contradict the motion, and others may be false",
+        _ROWS + "bearings of {sensors} contradict the motion; others may be false too",
         "use method map or apf, or check labels",
     ),
     "label-jump": Message(
@@ -243,12 +243,13 @@ VERDICT: dict[str, Message] = {
     ),
     "compass": Message(
         W,
-        "bearings fit within {misfit_deg:.2g} degrees clockwise from north, and within {given_deg:.2g} as given",
+        "bearings fit to {misfit_deg:.2g} degrees if taken clockwise from north, but to {given_deg:.2g} as given",
         "name the column compass_deg, or ingest as compass",
     ),
     "measurement-noise-small": Message(
         N,
-        "{count} bearings of {sensors} state a standard deviation down to {least_rad:.2g} rad (allowed: {allowed:g})",
+        "{count} bearings of {sensors} state standard deviations as small as {least_rad:.2g} rad (allowed: "
+        "{allowed:g})",
         "state the noise that they have",
     ),
     # Estimates against the truth
@@ -261,7 +262,8 @@ VERDICT: dict[str, Message] = {
     ),
     "tracks-delayed": Message(
         W,
-        "tracks are {delay_s:.2g} s (+- {sigma_s:.1g}) {side} the truth: RMSE {rmse:.3g}, {without:.3g} {unit} without",
+        "tracks are {delay_s:.2g} s (+- {sigma_s:.1g}) {side} the truth: RMSE {rmse:.3g}, without it "
+        "{without:.3g} {unit}",
         "check frame numbers and clocks, or process noise",
     ),
     "time-unit-differs": Message(W, _MEET, "state the unit of the times, for instance as t_ms, t_us or t_ns"),
@@ -272,7 +274,7 @@ VERDICT: dict[str, Message] = {
     "axes-differ": Message(W, _MEET, "put the truth into the world of the scene"),
     "boxes-fit-if": Message(
         W,
-        "{now:.0%} of the tracks' boxes overlap a true one, and {fit:.0%} with {change}",
+        "{now:.0%} of the tracks' boxes overlap a true one; with {change} {fit:.0%} would",
         "check frame numbers, image size and columns of both",
     ),
     "covariances-singular": Message(
@@ -326,7 +328,7 @@ VERDICT: dict[str, Message] = {
     ),
     "camera-fits-if": Message(
         W,
-        "{fit:.0%} of the people that other cameras see have a box if {change}, and {now:.0%} as it is",
+        "only {now:.0%} of the people that other cameras see have a box; {fit:.0%} would if {change}",
         "correct the calibration or the files of boxes",
     ),
     "camera-error": Message(
@@ -347,7 +349,7 @@ VERDICT: dict[str, Message] = {
     ),
     "camera-alone": Message(
         N,
-        "camera {sensors} shares no person with another camera, in {count} rows that it alone supports",
+        "camera {sensors} shares no person with another camera; {count} rows rest on it alone",
         "check its pose if its view overlaps with others",
     ),
     "people-outside-room": Message(
@@ -360,7 +362,7 @@ VERDICT: dict[str, Message] = {
     ),
     "camera-inconsistent": Message(
         W,
-        "camera {sensors} detects {share:.0%} of the people that others detect and it should (allowed: {allowed:.0%} "
+        "camera {sensors} detects {share:.0%} of the people in its view that others detect (allowed: {allowed:.0%} "
         "and more)",
         "check its clock and pose",
     ),
@@ -371,7 +373,7 @@ VERDICT: dict[str, Message] = {
     ),
     "camera-late": Message(
         W,
-        "camera {sensors}: people are where they were {late_s:.2g} s before (significant: {allowed:.1g}); corrected",
+        "camera {sensors}: its images are {late_s:.2g} s late (significant: {allowed:.1g}); corrected",
         "subtract it from its times (ingest --clock-offset) and track again",
     ),
     "camera-rotated": Message(
@@ -397,7 +399,8 @@ VERDICT: dict[str, Message] = {
     ),
     "camera-moved-far": Message(
         W,
-        "camera {sensors} is {distance:.2g} m and {yaw_deg:.2g} deg from its stated pose, beyond what that allows",
+        "camera {sensors} is {distance:.2g} m and {yaw_deg:.2g} deg from its stated pose, more than its stated "
+        "uncertainty allows",
         "check the stated pose, or raise {option[sigma_position]} and {option[sigma_angle]}",
     ),
     "clock-offset-found": Message(
@@ -460,7 +463,8 @@ VERDICT: dict[str, Message] = {
     ),
     "speeds-high": Message(
         W,
-        "people move at {speed:.2g} {unit}/s (median; limit {allowed:.2g}); {births_per_s:.2g} tracks a second begin",
+        "people move at {speed:.2g} {unit}/s (median; limit {allowed:.2g}), and {births_per_s:.2g} tracks a "
+        "second begin",
         "check frame rate (ingest --fps) and unit of times",
     ),
     "speeds-low": Message(
@@ -470,7 +474,8 @@ VERDICT: dict[str, Message] = {
     ),
     "frame-numbers-sparse": Message(
         W,
-        "camera {sensors}: {count} of {frames} frames follow the number before (expected: {allowed:.0%} and more)",
+        "camera {sensors}: {count} of {frames} frames have the number after that of the frame before (expected: "
+        "{allowed:.0%} and more)",
         "number frames consecutively",
     ),
     "identity-switches-likely": Message(
@@ -511,17 +516,17 @@ VERDICT: dict[str, Message] = {
         "(median {median_px:.0f} px)",
         "give another ({option[fundamental]})",
     ),
-    "ground-single-view": Message(N, "{count} of {rows} positions are of one view alone, at a person's middle height"),
+    "ground-single-view": Message(N, "{count} of {rows} positions are from a single view, at half a person's height"),
     "ground-inconsistent-views": Message(
-        N, "{count} of {rows} positions: a view is on something else, and the covariance is inflated"
+        N, "{count} of {rows} positions: the tracker of a view is on something else, and the covariance is inflated"
     ),
     "ground-possible-switch": Message(
         N, "{count} of {rows} positions: a possible identity switch, which the covariance includes"
     ),
-    "ground-single-view-targets": Message(N, "targets of one view alone, which may be false: {targets}"),
+    "ground-single-view-targets": Message(N, "targets in a single view only, which may be false: {targets}"),
     "ground-views-disagree": Message(
         N,
-        "views are {factor:.1f} times as far from agreeing as their covariances say",
+        "positions of the views differ {factor:.1f} times as much as their covariances state",
         "check calibration and clocks, or raise centre_error_share (occlog ground)",
     ),
     # Calibrations and files of `ingest`
@@ -575,7 +580,7 @@ VERDICT: dict[str, Message] = {
     ),
     "focal-lengths-differ": Message(
         W,
-        "camera {sensors}: focal lengths of {fx_px:.4g} and {fy_px:.4g} px, as of pixels that are not square",
+        "camera {sensors}: focal lengths of {fx_px:.4g} and {fy_px:.4g} px, which means pixels that are not square",
         "check whether one row of the matrix is of images of another size",
     ),
     "images-before-rotation": Message(
@@ -601,7 +606,8 @@ VERDICT: dict[str, Message] = {
     ),
     "boxes-corners": Message(
         W,
-        "camera {sensors}: sizes of boxes are right and lower edges (xyxy for xywh): {share:.0%} end beyond its images",
+        "camera {sensors}: sizes of boxes seem to be right and lower edges (xyxy in place of xywh): {share:.0%} "
+        "end beyond its images",
         "name the columns right and bottom",
     ),
     "rows-duplicated": Message(N, "{file}: {what} skipped, as exact duplicates of rows of this file or an earlier one"),
@@ -614,7 +620,7 @@ VERDICT: dict[str, Message] = {
     ),
     "stamps-since-boot": Message(
         W,
-        "topic {topic}: header stamps, {low_s:.3g} s before recording, count from another start; the {used} are used",
+        "topic {topic}: header stamps, {low_s:.3g} s before recording, count from another epoch; the {used} are used",
         "use the others ({option[timestamp_source]} header or log)",
     ),
     # Stages before tracking, and batches
@@ -739,7 +745,7 @@ VERDICT: dict[str, Message] = {
     ),
     "microphone-inverted": Message(
         W,
-        "array {sensors}: microphone {microphones} has the other sign than the rest",
+        "array {sensors}: microphone {microphones} has the opposite sign of the others",
         "exchange the wires of its cable, or negate the channel",
     ),
     "microphones-exchanged": Message(
@@ -763,15 +769,17 @@ VERDICT: dict[str, Message] = {
         "check its pose, clock and labels",
     ),
     "group-without-tracks": Message(N, "{file}: contains no people"),
-    "group-times-disjoint": Message(W, "{file}: has no time in common with the tracks before it", "check its clock"),
+    "group-times-disjoint": Message(
+        W, "{file}: has no time in common with the tracks of the files before it", "check its clock"
+    ),
     "group-without-common-targets": Message(
         W,
-        "{file}: no person is one of the tracks before it, in {steps} time steps",
+        "{file}: no person matches the tracks of the files before it, in {steps} time steps",
         "if they see the same positions, check poses and clocks",
     ),
     "group-misaligned": Message(
         W,
-        "{file}: {offset:.3g} {unit} off the tracks before it (allowed: {allowed:.3g} {unit})",
+        "{file}: {offset:.3g} {unit} off the tracks of the files before it (allowed: {allowed:.3g} {unit})",
         "check poses and clocks",
     ),
     "recording-not-plausible": Message(W, "{recording}: {warning}", "see its warnings in the table of runs"),
@@ -828,7 +836,7 @@ DOCTOR: dict[str, Message] = {
         W,
         "a clock jump: the frame numbers continue",
         "take the times of another clock",
-        f"{GAP_INTERVALS:g} usual intervals",
+        "{GAP_INTERVALS:g} usual intervals",
     ),
     "clock-disjoint": Message(W, "times far from those of the other sensors", "give an offset (ingest --clock-offset)"),
     "truth-disjoint": Message(
@@ -840,7 +848,7 @@ DOCTOR: dict[str, Message] = {
         W,
         "starts and ends later than the others by the same time (earlier, if negative)",
         "if its clock is off, give an offset (ingest --clock-offset)",
-        f"{GAP_INTERVALS:g} usual intervals",
+        "{GAP_INTERVALS:g} usual intervals",
     ),
     "frozen-camera": Message(
         W,

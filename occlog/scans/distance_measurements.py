@@ -478,7 +478,7 @@ def _as_length(
     if name == "tdoa":
         if config.speed is None:
             raise InputError(
-                "measurements: time differences in seconds want the speed of propagation (sound, light, or metres a "
+                "measurements: time differences in seconds require the speed of propagation (sound, light, or metres a "
                 "second): set propagation",
                 id="missing-unit",
             )
@@ -503,7 +503,7 @@ def _numbers(names: np.ndarray, at: StationModel, column: str) -> Ints:
                 id="unknown-sensor",
             )
         if not np.isfinite(at.position[at.names.index(name), :2]).all():
-            raise InputError(f"measurements: {name!r} has no place in the scene; add its position", id="unknown-sensor")
+            raise InputError(f"measurements: {name!r} has no position in the scene; add it", id="unknown-sensor")
     return np.array([at.names.index(name) for name in found.tolist()], dtype=np.int64)[inverse]
 
 
@@ -514,8 +514,8 @@ def _rise2(at: StationModel, station: Ints, reference: Ints, height: float | Non
     if height is None:
         if (used.any() and np.ptp(z[used]) > 0.0) or (z[used] != 0.0).any():
             raise InputError(
-                "measurements: stations have heights (z), so that distances are in space; say how high the targets "
-                f"are: {option('tag_height')}",
+                "measurements: stations have heights (z), so that distances are in space; state the height of the "
+                f"targets: {option('tag_height')}",
                 id="missing-value",
             )
         return np.zeros(len(z))

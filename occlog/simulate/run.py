@@ -135,23 +135,23 @@ def _check_request(scene: Scene, request: SceneRequest) -> None:
     of_video = [flag_of(RenderConfig, name) for name in request.look]
     of_video += [flag_of(StoreConfig, name) for name in request.store]
     if of_video and not request.render:
-        raise UsageError(f"{of_video[0]} is about video; add {option('render')}", id="missing-option")
+        raise UsageError(f"{of_video[0]} applies to video; add {option('render')}", id="missing-option")
     if (request.avoidance or request.avoid is not None) and request.world.get("motion") != "field":
         flag = option("avoid") if request.avoid is not None else flag_of(FieldConfig, next(iter(request.avoidance)))
         raise UsageError(
-            f"{flag} is about walkers that avoid obstacles; add {option('motion')} field", id="missing-option"
+            f"{flag} applies to walkers that avoid obstacles; add {option('motion')} field", id="missing-option"
         )
     if request.sound and not scene.arrays:
         flag = flag_of(SoundConfig, next(iter(request.sound)))
-        raise UsageError(f"{flag} is about microphone arrays, but the scene has none", id="too-few-sensors")
+        raise UsageError(f"{flag} applies to microphone arrays, but the scene has none", id="too-few-sensors")
     kinds = configure(MeasureConfig(), request.measure).kinds
     if request.reads and not scene.readers and "strength" not in kinds:
         flag = flag_of(ReadConfig, next(iter(request.reads)))
-        raise UsageError(f"{flag} is about readers of tags, but the scene has none", id="too-few-sensors")
+        raise UsageError(f"{flag} applies to readers of tags, but the scene has none", id="too-few-sensors")
     if request.measure and not kinds:
         flag = flag_of(MeasureConfig, next(iter(request.measure)))
         raise UsageError(
-            f"{flag} is about measurements of distances; add {option('measure')} range, difference or strength",
+            f"{flag} applies to measurements of distances; add {option('measure')} range, difference or strength",
             id="missing-option",
         )
     stations = sum(c.placed for c in scene.cameras) + len(scene.arrays)
@@ -185,7 +185,8 @@ def _scripted(scene: Scene, request: SceneRequest, script: MotionScript) -> Worl
     """
     if script.length_unit not in (None, scene.length_unit):
         raise InputError(
-            f"{option('paths')}: its length unit is {script.length_unit}, the scene's {scene.length_unit}; make one",
+            f"{option('paths')}: its length unit is {script.length_unit}, the scene's {scene.length_unit}; use "
+            "one unit",
             id="unit-mismatch",
         )
     defaults = replace(WorldConfig.in_unit(scene.length_unit), object_height=None)

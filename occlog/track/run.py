@@ -197,7 +197,7 @@ def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Lo
     config = make_config(request, inputs.scene.length_unit)
     if request.calibration is not None and not estimates_poses(tracker(request.method), config):
         raise UsageError(
-            f"{option('calibration')} wants estimates to write; add "
+            f"{option('calibration')} needs estimated poses to write; add "
             f"{option('set.calibrate')}joint or {option('set.calibrate')}initial",
             id="missing-option",
         )
@@ -335,7 +335,7 @@ def radio_of(request: TrackRequest, scene: Scene) -> Radio:
     for twice in ("rssi_power", "rssi_exponent"):
         if twice in request.measured:
             raise UsageError(
-                f"{option('path_loss')} and --{twice.replace('_', '-')} say the same; give one of them",
+                f"{option('path_loss')} and --{twice.replace('_', '-')} state the same quantity; give one of them",
                 id="conflicting-options",
             )
     power = {r.name: r.power for r in spec.readers}
@@ -370,13 +370,15 @@ def make_config(request: TrackRequest, unit: str) -> Settings:
     if request.initial_positions:
         if "start" in values:
             raise UsageError(
-                f"{option('start')} and {option('set.start')} say the same; give one of them", id="conflicting-options"
+                f"{option('start')} and {option('set.start')} state the same quantity; give one of them",
+                id="conflicting-options",
             )
         values["start"] = parse_starts(request.initial_positions, request.method, unit)
     if request.answer_delay is not None:
         if "answer_delay_s" in values:
             raise UsageError(
-                f"{option('answer_delay')} and {option('set.answer_delay_s')} say the same; give one of them",
+                f"{option('answer_delay')} and {option('set.answer_delay_s')} state the same quantity; give one "
+                "of them",
                 id="conflicting-options",
             )
         delay = request.answer_delay
@@ -398,7 +400,7 @@ def motion_settings(path: Path, unit: str, given: Mapping[str, Any]) -> dict[str
     for name in ("A", "Sigma", "model_step_s", "process_noise_velocity", "process_noise_position"):
         if name in given:
             raise UsageError(
-                f"{option('motion')} and {option('set')} {name}=... both say how targets move; give one of them",
+                f"{option('motion')} and {option('set')} {name}=... both state how targets move; give one of them",
                 id="conflicting-options",
             )
     A, sigma = tuple(motion.A.ravel().tolist()), tuple(motion.sigma.ravel().tolist())
@@ -454,7 +456,7 @@ def parse_starts(texts: tuple[str, ...], method: str, unit: str) -> str:
         return ",".join(_with_velocity(text, unit) for text in texts)
     if len(texts) > 1:
         raise UsageError(
-            f"{option('start')} says where one target is; give it once, or use {option('method')} imm "
+            f"{option('start')} is the position of one target; give it once, or use {option('method')} imm "
             f"(method {method})",
             id="not-applicable",
         )
@@ -470,7 +472,7 @@ def _with_velocity(text: str, unit: str) -> str:
     if len(parts) == START_NUMBERS:
         return text
     if len(parts) > 3:
-        raise UsageError(f"{option('start')} {text}: want X,Y, X,Y,SIGMA or X,Y,SIGMA,VX,VY,SIGMA_V")
+        raise UsageError(f"{option('start')} {text}: expected X,Y, X,Y,SIGMA or X,Y,SIGMA,VX,VY,SIGMA_V")
     return f"{parse_start(text, unit)},0,0,{ImmConfig.in_unit(unit).sigma_initial_velocity}"
 
 
@@ -480,5 +482,5 @@ def parse_start(text: str, unit: str) -> str:
     if len(parts) == 2:
         parts.append(str(0.5 / METRES[unit] if unit in METRES else 1.0))
     if len(parts) != 3:
-        raise UsageError(f"{option('start')} {text}: want X,Y or X,Y,SIGMA")
+        raise UsageError(f"{option('start')} {text}: expected X,Y or X,Y,SIGMA")
     return ",".join(parts)

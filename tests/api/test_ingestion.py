@@ -100,8 +100,8 @@ def test_what_was_lost_is_a_warning(folder: Path) -> None:
         ({"jpeg_quality": 101}, occlog.SettingError, "at most 100"),
         ({"jpeg_quality": "ten"}, occlog.UsageError, "jpeg_quality"),
         ({"store": "gif"}, occlog.SettingError, "store"),
-        ({"boxes": pd.DataFrame({"frame": [1]})}, occlog.UsageError, "boxes: a DataFrame in memory; a path was exp"),
-        ({"boxes": {"east": np.zeros(3)}}, occlog.UsageError, "boxes: a ndarray in memory; a path was expected"),
+        ({"boxes": pd.DataFrame({"frame": [1]})}, occlog.UsageError, "boxes: a DataFrame in memory; give a path"),
+        ({"boxes": {"east": np.zeros(3)}}, occlog.UsageError, "boxes: a ndarray in memory; give a path"),
         ({"topic": {"east": "/east"}}, occlog.UsageError, "give a bag"),
     ],
 )

@@ -28,6 +28,6 @@ def test_noise_that_no_sensor_has_is_reported(given: Bearings, expected: list[st
     assert list(sharp.watch([given, given])) == [given, given]
     assert [f.id for f in findings(sharp.checks())] == expected
     assert all(
-        f.text.startswith("2 bearings of a state a standard deviation down to 1e-12 rad")
+        f.text.startswith("2 bearings of a state standard deviations as small as 1e-12 rad")
         for f in findings(sharp.checks())
     )

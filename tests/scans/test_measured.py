@@ -94,7 +94,7 @@ def test_heights_count_where_that_of_the_targets_is_stated_and_are_refused_where
     rows = table(sensor=["a"], range=[3.0], sigma_range=[0.1])
     _, found = packed(rows, DistanceMeasurementConfig(tag_height=0.5), scene(z=2.0))
     assert found.rise2.tolist() == [2.25]
-    with pytest.raises(InputError, match="say how high the targets are"):
+    with pytest.raises(InputError, match="state the height of the targets"):
         packed(rows, DistanceMeasurementConfig(), scene(z=2.0))
     assert packed(rows, DistanceMeasurementConfig())[1].rise2.tolist() == [0.0]
 
@@ -103,7 +103,7 @@ def test_what_cannot_be_used_is_refused_with_its_place() -> None:
     config = DistanceMeasurementConfig(sigma_range=0.1)
     with pytest.raises(InputError, match=r"no station 'aa' in the scene \(sensor\); did you mean 'a'"):
         packed(table(sensor=["aa"], range=[1.0]), config)
-    with pytest.raises(InputError, match="'eye' has no place in the scene"):
+    with pytest.raises(InputError, match="'eye' has no position in the scene"):
         packed(table(sensor=["eye"], range=[1.0]), config)
     with pytest.raises(InputError, match="range of 'a' at 0 s has no standard deviation"):
         packed(table(sensor=["a"], range=[1.0]), DistanceMeasurementConfig())

@@ -255,7 +255,7 @@ def test_settings_go_to_the_method(folder):
         (["--set", "sigma_v=1"], ExitCode.USAGE, "did you mean 'process_noise_position'?"),
         (["--set", "sigma_v"], ExitCode.USAGE, "--set sigma_v: expected NAME=VALUE"),
         (["--set", "velocity_memory=2"], ExitCode.USAGE, "--set velocity_memory=2: must be at least 0 and at most 1"),
-        (["--start", "1"], ExitCode.USAGE, "--start 1: want X,Y or X,Y,SIGMA"),
+        (["--start", "1"], ExitCode.USAGE, "--start 1: expected X,Y or X,Y,SIGMA"),
         (["--start", "1,2", "--set", "start=1,2,3"], ExitCode.USAGE, "give one of them"),
         (["--start", "1,2"], ExitCode.USAGE, "choose one target, e.g. 3"),
         (["--target", "5"], ExitCode.BAD_INPUT, "no row is of the chosen targets and sensors"),

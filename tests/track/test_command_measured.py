@@ -232,7 +232,7 @@ def test_a_range_log_with_heights_wants_that_of_the_tag(tmp_path: Path, capsys: 
     (tmp_path / "high.csv").write_text("name,x,y,z\na,0,0,2\nb,10,0,2\nc,0,8,2\nd,10,8,2\n")
     high = ["--scene", str(tmp_path / "high.csv")]
     assert track(tmp_path, "ranges", "fix", *high) == ExitCode.BAD_INPUT
-    assert "say how high the targets are" in capsys.readouterr().err
+    assert "state the height of the targets" in capsys.readouterr().err
     assert track(tmp_path, "ranges", "fix", *high, "--tag-height", "2") == ExitCode.DONE
 
 

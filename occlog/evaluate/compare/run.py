@@ -101,7 +101,7 @@ def _truth(truth: Path | None, folder: Path | None, name: str) -> Path:
         return truth
     if folder is not None and (folder / RECORDING).is_file():
         return folder / RECORDING
-    raise UsageError("nothing states where the targets truly were; give --truth", id="missing-option")
+    raise UsageError("the true positions are unknown; give --truth", id="missing-option")
 
 
 def _check_apart(truth: Path, runs: dict[str, ComparedRun]) -> None:
@@ -130,7 +130,8 @@ def paired(methods: Sequence[Path], truth: Path | None) -> tuple[list[str], list
         if lacking:
             which = ", ".join(name or "(itself)" for name in lacking[:3]) + (" ..." if len(lacking) > 3 else "")
             raise InputError(
-                f"{method}: holds no run of {which}, which another one has; runs are compared on the same recordings",
+                f"{method}: holds no run of {which}, which another method has; runs are compared on the same "
+                "recordings",
                 id="disjoint-inputs",
             )
     return names, runs
@@ -210,7 +211,8 @@ def compare_runs(
     unit = _unit([run for own in runs for run in own.values()])
     if match_distance is None and unit not in METRES:
         raise UsageError(
-            f"lengths are in {unit!r}: give {option('match_distance')}, how near a track is that meets a target",
+            f"lengths are in {unit!r}: give {option('match_distance')}, the largest distance between a target and "
+            "its track",
             id="missing-unit",
         )
     limit = MATCH_M / METRES[unit] if match_distance is None else match_distance

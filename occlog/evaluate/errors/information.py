@@ -117,7 +117,7 @@ class StationMeasurements(NamedTuple):
 def distances_in_space() -> InputError:
     """Message that distances cannot be used for a bound in space."""
     return InputError(
-        f"evaluate: distances are used by the bound on the ground alone; give {option('bound_dimension')} ground",
+        f"evaluate: measured distances enter only the bound on the ground; give {option('bound_dimension')} ground",
         id="not-applicable",
     )
 

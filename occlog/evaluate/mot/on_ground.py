@@ -120,7 +120,7 @@ class GroundFigures:
         """
         limit = config.match_distance
         if limit is None:
-            raise InputError("evaluate: targets and tracks on the ground need a distance at which they meet")
+            raise InputError("evaluate: matching on the ground needs the largest distance of a match (match_distance)")
         g, k = len(targets), len(tracks)
         self._config, self._unit, self._cells, self._limit = config, unit, frames, limit
         self._keys = tuple(np.column_stack([np.zeros(len(each), np.int64), each]) for each in (targets, tracks))

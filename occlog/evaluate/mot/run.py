@@ -186,7 +186,7 @@ def _benchmark(truth: Path, config: MultiTargetConfig, text: bool) -> str:
         return "mot17" if classes else "mot15"
     if config.benchmark in DISTRACTORS and not classes:
         raise UsageError(
-            f"{option('benchmark')} {config.benchmark}: {truth} has no column of classes, which is its eighth",
+            f"{option('benchmark')} {config.benchmark}: {truth} has no column of classes (the eighth)",
             id="missing-column",
         )
     return config.benchmark
@@ -304,7 +304,7 @@ def _read_text(
     survey = survey_boxes(file, (), how)
     if survey.stop > MAX_FRAMES:
         raise InputError(
-            f"{path}: frame {survey.stop}; text may have {MAX_FRAMES} frames; correct the number", id="input-too-large"
+            f"{path}: frame {survey.stop}; the limit is {MAX_FRAMES} frames; correct the number", id="input-too-large"
         )
     if last is not None:
         survey = replace(survey, ranges={camera: range(max(survey.stop, last + 1))})

@@ -320,7 +320,7 @@ def timed_like(truth: TruthBoxes, tracks: Boxes, camera: str, config: MultiTarge
     stop = int(truth.frame.max()) + 1
     if stop > MAX_FRAMES:
         raise InputError(
-            f"{path}: frame {stop - 1}; there may be {MAX_FRAMES} frames; correct the number", id="input-too-large"
+            f"{path}: frame {stop - 1}; the limit is {MAX_FRAMES} frames; correct the number", id="input-too-large"
         )
     rate = float(NS / np.median(np.diff(t_ns) / np.diff(frame)))
     if config.fps is not None and abs(config.fps - rate) > SAME_RATE * rate:

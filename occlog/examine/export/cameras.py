@@ -46,6 +46,6 @@ def run_export_cameras(
     else:
         missed = write_calibration(output, scene, format, overwrite)
     if missed:
-        console.note(f"{output}: not held by {format}: {'; '.join(missed)}", quiet)
+        console.note(f"{output}: {format} cannot store: {'; '.join(missed)}", quiet)
     summary: dict[str, object] = {"output": str(output), "format": format, "cameras": [c.name for c in scene.cameras]}
     return summary | ({"not_representable": list(missed)} if missed else {}), previous_losses([input])

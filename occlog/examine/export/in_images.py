@@ -113,7 +113,7 @@ def sequence_info(found: Cameras, camera: str | None, folder: str, scene: Scene 
         InputError: the size of the images is not known, or there is no rate, of one frame or none.
     """
     if not found.ends:
-        raise InputError("there is no row, so that nothing is known of the video", id="empty-input")
+        raise InputError("the table has no rows, so that the frames of the video are unknown", id="empty-input")
     chosen = camera if camera is not None else min(found.ends)
     size = next((c.image_size for c in scene.cameras if c.name == chosen), None) if scene is not None else None
     if size is None:

@@ -49,8 +49,9 @@ def _check_names(chunk: ColumnTable, source: Path) -> None:
         for name in np.unique(getattr(chunk, c.name)).tolist():
             if name != name.strip() or any(mark in name for mark in BREAKS) or not (name or empty):
                 raise InputError(
-                    f"{source}: {c.name} {name!r}: a cell of a text has no line break, no blank at its ends and, in "
-                    "this column, something in it; rename it, or export Parquet"
+                    f"{source}: {c.name} {name!r}: a text table takes no line break, no blank at either end and "
+                    "no empty cell in "
+                    "this column; rename it, or export Parquet"
                 )
 
 

@@ -200,7 +200,7 @@ def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, .
                         companion.write(about.text().encode())
                     summary["sequence"] = str(info)
     if missed:
-        console.note(f"{request.output}: not held by {name}: {'; '.join(missed)}", request.quiet)
+        console.note(f"{request.output}: {name} cannot store: {'; '.join(missed)}", request.quiet)
         summary |= {} if name == "csv" else {"not_representable": list(missed)}
     console.note_findings(texts_of(opened.provenance.judged, "export"), request.quiet)
     return summary, opened.losses

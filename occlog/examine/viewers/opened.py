@@ -65,7 +65,7 @@ def run_view(request: ViewRequest, *, quiet: bool = False) -> tuple[dict[str, ob
             )
         return {"command": _start(program, viewer, request.input, started=not request.only_print)}, ()
     if request.only_print and request.output is None:
-        raise UsageError(f"{option('print')}: the file must stay for the command; name it with -o", id="missing-option")
+        raise UsageError(f"{option('print')}: the printed command needs the file; name it with -o", id="missing-option")
     with ExitStack() as stack:
         output = request.output
         if output is None:

@@ -226,9 +226,7 @@ def check_texts(texts: Iterable[str], rows: int, where: Path | str) -> None:
     different = set(texts)
     cut = next((text for text in different if "\0" in text), None)
     if cut is not None:
-        raise InputError(
-            f"{where}: {cut[:40]!r}: a text has no character 0, behind which it would be cut off; rename it"
-        )
+        raise InputError(f"{where}: {cut[:40]!r}: a text must not contain the character 0 (NUL); rename it")
     longest = max(map(len, different), default=0)
     if longest > LONG_TEXT and 4 * longest * rows > MAX_TEXTS_BYTES:
         raise InputError(f"{where}: a text of {longest} characters in {rows} rows; shorten it to {LONG_TEXT}")
@@ -241,7 +239,7 @@ def check_text(value: str, where: Path | str) -> None:
     except UnicodeEncodeError as error:
         half = f"\\u{ord(value[error.start]):04x}"
         raise InputError(
-            f"{where}: {half} is half a character; write the whole character", id="wrong-encoding"
+            f"{where}: {half} is half of a surrogate pair; write the whole character", id="wrong-encoding"
         ) from None
 
 
@@ -268,5 +266,6 @@ def check_declared_size(path: Path, size: int, rows: int, unpacked: int) -> None
     """InputError for a file of `size` bytes that declares more content than such a file can hold."""
     if fault := exceeded_limit(size, rows, unpacked):
         raise InputError(
-            f"{path}: promises {fault} in a file of {size} bytes, which no measurements fit into", id="input-too-large"
+            f"{path}: promises {fault} in a file of {size} bytes; measurements do not pack so densely",
+            id="input-too-large",
         )

@@ -132,7 +132,7 @@ class Bag:
                     if unpacked > most:
                         raise InputError(
                             f"{self._packed.get(file.path, file.path)}: the compressed messages of a file of {size} "
-                            f"bytes unpack to more than {most} bytes, as those of no recording do",
+                            f"bytes unpack to more than {most} bytes, more than those of any recording",
                             id="input-too-large",
                         )
                     yield message._replace(data=data)
@@ -182,7 +182,8 @@ class Bag:
                     target.write(piece)
                     if target.tell() > limit:
                         raise InputError(
-                            f"{path}: unpacks to more than {MAX_GROWTH} times its size, as no recording does; unpack "
+                            f"{path}: unpacks to more than {MAX_GROWTH} times its size, more than any recording; "
+                            "unpack "
                             "it with zstd -d if it is one",
                             id="input-too-large",
                         )

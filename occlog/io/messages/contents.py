@@ -161,7 +161,9 @@ def stored(message: ImageMessage, where: str, store: str | None, quality: int) -
 def pixels(message: ImageMessage, where: str) -> Image:
     """(h, w, 3) BGR or (h, w) grey; InputError as `stored`."""
     if message.size is None and is_video(message.encoding):
-        raise InputError(f"{where}: a picture of video, which needs those before it", id="unsupported-format")
+        raise InputError(
+            f"{where}: a single picture of a video stream, which needs the earlier ones", id="unsupported-format"
+        )
     if message.size is None and message.encoding.lower() in OTHER_CODECS:
         raise InputError(
             f"{where}: video as {message.encoding} is not read (h264 and h265 are); write it to a file, its times to "

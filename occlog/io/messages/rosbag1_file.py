@@ -277,7 +277,8 @@ class Rosbag1File:
         if old != (kind, md5):
             raise InputError(
                 f"{self.path}: topic {name} holds {kind}, but {old[0]} before"
-                f"{' of another definition' if old[0] == kind else ''}; write the one of them to a bag: rosbag filter",
+                f"{' of another definition' if old[0] == kind else ''}; write one of the two to its own bag: "
+                "rosbag filter",
                 id="incompatible-inputs",
             )
         if number not in self._topics:

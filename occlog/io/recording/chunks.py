@@ -204,7 +204,7 @@ class DecompressionCount:
         if self._free < 0:
             raise InputError(
                 f"{self._path}: the chunks of a file of {self._size} bytes hold {FREE_RECORDS} records more than "
-                f"one for each {BYTES_PER_RECORD} packed bytes, as those of no recording do",
+                f"one for each {BYTES_PER_RECORD} packed bytes, more than those of any recording",
                 id="input-too-large",
             )
 

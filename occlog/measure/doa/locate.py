@@ -206,12 +206,12 @@ def locator(array: MicrophoneArray, rate: int, unit: str, config: DoaConfig) -> 
         raise InputError(
             f"scene: array {array.name} has {len(array.microphones)} microphones"
             + (", all in one line" if len(array.microphones) > 1 else "")
-            + "; an azimuth takes three that are not in a line: add `microphones`",
+            + "; an azimuth requires three that are not in a line: add `microphones`",
             id="too-few-sensors",
         )
     if config.max_sources >= len(array.microphones) and config.algorithm != "srp":
         raise UsageError(
-            f"listen: sources is {config.max_sources}, but {config.algorithm} finds fewer than there are microphones "
+            f"listen: sources is {config.max_sources}, but {config.algorithm} finds fewer sources than microphones "
             f"({len(array.microphones)} in {array.name})",
             id="invalid-setting",
         )

@@ -175,7 +175,7 @@ def _not_on_a_plane(a: Floats, b: Floats, inliers: Bools, noise: float) -> float
     parallax = homography_parallax(a[inliers], b[inliers])
     if parallax < PARALLAX * noise:
         raise ValueError(
-            f"the matches are those of one plane or of cameras at one position: they differ from these by "
+            f"the matches fit one plane, or cameras at one position: they deviate from it by "
             f"{parallax:.2g} px, with noise of {noise:.2g} px, must be at least {PARALLAX:g} times it; "
             "add matches off the plane"
         )

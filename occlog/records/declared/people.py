@@ -229,7 +229,8 @@ class Gallery(ColumnTable):
                 raise InputError(f"Gallery: row {row}: {name} is {values[row]}, but {values[0]} in the first row")
         if not 2 <= self.bins[0] <= MAX_BINS or self.angles[0] < 1:
             raise InputError(
-                f"Gallery: {self.bins[0]} bins and {self.angles[0]} angles; want 2 to {MAX_BINS}, 1 or more"
+                f"Gallery: {self.bins[0]} bins and {self.angles[0]} angles; expected 2 to {MAX_BINS} bins and 1 "
+                "angle or more"
             )
         if (bad := (self.target_id < 0) | (self.angle < 1) | (self.angle > self.angles)).any():
             row = first_row(bad)
@@ -240,7 +241,8 @@ class Gallery(ColumnTable):
         if (bad := (self.samples < 1) | (self.pixels < 1)).any():
             row = first_row(bad)
             raise InputError(
-                f"Gallery: row {row}: {self.samples[row]} samples and {self.pixels[row]} pixels; want 1 of each"
+                f"Gallery: row {row}: {self.samples[row]} samples and {self.pixels[row]} pixels; expected at "
+                "least 1 of each"
             )
         bad = (self.density < 0).any(axis=1) | (np.abs(self.density.sum(axis=1) - 1.0) > 1e-6)
         bad |= (self.density[:, int(self.bins[0]) :] != 0).any(axis=1)

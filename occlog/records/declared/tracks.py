@@ -231,7 +231,7 @@ class Particles(ColumnTable):
         check_order(self)
         bad = ~((self.weight >= 0.0) & (self.weight <= 1.0 + 1e-9))
         if bad.any():
-            raise InputError(f"Particles: row {first_row(bad)}: want 0 <= weight <= 1")
+            raise InputError(f"Particles: row {first_row(bad)}: expected 0 <= weight <= 1")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -147,7 +147,8 @@ def lengths_of(config: RunComparisonConfig, unit: str) -> tuple[float, float]:
     tolerance = tolerance if config.divergence_distance is None else config.divergence_distance
     if near is None or tolerance is None:
         raise UsageError(
-            f"lengths are in {unit!r}: give {option('match_distance')}, how near a track is that meets another, and "
+            f"lengths are in {unit!r}: give {option('match_distance')}, the largest distance between matched "
+            "tracks, and "
             f"{option('divergence_distance')}",
             id="missing-unit",
         )

@@ -102,7 +102,8 @@ def track_batch(
         if not unlabelled:
             raise InputError("bearings: no row is of the chosen targets and sensors; choose others", id="empty-input")
         raise InputError(
-            f"bearings: none of {unlabelled} candidates has a label; this method wants labelled bearings: label them "
+            f"bearings: none of {unlabelled} candidates has a label; this method requires labelled bearings: "
+            "label them "
             f"with `occlog label`, or use the identities of a DOA log ({option('doa_labels')})",
             id="missing-labels",
         )

@@ -137,7 +137,7 @@ def track_joint_objects(
     """
     if occluders is not None:
         raise UsageError(
-            f"occluders: method {tracking.method} follows those who hide others itself; leave it out",
+            f"occluders: method {tracking.method} tracks the people who hide others itself; leave it out",
             id="not-applicable",
         )
     if tracking.selection is not None:

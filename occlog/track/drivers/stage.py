@@ -68,7 +68,7 @@ def track(
         )
     if measured is not None and tracking.selection is not None:
         raise UsageError(
-            "select: cameras are selected by what they see alone; leave select or the measurements out",
+            "select: cameras cannot be selected with measurements of stations; leave select or the measurements out",
             id="not-applicable",
         )
     started = not isinstance(method, Joint) and method.started(tracking.config)

@@ -64,7 +64,7 @@ def check_start(started: bool, target: int, others: Collection[int]) -> None:
     """Raise UsageError if the settings fix a start position and more than one target is tracked."""
     if started and others:
         raise UsageError(
-            f"start says where one target is, but there is target {target} in addition to "
+            f"start is the position of one target, but there is target {target} in addition to "
             f"{', '.join(str(k) for k in sorted(others))}; choose one target, e.g. {target}",
             id="ambiguous-input",
         )
@@ -80,7 +80,7 @@ def feed_of(
         return None
     if method.occluders is None:
         raise UsageError(
-            f"occluders: method {tracking.method} knows nothing of moving occluders; leave occluders out",
+            f"occluders: method {tracking.method} does not use moving occluders; leave occluders out",
             id="not-applicable",
         )
     terms = method.occluders(tracking.config)

@@ -382,8 +382,9 @@ class PeopleInput:
                 if 1.0 / IMPOSSIBLE_HEIGHT_RATIO < tall / defaults.person_height < IMPOSSIBLE_HEIGHT_RATIO:
                     remedy += f", or else how tall people are (setting person_height, {tall:.3g})"
                 raise InputError(
-                    f"{self.request.bearings}: by their boxes people are {tall:.3g} {unit} tall, so the lengths of the "
-                    f"scene are not in {unit}, or its cameras are not where it says; {remedy}",
+                    f"{self.request.bearings}: the boxes imply that people are {tall:.3g} {unit} tall, so the "
+                    "lengths of the "
+                    f"scene are not in {unit}, or its camera positions are wrong; {remedy}",
                     id="unit-mismatch",
                 )
             return 1.0 / METRES[unit], config

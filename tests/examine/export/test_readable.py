@@ -45,7 +45,7 @@ def test_names_that_would_not_come_back_are_refused(tmp_path: Path, capsys: Any,
     source, out = directions(tmp_path / "t.parquet", name), tmp_path / "out.csv"
     assert run(["export", str(source), "-o", str(out)]) == ExitCode.BAD_INPUT
     (line,) = capsys.readouterr().err.splitlines()
-    assert f"t.parquet: sensor {name!r}: a cell of a text has no line break" in line
+    assert f"t.parquet: sensor {name!r}: a text table takes no line break" in line
     assert not out.exists()
     assert run(["export", str(source), "-o", str(tmp_path / "out.parquet")]) == ExitCode.DONE
     if name:  # an empty one may be of another program, which left it out

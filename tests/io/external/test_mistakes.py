@@ -255,7 +255,7 @@ def test_names_that_an_array_would_cut_are_refused(tmp_path: Path) -> None:
     """Two sensors became one."""
     names = pa.array(["a\0b", "a\0c"])
     path = parquet(tmp_path, t_ns=pa.array([0, 0]), sensor=names, azimuth_deg=pa.array([1.0, 2.0]))
-    with pytest.raises(InputError, match=r"column sensor: 'a\\x00.': a text has no character 0"):
+    with pytest.raises(InputError, match=r"column sensor: 'a\\x00.': a text must not contain the character 0"):
         open_input(path).read(Doa)
 
 
@@ -310,7 +310,7 @@ def test_names_of_rows_and_two_tables_in_one_file_are_stated(tmp_path: Path) -> 
     with pytest.raises(InputError, match=r"line 2: 5 cells, but the first line has 4; if the first are names of rows"):
         open_input(of_r).read(Truth)
     two = [row.format(",") for row in ROWS]
-    with pytest.raises(InputError, match="line 4: the header again: two tables in one file"):
+    with pytest.raises(InputError, match="line 4: a second header line, so two tables in one file"):
         open_input(text(tmp_path / "two.csv", *two, *two)).read(Truth)
 
 

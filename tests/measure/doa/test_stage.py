@@ -163,7 +163,7 @@ def test_arrays_and_settings_that_cannot_be() -> None:
     array = MicrophoneArray("mic", np.zeros(3), microphones=SQUARE)
     with pytest.raises(UsageError, match="take a wider band"):
         heard(sound, array, replace(COARSE, low_hz=9000.0, high_hz=9500.0))
-    with pytest.raises(UsageError, match="finds fewer than there are microphones"):
+    with pytest.raises(UsageError, match="finds fewer sources than microphones"):
         heard(sound, array, replace(COARSE, algorithm="music", max_sources=4))
     with pytest.raises(UsageError, match="give the speed of sound"):
         list(estimate_directions([sound], RATE, array, "unit", COARSE, 0, DoaTally()))

@@ -247,7 +247,7 @@ FLOOR = room_points(np.random.default_rng(5), 60) * [1, 1, 0]
         (
             ["--matches", "floor.csv", "-o", "x.json"],
             ExitCode.BAD_INPUT,
-            "floor.csv: lines 2 to 61: a and b: the matches are those of one plane",
+            "floor.csv: lines 2 to 61: a and b: the matches fit one plane",
         ),
         (["--matches", "word.csv", "-o", "x.json"], ExitCode.BAD_INPUT, "word.csv: line 3: xa_px is 'left'"),
         (["--matches", "same.csv", "-o", "x.json"], ExitCode.BAD_INPUT, "same.csv: line 2: sensor_a 'a'"),

@@ -253,7 +253,7 @@ def test_occluders_come_with_the_scan_or_are_refused() -> None:
         cov_yy=zero,
     )
     calls = Calls(None)
-    with pytest.raises(UsageError, match="knows nothing of moving occluders"):
+    with pytest.raises(UsageError, match="does not use moving occluders"):
         list(track_batch([chunk], SCENE, calls.method, TrackingTask(CONFIG, 0, method="map"), [people]))
     met: list[bool] = []
 

@@ -119,7 +119,7 @@ def test_one_start_is_for_one_target() -> None:
     config = Settings(start=(1.0, 2.0, 3.0))
     assert len(run([seen(2, 7)], config=config)[0]) == 2
     with pytest.raises(
-        UsageError, match="start says where one target is, but there is target 7 in addition to 0; choose one"
+        UsageError, match="start is the position of one target, but there is target 7 in addition to 0; choose one"
     ):
         run([Bearings.merge([seen(2, 0), seen(2, 7)])], config=config)
 
@@ -137,7 +137,7 @@ def test_occluders_come_with_the_scan_until_they_are_too_old() -> None:
     _, diagnostics = run([seen(5)], INFORMED, occluders=[people])
     # Known from 1 s on, and not used when they are more than 2 s old.
     assert diagnostics.fallback.tolist() == ["", *["2 occluders"] * 3, ""]
-    with pytest.raises(UsageError, match="occluders: method apf knows nothing of moving occluders"):
+    with pytest.raises(UsageError, match="occluders: method apf does not use moving occluders"):
         run([seen(5)], METHOD, occluders=[people])
 
 

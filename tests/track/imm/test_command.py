@@ -99,8 +99,8 @@ def test_starts_of_several_targets(folder, capsys):
         (["--cooperate", "often"], ExitCode.USAGE, "--cooperate often: must be of none, periodic"),
         (["--cameras", "a1,a2,c1", "--cooperate", "spread"], ExitCode.USAGE, "requires two cameras with a pose"),
         (["--cameras", "c1,c2"], ExitCode.BAD_INPUT, "no row is of a microphone array"),
-        (["--start", "1"], ExitCode.USAGE, "want X,Y"),
-        (["--start", "1,2,3,4"], ExitCode.USAGE, "want X,Y, X,Y,SIGMA or X,Y,SIGMA,VX,VY,SIGMA_V"),
+        (["--start", "1"], ExitCode.USAGE, "expected X,Y"),
+        (["--start", "1,2,3,4"], ExitCode.USAGE, "expected X,Y, X,Y,SIGMA or X,Y,SIGMA,VX,VY,SIGMA_V"),
         (
             ["--select", "greedy"],
             ExitCode.USAGE,

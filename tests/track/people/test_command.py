@@ -316,7 +316,7 @@ def test_centimetres_that_are_said_to_be_metres_are_refused(tmp_path, capsys):
     scene = hall("abcd", 100.0, "m")
     assert track(tmp_path, boxes(scene, SECONDS, metre=100.0), scene) == ExitCode.BAD_INPUT
     noted = capsys.readouterr().err
-    assert "by their boxes people are 17" in noted
+    assert "the boxes imply that people are 17" in noted
     assert "so the lengths of the scene are not in m" in noted
     assert noted.count("\n") == 1
     assert "setting height" not in noted

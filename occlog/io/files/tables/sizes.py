@@ -353,7 +353,7 @@ class SizedFile(pq.ParquetFile):  # type: ignore[misc]  # the library has no typ
                 if before + unpacked > most:
                     raise InputError(
                         f"{self._path}: column {column} unpacks to more than {most} bytes in a file of {self._size} "
-                        "bytes, which no measurements fit into",
+                        "bytes; measurements do not pack so densely",
                         id="input-too-large",
                     )
         self._checked.add((wanted, number))

@@ -378,7 +378,7 @@ def _split(path: Path, file: TextIO, *, commented: bool = False) -> Iterator[tup
             elif cells == header:
                 _refuse(
                     InputError(
-                        f"{path}: line {number}: the header again: two tables in one file; divide it here",
+                        f"{path}: line {number}: a second header line, so two tables in one file; split it here",
                         id="ambiguous-input",
                     )
                 )

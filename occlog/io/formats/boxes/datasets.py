@@ -170,7 +170,7 @@ def frame_files(folder: Path) -> dict[int, Path]:
         number = int(last_number(Path(name).stem) or 0)
         if number in found:
             raise InputError(
-                f"{folder / name}: is frame {number}, as {found[number].name} is; keep one", id="duplicate-row"
+                f"{folder / name}: has frame number {number}, as {found[number].name} has; keep one", id="duplicate-row"
             )
         found[number] = folder / name
     return dict(sorted(found.items()))
@@ -361,7 +361,8 @@ def _numbered(folder: Path) -> dict[int, Path]:
         number = int(last_number(file.stem) or 0)
         if number in found:
             raise InputError(
-                f"{file}: is frame {number}, as {found[number].name} is; keep the files of one recording in a folder",
+                f"{file}: has frame number {number}, as {found[number].name} has; keep the files of one recording "
+                "in a folder",
                 id="duplicate-row",
             )
         found[number] = file

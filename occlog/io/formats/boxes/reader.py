@@ -279,7 +279,8 @@ class BoxSurvey:
             first, stop = self.given.common
             rates = " and ".join(f"{NS / known[name]:.3g} ({name})" for name in (fast, slow))
             raise UsageError(
-                f"{option('frames')} {first}:{stop}: cameras of {rates} frames a second, where these are other times; "
+                f"{option('frames')} {first}:{stop}: cameras of {rates} frames a second, for which these differ "
+                "in time; "
                 f"give each its own: {fast}={first}:{stop}",
                 id="ambiguous-input",
             )

@@ -280,7 +280,7 @@ def _stack(value: Floats, shape: tuple[int, int], path: Path) -> Floats:
         return np.moveaxis(value, 2, 0)
     if value.ndim == 3 and value.shape[1:] == shape:
         raise InputError(
-            f"{path}: an array of {value.shape}; it is ambiguous which axis counts the cameras; save one each",
+            f"{path}: an array of {value.shape}; it is ambiguous which axis counts the cameras; save an array for each",
             id="ambiguous-input",
         )
     raise InputError(

@@ -114,7 +114,8 @@ def oriented(matrix: Floats, middle: Floats, where: str, axes: Floats) -> tuple[
         )
     if len(fits) > 1 and fits[1][0] < CLEARER * fits[0][0]:
         raise InputError(
-            f"{where}: may map the image to the ground or the ground to the image; give a calibration that states it "
+            f"{where}: its direction is ambiguous, image to ground or ground to image; give a calibration that "
+            "states it "
             "(P, or K, R and t)",
             id="ambiguous-input",
         )

@@ -68,7 +68,9 @@ def write_calibration(path: Path, scene: Scene, format: str, overwrite: bool = F
     texts = TEXTS[format](_in_metres(scene, format), _late(scene))
     if not is_folder(path, format):
         if len(texts) > 1:
-            raise InputError(f"{path}: {format} has {len(texts)} files; name a folder, as {path.stem}", id="not-a-file")
+            raise InputError(
+                f"{path}: {format} consists of {len(texts)} files; name a folder, such as {path.stem}", id="not-a-file"
+            )
         texts = {path.name: next(iter(texts.values()))}
         folder = path.parent
     else:

@@ -152,7 +152,7 @@ def _segment(spec: SegmentSpec, start: float, end: float, flat: bool, where: str
             f"{where}: both lateral and acceleration are given; keep one, or make two segments", id="conflicting-values"
         )
     if spec.plane is not None and spec.lateral is None:
-        raise InputError(f"{where}: plane is of a turn; give lateral too", id="missing-value")
+        raise InputError(f"{where}: plane applies to a turn; give lateral too", id="missing-value")
     if flat and spec.plane in ("yz", "zx"):
         raise InputError(
             f"{where}: a turn in the plane {spec.plane} needs a target with a height; give z in position",

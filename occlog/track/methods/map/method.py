@@ -149,7 +149,7 @@ def advance(
         spread = with_rivals(found.solution.X, spread, sought.rivals)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
         raise InputError(
-            f"map: numbers too large or too small to compute with ({error}); look at sigma_px, u_px and sigma of the "
+            f"map: numeric overflow or underflow ({error}); check sigma_px, u_px and sigma of the "
             "bearings, and at the settings of the motion"
         ) from error
     # Give out the states that have seen enough after them

@@ -143,7 +143,7 @@ class ReadsInput:
         self.readers = choose_readers(self.scene, request)
         self.window_ns = WINDOW_NS if request.window_ns is None else request.window_ns
         if self.window_ns <= 0:
-            raise UsageError("reads of one time alone tell little; give a window above 0 s", id="invalid-setting")
+            raise UsageError("a window of 0 s holds too few reads; give one above 0 s", id="invalid-setting")
         self._known = None if request.path_loss is None else self._path_loss(request.path_loss)
         self._chunks = self._checked(opened.rows(Reads))
         first = next(self._chunks, None)
@@ -263,7 +263,7 @@ class ReadsInput:
         """Return bearings of the refining cameras; None without any."""
         if config.refine is None:
             if self._sights is not None:
-                raise UsageError("sights are of cameras that refine; name the cameras (refine)", id="not-applicable")
+                raise UsageError("sights apply to cameras that refine; name the cameras (refine)", id="not-applicable")
             return None
         cameras = tuple(self._camera(name) for name in dict.fromkeys(config.refine))
         if config.refine_method != "rays" and len(cameras) != 2:
@@ -327,7 +327,8 @@ def refuse_twice(given: Mapping[str, object], names: tuple[str, ...]) -> None:
     """Raise UsageError for a setting that is also in the path-loss file."""
     if (twice := next((n for n in names if n in given), None)) is not None:
         raise UsageError(
-            f"the file of path losses and the setting {twice} say the same; give one of them", id="conflicting-options"
+            f"the file of path losses and the setting {twice} state the same quantity; give one of them",
+            id="conflicting-options",
         )
 
 

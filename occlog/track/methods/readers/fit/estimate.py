@@ -153,7 +153,7 @@ def _share(detected: Bools) -> float:
 def usual_ranges(positions: Floats) -> Floats:
     """Return (10,) candidate ranges: half to twice the median nearest-neighbour distance of (R, 2) readers."""
     if len(positions) < 2:
-        raise ValueError("one reader alone does not tell how far readers read; state ranges to try")
+        raise ValueError("one reader alone does not determine the range; state ranges to try")
     away = np.sqrt(((positions[:, None, :] - positions[None, :, :]) ** 2).sum(axis=2))
     np.fill_diagonal(away, np.inf)
     usual = float(np.median(away.min(axis=1)))
