@@ -26,7 +26,7 @@ class CalibrateConfig(Settings):
     )
     sigma_mean_height: float = setting(
         0.05,
-        "Standard deviation of that mean. Larger values leave the scale to the stated poses.",
+        "Standard deviation of the mean height. Larger values leave the scale to the stated poses.",
         unit="m",
         above=0,
         at_most=1,

@@ -73,7 +73,7 @@ class CalibrateRequest(Request):
         metavar="FILE",
     )
     picture: Path | None = sink(
-        "Picture (PNG) for the eye: the grid of the floor on an image of each camera, and the residuals of its boxes.",
+        "Picture (PNG): the floor grid drawn on an image of each camera, with the residuals of its boxes.",
         asked="never",
         suffix=".png",
         metavar="FILE",

@@ -229,7 +229,7 @@ class IngestPlan(Settings):
     )
     up: str | None = setting(
         None,
-        "Vertical of the calibration's world, which is rotated with the true positions so that it is z: `auto` (by "
+        "Vertical of the calibration's world; world and true positions are rotated to make it the z axis: `auto` (by "
         "the horizons of the cameras), a signed axis (`-y`), or X,Y,Z.",
         option="--up",
         metavar="DIRECTION",
@@ -237,8 +237,8 @@ class IngestPlan(Settings):
     )
     mirror: str | None = setting(
         None,
-        "Axis of the calibration's world that changes its sign, with the true positions: of a left-handed world, as of "
-        "Unity and MultiviewX. `up` and `ground` are those of the calibration.",
+        "Axis whose sign is changed in the calibration's world and the true positions, to convert a left-handed world, "
+        "as of Unity and MultiviewX. `up` and `ground` are those of the calibration.",
         choices=("x", "y", "z"),
         option="--mirror",
         nothing="the world is right-handed",

@@ -121,8 +121,8 @@ class IngestRequest(Request):
     )
     fps: tuple[str, ...] = _several("Frame rate, where no sidecar gives times.", "--fps", "[CAM=]RATE")
     frames: tuple[str, ...] = _several(
-        "Only frames A <= number < B, and true positions of their times; for boxes also: the camera has all of them, "
-        "in the steps in which its files count.",
+        "Only frames A <= number < B, and true positions of their times; for boxes also: a frame "
+        "in this range without a row had no detection (frames count in the step of the files).",
         "--frames",
         "[CAM=]A:B",
     )

@@ -370,13 +370,13 @@ class RenderConfig(Settings):
     )
     identical_clothes: bool = setting(
         False,
-        "Dress all people like the targets, so that appearance does not separate them.",
+        "Dress all people like the targets, so that they cannot be distinguished by appearance.",
         option="--identical-clothes",
         shown="different clothes",
     )
     two_sided: bool = setting(
         False,
-        "Shirts have another colour at the back: that of each target is the front colour of the next one.",
+        "Shirts have another colour at the back: the front colour of the next target.",
         option="--two-sided",
         shown="one colour",
     )

@@ -186,7 +186,7 @@ class EvaluateConfig(Settings):
     )
     triangulation_min_sensors: int = setting(
         2,
-        "Minimum lines of sight that are triangulated for the comparison of a scan with the track.",
+        "Minimum number of lines of sight in a scan for it to be triangulated and compared with the track.",
         at_least=2,
         option="--triangulation-min-sensors",
         kinds=WORLD,

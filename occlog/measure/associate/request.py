@@ -82,7 +82,7 @@ class MatchRequest(LabelRequestBase):
         "boxes with an identity]"
     )
     labelled: bool = setting(False, "Identities of boxes are those of the tracks.", option="--labelled", shown="")
-    reidentified: Path | None = sink("The tracks, under the identities of the gallery (Parquet).", "tracks")
+    reidentified: Path | None = sink("Write the tracks with the identities of the gallery (Parquet).", "tracks")
     settings: Mapping[str, object] = group(lambda: MatchConfig)
     naming: Mapping[str, object] = group(lambda: NamingConfig)
 

@@ -28,7 +28,7 @@ class TrafficConfig(Settings):
         metavar="A,B",
     )
     image_kb: tuple[float, ...] = setting(
-        (40.0,), "Size of a camera's image, 1000 bytes each.", option="--image-kb", metavar="A,B,..."
+        (40.0,), "Size of a camera's image, in units of 1000 bytes.", option="--image-kb", metavar="A,B,..."
     )
     objects_share: tuple[float, ...] = setting(
         (0.1,), "Share of the objects that are tracked.", option="--objects-share", metavar="A,B,..."

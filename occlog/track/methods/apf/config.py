@@ -207,7 +207,7 @@ class ApfConfig(SmoothingConfig):
     min_occlusion_probability: float = setting(
         1e-4,
         "Lower limit of p(eta|u) (`independent`: of the factor of each camera); keeps one contradicting camera "
-        "from killing all particles.",
+        "from removing all particles.",
         at_least=0,
         at_most=1,
     )
