@@ -2,7 +2,7 @@
 
 A class of requests derives from `Request`. Its fields are files to read (`source`) and to write (`sink`), values
 (`occlog.settings.setting`) and groups of settings (`group`). A field has one name, the key that YAML has for it; the
-command line spells it `--fused-views`, Python `fused_views`. A field whose option has another name is called by that
+command line spells it `--fused-views`, Python `fused_views`. A field with an option of another name is called by that
 name everywhere.
 """
 

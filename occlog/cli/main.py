@@ -187,7 +187,7 @@ Exit codes: 0 done; 1 a bug; 2 usage; 3 finished, but input was lost (it is list
 
 
 class LazyGroup(click.Group):
-    """Click group whose commands are imported when called."""
+    """Click group that imports a command when it is called."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
         """All commands, by their groups and in the order of a pipeline."""

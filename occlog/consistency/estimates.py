@@ -219,7 +219,7 @@ class QualityFlags:
         return Tracks(**{name: np.ascontiguousarray(values) for name, values in columns.items()}), covariance
 
     def _alone(self, diagnostics: Diagnostics, by: list[tuple[str, ...]]) -> tuple[Bools, dict[int, str]]:
-        """(N,) mask of targets detected by a single sensor for a long time; rows whose distance was never known.
+        """(N,) mask of targets detected by a single sensor for a long time; rows without a known distance.
 
         The second result maps row numbers to the name of the sensor.
         """

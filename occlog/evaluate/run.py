@@ -387,7 +387,7 @@ OF_WHAT = {
 
 
 def _check_used(request: EvaluateRequest, given: Mapping[str, object]) -> None:
-    """UsageError for a given setting of figures whose inputs are missing."""
+    """UsageError for a given setting of figures with missing inputs."""
     with_bearings, truth, held = request.directions is not None, request.truth is not None, bool(given.get("held_out"))
     bound = truth and (with_bearings or request.measurements is not None)
     there = {LOOKS: with_bearings and truth, BOUND: bound, LINES: with_bearings}

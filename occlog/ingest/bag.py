@@ -279,7 +279,7 @@ class _CameraState:
     taken: int = 0
 
     def skip(self, log_ns: int, t_ns: int) -> None:
-        """Count a message whose time is not after that of the previous one."""
+        """Count a message if its time is not after that of the previous one."""
         back_ns = (self.last or 0) - t_ns
         self.first_late = self.first_late or f"the first after message {self.taken - 1}, recorded {utc(log_ns)}"
         self.late, self.back_ns = self.late + 1, max(self.back_ns, back_ns)

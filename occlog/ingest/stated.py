@@ -47,7 +47,7 @@ def _facts(sources: Sequence[CameraSource]) -> Iterator[Check]:
 
 
 def _starts(plan: IngestPlan, sources: Sequence[CameraSource]) -> Iterator[Check]:
-    """Report videos whose first frame has a time stamp other than 0, unless all have the same or a start is given."""
+    """Report videos with a first time stamp other than 0, unless all have the same or a start is given."""
     given = {name for name, _ in (*plan.start_time, *plan.timestamps)}
     starts = {
         s.name: s.decoder.start_s
@@ -61,7 +61,7 @@ def _starts(plan: IngestPlan, sources: Sequence[CameraSource]) -> Iterator[Check
 
 
 def _units(sources: Sequence[CameraSource]) -> Iterator[Check]:
-    """Report time stamps whose duration differs from the video's by the factor of another time unit."""
+    """Report time stamps with a duration that differs from the video's by the factor of another time unit."""
     for source in sources:
         table, rate, frames = source.times.table_ns, source.decoder.rate_hz, source.decoder.frames
         if table is None or len(table) < 2 or not rate or not frames or not source.times.source.startswith("sidecar"):

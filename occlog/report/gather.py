@@ -691,7 +691,7 @@ class _Reading:
 
     @property
     def _with_bearings(self) -> bool:
-        """Whether bearings are evidence about the tracks (not for people's tracks, whose labels are independent)."""
+        """Whether bearings are evidence about the tracks (not for people's tracks, as their labels are independent)."""
         return "bearings" in self._whole and self._whole["bearings"].rows > 0 and "people" not in self._figures
 
     def _read_bearings(self) -> None:

@@ -142,7 +142,7 @@ def _draw(generators: list[list[np.random.Generator]]) -> WaypointNoise:
 
 
 def _truth(positions: Floats, first: int, config: WorldConfig) -> Truth:
-    """Return the truth table of (C, n, 2) positions whose first step number is `first`."""
+    """Return the truth table of (C, n, 2) positions, with first step number `first`."""
     c, n = positions.shape[:2]
     ids = np.arange(n)
     steps = np.rint(np.arange(first, first + c) * (config.step_s * 1e9)).astype(np.int64)

@@ -191,7 +191,7 @@ def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Lo
         request.occluders,
         request.measurements,
         distances=takes_distances(tracker(request.method)),
-        # Reads of tags alone are for methods of their own, unless it is said how they count here
+        # Reads of tags alone are for methods of their own, unless options state how they count here
         reads=bool(request.measured) or request.path_loss is not None,
     )
     config = make_config(request, inputs.scene.length_unit)

@@ -170,7 +170,7 @@ apart)."""
 ROLLED = np.radians(30.0)
 """Cameras of an upright world are rolled less than this, in the median."""
 LOOKS_UP = np.radians(45.0)
-"""Cameras of an upright world look up by less than this, in the median."""
+"""Cameras of an upright world are tilted up by less than this, in the median."""
 LEVEL = np.radians(10.0)
 """Horizons that are level to this agree on a vertical ..."""
 TILTED = np.radians(15.0)
@@ -207,8 +207,8 @@ def vertical(rotations: Floats) -> Vertical:
 def is_upright(rotations: Floats) -> bool:
     """Whether the z axis of the world can be the vertical of (C, 3, 3) world-from-camera rotations; true for C = 0.
 
-    It cannot if most cameras are rolled by more than `ROLLED` or look up by more than `LOOKS_UP`; if most hang
-    upside down and look up; or if the horizons of three or more agree, to `LEVEL`, on a vertical that is `TILTED` off.
+    It cannot if most cameras are rolled by more than `ROLLED` or are tilted up by more than `LOOKS_UP`; if most hang
+    upside down and are tilted up; or if the horizons of three or more agree, to `LEVEL`, on a vertical that is `TILTED` off.
     """
     if not len(rotations):
         return True

@@ -147,7 +147,7 @@ class KernelLocator:
     """Locator of a kernel's cache: `NUMBA_CACHE_DIR`, the program's folder, or the user's cache folder."""
 
     def __init__(self, function: Callable[..., Any], base: str, folder: Path) -> None:
-        """Use `folder` for a function whose top package is in `base`."""
+        """Use `folder` for a function with its top package in `base`."""
         self._line = function.__code__.co_firstlineno
         self._module, self._base, self._folder = function.__module__, base, folder
 

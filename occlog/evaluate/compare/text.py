@@ -123,7 +123,7 @@ def basis(found: MetricComparison) -> str:
 
 
 def implausible_notes(found: MetricComparison, methods: Sequence[Path]) -> list[str]:
-    """Sentence for each method with implausible tracks, whose figures need care."""
+    """Sentence for each method with implausible tracks (its figures need care)."""
     out = []
     for m, method in enumerate(methods):
         own = [each for each in found.implausible if each.method == m]

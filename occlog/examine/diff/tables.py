@@ -48,13 +48,13 @@ def compare_tables(
 
 def _check_kinds(a: Path, b: Path, settings: DiffSettings) -> None:
     """UsageError for tables of two kinds, and for tolerances of missing columns."""
-    said_a, said_b = describe(a), describe(b)
-    if said_a["schema"] != said_b["schema"]:
+    stated_a, stated_b = describe(a), describe(b)
+    if stated_a["schema"] != stated_b["schema"]:
         raise UsageError(
-            f"{a} holds {said_a['schema']} and {b} holds {said_b['schema']}; give two tables of one kind",
+            f"{a} holds {stated_a['schema']} and {b} holds {stated_b['schema']}; give two tables of one kind",
             id="incompatible-inputs",
         )
-    _check_named(said_a["schema"], [c["name"] for c in said_a["columns"]], settings)
+    _check_named(stated_a["schema"], [c["name"] for c in stated_a["columns"]], settings)
 
 
 def _check_named(table: str, names: list[str], settings: DiffSettings) -> None:
@@ -130,22 +130,22 @@ def _columns(opened: Opened, table: type[ColumnTable]) -> list[str]:
 
 def _compare_ours(a: Path, b: Path, name: str, settings: DiffSettings) -> list[DiffResult]:
     """Compare the declarations, rows and, with `provenance`, the provenance of two occlog tables."""
-    said_a, said_b = describe(a), describe(b)
-    schema = diff_schemas(name, said_a, said_b)
-    if said_a["schema"] not in TABLES:
+    stated_a, stated_b = describe(a), describe(b)
+    schema = diff_schemas(name, stated_a, stated_b)
+    if stated_a["schema"] not in TABLES:
         raise InputError(
-            f"{a}: unknown table {said_a['schema']!r}; occlog knows {', '.join(TABLES)}", id="unknown-name"
+            f"{a}: unknown table {stated_a['schema']!r}; occlog knows {', '.join(TABLES)}", id="unknown-name"
         )
     if any(found.column != "length_unit" and found.key.get("entry") != "unit" for found in schema):
         # Rows of different tables, or with different columns, cannot be joined.
-        found = DiffResult(name, "rows", count_a=said_a["rows"], count_b=said_b["rows"], schema=schema)
+        found = DiffResult(name, "rows", count_a=stated_a["rows"], count_b=stated_b["rows"], schema=schema)
     else:
         # Tables of one name may have more columns than the one that it represents
-        table = table_with(said_a["schema"], [c["name"] for c in said_a["columns"]])
-        unit = said_a["length_unit"] if said_a["length_unit"] == said_b["length_unit"] else ""
+        table = table_with(stated_a["schema"], [c["name"] for c in stated_a["columns"]])
+        unit = stated_a["length_unit"] if stated_a["length_unit"] == stated_b["length_unit"] else ""
         rows = diff_tables(table, iter_table(a, table), iter_table(b, table), settings.tolerances, length_unit=unit)
         found = replace(rows, name=name, schema=schema)
     verdicts = compare_verdicts(name, a, b)
     if not settings.provenance:
         return [found, *verdicts]
-    return [found, *verdicts, compare_provenance(name, said_a["provenance"], said_b["provenance"])]
+    return [found, *verdicts, compare_provenance(name, stated_a["provenance"], stated_b["provenance"])]

@@ -99,7 +99,7 @@ LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 
 
 def main_columns(series: Series, values: Sequence[float]) -> tuple[str, ...]:
-    """First choice of columns whose values are known in a row; the very first choice if there is none."""
+    """First choice of columns with known values in a row; the very first choice if there is none."""
     known, choices = dict(zip(series.fields, values, strict=True)), MAIN[series.name]
     return next((names for names in choices if not any(math.isnan(known[name]) for name in names)), choices[0])
 

@@ -284,7 +284,7 @@ def _spellings(column: Column, table: str) -> Mapping[str, str]:
 
 
 def _is_time_difference(column: Column) -> bool:
-    """Whether a column is a time difference [s] whose name does not state the unit."""
+    """Whether a column is a time difference [s] without the unit in its name."""
     return column.unit == "s" and not column.name.endswith("_s")
 
 

@@ -418,7 +418,7 @@ def _validated(batch: pa.RecordBatch) -> pa.RecordBatch:
 
 
 def _check_messages(path: Path) -> None:
-    """InputError for an Arrow file whose messages declare more than a file of its size can hold."""
+    """InputError for an Arrow file with messages that declare more than a file of its size can hold."""
     size, rows, unpacked = path.stat().st_size, 0, 0
     for message in messages(path):
         rows, unpacked = rows + message.rows, unpacked + message.unpacked

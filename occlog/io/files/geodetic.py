@@ -194,7 +194,7 @@ def _earth_centred(phi: Floats, away: Floats, heights: Floats) -> Floats:
 
 
 def _turned(east: Floats, north: Floats, turned: float, *up: Floats) -> Floats:
-    """Rotate east and north coordinates to axes whose +x is turned from east towards north by an angle [rad]."""
+    """Rotate east and north coordinates to axes turned by an angle [rad], from east towards north."""
     x = math.cos(turned) * east + math.sin(turned) * north
     y = -math.sin(turned) * east + math.cos(turned) * north
     return np.column_stack([x, y, *up])

@@ -45,7 +45,7 @@ PROMISING = (
 
 
 def check_output_name(path: Path, ending: str) -> None:
-    """UsageError for an output name whose suffix implies another format than `ending`."""
+    """UsageError for an output name with a suffix of another format than `ending`."""
     suffix = Path(path).suffix.lower()
     if suffix in PROMISING and suffix != ending:
         what, form = WRITTEN[ending]

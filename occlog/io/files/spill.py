@@ -173,7 +173,7 @@ T = TypeVar("T", bound=ColumnTable)
 
 
 class SpilledTable(Generic[T]):
-    """Table whose source is read once, with chunks that can be generated repeatedly from a temporary file.
+    """Table from a source that is read once, with chunks that can be generated repeatedly from a temporary file.
 
     The file, in the folder for temporary files, has no name, so that nothing remains when the program ends.
     """

@@ -233,7 +233,7 @@ def time_column(rows: CsvRows) -> str | None:
 
 
 def check_unit(rows: CsvRows, interval_s: Floats) -> None:
-    """InputError for a time column without unit whose intervals suggest that it is not in seconds.
+    """InputError for a time column without unit, if its intervals suggest that it is not in seconds.
 
     Args:
         rows: some of the table.

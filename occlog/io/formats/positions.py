@@ -66,7 +66,7 @@ GRIDS = "0.025,-3,-9 is WILDTRACK's, 0.025,0,0 MultiviewX's, 1,0,0 states metres
 
 
 class PositionGrid(NamedTuple):
-    """Grid in whose cells positions are given."""
+    """Grid of cells in which positions are given."""
 
     cell: float  # size of a cell
     x: float  # position of cell (0, 0)

@@ -207,7 +207,7 @@ def _matrix(values: Any, rows: int, columns: int) -> Floats:
 
 
 def _matrix_field(message: Any, name: str) -> Any:
-    """Matrix of a `CameraInfo`, whose field names are upper case in ROS 1."""
+    """Matrix of a `CameraInfo`; its field names are upper case in ROS 1."""
     return getattr(message, name) if hasattr(message, name) else getattr(message, name.upper())
 
 
@@ -548,7 +548,7 @@ def _borrow(store: Any, kind: str, own: Any) -> tuple[str, ...]:
 
 
 def _checked(found: Any) -> Any:
-    """Validate types by name; ValueError for those whose generated code would be invalid or unbounded.
+    """Validate types by name; ValueError for those with generated code that would be invalid or unbounded.
 
     Generated code contains names, constants, and a line per entry of a fixed-length array; and a message may declare
     any number of entries that take no bytes.

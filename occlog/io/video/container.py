@@ -138,7 +138,7 @@ def let_go(data: mmap.mmap, upto: int, done: int) -> int:
 
 
 def unknown_frames(kind: str, *problems: tuple[str, str]) -> Container:
-    """A container whose frame list is unreadable."""
+    """A container with an unreadable frame list."""
     return Container(kind, None, np.zeros(0, dtype=np.bool_), False, None, problems)
 
 

@@ -218,7 +218,7 @@ def identities(evidence: IdentityEvidence, together: Bools, least_likeness: floa
 
 
 def tracks_together(tracks: Tracks, which: Ints32) -> Bools:
-    """(K, K) mask of tracks whose time spans overlap; True on the diagonal."""
+    """(K, K) mask of tracks with overlapping time spans; True on the diagonal."""
     first, last = np.full(len(which), np.iinfo(np.int64).max), np.full(len(which), np.iinfo(np.int64).min)
     for k, name in enumerate(which.tolist()):
         own = tracks.t_ns[tracks.target_id == name]

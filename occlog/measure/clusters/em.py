@@ -307,7 +307,7 @@ def _near(a: Floats, b: Floats, cov_a: Floats, cov_b: Floats) -> bool:
 
 @kernel
 def split(cells: Floats, labels: Ints, groups: Floats, prior: Prior) -> Floats:
-    """Split groups (K, 6) whose halves have a higher objective than the whole.
+    """Split groups (K, 6) if the halves have a higher objective than the whole.
 
     The cut is perpendicular to or along the axis of a person, at the best position.
 

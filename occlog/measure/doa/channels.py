@@ -216,7 +216,7 @@ def _phat(samples: Floats) -> Floats:
 def _delay(found: Floats, near: Bools) -> float:
     """Lag [samples, fractional] of the peak of a correlation; NaN if it is not distinct.
 
-    For broadband sound the peak is a sinc, whose position follows from two neighbours (Foroosh et al. 2002).
+    For broadband sound the peak is a sinc; its position follows from two neighbours (Foroosh et al. 2002).
     """
     values = np.where(near, found, -np.inf)
     top = int(np.argmax(values))

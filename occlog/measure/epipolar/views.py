@@ -9,7 +9,7 @@ from occlog.array_types import Floats
 
 
 class TrackedView(NamedTuple):
-    """A camera in whose images targets are tracked."""
+    """A camera with images in which targets are tracked."""
 
     name: str
     width: int  # of its images [px]

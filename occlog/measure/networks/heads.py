@@ -285,7 +285,7 @@ def read(
 def _best(
     boxes: Floats32, scores: Floats32, objectness: Floats32 | None, wanted: Ints, least: float
 ) -> NetworkDetections:
-    """Boxes whose best class is a requested one."""
+    """Boxes with a requested class as their best one."""
     if objectness is not None:
         _check_scores(YOLOV5, objectness)
     _check_scores(YOLO, scores)

@@ -5,7 +5,7 @@ position is in the hull if every camera that can see it has a run there (N of N)
 positions at which up to `misses` cameras have none (N-1 of N) are included, for a camera that missed an object.
 
 Polygons of the hull are tracked over time, and phantoms removed: where the cones of two objects cross, the hull has
-polygons without an object, which are transient, or whose runs are all explained by others. A polygon has *evidence* at
+polygons without an object, which are transient, or with all runs explained by others. A polygon has *evidence* at
 a time if it alone explains one of its runs. It is confirmed if it has existed long enough, and had recent evidence or
 is needed to explain a run.
 """

@@ -258,7 +258,7 @@ CLOSINGS = (3, 7, 15)  # sides tried for joining pieces [px]; the one with most 
 
 
 def person_like_blobs(samples: list[Bytes], empty: Bytes) -> Floats:
-    """(N, 2) row of the feet and height [px] of blobs that look like a separate person."""
+    """(N, 2) row of the feet and height [px] of blobs with the shape of a separate person."""
     return max((_blobs(samples, empty, side) for side in CLOSINGS), key=len)
 
 

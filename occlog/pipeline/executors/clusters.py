@@ -34,7 +34,7 @@ class DaskCluster:
         self._address = address
 
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
-        """Generate the results; `Lost` for a task whose workers died as often as Dask allows, twice.
+        """Generate the results; `Lost` for a task with workers that died as often as Dask allows, twice.
 
         The second time it runs alone, since Dask blames every task that waited at a dead worker.
         """
@@ -133,7 +133,7 @@ class RayCluster:
         self._address = address
 
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
-        """Generate the results; `Lost` for a task whose worker died as often as Ray allows."""
+        """Generate the results; `Lost` for a task with a worker that died as often as Ray allows."""
         try:
             import ray
         except ImportError as error:

@@ -13,7 +13,7 @@ R = TypeVar("R")
 
 
 class Lost(NamedTuple):
-    """Placeholder for the result of a task whose worker died.
+    """Placeholder for the result of a task with a worker that died.
 
     Attributes:
         reason: description of the end.

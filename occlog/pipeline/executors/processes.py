@@ -34,7 +34,7 @@ class Processes:
         self._workers = workers
 
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
-        """Generate the results; `Lost` for a task whose process died twice, the second time alone in it."""
+        """Generate the results; `Lost` for a task with a process that died twice, the second time alone in it."""
         rest = dict(todo)
         while rest:
             pool = _Pool(min(self._workers, len(rest)), work)

@@ -89,7 +89,7 @@ def manifest_bytes(manifest: Manifest) -> bytes:
 
 
 def read_manifest(data: bytes, where: str) -> Manifest:
-    """Parse a manifest whose names stay in their folders; InputError for anything else."""
+    """Parse a manifest with names that stay in their folders; InputError for anything else."""
     try:
         manifest = msgspec.json.decode(data, type=Manifest)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:

@@ -101,7 +101,7 @@ def recordings_of(made: Mapping[str, object]) -> dict[str, str]:
 
 
 def notes_on_recordings(a: Mapping[str, str], b: Mapping[str, str]) -> Iterator[str]:
-    """Notes on runs of different recordings, whose differences may not be due to the methods.
+    """Notes on runs of different recordings: their differences may not be due to the methods.
 
     Args:
         a: names of the recordings of A by SHA-256.

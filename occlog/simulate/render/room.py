@@ -132,7 +132,7 @@ def _circle(polygon: Floats, margin: float) -> list[float]:
 
 
 def _sides(polygon: Floats, height: float, ground: Floats, inner: bool) -> list[list[float]]:
-    """Return the edges of a counter-clockwise polygon whose inner (or outer) side faces the camera."""
+    """Return the edges of a counter-clockwise polygon that show their inner (or outer) side to the camera."""
     found = []
     for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
         left = (b[0] - a[0]) * (ground[1] - a[1]) - (b[1] - a[1]) * (ground[0] - a[0])

@@ -256,7 +256,7 @@ class CameraAgreement:
         return sum(count for count in counts.values() if count <= most)
 
     def _unconfirmed(self) -> Iterator[Check]:
-        """Report cameras whose people no other camera detects, although other cameras detect the same people."""
+        """Report cameras with people that no other camera detects, although other cameras detect the same people."""
         for c, name in enumerate(self.names[: self.cameras]):
             others = np.delete(self.confirmed, c)
             if self.alone[c] >= FEWEST_BOXES and not self.confirmed[c] and others.max(initial=0) >= FEWEST_BOXES:

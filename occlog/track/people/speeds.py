@@ -13,14 +13,14 @@ from occlog.records.verdicts import Check, finding, outcome
 SPEEDS = "speeds of people"
 """Name of the check."""
 MOVING = 0.2
-"""Speed [heights of people per second] from which somebody moves: 0.34 m/s."""
+"""Speed [heights of people per second] from which a person moves: 0.34 m/s."""
 MAX_SPEED, MAX_SPEED_IF_SHORT = 3.0, 1.8
 """Median speed of those who move [heights/s] that only sprinters exceed (5.1 m/s), and the one that runners exceed, too
 (3.1 m/s), of which tracks are no shorter than `SHORT_S`."""
 SHORT_S = 1.0
 """Mean duration of tracks [s] below which fast people are not tracked but mistaken for each other."""
 MIN_TOP_SPEED = 0.15
-"""Speed [heights/s] that everybody who covers a distance reaches at times, even in a queue: 0.26 m/s."""
+"""Speed [heights/s] that each person who covers a distance reaches at times, even in a queue: 0.26 m/s."""
 MIN_DISTANCE, MIN_TRACKS = 1.5, 2
 """Extent [heights] of a track that covers a distance, and number of such tracks for a check of slowness."""
 MIN_ROWS, MIN_SHARE, TOP_SHARE = 50, 0.1, 0.05

@@ -96,10 +96,10 @@ def track_people(
     state = follower.begin(near, views, config)
     coming = (_shifted(frames, origin) for frames in chain([] if first is None else [first], time_steps))
     steps = _steps(coming, near, state, follower, heard, at_end)
-    for said in _reported(steps, follower, config, seed):
-        doubts = meetings.add(said.snapshot)
-        snapshot = said.snapshot._replace(events=(*said.snapshot.events, *doubts))
-        each = said._replace(snapshot=snapshot._replace(mean=snapshot.mean + np.append(origin, np.zeros(4))))
+    for report in _reported(steps, follower, config, seed):
+        doubts = meetings.add(report.snapshot)
+        snapshot = report.snapshot._replace(events=(*report.snapshot.events, *doubts))
+        each = report._replace(snapshot=snapshot._replace(mean=snapshot.mean + np.append(origin, np.zeros(4))))
         held.append(each)
         # Even a time step without any person is kept with its frames
         rows += 1 + len(each.snapshot.support.row) + len(each.snapshot.ids) * (1 + len(each.frames))

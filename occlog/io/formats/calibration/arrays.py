@@ -221,7 +221,7 @@ def _load(path: Path) -> dict[str, Floats]:
 
 
 def _read(path: Path, content: bytes) -> Mapping[str, NDArray[np.generic] | None]:
-    """Arrays by name as returned by the libraries, whose exceptions are passed on."""
+    """Arrays by name as returned by the libraries; their exceptions are passed on."""
     if path.suffix.lower() == ".mat":
         return read_matlab(content, MAX_BYTES)
     _check_unpacked(path, content)

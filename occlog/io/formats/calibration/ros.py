@@ -251,7 +251,7 @@ def lens_of(model: str, given: Floats, where: str) -> Lens:
 def region_of(
     whole: tuple[int, int], binning: tuple[int, int], roi: tuple[int, int, int, int], where: str
 ) -> ImageRegion:
-    """Image region of a `camera_info`, whose parameters refer to the whole sensor (REP 104).
+    """Image region of a `camera_info`; its parameters refer to the whole sensor (REP 104).
 
     Args:
         whole: width and height [px] at full resolution.

@@ -174,7 +174,7 @@ class _OnnxWalk:
                 self.outputs.append(self._port(value))
 
     def _node(self, data: memoryview, depth: int) -> None:
-        """Parse a NodeProto, whose attributes may hold tensors and graphs."""
+        """Parse a NodeProto; its attributes may hold tensors and graphs."""
         for number, attribute in self._messages(data):
             if number != 5:
                 continue

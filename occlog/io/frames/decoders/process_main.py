@@ -1,7 +1,7 @@
 """Main module of the decoding process: `python -m occlog.io.frames.decoders.process_main`.
 
 Decoders are C code that parses possibly damaged files: a crash must not end the whole run, and the messages of FFmpeg,
-libjpeg and libpng are the only evidence of some damage. They run in a separate process, whose standard error is
+libjpeg and libpng are the only evidence of some damage. They run in a separate process, and its standard error is
 captured. The job is JSON on standard input; messages go to standard output.
 """
 

@@ -51,7 +51,7 @@ def is_end_mark(code: int, length: int) -> bool:
 
 
 def byte_after_end(file: IO[bytes], at: int, size: int) -> int | None:
-    """Position after the recording whose data section ends with the end mark at byte `at`.
+    """Position after the recording with a data section that ends with the end mark at byte `at`.
 
     Args:
         file: an MCAP file.
@@ -80,7 +80,7 @@ def byte_after_end(file: IO[bytes], at: int, size: int) -> int | None:
 
 
 def index_of(file: IO[bytes], begin: int, size: int) -> tuple[int, bytes] | None:
-    """First index after byte `begin` whose footer shows that it belongs to a recording that begins there.
+    """First index after byte `begin` with a footer that shows that it belongs to a recording that begins there.
 
     Positions in an index are relative to the beginning of its recording.
 

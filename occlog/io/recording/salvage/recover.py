@@ -52,7 +52,7 @@ def recover_recording(
     """Write every complete message of a damaged recording to `path`, atomically.
 
     Messages keep their order, times and numbers. Losses are stored in the provenance. If several recordings are
-    concatenated in the file, those of one scene are merged, except for frames of linked videos, whose numbers are valid
+    concatenated in the file, those of one scene are merged, except for frames of linked videos: their numbers are valid
     in the videos of the first one only.
 
     Args:

@@ -40,7 +40,7 @@ STILL = 0.25
 
 
 def camera_of(number: int) -> Camera:
-    """Return a camera that looks at the room's middle from its side."""
+    """Return a camera directed at the room's middle from its side."""
     side, lateral = PLACES[number]
     angle = math.radians(side)
     out, across = np.array([math.cos(angle), math.sin(angle)]), np.array([-math.sin(angle), math.cos(angle)])

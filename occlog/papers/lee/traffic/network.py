@@ -260,7 +260,7 @@ class NetworkSimulation:
         self.at(self.now_s, lambda _: None)  # so that it begins now if it can
 
     def _begin(self) -> None:
-        """Start all hops whose channels are free, in order of arrival."""
+        """Start all hops with free channels, in order of arrival."""
         left = []
         for hop in self._waiting:
             if hop.channels & self._busy:

@@ -82,7 +82,7 @@ class PoseCalibration(NamedTuple):
     sensors: Sensors
     packed: Floats  # (S, 3) errors that `sensors` were corrected by
     phase: InitialPhase | None  # None: estimated jointly, or the phase is over
-    fixed: bool  # true: what the phase said stays
+    fixed: bool  # true: the result of the phase stays
     follows: Floats  # (2, 3 S) how much of each error is in the estimate
 
     @property

@@ -208,7 +208,7 @@ def _estimate(model: ApfModel, draw: ProposedParticles, packed: PackedScan) -> E
     mean, covariance = mean_and_covariance(draw.weights, draw.particles.xy)
     size, fallback = min(effective_sample_size(draw.weights), draw.effective), draw.fallback
     if size < MIN_EFFECTIVE_SAMPLE_SIZE:
-        # A few particles look more certain than they are: at least what they were drawn from is open, too
+        # A few particles seem more certain than they are: at least what they were drawn from is open, too
         covariance = covariance * (size / (size - 1.0) if size > 1.5 else 3.0) + draw.sharpness * np.eye(2)
         fallback = fallback or "depleted"
     seen = np.diff(packed.first) > 0

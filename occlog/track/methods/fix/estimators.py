@@ -361,7 +361,7 @@ def modes(positions: Floats, bearings: Floats, sigma: Floats, bend: float) -> Mo
 def _with_distances(xy: Floats, covariance: Floats, inlier: Floats, positions: Floats, sigma: Floats) -> Floats:
     """Return (M, 2, 2) covariances of modes, including the uncertainty of the sensors' distances.
 
-    An error of a bearing displaces the target across by the error times the distance, whose mean square is that of the
+    An error of a bearing displaces the target across by the error times the distance; its mean square is that of the
     estimate plus its variance along the line of sight. For nearly parallel lines of sight, a mode next to a sensor
     would otherwise appear too precise.
     """

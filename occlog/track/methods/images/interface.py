@@ -48,7 +48,7 @@ class FrameSet(NamedTuple):
 
 
 class TrackerOutlines(NamedTuple):
-    """Ellipses of the n trackers whose views had a frame, sorted by view and target, after that frame."""
+    """Ellipses of the n trackers with a frame of their view, sorted by view and target, after that frame."""
 
     view: Ints  # (n,)
     target_id: Ints  # (n,)

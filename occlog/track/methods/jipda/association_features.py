@@ -229,7 +229,7 @@ def count_clutter_scores(cues: AssociationFeatures, scores: Floats) -> Associati
 
 
 def _features_of(cues: AssociationFeatures, people: TargetSet, dimension: int) -> tuple[Ints, Floats]:
-    """Look up tracklet IDs (N, C) and mean appearances (N, K) of people; `NO_ID` and NaN for new people."""
+    """Return the tracklet IDs (N, C) and mean appearances (N, K) of people; `NO_ID` and NaN for new people."""
     hint = np.full((len(people.key), cues.hint.shape[1]), NO_ID, dtype=np.int64)
     appearance = np.full((len(people.key), dimension), np.nan)
     _, mine, theirs = np.intersect1d(people.key, cues.key, assume_unique=True, return_indices=True)

@@ -283,7 +283,7 @@ def reliable_boxes(
 ) -> Bools:
     """Select (M,) boxes from which detectors are learned.
 
-    Not truncated, of an unoccluded person whose existence is sure.
+    Not truncated, of an unoccluded person who certainly exists.
 
     Args:
         boxes: M boxes of L frames.

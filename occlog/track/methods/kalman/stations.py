@@ -30,7 +30,7 @@ StationUpdate = Callable[[Gaussian, RangeMeasurements], tuple[Gaussian, float]]
 
 
 def innovation_gating(state: Gaussian, rows: RangeMeasurements, gate: float) -> Bools:
-    """Return a (m,) mask of the measurements whose normalised innovation is within the gate."""
+    """Return a (m,) mask of the measurements with a normalised innovation within the gate."""
     found = linearise(rows, state.mean[None, :2])
     H, off = found.gradient[0], found.residual[0]
     return np.asarray(off**2 <= gate**2 * (np.einsum("mi,ij,mj->m", H, state.covariance[:2, :2], H) + 1.0))

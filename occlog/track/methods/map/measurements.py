@@ -170,7 +170,7 @@ def constraints(
 def _before_walls(lines: BearingLinesByStep, seen: Scan, at: SensorStations) -> HalfPlanes:
     """Return half-planes on the camera's side of the first wall that each line of sight meets.
 
-    A line of sight that may pass beside that wall, by its standard deviation, gives no constraint.
+    A line of sight that may pass next to that wall, by its standard deviation, gives no constraint.
     """
     focal2 = lines.focal * (1.0 + (lines.reading / lines.focal) ** 2)
     away = BESIDE_WALL * np.maximum(np.sqrt(lines.c0) / focal2, seen.sigma)

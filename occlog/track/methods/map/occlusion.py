@@ -61,9 +61,9 @@ def occlusion_terms(
         pending: the target.
         record: its record, of T states.
         X: (T, 4) the trajectory.
-        spread: (T, 4, 4) its covariances, with what occluders said before.
+        spread: (T, 4, 4) its covariances, with the earlier terms of occluders.
         inlier: (N,) which lines of sight count as the target's.
-        before: what they said before, along a trajectory nearby; the terms go half of the way from there.
+        before: the earlier terms, along a trajectory nearby; the terms go half of the way from there.
     """
     rows, config = record.rows, pending.config
     lean, line = np.zeros(len(inlier)), np.cumsum(rows.seen) - 1

@@ -303,7 +303,7 @@ class SortFilter:
             at.appearance[who] = old + APPEARANCE_RATE * (appearance[of] - old)
 
     def _confirm(self) -> list[Event]:
-        """Assign identities to tracks whose existence is sufficiently probable."""
+        """Assign identities to tracks that exist with sufficient probability."""
         at = self.targets
         new = np.flatnonzero(
             (at.id < 0) & (at.existence > self.config.confirmation_threshold) & (at.boxes >= MIN_BOXES)
@@ -366,7 +366,7 @@ class SortFilter:
         )  # fmt: skip
 
     def _end(self, detected: Bools) -> list[Event]:
-        """Delete tracks that left, are unlikely to exist, or whose position is lost."""
+        """Delete tracks that left, are unlikely to exist, or have lost their position."""
         at = self.targets
         least = np.where(at.id >= 0, MIN_CONFIRMED, MIN_TENTATIVE)
         left = inside_shares(boxes_of(at.mean[..., 0]), self.size) < MIN_INSIDE

@@ -229,7 +229,7 @@ def _joined(
 
 
 def _doubts(parts: Sequence[Boxes], following: dict[int, int], ratios: dict[tuple[int, int], float]) -> Iterator[Doubt]:
-    """Return pairs of links whose exchange is nearly as likely."""
+    """Return pairs of links that are nearly as likely if exchanged."""
     before = {after: first for first, after in following.items()}
     rivals: dict[int, list[int]] = {}
     for first, after in ratios:

@@ -115,7 +115,7 @@ WHY = {TOO_FEW: "single_view", NEAR_PARALLEL: "parallel", BEHIND: "behind", DISA
 SINGLE_VIEW, INCONSISTENT_VIEWS, POSSIBLE_SWITCH = "single_view", "inconsistent_views", "possible_switch"
 """Values of the column `quality_flags`, in the order of the column."""
 MIN_SWITCH_PROBABILITY = 0.25
-"""A target is said to be exchanged from this probability on."""
+"""A target is flagged as exchanged from this probability on."""
 
 
 class GroundTracksPart(NamedTuple):
@@ -170,7 +170,7 @@ def ground_tracks(
 
 
 def _wanted(chunk: ViewTracks, cameras: Sequence[str]) -> Bools:
-    """Return (R,) rows of the selected cameras whose tracker is on its target."""
+    """Return (R,) rows of the selected cameras with the tracker on its target."""
     wanted = ~np.isin(chunk.lifecycle, ("left", "terminated"))
     return wanted & np.isin(chunk.sensor, list(cameras)) if cameras else wanted
 

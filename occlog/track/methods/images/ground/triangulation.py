@@ -301,7 +301,7 @@ def triangulate_in_space(
 
 
 def _bad(met: GroundPosition, limits: Floats) -> Bools:
-    """Return the points whose views do not agree, or that lie behind one of their views."""
+    """Return the points with views that do not agree, or that lie behind one of their views."""
     bad: Bools = (met.status == BEHIND) | ((met.status == MET) & (met.misfit > limits[met.used.sum(axis=1)]))
     return bad
 

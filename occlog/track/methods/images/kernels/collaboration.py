@@ -157,7 +157,7 @@ class CameraCollaboration(NamedTuple):
 
 
 class WeighingModel(NamedTuple):
-    """Terms of a frame's weights besides the local likelihood."""
+    """Terms of a frame's weights other than the local likelihood."""
 
     near: Neighbours
     past: PastMotion

@@ -222,7 +222,7 @@ def propose_on_lines(state: VisualState, c: CmctConfig, particles: Floats, gap: 
 
     A target counts as lost when the similarity of its estimate is below `max_similarity_to_search`, or when
     its estimate is nearer than `SAME_TARGET_RADII` to another tracker while a counterpart is bad: of two
-    targets that look similar the tracker then has the wrong one.  Only counterparts that had a
+    targets of similar appearance the tracker then has the wrong one.  Only counterparts that had a
     frame in the last frame period give a line.
 
     Args:

@@ -132,7 +132,7 @@ def end_events(t: ImageTrackers, size: Floats, config: MipfConfig) -> Ints:
 
 
 def _outlines(state: VisualState, here: Bools, samples: TrackerParticles, event: Ints) -> TrackerOutlines:
-    """Return output rows of the trackers whose view had a frame."""
+    """Return output rows of the trackers with a frame of their view."""
     t, rows, checked = state.trackers, np.flatnonzero(here), isinstance(state.config, LoopCheckConfig)
     return TrackerOutlines(
         view=t.view[rows],

@@ -224,7 +224,7 @@ def weigh(state: VisualState, arrival: FrameContext, local: LocalWeights, rng: G
 
 
 def weighing_model(state: VisualState, arrival: FrameContext, local: LocalWeights) -> WeighingModel:
-    """Return the terms of the weights besides the local likelihood, from the temporary estimates of [Qu] Alg. 1.
+    """Return the terms of the weights other than the local likelihood, from the temporary estimates of [Qu] Alg. 1.
 
     Args:
         state: before the frame.

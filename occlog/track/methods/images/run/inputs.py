@@ -140,7 +140,7 @@ class ViewsInput:
         """Return the background models of the views; none unless requested."""
         if not self.stage.background:
             return ()
-        frames = console.progress(self.recording.frames(self.names), "first look", self.frames, quiet=quiet)
+        frames = console.progress(self.recording.frames(self.names), "first frames", self.frames, quiet=quiet)
         return background_models(frames, with_cameras(self.scene, self.views), self.views, threads_by_default())
 
     def region_stream(self) -> RegionStream | None:

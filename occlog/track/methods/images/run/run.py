@@ -212,7 +212,7 @@ class ViewsSummary:
                 yield finding(ENDS, "view-ends-early", sensors=[s.view.name], early_s=early_s, frames=n)
 
     def _misfits(self) -> list[tuple[int, int]]:
-        """Return pairs of views whose fundamental matrix is contradicted by most loop checks."""
+        """Return pairs of views with a fundamental matrix that most loop checks contradict."""
         most = [
             pair
             for pair, distances in self.distances.items()

@@ -95,7 +95,7 @@ def smooth(
     Args:
         state: of the filter after the last time step: cameras, settings, and what it learned of the detectors.
         frames: of each time step, as they were given to the filter.
-        snapshots: what the filter said, in the order of time.
+        snapshots: results of the filter, in the order of time.
         generator: of the Markov chain; the same one gives the same result.
     """
     if not snapshots:
@@ -480,7 +480,7 @@ def add(
         window: before.
         state: of the filter after the time step.
         frames: of the time step, as they were given to the filter.
-        snapshot: what the filter said.
+        snapshot: results of the filter.
     """
     window = replace(window, frames=(*window.frames, frames), snapshots=(*window.snapshots, snapshot))
     waiting = len(window.snapshots) - window.reported

@@ -126,7 +126,7 @@ def _within(xy: Floats, o: Obstacle) -> Bools:
 
 
 def _to_edges(X: Floats, o: Obstacle, a: int, b: int, away: float) -> Iterator[Floats]:
-    """Generate trajectories with states a + 1 .. b - 1 moved beside one of the edges, for segments at start or end."""
+    """Generate trajectories with states a + 1 .. b - 1 moved next to one of the edges, for segments at start or end."""
     K = len(o.corners)
     for k in range(K):
         edge = o.corners[(k + 1) % K] - o.corners[k]
@@ -198,7 +198,7 @@ def find_paths_around(
     held, iterations, space = tuple(holds), solution.iterations, (options, extent, clearance)
     alone = np.zeros((len(obstacles), problem.T), dtype=np.bool_) if left_alone is None else left_alone.copy()
     for _ in range(ROUNDS):
-        # Look for segments inside an obstacle, and for the cheapest way around each by itself
+        # Find segments inside an obstacle, and for the cheapest way around each by itself
         X = solution.X.copy()
         added: list[Hold] = []
         ways: list[Floats] = []

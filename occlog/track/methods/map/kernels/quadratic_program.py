@@ -49,7 +49,7 @@ def program(problem: TrajectoryProblem, X: Floats) -> Program:
 
 
 def _chain_rows(problem: TrajectoryProblem) -> sparse.csc_matrix:
-    """Return the (4 T, 4 T) matrix G of Eq. 3, whose squared rows sum to the motion cost."""
+    """Return the (4 T, 4 T) matrix G of Eq. 3; its squared rows sum to the motion cost."""
     steps, T = problem.steps, problem.T
     after = steps.whiten[steps.kind]
     before = -np.einsum("tij,tjk->tik", after, steps.A[steps.kind])
