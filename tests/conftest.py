@@ -91,7 +91,7 @@ def shared_data() -> Path:
 
 @pytest.fixture(scope="session")
 def shared_cases(shared_data: Path) -> Path:
-    """Folder of inputs that went wrong once, beside the recorded data; the test is skipped where it is missing."""
+    """Folder of inputs that went wrong once, next to the recorded data; the test is skipped where it is missing."""
     path = shared_data.parent / "cases"
     if not path.is_dir():
         pytest.skip(f"cases not found at {path}")

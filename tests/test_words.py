@@ -1,4 +1,4 @@
-"""Words beside numbers, and words of files."""
+"""Words next to numbers, and words of files."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ del mine
 found["gone"] = not path.exists()
 other = Folder()
 print(json.dumps(found))
-raise ValueError("nobody catches this")
+raise ValueError("no one catches this")
 """
 
 

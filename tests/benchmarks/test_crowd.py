@@ -18,7 +18,7 @@ FRAMES, FPS = 20, 10.0
 
 
 def matrix(x: float, y: float, height: float = 3.0) -> Floats:
-    """(3, 4) of a camera at (x, y) that looks down to the middle of a floor of 10 x 10 m."""
+    """(3, 4) of a camera at (x, y) that points down to the middle of a floor of 10 x 10 m."""
     forward = np.array([5.0 - x, 5.0 - y, -height])
     forward /= np.linalg.norm(forward)
     right = np.cross(forward, [0.0, 0.0, 1.0])

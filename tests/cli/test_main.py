@@ -145,7 +145,7 @@ def test_exit_code_4_for_bad_input_is_one_line(
 
 
 def closed_pipe() -> int:
-    """The writing end of a pipe that nobody reads."""
+    """The writing end of a pipe that no one reads."""
     reading, writing = os.pipe()
     os.close(reading)
     return writing
@@ -158,7 +158,7 @@ def test_a_closed_standard_output_is_quiet_and_ends_like_sigpipe() -> None:
     assert (done.returncode, done.stderr) == (ExitCode.PIPE, b"")
 
 
-def test_messages_that_nobody_reads_do_not_stop_the_work() -> None:
+def test_messages_that_no_one_reads_do_not_stop_the_work() -> None:
     done = subprocess.run(
         [sys.executable, "-m", "occlog", "info", "missing.parquet"], stderr=closed_pipe(), check=False
     )

@@ -1,4 +1,4 @@
-"""Kits look at the working folder and the environment: each test has its own."""
+"""Kits point at the working folder and the environment: each test has its own."""
 
 from __future__ import annotations
 

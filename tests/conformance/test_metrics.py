@@ -17,7 +17,7 @@ Gaps: Any = example("own_parts/own_tables").Gaps
 
 
 class Good(Gaps):
-    """With a length and a share beside the times."""
+    """With a length and a share next to the times."""
 
     units = {"longest": "s", "tracks": "1", "far": "length"}  # noqa: RUF012
 

@@ -49,7 +49,7 @@ def test_a_camera_that_moves_at_another_time_shows_nothing() -> None:
 
 
 def boxes(camera: str, times: range, seed: int | None) -> Boxes:
-    """Three boxes a frame, drawn anew for each frame unless `seed` is given."""
+    """Three boxes a frame, drawn again for each frame unless `seed` is given."""
     rng = np.random.default_rng(1)
     n = 3 * len(times)
     edges = rng.uniform(0.0, 100.0, (n, 4)) if seed is None else np.tile(np.arange(12.0).reshape(3, 4), (len(times), 1))

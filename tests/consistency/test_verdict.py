@@ -162,7 +162,7 @@ def test_a_target_that_no_sensor_ever_saw_is_reported() -> None:
     assert (found.targets, found.figures) == ((0,), {"count": 1, "of": 1})
 
 
-def test_a_filter_that_begins_anew_in_nearly_every_row_says_how_far_apart_rows_are() -> None:
+def test_a_filter_that_begins_again_in_nearly_every_row_says_how_far_apart_rows_are() -> None:
     minutes = np.arange(N) * 60_000_000_000
     (found,) = report_of(diagnostics=replace(fared(fallback=("gap", round(0.9 * N))), t_ns=minutes))
     assert found.id == "gaps"
@@ -211,7 +211,7 @@ def test_residuals_that_are_not_as_stated_are_reported(nis: float, code: str | N
     assert (None if found is None else found.id) == code
 
 
-def test_residuals_that_chance_can_have_made_are_not_said() -> None:
+def test_residuals_that_chance_can_have_made_are_not_stated() -> None:
     assert nis_check("the bearings", Ratio(4.0, 0.2), float(MIN_SAMPLES)) is not None
     assert nis_check("the bearings", Ratio(4.0, 0.2), MIN_SAMPLES - 1.0) is None
     assert nis_check("the bearings", Ratio(4.0, 4.0), 1000.0) is None

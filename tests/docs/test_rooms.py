@@ -31,7 +31,7 @@ def test_picture_shows_every_room() -> None:
     assert not shown & set(GROUND)
 
 
-def test_no_room_imports_one_above_it_or_beside_it() -> None:
+def test_no_room_imports_one_above_it_or_next_to_it() -> None:
     plan = rooms()
     floor = {name: i for i, names in enumerate(plan.layers) for name in names}
     assert all(floor[importing] < floor[imported] for importing, imported in plan.imports)

@@ -38,7 +38,7 @@ def figures_of(kept: Kept) -> Iterator[tuple[float, float]]:
 
 
 def shown(text: str, value: float) -> bool:
-    """Whether a text is a number rounded to its digits, or that of percent; signs are said in words."""
+    """Whether a text is a number rounded to its digits, or that of percent; signs are stated in words."""
     digits = len(text.partition(".")[2])
     printed, near = abs(float(text.replace(",", ""))), 0.501 * 10.0**-digits
     return any(abs(abs(value) * scale - printed) <= near for scale in (1.0, 100.0))

@@ -377,7 +377,7 @@ def test_summary_for_a_person() -> None:
 def test_positions_of_another_program_are_paired_by_distance_and_need_no_covariance(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Identities are that program's own; nothing is said of covariances that are not there."""
+    """Identities are that program's own; nothing is stated of covariances that are not there."""
     (folder / "truth.csv").write_text(
         "t,id,x,y\n" + "".join(f"{n},{k},{n},{10 * k}\n" for n in range(40) for k in (1, 2))
     )

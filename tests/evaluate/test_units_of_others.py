@@ -26,7 +26,7 @@ def rows(path: Path, unit: str, x: float) -> Path:
     ("tracks", "truth", "unit"),
     [("", "ft", "m"), ("mm", "", "m"), ("ft", "ft", "ft"), ("", "", "m"), ("mm", "ft", "ft")],
 )
-def test_lengths_without_a_unit_are_metres_beside_others(
+def test_lengths_without_a_unit_are_metres_next_to_others(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], tracks: str, truth: str, unit: str
 ) -> None:
     """They were taken for those of the other table: 1 m was 1 ft, and an error of 0.1 m one of metres."""
@@ -43,7 +43,7 @@ def test_lengths_without_a_unit_are_metres_beside_others(
 
 
 def test_a_page_of_two_runs_says_the_unit_of_its_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Figures in metres were said to be in ft, the unit of the truth."""
+    """Figures in metres were stated to be in ft, the unit of the truth."""
     mine, true = rows(tmp_path / "a.csv", "", ERROR_M), rows(tmp_path / "b.csv", "ft", 0.0)
     page = tmp_path / "page.html"
     assert run(["report", str(mine), str(mine), "--truth", str(true), "-o", str(page), "--json"]) == ExitCode.DONE

@@ -32,7 +32,7 @@ MADE = Provenance("track", {"measurements": {"tag_height": 0.5, "rssi_power": -4
 
 
 def distances(case: Case, seed: int, false: float = 0.0) -> Measurements:
-    """Ranges, strengths without standard deviations and differences, of targets and of nobody; some at other times."""
+    """Ranges, strengths without standard deviations and differences, of targets and of no one; some at other times."""
     random, rows = np.random.default_rng(seed), []
     places = {c.name: c.ground for c in case.place.cameras}
     names = list(places)

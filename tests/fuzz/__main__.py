@@ -132,7 +132,7 @@ def _import_traced() -> None:
     modules = [path.relative_to(ROOT).with_suffix("").parts for path in package.rglob("*.py")]
     names = [".".join(parts[:-1] if parts[-1] == "__init__" else parts) for parts in modules]
     silent, error = os.open(os.devnull, os.O_WRONLY), os.dup(2)
-    os.dup2(silent, 2)  # every module is told there
+    os.dup2(silent, 2)  # every module is stated there
     with atheris.instrument_imports(
         include=["occlog"],
         exclude=[name for name in names if not name.startswith(("occlog.io.", "occlog.records."))],
@@ -183,7 +183,7 @@ def _guided(
 
 
 def run(name: str, options: argparse.Namespace) -> dict[str, object]:
-    """Try one reader in a process of its own; what it told."""
+    """Try one reader in a process of its own; what it stated."""
     out: Path = options.out / name.replace(" ", "-").replace("(", "").replace(")", "").replace(",", "").lower()
     out.mkdir(parents=True, exist_ok=True)
     current = Current()

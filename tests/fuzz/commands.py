@@ -254,7 +254,7 @@ def in_child(folder: Path, words: list[str], *, limits: bool = True) -> Ended:
 
 
 def _printed(folder: Path) -> Path:
-    """Where what commands in a folder print goes: a folder beside it."""
+    """Where what commands in a folder print goes: a folder next to it."""
     printed = folder.with_name(f"{folder.name}.printed")
     printed.mkdir(exist_ok=True)
     return printed

@@ -1,4 +1,4 @@
-"""Every reader of occlog behind one call: a file, beside it the files that it needs, and good ones to begin with.
+"""Every reader of occlog behind one call: a file, next to it the files that it needs, and good ones to begin with.
 
 A reader takes everything out of its file that a command would: header, rows, images, what was lost.
 """
@@ -83,7 +83,7 @@ class Reader:
         read: reads the folder's file to its end.
         make: gives good files.
         layer: how the content of a container is changed.
-        beside: other files of the folder.
+        next to: other files of the folder.
         noisy: it decodes images, and what the libraries of these say of damage goes to standard error.
     """
 

@@ -204,7 +204,7 @@ def test_a_box_may_end_behind_the_file(watch: Watch) -> None:
 
 
 def nested_message() -> bytes:
-    """A bag of which a message is JSON in brackets as deep as nobody reads."""
+    """A bag of which a message is JSON in brackets as deep as no one reads."""
     out = io.BytesIO()
     writer = Writer(out)
     writer.start()

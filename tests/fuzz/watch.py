@@ -89,7 +89,7 @@ class Watch:
             (self._folder / name).write_bytes(content)
         path.write_bytes(data)
         before = _files(self._folder)
-        self._said()  # what others said since
+        self._said()  # what others stated since
         outcome = self._read(reader, path)
         left = _files(self._folder) - before
         reported = self._said()

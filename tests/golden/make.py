@@ -24,7 +24,7 @@ def simulated_run(folder: Path) -> None:
 
 
 def detected_room(folder: Path) -> None:
-    """Detection in the video that comes with occlog, from the first look to the bearings."""
+    """Detection in the video that comes with occlog, from the first observation to the bearings."""
     folder.mkdir()
     out = ["-o", str(folder / "bearings.parquet"), "--views", str(folder / "views.parquet")]
     _must(["detect", str(SAMPLE), *out, "-q"])

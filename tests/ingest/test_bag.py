@@ -229,7 +229,7 @@ def test_poses_follow_the_chain_of_frames_to_the_world(tmp_path: Path) -> None:
     (camera,) = recording.scene.cameras
     assert np.allclose(camera.position, [0.9, 2.5, 3])
     assert np.allclose(np.degrees(camera.yaw), 90)
-    # In the mast's frame it looks along x.
+    # In the mast's frame it points along x.
     recording = made(ros.write_mcap(tmp_path / "b.mcap", rig(tf=chain)), "--world-frame", "mast")
     assert recording.scene is not None
     assert np.allclose(recording.scene.cameras[0].position, [0.5, 0.1, 3])

@@ -103,7 +103,7 @@ def test_an_object_that_does_not_move_is_no_border() -> None:
     assert warning({"a": SIZE}, [replace(still, **same)]) is None
 
 
-def test_a_hundred_rigs_of_the_stated_size_are_not_told() -> None:
+def test_a_hundred_rigs_of_the_stated_size_are_not_stated() -> None:
     """Boxes that end at the border, that go over it, and of people who do not come near it."""
     for seed in range(100):
         rng = np.random.default_rng(seed)

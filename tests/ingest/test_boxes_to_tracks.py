@@ -21,7 +21,7 @@ SECONDS = 5.0
 
 
 def write_yolo(folder: Path, found: Boxes) -> None:
-    """Labels as Ultralytics writes them: people (0) cut at the border, a bench (13) as well, nothing for nobody."""
+    """Labels as Ultralytics writes them: people (0) cut at the border, a bench (13) as well, nothing for no one."""
     for row in range(len(found)):
         labels = folder / str(found.sensor[row]) / "labels"
         labels.mkdir(parents=True, exist_ok=True)
@@ -107,7 +107,7 @@ def test_two_commands_make_tracks_of_yolo_text_and_a_kalibr_file(
 
 
 @pytest.mark.jit
-def test_files_without_any_box_are_looks_of_all_cameras_at_nobody(
+def test_files_without_any_box_are_looks_of_all_cameras_at_no_one(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_chain(tmp_path / "chain.yaml", hall("abcd"))

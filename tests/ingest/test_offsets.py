@@ -62,7 +62,7 @@ def test_offsets_are_added_and_recorded(place: Path) -> None:
 def test_truth_that_counts_frames_is_not_moved_with_one_of_the_cameras(
     place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Whose frames it counts must be said where these have other times than those of another camera."""
+    """Whose frames it counts must be stated where these have other times than those of another camera."""
     truth = place / "t.csv"
     truth.write_text("frame,x,y\n0,1,2\n3,1,2\n")
     given = ["--scene", str(place / "scene.yaml"), "--boxes", str(place / "b.csv"), "--fps", "10", "--start-time", "1"]

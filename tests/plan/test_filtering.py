@@ -153,13 +153,13 @@ def test_who_is_seen_to_walk_straight_on_by_one_camera_is_not_thought_to_turn():
     assert math.sqrt(found[0, 0]) < 0.2 * math.sqrt(linear)
 
 
-def test_nobody_seen_is_as_far_off_as_the_room_is_wide_and_the_velocity_of_many_turns_makes():
+def test_no_one_seen_is_as_far_off_as_the_room_is_wide_and_the_velocity_of_many_turns_makes():
     motion, steps = Motion(1.2, 0.5, 0.05), 60
     nothing = np.zeros((3, 1, steps))
     found = errors_along(
         np.zeros((1, steps, 2)), reports_of(nothing), (np.ones(2), 4.0 * np.eye(2)), motion, FilterNoise(0.0, 0.0), DT
     )
-    # Steps of a velocity that is drawn anew with a probability at each
+    # Steps of a velocity that is drawn again with a probability at each
     stay = math.exp(-motion.turns * DT)
     lags = np.abs(np.subtract.outer(np.arange(steps - 1), np.arange(steps - 1)))
     moved = 0.5 * motion.speed**2 * DT**2 * np.sum(stay**lags)

@@ -60,7 +60,7 @@ def planned(*sensors: Camera, people: int = 0, config: PlanConfig = SMALL) -> Pr
 
 
 def lonely(ways: Floats) -> Walked:
-    """Targets among nobody."""
+    """Targets among no one."""
     none = np.zeros(len(ways), dtype=np.int64)
     return Walked(ways, np.empty((ways.shape[1], 0, 2)), none, none - 1, 0.1)
 
@@ -136,7 +136,7 @@ def test_a_crowd_hides_as_often_as_the_exact_shares_say():
     crowd = rng.uniform(0.0, 6.0, (moments, n, 2))
     ways = np.broadcast_to(place, (moments, 1, 2)).copy()
     walked = Walked(ways, crowd, np.arange(moments), np.full(moments, -1), 0.1)
-    # Without the discs that would stand in the target itself, which are drawn anew
+    # Without the discs that would stand in the target itself, which are drawn again
     near = np.hypot(*(crowd - place).transpose(2, 0, 1)) < SMALL.person_diameter
     while near.any():
         crowd[near] = rng.uniform(0.0, 6.0, (int(near.sum()), 2))
@@ -199,7 +199,7 @@ def test_the_least_needed_camera_is_the_double_one():
     assert {p.sensor.name for p in rank_removal(plan)[:2]} == {"sw", "double"}
 
 
-def test_a_camera_that_detects_nothing_sees_nobody():
+def test_a_camera_that_detects_nothing_sees_no_one():
     blind = [replace(each, detection=0.0) for each in CORNERS]
     found = plan_map(planned(*blind))
     np.testing.assert_array_equal(found.seen_by_0, 1.0)

@@ -75,7 +75,7 @@ def test_ways_are_stretches_of_the_walk_that_end_in_their_cells_and_people_keep_
     assert apart[:, ~np.eye(12, dtype=bool)].min() >= CROWD.person_diameter
 
 
-def test_a_cell_that_nobody_came_to_has_the_ways_of_its_neighbour():
+def test_a_cell_that_no_one_came_to_has_the_ways_of_its_neighbour():
     cells = cells_of(SCENE, 36)
     people = np.tile([1.5, 1.5], (10, 1, 1)) + 0.01 * np.arange(10)[:, None, None]
     walked = paths_through_cells(cell_visits(cells, people, 3), people, 4, 3, 0.1)

@@ -24,10 +24,10 @@ from occlog.plugins.interface import EstimatedPosition, Settings
 class Fails:
     summary, settings = "it fails", Settings
     def __init__(self, scene, settings, rng): pass
-    def step(self, moment): return 1 / 0
+    def step(self, time): return 1 / 0
 
 class Lies(Fails):
-    def step(self, moment): return EstimatedPosition(np.zeros(2), -np.eye(2))
+    def step(self, time): return EstimatedPosition(np.zeros(2), -np.eye(2))
 
 class Empty: pass
 """
@@ -130,7 +130,7 @@ def test_plug_ins_are_listed_and_checked(walk: Path, capsys: pytest.CaptureFixtu
 
 def test_two_packages_with_one_name_are_refused(walk: Path) -> None:
     install(walk / "site", "another", "9", {"method": {"own": "bad_filters:Fails"}})
-    sys.path.append(str(walk))  # another path: metadata are read anew
+    sys.path.append(str(walk))  # another path: metadata are read again
     try:
         with pytest.raises(occlog.UsageError, match="another and occlog-own-filter both have one of that name"):
             occlog.track(walk / "bearings.csv", walk / "stations.csv", method="own")

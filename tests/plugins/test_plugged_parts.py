@@ -176,7 +176,7 @@ def test_a_reader_is_used_by_ingest(folder: Path, capsys: pytest.CaptureFixture[
     )
     (folder / "site/row_log.py").write_text(source, encoding="utf-8")
     install(folder / "site", "row-log", "2", {"reader": {"rows": "row_log:Log"}})
-    sys.path.append(str(folder))  # another path: metadata are read anew
+    sys.path.append(str(folder))  # another path: metadata are read again
     try:
         rows = [f"cam {k} {0.1 * k:.1f} {10 + k} 20 30 60 0.8" for k in range(5)]
         (folder / "boxes.rows").write_text("\n".join(rows) + "\n", encoding="utf-8")
@@ -219,7 +219,7 @@ def test_a_stage_of_a_run_names_its_reader(folder: Path, capsys: pytest.CaptureF
     config = folder / "run.yaml"
     stages = "detect: {scene: nowhere.yaml}\n"  # refused, once the recording is there
     text = "occlog_run: 1\ningest:\n  scene: room.yaml\n  fps: 5\n  boxes: boxes.txt\n  reader: lines\n"
-    sys.path.append(str(folder))  # another path: metadata are read anew
+    sys.path.append(str(folder))  # another path: metadata are read again
     try:
         config.write_text(f"{text}  lines_shift_px: 3\n{stages}", encoding="utf-8")
         assert "nowhere.yaml: no such file" in failed(capsys, "run", config, "-o", folder / "out", "-q")[1]

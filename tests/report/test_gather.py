@@ -112,7 +112,7 @@ def test_figures_up_to_each_row_are_those_of_all_rows() -> None:
     assert found.rmse_in_space() == pytest.approx(float(np.sqrt(np.mean(errors.error_space**2))), rel=1e-12)
 
 
-def test_rows_of_some_times_are_kept_besides() -> None:
+def test_rows_of_some_times_are_kept_in_addition() -> None:
     *_, errors = tables()
     also = np.array([1, 3, 7], dtype=np.int64) * 10**8
     found = downsample(chunks(errors, 60), Errors, len(errors), most=100, also=also)
@@ -134,7 +134,7 @@ def test_the_smallest_step_that_leaves_few_enough(counts: list[int], most: int, 
 
 
 def words(page: Path) -> list[str]:
-    """What a page says outside of its figures and moments."""
+    """What a page says outside of its figures and times."""
     text = re.sub(r"<(style|svg|script).*?</\1>", "", page.read_text(), flags=re.DOTALL)
     text = re.sub(r'<section class="replay".*?</section>', "", text, flags=re.DOTALL)
     return [html.unescape(part).strip() for part in re.split(r"<[^>]+>", text) if part.strip()]

@@ -145,12 +145,12 @@ def test_headline_is_the_rmse_of_the_errors() -> None:
 def test_sensor_table_in_degrees() -> None:
     data = run(steps=200, cameras=2)
     row = rows_of(build_page(data), "Sensors")["camera 1"]
-    kind, _, heading, fov, looks, seen, share, off, ratio = row
+    kind, _, heading, fov, observations, seen, share, off, ratio = row
     own = data.bearings.sensor == "camera 1"
     assert kind == "camera"
     assert float(heading.replace("\N{MINUS SIGN}", "-")) == pytest.approx(np.degrees(0.3 - np.pi), abs=0.06)
     assert fov == "80"
-    assert int(looks) == own.sum()
+    assert int(observations) == own.sum()
     assert int(seen) == data.bearings.seen[own].sum()
     assert float(share) == pytest.approx(100 * data.bearings.seen[own].mean(), abs=0.06)
     assert 0.1 < float(off) < 10

@@ -1,4 +1,4 @@
-"""A scan: rows of one moment, of one sensor, of one target."""
+"""A scan: rows of one time, of one sensor, of one target."""
 
 from __future__ import annotations
 

@@ -124,14 +124,14 @@ def test_video_boxes_and_appearance(room: Path, tmp_path: Path, capsys: pytest.C
     boxes = recording.read(TruthBoxes)
     assert boxes.t_ns.tolist() == np.repeat([w.t_ns for w in want], [len(w.boxes) for w in want]).tolist()
     assert np.isin(boxes.target_id, [-1, 0, 1, 2]).all()
-    looks = json.loads(recording.attachment("appearance.json") or b"")
-    assert [x["target_id"] for x in looks] == [0, 1]
-    assert all(len(x["appearance"]) == 72 and sum(x["appearance"]) == pytest.approx(1) for x in looks)
+    observations = json.loads(recording.attachment("appearance.json") or b"")
+    assert [x["target_id"] for x in observations] == [0, 1]
+    assert all(len(x["appearance"]) == 72 and sum(x["appearance"]) == pytest.approx(1) for x in observations)
     assert not recording.has(Bearings)
     assert len(recording.read(Doa)) == 42
 
 
-def test_video_files_beside_the_recording_hold_the_same_frames(
+def test_video_files_next_to_the_recording_hold_the_same_frames(
     room: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     png, ffv1 = tmp_path / "png.mcap", tmp_path / "ffv1.mcap"

@@ -183,7 +183,7 @@ def test_too_few_particles_are_reported(tmp_path, capsys) -> None:
 
 
 @pytest.mark.jit
-def test_nearly_exact_bearings_are_right_or_said_to_be_wrong(tmp_path, capsys) -> None:
+def test_nearly_exact_bearings_are_right_or_stated_to_be_wrong(tmp_path, capsys) -> None:
     files = record(tmp_path, stated_px=1e-3, true_px=1e-3)
     found = report_of(capsys, files.track)
     rmse = report_of(capsys, files.evaluate).summary["rmse_m"]

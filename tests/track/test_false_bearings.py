@@ -44,7 +44,7 @@ def followed(
     )
 
 
-def test_ten_percent_false_bearings_are_left_out_and_said() -> None:
+def test_ten_percent_false_bearings_are_left_out_and_stated() -> None:
     found = [followed("fix", seed, 0.1, reject=True) for seed in SEEDS]
     errors = [error for _, error, _, _ in found]
     given = [followed("fix", seed, 0.1, reject=False)[1] for seed in SEEDS]
@@ -70,7 +70,7 @@ def test_hypotheses_halve_the_error_of_a_filter_with_a_gate_alone(method: str) -
 
 
 @pytest.mark.parametrize("method", ["ekf", "fix"])
-def test_nothing_is_left_out_or_said_of_true_bearings(method: str) -> None:
+def test_nothing_is_left_out_or_stated_of_true_bearings(method: str) -> None:
     for seed in SEEDS:
         _, _, reported, tracks = followed(method, seed, 0.0, reject=True)
         _, _, _, same = followed(method, seed, 0.0, reject=False)

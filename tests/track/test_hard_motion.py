@@ -42,7 +42,7 @@ def test_a_zig_zag_that_one_camera_at_a_time_sees_is_reported_to_be_livelier_tha
 
 @pytest.mark.statistics
 @pytest.mark.parametrize("motion", ["walk", "zig-zag"])
-def test_an_acceleration_that_is_stated_too_small_is_found_out_or_said(motion: str) -> None:
+def test_an_acceleration_that_is_stated_too_small_is_found_out_or_stated(motion: str) -> None:
     nees, reported = followed(record(motion, 4, seed=100), process_noise_velocity=0.3)
     assert nees < 3.0 or "process-noise-small" in reported
 

@@ -312,7 +312,7 @@ BORDER = {
     "open_parquet": {"files/tables/parquet.py", "external/source.py"},
     "sqlite3.connect": {"messages/sqlite_file.py"},
 }
-"""Every parser of foreign bytes, and the modules that may call it: each looks at sizes, and turns what it raises."""
+"""Every parser of foreign bytes, and the modules that may call it: each points at sizes, and turns what it raises."""
 
 
 LIBRARIES = {
@@ -350,7 +350,7 @@ LIBRARIES = {
 """What stands in a module that takes foreign bytes apart, and all modules of the program in which it stands."""
 
 
-def test_no_library_is_used_beside_the_border() -> None:
+def test_no_library_is_used_next_to_the_border() -> None:
     root = ROOT / "occlog"
     texts = {path.relative_to(root).as_posix(): path.read_text(encoding="utf-8") for path in root.rglob("*.py")}
     found = {}
@@ -360,7 +360,7 @@ def test_no_library_is_used_beside_the_border() -> None:
     assert found == LIBRARIES
 
 
-def test_no_parser_is_called_beside_the_border() -> None:
+def test_no_parser_is_called_next_to_the_border() -> None:
     root = ROOT / "occlog" / "io"
     found: dict[str, set[str]] = {name: set() for name in BORDER}
     last = {name.rpartition(".")[2] for name in BORDER}

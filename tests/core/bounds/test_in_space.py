@@ -84,7 +84,7 @@ def test_direction_information_is_that_of_numerical_gradients(pose: int) -> None
         expected += g[:, :, None] * g[:, None, :] / sigma**2
     information = bounds3d.direction_information(xyz, POSITION, R, *SIGMAS)
     np.testing.assert_allclose(information, expected, rtol=1e-5, atol=1e-6 * expected.max())
-    # nothing is told about the range
+    # nothing is stated about the range
     along = np.einsum("nij,nj->ni", information, xyz - POSITION)
     np.testing.assert_allclose(along / np.abs(information).max(axis=(1, 2))[:, None], 0, atol=1e-11)
 
@@ -138,7 +138,7 @@ def test_with_the_height_left_free_the_azimuth_with_its_own_variance_remains(pos
 
 
 def test_with_the_height_left_free_nothing_else_is_lost() -> None:
-    """By inverting the whole with a prior so weak that it does not count; and where nothing is told of the height."""
+    """By inverting the whole with a prior so weak that it does not count; and where nothing is reported the height."""
     rng = np.random.default_rng(5)
     root = rng.standard_normal((50, 3, 3))
     J = root @ np.swapaxes(root, 1, 2)
@@ -263,7 +263,7 @@ def test_turning_the_whole_world_turns_the_direct_bound(pose: int) -> None:
     np.testing.assert_allclose(turned, turn @ upright @ turn.T, rtol=1e-7, atol=1e-10)
 
 
-def test_a_linearised_estimator_told_the_acceleration_reaches_the_direct_bound() -> None:
+def test_a_linearised_estimator_stated_the_acceleration_reaches_the_direct_bound() -> None:
     """Kalman updates linearised at the truth, with errors so small that this is fair.
 
     4000 runs: each variance within 5 standard errors of sqrt(2/4000) = 2.2 %.

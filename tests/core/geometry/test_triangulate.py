@@ -182,7 +182,7 @@ def test_lines_that_cross_behind_one_of_their_sensors_do_not_meet(loss: str) -> 
     # The line of (10, 0) crosses that of the origin ahead of it, at (5, 0), but behind (10, 0)
     assert meet(np.array([[0.0, 0.0], [10.0, 5.0]]), np.radians([0.0, 45.0]), loss=loss).status[0] == DISAGREEING
     assert meet(np.array([[10.0, 5.0], [0.0, 0.0]]), np.radians([45.0, 0.0]), loss=loss).status[0] == DISAGREEING
-    # Two lines nearly parallel besides: every crossing at a wide angle is behind the second sensor
+    # Two lines nearly parallel in addition: every crossing at a wide angle is behind the second sensor
     origins = np.array([[0.0, 0.0], [10.0, 5.0], [0.0, 1.0]])
     assert meet(origins, np.radians([0.0, 45.0, 1.0]), loss=loss).status[0] == DISAGREEING
 

@@ -30,7 +30,7 @@ def test_gap_at_the_limit_is_bridged_and_one_nanosecond_more_is_not() -> None:
     assert np.isnan(xy).all()
 
 
-def test_samples_themselves_are_good_beside_any_gap() -> None:
+def test_samples_themselves_are_good_next_to_any_gap() -> None:
     known_t = EPOCH + np.array([0, 10**12])
     known = np.array([[1.0, 2.0], [3.0, 4.0]])
     xy, good = interpolate_positions(known_t, known_t, known, 0)

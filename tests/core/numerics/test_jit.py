@@ -1,4 +1,4 @@
-"""Compiled kernels: what an older version left in the cache is not used, and long compilation is told of."""
+"""Compiled kernels: what an older version left in the cache is not used, and long compilation is reported."""
 
 from __future__ import annotations
 
@@ -157,7 +157,7 @@ def sum_of(numbers: int) -> int:
     return total
 
 
-def test_constants_among_arguments_compile_nothing_anew_and_a_part_is_compiled_with_its_kernel_alone() -> None:
+def test_constants_among_arguments_compile_nothing_again_and_a_part_is_compiled_with_its_kernel_alone() -> None:
     assert sum_of(4) == 12 + 5 * (0 + 1 + 2 + 3) + (0 + 2 + 2 + 6)
     assert times(3, 4) == 12  # what calls it may be from the cache
     assert len(times.signatures) == 1  # type: ignore[attr-defined]

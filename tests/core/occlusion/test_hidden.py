@@ -32,9 +32,9 @@ def closed_form(positions: np.ndarray, mean: np.ndarray) -> np.ndarray:
     ("distance", "mean"),
     [
         (60.0, (30.0, 1.0)),  # between the camera and every place
-        (33.0, (30.0, 1.0)),  # in front of the camera, beside the places
-        (60.0, (3.0, 1.0)),  # beside the camera, nearer than every place
-        (6.0, (3.0, 1.0)),  # beside both
+        (33.0, (30.0, 1.0)),  # in front of the camera, next to the places
+        (60.0, (3.0, 1.0)),  # next to the camera, nearer than every place
+        (6.0, (3.0, 1.0)),  # next to both
         (6.0, (-3.0, -1.0)),  # mostly behind the camera
     ],
 )

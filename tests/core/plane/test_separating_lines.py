@@ -51,7 +51,7 @@ def test_a_gap_if_and_only_if_segment_and_polygon_are_apart(seed: int) -> None:
 def test_gap_is_the_distance_where_a_side_faces_the_other() -> None:
     """Beside an edge it is the distance, beyond a corner a bit less; overlaps are as deep as the best shift out."""
     cases = [
-        ((2.0, -0.5), (3.0, 0.5), 1.0),  # beside the right edge
+        ((2.0, -0.5), (3.0, 0.5), 1.0),  # next to the right edge
         ((-0.5, 1.5), (0.5, 1.5), 0.5),  # parallel to the upper edge
         ((3.0, 1.0), (1.0, 3.0), np.sqrt(2.0)),  # a corner faces the segment
         ((0.9, 0.0), (5.0, 0.0), -0.1),  # 0.1 inside
@@ -133,7 +133,7 @@ def test_both_ways_together_go_once_around(corners) -> None:
         assert turned.sum() == pytest.approx(2 * np.pi)
 
 
-def test_the_nearest_edge_and_the_place_beside_it() -> None:
+def test_the_nearest_edge_and_the_place_next_to_it() -> None:
     k, xy = nearest_edge(SQUARE, np.array([3.0, 0.25]), 0.1)
     assert k == 1
     np.testing.assert_allclose(xy, [1.1, 0.25])
@@ -162,7 +162,7 @@ def test_places_spread_along_a_way(corners: list[tuple[float, float]], steps: in
         assert len(hit)
         at += int(hit[0])
     length = np.hypot(*np.diff(way, axis=0).T).sum()
-    assert np.hypot(*np.diff(full, axis=0).T).sum() == pytest.approx(length, abs=1e-9)  # nothing beside the way
+    assert np.hypot(*np.diff(full, axis=0).T).sum() == pytest.approx(length, abs=1e-9)  # nothing next to the way
 
 
 def test_steps_are_about_equal_where_there_are_many() -> None:

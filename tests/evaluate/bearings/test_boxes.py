@@ -67,7 +67,7 @@ def figures(found: Views, truth: TruthBoxes, **options) -> dict[str, float]:
 
 
 def test_frames_by_hand() -> None:
-    # 0 s: both found, one 2 px off; 1 s: found with too little overlap; 2 s: nobody, one false view; 3 s: missed
+    # 0 s: both found, one 2 px off; 1 s: found with too little overlap; 2 s: no one, one false view; 3 s: missed
     truth = true_boxes(
         [0, 0, 1, 2, 3],
         [(0, 0, 20, 50), (100, 0, 20, 50), (0, 0, 20, 50), None, (0, 0, 20, 50)],

@@ -15,7 +15,7 @@ from occlog.records.scene import Scene
 
 T5 = [0.0, 1.0, 2.0, 3.0, 4.0]
 NAN = math.nan
-EAST = camera("east", 0.0, 10.0, 0.0)  # looks along +x: true u is -100 (y - 10) / x
+EAST = camera("east", 0.0, 10.0, 0.0)  # points along +x: true u is -100 (y - 10) / x
 
 
 def figures(bearings, true, made_scene: Scene, **options) -> dict[str, float]:
@@ -66,7 +66,7 @@ def test_static_occluder_hides() -> None:
     made_scene = scene(EAST, occluders=(box("pillar", 4, 9, 6, 11),))
     true = truth(T5, [[10, 10], [10, 10], [3, 10], [10, 15], [10, 10]])
     m = figures(pixels(EAST, T5, [NAN, NAN, NAN, NAN, 1.0]), true, made_scene)
-    assert m["visible"] == 2  # in front of the pillar, and beside it
+    assert m["visible"] == 2  # in front of the pillar, and next to it
     assert m["correct_rejections"] == 2
     assert m["detected_hidden"] == 1  # a bearing that is right although the target should be hidden
     assert m["false_alarms"] == 0
@@ -109,7 +109,7 @@ def test_candidates_are_paired_one_to_one_and_strays_counted() -> None:
     parts = [pixels(EAST, [t] * len(u), u, target=-1) for t, u in zip(T5, candidates, strict=True)]
     m = figures(both(*parts), true, scene(EAST))
     assert (m["visible"], m["detected"], m["missed"]) == (5, 2, 3)
-    assert m["false_alarms"] == 2  # the second candidate beside the target, and the one at 30
+    assert m["false_alarms"] == 2  # the second candidate next to the target, and the one at 30
     assert m["detection_frames"] == 5
     assert m["bearing_rms_px"] == pytest.approx(math.sqrt((1 + 4) / 2))
 

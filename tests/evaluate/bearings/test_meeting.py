@@ -43,7 +43,7 @@ def test_five_scans_by_hand() -> None:
 
 
 def test_scans_need_lines_that_cross_and_enough_sensors() -> None:
-    # east and west look at each other along y = 10: parallel there; alone at 3 s; three sensors at 4 s
+    # east and west point at each other along y = 10: parallel there; alone at 3 s; three sensors at 4 s
     bearings = both(
         pixels(EAST, [2.0, 3.0, 4.0], [0, 0, 0]), pixels(WEST, [2.0, 4.0], [0, 0]), pixels(NORTH, [4.0], [0])
     )

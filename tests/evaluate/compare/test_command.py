@@ -32,7 +32,7 @@ def places(seed: int, frames: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def write(
     folder: Path, seed: int, *, noise: float = 0.1, lost: float = 0.0, frames: int = 400, tracker: int = 0
 ) -> Path:
-    """A run folder with a table of truth beside it."""
+    """A run folder with a table of truth next to it."""
     t, who, xy = places(seed, frames)
     rng = np.random.default_rng([seed, tracker])
     folder.mkdir(parents=True, exist_ok=True)
@@ -124,7 +124,7 @@ def test_folders_of_runs_are_paired_by_name_and_recordings_are_drawn(
 
 
 def folders(tmp_path: Path, count: int, **methods: float) -> tuple[Path, ...]:
-    """Run folders of methods that lose such a share of people, on as many recordings, with `truths` beside them."""
+    """Run folders of methods that lose such a share of people, on as many recordings, with `truths` next to them."""
     (tmp_path / "truths").mkdir()
     for k in range(count):
         for m, (method, lost) in enumerate(methods.items()):
@@ -158,7 +158,7 @@ def test_short_recordings_are_not_decided_and_fail_as_that(tmp_path: Path, capsy
     assert "fewer than 20" in captured.err
 
 
-def test_a_run_that_meets_nobody_has_no_error_to_be_compared(
+def test_a_run_that_meets_no_one_has_no_error_to_be_compared(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     a, b = write(tmp_path / "a", 1, frames=200), write(tmp_path / "b", 1, noise=0.0, frames=200)

@@ -167,7 +167,7 @@ def test_defaults_of_constant_velocity_are_as_long_in_feet() -> None:
 
 
 def test_ratio_is_over_the_times_that_both_have() -> None:
-    # The first estimate comes before the first look, so there is no bound for it
+    # The first estimate comes before the first observation, so there is no bound for it
     found = tracks([0.0, 1.0, 2.0], [[20, 20], [10, 11], [10, 10]])
     bearings = both(pixels(EAST, [1.0, 2.0], [0, 0]), pixels(NORTH, [1.0, 2.0], [0, 0]))
     result = evaluate(
@@ -214,8 +214,8 @@ def test_settled_figures_have_their_own_ratio() -> None:
 
 @pytest.mark.jit
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.statistics)])
-def test_a_filter_told_the_drift_stays_above_the_bound(seed: int) -> None:
-    """An extended Kalman filter told the drift, over many walks: mean squared error at least the mean bound."""
+def test_a_filter_stated_the_drift_stays_above_the_bound(seed: int) -> None:
+    """An extended Kalman filter stated the drift, over many walks: mean squared error at least the mean bound."""
     rng, runs, steps, sigma_v = np.random.default_rng(seed), 60, 30, 0.3
     squared, bounds = np.empty((runs, steps)), np.empty((runs, steps))
     for run in range(runs):
@@ -253,7 +253,7 @@ def extended_kalman(u: dict[str, np.ndarray], drift: np.ndarray, sigma_v: float)
     return np.array(out)
 
 
-def test_bound_of_smoothing_stands_beside_that_of_filtering() -> None:
+def test_bound_of_smoothing_stands_next_to_that_of_filtering() -> None:
     # One axis: seen at 0 s and 2 s with information 100 each, prior 1, noise of the walk 0.25 a second
     bearings = pixels(EAST, [0.0, 2.0], [0, 0])
     found = tracks([0.0, 1.0, 2.0], [10, 10.3], 0)

@@ -27,7 +27,7 @@ def truth(z: float = np.nan) -> Truth:
 
 
 def table(**columns: object) -> Measurements:
-    """Of one moment."""
+    """Of one time."""
     n = len(columns["sensor"])
     nan = np.full(n, np.nan)
     blank = {"range": nan, "sigma_range": nan, "rssi": nan, "sigma_rssi": nan}

@@ -1,4 +1,4 @@
-"""`occlog evaluate` in space on files: directions of arrival beside bearings, and the options of the bound."""
+"""`occlog evaluate` in space on files: directions of arrival next to bearings, and the options of the bound."""
 
 from __future__ import annotations
 

@@ -88,7 +88,7 @@ def test_the_delay_is_that_of_a_regression_with_a_constant() -> None:
 
 
 def test_a_delay_is_found_with_its_error_and_lasting_errors_are_none() -> None:
-    """20 recordings each: 0.2 s within 4 standard errors, and none said where there is none."""
+    """20 recordings each: 0.2 s within 4 standard errors, and none stated where there is none."""
     for seed in range(20):
         found = delay_of(seed, 0.2)
         estimate = found.estimate()

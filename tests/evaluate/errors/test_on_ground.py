@@ -80,7 +80,7 @@ def test_estimates_at_the_times_of_the_truth_need_no_interpolation() -> None:
 
 
 def test_a_line_says_that_most_estimates_are_in_gaps_of_the_truth() -> None:
-    """The truth holds still from 4 s to 20 s, and nobody has written that down."""
+    """The truth holds still from 4 s to 20 s, and no one has written that down."""
     sampled = truth([*T5, 20.0, 21.0], [0, 0])
     found = tracks([3.0, 4.0, 6.0, 7.0, 8.0, 30.0], [0, 0])
     result = evaluate(found, sampled, None, scene())

@@ -77,7 +77,7 @@ def test_a_track_meets_a_distractor_from_an_overlap_of_one_half_on(capsys: pytes
 
 
 def test_the_nearer_of_pedestrian_and_distractor_has_the_track(capsys: pytest.CaptureFixture[str]) -> None:
-    """A track lies on a pedestrian, and nearer to the person on a vehicle beside; another is on the pedestrian."""
+    """A track lies on a pedestrian, and nearer to the person on a vehicle next to; another is on the pedestrian."""
     truth = ["1,1,100,100,40,100,1,1,1.0", "1,2,110,100,40,100,0,2,1.0"]
     tracks = ["1,5,100,100,40,100,1,-1,-1,-1", "1,6,108,100,40,100,1,-1,-1,-1"]
     got = figures(capsys, truth, tracks)

@@ -239,7 +239,7 @@ def test_thresholds_and_frames(folder: Path, capsys: pytest.CaptureFixture[str])
 
 
 def test_what_the_tracker_says_of_itself(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Cameras in which nothing was ever found count; numbers given at births from detections are told of."""
+    """Cameras in which nothing was ever found count; numbers given at births from detections are reported."""
     tracks = view_tracks()
     east = tracks.take(tracks.sensor == "east")
     write_table(folder / "one.parquet", east, MADE)
@@ -272,7 +272,7 @@ def _notes(capsys: pytest.CaptureFixture[str]) -> str:
 def test_a_recording_that_is_not_that_of_the_tracks_is_reported(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Times and cameras are the same in all three recordings; one has no video, so that nothing can be said of it."""
+    """Times and cameras are the same in all three recordings; one has no video, so that nothing can be stated of it."""
     for name, level in (("own", 10), ("other", 20)):
         with RecordingWriter(folder / f"{name}.mcap", scene_from_yaml(SCENE, "scene"), MADE) as writer:
             writer.table(true_boxes())
@@ -289,7 +289,7 @@ def test_a_recording_that_is_not_that_of_the_tracks_is_reported(
 
 
 def test_world_tracks_born_from_detections(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Numbers of their own, on the ground too: failures are swaps only, unless numbers are said to be of targets."""
+    """Numbers of their own, on the ground too: failures are swaps only, unless numbers are stated to be of targets."""
     truth, tracks = world(3, 0.1)
     with RecordingWriter(folder / "w.mcap", scene_from_yaml(SCENE, "scene"), MADE) as writer:
         writer.table(truth)
@@ -510,7 +510,7 @@ def test_options_of_inputs_that_are_not_given_are_refused(
 
 
 def two_walkers(folder: Path) -> list[str]:
-    """The command for tracks that are 0.1 m beside their targets."""
+    """The command for tracks that are 0.1 m next to their targets."""
     for name, off in (("tracks.csv", 0.1), ("truth.csv", 0.0)):
         lines = [f"{t * NS},{k},{3 * k + off},{t}" for t in range(4) for k in range(2)]
         (folder / name).write_text("\n".join(["t_ns,target_id,x_m,y_m", *lines, ""]))

@@ -92,7 +92,7 @@ def test_the_truth_is_interpolated_over_gaps_up_to_its_limit() -> None:
 
 
 def test_a_true_row_that_is_missing_is_not_made_up_at_two_frames_a_second_and_is_counted_where_it_is() -> None:
-    """Two people at 2 frames/s; nobody annotated the second one at 1 s."""
+    """Two people at 2 frames/s; no one annotated the second one at 1 s."""
     true = [(0.5 * k, label, 0.5 * k, 5.0 * label) for k in range(9) for label in (0, 1) if (k, label) != (2, 1)]
     sides = positions(Tracks, true), positions(Truth, true)
     config = MultiTargetConfig(match_distance=1.0)
@@ -104,11 +104,11 @@ def test_a_true_row_that_is_missing_is_not_made_up_at_two_frames_a_second_and_is
 
 
 def walkers(seconds: int) -> list[tuple[float, int, float, float]]:
-    """Two people 5 m apart who walk beside each other at 1 m/s, one row a second."""
+    """Two people 5 m apart who walk next to each other at 1 m/s, one row a second."""
     return [(float(t), k, float(t), 5.0 * k) for t in range(seconds) for k in (0, 1)]
 
 
-def test_detection_counts_nobody_twice_and_knows_no_identities() -> None:
+def test_detection_counts_no_one_twice_and_knows_no_identities() -> None:
     """Ten frames; one track is 0.2 m off and changes its name each second, the other ends after six."""
     true = walkers(10)
     rows = [(t, 10 + int(t), x + 0.2, y) for t, k, x, y in true if k == 0]
@@ -167,7 +167,7 @@ def test_the_covariance_of_an_interpolated_row_is_not_judged() -> None:
 
 
 def test_people_are_counted_over_time() -> None:
-    """Two people; nobody is found at first, then one, then both and a track of nobody."""
+    """Two people; no one is found at first, then one, then both and a track of no one."""
     true = walkers(3)
     rows = [(1.0, 5, 1.0, 0.0), (2.0, 6, 2.0, 0.0), (2.0, 7, 2.0, 5.0), (2.0, 8, 50.0, 50.0)]
     got = evaluate_ground(positions(Tracks, rows), positions(Truth, true), MultiTargetConfig(match_distance=1.0), NS)

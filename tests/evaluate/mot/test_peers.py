@@ -113,7 +113,7 @@ def test_the_written_folder_gives_the_same_figures(
 
 
 def text_with_classes(seed: int) -> tuple[list[str], list[str]]:
-    """True boxes of all classes, many marked 0, close to one another; tracks of most of them, and some of nobody."""
+    """True boxes of all classes, many marked 0, close to one another; tracks of most of them, and some of no one."""
     rng = np.random.default_rng(seed)
     truth, tracks = [], []
     kinds = rng.permutation([1] * 8 + [*range(2, 14)])

@@ -140,7 +140,7 @@ def test_each_failure_is_a_row() -> None:
 
 
 def test_how_near_a_tracker_must_be() -> None:
-    """Trackers are 9 px beside targets of radius 10."""
+    """Trackers are 9 px next to targets of radius 10."""
     beside = [(f, view, k, left + 9.0, top) for f, view, k, left, top in true_rows()]
     tracks = table(Boxes, beside)
     assert evaluate_boxes(tracks, truth()).metrics["fr_p"] == 0.0
@@ -176,7 +176,7 @@ def test_a_track_that_begins_on_nothing_belongs_to_the_first_target_it_is_on() -
     got = evaluate_boxes(table(Boxes, early + again), seen, MultiTargetConfig(assigned_target="start")).metrics
     assert (got["position_failures"], got["label_failures"], got["id_switches"], got["fp"]) == (2, 0, 1, 2)
     got = evaluate_boxes(table(Boxes, early + again), seen, MultiTargetConfig(assigned_target="optimal")).metrics
-    assert (got["position_failures"], got["label_failures"]) == (2, 4)  # 8 has no target of its own beside 9
+    assert (got["position_failures"], got["label_failures"]) == (2, 4)  # 8 has no target of its own next to 9
 
 
 def test_frames_are_reported_by_time_or_by_number() -> None:

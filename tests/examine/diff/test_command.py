@@ -184,7 +184,7 @@ def test_other_units_and_columns_are_reported_first(folder: tuple[Path, Path], c
 def test_tolerances_of_lengths_are_in_the_unit_that_they_name(
     folder: tuple[Path, Path], capsys: Any, units: tuple[str, str], options: list[str], code: ExitCode
 ) -> None:
-    """They were numbers in whatever unit the tables had, and differences were said to be in m."""
+    """They were numbers in whatever unit the tables had, and differences were stated to be in m."""
     a, b = folder[0] / "tracks.parquet", folder[1] / "tracks.parquet"
     write_table(a, tracks(), OTHER, overwrite=True, length_unit=units[0])
     write_table(b, tracks(y=(0, 8.0)), OTHER, overwrite=True, length_unit=units[1])

@@ -71,7 +71,7 @@ def test_text_that_is_no_table_is_compared_as_text(tmp_path: Path, capsys: Any) 
     assert "line 2" in capsys.readouterr().out
 
 
-def test_a_table_without_a_unit_is_in_metres_beside_one_that_states_another(tmp_path: Path) -> None:
+def test_a_table_without_a_unit_is_in_metres_next_to_one_that_states_another(tmp_path: Path) -> None:
     """1 and 1 cm were the same."""
     bare = text(tmp_path / "bare.csv", "t_ns,id,x,y", ROWS)
     cm = text(tmp_path / "cm.csv", "t_ns,id,x_cm,y_cm", ROWS)

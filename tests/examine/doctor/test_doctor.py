@@ -187,7 +187,7 @@ TEXTS = {
 
 
 def test_frames_without_a_box_are_no_gap(tmp_path: Path) -> None:
-    """They say that nobody was seen."""
+    """They say that no one was seen."""
     (tmp_path / "a.csv").write_text(
         "frame,time,left,top,width,height\n" + "".join(f"{n},{n / 10},1,2,3,4\n" for n in (*range(10), *range(40, 50)))
     )

@@ -1,4 +1,4 @@
-"""What a format does not hold of a table is told when it is exported."""
+"""What a format does not hold of a table is stated when it is exported."""
 
 from __future__ import annotations
 

@@ -159,7 +159,7 @@ def test_boxes_are_the_same(wanted: Boxes, form: tuple[str, str]) -> None:
         survey = survey_boxes(files, ("a",), BoxOptions())
         times = {"a": rate_times(Fraction(10), "given")}
         found = Boxes.concat(read_boxes(files, survey, times, ("a",), BoxOptions(), Boxes))
-    found = found.take(found.box >= 0)  # without the frames in which nobody was seen
+    found = found.take(found.box >= 0)  # without the frames in which no one was seen
     # Detections of MOTChallenge have no identities; KITTI has right and bottom edges, so that sizes are rounded
     for name in ("t_ns", "frame", "left_px", "top_px", *(() if form[0] == "mot" else ("target_id",))):
         np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name), err_msg=name)

@@ -142,7 +142,7 @@ def test_images_are_the_bytes_of_the_recording(shown: dict[str, Any]) -> None:
     assert [(t_ns, message.format) for t_ns, message in frames] == [(NS, "png"), (2 * NS, "png")]
     again = open_recording(shown["in"] / "f.mcap")
     assert [(frame.t_ns, frame.index) for frame in again.frames()] == [(NS, 0), (2 * NS, 1)]
-    assert again.scene is None  # it is to look at: nothing that measures may take it for the recording
+    assert again.scene is None  # it is to point at: nothing that measures may take it for the recording
 
 
 def test_people_stand_where_tracks_say_in_the_colours_of_the_report(shown: dict[str, Any]) -> None:
@@ -241,7 +241,7 @@ def test_world_tracks_are_projected_where_nothing_was_tracked_in_images(tmp_path
     # The rims of feet and head are a little in front of and behind the middle
     assert abs(box[:, 1].max() - middle[0, 1]) < 3
     assert abs(box[:, 1].min() - middle[1, 1]) < 3
-    # The filter of one began anew, nobody sees the other
+    # The filter of one began again, no one sees the other
     assert {line.type for line in first.points} == {PointsAnnotation.Type.LINE_STRIP}
     assert {line.type for line in second.points} == {PointsAnnotation.Type.LINE_LIST}
 

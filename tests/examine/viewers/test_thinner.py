@@ -32,7 +32,7 @@ def drawn(topic: str, t: float, *, empty: bool = False) -> SceneDrawing:
 
 def test_the_first_moment_of_a_topic_in_each_stretch_is_kept() -> None:
     thinner = Thinner(NS)
-    # Stretches begin with the first moment of all, at 0.5 s: up to 1.5 s, up to 2.5 s, ...
+    # Stretches begin with the first time of all, at 0.5 s: up to 1.5 s, up to 2.5 s, ...
     kept = [t for t in (0.5, 0.6, 1.4999, 1.5, 1.6, 2.5, 4.7, 4.8) if thinner.keeps(drawn("/targets", t))]
     assert kept == [0.5, 1.5, 2.5, 4.7]
     kept = [t for t in (4.9, 5.4, 5.5) if thinner.keeps(drawn("/truth", t))]
@@ -48,7 +48,7 @@ def test_the_end_of_what_was_drawn_is_kept_once() -> None:
     assert thinner.keeps(drawn("/targets", 0.1))
     assert thinner.keeps(drawn("/targets", 0.2, empty=True))
     assert not thinner.keeps(drawn("/targets", 0.3, empty=True))
-    assert not thinner.keeps(drawn("/targets", 0.4))  # this stretch has had its moment
+    assert not thinner.keeps(drawn("/targets", 0.4))  # this stretch has had its time
     assert not thinner.keeps(drawn("/targets", 0.5, empty=True))
     assert thinner.keeps(drawn("/targets", 1.0))
 

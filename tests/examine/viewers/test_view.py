@@ -1,4 +1,4 @@
-"""`occlog view`: which program is started with what, and what is said where there is none."""
+"""`occlog view`: which program is started with what, and what is stated where there is none."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ def reference_scene(scene):
 
 
 def looks_of(scene, rng, cameras):
-    """Readings near the target; every third look is empty, one reads nonsense."""
+    """Readings near the target; every third observation is empty, one reads nonsense."""
     u = np.array(true_u(scene, TARGET))[:cameras] + rng.normal(0, 3, cameras)
     u[np.abs(u) > 70] = np.nan
     u[rng.random(cameras) < 0.3] = np.nan
@@ -70,23 +70,23 @@ def near(seed, spread, L=400):
     return TARGET + spread * np.random.default_rng(seed + 7).standard_normal((L, 2))
 
 
-def parts_of(scene, looks, xy, model):
-    """a (L, n), b (n,) and assigned (L, n) of every look."""
+def parts_of(scene, observations, xy, model):
+    """a (L, n), b (n,) and assigned (L, n) of every observation."""
     sensors, noise = pack_sensors(scene), pack_noise(scene)
     a, b, assigned = [], [], []
-    for k, i in enumerate(looks.sensor):
+    for k, i in enumerate(observations.sensor):
         seen = seen_from(xy, i, sensors)
-        values, hidden = factors(xy, k, looks, sensors, noise, model, seen)
+        values, hidden = factors(xy, k, observations, sensors, noise, model, seen)
         a.append(values)
         b.append(hidden)
         assigned.append(seen & (sensors.cos2[i] >= 0))
     return np.column_stack(a), np.array(b), np.column_stack(assigned)
 
 
-def among(scene, looks, xy, model, priors, probability, form=IMPROVED, floor=FLOOR):
+def among(scene, observations, xy, model, priors, probability, form=IMPROVED, floor=FLOOR):
     packed = pack_sensors(scene), pack_noise(scene), model
     free = np.ones(len(xy), dtype=np.bool_)
-    return log_likelihood_among(xy, looks, *packed, free, priors, Occlusion(probability, form, floor, 5.5))
+    return log_likelihood_among(xy, observations, *packed, free, priors, Occlusion(probability, form, floor, 5.5))
 
 
 def assert_alike(found, want):

@@ -99,7 +99,7 @@ class Case:
         luck = rng.random(N)
         z = np.where(luck < 0.55, -np.array(true_u(self.scene, TARGET)), rng.uniform(-60, 60, N))
         z[luck > 0.75] = np.nan
-        self.looks = pack_scan(
+        self.observations = pack_scan(
             scan(0, [(i, None if np.isnan(v) else -v) for i, v in enumerate(z)]), read_noise(self.scene), True
         )
         cameras = [
@@ -114,7 +114,7 @@ class Case:
     def found(self, probability: int, form: int, floor: float = FLOOR):
         packed = pack_sensors(self.scene), pack_noise(self.scene), self.model
         occlusion = Occlusion(probability, form, floor, 5.5)
-        return log_likelihood_among(self.xy, self.looks, *packed, self.free, pack(self.persons), occlusion)
+        return log_likelihood_among(self.xy, self.observations, *packed, self.free, pack(self.persons), occlusion)
 
     def check(self, found, want) -> None:
         """Within 1e-6 of what the likelihood of each place is at most, not only of the largest of all places."""

@@ -126,8 +126,8 @@ def test_a_camera_that_sees_what_it_cannot_see_is_forgiven_by_the_softening():
     assert floor == pytest.approx(1e-3 / 140.0)
 
 
-@pytest.mark.filterwarnings("ignore:overflow")  # said by plain numpy only, with the JIT off
-def test_nothing_is_divided_by_zero_at_or_beside_a_camera():
+@pytest.mark.filterwarnings("ignore:overflow")  # stated by plain numpy only, with the JIT off
+def test_nothing_is_divided_by_zero_at_or_next_to_a_camera():
     camera = SCENE.cameras[1]  # at (50, 0), looking along +y
     xy = np.array([[50.0, 0.0], [55.0, 0.0], [45.0, 1e-12], [50.0, 1e-300], [50.0, -1.0]])
     found = factors_of(SCENE, scan(0, [(1, 0.0)]), xy, PAPER._replace(soften=0.01, false=1e-4))

@@ -62,7 +62,7 @@ def test_a_late_signal_is_not_false_and_an_early_one_is() -> None:
     false = np.exp(-0.5 * 3.7**2 - log_density(np.array([8.0, -8.0]), own))
     assert false[0] < 0.2
     assert false[1] > 0.99
-    # Far from the tail nothing is said against a Gaussian
+    # Far from the tail nothing is stated against a Gaussian
     assert inlier_probability(np.array([0.0, -2.0]), own).min() > 0.95
 
 

@@ -89,7 +89,7 @@ def test_between_decisions_the_last_regime_goes_on():
 @pytest.mark.jit
 @pytest.mark.parametrize("parts", [1, 4, 20])
 def test_the_model_does_not_depend_on_how_a_second_is_cut(parts):
-    """Share of changed destinations and moments of the displacement after one reference step."""
+    """Share of changed destinations and times of the displacement after one reference step."""
     n, motion = 60_000, WaypointModel(1.0, 0.33, 0.1, 0.9, 0.05, 0.05, 0.9)
     p = run(n, motion, 1.0 / parts, parts, np.random.default_rng(parts), waiting=0.05, speed=1.5)
     went = p.xy - [20.0, 20.0]

@@ -48,7 +48,7 @@ def saved(path: Path, value: object) -> Path:
     return path
 
 
-def test_yolo_text_counts_in_shares_and_writes_no_file_for_nobody(tmp_path: Path) -> None:
+def test_yolo_text_counts_in_shares_and_writes_no_file_for_no_one(tmp_path: Path) -> None:
     folder = yolo(tmp_path / "l", {"000002.txt": "0 0.5 0.5 0.1 0.4 0.75\n", "000004.txt": "0 0.25 0.5 0.5 1 0.5\n"})
     yolo(folder, {"000005.txt": "", "notes.txt": "not numbered"})
     boxes, survey = read(BoxFile(folder, "a"))

@@ -44,7 +44,7 @@ SIMPLE = """frame,camera,left,top,right,bottom,confidence
 """
 
 
-def test_frames_without_a_row_are_looked_saw_nobody(tmp_path: Path) -> None:
+def test_frames_without_a_row_are_looked_saw_no_one(tmp_path: Path) -> None:
     boxes, _ = read(BoxFile(write(tmp_path, SIMPLE), None))
     columns = (boxes.frame, boxes.sensor, boxes.box, boxes.width_px)
     rows = list(zip(*(c.tolist() for c in columns), strict=True))
@@ -65,7 +65,7 @@ def test_a_stated_range_of_frames_is_filled_and_cut(tmp_path: Path) -> None:
     assert len(boxes) == 10
 
 
-def test_a_file_without_a_box_says_that_nobody_was_seen_in_the_stated_frames(tmp_path: Path) -> None:
+def test_a_file_without_a_box_says_that_no_one_was_seen_in_the_stated_frames(tmp_path: Path) -> None:
     path = write(tmp_path, "frame,left,top,w,h\n")
     boxes, _ = read(BoxFile(path, "cam"), options=BoxOptions(frames=FrameChoice((2, 5))))
     assert boxes.frame.tolist() == [2, 3, 4]
@@ -180,7 +180,7 @@ def test_without_a_camera_or_a_time_it_is_reported_which_option_helps(tmp_path: 
 def test_a_box_that_stands_there_twice_is_refused_wherever_it_stands(tmp_path: Path) -> None:
     head = "frame,camera,left,top,w,h,conf\n"
     path = write(tmp_path, head + "0,a,1,1,9,9,0.5\n1,a,1,1,9,9,0.5\n1,b,1,1,9,9,0.5\n1,a,1,1,9,9,0.6\n")
-    assert len(read(BoxFile(path, None))[0]) == 5  # and a look of b at nobody
+    assert len(read(BoxFile(path, None))[0]) == 5  # and a observation of b at no one
     path = write(tmp_path, head + "0,a,1,1,9,9,0.5\n1,a,1,1,9,9,0.5\n0,a,1,1,9,9,0.5\n")
     with pytest.raises(InputError, match=r"camera a, frame 0 \(from 0\): the box at \(1, 1\) px is a duplicate"):
         read(BoxFile(path, None))
@@ -256,7 +256,7 @@ def test_real_motchallenge_results(shared_data: Path, name: str, rows: int, fram
 
 
 def test_widths_that_contradict_the_edges_are_of_the_image(tmp_path: Path) -> None:
-    """Tables for TensorFlow have the size of the image beside all four edges."""
+    """Tables for TensorFlow have the size of the image next to all four edges."""
     head = "frame,width,height,class,xmin,ymin,xmax,ymax"
     with pytest.raises(InputError, match=r"line 2: width is 1280, but right is 80\.5 and the near edge 10"):
         read(BoxFile(write(tmp_path, f"{head}\n0,1280,720,person,10,20,80.5,90\n"), "cam"))
@@ -265,7 +265,7 @@ def test_widths_that_contradict_the_edges_are_of_the_image(tmp_path: Path) -> No
 
 
 def test_files_that_name_their_cameras_say_nothing_of_those_of_others(tmp_path: Path) -> None:
-    """Each file said of the cameras of the other one that they saw nobody in any frame."""
+    """Each file stated of the cameras of the other one that they saw no one in any frame."""
     head = "frame,camera,left,top,w,h"
     a = write(tmp_path, f"{head}\n0,a,1,1,5,5\n1,a,1,1,5,5\n", "a.csv")
     b = write(tmp_path, f"{head}\n0,b,1,1,5,5\n1,b,1,1,5,5\n", "b.csv")
@@ -277,7 +277,7 @@ def test_files_that_name_their_cameras_say_nothing_of_those_of_others(tmp_path: 
 
 @pytest.mark.parametrize("camera", ["a", None])
 def test_boxes_of_a_camera_in_two_files_are_refused(tmp_path: Path, camera: str | None) -> None:
-    """Each file said of the frames of the other one that nobody was seen in them."""
+    """Each file stated of the frames of the other one that no one was seen in them."""
     head = "frame,left,top,w,h" if camera else "frame,camera,left,top,w,h"
     mark = "" if camera else "a,"
     files = [write(tmp_path, f"{head}\n{n},{mark}1,1,5,5\n", f"{n}.csv") for n in range(2)]

@@ -179,7 +179,7 @@ def test_projection_matrices_of_cmc_have_the_stated_centres(shared_data: Path) -
     assert [c.name for c in cameras] == ["cam1", "cam2", "cam3", "cam4"]
     for camera in cameras:
         assert np.linalg.norm(camera.position - CMC_CENTRES[camera.name]) < 0.13
-        assert camera.rotation[2, 2] < 0  # looks down
+        assert camera.rotation[2, 2] < 0  # points down
 
 
 def test_projection_matrices_project_as_the_matrix_does(shared_data: Path) -> None:

@@ -1,4 +1,4 @@
-"""Tables that are nearly right: what is said of them, and that none is read as something else in silence."""
+"""Tables that are nearly right: what is stated of them, and that none is read as something else in silence."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def test_widths_that_contradict_the_edges_are_of_the_image(tmp_path: Path) -> No
     assert open_input(text(tmp_path / "t.csv", head, "0,a,70,71,10,20,80.5,90")).read(Boxes).width_px[0] == 70
 
 
-def test_an_angle_without_a_unit_beside_one_in_degrees_is_not_in_radians(tmp_path: Path) -> None:
+def test_an_angle_without_a_unit_next_to_one_in_degrees_is_not_in_radians(tmp_path: Path) -> None:
     path = text(tmp_path / "t.csv", "t_ns,sensor,bearing_deg,sigma", "0,a,10,2")
     with pytest.raises(InputError, match="column sigma does not state its unit"):
         open_input(path).read(Bearings)

@@ -60,7 +60,7 @@ def test_a_missing_column_is_named_with_the_nearest() -> None:
     )
 
 
-def test_an_angle_without_a_unit_is_refused_but_beside_the_tables_own_times() -> None:
+def test_an_angle_without_a_unit_is_refused_but_next_to_the_tables_own_times() -> None:
     assert found(Bearings, "t_ns", "sensor", "bearing", "sigma")["bearing"] == ("bearing", "")
     with pytest.raises(InputError, match="column bearing does not state its unit; name it bearing_deg or bearing_rad"):
         lay_out(("time", "sensor", "bearing", "sigma"), Bearings)
@@ -74,7 +74,7 @@ def test_lengths_are_in_one_unit() -> None:
             lay_out(names, Truth)
 
 
-def test_a_length_without_a_unit_beside_one_with_it_is_named_with_it() -> None:
+def test_a_length_without_a_unit_next_to_one_with_it_is_named_with_it() -> None:
     with pytest.raises(InputError, match=r"column dist does not state its unit: .* \(dist_cm, sigma_range_cm\)"):
         lay_out(("t", "sensor", "dist", "sigma_range_cm"), Measurements)
     with pytest.raises(InputError, match=r"column sigma_range does not state its unit: .* \(range_m, sigma_range_m\)"):

@@ -180,7 +180,7 @@ def test_leftovers_of_killed_writers_are_removed(tmp_path: Path) -> None:
     assert live.exists()
 
 
-def test_a_folder_beside_an_output_goes_and_so_does_that_of_a_killed_process(tmp_path: Path) -> None:
+def test_a_folder_next_to_an_output_goes_and_so_does_that_of_a_killed_process(tmp_path: Path) -> None:
     path = tmp_path / "a.avi"
     dead = subprocess.Popen([sys.executable, "-c", ""])
     dead.wait()

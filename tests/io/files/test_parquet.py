@@ -72,7 +72,7 @@ def test_copies_of_rows_are_refused_where_they_have_an_identity_or_a_measurement
     )
     write_table(path, Bearings.concat([blind, blind]), PROVENANCE, overwrite=True)
     assert len(read_table(path, Bearings)) == 2
-    # What two rows differ in may be in columns that nobody asks for
+    # What two rows differ in may be in columns that no one asks for
     views = Views.concat([random_table(Views, 1)] * 2)
     views = replace(views, cluster=np.array([0, 1], np.int32))
     write_table(path, views, PROVENANCE, overwrite=True)
@@ -327,7 +327,7 @@ def test_a_column_of_occlog_under_another_name_is_damage(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("index", [-1, 1, 200])
 def test_names_that_are_not_there_are_damage(index: int) -> None:
-    """Groups of rows that somebody damaged are read without Arrow's own look at all indices."""
+    """Groups of rows that somebody damaged are read without Arrow's own point at all indices."""
     names = pa.DictionaryArray.from_arrays(pa.array([0, index], pa.int32()), pa.array(["a"]), safe=False)
     columns = {"t_ns": [1, 2], "target_id": [0, 0], "role": names, "x": [0.0, 0.0], "y": [0.0, 0.0], "z": [0.0, 0.0]}
     with pytest.raises(InputError, match=r"column role: .* refers to a missing text"):

@@ -215,7 +215,7 @@ def test_columns_that_cannot_be(tmp_path: Path, number: int, field: Field, reaso
 
 
 def of(groups: int, **reported: int) -> bytes:
-    """A footer of groups of one row and 100 columns of no bytes, if nothing else is told."""
+    """A footer of groups of one row and 100 columns of no bytes, if nothing else is stated."""
     chunk = {PATH: Field(LIST, (BINARY, [b"a"])), sizes.PACKED: Field(I64, 0), sizes.DATA_PAGE: Field(I64, 4)}
     column = {CHUNK: Field(STRUCT, chunk | {1: Field(I32, 1)})}
     counts = {

@@ -150,5 +150,5 @@ def test_nothing_is_fetched(tmp_path: Path, name: str) -> None:
             path.write_text(text)
         with pytest.raises(InputError), start_decoder(video_job(path)):
             pass
-        with pytest.raises(BlockingIOError):  # nobody called
+        with pytest.raises(BlockingIOError):  # no one called
             server.accept()

@@ -1,4 +1,4 @@
-"""Tables of many recordings in one: all rows, the recording beside each, and nothing that does not go together."""
+"""Tables of many recordings in one: all rows, the recording next to each, and nothing that does not go together."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def parts(folder: Path, kind: type = Tracks, **units: str) -> dict[str, Path]:
 
 
 @pytest.mark.parametrize("rows", [4, 65_536])
-def test_all_rows_are_there_beside_their_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: int) -> None:
+def test_all_rows_are_there_next_to_their_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: int) -> None:
     monkeypatch.setattr(joined, "ROWS_PER_GROUP", rows)
     made = parts(tmp_path)
     assert join_tables(tmp_path / "all.parquet", made, "tracks", MADE) == 5 + 6 + 7

@@ -32,8 +32,8 @@ def written(path: Path, *rows: bytes, first: int = 0) -> Path:
     return path
 
 
-def packed(data: bytes, told: bool = True) -> bytes:
-    return zstandard.ZstdCompressor(write_content_size=told).compress(data)
+def packed(data: bytes, stated: bool = True) -> bytes:
+    return zstandard.ZstdCompressor(write_content_size=stated).compress(data)
 
 
 def read(*paths: Path) -> tuple[list[bytes], list[str]]:
@@ -64,7 +64,7 @@ def test_files_follow_each_other_by_their_times(tmp_path: Path) -> None:
 
 
 def test_a_file_that_is_cut_off_stays_where_it_is(tmp_path: Path) -> None:
-    """Its times cannot be told before it is read, which is as far as it goes."""
+    """Its times cannot be stated before it is read, which is as far as it goes."""
     whole = written(tmp_path / "b_0.db3", b"0")
     cut = written(tmp_path / "b_1.db3", *[bytes(3000)] * 20, first=1)
     cut.write_bytes(cut.read_bytes()[:30000])
@@ -76,7 +76,7 @@ def test_a_file_that_is_cut_off_stays_where_it_is(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("listed", [True, False])
 def test_a_file_that_is_there_unpacked_too_is_read_once(tmp_path: Path, listed: bool) -> None:
-    """rosbag2 unpacks files beside the packed ones when it plays them."""
+    """rosbag2 unpacks files next to the packed ones when it plays them."""
     base = written(tmp_path / "b_0.db3", b"one", b"two")
     (tmp_path / "b_0.db3.zstd").write_bytes(packed(base.read_bytes()))
     if listed:
@@ -86,7 +86,7 @@ def test_a_file_that_is_there_unpacked_too_is_read_once(tmp_path: Path, listed: 
 
 
 @pytest.mark.parametrize(("mode", "log"), [("WAL", "b.db3-wal"), ("DELETE", "b.db3-journal")])
-def test_writes_that_are_still_beside_the_file_are_reported(tmp_path: Path, mode: str, log: str) -> None:
+def test_writes_that_are_still_next_to_the_file_are_reported(tmp_path: Path, mode: str, log: str) -> None:
     made = tmp_path / "made"
     made.mkdir()
     base = written(made / "b.db3", b"one")
@@ -107,7 +107,7 @@ def test_writes_that_are_still_beside_the_file_are_reported(tmp_path: Path, mode
 
 
 @pytest.mark.parametrize("log", [b"", bytes(40)])
-def test_logs_that_are_done_are_not_told(tmp_path: Path, log: bytes) -> None:
+def test_logs_that_are_done_are_not_stated(tmp_path: Path, log: bytes) -> None:
     base = written(tmp_path / "b.db3", b"one")
     for ending in ("wal", "journal"):
         base.with_name(f"b.db3-{ending}").write_bytes(log)
@@ -118,7 +118,7 @@ def test_a_file_packed_in_several_frames_is_read_to_its_end(tmp_path: Path) -> N
     """zstd makes such files of pieces that are put one behind the other."""
     data = written(tmp_path / "b.db3", *(b"%d" % n for n in range(999))).read_bytes()
     path = tmp_path / "c.db3.zstd"
-    path.write_bytes(packed(data[:5000]) + packed(data[5000:], told=False))
+    path.write_bytes(packed(data[:5000]) + packed(data[5000:], stated=False))
     found, lost = read(path)
     assert (len(found), lost) == (999, [])
     path.write_bytes(packed(data) + b"more")
@@ -140,7 +140,7 @@ def test_a_packed_file_of_which_nothing_is_left_says_so(tmp_path: Path) -> None:
 def test_messages_packed_by_a_stream_are_read(tmp_path: Path) -> None:
     """Such a stream does not know at its beginning how long the message is, and leaves its size out."""
     data = os.urandom(3000)
-    base = written(tmp_path / "b.db3", packed(data, told=False), packed(data), packed(data) + b"more")
+    base = written(tmp_path / "b.db3", packed(data, stated=False), packed(data), packed(data) + b"more")
     found, lost = read(base)
     assert found == [data, data]
     assert len(lost) == 1
@@ -160,7 +160,7 @@ SKIPPED = b"\x53\x2a\x4d\x18\x05\0\0\0notes"
 
 
 def test_data_packed_in_several_frames_or_behind_notes_are_read(tmp_path: Path) -> None:
-    whole = packed(b"a" * 300, told=False) + SKIPPED + packed(os.urandom(300)) + packed(b"") + packed(b"c" * 9)
+    whole = packed(b"a" * 300, stated=False) + SKIPPED + packed(os.urandom(300)) + packed(b"") + packed(b"c" * 9)
     base = written(tmp_path / "b.db3", whole, SKIPPED + whole, whole[:-1])
     found, lost = read(base)
     assert [(len(data), data[:1], data[-1:]) for data in found] == [(609, b"a", b"c")] * 2
@@ -210,5 +210,5 @@ def test_metadata_that_count_other_messages_than_there_are(tmp_path: Path, count
         assert len(list(bag.messages(["/a"]))) == 2
         less = "metadata.yaml counts 1 messages, and there are 2, which were read; write it again: ros2 bag reindex"
         assert bag.remarks == ({"/a": less} if count == 1 else {})
-    if count == 2:  # another file without metadata beside it
+    if count == 2:  # another file without metadata next to it
         assert read(folder, written(tmp_path / "c.db3", b"three", first=9))[1] == []

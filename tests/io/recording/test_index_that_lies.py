@@ -1,4 +1,4 @@
-"""MCAP files whose index leaves out a topic that their chunks hold: read whole, or told."""
+"""MCAP files whose index leaves out a topic that their chunks hold: read whole, or stated."""
 
 from __future__ import annotations
 

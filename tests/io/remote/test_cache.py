@@ -182,7 +182,7 @@ def test_two_files_of_one_path_and_answers_that_stop_are_distinguished(
         server.server_close()
 
 
-def test_a_web_server_is_read_and_its_signature_is_not_told(tmp_path: Path) -> None:
+def test_a_web_server_is_read_and_its_signature_is_not_stated(tmp_path: Path) -> None:
     pytest.importorskip("aiohttp")
     (tmp_path / "in").mkdir()
     (tmp_path / "in" / "a.mcap").write_bytes(LARGE)
@@ -207,7 +207,7 @@ def test_a_web_server_is_read_and_its_signature_is_not_told(tmp_path: Path) -> N
 
 def test_a_server_that_does_not_answer_does_not_say_that_a_file_is_not_there(tmp_path: Path) -> None:
     pytest.importorskip("aiohttp")
-    with socket.create_server(("127.0.0.1", 0)) as nobody:
-        url = f"http://127.0.0.1:{nobody.getsockname()[1]}/a.mcap"
+    with socket.create_server(("127.0.0.1", 0)) as absent:
+        url = f"http://127.0.0.1:{absent.getsockname()[1]}/a.mcap"
     with pytest.raises(InputError, match=r"a\.mcap: cannot be reached: Cannot connect to host .*; try again"):
         Cache(tmp_path / "cache", 10**6).holding(url).__enter__()

@@ -1,4 +1,4 @@
-"""URLs: which are taken, and that nothing which opens them is told."""
+"""URLs: which are taken, and that nothing which opens them is stated."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def test_other_kinds_are_refused(url: str) -> None:
         kind_of(url)
 
 
-def test_what_opens_a_url_is_not_told() -> None:
+def test_what_opens_a_url_is_not_stated() -> None:
     assert public_url(SIGNED) == "https://store.example/hall.mcap"
     words = without_secrets(f"403, message='Forbidden',\nurl='{SIGNED}' and s3://key:secret@bucket/x")
     assert not any(secret in words for secret in ("word", "abc123", "key", "secret"))

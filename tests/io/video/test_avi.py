@@ -60,7 +60,7 @@ def test_a_frame_is_broken_when_its_last_byte_is_missing(tmp_path: Path) -> None
 
 
 def test_a_change_of_the_palette_is_no_frame(tmp_path: Path) -> None:
-    """Each was announced as a frame, and told lost."""
+    """Each was announced as a frame, and reported lost."""
     data = avi([PICTURE] * 2 + [b"palette!"] + [PICTURE], announced=3)
     place = data.index(b"palette!") - 8
     for at in (place, data.rindex(b"idx1") + 8 + 2 * 16):

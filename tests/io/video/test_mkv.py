@@ -122,7 +122,7 @@ def test_the_frames_of_a_cut_file_are_counted_by_its_duration(tmp_path: Path) ->
 
 
 def test_the_first_frames_are_lost_when_the_first_one_left_is_more_than_a_step_from_the_start(tmp_path: Path) -> None:
-    damage = bytes(4)  # makes the parser look for the next cluster
+    damage = bytes(4)  # makes the parser search for the next cluster
     for first, lost in ((40, 0), (80, 2)):
         found = parsed(tmp_path, video(damage + cluster(first, block(0), block(40))))
         assert found.problems

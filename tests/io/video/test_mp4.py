@@ -180,7 +180,7 @@ def test_more_equal_samples_than_the_limit_are_not_believed(tmp_path: Path) -> N
 
 @pytest.mark.parametrize("first", [(2,), (1, 1), (3, 1), (0, 1), (1, 2)])
 def test_numbers_of_chunks_rise(tmp_path: Path, first: tuple[int, ...]) -> None:
-    """Each step back filled the table anew: 8 MB of them took a minute."""
+    """Each step back filled the table again: 8 MB of them took a minute."""
     rows = [(number, 1, 1) for number in first]
     stbl = samples().replace(table(b"stsc", [(1, 3, 1)]), table(b"stsc", rows))
     assert "do not rise from 1" in parsed(tmp_path, movie(stbl)).problems[-1][1]

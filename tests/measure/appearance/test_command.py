@@ -130,7 +130,7 @@ def test_the_same_inputs_give_the_same_bytes(folder):
 
 
 def refused(capsys, code, message):
-    """Whether the last command said this in one line."""
+    """Whether the last command stated this in one line."""
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1

@@ -33,7 +33,7 @@ def test_one_row_has_no_heading_and_equal_times_count_once():
     assert twice.xy.tolist() == [[1.0, 2.0]]
 
 
-def test_nobody_is_there_before_after_and_in_gaps():
+def test_no_one_is_there_before_after_and_in_gaps():
     path = path_of(np.array([0, 1, 5]) * SECOND, np.zeros((3, 2)), np.ones((3, 2)), SECOND, 0.3)
     found = at_times({7: path}, np.array([-1, 0, 1, 3, 5, 6]) * SECOND, SECOND)
     assert found.identity.tolist() == [7]

@@ -26,7 +26,7 @@ PATH = walk(STEPS, np.random.default_rng([1, 0]))
 
 
 def boxes():
-    """Candidates of one target: seen rows without a label, and the frames in which nobody is seen."""
+    """Candidates of one target: seen rows without a label, and the frames in which no one is seen."""
     rows = observe(room100(pillar=False), PATH, np.random.default_rng(3))
     return replace(rows, target_id=np.full(len(rows), UNLABELLED, dtype=np.int32))
 

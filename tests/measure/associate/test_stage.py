@@ -85,7 +85,7 @@ def labelled(rows, paths, scene=SCENE, **options):
 
 
 def test_the_sum_over_all_pairs_counts_not_the_nearest_pair():
-    """0.53 is nearer to track 5 (0.54) than to track 2 (0.50), but then 0.59 is of nobody."""
+    """0.53 is nearer to track 5 (0.54) than to track 2 (0.50), but then 0.59 is of no one."""
     rows = candidates([(0, "cam1", 0.53), (0, "cam1", 0.59), (0, "cam1", -1.2)])
     found, left = labelled(rows, tracks([ray(0.50, 2), ray(0.54, 5)]))
     assert found == [(0.0, "cam1", 2, 0.53), (0.0, "cam1", 5, 0.59)]

@@ -20,7 +20,7 @@ def person(mask: np.ndarray, x: int, y: int) -> None:
 
 
 def crowds(mask: np.ndarray, apart: SeparateSightings | None = None) -> Crowds:
-    """What a camera makes of a frame that has seen several people apart, unless told otherwise."""
+    """What a camera makes of a frame that has seen several people apart, by default."""
     cells, corners = gather(mask, SIDE)
     apart = SeparateSightings(APART_FRAMES) if apart is None else apart
     return split_silhouettes(cells, corners, SIDE, PRIOR, find_clusters(cells, corners, SIDE, PRIOR), apart)
@@ -87,6 +87,6 @@ def test_people_behind_a_post_are_left_to_the_clusters() -> None:
     assert np.isnan(got.boxes).all()
 
 
-def test_a_frame_without_foreground_holds_nobody() -> None:
+def test_a_frame_without_foreground_holds_no_one() -> None:
     got = crowds(np.zeros((240, 320), dtype=np.uint8))
     assert len(got.boxes) == len(got.clusters.mass) == 0

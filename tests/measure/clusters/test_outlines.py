@@ -76,7 +76,7 @@ def test_the_people_of_a_silhouette_are_found(people: list[tuple[float, float, f
     np.testing.assert_allclose(got[np.argsort(got[:, 0])][:, 1:], [p[1:] for p in people], atol=2.5)
 
 
-def test_nobody_is_added_who_explains_too_little() -> None:
+def test_no_one_is_added_who_explains_too_little() -> None:
     foreground = np.zeros(SHAPE)
     foreground[30:35, 40:45] = 1.0
     assert np.log(1.0 / CLUTTER_PROBABILITY) * 25 < MIN_LOG_LIKELIHOOD_GAIN * AREA * HEIGHT**2  # all that it is worth

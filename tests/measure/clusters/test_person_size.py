@@ -128,7 +128,7 @@ def test_few_people_give_their_median_height_everywhere() -> None:
     np.testing.assert_allclose(np.sqrt(12 * sizes.cov[:, 2]), 90.0)
 
 
-def test_nobody_seen_gives_no_sizes() -> None:
+def test_no_one_seen_gives_no_sizes() -> None:
     samples, empty = scene_of_walkers(2)
     wide = empty.copy()
     wide[200:230, 100:400] = 0  # a car, not a person
@@ -176,7 +176,7 @@ def test_shrunk_size_maps_keep_place_and_shape() -> None:
     np.testing.assert_allclose(small.mass * 16, sizes.mass)
 
 
-def test_a_camera_that_looks_straight_up_shows_nobody_who_stands():
+def test_a_camera_that_looks_straight_up_shows_no_one_who_stands():
     with pytest.raises(ValueError, match="no person can stand"):
         sizes_from_camera(camera(3.0, 90.0), SIZE, 1.7, 30.0)
 

@@ -40,7 +40,7 @@ def without(given: Boxes, name: str) -> Boxes:
     return replace(given, box=box, target_id=box, **gone).take(~empty | first)
 
 
-def test_a_camera_that_detects_nobody_is_named() -> None:
+def test_a_camera_that_detects_no_one_is_named() -> None:
     assert found(without(boxes(SCENE, 10.0), "b")) == {"no-detections": ("b",)}
 
 

@@ -285,6 +285,6 @@ def test_identities_of_boxes_become_targets(tmp_path: Path, capsys: pytest.Captu
     assert read_provenance(tmp_path / "b.parquet").parameters["label_scope"] == "global"
 
 
-def test_in_images_nobody_has_an_identity(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_in_images_no_one_has_an_identity(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert detect(recording, tmp_path, "--label-scope", "global") == ExitCode.USAGE
     assert "--label-scope makes targets of the identities of boxes" in capsys.readouterr().err

@@ -67,7 +67,7 @@ def test_global_identities_are_one_target_in_all_cameras_from_its_first_box_to_i
     assert (0, "a", -1, True) in rows
 
 
-def test_identities_of_a_camera_are_targets_of_its_own_numbered_anew() -> None:
+def test_identities_of_a_camera_are_targets_of_its_own_numbered_again() -> None:
     rows = [row for row in labelled(CAMERA) if row[2] >= 0]
     assert rows == [(0, "a", 0, True), (1, "b", 1, True), (2, "b", 2, True)]
 

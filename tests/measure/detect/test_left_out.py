@@ -1,4 +1,4 @@
-"""Numbers of frames that nobody looked at."""
+"""Numbers of frames that no one looked at."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from occlog.records.losses import Loss
 
 
 def report_of(numbers: list[int], *losses: Loss) -> dict[str, list[tuple[int, int]]]:
-    """What is said of a camera whose frames have these numbers."""
+    """What is stated of a camera whose frames have these numbers."""
     gathered = SkippedFrames()
     for _ in gathered.watch(Frame(10 * n, "a", n, lambda: None) for n in numbers):  # type: ignore[arg-type, return-value]
         pass
@@ -25,7 +25,7 @@ def report_of(numbers: list[int], *losses: Loss) -> dict[str, list[tuple[int, in
         ([0, 1, 2, 3], []),
         ([7], []),
         ([0, 1, 4, 5, 7], [(2, 3), (6, 6)]),
-        ([5, 6, 3, 4], []),  # numbers that go back begin anew
+        ([5, 6, 3, 4], []),  # numbers that go back begin again
         ([0, 5, 10, 15], []),  # in steps
         ([0, 5, 20, 25], [(6, 19)]),
         ([0, 5, 10, 11], [(1, 4), (6, 9)]),  # no steps after all

@@ -1,4 +1,4 @@
-"""`occlog detect --onnx`: from images to views, bearings and embeddings, and what is said of bad input."""
+"""`occlog detect --onnx`: from images to views, bearings and embeddings, and what is stated of bad input."""
 
 from __future__ import annotations
 
@@ -157,7 +157,7 @@ def test_cameras_without_a_pose_give_views_alone(
     assert "no camera has a pose" in capsys.readouterr().err
 
 
-def test_frames_with_nobody_have_a_bearing_that_is_not_seen(folder: Path, tmp_path: Path) -> None:
+def test_frames_with_no_one_have_a_bearing_that_is_not_seen(folder: Path, tmp_path: Path) -> None:
     more = ["--class", "dog", "--bearings", str(tmp_path / "b.parquet")]
     assert detect(folder, tmp_path, *more) == ExitCode.DONE
     rows = read_table(tmp_path / "b.parquet", Bearings)

@@ -62,7 +62,7 @@ def test_the_bound_is_about_the_error_of_the_most_coherent_direction() -> None:
     assert ((ratio > 0.8) & (ratio < 1.25)).all(), ratio
 
 
-def test_an_angle_that_is_not_told_is_infinitely_uncertain() -> None:
+def test_an_angle_that_is_not_stated_is_infinitely_uncertain() -> None:
     omega = np.array([6000.0])
     at_horizon = sharpness(omega, 1.0, SQUARE, 0.3, 0.0, C, 0.5)
     assert np.isinf(at_horizon[1, 1])

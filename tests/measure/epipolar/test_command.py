@@ -171,7 +171,7 @@ def test_a_copy_of_a_recording_holds_them(folder, capsys):
     source = recording(folder)
     (folder / "sub").mkdir()
     code = epipolar(folder, "walk.mcap", "--matches", "scene.csv", "-o", "sub/copy.mcap", "--json", "-q")
-    assert code == ExitCode.DONE  # what had been lost before is told
+    assert code == ExitCode.DONE  # what had been lost before is stated
     assert json.loads(capsys.readouterr().out)["lost_earlier"][0]["source"] == "a"
     old, new = open_recording(source), open_recording(folder / "sub/copy.mcap")
     assert read_epipolar(new.path).find("a", "b").inliers > 50
@@ -182,7 +182,7 @@ def test_a_copy_of_a_recording_holds_them(folder, capsys):
     assert new.provenance.command == "epipolar"
     assert np.array_equal(new.read(TruthBoxes).left_px, old.read(TruthBoxes).left_px)
 
-    # They can be checked, replaced, and told.
+    # They can be checked, replaced, and stated.
     assert epipolar(folder, "sub/copy.mcap", "--check", "--matches", "scene.csv") == ExitCode.DONE
     assert epipolar(folder, "sub/copy.mcap", "-o", "again.mcap", "-q") == ExitCode.DONE
     assert {p.source for p in read_epipolar(folder / "again.mcap").pairs} == {"calibration"}

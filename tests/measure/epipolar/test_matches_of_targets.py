@@ -77,14 +77,14 @@ def test_of_very_many_some_moments_are_taken_with_all_targets():
     moments = np.abs(exact[:, 0] - pairs[:, None, 0]).max(axis=2).argmin(axis=1)
     assert np.allclose(pairs, exact[moments])
     assert (np.diff(moments) > 0).all()
-    # From all over: of each 150 moments 100, give or take 4 standard deviations of 5.8
+    # From all over: of each 150 times 100, give or take 4 standard deviations of 5.8
     assert (np.abs(np.histogram(moments, 10, (0, 1500))[0] - 100) < 25).all()
 
 
 @pytest.mark.parametrize("targets", [2, 3, 4])
 @pytest.mark.parametrize("steps", [300, 2500])
 def test_every_target_and_both_ends_are_taken_alike(targets, steps):
-    """Targets are told apart by their heights in the images."""
+    """Targets are distinguished by their heights in the images."""
     n = 2 * steps * targets
     target = np.tile(np.arange(targets, dtype=np.int32), 2 * steps)
     one, blank = np.ones(n), np.full(n, "")

@@ -89,7 +89,7 @@ def test_a_camera_that_is_turned_has_its_detections_removed_and_is_named(tmp_pat
     assert verdict.plausible is (not degrees)
 
 
-def test_tracks_take_recovered_rows_as_not_seen_unless_told_otherwise(recording, tmp_path):
+def test_tracks_take_recovered_rows_as_not_seen_unless_stated_otherwise(recording, tmp_path):
     fused = tmp_path / "fused.parquet"
     assert run(["fuse", str(recording), "-o", str(fused), "-q"]) == ExitCode.DONE
     rows = read_table(fused, Bearings)

@@ -88,7 +88,7 @@ def test_a_prediction_is_dropped_after_hold_moments_without_a_declaration() -> N
 
 
 def test_a_prediction_counts_once_cameras_met_in_it_twice() -> None:
-    """An unconfirmed object is forgotten at the first moment without detections."""
+    """An unconfirmed object is forgotten at the first time without detections."""
     assert decision(confirmed(met=CONFIRMATION_STEPS - 1), sight([])).memory == ObjectMemory()
     assert decision(confirmed(met=CONFIRMATION_STEPS), sight([])).memory.motion is not None
 

@@ -1,4 +1,4 @@
-"""Fusion of detections on hand-made moments: what is kept, recovered and removed, and where."""
+"""Fusion of detections on hand-made times: what is kept, recovered and removed, and where."""
 
 from __future__ import annotations
 
@@ -64,7 +64,9 @@ def to(where: Scene, name: str, xy: Sequence[float], off: float = 0.0) -> float:
     return float(wrap_angle(np.arctan2(away[1], away[0]) + off))
 
 
-def look(step: int, where: Scene, xy: Sequence[float], target: int = 0, missed: str = "", wrong: str = "") -> list[Row]:
+def observation(
+    step: int, where: Scene, xy: Sequence[float], target: int = 0, missed: str = "", wrong: str = ""
+) -> list[Row]:
     """All cameras at a target; those in `missed` see nothing, those in `wrong` something else."""
     names = [c.name for c in where.cameras]
     return [(step, n, target, None if n in missed else to(where, n, xy, WRONG if n in wrong else 0.0)) for n in names]
@@ -95,7 +97,7 @@ NOTHING = (False, "")
 
 def test_detections_that_agree_are_kept_as_they_are():
     where = scene()
-    before = table(look(0, where, PLACE), where)
+    before = table(observation(0, where, PLACE), where)
     after = fused(before, where)
     assert set(of_step(after, 0).values()) == {HIT}
     assert np.array_equal(after.bearing, before.bearing)
@@ -104,7 +106,7 @@ def test_detections_that_agree_are_kept_as_they_are():
 
 def test_a_missed_detection_is_recovered_at_the_place_of_the_others():
     where = scene()
-    after = fused(table(look(0, where, PLACE, missed="b"), where), where)
+    after = fused(table(observation(0, where, PLACE, missed="b"), where), where)
     assert of_step(after, 0) == {"a": HIT, "b": BACK, "c": HIT, "d": HIT}
     row = int(np.flatnonzero(after.cause == "recovered")[0])
     assert after.bearing[row] == pytest.approx(to(where, "b", PLACE), abs=1e-9)
@@ -117,7 +119,7 @@ def test_a_missed_detection_is_recovered_at_the_place_of_the_others():
 
 def test_a_false_detection_of_one_camera_is_replaced_and_not_propagated():
     where = scene()
-    after = fused(table(look(0, where, PLACE, wrong="b"), where), where)
+    after = fused(table(observation(0, where, PLACE, wrong="b"), where), where)
     assert of_step(after, 0) == {"a": HIT, "b": BACK, "c": HIT, "d": HIT}
     row = int(np.flatnonzero(after.sensor == "b")[0])
     assert after.bearing[row] == pytest.approx(to(where, "b", PLACE), abs=1e-9)
@@ -127,9 +129,9 @@ def test_a_lone_false_detection_is_removed_with_and_without_a_prediction():
     where = scene()
     before = table(
         [
-            *look(0, where, PLACE, missed="acd", wrong="b"),
-            *look(2, where, PLACE),
-            *look(3, where, PLACE, missed="acd", wrong="b"),
+            *observation(0, where, PLACE, missed="acd", wrong="b"),
+            *observation(2, where, PLACE),
+            *observation(3, where, PLACE, missed="acd", wrong="b"),
         ],
         where,
     )
@@ -144,24 +146,27 @@ def test_a_lone_false_detection_is_removed_with_and_without_a_prediction():
 def test_one_camera_near_the_prediction_brings_all_others_back():
     # [Lee]: quality and prior of a detection near the prediction outvote three misses.
     where = scene()
-    before = table([*look(0, where, PLACE), *look(1, where, PLACE), *look(2, where, PLACE, missed="acd")], where)
+    before = table(
+        [*observation(0, where, PLACE), *observation(1, where, PLACE), *observation(2, where, PLACE, missed="acd")],
+        where,
+    )
     assert of_step(fused(before, where), 2) == {"a": BACK, "b": HIT, "c": BACK, "d": BACK}
 
 
 def test_two_false_detections_that_meet_far_from_the_prediction_are_removed():
     # Case 3 of [Lee] Sec. 4.4.2: without the prior they would be declared.
     where = scene(3)
-    rows = [*look(0, where, PLACE), *look(1, where, PLACE), *look(2, where, FAR, missed="c")]
+    rows = [*observation(0, where, PLACE), *observation(1, where, PLACE), *observation(2, where, FAR, missed="c")]
     assert of_step(fused(table(rows, where), where), 2) == {"a": GONE, "b": GONE, "c": NOTHING}
-    alone = fused(table(look(2, where, FAR, missed="c"), where), where)
+    alone = fused(table(observation(2, where, FAR, missed="c"), where), where)
     assert of_step(alone, 2) == {"a": HIT, "b": HIT, "c": BACK}
 
 
 @pytest.mark.parametrize(("met", "held"), [(3, 3), (1, 0)])
 def test_a_prediction_is_dropped_after_some_times_without_a_declaration_and_a_new_one_at_once(met: int, held: int):
     where = scene(3)
-    rows = [row for step in range(met) for row in look(step, where, PLACE)]
-    rows += [row for step in range(met, met + 5) for row in look(step, where, FAR, missed="c")]
+    rows = [row for step in range(met) for row in observation(step, where, PLACE)]
+    rows += [row for step in range(met, met + 5) for row in observation(step, where, FAR, missed="c")]
     after = fused(table(rows, where), where, replace(FuseConfig.in_unit("m"), max_coasting_steps=3))
     declared = [of_step(after, step)["c"] == BACK for step in range(met, met + 5)]
     assert declared == [False] * held + [True] * (5 - held)
@@ -170,7 +175,7 @@ def test_a_prediction_is_dropped_after_some_times_without_a_declaration_and_a_ne
 def test_cameras_that_face_each_other_support_each_other_without_a_place():
     where = scene()
     after = fused(
-        table(look(0, where, (4.0, 6.0), missed="ac"), where),
+        table(observation(0, where, (4.0, 6.0), missed="ac"), where),
         where,
         replace(FuseConfig.in_unit("m"), false_alarm_probability=0.05),
     )
@@ -179,7 +184,7 @@ def test_cameras_that_face_each_other_support_each_other_without_a_place():
 
 def test_nothing_seen_stays_nothing():
     where = scene()
-    rows = [*look(0, where, PLACE), *look(1, where, PLACE, missed="abcd")]
+    rows = [*observation(0, where, PLACE), *observation(1, where, PLACE, missed="abcd")]
     parts = run(table(rows, where), where)
     after = Bearings.concat([f.bearings for f in parts])
     assert set(of_step(after, 1).values()) == {NOTHING}
@@ -189,15 +194,15 @@ def test_nothing_seen_stays_nothing():
 def test_nothing_is_recovered_where_a_camera_cannot_see():
     wall = Occluder("pillar", np.array([[2.0, 7.0], [3.0, 7.0], [3.0, 8.0], [2.0, 8.0]]))
     where = scene(4, occluders=(wall,))
-    after = fused(table(look(0, where, PLACE, missed="d"), where), where)
+    after = fused(table(observation(0, where, PLACE, missed="d"), where), where)
     assert of_step(after, 0) == {"a": HIT, "b": HIT, "c": HIT, "d": NOTHING}
     short = replace(scene(), cameras=(*scene().cameras[:3], camera(*CORNERS[3], range=3.0)))
-    assert of_step(fused(table(look(0, short, PLACE, missed="d"), short), short), 0)["d"] == NOTHING
+    assert of_step(fused(table(observation(0, short, PLACE, missed="d"), short), short), 0)["d"] == NOTHING
 
 
 def test_a_false_detection_of_a_camera_that_cannot_see_the_place_is_removed():
     where = replace(scene(), cameras=(*scene().cameras[:3], camera(*CORNERS[3], range=3.0)))
-    after = fused(table(look(0, where, PLACE, wrong="d"), where), where)
+    after = fused(table(observation(0, where, PLACE, wrong="d"), where), where)
     assert of_step(after, 0) == {"a": HIT, "b": HIT, "c": HIT, "d": GONE}
 
 
@@ -209,14 +214,14 @@ def test_cameras_that_share_no_place_keep_what_they_see():
     assert of_step(after, 0) == {"a": HIT, "b": NOTHING}
     assert of_step(after, 1) == {"a": NOTHING, "b": HIT}
     # A camera without a frame at that time has no part in it either.
-    lone = fused(table(look(0, away, PLACE)[:1], away), away)
+    lone = fused(table(observation(0, away, PLACE)[:1], away), away)
     assert of_step(lone, 0) == {"a": HIT}
 
 
 def test_identities_are_fused_apart():
     where = scene()
     other = (7.0, 2.0)
-    rows = [*look(0, where, PLACE, 3, missed="a"), *look(0, where, other, 5, missed="c")]
+    rows = [*observation(0, where, PLACE, 3, missed="a"), *observation(0, where, other, 5, missed="c")]
     after = fused(table(rows, where), where)
     for target, xy, back in ((3, PLACE, "a"), (5, other, "c")):
         own = after.take(after.target_id == target)
@@ -227,7 +232,7 @@ def test_identities_are_fused_apart():
 
 def test_a_frame_that_says_nothing_of_a_target_is_a_look_at_it():
     where = scene()
-    rows = [*look(0, where, PLACE, 3)[1:], (0, "a", 5, None)]
+    rows = [*observation(0, where, PLACE, 3)[1:], (0, "a", 5, None)]
     after = fused(table(rows, where), where)
     own = after.take((after.sensor == "a") & (after.target_id == 3))
     assert (len(own), own.cause[0]) == (1, "recovered")
@@ -331,7 +336,7 @@ def test_memory_does_not_grow_with_the_recording():
 
 def test_frames_close_in_time_are_one_moment_and_keep_their_own_times():
     where = scene()
-    rows = table(look(0, where, PLACE, missed="b"), where)
+    rows = table(observation(0, where, PLACE, missed="b"), where)
     shifted = replace(rows, t_ns=rows.t_ns + np.arange(4) * 5_000_000)
     assert "recovered" not in fused(shifted, where).cause
     after = fused(shifted, where, replace(FuseConfig.in_unit("m"), window_s=0.02))
@@ -342,7 +347,7 @@ def test_frames_close_in_time_are_one_moment_and_keep_their_own_times():
 def test_chances_of_a_camera_come_from_the_scene():
     # Two of four: undecided with equal chances; a camera that never reports falsely is believed.
     where = scene()
-    rows = table(look(0, where, PLACE, missed="ac"), where)
+    rows = table(observation(0, where, PLACE, missed="ac"), where)
     assert set(of_step(fused(rows, where), 0).values()) == {GONE, NOTHING}
     sure = replace(where, cameras=tuple(replace(c, false_alarm=0.01) for c in where.cameras))
     assert set(of_step(fused(rows, sure), 0).values()) == {HIT, BACK}
@@ -354,7 +359,7 @@ def test_chances_of_a_camera_come_from_the_scene():
 
 
 def test_input_that_cannot_be_fused_is_reported_in_one_line():
-    rows = table(look(0, scene(1), PLACE), scene(1))
+    rows = table(observation(0, scene(1), PLACE), scene(1))
     with pytest.raises(InputError, match="1 camera with a pose; fusion needs at least two"):
         fused(rows, scene(1))
     blind = replace(scene(), cameras=tuple(replace(c, placed=False) for c in scene().cameras))

@@ -22,7 +22,7 @@ PLACE = (4.0, 5.5)
 
 
 def scene() -> Scene:
-    """Three cameras 2.5 m up that look 15 degrees down."""
+    """Three cameras 2.5 m up tilted 15 degrees down."""
     corners = (("a", 0.0, 0.0, 45.0), ("b", 10.0, 0.0, 135.0), ("c", 10.0, 10.0, 225.0))
     cameras = tuple(
         Camera(

@@ -28,7 +28,7 @@ RNG = np.random.default_rng(5)
 
 
 def crashing_network(path: Path, place: int = 10**8) -> Path:
-    """A network that reads a place far behind its array, which OpenCV does not look at."""
+    """A network that reads a place far behind its array, which OpenCV does not point at."""
     nodes = [
         helper.make_node("Reshape", ["images", "flat"], ["row"]),
         helper.make_node("GatherND", ["row", "places"], ["found"]),

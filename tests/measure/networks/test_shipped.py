@@ -20,7 +20,7 @@ from occlog.measure.networks.shipped import MIN_CONFIDENCE, NMS_IOU, shipped_con
 ROOT = Path(__file__).parents[3]
 
 
-def test_its_licences_and_its_source_are_beside_it() -> None:
+def test_its_licences_and_its_source_are_next_to_it() -> None:
     folder = shipped_network().parent
     assert "Copyright 2020-2021 RangiLyu" in (folder / "LICENSE.nanodet").read_text()
     assert "Apache License" in (folder / "LICENSE.nanodet").read_text()

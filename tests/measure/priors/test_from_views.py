@@ -112,7 +112,7 @@ def test_people_are_in_their_polygons_and_gaussians_have_their_moments() -> None
         assert xy.var(axis=0) == pytest.approx([xx, yy], rel=0.05)
 
 
-def test_coordinates_of_maps_lose_nobody() -> None:
+def test_coordinates_of_maps_lose_no_one() -> None:
     origin, rng = np.array([500_000.0, 4_000_000.0]), np.random.default_rng(0)
     walks = rng.uniform([2.0, 2.0], [8.0, 6.0], (20, 3, 2))
     views = [views_of(scene(), people, t * TENTH) for t, people in enumerate(walks)]
@@ -146,7 +146,7 @@ def test_target_is_left_out_and_hides_what_is_behind() -> None:
     assert any(s.contains(shapely.Point(target)) for s in both)
 
 
-def test_frames_without_anybody_count_only_if_told() -> None:
+def test_frames_without_anybody_count_only_if_stated() -> None:
     made_scene = scene()
     views = views_of(made_scene, PEOPLE[:1], missing={("d", 0)})
     strict = replace(CONFIG, max_missed_views=0)

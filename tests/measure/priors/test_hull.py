@@ -39,7 +39,7 @@ def camera(name: str, x: float, y: float, yaw_deg: float, fov_deg: float = 100.0
 CAMERAS = (camera("south", 5, 0, 90), camera("west", 0, 5, 0), camera("corner", 0, 0, 45), camera("far", 10, 10, 225))
 
 
-def look(cam: Camera, people, scene: Scene, width: float = 0.4) -> CameraCones:
+def observation(cam: Camera, people, scene: Scene, width: float = 0.4) -> CameraCones:
     """What a camera sees of people who are discs."""
     view = hull_camera(cam, scene)
     rows = []
@@ -51,7 +51,7 @@ def look(cam: Camera, people, scene: Scene, width: float = 0.4) -> CameraCones:
 
 def polygons(names, people, missing=(), misses=0, scene=None):
     scene = scene or Scene(cameras=CAMERAS, room=ROOM)
-    detections = [look(scene.camera(n), [p for p in people if (n, p) not in missing], scene) for n in names]
+    detections = [observation(scene.camera(n), [p for p in people if (n, p) not in missing], scene) for n in names]
     return hull(detections, ROOM, 2, misses, 1e-3)
 
 
@@ -100,7 +100,7 @@ def test_missed_blob_needs_one_of_n_less() -> None:
 
 
 def test_camera_that_cannot_see_a_place_says_nothing_about_it() -> None:
-    """Behind a wall, beyond its range and beside its field of view a camera does not count."""
+    """Behind a wall, beyond its range and next to its field of view a camera does not count."""
     wall = Occluder("wall", np.array([[0.5, 3.0], [3.0, 3.0], [3.0, 3.2], [0.5, 3.2]]))
     for corner in (
         camera("corner", 0, 0, 45),
@@ -109,7 +109,7 @@ def test_camera_that_cannot_see_a_place_says_nothing_about_it() -> None:
     ):
         scene = Scene(cameras=(*CAMERAS[:2], corner), room=ROOM, occluders=(wall,) if corner.range > 9 else ())
         person = (3.0, 6.5)  # behind the wall as seen from the corner
-        detections = [look(scene.camera(n), [person], scene) for n in ("south", "west")]
+        detections = [observation(scene.camera(n), [person], scene) for n in ("south", "west")]
         view = hull_camera(corner, scene)
         assert not view.visible.contains(shapely.Point(person))
         found = hull([*detections, CameraCones(view.visible, [])], ROOM, 2, 0, 1e-3)
@@ -117,7 +117,7 @@ def test_camera_that_cannot_see_a_place_says_nothing_about_it() -> None:
         assert holds(found, person)
 
 
-def test_nobody_and_one_camera() -> None:
+def test_no_one_and_one_camera() -> None:
     assert polygons(("south", "west"), ()) == []
     assert polygons(("south",), PEOPLE) == []
     assert hull([], ROOM, 2, 1, 1e-3) == []
@@ -192,7 +192,7 @@ def test_identities_stay_through_a_gap() -> None:
         found = polygons(("south", "west"), (PEOPLE[0],)) if there else []
         memory, seen = track_polygons(memory, step * 10**8, found, RULES._replace(hold_ns=10**8))
         names.append([s.identity for s in seen])
-    assert names == [[0], [0], [0], [], [0]]  # held for one moment
+    assert names == [[0], [0], [0], [], [0]]  # held for one time
     _, seen = track_polygons(memory, 10**11, polygons(("south", "west"), (PEOPLE[0],)), RULES)
     assert [s.identity for s in seen] == [1]
 

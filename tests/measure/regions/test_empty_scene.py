@@ -38,7 +38,7 @@ def test_a_body_that_moves_on_the_spot_most_of_the_time_is_not_in_it() -> None:
     got = empty_scene(samples, 10.0)
     wrong = [np.count_nonzero(np.abs(image - scene_image().astype(float)).max(axis=2) > 10) for image in (plain, got)]
     assert wrong[0] > 500
-    assert wrong[1] < 5  # single pixels of the cloth may look alike in neighbouring samples
+    assert wrong[1] < 5  # single pixels of the cloth may are alike in neighbouring samples
 
 
 def test_a_body_that_never_moves_is_part_of_the_scene() -> None:

@@ -7,7 +7,7 @@ from occlog.measure.regions.regions import gather
 
 
 def slow_cells(mask: np.ndarray, side: int) -> tuple[np.ndarray, np.ndarray]:
-    """The definition: for each square of the grid the moments of its pixels by numpy."""
+    """The definition: for each square of the grid the times of its pixels by numpy."""
     rows, corners = [], []
     for top in range(0, mask.shape[0], side):
         for left in range(0, mask.shape[1], side):

@@ -79,7 +79,7 @@ def test_unknown_names_are_refused(paper: str, items: list[str], expected: str) 
         catalogue.choose(paper, items, everything=False)
 
 
-def test_size_is_that_of_the_paper_unless_told() -> None:
+def test_size_is_that_of_the_paper_unless_stated() -> None:
     e: Experiment = catalogue.choose("ercan", ["fig6"], everything=False)[0]
     assert catalogue.size_of(e, quick=False, runs=None, steps=None, seed=3) == Size(5, 4000, False, 1000, 3)
     assert catalogue.size_of(e, quick=True, runs=4, steps=None, seed=0)[:2] == (4, e.quick[1])

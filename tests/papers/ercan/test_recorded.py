@@ -1,4 +1,4 @@
-"""Virtual occluders over recorded detections: who is hidden, what filters are told, the experiments on real data."""
+"""Virtual occluders over recorded detections: who is hidden, what filters are stated, the experiments on real data."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def test_a_trial_depends_on_its_seeds_alone() -> None:
     assert found == trial(recorded, crowd_of(recorded, 0), "known", recorded.cameras, size, 0)
     assert found["rmse_occ"] == 0.0
     assert 0.0 <= found["hidden"] == np.mean(crowd.gone[recorded.bearings.seen])
-    # Without priors "not seen" must say nothing, as in the paper; a filter told of misses would take it for one.
+    # Without priors "not seen" must say nothing, as in the paper; a filter reported misses would take it for one.
     assert [settings_of(recorded, size, k).detection_probability for k in ("none", "kalman", "known", CLEAR)] == [
         None
     ] + [0.9] * 3
@@ -132,7 +132,7 @@ def test_an_experiment_needs_its_recording(tmp_path: Path, capsys: pytest.Captur
     ask = ["reproduce", "ercan", ITEMS[0]]
     bearings, scene_file = str(tmp_path / "b.parquet"), str(tmp_path / "s.yaml")
     for name in (bearings, scene_file):
-        Path(name).touch()  # a file that is missing would be told first
+        Path(name).touch()  # a file that is missing would be stated first
 
     def report_of(*args: str) -> tuple[int, str]:
         code = run([*ask, *args])

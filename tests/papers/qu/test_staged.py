@@ -1,4 +1,4 @@
-"""Staged videos: what the scenes bring about, balls that a view does not see, and where trackers are said to be."""
+"""Staged videos: what the scenes bring about, balls that a view does not see, and where trackers are stated to be."""
 
 from __future__ import annotations
 

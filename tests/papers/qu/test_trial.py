@@ -1,4 +1,4 @@
-"""Trials on rendered balls: what trackers are told, how they are scored, and what the loop check is judged by."""
+"""Trials on rendered balls: what trackers are stated, how they are scored, and what the loop check is judged by."""
 
 from __future__ import annotations
 

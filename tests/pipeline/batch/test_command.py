@@ -130,7 +130,7 @@ def test_more_recordings_join_and_a_changed_one_is_done_again(
 
 
 @pytest.mark.usefixtures("here")
-def test_tables_of_an_earlier_command_do_not_stay_beside_newer_ones(simulated: Path, tmp_path: Path) -> None:
+def test_tables_of_an_earlier_command_do_not_stay_next_to_newer_ones(simulated: Path, tmp_path: Path) -> None:
     """Tables that the second command does not join were left, of runs that are no more."""
     memory, out = pytest.importorskip("fsspec").filesystem("memory"), tmp_path / "out"
     for place, more in ((str(out), ()), ("memory://old", ("--cache", str(tmp_path / "cache"), "--workers", "1"))):

@@ -1,4 +1,4 @@
-"""Executors of clusters: what can be tried on one machine, and what is told where something is missing."""
+"""Executors of clusters: what can be tried on one machine, and what is stated where something is missing."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def test_jobs_share_the_work_and_a_piece_that_kills_its_process_takes_no_other_w
     work = {str(n): n for n in range(6)}
     folder = tmp_path / "jobs"
     found = dict(Jobs("local", folder, {"jobs": "2", "timeout_min": "2"}).outcomes(work, square_or_die))
-    # What jobs were given may name signed URLs: nobody else can read it, and it is taken away
+    # What jobs were given may name signed URLs: no one else can read it, and it is taken away
     assert folder.stat().st_mode & 0o077 == 0
     assert list(folder.iterdir())
     assert not list(folder.rglob("*submitted.pkl"))

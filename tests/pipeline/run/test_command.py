@@ -316,7 +316,7 @@ def test_a_table_needs_a_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str
 
 
 def recording_with_video(folder: Path) -> Path:
-    """A recording that links to a video of no content beside it."""
+    """A recording that links to a video of no content next to it."""
     folder.mkdir()
     (folder / "a.avi").write_bytes(b"frames")
     with RecordingWriter(folder / "hall.mcap", hall("a"), Provenance("test")) as out:
@@ -413,8 +413,8 @@ def test_an_argument_may_be_a_path_as_it_is_and_behind_an_equals_sign(
         assert files_of(text) == []
 
 
-def test_what_is_read_beside_an_argument_is_an_input(tmp_path: Path) -> None:
-    """Names of classes beside or above labels; a folder's files are known by the way to them."""
+def test_what_is_read_next_to_an_argument_is_an_input(tmp_path: Path) -> None:
+    """Names of classes next to or above labels; a folder's files are known by the way to them."""
     labels = tmp_path / "labels" / "view1"
     labels.mkdir(parents=True)
     (labels / "000000.txt").write_text("0 0.5 0.5 0.1 0.2\n")
@@ -424,7 +424,7 @@ def test_what_is_read_beside_an_argument_is_an_input(tmp_path: Path) -> None:
     assert [name_of(file, folder) for file in files_of(folder)] == ["classes.txt", "view1/000000.txt"]
 
 
-def test_weights_beside_a_network_are_inputs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_weights_next_to_a_network_are_inputs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     model, weights = tmp_path / "net.onnx", tmp_path / "net.bin"
     model.write_bytes(b"network")
     weights.write_bytes(b"weights")

@@ -41,7 +41,7 @@ Start = Callable[..., tuple[int, str]]
 
 @pytest.fixture
 def start(folder: Path, capsys: pytest.CaptureFixture[str]) -> Start:
-    """Start on the folder; the exit code and what was said."""
+    """Start on the folder; the exit code and what was stated."""
 
     def call(*options: str, source: Path | None = None, out: str = "out") -> tuple[int, str]:
         capsys.readouterr()

@@ -1,7 +1,7 @@
 """Steps of the auxiliary particle filter, written plainly with vectorised NumPy and SciPy.
 
 It shares no code with occlog.  `step` follows [Ercan] Sec. 4 line by line, with the
-departures that `occlog.track.methods.apf.filter` states; `scan_step` looks at the scan first, as
+departures that `occlog.track.methods.apf.filter` states; `scan_step` points at the scan first, as
 `occlog.track.methods.apf.proposal` describes, with normal equations in place of rotations.  Tests
 compare the fast filter with it; the benchmark `track` takes it as the baseline.  Random numbers are handed in, so that
 both can be given the same.
@@ -123,7 +123,7 @@ def log_likelihood(xy, z, sigma_read, scene, config, priors=None):
 
 
 def factors(xy, z, sigma_read, scene, config):
-    """(L, N) factors of cameras that nobody hides, (N,) of those that somebody does, (L, N) which could be hidden.
+    """(L, N) factors of cameras that no one hides, (N,) of those that somebody does, (L, N) which could be hidden.
 
     `hit`, `miss` and `false` of the config may be (N,).
     """
@@ -247,7 +247,7 @@ def step(particles, z, sigma_read, scene, config, dt, draws, priors=None):
 
 @dataclass
 class ScanDraws:
-    """Random numbers of one step that looks at the scan, in the order in which the filter uses them."""
+    """Random numbers of one step that points at the scan, in the order in which the filter uses them."""
 
     destinations: np.ndarray  # (L, 2)
     before: np.ndarray  # (L,) share of the step before a change of the destination
@@ -386,7 +386,7 @@ def scan_step(particles, z, sigma_read, scene, config, dt, draws):
     log_first += np.log(a).sum(axis=1) - near.log_factors[best]
     first = np.exp(log_first - logsumexp(log_first)).ravel()
     first = (1 - config.defensive_fraction) * first + config.defensive_fraction * prior
-    if np.isnan(z).all():  # nobody sees the target: a fifth goes to all that is possible alike
+    if np.isnan(z).all():  # no one sees the target: a fifth goes to all that is possible alike
         possible = chances > 0
         first = 0.8 * first + 0.2 * (possible * particles.weights / possible.sum(axis=0)).ravel()
     chosen = systematic(first, draws.resample, n)

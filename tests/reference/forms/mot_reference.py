@@ -127,7 +127,7 @@ def idtp(scene: Scene, similar: Measure) -> int:
 
 
 def hota(scene: Scene, similar: Measure, alpha: float) -> dict[str, float]:
-    """HOTA at one threshold with TPA, FNA and FPA counted anew for every true positive."""
+    """HOTA at one threshold with TPA, FNA and FPA counted again for every true positive."""
     rows = [(i, j, t) for t, (a, b) in scene.items() for i in a for j in b]
     value = {(i, j, t): similar(scene[t][0][i], scene[t][1][j]) for i, j, t in rows}
 

@@ -67,7 +67,7 @@ def offset(b, s, priors):
 
 
 def clear(xy, camera, priors):
-    """(L,) probability that nobody hides the places from a camera."""
+    """(L,) probability that no one hides the places from a camera."""
     return np.prod(1.0 - hiding(xy, camera, priors), axis=1)
 
 
@@ -104,7 +104,7 @@ def mixture(a, b, patterns):
 def independent(a, b, assigned, share, floor):
     """(L,) likelihoods with cameras independent of each other.
 
-    a (L, N) are factors of cameras that nobody hides, b (N,) of those that are hidden, and
+    a (L, N) are factors of cameras that no one hides, b (N,) of those that are hidden, and
     share (L, N) the probabilities of the former; cameras that are not `assigned` (L, N) have factor a.
     """
     mixed = np.maximum(share, floor) * a + np.maximum(1.0 - share, floor) * b

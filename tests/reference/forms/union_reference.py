@@ -77,7 +77,7 @@ def hiding(xy, camera, persons, diameter):
 
 
 def together(xy, cameras, persons, diameter):
-    """(L, 2^N) probabilities that nobody stands in the way of any camera of a subset; bit i is camera i."""
+    """(L, 2^N) probabilities that no one stands in the way of any camera of a subset; bit i is camera i."""
     out = np.ones((len(xy), 1 << len(cameras)))
     for p, x in enumerate(xy):
         regions = [rectangle(camera, x, diameter) for camera in cameras]

@@ -65,7 +65,7 @@ def make_environment(folder: Path) -> Path:
 
 
 def _cannot_install(expected: str) -> NoReturn:
-    """Skip where there is no network, unless the comparison is required; fail with all that pip said otherwise."""
+    """Skip where there is no network, unless the comparison is required; fail with all that pip stated otherwise."""
     what = f"{' and '.join(PACKAGES)} cannot be installed"
     required = os.environ.get("OCCLOG_PEERS_REQUIRED", "0") not in ("", "0")
     if required or not any(words in expected.lower() for words in NO_NETWORK):

@@ -3,7 +3,7 @@
     python mot_peers.py scenes.json    a list of scenes, each a list of frames
                                        {"truth": ids, "tracks": ids, "similarity": rows, "distance": rows}
     python mot_peers.py folder         truth/NAME/..., tracks/ours/data/NAME.txt, list.txt: evaluated as files
-    python mot_peers.py layout folder  gt/..., trackers/...: as TrackEval looks at them by itself, and py-motmetrics
+    python mot_peers.py layout folder  gt/..., trackers/...: as TrackEval points at them by itself, and py-motmetrics
 
 A distance that must not be paired is null.
 """
@@ -88,7 +88,7 @@ def of_folder(folder: Path) -> dict[str, Any]:
 
 
 def of_layout(folder: Path) -> dict[str, Any]:
-    """Both programs on the folder; TrackEval is told nothing but where it is."""
+    """Both programs on the folder; TrackEval is given nothing but where it is."""
     import trackeval
 
     places = {"GT_FOLDER": str(folder / "gt"), "TRACKERS_FOLDER": str(folder / "trackers"), "PRINT_CONFIG": False}

@@ -43,7 +43,7 @@ def settled(page: Any) -> None:
 
 
 def clock(page: Any) -> float:
-    """The moment that is shown [s]."""
+    """The time that is shown [s]."""
     return float(page.text_content("#replay-clock").split()[0])
 
 

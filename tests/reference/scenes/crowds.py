@@ -30,7 +30,7 @@ class Crowd(NamedTuple):
 
 
 def cameras_around(count: int, width: float, depth: float, metre: float = 1.0, seed: int = 0) -> tuple[Camera, ...]:
-    """Cameras near the walls of a room, 2.6 to 3.4 m high, that look to places around its middle."""
+    """Cameras near the walls of a room, 2.6 to 3.4 m high, directed at places around its middle."""
     rng = np.random.default_rng(seed)
     out = []
     for k in range(count):
@@ -101,13 +101,13 @@ def crowd(
         hz: of the cameras.
         size: of the room [m].
         miss: probability that a person in view is not detected.
-        false: expected boxes of nobody a camera and frame.
+        false: expected boxes of no one a camera and frame.
         px: standard deviation of an edge [px].
         hidden: people of whom nearer ones cover more than this share are not detected.
         metre: in the scene's unit.
         seed: of everything.
         colours: of a histogram of each box, Dirichlet about that of the person; 0: boxes have none.
-        alike: concentration of boxes' histograms about the person's; that of persons, and of nobody's boxes, is 1.
+        alike: concentration of boxes' histograms about the person's; that of persons, and of no one's boxes, is 1.
         lean: (frames, people) angle [rad] by which a body has fallen over along x, about its feet; None: all stand.
     """
     rng = np.random.default_rng(seed)
@@ -121,7 +121,7 @@ def crowd(
     ring = np.array([[0.5 * r * np.cos(a), 0.5 * r * np.sin(a), z] for z, r in RINGS for a in angle])
     moments = []
     for t in range(frames):
-        looks = []
+        observations = []
         for c, view in enumerate(views):
             boxes, far = _bodies(
                 view, truth[t], height, girth, ring, metre, np.zeros(people) if lean is None else lean[t]
@@ -134,36 +134,36 @@ def crowd(
                 w, u, v = rng.uniform(30.0, 120.0), rng.uniform(0.0, 1280.0), rng.uniform(50.0, 720.0)
                 empty.append([u - 0.5 * w, v - 2.9 * w, u + 0.5 * w, v])
             found = np.concatenate([found, np.array(empty).reshape(-1, 4)])
-            look = _histograms(clothes[own], len(empty), alike, paint)
+            observation = _histograms(clothes[own], len(empty), alike, paint)
             # A detector's boxes end at the border of the image
             found = np.clip(found, 0.0, [1279.0, 719.0, 1279.0, 719.0])
             large = (found[:, 2] - found[:, 0] > 4.0) & (found[:, 3] - found[:, 1] > 8.0)
-            found, look = found[large], look[large]
+            found, observation = found[large], observation[large]
             order = rng.permutation(len(found))
-            found, look = found[order], look[order]
+            found, observation = found[order], observation[order]
             n = len(found)
-            looks.append(
+            observations.append(
                 FrameDetections(
                     t_ns=round(t * NS / hz),
                     camera=c,
                     boxes=found,
                     score=np.full(n, np.nan),
                     tracklet_id=np.full(n, NO_ID),
-                    appearance=look,
+                    appearance=observation,
                     row=np.arange(n),
                 )
             )
-        moments.append(looks)
+        moments.append(observations)
     return Crowd(Scene(cameras=views, length_unit="m" if metre == 1.0 else "cm"), moments, truth * metre)
 
 
-def _histograms(clothes: Floats, nobody: int, alike: float, rng: np.random.Generator) -> Floats:
-    """Histograms of the boxes of people in these clothes (n, K), and of so many boxes of nobody."""
+def _histograms(clothes: Floats, absent: int, alike: float, rng: np.random.Generator) -> Floats:
+    """Histograms of the boxes of people in these clothes (n, K), and of so many boxes of no one."""
     K = clothes.shape[1]
     if not K:
-        return np.zeros((len(clothes) + nobody, 0))
+        return np.zeros((len(clothes) + absent, 0))
     own = [rng.dirichlet(alike * c + 0.05) for c in clothes]
-    return np.array([*own, *rng.dirichlet(np.ones(K), nobody)]).reshape(-1, K)
+    return np.array([*own, *rng.dirichlet(np.ones(K), absent)]).reshape(-1, K)
 
 
 def _bodies(

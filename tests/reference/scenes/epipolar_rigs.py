@@ -7,7 +7,7 @@ from occlog.records.scene import Camera
 
 
 def looking(name, position, target, focal, roll=0.0, **more):
-    """A camera of 640 x 480 px that looks from a place to another one."""
+    """A camera of 640 x 480 px that points from a place to another one."""
     d = np.asarray(target, dtype=float) - position
     yaw, pitch = np.arctan2(d[1], d[0]), np.arctan2(d[2], np.hypot(d[0], d[1]))
     rotation = rotation_from_angles(yaw, pitch, roll)

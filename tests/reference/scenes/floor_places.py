@@ -18,10 +18,10 @@ WALK = WalkModel(
 )
 
 
-def places_at(moment, at, worth, looks=None, sums=None):
+def places_at(moment, at, worth, observations=None, sums=None):
     """Places that a body of average size makes, with a constant that their boxes are worth, and how these look."""
     n = len(moment)
-    looks = (np.zeros((n, 0)), np.zeros(n)) if looks is None else looks
+    observations = (np.zeros((n, 0)), np.zeros(n)) if observations is None else observations
     J = np.zeros((n, 6, 6))
     J[:] = np.diag([40.0, 40.0, 0.0, 0.0, 100.0, 100.0])
     state = np.column_stack([at, np.zeros((n, 2)), np.full(n, 1.7), np.full(n, 0.5)])
@@ -39,7 +39,7 @@ def places_at(moment, at, worth, looks=None, sums=None):
         death=np.full(n, -2.0),
         hint=np.full((n, 2), NO_NODE),
         life=np.zeros((0, 2)),
-        alike=AppearanceVectors(*looks, feature_likelihood(np.zeros((2, 3)) if sums is None else sums)),
+        alike=AppearanceVectors(*observations, feature_likelihood(np.zeros((2, 3)) if sums is None else sums)),
     )
 
 

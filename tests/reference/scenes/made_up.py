@@ -15,7 +15,7 @@ STEP_NS = 100_000_000
 
 
 def ring_scene(cameras: int = 8, size: float = 100.0) -> Scene:
-    """A square room with cameras on a ring that look at its middle, and two pillars."""
+    """A square room with cameras on a ring that point at its middle, and two pillars."""
     out = []
     for i in range(cameras):
         azimuth = 2 * np.pi * i / cameras + 0.3

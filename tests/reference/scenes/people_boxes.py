@@ -23,7 +23,7 @@ HEIGHT, WIDTH = 1.75, 0.5
 
 
 def camera(name: str, metre: float = 1.0, **other: object) -> Camera:
-    """A camera in a corner of the hall, 3 m high, that looks at its middle."""
+    """A camera in a corner of the hall, 3 m high, that points at its middle."""
     x, y, yaw = CORNERS[name]
     focal, principal = np.array([FOCAL, FOCAL]), np.array([319.5, 239.5])
     rotation = rotation_from_angles(np.radians(yaw), np.radians(-20.0), 0.0)

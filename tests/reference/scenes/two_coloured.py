@@ -25,7 +25,7 @@ CAMERA = Camera(
 )
 SCENE = Scene(cameras=(CAMERA,), length_unit="m")
 DRESSED = {0: (RED, GREEN), 1: (GREEN, RED)}
-"""Front and back: from all sides together the two look the same."""
+"""Front and back: from all sides together the two are alike."""
 
 
 def places(steps: int, numbers=(0, 1)) -> np.ndarray:

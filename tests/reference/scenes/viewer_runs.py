@@ -31,7 +31,7 @@ def scene(unit: str = "m") -> Scene:
 
 
 def tracks() -> PeopleTracks:
-    """Targets 3 and 7 at two times; nobody sees 7 at the second, and its identity is in doubt."""
+    """Targets 3 and 7 at two times; no one sees 7 at the second, and its identity is in doubt."""
     zero = {name: [0.0] * 4 for name in ("vx", "vy")}
     return PeopleTracks.of(
         t_ns=[NS, NS, 2 * NS, 2 * NS], target_id=[3, 7, 3, 7], x=[2.0, 1.0, 2.5, 1.0], y=[1.0, 2.0, 1.0, 2.5],

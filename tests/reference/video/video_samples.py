@@ -66,7 +66,7 @@ def jpeg(index: int, size: tuple[int, int] = (WIDTH, HEIGHT)) -> bytes:
 def avi(
     chunks: list[bytes], rate: int = 20, announced: int | None = None, start: int = 0, codec: bytes = b"MJPG"
 ) -> bytes:
-    """An AVI file of given chunks (an empty one is a frame that the recorder dropped), motion JPEG if not said."""
+    """An AVI file of given chunks (an empty one is a frame that the recorder dropped), motion JPEG if not stated."""
     strh = struct.pack(
         "<4s4sIHHIIIIIIII8s",
         b"vids",

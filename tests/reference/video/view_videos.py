@@ -57,7 +57,7 @@ def record_balls(
         scene: another one.
         posed: with a scene.
         boxes: with true boxes.
-        detector: with boxes of a detector that sees everything and knows nobody.
+        detector: with boxes of a detector that sees everything and knows no one.
     """
     cameras = ball_cameras(SMALL)
     count = dict.fromkeys((c.name for c in cameras), 0)

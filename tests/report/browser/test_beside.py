@@ -44,7 +44,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def rows(page: Any) -> list[list[str]]:
-    """Cells of the table of the moment."""
+    """Cells of the table of the time."""
     found = page.locator("#replay-rows tr").all()
     return [[cell.strip() for cell in row.locator("th, td").all_inner_texts()] for row in found]
 

@@ -71,7 +71,7 @@ def test_playing_goes_on_at_the_speed_that_is_chosen_and_stops(opened: Open) -> 
     assert page.get_attribute("#replay-play", "aria-pressed") == "true"
     page.wait_for_function("() => parseFloat(document.getElementById('replay-clock').textContent) > 0.3")
     page.click("#replay-play")
-    settled(page)  # a moment that was asked for before the click
+    settled(page)  # a time that was asked for before the click
     stopped = clock(page)
     assert 0.3 < stopped < 11.9  # at its own speed it would take 12 s
     settled(page)

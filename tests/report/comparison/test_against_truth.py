@@ -44,7 +44,7 @@ def test_errors_are_of_targets_that_both_have_found_and_the_others_are_counted()
     assert found.both == 60
 
 
-def test_a_frame_in_which_they_found_nobody_in_common_has_no_error() -> None:
+def test_a_frame_in_which_they_found_no_one_in_common_has_no_error() -> None:
     def only(person: int, table: PeopleTracks) -> PeopleTracks:
         return table.take(table.target_id == person + 10)
 

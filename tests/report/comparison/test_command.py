@@ -92,7 +92,7 @@ def test_the_same_command_makes_the_same_bytes(runs: tuple[Path, Path], tmp_path
     assert report(*runs, "-o", tmp_path / "one.html", "-q") == ExitCode.EXISTS
 
 
-def test_a_run_beside_itself_is_the_same(runs: tuple[Path, Path], tmp_path: Path, capsys: Any) -> None:
+def test_a_run_next_to_itself_is_the_same(runs: tuple[Path, Path], tmp_path: Path, capsys: Any) -> None:
     page = tmp_path / "same.html"
     assert report(runs[0], runs[0], "-o", page, "--json", "-q") == ExitCode.DONE
     result = json.loads(capsys.readouterr().out)
@@ -185,7 +185,7 @@ def far_away(frame: np.ndarray, label: np.ndarray, x: np.ndarray, y: np.ndarray)
     y += 300.0
 
 
-def test_a_run_that_is_on_nobody_is_reported_so(runs: tuple[Path, Path], tmp_path: Path, capsys: Any) -> None:
+def test_a_run_that_is_on_no_one_is_reported_so(runs: tuple[Path, Path], tmp_path: Path, capsys: Any) -> None:
     far = write_run(tmp_path / "far", tracks(60, far_away))
     page = tmp_path / "beside.html"
     assert report(runs[0], far, "-o", page, "--json", "-q") == ExitCode.DONE

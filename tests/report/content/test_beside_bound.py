@@ -1,4 +1,4 @@
-"""Errors beside the bound: figures of pieces are those of whole tables."""
+"""Errors next to the bound: figures of pieces are those of whole tables."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from occlog.report.gather import BearingReference, Posts, ThinnedBearings, beari
 
 
 def labels(case: Case, kind: str) -> Case:
-    """Bearings as they are, of nobody, or of sensors of which each has its own times."""
+    """Bearings as they are, of no one, or of sensors of which each has its own times."""
     table = case.bearings
     columns = {c.name: getattr(table, c.name) for c in Bearings.columns()}
     if kind == "nobody's":
@@ -89,7 +89,7 @@ def test_of_long_tables_a_part_is_drawn_with_the_largest_and_figures_are_of_all(
     assert near.distance.max() == pytest.approx(far.distance.max(), rel=1e-8)
     np.testing.assert_allclose(near.so_far, far.so_far[np.isin(far.t_ns, near.t_ns)], rtol=1e-8)
     assert (near.rms, near.high) == pytest.approx((far.rms, far.high), rel=1e-8)
-    # Bearings that are drawn are those of moments, with all sensors
+    # Bearings that are drawn are those of times, with all sensors
     moments = np.unique(case.tracks.t_ns)[::3][:: found.every]
     assert set(np.unique(found.table.t_ns).tolist()) <= set(np.unique(case.bearings.t_ns).tolist())
     shown = case.bearings.take(np.isin(case.bearings.t_ns, moments))

@@ -181,7 +181,7 @@ def test_the_same_input_gives_the_same_bytes(folder: Path) -> None:
         assert one.read_bytes() == two.read_bytes()
 
 
-def test_images_in_which_nobody_was_found_are_shown(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_images_in_which_no_one_was_found_are_shown(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     empty = tracks_of([0]).take(np.zeros(0, dtype=np.int64))
     write_table(folder / "t.parquet", empty, Provenance("track"), overwrite=True)
     assert report(folder, "--video", str(folder / "o.avi"), "--json") == ExitCode.DONE

@@ -1,4 +1,4 @@
-"""Tracks of the world over the video: where cameras should see them, the plan beside the images, trails, limits."""
+"""Tracks of the world over the video: where cameras should see them, the plan next to the images, trails, limits."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ def test_the_page_of_everybody_says_who_was_there_and_who_saw_them() -> None:
     assert "may have been exchanged" in page
 
 
-def test_other_tracks_and_people_whom_nobody_sees_are_shown_without() -> None:
+def test_other_tracks_and_people_whom_no_one_sees_are_shown_without() -> None:
     plain = {c.name: getattr(hall(), c.name) for c in Tracks.columns()}
     assert "Who was there" not in headings(build_page(ReportInput(tracks=Tracks(**plain))))
     unseen = replace(hall(), seen_by=np.full(50, ""))

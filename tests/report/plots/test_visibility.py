@@ -11,7 +11,7 @@ from occlog.report.content.coverage import CELLS, ObservationStreams, SensorSigh
 from occlog.report.plots.over_time import coarser, sensors, watched
 
 
-def looks(t_ns: list[int], seen: list[bool], sensor: str = "a", target: int = 0) -> Bearings:
+def observations(t_ns: list[int], seen: list[bool], sensor: str = "a", target: int = 0) -> Bearings:
     n = len(t_ns)
     angle = np.where(seen, 0.1, np.nan)
     nan = np.full(n, np.nan)
@@ -35,7 +35,7 @@ def sightings(table: Bearings, sensor: str, target: int) -> SensorSightings:
 
 
 def test_each_frame_lasts_to_the_next_and_a_gap_is_no_frame() -> None:
-    found = sightings(looks([0, 10, 20, 100, 110], [True, False, True, True, False]), "a", 0)
+    found = sightings(observations([0, 10, 20, 100, 110], [True, False, True, True, False]), "a", 0)
     state = [(int(e), int(n), int(s)) for e, n, s in zip(found.edges, found.observed, found.seen, strict=False)]
     assert state == [(0, 1, 1), (10, 1, 0), (20, 1, 1), (35, 0, 0), (100, 1, 1), (110, 1, 0)]
     assert found.edges[-1] == 120
@@ -43,14 +43,14 @@ def test_each_frame_lasts_to_the_next_and_a_gap_is_no_frame() -> None:
 
 
 def test_candidates_of_one_frame_are_one_look() -> None:
-    found = sightings(looks([0, 0, 10, 20], [True, False, False, False], target=-1), "a", -1)
+    found = sightings(observations([0, 0, 10, 20], [True, False, False, False], target=-1), "a", -1)
     assert found.observed.tolist() == [1, 1, 1]
     assert found.seen.tolist() == [1, 0, 0]
 
 
 def test_a_single_frame_and_no_frame() -> None:
-    assert sightings(looks([5], [True]), "a", 0).seen.tolist() == [1]
-    nothing = sightings(looks([5], [True]), "b", 0)
+    assert sightings(observations([5], [True]), "a", 0).seen.tolist() == [1]
+    nothing = sightings(observations([5], [True]), "b", 0)
     assert len(nothing.observed) == 0
     assert np.isnan(nothing.share)
 
@@ -59,19 +59,19 @@ def test_long_recordings_keep_their_counts() -> None:
     rng = np.random.default_rng(0)
     n = 20_000
     seen = rng.random(n) < 0.3
-    found = sightings(looks(list(range(0, 10 * n, 10)), seen.tolist()), "a", 0)
+    found = sightings(observations(list(range(0, 10 * n, 10)), seen.tolist()), "a", 0)
     assert len(found.observed) == CELLS
     assert found.observed.sum() == n
     assert found.seen.sum() == seen.sum()
 
 
 def test_sensors_in_the_scene_come_first() -> None:
-    data = run(steps=20, cameras=2, bearings=looks([0], [True], "stranger"))
+    data = run(steps=20, cameras=2, bearings=observations([0], [True], "stranger"))
     assert sensors(data) == ("camera 1", "camera 2", "stranger")
 
 
 def test_unassigned_candidates_are_shown_only_alone() -> None:
-    assert watched(run(steps=20, bearings=looks([0], [True], target=-1))) == (-1,)
+    assert watched(run(steps=20, bearings=observations([0], [True], target=-1))) == (-1,)
     assert watched(run(steps=20, targets=2)) == (0, 1)
 
 
@@ -88,7 +88,7 @@ def test_a_sensor_that_names_no_target_has_its_candidates_counted() -> None:
 @pytest.mark.parametrize(("next_ns", "frames"), [(35, [1, 1, 1, 1, 1]), (36, [1, 1, 1, 0, 1, 1])])
 def test_a_frame_lasts_at_most_half_as_long_again_as_usual(next_ns: int, frames: list[int]) -> None:
     t_ns = [0, 10, 20, next_ns, next_ns + 10]
-    assert sightings(looks(t_ns, [True] * 5), "a", 0).observed.tolist() == frames
+    assert sightings(observations(t_ns, [True] * 5), "a", 0).observed.tolist() == frames
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""What the page's script is given: the same numbers as the tables, for the moments that are kept."""
+"""What the page's script is given: the same numbers as the tables, for the times that are kept."""
 
 from __future__ import annotations
 

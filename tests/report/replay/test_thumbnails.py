@@ -1,4 +1,4 @@
-"""Small images beside the plan: as many as fit, of the right moments, with what is tracked drawn over them."""
+"""Small images next to the plan: as many as fit, of the right times, with what is tracked drawn over them."""
 
 from __future__ import annotations
 

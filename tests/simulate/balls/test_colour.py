@@ -16,7 +16,7 @@ RING = np.array([[np.cos(t), np.sin(t)] for t in np.linspace(0, 2 * np.pi, 8, en
 
 @pytest.mark.jit
 @pytest.mark.parametrize("step", [1, 2])
-def test_the_likelihood_of_a_visible_ball_falls_beside_it(step):
+def test_the_likelihood_of_a_visible_ball_falls_next_to_it(step):
     frames = list(render_balls(replace(BallsConfig(), frames=40), 4))
     first = frames[0]
     whole = np.zeros(len(first.ellipses[0]), dtype=bool)

@@ -49,8 +49,8 @@ def test_far_views_have_circles_of_one_size_and_a_right_angle_keeps_the_row():
     for e in (first, second):
         np.testing.assert_allclose(e[..., 2:4], 22.0, atol=0.01)
     np.testing.assert_allclose(first[..., 1], second[..., 1], atol=0.03)
-    np.testing.assert_allclose(first[..., 0], 159.5 - centres[..., 1], atol=0.03)  # looks along +x
-    np.testing.assert_allclose(second[..., 0], 159.5 + centres[..., 0], atol=0.03)  # looks along +y
+    np.testing.assert_allclose(first[..., 0], 159.5 - centres[..., 1], atol=0.03)  # points along +x
+    np.testing.assert_allclose(second[..., 0], 159.5 + centres[..., 0], atol=0.03)  # points along +y
 
 
 @pytest.mark.parametrize(("views", "distance"), [(2, 1e6), (6, 1e6), (6, 800.0)])
@@ -86,7 +86,7 @@ def test_ways_are_straight_but_for_the_walls():
 
 
 @pytest.mark.parametrize("motion", ["walk", "manoeuvre"])
-def test_motions_of_one_seed_start_alike_stay_in_the_box_and_step_as_told(motion):
+def test_motions_of_one_seed_start_alike_stay_in_the_box_and_step_as_stated(motion):
     config = BallsConfig(frames=400, ball_motion=motion)
     paths, straight = ball_paths(config, 3), ball_paths(replace(config, ball_motion="straight"), 3)
     np.testing.assert_array_equal(paths.centres[0], straight.centres[0])
@@ -124,7 +124,7 @@ def test_balls_that_collide_keep_their_energy_and_stay_apart():
     apart = np.linalg.norm(free[:, :, None] - free[:, None], axis=-1)[:, *np.triu_indices(6, 1)]
     assert apart.min() < 0.9 * 44.0  # the same balls would have met
     turned = np.linalg.norm(np.diff(centres, n=2, axis=0), axis=-1) > 1e-9
-    straight = ~turned.any(axis=1)  # a frame in which nobody met anything
+    straight = ~turned.any(axis=1)  # a frame in which no one met anything
     energy = (np.diff(centres, axis=0) ** 2).sum(axis=(1, 2))[1:][straight]
     assert len(energy) > 50
     np.testing.assert_allclose(energy, energy[0], rtol=1e-9)
@@ -137,13 +137,13 @@ def test_the_first_frame_shows_every_ball():
 
 
 def test_share_of_a_ball_half_behind_another_is_the_area_of_the_lens():
-    """View 1 looks along +x: balls at the same height, one behind; d = radius between centres."""
+    """View 1 points along +x: balls at the same height, one behind; d = radius between centres."""
     config = replace(PLAIN, width=120, height=80, radius=20.0)
     behind, front = (10.0, -10.0, 40.0), (-10.0, 10.0, 40.0)
     frame = next(render_balls(config, 1, paths=at(config, behind, front)))
     lens = (2 * np.pi / 3 - np.sqrt(3) / 2) / np.pi  # of two unit circles at distance 1, over one of them
     assert frame.share[0] == pytest.approx([1 - lens, 1.0], abs=0.01)  # 4 lines a pixel: 0.5 % at the rim
-    assert frame.share[1] == pytest.approx([1.0, 1 - lens], abs=0.01)  # view 2 looks along +y: y = -10 is nearer
+    assert frame.share[1] == pytest.approx([1.0, 1 - lens], abs=0.01)  # view 2 points along +y: y = -10 is nearer
     swapped = next(render_balls(config, 1, paths=at(config, front, behind)))
     assert np.array_equal(swapped.share, frame.share[:, ::-1])
     assert all(np.array_equal(a, b) for a, b in zip(swapped.images, frame.images, strict=True))

@@ -75,7 +75,7 @@ def test_depths_of_the_empty_room_are_those_of_projected_points(cam):
     slope = 0.03 * want + 0.05  # a pixel covers a stretch of a slanted floor
     assert inside.sum() > 300
     nearest = sheet(VIEWS.index(cam)).empty.depth.min(axis=2)[row, column]
-    assert np.mean(nearest < want + slope) > 0.995  # a point on an edge may round to a pixel beside it
+    assert np.mean(nearest < want + slope) > 0.995  # a point on an edge may round to a pixel next to it
     assert np.mean(np.abs(got - want) < slope) > 0.8
 
 

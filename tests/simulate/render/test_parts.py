@@ -83,8 +83,8 @@ def test_a_noisy_path_does_not_turn_the_body():
 
 
 def test_targets_wear_warm_colours_and_others_do_not():
-    def hue(look):
-        b, g, r = look.first[SHIRT] / 255
+    def hue(observation):
+        b, g, r = observation.first[SHIRT] / 255
         h, s, _ = colorsys.rgb_to_hsv(r, g, b)
         return h, s
 

@@ -120,7 +120,7 @@ def test_light_drifts_by_the_stated_share_over_the_stated_period():
     assert np.sqrt(residual[0] / 41) < 0.003
 
 
-def test_shadows_darken_the_floor_beside_the_feet_only():
+def test_shadows_darken_the_floor_next_to_the_feet_only():
     where, place = scene(), (3.0, 3.0)
     with_shadow = frames_of(where, still(place))[0].image.astype(float)
     without = frames_of(where, still(place), dataclasses.replace(QUIET, shadows=False))[0].image.astype(float)

@@ -180,7 +180,7 @@ def test_false_directions_are_poisson_in_number_and_even_on_the_sphere():
     assert np.isnan(unknown.elevation).all()
 
 
-def test_what_is_asked_for_besides_leaves_the_noise_alone():
+def test_what_is_asked_for_in_addition_leaves_the_noise_alone():
     positions = np.tile(on_circle(0.0, 90.0, z=1.0), (50, 1, 1))
     plain = heard(positions, array(sigma=0.1), SoundConfig(label_doa=True))
     more = heard(

@@ -121,7 +121,7 @@ def test_from_the_command_to_a_track_and_its_bound(tmp_path: Path, capsys: pytes
         "range",
     ]
     assert run([*args, "--measure-rate", "5"]) == ExitCode.DONE
-    assert "measurements: 93" in capsys.readouterr().out  # 31 moments, three stations
+    assert "measurements: 93" in capsys.readouterr().out  # 31 times, three stations
     truth = open_input(Path(made)).read(Truth)
     assert len(truth) == 61
     assert run(["export", made, "--table", "measurements", "-o", table]) == ExitCode.DONE

@@ -1,4 +1,4 @@
-"""Objects that walk by potential fields: nobody walks through anybody, through a wall, or into standing people."""
+"""Objects that walk by potential fields: no one walks through anybody, through a wall, or into standing people."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def people(xy: np.ndarray) -> MovingObstacleTracks:
 @pytest.mark.jit
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("room", sorted(ROOMS))
-def test_nobody_walks_through_anybody_or_through_a_wall(room: str, seed: int):
+def test_no_one_walks_through_anybody_or_through_a_wall(room: str, seed: int):
     scene = ROOMS[room]
     path = walked(scene, seed)
     flat = path.reshape(-1, 2)
@@ -98,7 +98,7 @@ def test_a_longer_walk_begins_like_a_shorter_one_and_a_seed_gives_the_same():
 
 @pytest.mark.jit
 @pytest.mark.parametrize("seed", range(4))
-def test_nobody_walks_into_a_person_who_stands(seed: int):
+def test_no_one_walks_into_a_person_who_stands(seed: int):
     place = np.array([2.0, 3.0])
     path = walked(ROOMS["pillar"], seed, people(np.tile(place, (200, 1))))
     assert np.hypot(*(path - place).reshape(-1, 2).T).min() >= 0.5 * (1 - 1e-12)

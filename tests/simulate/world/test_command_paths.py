@@ -108,8 +108,8 @@ def test_video_of_scripted_people(files: tuple[Path, Path], tmp_path: Path) -> N
     boxes = recording.read(TruthBoxes)
     assert {4, 9} <= set(boxes.target_id.tolist()) <= {-1, 2, 4, 9}
     assert set(seconds(boxes.t_ns[boxes.target_id == 9])) <= {1.0, 1.2, 1.4, 1.6, 1.8, 2.0}
-    looks = json.loads(recording.attachment("appearance.json") or b"")
-    assert [x["target_id"] for x in looks] == [4, 9]
+    observations = json.loads(recording.attachment("appearance.json") or b"")
+    assert [x["target_id"] for x in observations] == [4, 9]
     assert len(list(recording.frames())) == 16
 
 

@@ -1,4 +1,4 @@
-"""`occlog simulate --scene people`: everybody has a box in every frame, all look alike, views see all of the walk."""
+"""`occlog simulate --scene people`: everybody has a box in every frame, all are alike, views see all of the walk."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ def test_the_recording_holds_everybody_in_every_frame(tmp_path: Path, capsys: py
         assert ((seen.visible >= 0) & (seen.visible <= 1)).all()
         pixels = camera.project(np.column_stack([truth.x, truth.y, truth.z]))
         assert (np.abs(pixels[:, 0] - seen.left_px - 0.5 * seen.width_px) < 0.5 * seen.width_px).all()
-    looks = json.loads(recording.attachment("appearance.json") or b"")
-    assert [one["appearance"] for one in looks] == 3 * [looks[0]["appearance"]]
+    observations = json.loads(recording.attachment("appearance.json") or b"")
+    assert [one["appearance"] for one in observations] == 3 * [observations[0]["appearance"]]
     assert recording.provenance.parameters["render"]["identical_targets"]
     first = boxes.take(boxes.frame == 0)
     assert (first.visible == 1.0).all()
@@ -67,7 +67,7 @@ def test_all_views_hold_all_people_who_keep_off_the_walls() -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_nobody_hides_another_at_the_start(seed: int) -> None:
+def test_no_one_hides_another_at_the_start(seed: int) -> None:
     scene = people_room(3, (320, 240), 25.0)
     places = people_apart(scene, 4, seed)
     assert ((places > CLEARANCE) & (places < SIDE - CLEARANCE)).all()

@@ -128,7 +128,7 @@ def test_people_are_drawn_on_the_free_floor_only() -> None:
     check_inside(scene, next(simulate_paths(MotionScript((ScriptedTarget(6, (3.0, 3.0, NAN)),)), 4, 1.0, NAN, 0, 0)), 0)
 
 
-def test_nobody_for_a_whole_chunk_is_no_gap() -> None:
+def test_no_one_for_a_whole_chunk_is_no_gap() -> None:
     from occlog.records.scene import MicrophoneArray
 
     path = MotionScript((ScriptedTarget(0, (1.0, 0.0, NAN), from_s=300.0),))

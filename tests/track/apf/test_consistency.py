@@ -85,7 +85,7 @@ def test_nearly_exact_bearings_keep_the_target(sigma_px, seed):
 
 
 def test_rows_with_few_effective_particles_are_depleted_and_say_so():
-    """20 particles that do not look at sharp bearings."""
+    """20 particles that do not point at sharp bearings."""
     made = record("zig-zag", seed=2)
     config = replace(
         ApfConfig.in_unit("m"), particles=20, proposal="bootstrap", initial_particle_factor=50, track_loss_count=0

@@ -119,7 +119,7 @@ def test_a_walker_is_followed_with_a_consistent_covariance():
 
 
 @pytest.mark.jit
-def test_a_target_that_nobody_sees_is_where_nobody_can_see_it():
+def test_a_target_that_no_one_sees_is_where_no_one_can_see_it():
     """With a detection model, silence is evidence."""
     scene = room100(cameras=1)  # sees all of the room but what is behind the pillar
     config = ApfConfig(particles=3000, detection_probability=0.95, track_loss_count=0)
@@ -178,7 +178,7 @@ def test_stage_one_is_skipped_when_no_expected_position_can_be():
     assert after.weights[after.particles.xy[:, 0] > 100].sum() == 0.0
 
 
-def test_particles_are_drawn_anew_when_none_can_be():
+def test_particles_are_drawn_again_when_none_can_be():
     """Literal zeros, as in the paper: a camera sees the target where no particle is."""
     scene = room100()
     config = ApfConfig(

@@ -28,7 +28,7 @@ def camera(name: str, x: float, y: float, yaw_deg: float, **more) -> Camera:
     return Camera(name, np.array([x, y, 1.5]), rotation, np.full(2, 800.0), np.full(2, 400.0), (801, 801), **more)
 
 
-def looks(scene: Scene, target: np.ndarray, t_ns: int, sigma_px: float = 2.0) -> Scan:
+def observations(scene: Scene, target: np.ndarray, t_ns: int, sigma_px: float = 2.0) -> Scan:
     """Exact pixels of a target in all cameras."""
     away = target - np.array([c.ground for c in scene.cameras])
     bearing = np.arctan2(away[:, 1], away[:, 0])
@@ -50,7 +50,7 @@ def followed(scene: Scene, path: np.ndarray, seed: int = 0) -> np.ndarray:
     state = apf.init(scene, ApfConfig.in_unit(scene.length_unit), rng)
     errors = []
     for k, place in enumerate(path):
-        state, estimate = apf.step(state, looks(scene, place, k * SECOND // 5), rng)
+        state, estimate = apf.step(state, observations(scene, place, k * SECOND // 5), rng)
         errors.append(float(np.hypot(*(estimate.xy - place))))
     return np.array(errors)
 

@@ -1,4 +1,4 @@
-"""One step with a look at the scan: against the plain form, and against the step that does not look."""
+"""One step with a point at the scan: against the plain form, and against the step that does not look."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ def rows_of(scene, seed=0):
     return [(i, None if np.isnan(v) else v) for i, v in enumerate(readings(scene, seed))]
 
 
-def likelihoods(state, looks, dt, runs=60):
+def likelihoods(state, observations, dt, runs=60):
     """Mean of the likelihood over runs of a step, over that of the first, its standard error, and the first's log."""
     logs = [
         auxiliary_step(
-            state.model, state.particles, state.weights, looks, dt, np.random.default_rng(seed)
+            state.model, state.particles, state.weights, observations, dt, np.random.default_rng(seed)
         ).log_likelihood
         for seed in range(runs)
     ]
@@ -141,7 +141,7 @@ def test_the_moments_are_those_of_many_particles_that_do_not_look(seed, noises):
     np.testing.assert_allclose(share @ moved, velocity, atol=error)
 
 
-def test_where_nobody_sees_the_target_every_motion_keeps_particles():
+def test_where_no_one_sees_the_target_every_motion_keeps_particles():
     """A fifth of 1000 goes to three motions alike, so that the next scan can choose one that is rare."""
     config = ApfConfig(particles=1000, track_loss_count=0, **STAND)
     state = state_with(room100(), config, 0)

@@ -145,7 +145,7 @@ def test_cameras_without_a_pose_are_never_selected():
 
 
 def test_cameras_that_often_miss_are_selected_less():
-    """What the scene says of a camera goes before what is said of all."""
+    """What the scene says of a camera goes before what is stated of all."""
     config = SelectConfig("greedy", 1)
     best = chosen(config, 2)
     i = best.cameras[0]

@@ -162,7 +162,7 @@ def moved(trace, by):
     return tuple(one._replace(states=one.states + np.array([by, by, 0.0, 0.0, 0.0])) for one in trace)
 
 
-def test_what_came_before_particles_that_were_drawn_anew_does_not_know_of_them():
+def test_what_came_before_particles_that_were_drawn_again_does_not_know_of_them():
     scene, scans, config = walking()
     traces, _ = traces_of(scene, scans, config)
     cut = [*traces[:6], tuple(one._replace(parents=None, dt=0.0) for one in traces[6]), *traces[7:]]
@@ -177,7 +177,7 @@ def test_what_came_before_particles_that_were_drawn_anew_does_not_know_of_them()
 
 def test_a_restart_leaves_a_link_to_nothing():
     scene, scans, config = walking(track_loss_count=3)
-    # The target jumps across the room: the filter is lost and begins anew
+    # The target jumps across the room: the filter is lost and begins again
     there = [
         scan(12.0 + k, [(i, u) for i, u in enumerate(true_u(scene, (80.0, 85.0))) if abs(u) < 69]) for k in range(5)
     ]

@@ -162,7 +162,7 @@ def test_rows_are_given_out_with_a_bounded_delay_and_memory(lag: float) -> None:
     assert sum(last for _, last in calls.blocks) == 1
 
 
-def test_a_target_that_pauses_longer_than_the_lag_begins_anew() -> None:
+def test_a_target_that_pauses_longer_than_the_lag_begins_again() -> None:
     """Without any row for so long it is ended; the other one goes on."""
     times = [*range(10), *range(20, 30)]
     paused, steady = take_times(seen_walk(30, 1), times), seen_walk(30, 2)
@@ -172,7 +172,7 @@ def test_a_target_that_pauses_longer_than_the_lag_begins_anew() -> None:
     before, after = (by_map([take_times(paused, part)], LAGGED)[0] for part in (times[:10], times[10:]))
     assert same(own.take(np.arange(20) >= 10), after)  # as if there had been nothing before
     assert same(own.take(np.arange(20) < 10), before)
-    assert same(own, by_map([paused], LAGGED)[0])  # also where nobody else tells that time passes
+    assert same(own, by_map([paused], LAGGED)[0])  # also where no one else tells that time passes
 
 
 def test_the_start_is_where_a_target_is_at_first_only() -> None:

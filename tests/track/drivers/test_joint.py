@@ -79,14 +79,14 @@ def assert_same(a, b):
         np.testing.assert_array_equal(getattr(a, c.name), getattr(b, c.name))
 
 
-def test_nobody_is_reported_before_he_is_confirmed(tracked):
+def test_no_one_is_reported_before_he_is_confirmed(tracked):
     # The first scan makes a track, two more confirm it.
     assert tracked[0].t_ns.min() == round(0.4 * NS)
     strict, _, _ = run([rows(SCENE, TWO)], replace(CONFIG, confirmation_hits=10))
     assert strict.t_ns.min() == round(1.8 * NS)
 
 
-def test_false_directions_are_nobody():
+def test_false_directions_are_no_one():
     rng = np.random.default_rng(5)
     false = table([(n * NS // 5, "a1", -1, rng.uniform(-3, 3), 0.03) for n in range(0, 100, 10)])
     tracks, _, parts = run([Bearings.merge([rows(SCENE, {0: TWO[0]}), false])])

@@ -10,8 +10,8 @@ from occlog.track.drivers.rows import ORDER_BYTES, REPORT_BYTES, NetworkTraffic
 
 
 def rows(*given):
-    """Diagnostics of (t, target, frames used, frames delivered, cameras selected, selected anew)."""
-    t, target, looked, offered, selected, anew = (list(c) for c in zip(*given, strict=True))
+    """Diagnostics of (t, target, frames used, frames delivered, cameras selected, selected again)."""
+    t, target, looked, offered, selected, again = (list(c) for c in zip(*given, strict=True))
     n = len(given)
     return Diagnostics.of(
         t_ns=np.array(t, dtype=np.int64),
@@ -24,7 +24,7 @@ def rows(*given):
         cameras=selected,
         n_available=np.array(offered, dtype=np.int32),
         selected=selected,
-        predicted_mse=np.where(anew, 1.5, np.nan),
+        predicted_mse=np.where(again, 1.5, np.nan),
     )
 
 
@@ -101,7 +101,7 @@ def test_a_selection_of_no_camera_orders_none():
 
 
 def test_selecting_all_costs_the_orders():
-    """With orders more is sent than without a selection; that is said, not hidden."""
+    """With orders more is sent than without a selection; that is stated, not hidden."""
     found = counted(rows((0, 0, 2, 2, "a,b", True)))
     assert found.summary()["share_saved"] == pytest.approx(-8 / 36)
 

@@ -141,7 +141,7 @@ def test_occluders_come_with_the_scan_until_they_are_too_old() -> None:
         run([seen(5)], METHOD, occluders=[people])
 
 
-def test_cameras_are_selected_anew_after_so_many_reference_steps() -> None:
+def test_cameras_are_selected_again_after_so_many_reference_steps() -> None:
     selection = SelectConfig("random", 2, selection_interval=1.5)  # of 2 s
     _, diagnostics = run([seen(9)], SELECTING, selection=selection)
     assert np.flatnonzero(np.isfinite(diagnostics.predicted_mse)).tolist() == [0, 3, 6]

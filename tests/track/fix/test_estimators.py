@@ -1,4 +1,4 @@
-"""Positions from the bearings of one moment: Lenth's published figures, and independent searches."""
+"""Positions from the bearings of one time: Lenth's published figures, and independent searches."""
 
 from __future__ import annotations
 

@@ -255,7 +255,7 @@ def matrices(path: Path, shift_px: float) -> Path:
     return path
 
 
-def test_a_wrong_fundamental_matrix_is_noticed_said_and_not_used(balls, tmp_path, capsys):
+def test_a_wrong_fundamental_matrix_is_noticed_stated_and_not_used(balls, tmp_path, capsys):
     good, bad = matrices(tmp_path / "good.json", 0.0), matrices(tmp_path / "bad.json", 30.0)
     assert track(balls, tmp_path, "--fundamental", str(good), "--json") == ExitCode.DONE
     captured = capsys.readouterr()

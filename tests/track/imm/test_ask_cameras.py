@@ -80,7 +80,7 @@ def test_labels_go_before_distance():
     np.testing.assert_allclose(found[1].answer.position, THERE, atol=1e-9)
 
 
-def test_another_ones_label_is_nobody_elses_place():
+def test_another_ones_label_is_no_one_elses_place():
     found = requests(standing(places=(HERE,))).ask([ask(1, HERE), ask(0, THERE, label=0)], [], 0)
     assert found[0].answer.position is None
     np.testing.assert_allclose(found[1].answer.position, HERE, atol=1e-9)
@@ -92,7 +92,7 @@ def test_candidates_without_labels_are_matched_by_distance():
     np.testing.assert_allclose(found[1].answer.position, HERE, atol=1e-9)
 
 
-def test_nobody_near_is_no_answer():
+def test_no_one_near_is_no_answer():
     (request,) = requests(standing(labels=False)).ask([ask(0, (3.0, 13.0), sigma=0.3)], [], 0)
     assert request.answer.position is None
     assert request.frames == 2
@@ -116,8 +116,10 @@ def test_with_one_camera_nothing_is_asked():
 
 
 def test_who_is_found_twice_is_the_first_ones():
-    looks = [(0, c.name, 3, math.atan2(HERE[1] - c.position[1], HERE[0] - c.position[0]), 0.01) for c in SCENE.cameras]
-    found = requests(table(looks)).ask([ask(0, HERE), ask(1, (9.2, 6.1))], [], 0)
+    observations = [
+        (0, c.name, 3, math.atan2(HERE[1] - c.position[1], HERE[0] - c.position[0]), 0.01) for c in SCENE.cameras
+    ]
+    found = requests(table(observations)).ask([ask(0, HERE), ask(1, (9.2, 6.1))], [], 0)
     assert [r.answer.position is not None for r in found].count(True) == 1
 
 

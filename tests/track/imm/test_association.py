@@ -159,12 +159,12 @@ def test_two_targets_heard_as_one_by_drawing_them():
     other = np.zeros((1, 4000, 4))
     other[0, :, 0], other[0, :, 2] = 10 * np.cos(angle2[:4000]), 10 * np.sin(angle2[:4000])
     for at in (8.0, 10.0, 12.0):
-        look = bearings(at, sigma=2.0)
+        observation = bearings(at, sigma=2.0)
         a, b = (
-            bearing_fit(one, np.ones((1, 1)), **look, reach=math.inf),
-            bearing_fit(other, np.full((1, 4000), 1 / 4000), **look, reach=math.inf),
+            bearing_fit(one, np.ones((1, 1)), **observation, reach=math.inf),
+            bearing_fit(other, np.full((1, 4000), 1 / 4000), **observation, reach=math.inf),
         )
-        heard = {"bearing": look["bearing"], "sigma": look["sigma"]}
+        heard = {"bearing": observation["bearing"], "sigma": observation["sigma"]}
         middle = 0.5 * (angle1 + angle2)
         z = (math.radians(at) - middle) / sigma
         exact = float(np.mean(np.exp(-0.5 * z * z) / (sigma * math.sqrt(2 * math.pi)) * near))

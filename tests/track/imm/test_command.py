@@ -127,7 +127,7 @@ def test_options_of_cooperation_go_with_the_method(folder, capsys):
     assert "--cooperate is an option of --method imm, not of --method apf" in capsys.readouterr().err
 
 
-def test_nobody_heard_is_reported(folder, capsys):
+def test_no_one_heard_is_reported(folder, capsys):
     code = occlog(
         [
             "track",

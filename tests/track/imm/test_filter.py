@@ -39,7 +39,7 @@ STILL = replace(
 SIGMA = math.radians(2.0)
 
 
-def look(*degrees, array=0):
+def observation(*degrees, array=0):
     """What one array hears; no bearings: it listens in vain."""
     sensor = len(SCENE.cameras) + array
     if not degrees:
@@ -48,17 +48,17 @@ def look(*degrees, array=0):
     return Scan.of(0, [sensor] * n, bearing=np.radians(degrees), sigma=np.full(n, SIGMA))
 
 
-def at(t_ns, *looks):
-    """A scan of looks of several arrays."""
-    return concat(looks)._replace(t_ns=t_ns)
+def at(t_ns, *observations):
+    """A scan of observations of several arrays."""
+    return concat(observations)._replace(t_ns=t_ns)
 
 
-def by_grid(x, y, s, looks, detection, reach):
+def by_grid(x, y, s, observations, detection, reach):
     """Mean and covariance of a target that stands still, by a fine grid over the plane."""
     u = np.linspace(-6, 6, 1201) * s
     X, Y = np.meshgrid(x + u, y + u, indexing="ij")
     p = np.exp(-0.5 * ((X - x) ** 2 + (Y - y) ** 2) / s**2)
-    for k in looks:
+    for k in observations:
         array = int(k.sensor[0]) - len(SCENE.cameras)
         dx, dy = X - SCENE.arrays[array].position[0], Y - SCENE.arrays[array].position[1]
         heard = detection * (np.hypot(dx, dy) <= reach[array])
@@ -75,24 +75,24 @@ def by_grid(x, y, s, looks, detection, reach):
 @pytest.mark.parametrize(
     "looks",
     [
-        [look(38.0), look(40.0)],
-        [look(40.0), look(155.0, array=1)],
-        [look(), look(), look(38.0)],
-        [look()],
+        [observation(38.0), observation(40.0)],
+        [observation(40.0), observation(155.0, array=1)],
+        [observation(), observation(), observation(38.0)],
+        [observation()],
     ],
     ids=["one array", "two arrays", "silence, then a bearing", "silence: out of range"],
 )
 @pytest.mark.parametrize("seed", [0, 1])
-def test_one_target_is_where_a_grid_has_it(looks, seed):
+def test_one_target_is_where_a_grid_has_it(observations, seed):
     x, y, s = 8.5, 7.5, 1.0
     config = replace(STILL, start=(x, y, s, 0.0, 0.0, 0.0), detection_probability=0.8)
     rng = np.random.default_rng(seed)
     state = init(SCENE, config, rng)
-    for n, heard in enumerate(looks):
+    for n, heard in enumerate(observations):
         state, report = step(state, at(n * NS, heard), rng)
-    mean, variance = by_grid(x, y, s, looks, 0.8, [9.0, np.inf])
+    mean, variance = by_grid(x, y, s, observations, 0.8, [9.0, np.inf])
     estimate = report.beliefs[0].estimate
-    # 60,000 particles drawn anew at every step: standard errors are below 0.006 m and 0.012 of a variance.
+    # 60,000 particles drawn again at every step: standard errors are below 0.006 m and 0.012 of a variance.
     np.testing.assert_allclose(estimate.mean[::2], mean, atol=0.03)
     np.testing.assert_allclose(np.diag(estimate.covariance)[::2], variance, rtol=0.06)
 
@@ -102,10 +102,13 @@ def test_one_target_is_where_a_grid_has_it(looks, seed):
 def test_arrays_in_one_scan_are_as_good_as_one_after_the_other(seed):
     config = replace(STILL, start=(8.0, 8.0, 1.0, 0.0, 0.0, 0.0))
     found = []
-    for looks in ([(look(45.0), look(150.0, array=1))], [(look(45.0),), (look(150.0, array=1),)]):
+    for observations in (
+        [(observation(45.0), observation(150.0, array=1))],
+        [(observation(45.0),), (observation(150.0, array=1),)],
+    ):
         rng = np.random.default_rng(seed)
         state = init(SCENE, config, rng)
-        for heard in looks:
+        for heard in observations:
             state, report = step(state, at(0, *heard), rng)
         found.append(report.beliefs[0].estimate.mean[::2])
     np.testing.assert_allclose(found[0], found[1], atol=0.03)
@@ -122,7 +125,7 @@ def test_association_any_is_the_filter_of_the_kernel():
         start=(8.0, 8.0, 1.0, 0.5, 0.0, 0.2),
     )
     state = init(SCENE, config, np.random.default_rng(3))
-    heard, cloud = look(40.0, 60.0), state.tracks[0].cloud
+    heard, cloud = observation(40.0, 60.0), state.tracks[0].cloud
     state, _ = step(state, Scan.of(0, []), np.random.default_rng(1))
     cloud = state.tracks[0].cloud
     _, report = step(state, at(NS, heard), np.random.default_rng(2))
@@ -179,19 +182,19 @@ def test_no_two_tracks_have_a_number():
     rng = np.random.default_rng(1)
     state = init(SCENE, config, rng)  # the known target has number 0, and is heard with label 5
     for k in range(5):
-        heard = look(0.0, math.degrees(1.0))._replace(target_id=np.array([5, 0], dtype=np.int32))
+        heard = observation(0.0, math.degrees(1.0))._replace(target_id=np.array([5, 0], dtype=np.int32))
         state, report = step(state, at(int(k * 1e9), heard._replace(sigma=np.array([0.02, 0.02]))), rng)
         numbers = [belief.number for belief in report.beliefs]
         assert len(set(numbers)) == len(numbers)
     assert {t.label: t.number for t in state.tracks} == {5: 0, 0: 1}
 
 
-def test_nobody_leaves_the_room():
+def test_no_one_leaves_the_room():
     config = replace(ImmConfig.in_unit("m"), particles=500, start=(19.5, 7.0, 0.1, 2.0, 0.0, 0.1))
     rng = np.random.default_rng(0)
     state = init(SCENE, config, rng)
     for n in range(6):
-        state, report = step(state, at(n * NS // 5, look(array=1)), rng)
+        state, report = step(state, at(n * NS // 5, observation(array=1)), rng)
     assert report.beliefs[0].estimate.mean[0] < 20.0
 
 

@@ -168,7 +168,7 @@ def test_far_targets_are_updated_as_by_a_kalman_filter(seed):
     assert np.all(np.abs(got.estimate.mean - mean) < (5.0 / math.sqrt(size) + 0.005) * sd)
     error = np.abs(got.estimate.covariance - covariance) / np.outer(sd, sd)
     assert np.all(error < 5.0 * math.sqrt(2.0 / size) + 0.01)
-    # The particles drawn anew say the same, with the error of their own number besides.
+    # The particles drawn again say the same, with the error of their own number in addition.
     assert np.all(np.abs(got.cloud.states.mean(axis=0) - got.estimate.mean) < 5.0 / math.sqrt(L) * sd)
     # The evidence is the innovation's density.
     wanted = -0.5 * (innovation**2 / S + math.log(2 * math.pi * S))

@@ -72,7 +72,7 @@ def test_equal_models_give_the_smoother_of_rauch_tung_and_striebel(sigma_v: floa
 
 
 def test_a_turn_that_shows_later_is_known_before() -> None:
-    """A model that holds for long is told by what the target does afterwards, and with it the way there."""
+    """A model that holds for long is stated by what the target does afterwards, and with it the way there."""
     config = replace(
         ImmConfig.in_unit("m"),
         turn_acceleration=0.5,

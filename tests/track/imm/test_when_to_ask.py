@@ -27,7 +27,7 @@ FRESH = RequestMemory()
 NOBODY = np.empty(0, dtype=np.int64)
 
 
-def at(policy, *places, t_s=0.0, config=None, counts=(), looks=(), predicted=None, sigma=0.2):
+def at(policy, *places, t_s=0.0, config=None, counts=(), observations=(), predicted=None, sigma=0.2):
     """A state of targets that stand at places, and the report of a scan."""
     config = replace(config or ImmConfig.in_unit("m"), cooperate=policy)
     world = make_world(SCENE, config)
@@ -38,7 +38,7 @@ def at(policy, *places, t_s=0.0, config=None, counts=(), looks=(), predicted=Non
         moved = new_track(world, track)
         shown = moved if predicted is None else moved._replace(predicted=moved.predicted + predicted)
         beliefs.append(TrackPosterior(track.number, shown, imm.moments(moved.predicted, moved.weights), 100.0))
-    return state, ImmStepResult(tuple(beliefs), tuple(counts), concat([Scan.of(0, []), *looks]), 0.0)
+    return state, ImmStepResult(tuple(beliefs), tuple(counts), concat([Scan.of(0, []), *observations]), 0.0)
 
 
 def asked(state, report, memory=FRESH):
@@ -46,7 +46,7 @@ def asked(state, report, memory=FRESH):
     return [(a.number, a.causes) for a in found], memory
 
 
-def look(*degrees, array=0, sigma=2.0):
+def observation(*degrees, array=0, sigma=2.0):
     sensor, n = len(SCENE.cameras) + array, len(degrees)
     if not n:
         return empty_scan(0, [sensor])
@@ -90,7 +90,7 @@ def test_equation_3_14_asks_each_time_for_those_in_range(bearings, expected):
 
 def test_more_bearings_than_targets_ask_who_is_there():
     free = np.array([1])
-    state, report = at("printed", (5, 5), counts=[Count(0, 2, 1, free)], looks=[look(45.0, 10.0)])
+    state, report = at("printed", (5, 5), counts=[Count(0, 2, 1, free)], observations=[observation(45.0, 10.0)])
     state = state._replace(world=state.world._replace(config=replace(state.world.config, triggers="count")))
     found, _ = requests_after_scan(state, report, RequestMemory(), RNG(0))
     assert [a.number for a in found] == [0, TENTATIVE]
@@ -102,7 +102,11 @@ def test_change_of_count_asks_at_its_edges_only():
     memory, times = RequestMemory(), []
     for n, bearings in enumerate([1, 1, 2, 2, 2, 1, 1]):
         state, report = at(
-            "count", (5, 5), t_s=n, counts=[Count(0, bearings, 1, np.arange(bearings - 1))], looks=[look(45.0, 10.0)]
+            "count",
+            (5, 5),
+            t_s=n,
+            counts=[Count(0, bearings, 1, np.arange(bearings - 1))],
+            observations=[observation(45.0, 10.0)],
         )
         found, memory = asked(state, report, memory)
         times += [n] if found else []
@@ -115,35 +119,35 @@ def test_change_of_count_asks_at_its_edges_only():
 )
 def test_equation_3_15_asks_where_no_bearing_is_near(degrees, expected):
     """The target is at 45 degrees from the array; 2 sigma are 4 degrees."""
-    state, report = at("printed", (6, 6), looks=[look(*degrees)], sigma=1e-6)
+    state, report = at("printed", (6, 6), observations=[observation(*degrees)], sigma=1e-6)
     assert asked(state, report)[0] == expected
 
 
 def test_equation_3_15_wraps():
     config = ImmConfig.in_unit("m")
-    state, report = at("printed", (-5, 2.05), looks=[look(-179.0)], sigma=1e-6, config=config)
+    state, report = at("printed", (-5, 2.05), observations=[observation(-179.0)], sigma=1e-6, config=config)
     assert asked(state, report)[0] == []
 
 
 def test_equation_3_15_is_not_asked_of_an_array_out_of_range():
-    state, report = at("printed", (6, 6), looks=[look(170.0)], sigma=1e-6)
+    state, report = at("printed", (6, 6), observations=[observation(170.0)], sigma=1e-6)
     near = state.world._replace(reach=np.array([3.0, np.inf]))
     assert asked(state._replace(world=near), report)[0] == []
 
 
 def test_equation_3_16_asks_where_the_estimate_is_in_no_ellipse():
-    inside, report = at("printed", (6, 6), looks=[look(45.0)], predicted=np.array([0.1, 0, 0.1, 0]))
+    inside, report = at("printed", (6, 6), observations=[observation(45.0)], predicted=np.array([0.1, 0, 0.1, 0]))
     assert asked(inside, report)[0] == []
-    outside, report = at("printed", (6, 6), looks=[look(45.0)], predicted=np.array([1.0, 0, 1.0, 0]))
+    outside, report = at("printed", (6, 6), observations=[observation(45.0)], predicted=np.array([1.0, 0, 1.0, 0]))
     assert asked(outside, report)[0] == [(0, ("ellipse",))]
 
 
 def test_several_policies_and_causes_make_one_request():
-    state, report = at("spread,printed", (6, 6), looks=[look(90.0)], sigma=2.0)
+    state, report = at("spread,printed", (6, 6), observations=[observation(90.0)], sigma=2.0)
     assert asked(state, report)[0] == [(0, ("bearing", "spread"))]
 
 
-def test_a_request_in_vain_is_not_made_anew_at_once():
+def test_a_request_in_vain_is_not_made_again_at_once():
     state, report = at("spread", (6, 6), sigma=2.0, t_s=1.0)
     question = requests_after_scan(state, report, RequestMemory(), RNG(0))[0]
     _, _, memory = apply_answer(state, report, [CameraAnswer(question[0], None, None, -1)], RequestMemory(), RNG(0))
@@ -174,7 +178,9 @@ def test_who_is_found_and_not_known_gets_a_number():
     lead = other_targets(state, report, [])
     assert lead == []
     unknown = requests_after_scan(
-        *at("count", (6, 6), counts=[Count(0, 2, 1, np.array([0]))], looks=[look(10.0)]), RequestMemory(), RNG(0)
+        *at("count", (6, 6), counts=[Count(0, 2, 1, np.array([0]))], observations=[observation(10.0)]),
+        RequestMemory(),
+        RNG(0),
     )
     answer = CameraAnswer(unknown[0][1], np.array([12.0, 3.0]), 1e-4 * np.eye(2), -1)
     new, _, _ = apply_answer(state, report, [answer], RequestMemory(), RNG(0))
@@ -186,7 +192,7 @@ def test_who_is_found_and_not_known_gets_a_number():
     assert [t.number for t in taken.tracks] == [0, 1]
 
 
-def test_frames_are_shared_unless_told_otherwise():
+def test_frames_are_shared_unless_stated_otherwise():
     state, report = at("spread", (6, 6), (9, 9), sigma=2.0)
     question = requests_after_scan(state, report, RequestMemory(), RNG(0))[0][:1]
     assert [(a.number, a.causes) for a in other_targets(state, report, question)] == [(1, ("shared",))]

@@ -77,7 +77,7 @@ def test_errors_that_go_on_from_look_to_look_are_distinguished_from_those_that_a
     # Noise of 3 px has a correlation of 0.6 and 1 % of the height is new each time
     edges = taught(alike=0.6, frames=600)
     assert 1.4 < correlated_noise_factor(edges) < 1.6 / 0.4
-    # Of every third look the errors are alike to the third power
+    # Of every third observation the errors are alike to the third power
     alike = (correlated_noise_factor(edges) - 1.0) / (correlated_noise_factor(edges) + 1.0)
     assert correlated_noise_factor(edges, 3.0) == pytest.approx((1.0 + alike**3) / (1.0 - alike**3))
 

@@ -1,4 +1,4 @@
-"""Cues beside the place: they count as far as they have told boxes apart."""
+"""Cues next to the place: they count as far as they have stated boxes apart."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def two():
     return tentative_targets(np.zeros((2, 6)), np.tile(np.eye(6), (2, 1, 1)), np.ones(2), np.ones(2), 0, 0)
 
 
-def look(score: float, hints: list[int], appearance: np.ndarray) -> FrameDetections:
+def observation(score: float, hints: list[int], appearance: np.ndarray) -> FrameDetections:
     """Two boxes."""
     return FrameDetections(0, 0, np.zeros((2, 4)), np.full(2, score), np.array(hints), appearance, np.arange(2))
 
@@ -57,13 +57,13 @@ def test_likeness_is_bhattacharyyas_of_histograms_and_the_cosine_of_vectors() ->
 
 def test_hints_go_with_the_person_who_had_them() -> None:
     people, none = two(), np.zeros((2, 0))
-    seen = [look(np.nan, [5, 6], none)]
+    seen = [observation(np.nan, [5, 6], none)]
     cues = update_features(
         empty_features(1), people, seen, 0, beta=np.eye(2), free=np.zeros(2), sure=np.ones(2, dtype=bool)
     )
-    added, _ = log_feature_ratios(cues, people, [look(np.nan, [6, 9], none)], 0)
+    added, _ = log_feature_ratios(cues, people, [observation(np.nan, [6, 9], none)], 0)
     np.testing.assert_allclose(added, [[LOG_RATIO_OTHER_TRACKLET, 0.0], [LOG_RATIO_SAME_TRACKLET, 0.0]])
-    added, _ = log_feature_ratios(cues, people, [look(np.nan, [NO_ID, NO_ID], none)], 0)
+    added, _ = log_feature_ratios(cues, people, [observation(np.nan, [NO_ID, NO_ID], none)], 0)
     np.testing.assert_array_equal(added, 0.0)
 
 
@@ -71,7 +71,7 @@ def test_appearance_counts_once_it_tells_people_apart() -> None:
     people, cues, rng = two(), empty_features(1), np.random.default_rng(0)
     for _ in range(60):
         colours = np.abs(np.array([[0.8, 0.1, 0.1], [0.1, 0.1, 0.8]]) + rng.normal(0.0, 0.02, (2, 3)))
-        seen = [look(0.9, [NO_ID, NO_ID], colours)]
+        seen = [observation(0.9, [NO_ID, NO_ID], colours)]
         added, anybody = log_feature_ratios(cues, people, seen, 3)
         cues = update_features(cues, people, seen, 3, beta=np.eye(2), free=np.zeros(2), sure=np.ones(2, dtype=bool))
     assert added[0, 0] > 1.0
@@ -79,9 +79,9 @@ def test_appearance_counts_once_it_tells_people_apart() -> None:
     np.testing.assert_array_equal(anybody, 0.0)
 
 
-def test_looks_without_appearance_stand_beside_those_with() -> None:
+def test_looks_without_appearance_stand_next_to_those_with() -> None:
     people = two()
-    seen = [look(0.5, [NO_ID] * 2, np.ones((2, 3)) / 3), look(0.5, [NO_ID] * 2, np.zeros((2, 0)))]
+    seen = [observation(0.5, [NO_ID] * 2, np.ones((2, 3)) / 3), observation(0.5, [NO_ID] * 2, np.zeros((2, 0)))]
     added, _ = log_feature_ratios(empty_features(1), people, seen, 3)
     assert added.shape == (2, 4)
     assert np.isfinite(added).all()

@@ -1,4 +1,4 @@
-"""What is learned of detectors: from looks at people who are known."""
+"""What is learned of detectors: from points at people who are known."""
 
 from __future__ import annotations
 
@@ -65,9 +65,9 @@ def seen(visible: float, found: int) -> JipdaResult:
     )  # fmt: skip
 
 
-def after(looks: int, visible: float, found: int) -> DetectorStatistics:
+def after(observations: int, visible: float, found: int) -> DetectorStatistics:
     counts = prior_statistics(1, JipdaConfig())
-    for _ in range(looks):
+    for _ in range(observations):
         now = rates(counts)
         counts = update_statistics(
             counts,
@@ -119,7 +119,7 @@ def test_the_rate_of_detection_has_bounds() -> None:
     assert rates(after(400, 1.0, N)).detection[0] == pytest.approx(0.98)
 
 
-def test_a_look_at_nobody_of_many_is_blind_and_teaches_nothing() -> None:
+def test_a_look_at_no_one_of_many_is_blind_and_teaches_nothing() -> None:
     first, then = prior_statistics(1, JipdaConfig()), after(10, 1.0, 0)
     np.testing.assert_array_equal(then.detected, first.detected)
     np.testing.assert_array_equal(then.curve, first.curve)

@@ -16,7 +16,7 @@ pytestmark = pytest.mark.jit
 
 
 def follow(made: Crowd, config: JipdaConfig | None = None) -> list[TrackSnapshot]:
-    """Moments of the filter."""
+    """Times of the filter."""
     state = initial_state(made.scene, made.scene.cameras, config or JipdaConfig.in_unit(made.scene.length_unit))
     out = []
     for frames_of_step in made.moments:
@@ -26,7 +26,7 @@ def follow(made: Crowd, config: JipdaConfig | None = None) -> list[TrackSnapshot
 
 
 def emptied(frame_detections: FrameDetections) -> FrameDetections:
-    """The same look at nobody."""
+    """The same point at no one."""
     none = np.zeros(0, dtype=np.int64)
     return frame_detections._replace(
         boxes=np.zeros((0, 4)), score=np.zeros(0), tracklet_id=none, appearance=np.zeros((0, 0)), row=none
@@ -114,7 +114,7 @@ def test_steps_leave_their_state_as_it_is() -> None:
     assert first.mean.tobytes() == again.mean.tobytes()
 
 
-def test_nobody_is_found_where_there_are_no_boxes() -> None:
+def test_no_one_is_found_where_there_are_no_boxes() -> None:
     made = crowd(people=1, frames=5, miss=1.0, false=0.0)
     assert all(len(m.ids) == 0 and not m.events for m in follow(made))
 
@@ -164,7 +164,7 @@ def test_everybody_outlives_moments_at_which_all_cameras_are_blind(people: int, 
 
 
 @pytest.mark.parametrize("years", [1, 146])
-def test_after_years_everybody_is_found_anew(years: int) -> None:
+def test_after_years_everybody_is_found_again(years: int) -> None:
     """Clocks that begin in 1970 and are set while they record make such gaps."""
     made = crowd(people=4, frames=60, hz=10.0, seed=5)
     gap = years * 365 * 86_400 * NS
@@ -179,7 +179,7 @@ def test_after_years_everybody_is_found_anew(years: int) -> None:
     assert off.min(axis=1).max() < 0.3
 
 
-def test_one_blind_camera_takes_nobody_away() -> None:
+def test_one_blind_camera_takes_no_one_away() -> None:
     made = crowd(people=6, cameras=3, frames=40, seed=4)
     blind = [
         [emptied(frames_of_step[0]), *frames_of_step[1:]] if t >= 15 else frames_of_step

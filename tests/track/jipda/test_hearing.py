@@ -28,7 +28,7 @@ def there(k: int) -> np.ndarray:
     return np.array([5.0 + 0.1 * way, 2.0 + (way if way < 7.0 else 14.0 - way)])
 
 
-def look(c: int, k: int, rng: np.random.Generator) -> FrameDetections:
+def observation(c: int, k: int, rng: np.random.Generator) -> FrameDetections:
     edges = box(CAMERAS[c], *there(k)) + rng.normal(0.0, 1.0, 4)
     near = np.hypot(*(there(k) - CAMERAS[c].position[:2])) < CAMERAS[c].range
     n = int(near)
@@ -51,7 +51,7 @@ def followed(sound: bool) -> list[TrackSnapshot]:
         heard = [direction(a, k, rng) for a in range(2)]
         for each in heard if sound else []:
             state = update_by_directions(state, each, ARRAYS[each.sensor])
-        state, snapshot = step(state, [look(c, k, rng) for c in range(2)])
+        state, snapshot = step(state, [observation(c, k, rng) for c in range(2)])
         found.append(snapshot)
     return found
 
@@ -79,11 +79,11 @@ def test_the_covariance_holds_the_error() -> None:
     assert np.mean(nees) < 4.0
 
 
-def test_a_direction_of_no_person_moves_nobody() -> None:
+def test_a_direction_of_no_person_moves_no_one() -> None:
     rng = np.random.default_rng(2)
     state = initial_state(SCENE, CAMERAS, JipdaConfig())
     for k in range(10):
-        state, _ = step(state, [look(c, k, rng) for c in range(2)])
+        state, _ = step(state, [observation(c, k, rng) for c in range(2)])
     away = there(10) - ARRAYS[0].position[:2]
     other = DirectionsOfArrival(
         round(1e9), 0, np.array([np.arctan2(away[1], away[0]) + 1.0]), np.array([SIGMA]), np.arange(1)
@@ -103,7 +103,7 @@ def test_an_array_says_nothing_of_who_is_out_of_its_range() -> None:
     rng = np.random.default_rng(3)
     state = initial_state(SCENE, CAMERAS, JipdaConfig())
     for k in range(10):
-        state, _ = step(state, [look(c, k, rng) for c in range(2)])
+        state, _ = step(state, [observation(c, k, rng) for c in range(2)])
     heard = direction(0, 10, rng)
     deaf = replace(ARRAYS[0], range=3.0)
     np.testing.assert_allclose(update_by_directions(state, heard, deaf).people.mean, state.people.mean, atol=1e-9)

@@ -186,7 +186,7 @@ def test_no_body_is_smaller_than_a_share_of_the_usual_one() -> None:
 
 
 def three_people() -> TargetSet:
-    """Two who stand where one person stands, and a third; nobody is confirmed."""
+    """Two who stand where one person stands, and a third; no one is confirmed."""
     mean = np.zeros((3, 6))
     mean[:, 5], mean[1, 0], mean[2, 0] = 0.5, DUPLICATE_DISTANCE_WIDTHS * 0.5 * 0.99, 1.0
     return tentative_targets(mean, covariance(3), np.array([0.6, 0.9, 0.9]), np.ones(3), 0, 0)
@@ -245,6 +245,6 @@ def test_who_would_walk_through_somebody_is_expected_to_stop_or_to_turn() -> Non
 
 
 @pytest.mark.parametrize("n", [0, 1])
-def test_nobody_keeps_apart_from_nobody(n: int) -> None:
+def test_no_one_keeps_apart_from_no_one(n: int) -> None:
     people = some(n)
     assert apply_exclusion_prior(people, 0.22) is people

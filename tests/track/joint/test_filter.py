@@ -60,7 +60,7 @@ def factors(xy, reports, state, config, unperceivable=1e-12):
 
 
 def test_factors_of_an_object_in_plain_view_and_behind_another() -> None:
-    """Camera 2 at (50, 0) looks up at an object at (50, 50): the other one is beside the sight line, or on it."""
+    """Camera 2 at (50, 0) points up at an object at (50, 50): the other one is next to the sight line, or on it."""
     config = JointConfig(detection_probability=0.9, false_alarm_probability=0.01)
     state = joint.init(SCENE, config, generator(0, RandomStream.TRACK, 0))
     xy = np.array([[[50.0, 50.0], [70.0, 30.0]], [[50.0, 50.0], [50.0, 30.0]]])
@@ -106,8 +106,8 @@ def test_what_the_scene_says_of_a_camera_comes_before_the_settings() -> None:
     sure = replace(SCENE, cameras=(replace(SCENE.cameras[1], detection=1.0, false_alarm=0.0),))
     state = joint.init(sure, config, generator(0, RandomStream.TRACK, 0))
     missed = joint.pack_scan(scan(0.0, [(0, None)]), state.read_px, False)
-    look = joint.ObjectReports(missed, rows_of(missed))
-    found, _ = factors(np.array([[[50.0, 50.0]]]), [look], state, config)
+    observation = joint.ObjectReports(missed, rows_of(missed))
+    found, _ = factors(np.array([[[50.0, 50.0]]]), [observation], state, config)
     assert found[0, 0] > 0.0
 
 
@@ -155,7 +155,7 @@ def test_two_cameras_that_miss_more_than_stated_keep_the_object() -> None:
         assert nees.mean() < 4.0
 
 
-def test_nobody_hides_sounds_from_arrays() -> None:
+def test_no_one_hides_sounds_from_arrays() -> None:
     config = JointConfig(detection_probability=0.9, false_alarm_probability=0.01)
     scene = Scene(arrays=(MicrophoneArray("mic", np.array([50.0, 0.0, 1.0])),), room=SCENE.room, length_unit="unit")
     state = joint.init(scene, config, generator(0, RandomStream.TRACK, 0))

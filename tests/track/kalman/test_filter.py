@@ -69,7 +69,7 @@ def test_candidates_without_a_label_among_false_ones_are_followed(method: str) -
     assert rmse(away) < 3.5
 
 
-def test_a_filter_that_begins_at_the_wrong_end_begins_anew() -> None:
+def test_a_filter_that_begins_at_the_wrong_end_begins_again() -> None:
     start = tuple(100.0 - PATH[0])
     away, _, notes = follow(SEEN, "ekf", start=(*start, 1.0))
     assert "restart" in notes.fallback.tolist()[:8]
@@ -79,7 +79,7 @@ def test_a_filter_that_begins_at_the_wrong_end_begins_anew() -> None:
     assert np.hypot(*never[5]) > 10.0
 
 
-def test_after_a_gap_a_filter_begins_anew_and_no_earlier() -> None:
+def test_after_a_gap_a_filter_begins_again_and_no_earlier() -> None:
     late = replace(SEEN, t_ns=np.where(SEEN.t_ns >= 75 * SECOND, SEEN.t_ns + 60 * SECOND, SEEN.t_ns))
     config = configure(EkfConfig(), {"max_gap_s": 61.0})
     (part,) = track([late], SCENE, TrackingTask(config, 0, method="ekf"))

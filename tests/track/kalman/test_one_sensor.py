@@ -79,7 +79,7 @@ def test_many_looks_of_one_camera_do_not_draw_the_estimate_to_it() -> None:
     out = state.mean[:2] / np.hypot(*state.mean[:2])
     assert np.hypot(*state.mean[:2]) == pytest.approx(50.0, rel=1e-6)
     assert np.sqrt(out @ state.covariance[:2, :2] @ out) == pytest.approx(np.sqrt(200.0), rel=1e-6)
-    # across: the mean of 100 bearings beside a prior that is far wider
+    # across: the mean of 100 bearings next to a prior that is far wider
     across = np.array([-out[1], out[0]])
     assert np.sqrt(across @ state.covariance[:2, :2] @ across) == pytest.approx(50.0 * 0.003, rel=0.01)
 

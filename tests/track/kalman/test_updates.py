@@ -49,7 +49,7 @@ def test_derivatives_are_those_of_the_measurements() -> None:
 
 
 @pytest.mark.parametrize("distance", [1e-9, 1e-3, 0.3])
-def test_beside_a_sensor_a_sight_line_is_as_wide_as_its_angle_and_the_distance(distance: float) -> None:
+def test_next_to_a_sensor_a_sight_line_is_as_wide_as_its_angle_and_the_distance(distance: float) -> None:
     """Linearised at the place alone the line had the width of 0.03 rad at that distance: a variance of 1e-21."""
     at = np.array([0.6, 0.8]) * distance  # from camera 1
     state = Gaussian(np.array([*at, 0.0, 0.0]), COVARIANCE)
@@ -99,7 +99,7 @@ def test_sigma_points_of_the_place_are_those_of_the_whole_state(pixel: bool) -> 
 
 
 def test_points_that_a_camera_cannot_see_teach_nothing_and_leave_a_covariance() -> None:
-    """Camera 2 at (50, 0) looks up past the pillar [40, 60]^2; the state is beside its shadow, or in it."""
+    """Camera 2 at (50, 0) points up past the pillar [40, 60]^2; the state is next to its shadow, or in it."""
     beside = Gaussian(np.array([38.0, 75.0, 0.0, 0.0]), 4.0 * COVARIANCE)
     given = rows([1], (34.0, 75.0), [True])
     every = updates.ukf(beside, given, WORLD, UkfConfig())

@@ -120,7 +120,7 @@ def test_a_table_says_of_each_bearing_whether_it_is_believed(made: Path, capsys)
 
 
 def test_priors_of_moving_occluders_are_taken_and_their_settings_recorded(made: Path, capsys) -> None:
-    """Somebody stands far away: the tracks are nearly the same; nobody is known at all: exactly the same."""
+    """Somebody stands far away: the tracks are nearly the same; no one is known at all: exactly the same."""
     t_ns = np.unique(read_table(made / "bearings.parquet", Bearings).t_ns)
     zero = np.zeros(len(t_ns))
     far = Occluders(
@@ -342,7 +342,7 @@ def test_reports_differences_and_descriptions_take_the_tracks(made: Path, capsys
 
 
 def test_sensors_in_turn_make_a_network_without_overlap(made: Path, capsys) -> None:
-    """The particle filter and this method from the same rows; nobody ever sees the target along with another."""
+    """The particle filter and this method from the same rows; no one ever sees the target along with another."""
     capsys.readouterr()
     args = ("--round-robin", "2", "--diagnostics", "turns.parquet", "--target", "0")
     assert track(made, *args) == ExitCode.DONE

@@ -1,4 +1,4 @@
-"""Method map where numbers are extreme, where the estimate must be led around walls anew, and with one state."""
+"""Method map where numbers are extreme, where the estimate must be led around walls again, and with one state."""
 
 from __future__ import annotations
 

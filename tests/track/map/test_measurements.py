@@ -65,9 +65,9 @@ def _turn(angle: float):
     return np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
 
 
-def test_edges_behind_beside_and_along_a_ray_are_not_met() -> None:
+def test_edges_behind_next_to_and_along_a_ray_are_not_met() -> None:
     start = np.array([[-1.0, -1.0], [1.0, 0.5], [2.0, 0.0]])
-    edge = np.array([[0.0, 2.0], [1.0, 1.0], [1.0, 0.0]])  # behind; beside; along the ray itself
+    edge = np.array([[0.0, 2.0], [1.0, 1.0], [1.0, 0.0]])  # behind; next to; along the ray itself
     assert first_hit(np.zeros(2), np.array([0.0]), start, edge).tolist() == [-1]
 
 
@@ -201,7 +201,7 @@ def test_the_convex_hull_is_counter_clockwise() -> None:
 
 
 def test_a_corner_that_faces_the_camera_rules_out_neither_side() -> None:
-    """A reading that meets one face of a block beside its corner; the target may be before the other face."""
+    """A reading that meets one face of a block next to its corner; the target may be before the other face."""
     diamond = np.array([[0.0, 2.0], [2.0, 4.0], [0.0, 6.0], [-2.0, 4.0]])
     scene = replace(place((0, -5, 90)), occluders=(Occluder("diamond", diamond),))
     sigma = 0.5 / FOCAL

@@ -264,7 +264,7 @@ def test_cameras_back_to_back_that_both_see_it_contradict_each_other() -> None:
 
 
 def wild(seed: int):
-    """Few cameras that look anywhere, a tenth of whose bearings are of something else."""
+    """Few cameras in random directions, a tenth of whose bearings are of something else."""
     rng = np.random.default_rng(seed)
     poses = [(*rng.uniform(-8, 8, 2), rng.uniform(-180, 180)) for _ in range(rng.integers(1, 6))]
     ears = [(*rng.uniform(-8, 8, 2), rng.uniform(-180, 180)) for _ in range(rng.integers(0, 3))]

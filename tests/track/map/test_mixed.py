@@ -83,8 +83,8 @@ def test_a_search_begins_near_the_path_although_ranges_fit_other_places_at_first
 CORNERS = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 8.0], [0.0, 8.0]])
 
 
-def walk(seed: int, *, late: float, told: float, n: int = 60) -> tuple[list[Scan], np.ndarray]:
-    """Scans of ranges at 5 Hz, noise of 0.1 m, detours of 2 m, and the path; `told`: what is stated of detours."""
+def walk(seed: int, *, late: float, stated: float, n: int = 60) -> tuple[list[Scan], np.ndarray]:
+    """Scans of ranges at 5 Hz, noise of 0.1 m, detours of 2 m, and the path; `stated`: what is stated of detours."""
     rng, zero = np.random.default_rng([seed, 5]), np.zeros(4, dtype=np.int32)
     turn = 0.25 * 0.2 * np.arange(n)[:, None] + rng.uniform(0.0, 6.0, 2)
     path = np.array([5.0, 4.0]) + [3.0, 2.0] * np.sin(turn)
@@ -93,7 +93,7 @@ def walk(seed: int, *, late: float, told: float, n: int = 60) -> tuple[list[Scan
     by += np.where(rng.random(exact.shape) < late, rng.exponential(2.0, exact.shape), 0.0)
     blank, own = np.zeros(4), np.full(4, RANGE)
     rows = [
-        RangeMeasurements(own, z, np.full(4, 0.1), CORNERS, blank, CORNERS, blank, np.arange(4), late=told)
+        RangeMeasurements(own, z, np.full(4, 0.1), CORNERS, blank, CORNERS, blank, np.arange(4), late=stated)
         for z in exact + by
     ]
     return [
@@ -117,7 +117,7 @@ def test_late_signals_that_are_expected_do_less_harm_and_none_where_there_are_no
     for reported in (0.0, 0.05):
         squares, nees = [], []
         for seed in range(3):
-            given, path = walk(seed, late=late, told=reported)
+            given, path = walk(seed, late=late, stated=reported)
             xy, spread = solved(given)
             away = xy - path
             squares.append((away**2).sum(axis=1).mean())
@@ -131,7 +131,7 @@ def test_late_signals_that_are_expected_do_less_harm_and_none_where_there_are_no
 
 @pytest.mark.jit
 def test_a_path_that_the_filter_lost_is_found_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    given, path = walk(3, late=0.1, told=0.05)
+    given, path = walk(3, late=0.1, stated=0.05)
 
     def astray(problem: TrajectoryProblem, *_: object) -> list[ConsensusPath]:
         X = np.zeros((len(path), 4))

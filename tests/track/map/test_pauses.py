@@ -1,4 +1,4 @@
-"""Pauses so long that what was before says nothing of what comes after: the trajectory begins anew."""
+"""Pauses so long that what was before says nothing of what comes after: the trajectory begins again."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ def moment(by: list[list[bool]], visible: float = 1.0) -> TrackSnapshot:
     )
 
 
-def looks(cameras: int) -> list[FrameDetectionsWithIds]:
+def observations(cameras: int) -> list[FrameDetectionsWithIds]:
     none = np.zeros(0, dtype=np.int64)
     return [
         FrameDetectionsWithIds(
@@ -44,7 +44,7 @@ def looks(cameras: int) -> list[FrameDetectionsWithIds]:
 def codes(by: list[bool], times: int, visible: float = 1.0) -> list[str]:
     agreement = CameraAgreement([camera(name) for name in "abcd"[: len(by)]])
     for _ in range(times):
-        agreement.add(moment([by], visible), looks(len(by)))
+        agreement.add(moment([by], visible), observations(len(by)))
     tally = BoxStatistics.of(len(by))
     tally.boxes[:] = 1
     return [f"{found.id}: {found.text.split()[1]}" for found in findings(agreement.checks(tally))]
@@ -57,7 +57,7 @@ def test_a_box_of_two_people_who_touch_is_one_explained_box() -> None:
     support = BoxAssociations(
         np.array([*pair, 1]), np.array([0, 0, 1]), np.zeros(3, int), np.array([1, 0.75, 1]), np.array([0.75, 0.75, 0])
     )
-    agreement.add(moment([[True, False], [True, True]])._replace(support=support), looks(2))
+    agreement.add(moment([[True, False], [True, True]])._replace(support=support), observations(2))
     np.testing.assert_allclose(agreement.used, [1.0, 1.0])
 
 
@@ -66,7 +66,7 @@ def test_a_camera_that_does_not_see_whom_the_others_see_is_named() -> None:
     assert codes([True, True, True, True], MIN_EXPECTED_DETECTIONS) == []
 
 
-def test_of_few_people_and_of_those_who_are_not_plainly_visible_nothing_is_said() -> None:
+def test_of_few_people_and_of_those_who_are_not_plainly_visible_nothing_is_stated() -> None:
     assert codes([True, True, True, False], MIN_EXPECTED_DETECTIONS - 1) == []
     assert codes([True, True, True, False], MIN_EXPECTED_DETECTIONS, visible=0.79) == []
     assert codes([True, True, True, False], MIN_EXPECTED_DETECTIONS, visible=float("nan")) == []
@@ -84,11 +84,13 @@ def unexplained(boxes: int, used: int, height: float = 2.5) -> list[str]:
 @pytest.mark.parametrize(
     ("boxes", "used", "said"), [(1000, 500, False), (1000, 400, True), (20, 0, True), (19, 0, False)]
 )
-def test_boxes_that_nobody_explains_speak_against_the_tracks_from_a_half_on(boxes: int, used: int, said: bool) -> None:
-    assert unexplained(boxes, used) == ["boxes-unassociated"] * said
+def test_boxes_that_no_one_explains_speak_against_the_tracks_from_a_half_on(
+    boxes: int, used: int, reported: bool
+) -> None:
+    assert unexplained(boxes, used) == ["boxes-unassociated"] * reported
 
 
-def test_cameras_below_the_ground_are_named_where_nobody_explains_the_boxes() -> None:
+def test_cameras_below_the_ground_are_named_where_no_one_explains_the_boxes() -> None:
     assert unexplained(100, 0, height=-0.1) == ["boxes-unassociated", "camera-below-ground"]
     assert unexplained(100, 0) == ["boxes-unassociated"]
 
@@ -99,13 +101,13 @@ def test_of_four_cameras_two_must_see_whom_another_one_should_see() -> None:
 
 
 @pytest.mark.parametrize(("seen", "said"), [(0.25, False), (0.24, True)])
-def test_of_two_cameras_each_must_see_a_quarter_of_whom_the_other_sees(seen: float, said: bool) -> None:
+def test_of_two_cameras_each_must_see_a_quarter_of_whom_the_other_sees(seen: float, reported: bool) -> None:
     agreement = CameraAgreement([camera(name) for name in "ab"])
     for k in range(100):
-        agreement.add(moment([[True, k < 100 * seen]]), looks(2))
+        agreement.add(moment([[True, k < 100 * seen]]), observations(2))
     tally = BoxStatistics.of(2)
     tally.boxes[:] = 1
-    assert [f.id for f in findings(agreement.checks(tally))] == (["camera-inconsistent"] if said else [])
+    assert [f.id for f in findings(agreement.checks(tally))] == (["camera-inconsistent"] if reported else [])
 
 
 def test_cameras_that_look_at_other_times_are_named() -> None:
@@ -124,7 +126,7 @@ def with_boxes(frames: int, still: bool, used: int) -> list[str]:
     agreement, tally = CameraAgreement([camera(name) for name in "abc"]), BoxStatistics.of(3)
     for k in range(frames):
         left = 100.0 + (0.0 if still else 3.0 * k)
-        each = looks(3)
+        each = observations(3)
         each[2] = each[2]._replace(
             detections=each[2].detections._replace(boxes=np.array([[left, 50.0, left + 40.0, 150.0]]))
         )
@@ -144,22 +146,22 @@ def test_a_camera_with_moving_boxes_that_no_track_explains_is_named() -> None:
 def test_a_camera_that_shares_no_person_with_others_is_noted() -> None:
     agreement = CameraAgreement([camera(name) for name in "abc"])
     for _ in range(100):
-        agreement.add(moment([[True, True, False], [False, False, True]], visible=0.0), looks(3))
-    said = list(findings(agreement.checks(BoxStatistics.of(3))))
-    assert [(found.id, found.sensors, found.severity) for found in said] == [("camera-alone", ("c",), "note")]
+        agreement.add(moment([[True, True, False], [False, False, True]], visible=0.0), observations(3))
+    reported = list(findings(agreement.checks(BoxStatistics.of(3))))
+    assert [(found.id, found.sensors, found.severity) for found in reported] == [("camera-alone", ("c",), "note")]
     assert (agreement.confirmed.tolist(), agreement.alone.tolist()) == ([100, 100, 0], [0, 0, 100])
 
 
-def test_people_outside_the_room_are_said_with_the_cameras_that_see_them() -> None:
+def test_people_outside_the_room_are_stated_with_the_cameras_that_see_them() -> None:
     room = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 3.0], [0.0, 3.0]])
     for x, expected in ((4.8, []), (5.0, [("people-outside-room", ("b",))])):
         agreement = CameraAgreement([camera(name) for name in "ab"], 1.7, room)
         for _ in range(100):
             at = moment([[True, True], [False, True]], visible=0.0)
             at.mean[:, :2] = [[2.0, 1.0], [x, 1.0]]
-            agreement.add(at, looks(2))
-        said = list(findings(agreement.checks(BoxStatistics.of(2))))
-        assert [(found.id, found.sensors) for found in said] == expected
+            agreement.add(at, observations(2))
+        reported = list(findings(agreement.checks(BoxStatistics.of(2))))
+        assert [(found.id, found.sensors) for found in reported] == expected
 
 
 def test_the_distance_from_a_room_is_that_to_its_nearest_wall() -> None:

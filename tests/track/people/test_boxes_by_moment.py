@@ -1,4 +1,4 @@
-"""Boxes of all cameras as looks, and looks as moments."""
+"""Boxes of all cameras as looks, and looks as times."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ CAMERAS = hall("ab").cameras
 MS = 1_000_000
 
 
-def looks(*chunks: Boxes, tally: BoxStatistics | None = None) -> list[FrameDetectionsWithIds]:
+def observations(*chunks: Boxes, tally: BoxStatistics | None = None) -> list[FrameDetectionsWithIds]:
     return list(frame_detections(rows_of_boxes(chunks), CAMERAS, ["a", "b", "c"], tally or BoxStatistics.of(2)))
 
 
@@ -38,7 +38,7 @@ def some(*rows: tuple[str, int, int, float, float, float, float]) -> Boxes:
 
 
 def test_every_frame_is_a_look_also_one_without_boxes() -> None:
-    found = looks(some(("a", 0, 0, 10, 10, 20, 60), ("a", 0, 1, 90, 10, 20, 60), ("b", 0, -1, 0, 0, 0, 0)))
+    found = observations(some(("a", 0, 0, 10, 10, 20, 60), ("a", 0, 1, 90, 10, 20, 60), ("b", 0, -1, 0, 0, 0, 0)))
     assert [(each.detections.t_ns, each.detections.camera, each.frame, each.box.tolist()) for each in found] == [
         (0, 0, 0, [0, 1]),
         (0, 1, 0, []),
@@ -50,9 +50,9 @@ def test_every_frame_is_a_look_also_one_without_boxes() -> None:
 
 def test_where_chunks_are_cut_does_not_matter() -> None:
     whole = boxes(hall("ab"), 1.0)
-    once = looks(whole)
+    once = observations(whole)
     for cut in (1, 2, 5, 8):
-        parts = looks(*(whole.take(slice(k, k + cut)) for k in range(0, len(whole), cut)))
+        parts = observations(*(whole.take(slice(k, k + cut)) for k in range(0, len(whole), cut)))
         assert len(parts) == len(once)
         for one, other in zip(once, parts, strict=True):
             assert (one.detections.t_ns, one.detections.camera, one.frame) == (
@@ -70,7 +70,7 @@ def test_a_box_outside_the_image_is_left_out_and_one_at_its_border_is_not() -> N
     beyond = [(w - 0.5, 10), (-20.5, 10), (10, h - 0.5), (10, -60.5)]
     at = [(w - 0.6, 10), (-20.4, 10), (10, h - 0.6), (10, -60.4)]
     rows = [("a", 0, n, x, y, 20, 60) for n, (x, y) in enumerate([*beyond, *at])]
-    (found,) = looks(some(*rows), tally=tally)
+    (found,) = observations(some(*rows), tally=tally)
     assert found.box.tolist() == [4, 5, 6, 7]
     assert (tally.outside.tolist(), tally.boxes.tolist()) == ([4, 0], [4, 0])
 
@@ -88,23 +88,23 @@ def test_boxes_that_repeat_another_are_left_out() -> None:
     assert duplicate_boxes(edges, np.full(4, 0.9)).tolist() == [False, True, False, False]
     assert duplicate_boxes(edges, np.array([0.5, 0.9, 0.1, 0.1])).tolist() == [True, False, True, False]
     tally = BoxStatistics.of(2)
-    (found,) = looks(some(("a", 0, 0, 10, 10, 20, 60), ("a", 0, 1, 10, 10, 20, 60)), tally=tally)
+    (found,) = observations(some(("a", 0, 0, 10, 10, 20, 60), ("a", 0, 1, 10, 10, 20, 60)), tally=tally)
     assert (found.box.tolist(), tally.twice.tolist()) == ([0], [1, 0])
 
 
 def test_rows_of_other_cameras_are_passed_over_and_unknown_ones_refused() -> None:
-    assert looks(some(("c", 0, 0, 10, 10, 20, 60))) == []
+    assert observations(some(("c", 0, 0, 10, 10, 20, 60))) == []
     with pytest.raises(InputError, match="no camera 'z' in the scene"):
-        looks(some(("z", 0, 0, 10, 10, 20, 60)))
+        observations(some(("z", 0, 0, 10, 10, 20, 60)))
 
 
 def test_times_that_go_back_are_refused() -> None:
     late, early = some(("a", 1, 0, 10, 10, 20, 60)), some(("a", 0, 0, 10, 10, 20, 60))
     with pytest.raises(InputError, match="times go back"):
-        looks(late, early)
+        observations(late, early)
 
 
-def test_frames_that_a_table_leaves_out_are_looks_at_nobody() -> None:
+def test_frames_that_a_table_leaves_out_are_looks_at_no_one() -> None:
     times = RegionFrameTimes.of(
         t_ns=MS * np.array([0, 0, 40, 300, 400]),
         sensor=["a", "b", "b", "a", "b"],
@@ -142,7 +142,7 @@ def test_numbers_that_cannot_be_those_of_frames_are_refused() -> None:
 
 
 def look_at(t_ns: int, c: int) -> FrameDetectionsWithIds:
-    (found,) = looks(some(("a", 0, -1, 0, 0, 0, 0)))
+    (found,) = observations(some(("a", 0, -1, 0, 0, 0, 0)))
     return replace_time(found, t_ns, c)
 
 
@@ -169,5 +169,5 @@ def test_streams_are_put_in_the_order_of_time() -> None:
 def test_identities_are_hints() -> None:
     whole = boxes(hall("ab"), 0.2, miss=0.0)
     plain = replace(whole, target_id=np.full(len(whole), -1, dtype=np.int32))
-    assert all((each.detections.tracklet_id == -1).all() for each in looks(plain))
-    assert {h for each in looks(whole) for h in each.detections.tracklet_id.tolist()} == {0, 1, 2, 3}
+    assert all((each.detections.tracklet_id == -1).all() for each in observations(plain))
+    assert {h for each in observations(whole) for h in each.detections.tracklet_id.tolist()} == {0, 1, 2, 3}

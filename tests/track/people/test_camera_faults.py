@@ -21,7 +21,7 @@ CORNERS = {"a": (0.0, 0.0, 45.0), "b": (8.0, 0.0, 135.0), "c": (8.0, 6.0, 215.0)
 
 
 def cameras() -> list[Camera]:
-    """Four cameras in the corners of a room of 8 x 6 m, which look down by 20 degrees."""
+    """Four cameras in the corners of a room of 8 x 6 m, which point down by 20 degrees."""
     return [
         Camera(
             name=name,
@@ -73,7 +73,7 @@ def found(
     return faults
 
 
-def said(faults: CameraFaults, *, doubtful: bool = True) -> dict[tuple[str, ...], str]:
+def reported(faults: CameraFaults, *, doubtful: bool = True) -> dict[tuple[str, ...], str]:
     """Mistakes in words by the names of their cameras."""
     return {tuple(NAMES[c] for c in each.cameras): each.words for each in faults.found(doubtful=doubtful)}
 
@@ -88,9 +88,9 @@ def inverted(camera: Camera) -> Camera:
 
 
 @pytest.mark.parametrize("doubtful", [False, True])
-def test_nothing_is_said_of_cameras_that_are_right(doubtful: bool) -> None:
+def test_nothing_is_stated_of_cameras_that_are_right(doubtful: bool) -> None:
     faults = found(cameras(), cameras())
-    assert said(faults, doubtful=doubtful) == {}
+    assert reported(faults, doubtful=doubtful) == {}
     assert faults.gaps() == []
 
 
@@ -107,12 +107,12 @@ def test_inverted_extrinsics_are_named(name: str) -> None:
 
 def test_inverted_extrinsics_of_all_cameras_are_named_together() -> None:
     faults = found(cameras(), [inverted(each) for each in cameras()])
-    assert said(faults) == {NAMES: "extrinsics of all cameras are inverted (camera-to-world for world-to-camera)"}
+    assert reported(faults) == {NAMES: "extrinsics of all cameras are inverted (camera-to-world for world-to-camera)"}
 
 
 def test_exchanged_files_are_named_once_for_both_cameras() -> None:
     right = cameras()
-    (words,) = said(found([right[1], right[0], right[2], right[3]], right), doubtful=False).values()
+    (words,) = reported(found([right[1], right[0], right[2], right[3]], right), doubtful=False).values()
     assert words in ("boxes of a and b are exchanged", "boxes of b and a are exchanged")
 
 
@@ -122,8 +122,8 @@ def test_boxes_of_images_of_another_size_are_named_with_the_factor(factor: float
         return lambda _, boxes: {c: factor * each if c in which else each for c, each in boxes.items()}
 
     words = f"are multiplied by {mended} (images of another size)"
-    assert said(found(cameras(), cameras(), scaled((2,)))) == {("c",): f"boxes of c {words}"}
-    assert said(found(cameras(), cameras(), scaled((0, 1, 2, 3)))) == {NAMES: f"boxes of all cameras {words}"}
+    assert reported(found(cameras(), cameras(), scaled((2,)))) == {("c",): f"boxes of c {words}"}
+    assert reported(found(cameras(), cameras(), scaled((0, 1, 2, 3)))) == {NAMES: f"boxes of all cameras {words}"}
 
 
 def corners_for_sizes(boxes: np.ndarray) -> np.ndarray:
@@ -165,15 +165,15 @@ def test_numbers_of_boxes_that_mean_something_else_are_named(
     def every(_step: int, boxes: Boxes) -> Boxes:
         return {c: misread(own) for c, own in boxes.items()}
 
-    assert said(found(cameras(), cameras(), one)) == {("b",): f"boxes of b are {words}"}
-    assert said(found(cameras(), cameras(), every)) == {NAMES: f"boxes of all cameras are {words}"}
+    assert reported(found(cameras(), cameras(), one)) == {("b",): f"boxes of b are {words}"}
+    assert reported(found(cameras(), cameras(), every)) == {NAMES: f"boxes of all cameras are {words}"}
 
 
 def test_two_cameras_exchanged_for_a_while_are_named_with_the_time() -> None:
     def exchanged(step: int, boxes: Boxes) -> Boxes:
         return {**boxes, 0: boxes[3], 3: boxes[0]} if 60 <= step < 120 else boxes
 
-    (words,) = said(found(cameras(), cameras(), exchanged), doubtful=False).values()
+    (words,) = reported(found(cameras(), cameras(), exchanged), doubtful=False).values()
     assert words.startswith(("boxes of a and d are exchanged from", "boxes of d and a are exchanged from"))
     begin, end = (float(word) for word in words.split() if word.replace(".", "").isdigit())
     assert abs(begin - 6.0) <= 1.5
@@ -183,7 +183,7 @@ def test_two_cameras_exchanged_for_a_while_are_named_with_the_time() -> None:
 def test_a_camera_that_was_pushed_is_named_with_its_rotation() -> None:
     own = cameras()[1]
     turn = rotation_from_angles(np.radians(CORNERS["b"][2] + 4.0), np.radians(-20.0), 0.0)
-    (words,) = said(found(changed("b", rotation=turn), cameras()), doubtful=True).values()
+    (words,) = reported(found(changed("b", rotation=turn), cameras()), doubtful=True).values()
     assert words.startswith("b is rotated by +")
     assert abs(float(words.split()[4]) - 4.0 * np.cos(np.radians(20.0))) < 0.6
     assert own.name == "b"

@@ -32,11 +32,11 @@ def test_a_camera_with_inverted_extrinsics_is_named_with_the_mistake(
     shared_cases: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     found = tracked(shared_cases / "v02-one-camera-inverted", tmp_path, capsys)
-    said = {warning["id"]: warning for warning in found["warnings"]}  # type: ignore[attr-defined]
+    reported = {warning["id"]: warning for warning in found["warnings"]}  # type: ignore[attr-defined]
     assert (found["plausible"], found["people"]) == (False, 3)
-    assert said.keys() == {"camera-fits-if", "camera-unassociated"}
-    assert all(warning["sensors"] == ["side"] for warning in said.values())
-    assert "extrinsics of side are inverted" in said["camera-fits-if"]["message"]
+    assert reported.keys() == {"camera-fits-if", "camera-unassociated"}
+    assert all(warning["sensors"] == ["side"] for warning in reported.values())
+    assert "extrinsics of side are inverted" in reported["camera-fits-if"]["message"]
 
 
 def moved(case: Path, to: Path, name: str, yaw_deg: float, shift: tuple[float, float, float]) -> Path:
@@ -72,9 +72,9 @@ def test_a_camera_that_is_turned_is_named_with_the_angle(
     """It sees people where no other camera looks, so that nothing contradicts it."""
     case = moved(shared_cases / "v13-poster-outside-the-room", tmp_path / "case", name, yaw_deg, (0.0, 0.0, 0.0))
     found = tracked(case, tmp_path, capsys)
-    (said,) = (w for w in found["warnings"] if w["id"] == "camera-fits-if")  # type: ignore[attr-defined]
-    assert (found["plausible"], said["sensors"]) == (False, [name])
-    assert f"{name} is turned by {abs(yaw_deg):.0f} degrees about the vertical" in said["message"]
+    (reported,) = (w for w in found["warnings"] if w["id"] == "camera-fits-if")  # type: ignore[attr-defined]
+    assert (found["plausible"], reported["sensors"]) == (False, [name])
+    assert f"{name} is turned by {abs(yaw_deg):.0f} degrees about the vertical" in reported["message"]
 
 
 @pytest.mark.jit

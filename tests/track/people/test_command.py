@@ -1,4 +1,4 @@
-"""`occlog track --method jipda`: from boxes to tables, and what is said of bad input."""
+"""`occlog track --method jipda`: from boxes to tables, and what is stated of bad input."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ def tracks(folder: Path) -> PeopleTracks:
     return read_table(folder / "t.parquet", PeopleTracks)
 
 
-def said(capsys: pytest.CaptureFixture[str]) -> tuple[dict, str]:
-    """The summary, and what was said beside it."""
+def reported(capsys: pytest.CaptureFixture[str]) -> tuple[dict, str]:
+    """The summary, and what was stated next to it."""
     found = capsys.readouterr()
     return json.loads(found.out), found.err
 
@@ -70,7 +70,7 @@ def tracked(walk: Boxes, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_everybody_is_followed_and_the_tables_agree(walk, tmp_path, capsys):
     assert track(tmp_path, walk, SCENE) == ExitCode.DONE
-    summary, noted = said(capsys)
+    summary, noted = reported(capsys)
     assert noted == ""
     assert (summary["people"], summary["initiated"], summary["plausible"]) == (PEOPLE, PEOPLE, True)
     rows = tracks(tmp_path)
@@ -109,7 +109,7 @@ def test_everybody_is_followed_and_the_tables_agree(walk, tmp_path, capsys):
     assert made.parameters["window_ns"] == STEP_NS // 2 - 1
 
 
-def test_frames_that_were_lost_are_no_looks_at_nobody(walk, tmp_path, capsys):
+def test_frames_that_were_lost_are_no_looks_at_no_one(walk, tmp_path, capsys):
     kept = walk.take(~np.isin(walk.frame, range(10, 18)))
     with RecordingWriter(tmp_path / "r.mcap", SCENE, Provenance("test")) as out:
         out.table(kept)
@@ -119,11 +119,11 @@ def test_frames_that_were_lost_are_no_looks_at_nobody(walk, tmp_path, capsys):
     fused = [str(tmp_path / "b.parquet"), "--views", str(views), "--fused-views", str(tmp_path / "f.parquet"), *scene]
     assert run(["fuse", *fused, "-o", str(tmp_path / "fb.parquet"), "-q"]) == ExitCode.DONE
     for name in ("v.parquet", "f.parquet"):
-        told = read_provenance(tmp_path / name).parameters["frames_left_out"]
-        assert told == {key: [[10, 17]] for key in "abcd"}
+        stated = read_provenance(tmp_path / name).parameters["frames_left_out"]
+        assert stated == {key: [[10, 17]] for key in "abcd"}
     capsys.readouterr()
     assert follow(tmp_path, str(views), *scene) == ExitCode.DONE
-    summary, _ = said(capsys)
+    summary, _ = reported(capsys)
     assert (summary["initiated"], summary["terminated"]) == (PEOPLE, 0)
     assert summary["frames"] == dict.fromkeys("abcd", 22)
 
@@ -135,7 +135,7 @@ def test_the_same_boxes_give_the_same_bytes(walk, tracked, tmp_path):
 
 
 def test_a_recording_with_boxes_and_views_made_of_it_give_the_same_tracks(walk, tmp_path, capsys):
-    # A camera detects nobody for some frames in the middle: views have no rows there
+    # A camera detects no one for some frames in the middle: views have no rows there
     gone = np.isin(walk.frame, range(12, 15)) & (walk.sensor == "b")
     first = gone & np.append(True, (np.diff(walk.t_ns) != 0) | (walk.sensor[1:] != walk.sensor[:-1]))
     empty = replace(
@@ -157,7 +157,7 @@ def test_a_recording_with_boxes_and_views_made_of_it_give_the_same_tracks(walk, 
     np.testing.assert_array_equal(other.t_ns, rows.t_ns)
     # Boxes stand in another order there
     np.testing.assert_allclose(other.x, rows.x, atol=0.02)
-    # They have no scores, as regions of video, of which it is told that covariances are too small with the future
+    # They have no scores, as regions of video, of which it is stated that covariances are too small with the future
     capsys.readouterr()
     output = ["-o", str(tmp_path / "smoothed.parquet"), "--smooth", "--strict"]
     assert run(["track", str(tmp_path / "v.parquet"), *scene, "--method", "jipda", *output]) == ExitCode.DONE
@@ -183,7 +183,7 @@ def test_what_is_in_the_images_is_evaluated_and_exported(tracked, tmp_path, caps
     capsys.readouterr()
     args = ["--truth", str(tmp_path / "true.parquet"), "--mot", str(tmp_path / "mot"), "--json"]
     assert run(["evaluate", str(tracked / "view-tracks.parquet"), *args]) == ExitCode.DONE
-    figures, _ = said(capsys)
+    figures, _ = reported(capsys)
     # People whose middle is outside the image have no true box
     assert figures["idf1"] > 0.85
     assert figures["recall"] > 0.95
@@ -194,7 +194,7 @@ def test_a_camera_that_is_turned_is_named(tmp_path, capsys):
     found = boxes(SCENE, 6.0, px=2.0)
     moved = replace(found, left_px=found.left_px - 25.0 * (found.sensor == "b"))
     assert track(tmp_path, moved, SCENE, "--smooth") == ExitCode.DONE
-    summary, noted = said(capsys)
+    summary, noted = reported(capsys)
     # A shift of the image is not quite a rotation: another camera may seem to be rotated a little
     found = {warning["id"]: warning for warning in summary["warnings"]}
     assert found.keys() in [{"camera-rotated"}, {"camera-rotated", "camera-fits-if"}]
@@ -214,7 +214,7 @@ def test_a_camera_that_is_turned_is_named_after_10_s_with_rough_boxes(tmp_path, 
     stood = tuple(replace(c, rotation=turned) if c.name == "b" else c for c in scene.cameras)
     found = boxes(replace(scene, cameras=stood), 10.0, px=4.0, people=2, seed=seed)
     assert track(tmp_path, found, scene) == ExitCode.DONE
-    summary, _ = said(capsys)
+    summary, _ = reported(capsys)
     found = {warning["id"] for warning in summary["warnings"]}
     # A camera that is turned by 6 degrees may also make exchanges of the two people likely
     allowed = {"identity-switches-likely", "camera-fits-if"} if degrees else set()
@@ -226,7 +226,7 @@ def test_a_camera_that_is_turned_is_named_after_10_s_with_rough_boxes(tmp_path, 
 def test_a_camera_that_is_late_is_named(tmp_path, capsys):
     found = boxes(SCENE, 6.0, late={"b": 30.0})
     assert track(tmp_path, found, SCENE) == ExitCode.DONE
-    summary, noted = said(capsys)
+    summary, noted = reported(capsys)
     assert "occlog: warning: camera b detects " in noted
     assert "check its clock and pose" in noted
     assert not summary["plausible"]
@@ -235,11 +235,11 @@ def test_a_camera_that_is_late_is_named(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(("late", "near"), [(1.2, 0.11), pytest.param(-0.8, 0.25, marks=pytest.mark.statistics)])
-def test_by_how_much_a_camera_is_late_or_ahead_is_told(late, near, tmp_path, capsys):
+def test_by_how_much_a_camera_is_late_or_ahead_is_stated(late, near, tmp_path, capsys):
     """By a frame; of a smaller offset less is known, since the tracks follow that camera, too."""
     scene = hall("abcd")
     assert track(tmp_path, boxes(scene, 8.0, late={"b": late}), scene) == ExitCode.DONE
-    summary, _ = said(capsys)
+    summary, _ = reported(capsys)
     (found,) = (each for each in summary["warnings"] if each["id"] == "camera-clock-offset")
     assert found["sensors"] == ["b"]
     assert found["figures"]["late_s"] == pytest.approx(late, abs=near)
@@ -248,7 +248,7 @@ def test_by_how_much_a_camera_is_late_or_ahead_is_told(late, near, tmp_path, cap
 def test_a_late_clock_is_stated_before_its_consequences(tmp_path, capsys):
     scene = hall("abcd")
     assert track(tmp_path, boxes(scene, 12.0, late={"b": -4.0}), scene) == ExitCode.DONE
-    summary, _ = said(capsys)
+    summary, _ = reported(capsys)
     ids = [each["id"] for each in summary["warnings"] if each["sensors"] == ["b"]]
     assert ids == ["camera-clock-offset", "camera-unassociated"]
 
@@ -259,7 +259,7 @@ def test_a_camera_that_is_late_by_less_than_a_gate_is_corrected(late, tmp_path, 
     """20 s of four people; standard errors are about 0.01 s, and what velocities lag is left over."""
     scene = hall("abcd")
     assert track(tmp_path, boxes(scene, 20.0, late={"b": late}), scene, "--smooth") == ExitCode.DONE
-    summary, _ = said(capsys)
+    summary, _ = reported(capsys)
     warnings = [each for each in summary["warnings"] if each["id"] == "camera-late"]
     assert [each["sensors"] for each in warnings] == ([["b"]] if late else [])
     assert summary.get("clock_offsets", {}) == ({"b": pytest.approx(late, abs=0.04)} if late else {})
@@ -269,16 +269,16 @@ def test_a_camera_that_reports_everything_twice_is_named_and_counts_once(walk, t
     again = walk.take((walk.sensor == "b") & (walk.box >= 0))
     twice = Boxes.merge([walk, replace(again, box=again.box + np.int32(50))])
     assert track(tmp_path, twice, SCENE) == ExitCode.DONE
-    summary, noted = said(capsys)
+    summary, noted = reported(capsys)
     assert f"camera b: {len(again)} of {2 * len(again)} boxes duplicate another one of the frame" in noted
     assert summary["boxes"]["b"]["duplicates"] == len(again)
     np.testing.assert_array_equal(tracks(tmp_path).x, tracks(tracked).x)
 
 
-def test_boxes_outside_the_image_are_left_out_and_told(walk, tmp_path, capsys):
+def test_boxes_outside_the_image_are_left_out_and_stated(walk, tmp_path, capsys):
     shifted = replace(walk, left_px=np.where(walk.sensor == "c", walk.left_px + 2000.0, walk.left_px))
     assert track(tmp_path, shifted, SCENE) == ExitCode.DONE
-    summary, noted = said(capsys)
+    summary, noted = reported(capsys)
     assert "camera c: " in noted
     assert "outside the image" in noted
     assert summary["boxes"]["c"]["boxes"] == 0
@@ -295,7 +295,7 @@ def test_boxes_that_the_recording_has_lost_to_a_wrong_image_size_speak_against_t
         with RecordingWriter(tmp_path / "r.mcap", SCENE, Provenance("test", losses=losses), overwrite=True) as out:
             out.table(walk)
         assert follow(tmp_path, str(tmp_path / "r.mcap")) == ExitCode.DONE
-        summary, noted = said(capsys)
+        summary, noted = reported(capsys)
         assert [warning["id"] for warning in summary["warnings"]] == found
         assert summary["plausible"] is not bool(found)
         assert (f"camera c: ingest skipped {lost} of {lost + kept} boxes outside the image" in noted) is bool(found)
@@ -305,14 +305,14 @@ def test_a_scene_in_centimetres_gives_the_same_tracks_in_centimetres(tracked, tm
     metres = tracks(tracked)
     scene = hall("abcd", 100.0, "unit")
     assert track(tmp_path, boxes(scene, SECONDS, metre=100.0), scene) == ExitCode.DONE
-    _, noted = said(capsys)
+    _, noted = reported(capsys)
     assert "lengths are in a scene-specific unit; by boxes people are 17" in noted
     found = tracks(tmp_path)
     assert np.median(np.abs(found.x / 100.0 - metres.x)) < 0.02
     assert np.median(found.height) == pytest.approx(100.0 * np.median(metres.height), rel=0.05)
 
 
-def test_centimetres_that_are_said_to_be_metres_are_refused(tmp_path, capsys):
+def test_centimetres_that_are_stated_to_be_metres_are_refused(tmp_path, capsys):
     scene = hall("abcd", 100.0, "m")
     assert track(tmp_path, boxes(scene, SECONDS, metre=100.0), scene) == ExitCode.BAD_INPUT
     noted = capsys.readouterr().err
@@ -322,7 +322,7 @@ def test_centimetres_that_are_said_to_be_metres_are_refused(tmp_path, capsys):
     assert "setting height" not in noted
 
 
-def test_a_stated_height_that_nobody_has_is_refused(tmp_path, capsys):
+def test_a_stated_height_that_no_one_has_is_refused(tmp_path, capsys):
     scene = hall("abcd", 100.0, "m")
     found = boxes(scene, SECONDS, metre=100.0)
     assert track(tmp_path, found, scene, "--set", "person_height=170") == ExitCode.BAD_INPUT
@@ -333,9 +333,9 @@ def test_a_stated_height_that_nobody_has_is_refused(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("found", [boxes(SCENE, 1.0, people=0), Boxes.empty()], ids=["frames without boxes", "no rows"])
-def test_nobody_at_all_is_a_result(found, tmp_path, capsys):
+def test_no_one_at_all_is_a_result(found, tmp_path, capsys):
     assert track(tmp_path, found, SCENE) == ExitCode.DONE
-    summary, noted = said(capsys)
+    summary, noted = reported(capsys)
     assert noted.startswith("occlog: note: no target was found, and the tracks are empty; ")
     assert noted.count("\n") == 1
     assert (summary["people"], summary["rows"]) == (0, 0)
@@ -343,11 +343,11 @@ def test_nobody_at_all_is_a_result(found, tmp_path, capsys):
     assert len(read_table(tmp_path / "view-tracks.parquet", ViewTracks)) == 0
 
 
-def test_a_world_upside_down_in_which_nobody_is_found_is_not_plausible(walk, tmp_path, capsys):
+def test_a_world_upside_down_in_which_no_one_is_found_is_not_plausible(walk, tmp_path, capsys):
     over = tuple(replace(c, position=c.position * [1, 1, -1]) for c in SCENE.cameras)
     scene = replace(SCENE, cameras=over)
     assert track(tmp_path, walk, scene) == ExitCode.DONE
-    summary, _ = said(capsys)
+    summary, _ = reported(capsys)
     assert (summary["people"], summary["plausible"]) == (0, False)
     found = {warning["id"]: warning.get("sensors") for warning in summary["warnings"]}
     assert found["boxes-unassociated"] is None
@@ -358,7 +358,7 @@ def test_a_world_upside_down_in_which_nobody_is_found_is_not_plausible(walk, tmp
 def test_cameras_without_a_pose_are_named_and_the_others_used(walk, tmp_path, capsys):
     cameras = [replace(SCENE.cameras[0], placed=False), *SCENE.cameras[1:]]
     assert track(tmp_path, walk, replace(SCENE, cameras=tuple(cameras))) == ExitCode.DONE
-    summary, noted = said(capsys)
+    summary, noted = reported(capsys)
     assert noted == "occlog: warning: without a pose in space, and not used: a; calibrate it\n"
     assert list(summary["frames"]) == ["b", "c", "d"]
     assert summary["people"] == PEOPLE
@@ -368,13 +368,13 @@ def test_cameras_without_a_pose_are_named_and_the_others_used(walk, tmp_path, ca
 
 
 @pytest.mark.parametrize("rounding", [0.0, -4e-10])
-def test_a_calibrated_camera_on_the_floor_is_told_from_one_without_a_pose(rounding, walk, tmp_path, capsys):
+def test_a_calibrated_camera_on_the_floor_is_stated_from_one_without_a_pose(rounding, walk, tmp_path, capsys):
     def lowered(camera: Camera) -> Camera:
         return replace(camera, position=np.array([*camera.position[:2], rounding]))
 
     cameras = [lowered(SCENE.cameras[0]), replace(SCENE.cameras[1], placed=False), *SCENE.cameras[2:]]
     assert track(tmp_path, walk, replace(SCENE, cameras=tuple(cameras))) == ExitCode.DONE
-    summary, noted = said(capsys)
+    summary, noted = reported(capsys)
     assert "without a pose in space, and not used: b; calibrate it\n" in noted
     assert "on the floor (z = 0), from where no position on it can be seen, and not used: a; say how high" in noted
     assert list(summary["frames"]) == ["c", "d"]
@@ -388,7 +388,7 @@ def test_a_camera_whose_calibration_contradicts_is_named(walk, tmp_path, capsys)
     low = replace(SCENE.cameras[1], position=np.array([10.0, 0.0, 1.5]))
     cameras = (SCENE.cameras[0], low, *SCENE.cameras[2:])
     assert track(tmp_path, walk, replace(SCENE, cameras=cameras)) == ExitCode.DONE
-    summary, _ = said(capsys)
+    summary, _ = reported(capsys)
     assert {"calibration-inconsistent", "camera-inconsistent"} & {each["id"] for each in summary["warnings"]}
 
 
@@ -401,7 +401,7 @@ def test_a_recording_without_boxes_is_refused_with_the_remedy(tmp_path, capsys):
 
 def test_cameras_are_chosen(walk, tmp_path, capsys):
     assert track(tmp_path, walk, SCENE, "--cameras", "a,b,c", "--without", "b") == ExitCode.DONE
-    summary, _ = said(capsys)
+    summary, _ = reported(capsys)
     assert list(summary["frames"]) == ["a", "c"]
     assert track(tmp_path, walk, SCENE, "--cameras", "z") == ExitCode.USAGE
     assert "no camera 'z' in the scene" in capsys.readouterr().err
@@ -443,9 +443,9 @@ def test_who_speaks_keeps_the_identity_where_no_camera_shows_them(tmp_path, caps
     write_table(tmp_path / "doa.parquet", doa, Provenance("test"))
     found = table(names, np.array(rows))
     assert track(tmp_path, found, scene) == ExitCode.DONE
-    assert said(capsys)[0]["people"] == 2
+    assert reported(capsys)[0]["people"] == 2
     assert track(tmp_path, found, scene, "--doa", str(tmp_path / "doa.parquet")) == ExitCode.DONE
-    assert said(capsys)[0]["people"] == 1
+    assert reported(capsys)[0]["people"] == 1
     assert [name for name, _ in read_provenance(tmp_path / "t.parquet").inputs][-1] == "doa.parquet"
 
 

@@ -18,10 +18,10 @@ def test_what_is_kept_of_a_crowd_is_bounded_and_small():
         moment = TrackSnapshot(
             k, np.arange(people), mean, eye, np.ones(people), np.ones((people, 4)), no_associations(), ()
         )
-        look = FrameDetections(
+        observation = FrameDetections(
             k, k % 4, np.ones((people, 4)), none, np.full(people, NO_ID), np.zeros((people, 0)), none
         )
-        delays.add(moment, [FrameDetectionsWithIds(look, k, none)], np.ones((people, 4), dtype=np.bool_))
+        delays.add(moment, [FrameDetectionsWithIds(observation, k, none)], np.ones((people, 4), dtype=np.bool_))
     kept = [*delays._people, *delays._by]
     # No row holds on to the states and covariances that it was made of
     owned = {id(a if a.base is None else a.base): a if a.base is None else a.base for a in kept}.values()

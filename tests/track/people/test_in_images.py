@@ -1,4 +1,4 @@
-"""`occlog track` of boxes without a calibration: from files to tracks in the images, and what is said of them."""
+"""`occlog track` of boxes without a calibration: from files to tracks in the images, and what is stated of them."""
 
 from __future__ import annotations
 
@@ -46,10 +46,10 @@ def test_boxes_without_a_calibration_become_tracks_in_the_image(
     capsys.readouterr()
     tracks, events = tmp_path / "t.parquet", tmp_path / "e.parquet"
     done = run(["track", str(recording), "-o", str(tracks), "--events", str(events), smooth, "--json"])
-    said = capsys.readouterr()
+    reported = capsys.readouterr()
     assert done == ExitCode.DONE
-    assert "method sort, by the input" in said.err
-    summary = json.loads(said.out)
+    assert "method sort, by the input" in reported.err
+    summary = json.loads(reported.out)
     assert summary["method"] == "sort"
     assert summary["identities"] == 2
     assert summary["frames"] == {"hall": 60}
@@ -78,15 +78,15 @@ def test_smoothing_says_so_and_each_camera_has_identities_of_its_own(tmp_path: P
     assert not own["a"] & own["b"]
 
 
-def test_boxes_of_no_person_are_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_boxes_of_no_person_are_stated(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "det.txt").write_text("1,-1,10,10,40,90,0.9,-1,-1,-1\n30,-1,400,10,40,90,0.9,-1,-1,-1\n")
     walk = tmp_path / "w.mcap"
     boxes = ["--boxes", f"hall={tmp_path / 'det.txt'}", "--fps", "10", "--allow-uncalibrated", "-q"]
     assert run(["ingest", "-o", str(walk), *boxes]) == ExitCode.DONE
     capsys.readouterr()
     assert run(["track", str(walk), "-o", str(tmp_path / "t.parquet")]) == ExitCode.DONE
-    said = capsys.readouterr()
-    assert "no target was found" in said.err
+    reported = capsys.readouterr()
+    assert "no target was found" in reported.err
 
 
 def test_the_window_is_refused(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

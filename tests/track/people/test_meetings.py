@@ -39,12 +39,12 @@ def test_the_ratio_is_that_of_normal_densities(seed: int) -> None:
     assert log_ratio(before, cov_before, after, cov_after, passed, manoeuvre) == pytest.approx(expected, rel=1e-9)
 
 
-def test_who_came_near_and_is_told_apart_badly_is_exchanged_more_probably() -> None:
+def test_who_came_near_and_is_distinguished_badly_is_exchanged_more_probably() -> None:
     distances, ratios = [0.0, 0.3, 1.0, 4.0], [-5.0, 0.0, 3.0, 100.0]
     found = np.array([[switch_probability(d, r) for r in ratios] for d in distances])
     assert (np.diff(found, axis=0) <= 0).all()
     assert (np.diff(found, axis=1) <= 0).all()
-    # Limits of both are where they are said to be
+    # Limits of both are where they are stated to be
     assert (found[0] == found[1]).all()
     assert (found[:, 0] == found[:, 1]).all()
     assert switch_probability(1.0, 1e9) == found[2, 3]
@@ -104,13 +104,13 @@ def test_the_unit_of_length_does_not_matter(unit: float) -> None:
     assert others[0][1].probability == pytest.approx(metres[0][1].probability, rel=1e-6)
 
 
-def test_what_the_method_itself_doubts_is_not_said_again() -> None:
+def test_what_the_method_itself_doubts_is_not_stated_again() -> None:
     moments = crossing(0.05, 0.2)
     moments[21] = moments[21]._replace(events=(Event("possible_switch", 8, 7, 0.4), Event("initiated", 9, NO_ID, 0.9)))
     assert doubts(moments) == []
 
 
-def test_of_one_who_has_gone_nothing_is_said() -> None:
+def test_of_one_who_has_gone_nothing_is_stated() -> None:
     moments = crossing(0.05, 0.2)
     gone = [
         each._replace(

@@ -1,4 +1,4 @@
-"""Moments of everybody as rows of tables, with a stand-in for the method: two people at known places."""
+"""Times of everybody as rows of tables, with a stand-in for the method: two people at known places."""
 
 from __future__ import annotations
 
@@ -27,22 +27,22 @@ HIDDEN = 0.25
 """Visibility of the second person, of whom the stand-in says that no box is theirs."""
 
 
-def step(state: int, looks: list[FrameDetections]) -> tuple[int, TrackSnapshot]:
+def step(state: int, observations: list[FrameDetections]) -> tuple[int, TrackSnapshot]:
     """The people where they are; of the first one the nearest box of each camera, of the second one none."""
-    t_ns = max(look.t_ns for look in looks)
+    t_ns = max(observation.t_ns for observation in observations)
     mean = np.zeros((PEOPLE, 6))
     mean[:, :2] = [place(k, t_ns * 1e-9) for k in range(PEOPLE)]
     mean[:, 4:] = HEIGHT, WIDTH
     visibility = np.full((PEOPLE, len(CAMERAS)), np.nan)
     person, camera, row = [], [], []
-    for look in looks:
-        visibility[:, look.camera] = 1.0, HIDDEN
-        expected = box(CAMERAS[look.camera], *mean[0, :2])
-        cost = np.abs(look.boxes - expected).max(axis=1)[None]
+    for observation in observations:
+        visibility[:, observation.camera] = 1.0, HIDDEN
+        expected = box(CAMERAS[observation.camera], *mean[0, :2])
+        cost = np.abs(observation.boxes - expected).max(axis=1)[None]
         _, best = assign(cost, 20.0) if cost.size else ([], [])
         person += [0] * len(best)
-        camera += [look.camera] * len(best)
-        row += look.row[best].tolist()
+        camera += [observation.camera] * len(best)
+        row += observation.row[best].tolist()
     events = {
         0: (Event("initiated", 10, NO_ID, 0.9), Event("initiated", 11, NO_ID, 0.8)),
         3: (Event("possible_switch", 10, 11, 0.4),),
@@ -97,11 +97,13 @@ def test_rows_say_who_saw_the_person_and_why_to_doubt(seen: list[SnapshotWithDet
     hidden = rows.take(rows.target_id == 11)
     assert set(hidden.quality_flags.tolist()) == {"coasting"}
     assert set(hidden.seen_by.tolist()) == {""}
-    told = rows.take(rows.target_id == 10)
-    for by, doubt, t_ns in zip(told.seen_by.tolist(), told.quality_flags.tolist(), told.t_ns.tolist(), strict=True):
+    stated = rows.take(rows.target_id == 10)
+    for by, doubt, t_ns in zip(
+        stated.seen_by.tolist(), stated.quality_flags.tolist(), stated.t_ns.tolist(), strict=True
+    ):
         words = {"": ["coasting"], "a": ["single_view"], "b": ["single_view"], "c": ["single_view"]}.get(by, [])
         assert doubt == ",".join([*words, *(["possible_switch"] if t_ns == 3 * STEP_NS else [])])
-    assert "a,b,c" in told.seen_by.tolist()
+    assert "a,b,c" in stated.seen_by.tolist()
 
 
 def test_support_names_the_boxes_by_frame_and_number(seen: list[SnapshotWithDetections]) -> None:
@@ -167,6 +169,6 @@ def test_a_later_look_shows_people_where_they_walk_on(seen: list[SnapshotWithDet
     np.testing.assert_allclose(row.x_px, 0.5 * (left + right), atol=0.5)
 
 
-def test_nobody_gives_empty_tables() -> None:
+def test_no_one_gives_empty_tables() -> None:
     found = Tabulator(CAMERAS, in_images=True).tables([])
     assert [len(table) for table in found if table is not None] == [0, 0, 0, 0]

@@ -20,23 +20,23 @@ def some(metre: float = 1.0) -> tuple[list[FrameDetectionsWithIds], tuple]:
 
 @pytest.mark.parametrize("metre", [1.0, 100.0])
 def test_people_are_as_tall_as_they_are(metre: float) -> None:
-    looks, cameras = some(metre)
-    np.testing.assert_allclose(person_heights(looks, cameras), metre * HEIGHT, rtol=0.05)
+    observations, cameras = some(metre)
+    np.testing.assert_allclose(person_heights(observations, cameras), metre * HEIGHT, rtol=0.05)
 
 
 def test_few_boxes_tell_nothing() -> None:
-    looks, cameras = some()
-    assert np.isnan(person_heights(looks[:2], cameras)).all()
+    observations, cameras = some()
+    assert np.isnan(person_heights(observations[:2], cameras)).all()
     assert np.isnan(median_height(np.full(3, np.nan)))
 
 
 def test_a_camera_that_is_not_where_the_scene_says_makes_other_people() -> None:
-    looks, cameras = some()
+    observations, cameras = some()
     moved = (camera("a", position=np.array([0.0, 0.0, 6.0])), *cameras[1:])
-    odd = inconsistent_cameras(person_heights(looks, moved))
+    odd = inconsistent_cameras(person_heights(observations, moved))
     assert list(odd) == [0]
     assert odd[0] > 1.6 * HEIGHT
-    assert inconsistent_cameras(person_heights(looks, cameras)) == {}
+    assert inconsistent_cameras(person_heights(observations, cameras)) == {}
 
 
 def test_lengths_are_put_in_units_of_the_scene() -> None:

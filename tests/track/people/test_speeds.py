@@ -87,7 +87,7 @@ def test_fast_people_in_short_tracks_are_found_at_a_lower_speed() -> None:
     assert found(*parts) == ["speeds-high"]
 
 
-def test_nothing_is_said_of_few_rows() -> None:
+def test_nothing_is_stated_of_few_rows() -> None:
     speeds = PeopleSpeeds(HEIGHT)
     speeds.add(tracks(walk(20.0, seconds=1.0, people=1), 1 / FPS))
     (check,) = speeds.checks("m")

@@ -1,4 +1,4 @@
-"""Moments in parts, as many together as have few rows."""
+"""Times in parts, as many together as have few rows."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ SCENE = hall("ab")
 
 
 def everywhere(people: int) -> PeopleTracker[None, None]:
-    """A method that sees so many people at each moment, whatever the boxes."""
+    """A method that sees so many people at each time, whatever the boxes."""
 
-    def step(state: None, looks: object) -> tuple[None, TrackSnapshot]:
+    def step(state: None, observations: object) -> tuple[None, TrackSnapshot]:
         ids = np.arange(people)
         covariance = np.tile(np.eye(6), (people, 1, 1))
         mean = np.zeros((people, 6))
@@ -32,7 +32,7 @@ def everywhere(people: int) -> PeopleTracker[None, None]:
     return PeopleTracker(begin=lambda scene, cameras, config: None, step=step)
 
 
-def looks(moments: int) -> list[list[FrameDetectionsWithIds]]:
+def observations(moments: int) -> list[list[FrameDetectionsWithIds]]:
     none = np.zeros(0, dtype=np.int64)
     return [
         [
@@ -48,7 +48,7 @@ def looks(moments: int) -> list[list[FrameDetectionsWithIds]]:
 @pytest.mark.parametrize("people", [0, 5, 100, ROWS_PER_PART])
 def test_parts_have_few_rows_whatever_the_number_of_people(people) -> None:
     moments = 500 if people < ROWS_PER_PART else 3
-    parts = list(track_people(looks(moments), SCENE, SCENE.cameras, JipdaConfig(), everywhere(people)))
+    parts = list(track_people(observations(moments), SCENE, SCENE.cameras, JipdaConfig(), everywhere(people)))
     sizes = [len(part) for part in parts]
     assert sum(sizes) == moments
     # A row for each person in `tracks` and two in `view_tracks`
@@ -61,7 +61,8 @@ def test_parts_have_few_rows_whatever_the_number_of_people(people) -> None:
 def test_coordinates_of_maps_cost_no_digits() -> None:
     made = crowd(people=4, cameras=3, frames=15, seed=5)
     seen = [
-        [FrameDetectionsWithIds(k, t, np.arange(len(k.row))) for k in looks] for t, looks in enumerate(made.moments)
+        [FrameDetectionsWithIds(k, t, np.arange(len(k.row))) for k in observations]
+        for t, observations in enumerate(made.moments)
     ]
 
     def followed(at: Floats) -> Floats:

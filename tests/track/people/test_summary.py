@@ -14,7 +14,7 @@ from occlog.track.people.run import MIN_PAIRS, PeopleSummary
     ("pairs", "left_out", "said"),
     [(MIN_PAIRS, MIN_PAIRS, 1), (MIN_PAIRS, MIN_PAIRS - 1, 0), (MIN_PAIRS - 1, MIN_PAIRS - 1, 0)],
 )
-def test_numbers_that_are_hardly_ever_successive_are_said(pairs: int, left_out: int, said: int) -> None:
+def test_numbers_that_are_hardly_ever_successive_are_stated(pairs: int, left_out: int, reported: int) -> None:
     inputs = SimpleNamespace(numbers={"a": FrameNumbers(1, pairs, left_out)})
     found = list(PeopleSummary(inputs, SimpleNamespace(person_height=1.7))._numbers())
-    assert [f.id for f in found] == ["frame-numbers-sparse"] * said
+    assert [f.id for f in found] == ["frame-numbers-sparse"] * reported

@@ -75,7 +75,7 @@ def test_a_region_of_two_pieces_is_one_virtual_sensor() -> None:
     assert_allclose(found.centroid, np.zeros((2, 2)), atol=1e-9)
 
 
-def test_parts_that_nobody_covers_and_slivers_are_none() -> None:
+def test_parts_that_no_one_covers_and_slivers_are_none() -> None:
     room = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])
     touching = virtual_sensors(np.array([[2.0, 5.0], [8.0, 5.0]]), np.array([3.0 - 1e-9, 3.0 - 1e-9]), room)
     assert touching.members.tolist() == [[True, False], [False, True]]

@@ -114,7 +114,7 @@ def test_particles_stay_in_the_room() -> None:
     assert all(((f.xy > 0.0) & (f.xy < 12.0)).all() for f in filtered(RULES, reads))
 
 
-def test_reads_that_no_particle_explains_begin_anew() -> None:
+def test_reads_that_no_particle_explains_begin_again() -> None:
     rng = np.random.default_rng(0)
     cloud = begin(RULES, 0, rng)
     far = cloud._replace(xy=cloud.xy + 100.0)

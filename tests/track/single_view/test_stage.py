@@ -1,4 +1,4 @@
-"""Boxes of each camera go to its own tracker, frame by frame; boxes of nobody are left out."""
+"""Boxes of each camera go to its own tracker, frame by frame; boxes of no one are left out."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PLUGIN = Plugin(VIEW_TRACKER, "mine", "mine:Mine", "my-package", "1")
 
 
 class ByWidth:
-    """Who is as wide is the same; boxes of less than 10 px are of nobody."""
+    """Who is as wide is the same; boxes of less than 10 px are of no one."""
 
     def __init__(self) -> None:
         self.seen: list[BoxesInFrame] = []

@@ -26,14 +26,14 @@ def run(frames: list[list[list[float]]], score: float = 0.8, colours: list[list[
     out = []
     for k, boxes in enumerate(frames):
         n = len(boxes)
-        look = np.zeros((n, 0)) if colours is None else np.array(colours[k]).reshape(n, -1)
+        observation = np.zeros((n, 0)) if colours is None else np.array(colours[k]).reshape(n, -1)
         found = FrameDetections(
             round(k / FPS * 1e9),
             0,
             np.array(boxes).reshape(-1, 4),
             np.full(n, score),
             np.full(n, -1),
-            look,
+            observation,
             np.arange(n),
         )
         out.append(tracker.step(found, k))

@@ -20,11 +20,11 @@ def track(frames: range, speed: float, start: float, row: int, colour: int | Non
     frame = np.array(frames)
     x = start + speed * TIMES[frame]
     boxes = np.column_stack([x - 30, np.full(len(x), 250.0), x + 30, np.full(len(x), 400.0)])
-    look = np.zeros((len(x), 0))
+    observation = np.zeros((len(x), 0))
     if colour is not None:
-        look = np.full((len(x), 4), 0.02 / 3)
-        look[:, colour] = 0.98
-    return Boxes(frame, boxes, look, row + np.arange(len(x)))
+        observation = np.full((len(x), 4), 0.02 / 3)
+        observation[:, colour] = 0.98
+    return Boxes(frame, boxes, observation, row + np.arange(len(x)))
 
 
 def test_a_track_with_a_gap_is_one_person_and_is_interpolated() -> None:
@@ -54,10 +54,10 @@ def test_colours_undo_an_exchange_at_a_crossing() -> None:
         away = np.concatenate([np.linspace(200, 0, 30), np.linspace(0, 200, 30)])
         x = 500.0 + side * away
         boxes = np.column_stack([x - 30, np.full(60, 250.0), x + 30, np.full(60, 400.0)])
-        look = np.full((60, 4), 0.02 / 3)
-        look[:30, colours[0]] = 0.98
-        look[30:, colours[1]] = 0.98
-        return Boxes(frame, boxes, look, row + frame)
+        observation = np.full((60, 4), 0.02 / 3)
+        observation[:30, colours[0]] = 0.98
+        observation[30:, colours[1]] = 0.98
+        return Boxes(frame, boxes, observation, row + frame)
 
     exchanged = [there_and_back(True, (0, 1), 0), there_and_back(False, (1, 0), 1000)]
     assert len(cut(exchanged, TIMES)) == 4

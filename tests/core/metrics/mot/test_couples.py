@@ -44,7 +44,7 @@ def test_what_is_taken_away_again_is_gone(dense: int, monkeypatch: pytest.Monkey
     assert [each.tolist() for each in found.all()] == [[2], [2], [[5.0]]]
 
 
-def test_nothing_and_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_and_no_one(monkeypatch: pytest.MonkeyPatch) -> None:
     for dense in (-1, couples.DENSE):
         monkeypatch.setattr(couples, "DENSE", dense)
         for shape in ((0, 0), (0, 4), (4, 0), (4, 4)):

@@ -177,7 +177,7 @@ def test_the_short_program_has_the_value_of_the_whole_one(seed: int) -> None:
 
 
 def walkers(seed: int, people: int, times: int) -> MatchedFrames:
-    """People who wander in a room, tracks that are exchanged where they meet, begin anew, and miss them at times."""
+    """People who wander in a room, tracks that are exchanged where they meet, begin again, and miss them at times."""
     rng = np.random.default_rng(seed)
     walked = np.cumsum(rng.normal(0, 0.25, (times, people, 2)), axis=0) + rng.uniform(0, 3, (people, 2))
     x = np.abs((walked + 3) % 6 - 3)
@@ -259,7 +259,7 @@ def test_swapped_tracks_are_far_away_while_they_are_on_the_other_target() -> Non
 
 
 def test_a_gap_and_a_false_track_in_ospa2() -> None:
-    """One track 0.2 m off, absent in two frames of ten; another is of nobody."""
+    """One track 0.2 m off, absent in two frames of ten; another is of no one."""
     truth = rows(*line(1, range(10)))
     tracks = rows(*line(7, range(8), 0.2), *line(8, range(3), 9.0))
     got = ospa2(of_points(truth, tracks, 1.0), cutoff=1.0)

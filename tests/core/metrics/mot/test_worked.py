@@ -103,7 +103,7 @@ def test_four_frames_of_five_are_mostly_tracked_and_one_of_five_is_not_mostly_lo
 
 
 def test_how_long_a_pair_is_remembered_decides_who_keeps_the_track() -> None:
-    """Track 7 is lost for a frame and comes back beside track 8, which then is nearer."""
+    """Track 7 is lost for a frame and comes back next to track 8, which then is nearer."""
     truth = rows(*line(1, range(4)))
     tracks = rows((0, 7, 0, 0), (1, 7, 0, 0), (3, 7, 0, 0.6), (3, 8, 0, 0.1))
     frames = of_points(truth, tracks, 1.0)

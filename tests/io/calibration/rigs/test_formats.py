@@ -36,7 +36,7 @@ class View(NamedTuple):
 
 
 def rig(n: int = 3) -> list[View]:
-    """Cameras around the origin that look at it from above."""
+    """Cameras around the origin that point at it from above."""
     out = []
     for k in range(n):
         angle = 2 * np.pi * k / n + 0.3
@@ -107,7 +107,7 @@ def seen_by_first(views: list[View]) -> list[View]:
     ]
 
 
-def test_places_by_the_imu_beside_a_chain_of_kalibr_are_reported_to_be_unused(tmp_path: Path) -> None:
+def test_places_by_the_imu_next_to_a_chain_of_kalibr_are_reported_to_be_unused(tmp_path: Path) -> None:
     path = kalibr(tmp_path / "camchain.yaml", rig(), BROWN)
     chain = read_calibration([path])
     assert not any("T_cam_imu" in note for note in chain.notes)

@@ -42,7 +42,7 @@ def test_a_page_is_not_written_under_the_name_of_another_format(
 def test_what_is_neither_a_recording_nor_a_table_is_not_salvaged(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Text was said to be no MCAP file, whatever it was."""
+    """Text was stated to be no MCAP file, whatever it was."""
     (tmp_path / "a.csv").write_text("t_ns,id,x,y\n1,0,2,3\n")
     assert run(["recover", str(tmp_path / "a.csv"), "-o", str(tmp_path / "b.parquet")]) == ExitCode.BAD_INPUT
     assert "a.csv: is neither a recording (MCAP) nor a table (Parquet); nothing of it" in capsys.readouterr().err

@@ -29,7 +29,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def detected(room: Path) -> Path:
-    """Bearings of that recording, beside it."""
+    """Bearings of that recording, next to it."""
     path = room / f"{ODD}.parquet"
     assert run(["detect", str(room / "recording.mcap"), "-o", str(path), "-q"]) == ExitCode.DONE
     return path

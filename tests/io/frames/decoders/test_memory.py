@@ -66,7 +66,7 @@ def test_whoever_holds_images_keeps_them_however_many_follow() -> None:
         assert (image == k).all()
 
 
-def test_slots_whose_images_nobody_holds_are_used_again_without_copies() -> None:
+def test_slots_whose_images_no_one_holds_are_used_again_without_copies() -> None:
     asks, decoder = two_sides(SMALLEST)
     with closing(asks):
         places = set()
@@ -96,7 +96,7 @@ def test_what_was_decoded_into_a_slot_is_not_copied_again() -> None:
         assert decoder.deliver(np.zeros((SMALLEST + 1, 1), np.uint8)) is None
 
 
-def test_a_decoder_that_nobody_listens_to_ends() -> None:
+def test_a_decoder_that_no_one_listens_to_ends() -> None:
     asks, decoder = two_sides(SMALLEST)
     with closing(asks), pytest.raises(BrokenPipeError):
         for _ in range(MAX_SLOTS + 1):

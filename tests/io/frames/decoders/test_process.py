@@ -140,7 +140,7 @@ def test_a_frame_that_an_avi_recorder_dropped_takes_its_time(tmp_path: Path, fps
 
 @pytest.mark.parametrize("start", [1, 10, 30, 72_000])
 def test_a_stream_of_avi_that_begins_later_keeps_all_frames(tmp_path: Path, start: int) -> None:
-    """FFmpeg counts packets from there: so many frames were told lost, and others took their places."""
+    """FFmpeg counts packets from there: so many frames were reported lost, and others took their places."""
     path = tmp_path / "v.avi"
     path.write_bytes(avi([jpeg(k) for k in range(20)], start=start))
     with decoder(path) as running:
@@ -150,7 +150,7 @@ def test_a_stream_of_avi_that_begins_later_keeps_all_frames(tmp_path: Path, star
 
 @pytest.mark.parametrize("name", ["v.mkv", "v.avi"])
 def test_frames_that_are_stored_in_another_order_are_all_there(tmp_path: Path, name: str) -> None:
-    """MPEG-2 has B-frames: the decoder is one packet late, and slices look like parameters of H.264."""
+    """MPEG-2 has B-frames: the decoder is one packet late, and slices resemble parameters of H.264."""
     path = write_video(tmp_path / name, fourcc="mpg2")
     with decoder(path) as running:
         assert [(f.index, number_shown(f.image)) for f in running.delivered()] == [(k, k) for k in range(FRAMES)]

@@ -1,4 +1,4 @@
-"""Recordings that stand in a file one behind another, and damage that looks like an end or like another record."""
+"""Recordings that stand in a file one behind another, and damage that resembles an end or like another record."""
 
 from __future__ import annotations
 

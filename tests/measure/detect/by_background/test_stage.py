@@ -106,13 +106,13 @@ def test_the_target_is_distinguished_from_others_by_its_colour_and_all_are_kept_
             cam = made_scene.camera(str(mine.sensor[row]))
             error = wrap_angle(mine.bearing[row : row + 1] - np.arctan2(y - cam.position[1], x - cam.position[0]))[0]
             assert abs(error) < 3 * mine.sigma[row]
-    # Views name the target that they were told to be, and give its likeness.
+    # Views name the target that they were stated to be, and give its likeness.
     reported = got.views.take(got.views.target_id >= 0)
     assert len(reported) == np.count_nonzero(got.bearings.seen)
     assert reported.similarity.min() > 0.5
 
 
-def test_nobody_like_the_target_is_looked_and_not_seen() -> None:
+def test_no_one_like_the_target_is_looked_and_not_seen() -> None:
     made_scene, items = lone_walker()
     green = Target(7, histogram(np.full((4, 4, 3), (20, 220, 20), dtype=np.uint8))[None])
     got = run(made_scene, items, targets=(green,))

@@ -34,7 +34,7 @@ def test_without_appearance_a_similar_region_does_not_take_over_at_once() -> Non
     assert choose(0, regions((10, 10, 500), (90, 10, 400)), np.empty((2, 0)), memory, LEAST).tolist() == [0]
     later = regions((90, 10, 500), (12, 10, 400))
     assert choose(SECOND // 10, later, np.empty((2, 0)), memory, LEAST).tolist() == [1]
-    # After MEMORY_S without a sight it starts anew.
+    # After MEMORY_S without a sight it starts again.
     assert choose(5 * SECOND, later, np.empty((2, 0)), memory, LEAST).tolist() == [0]
 
 

@@ -1,4 +1,4 @@
-"""Tracks at common moments: rows as they are, straight lines between them, nothing over long gaps."""
+"""Tracks at common times: rows as they are, straight lines between them, nothing over long gaps."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_times_within_the_window_are_one_moment_and_others_are_not() -> None:
     assert len(step_times([a, b], window - 1)) == 8
 
 
-def test_people_who_walk_straight_on_are_placed_exactly_between_and_beside_their_rows() -> None:
+def test_people_who_walk_straight_on_are_placed_exactly_between_and_next_to_their_rows() -> None:
     track = walk(0, np.array([0.0, 0.4, 0.8]), (0.0, 0.0), (1.0, -1.0))
     asked = np.array([0.1, 0.4, 0.7, 0.9]) * NS
     found = at_times(track, asked.astype(np.int64), NS // 10, NS)
@@ -42,7 +42,7 @@ def test_a_long_gap_is_not_bridged() -> None:
     assert at_times(track, asked, 0, NS).t_ns.tolist() == [500_000_000]
 
 
-def test_without_velocities_a_row_beside_a_moment_stays_where_it_is() -> None:
+def test_without_velocities_a_row_next_to_a_moment_stays_where_it_is() -> None:
     track = walk(0, np.array([0.0]), (1.0, 2.0), (1.0, 0.0), velocities=False)
     found = at_times(track, np.array([50_000_000]), 60_000_000, NS)
     assert (found.x.tolist(), found.t_ns.tolist()) == ([1.0], [50_000_000])

@@ -97,7 +97,7 @@ def test_a_recording_before_and_after_the_fusion():
         "false": 0.1,
     }
     figures = fusion_trial(spec)
-    # About 150 looks at a visible target: standard error of the rate before 0.035.
+    # About 150 points at a visible target: standard error of the rate before 0.035.
     assert 0.7 < figures["detection_before"] < 0.9
     assert figures["detection_after"] > figures["detection_before"] + 0.08
     assert figures["false_after"] < 0.5 * figures["false_before"]

@@ -97,7 +97,7 @@ def test_the_goal_is_reached_within_the_distance_that_is_asked_for(reach: float,
     assert robots.steps[0] == steps
 
 
-def test_a_local_minimum_is_a_trap_and_said_to_be_one():
+def test_a_local_minimum_is_a_trap_and_stated_to_be_one():
     """The thesis leaves this one aside: the forces cancel farther away than a step from the obstacle."""
     _, robots, verdict = driven(Scene(room=ROOM, occluders=(PILLAR,)), (), (1.0, 3.0), (7.0, 3.0))
     assert robots.end[0] == End.ENDLESS

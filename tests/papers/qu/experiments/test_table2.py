@@ -35,7 +35,7 @@ def test_needed_lies_on_the_lines_between_and_beyond(efficiency):
     assert spent == pytest.approx([(w / 100.0) ** 0.5 for w in want])
 
 
-def test_targets_have_to_be_followed_besides():
+def test_targets_have_to_be_followed_in_addition():
     assert needed(trial_rows(0.5, (0.3, 0.05, 0.02)))[0] == pytest.approx([200.0, 200.0])
     assert needed(trial_rows(0.1, (0.3, 0.05, 0.02)))[0] == pytest.approx([300.0, 300.0 / 1.1])
     assert needed(trial_rows(0.5, (0.05, 0.2, 0.02)))[0] == pytest.approx([400.0, 400.0])

@@ -1,4 +1,4 @@
-"""Which tracks follow a person over time: pieces, changes, and what passes too quickly to be told."""
+"""Which tracks follow a person over time: pieces, changes, and what passes too quickly to be stated."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_an_interruption_that_lasts_ends_a_piece_but_is_no_change() -> None:
     assert found.changes == ()
 
 
-def test_nobody_is_nothing() -> None:
+def test_no_one_is_nothing() -> None:
     assert follow([], 1) == MatchedRuns((), (), 0)
 
 

@@ -36,7 +36,7 @@ def parted(
     return pairs, divergences_of(left, right, pairs, times, tolerance, partners)
 
 
-def test_a_run_beside_itself_never_parts() -> None:
+def test_a_run_next_to_itself_never_parts() -> None:
     pairs, found = parted(tracks(), tracks())
     assert found.first is None
     assert (found.frames, found.parted, found.stretches) == (60, 0, ())

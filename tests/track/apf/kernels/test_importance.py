@@ -56,10 +56,10 @@ def values_of(rows, n=8):
     return z
 
 
-def approximate(looks, rows, mean, p0):
+def approximate(observations, rows, mean, p0):
     mean = np.atleast_2d(np.asarray(mean, dtype=float))
     p0 = np.full(len(mean), p0) if np.ndim(p0) == 0 else p0
-    return importance.adapt(mean, p0, np.ones(len(mean), dtype=np.bool_), looks.first, rows)
+    return importance.adapt(mean, p0, np.ones(len(mean), dtype=np.bool_), observations.first, rows)
 
 
 def covariances(root):
@@ -97,19 +97,19 @@ def test_measurements_give_the_factors_of_the_likelihood(seed, kind):
     scene = with_array(room100(pillar=False, sigma_position=0.7, sigma_yaw=0.02), (60.0, 30.0))
     if kind == "candidates":
         u = true_u(scene, PLACE)
-        model, looks, rows = looks_of(
+        model, observations, rows = looks_of(
             scene, [(0, u[0] + 1.0, 2.0, 0.5), (0, u[0] - 9.0, 3.0, 0.9), (4, u[4], np.nan, np.nan)], labelled=False
         )
     else:
-        model, looks, rows = tilted(scene, kind, rng)
+        model, observations, rows = tilted(scene, kind, rng)
     for place in PLACE + rng.normal(0, 1, (5, 2)):
-        for k in range(len(looks.sensor)):
-            mine = rows[looks.first[k], importance.CLUTTER]
-            for row in rows[looks.first[k] : looks.first[k + 1]]:
+        for k in range(len(observations.sensor)):
+            mine = rows[observations.first[k], importance.CLUTTER]
+            for row in rows[observations.first[k] : observations.first[k + 1]]:
                 r, _, _, v = linearise(*place, row)
                 mine += row[importance.SCALE] * norm.pdf(r, scale=np.sqrt(v))
             seen = np.ones(1, dtype=np.bool_)
-            whole, _ = factors(place[None], k, looks, model.sensors, model.noise, model.detection, seen)
+            whole, _ = factors(place[None], k, observations, model.sensors, model.noise, model.detection, seen)
             assert mine == pytest.approx(whole[0], rel=1e-12)
 
 
@@ -117,7 +117,7 @@ def test_a_place_behind_a_camera_or_at_a_sensor_has_no_variance():
     scene = with_array(room100(), (60.0, 30.0))
     _, _, rows = looks_of(scene, [(0, 3.0)])  # at (0, 0), looking along the diagonal
     assert linearise(-1.0, -1.0, rows[0])[3] == -1.0
-    assert linearise(1.0, -1.0, rows[0])[3] == -1.0  # beside it: d = 0
+    assert linearise(1.0, -1.0, rows[0])[3] == -1.0  # next to it: d = 0
     assert linearise(1.0, 1.0, rows[0])[3] > 0.0
     _, _, rows = heard(scene, 0.3)
     assert linearise(60.0, 30.0, rows[0])[3] == -1.0
@@ -285,7 +285,7 @@ def test_the_ratio_of_a_drawn_place_is_that_of_the_densities(defensive):
     prior = multivariate_normal(m0, p0 * np.eye(2))
     q = (1 - defensive) * multivariate_normal(mode, P).pdf(xy) + defensive * prior.pdf(xy)
     np.testing.assert_allclose(ratio, prior.logpdf(xy) - np.log(q), atol=1e-9)
-    # The share of defensive draws, and the moments of either part
+    # The share of defensive draws, and the times of either part
     blunt = u < defensive
     assert blunt.mean() == pytest.approx(defensive, abs=4 * 0.5 / np.sqrt(n))
     for rows, mean, covariance in ((blunt, m0, p0 * np.eye(2)), (~blunt, mode, P)):

@@ -190,7 +190,7 @@ def test_estimates_are_consistent_with_the_true_errors(how):
     assert np.mean(scales) < 1.1
 
 
-def test_errors_that_are_drawn_anew_are_noticed():
+def test_errors_that_are_drawn_again_are_noticed():
     """White noise of 1.5 times the stated variance: nothing is learned that is not there, and the scale is found."""
     rng = np.random.default_rng(7)
     belief = prior()
@@ -237,7 +237,7 @@ def test_residuals_are_the_shorter_way_round():
 
 @pytest.mark.parametrize(("share", "found"), [(0.99, False), (1.01, True)])
 def test_a_target_much_nearer_to_one_sensor_than_to_the_others_is_refused(share, found):
-    """From sensors 100 apart the target is beside the first one, at `share * NEAREST` of its distance to the other."""
+    """From sensors 100 apart the target is next to the first one, at `share * NEAREST` of its distance to the other."""
     positions = np.array([[0.0, 0.0], [100.0, 0.0]])
     ratio = share * MIN_DISTANCE_RATIO
     target = np.array([0.0, 100.0 * ratio / np.sqrt(1.0 - ratio**2)])

@@ -34,7 +34,7 @@ def rows(*ellipses):
 
 
 def live(regions, config=None, geometry=ROWS, trackers=None, moments=10):
-    """Births by moment, where trackers stay where they were born."""
+    """Births by time, where trackers stay where they were born."""
     config, trackers, state = config or ViewsConfig(), dict(trackers or {}), empty_candidates(2)
     births, ends = [], []
     for k in range(moments):
@@ -58,7 +58,7 @@ def test_a_region_that_flickers_does_not():
     assert not births
 
 
-def test_frames_that_nobody_looked_at_do_not_count():
+def test_frames_that_no_one_looked_at_do_not_count():
     births, _ = live(lambda k: [None if k in (1, 2, 3) else rows(disc(50, 60)), None])
     assert births == [(5, 0, 0, 50.0)]
 

@@ -104,7 +104,7 @@ def test_bottom_is_the_lowest_point():
 
 
 def rig(seed):
-    """A fundamental matrix of two cameras that look at the same place, as (2, 2, 3, 3)."""
+    """A fundamental matrix of two cameras that point at the same place, as (2, 2, 3, 3)."""
     rng = np.random.default_rng(seed)
     f = fundamental.scaled(np.array([[0, 0, 0.2], [0, 0, -1.0], [-0.1, 1.1, 3.0]]) + 1e-4 * rng.standard_normal((3, 3)))
     u, s, v = np.linalg.svd(f)

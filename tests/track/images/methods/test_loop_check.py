@@ -50,7 +50,7 @@ def test_a_good_counterpart_is_bad_after_so_many_failed_checks_in_a_row():
     state = trio()
     assert counterpart_status(checked(state, 2, 60.0).trackers)[0] == GOOD
     assert counterpart_status(checked(state, 3, 60.0).trackers)[0] == BAD
-    # A check that holds in between starts the count anew
+    # A check that holds in between starts the count again
     again = checked(checked(checked(state, 2, 60.0), 1, 40.0), 2, 60.0)
     assert counterpart_status(again.trackers)[0] == GOOD
 

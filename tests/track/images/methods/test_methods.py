@@ -126,7 +126,7 @@ def test_a_wrong_matrix_is_noticed():
     assert (report.counterpart == BAD).all()
 
 
-def test_without_geometry_nobody_is_a_counterpart():
+def test_without_geometry_no_one_is_a_counterpart():
     frames, unknown = film(SMALL, 1, 2), np.full((2, 2, 3, 3), np.nan)
     state = initial_state(views_of(), ViewGeometry(unknown, (None, None)), BmctConfig(particles=5))
     state = initiate_trackers(state, frame_set(frames[0]), births_of(frames[0]))

@@ -83,7 +83,7 @@ def test_particles_of_a_view_without_a_frame_go_on_at_their_velocity_for_at_most
 
 
 def test_the_region_proposes_after_the_lines():
-    """A share of the particles starts anew at the tracker's own region, wherever the epipolar lines have put them."""
+    """A share of the particles starts again at the tracker's own region, wherever the epipolar lines have put them."""
     config = CmctConfig(
         particles=10,
         epipolar_fraction=1.0,

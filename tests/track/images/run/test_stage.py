@@ -1,4 +1,4 @@
-"""Moments to tables: starts, events, ends, births from a detector, one view and several."""
+"""Times to tables: starts, events, ends, births from a detector, one view and several."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def test_a_tracker_that_was_lost_is_over_and_its_target_may_start_again():
 
 
 def regions(where):
-    """Regions of the first view, (moment, x) each."""
+    """Regions of the first view, (time, x) each."""
     if not where:
         return DetectorRegions(np.zeros(0, np.int64), np.empty(0, "U1"), np.zeros((0, 5)), np.zeros(0, bool))
     ellipse = np.array([[x, 30.0, 5.0, 5.0, 0.0] for _, x in where])

@@ -198,7 +198,7 @@ def test_noise_has_the_covariance_of_white_acceleration() -> None:
 
 
 @pytest.mark.parametrize("d", [4, 6])
-def test_drawing_anew_keeps_mean_and_covariance_and_no_two_particles_alike(d: int) -> None:
+def test_drawing_again_keeps_mean_and_covariance_and_no_two_particles_alike(d: int) -> None:
     rng = np.random.default_rng(d)
     mix = rng.standard_normal((d, d))
     cloud = mix @ rng.standard_normal((d, 4000)) + 3.0

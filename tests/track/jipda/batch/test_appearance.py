@@ -28,13 +28,13 @@ def vectors(n, K, rng, person=None):
     return np.sqrt(np.array([rng.dirichlet(30.0 * clothes[p] + 0.05) for p in person]))
 
 
-def plain(sums, looks):
-    """The same from all pairs of looks (n, K)."""
-    n = len(looks)
+def plain(sums, observations):
+    """The same from all pairs of observations (n, K)."""
+    n = len(observations)
     if n < 2:
         return 0.0
     same, other = sums[:, 1] / sums[:, 0]
-    pairs = np.mean([one @ two for one, two in itertools.combinations(looks, 2)])
+    pairs = np.mean([one @ two for one, two in itertools.combinations(observations, 2)])
     # Of one person's boxes the pairs are as alike as `same` squared, of two people's as the product
     share = (pairs - same * other) / (same**2 - same * other)
     of_one, of_others = log_ratio(sums, np.array([same, other]))
@@ -63,7 +63,7 @@ def test_a_track_of_two_people_in_equal_parts_is_worth_half_of_either_kind():
     assert log_ratio_of_sum(feature_likelihood(sums), float(n), mixed) == pytest.approx(19 * same + 20 * other)
 
 
-def test_looks_that_tell_nobody_apart_are_worth_nothing():
+def test_looks_that_tell_no_one_apart_are_worth_nothing():
     alike = np.array([[400.0, 240.0, 150.0], [400.0, 240.0, 150.0]])
     assert log_ratio_of_sum(feature_likelihood(alike), 10.0, 80.0) == 0.0
 
@@ -73,20 +73,20 @@ def coloured(rng, moments=6, bare=3):
     n = 2 * moments
     count = rng.integers(1, 3, n).astype(float)
     count[rng.choice(n, bare, replace=False)] = 0.0
-    look = vectors(n, 5, rng, np.arange(n) % 2) * count[:, None]
+    observation = vectors(n, 5, rng, np.arange(n) % 2) * count[:, None]
     snapshot = np.repeat(np.arange(moments), 2)
     at = np.column_stack([0.25 * snapshot, np.where(np.arange(n) % 2, 0.3, -0.3)]) + rng.normal(0.0, 0.1, (n, 2))
-    return snapshot, at, look, count
+    return snapshot, at, observation, count
 
 
-def textbook(look, count, after, used):
+def textbook(observation, count, after, used):
     """The log likelihood ratios of all tracks, each from its boxes."""
     out = 0.0
     for head in set(np.flatnonzero(used).tolist()) - {j for j in after if j != NO_NODE}:
         track = [head]
         while after[track[-1]] != NO_NODE:
             track.append(after[track[-1]])
-        n, S = count[track].sum(), look[track].sum(axis=0)
+        n, S = count[track].sum(), observation[track].sum(axis=0)
         if n >= 2.0:
             same, other = SUMS[:, 1] / SUMS[:, 0]
             share = ((S @ S - n) / (n * (n - 1.0)) / same - other) / (same - other)
@@ -98,9 +98,9 @@ def textbook(look, count, after, used):
 @pytest.mark.jit
 def test_the_density_of_the_chain_is_that_of_places_times_that_of_looks_through_all_moves():
     rng = np.random.default_rng(2)
-    moment, at, look, count = coloured(rng)
+    moment, at, observation, count = coloured(rng)
     worths = np.full(len(moment), 4.0)
-    places, bare = places_at(moment, at, worths, (look, count), SUMS), places_at(moment, at, worths)
+    places, bare = places_at(moment, at, worths, (observation, count), SUMS), places_at(moment, at, worths)
     looked = np.arange(7.0)[:, None]
     chain = chain_with([NO_NODE] * 12, [False] * 12, 5)
     listed = candidates(places, WALK, 1.5)
@@ -111,7 +111,7 @@ def test_the_density_of_the_chain_is_that_of_places_times_that_of_looks_through_
         after, used = chain.after.tolist(), chain.used.tolist()
         plain = chain_with(after, used)
         update_all_messages(bare, WALK, looked, plain)
-        expected = log_posterior(bare, plain) + textbook(look, count, after, used)
+        expected = log_posterior(bare, plain) + textbook(observation, count, after, used)
         update_all_messages(places, WALK, looked, chain)
         assert log_posterior(places, chain) == pytest.approx(expected, abs=1e-6)
     assert moved > 100
@@ -127,11 +127,11 @@ def test_the_density_of_the_chain_is_that_of_places_times_that_of_looks_through_
 @pytest.mark.jit
 def test_the_chain_visits_associations_as_often_as_places_and_looks_make_them_probable():
     rng = np.random.default_rng(3)
-    look = vectors(4, 5, rng, [0, 1, 0, 1])
+    observation = vectors(4, 5, rng, [0, 1, 0, 1])
     at = [[0.0, 0.0], [0.4, 0.0], [0.25, 0.1], [0.2, 0.2]]
     # Enough is known to count, and not so much that one association is all
     sums = np.array([[30.0, 27.0, 25.5], [30.0, 21.0, 16.5]])
-    places = places_at([0, 0, 1, 1], at, np.full(4, 4.0), (look, np.ones(4)), sums)
+    places = places_at([0, 0, 1, 1], at, np.full(4, 4.0), (observation, np.ones(4)), sums)
     looked = np.arange(3.0)[:, None]
     states = {}
     for one, other in itertools.product([NO_NODE, 2, 3], [NO_NODE, 2, 3]):

@@ -22,7 +22,7 @@ def test_who_shares_a_box_has_the_identity_of_most_of_their_boxes():
     followed = np.array([[7, 5, 7, NO_NODE], [NO_NODE, NO_NODE, NO_NODE, NO_NODE]])
     assign_shared_boxes(followed, rows, joint, given, boxes)
     assert followed.tolist() == [[7, 5, 7, 7], [NO_NODE] * 4]
-    # A box that is theirs no more probably than not names nobody, nor does one that is theirs alone
+    # A box that is theirs no more probably than not names no one, nor does one that is theirs alone
     for share, own in ((MIN_ASSOCIATION_PROBABILITY, NO_NODE), (ABOVE, 3)):
         joint[0, 3], given[3, 0] = share, own
         followed = np.array([[7, 5, 7, NO_NODE], [NO_NODE, NO_NODE, NO_NODE, NO_NODE]])

@@ -28,7 +28,7 @@ pytestmark = pytest.mark.jit
 
 @cache
 def filtered(frames=60, hz=5.0):
-    """A small crowd, and what the filter says of it: the state at the end, looks, states and moments."""
+    """A small crowd, and what the filter says of it: the state at the end, looks, states and times."""
     scene = crowd(5, cameras=4, frames=frames, hz=hz, seed=4)
     state = initial_state(scene.scene, scene.scene.cameras, configure(JipdaConfig.in_unit("m"), {}))
     states, moments = [], []
@@ -39,10 +39,10 @@ def filtered(frames=60, hz=5.0):
     return scene, states, moments
 
 
-def emptied(look):
-    """The same look at nobody."""
-    return look._replace(
-        **{name: getattr(look, name)[:0] for name in ("boxes", "score", "tracklet_id", "appearance", "row")}
+def emptied(observation):
+    """The same point at no one."""
+    return observation._replace(
+        **{name: getattr(observation, name)[:0] for name in ("boxes", "score", "tracklet_id", "appearance", "row")}
     )
 
 
@@ -79,8 +79,8 @@ def test_one_seed_gives_one_result():
         assert a.events == b.events
 
 
-def span_of_looks(time, looks):
-    looked = np.concatenate([np.zeros((1, looks.shape[1])), np.cumsum(looks, axis=0)])
+def span_of_looks(time, observations):
+    looked = np.concatenate([np.zeros((1, observations.shape[1])), np.cumsum(observations, axis=0)])
     return WindowSpan(
         np.asarray(time),
         looked,
@@ -102,7 +102,7 @@ def test_moments_are_linked_that_are_apart_for_some_camera():
     assert frames_between(fast, apart) == 10.0
     assert frames_between(fast, fast) == 1.0
     assert frames_between(fast, at_steps(fast, np.array([], dtype=np.int64))) == 1.0
-    # Cameras that look in turn are each looked at as often
+    # Cameras that point in turn are each looked at as often
     in_turn = span_of_looks(np.arange(20) / 10.0, np.eye(4)[np.arange(20) % 4])
     assert independent_steps(in_turn).tolist() == list(range(20))
     slow = span_of_looks(np.arange(5) / 2.0, np.ones((5, 1)))
@@ -113,27 +113,27 @@ def test_a_person_whom_no_camera_sees_for_a_second_is_the_same_at_25_frames_a_se
     scene = crowd(2, cameras=3, frames=100, hz=25.0, miss=0.0, false=0.0, seed=1)
     state = initial_state(scene.scene, scene.scene.cameras, configure(JipdaConfig.in_unit("m"), {}))
     all_looks, moments = [], []
-    for t, looks in enumerate(scene.moments):
+    for t, observations in enumerate(scene.moments):
         if 40 <= t < 65:  # without the boxes of the first person
             seen_at = [
                 scene.scene.cameras[frame_detections.camera].project(np.array([[*scene.truth[t, 0], 0.9]]))[0]
-                for frame_detections in looks
+                for frame_detections in observations
             ]
             kept = [
                 np.abs(0.5 * (frame_detections.boxes[:, 0] + frame_detections.boxes[:, 2]) - at[0]) > 25.0
-                for frame_detections, at in zip(looks, seen_at, strict=True)
+                for frame_detections, at in zip(observations, seen_at, strict=True)
             ]
-            looks = [
+            observations = [
                 frame_detections._replace(
                     **{
                         name: getattr(frame_detections, name)[k]
                         for name in ("boxes", "score", "tracklet_id", "appearance", "row")
                     }
                 )
-                for frame_detections, k in zip(looks, kept, strict=True)
+                for frame_detections, k in zip(observations, kept, strict=True)
             ]
-        all_looks.append(looks)
-        state, snapshot = step(state, looks)
+        all_looks.append(observations)
+        state, snapshot = step(state, observations)
         moments.append(snapshot)
     smoothed = smooth(state, all_looks, moments, np.random.default_rng(0))
     off, switches = errors(smoothed, scene.truth)
@@ -144,13 +144,13 @@ def test_a_person_whom_no_camera_sees_for_a_second_is_the_same_at_25_frames_a_se
 
 def test_everybody_is_there_while_all_cameras_are_blind():
     scene, states, moments = filtered()
-    state, looks, moments = states[29], list(scene.moments), moments[:30]
-    for t in range(30, len(looks)):
+    state, observations, moments = states[29], list(scene.moments), moments[:30]
+    for t in range(30, len(observations)):
         if t < 33:
-            looks[t] = [emptied(frame_detections) for frame_detections in looks[t]]
-        state, snapshot = step(state, looks[t])
+            observations[t] = [emptied(frame_detections) for frame_detections in observations[t]]
+        state, snapshot = step(state, observations[t])
         moments.append(snapshot)
-    smoothed = smooth(state, looks, moments, np.random.default_rng(0))
+    smoothed = smooth(state, observations, moments, np.random.default_rng(0))
     assert errors(smoothed, scene.truth)[1] == 0
     assert [m.ids.tolist() for m in smoothed[30:34]] == 4 * [smoothed[29].ids.tolist()]
     assert len(smoothed[29].ids) == scene.truth.shape[1]

@@ -53,7 +53,7 @@ def test_a_state_is_that_of_least_squares_without_the_place_of_its_moment():
     assert rows.node.tolist() == [0, 1, NO_NODE, NO_NODE, 2, 3]
     assert rows.last.tolist() == [NO_NODE, 0, 1, 1, 1, 2]
     assert rows.next.tolist() == [1, 2, 2, 2, 3, NO_NODE]
-    # The first moment is left to the next test: there the prior of somebody new and the walk back meet
+    # The first time is left to the next test: there the prior of somebody new and the walk back meet
     for k in range(1, 6):
         mean, covariance = least_squares(places, rows.step[k])
         block = slice(6 * k, 6 * k + 6)

@@ -23,7 +23,7 @@ def test_moments_that_are_equally_far_apart_are_waited_for_until_one_sees():
 
 
 @pytest.mark.parametrize("pause", [60.0, 600.0, 10800.0])
-def test_a_pause_counts_beside_itself_only(pause):
+def test_a_pause_counts_next_to_itself_only(pause):
     time = np.concatenate([np.arange(50) / 10.0, pause + np.arange(50) / 10.0])
     # Whoever is seen first after the pause has come in it, and not left
     total, _ = wait(time, 50, -1, rate=1.0 / 60.0)

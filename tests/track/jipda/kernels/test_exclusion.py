@@ -50,7 +50,7 @@ def test_moments_are_those_of_weighted_samples(seed: int) -> None:
     assert (abs(got_covariance - wanted_covariance) < 5.0 * off.std(axis=0) / np.sqrt(N)).all()
 
 
-def test_nobody_there_and_nobody_near_change_nothing() -> None:
+def test_no_one_there_and_no_one_near_change_nothing() -> None:
     rng = np.random.default_rng(0)
     mean, covariance, spread = rng.normal(size=6), normal(rng, 6), normal(rng, 2)
     for place, existence in ((mean[:2] + 0.1, 0.0), (mean[:2] + 50.0, 1.0)):

@@ -78,7 +78,7 @@ def test_one_person_and_one_box_are_a_kalman_filter() -> None:
     np.testing.assert_allclose(result.covariance[0], P[0] - K @ H @ P[0], atol=2e-4)
 
 
-def test_a_miss_lowers_existence_by_bayes_rule_and_moves_nobody() -> None:
+def test_a_miss_lowers_existence_by_bayes_rule_and_moves_no_one() -> None:
     result = after(boxes(), existence=0.8)
     assert result.existence[0] == pytest.approx(0.8 * 0.1 / (0.8 * 0.1 + 0.2), rel=1e-6)
     np.testing.assert_allclose(result.mean, MEAN)
@@ -142,7 +142,7 @@ def test_two_boxes_of_two_people_who_touch_are_of_one_each() -> None:
     assert result.merges[0, 0] < 0.1 * result.merges[0, 1]
 
 
-def test_where_boxes_never_merge_nobody_shares_one() -> None:
+def test_where_boxes_never_merge_no_one_shares_one() -> None:
     result = after(boxes(outline_of_both()), mean=PAIR)
     assert result.joint.max() == 0.0
 

@@ -54,6 +54,6 @@ def test_a_single_person_and_box_have_the_odds_of_the_weight() -> None:
     assert marginals(np.array([[3.0]]))[0, 0] == pytest.approx(0.75)
 
 
-def test_no_boxes_and_nobody_are_fine() -> None:
+def test_no_boxes_and_no_one_are_fine() -> None:
     assert box_messages(np.zeros((3, 0))).shape == (3, 0)
     assert box_messages(np.zeros((0, 2))).shape == (0, 2)

@@ -1,4 +1,4 @@
-"""People whom nobody tracks yet."""
+"""People whom no one tracks yet."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def boxes(people: Floats, cameras: tuple[int, ...] = (0, 1, 2, 3), height: float
 
 
 def found(made: PackedDetections, free: float = 1.0, everywhere: float = 0.01) -> tuple[Floats, Floats, Floats, Floats]:
-    """New people, nobody being there before."""
+    """New people, no one being there before."""
     arrival = BirthIntensity(everywhere, 10.0, np.zeros((0, 2)), np.zeros(0), 1.0)
     empty = np.zeros((0, 6)), np.zeros(0), np.zeros(0)
     n = len(made.box)
@@ -74,11 +74,11 @@ def test_people_are_found_where_they_stand_each_once() -> None:
     assert np.linalg.eigvalsh(covariance[sure]).min() > 0.0
 
 
-def test_boxes_that_are_somebodys_propose_nobody() -> None:
+def test_boxes_that_are_somebodys_propose_no_one() -> None:
     assert len(found(boxes(PLACES), free=0.1)[2]) == 0
 
 
-def test_cameras_that_see_nobody_there_speak_against_it() -> None:
+def test_cameras_that_see_no_one_there_speak_against_it() -> None:
     four = found(boxes(PLACES[:1]))[2].max()
     two = found(boxes(PLACES[:1], cameras=(0, 1)))[2].max()
     alone = found(boxes(PLACES[:1], cameras=(0,)))[2]

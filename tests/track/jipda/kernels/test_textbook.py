@@ -162,7 +162,7 @@ def test_association_probabilities_are_those_of_belief_propagation_on_all_hypoth
 
 
 def test_a_pair_without_loops_is_associated_by_bayes_rule() -> None:
-    # One box, two people: it is of nobody, of either, or of both; sums over existence and detection
+    # One box, two people: it is of no one, of either, or of both; sums over existence and detection
     r, d, ratio, both = np.array([0.7, 0.9]), np.array([0.8, 0.6]), np.array([[3.0], [0.0]]), np.array([[0.0]])
     got = plain(joint.associate_frame)(r, d, ratio, np.array([[0, 1]]), both, 0.25)
     evidence = 1.0 - r[0] * d[0] + r[0] * d[0] * 3.0 / 1.25

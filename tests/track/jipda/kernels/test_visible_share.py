@@ -44,7 +44,7 @@ def test_cells_are_as_clear_as_people_drawn_at_random_leave_them(existence: floa
             assert cells[row, column] == pytest.approx(1.0 - held.mean(), abs=0.005)
 
 
-def test_nobody_covers_those_who_are_clearly_nearer() -> None:
+def test_no_one_covers_those_who_are_clearly_nearer() -> None:
     assert clear(nearer=-5.0).min() == 1.0
 
 
@@ -56,7 +56,7 @@ def test_several_cover_independently() -> None:
     np.testing.assert_allclose(cells, clear(0.6) ** 2, atol=1e-12)
 
 
-def test_somebody_behind_the_camera_covers_nobody() -> None:
+def test_somebody_behind_the_camera_covers_no_one() -> None:
     cells = np.ones((ROWS, COLUMNS))
     cells_unoccluded_by(0, BOXES, np.array([10.0, -1.0]), np.ones(2), np.ones(2), np.ones(2), cells)
     assert cells.min() == 1.0

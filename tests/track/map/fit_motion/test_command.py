@@ -119,7 +119,7 @@ def test_a_longer_step_skips_positions_between(folder: Path, capsys) -> None:
     assert summary["skipped"] > 150
 
 
-def test_tracks_with_their_covariance_are_as_told_noise(folder: Path) -> None:
+def test_tracks_with_their_covariance_are_as_stated_noise(folder: Path) -> None:
     assert fit(folder, "tracks.parquet", "--measurement-noise", "covariance", output="a.json") == ExitCode.DONE
     assert fit(folder, "tracks.parquet", "--measurement-noise", "0.05", output="b.json") == ExitCode.DONE
     a, b = read_motion(folder / "a.json"), read_motion(folder / "b.json")

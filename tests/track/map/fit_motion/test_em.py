@@ -242,7 +242,7 @@ def test_what_positions_do_not_decide_is_reported() -> None:
 
 @pytest.mark.statistics
 def test_exact_positions_have_no_noise() -> None:
-    """Noise goes to (nearly) 0, and is reported as not told from it."""
+    """Noise goes to (nearly) 0, and is reported as not stated from it."""
     rng = np.random.default_rng(1)
     paths = [walk(constant_velocity(0.4, 0.05, 0.25), 300, rng) for _ in range(4)]
     fit = fit_em(paths, 0.25, Shape(), longest_gap_s=1.0)

@@ -46,7 +46,7 @@ PLACES = np.array([[-5.0, 0.0], [5.0, 0.0], [0.0, -6.0]])
 
 
 def walk(T: int, rng, false=()):
-    """Three sensors look at a straight walk at 1 Hz; some sight lines are false."""
+    """Three sensors point at a straight walk at 1 Hz; some sight lines are false."""
     truth = np.column_stack([-1.0 + 0.3 * np.arange(T), 1.0 + 0.1 * np.arange(T)])
     step = np.repeat(np.arange(T), 3)
     sensor = np.tile(np.arange(3), T)

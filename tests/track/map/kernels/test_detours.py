@@ -188,7 +188,7 @@ def test_a_thin_wall_is_passed_on_the_cheaper_side(side: float) -> None:
 @pytest.mark.parametrize(("T", "loss"), [(9, 0.05), (17, 0.01)])
 @pytest.mark.parametrize(("low", "high"), [(-3.0, 1.0), (-1.2, 1.6), (-0.4, 0.4)])
 def test_the_way_is_about_as_cheap_as_a_general_solver_finds(low: float, high: float, T: int, loss: float) -> None:
-    """On the better side.  Lines are drawn anew in turn with the path, which stops near the best ones, not at them:
+    """On the better side.  Lines are drawn again in turn with the path, which stops near the best ones, not at them:
 
     steps that are long against the wall cost up to 3.6 % more, of half their length 0.5 %.
     """
@@ -341,7 +341,7 @@ def test_a_view_holds_only_when_its_camera_looked() -> None:
 
 @pytest.mark.parametrize("first", [True, False])
 def test_a_track_that_begins_or_ends_in_a_wall_is_moved_out(first: bool) -> None:
-    """The last states have no measurement of their own: they stop before the wall, or pass beside it."""
+    """The last states have no measurement of their own: they stop before the wall, or pass next to it."""
     T = 13
     x = 1.0 + 0.6 * np.arange(T)
     seen = range(4, T) if first else range(T - 4)

@@ -67,7 +67,7 @@ def test_sums_of_squares_and_their_freedoms() -> None:
     assert evidence_of.lines == pytest.approx(np.sum(residuals(problem.lines, X) ** 2))
     H, s = dense_hessian(problem.steps, derivatives(problem, X, 0.0)[1]), problem.steps
     G = dense_hessian(s, np.zeros((6, 3)))
-    # Variances that depend on the distance have curvature of their own beside that of the residuals.
+    # Variances that depend on the distance have curvature of their own next to that of the residuals.
     assert evidence_of.steps_freedom == pytest.approx(np.trace(np.linalg.inv(H) @ (H - G)), rel=0.15)
     steps = 0.0
     for t in range(5):

@@ -20,7 +20,7 @@ FINE = Options(1e-9)
 
 
 def small(seed: int, kinds, T: int = 6):
-    """Few states with sight lines of all kinds and constraints besides, and states near their targets."""
+    """Few states with sight lines of all kinds and constraints in addition, and states near their targets."""
     rng = np.random.default_rng(seed)
     steps = random_steps(rng, T)
     X = rng.normal(scale=2.0, size=(T, 4))

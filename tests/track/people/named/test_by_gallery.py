@@ -48,7 +48,7 @@ def test_all_tables_have_the_names_of_the_gallery(folder, capsys):
     assert len(rows) == len(plain)
     assert set(rows.target_id.tolist()) == {40, 41}
     assert (summary["gallery"]["people_reidentified"], summary["people"]) == (2, 2)
-    # Each is who they look like
+    # Each is who they resemble
     true = people.truth(STEPS)
     for name in (0, 1):
         own, place = rows.take(rows.target_id == 40 + name), true.take(true.target_id == name)
@@ -65,19 +65,19 @@ def test_all_tables_have_the_names_of_the_gallery(folder, capsys):
     assert any("g.parquet" in str(each) for each in made.inputs)
 
 
-def test_a_gallery_of_nobody_who_is_there_is_told(folder, capsys):
+def test_a_gallery_of_no_one_who_is_there_is_stated(folder, capsys):
     table = read_table(folder / "g.parquet", Gallery)
-    # Nobody wears the colour in which nobody was seen
+    # No one wears the colour in which no one was seen
     unseen = int(np.argmin(table.density[:, : int(table.bins[0])].sum(axis=0)))
     density = np.zeros_like(table.density)
     density[:, unseen] = 1.0
     values = {c.name: getattr(table, c.name) for c in Gallery.columns()} | {"density": density}
     write_table(folder / "strangers.parquet", Gallery(**values), Provenance("t"), overwrite=True)
     assert track(folder, gallery="strangers.parquet") == ExitCode.DONE
-    said = capsys.readouterr()
-    assert "warning: gallery: no track is of a person of the gallery, by " in said.err
-    assert "{" not in said.err
-    assert json.loads(said.out)["gallery"]["tracks_reidentified"] == 0
+    reported = capsys.readouterr()
+    assert "warning: gallery: no track is of a person of the gallery, by " in reported.err
+    assert "{" not in reported.err
+    assert json.loads(reported.out)["gallery"]["tracks_reidentified"] == 0
     # Their numbers are above those of the gallery
     assert (read_table(folder / "t.parquet", PeopleTracks).target_id > 41).all()
 

@@ -53,12 +53,12 @@ def test_rows_are_of_the_piece_of_their_time():
 def test_looks_put_an_exchange_right():
     where, cuts = exchanged()
     pieces = split_tracks(*where, cuts)
-    # After they met each looks like the other
-    told = evidence({0: (0.99, 0.85), 1: (0.85, 0.99), 2: (0.85, 0.99), 3: (0.99, 0.85)})
-    assert reidentify_fragments(pieces, told, (0, 1), **LEAST).name.tolist() == [0, 1, 1, 0]
+    # After they met each resembles the other
+    stated = evidence({0: (0.99, 0.85), 1: (0.85, 0.99), 2: (0.85, 0.99), 3: (0.99, 0.85)})
+    assert reidentify_fragments(pieces, stated, (0, 1), **LEAST).name.tolist() == [0, 1, 1, 0]
     # Where looks tell of one of them alone, the other is who is left
-    told = evidence({0: (0.99, 0.85), 1: (0.85, 0.99), 2: (0.85, 0.99)})
-    assert reidentify_fragments(pieces, told, (0, 1), **LEAST).name.tolist() == [0, 1, 1, 0]
+    stated = evidence({0: (0.99, 0.85), 1: (0.85, 0.99), 2: (0.85, 0.99)})
+    assert reidentify_fragments(pieces, stated, (0, 1), **LEAST).name.tolist() == [0, 1, 1, 0]
 
 
 def test_pieces_that_do_not_tell_go_on_as_they_were():
@@ -80,11 +80,11 @@ def test_the_parts_of_somebody_who_was_lost_are_one_and_two_at_a_time_are_two():
 
 
 def test_a_name_is_as_probable_as_its_margin_is_wide():
-    told = evidence({0: (0.99, 0.9), 1: (0.92, 0.9), 2: (0.9, np.nan)})
-    wide, narrow, alone = (name_probability(told, row, 0, **LEAST) for row in range(3))
+    stated = evidence({0: (0.99, 0.9), 1: (0.92, 0.9), 2: (0.9, np.nan)})
+    wide, narrow, alone = (name_probability(stated, row, 0, **LEAST) for row in range(3))
     assert wide > 0.99
     assert narrow < 0.5
-    # Nobody else was compared: it must be more alike than a box of somebody else may be
+    # No one else was compared: it must be more alike than a box of somebody else may be
     assert alone > 0.99
     # Less than half is no name
     pieces = split_tracks(*rows((3, 0, 9)), [])
@@ -116,8 +116,9 @@ def test_a_doubt_is_what_looks_leave_of_it(sure, left):
         t_ns=where[1], target_id=where[0], x=nothing, y=nothing, vx=nothing, vy=nothing,
         cov_xx=nothing + 1, cov_xy=nothing, cov_yy=nothing + 1, quality_flags=words,
     )  # fmt: skip
-    told = named_tracks(tracks, found, pieces, names)
-    assert told.target_id[told.t_ns == 20].tolist() == [7, 8]
+    stated = named_tracks(tracks, found, pieces, names)
+    assert stated.target_id[stated.t_ns == 20].tolist() == [7, 8]
     assert (
-        told.quality_flags[told.t_ns == 10].tolist() == ["single_view,possible_switch" if left else "single_view"] * 2
+        stated.quality_flags[stated.t_ns == 10].tolist()
+        == ["single_view,possible_switch" if left else "single_view"] * 2
     )

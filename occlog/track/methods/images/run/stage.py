@@ -353,8 +353,8 @@ def _survivors(trackers: Mapping[TrackerKey, Floats], outlines: TrackerOutlines)
 def _due(run: _RunState, frames: FrameSet, gone: frozenset[TrackerKey]) -> tuple[_RunState, tuple[Birth, ...]]:
     """Return the starts with a frame that has come (or was lost) as births.
 
-    None if the target is tracked in that view already. A start with a tracker that ended in this frame waits for the next
-    frame, as a frame has one row per target.
+    None if the target is tracked in that view already. A start with a tracker that ended in this frame waits for the
+    next frame, as a frame has one row per target.
     """
     here = [s for s in run.waiting if frames.images[s.view] is not None and frames.number[s.view] >= s.frame]
     due = [s for s in here if (s.view, s.target_id) not in gone]

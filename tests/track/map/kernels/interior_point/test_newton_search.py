@@ -49,7 +49,7 @@ def small(seed: int, T: int = 8, loss: int = 0, k: float = 1.0, kinds=("pixel", 
 
 
 def held_off(seed: int, number: int = 7, **options):
-    """A small problem with half-planes besides that its minimum violates, and a start inside them."""
+    """A small problem with half-planes in addition that its minimum violates, and a start inside them."""
     p, X = small(seed, **options)
     free = minimise(p, X, FINE).X
     rng = np.random.default_rng(1000 + seed)

@@ -1,4 +1,4 @@
-"""A truth without rows says that nobody is there: every track is false, and that is a result."""
+"""A truth without rows says that no one is there: every track is false, and that is a result."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from occlog.records.tables import PeopleTracks, Truth
 
 @pytest.fixture
 def files(tmp_path: Path) -> dict[str, str]:
-    """Tracks that are right, tracks of nobody, and truths."""
+    """Tracks that are right, tracks of no one, and truths."""
     true = truth(1.0, people=1)
     tracks = walk(0, true.t_ns / 1e9, (0, 0), (0, 0))
     right = PeopleTracks(**{**{c.name: getattr(tracks, c.name) for c in tracks.columns()}, "x": true.x, "y": true.y})
@@ -41,14 +41,14 @@ def figures(capsys: pytest.CaptureFixture[str], *args: str) -> dict[str, float |
     return json.loads(capsys.readouterr().out)
 
 
-def test_tracks_where_nobody_is_are_false(files, capsys) -> None:
+def test_tracks_where_no_one_is_are_false(files, capsys) -> None:
     got = figures(capsys, files["right"], "--truth", files["nobody"], "--scene", files["hall"])
     assert (got["fp"], got["precision"], got["frames"]) == (10.0, 0.0, 10.0)
     assert got["mota"] is None
     assert got["estimates_unmatched"] == 10.0
 
 
-def test_nobody_where_nobody_is_has_nothing_false(files, capsys) -> None:
+def test_no_one_where_no_one_is_has_nothing_false(files, capsys) -> None:
     got = figures(capsys, files["none"], "--truth", files["nobody"], "--scene", files["hall"])
     assert (got["fp"], got["frames"]) == (0.0, 0.0)
 
