@@ -55,5 +55,5 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    """Names of the API."""
+    """Return the public names of the Python API."""
     return sorted({*globals(), *import_module("occlog.api").__all__})

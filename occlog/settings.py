@@ -229,7 +229,7 @@ def _is_a(value: object, kind: object) -> bool:
 
 
 def counted(counts: tuple[int, ...]) -> str:
-    """Describe the length of a tuple."""
+    """Describe the allowed lengths of a tuple setting, as text."""
     return " or ".join(str(n) for n in counts) + " numbers"
 
 

@@ -196,7 +196,7 @@ def _arguments_of(form: Form) -> set[str]:
 
 
 def _outputs(form: Form, arguments: Mapping[str, Any], home: Folder) -> dict[str, Path]:
-    """Files of the output tables, by field."""
+    """Return the paths of the output tables by request field."""
     found = {}
     for entry in form.entries():
         of = entry.file

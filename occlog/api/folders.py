@@ -33,7 +33,7 @@ class Folder:
         self.remove = Finalize(self, shutil.rmtree, (self.path, True), exitpriority=1)
 
     def file(self, name: str) -> Path:
-        """A file in it."""
+        """Return the path of a file in the folder."""
         return self.path / name
 
     def written(self, names: Iterable[str]) -> dict[str, Path]:

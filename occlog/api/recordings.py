@@ -264,7 +264,7 @@ class CallInputs:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Remove the files; errors refer to arguments."""
+        """Delete the temporary files; errors name arguments instead of files."""
         self._folder.remove()
         if isinstance(error, OcclogError):
             error.args = (self.named(str(error)),)

@@ -93,7 +93,7 @@ class Result:
         return {k: v for k, v in self.summary.items() if k != "warnings"}
 
     def _picture(self) -> str:
-        """An SVG picture; empty: none."""
+        """Return the result's picture as SVG text; empty without one."""
         return ""
 
 
@@ -113,7 +113,7 @@ class TrackResult(Result):
         return next(iter(self.tables.values()))
 
     def _picture(self) -> str:
-        """The floor plan with the tracks."""
+        """Return the floor plan with the tracks as SVG text."""
         if self.tracks.name != "tracks" or not len(self.tracks):
             return ""
         from occlog.io.files.tables.parquet import read_table
@@ -201,7 +201,7 @@ class OverlayResult(Result):
     png: bytes | None = None
 
     def _picture(self) -> str:
-        """The picture of the frame."""
+        """Return the picture of the frame as SVG text."""
         if self.png is None:
             return ""
         return f'<img src="data:image/png;base64,{b64encode(self.png).decode()}" style="max-width:100%">'

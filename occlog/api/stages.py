@@ -370,7 +370,7 @@ def ingest(
 
 
 def _paths(value: File | Sequence[File]) -> tuple[Path, ...]:
-    """One path, or several."""
+    """Return one path, or a list of paths, from a path-like argument."""
     return (Path(value),) if isinstance(value, str | os.PathLike) else tuple(Path(each) for each in value)
 
 

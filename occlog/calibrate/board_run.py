@@ -104,7 +104,7 @@ def _images(path: Path, name: str, losses: list[Loss]) -> Iterator[Image]:
 
 
 def _figures(each: BoardLens) -> dict[str, object]:
-    """Figures of one lens for the summary."""
+    """Return the summary figures of one calibrated lens."""
     camera = each.camera
     return {
         "focal_px": [round(float(v), 2) for v in camera.focal_px],

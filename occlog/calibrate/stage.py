@@ -250,7 +250,7 @@ def _loose_names(loose: Bools) -> tuple[str, ...]:
 
 
 def _after(now: _Estimate, done: Adjusted) -> Clocks:
-    """Clocks after an adjustment."""
+    """Return the camera clocks corrected by an adjustment."""
     return now.clocks._replace(
         late=now.clocks.late + done.values[:, LATE], drift=now.clocks.drift + done.values[:, DRIFT]
     )

@@ -349,7 +349,7 @@ class VariantCommand(SettingsCommand):
         return self.variants[name] if name in self.variants else self.more().get(name)
 
     def existing(self, name: str) -> CommandVariant:
-        """The variant of an existing name."""
+        """Return the variant of a name that `parse_args` has checked to exist."""
         found = self.variant(name)
         assert found is not None  # checked by parse_args
         return found

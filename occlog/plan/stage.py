@@ -244,7 +244,7 @@ def rank_removal(planned: PreparedPlan) -> list[PlacementCandidate]:
 
 
 def _sum(terms: Sequence[ExpectedInformation]) -> ExpectedInformation:
-    """Sum of the information of several sensors."""
+    """Return the sum of the information of several sensors."""
     seen, information = terms[0].seen.copy(), terms[0].information.copy()
     for one in terms[1:]:
         seen |= one.seen

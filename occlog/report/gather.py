@@ -490,7 +490,7 @@ class _Reading:
         self._against = CovarianceConsistency(made, scene)
 
     def all(self, metrics: Mapping[str, object]) -> tuple[dict[str, Any], ReportFigures]:
-        """Tables, and figures."""
+        """Read all tables; return them by name, and the figures of all rows."""
         self._own = independent_ids(metrics)
         self._read_tracks()
         self._read_truth()

@@ -348,7 +348,7 @@ def _everybody(data: ReportInput) -> list[Plot]:
 
 
 def _drawn(data: ReportInput, *names: str) -> str:
-    """End of a caption about partly drawn tables; empty if all rows are drawn."""
+    """Return the end of a caption that states partly drawn tables; empty if all rows are drawn."""
     diagnostics = data.drawn(*names)
     return f" {diagnostics[:-1]}; figures are of all." if diagnostics else ""
 
@@ -381,7 +381,7 @@ def _accuracy(data: ReportInput, target: int) -> list[Plot]:
 
 
 def _sight(data: ReportInput, target: int) -> list[Plot]:
-    """Plots that need no truth."""
+    """Return the plots of a target that need no truth."""
     if target not in data.residuals or not data.residuals[target].any:
         return []
     words = ["There is no truth to compare with."]

@@ -244,7 +244,7 @@ class LabelContinuity:
 
 
 def _empty(labels: int, sensors: int) -> ContinuityState:
-    """Filters without states."""
+    """Return label filters without states for a number of labels and sensors."""
     return ContinuityState(
         mean=np.zeros((labels, 4)),
         covariance=np.zeros((labels, 4, 4)),

@@ -51,7 +51,7 @@ class ErrorSums(NamedTuple):
 
 
 def error_sums(errors: Floats) -> ErrorSums:
-    """Sums of the errors (N, 2)."""
+    """Return number and sums of squares along x and y of position errors (N, 2)."""
     x, y = np.sum(errors**2, axis=0) if len(errors) else (0.0, 0.0)
     return ErrorSums(len(errors), float(x), float(y))
 
@@ -290,11 +290,11 @@ SIGN = np.uint64(1 << 63)
 
 
 def _rising(values: Floats) -> np.ndarray:
-    """Map floats to integers with the same order."""
+    """Map floats to integers of the same order (for radix selection)."""
     bits = (np.ascontiguousarray(values) + 0.0).view(np.uint64)
     return np.where(bits & SIGN, ~bits, bits | SIGN)
 
 
 def _numbers(keys: np.ndarray) -> Floats:
-    """Inverse of `_rising`: floats of the integers."""
+    """Map the integers of `_rising` back to floats."""
     return np.where(keys & SIGN, keys & ~SIGN, ~keys).view(np.float64)

@@ -389,7 +389,7 @@ def _in_image(camera: Camera, pixels: Floats) -> Bools:
 
 
 def _figures(real: list[HeldOutTally], chance: list[HeldOutTally], suffix: str) -> Metrics:
-    """Figures from the total of some tallies."""
+    """Return the named metrics from totals of real and chance tallies."""
     boxes, middles = sum(t.boxes for t in real), np.concatenate([np.zeros(0), *(t.middles for t in real)])
     feet = sum(len(t.feet) for t in real)
     other, met = sum(t.boxes for t in chance), sum(len(t.middles) for t in chance)

@@ -96,7 +96,7 @@ def _cells(row: ComparisonRow) -> tuple[str, ...]:
 
 
 def table(found: MetricComparison, methods: Sequence[Path]) -> str:
-    """Format for the terminal."""
+    """Return the comparison as text for the terminal."""
     out = []
     for m in range(1, len(methods)):
         lines = [HEAD, *rows_of(found, m)]
@@ -135,7 +135,7 @@ def implausible_notes(found: MetricComparison, methods: Sequence[Path]) -> list[
 
 
 def markdown(found: MetricComparison, methods: Sequence[Path]) -> str:
-    """Format as Markdown (for a pull request)."""
+    """Return the comparison as Markdown (for a pull request)."""
     out = []
     for m in range(1, len(methods)):
         out += [f"### `{methods[m]}` against `{methods[0]}`", "", "| " + " | ".join(HEAD) + " |"]
@@ -146,7 +146,7 @@ def markdown(found: MetricComparison, methods: Sequence[Path]) -> str:
 
 
 def as_dict(found: MetricComparison, methods: Sequence[Path]) -> dict[str, object]:
-    """Format for JSON; null for unknown numbers."""
+    """Return the comparison as JSON-compatible values; null for unknown numbers."""
 
     def known(value: float) -> float | None:
         return value if math.isfinite(value) else None

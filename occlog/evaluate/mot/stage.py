@@ -138,7 +138,7 @@ class PointTracks(NamedTuple):
 
 
 def keys_of(side: Objects) -> Ints:
-    """(G, 2) view and label of every object."""
+    """Return (G, 2) view and label of every distinct object."""
     return np.unique(np.column_stack([_views_of(side), side.label]), axis=0).astype(np.int64)
 
 

@@ -99,7 +99,7 @@ def _decoded(recording: McapRecording) -> Iterator[tuple[int, str, int, str]]:
 
 
 def _gathered(messages: Iterator[tuple[int, str, int, str]]) -> Iterator[RecordedMessages]:
-    """Collect messages in chunks of a table."""
+    """Collect messages into table chunks."""
     pending: list[tuple[int, str, int, str]] = []
     for message in messages:
         pending.append(message)

@@ -208,7 +208,7 @@ def _worst(differ: Bools, difference: Floats, allowed: Floats) -> Values:
 def _alike(
     c: Column, a: NDArray[np.generic], b: NDArray[np.generic]
 ) -> tuple[NDArray[np.generic], NDArray[np.generic]]:
-    """Pad list columns to a common length with NaN."""
+    """Pad the list columns of two tables to a common length with NaN."""
     if c.width != ANY_WIDTH or a.shape[1] == b.shape[1]:
         return a, b
     longest = max(a.shape[1], b.shape[1])

@@ -450,6 +450,6 @@ def start_particles(
 
 
 def select(particles: WaypointParticles, rows: Ints) -> WaypointParticles:
-    """The particles of the given rows."""
+    """Return the particles at the given row indices."""
     xy, destination, speed, regime = particles
     return WaypointParticles(xy[rows], destination[rows], speed[rows], regime[rows])

@@ -43,7 +43,7 @@ class TableCells(Protocol):
         """(n, width) numbers; `ANY_WIDTH`: as many as the first cell has. NaN for empty cells."""
 
     def bools(self, name: str) -> Bools:
-        """(n,) booleans."""
+        """Return the (n,) booleans of a column."""
 
     def times(self, name: str, unit: str) -> Ints:
         """(n,) times [ns since the Unix epoch]; with an empty `unit`, the unit follows from the size of numbers."""
@@ -52,13 +52,13 @@ class TableCells(Protocol):
         """(n,) resolution of each number (value of its last digit or bit), where it may be coarse; else 0."""
 
     def raw(self, name: str) -> list[object]:
-        """(n,) values as in the file."""
+        """Return the (n,) values of a column as in the file."""
 
     def fail(self, row: int, message: str) -> InputError:
         """InputError with a message and the position of a row."""
 
     def part(self, start: int, stop: int) -> TableCells:
-        """The rows start <= row < stop."""
+        """Return the cells of the rows start <= row < stop."""
 
 
 class TextCells:
@@ -101,11 +101,11 @@ class TextCells:
         )
 
     def bools(self, name: str) -> Bools:
-        """(n,) booleans."""
+        """Return the (n,) booleans of a column."""
         return _yes_or_no(self, name, self._rows.cells[name])
 
     def times(self, name: str, unit: str) -> Ints:
-        """(n,) times [ns since the Unix epoch]."""
+        """Return the (n,) times of a column [ns since the Unix epoch]."""
         return parse_times(self._rows, name, unit)
 
     def steps(self, name: str) -> Floats:
@@ -113,7 +113,7 @@ class TextCells:
         return self._rows.steps(name)
 
     def raw(self, name: str) -> list[object]:
-        """(n,) texts as the file has them."""
+        """Return the (n,) texts of a column as in the file."""
         return list(self._rows.cells[name].tolist())
 
     def fail(self, row: int, message: str) -> InputError:
@@ -121,7 +121,7 @@ class TextCells:
         return self._rows.fail(row, message)
 
     def part(self, start: int, stop: int) -> TextCells:
-        """The rows start <= row < stop."""
+        """Return the cells of the rows start <= row < stop."""
         return TextCells(self._rows.pick(np.arange(start, stop)))
 
 
@@ -158,7 +158,7 @@ class ArrowCells:
         return InputError(f"{self._path}: row {self._first + row}: {message}")
 
     def part(self, start: int, stop: int) -> ArrowCells:
-        """The rows start <= row < stop."""
+        """Return the cells of the rows start <= row < stop."""
         return ArrowCells(self._path, self._batch.slice(start, stop - start), self._first + start)
 
     def floats(self, name: str, *, blank: bool) -> Floats:
@@ -256,7 +256,7 @@ class ArrowCells:
         return out
 
     def bools(self, name: str) -> Bools:
-        """(n,) booleans."""
+        """Return the (n,) booleans of a column."""
         column = self._column(name)
         if column.null_count:
             raise self.fail(_first_null(column), f"{name} is null; true or false was expected")

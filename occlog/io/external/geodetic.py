@@ -117,15 +117,15 @@ class GeodeticCells:
         return self._cells.texts(name, blank=blank)
 
     def lists(self, name: str, width: int) -> Floats:
-        """(n, width) numbers."""
+        """Return (n, width) numbers of a list column."""
         return self._cells.lists(name, width)
 
     def bools(self, name: str) -> Bools:
-        """(n,) booleans."""
+        """Return the (n,) booleans of a column."""
         return self._cells.bools(name)
 
     def times(self, name: str, unit: str) -> Ints:
-        """(n,) times [ns since the Unix epoch]."""
+        """Return the (n,) times of a column [ns since the Unix epoch]."""
         return self._cells.times(name, unit)
 
     def raw(self, name: str) -> list[object]:
@@ -137,5 +137,5 @@ class GeodeticCells:
         return self._cells.fail(row, message)
 
     def part(self, start: int, stop: int) -> GeodeticCells:
-        """The rows start <= row < stop."""
+        """Return the cells of the rows start <= row < stop."""
         return GeodeticCells(self._path, self._cells.part(start, stop), self._columns)

@@ -19,7 +19,7 @@ class FrameChoice:
     own: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
     def of(self, camera: str | None) -> tuple[int, int] | None:
-        """Range of a camera; None: all frames."""
+        """Return the frame range selected for a camera; None: all frames."""
         return self.common if camera is None else self.own.get(camera, self.common)
 
     def takes(self, camera: str, number: int) -> bool:

@@ -153,7 +153,7 @@ class Spool:
 
     @property
     def whole(self) -> Floats | None:
-        """(N,) all numbers; None if they are on disk."""
+        """Return all (N,) numbers as an array; None if they are on disk."""
         if self._file is not None:
             return None
         self._parts = [np.concatenate([np.zeros(0), *self._parts])]

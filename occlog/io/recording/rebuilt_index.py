@@ -184,7 +184,7 @@ class _Pass:
         self._growth = DecompressionCount(path)
 
     def done(self) -> RebuiltIndex:
-        """Scan the file, and return the index."""
+        """Scan the file and return the rebuilt index."""
         summary = self._summary
         for at, code, length in self._records():
             match code:

@@ -234,7 +234,7 @@ NEIGHBOUR2 = 16.0  # squared Mahalanobis distance up to which two clusters may b
 
 @kernel
 def union(a: Floats, b: Floats) -> Floats:
-    """Merge two groups."""
+    """Merge two groups of clusters into one."""
     n = a[0] + b[0]
     share = b[0] / n
     dx, dy = b[1] - a[1], b[2] - a[2]
@@ -249,7 +249,7 @@ def union(a: Floats, b: Floats) -> Floats:
 
 @kernel
 def groups_of(statistics: EmStatistics) -> Floats:
-    """(K, 6) groups of the clusters."""
+    """Return the (K, 6) groups (weight, moments) of the clusters' statistics."""
     out = np.empty((statistics.means.shape[0], 6))
     out[:, 0] = statistics.mass[:-1]
     out[:, 1:3] = statistics.means

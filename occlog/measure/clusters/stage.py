@@ -150,7 +150,7 @@ def _groups_at(centres: Floats, prior: Prior) -> Floats:
 
 @kernel
 def _sizes_of(groups: Floats, prior: Prior) -> Floats:
-    """(K,) logs of the best sizes of groups."""
+    """Return the (K,) log sizes of people that fit the groups best."""
     out = np.empty(groups.shape[0])
     for k in range(groups.shape[0]):
         n, x, y, xx, xy, yy = groups[k]

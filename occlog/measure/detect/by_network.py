@@ -199,7 +199,7 @@ def in_colour(image: Image) -> Image:
 
 
 def _part(seen: list[DetectedFrame], scene: Scene, config: DetectConfig) -> Detections:
-    """Views, bearings and losses of frames."""
+    """Return views, bearings and losses of the processed frames."""
     good = [each for each in seen if each.boxed is not None]
     # Boxes come by falling area, as views are numbered: rows of both tables are in one order.
     tables = [_boxes(each.frame, each.boxed) for each in good if each.boxed is not None]

@@ -82,7 +82,7 @@ def eight_points(a: Floats, b: Floats) -> Floats:
 
 
 def _least(rows: Floats) -> Floats:
-    """(9,) unit vector x that minimises |rows x|."""
+    """Return the (9,) unit vector x that minimises |rows x|."""
     padded = np.vstack([rows, np.zeros((1, 9))])  # 8 rows have 9 directions, too
     return np.asarray(np.linalg.svd(padded, full_matrices=False)[2][8])
 
@@ -147,7 +147,7 @@ _CROSS = np.array(
 
 
 def _turn(vector: Floats) -> Floats:
-    """(3, 3) rotation of a rotation vector."""
+    """Return the (3, 3) rotation matrix of a rotation vector."""
     angle = float(np.linalg.norm(vector))
     if angle < 1e-15:
         return np.eye(3)

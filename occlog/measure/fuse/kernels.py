@@ -218,7 +218,7 @@ def _log_odds(p: Floats, edge: float) -> Floats:
 
 
 def _exponent(a: Floats, b: Floats, sigma: float) -> Floats:
-    """Squared distance over 2 sigma^2."""
+    """Return the squared distance of two positions over 2 sigma^2."""
     return np.asarray(((a - b) ** 2).sum(axis=-1) / (2.0 * sigma**2))
 
 

@@ -107,7 +107,7 @@ def judge_errors(table: Table) -> list[StatementVerdict]:
 
 
 def pair(low: list[PaperRow], high: list[PaperRow]) -> list[tuple[PaperRow, PaperRow]]:
-    """Pair rows of the same setting."""
+    """Return pairs of table rows with the same setting."""
     return list(zip(low, high, strict=True))
 
 

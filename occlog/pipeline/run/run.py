@@ -155,7 +155,7 @@ def do_stages(
 def _stages(
     wanted: Config, folder: Path, *, force: bool, dry_run: bool, begin: Callable[[str], None], noted: Collection[str]
 ) -> Iterator[StageStep]:
-    """`do_stages` in an existing folder."""
+    """Run the stages (`do_stages`) in an existing run folder."""
     state = outcomes(folder)
     if not dry_run and not (folder / STATE).exists():
         _write_state(folder, state)  # so that a run which is killed in its first stage leaves a run folder

@@ -913,7 +913,7 @@ def _method(made: Choices, what: str) -> None:
 
 
 def _rest(made: Choices) -> None:
-    """Mark the items that no choice has used."""
+    """Mark the items used by no choice."""
     text = " ".join(map(str, _flat(made.values))) + " ".join(map(str, _flat(made.given)))
     for item in list(made.found.items):
         if str(item.path) not in text and item.kind is not FileKind.SEQUENCE:

@@ -227,7 +227,7 @@ def shown(path: Path, sources: Sequence[Path]) -> str:
 
 
 def unused_lines(found: Survey, sources: Sequence[Path]) -> Iterator[str]:
-    """A line for each reason, with the first paths to which it applies."""
+    """Return one text line per reason why inputs are unused, with the first paths concerned."""
     reasons: dict[str, list[str]] = {}
     for path, reason in found.unused:
         reasons.setdefault(reason, []).append(shown(path, sources))

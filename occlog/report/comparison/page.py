@@ -68,7 +68,7 @@ def build_page(found: RunComparisonPage) -> str:
 
 
 def _errors(found: RunComparisonPage) -> Plot | None:
-    """Figure of errors over time."""
+    """Return the figure of errors over time of both runs."""
     truth = found.against_truth
     if truth is None or not truth.over_time.both:
         return None

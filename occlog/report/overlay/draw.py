@@ -151,7 +151,7 @@ def _path(picture: Bytes, points: Floats, scale: float, colour: Colour, width: i
 
 
 def _rim(ellipse: Floats) -> Floats:
-    """(73, 2) points of an ellipse, closed."""
+    """Return (73, 2) points of a closed ellipse."""
     x, y, a, b, rho = ellipse.tolist()
     t = np.linspace(0.0, 2.0 * np.pi, 73)
     u, v = a * np.cos(t), b * np.sin(t)

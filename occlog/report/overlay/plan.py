@@ -106,7 +106,7 @@ class PlanRenderer:
                 draw_way(picture, LineDrawing(ends, person.target, 1), 1.0, (dim[0], dim[1], dim[2]))
 
     def _at(self, points: Floats) -> Floats:
-        """Pixels of positions [m]; y points up."""
+        """Convert positions [m] to pixels of the plan; y points up."""
         return np.asarray(self._centre + self._scale * (points - self._middle) * [1.0, -1.0])
 
     def _draw_still(self, scene: Scene, size: tuple[int, int]) -> tuple[Bytes, list[Box]]:

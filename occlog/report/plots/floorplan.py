@@ -86,7 +86,7 @@ def _overlap(a: Floats, b: Floats) -> float:
 
 
 def _beyond(box: Floats, limits: Floats) -> float:
-    """Overhang of a label beyond the axes."""
+    """Return how far a label extends beyond the axes."""
     return float(np.maximum(limits[0] - box[0], 0.0).sum() + np.maximum(box[1] - limits[1], 0.0).sum())
 
 

@@ -236,7 +236,7 @@ def _deviation(axes: Axes, data: ReportInput) -> None:
 
 
 def _finish(figure: FigureBase, axes: Axes, data: ReportInput) -> None:
-    """Marks, time axis and legend."""
+    """Add flag marks, time axis and legend to a figure."""
     _fallbacks(axes, data)
     axes.set_xlabel(data.time.label)
     axes.set_xlim(0.0, max(data.time.length, 1e-9))

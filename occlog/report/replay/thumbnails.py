@@ -71,7 +71,7 @@ class Thumbnails:
         return np.unique(np.array([t for images in self.cameras.values() for t, _ in images], dtype=np.int64))
 
     def packed(self, start_ns: int) -> list[dict[str, Any]]:
-        """Data for the script."""
+        """Return the images and their times, encoded for the page's script."""
         return [
             {
                 "index": index,

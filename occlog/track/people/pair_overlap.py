@@ -52,7 +52,7 @@ class BoxesOfCamera(NamedTuple):
         return np.asarray(self.boxes[:, 2:].max(axis=0, initial=1.0) + 1.0)
 
     def with_boxes_of(self, other: BoxesOfCamera) -> BoxesOfCamera:
-        """This camera with the boxes of another camera."""
+        """Return this camera's geometry with the boxes of another camera."""
         return BoxesOfCamera(self.camera, other.boxes, other.steps)
 
     def during(self, first: int, last: int) -> BoxesOfCamera:

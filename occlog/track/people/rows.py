@@ -36,7 +36,7 @@ COVARIANCES = {
 
 
 class SnapshotWithDetections(NamedTuple):
-    """Tracks after a time step, and the frames of that step."""
+    """Tracks after a time step, with the detections of its frames."""
 
     snapshot: TrackSnapshot
     frames: Sequence[FrameDetectionsWithIds]

@@ -12,7 +12,7 @@ from occlog.report.content.coverage import CELLS, LOOK, ObservationStreams
 
 
 def mixed() -> Bearings:
-    """Labelled observations, candidates of a sensor that names no one (several in a frame), and a sensor of a low rate."""
+    """Labelled observations, candidates of a sensor that names no one and a sensor of a low rate."""
     table = run(steps=700, cameras=4, targets=2).bearings
     assert table is not None
     columns = {c.name: getattr(table, c.name) for c in Bearings.columns()}

@@ -69,23 +69,23 @@ def _ratio(part: Floats, whole: Floats) -> Floats:
 
 
 def mota(sums: Floats) -> Floats:
-    """1 - (missed + false + switches) / objects."""
+    """Return MOTA: 1 - (missed + false + switches) / objects."""
     objects, paired = _of(sums, "objects"), _of(sums, "paired")
     return 1.0 - _ratio(objects + _of(sums, "estimates") - 2 * paired + _of(sums, "switches"), objects)
 
 
 def idf1(sums: Floats) -> Floats:
-    """2 IDTP / (objects + estimates)."""
+    """Return IDF1: 2 IDTP / (objects + estimates)."""
     return _ratio(2 * _of(sums, "idtp"), _of(sums, "objects") + _of(sums, "estimates"))
 
 
 def recall(sums: Floats) -> Floats:
-    """Pairs over objects."""
+    """Return the recall: matched pairs over true objects."""
     return _ratio(_of(sums, "paired"), _of(sums, "objects"))
 
 
 def precision(sums: Floats) -> Floats:
-    """Pairs over estimates."""
+    """Return the precision: matched pairs over estimates."""
     return _ratio(_of(sums, "paired"), _of(sums, "estimates"))
 
 

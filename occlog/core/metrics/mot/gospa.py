@@ -208,7 +208,7 @@ class Ospa2Sums:
             self.count(self.seen(frames, t), 1)
 
     def seen(self, frames: MatchedFrames, t: int) -> _FrameCounts:
-        """Contribution of frame t."""
+        """Return the labels and p-th powers of the cut-off distances of frame t, as `count` adds them."""
         left, right = frames.rows(t)
         truth, track, distance = frames.truth[left], frames.track[right], np.zeros((0, 0))
         if len(truth) and len(track):

@@ -275,7 +275,7 @@ class _Program(NamedTuple):
 
 
 def _unknowns(pairs: TrajectoryPairs, pieces: TrajectoryPieces) -> _Program:
-    """Unknowns of pieces that are solved together."""
+    """Build the linear program's unknowns: each piece's frames without a track, and its pairs, in order of time."""
     found: list[tuple[int, int, int]] = []
     for number, (begin, end, first, last) in enumerate(
         zip(*(column.tolist() for column in (pieces.begin, pieces.end, pieces.first, pieces.last)), strict=True)

@@ -182,7 +182,7 @@ class PeopleDrawing:
         return np.asarray(points[keep])
 
     def in_space(self, t_ns: int) -> list[DrawingGroup]:
-        """Shapes in space at a time."""
+        """Return the 3-D shapes of all people at a time."""
         return [self._in_space(person) for person in self.at(t_ns)]
 
     def _in_space(self, person: PersonEstimate) -> DrawingGroup:

@@ -89,7 +89,7 @@ class DrawingGroup:
 
 
 def faded(colour: Rgba, opacity: float) -> Rgba:
-    """The colour with another opacity."""
+    """Return the colour with another opacity."""
     return (*colour[:3], opacity)
 
 

@@ -74,7 +74,7 @@ def no_formula(text: str) -> str:
 
 
 def plain_text(text: str) -> str:
-    """Reverse `no_formula`."""
+    """Remove the protection against spreadsheet formulas that `no_formula` added."""
     return text[1:] if text.startswith("'") and _FORMULA.match(text) else text
 
 

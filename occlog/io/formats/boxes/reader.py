@@ -733,7 +733,7 @@ def _number_cameras(
     options: BoxOptions,
     meant: dict[str, str],
 ) -> Ints:
-    """(n,) index of each row's camera in `cameras`."""
+    """Return the (n,) index in `cameras` of each row's camera, matching names to the known ones."""
     if labels is None:
         name = file.camera or ""
         if name not in cameras:

@@ -115,7 +115,7 @@ def _elements(data: bytes, order: str) -> Iterator[_Element]:
 
 
 def _matrix(data: bytes, order: str) -> tuple[str, Floats | None]:
-    """Name and values of an array element."""
+    """Parse name and values of one array element of a MATLAB file."""
     parts = _elements(data, order)
     (flags,) = struct.unpack_from(f"{order}I", next(parts, _Element(0, b"")).data)
     sizes = next(parts, _Element(0, b""))
@@ -131,7 +131,7 @@ def _matrix(data: bytes, order: str) -> tuple[str, Floats | None]:
 
 
 def _old(content: bytes) -> Iterator[tuple[str, Floats | None]]:
-    """Arrays of a version 4 file."""
+    """Parse the arrays of a MATLAB version 4 file."""
     at = 0
     while at < len(content):
         order = "<" if 0 <= struct.unpack_from("<i", content, at)[0] < 1000 else ">"

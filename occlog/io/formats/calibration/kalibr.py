@@ -76,7 +76,7 @@ def _note_clocks(cameras: Mapping[str, Mapping[str, object]], options: Calibrati
 
 
 def _places(path: Path, cameras: Mapping[str, Mapping[str, object]], options: CalibrationOptions) -> dict[str, Floats]:
-    """Camera-from-world transforms (4, 4)."""
+    """Return the camera-from-world transforms (4, 4) of a Kalibr camera chain."""
     names = sorted(cameras, key=lambda name: int(name[3:]))
     if names != [f"cam{n}" for n in range(len(names))]:
         raise InputError(

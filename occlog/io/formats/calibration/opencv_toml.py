@@ -68,7 +68,7 @@ def _tables(root: Mapping[str, object]) -> Iterator[tuple[str, dict[str, object]
 
 
 def _others(root: Mapping[str, object]) -> Iterator[str]:
-    """Keys of a file outside cameras."""
+    """Return the keys of a file that belong to no camera."""
     cameras = {id(table) for _, table in _tables(root)}
     for key, value in root.items():
         inner = value if isinstance(value, dict) else {}

@@ -115,7 +115,7 @@ def _in_metres(scene: Scene, format: str) -> list[Camera]:
 
 
 def _late(scene: Scene) -> dict[str, float]:
-    """Clock offsets [s] by camera."""
+    """Return the clock offsets [s] by camera."""
     clocks = {clock.name: clock.offset_ns / NS for clock in scene.clocks}
     return {camera.name: clocks[camera.clock] for camera in scene.cameras if camera.clock is not None}
 

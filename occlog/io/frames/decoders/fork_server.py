@@ -66,7 +66,7 @@ class ForkedProcess:
         return self.returncode or 0
 
     def kill(self) -> None:
-        """Have it killed if it still runs."""
+        """Request the fork server to kill the process if it still runs."""
         if self.returncode is None:
             with suppress(OSError):
                 self._line.send(_KILL)

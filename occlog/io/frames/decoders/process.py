@@ -107,7 +107,7 @@ class Decoder:
     shared: SharedImages | None = field(default=None, repr=False)
 
     def begin(self, start: int) -> None:
-        """Tell a waiting video decoder its first frame."""
+        """Send a waiting video decoder the number of its first frame."""
         size = slot_size(*self.size) if self.shared is not None else 0
         if self.shared is not None and size:
             self.shared.cut(size)

@@ -64,7 +64,7 @@ def opencv_threads(threads: int) -> Iterator[None]:
 
 
 def _extra(name: str) -> ModuleType:
-    """Import the module of an extra."""
+    """Import the Python module of an optional runtime."""
     try:
         return importlib.import_module(name)
     except ImportError as error:

@@ -221,7 +221,7 @@ class ApfModel(NamedTuple):
 
 
 def make_model(scene: Scene, config: ApfConfig) -> ApfModel:
-    """The model before the first scan."""
+    """Return the constants of the filter for a scene, before the first scan."""
     return ApfModel(
         config=config,
         floor=make_floor(scene.region, [o.polygon for o in scene.occluders]),
@@ -238,7 +238,7 @@ def make_model(scene: Scene, config: ApfConfig) -> ApfModel:
 
 
 def motion_of(config: ApfConfig) -> WaypointModel:
-    """The motion model's part of the settings."""
+    """Return the motion model from the settings."""
     return WaypointModel(
         reference_s=config.reference_step_s,
         sigma=config.process_noise_position,
@@ -256,7 +256,7 @@ def motion_of(config: ApfConfig) -> WaypointModel:
 
 
 def occlusion_of(config: ApfConfig) -> Occlusion:
-    """How priors of moving occluders count."""
+    """Return the settings of how occluder priors enter the likelihood."""
     kind = {"independent": INDEPENDENT, "recursion": RECURSION, "exact": EXACT}[config.likelihood]
     return Occlusion(
         kind,
@@ -295,7 +295,7 @@ def likelihood(
 
 
 def evidence(model: ApfModel, packed: PackedScan) -> tuple[Ints, Floats]:
-    """Sensor reports and measurements of a scan for the importance density; see `kernels.importance.adapt`."""
+    """Return a scan's sensor reports and measurements as arrays for the adapted importance density."""
     rows = importance.measurements(packed, model.sensors, model.noise, model.detection)
     if model.measured is None:
         return packed.first, rows

@@ -186,7 +186,7 @@ def drift(model: ApfModel, particles: WaypointParticles, dt: float, rng: Generat
 
 
 def parts_of(dt: float, model: ApfModel) -> int:
-    """Into how many steps a time is split, none longer than the reference step."""
+    """Return the number of equal sub-steps of a time dt, none longer than the reference step."""
     return max(1, math.ceil(dt / model.motion.reference_s - 1e-9))
 
 

@@ -175,7 +175,7 @@ def _moments(cloud: ParticleSet, priors: Priors, net: CameraChoice, model: str) 
 
 
 def _thin(cloud: ParticleSet) -> ParticleSet:
-    """Every n-th particle of a large cloud."""
+    """Return every n-th particle of a large particle set."""
     every = -(-len(cloud.weights) // MAX_PARTICLES)
     if every == 1:
         return cloud

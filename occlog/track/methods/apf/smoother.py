@@ -50,7 +50,7 @@ def record_particles(
     model: ApfModel,
     sharpness: float = 0.0,
 ) -> ParticleRecord:
-    """The link of particles after a step."""
+    """Return the particles after a step with their ancestors, as backward simulation needs them."""
     arrived = waypoint.reached(particles, model.motion, model.floor)
     return ParticleRecord(
         waypoint.headings(particles, model.motion), particles.regime, arrived, weights, parents, dt, sharpness

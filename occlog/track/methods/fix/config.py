@@ -56,7 +56,7 @@ class FixConfig(Settings):
 
     @property
     def bent(self) -> float:
-        """Where the estimator bends."""
+        """Return the bend (tuning constant) of the robust estimator, in standard deviations."""
         return BENDS.get(self.estimator, BENDS["huber"]) if self.loss_threshold is None else self.loss_threshold
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:

@@ -98,7 +98,7 @@ def anywhere_of(scene: Scene, world: MeasurementWorld, config: WalkConfig) -> Ga
 
 
 def motion_of(config: WalkConfig) -> OrnsteinUhlenbeck:
-    """The motion model of the settings."""
+    """Return the motion model from the settings."""
     return OrnsteinUhlenbeck(config.rms_speed, config.velocity_time_constant_s, config.process_noise_position)
 
 

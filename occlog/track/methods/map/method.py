@@ -263,7 +263,7 @@ def _smoothed(
 
 
 def _rival(rival: RivalMode, X: Floats, record: TargetRecord, keep: int) -> RivalTrajectory:
-    """Return where another mode differs from the trajectory's states (T, 4), for the states kept."""
+    """Summarise where a rival mode differs from the states (T, 4), of the first `keep`: rows, distance, times."""
     rows = np.flatnonzero(rival.elsewhere[:keep])
     away = np.hypot(*(rival.X - X)[rows, ::2].T)
     first, last = record.t_ns[rows[[0, -1]]].tolist()

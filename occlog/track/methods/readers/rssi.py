@@ -149,7 +149,7 @@ class ReadUpdate(NamedTuple):
 
 
 class TagEstimate(NamedTuple):
-    """The estimate of a window."""
+    """Estimated position and velocity of a tag in one window, with flags."""
 
     xy: Floats  # (2,)
     velocity: Floats  # (2,)

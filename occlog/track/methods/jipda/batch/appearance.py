@@ -43,7 +43,7 @@ class AppearanceSums(NamedTuple):
 
 
 def no_sums(alike: AppearanceVectors) -> AppearanceSums:
-    """Sums of 0 for all nodes; `sum_up` fills them."""
+    """Return zero sums for all nodes, to be filled by `sum_up`."""
     return AppearanceSums(
         np.zeros_like(alike.total), np.zeros_like(alike.boxes), np.zeros_like(alike.total), np.zeros_like(alike.boxes)
     )
