@@ -122,7 +122,7 @@ class TrackSummary:
         }
 
     def _cooperation(self) -> dict[str, Any]:
-        """Figures of sensor selection by events: frames requested and answered.
+        """Return the figures of camera requests: number, answered, by cause, and frames requested and available.
 
         A request with several causes counts for each.
         """

@@ -236,7 +236,7 @@ class SensorObservations:
     normalised_elevation: Floats
 
     def take(self, rows: Bools) -> SensorObservations:
-        """All observations of one sensor, and the candidates near no true object (false alarms)."""
+        """Select observations by a mask."""
         return SensorObservations(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
 
 

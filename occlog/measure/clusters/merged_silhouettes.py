@@ -181,7 +181,7 @@ def fit_outlines(foreground: Floats, prior: Prior, side: int, left: int, top: in
 
 @kernel
 def _improve(foreground: Floats, free: Floats, people: Floats, prior: Prior, side: int, left: int, top: int) -> float:
-    """Refine positions and sizes of all people (K, 4) in turn, with decreasing steps; return the log-likelihood."""
+    """Refine positions and sizes of all people (K, 4) in turn, in decreasing steps; return the total gain."""
     step, risen = max(1.0, people[-1, 2] / FINE), 0.0
     for _ in range(ROUNDS):
         moved = False

@@ -198,7 +198,7 @@ def _first(followed: TrackerOutput, rows: Bools) -> float:
 
 
 def _for_good(followed: TrackerOutput, rows: Bools, on: Bools) -> float:
-    """Return the table rows in the form of trials, without times."""
+    """Return the first frame from which a tracker stays on its target to the end; inf if there is none."""
     frames, held = followed.frame[rows], on[rows]
     off = frames[~held]
     after = frames[frames > off.max()] if len(off) else frames

@@ -49,7 +49,7 @@ class Heads(NamedTuple):
 
 
 def people_of(kind: str, rng: np.random.Generator) -> Clothes:
-    """Return whether a change has the stated sign and is visible; for sign 0, whether it is small against `full`."""
+    """Draw people who differ in skin and hair, or hardly (`alike`); all in the same clothes."""
     wide = kind == "different"
     tone = rng.uniform(0.35, 1.05, PEOPLE) if wide else 0.85 + rng.uniform(-0.02, 0.02, PEOPLE)
     dark = rng.uniform(0.1, 0.8, PEOPLE) if wide else 0.25 + rng.uniform(-0.02, 0.02, PEOPLE)
