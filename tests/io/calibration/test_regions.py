@@ -169,7 +169,7 @@ def test_a_matrix_of_images_of_another_size_than_stated_is_reported(
 
 
 @pytest.mark.parametrize(
-    ("aspect", "said"), [(1.0, ""), (1.46, ""), (0.75, ""), (2.0, "900 and 1800 px"), (0.5, "900 and 450 px")]
+    ("aspect", "reported"), [(1.0, ""), (1.46, ""), (0.75, ""), (2.0, "900 and 1800 px"), (0.5, "900 and 450 px")]
 )
 def test_pixels_that_are_far_from_square_are_stated(tmp_path: Path, aspect: float, reported: str) -> None:
     path = matrix_of(tmp_path, (1280, 720), 900.0, 640.0, 355.0)

@@ -73,7 +73,7 @@ def by_grid(x, y, s, observations, detection, reach):
 
 @pytest.mark.jit
 @pytest.mark.parametrize(
-    "looks",
+    "observations",
     [
         [observation(38.0), observation(40.0)],
         [observation(40.0), observation(155.0, array=1)],

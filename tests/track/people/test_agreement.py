@@ -82,7 +82,7 @@ def unexplained(boxes: int, used: int, height: float = 2.5) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    ("boxes", "used", "said"), [(1000, 500, False), (1000, 400, True), (20, 0, True), (19, 0, False)]
+    ("boxes", "used", "reported"), [(1000, 500, False), (1000, 400, True), (20, 0, True), (19, 0, False)]
 )
 def test_boxes_that_no_one_explains_speak_against_the_tracks_from_a_half_on(
     boxes: int, used: int, reported: bool
@@ -100,7 +100,7 @@ def test_of_four_cameras_two_must_see_whom_another_one_should_see() -> None:
     assert codes([True, False, False], MIN_EXPECTED_DETECTIONS) == ["camera-inconsistent: b", "camera-inconsistent: c"]
 
 
-@pytest.mark.parametrize(("seen", "said"), [(0.25, False), (0.24, True)])
+@pytest.mark.parametrize(("seen", "reported"), [(0.25, False), (0.24, True)])
 def test_of_two_cameras_each_must_see_a_quarter_of_whom_the_other_sees(seen: float, reported: bool) -> None:
     agreement = CameraAgreement([camera(name) for name in "ab"])
     for k in range(100):

@@ -11,7 +11,7 @@ from occlog.track.people.run import MIN_PAIRS, PeopleSummary
 
 
 @pytest.mark.parametrize(
-    ("pairs", "left_out", "said"),
+    ("pairs", "left_out", "reported"),
     [(MIN_PAIRS, MIN_PAIRS, 1), (MIN_PAIRS, MIN_PAIRS - 1, 0), (MIN_PAIRS - 1, MIN_PAIRS - 1, 0)],
 )
 def test_numbers_that_are_hardly_ever_successive_are_stated(pairs: int, left_out: int, reported: int) -> None:
