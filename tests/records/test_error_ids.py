@@ -52,7 +52,7 @@ def test_most_errors_state_an_id_of_their_own() -> None:
                 name = ast.unparse(node.exc.func)
                 own += name in ("InputError", "UsageError") and any(k.arg == "id" for k in node.exc.keywords)
                 general += name in ("InputError", "UsageError") and not any(k.arg == "id" for k in node.exc.keywords)
-    assert own > 2 * general
+    assert own > 4 * general
 
 
 @pytest.mark.parametrize(
