@@ -25,7 +25,7 @@ from .smoothing_and_lag import LagConfig
 
 
 class HeightEstimate(NamedTuple):
-    """Height estimate of a target in 3-D: value [scene units] and variance."""
+    """Height, vertical velocity, and covariance of an estimate in 3-D."""
 
     z: float
     vz: float  # per second; NaN if the method does not estimate it
@@ -57,7 +57,7 @@ class BearingResiduals(NamedTuple):
 
 
 class NoiseScales(NamedTuple):
-    """Estimated variance factors of the sensors' noise."""
+    """Estimated variance factors of the bearings and of the motion."""
 
     bearings: float
     motion: float
@@ -128,7 +128,7 @@ Report = TypeVar("Report")
 
 
 class OccluderTerms(NamedTuple):
-    """What a method requests about moving occluders (their prior positions)."""
+    """How a method uses moving occluders: their diameter, and the maximum age of priors."""
 
     diameter: float  # of each, in the scene's unit
     max_age_s: float  # priors that are older are not used

@@ -60,7 +60,7 @@ def particle_rows(clouds: Sequence[tuple[int, int, ParticleSet]]) -> Particles:
 
 
 class Solve(NamedTuple):
-    """One optimisation run of a batch method (iterations, cost, time)."""
+    """One optimisation run of a batch method: iterations, convergence, noise factors, rivals and range biases."""
 
     target: int
     iterations: int

@@ -105,7 +105,7 @@ RELATIVE_TOLERANCE = 1e-10
 
 
 class Fix(NamedTuple):
-    """A position estimate with covariance and convergence flags."""
+    """A position estimate with covariance, weights of the bearings, and the concentration kappa."""
 
     xy: Floats  # (2,)
     covariance: Floats  # (2, 2) of the estimator as published, or from the stated standard deviations

@@ -36,7 +36,7 @@ class Region(NamedTuple):
 
 
 class FalseLines(NamedTuple):
-    """Model of false bearings: rate and the sensors' fields of view."""
+    """Model of false bearings: their probability, and the widths of the sensors' fields of view."""
 
     width: Floats  # (n,) fields of view [rad]
     probability: float  # that a bearing is false, above 0

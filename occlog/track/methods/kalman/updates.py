@@ -96,7 +96,7 @@ INFEASIBLE, NO_SIGMA_POINTS = "infeasible", "no_sigma_points"
 
 
 class Updated(NamedTuple):
-    """A state after an update, and the rows used."""
+    """A state after an update, its log likelihood (score), and what was exceptional about it."""
 
     state: Gaussian
     score: float  # log-likelihood of the rows

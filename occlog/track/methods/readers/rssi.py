@@ -149,7 +149,7 @@ class ReadUpdate(NamedTuple):
 
 
 class TagEstimate(NamedTuple):
-    """Estimated position and velocity of a tag in one window, with flags."""
+    """Estimated position and velocity of a tag in one window, with effective particles and particle set."""
 
     xy: Floats  # (2,)
     velocity: Floats  # (2,)

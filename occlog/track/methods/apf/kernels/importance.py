@@ -146,7 +146,7 @@ def with_distances(first: Ints, rows: Floats, measured: RangeMeasurements) -> tu
 
 
 class Laplace(NamedTuple):
-    """Laplace (Gaussian) approximations of n posteriors of position: modes, square roots of covariances."""
+    """Laplace (Gaussian) approximations of n posteriors of position."""
 
     mode: Floats  # (n, 2) m
     root: Floats  # (n, 3) the upper triangle of a root of P: x = m_x + r0 n1 + r1 n2, y = m_y + r2 n2

@@ -53,7 +53,7 @@ MAX_GAP_S = 1.0
 
 
 class LastGroundState(NamedTuple):
-    """State of a target at its last row."""
+    """When a target had its last row, and its exchange probability then."""
 
     t_ns: int
     exchanged: float  # probability

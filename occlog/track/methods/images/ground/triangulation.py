@@ -346,7 +346,7 @@ HEIGHTS = 30.0
 
 
 class ViewOdds(NamedTuple):
-    """Prior odds that a view is on the target, and the variance of residuals between correct views."""
+    """Prior probability that a view is on the target, variance of residuals of such views, and image areas."""
 
     right: float  # probability that a view is on the target, in (0, 1]; 1: all are
     agreement: float  # variance of the residuals of views on one target, in units of the stated one, > 0
