@@ -18,7 +18,7 @@ from occlog.core.metrics.mot.clear_mot import ClearCounts, ClearRule, MatchedPai
 from occlog.core.metrics.mot.frame_pairs import MatchedFrames, Objects, numbered, of_points
 from occlog.core.metrics.mot.gospa import Ospa2Sums, Ospa2Windows
 from occlog.core.metrics.mot.trajectory_gospa import TrajectoryCosts
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.evaluate.errors.on_ground import no_targets
 from occlog.evaluate.errors.sums import Consistency, Spread
 from occlog.evaluate.errors.survey import EvaluationSurvey, survey
@@ -120,7 +120,10 @@ class GroundFigures:
         """
         limit = config.match_distance
         if limit is None:
-            raise InputError("evaluate: matching on the ground needs the largest distance of a match (match_distance)")
+            raise InputError(
+                f"evaluate: matching on the ground needs a largest match distance; give {option('match_distance')}",
+                id="missing-option",
+            )
         g, k = len(targets), len(tracks)
         self._config, self._unit, self._cells, self._limit = config, unit, frames, limit
         self._keys = tuple(np.column_stack([np.zeros(len(each), np.int64), each]) for each in (targets, tracks))
