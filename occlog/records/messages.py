@@ -115,7 +115,7 @@ VERDICT: dict[str, Message] = {
     ),
     "undetected-in-view": Message(
         W,
-        _ROWS + "no sensor detects the target, although it is in the unobstructed view of cameras",
+        _ROWS + "no sensor detects the target, although it is in clear view of cameras",
         "check labels and detector; it may be hidden",
     ),
     "inconsistent-sensor": Message(
@@ -399,8 +399,7 @@ VERDICT: dict[str, Message] = {
     ),
     "camera-moved-far": Message(
         W,
-        "camera {sensors} is {distance:.2g} m and {yaw_deg:.2g} deg from its stated pose, more than its stated "
-        "uncertainty allows",
+        "camera {sensors} is {distance:.2g} m and {yaw_deg:.2g} deg from its stated pose, which is significant",
         "check the stated pose, or raise {option[sigma_position]} and {option[sigma_angle]}",
     ),
     "clock-offset-found": Message(

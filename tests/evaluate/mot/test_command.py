@@ -506,7 +506,7 @@ def test_options_of_inputs_that_are_not_given_are_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], given: str
 ) -> None:
     assert run([*two_walkers(tmp_path), *given.split()]) == ExitCode.USAGE
-    assert f"{given.split()[0]} is of" in capsys.readouterr().err
+    assert f"{given.split()[0]} applies to" in capsys.readouterr().err
 
 
 def two_walkers(folder: Path) -> list[str]:
