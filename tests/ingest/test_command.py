@@ -248,7 +248,7 @@ def test_frames_of_another_size_than_calibrated(
     assert camera.principal_px.tolist() == [83.5, 63.5]
     code, err = calibrated_for("300, 120", "e.mcap")
     assert code == ExitCode.BAD_INPUT
-    assert "another shape" in err
+    assert "another aspect ratio" in err
 
 
 def test_black_bars_tell_that_frames_were_scaled(place: Path) -> None:

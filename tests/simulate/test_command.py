@@ -188,9 +188,9 @@ def test_a_recording_can_be_the_scene(room: Path, tmp_path: Path) -> None:
     ("args", "code", "says"),
     [
         (["--seconds", "3", "--steps", "4"], ExitCode.USAGE, "--seconds and --steps both state"),
-        (["--identical-clothes"], ExitCode.USAGE, "--identical-clothes is about video; add --render"),
-        (["--store", "ffv1"], ExitCode.USAGE, "--store is about video"),
-        (["--image-noise", "2"], ExitCode.USAGE, "--image-noise is about video"),
+        (["--identical-clothes"], ExitCode.USAGE, "--identical-clothes applies to video; add --render"),
+        (["--store", "ffv1"], ExitCode.USAGE, "--store applies to video"),
+        (["--image-noise", "2"], ExitCode.USAGE, "--image-noise applies to video"),
         (["--miss-probability", "1.5"], ExitCode.USAGE, "--miss-probability"),
         (["--occluders", "5000"], ExitCode.BAD_INPUT, "use fewer or smaller objects, or a larger room"),
         (["--redirect-probability", "nan"], ExitCode.USAGE, "nan is not a finite number"),
@@ -246,7 +246,7 @@ def test_readers_read_tags_and_methods_of_tags_track_them(tmp_path: Path, capsys
 
 
 def test_options_of_readers_want_a_scene_with_readers(room: Path, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="--read-power is about readers of tags, but the scene has none"):
+    with pytest.raises(UsageError, match="--read-power applies to readers of tags, but the scene has none"):
         make_setup(read_scene(room), asked(reads={"power": -50.0}))
 
 

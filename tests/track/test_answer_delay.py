@@ -62,7 +62,7 @@ def test_seconds_are_those_of_the_setting_and_both_are_an_error() -> None:
     assert make_config(request(1e6), "m") == make_config(request(None, answer_delay_s=1e6), "m")
     with pytest.raises(SettingError, match="answer_delay_s"):
         make_config(request(1.1e6), "m")
-    with pytest.raises(UsageError, match="say the same"):
+    with pytest.raises(UsageError, match="state the same quantity"):
         make_config(request(0.25, answer_delay_s=0.25), "m")
 
 

@@ -99,7 +99,10 @@ def test_a_row_for_each_recording_and_one_of_all(capsys: pytest.CaptureFixture[s
     ("arguments", "words"),
     [
         (["a.txt", "--truth", "gt_a.txt", "--also", "b.parquet", "b.mcap"], "cannot be put together"),
-        (["a.txt", "--truth", "gt_a.txt", "--also", "b.txt", "gt_b.txt", "--mot", "d"], "--mot is of one recording"),
+        (
+            ["a.txt", "--truth", "gt_a.txt", "--also", "b.txt", "gt_b.txt", "--mot", "d"],
+            "--mot applies to one recording",
+        ),
         (["a.txt", "--also", "b.txt", "gt_b.txt"], "--truth"),
     ],
 )

@@ -136,10 +136,13 @@ def test_from_the_command_to_a_track_and_its_bound(tmp_path: Path, capsys: pytes
         (["--measure", "ranges"], "one or several of range, difference, strength"),
         (
             ["--measure-miss-probability", "0.1"],
-            "--measure-miss-probability is about measurements of distances; add --measure",
+            "--measure-miss-probability applies to measurements of distances; add --measure",
         ),
         (["--measure", "range", "--measure-outlier-probability", "1.5"], "1.5"),
-        (["--measure", "range", "--read-noise", "3"], "--read-noise is about readers of tags, but the scene has none"),
+        (
+            ["--measure", "range", "--read-noise", "3"],
+            "--read-noise applies to readers of tags, but the scene has none",
+        ),
     ],
 )
 def test_what_does_not_go_together_is_refused(

@@ -161,9 +161,9 @@ def test_a_recording_of_walkers_that_avoid_people_says_how_often_they_were_walke
     [
         (
             ["--influence-distance", "2"],
-            "--influence-distance is about walkers that avoid obstacles; add --motion field",
+            "--influence-distance applies to walkers that avoid obstacles; add --motion field",
         ),
-        (["--avoid", "walk.mcap"], "--avoid is about walkers that avoid obstacles; add --motion field"),
+        (["--avoid", "walk.mcap"], "--avoid applies to walkers that avoid obstacles; add --motion field"),
         (["--motion", "straight"], "--motion"),
     ],
 )

@@ -150,7 +150,7 @@ def test_units_and_arrays_must_be_there(
     for option in (["--label-doa"], ["--false-alarm-rate", "1"], ["--silence", "1,1"]):
         args = ["simulate", str(EXAMPLES / "room.yaml"), "-o", str(tmp_path / "r.mcap"), *option]
         assert run(args) == ExitCode.USAGE
-        assert "is about microphone arrays, but the scene has none" in capsys.readouterr().err
+        assert "applies to microphone arrays, but the scene has none" in capsys.readouterr().err
 
 
 def heard(out: Path, sensor: str, source: int) -> tuple[float, float]:

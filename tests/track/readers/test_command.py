@@ -244,7 +244,11 @@ def test_one_reader_and_one_tag_can_be_chosen(folder: Path) -> None:
             ExitCode.USAGE,
             "--set false_alarm_probability=0.96: must be below detection",
         ),
-        (["--method", "rssi", "--path-loss", "LOSS", "--set", "path_loss_exponent=3"], ExitCode.USAGE, "say the same"),
+        (
+            ["--method", "rssi", "--path-loss", "LOSS", "--set", "path_loss_exponent=3"],
+            ExitCode.USAGE,
+            "state the same quantity",
+        ),
         (["--method", "apf"], ExitCode.BAD_INPUT, "track the reads of its tags with method rssi or virtual"),
     ],
 )
