@@ -45,7 +45,7 @@ def test_every_column_has_a_unit_and_a_meaning(table: type) -> None:
         ({"sigma": [0.0, np.nan]}, "above 0"),
         ({"sigma_px": [1e-12, np.nan]}, "sigma_px 1e-12 px must be above 0, at least 1e-09"),
         ({"sigma_px": [1e300, np.nan]}, r"Bearings.sigma_px: row 0: 1e\+300 px must be within 1e\+15 px"),
-        ({"sensor": ["a"]}, "1 rows, want 2"),
+        ({"sensor": ["a"]}, "1 rows, expected 2"),
         ({"target_id": [0.5, 0]}, "target_id"),
         ({"target_id": [0, 2**31]}, "target_id: row 1: 2147483648 must be -2147483648 to 2147483647"),
         ({"target_id": [-(2**31) - 1, 0]}, "target_id: row 0: -2147483649 must be"),
@@ -77,7 +77,7 @@ def test_nan_only_where_it_is_declared() -> None:
 def test_wrong_dtype_is_refused() -> None:
     values = {c.name: getattr(bearings(), c.name) for c in Bearings.columns()}
     values["sensor"] = np.array([1, 2])
-    with pytest.raises(InputError, match=r"Bearings.sensor: want U"):
+    with pytest.raises(InputError, match=r"Bearings.sensor: expected U"):
         Bearings(**values)
 
 
@@ -144,7 +144,7 @@ def test_who_answers_says_where() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "message"), [({"cov_x_vx": [0.1]}, "1 rows, want 2"), ({"cov_vx_vx": [1.0, np.inf]}, "row 1")]
+    ("change", "message"), [({"cov_x_vx": [0.1]}, "1 rows, expected 2"), ({"cov_vx_vx": [1.0, np.inf]}, "row 1")]
 )
 def test_optional_columns_are_checked_like_others(change: dict[str, object], message: str) -> None:
     have = {c.name: [0, 0] if c.kind[0] == "i" else [0.0, 0.0] for c in Tracks.columns() if not c.optional}

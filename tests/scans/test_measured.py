@@ -67,7 +67,7 @@ def test_a_time_difference_is_a_length_by_the_stated_speed_in_the_unit_of_the_sc
         assert found.other.tolist() == [[4, 3]]
     _, found = packed(rows, DistanceMeasurementConfig(propagation_speed="1500"))
     assert found.value[0] == pytest.approx(15.0)
-    with pytest.raises(InputError, match="want the speed of propagation"):
+    with pytest.raises(InputError, match="require the speed of propagation"):
         packed(rows, DistanceMeasurementConfig())
 
 

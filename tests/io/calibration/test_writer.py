@@ -142,5 +142,5 @@ def test_folders_are_replaced_on_request_and_not_mixed(tmp_path: Path) -> None:
     write_calibration(path, scene, "opencv-storage", overwrite=True)
     with pytest.raises(OutputError, match=r"other files \(cam1.yml\)"):
         write_calibration(path, Scene(scene.cameras[:1]), "opencv-storage", overwrite=True)
-    with pytest.raises(InputError, match="has 2 files; name a folder"):
+    with pytest.raises(InputError, match="consists of 2 files; name a folder"):
         write_calibration(tmp_path / "opencv.yml", scene, "opencv-storage")
