@@ -542,7 +542,7 @@ VERDICT: dict[str, Message] = {
     ),
     "camera-extrinsics-fit-if": Message(
         W,
-        "camera {sensors} is above the ground and sees what the others see if its extrinsics are {change}",
+        "camera {sensors} is upright, above the ground and sees what the others see if its extrinsics are {change}",
         "correct its file of the calibration",
     ),
     "vertical-uncertain": Message(
@@ -572,6 +572,12 @@ VERDICT: dict[str, Message] = {
         W,
         "camera {sensors}: its principal point is the middle of images of {middle} px, not of {size} px ({change})",
         "check the image size that the matrix is of",
+    ),
+    "distortion-missing": Message(
+        W,
+        "camera {sensors}: the calibration has no distortion, that of {other} with the same focal length has "
+        "{offset_px:.0f} px at the border",
+        "add its coefficients",
     ),
     "focal-lengths-differ": Message(
         W,

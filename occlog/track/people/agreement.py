@@ -220,7 +220,7 @@ class CameraAgreement:
 
     def _causes(self, checks: Sequence[Check], unit: str) -> Iterator[Check]:
         """State the mistakes that explain why boxes of cameras do not fit, or else errors of calibrations."""
-        mistakes = self._faults.found(doubtful=any(check.status == "failed" for check in checks))
+        mistakes = self._faults.found(unit, doubtful=any(check.status == "failed" for check in checks))
         for each in mistakes:
             names = [self.names[c] for c in each.cameras]
             yield finding(FITS, "camera-fits-if", sensors=names, fit=each.fit, now=each.now, change=each.words)

@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from itertools import product
+from itertools import chain, product
 from typing import NamedTuple
 
 import numpy as np
@@ -145,13 +145,14 @@ class CameraFaults:
         if len(self._samples) > MAX_STEPS:
             self._samples, self._step = self._samples[1::2], self._step + 1
 
-    def found(self, *, doubtful: bool) -> list[FittingChange]:
+    def found(self, unit: str, *, doubtful: bool) -> list[FittingChange]:
         """Mistakes, the clearest first.
 
         Args:
+            unit: of lengths, for the words.
             doubtful: something is known to be wrong; otherwise only cameras that agree with none are examined.
         """
-        return self._search.found(doubtful=doubtful) if self._compared else []
+        return self._search.found(unit, doubtful=doubtful) if self._compared else []
 
     def errors(self, unit: str) -> list[tuple[tuple[int, ...], str]]:
         """Errors of calibrations that are too small to change overlaps much: numbers of cameras, and words.
@@ -194,25 +195,27 @@ class _Search:
         # Time steps that are compared, while boxes keep all of them: delays are searched for in small steps
         self.every = max(1, round(count / MAX_BOXES))
 
-    def found(self, *, doubtful: bool) -> list[FittingChange]:
-        """Mistakes for the whole time, or else those for a part of it."""
+    def found(self, unit: str, *, doubtful: bool) -> list[FittingChange]:
+        """Mistakes for the whole time, or else those for a part of it; `unit` of lengths."""
         trusted = list(range(len(self.views)))
         agreement = self._agreement(trusted)
         limit = max(LOW_SHARE * max(agreement), LOW) if doubtful else MIN_FIT
         low = sorted((c for c, own in enumerate(agreement) if own < limit), key=agreement.__getitem__)
-        if not (doubtful or max(agreement) >= LOW or any(agreement[c] >= 0.0 for c in low)):
+        if not (doubtful or max(agreement) >= LOW or any(math.isfinite(agreement[c]) for c in low)):
             low = []  # views hardly overlap
-        if max(agreement) < LOW and low and (whole := self._best(self._of_all())) is not None:
+        if max(agreement) < LOW and low and (whole := self._best(self._of_all(unit))) is not None:
             return [whole]
         out: list[FittingChange] = []
         while low and len(trusted) > 1:
             # Of two cameras that do not agree either may be wrong
             tried = low if len(trusted) == 2 else low[:1]
-            changes = [change for c in tried for change in self._changes(c, trusted)]
-            lenses = self._other_lenses
-            if lenses is not None and set(lenses.views) <= set(trusted) and set(lenses.views) & set(tried):
-                changes.append(lenses)
-            best = self._best(iter(changes), trusted)
+            corrections = [
+                each for c in tried for each in self._corrections(c, unit) if set(each.views) <= set(trusted)
+            ]
+            # Least squares tell rotations from other small errors; the search for them does not
+            searched = self._best(iter(corrections), trusted) is None
+            changes = (self._changes(c, trusted, rotations=searched) for c in tried)
+            best = self._best(chain(corrections, *changes), trusted)
             if best is not None:
                 out.append(best)
                 trusted = [c for c in trusted if c not in best.cameras]
@@ -223,16 +226,23 @@ class _Search:
     @cached_property
     def errors(self) -> list[CameraError]:
         """Errors of the calibrations of cameras by pairs of them, also those too small to change overlaps."""
-        # Boxes of cameras that do not fit at all are paired by chance
-        fitting = [c for c, own in enumerate(self._agreement(range(len(self.views)))) if own >= MIN_FIT]
-        if len(fitting) < 2:
+        return self._errors_of(self._fitting)
+
+    @cached_property
+    def _fitting(self) -> tuple[int, ...]:
+        """Cameras that agree with others: boxes of cameras that do not fit at all are paired by chance."""
+        return tuple(c for c, own in enumerate(self._agreement(range(len(self.views)))) if own >= MIN_FIT)
+
+    def _errors_of(self, cameras: tuple[int, ...]) -> list[CameraError]:
+        """Errors of some cameras by pairs of them."""
+        if len(cameras) < 2:
             return []
-        views = [self.views[c] for c in fitting]
+        views = [self.views[c] for c in cameras]
         every = max(1, round(sum(len(view.boxes) for view in views) / MAX_BOXES_OF_PAIRS))
         normal = fit_pairs(views, self.t_ns, self.height, every)
 
         def named(error: CameraError) -> CameraError:
-            return error._replace(cameras=tuple(fitting[c] for c in error.cameras))
+            return error._replace(cameras=tuple(cameras[c] for c in error.cameras))
 
         out: list[CameraError] = []
         for each in camera_errors(normal, lambda error: self._matters(named(error))):
@@ -257,20 +267,32 @@ class _Search:
         least = {YAW: MIN_ROTATION, FOCAL: MIN_FOCAL, HEIGHT: MIN_RAISED, LATE: MIN_LATE_S}[error.kind]
         return float(np.linalg.norm(error.values, axis=1).max()) >= least
 
-    @cached_property
-    def _other_lenses(self) -> _Change | None:
-        """Other distortions of all cameras that have a significant error; None: none has."""
-        views = {
-            c: without_radial_error(self.views[c], k)
-            for each in self.errors
-            if each.kind == RADIAL
-            for c, k in zip(each.cameras, each.values[:, 0].tolist(), strict=True)
-        }
-        if not views:
-            return None
-        return _Change(" and ".join(self.words(each) for each in self.errors if each.kind == RADIAL), views)
+    def _corrections(self, c: int, unit: str) -> Iterator[_Change]:
+        """Cameras without the significant errors that last, of which one is of the camera `c`."""
+        cameras = tuple(sorted({c, *self._fitting}))
+        errors = self.errors if cameras == self._fitting else self._errors_of(cameras)
+        errors = [each for each in errors if each.kind != LATE and not (each.since or each.until)]
+        lenses = [each for each in errors if each.kind == RADIAL]
+        for group in (lenses, *([each] for each in errors if each.kind != RADIAL)):
+            if any(c in each.cameras for each in group):
+                words = " and ".join(self.words(each, unit) for each in group)
+                pairs = [pair for each in group for pair in zip(each.cameras, each.values, strict=True)]
+                yield _Change(words, {k: self._corrected(k, group[0].kind, values) for k, values in pairs})
 
-    def words(self, error: CameraError, unit: str = "") -> str:
+    def _corrected(self, c: int, kind: int, values: Floats) -> BoxesOfCamera:
+        """A camera without an error (1 or 2,) of its calibration."""
+        view, value = self.views[c], float(values[0])
+        if kind == RADIAL:
+            return without_radial_error(view, value)
+        camera = view.camera
+        if kind == YAW:
+            return _rotated(view, -values)
+        if kind == FOCAL:
+            return view._replace(camera=replace(camera, focal_px=camera.focal_px / (1.0 + value)))
+        raised = np.array([0.0, 0.0, value * self.height])
+        return view._replace(camera=replace(camera, position=camera.position + raised))
+
+    def words(self, error: CameraError, unit: str) -> str:
         """An error of cameras in words; `unit` of lengths."""
         c, value = error.cameras[0], float(error.values[0, 0])
         name = self.views[c].camera.name
@@ -288,18 +310,16 @@ class _Search:
             return f"{name} is {abs(value) * self.height:.2g} {unit} {side} its stated height"
         if error.kind == LATE:
             return f"the clock of {name} is {abs(value):.2g} s {'late' if value > 0.0 else 'early'}"
-        yaw_deg, pitch_deg = -np.degrees(error.values[0])
         begin_s, end_s = (float(self.t_ns[k] - self.t_ns[0]) / NS for k in (error.since, error.until))
         when = f"from {begin_s:.1f} s on" if error.since else f"until {end_s:.1f} s" if error.until else ""
-        turned = f"{name} is rotated by {yaw_deg:+.1f} deg about the vertical and {pitch_deg:+.1f} deg in pitch"
-        return f"{turned} {when}".rstrip()
+        return f"{_rotation_words(self.views[c], -error.values[0])} {when}".rstrip()
 
     def _agreement(self, trusted: Sequence[int]) -> list[float]:
-        """Agreement of each camera with the trusted ones; -1: too few people are expected."""
+        """Agreement of each camera with the trusted ones; -inf: too few people are expected."""
         found = self._own
         if len(trusted) < len(self.views):
             found = [self._overlap({c: view}, trusted) for c, view in enumerate(self.views)]
-        return [each.excess if len(each.met) >= MIN_EXPECTED else -1.0 for each in found]
+        return [each.excess if len(each.met) >= MIN_EXPECTED else -math.inf for each in found]
 
     @cached_property
     def _own(self) -> list[Overlap]:
@@ -389,10 +409,9 @@ class _Search:
                 best, mean = FittingChange(own, change.words, after.share, share), after.mean
         return best
 
-    def _of_all(self) -> Iterator[_Change]:
+    def _of_all(self, unit: str) -> Iterator[_Change]:
         """Mistakes with all cameras."""
-        if self._other_lenses is not None and len(self._other_lenses.views) > 1:
-            yield self._other_lenses
+        yield from (each for each in self._corrections(0, unit) if len(each.views) > 1)
         yield _Change(f"extrinsics of all cameras are {INVERTED}", {c: _inverted(v) for c, v in enumerate(self.views)})
         for scale in SCALES:
             scaled = {c: _scaled(view, scale) for c, view in enumerate(self.views)}
@@ -402,7 +421,9 @@ class _Search:
             views = {c: self.views[c]._replace(boxes=boxes) for c, (_, boxes) in enumerate(each)}
             yield _Change(f"boxes of all cameras are {each[0][0]}", views)
 
-    def _changes(self, c: int, trusted: Sequence[int], *, for_a_while: bool = False) -> Iterator[_Change]:
+    def _changes(
+        self, c: int, trusted: Sequence[int], *, for_a_while: bool = False, rotations: bool = True
+    ) -> Iterator[_Change]:
         """Mistakes with a camera, the simplest first; `for_a_while`: those that come and go."""
         own, name = self.views[c], self.views[c].camera.name
         for o in trusted:
@@ -423,7 +444,8 @@ class _Search:
             for words, boxes in _other_forms(own):
                 yield _Change(f"boxes of {name} are {words}", {c: own._replace(boxes=boxes)})
             yield from self._late(c)
-        yield from self._turned(c, trusted)
+        if rotations:
+            yield from self._turned(c, trusted)
 
     def _late(self, c: int) -> Iterator[_Change]:
         """Times of a camera that are later or earlier by some time steps."""
@@ -460,15 +482,20 @@ class _Search:
         yaw, pitch = np.median(near, axis=0)
         if np.hypot(yaw, pitch) < MIN_TURN:
             return
-        yield _rotated(c, own, np.array([yaw, pitch]))
+        angles = np.array([yaw, pitch])
+        yield _Change(_rotation_words(own, angles), {c: _rotated(own, angles)})
 
 
-def _rotated(c: int, own: BoxesOfCamera, angles: Floats) -> _Change:
-    """The camera rotated by yaw and pitch (2,) [rad] about its own axes."""
+def _rotation_words(view: BoxesOfCamera, angles: Floats) -> str:
+    """A rotation of a camera by yaw and pitch (2,) [rad] in words."""
     yaw_deg, pitch_deg = np.degrees(angles)
-    words = f"{own.camera.name} is rotated by {yaw_deg:+.1f} deg about the vertical and {pitch_deg:+.1f} deg in pitch"
-    moved = replace(own.camera, principal_px=own.camera.principal_px + angles * own.camera.focal_px)
-    return _Change(words, {c: own._replace(camera=moved)})
+    return f"{view.camera.name} is rotated by {yaw_deg:+.1f} deg about the vertical and {pitch_deg:+.1f} deg in pitch"
+
+
+def _rotated(view: BoxesOfCamera, angles: Floats) -> BoxesOfCamera:
+    """The camera rotated by yaw and pitch (2,) [rad] about its own axes."""
+    camera = view.camera
+    return view._replace(camera=replace(camera, principal_px=camera.principal_px + angles * camera.focal_px))
 
 
 def _of_camera(c: int, camera: Camera, samples: Sequence[tuple[int, dict[int, Floats]]]) -> BoxesOfCamera:
