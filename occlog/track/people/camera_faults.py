@@ -59,6 +59,8 @@ LOW_SHARE, LOW = 0.8, 0.6
 below this value; sound cameras have 0.6 to 0.85."""
 MIN_FIT, MIN_MORE = 0.3, 0.2
 """Least agreement with a mistake mended, and how much more that is than without: shares beyond those by chance."""
+MIN_PAIRED = 0.45
+"""Least agreement of cameras that are compared by pairs of boxes: in dense crowds many boxes fit another person."""
 SIMPLER = 0.01
 """Mean overlap by which a mistake must be better than one that is tried before it."""
 FLIPS = {"mirrored": (True, False), "turned by 180 degrees": (True, True), "upside down": (False, True)}
@@ -162,9 +164,14 @@ class CameraFaults:
         """
         if not self._compared:
             return []
-        # The filter states and corrects rotations that last
-        stated = (each for each in self._search.errors if each.kind != YAW or each.since or each.until)
-        return [(each.cameras, self._search.words(each, unit)) for each in stated]
+        out: list[tuple[tuple[int, ...], str]] = []
+        for each in self._search.errors:
+            # The filter states and corrects rotations that last
+            if each.kind != YAW or each.since or each.until:
+                either = [each, *([each.rival] if each.rival is not None else [])]
+                cameras = dict.fromkeys(c for error in either for c in error.cameras)
+                out.append((tuple(cameras), ", or ".join(self._search.words(error, unit) for error in either)))
+        return out
 
     def gaps(self) -> list[Gap]:
         """The longest gap of each camera."""
@@ -230,8 +237,8 @@ class _Search:
 
     @cached_property
     def _fitting(self) -> tuple[int, ...]:
-        """Cameras that agree with others: boxes of cameras that do not fit at all are paired by chance."""
-        return tuple(c for c, own in enumerate(self._agreement(range(len(self.views)))) if own >= MIN_FIT)
+        """Cameras that agree with others: boxes of cameras that hardly fit are paired by chance."""
+        return tuple(c for c, own in enumerate(self._agreement(range(len(self.views)))) if own >= MIN_PAIRED)
 
     def _errors_of(self, cameras: tuple[int, ...]) -> list[CameraError]:
         """Errors of some cameras by pairs of them."""
@@ -242,7 +249,8 @@ class _Search:
         normal = fit_pairs(views, self.t_ns, self.height, every)
 
         def named(error: CameraError) -> CameraError:
-            return error._replace(cameras=tuple(cameras[c] for c in error.cameras))
+            rival = named(error.rival) if error.rival is not None else None
+            return error._replace(cameras=tuple(cameras[c] for c in error.cameras), rival=rival)
 
         out: list[CameraError] = []
         for each in camera_errors(normal, lambda error: self._matters(named(error))):

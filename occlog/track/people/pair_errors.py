@@ -51,10 +51,12 @@ TILTED = 0.5
 """Standard deviation of a pitch that all cameras share, relative to `PRIOR`."""
 MIN_INFLATION = 0.2
 """Least ratio of the variance of errors of boxes to the stated one."""
-MOVED = 4.0
+MOVED = 8.0
 """Logarithm of the odds of an error that lasts against a movement: errors that wander resemble movements."""
-MIN_LOG_RATIO = 10.0
+MIN_LOG_RATIO = 6.0
 """Logarithm of the ratio of evidences from which an error is significant."""
+AMBIGUOUS = 3.0
+"""Logarithm of the ratio of evidences below which another error may as well be there instead."""
 EDGE_BATCHES = 3
 """Least number of batches from the begin of the recording to a movement, and from there to its end."""
 BASE_S = 0.4
@@ -77,6 +79,7 @@ class CameraError(NamedTuple):
         since: number of the time step from which it holds; 0: always.
         log_ratio: logarithm of its evidence over that of usual errors alone.
         until: number of the time step up to which it holds; 0: to the end.
+        rival: an error of another camera or kind, lasting as well, that explains nearly as much.
     """
 
     cameras: tuple[int, ...]
@@ -85,6 +88,7 @@ class CameraError(NamedTuple):
     since: int
     log_ratio: float
     until: int = 0
+    rival: CameraError | None = None
 
 
 class Evidence(NamedTuple):
@@ -154,12 +158,15 @@ def camera_errors(normal: Floats, matters: Callable[[CameraError], bool]) -> lis
     out: list[CameraError] = []
     for _ in range(C):
         _, _, before = now.solved()
-        best = max((*static_errors(now, before), *movements(now)), key=_log_ratio)
+        lasting = sorted(static_errors(now, before), key=_log_ratio, reverse=True)
+        best = max((*lasting, *movements(now)), key=_log_ratio)
         if best.log_ratio < MIN_LOG_RATIO:
             break
         # With one error of a camera corrected the other ones are not linear any more
         if matters(best) and not {c for each in out for c in each.cameras} & set(best.cameras):
-            out.append(best)
+            close = (each for each in lasting if each.log_ratio > best.log_ratio - AMBIGUOUS and each.kind != YAW)
+            others = (each for each in close if each.kind != best.kind or not set(best.cameras) & set(each.cameras))
+            out.append(best._replace(rival=None if best.since else next(filter(matters, others), None)))
         if best.since:
             break
         now = now._replace(prior=now.prior + _prior_of(best.cameras, best.kind, K))
