@@ -283,7 +283,7 @@ VERDICT: dict[str, Message] = {
     "nees-large": Message(
         W,
         "the covariances are too small for the errors (mean NEES {nees:.3g}, allowed: {allowed:.0f}; {outside:.0%} "
-        "outside of 95 %)",
+        "outside of 95 %, allowed: {allowed_outside:.0%})",
         "use more particles or more noise, check the truth",
     ),
     "nees-small": Message(

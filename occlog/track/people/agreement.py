@@ -127,6 +127,10 @@ class CameraAgreement:
         enough = self.expected >= MIN_EXPECTED_DETECTIONS
         return np.where(enough, self.met / np.maximum(self.expected, 1.0), np.nan)
 
+    def person_heights(self) -> Floats:
+        """(C,) median height of people by the boxes of each camera; NaN: too few boxes."""
+        return self._faults.heights()
+
     def checks(self, tally: BoxStatistics, unit: str = "m") -> tuple[Check, ...]:
         """Checks of the cameras with their findings; `unit` of lengths."""
         boxes, whole = int(tally.boxes.sum()), tally.boxes + tally.outside + tally.twice

@@ -43,6 +43,7 @@ from .pair_overlap import (
     overlap,
     overlaps,
     paired_rows,
+    person_heights,
     projected_people,
 )
 
@@ -172,6 +173,11 @@ class CameraFaults:
                 cameras = dict.fromkeys(c for error in either for c in error.cameras)
                 out.append((tuple(cameras), ", or ".join(self._search.words(error, unit) for error in either)))
         return out
+
+    def heights(self) -> Floats:
+        """(C,) median height of people by the boxes of each camera that were kept; NaN: too few boxes."""
+        boxes = (_of_camera(c, camera, self._samples).boxes for c, camera in enumerate(self._cameras))
+        return person_heights([*boxes], self._cameras)
 
     def gaps(self) -> list[Gap]:
         """The longest gap of each camera."""
