@@ -434,7 +434,8 @@ VERDICT: dict[str, Message] = {
     ),
     "camera-times-disjoint": Message(
         W,
-        "camera {sensors} has no time in common with another camera: it begins {offset_s:+.3g} s after the others",
+        "camera {sensors} has no time in common with another camera: it begins {offset_s:+.10g} s after the "
+        "others{cause}",
         "check its clock",
     ),
     "calibration-inconsistent": Message(
@@ -626,8 +627,8 @@ VERDICT: dict[str, Message] = {
     # Stages before tracking, and batches
     "sensor-times-disjoint": Message(
         W,
-        "{sensors} has no time in common with another sensor, {separation_s:.6g} s from the others",
-        "check its clock, its start time and the unit of its times",
+        "{sensors} has no time in common with another sensor: it begins {offset_s:+.10g} s after the others{cause}",
+        "check its clock and the unit of its times, or give {option[clock_offset]}",
     ),
     "clock-jump": Message(
         N,

@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 from scipy.special import stdtrit
 
 from occlog.array_types import NS, Floats, Ints, Ints32
+from occlog.consistency.clock_offsets import cause_of
 from occlog.evaluate.matching.paths import ObjectPath
 from occlog.records.columns import rows_by_label
 from occlog.records.tables import Errors, Tracks, Truth
@@ -37,17 +38,6 @@ MIN_GAIN = 0.25
 HALF_STEP_NS = NS // 10
 """Velocities of targets are differences of positions this time before and after."""
 
-CLOCK_ERROR_S = 0.6
-"""Difference of clocks from a known one, at most."""
-CLOCKS = (
-    ("TAI", 37.0, 37.0),
-    ("leap seconds of GPS", 18.0, 18.0),
-    ("GPS time", 315_964_782.0, 315_964_800.0),
-    ("GPS weeks from 0 again", 619_315_200.0, 619_315_200.0),
-)
-"""Clocks, and by how much they differ from UTC [s]; the leap seconds are those since 2017."""
-ZONE_S, MAX_ZONES, MIN_EPOCH_S = 900.0, 56, 3e7
-"""Step and number of time zones; a larger difference [s] than the last is that of an origin."""
 DAY_S, MAX_DAYS = 86_400.0, 2.0
 DAYS = {"Excel": 25_569.0, "MATLAB": 719_529.0}
 """Day 0 of Unix time in serial days of programs."""
@@ -283,7 +273,8 @@ def _changes_of_time(tracks: Positions, truth: Positions, gate: float) -> Iterat
         shift, met = _best_shift(_timed(tracks, factor, first, begin), truth, gate)
         if factor == 1.0:
             shift += begin - first
-            id, words = "times-shifted", f"times shifted by {shift:+.3f}".rstrip("0").rstrip(".") + f" s{_cause(shift)}"
+            size = f"{shift:+.3f}".rstrip("0").rstrip(".")
+            id, words = "times-shifted", f"times shifted by {size} s{cause_of(shift)}"
         yield Alternative(id, words, met)
     for program, epoch in DAYS.items():
         if abs(tracks.t[0] - truth.t[0] / DAY_S - epoch) < MAX_DAYS:
@@ -294,17 +285,6 @@ def _changes_of_time(tracks: Positions, truth: Positions, gate: float) -> Iterat
     if 1.0 / MAX_RATE < ratio < MAX_RATE and abs(ratio - 1.0) > MIN_RATE:
         words = f"times multiplied by {ratio:.4g} from the first one on"
         yield Alternative("frame-rate-differs", words, _met(_timed(tracks, ratio, first, begin), truth, gate))
-
-
-def _cause(shift: float) -> str:
-    """What sets clocks apart by this much, in brackets; empty: nothing that is known."""
-    for cause, low, high in CLOCKS:
-        if low - CLOCK_ERROR_S <= abs(shift) <= high + CLOCK_ERROR_S:
-            return f" ({cause})"
-    quarters = shift / ZONE_S
-    if 1.0 <= abs(quarters) <= MAX_ZONES and abs(shift - round(quarters) * ZONE_S) <= CLOCK_ERROR_S:
-        return " (a time zone)"
-    return " (times since a start)" if abs(shift) > MIN_EPOCH_S else ""
 
 
 def _timed(tracks: Positions, factor: float, start: float, begin: float) -> Positions:

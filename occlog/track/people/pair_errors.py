@@ -51,9 +51,11 @@ TILTED = 0.5
 """Standard deviation of a pitch that all cameras share, relative to `PRIOR`."""
 MIN_INFLATION = 0.2
 """Least ratio of the variance of errors of boxes to the stated one."""
-MOVED = 8.0
+MOVED = 6.0
 """Logarithm of the odds of an error that lasts against a movement: errors that wander resemble movements."""
-MIN_LOG_RATIO = 6.0
+SHARED = 8.0
+"""Logarithm of the odds of an error of one camera against one of all: bodies unlike the model resemble these."""
+MIN_LOG_RATIO = 8.0
 """Logarithm of the ratio of evidences from which an error is significant."""
 AMBIGUOUS = 3.0
 """Logarithm of the ratio of evidences below which another error may as well be there instead."""
@@ -231,7 +233,8 @@ def static_errors(now: Evidence, before: float) -> Iterator[CameraError]:
             x, _, after = summed._replace(prior=now.prior + _prior_of(cameras, kind, K)).solved()
             own = _parameters(cameras, kind)
             scale = PRIOR[kind : kind + own.shape[1]]
-            yield CameraError(cameras, kind, x[own] * scale, 0, after - before)
+            odds = 0.0 if len(cameras) == 1 else SHARED
+            yield CameraError(cameras, kind, x[own] * scale, 0, after - before - odds)
 
 
 def movements(now: Evidence) -> Iterator[CameraError]:
