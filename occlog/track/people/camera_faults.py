@@ -167,11 +167,12 @@ class CameraFaults:
             return []
         out: list[tuple[tuple[int, ...], str]] = []
         for each in self._search.errors:
-            # The filter states and corrects rotations that last
-            if each.kind != YAW or each.since or each.until:
-                either = [each, *([each.rival] if each.rival is not None else [])]
-                cameras = dict.fromkeys(c for error in either for c in error.cameras)
-                out.append((tuple(cameras), ", or ".join(self._search.words(error, unit) for error in either)))
+            # The filter states and corrects rotations that last; what remains with them may be their consequence
+            if each.kind == YAW and not (each.since or each.until):
+                break
+            either = [each, *([each.rival] if each.rival is not None else [])]
+            cameras = dict.fromkeys(c for error in either for c in error.cameras)
+            out.append((tuple(cameras), ", or ".join(self._search.words(error, unit) for error in either)))
         return out
 
     def heights(self) -> Floats:
@@ -259,7 +260,8 @@ class _Search:
             return error._replace(cameras=tuple(cameras[c] for c in error.cameras), rival=rival)
 
         out: list[CameraError] = []
-        for each in camera_errors(normal, lambda error: self._matters(named(error))):
+        people = max(float(np.median(np.bincount(view.steps)[np.unique(view.steps)])) for view in views)
+        for each in camera_errors(normal, people, lambda error: self._matters(named(error))):
             if each.since:
                 # Boxes are paired better with one orientation of each camera; either part may be as calibrated
                 ends = (0, each.since - 1), (each.since, len(self.t_ns))
@@ -317,8 +319,7 @@ class _Search:
             owner = name if len(px) == 1 else "all cameras"
             return f"the lens of {owner} is off by {size} at the border (missing, or of another model)"
         if error.kind == FOCAL:
-            owner = name if len(error.cameras) == 1 else "all cameras"
-            return f"the focal length of {owner} is {abs(value):.1%} too {'long' if value > 0.0 else 'short'}"
+            return f"the focal length of {name} is {abs(value):.1%} too {'long' if value > 0.0 else 'short'}"
         if error.kind == HEIGHT:
             side = "above" if value > 0.0 else "below"
             return f"{name} is {abs(value) * self.height:.2g} {unit} {side} its stated height"

@@ -51,11 +51,13 @@ TILTED = 0.5
 """Standard deviation of a pitch that all cameras share, relative to `PRIOR`."""
 MIN_INFLATION = 0.2
 """Least ratio of the variance of errors of boxes to the stated one."""
-MOVED = 6.0
+MOVED = 7.0
 """Logarithm of the odds of an error that lasts against a movement: errors that wander resemble movements."""
 SHARED = 8.0
 """Logarithm of the odds of an error of one camera against one of all: bodies unlike the model resemble these."""
-MIN_LOG_RATIO = 8.0
+BODIES = 10.0
+"""Logarithm of the odds against an error that lasts where one person is seen: a body unlike the model resembles it."""
+MIN_LOG_RATIO = 7.0
 """Logarithm of the ratio of evidences from which an error is significant."""
 AMBIGUOUS = 3.0
 """Logarithm of the ratio of evidences below which another error may as well be there instead."""
@@ -142,11 +144,12 @@ def fit_pairs(views: Sequence[BoxesOfCamera], t_ns: Ints, person_height: float, 
     return normal
 
 
-def camera_errors(normal: Floats, matters: Callable[[CameraError], bool]) -> list[CameraError]:
+def camera_errors(normal: Floats, people: float, matters: Callable[[CameraError], bool]) -> list[CameraError]:
     """Significant errors of cameras, the one with the largest evidence first, then those that remain with it.
 
     Args:
         normal: (T, K, K + 1) of `fit_pairs`.
+        people: number of people who are seen at once.
         matters: whether an error is large enough to be stated.
     """
     K = normal.shape[1]
@@ -160,7 +163,7 @@ def camera_errors(normal: Floats, matters: Callable[[CameraError], bool]) -> lis
     out: list[CameraError] = []
     for _ in range(C):
         _, _, before = now.solved()
-        lasting = sorted(static_errors(now, before), key=_log_ratio, reverse=True)
+        lasting = sorted(static_errors(now, before, people), key=_log_ratio, reverse=True)
         best = max((*lasting, *movements(now)), key=_log_ratio)
         if best.log_ratio < MIN_LOG_RATIO:
             break
@@ -223,17 +226,23 @@ def _prior_of(cameras: Sequence[int], kind: int, count: int) -> Floats:
     return out
 
 
-def static_errors(now: Evidence, before: float) -> Iterator[CameraError]:
-    """Errors that last for the whole recording; `before`: logarithm of the evidence without any."""
+def static_errors(now: Evidence, before: float, people: float) -> Iterator[CameraError]:
+    """Errors that last for the whole recording.
+
+    Args:
+        now: normal equations.
+        before: logarithm of the evidence without any error.
+        people: number of people who are seen at once.
+    """
     K = now.normal.shape[1]
     every = tuple(range(K // OWN))
     summed = now._replace(normal=now.normal.sum(axis=0, keepdims=True))
     for cameras in (*((c,) for c in every), every):
-        for kind in (YAW, RADIAL, FOCAL, HEIGHT, LATE) if len(cameras) == 1 else (RADIAL, FOCAL):
+        for kind in (YAW, RADIAL, FOCAL, HEIGHT, LATE) if len(cameras) == 1 else (RADIAL,):
             x, _, after = summed._replace(prior=now.prior + _prior_of(cameras, kind, K)).solved()
             own = _parameters(cameras, kind)
             scale = PRIOR[kind : kind + own.shape[1]]
-            odds = 0.0 if len(cameras) == 1 else SHARED
+            odds = BODIES / max(people, 1.0) + (0.0 if len(cameras) == 1 else SHARED)
             yield CameraError(cameras, kind, x[own] * scale, 0, after - before - odds)
 
 
