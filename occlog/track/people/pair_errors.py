@@ -53,8 +53,6 @@ MIN_INFLATION = 0.2
 """Least ratio of the variance of errors of boxes to the stated one."""
 MOVED = 7.0
 """Logarithm of the odds of an error that lasts against a movement: errors that wander resemble movements."""
-SHARED = 8.0
-"""Logarithm of the odds of an error of one camera against one of all: bodies unlike the model resemble these."""
 BODIES = 10.0
 """Logarithm of the odds against an error that lasts where one person is seen: a body unlike the model resembles it."""
 MIN_LOG_RATIO = 7.0
@@ -242,8 +240,7 @@ def static_errors(now: Evidence, before: float, people: float) -> Iterator[Camer
             x, _, after = summed._replace(prior=now.prior + _prior_of(cameras, kind, K)).solved()
             own = _parameters(cameras, kind)
             scale = PRIOR[kind : kind + own.shape[1]]
-            odds = BODIES / max(people, 1.0) + (0.0 if len(cameras) == 1 else SHARED)
-            yield CameraError(cameras, kind, x[own] * scale, 0, after - before - odds)
+            yield CameraError(cameras, kind, x[own] * scale, 0, after - before - BODIES / max(people, 1.0))
 
 
 def movements(now: Evidence) -> Iterator[CameraError]:
