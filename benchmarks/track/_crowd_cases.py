@@ -20,10 +20,10 @@ from benchmarks.track._single_people import annotations
 from occlog.array_types import Floats
 
 DEGREES = {
-    "A": ("--miss-probability", "0.2", "--false", "1", "--px", "5"),
-    "B": ("--miss-probability", "0.4", "--false", "2", "--px", "8"),
-    "C": ("--miss-probability", "0.2", "--false", "1", "--px", "5", "--hide", "0.6"),
-    "D": ("--miss-probability", "0.2", "--false", "1", "--px", "5", "--hide", "0.6", "--cut", "--loose", "0.1"),
+    "A": ("--miss", "0.2", "--false", "1", "--px", "5"),
+    "B": ("--miss", "0.4", "--false", "2", "--px", "8"),
+    "C": ("--miss", "0.2", "--false", "1", "--px", "5", "--hide", "0.6"),
+    "D": ("--miss", "0.2", "--false", "1", "--px", "5", "--hide", "0.6", "--cut", "--loose", "0.1"),
 }
 """Settings of `degrade_boxes.py`: few misses, many, hidden people left out, cut and loose as of a detector."""
 AREA = (-3.0, 9.0, -9.0, 27.0)

@@ -140,20 +140,27 @@ def _misread(cameras: Sequence[Camera], limit: float = NEAR) -> Iterator[Check]:
 
 
 def _misread_ones(cameras: Sequence[Camera]) -> Iterator[Check]:
-    """Report a convention of the extrinsics of single below-ground cameras in which they view what the others view."""
-    low = [c for c, camera in enumerate(cameras) if camera.position[2] <= HEIGHT_SLACK]
-    if 2 * len(low) > len(cameras):
+    """Report a convention of the extrinsics of single cameras in which they are upright and view what the others view.
+
+    Examined are the cameras below the ground, or, if there are none, those that are not upright.
+    """
+    odd = [c for c, camera in enumerate(cameras) if camera.position[2] <= HEIGHT_SLACK]
+    odd = odd or [c for c, camera in enumerate(cameras) if not is_upright(camera.rotation[None])]
+    if 2 * len(odd) > len(cameras):
         return
-    for c in low:
-        others = [camera for k, camera in enumerate(cameras) if k not in low]
+    others = [camera for c, camera in enumerate(cameras) if c not in odd]
+    for c in odd:
         found: list[tuple[float, str]] = []
         for change, axes, places in _meanings([cameras[c]]):
             if places[0, 2] > HEIGHT_SLACK and is_upright(axes):
                 all_places = np.concatenate([places, [camera.position for camera in others]])
                 all_axes = np.concatenate([axes, [camera.rotation for camera in others]])[:, :, 2]
                 found.append((_distance_from_axes(all_places, all_axes), change))
-        if found and min(found)[0] < NEAR:
-            yield finding(UPRIGHT, "camera-extrinsics-fit-if", sensors=[cameras[c].name], change=min(found)[1])
+        least = min(found, default=(np.inf, ""))[0]
+        if least < NEAR:
+            # The most usual meaning of those that fit about as well
+            change = next(change for distance, change in found if distance < min(NEAR, NEARER * least))
+            yield finding(UPRIGHT, "camera-extrinsics-fit-if", sensors=[cameras[c].name], change=change)
 
 
 def _meanings(cameras: Sequence[Camera]) -> Iterator[tuple[str, Floats, Floats]]:

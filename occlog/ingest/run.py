@@ -34,6 +34,7 @@ from occlog.io.recording.chunks import is_of_occlog
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.columns import ColumnTable
 from occlog.records.losses import Loss
+from occlog.records.messages import listed
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, Positions, Reads, Truth, TruthBoxes
 from occlog.records.verdicts import Check, Verdict, summary_of, texts_of
@@ -130,9 +131,12 @@ def _ingest(plan: IngestPlan, job: Job, done: Ingested) -> tuple[dict[str, objec
         if bag is not None:
             _write_bag(bag, plan, scene, turn, writer, done, job)
         done.times.update({name: t.source for name, t in times.items() if name not in done.times})
+        cameras: dict[str, list[str]] = {}  # by what is the same of them
         for name, source in sorted(done.times.items()):
             count = f"{counted(done.frames[name], 'frame')}, " if name in done.frames else ""
-            note(f"camera {name}: {count}times from {source}")
+            cameras.setdefault(f"{count}times from {source}", []).append(name)
+        for text, names in cameras.items():
+            note(f"{'camera' if len(names) == 1 else 'cameras'} {listed(names)}: {text}")
         parameters = {**settings, "time_sources": dict(sorted(done.times.items()))}
         made = replace(provenance, parameters=parameters, losses=tuple(done.losses))
         judged = job.judged(made, (*done.checks, *done.seen.checks(), *source_checks(plan, sources, survey)))

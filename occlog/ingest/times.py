@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from occlog.array_types import NS, Ints, Ints32
+from occlog.consistency.clock_offsets import cause_of
 from occlog.consistency.frozen import FrozenCameras
 from occlog.io.files.utc import utc
 from occlog.io.recording.writer import RecordingWriter
@@ -27,6 +28,10 @@ MAX_TRUE_RATE_HZ = 2000.0
 """Rate of true positions [Hz] above which their times have another unit: those of days are some 100,000 Hz."""
 FEWEST, JUMP, JUMP_NS = 20, 0.5, 60 * NS
 """Minimum number of frames for a check; share of the duration and minimum length [ns] of an interval that is a jump."""
+STEP_NS, STEP_PERIODS = NS, 10
+"""Least jump of the times of frames that are numbered on while others have frames [ns], also in frame periods."""
+SECOND = 3.0
+"""All other intervals are shorter than this many frame periods: cameras that record movement only have several."""
 
 
 @dataclass
@@ -89,6 +94,61 @@ class IngestFrameTimes(RowTimes):
 
 
 @dataclass
+class NumberedFrames(TimeSpanNs):
+    """Times of numbered frames, of which one interval may be longer than their numbers explain.
+
+    Attributes:
+        intervals: number of intervals by the numbers of the frames.
+        longest: longest interval per number [ns], `before` the time before it, `numbers` the numbers that it spans.
+        second: second longest interval per number [ns].
+    """
+
+    intervals: int = 0
+    longest: float = 0.0
+    before: int = 0
+    numbers: int = 1
+    second: float = 0.0
+    _last: int = -1
+
+    def add(self, t_ns: Ints, frame: Ints) -> None:
+        """Take in the next frames (n,) of different times, n > 0."""
+        if self._last >= 0:
+            t_ns, frame = np.append(self.last, t_ns), np.append(self._last, frame)
+        numbers = np.diff(frame)
+        good = np.flatnonzero(numbers > 0)
+        each = np.diff(t_ns)[good] / numbers[good]
+        for k in np.argsort(each)[-2:].tolist():
+            if each[k] > self.longest:
+                self.second, self.longest = self.longest, float(each[k])
+                self.before, self.numbers = int(t_ns[good[k]]), int(numbers[good[k]])
+            else:
+                self.second = max(self.second, float(each[k]))
+        self.intervals += int(numbers[good].sum())
+        self._last = int(frame[-1])
+        self.take(int(t_ns[0]), int(t_ns[-1]))
+
+    @property
+    def gap(self) -> tuple[float, float]:
+        """Begin and end of the longest interval [ns]."""
+        return self.before, self.before + self.longest * self.numbers
+
+    def goes_on(self, gap: tuple[float, float]) -> bool:
+        """Whether these frames reach beyond both ends of an interval [ns], and are there during most of it."""
+        common = min(gap[1], self.gap[1]) - max(gap[0], self.gap[0])
+        return self.first < gap[1] and self.last > gap[0] and common < 0.5 * (gap[1] - gap[0])
+
+    @property
+    def jump_ns(self) -> float:
+        """By how much one interval is longer than its numbers explain, and no other one [ns]; 0: none is."""
+        others = self.intervals - self.numbers
+        if others < FEWEST:
+            return 0.0
+        period = (self.last - self.first - self.longest * self.numbers) / others
+        jump = (self.longest - period) * self.numbers
+        return jump if jump > max(STEP_NS, STEP_PERIODS * period) and self.second < SECOND * period else 0.0
+
+
+@dataclass
 class Times:
     """Times of all data in a recording.
 
@@ -96,6 +156,7 @@ class Times:
         frames: of each camera.
         rows: of boxes, positions and directions of each sensor.
         rates: sensors with rows of each of their frames.
+        numbered: frames of boxes of each camera.
         true: of the truth.
         true_rate_hz: times per second of the true target with the most rows of one table, as median.
         pictures, boxes: frames of cameras that repeat.
@@ -104,6 +165,7 @@ class Times:
     frames: dict[str, IngestFrameTimes] = field(default_factory=dict)
     rows: dict[str, RowTimes] = field(default_factory=dict)
     rates: set[str] = field(default_factory=set)
+    numbered: dict[str, NumberedFrames] = field(default_factory=dict)
     true: TimeSpanNs = field(default_factory=TimeSpanNs)
     true_rate_hz: float = 0.0
     pictures: FrozenCameras = field(default_factory=FrozenCameras)
@@ -119,8 +181,11 @@ class Times:
             self.true_rate_hz = max(self.true_rate_hz, _rate_hz(t_ns, table.target_id))
         elif isinstance(table, Boxes | Doa | Positions):
             for name in dict.fromkeys(table.sensor.tolist()):
-                own = np.unique(t_ns[table.sensor == name])
+                mine = table.sensor == name
+                own, first = np.unique(t_ns[mine], return_index=True)
                 self.rows.setdefault(name, RowTimes()).add_rows(own)
+                if isinstance(table, Boxes):
+                    self.numbered.setdefault(name, NumberedFrames()).add(own, table.frame[mine][first])
                 if not isinstance(table, Doa):
                     self.rates.add(name)
             if isinstance(table, Boxes):
@@ -132,6 +197,7 @@ class Times:
         rated = any(each.count >= FEWEST for each in (*self.frames.values(), *(self.rows[n] for n in self.rates)))
         rated = rated or self.true_rate_hz > MAX_TRUE_RATE_HZ
         long = any(own.count >= FEWEST for own in self.frames.values())
+        long = long or any(own.intervals >= FEWEST for own in self.numbered.values())
         truth = "" if self.true.first <= self.true.last and (self.frames or self.rows) else "there is no truth"
         disjoint = (*_apart(self.frames, FRAMES_APART_NS), *_apart(self.rows, ROWS_APART_NS))
         return (
@@ -164,17 +230,21 @@ class Times:
             )
 
     def _jumps(self) -> Iterator[Check]:
-        """Report cameras with one interval longer than all others together."""
-        for name, own in sorted(self.frames.items()):
-            if own.count >= FEWEST and own.longest > max(JUMP * (own.last - own.first), JUMP_NS):
+        """Report cameras with one interval longer than all others together, or than the frame numbers explain."""
+        for name, times in sorted(self.frames.items()):
+            if times.count >= FEWEST and times.longest > max(JUMP * (times.last - times.first), JUMP_NS):
                 yield finding(
                     FRAMES,
                     "clock-jump",
                     sensors=[name],
-                    jump_s=own.longest / NS,
-                    time=utc(own.before),
-                    frames=own.count,
+                    jump_s=times.longest / NS,
+                    time=utc(times.before),
                 )
+        for name, own in sorted(self.numbered.items()):
+            others = (each for other, each in self.numbered.items() if other != name)
+            if name not in self.frames and own.jump_ns and any(each.goes_on(own.gap) for each in others):
+                time = utc(own.before)
+                yield finding(FRAMES, "clock-jump", "warning", sensors=[name], jump_s=own.jump_ns / NS, time=time)
 
     def _of_truth(self) -> Iterator[Check]:
         """Report a truth that has no time in common with the measurements."""
@@ -218,10 +288,14 @@ class TimedWriter(RecordingWriter):
 
 
 def _apart(times: Mapping[str, TimeSpanNs], least: int) -> Iterator[Check]:
-    """Report sensors with times far from those of all others."""
+    """Report sensors with times far from those of all others, or apart from them by a known clock difference."""
     for name, own in sorted(times.items()):
         others = [each for other, each in times.items() if other != name]
         far = min((max(each.first - own.last, own.first - each.last) for each in others), default=0)
-        length = max((each.last for each in others), default=0) - min((each.first for each in others), default=0)
-        if far > max(least, length):
-            yield finding(SENSORS, "sensor-times-disjoint", sensors=[name], separation_s=far / NS)
+        if far <= 0:
+            continue
+        begin, end = min(each.first for each in others), max(each.last for each in others)
+        offset_s = (own.first - begin) / NS
+        cause = cause_of(offset_s)
+        if far > max(least, end - begin) or cause:
+            yield finding(SENSORS, "sensor-times-disjoint", sensors=[name], offset_s=offset_s, cause=cause)

@@ -285,7 +285,7 @@ VERDICT: dict[str, Message] = {
     "nees-large": Message(
         W,
         "the covariances are too small for the errors (mean NEES {nees:.3g}, allowed: {allowed:.0f}; {outside:.0%} "
-        "outside of 95 %)",
+        "outside of 95 %, allowed: {allowed_outside:.0%})",
         "use more particles or more noise, check the truth",
     ),
     "nees-small": Message(
@@ -436,7 +436,8 @@ VERDICT: dict[str, Message] = {
     ),
     "camera-times-disjoint": Message(
         W,
-        "camera {sensors} has no time in common with another camera: it begins {offset_s:+.3g} s after the others",
+        "camera {sensors} has no time in common with another camera: it begins {offset_s:+.10g} s after the "
+        "others{cause}",
         "check its clock",
     ),
     "calibration-inconsistent": Message(
@@ -546,7 +547,7 @@ VERDICT: dict[str, Message] = {
     ),
     "camera-extrinsics-fit-if": Message(
         W,
-        "camera {sensors} is above the ground and sees what the others see if its extrinsics are {change}",
+        "camera {sensors} is upright, above the ground and sees what the others see if its extrinsics are {change}",
         "correct its file of the calibration",
     ),
     "vertical-uncertain": Message(
@@ -576,6 +577,12 @@ VERDICT: dict[str, Message] = {
         W,
         "camera {sensors}: its principal point is the middle of images of {middle} px, not of {size} px ({change})",
         "check the image size that the matrix is of",
+    ),
+    "distortion-missing": Message(
+        W,
+        "camera {sensors}: the calibration has no distortion, that of {other} with the same focal length has "
+        "{offset_px:.0f} px at the border",
+        "add its coefficients",
     ),
     "focal-lengths-differ": Message(
         W,
@@ -625,8 +632,8 @@ VERDICT: dict[str, Message] = {
     # Stages before tracking, and batches
     "sensor-times-disjoint": Message(
         W,
-        "{sensors} has no time in common with another sensor, {separation_s:.6g} s from the others",
-        "check its clock, its start time and the unit of its times",
+        "{sensors} has no time in common with another sensor: it begins {offset_s:+.10g} s after the others{cause}",
+        "check its clock and the unit of its times, or give {option[clock_offset]}",
     ),
     "clock-jump": Message(
         N,

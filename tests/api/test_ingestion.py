@@ -67,7 +67,9 @@ def test_a_scene_in_memory_notes_and_the_output(folder: Path) -> None:
     assert recording.source == Path("out.mcap")
     assert [s.name for s in recording.sensors] == ["east", "north"]
     assert recording.summary["rows"] == {"boxes": 10, "truth": 5}
-    assert any("camera east: times from frame rate 5 fps (given)" in note for note in recording.summary["notes"])  # type: ignore[attr-defined]
+    assert any(
+        "cameras east, north: times from frame rate 5 fps (given)" in note for note in recording.summary["notes"]
+    )  # type: ignore[attr-defined]
     with pytest.raises(occlog.OutputExistsError):
         made(output="out.mcap")
     before = (folder / "out.mcap").read_bytes()

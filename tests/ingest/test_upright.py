@@ -12,6 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from occlog.cli.main import run
+from occlog.core.geometry.camera import is_upright
 from occlog.errors import ExitCode, InputError, UsageError
 from occlog.ingest.rig import world_checks
 from occlog.ingest.scene import find_turn, read_up
@@ -353,16 +354,26 @@ def test_a_left_handed_world_is_not_called_inverted() -> None:
 
 @pytest.mark.parametrize("how", ["inverted", "centres"])
 @pytest.mark.parametrize("k", [0, 1, 2])
-def test_a_single_camera_that_is_misread_and_below_the_ground_is_named_with_its_cause(k: int, how: str) -> None:
+def test_a_single_camera_that_is_misread_is_named_with_its_cause(k: int, how: str) -> None:
     wrong = tuple(misread(c, how) if n == k else c for n, c in enumerate(CAMERAS))
     found = [c for c in checks(wrong, None, None) if c.found]
-    if wrong[k].position[2] <= 0.0:
+    if wrong[k].position[2] <= 0.0 or not is_upright(wrong[k].rotation[None]):
         assert [c.id for c in found] == ["camera-extrinsics-fit-if"]
         assert found[0].sensors == (CAMERAS[k].name,)
         assert how in found[0].text
         assert len(found[0].text) <= 160
     else:
         assert "camera-extrinsics-fit-if" not in [c.id for c in found]
+
+
+@pytest.mark.parametrize("k", [0, 1])
+def test_one_of_two_cameras_that_is_inverted_is_named_though_it_is_above_the_ground(k: int) -> None:
+    pair = CAMERAS[:2]
+    wrong = tuple(misread(c, "inverted") if n == k else c for n, c in enumerate(pair))
+    assert wrong[k].position[2] > 0.0
+    (found,) = (c for c in checks(wrong, None, None) if c.found)
+    assert (found.id, found.sensors) == ("camera-extrinsics-fit-if", (pair[k].name,))
+    assert "inverted" in found.text
 
 
 def test_a_camera_below_the_ground_that_no_other_meaning_mends_is_only_low() -> None:

@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 from scipy.special import stdtrit
 
 from occlog.array_types import NS, Floats, Ints, Ints32
+from occlog.consistency.clock_offsets import cause_of
 from occlog.evaluate.matching.paths import ObjectPath
 from occlog.records.columns import rows_by_label
 from occlog.records.tables import Errors, Tracks, Truth
@@ -37,17 +38,6 @@ MIN_GAIN = 0.25
 HALF_STEP_NS = NS // 10
 """Velocities of targets are differences of positions this time before and after."""
 
-CLOCK_ERROR_S = 0.6
-"""Difference of clocks from a known one, at most."""
-CLOCKS = (
-    ("TAI", 37.0, 37.0),
-    ("leap seconds of GPS", 18.0, 18.0),
-    ("GPS time", 315_964_782.0, 315_964_800.0),
-    ("GPS weeks from 0 again", 619_315_200.0, 619_315_200.0),
-)
-"""Clocks, and by how much they differ from UTC [s]; the leap seconds are those since 2017."""
-ZONE_S, MAX_ZONES, MIN_EPOCH_S = 900.0, 56, 3e7
-"""Step and number of time zones; a larger difference [s] than the last is that of an origin."""
 DAY_S, MAX_DAYS = 86_400.0, 2.0
 DAYS = {"Excel": 25_569.0, "MATLAB": 719_529.0}
 """Day 0 of Unix time in serial days of programs."""
@@ -175,6 +165,8 @@ QUERIES = 300
 """Positions of each side that are looked up in the other."""
 MIN_MET, MIN_MORE = 0.5, 0.3
 """Share of positions that meet with a change of times or axes, and how much more that is than without it."""
+NARROW = 0.25
+"""Share of the gate that is tried, too: in crowds somebody is within the gate anywhere."""
 MIN_OVERLAP = 0.2
 """Time that both tables must share, over the shorter one."""
 TIME_UNITS = (1e-3, 1e3, 1e-6, 1e6, 1e-9, 1e9, 60.0, 1.0 / 60.0)
@@ -233,21 +225,24 @@ def sample_of(chunks: Iterable[Tracks] | Iterable[Truth]) -> Positions:
     return Positions(t_ns[good] / NS, xy[good])
 
 
-def alternative(tracks: Positions, truth: Positions, gate: float) -> tuple[Alternative, float] | None:
-    """Simplest transform of the tracks after which they agree with the truth, and the share that agrees without it.
+def alternative(tracks: Positions, truth: Positions, gate: float) -> tuple[Alternative, float, float] | None:
+    """Simplest transform of the tracks after which they agree with the truth, the share that agrees before, and a gate.
 
     Args:
         tracks: estimates.
         truth: true positions.
-        gate: largest distance of a pair.
+        gate: largest distance of a pair; a share `NARROW` of it is tried, too.
     """
     if not (len(tracks.t) and len(truth.t)):
         return None
-    now, best = _met(tracks, truth, gate), None
-    for each in _changes(tracks, truth, gate):
-        if each.met >= max(MIN_MET, now + MIN_MORE) and (best is None or each.met > best.met + 0.1):
-            best = each
-    return None if best is None else (best, _met(tracks, truth, gate, whole=True))
+    for near in (gate, NARROW * gate):
+        now, best = _met(tracks, truth, near), None
+        for each in _changes(tracks, truth, near):
+            if each.met >= max(MIN_MET, now + MIN_MORE) and (best is None or each.met > best.met + 0.1):
+                best = each
+        if best is not None:
+            return best, _met(tracks, truth, near, whole=True), near
+    return None
 
 
 def _changes(tracks: Positions, truth: Positions, gate: float) -> Iterator[Alternative]:
@@ -278,7 +273,8 @@ def _changes_of_time(tracks: Positions, truth: Positions, gate: float) -> Iterat
         shift, met = _best_shift(_timed(tracks, factor, first, begin), truth, gate)
         if factor == 1.0:
             shift += begin - first
-            id, words = "times-shifted", f"times shifted by {shift:+.3f}".rstrip("0").rstrip(".") + f" s{_cause(shift)}"
+            size = f"{shift:+.3f}".rstrip("0").rstrip(".")
+            id, words = "times-shifted", f"times shifted by {size} s{cause_of(shift)}"
         yield Alternative(id, words, met)
     for program, epoch in DAYS.items():
         if abs(tracks.t[0] - truth.t[0] / DAY_S - epoch) < MAX_DAYS:
@@ -289,17 +285,6 @@ def _changes_of_time(tracks: Positions, truth: Positions, gate: float) -> Iterat
     if 1.0 / MAX_RATE < ratio < MAX_RATE and abs(ratio - 1.0) > MIN_RATE:
         words = f"times multiplied by {ratio:.4g} from the first one on"
         yield Alternative("frame-rate-differs", words, _met(_timed(tracks, ratio, first, begin), truth, gate))
-
-
-def _cause(shift: float) -> str:
-    """Usual cause of a clock difference of this size, in brackets; empty if unknown."""
-    for cause, low, high in CLOCKS:
-        if low - CLOCK_ERROR_S <= abs(shift) <= high + CLOCK_ERROR_S:
-            return f" ({cause})"
-    quarters = shift / ZONE_S
-    if 1.0 <= abs(quarters) <= MAX_ZONES and abs(shift - round(quarters) * ZONE_S) <= CLOCK_ERROR_S:
-        return " (a time zone)"
-    return " (times since a start)" if abs(shift) > MIN_EPOCH_S else ""
 
 
 def _timed(tracks: Positions, factor: float, start: float, begin: float) -> Positions:
@@ -449,7 +434,5 @@ class TruthAlignment:
         tracks, truth = (sample_of(each) for each in self._sources())
         found = alternative(tracks, truth, self._gate)
         if found is not None:
-            best, now = found
-            yield finding(
-                ALIGNMENT, best.id, met=best.met, now=now, change=best.change, gate=self._gate, unit=self._unit
-            )
+            best, now, gate = found
+            yield finding(ALIGNMENT, best.id, met=best.met, now=now, change=best.change, gate=gate, unit=self._unit)

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from occlog.array_types import NS, Ints
+from occlog.consistency.clock_offsets import cause_of
 from occlog.console.text import counted
 from occlog.errors import InputError
 from occlog.io.external.cells import TableCells
@@ -219,6 +220,7 @@ def check_clocks(clocks: Sequence[SensorTimes], findings: Findings) -> None:
         others = [other for other in counted if other not in disjoint]
         low, high = min(other.low for other in others), max(other.high for other in others)
         value = f"{utc(clock.low)} to {utc(clock.high)}; the others {utc(low)} to {utc(high)}"
+        value += cause_of((clock.low - low) / NS)
         findings.add("clock-disjoint", clock.name, value)
     for clock, late_ns in _late([clock for clock in counted if clock not in disjoint]):
         limit = f"{GAP_INTERVALS * (clock.usual_ns or 0) / NS:.6g} s"

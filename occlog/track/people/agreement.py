@@ -11,7 +11,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from occlog.array_types import Floats, Ints
+from occlog.array_types import NS, Floats, Ints
+from occlog.consistency.clock_offsets import cause_of
 from occlog.consistency.verdict import MIN_SAMPLES as FEWEST_BOXES
 from occlog.consistency.verdict import exceeds_share
 from occlog.core.plane import inside_polygon
@@ -134,6 +135,10 @@ class CameraAgreement:
         enough = self.expected >= MIN_EXPECTED_DETECTIONS
         return np.where(enough, self.met / np.maximum(self.expected, 1.0), np.nan)
 
+    def person_heights(self) -> Floats:
+        """(C,) median height of people by the boxes of each camera; NaN: too few boxes."""
+        return self._faults.heights()
+
     def checks(self, tally: BoxStatistics, unit: str = "m") -> tuple[Check, ...]:
         """Return all checks of the cameras, with their findings.
 
@@ -142,6 +147,7 @@ class CameraAgreement:
         boxes, whole = int(tally.boxes.sum()), tally.boxes + tally.outside + tally.twice
         known, angles = np.isfinite(self.shares), np.abs(self.angles[np.isfinite(self.angles_limit)])
         few = f"fewer than {MIN_EXPECTED_DETECTIONS} people seen elsewhere should be seen plainly in each camera"
+        disjoint = [*self._disjoint_clocks(tally.first_ns, tally.last_ns)]
         found = (
             *outcome(
                 EXPLAINED,
@@ -161,16 +167,22 @@ class CameraAgreement:
             ),
             *outcome(
                 TIMES,
-                [*self._disjoint_clocks(tally.first_ns, tally.last_ns), *self._late()],
+                [*disjoint, *self._late()],
                 unless="" if np.count_nonzero(tally.first_ns >= 0) > 1 else "there is one camera",
             ),
-            *outcome(GAPS, self._gaps(), unless="" if self.cameras > 1 else "there is one camera"),
+            *outcome(
+                GAPS,
+                () if disjoint else self._gaps(),
+                unless="a camera has other times" if disjoint else "" if self.cameras > 1 else "there is one camera",
+            ),
             *outcome(COMMON, self._common(), unless="" if np.isfinite(self.common_sigma) else "it is not estimated"),
             *outcome(STATIC, self._static()),
             *outcome(BOXES, self._boxes(tally), unless="" if whole.any() else "there are no boxes"),
         )
         # Causes before their consequences
-        found = tuple(sorted(found, key=lambda check: check.id != "camera-clock-offset"))
+        found = tuple(sorted(found, key=lambda check: check.id not in ("camera-times-disjoint", "camera-clock-offset")))
+        if disjoint:
+            return (*found, *outcome(FITS, (), unless="a camera has other times"))
         return (*outcome(FITS, self._causes(found, unit)), *found)
 
     def _common(self) -> Iterator[Check]:
@@ -229,11 +241,8 @@ class CameraAgreement:
                 )
 
     def _causes(self, checks: Sequence[Check], unit: str) -> Iterator[Check]:
-        """Report the mistakes of a set-up that explain misfitting boxes.
-
-        If none is found, report errors of calibrations.
-        """
-        mistakes = self._faults.found(doubtful=any(check.status == "failed" for check in checks))
+        """State the mistakes that explain why boxes of cameras do not fit, or else errors of calibrations."""
+        mistakes = self._faults.found(unit, doubtful=any(check.status == "failed" for check in checks))
         for each in mistakes:
             names = [self.names[c] for c in each.cameras]
             yield finding(FITS, "camera-fits-if", sensors=names, fit=each.fit, now=each.now, change=each.words)
@@ -329,8 +338,9 @@ class CameraAgreement:
         for c in there.tolist():
             others = there[there != c]
             if len(others) and ((first_ns[others] > last_ns[c]) | (last_ns[others] < first_ns[c])).all():
-                offset_s = (first_ns[c] - first_ns[others].min()) / 1e9
-                yield finding(TIMES, "camera-times-disjoint", sensors=[self.names[c]], offset_s=float(offset_s))
+                offset_s = float(first_ns[c] - first_ns[others].min()) / NS
+                cause = cause_of(offset_s)
+                yield finding(TIMES, "camera-times-disjoint", sensors=[self.names[c]], offset_s=offset_s, cause=cause)
 
 
 def _spots(boxes: Floats) -> list[tuple[int, int]]:

@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from itertools import product
+from itertools import chain, product
 from typing import NamedTuple
 
 import numpy as np
@@ -44,6 +44,7 @@ from .pair_overlap import (
     overlap,
     overlaps,
     paired_rows,
+    person_heights,
     projected_people,
 )
 
@@ -60,6 +61,8 @@ LOW_SHARE, LOW = 0.8, 0.6
 below this value; sound cameras have 0.6 to 0.85."""
 MIN_FIT, MIN_MORE = 0.3, 0.2
 """Least agreement with a mistake mended, and how much more that is than without: shares beyond those by chance."""
+MIN_PAIRED = 0.45
+"""Least agreement of cameras that are compared by pairs of boxes: in dense crowds many boxes fit another person."""
 SIMPLER = 0.01
 """Mean overlap by which a mistake must be better than one that is tried before it."""
 FLIPS = {"mirrored": (True, False), "turned by 180 degrees": (True, True), "upside down": (False, True)}
@@ -149,13 +152,14 @@ class CameraFaults:
         if len(self._samples) > MAX_STEPS:
             self._samples, self._step = self._samples[1::2], self._step + 1
 
-    def found(self, *, doubtful: bool) -> list[FittingChange]:
+    def found(self, unit: str, *, doubtful: bool) -> list[FittingChange]:
         """Corrections of the set-up that make cameras agree, the most significant first.
 
         Args:
+            unit: of lengths, for the words.
             doubtful: something is known to be wrong; otherwise only cameras that agree with none are examined.
         """
-        return self._search.found(doubtful=doubtful) if self._compared else []
+        return self._search.found(unit, doubtful=doubtful) if self._compared else []
 
     def errors(self, unit: str) -> list[tuple[tuple[int, ...], str]]:
         """Small calibration errors: (indices of the cameras, description).
@@ -168,9 +172,20 @@ class CameraFaults:
         """
         if not self._compared:
             return []
-        # The filter states and corrects rotations that last
-        stated = (each for each in self._search.errors if each.kind != YAW or each.since or each.until)
-        return [(each.cameras, self._search.words(each, unit)) for each in stated]
+        out: list[tuple[tuple[int, ...], str]] = []
+        for each in self._search.errors:
+            # The filter states and corrects rotations that last; what remains with them may be their consequence
+            if each.kind == YAW and not (each.since or each.until):
+                break
+            either = [each, *([each.rival] if each.rival is not None else [])]
+            cameras = dict.fromkeys(c for error in either for c in error.cameras)
+            out.append((tuple(cameras), ", or ".join(self._search.words(error, unit) for error in either)))
+        return out
+
+    def heights(self) -> Floats:
+        """(C,) median height of people by the boxes of each camera that were kept; NaN: too few boxes."""
+        boxes = (_of_camera(c, camera, self._samples).boxes for c, camera in enumerate(self._cameras))
+        return person_heights([*boxes], self._cameras)
 
     def gaps(self) -> list[Gap]:
         """The longest interval without boxes of each camera that has one."""
@@ -201,25 +216,27 @@ class _Search:
         # Time steps that are compared, while boxes keep all of them: delays are searched for in small steps
         self.every = max(1, round(count / MAX_BOXES))
 
-    def found(self, *, doubtful: bool) -> list[FittingChange]:
-        """Mistakes that last for the whole recording; if there is none, those of a part of it."""
+    def found(self, unit: str, *, doubtful: bool) -> list[FittingChange]:
+        """Mistakes that last for the whole recording; if there is none, those of a part of it; `unit` of lengths."""
         trusted = list(range(len(self.views)))
         agreement = self._agreement(trusted)
         limit = max(LOW_SHARE * max(agreement), LOW) if doubtful else MIN_FIT
         low = sorted((c for c, own in enumerate(agreement) if own < limit), key=agreement.__getitem__)
-        if not (doubtful or max(agreement) >= LOW or any(agreement[c] >= 0.0 for c in low)):
+        if not (doubtful or max(agreement) >= LOW or any(math.isfinite(agreement[c]) for c in low)):
             low = []  # views hardly overlap
-        if max(agreement) < LOW and low and (whole := self._best(self._of_all())) is not None:
+        if max(agreement) < LOW and low and (whole := self._best(self._of_all(unit))) is not None:
             return [whole]
         out: list[FittingChange] = []
         while low and len(trusted) > 1:
             # Of two cameras that do not agree either may be wrong
             tried = low if len(trusted) == 2 else low[:1]
-            changes = [change for c in tried for change in self._changes(c, trusted)]
-            lenses = self._other_lenses
-            if lenses is not None and set(lenses.views) <= set(trusted) and set(lenses.views) & set(tried):
-                changes.append(lenses)
-            best = self._best(iter(changes), trusted)
+            corrections = [
+                each for c in tried for each in self._corrections(c, unit) if set(each.views) <= set(trusted)
+            ]
+            # Least squares tell rotations from other small errors; the search for them does not
+            searched = self._best(iter(corrections), trusted) is None
+            changes = (self._changes(c, trusted, rotations=searched) for c in tried)
+            best = self._best(chain(corrections, *changes), trusted)
             if best is not None:
                 out.append(best)
                 trusted = [c for c in trusted if c not in best.cameras]
@@ -230,19 +247,28 @@ class _Search:
     @cached_property
     def errors(self) -> list[CameraError]:
         """Errors of the calibrations of cameras by least squares over pairs of cameras (`pair_errors`)."""
-        # Boxes of cameras that do not fit at all are paired by chance
-        fitting = [c for c, own in enumerate(self._agreement(range(len(self.views)))) if own >= MIN_FIT]
-        if len(fitting) < 2:
+        return self._errors_of(self._fitting)
+
+    @cached_property
+    def _fitting(self) -> tuple[int, ...]:
+        """Indices of the cameras with an agreement of `MIN_PAIRED`; boxes of other cameras are paired by chance."""
+        return tuple(c for c, own in enumerate(self._agreement(range(len(self.views)))) if own >= MIN_PAIRED)
+
+    def _errors_of(self, cameras: tuple[int, ...]) -> list[CameraError]:
+        """Calibration errors of the cameras with these indices, by least squares over their pairs."""
+        if len(cameras) < 2:
             return []
-        views = [self.views[c] for c in fitting]
+        views = [self.views[c] for c in cameras]
         every = max(1, round(sum(len(view.boxes) for view in views) / MAX_BOXES_OF_PAIRS))
         normal = fit_pairs(views, self.t_ns, self.height, every)
 
         def named(error: CameraError) -> CameraError:
-            return error._replace(cameras=tuple(fitting[c] for c in error.cameras))
+            rival = named(error.rival) if error.rival is not None else None
+            return error._replace(cameras=tuple(cameras[c] for c in error.cameras), rival=rival)
 
         out: list[CameraError] = []
-        for each in camera_errors(normal, lambda error: self._matters(named(error))):
+        people = max(float(np.median(np.bincount(view.steps)[np.unique(view.steps)])) for view in views)
+        for each in camera_errors(normal, people, lambda error: self._matters(named(error))):
             if each.since:
                 # Boxes are paired better with one orientation of each camera; either part may be as calibrated
                 ends = (0, each.since - 1), (each.since, len(self.t_ns))
@@ -264,23 +290,32 @@ class _Search:
         least = {YAW: MIN_ROTATION, FOCAL: MIN_FOCAL, HEIGHT: MIN_RAISED, LATE: MIN_LATE_S}[error.kind]
         return float(np.linalg.norm(error.values, axis=1).max()) >= least
 
-    @cached_property
-    def _other_lenses(self) -> _Change | None:
-        """Correction with other radial distortion for all cameras that have a significant radial error.
+    def _corrections(self, c: int, unit: str) -> Iterator[_Change]:
+        """Candidate corrections of lasting errors that concern camera `c`; all lenses are corrected at once."""
+        cameras = tuple(sorted({c, *self._fitting}))
+        errors = self.errors if cameras == self._fitting else self._errors_of(cameras)
+        errors = [each for each in errors if each.kind != LATE and not (each.since or each.until)]
+        lenses = [each for each in errors if each.kind == RADIAL]
+        for group in (lenses, *([each] for each in errors if each.kind != RADIAL)):
+            if any(c in each.cameras for each in group):
+                words = " and ".join(self.words(each, unit) for each in group)
+                pairs = [pair for each in group for pair in zip(each.cameras, each.values, strict=True)]
+                yield _Change(words, {k: self._corrected(k, group[0].kind, values) for k, values in pairs})
 
-        None if no camera has one.
-        """
-        views = {
-            c: without_radial_error(self.views[c], k)
-            for each in self.errors
-            if each.kind == RADIAL
-            for c, k in zip(each.cameras, each.values[:, 0].tolist(), strict=True)
-        }
-        if not views:
-            return None
-        return _Change(" and ".join(self.words(each) for each in self.errors if each.kind == RADIAL), views)
+    def _corrected(self, c: int, kind: int, values: Floats) -> BoxesOfCamera:
+        """Camera `c` with an error of this kind removed; `values` (1 or 2,) as in `CameraError`."""
+        view, value = self.views[c], float(values[0])
+        if kind == RADIAL:
+            return without_radial_error(view, value)
+        camera = view.camera
+        if kind == YAW:
+            return _rotated(view, -values)
+        if kind == FOCAL:
+            return view._replace(camera=replace(camera, focal_px=camera.focal_px / (1.0 + value)))
+        raised = np.array([0.0, 0.0, value * self.height])
+        return view._replace(camera=replace(camera, position=camera.position + raised))
 
-    def words(self, error: CameraError, unit: str = "") -> str:
+    def words(self, error: CameraError, unit: str) -> str:
         """Description of a camera error for a message; `unit` of lengths."""
         c, value = error.cameras[0], float(error.values[0, 0])
         name = self.views[c].camera.name
@@ -291,28 +326,25 @@ class _Search:
             owner = name if len(px) == 1 else "all cameras"
             return f"the lens of {owner} is off by {size} at the border (missing, or of another model)"
         if error.kind == FOCAL:
-            owner = name if len(error.cameras) == 1 else "all cameras"
-            return f"the focal length of {owner} is {abs(value):.1%} too {'long' if value > 0.0 else 'short'}"
+            return f"the focal length of {name} is {abs(value):.1%} too {'long' if value > 0.0 else 'short'}"
         if error.kind == HEIGHT:
             side = "above" if value > 0.0 else "below"
             return f"{name} is {abs(value) * self.height:.2g} {unit} {side} its stated height"
         if error.kind == LATE:
             return f"the clock of {name} is {abs(value):.2g} s {'late' if value > 0.0 else 'early'}"
-        yaw_deg, pitch_deg = -np.degrees(error.values[0])
         begin_s, end_s = (float(self.t_ns[k] - self.t_ns[0]) / NS for k in (error.since, error.until))
         when = f"from {begin_s:.1f} s on" if error.since else f"until {end_s:.1f} s" if error.until else ""
-        turned = f"{name} is rotated by {yaw_deg:+.1f} deg about the vertical and {pitch_deg:+.1f} deg in pitch"
-        return f"{turned} {when}".rstrip()
+        return f"{_rotation_words(self.views[c], -error.values[0])} {when}".rstrip()
 
     def _agreement(self, trusted: Sequence[int]) -> list[float]:
         """(C list) excess overlap (`Overlap.excess`, at most 1) of each camera with the trusted cameras.
 
-        -1 if too few people are expected.
+        -inf if too few people are expected.
         """
         found = self._own
         if len(trusted) < len(self.views):
             found = [self._overlap({c: view}, trusted) for c, view in enumerate(self.views)]
-        return [each.excess if len(each.met) >= MIN_EXPECTED else -1.0 for each in found]
+        return [each.excess if len(each.met) >= MIN_EXPECTED else -math.inf for each in found]
 
     @cached_property
     def _own(self) -> list[Overlap]:
@@ -408,10 +440,9 @@ class _Search:
                 best, mean = FittingChange(own, change.words, after.share, share), after.mean
         return best
 
-    def _of_all(self) -> Iterator[_Change]:
-        """Candidate corrections that concern all cameras at once."""
-        if self._other_lenses is not None and len(self._other_lenses.views) > 1:
-            yield self._other_lenses
+    def _of_all(self, unit: str) -> Iterator[_Change]:
+        """Candidate corrections that concern all cameras at once; `unit` of lengths."""
+        yield from (each for each in self._corrections(0, unit) if len(each.views) > 1)
         yield _Change(f"extrinsics of all cameras are {INVERTED}", {c: _inverted(v) for c, v in enumerate(self.views)})
         for scale in SCALES:
             scaled = {c: _scaled(view, scale) for c, view in enumerate(self.views)}
@@ -421,10 +452,13 @@ class _Search:
             views = {c: self.views[c]._replace(boxes=boxes) for c, (_, boxes) in enumerate(each)}
             yield _Change(f"boxes of all cameras are {each[0][0]}", views)
 
-    def _changes(self, c: int, trusted: Sequence[int], *, for_a_while: bool = False) -> Iterator[_Change]:
+    def _changes(
+        self, c: int, trusted: Sequence[int], *, for_a_while: bool = False, rotations: bool = True
+    ) -> Iterator[_Change]:
         """Candidate corrections of camera `c`, the simplest first.
 
-        `for_a_while` restricts them to faults that can begin and end during a recording.
+        `for_a_while` restricts them to faults that can begin and end during a recording; `rotations`: search for small
+        rotations, too.
         """
         own, name = self.views[c], self.views[c].camera.name
         for o in trusted:
@@ -445,7 +479,8 @@ class _Search:
             for words, boxes in _other_forms(own):
                 yield _Change(f"boxes of {name} are {words}", {c: own._replace(boxes=boxes)})
             yield from self._late(c)
-        yield from self._turned(c, trusted)
+        if rotations:
+            yield from self._turned(c, trusted)
 
     def _late(self, c: int) -> Iterator[_Change]:
         """Candidate corrections of the clock of camera `c`: boxes shifted later and earlier by the delays `LATE_S`."""
@@ -482,15 +517,20 @@ class _Search:
         yaw, pitch = np.median(near, axis=0)
         if np.hypot(yaw, pitch) < MIN_TURN:
             return
-        yield _rotated(c, own, np.array([yaw, pitch]))
+        angles = np.array([yaw, pitch])
+        yield _Change(_rotation_words(own, angles), {c: _rotated(own, angles)})
 
 
-def _rotated(c: int, own: BoxesOfCamera, angles: Floats) -> _Change:
-    """Candidate correction: camera `c` rotated by yaw and pitch (2,) [rad] about its own axes."""
+def _rotation_words(view: BoxesOfCamera, angles: Floats) -> str:
+    """Description of a rotation of a camera by yaw and pitch (2,) [rad] for a message."""
     yaw_deg, pitch_deg = np.degrees(angles)
-    words = f"{own.camera.name} is rotated by {yaw_deg:+.1f} deg about the vertical and {pitch_deg:+.1f} deg in pitch"
-    moved = replace(own.camera, principal_px=own.camera.principal_px + angles * own.camera.focal_px)
-    return _Change(words, {c: own._replace(camera=moved)})
+    return f"{view.camera.name} is rotated by {yaw_deg:+.1f} deg about the vertical and {pitch_deg:+.1f} deg in pitch"
+
+
+def _rotated(view: BoxesOfCamera, angles: Floats) -> BoxesOfCamera:
+    """Rotate the camera by yaw and pitch (2,) [rad] about its own axes."""
+    camera = view.camera
+    return view._replace(camera=replace(camera, principal_px=camera.principal_px + angles * camera.focal_px))
 
 
 def _of_camera(c: int, camera: Camera, samples: Sequence[tuple[int, dict[int, Floats]]]) -> BoxesOfCamera:

@@ -6,7 +6,7 @@ impossible calibrations.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import chain, islice, pairwise
 from pathlib import Path
@@ -42,14 +42,11 @@ from .frame_detections import (
     rows_of_boxes,
     rows_of_views,
 )
+from .pair_overlap import person_heights
 from .retimed import retimed
 
 S = TypeVar("S", bound=Settings)
 
-MIN_BOXES = 10
-"""Minimum number of boxes of a camera for a check."""
-BORDER_PX = 3.0
-"""A box this near to the lower or upper border of the image may be cut by it."""
 HEIGHT_RATIO_LIMIT = 1.6
 """Maximum ratio of the heights of people between a camera and the others; beyond it the calibrations disagree."""
 WRONG_UNIT_HEIGHT_RATIO = 2.5
@@ -58,37 +55,6 @@ WRONG_UNIT_HEIGHT_RATIO = 2.5
 
 IMPOSSIBLE_HEIGHT_RATIO = 10.0
 """Maximum ratio of any height to the usual height of people, including children and tall machines."""
-
-
-def person_heights(frames: Sequence[FrameDetectionsWithIds], cameras: Sequence[Camera]) -> Floats:
-    """(C,) median height of people by the boxes of each camera, in the scene's unit; NaN: too few boxes.
-
-    The feet are at the middle of the lower edge, on the floor; the head is above them, in the row of the upper edge.
-    """
-    out = np.full(len(cameras), np.nan)
-    for c, camera in enumerate(cameras):
-        boxes = np.concatenate(
-            [np.zeros((0, 4)), *(each.detections.boxes for each in frames if each.detections.camera == c)]
-        )
-        heights = _statures(boxes, camera)
-        if len(heights) >= MIN_BOXES:
-            out[c] = np.median(heights)
-    return out
-
-
-def _statures(boxes: Floats, camera: Camera) -> Floats:
-    """(k,) heights of people [scene's unit] from the boxes (n, 4) with feet on the ground that are not truncated."""
-    left, top, right, bottom = boxes.T
-    if camera.image_size is not None:
-        whole = (bottom < camera.image_size[1] - 1 - BORDER_PX) & (top > BORDER_PX)
-        left, top, right, bottom = (edge[whole] for edge in (left, top, right, bottom))
-    middle = 0.5 * (left + right)
-    feet, head = camera.rays(np.column_stack([middle, bottom])), camera.rays(np.column_stack([middle, top]))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        away = -camera.position[2] / feet[:, 2] * np.hypot(feet[:, 0], feet[:, 1])
-        heights = camera.position[2] + away * head[:, 2] / np.hypot(head[:, 0], head[:, 1])
-    good: Floats = heights[(feet[:, 2] < 0) & np.isfinite(heights) & (heights > 0)]
-    return good
 
 
 def median_height(heights: Floats) -> float:
@@ -173,7 +139,11 @@ class PeopleInput:
         self.numbers: dict[str, FrameNumbers] = {}
         frames = self._frames()
         first = list(islice(frames, FIRST_FRAMES * len(self.views)))
-        self.heights = person_heights(first, self.cameras)
+        boxes = [[np.zeros((0, 4))] for _ in self.cameras]
+        for each in first:
+            if each.detections.camera < len(boxes):
+                boxes[each.detections.camera].append(each.detections.boxes)
+        self.heights = person_heights([np.concatenate(own) for own in boxes], self.cameras)
         self.metre, self.config = self._config(any(len(each.detections.boxes) for each in first))
         scores = np.concatenate([np.zeros(0), *(each.detections.score for each in first)])
         regions = len(scores) > 0 and bool(np.isnan(scores).all()) and self.opened.has(Views)

@@ -52,10 +52,14 @@ TILTED = 0.5
 """Standard deviation of a pitch that all cameras share, relative to `PRIOR`."""
 MIN_INFLATION = 0.2
 """Least ratio of the variance of errors of boxes to the stated one."""
-MOVED = 4.0
+MOVED = 7.0
 """Logarithm of the odds of an error that lasts against a movement: errors that wander resemble movements."""
-MIN_LOG_RATIO = 10.0
+BODIES = 10.0
+"""Logarithm of the odds against an error that lasts where one person is seen: a body unlike the model resembles it."""
+MIN_LOG_RATIO = 7.0
 """Logarithm of the ratio of evidences from which an error is significant."""
+AMBIGUOUS = 3.0
+"""Logarithm of the ratio of evidences below which another error may as well be there instead."""
 EDGE_BATCHES = 3
 """Least number of batches from the begin of the recording to a movement, and from there to its end."""
 BASE_S = 0.4
@@ -78,6 +82,7 @@ class CameraError(NamedTuple):
         since: number of the time step from which it holds; 0: always.
         log_ratio: logarithm of its evidence over that of usual errors alone.
         until: number of the time step up to which it holds; 0: to the end.
+        rival: an error of another camera or kind, lasting as well, that explains nearly as much.
     """
 
     cameras: tuple[int, ...]
@@ -86,6 +91,7 @@ class CameraError(NamedTuple):
     since: int
     log_ratio: float
     until: int = 0
+    rival: CameraError | None = None
 
 
 class Evidence(NamedTuple):
@@ -138,13 +144,14 @@ def fit_pairs(views: Sequence[BoxesOfCamera], t_ns: Ints, person_height: float, 
     return normal
 
 
-def camera_errors(normal: Floats, matters: Callable[[CameraError], bool]) -> list[CameraError]:
+def camera_errors(normal: Floats, people: float, matters: Callable[[CameraError], bool]) -> list[CameraError]:
     """Significant errors of cameras.
 
     The one with the largest evidence, then those that remain significant given the previous ones.
 
     Args:
         normal: (T, K, K + 1) of `fit_pairs`.
+        people: number of people who are seen at once.
         matters: whether an error is large enough to be stated.
     """
     K = normal.shape[1]
@@ -158,12 +165,15 @@ def camera_errors(normal: Floats, matters: Callable[[CameraError], bool]) -> lis
     out: list[CameraError] = []
     for _ in range(C):
         _, _, before = now.solved()
-        best = max((*static_errors(now, before), *movements(now)), key=_log_ratio)
+        lasting = sorted(static_errors(now, before, people), key=_log_ratio, reverse=True)
+        best = max((*lasting, *movements(now)), key=_log_ratio)
         if best.log_ratio < MIN_LOG_RATIO:
             break
         # With one error of a camera corrected the other ones are not linear any more
         if matters(best) and not {c for each in out for c in each.cameras} & set(best.cameras):
-            out.append(best)
+            close = (each for each in lasting if each.log_ratio > best.log_ratio - AMBIGUOUS and each.kind != YAW)
+            others = (each for each in close if each.kind != best.kind or not set(best.cameras) & set(each.cameras))
+            out.append(best._replace(rival=None if best.since else next(filter(matters, others), None)))
         if best.since:
             break
         now = now._replace(prior=now.prior + _prior_of(best.cameras, best.kind, K))
@@ -221,20 +231,23 @@ def _prior_of(cameras: Sequence[int], kind: int, count: int) -> Floats:
     return out
 
 
-def static_errors(now: Evidence, before: float) -> Iterator[CameraError]:
+def static_errors(now: Evidence, before: float, people: float) -> Iterator[CameraError]:
     """Hypotheses of errors that last for the whole recording, with their evidence.
 
-    `before`: log evidence without any error.
+    Args:
+        now: normal equations.
+        before: log evidence without any error.
+        people: number of people who are seen at once.
     """
     K = now.normal.shape[1]
     every = tuple(range(K // OWN))
     summed = now._replace(normal=now.normal.sum(axis=0, keepdims=True))
     for cameras in (*((c,) for c in every), every):
-        for kind in (YAW, RADIAL, FOCAL, HEIGHT, LATE) if len(cameras) == 1 else (RADIAL, FOCAL):
+        for kind in (YAW, RADIAL, FOCAL, HEIGHT, LATE) if len(cameras) == 1 else (RADIAL,):
             x, _, after = summed._replace(prior=now.prior + _prior_of(cameras, kind, K)).solved()
             own = _parameters(cameras, kind)
             scale = PRIOR[kind : kind + own.shape[1]]
-            yield CameraError(cameras, kind, x[own] * scale, 0, after - before)
+            yield CameraError(cameras, kind, x[own] * scale, 0, after - before - BODIES / max(people, 1.0))
 
 
 def movements(now: Evidence) -> Iterator[CameraError]:

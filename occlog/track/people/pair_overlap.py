@@ -19,6 +19,8 @@ MIN_OVERLAP = 0.3
 """Intersection over union of a box with a projected person, from which it fits."""
 BORDER_PX = 3.0
 """Boxes as near to the border of the image may be cut off, and locate no one."""
+MIN_BOXES = 10
+"""Boxes of a camera from which the height of people follows."""
 MAX_INTERVALS, MIN_IN_INTERVAL = 16, 5
 """Intervals of a recording of which mean overlaps are compared, and people expected in each of them."""
 MIN_SIGMAS, MIN_GAIN = 6.0, 0.05
@@ -136,6 +138,34 @@ def located(view: BoxesOfCamera, person_height: float) -> Floats:
         good &= (boxes[:, :2] > BORDER_PX).all(axis=1) & (boxes[:, 2:] < size - 1.0 - BORDER_PX).all(axis=1)
     out[good] = np.column_stack([people, width])[good]
     return out
+
+
+def person_heights(boxes: Sequence[Floats], cameras: Sequence[Camera]) -> Floats:
+    """(C,) median height of people by the boxes (n, 4) of each camera, in the scene's unit; NaN: too few boxes.
+
+    The feet are at the middle of the lower edge, on the ground; the head is above them, in the row of the upper edge.
+    """
+    out = np.full(len(cameras), np.nan)
+    for c, (own, camera) in enumerate(zip(boxes, cameras, strict=True)):
+        heights = _heights(own, camera)
+        if len(heights) >= MIN_BOXES:
+            out[c] = np.median(heights)
+    return out
+
+
+def _heights(boxes: Floats, camera: Camera) -> Floats:
+    """(k,) heights of the k boxes with feet on the ground that neither the upper nor the lower border cuts."""
+    left, top, right, bottom = boxes.T
+    if camera.image_size is not None:
+        whole = (bottom < camera.image_size[1] - 1 - BORDER_PX) & (top > BORDER_PX)
+        left, top, right, bottom = (edge[whole] for edge in (left, top, right, bottom))
+    middle = 0.5 * (left + right)
+    feet, head = camera.rays(np.column_stack([middle, bottom])), camera.rays(np.column_stack([middle, top]))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        away = -camera.position[2] / feet[:, 2] * np.hypot(feet[:, 0], feet[:, 1])
+        heights = camera.position[2] + away * head[:, 2] / np.hypot(head[:, 0], head[:, 1])
+    good: Floats = heights[(feet[:, 2] < 0) & np.isfinite(heights) & (heights > 0)]
+    return good
 
 
 def ideal(camera: Camera, pixels: Floats) -> Floats:

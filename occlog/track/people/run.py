@@ -9,6 +9,7 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from occlog import console
+from occlog.array_types import Floats
 from occlog.errors import UsageError, option
 from occlog.records.declared.people import COASTING, PREDICTED
 from occlog.records.losses import OUTSIDE_IMAGE, Loss
@@ -237,12 +238,12 @@ class PeopleSummary(_Counts):
 
     def checks(self) -> tuple[Check, ...]:
         """Checks of the tracks with their findings."""
-        tally, heights = self.inputs.tally, self.inputs.heights
+        tally, heights = self.inputs.tally, self.agreement.person_heights()
         compared = np.count_nonzero(np.isfinite(heights)) > 1
         return (
             *self.agreement.checks(tally, self.inputs.scene.length_unit),
             *outcome(OUTSIDE, self._lost()),
-            *outcome(SIZES, self._tall(), unless="" if compared else UNSIZED),
+            *outcome(SIZES, self._tall(heights), unless="" if compared else UNSIZED),
             *self.identities(),
             *self.numbering(),
             *self.speeds.checks(self.inputs.scene.length_unit),
@@ -283,10 +284,10 @@ class PeopleSummary(_Counts):
         if self.inputs.regions_smoothed and self.rows:
             yield finding(SMOOTHED, "correlated-region-errors")
 
-    def _tall(self) -> Iterator[Check]:
-        """Report cameras in which people are taller or shorter than in the other cameras."""
+    def _tall(self, heights: Floats) -> Iterator[Check]:
+        """Report cameras in which people are taller or shorter than in the other cameras; `heights` (C,)."""
         unit = self.inputs.scene.length_unit
-        for c, height in inconsistent_cameras(self.inputs.heights).items():
+        for c, height in inconsistent_cameras(heights).items():
             name = self.inputs.names[c]
             yield finding(SIZES, "calibration-inconsistent", sensors=[name], height=height, unit=unit)
 

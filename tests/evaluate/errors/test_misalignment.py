@@ -160,11 +160,24 @@ def test_each_change_is_named(id: str, seed: int) -> None:
     tracks = CHANGES[id](Positions(truth.t, truth.xy + rng.normal(0.0, 0.05, truth.xy.shape)))
     found = alternative(tracks, truth, 1.0)
     assert found is not None
-    best, now = found
+    best, now, gate = found
+    assert gate == 1.0
     assert best.id == id
     assert WORDS[id] in best.change
     assert best.met > 0.9
     assert now < 0.5
+
+
+def test_a_shift_in_a_crowd_is_named_though_somebody_is_within_the_gate_anyway() -> None:
+    truth = positions(0, people=40)
+    tracks = Positions(truth.t + 0.8, truth.xy + np.random.default_rng(0).normal(0.0, 0.05, truth.xy.shape))
+    found = alternative(tracks, truth, 1.0)
+    assert found is not None
+    best, now, gate = found
+    assert (best.id, gate) == ("times-shifted", 0.25)
+    assert "shifted by -0.8 s" in best.change
+    assert best.met > 0.9
+    assert now < 0.6
 
 
 UTC = 1_714_564_800.0

@@ -179,6 +179,29 @@ def test_pixels_that_are_far_from_square_are_stated(tmp_path: Path, aspect: floa
     assert reported in found.text
 
 
+@pytest.mark.parametrize(
+    ("k1", "focal", "width", "expected"),
+    [
+        (-0.2, 920.0, 1280, 1),
+        (-0.2, 1100.0, 1280, 0),
+        (-0.2, 920.0, 1300, 0),
+        (-0.015, 920.0, 1280, 0),
+        (0.0, 900.0, 1280, 0),
+    ],
+)
+def test_a_lens_without_distortion_beside_one_of_the_same_type_with_some_is_named(
+    tmp_path: Path, k1: float, focal: float, width: int, expected: int
+) -> None:
+    path = matrix_of(tmp_path, (1280, 720), 900.0, 640.0, 355.0)
+    other = path.read_text().replace("cam1", "cam2").replace("900.0", f"{focal}").replace("1280", f"{width}")
+    other = other.replace("640", f"{width // 2}").replace("[0.0, 0.0, 3.0]", "[1.0, 0.0, 3.0]")
+    path.write_text(f"{path.read_text()}{other}distortions = [{k1}, 0, 0, 0, 0]\n")
+    found = [check for check in read_calibration([path]).checks if check.found]
+    assert [(each.id, each.sensors) for each in found] == expected * [("distortion-missing", ("cam1",))]
+    # 640 px beside the middle, 0.2 of the square of 640 / 920 less
+    assert all(each.figures["offset_px"] == pytest.approx(0.2 * 640.0**3 / 920.0**2, rel=1e-5) for each in found)
+
+
 @pytest.mark.parametrize("focal", [1.0, 4.2, 50.0])
 def test_a_matrix_that_is_not_in_pixels_is_refused(tmp_path: Path, focal: float) -> None:
     with pytest.raises(InputError, match="give the matrix in pixels, not normalised or in mm"):

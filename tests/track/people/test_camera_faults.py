@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -75,7 +76,7 @@ def found(
 
 def reported(faults: CameraFaults, *, doubtful: bool = True) -> dict[tuple[str, ...], str]:
     """Mistakes in words by the names of their cameras."""
-    return {tuple(NAMES[c] for c in each.cameras): each.words for each in faults.found(doubtful=doubtful)}
+    return {tuple(NAMES[c] for c in each.cameras): each.words for each in faults.found("m", doubtful=doubtful)}
 
 
 def changed(camera: str, **values: object) -> list[Camera]:
@@ -98,11 +99,33 @@ def test_nothing_is_stated_of_cameras_that_are_right(doubtful: bool) -> None:
 def test_inverted_extrinsics_are_named(name: str) -> None:
     own = next(each for each in cameras() if each.name == name)
     stated = inverted(own)
-    (best,) = found(cameras(), changed(name, rotation=stated.rotation, position=stated.position)).found(doubtful=False)
+    (best,) = found(cameras(), changed(name, rotation=stated.rotation, position=stated.position)).found(
+        "m", doubtful=False
+    )
     assert best.cameras == (NAMES.index(name),)
     assert best.words.startswith(f"extrinsics of {name} are inverted")
     assert best.fit == 1.0
     assert best.now == 0.0
+
+
+def test_a_height_that_is_off_is_told_from_a_pitch() -> None:
+    own = cameras()[0]
+    faults = found(cameras(), changed("a", position=own.position + np.array([0.0, 0.0, 0.5])))
+    ((names, words),) = reported(faults).items()
+    assert names == ("a",)
+    above = re.fullmatch(r"a is ([\d.]+) m below its stated height", words)
+    assert above is not None
+    assert float(above[1]) == pytest.approx(0.5, abs=0.05)
+
+
+def test_a_focal_length_that_is_off_is_told_from_other_errors() -> None:
+    own = cameras()[1]
+    faults = found(cameras(), changed("b", focal_px=1.25 * own.focal_px))
+    ((names, words),) = reported(faults).items()
+    assert names == ("b",)
+    long = re.fullmatch(r"the focal length of b is ([\d.]+)% too long", words)
+    assert long is not None
+    assert float(long[1]) == pytest.approx(25.0, abs=3.0)
 
 
 def test_inverted_extrinsics_of_all_cameras_are_named_together() -> None:

@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from occlog.track.people.pair_errors import (
+    BODIES,
     FAULT,
     FOCAL,
     HEIGHT,
@@ -52,11 +53,12 @@ def test_the_evidence_of_an_error_is_the_ratio_of_densities(kind: int) -> None:
     H, y = measured(np.zeros(K), seed=kind)
     now = Evidence(normal(H, y), USUAL_PRIOR)
     rows, values = H.reshape(-1, K), y.ravel()
-    (own,) = (e for e in static_errors(now, now.solved()[2]) if e.kind == kind and e.cameras == (1,))
+    (own,) = (e for e in static_errors(now, now.solved()[2], 4.0) if e.kind == kind and e.cameras == (1,))
     prior = USUAL_PRIOR.copy()
     for k in [YAW, PITCH] if kind == YAW else [kind]:
         prior[OWN + k, OWN + k] += FAULT[k] ** 2
-    assert own.log_ratio == pytest.approx(log_density(rows, values, prior) - log_density(rows, values, USUAL_PRIOR))
+    ratio = log_density(rows, values, prior) - log_density(rows, values, USUAL_PRIOR)
+    assert own.log_ratio == pytest.approx(ratio - BODIES / 4.0)
 
 
 def test_the_evidence_of_a_movement_is_the_ratio_of_densities_over_all_times() -> None:
@@ -83,7 +85,7 @@ def test_the_evidence_of_a_movement_is_the_ratio_of_densities_over_all_times() -
 
 def test_nothing_is_found_in_errors_of_boxes_alone() -> None:
     for seed in range(20):
-        assert camera_errors(normal(*measured(np.zeros(K), seed)), lambda _: True) == []
+        assert camera_errors(normal(*measured(np.zeros(K), seed)), 4.0, lambda _: True) == []
 
 
 @pytest.mark.parametrize("kind", [YAW, RADIAL, FOCAL, HEIGHT, LATE])
@@ -91,7 +93,7 @@ def test_nothing_is_found_in_errors_of_boxes_alone() -> None:
 def test_one_error_of_one_camera_is_found_alone(kind: int, camera: int) -> None:
     true = np.zeros(K)
     true[OWN * camera + kind] = 1.5
-    (found,) = camera_errors(normal(*measured(true, 7)), lambda _: True)
+    (found,) = camera_errors(normal(*measured(true, 7)), 4.0, lambda _: True)
     assert (found.cameras, found.kind, found.since) == ((camera,), kind, 0)
     assert found.values[0, 0] == pytest.approx(1.5 * PRIOR[kind], abs=0.3 * PRIOR[kind])
 
@@ -99,17 +101,17 @@ def test_one_error_of_one_camera_is_found_alone(kind: int, camera: int) -> None:
 def test_an_error_that_all_cameras_share_is_found_once() -> None:
     true = np.zeros(K)
     true[RADIAL:-1:OWN] = 0.8
-    (found,) = camera_errors(normal(*measured(true, 8)), lambda _: True)
+    (found,) = camera_errors(normal(*measured(true, 8)), 4.0, lambda _: True)
     assert (found.cameras, found.kind) == (tuple(range(C)), RADIAL)
 
 
 def test_a_pitch_that_all_cameras_share_is_the_shape_of_bodies() -> None:
     true = np.zeros(K)
     true[PITCH:-1:OWN] = 0.7
-    assert camera_errors(normal(*measured(true, 9)), lambda _: True) == []
+    assert camera_errors(normal(*measured(true, 9)), 4.0, lambda _: True) == []
 
 
 def test_errors_that_do_not_matter_are_not_stated() -> None:
     true = np.zeros(K)
     true[FOCAL] = 1.5
-    assert camera_errors(normal(*measured(true, 10)), lambda error: error.kind != FOCAL) == []
+    assert camera_errors(normal(*measured(true, 10)), 4.0, lambda error: error.kind != FOCAL) == []

@@ -9,7 +9,8 @@ from people_boxes import HEIGHT, boxes, camera, hall
 from occlog.settings import LENGTH_POWER, declaration, declared
 from occlog.track.methods.jipda.config import JipdaConfig
 from occlog.track.people.frame_detections import BoxStatistics, FrameDetectionsWithIds, frame_detections, rows_of_boxes
-from occlog.track.people.inputs import in_units_of, inconsistent_cameras, median_height, person_heights
+from occlog.track.people.inputs import in_units_of, inconsistent_cameras, median_height
+from occlog.track.people.pair_overlap import person_heights
 
 
 def some(metre: float = 1.0) -> tuple[list[FrameDetectionsWithIds], tuple]:
@@ -18,25 +19,30 @@ def some(metre: float = 1.0) -> tuple[list[FrameDetectionsWithIds], tuple]:
     return list(frame_detections(rows_of_boxes([found]), scene.cameras, "abc", BoxStatistics.of(3))), scene.cameras
 
 
+def heights(frames: list[FrameDetectionsWithIds], cameras: tuple) -> np.ndarray:
+    own = [[each.detections.boxes for each in frames if each.detections.camera == c] for c in range(len(cameras))]
+    return person_heights([np.concatenate([np.zeros((0, 4)), *each]) for each in own], cameras)
+
+
 @pytest.mark.parametrize("metre", [1.0, 100.0])
 def test_people_are_as_tall_as_they_are(metre: float) -> None:
-    observations, cameras = some(metre)
-    np.testing.assert_allclose(person_heights(observations, cameras), metre * HEIGHT, rtol=0.05)
+    frames, cameras = some(metre)
+    np.testing.assert_allclose(heights(frames, cameras), metre * HEIGHT, rtol=0.05)
 
 
 def test_few_boxes_tell_nothing() -> None:
-    observations, cameras = some()
-    assert np.isnan(person_heights(observations[:2], cameras)).all()
+    frames, cameras = some()
+    assert np.isnan(heights(frames[:2], cameras)).all()
     assert np.isnan(median_height(np.full(3, np.nan)))
 
 
 def test_a_camera_that_is_not_where_the_scene_says_makes_other_people() -> None:
-    observations, cameras = some()
+    frames, cameras = some()
     moved = (camera("a", position=np.array([0.0, 0.0, 6.0])), *cameras[1:])
-    odd = inconsistent_cameras(person_heights(observations, moved))
+    odd = inconsistent_cameras(heights(frames, moved))
     assert list(odd) == [0]
     assert odd[0] > 1.6 * HEIGHT
-    assert inconsistent_cameras(person_heights(observations, cameras)) == {}
+    assert inconsistent_cameras(heights(frames, cameras)) == {}
 
 
 def test_lengths_are_put_in_units_of_the_scene() -> None:

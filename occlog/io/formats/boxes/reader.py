@@ -487,7 +487,7 @@ def _column_times(found: _BoxScan, first: int, stop: int, where: str) -> dict[st
     for name, stamps in found.stamps.items():
         step = steps.get(name, 0.0)
         needed = min(math.ceil(max(ends.values()) / step) + 2, MAX_FRAMES) if step > 0 else 0
-        out[name] = table_times(stamps, first, max(stop, needed), where)
+        out[name] = table_times(stamps, first, max(stop, needed), f"{where}: camera {name}")
     return out
 
 

@@ -53,6 +53,9 @@ IMPORTERS: dict[str, Importer] = {
 """Every format that can be read, with its unit of lengths."""
 FAR_M, NEAR_M = 500.0, 0.05
 """Cameras that are farther apart than that, or all nearer to each other, are a sign of another unit."""
+SAME_FOCAL, MIN_LENS_SHARE = 0.1, 0.005
+"""Greatest relative difference of the focal lengths of cameras of one type, and the least offset by a distortion at the
+left and right borders that matters, by the width of the images."""
 
 OF_CAMERAS = (
     *(
@@ -144,7 +147,7 @@ def read_calibration(
     if (double := first_double([c.name for c in cameras])) is not None:
         raise InputError(f"{files[0]}: two cameras are named {double!r}; their names must differ", id="duplicate-name")
     unit = options.unit or (pairs.unit_of(files) if name == "opencv-pairs" else IMPORTERS[name].assumed)
-    checks = outcome(CALIBRATION, [*options.findings, *_unused(options), *_distances(cameras)])
+    checks = outcome(CALIBRATION, [*options.findings, *_unused(options), *_distances(cameras), *_lenses(cameras)])
     return CalibrationFile(cameras, name, unit, tuple(options.notes), options.mirror, checks)
 
 
@@ -167,6 +170,36 @@ def _distances(cameras: Sequence[Camera]) -> Iterator[Check]:
         span = float(np.linalg.norm(centres.max(axis=0) - centres.min(axis=0)))
     if len(cameras) > 1 and (span > FAR_M or span < NEAR_M):
         yield finding(CALIBRATION, "camera-distances-implausible", span=span, least=NEAR_M, most=FAR_M)
+
+
+def _lenses(cameras: Sequence[Camera]) -> Iterator[Check]:
+    """Find cameras without a distortion, beside others of the same type (image size and focal length) with one."""
+    straight = [camera for camera in cameras if camera.straight]
+    offsets = {c.name: _offset_at_border(c) for c in cameras if straight and not c.straight}
+    for camera in straight:
+        same = [
+            (offsets[other.name], other.name)
+            for other in cameras
+            if other.image_size == camera.image_size
+            and abs(other.focal_px[0] / camera.focal_px[0] - 1.0) < SAME_FOCAL
+            and offsets.get(other.name, 0.0) > MIN_LENS_SHARE * _width(other)
+        ]
+        if same:
+            offset, name = max(same)
+            yield finding(CALIBRATION, "distortion-missing", sensors=[camera.name], other=name, offset_px=offset)
+
+
+def _offset_at_border(camera: Camera) -> float:
+    """Largest offset of the image by the distortion in the middle of the left and right borders [px]."""
+    half = 0.5 * _width(camera) / camera.focal_px[0]
+    points = camera.position + np.array([[-half, 0.0, 1.0], [half, 0.0, 1.0]]) @ camera.rotation.T
+    ideal = camera.principal_px + camera.focal_px * [[-half, 0.0], [half, 0.0]]
+    with np.errstate(over="ignore"):
+        return float(np.linalg.norm(camera.project(points) - ideal, axis=1).max())
+
+
+def _width(camera: Camera) -> int:
+    return (camera.image_size or (0, 0))[0]
 
 
 def _files(path: Path) -> list[Path]:
