@@ -10,15 +10,17 @@ import numpy as np
 
 from occlog import console
 from occlog.array_types import NS, Floats
-from occlog.core.geometry.camera import angles_from_rotation
+from occlog.core.geometry.camera import angles_from_rotation, wrap_angle
 from occlog.errors import InputError, option
 from occlog.io.files.atomic import write_bytes
 from occlog.io.formats.calibration.outputs import format_of
 from occlog.io.formats.calibration.points import read_marked_points
 from occlog.io.formats.calibration.writer import check_calibration
+from occlog.io.open import open_input
 from occlog.records.frames import Image
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Clock, Scene
+from occlog.records.tables import Doa
 from occlog.records.verdicts import Check, finding, outcome, summary_of, texts_of
 from occlog.runner import Job
 from occlog.settings import METRES, configure
@@ -27,6 +29,7 @@ from occlog.track.people.inputs import ImageInput
 from occlog.track.request import TrackInImagesRequest
 
 from .adjustment import DRIFT, FOCAL, LATE
+from .arrays import ArrayPrior, ArrayResult, Directions, Path, place_array
 from .config import CalibrateConfig
 from .focal import FocalEstimate, focal_of_people, lens_unknown, with_focal
 from .marked import MarkedPose, pose_of_points
@@ -36,11 +39,12 @@ from .stage import SIGMA_LOG_FOCAL, Calibrated, CameraResult, calibrate, tracks_
 
 CAMERAS, PARAMETERS, SEARCH = "cameras calibrated", "parameters determined", "convergence"
 STATED, CLOCKS, LENSES = "stated poses", "clocks of cameras", "lenses from people"
+ARRAYS = "microphone arrays"
 """Names of checks."""
 MAX_MOVED = 4.0
 """Largest correction of a stated position or yaw, in stated standard deviations."""
 CLOCK = "{}-clock"
-"""Name of the clock of a camera that is late."""
+"""Name of the clock of a sensor that is late."""
 MAX_BOXES = 60_000
 """Boxes that are used, from the beginning of a recording; more take longer and change little."""
 
@@ -81,14 +85,16 @@ def run_calibrate(request: CalibrateRequest, job: Job) -> tuple[dict[str, object
     except InputError as error:
         raise InputError(f"{request.recording}: {error}") from error
     stated = any(c.has_height for c in cameras)
+    arrays = _arrays(request, inputs, found.paths, config, metre)
     made = job.provenance({**asdict(config), "ignore_poses": request.ignore_poses, "estimate": estimate}, inputs.losses)
-    made = made.with_checks((*_checks(found, cameras, config, metre, focal=request.focal), *start.checks(found)))
-    scene = _scene(inputs.scene, found, placed=stated)
+    checks = *_checks(found, cameras, config, metre), *start.checks(found)
+    made = made.with_checks((*checks, *_array_checks(arrays, inputs.scene, placed=stated)))
+    scene = _with_arrays(_scene(inputs.scene, found, placed=stated), inputs.scene, arrays)
     if request.picture is not None:
         from .picture import picture
 
         write_bytes(request.picture, picture(found, _images(inputs, found), metre), job.overwrite)
-    write_scene(request.output, scene, _comment(found, scene.length_unit), job)
+    write_scene(request.output, scene, _comment(found, arrays, scene.length_unit), job)
     console.note_findings(texts_of(made.judged, "calibrate"), job.quiet)
     summary: dict[str, object] = {
         "scene": str(request.output),
@@ -99,9 +105,92 @@ def run_calibrate(request: CalibrateRequest, job: Job) -> tuple[dict[str, object
         "sigma_all_cameras": _frame(found),
         "error_correlation": round(found.correlation, 2),
     }
+    if arrays:
+        summary["microphone_arrays"] = {each.array.name: _array_figures(each) for each in arrays}
     if start.marked:
         summary["marked_points"] = {each.camera.name: _marked_figures(each) for each in start.marked}
     return {**summary, **summary_of(made.judged)}, inputs.losses
+
+
+def _arrays(
+    request: CalibrateRequest, inputs: ImageInput, paths: Sequence[Path], config: CalibrateConfig, metre: float
+) -> list[ArrayResult]:
+    """Microphone arrays with directions of arrival, placed by people who speak."""
+    opened = inputs.opened if request.doa is None else open_input(request.doa, Doa)
+    if not opened.has(Doa):
+        return []
+    heard = Doa.concat([Doa.empty(), *opened.rows(Doa)])
+    recorded = {a.name: float(a.yaw) for a in (() if opened.scene is None else opened.scene.arrays)}
+    out = []
+    for array in inputs.scene.arrays:
+        own = heard.take(np.flatnonzero(heard.sensor == array.name))
+        upward = array.sigma if array.sigma_elevation is None else array.sigma_elevation
+        directions = Directions(
+            own.t_ns / NS, own.azimuth, own.elevation,
+            np.where(np.isnan(own.sigma_azimuth), array.sigma, own.sigma_azimuth),
+            np.where(np.isnan(own.sigma_elevation), upward, own.sigma_elevation),
+        )  # fmt: skip
+        prior = ArrayPrior(
+            recorded.get(array.name, array.yaw), config.max_clock_offset, config.source_height * metre,
+            config.sigma_source_height * metre, metre,
+        )  # fmt: skip
+        if len(own):
+            out.append(place_array(array, directions, paths, prior))
+    return out
+
+
+def _with_arrays(scene: Scene, stated: Scene, arrays: Sequence[ArrayResult]) -> Scene:
+    """The scene with arrays that were placed, and their clocks."""
+    clocks = {clock.name: clock for clock in scene.clocks}
+    found = {}
+    for each in arrays:
+        array = each.array
+        if each.is_late:
+            before = clocks[array.clock] if array.clock is not None else Clock("")
+            name = CLOCK.format(array.name)
+            clocks[name] = replace(before, name=name, offset_ns=before.offset_ns + round(each.late_s * NS))
+            array = replace(array, clock=name)
+        if not each.reason:
+            found[array.name] = array
+    kept = {a.name for a in scene.arrays}
+    own = [found.get(a.name, a) for a in stated.arrays if a.name in kept or a.name in found]
+    return replace(scene, arrays=tuple(own), clocks=tuple(clocks.values()))
+
+
+def _array_figures(each: ArrayResult) -> dict[str, object]:
+    """Figures of one microphone array."""
+    if each.reason:
+        return {"estimated": False, "directions": each.directions, "of_people": round(each.share, 2)}
+    return {
+        "position": [round(float(v), 3) for v in each.array.position],
+        "sigma_position": [round(float(v), 3) if np.isfinite(v) else None for v in each.sigma[:3]],
+        "yaw_deg": round(float(np.degrees(each.array.yaw)), 2),
+        "sigma_yaw_deg": round(float(np.degrees(each.sigma[3])), 2),
+        "clock_offset_s": round(each.late_s, 3),
+        "sigma_clock_s": round(float(each.sigma[4]), 3),
+        "directions": each.directions,
+        "of_people": round(each.share, 2),
+        "noise_factor": round(each.scale, 2),
+    }
+
+
+def _array_checks(arrays: Sequence[ArrayResult], scene: Scene, *, placed: bool) -> tuple[Check, ...]:
+    """Checks of microphone arrays; `placed`: their stated poses are in the frame of the result."""
+    stated = {a.name: a for a in scene.arrays}
+    out = []
+    for each in arrays:
+        name, before = [each.array.name], stated[each.array.name]
+        if each.reason:
+            out.append(finding(ARRAYS, "array-not-calibrated", sensors=name, reason=each.reason))
+            continue
+        if placed:
+            away = float(np.linalg.norm(each.array.position - before.position))
+            turned = float(np.degrees(wrap_angle(np.array(each.array.yaw - before.yaw))))
+            out.append(finding(ARRAYS, "array-placed", sensors=name, distance=away, yaw_deg=turned))
+        if each.is_late:
+            late, sigma = each.late_s, float(each.sigma[4])
+            out.append(finding(ARRAYS, "clock-offset-found", sensors=name, late_s=late, sigma_s=sigma))
+    return outcome(ARRAYS, out, unless="" if arrays else "no directions of arrival")
 
 
 def _images(inputs: ImageInput, found: Calibrated) -> dict[str, Image]:
@@ -140,8 +229,7 @@ class Start(NamedTuple):
         for each in found.cameras:
             if each.estimated and each.camera.name in self.guessed:
                 name, focal = each.camera.name, float(each.camera.focal_px[0])
-                left = "focal length" in each.undetermined
-                sigma = focal * (self.guessed[name].sigma_log if left else float(each.sigma[FOCAL]))
+                sigma = focal * float(each.sigma[FOCAL])
                 out.append(finding(LENSES, "lens-from-people", sensors=[name], focal=focal, sigma=sigma))
         return outcome(LENSES, out, unless="" if self.guessed else "lenses are stated")
 
@@ -253,14 +341,12 @@ def _frame(found: Calibrated) -> dict[str, float]:
     return {name: round(value, 4) for name, value in values.items() if np.isfinite(value)}
 
 
-def _checks(
-    found: Calibrated, stated: Sequence[Camera], config: CalibrateConfig, metre: float, *, focal: bool
-) -> tuple[Check, ...]:
+def _checks(found: Calibrated, stated: Sequence[Camera], config: CalibrateConfig, metre: float) -> tuple[Check, ...]:
     """Checks of the calibration with their findings."""
     known = any(c.has_height for c in stated)
     return (
         *outcome(CAMERAS, _missing(found), cameras=sum(each.estimated for each in found.cameras)),
-        *outcome(PARAMETERS, _loose(found, focal=focal)),
+        *outcome(PARAMETERS, _loose(found)),
         *outcome(SEARCH, () if found.converged else (finding(SEARCH, "adjustment-not-converged"),)),
         *outcome(STATED, _moved(found, stated, config, metre), unless="" if known else "no poses are stated"),
         *_clocks(found),
@@ -273,12 +359,10 @@ def _missing(found: Calibrated) -> Iterator[Check]:
             yield finding(CAMERAS, "camera-not-calibrated", sensors=[each.camera.name])
 
 
-def _loose(found: Calibrated, *, focal: bool) -> Iterator[Check]:
-    """Parameters that were asked for and are not determined; `focal`: focal lengths were."""
+def _loose(found: Calibrated) -> Iterator[Check]:
+    """Parameters that were asked for and are not determined."""
     for each in found.cameras:
         for name in each.undetermined:
-            if name == "focal length" and not focal:
-                continue  # of marked points or people, which `marked_points` and `lens-from-people` state
             yield finding(PARAMETERS, "parameter-undetermined", sensors=[each.camera.name], parameter=name)
 
 
@@ -313,7 +397,7 @@ def _clock_findings(found: Calibrated) -> Iterator[Check]:
         yield finding(CLOCKS, "clock-drift-undetermined", sensors=loose)
 
 
-def _comment(found: Calibrated, unit: str) -> str:
+def _comment(found: Calibrated, arrays: Sequence[ArrayResult], unit: str) -> str:
     """Comments with the standard deviations."""
     lines = [f"Calibrated from {found.people} people by occlog calibrate; standard deviations relative to all cameras:"]
     for each in found.cameras:
@@ -325,4 +409,12 @@ def _comment(found: Calibrated, unit: str) -> str:
             )
         else:
             lines.append(f"{each.camera.name}: not calibrated, as it was stated")
+    for array in arrays:
+        if not array.reason:
+            x, y, z, yaw, late = array.sigma.tolist()
+            high = f", {z:.3f}" if np.isfinite(z) else ""
+            lines.append(
+                f"{array.array.name}: position {x:.3f}, {y:.3f}{high} {unit}, yaw {np.degrees(yaw):.3f} deg, "
+                f"clock {late:.4f} s"
+            )
     return "".join(f"# {line}\n" for line in lines)

@@ -46,6 +46,7 @@ from .adjustment import (
     Observations,
 )
 from .alignment import Complexes, PairAlignment, PlanarPose, align_pair, joined
+from .arrays import Path
 from .config import CalibrateConfig
 from .ground_plane import GroundPlane, ground_plane
 from .people import Tracklet, observations, on_grid, persons
@@ -126,6 +127,7 @@ class Calibrated(NamedTuple):
         converged: the adjustment ended by itself.
         seen: boxes that determine it.
         residual: (N, 4) of them, observed minus expected edges [px]; NaN: not used.
+        paths: of the people, by the common clock.
     """
 
     cameras: list[CameraResult]
@@ -137,6 +139,7 @@ class Calibrated(NamedTuple):
     converged: bool
     seen: Observations
     residual: Floats
+    paths: list[Path]
 
 
 class _Estimate(NamedTuple):
@@ -222,6 +225,9 @@ def calibrate(
         step("adjust")
         done, seen = _adjusted(rows, now, used, body, sigma, window_s)
     loose = _undetermined(done, sigma)
+    if sigma_log_focal is not None:
+        # Those of marked points or of people are estimates, which boxes make better or leave
+        loose[:, FOCAL] &= sigma_log_focal == SIGMA_LOG_FOCAL
     if loose.any():
         # What the boxes do not determine is as it was stated
         now = _Estimate(
@@ -497,7 +503,15 @@ def _placed(
     with np.errstate(divide="ignore"):
         frame = 1.0 / np.sqrt(information)
     names = [_loose_names(each) for each in loose]
-    return _result(stated, cameras, done, seen, clocks, used, covariance, frame, done.mean_height * scale, names)
+    found = _result(stated, cameras, done, seen, clocks, used, covariance, frame, done.mean_height * scale, names)
+    at = shift + scale * np.exp(1j * yaw) * (done.states[:, 0] + 1j * done.states[:, 1])
+    return found._replace(paths=_paths(seen, seen.time + _middle(clocks.late[own]), at))
+
+
+def _paths(seen: Observations, times: Floats, at: Complexes) -> list[Path]:
+    """Paths of the people at the times (K,) and positions (K,) of the knots."""
+    ends = zip(seen.first[:-1].tolist(), seen.first[1:].tolist(), strict=True)
+    return [Path(times[a:b], at[a:b]) for a, b in ends]
 
 
 def _result(
@@ -537,7 +551,7 @@ def _result(
         )
     return Calibrated(
         results, len(seen.first) - 1, mean_height, frame, covariance, done.correlation, done.converged, seen,
-        done.residual,
+        done.residual, [],
     )  # fmt: skip
 
 
