@@ -1,6 +1,7 @@
 """Calibration by people who walk, against the true cameras: simulated rooms with rough poses and late clocks.
 
-    python -m benchmarks.track.calibrate [--rigs N] [--seed N] [--cameras N] [--seconds S] [--without-poses] [--arrays]
+    python -m benchmarks.track.calibrate [--rigs N] [--seed N] [--cameras N] [--seconds S]
+        [--without-poses | --arrays | --sizes-alone]
 
 Rooms, lenses, detectors and people are those of `benchmarks.setups`; bodies are not the ellipsoids of the estimator.
 Stated poses are off by 3 degrees and 0.5 m per axis, clocks by up to 0.8 s.  Errors are relative to all cameras
@@ -8,7 +9,7 @@ together, after a similarity in the plane.  NEES is that of each parameter: 1 if
 
 With --arrays three microphone arrays of unknown pose and clock are in each room, on two walls and in the middle.  Each
 person speaks for 3 s on average and is silent for 8 s; a tenth of the directions is missed, and one in two seconds is
-of no person.
+of no person.  With --sizes-alone nothing is known of cameras but the size of their images.
 """
 
 from __future__ import annotations
@@ -22,9 +23,11 @@ import numpy as np
 
 from benchmarks.setups import _rigs
 from occlog.array_types import NS, Floats
+from occlog.calibrate.adjustment import FOCAL
 from occlog.calibrate.arrays import ArrayPrior, Directions, place_array
 from occlog.calibrate.config import CalibrateConfig
-from occlog.calibrate.stage import Calibrated, CameraResult, calibrate
+from occlog.calibrate.focal import focal_of_people, with_focal
+from occlog.calibrate.stage import Calibrated, CameraResult, calibrate, tracks_in_images
 from occlog.core.geometry.camera import angles_from_rotation, rotation_from_angles, wrap_angle
 from occlog.errors import InputError
 from occlog.records.scene import Camera, MicrophoneArray, Scene
@@ -162,6 +165,33 @@ def placed_arrays(rig: _rigs.Rig, found: Calibrated, late: Floats) -> Floats:
     return np.array(out)
 
 
+def sizes_measured(seeds: Iterable[int], cameras: int) -> None:
+    """Calibrate cameras of which the image size alone is known; print errors of positions, yaw and focal lengths."""
+    rows = []
+    for seed in seeds:
+        frames, true, start, late = room(seed, cameras, poses=False)
+        bare = [replace(c, principal_px=np.zeros(2), distortion=np.zeros(5), focal_px=np.ones(2)) for c in start]
+        guess = [focal_of_people(c, tracks_in_images(frames, k, c), 1.7) for k, c in enumerate(bare)]
+        lenses = [with_focal(c, each.focal_px) for c, each in zip(bare, guess, strict=True)]
+        sigma = np.array([each.sigma_log for each in guess])
+        try:
+            found = calibrate(frames, Scene(tuple(lenses)), lenses, CalibrateConfig(), sigma_log_focal=sigma)
+        except InputError as error:
+            print(f"{seed}: refused: {error}", flush=True)
+            continue
+        off = errors(found.cameras, true, late)
+        own = [c for c, each in enumerate(found.cameras) if each.estimated]
+        for n, c in enumerate(own):
+            focal, first = float(found.cameras[c].camera.focal_px[0]), guess[c].focal_px
+            real = float(true[c].focal_px[0])
+            nees = (np.log(focal / real) / found.cameras[c].sigma[FOCAL]) ** 2
+            rows.append([off["position"][n], off["yaw"][n], abs(first / real - 1.0), abs(focal / real - 1.0), nees])
+        print(f"{seed}: " + str(np.round(rows[-len(own) :], 3).tolist()), flush=True)
+    names = ("position [m]", "yaw [deg]", "focal length at the start", "focal length", "NEES of focal length")
+    for name, column in zip(names, np.array(rows).T, strict=True):
+        print(f"{name}: median {np.median(column):.4g}, 95 % {np.percentile(column, 95):.4g}, mean {column.mean():.4g}")
+
+
 def arrays_measured(seeds: Iterable[int], cameras: int) -> None:
     """Calibrate cameras with rough poses, then arrays; print errors."""
     every = []
@@ -237,11 +267,12 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--without-poses", action="store_true")
     parser.add_argument("--arrays", action="store_true")
+    parser.add_argument("--sizes-alone", action="store_true")
     given = parser.parse_args()
     _rigs.SECONDS = given.seconds
     seeds, poses = range(given.seed, given.seed + given.rigs), not given.without_poses
-    if given.arrays:
-        arrays_measured(seeds, given.cameras)
+    if given.arrays or given.sizes_alone:
+        (arrays_measured if given.arrays else sizes_measured)(seeds, given.cameras)
         return
     rooms = ((k, room(k, given.cameras, poses=poses)) for k in seeds)
     found = measured(rooms, CalibrateConfig(), show=True)

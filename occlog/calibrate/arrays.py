@@ -66,7 +66,7 @@ NARROWEST, WIDEST = 1.0, 4.0
 """Limits of the factor of the standard deviations of directions that is estimated."""
 BLOCK_S = 2.0
 """Length of the blocks of time over which errors are correlated [s]."""
-MIN_DIRECTIONS, MIN_GAIN = 40, 20.0
+MIN_DIRECTIONS, MIN_GAIN = 80, 20.0
 """Directions of people at least, and logarithm of the likelihood over that of chance."""
 MIN_LEAD = 8.0
 """Logarithm of the likelihood over that of the next pose."""

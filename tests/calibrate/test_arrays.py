@@ -27,6 +27,7 @@ from occlog.calibrate.arrays import (
     place_array,
 )
 from occlog.calibrate.arrays import Path as WalkedPath
+from occlog.calibrate.kernels import expected_boxes
 from occlog.calibrate.run import _array_checks, _with_arrays
 from occlog.cli.main import run
 from occlog.core.geometry.camera import wrap_angle
@@ -34,8 +35,9 @@ from occlog.errors import ExitCode
 from occlog.io.formats.scenes.scene import read_scene, scene_to_yaml
 from occlog.io.open import open_input
 from occlog.records.scene import MicrophoneArray, Scene
-from occlog.records.tables import Bearings, Doa
+from occlog.records.tables import Bearings, Doa, Truth
 from occlog.scans.sources import bearings_of_doa
+from occlog.track.methods.jipda.kernels.body_box import pack_views
 
 MOUTH = 1.5
 TRUE = MicrophoneArray("mic", np.array([1.0, 7.0, 2.2]), np.radians(-35.0), sigma=np.radians(3.0))
@@ -183,3 +185,58 @@ def test_cameras_and_an_array_in_one_run(tmp_path: Path, capsys: pytest.CaptureF
     after = Bearings.concat(bearings_of_doa(opened.rows(Doa), found, recorded=opened.scene))
     turned = wrap_angle(after.bearing - before.azimuth)
     np.testing.assert_allclose(turned, wrap_angle(np.array(array.yaw - STATED.yaw)), atol=1e-9)
+
+
+@pytest.mark.jit
+def test_arrays_of_a_simulated_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Cameras and arrays of one simulated scene: directions are of `simulate`, boxes of its true paths."""
+    arrays = (TRUE, replace(TRUE, name="table", position=np.array([5.5, 3.5, 0.8]), yaw=2.0, planar=True))
+    arrays = tuple(replace(array, rate_hz=5.0) for array in arrays)
+    room = np.array([[0.5, 0.5], [9.5, 0.5], [9.5, 7.5], [0.5, 7.5]])
+    (tmp_path / "true.yaml").write_text(scene_to_yaml(Scene(tuple(cameras()), room=room, arrays=arrays)))
+    asked = ["simulate", str(tmp_path / "true.yaml"), "-q", "-o", str(tmp_path / "sim.mcap"), "--seconds", "40"]
+    asked += ["--rate", "5", "--targets", "4", "--silence", "3,6", "--false-alarm-rate", "0.5", "--no-bearings"]
+    assert run([*asked, "--object-height", f"{MOUTH}", "--seed", "3"]) == ExitCode.DONE
+    _write_boxes(tmp_path / "sim.mcap", tmp_path / "boxes.csv")
+    rough = tuple(replace(array, position=np.array([2.0, 2.0, 1.0]), yaw=0.0) for array in arrays)
+    (tmp_path / "rough.yaml").write_text(scene_to_yaml(Scene(tuple(cameras()), arrays=rough)))
+    asked = ["ingest", "-q", "-o", str(tmp_path / "walk.mcap"), "--boxes", str(tmp_path / "boxes.csv"), "--fps", "5"]
+    asked += ["--scene", str(tmp_path / "rough.yaml"), "--start-time", "2020-01-01T00:00:00Z"]
+    assert run(asked) == ExitCode.DONE
+    capsys.readouterr()
+    asked = ["calibrate", str(tmp_path / "walk.mcap"), "--doa", str(tmp_path / "sim.mcap"), "--set", "rounds=0"]
+    assert run([*asked, "-o", str(tmp_path / "scene.yaml"), "--sigma-position", "0.02", "--json"]) == ExitCode.DONE
+    summary = json.loads(capsys.readouterr().out)["microphone_arrays"]
+    for found, true in zip(read_scene(tmp_path / "scene.yaml").arrays, arrays, strict=True):
+        figures = summary[true.name]
+        x, y, _ = figures["sigma_position"]
+        # Cameras as a whole are within 0.05 m
+        assert np.all(np.abs(found.position - true.position)[:2] < 0.05 + 4.0 * np.array([x, y]))
+        turned = abs(np.degrees(wrap_angle(np.array(found.yaw - true.yaw))))
+        assert turned < 0.5 + 4.0 * figures["sigma_yaw_deg"]
+        assert max(x, y) < 0.2
+        assert figures["sigma_yaw_deg"] < 3.0
+        assert abs(figures["clock_offset_s"]) < 0.02 + 4.0 * figures["sigma_clock_s"]
+        assert figures["of_people"] > 0.7
+    assert summary["mic"]["sigma_position"][2] == pytest.approx(0.1, abs=0.02)
+    assert summary["table"]["sigma_position"][2] is None
+
+
+def _write_boxes(recording: Path, path: Path) -> None:
+    """Boxes of the true paths of a recording, with errors of 2 px."""
+    truth = Truth.concat(open_input(recording).rows(Truth))
+    frame = np.unique(truth.t_ns, return_inverse=True)[1]
+    state = np.zeros((len(truth), 6))
+    state[:, 0], state[:, 1], state[:, 5] = truth.x, truth.y, 0.5
+    state[:, 4] = 1.66 + 0.03 * truth.target_id
+    rng, rows = np.random.default_rng(6), ["camera,frame,left,top,right,bottom"]
+    for camera in cameras():
+        box = np.zeros((len(state), 4))
+        expected_boxes(pack_views([camera]).lens, np.zeros(len(state), np.int64), state, np.zeros(len(state)), box)
+        box += rng.normal(0.0, 2.0, box.shape)
+        inside = np.isfinite(box).all(axis=1) & (box[:, :2] > 0.0).all(axis=1) & (box[:, 2:] < [1279, 719]).all(axis=1)
+        rows += [
+            f"{camera.name},{k}," + ",".join(f"{v:.2f}" for v in own)
+            for k, own in zip(frame[inside].tolist(), box[inside], strict=True)
+        ]
+    path.write_text("\n".join(rows) + "\n")
