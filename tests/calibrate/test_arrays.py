@@ -11,6 +11,7 @@ import pytest
 from walking_people import cameras, people, write
 
 from occlog.array_types import Floats
+from occlog.calibrate.array_outputs import array_checks, with_arrays
 from occlog.calibrate.arrays import (
     AMBIGUOUS,
     FEW,
@@ -28,7 +29,6 @@ from occlog.calibrate.arrays import (
 )
 from occlog.calibrate.arrays import Path as WalkedPath
 from occlog.calibrate.kernels import expected_boxes
-from occlog.calibrate.run import _array_checks, _with_arrays
 from occlog.cli.main import run
 from occlog.core.geometry.camera import wrap_angle
 from occlog.errors import ExitCode
@@ -139,11 +139,11 @@ def test_findings_of_arrays() -> None:
     found = place_array(STATED, directions(0.4, np.random.default_rng(0)), walks(), PRIOR)
     left = replace(STATED, name="other")
     scene = Scene(tuple(cameras()), arrays=(STATED, left))
-    checks = _array_checks([found, found._replace(array=left, reason=FEW)], scene, placed=True)
+    checks = array_checks([found, found._replace(array=left, reason=FEW)], scene, placed=True)
     assert [each.id for each in checks] == ["array-placed", "clock-offset-found", "array-not-calibrated"]
-    assert _array_checks([], scene, placed=True)[0].status == "not applicable"
+    assert array_checks([], scene, placed=True)[0].status == "not applicable"
     # In a frame of the cameras' own the pose of an array that was left is not known
-    changed = _with_arrays(replace(scene, arrays=()), scene, [found])
+    changed = with_arrays(replace(scene, arrays=()), scene, [found])
     assert [array.name for array in changed.arrays] == ["mic"]
 
 

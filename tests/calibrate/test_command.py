@@ -14,7 +14,7 @@ from walking_people import cameras, frames, write
 from occlog.array_types import Floats
 from occlog.calibrate.adjustment import DRIFT, LATE, PARAMETERS, Observations
 from occlog.calibrate.config import CalibrateConfig
-from occlog.calibrate.run import _clock_findings, _scene
+from occlog.calibrate.from_people import _clock_findings, _scene
 from occlog.calibrate.stage import Calibrated, CameraResult, calibrate
 from occlog.cli.main import run
 from occlog.core.geometry.camera import angles_from_rotation
@@ -184,7 +184,7 @@ def test_long_recordings_are_used_from_their_beginning(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """600 boxes of 1,700 are enough; a note says so."""
-    monkeypatch.setattr("occlog.calibrate.run.MAX_BOXES", 600)
+    monkeypatch.setattr("occlog.calibrate.from_people.MAX_BOXES", 600)
     asked = ["calibrate", str(folder / "walk.mcap"), "-o", str(tmp_path / "s.yaml"), "--set", "rounds=0"]
     assert run([*asked, "--max-clock-offset", "0"]) == ExitCode.DONE
     assert "note: the first 60" in capsys.readouterr().err
