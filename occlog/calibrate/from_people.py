@@ -37,7 +37,7 @@ from .focal import FocalEstimate, focal_of_people, lens_unknown, with_focal
 from .marked import MarkedPose, pose_of_points
 from .output import CLOCK, CalibrationOutput
 from .request import CalibrateRequest
-from .stage import SIGMA_LOG_FOCAL, Calibrated, CameraResult, calibrate, tracks_in_images
+from .stage import Calibrated, CameraResult, calibrate, tracks_in_images
 
 CAMERAS, PARAMETERS, SEARCH = "cameras calibrated", "parameters determined", "convergence"
 STATED, CLOCKS, LENSES = "stated poses", "clocks of cameras", "lenses from people"
@@ -125,7 +125,7 @@ class Start(NamedTuple):
 
     Attributes:
         cameras: with the poses that are stated, or follow from marked points.
-        sigma_log_focal: (C,) standard deviations of the logarithms of focal lengths; 0: held.
+        sigma_log_focal: (C,) standard deviations of the logarithms of focal lengths that are estimates; else 0.
         marked: cameras with marked points.
         guessed: focal lengths of cameras of which the image size alone is known, by name.
     """
@@ -151,7 +151,7 @@ def _start(
 ) -> Start:
     """Poses of marked points, and focal lengths of cameras of which the image size alone is known."""
     out = [replace(c, placed=False) if request.ignore_poses else c for c in cameras]
-    sigma = np.full(len(out), SIGMA_LOG_FOCAL if request.focal else 0.0)
+    sigma = np.zeros(len(out))
     marked: list[MarkedPose] = []
     guessed: dict[str, FocalEstimate] = {}
     points = {} if request.points is None else read_marked_points(request.points, [c.name for c in cameras])
@@ -160,7 +160,7 @@ def _start(
         if camera.name in points:
             asked = with_focal(camera, 1.0) if unknown and camera.image_size is not None else camera
             found = pose_of_points(asked, *points[camera.name])
-            out[c], sigma[c] = found.camera, max(float(sigma[c]), found.sigma_focal)
+            out[c], sigma[c] = found.camera, found.sigma_focal
             marked.append(found)
         elif unknown:
             if camera.image_size is None:

@@ -174,8 +174,8 @@ def calibrate(
         estimate: more than poses and clocks: `focal`, `radial`.
         seed: of the tracker's random numbers.
         step: is called with the name of each step.
-        sigma_log_focal: (C,) prior standard deviations of the logarithms of focal lengths that are estimated; 0: held;
-            None: `SIGMA_LOG_FOCAL` for all with `focal` in `estimate`.
+        sigma_log_focal: (C,) standard deviations of the logarithms of focal lengths that are no more than estimates, of
+            which the first radial coefficient is estimated, too; 0: `estimate` applies; None: of no camera.
 
     Raises:
         InputError: no two cameras see the same people.
@@ -199,8 +199,9 @@ def calibrate(
     window_s = default_window(list(frames)) / NS
     clocks = config.max_clock_offset > 0.0
     sigma = _prior_sigmas(C, estimate, clocks=clocks, drift=clocks and times[-1] - times[0] >= MIN_DRIFT_S)
-    if sigma_log_focal is not None:
-        sigma[:, FOCAL] = sigma_log_focal
+    estimates = np.zeros(C) if sigma_log_focal is None else sigma_log_focal
+    rough = estimates > 0.0
+    sigma[rough, FOCAL], sigma[rough, RADIAL] = estimates[rough], SIGMA_RADIAL
     if np.count_nonzero(used) < 2:
         raise InputError(
             "no two cameras see the same people for 3 s; record people who walk where cameras overlap, or raise "
@@ -225,13 +226,15 @@ def calibrate(
         step("adjust")
         done, seen = _adjusted(rows, now, used, body, sigma, window_s)
     loose = _undetermined(done, sigma)
-    if sigma_log_focal is not None:
-        # Those of marked points or of people are estimates, which boxes make better or leave
-        loose[:, FOCAL] &= sigma_log_focal == SIGMA_LOG_FOCAL
+    # Lenses that are estimates are made better, or left
+    loose[np.ix_(rough, [FOCAL, RADIAL])] = False
     if loose.any():
         # What the boxes do not determine is as it was stated
         now = _Estimate(
-            [_with_lens(c, s) if any(k) else c for c, s, k in zip(now.cameras, cameras, loose, strict=True)],
+            [
+                _with_lens(c, s) if k[FOCAL] or k[RADIAL] else c
+                for c, s, k in zip(now.cameras, cameras, loose, strict=True)
+            ],
             now.clocks._replace(drift=np.where(loose[:, DRIFT], 0.0, now.clocks.drift)),
         )
         done, seen = _adjusted(rows, now, used, body, np.where(loose, 0.0, sigma), window_s)

@@ -417,7 +417,7 @@ VERDICT: dict[str, Message] = {
     ),
     "lens-from-people": Message(
         N,
-        "camera {sensors}: focal length {focal:.0f} px (+- {sigma:.0f}), estimated from people, without distortion",
+        "camera {sensors}: focal length {focal:.0f} px (+- {sigma:.0f}), estimated from people",
         "calibrate it by a board ({option[board]} 9x6) if you can",
     ),
     "board-coverage": Message(
