@@ -227,7 +227,7 @@ def calibrate(
         done, seen = _adjusted(rows, now, used, body, sigma, window_s)
     loose = _undetermined(done, sigma)
     # Lenses that are estimates are made better, or left
-    loose[np.ix_(rough, [FOCAL, RADIAL])] = False
+    loose[rough, FOCAL] = loose[rough, RADIAL] = False
     if loose.any():
         # What the boxes do not determine is as it was stated
         now = _Estimate(
