@@ -131,7 +131,7 @@ def rig(seed: int, cameras: int | None = None) -> Rig:
     paths = scene("crowds").walk(people, steps, FINE_HZ, width, depth, rng)
     bodies = np.column_stack([rng.normal(1.7, 0.09, people), rng.normal(0.52, 0.05, people)])
     placed = {c.name: c for c in _cameras(count, width, depth, rng)}
-    made = Rig(seed, (width, depth), fps, detector, paths, bodies, placed)
+    made = Rig(seed, (width, depth), fps, detector, paths, bodies, placed, seconds=SECONDS)
     made.calibration = {name: _calibrated(c, rng) for name, c in placed.items()}
     made.boxes = {name: made.shoot(name) for name in placed}
     made.truth = made.true_positions()

@@ -62,6 +62,14 @@ class CalibrateConfig(Settings):
         option="--max-clock-offset",
         metavar="SECONDS",
     )
+    source_height: float = setting(
+        1.5,
+        "Mean height of sources of sound, the mouths of people. The height of a microphone array follows from it.",
+        unit="m",
+        at_least=0,
+        at_most=3,
+    )
+    sigma_source_height: float = setting(0.1, "Standard deviation of that mean.", unit="m", at_least=0, at_most=1)
     rounds: int = setting(
         2,
         "Number of times that boxes are associated by method `jipda`, and cameras adjusted to them. 0: only tracks of "

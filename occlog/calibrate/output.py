@@ -2,14 +2,43 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 from occlog.io.files.atomic import write_bytes
 from occlog.io.formats.calibration.outputs import format_of
 from occlog.io.formats.calibration.writer import write_calibration
 from occlog.io.formats.scenes.scene import scene_to_yaml
+from occlog.records.losses import Loss
 from occlog.records.scene import Scene
+from occlog.records.verdicts import Check
 from occlog.runner import Job
+
+CLOCK = "{}-clock"
+"""Name of the clock of a sensor that is late."""
+
+
+class CalibrationOutput(NamedTuple):
+    """What a calibration gives, by people or by a board.
+
+    Attributes:
+        scene: with the calibrated sensors.
+        comment: of the scene file.
+        parameters: for the provenance.
+        checks: with their findings.
+        summary: figures by name.
+        losses: of the inputs.
+        picture: PNG; None: not asked for.
+    """
+
+    scene: Scene
+    comment: str
+    parameters: Mapping[str, object]
+    checks: tuple[Check, ...]
+    summary: Mapping[str, object]
+    losses: tuple[Loss, ...]
+    picture: bytes | None = None
 
 
 def write_scene(path: Path, scene: Scene, comment: str, job: Job) -> None:

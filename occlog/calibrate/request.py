@@ -22,7 +22,8 @@ class CalibrateRequest(Request):
     of its scene. Poses of the scene are where the search starts; without them, or with --ignore-poses, the result has
     its origin below one of the cameras, and its scale is that of --person-height. No markers, no chessboard, no labels
     and no synchronised clocks are needed; a minute of three or more people who walk where cameras overlap is. Where
-    nothing is known of a lens but the size of the images, its focal length is estimated too.
+    nothing is known of a lens but the size of the images, its focal length is estimated too. Microphone arrays of the
+    scene with directions of arrival of people who walk and speak get a pose and a clock, too.
 
     With --board, RECORDING is a video, a folder of images or a recording of a chessboard or ChArUco board, and the
     result has the intrinsics of each camera.
@@ -71,6 +72,10 @@ class CalibrateRequest(Request):
         "Table of points of the floor that were marked in images: camera,u,v,x,y and perhaps z. Four or more of a "
         "camera give its rough pose, and its focal length where that is not known.",
         metavar="FILE",
+    )
+    doa: Path | None = source(
+        "Directions of arrival of the microphone arrays, which are placed by people who speak: a table, or a recording "
+        "that holds them. Those of RECORDING are used unless others are named."
     )
     picture: Path | None = sink(
         "Picture (PNG): the floor grid drawn on an image of each camera, with the residuals of its boxes.",

@@ -50,6 +50,7 @@ from .adjustment import (
     Observations,
 )
 from .alignment import Complexes, PairAlignment, PlanarPose, align_pair, joined
+from .arrays import Path
 from .config import CalibrateConfig
 from .ground_plane import GroundPlane, ground_plane
 from .people import Tracklet, observations, on_grid, persons
@@ -130,6 +131,7 @@ class Calibrated(NamedTuple):
         converged: the adjustment ended by itself.
         seen: boxes that determine it.
         residual: (N, 4) of them, observed minus expected edges [px]; NaN: not used.
+        paths: of the people, by the common clock.
     """
 
     cameras: list[CameraResult]
@@ -141,6 +143,7 @@ class Calibrated(NamedTuple):
     converged: bool
     seen: Observations
     residual: Floats
+    paths: list[Path]
 
 
 class _Estimate(NamedTuple):
@@ -175,8 +178,8 @@ def calibrate(
         estimate: more than poses and clocks: `focal`, `radial`.
         seed: of the tracker's random numbers.
         step: is called with the name of each step.
-        sigma_log_focal: (C,) prior standard deviations of the logarithms of focal lengths that are estimated; 0: held;
-            None: `SIGMA_LOG_FOCAL` for all with `focal` in `estimate`.
+        sigma_log_focal: (C,) standard deviations of the logarithms of focal lengths that are no more than estimates, of
+            which the first radial coefficient is estimated, too; 0: `estimate` applies; None: of no camera.
 
     Raises:
         InputError: no two cameras see the same people.
@@ -200,8 +203,9 @@ def calibrate(
     window_s = default_window(list(frames)) / NS
     clocks = config.max_clock_offset > 0.0
     sigma = _prior_sigmas(C, estimate, clocks=clocks, drift=clocks and times[-1] - times[0] >= MIN_DRIFT_S)
-    if sigma_log_focal is not None:
-        sigma[:, FOCAL] = sigma_log_focal
+    estimates = np.zeros(C) if sigma_log_focal is None else sigma_log_focal
+    rough = estimates > 0.0
+    sigma[rough, FOCAL], sigma[rough, RADIAL] = estimates[rough], SIGMA_RADIAL
     if np.count_nonzero(used) < 2:
         raise InputError(
             "no two cameras see the same people for 3 s; record people who walk where cameras overlap, or raise "
@@ -226,10 +230,15 @@ def calibrate(
         step("adjust")
         done, seen = _adjusted(rows, now, used, body, sigma, window_s)
     loose = _undetermined(done, sigma)
+    # Lenses that are estimates are made better, or left
+    loose[rough, FOCAL] = loose[rough, RADIAL] = False
     if loose.any():
         # What the boxes do not determine is as it was stated
         now = _Estimate(
-            [_with_lens(c, s) if any(k) else c for c, s, k in zip(now.cameras, cameras, loose, strict=True)],
+            [
+                _with_lens(c, s) if k[FOCAL] or k[RADIAL] else c
+                for c, s, k in zip(now.cameras, cameras, loose, strict=True)
+            ],
             now.clocks._replace(drift=np.where(loose[:, DRIFT], 0.0, now.clocks.drift)),
         )
         done, seen = _adjusted(rows, now, used, body, np.where(loose, 0.0, sigma), window_s)
@@ -507,7 +516,15 @@ def _placed(
     with np.errstate(divide="ignore"):
         frame = 1.0 / np.sqrt(information)
     names = [_loose_names(each) for each in loose]
-    return _result(stated, cameras, done, seen, clocks, used, covariance, frame, done.mean_height * scale, names)
+    found = _result(stated, cameras, done, seen, clocks, used, covariance, frame, done.mean_height * scale, names)
+    at = shift + scale * np.exp(1j * yaw) * (done.states[:, 0] + 1j * done.states[:, 1])
+    return found._replace(paths=_paths(seen, seen.time + _middle(clocks.late[own]), at))
+
+
+def _paths(seen: Observations, times: Floats, at: Complexes) -> list[Path]:
+    """Paths of the people at the times (K,) and positions (K,) of the knots."""
+    ends = zip(seen.first[:-1].tolist(), seen.first[1:].tolist(), strict=True)
+    return [Path(times[a:b], at[a:b]) for a, b in ends]
 
 
 def _result(
@@ -547,7 +564,7 @@ def _result(
         )
     return Calibrated(
         results, len(seen.first) - 1, mean_height, frame, covariance, done.correlation, done.converged, seen,
-        done.residual,
+        done.residual, [],
     )  # fmt: skip
 
 

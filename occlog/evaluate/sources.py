@@ -188,7 +188,7 @@ def streamed_bearings(path: Path | None, doa: Path | None, labels: bool, scene: 
         if directions is None:
             yield from streams[0]
             return
-        streams.append(bearings_of_doa(directions.rows(Doa), scene, labels))
+        streams.append(bearings_of_doa(directions.rows(Doa), scene, labels, directions.scene))
         if len(streams) == 1:
             yield from streams[0]
             return

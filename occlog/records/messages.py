@@ -404,12 +404,22 @@ VERDICT: dict[str, Message] = {
     ),
     "clock-offset-found": Message(
         N,
-        "the clock of camera {sensors} is {late_s:+.3f} s (+- {sigma_s:.3f} s) late; the scene states it",
+        "the clock of {sensors} is {late_s:+.3f} s (+- {sigma_s:.3f} s) late; the scene states it",
         "ingest again with this scene, or with {option[clock_offset]}",
+    ),
+    "array-placed": Message(
+        N,
+        "microphone array {sensors} is {distance:.2g} m and {yaw_deg:+.3g} deg from its stated pose",
+        "track with this scene, which turns recorded directions by the difference",
+    ),
+    "array-not-calibrated": Message(
+        W,
+        "microphone array {sensors} is left as it was stated: {reason}",
+        "record people who walk and speak where cameras see them",
     ),
     "lens-from-people": Message(
         N,
-        "camera {sensors}: focal length {focal:.0f} px (+- {sigma:.0f}), estimated from people, without distortion",
+        "camera {sensors}: focal length {focal:.0f} px (+- {sigma:.0f}), estimated from people",
         "calibrate it by a board ({option[board]} 9x6) if you can",
     ),
     "board-coverage": Message(

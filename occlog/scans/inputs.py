@@ -83,7 +83,7 @@ class MeasurementInputs:
         streams: list[Iterable[Bearings]] = []
         if measured.has(Bearings):
             streams.append(self._rows(measured, Bearings))
-        streams += [bearings_of_doa(self._rows(each, Doa), self.scene, doa_labels) for each in directions]
+        streams += [bearings_of_doa(self._rows(each, Doa), self.scene, doa_labels, each.scene) for each in directions]
         self.measurements = self._measurements([*([measured] if alone else []), *_opened(measurements)])
         self.chunks = iter(()) if alone and not streams else _not_empty(within_times(streams), bearings)
         self.occluders = None if occluders is None else self._priors(occluders)

@@ -13,6 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from occlog.array_types import NS
+from occlog.core.geometry.camera import wrap_angle
 from occlog.errors import InputError, option
 from occlog.records.declared.sensors import Measurements
 from occlog.records.scene import Scene
@@ -37,16 +38,20 @@ def only_measured(chunks: Iterable[Bearings]) -> Iterator[Bearings]:
         yield replace(chunk, seen=chunk.seen & ~recovered, **columns)
 
 
-def bearings_of_doa(chunks: Iterable[Doa], scene: Scene, labels: bool = False) -> Iterator[Bearings]:
+def bearings_of_doa(
+    chunks: Iterable[Doa], scene: Scene, labels: bool = False, recorded: Scene | None = None
+) -> Iterator[Bearings]:
     """Convert directions of arrival to bearings, unlabelled unless they have labels.
 
-    A direction without a standard deviation has that of its array.
+    A direction without a standard deviation has that of its array.  Where the scene states another yaw of an array than
+    that with which its directions were recorded, they are turned by the difference.
 
     Args:
         chunks: directions in the order of time.
         scene: must have the arrays.
         labels: identities that the source gives are those of targets; otherwise they are its
             own and not kept.  A direction without identity is a candidate in any case.
+        recorded: scene with which the directions were recorded; None: as `scene`.
 
     Raises:
         InputError: an array that the scene does not have; or, at the end, `labels` of a log
@@ -54,6 +59,8 @@ def bearings_of_doa(chunks: Iterable[Doa], scene: Scene, labels: bool = False) -
     """
     sigmas = {a.name: float(a.sigma) for a in scene.arrays}
     across = {a.name: float(a.sigma if a.sigma_elevation is None else a.sigma_elevation) for a in scene.arrays}
+    before = {} if recorded is None else {a.name: float(a.yaw) for a in recorded.arrays}
+    turned = {a.name: float(a.yaw) - before.get(a.name, float(a.yaw)) for a in scene.arrays}
     offset, noted = 0, False
     for chunk in chunks:
         for name in np.unique(chunk.sensor).tolist():
@@ -66,6 +73,9 @@ def bearings_of_doa(chunks: Iterable[Doa], scene: Scene, labels: bool = False) -
         own = np.array([sigmas[name] for name in chunk.sensor.tolist()], dtype=np.float64)
         upward = np.array([across[name] for name in chunk.sensor.tolist()], dtype=np.float64)
         upward = np.where(np.isnan(chunk.sigma_elevation), upward, chunk.sigma_elevation)
+        azimuth = chunk.azimuth
+        if any(turned.values()):
+            azimuth = wrap_angle(azimuth + np.array([turned[name] for name in chunk.sensor.tolist()]))
         n = len(chunk)
         offset += n
         noted = noted or bool((chunk.source_id >= 0).any())
@@ -74,7 +84,7 @@ def bearings_of_doa(chunks: Iterable[Doa], scene: Scene, labels: bool = False) -
             sensor=chunk.sensor,
             target_id=np.where(labels & (chunk.source_id >= 0), chunk.source_id, UNLABELLED).astype(np.int32),
             seen=np.ones(n, dtype=np.bool_),
-            bearing=chunk.azimuth,
+            bearing=azimuth,
             sigma=np.where(np.isnan(chunk.sigma_azimuth), own, chunk.sigma_azimuth),
             u_px=np.full(n, np.nan),
             sigma_px=np.full(n, np.nan),

@@ -177,11 +177,13 @@ def jacobian(xy: Floats, coefficients: Floats, model: str) -> Floats:
 def _invert(xy: Floats, coefficients: Floats, model: str) -> Floats:
     """Fixed-point inverse of `_polynomial`; converges for the distortions of real lenses inside the image."""
     guess = xy.copy()
-    for _ in range(50):
-        step = xy - _polynomial(guess, coefficients, model)
-        guess = guess + step
-        if np.abs(step).max(initial=0.0) < 1e-13:
-            break
+    # Beyond where a lens folds it does not converge
+    with np.errstate(over="ignore", invalid="ignore"):
+        for _ in range(50):
+            step = xy - _polynomial(guess, coefficients, model)
+            guess = guess + step
+            if np.abs(step).max(initial=0.0) < 1e-13:
+                break
     return guess
 
 

@@ -312,7 +312,7 @@ class PeopleInput:
             return
         index_of = {array.name: k for k, array in enumerate(self.scene.arrays)}
         last: Bearings | None = None
-        for chunk in bearings_of_doa(self._doa.rows(Doa), self.scene):
+        for chunk in bearings_of_doa(self._doa.rows(Doa), self.scene, recorded=self._doa.scene):
             rows = chunk if last is None else Bearings.concat([last, chunk])
             # The last time may go on in the next chunk
             cut = int(np.searchsorted(rows.t_ns, rows.t_ns[-1])) if len(rows) else 0

@@ -1,4 +1,4 @@
-"""`occlog calibrate` with a board: read images, calibrate each lens, write the cameras."""
+"""Lenses from images of a board: read the images, and calibrate each lens."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from occlog import console
 from occlog.array_types import NS
 from occlog.errors import InputError, UsageError, option
 from occlog.io.files.limits import Content, content_of
@@ -18,11 +17,11 @@ from occlog.io.recording.reader import open_recording
 from occlog.records.frames import Image
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
-from occlog.records.verdicts import Check, finding, outcome, summary_of, texts_of
+from occlog.records.verdicts import Check, finding, outcome
 from occlog.runner import Job
 
 from .board import CELLS, BoardLens, board_of, lens_of_views, views_of
-from .output import write_scene
+from .output import CalibrationOutput
 from .request import CalibrateRequest
 
 STEP_S = 0.25
@@ -33,10 +32,16 @@ COVERAGE, RESIDUAL = "board coverage", "board residuals"
 """Names of checks."""
 
 
-def run_board(request: CalibrateRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Calibrate lenses from a board, and write them; return the summary and the losses."""
+def calibration_of_board(request: CalibrateRequest, job: Job) -> CalibrationOutput:
+    """Calibrate the lens of each camera by images of a board."""
     given: dict[str, object] = {"scene": request.scene, "ignore_poses": request.ignore_poses, "focal": request.focal}
-    given |= {"radial": request.radial, "points": request.points, "set": request.settings, "picture": request.picture}
+    given |= {
+        "radial": request.radial,
+        "points": request.points,
+        "set": request.settings,
+        "picture": request.picture,
+        "doa": request.doa,
+    }
     for name, value in given.items():
         if value:
             raise UsageError(
@@ -54,15 +59,14 @@ def run_board(request: CalibrateRequest, job: Job) -> tuple[dict[str, object], t
     except InputError as error:
         raise InputError(f"{request.recording}: {str(error).removeprefix(f'{request.recording}: ')}") from error
     parameters = {"board": request.board, "dictionary": board.dictionary, "marker": board.marker}
-    made = job.provenance(parameters, losses).with_checks(_checks(lenses))
     comment = "".join(
         f"# {each.camera.name}: {each.views} views of a board, reprojection {each.reprojection_px:.3f} px\n"
         for each in lenses
     )
-    write_scene(request.output, Scene(tuple(each.camera for each in lenses)), comment, job)
-    console.note_findings(texts_of(made.judged, "calibrate"), job.quiet)
-    summary = {"scene": str(request.output), "cameras": {each.camera.name: _figures(each) for each in lenses}}
-    return {**summary, **summary_of(made.judged)}, tuple(losses)
+    return CalibrationOutput(
+        Scene(tuple(each.camera for each in lenses)), comment, parameters, _checks(lenses),
+        {"cameras": {each.camera.name: _figures(each) for each in lenses}}, tuple(losses),
+    )  # fmt: skip
 
 
 def _cameras(request: CalibrateRequest) -> list[str]:
