@@ -218,7 +218,7 @@ READER_KEY = "occlog.reader"
 
 
 def check_common(ctx: click.Context) -> None:
-    """After a command: UsageError if a stated unit or reader was not used."""
+    """After a command: UsageError if a stated unit, origin or reader was not used."""
     reader: Any = ctx.find_root().meta.get(READER_KEY)
     if reader is not None:
         reader.check_used()

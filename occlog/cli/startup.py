@@ -54,7 +54,7 @@ WANTED_OPEN_FILES = 65_536
 
 
 def allow_open_files() -> None:
-    """Raise the soft limit of open files (often 1024) up to the required or allowed value."""
+    """Raise the soft limit of open files (often 1024) to the required value, as far as the hard limit allows."""
     if "resource" in globals():
         soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
         most = WANTED_OPEN_FILES if hard == resource.RLIM_INFINITY else min(hard, WANTED_OPEN_FILES)

@@ -286,7 +286,7 @@ class Cache:
                 shutil.rmtree(entry, ignore_errors=True)
 
     def _fetch_videos(self, url: str, recording: Path, video: Path) -> None:
-        """Fetch a linked video in the recording's folder; missing or other videos are reported by readers."""
+        """Fetch a linked video in the recording's folder, and check its hash; links elsewhere are left to readers."""
         name = video.name
         if video.parent != recording.parent or video.exists() or name in (".", ".."):
             return

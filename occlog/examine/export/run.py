@@ -72,7 +72,7 @@ class Sink:
 
     @property
     def closed(self) -> bool:
-        """Whether the file is closed: required by wrappers."""
+        """False: never closed; required by wrappers."""
         return False
 
     def flush(self) -> None:

@@ -197,9 +197,9 @@ def _info_of(image: str, infos: Sequence[str]) -> str | None:
 
 
 def _info_above(boxes: str, infos: Sequence[str], cameras: int) -> str | None:
-    """Calibration topic of boxes, in the nearest enclosing namespace; a single calibration and box topic match.
+    """Calibration topic of boxes, in the nearest enclosing namespace: `/cam/camera_info` for `/cam/yolo/boxes`.
 
-    `/cam/camera_info` for `/cam/yolo/boxes`.
+    If the bag has one calibration and one box topic, these belong together, wherever they are. None if not found.
     """
     spaces = {t.rpartition("/")[0]: t for t in sorted(infos, reverse=True)}
     parts = boxes.split("/")

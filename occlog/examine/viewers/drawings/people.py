@@ -78,7 +78,7 @@ class Palette:
     """Colours of targets, by order of identity."""
 
     def __init__(self, targets: Iterable[int]) -> None:
-        """`targets`: all identities."""
+        """Assign colours to all identities `targets`, in order."""
         self._index = {target: n for n, target in enumerate(sorted(set(targets)))}
 
     def __len__(self) -> int:

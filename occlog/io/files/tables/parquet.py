@@ -36,7 +36,7 @@ BYTES_PER_NUMBER = 8
 
 
 def in_parts(path: Path, size: int, batches: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
-    """Split batches into parts of at most `size` rows that are limited in memory.
+    """Split batches into parts of so few rows that each takes limited memory.
 
     Args:
         path: the file that they are of.

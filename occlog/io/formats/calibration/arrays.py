@@ -290,7 +290,7 @@ def _stack(value: Floats, shape: tuple[int, int], path: Path) -> Floats:
 
 
 def _per_camera(value: Floats, key: str, n: int, path: Path) -> Floats:
-    """Split an array into the parts of n cameras."""
+    """Rearrange an array into the parts of n cameras, cameras first."""
     if key in ("P", "K"):
         return _stack(value, (3, 4) if key == "P" else (3, 3), path)
     if key == "R" and value.ndim >= 2 and value.shape[-2:] != (1, 3) and value.size == 9 * n:
