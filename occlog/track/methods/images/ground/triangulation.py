@@ -198,7 +198,7 @@ def _refine(start: Floats, problem: LeastSquares) -> tuple[Floats, Floats, Float
 def _shortened(here: Floats, step: Floats, cost: Floats, problem: LeastSquares) -> tuple[Floats, Floats]:
     """Return (N, 3) positions and (N,) costs after a step halved until the cost does not grow.
 
-    Unchanged if none is found.
+    Both stay as they were for points without such a step.
     """
     size = np.ones(len(here))
     for _ in range(HALVINGS):
@@ -403,7 +403,7 @@ def _mixture(
     odds: ViewOdds,
     sine: float,
 ) -> tuple[Floats, Floats]:
-    """Return (N, 3, 3) second moments about positions (N, 3) seen in the views `pattern`, and (N,) weights."""
+    """Return (N, 3, 3) second moments about positions (N, 3) in the views `pattern`, and (N,) weights of all views."""
     density = np.log(2.0 * np.pi) + 0.5 * np.linalg.slogdet(sights.covariance)[1] + np.log(odds.agreement)
     logs, moments = [], []
     for views in _sets(pattern):
@@ -431,7 +431,10 @@ def _mixture(
 
 
 def _sets(pattern: Bools) -> Iterator[Bools]:
-    """Return all subsets of a pattern's views as (V,) masks, the largest first."""
+    """Generate nonempty subsets of a pattern's views as (V,) masks, the largest first.
+
+    Of more than `ALL_SUBSETS` views, only those of one or two views and those without at most two views.
+    """
     views = np.flatnonzero(pattern)
     for size in range(len(views), 0, -1):
         if len(views) <= ALL_SUBSETS or size >= len(views) - 2 or size <= 2:

@@ -98,7 +98,7 @@ def half_reach(one: Floats, other: Floats) -> float:
 def repel_into(
     weights: Floats, estimate: Floats, particles: Floats, rows: Ints, touching: Bools, model: Interaction
 ) -> None:
-    """Multiply the repulsion weights of a view's trackers in place, iterating K times with updated estimates.
+    """Apply the repulsion weights to a view's trackers in place, iterating K times with updated estimates.
 
     Only the weights phi^K of the last iteration are applied ([Qu] Alg. 1).  Where they would
     make all weights of a tracker 0, its weights stay as they were.

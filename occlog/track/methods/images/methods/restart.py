@@ -186,7 +186,7 @@ def _best_place(state: VisualState, config: BmctConfig, i: int, guide: int, fram
 
 
 def _places_on_line(state: VisualState, config: BmctConfig, i: int, guide: int) -> Floats:
-    """Return (K, 5) ellipses along the epipolar line of a counterpart, of tracker i's initial size."""
+    """Return (K, 5) ellipses along the epipolar line of a counterpart, with tracker i's reference axes and angle."""
     t, bottom = state.trackers, config.bottom
     maps, view = affine_maps(state, t.estimate), state.views[int(t.view[i])]
     x, y = anchor(t.estimate[guide], maps[guide], bottom)

@@ -455,7 +455,7 @@ def _born(births: Sequence[Birth], frame_set: FrameSetImages, views: Sequence[Tr
 def _tracked(
     o: TrackerOutlines, frame_set: FrameSetImages, views: Sequence[TrackedView], ended: Sequence[TrackerKey]
 ) -> ViewTracks:
-    """Return the rows of tracked ellipses; trackers ended by detections are marked lost."""
+    """Return the rows of tracked ellipses; trackers that regions ended are marked as terminated."""
     keys = list(zip(o.view.tolist(), o.target_id.tolist(), strict=True))
     event = np.where(np.array([key in ended for key in keys], dtype=np.bool_), TERMINATED, o.lifecycle)
     names = np.array([view.name for view in views])
