@@ -40,7 +40,7 @@ def estimate_directions(
     start_ns: int,
     tally: DoaTally,
 ) -> Iterator[Doa]:
-    """Generate the directions of each frame, sorted by time, with azimuths in the world frame.
+    """Generate the directions of each frame that has some, sorted by time, with azimuths in the world frame.
 
     A frame's time is that of its centre; a remainder shorter than a frame is omitted.
 

@@ -257,7 +257,8 @@ CLOSING = 0.2  # side of the closing that joins pieces, over a person's width
 def component_regions(image: Bytes, mask: Bytes, width_px: float, prior: Prior) -> ForegroundRegions:
     """Connected components of a frame with sufficient foreground for a person.
 
-    Parts nearer than about a fifth of a person's width are joined first. People who touch in the image are one region.
+    Parts nearer than about a fifth of a person's width are joined first. People who touch in the image are one
+    region; a person in several parts is several regions, or none.
 
     Args:
         image: (height, width, 3) BGR or (height, width) grey.
