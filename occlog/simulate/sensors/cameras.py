@@ -153,7 +153,7 @@ def _report_target(
 
 
 def _variance(camera: Camera, h: Floats, d: Floats) -> Floats:
-    """Return the variance [px^2] of a camera reading h at distance d ([Ercan] Eq. 2)."""
+    """Return the variance [px^2] of readings of targets at lateral offsets h and depths d ([Ercan] Eq. 2)."""
     f = float(camera.focal_px[0])
     return noise_variance(
         h, d, f, sigma_position=camera.sigma_position, sigma_yaw=camera.sigma_yaw, sigma_read_px=camera.sigma_read_px
