@@ -38,7 +38,7 @@ def only_measured(chunks: Iterable[Bearings]) -> Iterator[Bearings]:
 
 
 def bearings_of_doa(chunks: Iterable[Doa], scene: Scene, labels: bool = False) -> Iterator[Bearings]:
-    """Convert directions of arrival to bearings, unlabelled unless they have labels.
+    """Convert directions of arrival to bearings, unlabelled unless `labels` is True.
 
     A direction without a standard deviation has that of its array.
 
