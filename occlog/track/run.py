@@ -477,7 +477,7 @@ def _with_velocity(text: str, unit: str) -> str:
 
 
 def parse_start(text: str, unit: str) -> str:
-    """Parse X,Y[,SIGMA]; SIGMA is 0.5 m by default (1 in a scene with a unit other than metres)."""
+    """Parse X,Y[,SIGMA]; SIGMA is 0.5 m by default, 1 in a scene-specific unit."""
     parts = text.split(",")
     if len(parts) == 2:
         parts.append(str(0.5 / METRES[unit] if unit in METRES else 1.0))

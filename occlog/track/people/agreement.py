@@ -355,8 +355,8 @@ def distance_outside(xy: Floats, room: Floats) -> Floats:
 
 
 def _of_boxes(name: str, id: str, count: int, boxes: int, allowed: float) -> Check:
-    """Finding `id` of the check `name`.
+    """Return finding `id` about the boxes of the camera `name`.
 
-    `count` of a camera's `boxes` have a fault, of which a share `allowed` is acceptable.
+    `count` of its `boxes` have a fault; a share `allowed` is acceptable.
     """
     return finding(BOXES, id, sensors=[name], count=int(count), boxes=int(boxes), share=count / boxes, allowed=allowed)

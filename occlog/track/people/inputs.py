@@ -192,9 +192,9 @@ class PeopleInput:
         return tuple(c.name for c in self.views)
 
     def _apply_clocks(self) -> None:
-        """Replace the clocks of the scene by those with which the input's times were corrected.
+        """Add the clocks with which the input's times were corrected to cameras for which the scene states none.
 
-        Note if they are unknown.
+        If they are unknown and the scene has clocks, a note states that these are not applied.
         """
         applied = applied_clocks(self.opened)
         self._applied = {} if applied is None else applied

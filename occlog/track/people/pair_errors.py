@@ -402,9 +402,9 @@ def _positions_by_step(people: Floats, steps: Ints, count: int, first: int) -> F
 
 
 def _of_pair(a: _LocatingCamera, b: _LocatingCamera, steps: int, person_height: float) -> Floats:
-    """(T, 11, 12) normal equations of a pair of cameras by time step.
+    """(T, 2 `OWN` + 1, 2 `OWN` + 2) normal equations of a pair of cameras by time step.
 
-    Five parameters of each camera, and the distance of the feet, which all cameras share; the last column is the
+    `OWN` parameters of each camera, and the distance of the feet, which all cameras share; the last column is the
     right-hand side.
     """
     out = np.zeros((steps, 2 * OWN + 1, 2 * OWN + 2))

@@ -228,7 +228,7 @@ def _directions(positions: Floats, xy: Floats) -> Floats:
 
 
 def _equations(positions: Floats, bearings: Floats, weights: Floats, xy: Floats | None) -> _Equations:
-    """Return Lenth's estimating equations at position xy; None at a point equidistant from all sensors."""
+    """Return Lenth's estimating equations at position xy; None: as if all sensors were equally far away."""
     s, c = np.sin(bearings), np.cos(bearings)
     # Relative to the sensors' centre, or large coordinates of maps would cost digits.
     centre = positions.mean(axis=0)

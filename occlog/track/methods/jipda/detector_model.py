@@ -13,9 +13,8 @@ against the filter's prediction, which hold its own lag:
 * the part that lasts, s^2 exp(-t / LASTS_S), from the products of a person's disagreements in successive frames of a
   camera;
 * gait noise, an error of the position common to all cameras and new at every time step: with z the positions that
-time steps
-  alone say, at equal intervals, and d_k = z_k - 2 z_{k-1} + z_{k-2}, white acceleration leaves d_k and d_{k-2}
-  uncorrelated, so that E d_k d_{k-2} is the variance of the error of z_{k-2}.
+  time steps alone say, at equal intervals, and d_k = z_k - 2 z_{k-1} + z_{k-2}, white acceleration leaves d_k and
+  d_{k-2} uncorrelated, so that E d_k d_{k-2} is the variance of the error of z_{k-2}.
 """
 
 from __future__ import annotations
@@ -283,7 +282,7 @@ def reliable_boxes(
 ) -> Bools:
     """Select (M,) boxes from which detectors are learned.
 
-    Not truncated, of an unoccluded person who certainly exists.
+    They are not truncated, and surely of an unoccluded person who surely exists.
 
     Args:
         boxes: M boxes of L frames.
@@ -428,7 +427,7 @@ def detector_model(
 
 
 def common_clutter_rate(counts: DetectorStatistics) -> float:
-    """Expected number of false tracks per time step that have boxes in all cameras (detectors with a common cause)."""
+    """Expected number of false tracks per time step that have boxes in all cameras."""
     return float(counts.false[0] / counts.false[2])
 
 
@@ -555,7 +554,7 @@ def persistent_clutter_density(
         size: (C, 2) width and height of the images [px].
 
     Returns:
-        (M,) expected number of such boxes, as `exp(Boxes.clutter)` is that of clutter boxes anywhere.
+        (M,) expected number of such boxes, as `exp(PackedDetections.clutter)` is that of clutter boxes anywhere.
     """
     out = np.zeros(len(boxes.box))
     for frame, c in enumerate(boxes.camera.tolist()):
@@ -623,7 +622,7 @@ def update_statistics(
     result: JipdaResult,
     alone: bool = False,
 ) -> DetectorStatistics:
-    """Update detection, survival and manoeuvre counts with one time step.
+    """Update the counts of detections, merges, outlier edges, manoeuvres and posture changes with one time step.
 
     Clutter is counted after track initiation (`_update_clutter`).
 

@@ -85,7 +85,10 @@ def _exchanges(
     chain: MarkovChainState,
     number: Ints,
 ) -> tuple[Ints, Ints, Floats]:
-    """Pairs of nodes (i, j) from which an exchange of tails has at least the probability `MIN_SWITCH_PROBABILITY`."""
+    """Nodes i, nodes j and probabilities of the exchanges of tails that link i to j.
+
+    Only exchanges of at least the probability `MIN_SWITCH_PROBABILITY`.
+    """
     before, after, probability = [0], [0], [0.0]
     for i in range(nodes.step.shape[0]):
         a = chain.after[i]

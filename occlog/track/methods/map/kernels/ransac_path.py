@@ -100,7 +100,7 @@ def off_line(rays: BearingHalfLines, n: int, x: float, y: float, extra: float, k
 def crossing(rays: BearingHalfLines, i: int, j: int, moved2: float) -> tuple[float, float, float, float]:
     """Return the intersection of two lines of sight: x, y, largest standard deviation, area.
 
-    Inf if they do not intersect.
+    Standard deviation and area are inf if they do not intersect within reach.
 
     Args:
         rays: the lines of sight.
@@ -216,9 +216,9 @@ def _predict(beam: HypothesisBeam, A: Floats, sigma: Floats) -> None:
 
 @kernel
 def inlier_cost(rays: BearingHalfLines, n: int, x: Floats, P: Floats) -> tuple[float, float, float]:
-    """Return the cost of accepting a line of sight, the distance from it and its variance.
+    """Return the cost of accepting a line of sight, the distance from it (positive: left), and the variance of that.
 
-    Inf if behind or out of range.
+    The cost is inf behind the sensor or out of range.
     """
     c, s = rays.direction[n, 0], rays.direction[n, 1]
     dx, dy = x[0] - rays.position[n, 0], x[2] - rays.position[n, 1]
