@@ -142,7 +142,7 @@ def _origin() -> click.Option:
 
 
 def state_origin(ctx: click.Context, param: click.Parameter, text: str | None) -> Origin | None:  # noqa: ARG001
-    """Callback: set the geodetic origin until the command ends."""
+    """Callback: set the geodetic origin until the command ends, and return it; None if not given."""
     if text is None or ctx.resilient_parsing:
         return None
     from occlog.io.files.geodetic import stated_origin

@@ -25,7 +25,7 @@ class UnknownNameError(click.UsageError):
 
 @contextmanager
 def with_compile_notice() -> Iterator[None]:
-    """Context manager that reports once that kernels are being compiled, unless the command is quiet."""
+    """Context manager that reports once if compiling kernels takes long, unless the command is quiet."""
 
     def say(kept: bool) -> None:
         if not QUIET.get():

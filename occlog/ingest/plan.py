@@ -549,7 +549,7 @@ def _named(setting: str, values: Iterable[str]) -> dict[str, Path]:
 
 
 def for_sensor(pairs: Iterable[tuple[str | None, T]], name: str) -> T | None:
-    """Value for a sensor: its own, or the one without a name; the last one has priority."""
+    """Value for a sensor: its own, or the one without a name; the last one has priority; None without either."""
     own = [value for key, value in pairs if key == name]
     common = [value for key, value in pairs if key is None]
     return own[-1] if own else (common[-1] if common else None)

@@ -405,7 +405,7 @@ def _gather(path: Path, parts: list[Positions]) -> Truth:
 
 
 def _mot_positions(rows: CsvRows, options: TruthOptions) -> Positions | None:
-    """World positions of the rows that have one (last three columns not all -1) and a flag other than 0."""
+    """World positions of the rows that have one (last three columns not all -1) and a flag other than 0, or None."""
     if len(rows.cells) < 10:
         return None
     x, y, z = rows.floats("7"), rows.floats("8"), rows.floats("9")

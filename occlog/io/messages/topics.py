@@ -189,7 +189,7 @@ def _telling(topic: str) -> list[str]:
 
 
 def _info_of(image: str, infos: Sequence[str]) -> str | None:
-    """Calibration topic of images: `/cam/camera_info` for `/cam/image_raw`, or the only one in the namespace."""
+    """Calibration topic of images: `/cam/camera_info` for `/cam/image_raw`, or the namespace's only one; else None."""
     space = base_of(image).rpartition("/")[0]
     same_namespace = [t for t in infos if t.rpartition("/")[0] == space]
     exact = [t for t in same_namespace if t.rpartition("/")[2] == "camera_info"]

@@ -172,7 +172,7 @@ class PeopleDrawing:
         return [self._people[target] for target in sorted(self._people)]
 
     def find(self, target: int) -> PersonEstimate | None:
-        """Latest estimate of a target."""
+        """Latest estimate of a target; None if unknown."""
         return self._people.get(target)
 
     def trail(self, target: int) -> Floats:

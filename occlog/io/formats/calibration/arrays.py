@@ -115,7 +115,7 @@ def _elements(data: bytes, order: str) -> Iterator[_Element]:
 
 
 def _matrix(data: bytes, order: str) -> tuple[str, Floats | None]:
-    """Parse name and values of one array element of a MATLAB file."""
+    """Parse name and values of one array element of a MATLAB file; values are None unless real numbers."""
     parts = _elements(data, order)
     (flags,) = struct.unpack_from(f"{order}I", next(parts, _Element(0, b"")).data)
     sizes = next(parts, _Element(0, b""))
