@@ -188,7 +188,7 @@ def _clusters(possible: Bools) -> list[Ints]:
 
 
 def _groups(possible: Bools, ratio: Floats) -> list[tuple[Ints, Bools]]:
-    """Return groups of targets for joint enumeration, with at most MOST_EVENTS events each.
+    """Return groups of targets for joint enumeration, with at most `MAX_JOINT_EVENTS` events each.
 
     If there are more, the least likely bearing of a target with alternatives is dropped, which separates targets; a
     target's last bearing is dropped only if no target has an alternative.

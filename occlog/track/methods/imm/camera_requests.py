@@ -120,7 +120,7 @@ class RequestMemory(NamedTuple):
 class CameraQuestion(NamedTuple):
     """A request to cameras: the position of a known target, or of an unknown one on a line of sight."""
 
-    number: int  # UNNUMBERED: a target that is not known yet
+    number: int  # TENTATIVE: a target that is not known yet
     causes: tuple[str, ...]
     label: int
     position: Floats  # (2,) where it is thought to be

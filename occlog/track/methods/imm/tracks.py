@@ -83,8 +83,8 @@ MAX_DRAWS = 20
 class Track(NamedTuple):
     """A confirmed or tentative target."""
 
-    number: int  # UNNUMBERED until it is confirmed
-    label: int  # identity that sensors give it; UNLABELLED: none did
+    number: int  # TENTATIVE until it is confirmed
+    label: int  # identity that sensors give it; UNLABELLED_TRACK: none did
     cloud: imm.ImmParticles
     exists: float  # probability
     sounds: float  # probability that it is not silent, if it exists
@@ -170,7 +170,8 @@ def track_on_bearing(
 ) -> Track:
     """Return a new track with particles along a bearing's line of sight, within range and room.
 
-    It is tentative if `label` is UNLABELLED_TRACK. Positions are equally likely per length of the line; where none is in the room any will do.
+    It is tentative if `label` is `UNLABELLED_TRACK`. Positions are equally likely per length of the line; if none is in
+    the room, any will do.
     """
     config = world.config
     n = config.particles * config.initial_particle_factor

@@ -10,8 +10,8 @@ against the filter's prediction, which hold its own lag:
 
 * noise of middles and sizes, y = a + b size^2, by weighted least squares of the squared disagreements;
 * biases of each camera, by a scalar Kalman filter each;
-* the part that lasts, s^2 exp(-t / LASTS_S), from the products of a person's disagreements in successive frames of a
-  camera;
+* the part that lasts, s^2 exp(-t / NOISE_CORRELATION_S), from the products of a person's disagreements in successive
+  frames of a camera;
 * gait noise, an error of the position common to all cameras and new at every time step: with z the positions that
   time steps alone say, at equal intervals, and d_k = z_k - 2 z_{k-1} + z_{k-2}, white acceleration leaves d_k and
   d_{k-2} uncorrelated, so that E d_k d_{k-2} is the variance of the error of z_{k-2}.
@@ -246,7 +246,7 @@ def _correlated_noise(
         at = (person, int(camera[row]))
         if at in before:
             then, old = before[at]
-            # E of the product is s^2 exp(-t / LASTS_S)
+            # E of the product is s^2 exp(-t / NOISE_CORRELATION_S)
             w = np.exp(-(t_ns - then) / NS / NOISE_CORRELATION_S)
             weight = 1.0 / (variance * old[2:])
             product = np.clip(off * old[:2], -OUTLIER_CHI2 * variance, OUTLIER_CHI2 * variance)
@@ -418,7 +418,7 @@ def detector_model(
         bias=edges.bias,
         noise=edge_noise_variance(edges),
         gait_variance=correlated_noise(edges),
-        # White noise equivalent to noise with a correlation that falls as exp(-t / LASTS_S)
+        # White noise equivalent to noise with a correlation that falls as exp(-t / NOISE_CORRELATION_S)
         lasting=1.0 / np.tanh(0.5 * interval / NOISE_CORRELATION_S),
         merge=np.minimum(counts.merges[:, 0] / counts.merges[:, 1], MAX_MERGE_PROBABILITY),
         common_miss=min(float(counts.missed[0] / counts.missed[1]), MAX_COMMON_MISS),

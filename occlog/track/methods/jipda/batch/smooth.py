@@ -244,7 +244,7 @@ def _likeness(tracks: ChainTracks, head: Ints, node: Ints, boxes: Floats) -> Flo
     Args:
         tracks: of the positions.
         head: (N,) first positions of tracks.
-        node: (N,) position at the time step; NONE.
+        node: (N,) position at the time step; NO_NODE.
         boxes: vectors of length 1.
     """
     appearance = tracks.chain.sums.later[head]

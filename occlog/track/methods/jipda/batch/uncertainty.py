@@ -52,7 +52,7 @@ def possible_identity_switches(
     Args:
         tracks: of the positions.
         span: the time steps.
-        number: (n,) track of each position; NONE: no track.
+        number: (n,) track of each position; NO_NODE: no track.
         identity: of each track; NO_ID: it is not reported.
     """
     walk = tracks.walk._replace(reach=min(tracks.walk.reach, 4))

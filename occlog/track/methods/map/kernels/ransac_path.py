@@ -60,11 +60,11 @@ class BearingHalfLines(NamedTuple):
 class HypothesisBeam(NamedTuple):
     """Hypotheses at one state; unused entries have cost inf."""
 
-    x: Floats  # (BEAM, 4)
-    P: Floats  # (BEAM, 4, 4)
-    cost: Floats  # (BEAM,)
-    bits: Ints  # (BEAM,) which lines of sight of the state are accepted
-    parent: Ints  # (BEAM,) which hypothesis of the state before; -1: none
+    x: Floats  # (BEAM_WIDTH, 4)
+    P: Floats  # (BEAM_WIDTH, 4, 4)
+    cost: Floats  # (BEAM_WIDTH,)
+    bits: Ints  # (BEAM_WIDTH,) which lines of sight of the state are accepted
+    parent: Ints  # (BEAM_WIDTH,) which hypothesis of the state before; -1: none
 
 
 @kernel
@@ -143,7 +143,7 @@ def _around(first: Ints, seconds: Floats, t: int, longest: float) -> tuple[int, 
 def candidates(
     rays: BearingHalfLines, first: Ints, seconds: Floats, t: int, speed: float, widest: float, k2: float, out: Floats
 ) -> int:
-    """Write the best intersections for a state to `out` (MOST, 7) and return their number.
+    """Write the best intersections for a state to `out` (MAX_CROSSINGS, 7) and return their number.
 
     Columns: x, y, standard deviation, area, cost of the nearby lines of sight, and the two intersecting lines.
 
