@@ -2,8 +2,7 @@
 
 The last number in the name of a file or sensor is its frame or camera number. The suffix of an output states its
 format; one of a format that is not written there is refused. Sensor names in files are matched with those in use.
-Libraries that accept only UTF-8 paths get a safe
-name.
+Libraries that accept only UTF-8 paths get a safe name.
 """
 
 from __future__ import annotations
