@@ -157,7 +157,7 @@ def _crossing(rays: Floats, sights: CentresInViews) -> Floats:
 def _start(rays: Floats, problem: LeastSquares) -> Floats:
     """Return (N, 3) initial positions: least squares of the lines of sight.
 
-    For a single line, its point at the prior height.
+    For a single line it is the point at the prior height.
     """
     sights, known = problem.sights, problem.known
     across = (np.eye(3) - rays[:, :, :, None] * rays[:, :, None, :]) * sights.there[:, :, None, None]
@@ -231,7 +231,7 @@ def _reprojection_errors(xyz: Floats, problem: LeastSquares) -> tuple[Floats, Fl
 def _cost(xyz: Floats, left: Floats, problem: LeastSquares) -> Floats:
     """Return (N,) costs: the sum of squared standardised residuals (N, V, 2) and of the height's.
 
-    Inf behind a camera.
+    They are inf behind a camera.
     """
     known, height = problem.known, problem.height
     total = np.einsum("nvi,nvij,nvj->n", left, problem.weights, left)
@@ -403,7 +403,7 @@ def _mixture(
     odds: ViewOdds,
     sine: float,
 ) -> tuple[Floats, Floats]:
-    """Return (N, 3, 3) second moments about positions (N, 3) in the views `pattern`, and (N,) weights of all views."""
+    """Return (N, 3, 3) second moments about positions (N, 3) in the views `pattern`, and (N,) weights of the whole set."""
     density = np.log(2.0 * np.pi) + 0.5 * np.linalg.slogdet(sights.covariance)[1] + np.log(odds.agreement)
     logs, moments = [], []
     for views in _sets(pattern):

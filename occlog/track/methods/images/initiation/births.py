@@ -44,7 +44,7 @@ def anchors(ellipses: Floats, bottom: bool) -> Floats:
 def loop_distances(geometry: ViewGeometry, a: int, b: int, of_a: Floats, of_b: Floats, bottom: bool = False) -> Floats:
     """Return (N,) larger of the two distances of ellipses from each other's epipolar lines, in radii.
 
-    Inf where unknown.
+    They are inf where unknown.
 
     Args:
         geometry: of the views.

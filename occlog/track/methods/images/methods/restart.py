@@ -115,7 +115,7 @@ def counterpart_status(t: ImageTrackers) -> Ints:
 def assisting_views(t: ImageTrackers, fresh: Bools) -> Ints:
     """Return (n, V) row of the assisting tracker in each view: a good counterpart with a fresh estimate.
 
-    -1 for none.
+    The row is -1 for a view without one.
     """
     return np.where(t.good & (t.counterpart >= 0) & fresh[t.counterpart], t.counterpart, -1)
 

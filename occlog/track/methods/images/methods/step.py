@@ -59,7 +59,7 @@ def advance_with(
 ) -> tuple[VisualState, TrackerOutlines]:
     """Update all trackers with the weighted particles of one time step.
 
-    `advance` without the proposal and weighting.
+    This is `advance` without the proposal and weighting.
     """
     config, here = state.config, arrival.here
     after = _updated(state.trackers, arrival, samples, config)

@@ -367,7 +367,7 @@ def _due(run: _RunState, frames: FrameSet, gone: frozenset[TrackerKey]) -> tuple
 def _recent(run: _RunState, frame_set: FrameSetImages, setup: TrackingSetup) -> dict[TrackerKey, Floats]:
     """Return the tracker ellipses against which births in other views are checked.
 
-    Empty without collaboration: the trackers of two views may then be on different targets.
+    There are none without collaboration: the trackers of two views may then be on different targets.
     """
     if not setup.views_help:
         return {}
