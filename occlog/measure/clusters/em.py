@@ -148,7 +148,7 @@ def e_step(cells: Floats, mixture: Mixture, area: float, labels: Ints) -> tuple[
 def shared_entropy(cells: Floats, mixture: Mixture, area: float) -> Floats:
     """(K, K) assignment entropy between two clusters, summed over their pixels.
 
-    The loss of J, in addition to the fit, when the two are merged.
+    It is the loss of J, in addition to the fit, when the two are merged.
     """
     n_clusters = mixture.means.shape[0]
     shape = _shape(mixture, area)

@@ -62,7 +62,7 @@ def levels(X: np.ndarray, bins: np.ndarray) -> Floats:
 def coherence(X: np.ndarray, bins: np.ndarray, omega: Floats, microphones: Floats, u: Floats, c: float) -> float:
     """Coherence with a plane wave: 1 for a single wave, about 0 for independent noise.
 
-    Mean, over pairs of microphones, bins and spectra, of the cosine of the phase residual.
+    It is the mean, over pairs of microphones, bins and spectra, of the cosine of the phase residual.
 
     Args:
         X: (M, F, S) spectra.
@@ -86,8 +86,8 @@ def sharpness(
 ) -> Floats:
     """(2, 2) Cramer-Rao bound of (azimuth, elevation) [rad^2] from phases with Gaussian errors.
 
-    A pair coherence g corresponds to a phase variance of -ln g per microphone. Infinite where the array does not
-    determine an angle.
+    A pair coherence g corresponds to a phase variance of -ln g per microphone. The bound is infinite where the
+    array does not determine an angle.
 
     Args:
         omega: (B,) angular frequencies [rad/s].

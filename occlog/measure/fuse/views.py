@@ -186,7 +186,7 @@ def recovered_views(
 ) -> Views:
     """Views of recovered detections: a person's box at the global position, without appearance.
 
-    None for cameras without views so far, or with unknown height of people.
+    There are none for cameras without views so far, or if the height of people is unknown.
 
     Args:
         new: recovered detections.

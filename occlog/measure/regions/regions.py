@@ -8,7 +8,7 @@ therefore sums over pixels.
 
 Connected components of the foreground as person-sized regions: the plain alternative to clustering.
 
-Appearance of what a camera sees: a normalised histogram of colours in the 72 bins of `histogram_bins` ([Qu]).
+Appearance of what a camera sees: a normalised histogram of colours in the 72 bins of `pixel_bin` ([Qu]).
 
 Smaller images for faster detection, and results from them back in pixels of the whole image.
 

@@ -148,7 +148,7 @@ def choose(
 def _closeness(t_ns: int, regions: ForegroundRegions, last: tuple[int, float, float] | None) -> Floats:
     """(K,) closeness to the target's last position: exp(-d^2 / 2) with the normalised distance d.
 
-    0 after `MEMORY_S`.
+    It is 0 without a last position, and after `MEMORY_S`.
     """
     if last is None or (t_ns - last[0]) * 1e-9 > MEMORY_S:
         return np.zeros(len(regions.mass))

@@ -1,7 +1,7 @@
-"""The process that runs a network: `python -m occlog.measure.networks.running.process_main`, started by `apart`.
+"""The process that runs a network: `python -m occlog.measure.networks.running.process_main`.
 
-The first message on standard input names the network; each further one has its inputs. Each is answered on standard
-output by the outputs, or by an error. The process ends when the requests end.
+It is started by `subprocess_runtime`. The first message on standard input names the network; each further one has its
+inputs. Each is answered on standard output by the outputs, or by an error. The process ends when the requests end.
 """
 
 from __future__ import annotations
