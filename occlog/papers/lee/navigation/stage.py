@@ -259,7 +259,7 @@ class _Watch:
     def stays(self, active: Ints, most: float) -> Bools:
         """Return (A,) booleans: whether robots stayed within `most` in this window and the one before.
 
-        False before there are two windows.
+        They are False before there are two windows.
         """
         if self._step < 2 * WINDOW:
             return np.zeros(len(active), dtype=np.bool_)
