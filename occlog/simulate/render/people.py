@@ -141,7 +141,7 @@ def _checked(camera: Camera) -> Camera:
 
 
 def _clothes(ids: NDArray[np.int64], target: NDArray[np.bool_], config: RenderConfig, seed: int) -> Clothes:
-    """Draw clothes for the objects by seed and number; for `identical_clothes` also by who is a target."""
+    """Draw clothes for the objects; they depend on the seed, the numbers, and which objects are targets."""
     targets = ids[target].tolist()
     worn = []
     for number, is_target in zip(ids.tolist(), target.tolist(), strict=True):

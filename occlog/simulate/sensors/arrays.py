@@ -312,7 +312,7 @@ def _false(sensor: SimulatedArray, t_ns: Ints, sound: SoundConfig) -> tuple[Ints
 def _rows(array: MicrophoneArray, t_ns: Ints, source: Ints, azimuth: Floats, elevation: Floats) -> Doa:
     """Return the measurement table of an array from columns of equal length.
 
-    Azimuth and elevation in the world [rad].
+    Azimuths and elevations are those in the world [rad].
     """
     n = len(t_ns)
     azimuth = wrap_angle(azimuth)

@@ -81,7 +81,7 @@ def _simulated_camera(scene: Scene, camera: Camera, number: int, config: Observe
 def visible(camera: Camera, walls: tuple[Floats, ...], xyz: Floats, k: int, diameter: float) -> Bools:
     """Return (T,) booleans: whether the camera sees object k of (T, n, 3) positions.
 
-    False where the object is absent.
+    They are False where the object is absent.
     """
     xy = xyz[:, k, :2]
     # In front of the camera, in its field of view and range
