@@ -159,7 +159,7 @@ class TrackSummary:
     def _searches(self) -> dict[str, Any]:
         """Figures of a batch method.
 
-        Iterations of the search for each target, and the number of searches that did not converge.
+        These are the iterations for each target, the number of searches, how many did not converge, and range biases.
         """
         iterations: Counter[int] = Counter()
         for solve in self.solves:

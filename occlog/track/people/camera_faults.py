@@ -342,7 +342,7 @@ class _Search:
     def _seen_by_others(self, c: int, first: int, last: int) -> int:
         """Number of people that another camera locates in the view of camera `c` during the time steps first to last.
 
-        The maximum over the other cameras.
+        It is the maximum over the other cameras.
         """
         count = 0
         for o, other in enumerate(self.views):

@@ -100,7 +100,7 @@ def median_height(heights: Floats) -> float:
 def inconsistent_cameras(heights: Floats) -> Mapping[int, float]:
     """Cameras with a height of people far from the others', as {camera index: height}.
 
-    More than `HEIGHT_RATIO_LIMIT` times above or below the median of the other cameras.
+    Such a height is at least `HEIGHT_RATIO_LIMIT` times above or below the median of the other cameras.
     """
     found = {}
     for c in np.flatnonzero(np.isfinite(heights)).tolist():

@@ -141,7 +141,7 @@ def fit_pairs(views: Sequence[BoxesOfCamera], t_ns: Ints, person_height: float, 
 def camera_errors(normal: Floats, matters: Callable[[CameraError], bool]) -> list[CameraError]:
     """Significant errors of cameras.
 
-    The one with the largest evidence, then those that remain significant given the previous ones.
+    The one with the largest evidence is the first; the others remain significant given those before them.
 
     Args:
         normal: (T, K, K + 1) of `fit_pairs`.
@@ -430,7 +430,7 @@ def _of_pair(a: _LocatingCamera, b: _LocatingCamera, steps: int, person_height: 
 def _of_one_person(a: _LocatingCamera, b: _LocatingCamera, farthest: float) -> tuple[Ints, Ints]:
     """Rows of two cameras that are the same person.
 
-    Mutual nearest neighbours by Mahalanobis distance, within a gate and the distance `farthest`.
+    These are mutual nearest neighbours by Mahalanobis distance, within a gate and the distance `farthest`.
     """
     i, j = paired_rows(a.steps, b.steps)
     with np.errstate(invalid="ignore"):

@@ -215,7 +215,8 @@ def _iterate(
 def _fix_at(xy: Floats, equations: _Equations, weights: Floats, kappa: float, learned: bool) -> Fix | None:
     """Return the position with Lenth's covariance.
 
-    1/kappa times the inverse of the symmetric part of the equations' matrix.
+    It is 1/kappa times the inverse of the symmetric part of the equations' matrix; None if that is not positive
+    definite.
     """
     information = 0.5 * (equations.matrix + equations.matrix.T)
     if not np.linalg.det(information) > 0.0 or not information[0, 0] > 0.0:
@@ -404,7 +405,7 @@ def _cost(residual: Floats, bend: float) -> Floats:
 def _climbed(xy: Floats, positions: Floats, bearings: Floats, sigma: Floats, bend: float) -> Floats:
     """Return (M, 2) modes reached from start positions.
 
-    Reweighted Gauss-Newton with step halving until the cost falls.
+    The search is reweighted Gauss-Newton with step halving until the cost falls.
     """
     xy = xy.copy()
     scale = np.hypot(*(positions - positions.mean(axis=0)).T).max() + 1e-300

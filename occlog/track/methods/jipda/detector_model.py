@@ -108,7 +108,8 @@ def prior_edge_errors(cameras: int, metre: float, config: JipdaConfig) -> EdgeEr
 def edge_noise_variance(edges: EdgeErrorStatistics) -> Floats:
     """Noise model of box centres and sizes.
 
-    (4, 2) constant variance [px^2] and share squared, by nonnegative least squares.
+    (4, 2): constant variance [px^2] and coefficient of the squared size, by nonnegative least squares; the second of
+    centres is without the part that is correlated in time.
     """
     out = np.linalg.solve(edges.normal, edges.right[..., None])[..., 0]
     for k in range(4):

@@ -276,7 +276,7 @@ def _proposed(
 def occlusion_by_others(xy: Floats, camera: Floats, diameter: float) -> Bools:
     """(L, M) mask of objects (L, M, 2) that another object of the same particle occludes from a camera (2,).
 
-    [Ercan] Fig. 3.
+    The geometry is that of [Ercan] Fig. 3.
     """
     away = xy - camera
     r = np.maximum(np.hypot(away[..., 0], away[..., 1]), 1e-12)

@@ -87,7 +87,7 @@ def _exchanges(
 ) -> tuple[Ints, Ints, Floats]:
     """Nodes i, nodes j and probabilities of the exchanges of tails that link i to j.
 
-    Only exchanges of at least the probability `MIN_SWITCH_PROBABILITY`.
+    Exchanges below the probability `MIN_SWITCH_PROBABILITY` are omitted.
     """
     before, after, probability = [0], [0], [0.0]
     for i in range(nodes.step.shape[0]):
