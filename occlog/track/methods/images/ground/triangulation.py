@@ -403,7 +403,7 @@ def _mixture(
     odds: ViewOdds,
     sine: float,
 ) -> tuple[Floats, Floats]:
-    """Return (N, 3, 3) second moments about positions (N, 3) in the views `pattern`, and (N,) weights of the whole set."""
+    """Return (N, 3, 3) second moments about positions (N, 3) in the views `pattern`, and (N,) weights of the set."""
     density = np.log(2.0 * np.pi) + 0.5 * np.linalg.slogdet(sights.covariance)[1] + np.log(odds.agreement)
     logs, moments = [], []
     for views in _sets(pattern):

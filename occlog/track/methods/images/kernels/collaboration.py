@@ -150,7 +150,7 @@ class CameraCollaboration(NamedTuple):
     camera: Ints  # (n,) view of each tracker
     helper: Ints  # (n, V) tracker of the same target in another view that may help; -1: none
     fundamental: Floats  # (V, V, 3, 3)
-    affine: Floats  # (n, 2, 3) see `bands`
+    affine: Floats  # (n, 2, 3) see `methods.restart.affine_maps`
     bottom: bool  # whether the lowest point of an ellipse represents the target; else its centre
     band: float  # Sigma of Eq. 5 over the reach of the ellipse across the line
     clear: float  # a counterpart helps when its ratio is at least this, or that of the tracker
