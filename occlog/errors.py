@@ -127,7 +127,7 @@ class NoSceneError(UsageError):
     """
 
     def __init__(self, where: object) -> None:
-        """`where` names the file."""
+        """Create the error for the file `where`."""
         super().__init__(f"{where}: holds no scene; give one with {option('scene')}", id="missing-scene")
         self.where = where
 

@@ -186,7 +186,7 @@ class Tables:
         self._writers: dict[str, TableWriter] = {}
 
     def open(self, field: str, provenance: Provenance, wider: type[ColumnTable] | None = None) -> None:
-        """Open the table of a field if requested.
+        """Open the table of a field if it is requested and a table.
 
         Args:
             field: of the request.

@@ -243,7 +243,7 @@ def _value(entry: RequestEntry, arguments: Mapping[str, Any], inputs: CallInputs
 
 
 def _plugged(value: Sequence[str] | Mapping[str, Mapping[str, Any]], kind: str, name: str) -> tuple[Chosen, ...]:
-    """Format plug-ins for a request: names, or settings by name."""
+    """Selected plug-ins of a kind, from their names, or from settings by name."""
     given = value if isinstance(value, Mapping) else {each: {} for each in value}
     found = []
     for each, values in given.items():

@@ -27,7 +27,10 @@ PACKAGE = os.path.dirname(occlog.__file__) + os.sep  # noqa: PTH120
 
 
 class OcclogWarning(UserWarning):
-    """Warning: estimates are implausible, or input was lost; the message names cause and remedy."""
+    """Warning: estimates are implausible, or input was lost; the message names cause and remedy.
+
+    `warnings.simplefilter("error", occlog.OcclogWarning)` makes it an error.
+    """
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -93,7 +96,7 @@ class Result:
         return {k: v for k, v in self.summary.items() if k != "warnings"}
 
     def _picture(self) -> str:
-        """Return the result's picture as SVG text; empty without one."""
+        """Return the result's picture as SVG or HTML text; empty without one."""
         return ""
 
 
@@ -113,7 +116,7 @@ class TrackResult(Result):
         return next(iter(self.tables.values()))
 
     def _picture(self) -> str:
-        """Return the floor plan with the tracks as SVG text."""
+        """Return the floor plan with the tracks as SVG text; empty without tracks in the plane."""
         if self.tracks.name != "tracks" or not len(self.tracks):
             return ""
         from occlog.io.files.tables.parquet import read_table
@@ -201,7 +204,7 @@ class OverlayResult(Result):
     png: bytes | None = None
 
     def _picture(self) -> str:
-        """Return the picture of the frame as SVG text."""
+        """Return the picture of the frame as an HTML image; empty without one."""
         if self.png is None:
             return ""
         return f'<img src="data:image/png;base64,{b64encode(self.png).decode()}" style="max-width:100%">'

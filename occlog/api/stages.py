@@ -370,7 +370,7 @@ def ingest(
 
 
 def _paths(value: File | Sequence[File]) -> tuple[Path, ...]:
-    """Return one path, or a list of paths, from a path-like argument."""
+    """Tuple of paths from one path or a sequence of paths."""
     return (Path(value),) if isinstance(value, str | os.PathLike) else tuple(Path(each) for each in value)
 
 

@@ -219,7 +219,7 @@ class Table:
 
 
 def in_words(value: object) -> str:
-    """Format a value for a cell: four significant decimals, empty if unknown."""
+    """Format a value for a cell: four significant digits, empty if unknown."""
     if value is None or (isinstance(value, float) and np.isnan(value)):
         return ""
     if isinstance(value, float):

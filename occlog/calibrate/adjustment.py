@@ -112,9 +112,9 @@ class Clocks(NamedTuple):
 
 
 class BodyPrior(NamedTuple):
-    """Prior of body sizes: mean height and width, their standard deviations, that of the mean height.
+    """Prior of body sizes.
 
-    Length units per metre.
+    Mean height and width, their standard deviations, that of the mean height, and the length units in a metre.
     """
 
     height: float

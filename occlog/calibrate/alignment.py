@@ -141,7 +141,7 @@ def align_pair(
 
 
 def _shifted(paths: Complexes, late: int) -> Complexes:
-    """Shift paths by a clock delay of some time steps."""
+    """Paths of a clock that is late by some steps, at the times of the other clock: those of later times."""
     out = np.full_like(paths, np.nan)
     if late >= 0:
         out[:, : paths.shape[1] - late] = paths[:, late:]

@@ -40,7 +40,7 @@ UNSEEN = 1.0
 class FocalEstimate(NamedTuple):
     """A focal length [px] with the standard deviation of its logarithm.
 
-    Without boxes, the prior of cameras in general.
+    Without boxes it is the prior of cameras in general.
     """
 
     focal_px: float

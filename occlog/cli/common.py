@@ -142,7 +142,7 @@ def _origin() -> click.Option:
 
 
 def state_origin(ctx: click.Context, param: click.Parameter, text: str | None) -> Origin | None:  # noqa: ARG001
-    """Callback: set the geodetic origin until the command ends."""
+    """Callback: set the geodetic origin until the command ends, and return it; None if not given."""
     if text is None or ctx.resilient_parsing:
         return None
     from occlog.io.files.geodetic import stated_origin
@@ -218,7 +218,7 @@ READER_KEY = "occlog.reader"
 
 
 def check_common(ctx: click.Context) -> None:
-    """After a command: UsageError if a stated unit or reader was not used."""
+    """After a command: UsageError if a stated unit, origin or reader was not used."""
     reader: Any = ctx.find_root().meta.get(READER_KEY)
     if reader is not None:
         reader.check_used()

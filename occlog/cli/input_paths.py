@@ -28,7 +28,7 @@ class Input(click.Path):
     """Parameter type: path of an input; `-` is standard input."""
 
     def __init__(self, *, some: bool = False) -> None:
-        """Existence is checked later by `check_there`, readability by the reader.
+        """Create the type; existence is checked later by `check_there`, readability by the reader.
 
         Args:
             some: true: of several some may be missing, which the command states itself.

@@ -204,7 +204,7 @@ class LazyGroup(click.Group):
         return with_reader(command, ctx.meta.get(WORDS, ()))
 
     def invoke(self, ctx: click.Context) -> object:
-        """Call the command, then check that all stated units and readers were used."""
+        """Call the command, then check that stated units, origin and reader were used."""
         from .common import check_common
         from .startup import with_compile_notice
 
@@ -233,7 +233,7 @@ class LazyGroup(click.Group):
         return super().resolve_command(ctx, args)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Refuse an option before the command name that belongs after it."""
+        """Parse the arguments; an unknown option before the command name is refused, since options go after it."""
         ctx.meta[WORDS] = tuple(args)
         try:
             return super().parse_args(ctx, args)
@@ -268,7 +268,7 @@ def main(args: list[str] | None = None) -> None:
 
 
 def _only_own_lines() -> None:
-    """Context manager that hides warnings of libraries unless the user asks for them."""
+    """Hide warnings of libraries unless the user asks for them."""
     if not sys.warnoptions and not os.environ.get(DEBUG):
         warnings.simplefilter("ignore")
 

@@ -145,7 +145,7 @@ def parse_window(seconds: float) -> int:
 
 
 def parse_seconds(option: str, seconds: float) -> float:
-    """Seconds; UsageError unless a number in the range of times."""
+    """Seconds; UsageError for NaN, or for more than the range of times."""
     if seconds != seconds:
         raise UsageError(f"{option} {seconds}: must be a number")
     if not seconds <= LONGEST_WINDOW_S:

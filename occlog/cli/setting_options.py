@@ -86,7 +86,7 @@ class SettingOption(click.Option):
         )
 
     def default_text(self, value: Any) -> Any:
-        """Default of the setting, formatted as an option value."""
+        """Convert an option value to a value of the setting, in its own unit."""
         return in_own_unit(value, self._said)
 
     def is_of(self, error: SettingError) -> bool:

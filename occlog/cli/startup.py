@@ -25,7 +25,7 @@ class UnknownNameError(click.UsageError):
 
 @contextmanager
 def with_compile_notice() -> Iterator[None]:
-    """Context manager that reports once that kernels are being compiled, unless the command is quiet."""
+    """Context manager that reports once if compiling kernels takes long, unless the command is quiet."""
 
     def say(kept: bool) -> None:
         if not QUIET.get():
@@ -54,7 +54,7 @@ WANTED_OPEN_FILES = 65_536
 
 
 def allow_open_files() -> None:
-    """Raise the soft limit of open files (often 1024) up to the required or allowed value."""
+    """Raise the soft limit of open files (often 1024) to the required value, as far as the hard limit allows."""
     if "resource" in globals():
         soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
         most = WANTED_OPEN_FILES if hard == resource.RLIM_INFINITY else min(hard, WANTED_OPEN_FILES)

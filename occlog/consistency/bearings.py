@@ -380,7 +380,8 @@ class EstimatedTrajectory(NamedTuple):
     def at(self, t_ns: Ints, window_ns: int, sensor: str) -> tuple[Ints, Bools]:
         """(N,) index of the estimate for each time, and mask of valid ones.
 
-        The next estimate not later than the window; valid if its covariance is known and it used the sensor.
+        The index is that of the next estimate; it is valid if it is not later than the window, its covariance is known,
+        and it used the sensor.
         """
         n = np.searchsorted(self.t_ns, t_ns)
         i = np.minimum(n, len(self.t_ns) - 1)
@@ -486,7 +487,7 @@ class SensorConsistency:
 
     @property
     def nis(self) -> Ratio:
-        """Normalised innovation squared of the sensor, for errors with a constant part due to the pose."""
+        """Normalised innovation squared, with a standard error that includes the pose error (constant in time)."""
         value, error = self.means.ratio
         share = ratio_or_nan(self.pose, self.means.expected)
         return Ratio(value, math.hypot(error, math.sqrt(2.0) * share * value) if share > 0.0 else error)
@@ -529,7 +530,7 @@ class ResidualStatistics:
 
     @property
     def bearings(self) -> int:
-        """Number of inlier bearings."""
+        """Number of bearings used."""
         return sum(a.bearings for a in self.sensors.values())
 
     @property

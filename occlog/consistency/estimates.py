@@ -248,7 +248,7 @@ class QualityFlags:
 
 
 class PlainViewMisses:
-    """Counts how often cameras with an unoccluded view of a target miss it while it is tracked."""
+    """Counts how often cameras with an unoccluded view of a target missed it since any sensor detected it."""
 
     def __init__(self, scene: Scene) -> None:
         """Start without rows.

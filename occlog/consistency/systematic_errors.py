@@ -192,7 +192,7 @@ class SystematicErrors:
     def _sizes(self, taken: Bools, noise: float) -> tuple[Floats, Floats]:
         """(2 S,) sizes and standard errors of the candidate errors, each estimated jointly with the selected ones.
 
-        Else 0.
+        Both are 0 for selected errors, and for those that the data do not determine.
         """
         size, error = np.zeros(len(taken)), np.zeros(len(taken))
         base = np.flatnonzero(taken)

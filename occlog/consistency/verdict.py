@@ -294,7 +294,7 @@ class ConsistencyEvidence:
             )
 
     def _rows(self) -> Iterator[Check]:
-        """Report rows with a quality flag, as a note if they are rare."""
+        """Report rows with a quality flag (as a note if they are rare), and fallbacks if they are not rare."""
         flags = [(self.doubts[flag], id, MAX_FLAGGED_SHARE) for flag, id in QUALITY_FLAGS.items()]
         flags += [(self.fallbacks[value], *of) for value, of in FALLBACKS.items()]
         for n, (count, id, allowed) in enumerate(flags):
@@ -307,7 +307,7 @@ class ConsistencyEvidence:
     def _rivals(self) -> Iterator[Check]:
         """Report targets with a rival trajectory nearly as probable as the reported one.
 
-        A note if both hardly differ.
+        It is a note if both hardly differ.
         """
         origin_ns = 0 if self.span_ns is None else self.span_ns[0]
         for target, found in sorted((self.rivals or {}).items()):

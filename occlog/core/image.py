@@ -3,10 +3,10 @@
 Densities of colours and their similarity: m-bin histograms and the Bhattacharyya coefficient ([Lee] Sec. 5.2.1).
 
 With L levels there are m = L (L + 1) bins: L x L of hue and saturation, then L of brightness for pixels without a hue;
-72 bins with 8 levels. [Qu] compares targets by colour histograms without stating the bins. A pixel too grey (saturation
-<= 0.1) or too dark (value <= 0.2) to have a hue goes to bin 64 + floor(8 * value), every other one to bin 8 * floor(hue
-/ 45 deg) + floor(8 * saturation), with OpenCV's hue, saturation = (max - min) / max and value = max / 255. All limits
-are compared in whole numbers, so that a pixel's bin does not depend on rounding.
+72 bins with 8 levels. [Qu] compares targets by colour histograms without stating the bins; these are the project's. A
+pixel too grey (saturation <= 0.1) or too dark (value <= 0.2) to have a hue goes to bin 64 + floor(8 * value), every
+other one to bin 8 * floor(hue / 45 deg) + floor(8 * saturation), with OpenCV's hue, saturation = (max - min) / max and
+value = max / 255. All limits are compared in whole numbers, so that a pixel's bin does not depend on rounding.
 
 Ellipses in an image as states of trackers, [Qu] Sec. 3.1: size in a direction, neighbours, pixels inside.
 
@@ -133,8 +133,8 @@ def bhattacharyya(a: Floats, b: Floats) -> Floats:
 def bias(bins: Ints | float, a: Ints | Floats | float, b: Ints | Floats | float) -> Floats:
     """Expected shortfall of the Bhattacharyya coefficient of two samples of one density below 1.
 
-    (m - 1) / 8 (1 / a + 1 / b). Second-order term of the expansion of the square root at the density, valid if every
-    bin has several counts.
+    It is (m - 1) / 8 (1 / a + 1 / b), the second-order term of the expansion of the square root at the density, and
+    is valid if every bin has several counts.
 
     Args:
         bins: number m of bins that have colours.
@@ -170,7 +170,8 @@ MAX_AXIS_PX = 1e4
 def support_radius(ellipses: Floats, theta: Floats | float) -> Floats:
     """Support function of ellipses (..., 5) in direction theta [rad].
 
-    Distance of the tangent across theta from the centre [px]. sqrt(a^2 cos^2 + b^2 sin^2) of the angle to axis a.
+    It is the distance [px] from the centre of the tangent across theta: sqrt(a^2 cos^2 + b^2 sin^2) of the angle
+    between theta and axis a.
     """
     e = np.asarray(ellipses, dtype=np.float64)
     turn = np.asarray(theta, dtype=np.float64) - e[..., 4]
@@ -227,7 +228,7 @@ def holds_pixels(ellipse: Floats) -> bool:
 
 @kernel
 def row_limits(cy: float, a: float, b: float, rho: float) -> tuple[int, int]:
-    """First and last pixel row that an ellipse meets; first > last if none."""
+    """First and last pixel row that an ellipse meets, for which `holds_pixels` is True; first > last if none."""
     reach = math.hypot(a * math.sin(rho), b * math.cos(rho))
     return math.ceil(cy - reach), math.floor(cy + reach)
 

@@ -26,7 +26,7 @@ from .verdict import TrackProvenance
 
 
 def open_sources(request: EvaluateRequest, *, held_boxes: bool) -> tuple[EvaluationSources, Scene, Opened | None]:
-    """Open all inputs that are named, without reading them; the scene, and the tracks.
+    """Open all inputs that are named, without reading them; return them, the scene, and the tracks.
 
     Args:
         request: names the inputs.

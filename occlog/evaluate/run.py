@@ -176,7 +176,7 @@ def _on_ground(sides: Sequence[EvaluateRequest], chosen: EvaluateConfig) -> tupl
 
 
 def _names(recordings: Sequence[EvaluatedRecording]) -> list[str]:
-    """Name of each recording: that of its tracks, or of its truth if only these differ."""
+    """Name of each recording: that of its tracks, else of its truth, the first that all differ in; else a number."""
     for side in ([r.tracks.stem for r in recordings], [r.truth.stem for r in recordings]):
         if len(set(side)) == len(side):
             return side

@@ -117,7 +117,7 @@ class EvaluationSources:
 
 
 def rows_of(chunks: Chunks[T] | None) -> Iterator[T]:
-    """Concatenate all rows; empty without a source."""
+    """Iterator over the rows in chunks; empty without a source."""
     return iter(()) if chunks is None else chunks()
 
 
@@ -152,7 +152,7 @@ def _gathered(chunks: Chunks[T]) -> Iterator[T]:
 
 
 def _during(chunks: Chunks[T], span: Span) -> Iterator[T]:
-    """Rows in a time range."""
+    """Rows in a time range, the end of which is excluded."""
     for chunk in chunks():
         yield chunk.take((times(chunk) >= span[0]) & (times(chunk) < span[1]))
 

@@ -2,7 +2,7 @@
 
 All tables are read in chunks, two or three times, in common time intervals: for the survey of the whole, if requested
 for the pairs of tracks and targets (`prepare`), and for the figures. A table in memory is one chunk. Also the cost of
-sensor selection by events (requests, frames, mean period), and figures of plug-ins.
+requests to cameras (requests, frames, mean period), and figures of plug-ins.
 """
 
 from __future__ import annotations

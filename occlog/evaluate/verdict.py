@@ -83,7 +83,7 @@ class TrackProvenance(NamedTuple):
 
 
 def bearings_used(bearings: Bearings, made: TrackProvenance, held_out: tuple[str, ...]) -> Bearings:
-    """Source of the bearings that tracks were made from, if known; `held_out`: sensors that were not used."""
+    """Bearings that tracks were made from, if known; `held_out`: sensors that were not used."""
     use = np.isin(bearings.sensor, list(held_out), invert=True)
     if made.sensors is not None:
         use &= np.isin(bearings.sensor, sorted(made.sensors))
@@ -123,7 +123,7 @@ def checks_with_truth(
 
 
 def _truth_of_another_target(found: ConsistencyEvidence, metrics: Mapping[str, object]) -> Iterator[Check]:
-    """Whether bearings agree with tracks far from the truth, and disagree with the truth."""
+    """Finding that bearings agree with tracks far from the truth, and disagree with the truth."""
     nis, there = found.agreements.nis, _number(metrics, "bearing_nis")
     if there > MAX_BEARING_NIS and nis.value <= NIS_HIGH and found.agreements.doubted <= MAX_REJECTED_SHARE:
         yield finding(IDENTITY, "truth-of-another-target", nis_of_tracks=nis.value, nis=there, allowed=MAX_BEARING_NIS)
@@ -393,10 +393,10 @@ class _Alone:
 
 
 def in_rows_of(tracks: Iterable[Tracks], diagnostics: Iterable[Diagnostics]) -> Iterator[Diagnostics]:
-    """Diagnostics sorted like the rows of tracks, one for each.
+    """Diagnostics of the rows of tracks, one for each, in chunks like these and with their times.
 
     Raises:
-        InputError: there are fewer or more of them.
+        InputError: there are fewer of them.
     """
     held, rest = Diagnostics.empty(), iter(diagnostics)
     for chunk in tracks:

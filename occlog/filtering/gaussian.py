@@ -34,7 +34,7 @@ Transition = Callable[[float], tuple[Floats, Floats]]
 
 
 def symmetric(matrix: Floats) -> Floats:
-    """Symmetrise matrices (..., n, n), which rounding has made asymmetric."""
+    """Mean of matrices (..., n, n) and their transposes, to remove the asymmetry of rounding."""
     return 0.5 * (matrix + matrix.swapaxes(-1, -2))
 
 

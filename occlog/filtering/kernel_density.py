@@ -61,7 +61,7 @@ def silverman_bandwidth(particles: int, dimension: int) -> float:
 def kernel_density(
     cloud: Floats, weights: Floats, kinds: Ints | None = None, kept: int = MAX_PARTICLES
 ) -> KernelDensity:
-    """Kernel density of particles, of which `kept` are kept.
+    """Kernel density of particles, of which at most `kept` are kept.
 
     These are shifted and scaled so that their mean and covariance are those of all particles.
 
@@ -93,7 +93,7 @@ def _stretched(off: Floats, covariance: Floats) -> Floats:
 
 
 def last_states(end: KernelDensity, count: int, rng: Generator) -> tuple[Floats, Ints]:
-    """Sample final states (n, M) of trajectories and their kinds; also return mean and covariance of the density."""
+    """Sample final states (n, M) of trajectories, with the density's mean and covariance, and their kinds (M,)."""
     rows = systematic_ancestors(np.full(end.centres.shape[1], 1.0 / end.centres.shape[1]), count, rng.random())
     noise = root_of(end.covariance) @ rng.standard_normal((len(end.mean), count))
     drawn = end.centres[:, rows] + end.width * noise
@@ -136,9 +136,9 @@ def states_before(
 
 @array_kernel
 def _chosen(centres: Floats, at: Floats, before: Ints, after: Ints, chances: Floats, u: Floats) -> Ints:
-    """(M,) samples of K centres (n, K) for positions (n, M), with unit Gaussian weights times `chances`.
+    """(M,) index of a centre drawn for each position (n, M) from K centres (n, K), by unit Gaussians times `chances`.
 
-    The nearest if all are 0.
+    It is the nearest centre if all weights are 0.
     """
     n, K = centres.shape
     M = at.shape[1]

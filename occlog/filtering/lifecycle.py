@@ -61,9 +61,10 @@ def advance(
 
 
 def track_loss_count(before: int, against: int, reports: int) -> int:
-    """Track-loss counter after a scan.
+    """Track-loss counter after a scan, at least 0.
 
-    Plus the reports that contradict the posterior, minus those that agree, at least 0.
+    It grows by the number of reports that contradict the posterior minus that of the others, by at most
+    `MAX_LOSS_CHANGE_PER_SCAN` either way.
 
     Args:
         before: the counter before the scan.

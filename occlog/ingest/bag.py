@@ -207,10 +207,7 @@ def _is_rectified(found: BagSurvey, camera: str) -> bool:
 
 
 def _shared_frames(found: BagSurvey) -> set[str]:
-    """Frames shared by several cameras.
-
-    Stereo pairs in which the right camera is defined by its projection matrix only.
-    """
+    """Frames shared by several cameras, as in stereo pairs with a right camera known by its matrix P only."""
     return {frame for frame, cameras in Counter(found.frames.values()).items() if cameras > 1}
 
 
@@ -279,7 +276,7 @@ class _CameraState:
     taken: int = 0
 
     def skip(self, log_ns: int, t_ns: int) -> None:
-        """Count a message if its time is not after that of the previous one."""
+        """Count a message with a time that is not after that of the previous one."""
         back_ns = (self.last or 0) - t_ns
         self.first_late = self.first_late or f"the first after message {self.taken - 1}, recorded {utc(log_ns)}"
         self.late, self.back_ns = self.late + 1, max(self.back_ns, back_ns)
@@ -294,7 +291,7 @@ class GatheredVideo:
     """Collects the messages of a compressed video stream in a file for the decoder; undecodable messages are counted.
 
     Attributes:
-        reason: why the first message cannot be decoded; empty: all can.
+        reason: why the first of the undecodable messages cannot be decoded; empty: all can.
         numbers: number of the message of each picture that is decoded.
         times: of these [ns].
         file: they.
@@ -330,7 +327,7 @@ class GatheredVideo:
         self._whole, self.reason = False, self.reason or reason
 
     def end(self) -> int:
-        """Close the file; return the number of messages before the first key frame."""
+        """Close the file; return the number of messages left out because they cannot be decoded."""
         self.file.close()
         return self._lost
 

@@ -59,7 +59,7 @@ def survey(plan: IngestPlan, scene: Scene, note: Note) -> BoxSurvey | None:
 
 
 def note_frames(found: BoxSurvey, times: Mapping[str, FrameTimes], note: Note) -> None:
-    """Note if frame numbers of cameras differ at one time, as with unequal frame rates."""
+    """Note the frame ranges of the cameras if they differ, as with unequal frame rates."""
     frames = found.frames(times)
     if len({(each.start, each.stop) for each in frames.values()}) > 1:
         text = ", ".join(f"{name} {each[0]} to {each[-1]}" for name, each in frames.items() if each)

@@ -5,7 +5,7 @@ Folders of data sets as they ship: which of their parts are what.
 WILDTRACK has `calibrations`, `annotations_positions` and `Image_subsets/C1` to `C7`; the numbers of its frames (0, 5,
 10, ...) count tenths of a second.
 
-Clock offsets are added to the clocks of the scene.
+Clock offsets are added to the times of sensors, by clocks of their own in the scene.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ def offsets_of(texts: Iterable[str]) -> dict[str, float]:
 
 
 def with_offsets(scene: Scene, offsets: Mapping[str, float]) -> Scene:
-    """Add offsets [s] to the clocks of sensors in the scene; drifts are unchanged.
+    """Change the clocks of a scene so that offsets [s] are added to the times of sensors; drifts are unchanged.
 
     Existing clocks stay, including those made for an earlier offset (`cam2-offset`): the new ones have names of their
     own.
@@ -139,7 +139,7 @@ def with_offsets(scene: Scene, offsets: Mapping[str, float]) -> Scene:
 
 
 def _free_name(name: str, taken: Collection[str]) -> str:
-    """The name, or the first unused one of `name2`, `name3`, ..."""
+    """The name, or the first unused one of `name-2`, `name-3`, ..."""
     return next(each for each in (name, *(f"{name}-{n}" for n in range(2, len(taken) + 3))) if each not in taken)
 
 
@@ -414,7 +414,7 @@ class IngestPlan(Settings):
             )
 
     def calibration_options(self) -> CalibrationOptions:
-        """Options that complete a calibration (unit, axes, image size)."""
+        """Options that complete a calibration (unit, image size, lens model, mirrored axis)."""
         from occlog.io.formats.calibration.common import CalibrationOptions
 
         return CalibrationOptions(self.calibration_unit, self.image_size, self.lens_model, self.mirror)
@@ -535,7 +535,7 @@ def frames_of(values: Iterable[str]) -> FrameChoice:
 
 
 def _named(setting: str, values: Iterable[str]) -> dict[str, Path]:
-    """Parse `NAME=VALUE` pairs; UsageError for repeated names."""
+    """Parse `NAME=VALUE` pairs; UsageError for a missing or repeated name."""
     out: dict[str, Path] = {}
     for name, path in pairs(values, Path):
         if name is None:
@@ -549,7 +549,7 @@ def _named(setting: str, values: Iterable[str]) -> dict[str, Path]:
 
 
 def for_sensor(pairs: Iterable[tuple[str | None, T]], name: str) -> T | None:
-    """Value for a sensor: its own, or the one without a name; the last one has priority."""
+    """Value for a sensor: its own, or the one without a name; the last one has priority; None without either."""
     own = [value for key, value in pairs if key == name]
     common = [value for key, value in pairs if key is None]
     return own[-1] if own else (common[-1] if common else None)

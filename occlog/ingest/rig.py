@@ -55,7 +55,7 @@ def describe(calibration: CalibrationFile) -> str:
 
 
 def world_checks(cameras: Sequence[Camera], up: str | None, *, ground_stated: bool) -> tuple[Check, ...]:
-    """Checks of the world frame of calibrated cameras; empty without cameras.
+    """Checks of the world frame of calibrated cameras; without cameras, each states that it was not made.
 
     Args:
         cameras: as they are in the scene, after the world was mirrored and turned.
@@ -115,7 +115,10 @@ much less it has to be with another meaning of the extrinsics, where nothing els
 
 
 def _distance_from_axes(places: Floats, axes: Floats) -> float:
-    """Mean distance of optical axes (n, 3) at positions (n, 3) from the nearest point, over the cameras' extent."""
+    """Mean distance of optical axes (n, 3) at positions (n, 3) from the point nearest to all, over their extent.
+
+    Infinite if that point is not in front of all cameras, or the extent is 0.
+    """
     point, along = meeting_point(places, axes)
     extent = float(np.linalg.norm(np.ptp(places, axis=0)))
     if not (along > 0.0).all() or extent == 0.0:

@@ -311,7 +311,7 @@ def _write_tables(
 def _write_positions(
     plan: IngestPlan, scene: Scene, writer: RecordingWriter, done: Ingested, note: Callable[[str], None]
 ) -> None:
-    """Write the positions of all files; each position sensor occurs in one file only."""
+    """Write the positions of all files; UsageError if a source is in two files or is a sensor of the scene."""
     grid = None if plan.grid is None else parse_grid(plan.grid)
     taken = {sensor.name: f"a sensor of the scene, {sensor.name}" for sensor in scene.sensors}
     for name, path in plan.positions:

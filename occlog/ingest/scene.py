@@ -67,7 +67,7 @@ class Turn(NamedTuple):
         return replace(camera, position=position, rotation=rotation, fov=fov)
 
     def truth(self, truth: Truth, path: Path) -> Truth:
-        """True positions in the levelled world; InputError if a position has no height."""
+        """True positions in the levelled world; InputError if a position without height would have to be tilted."""
         unknown = np.isnan(truth.z)
         if unknown.any() and self.rotation[:2, 2].any():
             raise InputError(
@@ -91,7 +91,7 @@ def find_turn(
     note: Callable[[str], None],
     mirror: str | None = None,
 ) -> Turn | None:
-    """Find the rotation, and reflection, that levels the world of calibrated cameras; None if it is level.
+    """Find the rotation, and reflection, that levels the world of calibrated cameras; None: nothing to change.
 
     Args:
         cameras: as calibrated.
@@ -277,9 +277,9 @@ def add_bag_cameras(
 
 
 def base_scene(plan: IngestPlan, note: Note) -> IngestScene:
-    """Scene from the scene file, the calibration and the tables of arrays, before cameras are matched; world transform.
+    """Scene from the scene file, the calibration and the tables of arrays, before cameras are matched.
 
-    The scene file and the arrays are in the levelled world.
+    Also returns the transform of the calibration's world. The scene file and the arrays are in the levelled world.
     """
     turn: Turn | None = None
     checks = world_checks((), None, ground_stated=False)
@@ -317,7 +317,7 @@ def base_scene(plan: IngestPlan, note: Note) -> IngestScene:
 def check_metres(plan: IngestPlan, unit: str) -> None:
     """InputError for a table in metres with a scene in another unit.
 
-    Tables of arrays, and others with such column names.
+    Tables of arrays are in metres, others if their column names end in `_m`.
     """
     if unit == "m":
         return

@@ -82,7 +82,7 @@ def times_of(plan: IngestPlan, name: str, sidecars: Sidecars) -> FrameTimes | No
 
 
 def clock_of(scene: Scene, name: str) -> Clock | None:
-    """The clock of a sensor in the scene."""
+    """The clock of a sensor in the scene; None if it runs by world time."""
     named = {s.name: s.clock for s in scene.sensors}.get(name)
     return next((clock for clock in scene.clocks if clock.name == named), None)
 
@@ -149,7 +149,7 @@ def _folders(plan: IngestPlan, scene: Scene, sidecars: Sidecars) -> list[CameraS
 
 
 def sync_times(plan: IngestPlan) -> dict[int, int] | None:
-    """Time of every synchronisation index, if a time stamp file has them."""
+    """Time [ns] of every synchronisation index; None if no time stamp file has them."""
     from occlog.io.files.texts.csv_rows import first_line
 
     for name, path in plan.timestamps:

@@ -100,7 +100,7 @@ def note_first_frames(plan: IngestPlan, survey: BoxSurvey | None, note: Callable
 
 
 def span_of(frames: Mapping[str, range], times: Mapping[str, FrameTimes]) -> tuple[int, int] | None:
-    """First and last frame time [ns] of each camera, extended by half a frame.
+    """First and last frame time [ns] over all cameras, extended by half a frame at both ends.
 
     None if no camera has frames.
     """

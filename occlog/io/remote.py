@@ -138,7 +138,10 @@ def _as_output_error(url: str, failure: type[OcclogError] = InputError) -> Itera
 
 
 def _unreached(error: FileNotFoundError) -> BaseException | None:
-    """Reason why the existence of a file is unknown: fsspec reports every refusal of a web server as missing."""
+    """Reason why the existence of a file is unknown; None if it is missing.
+
+    fsspec reports every refusal of a web server as missing.
+    """
     cause = error.__cause__
     if isinstance(cause, OSError) and not isinstance(cause, FileNotFoundError):
         return cause  # no such host, no connection, a time limit
@@ -286,7 +289,7 @@ class Cache:
                 shutil.rmtree(entry, ignore_errors=True)
 
     def _fetch_videos(self, url: str, recording: Path, video: Path) -> None:
-        """Fetch a linked video in the recording's folder; missing or other videos are reported by readers."""
+        """Fetch a linked video in the recording's folder, and check its hash; links elsewhere are left to readers."""
         name = video.name
         if video.parent != recording.parent or video.exists() or name in (".", ".."):
             return
@@ -357,7 +360,7 @@ class Cache:
         return self.folder / lock.name.removesuffix(LOCK)
 
     def _drop(self, lock: Path) -> bool:
-        """Remove an entry and its lock, unless it is in use."""
+        """Remove an entry and its lock, unless it is in use; return whether it was removed."""
         with lock.open("a") as held:
             if not _alone(held):
                 return False

@@ -33,7 +33,7 @@ KINDS = dict(zip(WORDS, ("reproduced", "part", "not", "undecided"), strict=True)
 
 
 class ChartCurve(NamedTuple):
-    """One series of a chart: mean and standard deviation over runs, or a horizontal line."""
+    """One series of a chart: mean and standard deviation over runs, and heights of horizontal lines."""
 
     name: str
     x: list[float]

@@ -156,7 +156,7 @@ DPI = 110.0
 
 
 def bright(target: int) -> str:
-    """Return the bright BGR colour in which a target is drawn."""
+    """Return the bright colour (`#rrggbb`) in which a target is drawn."""
     return BRIGHT[target % len(BRIGHT)]
 
 

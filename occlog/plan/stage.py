@@ -211,7 +211,7 @@ class PlacementCandidate(NamedTuple):
 def rank_candidates(
     planned: PreparedPlan, candidates: Iterable[Sensor], also: Sequence[ExpectedInformation] = ()
 ) -> list[PlacementCandidate]:
-    """Rank candidates by the error with each added to the scene's sensors, best first."""
+    """Rank candidates by the error with each added to the scene's sensors, best first; ties in the order given."""
     information = [_sum([*planned.information.values(), *also])] if planned.information or also else []
     found = []
     for sensor in candidates:

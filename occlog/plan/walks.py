@@ -70,7 +70,7 @@ def cells_of(scene: Scene, count: int) -> FloorCells:
     """Divide the free floor into about `count` cells with free centres.
 
     Raises:
-        InputError: the scene has no room.
+        InputError: the scene has no room, or no free floor.
     """
     if scene.room is None:
         raise InputError(
@@ -143,7 +143,7 @@ def simulate_crowd(scene: Scene, config: PlanConfig, dt: float, steps: int, seed
 
 
 def crowd_size(scene: Scene, config: PlanConfig) -> int:
-    """Number of people in the simulated crowd."""
+    """Number of people other than the target, stated or by their density."""
     if config.people is not None:
         return config.people
     if config.density == 0.0:
@@ -213,9 +213,9 @@ def _agreement(steps: Floats, lag: int) -> float:
 
 
 def _half(steps: Floats, whole: float) -> float:
-    """Lag [steps] at which the correlation is half of `whole`, interpolated.
+    """Number of steps after lag 1 at which the correlation is half of `whole`, interpolated between two lags.
 
-    Found by doubling and bisection; limited by the length of the walk.
+    Found by doubling and bisection; extrapolated from the longest lag if the walk is too short.
     """
     low, at_low, high, longest = 1, whole, 2, len(steps) - 1
     while (at_high := _agreement(steps, min(high, longest))) > 0.5 * whole:

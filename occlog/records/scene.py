@@ -375,7 +375,7 @@ SIDE = 1024.0
 
 
 def map_origin(cameras: Sequence[Camera]) -> Floats:
-    """(2,) grid point (spacing `SIDE`) nearest to the centre of at least one camera."""
+    """(2,) grid point (spacing `SIDE`) nearest to the mean ground position of the cameras, at least one."""
     return np.asarray(SIDE * np.round(np.mean([c.ground for c in cameras], axis=0) / SIDE))
 
 
@@ -412,7 +412,7 @@ BELOW_HORIZON = np.radians(0.5)
 
 
 def box_around(scene: Scene) -> tuple[Floats, Floats]:
-    """(2,) lower and (2,) upper corner of a box around all sensors, with a margin of 1 unit and a tenth."""
+    """(2,) lower and (2,) upper corner of a box around all sensors, with a margin of 1 unit and a tenth of its size."""
     positions = np.array([s.position[:2] for s in scene.sensors])
     low, high = positions.min(axis=0), positions.max(axis=0)
     pad = SENSOR_MARGIN_M + 0.1 * float(np.max(high - low))
@@ -420,7 +420,7 @@ def box_around(scene: Scene) -> tuple[Floats, Floats]:
 
 
 def view_prior(scene: Scene) -> ViewPrior:
-    """Prior of target positions from the visible regions of the sensors with poses.
+    """Prior of target positions from the visible regions of the sensors with poses, or of all if none has one.
 
     Args:
         scene: with at least one sensor.

@@ -218,7 +218,7 @@ class TableBuffer(Generic[T]):
     """Buffered chunks of one table.
 
     Attributes:
-        rows: these rows.
+        rows: those that were read and are still needed.
         until: rows before this time have all arrived; `LAST`: all have.
     """
 
@@ -233,7 +233,7 @@ class TableBuffer(Generic[T]):
         self.until = FIRST
 
     def pull(self) -> None:
-        """Read the next chunk with rows."""
+        """Read the next chunk with rows; with the last one all rows have arrived."""
         if not self._begun:
             self._next, self._begun = self._read(), True
         chunk = self._next
@@ -254,7 +254,7 @@ class TableBuffer(Generic[T]):
         return next((chunk for chunk in self._chunks if len(chunk)), None)
 
     def between(self, low: int, high: int) -> T:
-        """Rows in [low, high), or [low, high] at the end of the table."""
+        """Rows in [low, high); all from `low` on if `high` is `LAST`."""
         at = times(self.rows)
         stop = len(at) if high >= LAST else int(np.searchsorted(at, high))
         return self.rows.take(slice(int(np.searchsorted(at, max(low, FIRST))), stop))

@@ -161,7 +161,7 @@ def distinct(verdicts: Iterable[Verdict]) -> tuple[Verdict, ...]:
 
 
 def found_by_stage(verdicts: Sequence[Verdict]) -> tuple[tuple[str, Check], ...]:
-    """Findings with their stages; repeated findings of later stages are omitted."""
+    """Findings with their stages; of those repeated by a later stage (same sensors and targets) only the last."""
     kept: list[tuple[str, Check]] = []
     for verdict in verdicts:
         found = findings(verdict.checks)
@@ -171,7 +171,7 @@ def found_by_stage(verdicts: Sequence[Verdict]) -> tuple[tuple[str, Check], ...]
 
 
 def _subject(check: Check) -> tuple[str, Status, tuple[str, ...], tuple[int, ...]]:
-    """Key of a finding: id, sensors and targets."""
+    """Key of a finding: id, status, sensors and targets."""
     return check.id, check.status, check.sensors, check.targets
 
 

@@ -613,7 +613,7 @@ class _Reading:
         return errors is not None and tracks is not None and relabelled(matching_tracks(errors, tracks))
 
     def _read_selections(self) -> None:
-        """Read errors at camera selections (only if tracks have the truth's identities)."""
+        """Read stated spreads at camera selections, and errors (only if tracks have the truth's identities)."""
         if self._selected is None:
             return
         selected, given = self._selected
@@ -747,7 +747,7 @@ class _Drawn:
 
 
 def _shown(truth: Truth) -> float:
-    """Roles of true positions shown by the replay: objects other than targets only if they are few."""
+    """Share of true positions that the replay shows: objects other than targets only if they are few."""
     others = truth.role != "target"
     few = len(np.unique(truth.target_id[others])) <= MAX_MOVING
     return 1.0 if few or not len(truth) else 1.0 - float(others.mean())

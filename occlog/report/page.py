@@ -530,6 +530,6 @@ def _row(cells: Sequence[object]) -> str:
 
 
 def plain(value: object) -> str:
-    """Text without markup, in one line."""
+    """Text with markup characters escaped, in one line."""
     plain = " ".join(str(value).split())
     return "".join(f"\\{c}" if c in SPECIAL else c for c in plain)

@@ -291,14 +291,13 @@ class DistanceMeasurementFeed:
 
         Args:
             scans: of directions.
-            sensors: names of the stations to use; None: all.  A difference wants both of its stations.
+            sensors: names of the stations to use; None: all.  A difference needs both of its stations.
             targets: to use; None: all.
             window_ns: a scan and measurements at most this far apart are one scan, of the time of the later.
 
         Raises:
-            InputError: a station that is not in the scene or has no position there, a value with a standard deviation,
-            or
-                what else it wants, is not known, or times that go back.
+            InputError: a station is not in the scene or has no position there, a value lacks its standard deviation or
+                what else it needs, or times go back.
         """
         own = self._scans(sensors, targets, window_ns)
         one, other = next(scans, None), next(own, None)

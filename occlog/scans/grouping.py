@@ -112,7 +112,7 @@ def concat(scans: Sequence[Scan]) -> Scan:
 
 
 def empty_scan(t_ns: int, sensors: Sequence[int]) -> Scan:
-    """A scan of sensors without any detection: an unlabelled row for each."""
+    """A scan of sensors (sorted) without any detection: an unlabelled row for each."""
     return Scan.of(t_ns, sensors, seen=np.zeros(len(sensors), dtype=np.bool_))
 
 
@@ -223,7 +223,7 @@ def _starts(table: Bearings, window_ns: int) -> list[int]:
 
 
 def _split(table: Bearings, starts: list[int], names: tuple[str, ...]) -> Iterator[Scan]:
-    """Scans between consecutive starts; rows after the last start are kept for later."""
+    """Scans between consecutive starts; rows from the last start on are left out."""
     n = starts[-1]
     if n == 0:
         return

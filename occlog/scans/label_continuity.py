@@ -137,7 +137,7 @@ class LabelContinuity:
         self._identity = np.empty(0, dtype=np.int64)  # of the held rows that were followed
 
     def watch(self, chunks: Iterable[Bearings]) -> Iterator[Bearings]:
-        """Generate the chunks with corrected labels; undecided rows are delayed by at most a second."""
+        """Generate the chunks, with corrected labels if requested; undecided rows are delayed by at most a second."""
         for chunk in chunks:
             if not len(self._held) and not np.any(chunk.target_id != UNLABELLED):
                 yield chunk

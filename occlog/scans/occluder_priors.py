@@ -192,7 +192,7 @@ def obstacles_of(rows: Tracks | Truth, start_ns: int, people: PeopleAsObstacles)
 
 
 def _between(opened: Opened, table: type[T], after_ns: int, people: PeopleAsObstacles) -> tuple[int, T]:
-    """Start time, `after_ns` after the first row, and the rows from then on, with a margin."""
+    """Start time, `after_ns` after the first row, and the rows of all steps from then on, with a margin."""
     gap_ns, most_ns = round(people.max_gap_s * NS), round((people.steps + 1) * people.step_s * NS)
     parts: list[T] = []
     start_ns: int | None = None

@@ -41,7 +41,7 @@ def only_measured(chunks: Iterable[Bearings]) -> Iterator[Bearings]:
 def bearings_of_doa(
     chunks: Iterable[Doa], scene: Scene, labels: bool = False, recorded: Scene | None = None
 ) -> Iterator[Bearings]:
-    """Convert directions of arrival to bearings, unlabelled unless they have labels.
+    """Convert directions of arrival to bearings, unlabelled unless `labels` is True.
 
     A direction without a standard deviation has that of its array.  Where the scene states another yaw of an array than
     that with which its directions were recorded, they are turned by the difference.

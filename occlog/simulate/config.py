@@ -188,7 +188,7 @@ class SoundConfig(Settings):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Check that sound and silence have durations."""
+        """Check that the mean durations of sound and silence are above 0."""
         yield (
             "sound_and_silence_s",
             self.sound_and_silence_s is None or min(self.sound_and_silence_s) > 0,

@@ -123,7 +123,7 @@ def make_setup(scene: Scene, request: SceneRequest, script: MotionScript | None 
 
 
 def _people(opened: Opened, scene: Scene, world: WorldConfig) -> MovingObstacleTracks:
-    """Return the people of another recording whom the simulated walkers avoid, or None."""
+    """Return the people of another file whom the simulated walkers avoid."""
     taken = PeopleAsObstacles(
         radius=0.5 * world.diameter, sigmas=0.0, max_gap_s=LONGEST_GAP_S, step_s=world.step_s, steps=world.steps
     )
@@ -344,7 +344,7 @@ def _recorded(
 
 
 def _contacts(chunk: TimeGrid, people: MovingObstacleTracks, world: WorldConfig) -> int:
-    """Count the time steps at which a person came closer to a walker than one diameter."""
+    """Count the time steps, summed over walkers, at which a person is closer to a walker than one diameter."""
     numbers = np.rint((chunk.t_ns - world.start_ns) * 1e-9 / world.step_s).astype(np.int64)
     gaps = [
         distance(positions[:, None, :2], people.at(int(number)).xy)

@@ -118,7 +118,7 @@ def _film_files(
     counts: Counter[str],
     overwrite: bool,
 ) -> dict[str, LosslessVideo]:
-    """Write the frames to one video file per camera; close all files at the end."""
+    """Write the frames to one video file per camera; return the closed files by camera."""
     videos: dict[str, LosslessVideo] = {}
     with ExitStack() as stack:
         for frame in frames:

@@ -71,7 +71,8 @@ class BackwardSmoother(Generic[State, Config, Row]):
         """Return the rows older than the lag, smoothed, of all targets in time order.
 
         Rows of one target are smoothed once they span `WINDOW_LAGS` lags; those older than one lag are released. All
-        rows of a target are released when it had no scan for longer than the lag.
+        rows of a target are released when it had no scan for `WINDOW_LAGS` lags. With more than `MAX_SMOOTHING_STEPS`
+        rows the first half is released in any case.
         """
         for target, own in list(self._waiting.items()):
             first, last = own.rows[0].t_ns, own.rows[-1].t_ns

@@ -77,7 +77,7 @@ class MethodEntry:
 
     Attributes:
         summary: one line.
-        method: module and name of the method, a value of `occlog.track.interface`, or of `Follower` for one that
+        method: module and name of the method, a value of `occlog.track.interface`, or a `PeopleTracker` for one that
             follows all people; of one that takes images or reads the function that tracks.
         settings: module and name of the class of its settings.
         takes: names of the options that it takes in addition to the shared ones and its settings.

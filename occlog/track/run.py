@@ -159,7 +159,7 @@ class TrackSummary:
     def _searches(self) -> dict[str, Any]:
         """Figures of a batch method.
 
-        Iterations of the search for each target, and the number of searches that did not converge.
+        These are the iterations for each target, the number of searches, how many did not converge, and range biases.
         """
         iterations: Counter[int] = Counter()
         for solve in self.solves:
@@ -477,7 +477,7 @@ def _with_velocity(text: str, unit: str) -> str:
 
 
 def parse_start(text: str, unit: str) -> str:
-    """Parse X,Y[,SIGMA]; SIGMA is 0.5 m by default (1 in a scene with a unit other than metres)."""
+    """Parse X,Y[,SIGMA]; SIGMA is 0.5 m by default, 1 in a scene-specific unit."""
     parts = text.split(",")
     if len(parts) == 2:
         parts.append(str(0.5 / METRES[unit] if unit in METRES else 1.0))

@@ -208,7 +208,8 @@ def is_upright(rotations: Floats) -> bool:
     """Whether the z axis of the world can be the vertical of (C, 3, 3) world-from-camera rotations; true for C = 0.
 
     It cannot if most cameras are rolled by more than `ROLLED` or are tilted up by more than `LOOKS_UP`; if most hang
-    upside down and are tilted up; or if the horizons of three or more agree, to `LEVEL`, on a vertical `TILTED` off.
+    upside down and are tilted up; or if the horizons of three or more agree, to `LEVEL`, on a vertical that is more
+    than `TILTED` off.
     """
     if not len(rotations):
         return True

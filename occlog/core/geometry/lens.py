@@ -7,8 +7,8 @@ Normalised coordinates are pixels minus the principal point, over the focal leng
   distorted: rational radial terms, tangential ones, thin prism, tilted sensor (OpenCV, `calib3d`).
 * `tsai`: (k1, 0, 0, 0, 0), distorted to ideal, x_ideal = x (1 + k1 r^2).
 * `equidistant`: (k1, k2, k3, k4, 0), the fisheye of Kannala and Brandt 2006 as in OpenCV and Kalibr: a ray at the angle
-theta to the optical axis falls at the radius theta (1 + k1 theta^2 + ... + k4 theta^8). It is valid up to the angle
-`MAX_ANGLE`.
+  theta to the optical axis falls at the radius theta (1 + k1 theta^2 + ... + k4 theta^8). It is used up to the angle
+  `MAX_ANGLE`.
 """
 
 from __future__ import annotations

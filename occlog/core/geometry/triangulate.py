@@ -35,7 +35,7 @@ CAUCHY_C = 2.385
 
 
 class TriangulatedPoint(NamedTuple):
-    """Triangulated position of each scan; NaN unless `status` is MET."""
+    """Triangulated position of each scan; NaN unless `status` is `TRIANGULATED`."""
 
     xy: Floats  # (S, 2)
     covariance: Floats  # (S, 2, 2)
@@ -334,7 +334,7 @@ def _triangulate(d: SourceDirections, rows: list[Ints], min_crossing: float) -> 
 
 
 def _misfit(d: SourceDirections, xy: Floats, cov: Floats) -> Floats:
-    """(C, R) residual of each direction at each position, in standard deviations of both."""
+    """(C, R) absolute residual of each direction at each position, in standard deviations of both."""
     away = xy[:, None] - d.origin[None]
     r2 = np.maximum(np.sum(away**2, axis=2), 1e-300)
     gradient = np.stack([-away[:, :, 1], away[:, :, 0]], axis=2) / r2[:, :, None]

@@ -122,7 +122,7 @@ class PairedDifference(NamedTuple):
         p: probability of a difference at least as large, either way, of runs that do not differ; NaN likewise.
         stretches: how many parts were compared, recordings or segments of time.
         recordings: whether each was a whole recording.
-        drawn: (D,) sorted means of subsets of the parts, see `subset_means`; (0,): the test is not possible.
+        drawn: (D,) sorted means of subsets of the parts, see `subset_means`; (0,): no test.
     """
 
     a: float

@@ -189,7 +189,7 @@ def steer(
 
 
 def _escape_angle(xy: Floats, around: NearbyObstacles, steps: StepRules, beyond: Floats, reach: Floats) -> Floats:
-    """(N,) escape angle; 0 if the robot is not in the oscillation region."""
+    """(N,) escape angle [rad]; 0 if the robot is not where it is to escape (inside the region, or a step outside)."""
     near = np.argmin(beyond, axis=1)
     gap = beyond[np.arange(len(xy)), near]
     inside = gap <= ROUNDING * reach[near]

@@ -75,7 +75,7 @@ class Stopwatch(event.Listener):  # type: ignore[misc]
     """
 
     def __init__(self, notify: Callable[[], None]) -> None:
-        """`notify` is called once more than `PATIENCE_S` of compilation time has passed."""
+        """Call `notify` at each check after more than `PATIENCE_S` of compilation time."""
         self._notify = notify
         self._depth = 0
         self._begin = 0.0

@@ -108,7 +108,7 @@ def _absolute(name: str, package: str) -> str:
 
 @cache
 def stamp(module: str, base: str) -> str:
-    """SHA-256 over the source files that a module's kernels depend on, with their names."""
+    """SHA-256 over numba's version and the source files that a module's kernels depend on, with their names."""
     whole = hashlib.sha256(numba.__version__.encode())
     for name, path in sorted(files_behind(module, base).items()):
         whole.update(name.encode() + b"\0" + _read(name, path)[0])
@@ -153,7 +153,7 @@ class KernelLocator:
 
     @classmethod
     def from_function(cls, function: Callable[..., Any], file: str) -> KernelLocator | None:
-        """First folder that is writable by this user only; None if there is none."""
+        """Locator of the first folder that is writable (by this user only, except the program's); None without one."""
         path = Path(file).resolve()
         depth = function.__module__.count(".") + (path.name == "__init__.py")
         base = path.parents[depth]

@@ -107,7 +107,7 @@ def crossing(a: Floats, b: Floats) -> float:
 
 @kernel
 def steepest(border: Floats, low: float, high: float) -> float:
-    """Greatest |ds/dt| of the sides that cross the slices at low and high."""
+    """Greatest |ds/dt| of the sides that pass between the slices at low and high."""
     most = 0.0
     for e in range(border.shape[0]):
         s0, t0, s1, t1 = border[e]

@@ -176,7 +176,7 @@ class _SpilledFrames:
         self._count, self._rows = self._count + len(out), self._rows + len(rows)
 
     def predictions(self) -> Iterator[tuple[bool, HeldOutResiduals]]:
-        """Generate residuals in parts, of matching frames and of frames of other times (flagged)."""
+        """Generate residuals in parts, with a flag: True for matching frames, False for frames of other times."""
         for blocks in (self._frames, self._reported):
             blocks.end()
         shifts = np.unique(np.rint(np.linspace(0.1, 0.9, CHANCE_SHIFTS) * self._count).astype(int))
@@ -280,7 +280,7 @@ class Walker(NamedTuple):
 
 
 class HeldOutTally(NamedTuple):
-    """Counts for a camera: boxes, predicted boxes, tracks expected in the image; distances [px] of the pairs."""
+    """Numbers of boxes and of tracks expected in a camera's image, and distances (n,) of the pairs [px]."""
 
     boxes: int
     middles: Floats

@@ -141,7 +141,7 @@ class NoiseFigures:
         self._sigma_px.add(rows.sigma_px[np.isfinite(rows.sigma_px)])
 
     def update(self, scans: Scans, sensors: Mapping[str, SensorGeometry]) -> None:
-        """Add scans of a target; `sensors`: names of the sensors."""
+        """Add scans of a target; `sensors`: by name."""
         origins = np.array([sensors[name].ground for name in scans.rows.sensor.tolist()]).reshape(-1, 2)
         squares, degrees = _misses(scans, origins, self._config)
         self._squares.add(squares)
@@ -255,7 +255,7 @@ def _density(squares: Floats, degrees: Floats, scale2: float) -> Floats:
 
 
 def _misses(scans: Scans, origins: Floats, config: EvaluateConfig) -> tuple[Floats, Ints]:
-    """Sums of squared residuals and degrees of freedom of one target's scans with three lines or more."""
+    """Sums of squared residuals and degrees of freedom of one target's scans in which three lines or more met."""
     rows, starts = scans.rows, scans.starts
     found = triangulate.triangulate(
         origins, rows.bearing, rows.sigma, starts=starts, loss="gauss", min_crossing=config.triangulation_min_angle

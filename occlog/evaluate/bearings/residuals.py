@@ -63,7 +63,7 @@ def triangulated_points(bearings: Bearings, scene: Scene, config: EvaluateConfig
 def triangulate_scan(
     scans: Scans, sensors: Mapping[str, SensorGeometry], config: EvaluateConfig
 ) -> TriangulationSeries:
-    """Triangulated positions of a target's scans; `sensors`: names of the sensors."""
+    """Triangulated positions of a target's scans; `sensors`: by name."""
     rows, starts = scans.rows, scans.starts
     size = np.diff(starts)
     keep = size >= config.triangulation_min_sensors

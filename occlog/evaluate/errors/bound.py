@@ -46,14 +46,14 @@ KINDS = ("bound", "smoothed")
 
 
 class BoundDimensions(NamedTuple):
-    """Dimension in which information is buffered on disk; the dimension used for each target is known at the end."""
+    """Dimensions in which information is buffered on disk; the one used for each target is known at the end."""
 
     ground: bool
     space: bool
 
     @classmethod
     def of(cls, config: EvaluateConfig, *, high: bool) -> BoundDimensions:
-        """`high`: whether some track and some target have heights."""
+        """Dimensions by the configuration; `high`: whether some track and some target have heights."""
         if config.bound_dimension == "auto":
             return cls(True, high)
         return cls(config.bound_dimension == "ground", config.bound_dimension == "space")
@@ -259,7 +259,7 @@ class Bounds:
         """Make the bound of all that came, and give it away in pieces, in the order of time.
 
         Raises:
-            InputError: a target in 3-D has distance measurements.
+            InputError: the bound of a target is in space, and it has distance measurements or no true height.
         """
         self._information.end()
         for target, known in sorted(self._targets.items()):

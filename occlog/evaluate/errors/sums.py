@@ -71,7 +71,7 @@ class InSpace:
         self._nees = Consistency(CHI2_95_3D)
 
     def update(self, high: Errors) -> None:
-        """Add errors; those in space are selected."""
+        """Add errors, all of which must be in space."""
         self.rows += len(high)
         self._squares.add(float(np.sum(np.square(high.error_space))))
         self._squares_z.add(float(np.sum(np.square(high.error_z))))

@@ -208,7 +208,7 @@ class MultiTargetConfig(Settings):
 
 
 def own_targets_by(config: EvaluateConfig, *, numbered_itself: bool) -> str:
-    """Return the default rule for the target of a track; see `MultiTargetConfig.own`."""
+    """Return the default rule for the target of a track; see `MultiTargetConfig.assigned_target`."""
     return "id" if config.match == "id" else ("start" if numbered_itself else "optimal")
 
 

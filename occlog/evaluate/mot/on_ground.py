@@ -374,7 +374,7 @@ class CountSums:
 
 
 def _interpolated(points: PointTracks, paths: Mapping[int, ObjectPath]) -> int:
-    """Mark true objects interpolated at times at which only other objects have rows."""
+    """Number of true positions interpolated at times at which only other objects have rows."""
     times = points.t_ns[0]
     mine = ((path, times[points.truth.frame[points.truth.label == k]]) for k, path in paths.items())
     return sum(int(np.count_nonzero(~path.sampled(at))) for path, at in mine)

@@ -327,12 +327,12 @@ def _visible(at: Objects, points: PointTracks) -> Floats:
 
 
 def skipped_cameras_note(names: Sequence[str]) -> list[str]:
-    """Note on cameras of the truth without any track; None if there is none."""
+    """Note on cameras of the truth without any track; empty if there is none."""
     return [f"skipped: {', '.join(names)}: in the truth, but without any track"] if names else []
 
 
 def unrelated_ids_note(ours: Ints, theirs: Ints, config: MultiTargetConfig) -> list[str]:
-    """Note if the sorted numbers of tracks and targets are unrelated; None otherwise."""
+    """Note if the sorted numbers of tracks and targets have none in common; otherwise empty."""
     if config.assigned_target != "id" or not len(ours) or np.isin(ours, theirs).any():
         return []
     return [

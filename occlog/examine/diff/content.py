@@ -142,7 +142,7 @@ def _short(value: object) -> Scalar:
 
 
 def compare_verdicts(name: str, a: Path, b: Path) -> list[DiffResult]:
-    """Compare the verdicts stored in both files; empty if equal."""
+    """Compare the stored verdicts of stages that both files have; empty if equal."""
     from occlog.io.files.inputs import verdicts_of_file
 
     left, right = ({verdict.stage: verdict for verdict in verdicts_of_file(path)} for path in (a, b))

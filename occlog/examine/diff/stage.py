@@ -295,7 +295,7 @@ def diff_tables(
 def _in_unit(tolerances: Tolerances, length_unit: str) -> Tolerances:
     """Tolerances of lengths under the units of both tables' columns (m means any length unit).
 
-    Empty if the tables have two length units.
+    `length_unit` is empty if the tables have two: then no tolerance of a length applies.
     """
     units = {unit: limit for unit, limit in tolerances.units.items() if unit not in LENGTHS}
     for unit, power in LENGTHS.items():

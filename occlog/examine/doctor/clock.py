@@ -259,7 +259,7 @@ def _disjoint_sensors(clocks: Sequence[SensorTimes]) -> Iterator[SensorTimes]:
 
 
 def _late(clocks: Iterable[SensorTimes]) -> Iterator[tuple[SensorTimes, int]]:
-    """Regular sensors with as many times as others of their rate, all shifted by one delay [ns].
+    """Regular sensors with as many times as others of their rate, all shifted by one delay [ns] (negative: early).
 
     Of two sensors the later one is reported.
     """

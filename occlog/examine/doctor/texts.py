@@ -162,7 +162,7 @@ def _calibration(path: Path, findings: Findings) -> bool:
 
 
 def _structured(path: Path, kind: str, findings: Findings) -> bool:
-    """Check XML and TOML: well-formed, or a calibration."""
+    """Check XML and TOML: well-formed, and a calibration; return whether the kind is known."""
     try:
         text = read_configuration(path, kind[1:].upper(), limit=MAX_JSON_BYTES)
         parse_xml(text, path) if kind == ".xml" else toml_values(text, path, "TOML")
@@ -190,7 +190,7 @@ def _json(path: Path, findings: Findings) -> bool:
 
 
 def _table(path: Path, findings: Findings) -> bool:
-    """Check a text table: external table, boxes, stations, time stamps, or calibration."""
+    """Check a text table: external table, boxes, stations, time stamps, or calibration; return whether known."""
     fault: InputError | None = None
     if looks_like_times(path):
         _times(path, findings)

@@ -72,7 +72,7 @@ class Sink:
 
     @property
     def closed(self) -> bool:
-        """Whether the file is closed: required by wrappers."""
+        """False: never closed; required by wrappers."""
         return False
 
     def flush(self) -> None:
@@ -248,7 +248,7 @@ def _write_text(
     file: IO[bytes],
     world: tuple[str, Scene | None],
 ) -> tuple[int, Cameras | None, tuple[str, ...]]:
-    """Write rows in a text format; return the number of rows, content of an image table, and what was left out.
+    """Write rows in a text format; return their number, cameras of an image table (else None), and what was left out.
 
     The rows are read twice: first for the header and for checks of the whole.
     """

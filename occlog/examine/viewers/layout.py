@@ -31,7 +31,7 @@ def foxglove_layout(topics: Mapping[str, str], scene: Scene | None) -> dict[str,
 
     Args:
         topics: names of schemas by topic.
-        scene: for the first pass into space; None: at the origin.
+        scene: for the initial view in space; None: at the origin.
     """
     panels: dict[str, object] = {"3D!space": _space(topics, scene)}
     images: list[Node] = []

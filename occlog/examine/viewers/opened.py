@@ -50,7 +50,8 @@ def run_view(request: ViewRequest, *, quiet: bool = False) -> tuple[dict[str, ob
     """Write the viewer's file, and show it until the viewer is closed; return the summary and losses.
 
     Raises:
-        UsageError: no viewer is installed, or no permanent output is given for a viewer that needs one.
+        UsageError: no viewer is installed, an option does not apply to an existing export, or a command is to be
+            printed without an output.
         OutputError: the viewer could not be started.
     """
     made = None if request.input.is_dir() else viewer_format_of(request.input)

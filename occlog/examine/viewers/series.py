@@ -109,7 +109,7 @@ def main_numbers(series: Series, names: Sequence[str], values: Sequence[float]) 
 
     Args:
         series: one of those in `MAIN`.
-        names: of the columns that are taken, the same for all messages of a topic: lines have no their own names.
+        names: of the columns that are taken, the same for all messages of a topic, since plotted lines have no names.
         values: of all its fields; NaN: not known.
     """
     known = dict(zip(series.fields, values, strict=True))

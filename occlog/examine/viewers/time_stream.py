@@ -104,7 +104,7 @@ class ViewerStream:
     """Generates everything to show in one pass, in bounded memory."""
 
     def __init__(self, inputs: ViewerInputs) -> None:
-        """Identities are read first, to assign colours."""
+        """Create the stream; identities are read first, to assign colours."""
         self._inputs, self._metres = inputs, inputs.metres
         self.palette = Palette(inputs.targets())
         self.crowd = PeopleDrawing(self.palette)
@@ -285,7 +285,7 @@ class Thinner:
     """
 
     def __init__(self, every_ns: int) -> None:
-        """Interval length [ns], counted from the first time step."""
+        """Start with intervals of `every_ns`, counted from the first time step."""
         self._every_ns = every_ns
         self._begin: int | None = None
         self._kept: dict[str, int] = {}

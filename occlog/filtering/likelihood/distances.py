@@ -65,7 +65,7 @@ class DistanceErrors(NamedTuple):
         return bool(self.late.any() or self.early.any())
 
     def widened(self, variance: Floats) -> DistanceErrors:
-        """Error model for residuals normalised by the noise plus a position variance (..., m)."""
+        """Error model of residuals in units of the root of `variance` (..., m): noise (1) plus that of the position."""
         return self._replace(rate=self.rate * np.sqrt(variance))
 
 
@@ -111,8 +111,8 @@ def inlier_probability(u: Floats, errors: DistanceErrors) -> Floats:
 def score_and_information(u: Floats, errors: DistanceErrors) -> ScoreAndInformation:
     """Score (gradient) and information of residuals (..., m), for iteratively reweighted least squares.
 
-    The information is the expected curvature over the components (direct, late, false), which is nonnegative; the loss
-    from the unknown component is omitted, as usual.
+    The information is the expected curvature over the components (direct, late, false), which is nonnegative; what is
+    lost because the component is unknown is neglected, as usual.
     """
     own = inlier_probability(u, errors)
     if not errors.tailed:

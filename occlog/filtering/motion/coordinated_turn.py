@@ -5,9 +5,9 @@ The state is [x, vx, y, vy].  A model is a row (lateral, a_x, a_y) of accelerati
 if positive (x to the right, y up), at the rate lateral / |v| of Eq. 2.14; (a_x, a_y) is a
 known input along the axes.  (0, 0, 0) is constant velocity, Eq. 2.12.
 
-Two misprints are corrected: rows 2 and 3 of Eq. 2.13 are exchanged, and the rate +alpha / |v| called clockwise turns
-counter-clockwise. Constant acceleration enters as an input, not through the division by the velocity of Eq. 2.15, which
-has no value at rest.
+Two misprints are corrected: rows 2 and 3 of Eq. 2.13 are swapped in print, and the rate +alpha / |v|, there called
+clockwise, turns counter-clockwise. Constant acceleration enters as an input, not through the division by the velocity
+of Eq. 2.15, which has no value at rest.
 """
 
 from __future__ import annotations

@@ -189,7 +189,7 @@ def waiting_noise(dt: float, motion: WaypointModel, stood: bool) -> tuple[float,
     """Process noise of a waiting particle in a step: position variance, velocity gain, conditional velocity variance.
 
     Defined as in `gather`. A particle that has just stopped creeps with a velocity of N(0, sigma_creep^2 s) per axis;
-    the velocity of one that stood before also has white noise.
+    the velocity of one that stood in the step before, too, has white noise.
 
     Args:
         dt: length of the step [s].
@@ -232,7 +232,7 @@ def regime_probabilities(regime: Ints, arrived: Bools, dt: float, motion: Waypoi
 def held_step(
     particles: WaypointParticles, i: int, share: float, dt: float, motion: WaypointModel
 ) -> tuple[float, float]:
-    """Displacement of particle i during a share of a step, before it changes its destination (0 while waiting)."""
+    """Displacement of particle i in a share of a step, before it changes its destination; 0 in the paper's wait."""
     dx = particles.destination[i, 0] - particles.xy[i, 0]
     dy = particles.destination[i, 1] - particles.xy[i, 1]
     scale = 0.0

@@ -1,8 +1,8 @@
-"""Motion of particles: known acceleration, turns in a plane, white acceleration ([Lee] Sec.
+"""Motion of particles: known acceleration, turns in a plane, white acceleration ([Lee] Sec. 2.1.4).
 
-2.1.4). Particles are (2d, L): d coordinates, then d velocities, for d = 3 in space and 2 in a plane. A known
-acceleration is an input; the printed Eq. 2.15 divides by the velocity instead. Also Kalman filters of many objects with
-nearly constant velocity. Over a time dt the velocity is disturbed, in each axis independently, with
+Particles are (2d, L): d coordinates, then d velocities, for d = 3 in space and 2 in a plane. A known acceleration is an
+input; the printed Eq. 2.15 divides by the velocity instead. Also Kalman filters of many objects with nearly constant
+velocity. Over a time dt the velocity is disturbed, in each axis independently, with
 
     Q = q^2 [dt^3/4  dt^2/2]
             [dt^2/2  dt    ]
@@ -55,7 +55,7 @@ def moved(
         motion: see `AccelerationModel`.
         dt: [s].
         rng: draws the noise; nothing is drawn where the density is 0 on all axes.
-        jump: (2d,) known change also; see `known_jump`.
+        jump: (2d,) known change in addition; see `known_jump`.
     """
     d = len(cloud) // 2
     known = known_jump(motion.acceleration, dt) + (0.0 if jump is None else jump)
@@ -122,7 +122,7 @@ def drift(cloud: Floats, dt: float, jump: Floats, root: Floats, normals: Floats)
 
 @kernel
 def _turn(out: Floats, before: Floats, lateral: float, i: int, j: int, dt: float) -> None:
-    """Add to `out` the change of a coordinated turn of each particle (Eq. 2.14) on the axes i and j."""
+    """Add to `out` what a coordinated turn (Eq. 2.14) changes relative to constant velocity, on the axes i and j."""
     d = before.shape[0] // 2
     for l in range(before.shape[1]):  # noqa: E741
         vi, vj = before[d + i, l], before[d + j, l]
@@ -136,14 +136,14 @@ def _turn(out: Floats, before: Floats, lateral: float, i: int, j: int, dt: float
 
 
 def turn_jump(velocity: Floats, lateral: float, dt: float) -> Floats:
-    """(4,) change of (a, b, va, vb) by a turn with known velocity (2,), including that of constant velocity."""
+    """(4,) change of (a, b, va, vb) by a turn with known velocity (2,), in addition to that of constant velocity."""
     out, before = np.zeros((4, 1)), np.concatenate([np.zeros(2), velocity])[:, None]
     _turn(out, before, lateral, 0, 1, dt)
     return out[:, 0]
 
 
 class Walkers(NamedTuple):
-    """M objects; covariances are in blocks common to both axes."""
+    """M objects; the covariance is in (2, 2) blocks over both axes."""
 
     xy: Floats  # (M, 2)
     velocity: Floats  # (M, 2) per unit of time

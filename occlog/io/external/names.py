@@ -376,7 +376,7 @@ def _is_wanted(column: Column, table: str) -> bool:
 
 
 def _check_case(layout: TableLayout, names: Sequence[str]) -> None:
-    """InputError for column names that differ in case only."""
+    """InputError for a used column name that two columns share, such as names that differ in case only."""
     used = {plain_name(name) for name in layout.names}
     first: dict[str, str] = {}
     for name in names:

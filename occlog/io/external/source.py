@@ -311,7 +311,7 @@ def _with_constants(batch: pa.RecordBatch, values: Mapping[str, str]) -> pa.Reco
 
 
 def _find_parts(folder: Path) -> ColumnSource | None:
-    """Open the columns of a Parquet folder; InputError if parts have different columns."""
+    """Open the columns of a Parquet folder; None for other folders; InputError if parts have different columns."""
     parts, first = parquet_parts(folder), None
     for part in parts:
         of_folders = list(_values_of_folders(folder, part))

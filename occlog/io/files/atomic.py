@@ -48,7 +48,7 @@ def no_links_out_of(folder: Path) -> Iterator[None]:
 
 
 def check_writable(path: Path, overwrite: bool) -> None:
-    """Raise OutputError unless `path` can become an output; called before any work is done."""
+    """Raise OutputError (UsageError for `-`) unless `path` can become an output; called before any work is done."""
     if str(path) == "-":
         raise UsageError("-: nothing is written to standard output; name a file", id="not-applicable")
     only = _ONLY.get()

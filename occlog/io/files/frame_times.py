@@ -68,7 +68,7 @@ class FrameTimes:
     def elapsed_ns(self, frame: int) -> float:
         """Time [ns] from frame 0 to a frame, by the camera's clock.
 
-        For a frame without a time, of the last one with a time.
+        For a frame without a time, the value is that of the last frame with a time.
         """
         if self.table_ns is None:
             return frame * NS / float(self.rate or math.nan)
@@ -156,5 +156,5 @@ def as_rate(fps: float | str) -> Fraction:
 
 
 def _is_written(rate: float, value: float) -> bool:
-    """Whether a value is a rate written with two decimals, three or many, i.e. an approximation of the fraction."""
+    """Whether a value is a rate rounded to two or three decimals, or written with many."""
     return value in (round(rate, 2), round(rate, 3)) or abs(value - rate) <= 1e-6 * rate

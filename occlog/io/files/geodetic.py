@@ -1,4 +1,4 @@
-"""Geodetic positions (WGS 84: latitude, longitude, height) to scene coordinates in the tangent plane at an origin.
+"""Conversion of geodetic positions (WGS 84) to and from scene coordinates in the tangent plane at an origin.
 
 The user states the origin for all inputs of one command, so that it is kept in a context variable set by the command
 line. +x points east and +y north, unless the origin states a rotation; z points up.
@@ -87,7 +87,7 @@ def stated_origin(text: str) -> Iterator[StatedOrigin]:
 
 
 def begin_positions() -> None:
-    """Record that an input has geodetic positions, so that the stated origin is used."""
+    """Record that an input has geodetic positions, so that the stated origin counts as used."""
     if (stated := STATED_ORIGIN.get()) is not None:
         stated.used = True
 
@@ -169,7 +169,7 @@ def _cosine(degrees: Floats, origin: Origin) -> Floats:
 
 
 def scene_of_earth(degrees: Floats, heights: Floats, origin: Origin) -> Floats:
-    """(N, 3) positions [m] in the tangent plane frame (east, north, up) at an origin, via earth-centred coordinates.
+    """(N, 3) positions [m] in the scene's frame (x, y, up) at an origin, exact, via earth-centred coordinates.
 
     Args:
         degrees: (N, 2) longitude and latitude [deg].

@@ -92,7 +92,7 @@ def _text(file: str, unit: str) -> str:
 
 
 def _find(stated: Mapping[Key, str], path: Path | None, name: str) -> Key | None:
-    """Key of the unit stated for a column or a quantity: for the file's path, for its name, or for all files."""
+    """Key of the unit stated for a column or quantity: for the file's path, its name, or all files; else None."""
     files = ("",) if path is None else (str(path), path.name, "")
     return next((key for file in files if (key := (file, name)) in stated), None)
 

@@ -2,7 +2,7 @@
 
 The last number in the name of a file or sensor is its frame or camera number. The suffix of an output states its
 format; one of a format that is not written there is refused. Sensor names in files are matched with those in use.
-Libraries that accept UTF-8 paths only get a safe name.
+Libraries that accept only UTF-8 paths get a safe name.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _HASH = re.compile(r"\.rf\.[0-9A-Za-z]+$")
 def last_number(name: str) -> str | None:
     """Digits of the last number in a file name without its suffix; None if there is none.
 
-    The hash that Roboflow appends (`.rf.` and digits) is ignored.
+    The `.rf.` and hash that Roboflow appends to names of images are ignored.
     """
     found = _LAST.search(_HASH.sub("", name))
     return found.group(1) if found else None
@@ -131,7 +131,7 @@ def is_utf8(name: str) -> bool:
 
 @contextmanager
 def utf8_name(path: Path) -> Iterator[str]:
-    """A UTF-8 path to an existing file, or to one to be created in an existing folder, valid until the process ends."""
+    """Context manager: UTF-8 path to an existing file, or to one to be created in an existing folder."""
     if is_utf8(str(path)):
         yield str(path)
         return

@@ -63,7 +63,7 @@ def processor_type() -> str:
 
 
 def _version(name: str) -> str | None:
-    """Version of an installed package, read directly from its metadata file for speed."""
+    """Version of an installed package, read directly from its metadata file for speed; None if unknown."""
     try:
         text = distribution(name).read_text("METADATA") or ""
     except (PackageNotFoundError, OSError, UnicodeDecodeError):

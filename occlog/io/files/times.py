@@ -378,7 +378,7 @@ def note_clock_set(path: Path, location: str, lines: Ints, t_ns: Ints, owners: S
 
 
 def _in_order(rows: CsvRows, t_ns: Ints, picked: Ints) -> Ints:
-    """Times by frame number; InputError unless strictly increasing without gaps."""
+    """Times by frame number; InputError unless times increase strictly and frames, if given, are 0, 1, ..."""
     if rows.has("frame"):
         frames = rows.ints("frame")[picked]
         wrong = np.flatnonzero(frames != np.arange(len(frames)))

@@ -274,7 +274,7 @@ def _without_header(path: Path, options: PositionOptions) -> Iterator[_Rows]:
 
 
 def _in_lengths(position: Floats, grid: PositionGrid | None) -> Floats:
-    """(n, 2) positions of cell indices (n, 2)."""
+    """Convert (n, 2) cell indices to positions; without a grid they are positions already."""
     return position if grid is None else np.array([grid.x, grid.y]) + grid.cell * position
 
 
@@ -345,7 +345,7 @@ def _chosen(rows: _Rows, frames: tuple[int, int] | None) -> tuple[_Rows, int]:
 
 
 def _frame_step(frame: Ints) -> int:
-    """Step between frame numbers (most are multiples of it)."""
+    """Greatest common divisor of the distances of frame numbers; 1 for few frames."""
     numbers = np.unique(frame)
     return int(np.gcd.reduce(np.diff(numbers))) if len(numbers) > MIN_FRAME_STEPS else 1
 

@@ -158,7 +158,7 @@ def read_sync_times(path: Path) -> dict[int, int]:
 
 
 def _mean(times: list[int]) -> int:
-    """Mean of times [ns], without overflow or rounding."""
+    """Mean of times [ns], as exact as integers; sums are relative to the first time."""
     first = min(times)
     return first + round(sum(t - first for t in times) / len(times))
 
@@ -289,7 +289,7 @@ POSITIONS = TextFormat(
 
 
 def _in_unit(unit: str) -> TextFormat:
-    """Names of position columns that end in a length unit: `x_mm`."""
+    """Text format of positions in columns named with a length unit: `x_mm`."""
     lengths = {axis: replace(POSITIONS.columns[axis], names=(f"{axis}_{unit}",)) for axis in "xyz"}
     return replace(POSITIONS, columns={**POSITIONS.columns, **lengths})
 
@@ -337,7 +337,7 @@ class TruthOptions:
     boxes: BoxOptions = BoxOptions()
 
     def frame_times(self, where: str) -> FrameTimes:
-        """Times of frames common to all cameras; UsageError if the cameras disagree."""
+        """Frame times of the file's camera, else of all cameras; UsageError if unknown or the cameras disagree."""
         if self.camera is not None and self.camera in self.times:
             return self.times[self.camera]
         if not self.times:
@@ -405,7 +405,7 @@ def _gather(path: Path, parts: list[Positions]) -> Truth:
 
 
 def _mot_positions(rows: CsvRows, options: TruthOptions) -> Positions | None:
-    """World positions of the rows that have one (last three columns not all -1)."""
+    """World positions of the rows that have one (last three columns not all -1) and a flag other than 0, or None."""
     if len(rows.cells) < 10:
         return None
     x, y, z = rows.floats("7"), rows.floats("8"), rows.floats("9")

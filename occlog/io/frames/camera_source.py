@@ -79,9 +79,9 @@ class CameraSource:
             self.losses.append(Loss(self.path.name, f"from frame {announced} on", what, count - announced))
 
     def _streamed(self, delivered: Iterator[Delivered]) -> Iterator[tuple[int, Delivered]]:
-        """Times for a container that only the decoder can read.
+        """Generate (t_ns, frame) of a container that only the decoder can read.
 
-        Its time stamps if they increase, else the frame rate.
+        Times are its time stamps if they increase, else follow from the frame rate.
         """
         head = list(islice(delivered, TRIAL))
         stamps = [frame.pos_ns for frame in head]

@@ -154,7 +154,7 @@ def stated_white(data: bytes) -> int | None:
 
 
 def is_scaled(data: bytes, most: int) -> bool:
-    """Whether OpenCV scales the declared maximum to 255."""
+    """Whether OpenCV scales the declared maximum to 255: in text up to 255, and for full 8 or 16 bits."""
     return most in (FULL, FULL_16) or (most < FULL and data[1:2] in (b"2", b"3"))
 
 

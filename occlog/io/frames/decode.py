@@ -98,7 +98,7 @@ class FrameLedger:
         self._misplaced = True
 
     def faults(self) -> Iterator[Loss]:
-        """Record the faults of the container itself."""
+        """Generate the faults of the container itself, as losses."""
         for location, what in self._container.problems if self._container else ():
             yield Loss(self._path.name, location, what)
 
@@ -357,7 +357,7 @@ def _aspect(capture: cv2.VideoCapture) -> Facts:
 
 
 def _start_s(capture: cv2.VideoCapture, first: _Raw) -> float:
-    """Difference between the first frame's time stamp and the decoder's time of it [s]."""
+    """First frame's time stamp minus the decoder's time of it [s]; NaN if unknown."""
     stamp, rate = getattr(cv2, "CAP_PROP_PTS", None), capture.get(cv2.CAP_PROP_FPS)
     return capture.get(stamp) / rate - first.pos_ns / NS if stamp is not None and rate > 0 else math.nan
 
@@ -506,7 +506,10 @@ def _trusted(container: Container | None, pictures: Iterator[_Raw], misplaced: C
 
 
 def _placed(container: Container, pictures: Iterator[_Raw], late: int) -> Iterator[_Raw]:
-    """Number pictures by the container's list of frames; without one, count them with an offset of `late`."""
+    """Number pictures by the container's list of frames, minus the decoder's delay of `late` frames.
+
+    The last `late` pictures come after all packets, without a time: they are numbered in sequence.
+    """
     last, held = -1, late
     for raw in pictures:
         index = _place(container, raw)

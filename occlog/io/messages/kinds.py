@@ -137,7 +137,7 @@ def kind_of(name: str) -> TopicKind | None:
 
 
 def bare(name: str) -> str:
-    """Type name without the middle part that ROS 2 adds (`/msg/`)."""
+    """Type name with `.` for `/`, without the part `/msg/` of ROS 2: `sensor_msgs.Image`."""
     return name.replace("/msg/", "/").replace("/", ".")
 
 
@@ -432,7 +432,7 @@ def is_readable(topic: BagTopic) -> bool:
 
 
 def borrowed_types(topic: BagTopic) -> tuple[str, ...]:
-    """Message types of a topic that the bag does not define, so that ROS' own definitions are used.
+    """Message types of a topic that the bag does not define, so that ROS' own are used; empty without rosbags.
 
     A topic without any definition, as in bags of ROS 2 before Iron, gives its own type.
     """

@@ -254,7 +254,7 @@ class Rosbag1File:
         yield from found
 
     def _take(self, record: _Record, data: bytes, topics: Collection[str] | None) -> tuple[int, int, bytes] | None:
-        """Process a record: note a connection, or return a message of one of the topics."""
+        """Process a record: note a connection, or return a message of one of the topics; else None."""
         if record.kind == CONNECTION:
             self._connect(record, data)
             return None

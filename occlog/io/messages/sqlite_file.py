@@ -81,7 +81,7 @@ class SqliteFile:
             self.losses[Loss(self.name, location, f"damaged SQLite file: the rest cannot be read ({error})")] = None
 
     def _note_side_files(self) -> None:
-        """Report a write-ahead log next to the file, with messages missing from the file."""
+        """Report a log next to the file with writes that an interrupted recorder did not put into the file."""
         for ending, magics in _LOGS.items():
             log = self.path.with_name(self.path.name + ending)
             if log.is_file():

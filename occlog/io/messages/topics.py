@@ -189,7 +189,7 @@ def _telling(topic: str) -> list[str]:
 
 
 def _info_of(image: str, infos: Sequence[str]) -> str | None:
-    """Calibration topic of images: `/cam/camera_info` for `/cam/image_raw`, or the only one in the namespace."""
+    """Calibration topic of images: `/cam/camera_info` for `/cam/image_raw`, or the namespace's only one; else None."""
     space = base_of(image).rpartition("/")[0]
     same_namespace = [t for t in infos if t.rpartition("/")[0] == space]
     exact = [t for t in same_namespace if t.rpartition("/")[2] == "camera_info"]
@@ -197,9 +197,9 @@ def _info_of(image: str, infos: Sequence[str]) -> str | None:
 
 
 def _info_above(boxes: str, infos: Sequence[str], cameras: int) -> str | None:
-    """Calibration topic of boxes, in the nearest enclosing namespace; a single calibration and box topic match.
+    """Calibration topic of boxes, in the nearest enclosing namespace: `/cam/camera_info` for `/cam/yolo/boxes`.
 
-    `/cam/camera_info` for `/cam/yolo/boxes`.
+    If the bag has one calibration and one box topic, these belong together, wherever they are. None if not found.
     """
     spaces = {t.rpartition("/")[0]: t for t in sorted(infos, reverse=True)}
     parts = boxes.split("/")

@@ -237,7 +237,7 @@ def check_growth(path: Path, file: IO[bytes], chunks: Sequence[tuple[int, ChunkS
 
 
 def _most_beyond(size: ChunkSize) -> int:
-    """Number of records allowed in a chunk in addition to those that its compressed size allows."""
+    """Upper bound of the records in a chunk beyond those that its compressed size allows."""
     return size.unpacked // HEAD.size - size.packed // BYTES_PER_RECORD
 
 

@@ -93,7 +93,7 @@ def open_mcap(path: Path) -> Iterator[tuple[McapMessages, Summary]]:
 
 
 def _state(stat: os.stat_result) -> tuple[int, ...]:
-    """Fingerprint of a file's state (size and modification time)."""
+    """Fingerprint of a file's state (device, inode, size and modification time)."""
     return stat.st_dev, stat.st_ino, stat.st_size, stat.st_mtime_ns
 
 

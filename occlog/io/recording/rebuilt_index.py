@@ -306,7 +306,7 @@ class _Pass:
             self._summary.chunk_indexes.append(index)
 
     def _message(self, at: int, head: bytes) -> tuple[int, int]:
-        """Process a message outside chunks: channel and time."""
+        """Count a message; return its channel and time [ns]."""
         channel, _, log_ns, _ = MESSAGE_HEAD.unpack(head)
         if channel not in self._summary.channels:
             raise self._damaged(f"a message at byte {at} is of channel {channel}, which is not defined")
@@ -381,7 +381,7 @@ class RebuiltIndexReader:
     def iter_messages(self, topics: Collection[str] | None = None, *, log_time_order: bool = True) -> Iterator[Found]:
         """Generate the messages of some or all topics.
 
-        Of one time in file order, chunks before messages outside chunks.
+        Messages of one time are in file order, those in chunks before those outside.
         """
         if not log_time_order:
             yield from self._in_file_order(topics)

@@ -337,7 +337,7 @@ def _offsets(data: mmap.mmap, stbl: ByteRange, size: Ints) -> Ints:
 
 
 def _edited(data: mmap.mmap, moov: ByteRange, trak: ByteRange, samples: VideoSampleTable, time: Ints) -> Bools | None:
-    """Samples shown by the edit list, sorted by time; None if the edit list has several segments."""
+    """(n,) mask of the samples shown by the edit list, sorted by time; None if it joins separate segments."""
     elst = find_box(data, trak, b"edts", b"elst")
     if elst is None:
         return np.ones(len(time), dtype=np.bool_)

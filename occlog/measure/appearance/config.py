@@ -105,7 +105,7 @@ class LearnConfig(SightingConfig):
     )
 
     def rules(self) -> list[tuple[str, bool, str]]:
-        """Check that the angle step divides half a turn."""
+        """Check that the angle step divides half a turn, or is 360 degrees."""
         steps = 180.0 / self.angle_step
         good = self.angle_step == 360.0 or (steps >= 1.0 and abs(steps - round(steps)) < 1e-9)
         return [("angle_step", good, "a divisor of 180 degrees, or 360")]

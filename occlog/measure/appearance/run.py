@@ -97,7 +97,7 @@ class SightingInput:
         return self._boxes.rows(table)  # type: ignore[return-value]
 
     def images(self) -> Iterator[Frame]:
-        """Generate the frames sorted by time; empty if boxes have appearances."""
+        """Generate the frames sorted by time; empty if no recording has video, as the boxes then have appearances."""
         for opened in (self._images, self._boxes):
             if opened is not None and opened.recording is not None and opened.recording.cameras:
                 return opened.recording.frames()

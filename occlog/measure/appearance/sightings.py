@@ -55,7 +55,7 @@ def areas(boxes: Floats) -> Floats:
 
 
 def tracks_of_boxes(boxes: Floats, expected: Floats, least_overlap: float) -> Ints:
-    """(n,) index of the track of each box, -1 for none: one-to-one assignment with the greatest total IoU.
+    """(n,) index of the track of each box, -1 for none: one to one, most pairs, then the greatest total IoU.
 
     Args:
         boxes: (n, 4) of one frame.
@@ -292,7 +292,7 @@ def paths_of_boxes(
 ) -> dict[int, PersonPath]:
     """Paths of the identities of boxes: floor positions below the middle of their lower edges.
 
-    Averaged over the cameras at one time; boxes with a lower edge above the horizon are skipped.
+    They are averaged over the cameras at one time; boxes with a lower edge above the horizon are skipped.
     """
     placed = {c.name: c for c in scene.cameras if c.has_height}
     identity, t_ns, xy = [np.zeros(0, dtype=np.int32)], [np.zeros(0, dtype=np.int64)], [np.zeros((0, 2))]

@@ -135,13 +135,11 @@ def match(sightings: Iterable[Sighting], sides: GalleryArrays, config: MatchConf
 
 
 def most_alike(likeness: Floats, least: float) -> Bools:
-    """(n, R) mask of pairs of box and target that are mutually most similar.
-
-    `least`: minimum similarity.
+    """(n, R) mask of boxes and their most similar targets; of several boxes of a target, the most similar one.
 
     Args:
         likeness: (n, R); NaN: not compared.
-        least: of a pair.
+        least: minimum similarity of a pair.
     """
     filled = np.where(np.isnan(likeness), -np.inf, likeness)
     out = np.zeros(likeness.shape, dtype=np.bool_)

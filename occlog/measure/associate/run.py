@@ -77,8 +77,8 @@ class LabelTally:
     def summary(self) -> dict[str, object]:
         """Figures of the summary: rows of the output, frames with tracks, labels and candidates left.
 
-        rows: in the output. frames_of_tracks: frames with a track at their time. labelled, not_seen: rows of each
-        target that got a label, or were added. candidates_left: without a label.
+        rows: in the output. frames_of_tracks: frames with a track at their time. labelled, missed_detections: rows of
+        each target that got a label, or were added. unassigned_candidates: without a label.
         """
         return {
             "rows": self.rows,

@@ -164,7 +164,7 @@ def _label(table: Bearings, paths: _Paths, ground: dict[str, Floats], config: La
 
 
 def _assigned(cost: Floats, bounds: Ints, wanted: Bools, gate: float) -> tuple[Ints, Ints]:
-    """Assign candidates to tracks in all frames.
+    """Assign candidates to tracks in all frames; return the rows of assigned candidates and of their tracks.
 
     Args:
         cost: (n, K) of candidates, frame after frame, and tracks.
@@ -192,8 +192,8 @@ def _labels_of(table: Bearings, frame: Ints, frames: int, target: Ints32) -> Boo
 def _apart2(table: Bearings, rows: Ints, frame: Ints, states: _States, positions: Floats) -> Floats:
     """(n, K) squared normalised differences between bearings and those of the tracks.
 
-    The variance includes the track's position across the line of sight, over the squared distance; infinite for an
-    absent track.
+    The variance includes the track's position across the line of sight, over the squared distance. The result is
+    infinite for an absent track.
 
     Args:
         table: bearings.

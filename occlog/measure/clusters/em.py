@@ -148,7 +148,7 @@ def e_step(cells: Floats, mixture: Mixture, area: float, labels: Ints) -> tuple[
 def shared_entropy(cells: Floats, mixture: Mixture, area: float) -> Floats:
     """(K, K) assignment entropy between two clusters, summed over their pixels.
 
-    The loss of J, in addition to the fit, when the two are merged.
+    It is the loss of J, in addition to the fit, when the two are merged.
     """
     n_clusters = mixture.means.shape[0]
     shape = _shape(mixture, area)
@@ -234,7 +234,7 @@ NEIGHBOUR2 = 16.0  # squared Mahalanobis distance up to which two clusters may b
 
 @kernel
 def union(a: Floats, b: Floats) -> Floats:
-    """Merge two groups of clusters into one."""
+    """Return the union of two groups (pixels, mean and scatter)."""
     n = a[0] + b[0]
     share = b[0] / n
     dx, dy = b[1] - a[1], b[2] - a[2]
@@ -309,7 +309,7 @@ def _near(a: Floats, b: Floats, cov_a: Floats, cov_b: Floats) -> bool:
 def split(cells: Floats, labels: Ints, groups: Floats, prior: Prior) -> Floats:
     """Split groups (K, 6) if the halves have a higher objective than the whole.
 
-    The cut is perpendicular to or along the axis of a person, at the best position.
+    The cut is a line along the axis of a person, at the best position.
 
     Args:
         cells: (N, 6) cell table.

@@ -74,7 +74,7 @@ def detect_by_network(
         scene: must hold the cameras.
         detector: what detects.
         embedder: describes the appearance in the boxes.
-        config: of it `bits`, `sigma_px` and `sigma_scale` are used.
+        config: of it `bit_depth`, `sigma_px` and `sigma_scale` are used.
         rows: frames in a part, about.
         shapes: of each camera's first image in earlier frames; is added to. None: these are the first frames.
 
@@ -171,7 +171,7 @@ def decoded(frame: Frame, scene: Scene, shapes: dict[str, tuple[int, ...]], conf
         frame: to be decoded.
         scene: must hold its camera.
         shapes: of each camera's first image so far; is added to.
-        config: of it `bits` is used.
+        config: of it `bit_depth` is used.
 
     Raises:
         InputError: the image does not fit the camera's calibration.

@@ -29,7 +29,7 @@ def detect_by_plugin(
         frames: in the order of time; each camera's also in the order of its index.
         scene: must hold the cameras.
         chosen: the plug-in; each camera has its own object, with its own reproducible random numbers.
-        config: of it `bits`, `sigma_px`, `sigma_scale` and `min_confidence` are used.
+        config: of it `bit_depth`, `sigma_px`, `sigma_scale` and `min_confidence` are used.
 
     Raises:
         InputError: an image does not fit its calibration, or times go back.

@@ -41,7 +41,7 @@ class LabelMap:
         return np.array([known[i] for i in ids.tolist()], dtype=np.int32)
 
     def missed(self, sensor: str, frames: Ints, t_ns: Ints, target: Ints32) -> tuple[Ints, Ints32]:
-        """Times and targets of a camera's frames in which a present target has no box, sorted.
+        """Times and targets of a camera's frames in which a present target has no box, by time and target.
 
         Args:
             sensor: the camera.

@@ -153,7 +153,7 @@ def _fused(
 
 
 def _detections(request: DetectRequest, recording: McapRecording, scene: Scene, left: SkippedFrames, job: Job) -> Work:
-    """Generate the detections in a recording.
+    """Return the detections in a recording.
 
     Images have priority; without images its boxes are used, and without boxes its bearings.
     """

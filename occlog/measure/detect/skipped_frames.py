@@ -75,7 +75,7 @@ class SkippedFrames:
         return [(first, last) for first, last in self._gaps.get(sensor, ()) if last - first + 2 > step]
 
     def parameters(self) -> dict[str, object]:
-        """Provenance entries; empty without gaps."""
+        """Provenance entries; empty if no frame is skipped."""
         skipped = {name: sorted({*self._without_steps(name), *self._lost.get(name, ())}) for name in sorted(self._last)}
         skipped = {name: each for name, each in skipped.items() if 0 < len(each) <= MAX_STRETCHES}
         return {LEFT_OUT: skipped} if skipped else {}

@@ -57,7 +57,8 @@ def track_feedback(tracks: Tracks, gate: float) -> TrackFeedback:
 def directions(path: TargetPath, origin: Floats, t_ns: Ints) -> ExpectedDirections:
     """Predicted directions from a sensor (2,) at times (N,), by the last position and velocity before each.
 
-    The uncertainty includes the position's covariance and the predicted displacement; NaN after `MAX_AGE_S`.
+    The uncertainty includes the position's covariance and the predicted displacement. NaN before the first position and
+    after `MAX_AGE_S`.
     """
     last = np.searchsorted(path.t_ns, t_ns, side="left") - 1
     k = np.maximum(last, 0)

@@ -78,7 +78,7 @@ class ChannelLags:
             self._correlate(np.pad(whole, ((0, BLOCK - len(whole)), (0, 0))), len(whole))
 
     def _correlate(self, samples: Floats, sound: int = BLOCK) -> None:
-        """Add the correlations of one block; `sound`: mask of samples with sound."""
+        """Add the correlations of one block, of which the first `sound` samples are sound and the rest is padding."""
         found = _phat(samples)
         self._sums = found if self._sums is None else self._sums + found
         self._blocks += 1
@@ -190,7 +190,7 @@ class ChannelLags:
 
 
 class Exchange(NamedTuple):
-    """A pair of channels that seems exchanged.
+    """Pairs of channels, one of which seems exchanged.
 
     Attributes:
         pairs: of channels, from 0; one of them is exchanged.

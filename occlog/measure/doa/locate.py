@@ -62,7 +62,7 @@ def levels(X: np.ndarray, bins: np.ndarray) -> Floats:
 def coherence(X: np.ndarray, bins: np.ndarray, omega: Floats, microphones: Floats, u: Floats, c: float) -> float:
     """Coherence with a plane wave: 1 for a single wave, about 0 for independent noise.
 
-    Mean, over pairs of microphones, bins and spectra, of the cosine of the phase residual.
+    It is the mean, over pairs of microphones, bins and spectra, of the cosine of the phase residual.
 
     Args:
         X: (M, F, S) spectra.
@@ -86,7 +86,8 @@ def sharpness(
 ) -> Floats:
     """(2, 2) Cramer-Rao bound of (azimuth, elevation) [rad^2] from phases with Gaussian errors.
 
-    A pair coherence g corresponds to a phase variance of -ln g per microphone. Infinite where an angle is not given.
+    A pair coherence g corresponds to a phase variance of -ln g per microphone. The bound is infinite where the
+    array does not determine an angle.
 
     Args:
         omega: (B,) angular frequencies [rad/s].
@@ -197,7 +198,7 @@ def locator(array: MicrophoneArray, rate: int, unit: str, config: DoaConfig) -> 
     """Prepare locating; InputError for an array that cannot determine directions.
 
     UsageError where pyroomacoustics is missing, the band or the grid is unsuitable for the array, or the algorithm
-    finds fewer sources than `config.sources`.
+    finds fewer sources than `config.max_sources`.
     """
     doa, band, speed = library(), make_band(rate, config), speed_of_sound(config, unit)
     _check_extent(array, band, speed, unit)
@@ -287,7 +288,7 @@ def make_grid(array: MicrophoneArray, band: Band, speed: float, config: DoaConfi
 
 
 def locate(at: Locator, X: np.ndarray) -> list[ArrayDirection]:
-    """Directions in spectra (M, F, S), by decreasing confidence, at least `config.confidence`."""
+    """Directions in spectra (M, F, S), by decreasing confidence, at least `config.min_confidence`."""
     config, grid = at.config, at.grid
     # Map of the algorithm over the grid (SRP-PHAT, MUSIC, ...)
     at.engine.locate_sources(X, num_src=max(config.max_sources, 1), freq_bins=at.band.bins)

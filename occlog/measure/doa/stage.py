@@ -40,7 +40,7 @@ def estimate_directions(
     start_ns: int,
     tally: DoaTally,
 ) -> Iterator[Doa]:
-    """Generate the directions of each frame, sorted by time, with azimuths in the world frame.
+    """Generate the directions of each frame that has some, sorted by time, with azimuths in the world frame.
 
     A frame's time is that of its centre; a remainder shorter than a frame is omitted.
 
@@ -112,7 +112,7 @@ def _heard(at: Locator, samples: Floats, quiet: deque[float], tally: DoaTally) -
 def _active(at: Locator, X: np.ndarray, quiet: deque[float]) -> Bools:
     """(S,) mask of spectra with sound.
 
-    Above `min_level_db`, and `min_snr_db` above the quietest level of the last `NOISE_S`.
+    They are above `min_level_db`, and `min_snr_db` above the quietest level of the last `NOISE_S`.
     """
     with np.errstate(divide="ignore"):
         level = 10.0 * np.log10(levels(X, at.band.bins))

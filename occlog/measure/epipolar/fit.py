@@ -215,8 +215,8 @@ def fit_homography(a: Floats, b: Floats) -> Floats:
 def homography_distances(mapping: Floats, a: Floats, b: Floats) -> Floats:
     """(N,) distances [px] of matches from a homography; inf where the mapping is undefined.
 
-    First-order distance, in the four coordinates of a match, from an exact match. With noise of standard deviation s in
-    each, its square is s^2 times a chi-square of 2.
+    They are first-order distances, in the four coordinates of a match, from an exact match. With noise of standard
+    deviation s in each, the square is s^2 times a chi-square of 2.
     """
     h = homogeneous(a) @ np.asarray(mapping).T
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -63,7 +63,7 @@ def ideal_pixels(camera: Camera, pixels: Floats) -> Floats:
 
 
 def ideal_pixels_anywhere(camera: Camera, pixels: Floats) -> Floats:
-    """(N, 2) undistorted pixels, also for `pixels` outside the image, by linear extrapolation of the distortion.
+    """(N, 2) undistorted pixels, also of `pixels` outside the image, with the shift of the nearest point at its border.
 
     A lens model is undefined outside the image, and may have no solution there.
     """

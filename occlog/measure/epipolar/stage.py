@@ -1,6 +1,6 @@
 """Fundamental matrices of all pairs of views, from calibration or matches, and checks of matches.
 
-Matches are points of targets labelled in both views: ends of their ellipses or of true boxes.
+Matches are points of targets labelled in both views: centres or ends of their ellipses or true boxes.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from occlog.settings import Settings, setting
 class FuseConfig(Settings):
     """Settings of the fusion; lengths in the scene's unit.
 
-    Default lengths are for objects of width 3.33 ([Ercan]); `FuseConfig.in_unit` returns those for people.
+    Default lengths are for objects of width 3.33; `FuseConfig.in_unit` returns those for people.
     """
 
     OWNER: ClassVar[str] = "fuse"

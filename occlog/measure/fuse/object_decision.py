@@ -1,11 +1,12 @@
-"""Global decision about one object at one time step, from the local detections of several cameras ([Lee] Ch.
+"""Global decision about one object at one time step, from the local detections of several cameras.
 
-4). A camera's detection is a line of sight, with a distance if the foot on the floor is known. The global position is
-the intersection of agreeing lines, or else the mean of the feet, or else the prediction updated by a line. The decision
-is Eq. 4.13 with the qualities W (Eq. 4.20) and the prior P_1 (Eqs. 4.23-4.24), which fall with the distance to the
-prediction. Unlike in the thesis, distances are normalised by sigma together with the errors of detection and
-prediction, and the position is weighted by errors rather than by W, since cameras measure directions much better than
-distances. Unlabelled candidates are grouped on the ground, and their objects are tracked over time steps.
+The decision follows [Lee] Ch. 4. A camera's detection is a line of sight, with a distance if the foot on the floor is
+known. The global position is the intersection of agreeing lines, or else the mean of the feet, or else the prediction
+updated by a line. The decision is Eq. 4.13 with the qualities W (Eq. 4.20) and the prior P_1 (Eqs. 4.23-4.24), which
+fall with the distance to the prediction. Unlike in the thesis, distances are normalised by sigma together with the
+errors of detection and prediction, and the position is weighted by errors rather than by W, since cameras measure
+directions much better than distances. Unlabelled candidates are grouped on the ground, and their objects are tracked
+over time steps.
 """
 
 from __future__ import annotations
@@ -320,9 +321,9 @@ def _off(memory: ObjectMemory, t_ns: int, sight: LocalDirections, config: FuseCo
 
 
 def _groups(sight: LocalDirections, rows: Ints, cameras: PlacedCameras, config: FuseConfig) -> Iterator[Ints]:
-    """Groups of candidates that may be of one object: intersecting ones, most first; those with coincident feet.
+    """Generate groups of candidates that may be of one object.
 
-    The rest.
+    First those that intersect, the largest groups first; then those with coincident feet; then the rest, one by one.
     """
     left = rows
     for position in [*_meetings(sight.take(rows), cameras, config), *_standing(sight.take(rows))]:

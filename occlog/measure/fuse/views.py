@@ -186,7 +186,7 @@ def recovered_views(
 ) -> Views:
     """Views of recovered detections: a person's box at the global position, without appearance.
 
-    None for cameras without views so far, or with unknown height of people.
+    There are none for cameras without views so far, or if the height of people is unknown.
 
     Args:
         new: recovered detections.
@@ -216,7 +216,7 @@ def recovered_views(
 def _numbers(
     views: Views, bearings: Bearings, frames: dict[str, int], counts: dict[tuple[int, str], int]
 ) -> dict[tuple[int, str], int]:
-    """Frame number of each view; clusters in each frame are counted in `counts`."""
+    """Frame number of each time and sensor; clusters in each frame are counted in `counts`."""
     number_of: dict[tuple[int, str], int] = {}
     for t_ns, name, number in zip(views.t_ns.tolist(), views.sensor.tolist(), views.frame.tolist(), strict=True):
         number_of[t_ns, name] = number

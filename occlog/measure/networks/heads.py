@@ -73,7 +73,7 @@ class NetworkDetections(NamedTuple):
 
 @dataclass(frozen=True)
 class Head:
-    """Format of a head, and whether it outputs several boxes per object."""
+    """Input format of a head, and whether it outputs several boxes per object."""
 
     fit: str
     pixels: str

@@ -181,7 +181,7 @@ def _keep(state: _FilterState, keep: Bools) -> None:
 
 
 def _add(state: _FilterState, m: _MeasurementStep, new: Bools, speed: float) -> None:
-    """Initiate filters at first measurements; the velocity uncertainty is that of a walker."""
+    """Initiate filters at first measurements; the velocity is as uncertain as after a second of walking."""
     walkers = concat(state.walkers, initiate(m.xy[new], m.noise[new], speed))
     identity = np.concatenate([state.identity, m.identity[new]])
     measured = np.concatenate([state.measured_ns, np.full(int(new.sum()), m.t_ns)])

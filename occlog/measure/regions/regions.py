@@ -8,7 +8,7 @@ therefore sums over pixels.
 
 Connected components of the foreground as person-sized regions: the plain alternative to clustering.
 
-Appearance of what a camera sees: a normalised histogram of colours in the 72 bins of `histogram_bins` ([Qu]).
+Appearance of what a camera sees: a normalised histogram of colours in the 72 bins of `pixel_bin` ([Qu]).
 
 Smaller images for faster detection, and results from them back in pixels of the whole image.
 
@@ -257,7 +257,8 @@ CLOSING = 0.2  # side of the closing that joins pieces, over a person's width
 def component_regions(image: Bytes, mask: Bytes, width_px: float, prior: Prior) -> ForegroundRegions:
     """Connected components of a frame with sufficient foreground for a person.
 
-    Parts nearer than about a fifth of a person's width are joined first. People who touch in the image are one region.
+    Parts nearer than about a fifth of a person's width are joined first. People who touch in the image are one
+    region; a person in several parts is several regions, or none.
 
     Args:
         image: (height, width, 3) BGR or (height, width) grey.

@@ -22,6 +22,9 @@ def likelihood_seconds(
 ) -> tuple[float, float, float]:
     """Measure the CPU seconds of the local, interaction and collaboration likelihoods of one frame.
 
+    The local one includes the map of bins and the motion of the particles. The others are the additional time of
+    weighing with neighbours, and with helpers.
+
     Args:
         state: before the frame; it is not changed.
         config: its settings.

@@ -193,7 +193,7 @@ def _first(births: Sequence[Birth], views: int) -> TrackerOutlines:
 def _joined(
     rows: Sequence[TrackerOutlines], seconds: Sequence[float], parts: Sequence[tuple[float, float, float]]
 ) -> TrackerOutput:
-    """Concatenate the rows of frames 0, 1, …."""
+    """Concatenate the rows of frames 0, 1, ..."""
     return TrackerOutput(
         frame=np.repeat(np.arange(len(rows)), [len(o.view) for o in rows]),
         view=np.concatenate([o.view for o in rows]),

@@ -30,7 +30,7 @@ class DaskCluster:
     """Workers of a Dask scheduler; they need the same version of occlog."""
 
     def __init__(self, address: str) -> None:
-        """`address`: of the scheduler, e.g. tcp://10.0.0.1:8786."""
+        """Use the scheduler at `address`, e.g. tcp://10.0.0.1:8786."""
         self._address = address
 
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
@@ -74,7 +74,7 @@ class DaskCluster:
         """Generate the results of jointly submitted tasks.
 
         Raises:
-            InputError: the scheduler is gone, or has no occlog installed.
+            InputError: the scheduler is gone, or it or a worker cannot read the tasks (without this version of occlog).
         """
         # The scheduler gives one result to all who ask for it by one key: others may have pieces of the same names
         mine = f"occlog-{uuid.uuid4().hex}"
@@ -129,7 +129,7 @@ class RayCluster:
     """Workers of Ray, each a process with one thread."""
 
     def __init__(self, address: str) -> None:
-        """`address`: of the cluster, e.g. ray://10.0.0.1:10001; `ray` starts one locally."""
+        """Use the cluster at `address`, e.g. ray://10.0.0.1:10001; `ray` starts one locally."""
         self._address = address
 
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:

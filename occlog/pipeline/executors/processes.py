@@ -30,7 +30,7 @@ class Processes:
     """Executor with new processes, which inherit no state of this one."""
 
     def __init__(self, workers: int) -> None:
-        """`workers`: number of processes, at least 1."""
+        """Use this number of processes, at least 1."""
         self._workers = workers
 
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:

@@ -367,7 +367,10 @@ def _texts(value: object) -> tuple[str, ...]:
 
 
 def _check_doubles(made: Choices) -> None:
-    """InputError for two videos or image folders with one name (different cameras, or copies)."""
+    """InputError for two videos or image folders with one name (different cameras, or copies).
+
+    Image folders of a camera with a video are dropped unless stated.
+    """
     for kind in (FileKind.VIDEO, FileKind.IMAGES):
         owner: dict[str, Item] = {}
         for item in made.found.of(kind):
@@ -475,7 +478,7 @@ def _same(name: str, known: Sequence[str]) -> str | None:
 
 
 def _match(made: Choices, calibration: OpenedCalibration | None, names: Sequence[str], scene: bool) -> dict[str, str]:
-    """Match calibrated cameras to names in use; cameras without a calibration are omitted."""
+    """Name in use of each camera, by its own name; cameras without a calibration are omitted, unless `scene`."""
     if calibration is None:
         return {name: name for name in names}
     known = [camera.name for camera in calibration.file.cameras]

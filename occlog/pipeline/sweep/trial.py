@@ -138,7 +138,7 @@ def _priors(values: Values, truth: Truth, seed: int) -> Occluders | None:
 
 
 def rmse_of_priors(occluders: Occluders | None, truth: Truth) -> float:
-    """RMS distance of the priors' means from the true occluder positions; NaN without priors."""
+    """RMS distance of the priors' means from the true occluder positions; NaN if their numbers differ, or are 0."""
     if occluders is None or not len(occluders):
         return float("nan")
     true = truth.take(truth.role == "occluder")

@@ -3,8 +3,6 @@
 Conventions: see `tables`.
 
 Also tables of appearance by viewing angle, and of re-identified people ([Lee] Sec. 5.2.1).
-
-Conventions: see `tables`.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ MAX_EDGE_PX = 1e6
 
 
 def check_frames(frame: Ints, name: str) -> None:
-    """InputError for an implausibly large frame number."""
+    """InputError for a negative or implausibly large frame number."""
     if (wrong := (frame < 0) | (frame >= MAX_FRAMES)).any():
         row = first_row(wrong)
         raise InputError(f"{name}: row {row}: frame {frame[row]}; it must be from 0 and below {MAX_FRAMES}")
@@ -322,7 +322,7 @@ class Positions(ColumnTable):
     confidence: Floats = column("f8", "1", "the detector's confidence, 0 to 1", nan="not given")
 
     def check(self) -> None:
-        """Check that times are in order, identities and frames are valid, and positions match detections."""
+        """Check times, identities and frames, that positions match detections, and that covariances are positive."""
         check_order(self)
         check_frames(self.frame, "Positions")
         for key in ("detection", "target_id"):

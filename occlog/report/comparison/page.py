@@ -85,7 +85,7 @@ def _errors(found: RunComparisonPage) -> Plot | None:
 
 
 def _lives(found: RunComparisonPage) -> Plot | None:
-    """Figure of matched tracks over time: people with changing tracks first, as many as fit."""
+    """Figure of matched tracks over time: people with changing tracks, or else all, as many as fit."""
     truth = found.against_truth
     if truth is not None:
         names = _whose(truth.a, truth.b)

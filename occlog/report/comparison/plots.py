@@ -139,7 +139,7 @@ class CommonMoments(ReplaySteps):
 
     @cached_property
     def same(self) -> bool:
-        """Whether tracks are shown under their own numbers (True), independent of the truth."""
+        """Whether tracks have the identities of the truth: never, as they are shown under their own numbers."""
         return False
 
 

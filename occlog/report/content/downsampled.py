@@ -33,7 +33,7 @@ MAX_MOVING = 40
 
 @dataclass(frozen=True)
 class TableTotals:
-    """Number, times and targets of all rows of a table, of which a part is drawn.
+    """Number and times of all rows of a table, of which a part is drawn.
 
     Attributes:
         rows: how many there are.
@@ -115,7 +115,7 @@ def downsample(
 
 
 def downsample_with(found: DownsampledTable[T], chunks: Iterable[T], pick: Callable[[T], Ints]) -> DownsampledTable[T]:
-    """Downsample a table, and also keep the rows that `pick` selects from each chunk."""
+    """Add to a downsampled table the rows that `pick` selects from each chunk."""
     parts, numbers, count = [found.table], [found.rows], 0
     for chunk in chunks:
         rows = pick(chunk)

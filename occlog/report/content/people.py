@@ -203,7 +203,7 @@ class PeopleStreams:
         self._cells.add(tracks, tuple(sorted(self._cameras))[:cameras])
 
     def finish(self, drawn: PeopleCount) -> PeopleStatistics:
-        """Summary of all tracks; `drawn`: times that are drawn."""
+        """Summary of all tracks; `drawn`: counts at the times that are drawn."""
         lives = {name: self._lives[name] for name in sorted(self._lives)}
         names = np.array(list(lives), dtype=np.int64)
         first = np.array([life.begin for life in lives.values()], dtype=np.int64)

@@ -85,7 +85,7 @@ class FrameRowReader(Generic[T]):
     """Reads rows of a table sorted by time, by time and camera; earlier rows are dropped."""
 
     def __init__(self, chunks: Iterable[T]) -> None:
-        """`chunks` are in the order of time."""
+        """Read these chunks, which are in the order of time."""
         self._chunks = iter(chunks)
         self._held: T | None = None
         self.read = self.used = 0

@@ -110,7 +110,7 @@ class PlanRenderer:
         return np.asarray(self._centre + self._scale * (points - self._middle) * [1.0, -1.0])
 
     def _draw_still(self, scene: Scene, size: tuple[int, int]) -> tuple[Bytes, list[Box]]:
-        """Draw floor, walls, occluders and sensors; store the positions of their names."""
+        """Draw floor, walls, occluders and sensors; return the picture, and the boxes of names."""
         picture = np.full((size[1], size[0], 3), GROUND, dtype=np.uint8)
         shapes = [(scene.room, FLOOR)] if scene.room is not None else []
         shapes += [(occluder.polygon, PILLAR) for occluder in scene.occluders]
@@ -210,7 +210,7 @@ class GroundTrackPositions:
     def ways(self, camera: Camera, t_ns: int) -> list[LineDrawing]:
         """Outlines, floor ellipses and trails projected into a camera.
 
-        Dashed if the camera does not detect the target.
+        Outlines and ellipses are dashed if the target is uncertain, or not detected by the camera.
         """
         out = []
         for person in self.crowd.at(t_ns):

@@ -134,7 +134,7 @@ def draw_scene(axes: Axes, scene: Scene, limits: Floats) -> list[Line2D | Patch]
 def view_area(scene: Scene, camera: Camera, far: float) -> Floats:
     """(K, 2) polygon of the floor visible to a camera, up to a distance `far`.
 
-    Cut off by occluders, and by the room's walls if the camera is inside.
+    It is cut off by occluders, and by the room's walls if the camera is inside.
     """
     walls = [edges_of(o.polygon) for o in scene.occluders]
     if scene.room is not None and Polygon(scene.room).get_path().contains_point(tuple(camera.ground)):
@@ -320,7 +320,7 @@ def outside(data: ReportInput) -> int:
 
 
 def bold_from(data: ReportInput) -> int | None:
-    """Time [ns] from which paths are drawn boldly; None if the whole path is."""
+    """Time [ns] from which paths are drawn boldly; None if whole paths are."""
     limits = plan_limits(data)
     diagonal = float(np.hypot(*(limits[1] - limits[0])))
     starts = []

@@ -204,7 +204,7 @@ FALLBACKS = {
 def draw_filter(figure: FigureBase, data: ReportInput, diagnostics: Diagnostics) -> None:
     """Draw the effective sample size of each target's filter, with a mark at each fallback.
 
-    For a method without particles, the position's standard deviation.
+    For a method without particles the position's standard deviation is drawn.
     """
     axes = figure.add_subplot()
     if data.fared is None or not data.fared.particles:
@@ -236,7 +236,7 @@ def _deviation(axes: Axes, data: ReportInput) -> None:
 
 
 def _finish(figure: FigureBase, axes: Axes, data: ReportInput) -> None:
-    """Add flag marks, time axis and legend to a figure."""
+    """Add marks of fallbacks, time axis and legend to a figure."""
     _fallbacks(axes, data)
     axes.set_xlabel(data.time.label)
     axes.set_xlim(0.0, max(data.time.length, 1e-9))

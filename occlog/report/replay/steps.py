@@ -1,8 +1,9 @@
 """Time steps of a replay, and the state at each.
 
 Every k-th time of the tracks (or of the truth, without tracks) is kept, with the smallest k that leaves at most
-`MAX_MOVING` estimates and as many true positions. Lines of sight are those of the latest frame of each sensor since the
-previous kept time, at every j-th kept time, with the smallest j that leaves at most `MAX_OBSERVATIONS`.
+`MAX_TIME_STEPS` times, `MAX_SHOWN` estimates and as many true positions. Lines of sight are those of the latest frame
+of each sensor since the previous kept time, at every j-th kept time, with the smallest j that leaves at most
+`MAX_OBSERVATIONS`.
 
 Columns of numbers are encoded as compact text that the script decodes to arrays.
 """
@@ -134,7 +135,7 @@ class ReplaySteps:
 
     @property
     def period_ns(self) -> float:
-        """Frame period of the leading camera [ns]; 1 s without one."""
+        """Usual interval between times of the tracks (or of the truth, without tracks) [ns]; 1 s without either."""
         return float(NS) if self._leading is None else self._leading.step_ns
 
     @cached_property
@@ -335,7 +336,7 @@ class ReplaySteps:
 
 
 def _steps(values: Floats, step: float, unknown: int, most: int = MISSING - 1) -> Ints:
-    """(N,) values >= 0 in integer steps."""
+    """(N,) values >= 0 in integer steps, at most `most`; `unknown` for values that are not finite."""
     found = np.isfinite(values)
     steps = np.clip(np.round(np.where(found, values, 0.0) / step), 0, most)
     return np.asarray(np.where(found, steps, unknown).astype(np.int64))

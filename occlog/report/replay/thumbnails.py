@@ -128,7 +128,7 @@ def _size(
     sources: OverlayTables | ImageTables | None,
     targets: Sequence[int],
 ) -> int:
-    """Size [bytes] of the first decodable image of each camera."""
+    """Total size [bytes] of the first decodable images of all cameras."""
     wanted = {name: set(own) for name, own in known.items()}
     size = 0
     for name, _, data in _drawn(opened, wanted, sources, targets, LostFrames()):
@@ -152,7 +152,10 @@ def _drawn(
     targets: Sequence[int],
     lost: LostFrames,
 ) -> Iterator[tuple[str, int, bytes]]:
-    """Camera, time and JPEG of each selected frame; black if it cannot be decoded."""
+    """Camera, time and JPEG of each selected frame.
+
+    A frame that cannot be decoded is black, or omitted if it precedes the first decodable one.
+    """
     scene = opened.scene
     metres = 1.0 if scene is None else METRES.get(scene.length_unit, 1.0)
     ranks = {target: rank for rank, target in enumerate(targets)}

@@ -56,7 +56,7 @@ def ball_cameras(config: BallsConfig) -> tuple[Camera, ...]:
 def ball_box(config: BallsConfig) -> Floats:
     """(3,) half lengths of the box in x, y, z.
 
-    As wide and high as the images, or smaller so that all views contain it.
+    The box is as wide and high as the images, or smaller so that all views contain it.
     """
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
     half = 0.5 * np.array([config.width, config.width, config.height], dtype=np.float64)

@@ -157,7 +157,7 @@ def football_faces() -> Floats:
 
 
 def football() -> Skin:
-    """Colours of the faces: dark pentagons and light hexagons with seams."""
+    """Faces of a football and their colours: dark pentagons, light hexagons, seams; only faces that shading uses."""
     faces = football_faces() * CIRCUMSCRIBED
     used = _first_or_second(faces)
     return Skin(np.ascontiguousarray(faces[used]), int(used[:12].sum()), 0.035, np.vstack([PENTAGON, HEXAGON, SEAM]))

@@ -36,7 +36,7 @@ class Clothes(NamedTuple):
 
 
 class Poses(NamedTuple):
-    """Positions (n, 2), headings [rad] and gait phases [rad] of n bodies."""
+    """Positions (n, 2), headings (n, 2), and phases and swings of the gait (n,) [rad] of n bodies."""
 
     xy: Floats  # (n, 2) in scene units
     heading: Floats  # (n, 2) unit vectors
@@ -142,7 +142,7 @@ def _arms(build: _Builder, poses: Poses) -> None:
 
 
 def _frames(heading: Floats) -> Floats:
-    """Return (n, 3, 3) rotation matrices from body to world axes, from headings [rad]."""
+    """Return (n, 3, 3) rotation matrices from body to world axes, from headings (n, 2) as unit vectors."""
     c, s, o = heading[:, 0], heading[:, 1], np.zeros(len(heading))
     columns = [np.stack([c, s, o], axis=-1), np.stack([-s, c, o], axis=-1), np.stack([o, o, o + 1], axis=-1)]
     return np.stack(columns, axis=-1)
@@ -234,7 +234,10 @@ def walking(grids: Iterable[TimeGrid], metre: float) -> Iterator[TimeGrid]:
 
 
 def _start(last: TimeGrid | None, grid: TimeGrid, metre: float) -> tuple[Floats, Floats, Floats]:
-    """Return position, velocity and gait phase of each object at the last time of the previous chunk."""
+    """Return position, velocity and gait phase of each object at the last time of the previous chunk.
+
+    Of an object that was not in it, those at the first time of this chunk.
+    """
     position = grid.xyz[0, :, :2].copy()
     velocity = np.zeros_like(position)
     velocity[:, 0] = 1e-6

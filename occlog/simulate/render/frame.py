@@ -84,7 +84,7 @@ def around_ellipsoids(centre: Floats, axes: Floats, half: Floats) -> Floats:
 
 
 def around_shadows(xy: Floats, height: Floats, radius: Floats, lights: Floats, reach: Floats) -> Floats:
-    """Return (n, m, 3) floor points around the shadows of n upright cylinders for m lamps, cut off at `reach`."""
+    """Return (n, m, 3) floor points around n upright cylinders and their shadows, cut off at `reach` (n,) from them."""
     turns = np.linspace(0, 2 * np.pi, 8, endpoint=False)
     ring = np.stack([np.cos(turns), np.sin(turns)], axis=-1)
     parts = [xy[:, None] + 2.2 * radius[:, None, None] * ring]

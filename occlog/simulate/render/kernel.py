@@ -112,7 +112,7 @@ def cloth(qx: float, qy: float, qz: float, half: float, pattern: int, metre: flo
 
 @kernel
 def shade_body_into(colour: Floats, p: int, t: float, ray: Floats32, bodies: Bodies, room: Room) -> None:
-    """Return the shaded colour (3,), BGR, of ellipsoid p where a line of sight meets it at depth t."""
+    """Set `colour` (3,), BGR, to the shaded colour of ellipsoid p where a line of sight meets it at depth t."""
     rx, ry, rz = ray[0], ray[1], ray[2]
     x, y, z = room.origin[0] + t * rx, room.origin[1] + t * ry, room.origin[2] + t * rz
     a, centre = bodies.axes[p], bodies.centre[p]

@@ -141,7 +141,7 @@ def _checked(camera: Camera) -> Camera:
 
 
 def _clothes(ids: NDArray[np.int64], target: NDArray[np.bool_], config: RenderConfig, seed: int) -> Clothes:
-    """Draw clothes for the objects, dependent on seed and number only."""
+    """Draw clothes for the objects; they depend on the seed, the numbers, and which objects are targets."""
     targets = ids[target].tolist()
     worn = []
     for number, is_target in zip(ids.tolist(), target.tolist(), strict=True):
@@ -248,7 +248,10 @@ def reference_appearances(
 
 
 def _view(scene: Scene, metre: float, angle: float) -> tuple[Canvas, Floats]:
-    """Return a camera that views a position under the first lamp from azimuth `angle` [rad], and that position (2,)."""
+    """Return the canvas of a camera that views the position under the first lamp, and that position (2,).
+
+    The camera is at a fixed distance and points at the azimuth `angle` [rad].
+    """
     lights = lamps(scene.surroundings, scene.room_height)
     position = lights[0, :2]
     width, height = SIZE

@@ -66,9 +66,9 @@ def cast(
     starts: Ints,
     heights: Floats,
 ) -> tuple[Floats, Ints]:
-    """Intersect (N, 3) lines of sight with the room: (N,) distances in ray lengths (inf.
+    """Return the nearest hits of (N, 3) lines of sight with the room.
 
-    No hit), and the surface numbers.
+    (N,) distances in ray lengths, inf without a hit, and (N,) numbers of the surfaces, -1 without a hit.
     """
     cx, cy, cz = origin[0], origin[1], origin[2]
     t_out = np.full(rays.shape[0], np.inf)
@@ -201,7 +201,7 @@ def _band_into(out: Background, camera: Camera, solid: Solid, top: int, bottom: 
 
 @kernel
 def floor_into(floor: Floats32, lamp: Floats32, share: Floats, rays: Floats, origin: Floats, lights: Floats) -> None:
-    """Compute, in place, the floor position (2,) at the centre of each floor pixel and the light of each lamp there."""
+    """Compute, in place, position (2,) and share of the floor in each floor pixel, and the light of each lamp there."""
     for row in range(share.shape[0]):
         for col in range(share.shape[1]):
             if share[row, col] > 0.0 and rays[row, col, 2] < 0.0:

@@ -147,7 +147,7 @@ def lamps(region: Floats, height: float) -> Floats:
 
 @kernel
 def light_at(px: float, py: float, pz: float, nx: float, ny: float, nz: float, lights: Floats, ambient: float) -> float:
-    """Return the brightness of a surface at point p with unit normal n from all lamps, ignoring shadows."""
+    """Return the brightness of a surface at point p with unit normal n by all lamps and `ambient`, ignoring shadows."""
     total = ambient
     for k in range(lights.shape[0]):
         lx, ly, lz = lights[k, 0] - px, lights[k, 1] - py, lights[k, 2] - pz
@@ -183,9 +183,9 @@ def in_shadow(
 
 @kernel
 def may_be_shadowed(px: float, py: float, lx: float, ly: float, reach: Floats) -> bool:
-    """Return whether the segment from (px, py) to (lx, ly) comes near any circle (P, 3) x, y, radius.
+    """Return whether the segment from (px, py) to (lx, ly) enters any circle (P, 3) x, y, radius.
 
-    A fast pre-test.
+    This is a fast test before `in_shadow`.
     """
     ex, ey = lx - px, ly - py
     length2 = max(ex * ex + ey * ey, 1e-12)

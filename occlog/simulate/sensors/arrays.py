@@ -32,7 +32,7 @@ class Sounding:
     """Active intervals of sources; draws are remembered, so that all arrays hear the same."""
 
     def __init__(self, silent: Mapping[int, Ints], means: tuple[float, float] | None, start_ns: int, seed: int) -> None:
-        """`silent`: (k, 2) scripted silent intervals [ns].
+        """`silent`: by object, (k, 2) scripted silent intervals, from and to [ns].
 
         `means`: mean durations [s] of sound and silence (`SoundConfig`).
         """
@@ -271,7 +271,10 @@ def _check_heights(array: MicrophoneArray, known: Bools, heard: Bools) -> None:
 
 
 def _noisy(array: MicrophoneArray, to: Floats, noise: Floats) -> tuple[Floats, Floats]:
-    """Return world azimuths and elevations [rad] of (m, 3) directions, with noise on the array's two angles."""
+    """Return world azimuths and elevations [rad] of (m, 3) directions, with noise on the array's two angles.
+
+    Directions that the noise moves beyond a pole continue on its other side.
+    """
     sigma_elevation = array.sigma if array.sigma_elevation is None else array.sigma_elevation
     vertical = _vertical(array)
     own = to if vertical else to @ array.rotation
@@ -288,9 +291,9 @@ def _noisy(array: MicrophoneArray, to: Floats, noise: Floats) -> tuple[Floats, F
 
 
 def _false(sensor: SimulatedArray, t_ns: Ints, sound: SoundConfig) -> tuple[Ints, Ints, Floats, Floats]:
-    """Draw false directions at given times: Poisson in number, uniform over the sphere (planar arrays.
+    """Draw false directions at given times: Poisson in number, uniform over the sphere or over all azimuths.
 
-    Over azimuths).
+    Return times, labels, azimuths and elevations; elevations are NaN for planar arrays and unknown heights.
     """
     period_s = 1.0 / sensor.array.rate_hz if sensor.array.rate_hz else sound.step_s
     numbers = sensor.false_numbers.poisson(sound.false_alarm_rate * period_s, len(t_ns))
@@ -309,7 +312,7 @@ def _false(sensor: SimulatedArray, t_ns: Ints, sound: SoundConfig) -> tuple[Ints
 def _rows(array: MicrophoneArray, t_ns: Ints, source: Ints, azimuth: Floats, elevation: Floats) -> Doa:
     """Return the measurement table of an array from columns of equal length.
 
-    Azimuth and elevation in the world [rad].
+    Azimuths and elevations are those in the world [rad].
     """
     n = len(t_ns)
     azimuth = wrap_angle(azimuth)

@@ -81,7 +81,7 @@ def _simulated_camera(scene: Scene, camera: Camera, number: int, config: Observe
 def visible(camera: Camera, walls: tuple[Floats, ...], xyz: Floats, k: int, diameter: float) -> Bools:
     """Return (T,) booleans: whether the camera sees object k of (T, n, 3) positions.
 
-    False where the object is absent.
+    They are False where the object is absent.
     """
     xy = xyz[:, k, :2]
     # In front of the camera, in its field of view and range
@@ -153,7 +153,7 @@ def _report_target(
 
 
 def _variance(camera: Camera, h: Floats, d: Floats) -> Floats:
-    """Return the variance [px^2] of a camera reading h at distance d ([Ercan] Eq. 2)."""
+    """Return the variance [px^2] of readings of targets at lateral offsets h and depths d ([Ercan] Eq. 2)."""
     f = float(camera.focal_px[0])
     return noise_variance(
         h, d, f, sigma_position=camera.sigma_position, sigma_yaw=camera.sigma_yaw, sigma_read_px=camera.sigma_read_px

@@ -29,7 +29,7 @@ CHUNK_STEPS = 256
 
 
 def step_times(first: int, count: int, step_s: float) -> Ints:
-    """Return (count,) times of steps `first`, `first` + 1, …, in ns after step 0."""
+    """Return (count,) times of the steps from number `first` on, in ns after step 0."""
     times: Ints = np.rint(np.arange(first, first + count) * (step_s * 1e9)).astype(np.int64)
     return times
 
@@ -118,7 +118,7 @@ def moved(state: Floats, segment: Segment, dt: float) -> Floats:
 
 
 def _follow(target: ScriptedTarget, steps: int, step_s: float, z: float, rng: np.random.Generator) -> Iterator[Floats]:
-    """Return (steps, 3) positions of one scripted target; NaN while it is absent."""
+    """Generate the (3,) position of one scripted target at each step; NaN while it is absent."""
     x, y, own_z = target.position
     state = np.array([x, y, z if math.isnan(own_z) else own_z, *target.velocity])
     begin, end = to_ns(target.from_s), math.inf if math.isinf(target.until_s) else to_ns(target.until_s)
@@ -139,7 +139,7 @@ def _follow(target: ScriptedTarget, steps: int, step_s: float, z: float, rng: np
 
 
 def _pieces(target: ScriptedTarget) -> list[tuple[int, Segment]]:
-    """Return segments with start times [ns], with constant-velocity segments inserted in the gaps."""
+    """Return segments with start times [ns], with constant velocity before, between and after them."""
     begin = to_ns(target.from_s)
     pieces = [(begin, Segment(target.from_s))]
     for segment in target.segments:

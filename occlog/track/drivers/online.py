@@ -96,7 +96,10 @@ def _selector(
 def _stepped(
     own: TargetFilter[State], method: Online[State, Config], selector: Selector[State, Config] | None, scan: Scan
 ) -> tuple[TargetFilter[State], EstimateRow | None]:
-    """Advance a target's filter by a scan; return its state and output row (None if the scan gives none)."""
+    """Advance a target's filter by a scan; return its state and output row.
+
+    None if the scan gives no row; its frames count in the next row.
+    """
     offered = own.offered + len(np.unique(scan.sensor))
     asked: Scan | None = scan
     if selector is not None:

@@ -114,7 +114,10 @@ def track(
 
 
 def label_continuity(scene: Scene, tracking: TrackingTask[Config], *, repair: bool) -> LabelContinuity:
-    """Return the label-continuity check of a scene, with the motion model of the method's settings."""
+    """Return the label-continuity check of a scene.
+
+    Its motion model is that of the settings if they have one (`WalkConfig`), else that of the Kalman filters.
+    """
     own = tracking.config
     walk = own if isinstance(own, WalkConfig) else EkfConfig.in_unit(scene.length_unit)
     rate = 1.0 / (LABEL_TIME_CONSTANT_RATIO * walk.velocity_time_constant_s)

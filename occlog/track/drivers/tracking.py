@@ -75,7 +75,7 @@ def feed_of(
     method: Online[State, Config] | Batch[State, Config],
     tracking: TrackingTask[Config],
 ) -> OccluderFeed | None:
-    """Return the function that gives moving-occluder priors at any time; UsageError if the method cannot use them."""
+    """Return the feed of moving-occluder priors, None without any; UsageError if the method cannot use them."""
     if occluders is None:
         return None
     if method.occluders is None:

@@ -1,6 +1,6 @@
 """Consistency of cameras.
 
-Whether each camera detects the people that the other cameras detect, and checks that name the cause if not.
+The checks state whether each camera detects the people that the other cameras detect, and name the cause if not.
 """
 
 from __future__ import annotations
@@ -129,8 +129,8 @@ class CameraAgreement:
     def shares(self) -> Floats:
         """(C,) detection rate of each camera.
 
-        Share of the unoccluded people detected by another camera that it detects, too; NaN if fewer than
-        `MIN_EXPECTED_DETECTIONS` are expected.
+        It is the share of the unoccluded people detected by another camera that the camera detects, too; NaN if fewer
+        than `MIN_EXPECTED_DETECTIONS` are expected.
         """
         enough = self.expected >= MIN_EXPECTED_DETECTIONS
         return np.where(enough, self.met / np.maximum(self.expected, 1.0), np.nan)
@@ -365,8 +365,8 @@ def distance_outside(xy: Floats, room: Floats) -> Floats:
 
 
 def _of_boxes(name: str, id: str, count: int, boxes: int, allowed: float) -> Check:
-    """Finding `id` of the check `name`.
+    """Return finding `id` about the boxes of the camera `name`.
 
-    `count` of a camera's `boxes` have a fault, of which a share `allowed` is acceptable.
+    `count` of its `boxes` have a fault; a share `allowed` is acceptable.
     """
     return finding(BOXES, id, sensors=[name], count=int(count), boxes=int(boxes), share=count / boxes, allowed=allowed)

@@ -374,7 +374,7 @@ class _Search:
     def _seen_by_others(self, c: int, first: int, last: int) -> int:
         """Number of people that another camera locates in the view of camera `c` during the time steps first to last.
 
-        The maximum over the other cameras.
+        It is the maximum over the other cameras.
         """
         count = 0
         for o, other in enumerate(self.views):
@@ -581,7 +581,7 @@ def _worst_part(shares: Floats) -> tuple[int, int] | None:
 
 
 def _inverted(view: BoxesOfCamera) -> BoxesOfCamera:
-    """The camera with the inverse extrinsics: R and T taken as camera-to-world instead of world-to-camera."""
+    """The camera with the inverse extrinsics, as if R and T had been given in the other direction."""
     own = view.camera
     return view._replace(camera=replace(own, rotation=own.rotation.T, position=-own.rotation.T @ own.position))
 
@@ -614,7 +614,7 @@ def _scaled(view: BoxesOfCamera, scale: float) -> BoxesOfCamera:
 
 
 def _flipped(view: BoxesOfCamera, axes: tuple[bool, bool]) -> BoxesOfCamera:
-    """Boxes (n, 4) of images that are flipped in x, in y, or both, with descriptions."""
+    """The camera with boxes as in images flipped along the `axes` (x, y) that are True."""
     out, size = view.boxes.copy(), view.size
     for axis, flipped in enumerate(axes):
         if flipped:

@@ -148,7 +148,7 @@ def log_ratio(
 ) -> float:
     """Log likelihood ratio of two people's later states.
 
-    Continuing from their own earlier states, to continuing from exchanged ones.
+    It compares that each continues the own earlier state with that each continues the state of the other.
 
     Args:
         before: (2, 6) earlier states.

@@ -36,7 +36,7 @@ class FrameDetectionsWithIds(NamedTuple):
 
 
 class DetectionFrameRows(NamedTuple):
-    """Rows of a table of boxes, sorted by time; a frame without boxes is one row with NaN edges."""
+    """Rows of a table of boxes, sorted by time; a frame without boxes is one row with number -1."""
 
     t_ns: Ints  # (R,)
     sensor: Strings  # (R,)
@@ -70,7 +70,7 @@ def rows_of_boxes(chunks: Iterable[Boxes]) -> Iterator[DetectionFrameRows]:
 def rows_of_views(chunks: Iterable[Views], colours_of_boxes: bool = True) -> Iterator[DetectionFrameRows]:
     """Read chunks of the table `views` as rows of detections.
 
-    Regions that the fusion of detections added or removed are omitted.
+    Regions that the fusion of detections added or removed get the number -1 (no box).
 
     Args:
         chunks: in the order of time.
@@ -133,9 +133,9 @@ class FrameNumbers:
 
     @property
     def counted_in(self) -> int:
-        """Usual difference of successive frame numbers (1 until `MIN_FRAME_PAIRS` pairs are known).
+        """Greatest common divisor of the differences of frame numbers; 1 until `MIN_FRAME_PAIRS` pairs are known.
 
-        Frames between two multiples of it are none.
+        Numbers between two multiples of it are of no frame.
         """
         return self.step if self.pairs >= MIN_FRAME_PAIRS else 1
 
@@ -406,7 +406,10 @@ def _outside(edges: Floats, camera: Camera) -> Bools:
 
 
 def duplicate_boxes(edges: Floats, score: Floats) -> Bools:
-    """(n,) mask of duplicate boxes: equal to a box with a higher score, or to an earlier one with the same score."""
+    """(n,) mask of boxes that duplicate one with a higher score, or an earlier one with the same score.
+
+    Duplicates have an intersection over union of at least `DUPLICATE_IOU`.
+    """
     n = len(edges)
     if n < 2:
         return np.zeros(n, dtype=np.bool_)

@@ -66,7 +66,7 @@ def median_height(heights: Floats) -> float:
 def inconsistent_cameras(heights: Floats) -> Mapping[int, float]:
     """Cameras with a height of people far from the others', as {camera index: height}.
 
-    More than `HEIGHT_RATIO_LIMIT` times above or below the median of the other cameras.
+    Such a height is at least `HEIGHT_RATIO_LIMIT` times above or below the median of the other cameras.
     """
     found = {}
     for c in np.flatnonzero(np.isfinite(heights)).tolist():
@@ -162,9 +162,9 @@ class PeopleInput:
         return tuple(c.name for c in self.views)
 
     def _apply_clocks(self) -> None:
-        """Replace the clocks of the scene by those with which the input's times were corrected.
+        """Add the clocks with which the input's times were corrected to cameras for which the scene states none.
 
-        Note if they are unknown.
+        If they are unknown and the scene has clocks, a note states that these are not applied.
         """
         applied = applied_clocks(self.opened)
         self._applied = {} if applied is None else applied

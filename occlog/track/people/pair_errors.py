@@ -147,7 +147,7 @@ def fit_pairs(views: Sequence[BoxesOfCamera], t_ns: Ints, person_height: float, 
 def camera_errors(normal: Floats, people: float, matters: Callable[[CameraError], bool]) -> list[CameraError]:
     """Significant errors of cameras.
 
-    The one with the largest evidence, then those that remain significant given the previous ones.
+    The one with the largest evidence is the first; the others remain significant given those before them.
 
     Args:
         normal: (T, K, K + 1) of `fit_pairs`.
@@ -415,9 +415,9 @@ def _positions_by_step(people: Floats, steps: Ints, count: int, first: int) -> F
 
 
 def _of_pair(a: _LocatingCamera, b: _LocatingCamera, steps: int, person_height: float) -> Floats:
-    """(T, 11, 12) normal equations of a pair of cameras by time step.
+    """(T, 2 `OWN` + 1, 2 `OWN` + 2) normal equations of a pair of cameras by time step.
 
-    Five parameters of each camera, and the distance of the feet, which all cameras share; the last column is the
+    `OWN` parameters of each camera, and the distance of the feet, which all cameras share; the last column is the
     right-hand side.
     """
     out = np.zeros((steps, 2 * OWN + 1, 2 * OWN + 2))
@@ -443,7 +443,7 @@ def _of_pair(a: _LocatingCamera, b: _LocatingCamera, steps: int, person_height: 
 def _of_one_person(a: _LocatingCamera, b: _LocatingCamera, farthest: float) -> tuple[Ints, Ints]:
     """Rows of two cameras that are the same person.
 
-    Mutual nearest neighbours by Mahalanobis distance, within a gate and the distance `farthest`.
+    These are mutual nearest neighbours by Mahalanobis distance, within a gate and the distance `farthest`.
     """
     i, j = paired_rows(a.steps, b.steps)
     with np.errstate(invalid="ignore"):

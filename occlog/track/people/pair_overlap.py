@@ -282,7 +282,7 @@ def merged(parts: Sequence[Overlap]) -> Overlap:
 def _of_pairs(
     views: Sequence[BoxesOfCamera], pairs: Sequence[tuple[int, int]], steps: int, person_height: float
 ) -> dict[tuple[int, int], Overlap]:
-    """Overlaps of people located by the first camera of each pair with boxes of the second, concatenated."""
+    """Overlaps of people located by the first camera of each pair with boxes of the second, by pair."""
     people = {a: located(views[a], person_height) for a in {a for a, _ in pairs}}
     padded = {b: _by_step(views[b], steps) for b in {b for _, b in pairs}}
     return {(a, b): _expected(views[a], people[a], views[b], padded[b]) for a, b in pairs}

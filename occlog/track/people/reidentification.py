@@ -145,7 +145,8 @@ def _unnamed(pieces: TrackFragments, names: Mapping[int, int]) -> Bools:
 def _offers(pieces: TrackFragments, piece: int, names: Mapping[int, int]) -> list[int]:
     """Candidate identities of a fragment.
 
-    Those of its track before and after it, and of the earlier fragments with which it may have been exchanged.
+    These are those of its track before and after it, and of the earlier fragments with which it may have been
+    exchanged.
     """
     own = np.flatnonzero(pieces.track == pieces.track[piece])
     before, after = own[own < piece], own[own > piece]

@@ -217,7 +217,7 @@ class PeopleSummary(_Counts):
     def _detectors(self) -> dict[str, object]:
         """Figures about detectors.
 
-        The position error that all cameras share, numbers of static objects, and clock delays.
+        These are the position error that all cameras share, numbers of static objects, and clock delays.
         """
         found = self.agreement
         static = {name: n for name, n in zip(self.inputs.names, found.static.tolist(), strict=True) if n}

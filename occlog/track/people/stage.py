@@ -45,7 +45,8 @@ class FixedLagSmoother(NamedTuple, Generic[State, Window]):
 class PeopleTracker(NamedTuple, Generic[State, Window]):
     """Interface of a multi-person method.
 
-    `initial_state` creates the filter state, `step` processes the frames of one time step.
+    `begin` creates the filter state, `step` processes the frames of one time step, `hear` directions of arrival;
+    `future` is its smoother.
     """
 
     begin: Callable[[Scene, Sequence[Camera | PositionSource], JipdaConfig], State]
@@ -73,7 +74,7 @@ def track_people(
     heard: Iterable[DirectionsOfArrival] = (),
     at_end: Callable[[State], None] | None = None,
 ) -> Iterator[list[SnapshotWithDetections]]:
-    """Track all people, and generate output tables in chunks of time steps of bounded size.
+    """Track all people, and generate the tracked time steps in chunks of bounded size.
 
     Args:
         time_steps: in the order of time; none is empty.

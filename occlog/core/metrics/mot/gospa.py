@@ -49,7 +49,7 @@ class Gospa(NamedTuple):
     p: float
 
     def means(self, frames: int | None = None) -> dict[str, float]:
-        """Means over frames of GOSPA and of its parts (p-th powers), and `power_mean`, their sum^(1/p).
+        """Means over frames of GOSPA and of its parts (p-th powers), and `power_mean`, (sum of the parts)^(1/p).
 
         Args:
             frames: number of frames to divide by, where some have neither target nor estimate; None: those given.
@@ -208,7 +208,7 @@ class Ospa2Sums:
             self.count(self.seen(frames, t), 1)
 
     def seen(self, frames: MatchedFrames, t: int) -> _FrameCounts:
-        """Return the labels and p-th powers of the cut-off distances of frame t, as `count` adds them."""
+        """Target and track numbers of frame t, and p-th powers of their cut-off distances, as `count` adds them."""
         left, right = frames.rows(t)
         truth, track, distance = frames.truth[left], frames.track[right], np.zeros((0, 0))
         if len(truth) and len(track):

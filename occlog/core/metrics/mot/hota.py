@@ -74,7 +74,7 @@ class Alignment:
     def update(self, frames: MatchedFrames) -> None:
         """Add frames.
 
-        A pair adds its similarity over the sum of the similarities of both to anything, minus its own.
+        A pair with the similarity s adds s / (sum of the similarities of its target and of its track to anything - s).
         """
         for t in frames.meeting():
             left, right = frames.rows(t)

@@ -266,7 +266,7 @@ def delimiters(pieces: TrajectoryPieces, pins: FixedPairs) -> Bools:
 class _Program(NamedTuple):
     """Unknowns of one piece after another, in the order of time.
 
-    Each is the weight of the pair in a frame within the cutoff, or over a segment of other frames.
+    Each is the weight of the pair in a frame in which it is within the cutoff, or over a segment of other frames.
     """
 
     piece: Ints  # (n,) position of the piece among those that are solved together
@@ -275,7 +275,7 @@ class _Program(NamedTuple):
 
 
 def _unknowns(pairs: TrajectoryPairs, pieces: TrajectoryPieces) -> _Program:
-    """Build the linear program's unknowns: each piece's frames without a track, and its pairs, in order of time."""
+    """Unknowns of pieces that are solved together: rows within the cutoff, and the segments of frames between them."""
     found: list[tuple[int, int, int]] = []
     for number, (begin, end, first, last) in enumerate(
         zip(*(column.tolist() for column in (pieces.begin, pieces.end, pieces.first, pieces.last)), strict=True)
@@ -365,7 +365,7 @@ def _capacity(program: _Program, pieces: TrajectoryPieces) -> csr_array:
 
 
 class TrajectoryGospa(NamedTuple):
-    """Trajectory GOSPA to the power of p, summed over all frames, and its parts (sum of the parts); unit^p each.
+    """Trajectory GOSPA to the power of p, summed over all frames, and the parts that add up to it; unit^p each.
 
     Attributes:
         total: the sum; the metric is its p-th root.

@@ -78,7 +78,7 @@ class Palette:
     """Colours of targets, by order of identity."""
 
     def __init__(self, targets: Iterable[int]) -> None:
-        """`targets`: all identities."""
+        """Assign colours to all identities `targets`, in order."""
         self._index = {target: n for n, target in enumerate(sorted(set(targets)))}
 
     def __len__(self) -> int:
@@ -172,7 +172,7 @@ class PeopleDrawing:
         return [self._people[target] for target in sorted(self._people)]
 
     def find(self, target: int) -> PersonEstimate | None:
-        """Latest estimate of a target."""
+        """Latest estimate of a target; None if unknown."""
         return self._people.get(target)
 
     def trail(self, target: int) -> Floats:

@@ -244,7 +244,7 @@ def _between(group: EqualLengthPolylines, counts: Ints, wanted: Floats) -> Float
 
 
 def _passed(along: Floats, counts: Ints, wanted: Floats) -> Ints:
-    """(n,) number of vertices of the polyline before each distance, excluding the first."""
+    """(n,) number of vertices of the polyline at or before each distance, excluding the first."""
     if along.shape[1] == 2:
         return (wanted >= np.repeat(along[:, 1], counts)).astype(np.int64)
     parts = np.split(wanted, np.cumsum(counts)[:-1])

@@ -217,7 +217,7 @@ class SightDrawing:
     """Draws the observations of a scene's sensors."""
 
     def __init__(self, scene: Scene, metres: float, palette: Palette, crowd: PeopleDrawing) -> None:
-        """`metres`: metres per length unit; `crowd`: current positions of targets."""
+        """Start without drawings; `metres`: metres per length unit; `crowd`: current positions of targets."""
         self._scene, self._metres, self._palette, self._crowd = scene, metres, palette, crowd
         self._sensors: Mapping[str, Camera | MicrophoneArray] = {sensor.name: sensor for sensor in placed(scene)}
         self._walls = walls(scene, metres)

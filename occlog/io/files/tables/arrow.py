@@ -1,6 +1,6 @@
 """Conversion of tables between Arrow and NumPy, without pandas (which pyarrow's own `to_numpy` imports).
 
-Arrow schema of a table with units, and records to Arrow and back.
+Also the Arrow schema of a table, with units.
 """
 
 from __future__ import annotations

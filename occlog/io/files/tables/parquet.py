@@ -36,7 +36,7 @@ BYTES_PER_NUMBER = 8
 
 
 def in_parts(path: Path, size: int, batches: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
-    """Split batches into parts of at most `size` rows that are limited in memory.
+    """Split batches into parts of so few rows that each takes limited memory.
 
     Args:
         path: the file that they are of.
@@ -339,7 +339,7 @@ def first_rows(path: Path, rows: int) -> dict[str, list[object]]:
 
 
 def _time_span(file: SizedFile) -> list[int] | None:
-    """First and last time [ns] of a file sorted by time."""
+    """First and last time [ns] of a file sorted by time; None without rows, or for an external time column."""
     if not len(file.schema_arrow) or not pa.types.is_int64(file.schema_arrow.field(0).type):
         return None  # times of another program
     groups = [n for n in range(file.num_row_groups) if file.metadata.row_group(n).num_rows]

@@ -66,7 +66,7 @@ class CompactReader:
     """
 
     def __init__(self, data: bytes, left: int) -> None:
-        """Start at the first byte; `left` limits the number of values."""
+        """Start at the first byte; `left` limits the bytes that are decoded."""
         self.data, self.at, self.left = data, 0, left
 
     def fields(self) -> Iterator[tuple[int, int]]:

@@ -333,7 +333,7 @@ def _rejoin(first: tuple[int, list[str]], rest: Iterator[tuple[int, list[str]]])
 
 
 def text_lines(path: Path, file: TextIO) -> Iterator[tuple[int, str]]:
-    """Generate (line number, line) of a text; InputError for lines too long for a table.
+    """Generate (line number, line) of a text; InputError for too long lines, or too many from a gzip file.
 
     Lines are limited while reading, so that a file without line ends is not read as a whole.
     """

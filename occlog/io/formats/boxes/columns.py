@@ -113,7 +113,7 @@ def stated_sizes(found: Iterable[tuple[str, object, object]]) -> dict[str, tuple
 
 
 def disagree(size: Floats, near: Floats, far: Floats) -> Bools:
-    """(n,) mask of boxes with a size that contradicts their edges, which the file gives as well; NaN: unknown.
+    """(n,) mask of boxes with a size that contradicts their edges, which the file gives as well; False for NaN.
 
     Columns `width` and `height` in addition to all four edges often describe the image.
     """

@@ -305,7 +305,7 @@ def camera_folders(path: Path) -> dict[str | None, Path]:
 
 
 def _labels(folder: Path) -> Path | None:
-    """The folder itself or its subfolder `labels`, whichever holds label files."""
+    """The folder itself or its subfolder `labels`, whichever holds label files; None if neither does."""
     return next((p for p in (folder, folder / LABELS) if p.is_dir() and label_files(p)), None)
 
 

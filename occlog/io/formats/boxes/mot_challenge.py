@@ -246,7 +246,7 @@ WHAT = "MOTChallenge truth"
 
 
 class Marks(NamedTuple):
-    """Columns of n true boxes in addition to the position: mark, class, visible share."""
+    """Columns of n true boxes in addition to the position: frame, identity, mark and class."""
 
     frame: Ints  # (n,) from 0
     target_id: Ints  # (n,)

@@ -118,7 +118,7 @@ def _rows(
     ignore_extra: bool,
     skip: Sequence[str] = (),
 ) -> Iterator[CsvRows]:
-    """Convert records to rows."""
+    """Convert records to rows; each record has additional cells that override its own."""
     for start in range(0, len(records), ROWS_PER_CHUNK):
         part = records[start : start + ROWS_PER_CHUNK]
         cells = [

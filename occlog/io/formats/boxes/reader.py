@@ -2,7 +2,7 @@
 
 From the first to the last time with a box in the files each camera has frames, at its own rate: a frame without a row
 has no detection. `frames` selects another range of frame numbers, for all cameras or for one. A camera may number its
-frames in steps. If rows have times, the times of all frames are computed from these.
+frames in steps: numbers between are not frames. If rows have times, the times of all frames are computed from these.
 """
 
 from __future__ import annotations
@@ -291,9 +291,9 @@ RATES_DIFFER = 1.5
 
 
 def _extended(own: range, before: int, last: int, reach: tuple[float, float]) -> range:
-    """Extend a range of frames, in its steps, to the first frame after `before` and at least to `last`.
+    """Extend a range of frames, in its steps, back to `before` (exclusive) and on to `last` (inclusive).
 
-    It may be empty. An end that would need more than `reach` additional frames is unchanged.
+    The result may be empty. An end that would need more than `reach` additional frames is unchanged.
     """
     if not own:
         return range(max(before + 1, 0), last + 1)
@@ -358,7 +358,7 @@ def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOpt
 
 
 def classes_in(file: BoxFile) -> Counter[tuple[str, ...]]:
-    """Number of boxes of each class in a file; the empty class is not stated."""
+    """Number of boxes of each class in a file; the empty tuple counts those without a class name."""
     source = _open(file, (), BoxOptions(ignore_extra=True))
     found: Counter[tuple[str, ...]] = Counter()
     for chunk in source.chunks:
@@ -636,6 +636,8 @@ def box_source(path: Path) -> BoxSource:
 def box_rows(rows: CsvRows, cameras: list[str], first_number: int = 0) -> FileBoxRows:
     """Convert the rows of a file to boxes; InputError with the position of an impossible box.
 
+    Confidences may have any range.
+
     Args:
         rows: of a `BoxSource`.
         cameras: names of the cameras so far; new ones are added.
@@ -702,7 +704,10 @@ def _read(
     left_out: Counter[tuple[str, ...]],
     unusable: UnusableBoxes | None = None,
 ) -> Iterator[tuple[CsvRows, FileBoxRows]]:
-    """Read rows of a file as text and as numbers; skipped cameras and classes are added to the lists."""
+    """Read rows of a file as text and as numbers.
+
+    New cameras are appended to `cameras`, boxes of other classes are counted in `left_out`.
+    """
     meant: dict[str, str] = {}
     label = ""
     for chunk in source.chunks:
@@ -800,7 +805,7 @@ def _edges(
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Left, top, width and height [px], or in shares of the image if given so and image sizes are not known yet.
 
-    Empty cells are NaN if the options are `lenient`, else an error.
+    Empty cells and NaN are NaN if the options are `lenient`, else an error.
     """
     blank, sizes = options.lenient, options.sizes
     if not rows.has(SHARE_X):

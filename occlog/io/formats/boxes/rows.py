@@ -154,9 +154,9 @@ def fingerprints(columns: Sequence[Floats | Ints]) -> Uints:
 def without_copies(
     chunks: Iterator[FileBoxRows], cameras: Sequence[str], path: Path, unusable: UnusableBoxes | None
 ) -> Iterator[FileBoxRows]:
-    """Generate the chunks, whole frames each, without duplicate boxes, which are counted in `unusable` (None.
+    """Generate the chunks, whole frames each, without duplicate boxes.
 
-    An error).
+    Duplicates are counted in `unusable`; if it is None, the first one is an InputError.
     """
     for rows in chunks:
         _, first = np.unique(fingerprints(rows), return_index=True)

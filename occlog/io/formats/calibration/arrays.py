@@ -115,7 +115,7 @@ def _elements(data: bytes, order: str) -> Iterator[_Element]:
 
 
 def _matrix(data: bytes, order: str) -> tuple[str, Floats | None]:
-    """Parse name and values of one array element of a MATLAB file."""
+    """Parse name and values of one array element of a MATLAB file; values are None unless real numbers."""
     parts = _elements(data, order)
     (flags,) = struct.unpack_from(f"{order}I", next(parts, _Element(0, b"")).data)
     sizes = next(parts, _Element(0, b""))
@@ -290,7 +290,7 @@ def _stack(value: Floats, shape: tuple[int, int], path: Path) -> Floats:
 
 
 def _per_camera(value: Floats, key: str, n: int, path: Path) -> Floats:
-    """Split an array into the parts of n cameras."""
+    """Rearrange an array into the parts of n cameras, cameras first."""
     if key in ("P", "K"):
         return _stack(value, (3, 4) if key == "P" else (3, 3), path)
     if key == "R" and value.ndim >= 2 and value.shape[-2:] != (1, 3) and value.size == 9 * n:

@@ -119,7 +119,7 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
 
 
 def _each_once(cameras: Sequence[Camera], path: Path, options: CalibrationOptions) -> tuple[Camera, ...]:
-    """Reduce several images of a static camera to one camera.
+    """Reduce several images of a static camera to one camera: that of the first image.
 
     Raises:
         InputError: images of one camera have different poses.

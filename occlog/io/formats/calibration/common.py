@@ -110,7 +110,7 @@ class ImageRegion(NamedTuple):
     def intrinsics(self, focal: Floats, principal: Floats) -> tuple[Floats, Floats]:
         """Convert focal lengths and principal point of the sensor to those of the images.
 
-        A pixel's centre is an integer.
+        Pixel centres have integer coordinates.
         """
         return focal * self.scale, (principal - self.offset + 0.5) * self.scale - 0.5
 

@@ -28,10 +28,7 @@ CLEARER = 3.0
 
 
 class GroundPose(NamedTuple):
-    """Pose and focal length from a homography.
-
-    Focal length [px], camera-from-world rotation (3, 3), centre (3,), residual.
-    """
+    """Focal length [px], camera-from-world rotation (3, 3), centre (3,) and residual of a homography."""
 
     focal: float
     rotation: Floats

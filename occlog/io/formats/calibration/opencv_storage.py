@@ -198,7 +198,7 @@ def _sizes(value: object) -> tuple[int, ...] | None:
 
 
 def size_of(values: Mapping[str, Any]) -> tuple[int, int] | None:
-    """Width and height of the images [px], if stated."""
+    """Width and height of the images [px]; None if not stated."""
     for width, height in SIZE:
         if width in values and height in values:
             try:

@@ -90,7 +90,7 @@ def write_calibration(path: Path, scene: Scene, format: str, overwrite: bool = F
 
 
 def _in_metres(scene: Scene, format: str) -> list[Camera]:
-    """The cameras with positions in metres; InputError for parameters that a format cannot state."""
+    """The cameras with positions in metres; InputError if the scene lacks something that the format needs."""
     if not scene.cameras:
         raise InputError(f"the scene has no camera; {format} describes cameras", id="too-few-sensors")
     if scene.length_unit not in METRES:

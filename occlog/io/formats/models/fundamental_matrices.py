@@ -101,7 +101,7 @@ def _values(pairs: ViewPairs, provenance: Provenance) -> dict[str, object]:
 
 
 def _lengths(pair: ViewPair) -> dict[str, float | None]:
-    """Baseline lengths of a pair for JSON; null if unknown."""
+    """Noise, error and parallax [px] of a pair for JSON; null if unknown."""
     lengths = {"noise_px": pair.noise_px, "error_px": pair.error_px, "parallax_px": pair.parallax_px}
     return {name: float(value) if np.isfinite(value) else None for name, value in lengths.items()}
 

@@ -156,7 +156,7 @@ def _unit(name: str, path: Path) -> str:
 
 
 def _spelled(rows: CsvRows, axis: str) -> str | None:
-    """Column of an axis, with any unit suffix."""
+    """Column of an axis, with any unit suffix; None if missing."""
     found = [name for name in COLUMNS if name.partition("_")[0] == axis and rows.has(name)]
     if len(found) > 1:
         raise InputError(

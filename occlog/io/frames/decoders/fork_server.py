@@ -91,7 +91,7 @@ class ForkServer:
         """Fork a process that runs the job on its standard input (`process_main`).
 
         Args:
-            environment: of the nursery, where it has to be started.
+            environment: of the fork server, if it has to be started.
             memory: descriptor of what it shares with this process; None: nothing.
 
         Raises:

@@ -136,7 +136,7 @@ def are_records(data: bytes) -> bool:
 
 
 def _find(file: IO[bytes], marks: re.Pattern[bytes], at: int, size: int) -> int | None:
-    """Position of the first mark from a byte on."""
+    """Position of the first mark from a byte on; None if there is none."""
     block = 1 << 20
     while at < size:
         file.seek(at)

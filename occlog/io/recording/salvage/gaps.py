@@ -53,7 +53,7 @@ class Damage:
         self._behind = self._reported = False
 
     def begin(self) -> None:
-        """Start of damage."""
+        """Record the start of damage."""
         self.n_locations += 1
         self.unknown += 1
         self._behind, self._reported = True, False

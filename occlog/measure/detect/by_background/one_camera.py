@@ -148,7 +148,7 @@ def choose(
 def _closeness(t_ns: int, regions: ForegroundRegions, last: tuple[int, float, float] | None) -> Floats:
     """(K,) closeness to the target's last position: exp(-d^2 / 2) with the normalised distance d.
 
-    0 after `MEMORY_S`.
+    It is 0 without a last position, and after `MEMORY_S`.
     """
     if last is None or (t_ns - last[0]) * 1e-9 > MEMORY_S:
         return np.zeros(len(regions.mass))
@@ -242,7 +242,7 @@ def process(state: CameraState, frames: list[Frame]) -> CameraBatch:
 def _regions_of_frame(
     state: CameraState, setup: CameraSetup, frame: Frame, image: Image
 ) -> tuple[str, ForegroundRegions | None]:
-    """Regions of a frame, or why it cannot be used; neither during warm-up of the background."""
+    """Reason why a frame cannot be used (empty: none), and its regions; neither during warm-up of the background."""
     if image.shape != setup.shape:
         return f"image is {size_in_words(image.shape)}, the camera's first was {size_in_words(setup.shape)}", None
     c = state.config

@@ -185,9 +185,9 @@ class IdentityMatcher:
         return [given[index] for index in range(len(people))]
 
     def _claims(self, people: list[tuple[Member, ...]]) -> Iterator[tuple[int, int]]:
-        """Identities with the tracks that claim them, oldest first.
+        """Pairs of an identity and the index of a person with a track that has it, the oldest identity first.
 
-        Tracks that had one from the start have priority.
+        Tracks that had the identity from the start have priority.
         """
         claims = [
             (self._held[m], self._own[m] != self._held[m], m, index)

@@ -92,7 +92,7 @@ def _one_at_times(track: PeopleTracks, times: Ints, window_ns: int, gap_ns: int)
 
 
 def _line(values: Floats, before: Ints, after: Ints, share: Floats) -> Floats:
-    """Linear interpolation between rows; NaN at an end with weight 0 is ignored."""
+    """Linear interpolation between rows; the values of the row itself where `before` and `after` are the same."""
     same = before == after
     between: Floats = (1.0 - share) * values[before] + share * values[after]
     return np.where(same, values[before], between)
@@ -200,7 +200,10 @@ def _join(
 
 
 def _identities(t_ns: Ints, here: Ints, also: Ints) -> tuple[Ints32, list[_Doubt], Bools]:
-    """Identities of rows in the order of time, by the tracks of both groups (-1: none)."""
+    """Identities of rows in the order of time, by the tracks of both groups (-1: none).
+
+    Also the possible exchanges, and the (n,) mask of the rows of identities that they are of.
+    """
     identities, doubts = IdentityMatcher(), list[_Doubt]()
     out: Ints32 = np.zeros(len(t_ns), dtype=np.int32)
     exchanged: Bools = np.zeros(len(t_ns), dtype=np.bool_)
@@ -267,7 +270,7 @@ def _united(first: str, second: str) -> str:
 
 
 def _keep_flags(word: str, where: Bools) -> Bools:
-    """Keep flag `word` only in the masked rows."""
+    """(n, W) mask of flags: `word` in the rows `where`, no others."""
     mask: Bools = where[:, None] & (np.array(DOUBTS) == word)
     return mask
 

@@ -1,7 +1,7 @@
-"""The process that runs a network: `python -m occlog.measure.networks.running.process_main`, started by `apart`.
+"""The process that runs a network: `python -m occlog.measure.networks.running.process_main`.
 
-The first message on standard input names the network; each further one has its inputs. Each is answered on standard
-output by the outputs, or by an error. The process ends when the requests end.
+It is started by `subprocess_runtime`. The first message on standard input names the network; each further one has its
+inputs. Each is answered on standard output by the outputs, or by an error. The process ends when the requests end.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def _run(network: Runtime, feeds: Feeds) -> tuple[Runtime, dict[str, str], Feeds
 
 
 def _answered(out: IO[bytes], work: Callable[[], tuple[Runtime, dict[str, str], Feeds]]) -> Runtime | None:
-    """Answer with the result of some work; None if it failed."""
+    """Answer with the result of some work; return the network, None if the work failed."""
     try:
         network, header, arrays = work()
     except InputError as error:

@@ -235,7 +235,7 @@ def _seen_exactly(xy: Floats, cameras: Floats, priors: Priors) -> Floats:
 
 
 def _number(eta: Bools) -> int:
-    """Return the bit number of a subset of cameras given as booleans."""
+    """Return the number of a subset of cameras: bit i is set if camera i is in it."""
     return sum(1 << i for i, one in enumerate(eta) if one)
 
 

@@ -169,7 +169,10 @@ def faces_trial(spec: Spec) -> dict[str, float]:
 
 
 def likeness(gallery: Floats, candidates: Floats, angle: Ints) -> Floats:
-    """Return (n, P) bias-corrected Bhattacharyya coefficients of candidates (n, m) with the gallery (P, A, m)."""
+    """Return (n, P) bias-corrected Bhattacharyya coefficients of candidates (n, m) with the gallery (P, A, m).
+
+    Each candidate is compared at its angle (n,), an index of the A angles.
+    """
     out = np.empty((len(candidates), len(gallery)))
     for a in np.unique(angle).tolist():
         rows, side = angle == a, gallery[:, a]
@@ -217,7 +220,7 @@ def _suspended(kind: str, gallery: Floats, candidates: Floats, owner: Ints, at: 
 
 
 def equal_error(like: Floats, same: Bools) -> float:
-    """Return the threshold with equal shares of right pairs below it and wrong pairs at or above it."""
+    """Return the threshold with the nearest shares of right pairs below it and wrong pairs at or above it."""
     right, wrong = np.sort(like[same]), np.sort(like[~same])
     levels = np.unique(like)
     missed = np.searchsorted(right, levels) / len(right)

@@ -76,7 +76,7 @@ def motion_trial(spec: Spec) -> dict[str, float]:
 
     Returns:
         `DIRECTION-CAMERA` for the printed statements; `alike`, share of cameras in which two people who walk the same
-        way, in any direction, show the same signs; `opposite_signs`, the same of two who walk opposite ways.
+        way, in any direction, show the same signs; `apart`, the same of two who walk opposite ways.
     """
     rng = np.random.default_rng(np.random.SeedSequence(int(spec["seed"]), spawn_key=(int(spec["run"]),)))
     start = rng.uniform(-AROUND, AROUND, (2 * int(spec["people"]), 2))

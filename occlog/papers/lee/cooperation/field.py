@@ -219,7 +219,10 @@ def _frames(row: PaperRow) -> Floats:
 
 
 def _saved(errors: Floats, frames: Floats, of_periods: Floats, frames_of: Floats, runs: Ints) -> float:
-    """Return the frames saved in a sample of runs; log frames are interpolated linearly in log error."""
+    """Return the frames saved in a sample of runs; log frames are interpolated linearly in log error.
+
+    The result is NaN where the error is outside the range of those of the periods.
+    """
     wanted = math.log(errors[runs].mean())
     known, cost = np.log(of_periods[:, runs].mean(axis=1)), np.log(np.maximum(frames_of[:, runs].mean(axis=1), 0.5))
     order = np.argsort(known)

@@ -37,7 +37,7 @@ STUCK = 4.0
 
 
 class End(IntEnum):
-    """Outcome of a path: goal, collision, oscillation or trap."""
+    """Outcome of a path: goal, collision, endless repetition, or no steps left."""
 
     GOING = 0
     REACHED = 1
@@ -257,7 +257,10 @@ class _Watch:
         self._box = np.stack([np.minimum(self._box[0], xy), np.maximum(self._box[1], xy)])
 
     def stays(self, active: Ints, most: float) -> Bools:
-        """Return (A,) booleans: whether robots stayed within length `most` over the last two windows."""
+        """Return (A,) booleans: whether robots stayed within `most` in this window and the one before.
+
+        They are False before there are two windows.
+        """
         if self._step < 2 * WINDOW:
             return np.zeros(len(active), dtype=np.bool_)
         low = np.minimum(self._before[0, active], self._box[0, active])

@@ -348,7 +348,7 @@ def simulate_cycle(network: RouterNetwork, protocol: str, image_bytes: float, sh
             finish(router, now_s)
 
     def heard(router: str, now_s: float) -> None:
-        """Continue after the router has all acoustic data and its estimate."""
+        """Make the estimate of a router that has all acoustic data."""
 
         def estimate(t: float) -> None:
             if protocol == RBVC:

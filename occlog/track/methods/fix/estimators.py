@@ -215,7 +215,8 @@ def _iterate(
 def _fix_at(xy: Floats, equations: _Equations, weights: Floats, kappa: float, learned: bool) -> Fix | None:
     """Return the position with Lenth's covariance.
 
-    1/kappa times the inverse of the symmetric part of the equations' matrix.
+    It is 1/kappa times the inverse of the symmetric part of the equations' matrix; None if that is not positive
+    definite.
     """
     information = 0.5 * (equations.matrix + equations.matrix.T)
     if not np.linalg.det(information) > 0.0 or not information[0, 0] > 0.0:
@@ -228,7 +229,7 @@ def _directions(positions: Floats, xy: Floats) -> Floats:
 
 
 def _equations(positions: Floats, bearings: Floats, weights: Floats, xy: Floats | None) -> _Equations:
-    """Return Lenth's estimating equations at position xy; None at a point equidistant from all sensors."""
+    """Return Lenth's estimating equations at position xy; None: as if all sensors were equally far away."""
     s, c = np.sin(bearings), np.cos(bearings)
     # Relative to the sensors' centre, or large coordinates of maps would cost digits.
     centre = positions.mean(axis=0)
@@ -404,7 +405,7 @@ def _cost(residual: Floats, bend: float) -> Floats:
 def _climbed(xy: Floats, positions: Floats, bearings: Floats, sigma: Floats, bend: float) -> Floats:
     """Return (M, 2) modes reached from start positions.
 
-    Reweighted Gauss-Newton with step halving until the cost falls.
+    The search is reweighted Gauss-Newton with step halving until the cost falls.
     """
     xy = xy.copy()
     scale = np.hypot(*(positions - positions.mean(axis=0)).T).max() + 1e-300

@@ -108,7 +108,7 @@ def false_line_moment(
 
 
 def _variances(found: Modes) -> Floats:
-    """Return (M, 2) variances of modes along their principal axes."""
+    """Return (M, 2) variances of modes along the coordinate axes."""
     return np.maximum(np.diagonal(found.covariance, axis1=1, axis2=2), 1e-300)
 
 

@@ -269,9 +269,9 @@ def _line_crossings(lines: BearingLines) -> Floats:
 
 
 def _circle_crossings(centre: Floats, radius: Floats) -> Floats:
-    """Return (K, 2) intersections of each two of m circles: two positions.
+    """Return (K, 2) intersections of each two of m circles.
 
-    For disjoint circles, twice a position between.
+    Two positions for each pair, which are both the position between them if the circles do not meet.
     """
     i, j = np.triu_indices(len(radius), 1)
     to = centre[j] - centre[i]
@@ -382,7 +382,7 @@ def _middle(lines: BearingLines, distances: RangeMeasurements) -> Floats:
 def _extent(lines: BearingLines, distances: RangeMeasurements) -> float:
     """Return the length scale of the problem.
 
-    The size of the sensors' bounding box, or the largest circle if greater.
+    It is the larger side of the sensors' bounding box, or the largest range if that is greater.
     """
     positions = _places(lines, distances)
     size = float(np.ptp(positions, axis=0).max())

@@ -22,11 +22,11 @@ TrackerKey = tuple[int, int]
 """View and target of a tracker."""
 
 MODES = ("mipf", "idmot", "bmct", "cmct", "mcmc")
-"""`TrackerOutlines.mode` counts in this order."""
+"""`TrackerOutlines.likelihood_mode` counts in this order."""
 NONE, BAD, GOOD = 1, 2, 3
 """`TrackerOutlines.counterpart`, indices in `occlog.records.declared.views.COUNTERPARTS`; 0: not checked."""
 START, LEFT, TERMINATED = 1, 2, 3
-"""`TrackerOutlines.event`, indices in `occlog.records.declared.views.EVENTS`; 0: none."""
+"""`TrackerOutlines.lifecycle`, indices in `occlog.records.declared.views.EVENTS`; 0: none."""
 
 
 class Birth(NamedTuple):

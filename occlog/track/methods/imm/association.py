@@ -188,7 +188,7 @@ def _clusters(possible: Bools) -> list[Ints]:
 
 
 def _groups(possible: Bools, ratio: Floats) -> list[tuple[Ints, Bools]]:
-    """Return groups of targets for joint enumeration, with at most MOST_EVENTS events each.
+    """Return groups of targets for joint enumeration, with at most `MAX_JOINT_EVENTS` events each.
 
     If there are more, the least likely bearing of a target with alternatives is dropped, which separates targets; a
     target's last bearing is dropped only if no target has an alternative.
@@ -214,7 +214,11 @@ def _groups(possible: Bools, ratio: Floats) -> list[tuple[Ints, Bools]]:
 def _all_events(
     alone: Floats, unheard: Floats, shared: Floats, separate: Floats, possible: Bools
 ) -> tuple[Floats, Floats, Floats, float]:
-    """Return sums over all association events, with `alone` and `shared` in units of the clutter density."""
+    """Return marginal probabilities and the total weight of all association events.
+
+    `alone` and `shared` are in units of the clutter density. The results are `alone`, `unheard` and `shared` of
+    `BearingAssociation`, and the sum of the weights; without possible events no target is heard.
+    """
     K, N = alone.shape
     p_alone, p_unheard, p_shared = np.zeros((K, N)), np.zeros(K), np.zeros((K, K, N))
     choice = np.full(K, -1, dtype=np.int64)  # bearing of each target; -1: unheard

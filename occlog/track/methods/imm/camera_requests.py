@@ -120,7 +120,7 @@ class RequestMemory(NamedTuple):
 class CameraQuestion(NamedTuple):
     """A request to cameras: the position of a known target, or of an unknown one on a line of sight."""
 
-    number: int  # UNNUMBERED: a target that is not known yet
+    number: int  # TENTATIVE: a target that is not known yet
     causes: tuple[str, ...]
     label: int
     position: Floats  # (2,) where it is thought to be
@@ -175,7 +175,7 @@ def requests_after_scan(
 
 
 def other_targets(state: ImmState, report: ImmStepResult, asked: Sequence[CameraQuestion]) -> list[CameraQuestion]:
-    """Return other targets that the requested frames may show; none if `config.share` is false."""
+    """Return other targets that the requested frames may show; none if `config.update_other_targets` is false."""
     if not state.world.config.update_other_targets or not asked:
         return []
     numbers = {a.number for a in asked}
@@ -279,7 +279,7 @@ def apply_answer(
 
 
 def _number(label: int, tracks: list[Track], free: int) -> int:
-    """Return the number of a new track (its label, if free) and the next free number."""
+    """Return the number of a new track: its label, if no track has that number, else `free`."""
     return label if label != UNLABELLED_TRACK and all(t.number != label for t in tracks) else free
 
 

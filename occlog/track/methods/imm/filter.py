@@ -323,7 +323,7 @@ def _after(m: Moved, weights: Floats, reached: float, config: ImmConfig, unheard
 
 
 def _initiate_tracks(world: ImmWorld, array: int, free: Scan, numbers: set[int], rng: Generator) -> list[Moved]:
-    """Return tentative tracks on the lines of sight of unassigned bearings."""
+    """Return new tracks on the lines of sight of unassigned bearings; a label in `numbers` makes a tentative track."""
     # Where every track takes any bearing, several come to follow one source, and the others' bearings seem free.
     config, born = world.config, []
     unaided = config.birth_probability > 0.0 and config.association == "joint"
@@ -386,7 +386,7 @@ def _estimate(belief: TrackPosterior, report: ImmStepResult, cameras: int) -> Es
 
 
 def trace(result: tuple[ImmState, int]) -> TrackTrace:
-    """Return what smoothing needs of the last step, by target."""
+    """Return what smoothing needs of one target after the last step."""
     state, number = result
     assert state.t_ns is not None
     return trace_of(next(track for track in state.tracks if track.number == number), state.t_ns)

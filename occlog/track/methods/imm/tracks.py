@@ -83,8 +83,8 @@ MAX_DRAWS = 20
 class Track(NamedTuple):
     """A confirmed or tentative target."""
 
-    number: int  # UNNUMBERED until it is confirmed
-    label: int  # identity that sensors give it; UNLABELLED: none did
+    number: int  # TENTATIVE until it is confirmed
+    label: int  # identity that sensors give it; UNLABELLED_TRACK: none did
     cloud: imm.ImmParticles
     exists: float  # probability
     sounds: float  # probability that it is not silent, if it exists
@@ -140,7 +140,7 @@ def make_world(scene: Scene, config: ImmConfig) -> ImmWorld:
 
 
 def _reach(far: float, height: float, sources: float | None) -> float:
-    """Return the ground range of an array for sources at a height; None if the range is measured on the ground."""
+    """Return the ground range of an array for sources at a height; None: the range is measured on the ground."""
     if sources is None or math.isinf(far):
         return far
     return math.sqrt(max(far**2 - (height - sources) ** 2, 0.0))
@@ -168,9 +168,10 @@ def _confirmed(config: ImmConfig, number: int, label: int, states: Floats, t_ns:
 def track_on_bearing(
     world: ImmWorld, array: int, angle: float, sigma: float, t_ns: int, label: int, rng: Generator
 ) -> Track:
-    """Return a tentative track with particles along a bearing's line of sight, within range and room.
+    """Return a new track with particles along a bearing's line of sight, within range and room.
 
-    Positions are equally likely per length of the line; where none is in the room any will do.
+    It is tentative if `label` is `UNLABELLED_TRACK`. Positions are equally likely per length of the line; if none is in
+    the room, any will do.
     """
     config = world.config
     n = config.particles * config.initial_particle_factor

@@ -204,7 +204,10 @@ def propose(
 
 
 def _conditional(C: Floats, d: int, least: float) -> tuple[Floats, Floats, Floats]:
-    """Return the Cholesky factor of the position, the regression of velocity on it, and the residual's factor."""
+    """Return the Cholesky factor (3, 3) of the position, and the velocity's regression and residual factor (d, d).
+
+    The regression is on the whitened position.
+    """
     position_covariance = C[:d, :d] + least**2 * np.eye(d)
     root = np.eye(3)
     root[:d, :d] = np.linalg.cholesky(position_covariance)

@@ -107,7 +107,10 @@ def step(state: PpsState, scan: Scan, rng: Generator) -> tuple[PpsState, Estimat
         return begin(space, heard, reason, rng) if reason else _first(state, heard, rng)
 
     def loss(found: ScanUpdate | PlaneUpdate) -> tuple[Ints, bool]:
-        """Return the planes that sensors have contradicted for several scans or that explain no measurement."""
+        """Return the counts of contradictions, and whether the planes are lost.
+
+        They are lost if sensors contradicted them for several scans, or if a plane in use explains no measurement.
+        """
         if isinstance(found, ScanUpdate):
             return state.astray, False
         agree = agrees(found.joined.mean[None, :3], heard, config.gate)[0]
@@ -258,7 +261,7 @@ def _running(state: PpsState, pair: Pair) -> list[int]:
 
 
 def _turned(state: PpsState, plane: int, dt: float) -> Floats | None:
-    """Return (4,) the change of a plane's state by a turn in another plane, at the combined velocity."""
+    """Return (4,) the change of a plane's state by a turn in another plane, at the combined velocity; None: no turn."""
     motion, axes = state.space.motion, AXES[plane]
     if motion.turn == 0.0 or axes == motion.axes or state.joined is None:
         return None
@@ -274,7 +277,7 @@ def _turned(state: PpsState, plane: int, dt: float) -> Floats | None:
 def _taken_in(
     state: PpsState, dt: float, pair: Pair, heard: ScanDirections, angles: ProjectedAngles, rng: Generator
 ) -> tuple[Clouds, dict[int, PlanePosterior], dict[int, PlaneSights]]:
-    """Update the running planes; return their particles, posteriors and the scan's likelihoods."""
+    """Update the running planes; return all particles, and by running plane the posteriors and angles of the scan."""
     config, n, chances = state.space.config, state.space.config.particles, state.space.chances
     best = {p: s for s, p in pair}
     new, flats, likelihoods = list(state.clouds), {}, {}

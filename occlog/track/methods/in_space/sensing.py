@@ -265,9 +265,9 @@ def particles_around(space: SpaceModel[C], start: tuple[float, ...], n: int, rng
 def particles_from_scan(space: SpaceModel[C], heard: ScanDirections, n: int, rng: Generator) -> tuple[Floats, Floats]:
     """Draw (6, n) particles from a scan; return them with their log weights.
 
-    Positions are drawn along the lines of sight of all candidates to the border of the room, and some anywhere in it.
-    The weights correspond to a uniform prior in the room (without a room, uniform in distance from a sensor up to its
-    range) times the scan's likelihood.
+    Positions are drawn along the lines of sight of all candidates to the border of the box of the room and all sensors,
+    and some anywhere in it. The weights correspond to a uniform prior in the room (without a room, uniform in distance
+    from a sensor up to its far limit) times the scan's likelihood.
     """
     s = heard.sights
     R = len(s.phi)
@@ -337,7 +337,7 @@ def _log_volume(xyz: Floats, s: ScanDirectionSet, space: SpaceModel[C]) -> Float
 
 
 def _way_out(space: SpaceModel[C], position: Floats, line: Floats, flat: bool) -> Floats:
-    """Return (n,) distances, > 0, from a sensor along directions (3, n) to the border of the room."""
+    """Return (n,) distances, > 0, from a sensor along directions (3, n) to the box of the room and all sensors."""
     d = 2 if flat else 3
     p = position[:d]
     with np.errstate(divide="ignore", invalid="ignore"):

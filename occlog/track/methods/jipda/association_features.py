@@ -112,7 +112,7 @@ SUM_SLACK = 0.01
 def unit_vectors(appearance: Floats, histograms: bool) -> Floats:
     """Convert appearances (.., K) to unit vectors, so that the scalar product of two is their similarity.
 
-    Square roots of histograms, or normalised embeddings; NaN: no appearance.
+    They are square roots of histograms, or normalised embeddings; NaN: no appearance.
     """
     out = np.sqrt(appearance) if histograms else appearance
     with np.errstate(invalid="ignore", divide="ignore"):

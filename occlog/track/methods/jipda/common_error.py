@@ -63,7 +63,10 @@ def prior_common_error(metre: float) -> CommonErrorStatistics:
 
 
 def common_error(known: CommonErrorStatistics) -> tuple[float, float]:
-    """Posterior mean of the variance per axis, and the correlation time [s] (mean weighted by the variance)."""
+    """Posterior mean of the variance per axis, and the correlation time [s].
+
+    The correlation time is the geometric mean weighted by the variance.
+    """
     weight = np.exp(known.log - known.log.max())
     weight /= weight.sum()
     square = float(weight @ known.square)

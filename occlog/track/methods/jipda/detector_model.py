@@ -10,12 +10,11 @@ against the filter's prediction, which hold its own lag:
 
 * noise of middles and sizes, y = a + b size^2, by weighted least squares of the squared disagreements;
 * biases of each camera, by a scalar Kalman filter each;
-* the part that lasts, s^2 exp(-t / LASTS_S), from the products of a person's disagreements in successive frames of a
-  camera;
+* the part that lasts, s^2 exp(-t / NOISE_CORRELATION_S), from the products of a person's disagreements in successive
+  frames of a camera;
 * gait noise, an error of the position common to all cameras and new at every time step: with z the positions that
-time steps
-  alone say, at equal intervals, and d_k = z_k - 2 z_{k-1} + z_{k-2}, white acceleration leaves d_k and d_{k-2}
-  uncorrelated, so that E d_k d_{k-2} is the variance of the error of z_{k-2}.
+  time steps alone say, at equal intervals, and d_k = z_k - 2 z_{k-1} + z_{k-2}, white acceleration leaves d_k and
+  d_{k-2} uncorrelated, so that E d_k d_{k-2} is the variance of the error of z_{k-2}.
 """
 
 from __future__ import annotations
@@ -109,7 +108,8 @@ def prior_edge_errors(cameras: int, metre: float, config: JipdaConfig) -> EdgeEr
 def edge_noise_variance(edges: EdgeErrorStatistics) -> Floats:
     """Noise model of box centres and sizes.
 
-    (4, 2) constant variance [px^2] and share squared, by nonnegative least squares.
+    (4, 2): constant variance [px^2] and coefficient of the squared size, by nonnegative least squares; the second of
+    centres is without the part that is correlated in time.
     """
     out = np.linalg.solve(edges.normal, edges.right[..., None])[..., 0]
     for k in range(4):
@@ -247,7 +247,7 @@ def _correlated_noise(
         at = (person, int(camera[row]))
         if at in before:
             then, old = before[at]
-            # E of the product is s^2 exp(-t / LASTS_S)
+            # E of the product is s^2 exp(-t / NOISE_CORRELATION_S)
             w = np.exp(-(t_ns - then) / NS / NOISE_CORRELATION_S)
             weight = 1.0 / (variance * old[2:])
             product = np.clip(off * old[:2], -OUTLIER_CHI2 * variance, OUTLIER_CHI2 * variance)
@@ -283,7 +283,7 @@ def reliable_boxes(
 ) -> Bools:
     """Select (M,) boxes from which detectors are learned.
 
-    Not truncated, of an unoccluded person who certainly exists.
+    They are not truncated, and surely of an unoccluded person who surely exists.
 
     Args:
         boxes: M boxes of L frames.
@@ -419,7 +419,7 @@ def detector_model(
         bias=edges.bias,
         noise=edge_noise_variance(edges),
         gait_variance=correlated_noise(edges),
-        # White noise equivalent to noise with a correlation that falls as exp(-t / LASTS_S)
+        # White noise equivalent to noise with a correlation that falls as exp(-t / NOISE_CORRELATION_S)
         lasting=1.0 / np.tanh(0.5 * interval / NOISE_CORRELATION_S),
         merge=np.minimum(counts.merges[:, 0] / counts.merges[:, 1], MAX_MERGE_PROBABILITY),
         common_miss=min(float(counts.missed[0] / counts.missed[1]), MAX_COMMON_MISS),
@@ -428,7 +428,7 @@ def detector_model(
 
 
 def common_clutter_rate(counts: DetectorStatistics) -> float:
-    """Expected number of false tracks per time step that have boxes in all cameras (detectors with a common cause)."""
+    """Expected number of false tracks per time step that have boxes in all cameras."""
     return float(counts.false[0] / counts.false[2])
 
 
@@ -555,7 +555,7 @@ def persistent_clutter_density(
         size: (C, 2) width and height of the images [px].
 
     Returns:
-        (M,) expected number of such boxes, as `exp(Boxes.clutter)` is that of clutter boxes anywhere.
+        (M,) expected number of such boxes, as `exp(PackedDetections.clutter)` is that of clutter boxes anywhere.
     """
     out = np.zeros(len(boxes.box))
     for frame, c in enumerate(boxes.camera.tolist()):
@@ -623,7 +623,7 @@ def update_statistics(
     result: JipdaResult,
     alone: bool = False,
 ) -> DetectorStatistics:
-    """Update detection, survival and manoeuvre counts with one time step.
+    """Update the counts of detections, merges, outlier edges, manoeuvres and posture changes with one time step.
 
     Clutter is counted after track initiation (`_update_clutter`).
 

@@ -298,7 +298,7 @@ def apply_exclusion_prior(people: TargetSet, s: float) -> TargetSet:
 
 
 def _transitions(dt: float, turning: float, bending: float, config: JipdaConfig) -> Floats:
-    """(3, 3) transition probabilities of the motion models over dt.
+    """(3, 3) transition probabilities of the motion models over dt; row: model after, column: model before.
 
     Two nested Markov chains in continuous time: a person is bending or not; while not, manoeuvring or not. After
     bending a person has constant velocity.
@@ -318,7 +318,10 @@ def _transitions(dt: float, turning: float, bending: float, config: JipdaConfig)
 
 
 def _two_states(dt: float, begin: float, end: float) -> Floats:
-    """(2, 2) transition probabilities of a two-state Markov chain over dt, from its rates [1/s]."""
+    """(2, 2) transition probabilities of a two-state Markov chain over dt, from its rates [1/s].
+
+    Row: state after; column: state before.
+    """
     total = begin + end
     gone = (1.0 - np.exp(-total * dt)) / total
     return np.array([[1.0 - begin * gone, end * gone], [begin * gone, 1.0 - end * gone]])

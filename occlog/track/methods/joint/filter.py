@@ -276,7 +276,7 @@ def _proposed(
 def occlusion_by_others(xy: Floats, camera: Floats, diameter: float) -> Bools:
     """(L, M) mask of objects (L, M, 2) that another object of the same particle occludes from a camera (2,).
 
-    [Ercan] Fig. 3.
+    The geometry is that of [Ercan] Fig. 3.
     """
     away = xy - camera
     r = np.maximum(np.hypot(away[..., 0], away[..., 1]), 1e-12)
@@ -329,7 +329,7 @@ def log_factors(
 
     A detection z of an unoccluded object has the density P_D N(z) + (1 - P_D) P_F / W, of an occluded one P_F / W; a
     missed detection has 1 - P_D and 1 - P_F. W is the width of the image. An unperceivable object has the likelihood of
-    one that is occluded from all sensors.
+    one that is occluded from all sensors, and no sensor detects it.
 
     Args:
         xy: (L, M, 2) positions.

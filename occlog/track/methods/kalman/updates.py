@@ -196,7 +196,7 @@ def by_sigma_points(state: Gaussian, points: Floats, w: Floats, innovation: Floa
         innovation: (5,) what was measured less what is expected at each.
         R: variance of the noise.
     """
-    # Time steps of the innovation over the points that are left
+    # Mean and variance of the innovation over the points that count
     off = float(w @ innovation / w.sum())
     S = float(w @ (innovation - off) ** 2 + R)
     across = (w * (off - innovation)) @ (points - state.mean[:2])

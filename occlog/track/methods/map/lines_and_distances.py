@@ -60,7 +60,9 @@ def mixed_search(
 ) -> RobustSearchResult:
     """Search for the most probable trajectory with distance measurements.
 
-    UsageError for a solver that does not take them, or for priors of occluders also.
+    Raises:
+        UsageError: the solver does not take distances, or they are combined with priors of occluders, or biases of
+            ranges are to be estimated with a lag.
     """
     config = pending.config
     if record.occluders:

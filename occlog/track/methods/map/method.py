@@ -271,7 +271,7 @@ def _rival(rival: RivalMode, X: Floats, record: TargetRecord, keep: int) -> Riva
 
 
 def _scores(problem: TrajectoryProblem, X: Floats) -> Floats:
-    """Return (T,) log likelihoods of each state's measurements under the loss."""
+    """Return (T,) log likelihoods of each state's bearings under the loss; NaN without bearings."""
     lines = problem.lines
     away = X[lines.step, ::2] - lines.position
     d2 = np.maximum(np.einsum("ni,ni->n", away, lines.axis) ** 2, 1e-300)

@@ -84,14 +84,15 @@ def after(record: TargetRecord, state: int) -> TargetRecord:
 
 
 def _occluder_priors_of(occluders: tuple[Priors | None, ...]) -> tuple[Priors | None, ...]:
-    """Return the occluder priors, or None if they are unknown at all times."""
+    """Return the occluder priors; empty if they are unknown at all times."""
     return () if all(priors is None for priors in occluders) else occluders
 
 
 def fill(record: TargetRecord, longest_s: float | None) -> TargetRecord:
-    """Return the record with states inserted in gaps longer than `longest_s` [s]; None if there are none.
+    """Return the record with states inserted in gaps longer than `longest_s` [s]; None: no states are inserted.
 
-    InputError for more than `MAX_STATES` states.
+    Raises:
+        InputError: more than `MAX_STATES` states.
     """
     if longest_s is None or len(record.t_ns) < 2:
         return record

@@ -165,7 +165,7 @@ def locate(sensors: ReaderRegions, detected: Bools, detection: float, stray: flo
     log_posterior = np.where(matched[:, None], log_posterior, nearest)
     weights = np.exp(log_posterior - log_posterior.max(axis=1, keepdims=True))
     weights /= weights.sum(axis=1, keepdims=True)
-    # Time steps of the mixture of regions
+    # Mean and covariance of the mixture of regions
     mean = weights @ sensors.centroid
     squares = sensors.covariance + sensors.centroid[:, :, None] * sensors.centroid[:, None, :]
     covariance = np.einsum("wv,vij->wij", weights, squares) - mean[:, :, None] * mean[:, None, :]

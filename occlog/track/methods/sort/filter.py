@@ -343,9 +343,9 @@ class SortFilter:
         return born
 
     def _shown(self, detected: Bools) -> Bools:
-        """Return (N,) booleans.
+        """Return (N,) booleans: which tracks have an output row.
 
-        Tracks with an output row, i.e. with a box, or probably present with a known position.
+        These are confirmed, and have a box or are probably present near the predicted position.
         """
         at = self.targets
         width = np.exp(at.mean[:, LOG_HEIGHT, 0]) * np.maximum(at.mean[:, ASPECT, 0], MIN_ASPECT)

@@ -55,7 +55,7 @@ class Boxes:
     row: Ints
 
     def take(self, rows: slice) -> Boxes:
-        """Select boxes by a mask or indices."""
+        """Select boxes by a slice."""
         return Boxes(self.frame[rows], self.boxes[rows], self.appearance[rows], self.row[rows])
 
 

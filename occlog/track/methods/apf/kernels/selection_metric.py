@@ -32,10 +32,7 @@ OCCLUDER_SUPPORT_SIGMAS = 3.5
 
 
 class CameraMoments(NamedTuple):
-    """Covariances between target position and measurements of N cameras ([Ercan] Sec.
-
-    5), from which the metric is computed.
-    """
+    """Covariances of target position and measurements of N cameras, from which the metric is computed."""
 
     x: Floats  # (2, 2) Sigma_x
     zx: Floats  # (N, 2) Sigma_Zx
@@ -44,10 +41,7 @@ class CameraMoments(NamedTuple):
 
 
 def views(xy: Floats, cameras: Sequence[int], sensors: Sensors) -> Bools:
-    """Return (N, L) booleans.
-
-    Whether each camera has a view of each of (L, 2) positions not blocked by static obstacles.
-    """
+    """Return (N, L) booleans: whether each camera's view of each of (L, 2) positions is free of static obstacles."""
     return np.array([seen_from(xy, i, sensors) for i in cameras]).reshape(len(cameras), len(xy))
 
 

@@ -50,7 +50,7 @@ def run_ground(request: GroundRequest, job: Job) -> tuple[dict[str, object], tup
 
 
 def _as_tracked(made: Provenance) -> dict[str, object]:
-    """Return settings that follow from the parameters of the view tracks; none if the tracks state no parameters."""
+    """Return settings that follow from the parameters of the view tracks; 0 for those that the tracks do not state."""
     window, births = made.parameters.get("window_ns", 0), made.parameters.get("births", "")
     return {
         "window_s": window * 1e-9 if isinstance(window, int) and window >= 0 else 0.0,

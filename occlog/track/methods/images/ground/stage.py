@@ -291,7 +291,7 @@ def _rig(cameras: Sequence[Camera]) -> CameraRig:
 def _sights(
     table: ViewTracks, point: Ints, view: Ints, points: int, cameras: Sequence[Camera], model_share: float
 ) -> CentresInViews:
-    """Return undistorted image centres (n, 2) and their covariances (n, 2, 2).
+    """Return undistorted image centres (N, V, 2) of N points in V views, and their covariances (N, V, 2, 2).
 
     Each covariance is the tracker's plus that of the target's centre about the ellipse's centre, which is
     `centre_error_share` of its half axes.
@@ -419,7 +419,7 @@ class GroundConsistency:
             self._alone[target] += SINGLE_VIEW in words
 
     def figures(self) -> dict[str, object]:
-        """Return the numbers of rows by flag, of targets with one view, and the mean squared residual."""
+        """Return row counts by flag, the targets that one view supports, and the mean squared standardised residual."""
         return {
             "quality_flags": {word: self._doubts[word] for word in FLAGS if self._doubts[word]},
             "single_view_targets": self._one_view(),
@@ -441,7 +441,7 @@ class GroundConsistency:
         return tuple(found)
 
     def _one_view(self) -> list[int]:
-        """Return the targets seen by one view only."""
+        """Return targets with a single view in more than `MIN_SINGLE_VIEW_SHARE` of their rows."""
         return [
             target for target, rows in sorted(self._rows.items()) if self._alone[target] > MIN_SINGLE_VIEW_SHARE * rows
         ]

@@ -157,7 +157,7 @@ def _crossing(rays: Floats, sights: CentresInViews) -> Floats:
 def _start(rays: Floats, problem: LeastSquares) -> Floats:
     """Return (N, 3) initial positions: least squares of the lines of sight.
 
-    For a single line, its point at the prior height.
+    For a single line it is the point at the prior height.
     """
     sights, known = problem.sights, problem.known
     across = (np.eye(3) - rays[:, :, :, None] * rays[:, :, None, :]) * sights.there[:, :, None, None]
@@ -198,7 +198,7 @@ def _refine(start: Floats, problem: LeastSquares) -> tuple[Floats, Floats, Float
 def _shortened(here: Floats, step: Floats, cost: Floats, problem: LeastSquares) -> tuple[Floats, Floats]:
     """Return (N, 3) positions and (N,) costs after a step halved until the cost does not grow.
 
-    Unchanged if none is found.
+    Both stay as they were for points without such a step.
     """
     size = np.ones(len(here))
     for _ in range(HALVINGS):
@@ -231,7 +231,7 @@ def _reprojection_errors(xyz: Floats, problem: LeastSquares) -> tuple[Floats, Fl
 def _cost(xyz: Floats, left: Floats, problem: LeastSquares) -> Floats:
     """Return (N,) costs: the sum of squared standardised residuals (N, V, 2) and of the height's.
 
-    Inf behind a camera.
+    They are inf behind a camera.
     """
     known, height = problem.known, problem.height
     total = np.einsum("nvi,nvij,nvj->n", left, problem.weights, left)
@@ -403,7 +403,7 @@ def _mixture(
     odds: ViewOdds,
     sine: float,
 ) -> tuple[Floats, Floats]:
-    """Return (N, 3, 3) second moments about positions (N, 3) seen in the views `pattern`, and (N,) weights."""
+    """Return (N, 3, 3) second moments about positions (N, 3) in the views `pattern`, and (N,) weights of the set."""
     density = np.log(2.0 * np.pi) + 0.5 * np.linalg.slogdet(sights.covariance)[1] + np.log(odds.agreement)
     logs, moments = [], []
     for views in _sets(pattern):
@@ -431,7 +431,10 @@ def _mixture(
 
 
 def _sets(pattern: Bools) -> Iterator[Bools]:
-    """Return all subsets of a pattern's views as (V,) masks, the largest first."""
+    """Generate nonempty subsets of a pattern's views as (V,) masks, the largest first.
+
+    Of more than `ALL_SUBSETS` views, only those of one or two views and those without at most two views.
+    """
     views = np.flatnonzero(pattern)
     for size in range(len(views), 0, -1):
         if len(views) <= ALL_SUBSETS or size >= len(views) - 2 or size <= 2:

@@ -44,7 +44,7 @@ def anchors(ellipses: Floats, bottom: bool) -> Floats:
 def loop_distances(geometry: ViewGeometry, a: int, b: int, of_a: Floats, of_b: Floats, bottom: bool = False) -> Floats:
     """Return (N,) larger of the two distances of ellipses from each other's epipolar lines, in radii.
 
-    Inf where unknown.
+    They are inf where unknown.
 
     Args:
         geometry: of the views.
@@ -92,7 +92,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class BirthCandidates:
-    """Candidates for births and support counts of trackers, carried between time steps."""
+    """Candidates for births, and trails and unsupported frame counts of trackers, carried between time steps."""
 
     next_id: int
     candidates: tuple[tuple[Candidate, ...], ...]  # of each view
@@ -155,7 +155,7 @@ def initiate_and_terminate(
 
 
 def _extended(trail: Trail, now: int, ellipse: Floats, keep: int) -> Trail:
-    """Return the last `keep` entries of a trail with a new entry appended."""
+    """Return a trail with a new entry appended, cut to its last `keep` entries."""
     return (*trail, (now, ellipse))[-keep:]
 
 
@@ -180,7 +180,7 @@ def _unexplained(regions: Floats, trackers: Sequence[Floats], separation: float)
 def _followed(before: Sequence[Candidate], regions: Floats, now: int, keep: int) -> tuple[Candidate, ...]:
     """Return this frame's candidates.
 
-    Each region continues the nearest touching candidate of the last frame, or starts one.
+    Each region continues a touching candidate of the last frame, nearest pairs first, or starts one.
     """
     n = len(regions)
     earlier = dict.fromkeys(range(n), Candidate((), 0))
@@ -200,7 +200,7 @@ def _ends(
 ) -> tuple[BirthCandidates, tuple[TrackerKey, ...]]:
     """Count frames without a supporting region.
 
-    Return trackers ended after `max_coasting_frames` such frames in a row.
+    Return the state with the counts, and the trackers ended after `max_coasting_frames` such frames in a row.
     """
     before = {key: state.unsupported.get(key, 0) for key in trackers}
     unsupported: dict[TrackerKey, int] = {}
@@ -237,7 +237,7 @@ def _supported(
 def _births(
     state: BirthCandidates, geometry: ViewGeometry, config: ViewsConfig, bottom: bool, gone: Collection[TrackerKey]
 ) -> tuple[BirthCandidates, tuple[Birth, ...]]:
-    """Return the births in all views, view by view."""
+    """Return the state after the births in all views, and the births, view by view."""
     births: list[Birth] = []
     for v in range(len(state.candidates)):
         state, born = _births_in(state, v, geometry, config, bottom, gone)

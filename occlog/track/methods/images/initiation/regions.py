@@ -53,7 +53,7 @@ def regions_of_boxes(chunks: Iterable[Boxes], min_confidence: float) -> Iterator
 
 
 def regions_of_views(chunks: Iterable[Views]) -> Iterator[DetectorRegions]:
-    """Generate regions from the clusters of every frame, ignoring fused detections."""
+    """Generate regions from the clusters of every frame, without those that fusion of detections added or removed."""
     for c in chunks:
         there = ~np.isin(c.cause, ("recovered", "removed"))
         yield DetectorRegions(c.t_ns, c.sensor, inscribed(c.left_px, c.top_px, c.width_px, c.height_px), there)
@@ -245,9 +245,10 @@ def background_models(
 
 
 def foreground_mask(model: BackgroundModel | None, image: Image, number: int) -> Image | None:
-    """Return a (H, W) mask: 255 for foreground, 0 for background; None without a model or for a wrong image size.
+    """Return a (H, W) mask: 255 for foreground, 0 for background; None if it is unknown.
 
-    Updates the model with the image.
+    It is unknown without a model, for a wrong image size, and for foreground above `MAX_FOREGROUND_SHARE`. The model is
+    updated with the image.
 
     Args:
         model: of the camera, with frames in order; None: no model.

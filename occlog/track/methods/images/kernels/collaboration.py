@@ -98,7 +98,7 @@ def half_reach(one: Floats, other: Floats) -> float:
 def repel_into(
     weights: Floats, estimate: Floats, particles: Floats, rows: Ints, touching: Bools, model: Interaction
 ) -> None:
-    """Multiply the repulsion weights of a view's trackers in place, iterating K times with updated estimates.
+    """Apply the repulsion weights to a view's trackers in place, iterating K times with updated estimates.
 
     Only the weights phi^K of the last iteration are applied ([Qu] Alg. 1).  Where they would
     make all weights of a tracker 0, its weights stay as they were.
@@ -150,7 +150,7 @@ class CameraCollaboration(NamedTuple):
     camera: Ints  # (n,) view of each tracker
     helper: Ints  # (n, V) tracker of the same target in another view that may help; -1: none
     fundamental: Floats  # (V, V, 3, 3)
-    affine: Floats  # (n, 2, 3) see `bands`
+    affine: Floats  # (n, 2, 3) see `methods.restart.affine_maps`
     bottom: bool  # whether the lowest point of an ellipse represents the target; else its centre
     band: float  # Sigma of Eq. 5 over the reach of the ellipse across the line
     clear: float  # a counterpart helps when its ratio is at least this, or that of the tracker

@@ -159,7 +159,7 @@ def drawn_on_lines(
     Args:
         particles: (n, N, 5).
         estimate: (n, 5) where the targets should be now.
-        affine: (n, 2, 3), see `bands`.
+        affine: (n, 2, 3), see `methods.restart.affine_maps`.
         view: (n,).
         counterpart: (n, V) tracker of the same target in another view; -1: none.
         fundamental: (V, V, 3, 3).

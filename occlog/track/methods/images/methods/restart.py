@@ -115,7 +115,7 @@ def counterpart_status(t: ImageTrackers) -> Ints:
 def assisting_views(t: ImageTrackers, fresh: Bools) -> Ints:
     """Return (n, V) row of the assisting tracker in each view: a good counterpart with a fresh estimate.
 
-    -1 for none.
+    The row is -1 for a view without one.
     """
     return np.where(t.good & (t.counterpart >= 0) & fresh[t.counterpart], t.counterpart, -1)
 
@@ -186,7 +186,7 @@ def _best_place(state: VisualState, config: BmctConfig, i: int, guide: int, fram
 
 
 def _places_on_line(state: VisualState, config: BmctConfig, i: int, guide: int) -> Floats:
-    """Return (K, 5) ellipses along the epipolar line of a counterpart, of tracker i's initial size."""
+    """Return (K, 5) ellipses along the epipolar line of a counterpart, with tracker i's reference axes and angle."""
     t, bottom = state.trackers, config.bottom
     maps, view = affine_maps(state, t.estimate), state.views[int(t.view[i])]
     x, y = anchor(t.estimate[guide], maps[guide], bottom)

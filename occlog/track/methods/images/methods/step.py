@@ -35,7 +35,7 @@ def initiate_trackers(state: VisualState, frames: FrameSet, births: Sequence[Bir
 
 
 def advance(state: VisualState, frames: FrameSet, rng: Generator) -> tuple[VisualState, TrackerOutlines]:
-    """Update all trackers with the frames of one time step (after births at that time).
+    """Update all trackers with the frames of one time step, which must be later than those of their births.
 
     Args:
         state: its buffers belong to the next state afterwards.
@@ -59,7 +59,7 @@ def advance_with(
 ) -> tuple[VisualState, TrackerOutlines]:
     """Update all trackers with the weighted particles of one time step.
 
-    `advance` without the proposal and weighting.
+    This is `advance` without the proposal and weighting.
     """
     config, here = state.config, arrival.here
     after = _updated(state.trackers, arrival, samples, config)

@@ -160,7 +160,7 @@ def local_likelihood(
 def likeness_of_estimates(state: VisualState, here: Bools) -> Floats:
     """Return (n,) colour similarities of the estimates where the map of bins is current.
 
-    1 where the view has no frame.
+    They are 1 where the view has no frame.
     """
     t = state.trackers
     out = np.ones(len(t.view))

@@ -191,7 +191,10 @@ def _decode(
     before: Future[list[MaskedImage | str]] | None,
     model: BackgroundModel | None,
 ) -> list[MaskedImage | str]:
-    """Decode a frame of a camera and update its background model; return the reason as text if it cannot be used."""
+    """Decode frames of a camera, after those of `before`, and update its background model.
+
+    A text in place of an image is the reason why it cannot be used.
+    """
     if before is not None:
         before.exception()  # waits; the error itself is raised where the result is taken
     images = ((frame.index, _image(frame.decode, view, bits)) for frame in frames)

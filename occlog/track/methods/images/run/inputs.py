@@ -174,7 +174,7 @@ class ViewsInput:
 
 
 def first_free(taken: Sequence[int]) -> int:
-    """Return the first of a range of free identities: after the largest taken one, or else in a gap.
+    """Return the first of a range of free identities: after the largest taken one, or else in the largest gap.
 
     Args:
         taken: identities of targets, from 0 to 2^31 - 1.
@@ -226,7 +226,7 @@ FROM_DETECTIONS = "trackers were born from detections, so that their numbers are
 
 
 def video_provenance(tracks: Path | None) -> Provenance | None:
-    """Return the parameters of `occlog track` by which a table was made from video; None for other tables."""
+    """Return the provenance of a table that `occlog track` made from video; None for other tables."""
     opened = None if tracks is None else open_if_ours(tracks)
     if opened is None or opened.recording is not None:
         return None

@@ -178,7 +178,7 @@ class ViewsSummary:
             yield finding(NUMBER, "no-view-tracks")
 
     def _too_many(self) -> Iterator[Check]:
-        """Return the views with more simultaneous targets than silhouettes of people can be separated."""
+        """Return findings about views with more targets per frame than there are separable silhouettes of people."""
         for name, count in self._at_a_time().items():
             if count > MAX_TARGETS_PER_FRAME:
                 yield finding(
@@ -194,7 +194,7 @@ class ViewsSummary:
             yield finding(FIRST, "view-without-tracks", sensors=bare)
 
     def _alone(self) -> Iterator[Check]:
-        """Return the views that cannot assist each other."""
+        """Return the finding that views cannot assist each other, if so."""
         config = CONFIGS[self.method]
         if not issubclass(config, LoopCheckConfig):
             return
@@ -204,7 +204,7 @@ class ViewsSummary:
             yield finding(SHARED, "views-without-links", method=self.method, does=config.ALONE)
 
     def _ends(self) -> Iterator[Check]:
-        """Return the views that end before the others."""
+        """Return findings about views that end before the others."""
         latest = int(self.last_ns.max(initial=-1))
         for s, last, n in zip(self.inputs.surveyed, self.last_ns.tolist(), self.frames.tolist(), strict=True):
             if last >= 0 and latest - last > EARLY_PERIODS * max(s.period_ns, 2 * self.inputs.window_ns):
@@ -212,7 +212,7 @@ class ViewsSummary:
                 yield finding(ENDS, "view-ends-early", sensors=[s.view.name], early_s=early_s, frames=n)
 
     def _misfits(self) -> list[tuple[int, int]]:
-        """Return pairs of views with a fundamental matrix that most loop checks contradict."""
+        """Return pairs of views with a fundamental matrix that most loop checks contradict or that was dropped."""
         most = [
             pair
             for pair, distances in self.distances.items()

@@ -367,7 +367,7 @@ def _due(run: _RunState, frames: FrameSet, gone: frozenset[TrackerKey]) -> tuple
 def _recent(run: _RunState, frame_set: FrameSetImages, setup: TrackingSetup) -> dict[TrackerKey, Floats]:
     """Return the tracker ellipses against which births in other views are checked.
 
-    Empty without collaboration: the trackers of two views may then be on different targets.
+    There are none without collaboration: the trackers of two views may then be on different targets.
     """
     if not setup.views_help:
         return {}
@@ -455,7 +455,7 @@ def _born(births: Sequence[Birth], frame_set: FrameSetImages, views: Sequence[Tr
 def _tracked(
     o: TrackerOutlines, frame_set: FrameSetImages, views: Sequence[TrackedView], ended: Sequence[TrackerKey]
 ) -> ViewTracks:
-    """Return the rows of tracked ellipses; trackers ended by detections are marked lost."""
+    """Return the rows of tracked ellipses; trackers that regions ended are marked as terminated."""
     keys = list(zip(o.view.tolist(), o.target_id.tolist(), strict=True))
     event = np.where(np.array([key in ended for key in keys], dtype=np.bool_), TERMINATED, o.lifecycle)
     names = np.array([view.name for view in views])

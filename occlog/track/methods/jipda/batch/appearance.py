@@ -91,7 +91,7 @@ def log_ratio_joined(alike: AppearanceVectors, sums: AppearanceSums, i: int, k: 
 
 @kernel
 def sum_up(alike: AppearanceVectors, sums: AppearanceSums, before: Ints, after: Ints, k: int) -> None:
-    """Compute the cumulative sums, in both directions, of the track that contains node k."""
+    """Compute the cumulative sums, in both directions, of the track that contains node k; -1: no node."""
     if k < 0 or alike.total.shape[1] == 0:
         return
     while before[k] >= 0:

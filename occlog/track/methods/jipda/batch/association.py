@@ -37,14 +37,14 @@ NEW_TARGET_DENSITY_RATIO = 0.05
 class AssociatedPeople(NamedTuple):
     """N people at one time step with their associated boxes in L frames of C cameras."""
 
-    track: Ints  # (N,) track that predicted them; NONE: no track did
+    track: Ints  # (N,) track that predicted them; NO_NODE: no track did
     mean: Floats  # (N, 6)
-    given: Ints  # (L, N) box in each frame; NONE: no box
+    given: Ints  # (L, N) box in each frame; NO_NODE: no box
     J: Floats  # (N, 6, 6) factor of the state, as in `nodes`
     h: Floats  # (N, 6)
     c: Floats  # (N,)
     miss: Floats  # (N, C) log of the probability that a camera misses the person
-    hint: Ints  # (N, 2 C) identity of the box of each camera by a tracker in its images, then by the filter; NONE
+    hint: Ints  # (N, 2 C) identity of the box of each camera by a tracker in its images, then by the filter; NO_NODE
     appearance: Floats  # (N, K) sum of the appearance vectors of the boxes
     n_vectors: Floats  # (N,) boxes of that sum
 
@@ -169,10 +169,10 @@ def assign_shared_boxes(followed: Ints, rows: Ints, joint: Floats, given: Ints, 
     """Give each person who shares a box with a neighbour the filter's track that most of their boxes have; in place.
 
     Args:
-        followed: (n, C) identities that the filter gives the boxes of people in each camera; NONE.
+        followed: (n, C) identities that the filter gives the boxes of people in each camera; NO_NODE.
         rows: (n,) positions of these people among all, of whom those who are expected come first.
         joint: (N, M) probability that a box is of a person who is expected and a neighbour.
-        given: (L, n) box of each person alone in each frame; NONE.
+        given: (L, n) box of each person alone in each frame; NO_NODE.
         boxes: of the time step.
     """
     for k in np.flatnonzero((rows < len(joint)) & (followed != NO_NODE).any(axis=1)).tolist():
@@ -188,7 +188,7 @@ def _join_doubles(mean: Floats, given: Ints, known: int) -> None:
 
     Args:
         mean: (N, 6) people, the new ones last.
-        given: (L, N) box in each frame; NONE.
+        given: (L, N) box in each frame; NO_NODE.
         known: how many are not new.
     """
     for j in range(known, len(mean)):

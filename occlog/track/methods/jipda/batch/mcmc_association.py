@@ -60,7 +60,7 @@ class TrackletNodes(NamedTuple):
     miss: Floats  # (n, C) log of the probability that the camera does not detect a person there
     birth: Floats  # (n,) log of the density of a new target that begins at it, a unit of area
     death: Floats  # (n,) log of the probability that it is a person's last position
-    hint: Ints  # (n, 2 C) identities by a tracker in the camera's images, then by the filter; NONE: none
+    hint: Ints  # (n, 2 C) identities by a tracker in the camera's images, then by the filter; NO_NODE: none
     life: Floats  # (I, 2) first and last time of each identity of the filter [s]
     alike: AppearanceVectors
 
@@ -106,7 +106,7 @@ class LinkCache(NamedTuple):
 class MarkovChainState(NamedTuple):
     """State of the Markov chain: the links of all nodes, with the messages; changed in place."""
 
-    after: Ints  # (n,) the next position of the track; NONE
+    after: Ints  # (n,) the next position of the track; NO_NODE
     before: Ints  # (n,)
     used: Bools  # (n,) whether it is in a track
     model: Ints  # (n,) of the motion before the next position

@@ -2,8 +2,8 @@
 
 Starts from the filter's tracks and repeats twice:
 
-1. Markov chain Monte Carlo over all links (`mcmc_association`); where errors are strongly time-correlated
-   (`CORRELATED_NOISE_LIMIT`) the filter's links are kept, and gaps are bridged.
+1. Markov chain Monte Carlo over all links (`mcmc_association`), or the filter's links if errors are strongly correlated
+   in time (`CORRELATED_NOISE_LIMIT`); then gaps are bridged.
 
 2. State of each person at each time step, from all other time steps of the track (`states`).
 
@@ -244,7 +244,7 @@ def _likeness(tracks: ChainTracks, head: Ints, node: Ints, boxes: Floats) -> Flo
     Args:
         tracks: of the positions.
         head: (N,) first positions of tracks.
-        node: (N,) position at the time step; NONE.
+        node: (N,) position at the time step; NO_NODE.
         boxes: vectors of length 1.
     """
     appearance = tracks.chain.sums.later[head]
@@ -529,7 +529,7 @@ def _window_identities(
 ) -> tuple[dict[int, int], int]:
     """Map the identities of this window to those reported before, by position at the common time step.
 
-    Next free number. People without a match get new numbers.
+    Returns the map and the next free number. People without a match get new numbers.
     """
     number: dict[int, int] = {}
     if window.last is not None and len(window.last.ids) and len(joint.ids):

@@ -27,9 +27,9 @@ class States(NamedTuple):
     track: Ints  # (K,) number of the track, in the order of first positions
     step: Ints  # (K,)
     head: Ints  # (K,) first position of the track
-    node: Ints  # (K,) position at the time step; NONE
-    last: Ints  # (K,) position before the time step; NONE
-    next: Ints  # (K,) position after it; NONE
+    node: Ints  # (K,) position at the time step; NO_NODE
+    last: Ints  # (K,) position before the time step; NO_NODE
+    next: Ints  # (K,) position after it; NO_NODE
     mean: Floats  # (K, 6) by all positions but that of the time step
     covariance: Floats  # (K, 6, 6)
 

@@ -82,7 +82,10 @@ def frame_visibilities(
 
 @kernel
 def missed_detection_log_probabilities(views: PackedCameras, rates: DetectorModel, mean: Floats) -> Floats:
-    """Log probabilities (N, C) that each camera does not detect a person with state (N, 6), without other people."""
+    """Log probabilities (N, C) that each camera does not detect a person with state (N, 6).
+
+    Other people are unknown: they hide as much as on average (`MEAN_VISIBILITY`).
+    """
     N, C = mean.shape[0], views.size.shape[0]
     out = np.zeros((N, C))
     box, cells = np.empty(4), np.empty((ROWS, COLUMNS))
@@ -243,7 +246,7 @@ EM_STEPS = 5
 def gait_variances(
     J: Floats, h: Floats, mean: Floats, covariance: Floats, scale: float, metre: float
 ) -> tuple[Floats, float]:
-    """Gait variances (n,) per axis of nodes about their smooth tracks, and the new scale s^2 (one EM step).
+    """Gait variances (n,) per axis of nodes about their smooth tracks, and the new scale s^2 (`EM_STEPS` of EM).
 
     Args:
         J: (n, 6, 6) information of each position.

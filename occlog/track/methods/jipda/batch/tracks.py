@@ -104,7 +104,7 @@ class ChainTracks(NamedTuple):
     chain: MarkovChainState
     J: Floats  # (n, 6, 6)
     h: Floats  # (n, 6)
-    label: Ints  # (n,) number that `PredictedPeople.track` gave it; NONE
+    label: Ints  # (n,) number that `PredictedPeople.track` gave it; NO_NODE
 
 
 def walk_of(config: JipdaConfig, span: WindowSpan, reach: int, free: bool) -> WalkModel:

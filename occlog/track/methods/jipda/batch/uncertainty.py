@@ -52,7 +52,7 @@ def possible_identity_switches(
     Args:
         tracks: of the positions.
         span: the time steps.
-        number: (n,) track of each position; NONE: no track.
+        number: (n,) track of each position; NO_NODE: no track.
         identity: of each track; NO_ID: it is not reported.
     """
     walk = tracks.walk._replace(reach=min(tracks.walk.reach, 4))
@@ -85,7 +85,10 @@ def _exchanges(
     chain: MarkovChainState,
     number: Ints,
 ) -> tuple[Ints, Ints, Floats]:
-    """Pairs of nodes (i, j) from which an exchange of tails has at least the probability `MIN_SWITCH_PROBABILITY`."""
+    """Nodes i, nodes j and probabilities of the exchanges of tails that link i to j.
+
+    Exchanges below the probability `MIN_SWITCH_PROBABILITY` are omitted.
+    """
     before, after, probability = [0], [0], [0.0]
     for i in range(nodes.step.shape[0]):
         a = chain.after[i]

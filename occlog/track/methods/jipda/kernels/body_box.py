@@ -143,7 +143,7 @@ def _lens(camera: Camera) -> Floats:
 
 
 def _limit(camera: Camera) -> float:
-    """Radius in the normalised image up to which the lens model is valid."""
+    """Radius in the ideal (undistorted) normalised image up to which the lens model is valid."""
     if camera.image_size is None or camera.straight:
         return math.inf
     w, h = camera.image_size
@@ -160,7 +160,7 @@ def _limit(camera: Camera) -> float:
 
 @kernel
 def distorted(lens: Floats, x: float, y: float) -> tuple[float, float]:
-    """Apply lens distortion to a point (x, y) of the normalised image."""
+    """Apply lens distortion to a point (x, y) of the ideal normalised image; the lens must not be `STRAIGHT`."""
     k1, k2, p1, p2, k3 = lens[16], lens[17], lens[18], lens[19], lens[20]
     radius = math.sqrt(x * x + y * y)
     # Beyond the valid radius: as at that radius, and further out in a straight line

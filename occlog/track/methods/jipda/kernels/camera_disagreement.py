@@ -40,7 +40,7 @@ def camera_disagreement(
     owner: Ints,
     good: Bools,
 ) -> BoxDisagreement:
-    """Fit the position of each person to the boxes of one time step, and return residuals and leverages.
+    """Fit the position of each person to the boxes of one time step, and return the residuals that remain.
 
     Args:
         mean: (N, 6) of all people after the update; the body comes from here, as surely as it is known.

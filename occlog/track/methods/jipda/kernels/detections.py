@@ -147,7 +147,7 @@ def log_density(off: Floats, inverse: Floats, use: Bools, noise: Floats, spread:
 def log_clutter(box: Floats, use: Bools, width: float, height: float) -> float:
     """Log density of the edges in use of a clutter box.
 
-    Uniform position in a width x height image, and uniform size.
+    The position is uniform in a width x height image [px], the size uniform on a logarithmic scale.
     """
     total = 0.0
     for axis in range(2):

@@ -336,9 +336,9 @@ def add_hypothesis(
 
 @kernel_part
 def without_negative(information: Floats, P: Floats, precision: Floats) -> None:
-    """Make an information matrix (6, 6) positive semidefinite, by clipping eigenvalues where P is the identity.
+    """Make an information matrix (6, 6) positive semidefinite, in place.
 
-    P (6, 6) is the covariance of the cavity, `precision` its inverse.
+    Negative eigenvalues are set to 0 in coordinates in which P, the covariance of the cavity, is the identity.
 
     Args:
         information: changed.
@@ -440,7 +440,7 @@ def count_edges(
     best: MapHypothesis,
     counts: StepStatistics,
 ) -> None:
-    """Add the outlier edges of a frame's boxes, by their MAP person, to the expected counts."""
+    """Add the outlier edges of a frame's boxes to the expected counts; boxes of two people are omitted."""
     for i in range(predicted.mean.shape[0]):
         if best.probability[i] <= MIN_ASSOCIATION or best.pair[i] >= 0:
             continue

@@ -100,7 +100,7 @@ def fit_differences(paths: Sequence[MeasuredPath], step_s: float, shape: Shape, 
 
 
 def need(count: int, shape: Shape, what: str) -> None:
-    """Raise ValueError if there are too few transitions for the number of parameters."""
+    """Raise ValueError if a count (of `what`) is too small for the number of parameters."""
     least = max(LEAST, 3 * len(names(shape)))
     if count < least:
         raise ValueError(f"{count} {what} are too few for {len(names(shape))} parameters; want at least {least}")

@@ -249,7 +249,7 @@ def transitions_by_differences(
 ) -> tuple[Floats, Floats]:
     """Return (M, 4) states u u' v v' from central differences, per step, and the (M, 4) following states.
 
-    Positions are interpolated linearly to equal steps, over gaps of at most BRIDGED steps.
+    Positions are interpolated linearly to equal steps, over gaps of at most `BRIDGED` steps.
     """
     pairs = [_pairs(piece, step_s) for path in paths for piece in split(path, longest_gap_s)]
     if not pairs:

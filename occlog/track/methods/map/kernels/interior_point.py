@@ -288,7 +288,7 @@ def factor_rows(steps: ChainSteps, H: Floats, R: Floats, N: Floats) -> None:
 
 @kernel
 def solve(R: Floats, N: Floats, b: Floats, x: Floats) -> None:
-    """Solve R' R x = b for (T, 4) vectors, in place of x."""
+    """Solve R' R x = b for (T, 4) vectors; x is written."""
     T = R.shape[0]
     for t in range(T):  # forward: R' y = b
         for i in range(4):
@@ -456,7 +456,10 @@ def _direction(
 
 
 def derivatives(problem: TrajectoryProblem, X: Floats, exact: float) -> tuple[Floats, Floats]:
-    """Return the gradient (T, 4) of the cost, and the positional Hessian (T, 3) without the chain's part."""
+    """Return the gradient (T, 4) of the cost, and the positional Hessian (T, 3) without the chain's part: xx, xy, yy.
+
+    `exact` as in `add_lines`.
+    """
     g, H = np.zeros((len(X), 4)), np.zeros((len(X), 3))
     add_chain(problem.steps, X, g)
     add_lines(problem.lines, X, problem.loss, problem.k, exact, g, H)

@@ -38,7 +38,10 @@ class ModeChain(NamedTuple):
 
 
 class PairCosts(NamedTuple):
-    """Costs of the cheapest paths through P pairs of modes at successive times."""
+    """Costs of the cheapest paths through P pairs of modes at successive times.
+
+    The pairs of a time are in the order of their modes.
+    """
 
     first: Ints  # (W,) first pair of modes of times t and t + 1; the last entry is P
     before: Floats  # (P,) cost of the cheapest path up to a pair, pair included
@@ -167,7 +170,7 @@ def modes_of_path(chain: ModeChain, pairs: PairCosts, pair: int) -> Ints:
 
 
 def distinct_paths(chain: ModeChain, pairs: PairCosts, most: int, gap: float) -> list[Ints]:
-    """Return the (W,) modes of the cheapest path, then of the cheapest paths through other modes.
+    """Return the (W,) modes of the cheapest path, then of the cheapest paths through a mode away from all paths before.
 
     Args:
         chain: the modes.

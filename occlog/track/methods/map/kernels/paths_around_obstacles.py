@@ -27,7 +27,7 @@ from .windows import StatePrior, part
 
 
 class Obstacle(NamedTuple):
-    """A polygon that the target cannot enter (wall or empty field of view)."""
+    """A polygon that the target avoids: a wall, or a field of view in which it was not detected."""
 
     corners: Floats  # (K, 2) simple, counter-clockwise
     pieces: tuple[Floats, ...]  # convex, counter-clockwise; they make it up
@@ -46,7 +46,7 @@ class Hold(NamedTuple):
 
 
 def stretches(X: Floats, obstacles: tuple[Obstacle, ...], left_alone: Bools, touch: float) -> Iterator[Hold]:
-    """Return segments of states inside an obstacle, or at the ends of a step through a wall."""
+    """Generate the segments of states inside an obstacle, or at the ends of a step through a wall."""
     xy = np.ascontiguousarray(X[:, ::2])
     for k, o in enumerate(obstacles):
         inside = overlaps(xy, o, touch) & ~left_alone[k]
@@ -198,7 +198,7 @@ def find_paths_around(
     held, iterations, space = tuple(holds), solution.iterations, (options, extent, clearance)
     alone = np.zeros((len(obstacles), problem.T), dtype=np.bool_) if left_alone is None else left_alone.copy()
     for _ in range(ROUNDS):
-        # Find segments inside an obstacle, and for the cheapest way around each by itself
+        # Find segments inside an obstacle, and the cheapest way around each by itself
         X = solution.X.copy()
         added: list[Hold] = []
         ways: list[Floats] = []

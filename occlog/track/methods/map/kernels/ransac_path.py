@@ -60,11 +60,11 @@ class BearingHalfLines(NamedTuple):
 class HypothesisBeam(NamedTuple):
     """Hypotheses at one state; unused entries have cost inf."""
 
-    x: Floats  # (BEAM, 4)
-    P: Floats  # (BEAM, 4, 4)
-    cost: Floats  # (BEAM,)
-    bits: Ints  # (BEAM,) which lines of sight of the state are accepted
-    parent: Ints  # (BEAM,) which hypothesis of the state before; -1: none
+    x: Floats  # (BEAM_WIDTH, 4)
+    P: Floats  # (BEAM_WIDTH, 4, 4)
+    cost: Floats  # (BEAM_WIDTH,)
+    bits: Ints  # (BEAM_WIDTH,) which lines of sight of the state are accepted
+    parent: Ints  # (BEAM_WIDTH,) which hypothesis of the state before; -1: none
 
 
 @kernel
@@ -100,7 +100,7 @@ def off_line(rays: BearingHalfLines, n: int, x: float, y: float, extra: float, k
 def crossing(rays: BearingHalfLines, i: int, j: int, moved2: float) -> tuple[float, float, float, float]:
     """Return the intersection of two lines of sight: x, y, largest standard deviation, area.
 
-    Inf if they do not intersect.
+    Standard deviation and area are inf if they do not intersect within reach.
 
     Args:
         rays: the lines of sight.
@@ -143,7 +143,7 @@ def _around(first: Ints, seconds: Floats, t: int, longest: float) -> tuple[int, 
 def candidates(
     rays: BearingHalfLines, first: Ints, seconds: Floats, t: int, speed: float, widest: float, k2: float, out: Floats
 ) -> int:
-    """Write the best intersections for a state to `out` (MOST, 7) and return their number.
+    """Write the best intersections for a state to `out` (MAX_CROSSINGS, 7) and return their number.
 
     Columns: x, y, standard deviation, area, cost of the nearby lines of sight, and the two intersecting lines.
 
@@ -216,9 +216,9 @@ def _predict(beam: HypothesisBeam, A: Floats, sigma: Floats) -> None:
 
 @kernel
 def inlier_cost(rays: BearingHalfLines, n: int, x: Floats, P: Floats) -> tuple[float, float, float]:
-    """Return the cost of accepting a line of sight, the distance from it and its variance.
+    """Return the cost of accepting a line of sight, the distance from it (positive: left), and the variance of that.
 
-    Inf if behind or out of range.
+    The cost is inf behind the sensor or out of range.
     """
     c, s = rays.direction[n, 0], rays.direction[n, 1]
     dx, dy = x[0] - rays.position[n, 0], x[2] - rays.position[n, 1]

@@ -296,9 +296,9 @@ def in_front(lines: BearingLinesByStep, X: Floats) -> Bools:
 
 @kernel
 def leverages(lines: BearingLinesByStep, X: Floats, loss: int, k: float, C: Floats) -> Floats:
-    """Return (N,) leverages of the lines of sight, 0 to 1: J' C J.
+    """Return (N,) leverages of the lines of sight, 0 to 1 up to linearisation: w J' C J.
 
-    J is the gradient of the residual and C (T, 4, 4) the covariances of the states.
+    w is the IRLS weight of the loss, J the gradient of the residual and C (T, 4, 4) the covariances of the states.
     """
     out = np.empty(lines.step.shape[0])
     for n in range(out.shape[0]):

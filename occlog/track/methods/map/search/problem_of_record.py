@@ -104,9 +104,10 @@ def begin(scene: Scene, config: MapConfig, returned: bool = False) -> Pending:
 
 
 def memory_ns(scene: Scene, config: MapConfig) -> int | None:
-    """Return the pause [ns] after which the motion model predicts any position (to a factor of 2); None if none.
+    """Return the pause [ns] after which a target may be anywhere by the motion model (to a factor of 2).
 
-    Longer chains would exceed the range of 64-bit variances.
+    None: there is no such pause. Over longer ones the variances exceed what 64 bits hold together with those of
+    bearings.
     """
     model, extent = motion_of(config), _extent(scene)
     try:

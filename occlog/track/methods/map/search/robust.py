@@ -330,7 +330,10 @@ def _plausible(found: RobustSearchResult, path: ConsensusPath) -> bool:
 
 
 def inlier_weights(config: MapConfig, lines2: float) -> float:
-    """Return the residual thresholds (sd) at which a bearing is equally likely true or false."""
+    """Return the residual [standard deviations] at which a bearing is equally likely true or false.
+
+    The variance of bearings is `lines2` times the stated one.
+    """
     bend = bend_of(config) if config.loss == "mixture" else OUTLIER_SIGMAS
     # False ones are as likely as before, and the peak of true ones is lower.
     return float(np.sqrt(max(bend**2 - np.log(lines2), MIN_OUTLIER_SIGMAS**2)))

@@ -172,7 +172,7 @@ def _modes(rows: WindowMeasurements, pending: Pending) -> WindowModes:
 
 
 class ClimbScale(NamedTuple):
-    """Length scales of the mode search."""
+    """Scales of length and velocity of the mode search."""
 
     cell: float  # distance of positions at which climbs begin
     speed: float  # standard deviation of the velocity, per axis
@@ -332,7 +332,7 @@ def _seen(pairs: ModePairs, x: Floats) -> tuple[Floats, Floats]:
 
 
 def _outside(xy: Floats, covariance: Floats, hull: Floats | None) -> Floats:
-    """Return (K,) costs of positions outside the room, in squared standard deviations.
+    """Return (K,) costs of positions outside the room: half the squared distance from it in standard deviations.
 
     Args:
         xy: (K, 2) positions.

@@ -66,7 +66,7 @@ class _FitSamples:
             self._windows(own, path, positions, gap_ns)
 
     def _strengths(self, reads: Reads, xy: Floats, good: np.ndarray) -> None:
-        """Return strengths of single reads with distances to the true positions."""
+        """Add strengths of single reads with their distances from the true positions."""
         usable = good & np.isfinite(reads.rssi)
         index_of = {r.name: k for k, r in enumerate(self.readers)}
         number = np.array([index_of[name] for name in reads.sensor[usable].tolist()], dtype=np.int64)
@@ -79,7 +79,7 @@ class _FitSamples:
         self.without += int(np.count_nonzero(~good))
 
     def _windows(self, reads: Reads, truth: Truth, positions: Floats, gap_ns: int) -> None:
-        """Return windows of a tag with true positions."""
+        """Add the windows of a tag that have true positions."""
         names = [r.name for r in self.readers]
         for part in windows_of([reads], names, round(self.config.window_s * NS)):
             xy, good = interpolate_positions(part.t_ns, truth.t_ns, positions, gap_ns)
