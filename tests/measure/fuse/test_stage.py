@@ -292,7 +292,7 @@ def walk(n: int, where: Scene, seed: int = 5) -> Bearings:
 
 def test_where_the_input_is_cut_does_not_matter():
     where = scene()
-    before = walk(60, where)
+    before = walk(20, where)
     whole = fused(before, where)
     for cut in (1, 7, 64):
         again = fused(before, where, cut=cut)
