@@ -228,7 +228,7 @@ def test_a_page_with_bearings_bound_and_diagnostics_has_the_numbers_of_the_whole
     without: tuple[str, ...],
     labels: str,
 ) -> None:
-    data = made_up(steps=240, targets=2, cameras=4)
+    data = made_up(steps=120, targets=2, cameras=4)
     assert data.diagnostics is not None
     bearings = placed(tmp_path, data)
     if labels == "nobody's":
@@ -292,14 +292,14 @@ def read(folder: Path, given: dict[str, ColumnTable], scene: Scene | None) -> Re
 def test_words_and_figures_are_those_of_the_whole_where_tables_are_empty_or_missing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: tuple[str, ...], empty: str
 ) -> None:
-    data = made_up(steps=120, targets=2, cameras=3)
+    data = made_up(steps=60, targets=2, cameras=3)
     tables = {name: getattr(data, name) for name in given}
     tables |= {empty: type(tables[empty]).empty()} if empty in given else {}
-    monkeypatch.setattr(rule, "MAX_ROWS", 50)
+    monkeypatch.setattr(rule, "MAX_ROWS", 25)
     monkeypatch.setattr(opening, "iter_table", partial(iter_table, rows=31))
     monkeypatch.setattr(sources, "AT_ONCE", 31)
     part = read(tmp_path, tables, data.scene)
-    assert any(each.every > 1 for each in part.whole.values()) == any(len(table) > 50 for table in tables.values())
+    assert any(each.every > 1 for each in part.whole.values()) == any(len(table) > 25 for table in tables.values())
     whole = ReportInput(scene=data.scene, **tables)
     assert build_markdown(part) == build_markdown(whole)
     assert (replay(part) is None) == (replay(whole) is None)
@@ -344,12 +344,12 @@ def test_a_page_of_everybody_has_the_numbers_of_the_whole(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     random, people, happened = np.random.default_rng(8), [], []
-    for k in range(70):
+    for k in range(30):
         begin = int(random.integers(0, 200))
         one = walk(k, np.arange(begin, begin + 10 + k) / 10, (k % 9, k % 7), (0.2, 0.1))
         people.append(replace(one, seen_by=random.choice(["", "camera1", "camera1,camera2"], len(one))))
         happened += [(int(one.t_ns[0]), "initiated", k, -1, 0.9), (int(one.t_ns[-1]), "terminated", k, -1, 0.1)]
-        happened += [(int(one.t_ns[5]), "possible_switch", k, (k + 1) % 70, 0.4)] * (k % 3 == 0)
+        happened += [(int(one.t_ns[5]), "possible_switch", k, (k + 1) % 30, 0.4)] * (k % 3 == 0)
     tracks = PeopleTracks.merge(people)
     bearings = placed(tmp_path, made_up(steps=200, cameras=2))
     role, z = np.full(len(tracks), "target"), np.zeros(len(tracks))
@@ -365,7 +365,7 @@ def test_a_page_of_everybody_has_the_numbers_of_the_whole(
     whole, part, page = pages(["report", *args], tmp_path, monkeypatch, capsys)
     text = " ".join(part)
     assert f"of {len(np.unique(tracks.target_id))}" in text
-    assert "70 track initiations, 70 track terminations, 24 possible identity switches" in text
+    assert "30 track initiations, 30 track terminations, 10 possible identity switches" in text
     assert (
         f"rows of tracks, one time in {-(-len(tracks) // 100)} of the {len(truth):,} rows of truth, one time in 2"
         in text

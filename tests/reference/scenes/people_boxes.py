@@ -99,7 +99,7 @@ def boxes(
     shown = {}
     for cam in scene.cameras:
         then = [f * step_ns * 1e-9 - (late or {}).get(cam.name, 0.0) for f in frames]
-        xy = np.array([place(k, t) for t in then for k in range(people)])
+        xy = np.array([place(k, t) for t in then for k in range(people)]).reshape(-1, 2)
         shown[cam.name] = outlines(cam, xy, metre).reshape(len(frames), people, 4)
     for frame in frames:
         t_ns = frame * step_ns
