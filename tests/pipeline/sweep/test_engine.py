@@ -25,7 +25,6 @@ ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
 
 def test_any_number_of_workers_gives_the_same_in_the_same_order():
     one = run_all(TRIALS, workers=1)
-    assert without_times(one) == without_times([run_trial(t) for t in TRIALS]) or one[0]["rmse"] == one[0]["rmse"]
     names = [n for n in one[0] if n not in ("track_seconds", "predicted_mse")]
     expected = [[r[n] for n in names] for r in one]
     assert len({tuple(row) for row in expected}) == 4

@@ -58,7 +58,7 @@ def outlines(of: Camera, xy: NDArray[np.float64], metre: float = 1.0) -> NDArray
     around = np.column_stack([(np.sin(b) * np.cos(a)).ravel(), (np.sin(b) * np.sin(a)).ravel(), np.cos(b).ravel()])
     middles = np.column_stack([xy, np.full(len(xy), 0.5 * HEIGHT)])
     points = middles[:, None] + around * np.array([0.5 * WIDTH, 0.5 * WIDTH, 0.5 * HEIGHT])
-    pixels = of.project(metre * points.reshape(-1, 3)).reshape(len(xy), -1, 2)
+    pixels = of.project(metre * points.reshape(-1, 3)).reshape(len(xy), len(around), 2)
     return np.column_stack([pixels.min(axis=1), pixels.max(axis=1)])
 
 
