@@ -137,7 +137,10 @@ def test_the_command_reads_images_and_writes_a_scene(tmp_path: Path, capsys: pyt
     assert (camera.name, camera.placed, camera.image_size) == ("hall", False, SIZE)
     np.testing.assert_allclose(camera.focal_px, FOCAL, rtol=1e-2)
     assert summary["cameras"]["hall"]["views"] >= 6
-    assert run(["calibrate", str(tmp_path / "one"), "--board", "7x5", "-o", str(tmp_path / "x.yaml")]) == ExitCode.BAD_INPUT
+    assert (
+        run(["calibrate", str(tmp_path / "one"), "--board", "7x5", "-o", str(tmp_path / "x.yaml")])
+        == ExitCode.BAD_INPUT
+    )
     assert run([*asked[:2], "--board", "9", "-o", str(tmp_path / "x.yaml")]) == ExitCode.USAGE
     assert run([*asked[:4], "--focal", "-o", str(tmp_path / "x.yaml")]) == ExitCode.USAGE
     assert run([*asked[:4], "-o", str(tmp_path / "opencv.yml")]) == ExitCode.DONE

@@ -303,7 +303,6 @@ def test_where_the_input_is_cut_does_not_matter():
     assert {"kept", "recovered"} <= set(whole.cause.tolist())
 
 
-@pytest.mark.serial
 def test_memory_does_not_grow_with_the_recording():
     where = scene(3)
     piece = walk(8, where)

@@ -338,7 +338,8 @@ def part_of(frames: MatchedFrames, first: int, stop: int) -> MatchedFrames:
 
 @pytest.mark.jit
 @pytest.mark.parametrize(
-    ("step", "ends_known", "switch"), [(1, True, 0.2), (2, False, 0.6), (7, True, 0.6), (7, False, 0.2), (59, True, 0.6)]
+    ("step", "ends_known", "switch"),
+    [(1, True, 0.2), (2, False, 0.6), (7, True, 0.6), (7, False, 0.2), (59, True, 0.6)],
 )
 def test_in_parts_trajectory_gospa_is_that_of_the_whole(step: int, ends_known: bool, switch: float) -> None:
     for seed in range(2):

@@ -253,7 +253,14 @@ def paused(pause, seed, apart):
 
 @pytest.mark.parametrize(
     ("pause", "seed", "apart", "lag_ns"),
-    [(8, 3, 79, None), (60, 1, 30, 2_000_000_000), (600, 4, 30, None), (10800, 4, 30, 2_000_000_000)],
+    [
+        (8, 3, 79, None),
+        (600, 4, 30, 2_000_000_000),
+        *(
+            pytest.param(*case, marks=pytest.mark.statistics)
+            for case in ((60, 1, 30, 2_000_000_000), (600, 4, 30, None), (10800, 4, 30, 2_000_000_000))
+        ),
+    ],
 )
 def test_everybody_is_followed_up_to_a_pause_and_from_its_end_on(pause, seed, apart, lag_ns):
     steps, truth = paused(pause, seed, apart)
