@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import click
-import pytest
 from command_lines import refusal
 from places import ROOT
 
@@ -230,9 +229,7 @@ def test_options_alone_are_those_of_the_commands_that_print_them() -> None:
 def test_options_of_findings_are_there() -> None:
     """A finding of a verdict spells `{option[NAME]}` as `--name`, which some command has."""
     flags = {flag for own in commands().values() for flag in own}
-    named = [
-        (id, name) for id, m in VERDICT.items() for name in re.findall(r"\{option\[(\w+)\]\}", m.text + m.remedy)
-    ]
+    named = [(id, name) for id, m in VERDICT.items() for name in re.findall(r"\{option\[(\w+)\]\}", m.text + m.remedy)]
     assert len(named) > 10
     assert [each for each in named if f"--{each[1].replace('_', '-')}" not in flags] == []
 

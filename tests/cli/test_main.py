@@ -197,7 +197,10 @@ def test_too_many_open_files_are_one_line(tmp_path: Path) -> None:
 
 
 def test_a_limit_of_open_files_that_may_be_raised_is(tmp_path: Path) -> None:
-    code = "import resource\nfrom occlog.cli.main import main\nfrom contextlib import suppress\nwith suppress(SystemExit): main(['--version'])\nprint(*resource.getrlimit(7))"
+    code = (
+        "import resource\nfrom contextlib import suppress\nfrom occlog.cli.main import main\n"
+        "with suppress(SystemExit):\n    main(['--version'])\nprint(*resource.getrlimit(resource.RLIMIT_NOFILE))\n"
+    )
     limited = ["sh", "-c", 'ulimit -S -n 14 && exec "$@"', "sh", sys.executable, "-c", code]
     done = subprocess.run(limited, capture_output=True, text=True, check=True)
     soft, hard = map(int, done.stdout.split()[-2:])

@@ -7,7 +7,6 @@ import re
 from collections.abc import Iterator
 from string import Formatter
 
-import pytest
 from places import ROOT
 
 from occlog.errors import spelled

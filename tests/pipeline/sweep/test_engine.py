@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 
 import pytest
-from sweep_scene import trial, without_times
+from sweep_scene import trial
 
 from occlog.errors import InputError, OutputError, UsageError
 from occlog.pipeline.sweep.engine import Store, TrialError, key_of, run_all
