@@ -23,7 +23,7 @@ def ingest(folder: Path, output: Path, options: str, monkeypatch: pytest.MonkeyP
 
 
 def beginning(case: Path, copy: Path, seconds: float = 10.0) -> Path:
-    """A copy of a case with the first seconds of its boxes and its truth, whose first column is a frame or a time."""
+    """A copy of a case with the first seconds of its boxes and its truth; their first column is a frame or a time."""
     shutil.copytree(case, copy)
     for path in copy.glob("*.csv"):
         head, *rows = path.read_text().splitlines(keepends=True)

@@ -173,8 +173,9 @@ def test_people_are_reported_whom_the_last_association_did_not_expect():
 
 def test_births_and_deaths_are_those_of_the_identities():
     scene, states, snapshots = filtered()
-    there = set()
-    for snapshot in smooth(states[-1], scene.moments, snapshots, np.random.default_rng(0)):
+    there, out = set(), smooth(states[-1], scene.moments, snapshots, np.random.default_rng(0))
+    assert len(out) == len(snapshots)
+    for snapshot in out:
         there |= {e.id for e in snapshot.events if e.kind == "initiated"}
         there -= {e.id for e in snapshot.events if e.kind == "terminated"}
         assert there == set(snapshot.ids.tolist())

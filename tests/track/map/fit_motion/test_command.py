@@ -19,7 +19,7 @@ pytestmark = pytest.mark.jit
 STEP_NS = 250_000_000
 
 
-def places(seed: int, n: int = 100) -> np.ndarray:
+def places(seed: int, n: int = 200) -> np.ndarray:
     """Velocity disturbed by 0.2 a step, position by 0.02; measured to 0.05."""
     rng = np.random.default_rng(seed)
     v = np.array([1.0, 0.5]) + np.cumsum(0.2 * rng.standard_normal((n, 2)), axis=0)
@@ -27,7 +27,7 @@ def places(seed: int, n: int = 100) -> np.ndarray:
     return xy + 0.05 * rng.standard_normal((n, 2))
 
 
-def truth(ids: tuple[int, ...] = (1, 2), n: int = 100, role: str = "target") -> Truth:
+def truth(ids: tuple[int, ...] = (1, 2), n: int = 200, role: str = "target") -> Truth:
     xy = np.stack([places(i, n) for i in ids], axis=1).reshape(-1, 2)  # by time, then object
     rows = len(xy)
     return Truth.of(
@@ -40,7 +40,7 @@ def truth(ids: tuple[int, ...] = (1, 2), n: int = 100, role: str = "target") -> 
     )
 
 
-def tracks(n: int = 100) -> Tracks:
+def tracks(n: int = 200) -> Tracks:
     xy, nan = places(1, n), np.full(n, np.nan)
     return Tracks.of(
         t_ns=np.arange(n) * STEP_NS,
@@ -74,8 +74,8 @@ def fit(folder: Path, *args: str, output: str = "motion.json") -> int:
 def test_truth_gives_a_model_with_its_errors(folder: Path, capsys) -> None:
     assert fit(folder, "truth.parquet", "--json") == ExitCode.DONE
     summary = json.loads(capsys.readouterr().out)
-    assert summary["transitions"] == 2 * 99
-    assert summary["measurements"] == 200
+    assert summary["transitions"] == 2 * 199
+    assert summary["measurements"] == 400
     assert summary["converged"] is True
     assert summary["spectral_radius"] == 1.0
     motion = read_motion(folder / "motion.json")
@@ -115,7 +115,7 @@ def test_options_give_a_model_that_is_read(folder: Path, args: tuple[str, ...]) 
 def test_a_longer_step_skips_positions_between(folder: Path, capsys) -> None:
     assert fit(folder, "truth.parquet", "--step", "0.5", "--json") == ExitCode.DONE
     summary = json.loads(capsys.readouterr().out)
-    assert summary["measurements"] + summary["skipped"] == 200
+    assert summary["measurements"] + summary["skipped"] == 400
     assert summary["skipped"] > 150
 
 
@@ -186,8 +186,8 @@ def test_who_stands_still_has_no_motion(folder: Path, capsys) -> None:
     still = truth((1,))
     still = Truth.of(
         **{c.name: getattr(still, c.name) for c in Truth.columns() if c.name not in "xy"},
-        x=np.ones(100),
-        y=np.ones(100),
+        x=np.ones(200),
+        y=np.ones(200),
     )
     write_table(folder / "still.parquet", still, Provenance("ingest"))
     assert fit(folder, "still.parquet") == ExitCode.BAD_INPUT
