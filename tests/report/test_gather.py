@@ -344,12 +344,12 @@ def test_a_page_of_everybody_has_the_numbers_of_the_whole(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     random, people, happened = np.random.default_rng(8), [], []
-    for k in range(30):
+    for k in range(70):
         begin = int(random.integers(0, 200))
         one = walk(k, np.arange(begin, begin + 10 + k) / 10, (k % 9, k % 7), (0.2, 0.1))
         people.append(replace(one, seen_by=random.choice(["", "camera1", "camera1,camera2"], len(one))))
         happened += [(int(one.t_ns[0]), "initiated", k, -1, 0.9), (int(one.t_ns[-1]), "terminated", k, -1, 0.1)]
-        happened += [(int(one.t_ns[5]), "possible_switch", k, (k + 1) % 30, 0.4)] * (k % 3 == 0)
+        happened += [(int(one.t_ns[5]), "possible_switch", k, (k + 1) % 70, 0.4)] * (k % 3 == 0)
     tracks = PeopleTracks.merge(people)
     bearings = placed(tmp_path, made_up(steps=200, cameras=2))
     role, z = np.full(len(tracks), "target"), np.zeros(len(tracks))
@@ -365,7 +365,7 @@ def test_a_page_of_everybody_has_the_numbers_of_the_whole(
     whole, part, page = pages(["report", *args], tmp_path, monkeypatch, capsys)
     text = " ".join(part)
     assert f"of {len(np.unique(tracks.target_id))}" in text
-    assert "30 track initiations, 30 track terminations, 10 possible identity switches" in text
+    assert "70 track initiations, 70 track terminations, 24 possible identity switches" in text
     assert (
         f"rows of tracks, one time in {-(-len(tracks) // 100)} of the {len(truth):,} rows of truth, one time in 2"
         in text
