@@ -31,14 +31,13 @@ test test-fast test-statistics: export MPLBACKEND = Agg
 
 # worksteal gives each worker a contiguous part of the tests: those of a folder share kernels, and run in one worker.
 test: $(VENV)/installed-dev
-	$(BIN)/python -m pytest -n auto --dist worksteal --durations 30 --durations-min 1 -m "not serial and not statistics" --ignore tests/report/browser
-	$(BIN)/python -m pytest --durations 5 -m serial $$(grep -rlw serial tests --include="test_*.py")
+	$(BIN)/python -m pytest -n auto --dist worksteal --durations 30 --durations-min 1 -m "not statistics" --ignore tests/report/browser
 
 # Kernels as plain Python, which checks bounds: the fast tests of the folders that have kernels.
 KERNELS = core filtering measure/clusters measure/regions simulate/balls simulate/render simulate/world \
 	track/apf track/images/kernels track/imm track/in_space track/jipda track/map track/people
 test-fast: $(VENV)/installed-dev
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -m "not slow and not statistics and not jit and not serial" $(KERNELS:%=tests/%)
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -m "not slow and not statistics and not jit" $(KERNELS:%=tests/%)
 
 # Errors over many runs, which only change with the methods, and documents that are run: `make test` has shorter forms.
 # Comparisons with TrackEval and py-motmetrics install these; without a network they are skipped, or fail with

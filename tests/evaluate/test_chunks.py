@@ -121,7 +121,7 @@ def test_of_tracks_or_a_truth_alone(given: tuple[str, ...]) -> None:
 
 @pytest.mark.parametrize(("way", "rows"), [(0, 1), (1, 23), (2, 23)])
 def test_of_many_targets(way: int, rows: int) -> None:
-    tracks, truth = crowd(10 * way + rows, moments=60 if rows == 1 else 90)
+    tracks, truth = crowd(10 * way + rows, moments=60)
     of = {"tracks": tracks, "truth": truth}
     whole = evaluated(WHOLE, Scene(), WAYS[way], MANY[way], **of)
     assert whole[0].metrics["id_switches"] > 1 < whole[0].metrics["fragmentations"]

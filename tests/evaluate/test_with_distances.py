@@ -88,8 +88,8 @@ def test_differences_are_refused_for_the_share_of_all_of_them(
     """Of a part of the rows most may be too long by chance."""
     case = simulated(1)
     tables = {"tracks": case.tracks, "truth": case.truth, "measurements": distances(case, 4, false)}
-    monkeypatch.setattr(sources, "AT_ONCE", 10)
-    monkeypatch.setattr(opening, "iter_table", partial(iter_table, rows=10))
+    monkeypatch.setattr(sources, "AT_ONCE", 40)
+    monkeypatch.setattr(opening, "iter_table", partial(iter_table, rows=40))
     assert run([*args_of(tmp_path, tables, case), "-q"]) == code
     assert (tmp_path / "m.json").exists() == (code == ExitCode.DONE)
     stderr = capsys.readouterr().err

@@ -250,8 +250,8 @@ def test_many_times_of_one_moment_take_no_time_in_proportion_to_their_square(tmp
     """They are exact, too: sums of times do not fit into floating-point numbers.  Pair by pair it took minutes."""
     start = 1_700_000_000_000_000_000
     path = tmp_path / "t.csv"
-    path.write_text("sync_index,frame_time_ns\n" + "".join(f"7,{start + k}\n" for k in range(100_001)))
-    assert read_sync_times(path) == {7: start + 50_000}
+    path.write_text("sync_index,frame_time_ns\n" + "".join(f"7,{start + k}\n" for k in range(40_001)))
+    assert read_sync_times(path) == {7: start + 20_000}
 
 
 def test_the_size_of_a_jpeg_is_found_behind_bytes_that_mean_nothing() -> None:

@@ -27,7 +27,7 @@ from occlog.pipeline.executors.interface import InThisProcess
 from occlog.records.tables import PeopleTracks
 from occlog.records.verdicts import all_plausible, found_by_stage
 
-SECONDS, CROOKED = 12.0, "b"
+SECONDS, CROOKED = 8.0, "b"
 INGEST = "  boxes: {a: a.csv, b: b.csv, c: c.csv}\n  scene: scene.yaml\n  fps: 10\n"
 STAGES = "occlog_run: 1\nseed: 1\ningest:\n%strack: {method: jipda}\n"
 

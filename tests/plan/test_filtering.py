@@ -108,7 +108,7 @@ def all_turns(ways: Floats, reports: Reports, prior: Floats, motion: Motion, dt:
 
 def test_a_few_hypotheses_stand_for_every_possible_turn():
     """Eight steps among them some that one camera alone sees and some that none does, against 128 sets of turns."""
-    motion, dt, steps, many = Motion(1.2, 0.4, 0.05), 0.4, 8, 40
+    motion, dt, steps, many = Motion(1.2, 0.4, 0.05), 0.4, 8, 20
     ways = walkers(motion, dt, steps, many)
     information = sharp(np.array([1, 1, 1, 1, 0, 0, 1, 0]), many, 0.02)
     information[:, :, 4] = np.array([40.0, 20.0, 10.0])[:, None]

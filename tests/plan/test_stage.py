@@ -256,10 +256,19 @@ def test_paths_weigh_the_floor():
         prepare(Scene(cameras=CORNERS, room=ROOM), SMALL, seed=0, paths=paths[-7:])
 
 
-def test_the_simulated_filter_is_as_far_off_as_was_expected(monkeypatch: pytest.MonkeyPatch):
-    """Four runs of 40 s in a room that is seen well, and the sight of 40 more; the error bar of the ratio is 5 %."""
-    monkeypatch.setattr(rooms, "STEPS", 400)
-    found = rooms.compare(rooms.Room(Scene(cameras=CORNERS[:3], room=ROOM), people=2), runs=4, ideal=40)
-    assert found["error"] < 0.06 * found["found"]
+@pytest.mark.parametrize(
+    ("steps", "runs", "ideal"), [(250, 2, 12), pytest.param(400, 4, 40, marks=pytest.mark.statistics)]
+)
+def test_the_simulated_filter_is_as_far_off_as_was_expected(
+    monkeypatch: pytest.MonkeyPatch, steps: int, runs: int, ideal: int
+):
+    """A few runs in a room that is seen well, and the sight of more: two of 25 s and 12, or four of 40 s and 40.
+
+    The error bar of the ratio is about 6 %, at most 8 %.
+    """
+    monkeypatch.setattr(rooms, "STEPS", steps)
+    monkeypatch.setattr(rooms, "DRAWS", 16 if ideal == 12 else rooms.DRAWS)
+    found = rooms.compare(rooms.Room(Scene(cameras=CORNERS[:3], room=ROOM), people=2), runs, ideal)
+    assert found["error"] < 0.08 * found["found"]
     assert found["expected"] == pytest.approx(found["by_sight"], rel=0.1)
     assert found["ratio"] == pytest.approx(1.0, abs=0.25)

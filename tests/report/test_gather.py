@@ -228,7 +228,7 @@ def test_a_page_with_bearings_bound_and_diagnostics_has_the_numbers_of_the_whole
     without: tuple[str, ...],
     labels: str,
 ) -> None:
-    data = made_up(steps=240, targets=2, cameras=4)
+    data = made_up(steps=120, targets=2, cameras=4)
     assert data.diagnostics is not None
     bearings = placed(tmp_path, data)
     if labels == "nobody's":
@@ -292,14 +292,14 @@ def read(folder: Path, given: dict[str, ColumnTable], scene: Scene | None) -> Re
 def test_words_and_figures_are_those_of_the_whole_where_tables_are_empty_or_missing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: tuple[str, ...], empty: str
 ) -> None:
-    data = made_up(steps=120, targets=2, cameras=3)
+    data = made_up(steps=60, targets=2, cameras=3)
     tables = {name: getattr(data, name) for name in given}
     tables |= {empty: type(tables[empty]).empty()} if empty in given else {}
-    monkeypatch.setattr(rule, "MAX_ROWS", 50)
+    monkeypatch.setattr(rule, "MAX_ROWS", 25)
     monkeypatch.setattr(opening, "iter_table", partial(iter_table, rows=31))
     monkeypatch.setattr(sources, "AT_ONCE", 31)
     part = read(tmp_path, tables, data.scene)
-    assert any(each.every > 1 for each in part.whole.values()) == any(len(table) > 50 for table in tables.values())
+    assert any(each.every > 1 for each in part.whole.values()) == any(len(table) > 25 for table in tables.values())
     whole = ReportInput(scene=data.scene, **tables)
     assert build_markdown(part) == build_markdown(whole)
     assert (replay(part) is None) == (replay(whole) is None)

@@ -117,7 +117,6 @@ def test_occluders_alone_can_be_simulated():
     assert table.target_id.tolist() == [0, 1] * 5
 
 
-@pytest.mark.serial
 @pytest.mark.jit
 def test_memory_does_not_grow_with_the_number_of_steps():
     def peak(steps):

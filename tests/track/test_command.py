@@ -226,7 +226,10 @@ def test_the_animal_of_a_field_log_is_followed_by_its_number(shared_data, tmp_pa
     field, tracks = str(tmp_path / "field.mcap"), str(tmp_path / "tracks.parquet")
     assert run(["ingest", "-o", field, *logs(data), "-q"]) == ExitCode.DONE
     capsys.readouterr()
-    assert run(["track", field, "-o", tracks, "-q", "--doa-labels", "--labelled-only", "--json"]) == ExitCode.DONE
+    assert (
+        run(["track", field, "-o", tracks, "-q", "--doa-labels", "--labelled-only", "--json", "--particles", "300"])
+        == ExitCode.DONE
+    )
     assert json.loads(capsys.readouterr().out)["rows"] == rounds(data)
     found, log = read_table(tmp_path / "tracks.parquet", Tracks), open_recording(tmp_path / "field.mcap")
     assert set(found.target_id.tolist()) == {340}

@@ -22,9 +22,9 @@ pytestmark = pytest.mark.jit
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Boxes of 30 s: as they are, and with 0.4 s added to the times of cam1."""
+    """Boxes of 12 s: as they are, and with 0.4 s added to the times of cam1."""
     folder = tmp_path_factory.mktemp("clocks")
-    asked = ["ingest", "-q", *write(folder, cameras())]
+    asked = ["ingest", "-q", *write(folder, cameras()), "--frames", ":60"]
     assert run([*asked, "-o", str(folder / "right.mcap")]) == ExitCode.DONE
     assert run([*asked, "-o", str(folder / "late.mcap"), "--clock-offset", "cam1=0.4s"]) == ExitCode.DONE
     first, second, third = cameras()

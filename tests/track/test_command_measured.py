@@ -80,7 +80,7 @@ def truth_of(folder: Path) -> str:
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize("method", ["apf", "ekf", "ukf"])
+@pytest.mark.parametrize("method", ["apf", "ekf", pytest.param("ukf", marks=pytest.mark.statistics)])
 def test_bearings_with_ranges_are_smoothed(tmp_path: Path, method: str) -> None:
     files(tmp_path)
     errors = []
@@ -131,6 +131,11 @@ def test_a_log_of_five_columns_becomes_a_track(
     assert len(residuals) == len(TIMES) * PER_TIME.get(log, 4)
     assert np.mean(residuals.inlier_probability > 0.5) > 0.95
     assert np.all(np.diff(residuals.t_ns) >= 0)
+    assert read_provenance(tmp_path / "t.parquet").parameters["measurements"]["propagation_speed"] == (
+        "sound" if log == "tdoa" else None
+    )
+    if method != "ekf":
+        return  # the bound is that of any method
     compare = ["evaluate", str(tmp_path / "t.parquet"), "--truth", truth_of(tmp_path), "-q"]
     compare += ["--scene", str(tmp_path / "stations.csv"), "--measurements", str(tmp_path / f"{log}.csv")]
     assert run([*compare, "-o", str(tmp_path / "m.json")]) == ExitCode.DONE
@@ -141,9 +146,6 @@ def test_a_log_of_five_columns_becomes_a_track(
         warnings.simplefilter("ignore", OcclogWarning)  # the verdict of the track, which is carried on
         same = occlog.evaluate(tmp_path / "t.parquet", truth_of(tmp_path), **given)
     assert same["bound_rmse_m"] == metrics["bound_rmse_m"]
-    assert read_provenance(tmp_path / "t.parquet").parameters["measurements"]["propagation_speed"] == (
-        "sound" if log == "tdoa" else None
-    )
 
 
 @pytest.mark.jit
@@ -155,6 +157,8 @@ def test_bearings_and_ranges_of_one_station_are_a_place(
     more = ["--measurements", str(tmp_path / "ranges.csv"), "--cameras", "a"]
     assert track(tmp_path, "bearings", method, *more) == ExitCode.DONE
     assert np.sqrt(np.mean(off(tmp_path)[5:] ** 2)) < 0.2
+    if method != "ekf":
+        return
     # The bound says that it lacks the ranges where they are not given
     compare = ["evaluate", str(tmp_path / "t.parquet"), "--truth", truth_of(tmp_path)]
     compare += ["--scene", str(tmp_path / "stations.csv"), "--bearings", str(tmp_path / "bearings.csv")]

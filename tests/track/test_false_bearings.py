@@ -52,14 +52,16 @@ def test_ten_percent_false_bearings_are_left_out_and_stated() -> None:
     assert np.median(errors) < 0.6 * np.median(given)
 
 
-@pytest.mark.parametrize("method", ["ekf", "ukf", pytest.param("iekf", marks=pytest.mark.statistics), "fix"])
+@pytest.mark.parametrize(
+    "method", ["ekf", *(pytest.param(name, marks=pytest.mark.statistics) for name in ("ukf", "iekf")), "fix"]
+)
 def test_covariances_hold_ten_percent_of_false_bearings(method: str) -> None:
     """Medians of 3 recordings; of 15 others they are 1.7 to 2.4, and single ones of `fix` in the hundreds."""
     nees = [followed(method, seed, 0.1, reject=False)[0] for seed in SEEDS]
     assert 1.0 < np.median(nees) < (6.0 if method == "fix" else 2.6)
 
 
-@pytest.mark.parametrize("method", ["ekf", "ukf"])
+@pytest.mark.parametrize("method", ["ekf", pytest.param("ukf", marks=pytest.mark.statistics)])
 def test_hypotheses_halve_the_error_of_a_filter_with_a_gate_alone(method: str) -> None:
     """Ratios of other recordings are 0.2 to 0.4, and NEES of a gate alone 20 and more."""
     mixed, gated = (
@@ -71,7 +73,7 @@ def test_hypotheses_halve_the_error_of_a_filter_with_a_gate_alone(method: str) -
 
 @pytest.mark.parametrize("method", ["ekf", "fix"])
 def test_nothing_is_left_out_or_stated_of_true_bearings(method: str) -> None:
-    for seed in SEEDS:
+    for seed in SEEDS if method == "fix" else SEEDS[:1]:
         _, _, reported, tracks = followed(method, seed, 0.0, reject=True)
         _, _, _, same = followed(method, seed, 0.0, reject=False)
         assert "outliers" not in reported

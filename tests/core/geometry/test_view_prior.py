@@ -80,10 +80,10 @@ def test_distances_of_a_single_sensor_are_even():
 )
 def test_weighted_first_places_are_a_sample_of_the_prior(seen):
     rng = np.random.default_rng(3)
-    xy, log_weights = initial_positions(400_000, seen, TWO, rng)
+    xy, log_weights = initial_positions(200_000, seen, TWO, rng)
     w = np.exp(log_weights)
     assert w.mean() == pytest.approx(1.0, abs=0.02)
-    free = draw(400_000, TWO, rng)
+    free = draw(200_000, TWO, rng)
     for at, radius in (((0.0, 10.0), 4.0), ((3.5, 9.0), 2.0), ((10.0, 4.0), 3.0)):
         inside = np.hypot(*(xy - at).T) < radius
         assert np.sum(w[inside]) / len(xy) == pytest.approx(np.mean(np.hypot(*(free - at).T) < radius), rel=0.1)

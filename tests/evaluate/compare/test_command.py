@@ -128,7 +128,7 @@ def folders(tmp_path: Path, count: int, **methods: float) -> tuple[Path, ...]:
     (tmp_path / "truths").mkdir()
     for k in range(count):
         for m, (method, lost) in enumerate(methods.items()):
-            made = write(tmp_path / method / f"r{k}", k, lost=lost, frames=100, tracker=k + 50 * m)
+            made = write(tmp_path / method / f"r{k}", k, lost=lost, frames=40, tracker=k + 50 * m)
             (made / "truth.parquet").replace(tmp_path / "truths" / f"r{k}.parquet")
     return tuple(tmp_path / method for method in methods)
 

@@ -163,13 +163,14 @@ def test_people_stand_where_tracks_say_in_the_colours_of_the_report(shown: dict[
 
 
 def test_a_message_says_all_of_its_topic(shown: dict[str, Any]) -> None:
-    for topic, rows in shown["foxglove"].items():
-        for t_ns, message in rows:
-            if shown["schemas"][topic].name == "foxglove.SceneUpdate":
-                (gone,) = message.deletions
-                assert gone.type == SceneEntityDeletion.Type.ALL
-                assert gone.timestamp.ToNanoseconds() == t_ns
-                assert all(entity.timestamp.ToNanoseconds() == t_ns for entity in message.entities)
+    topics = [topic for topic in shown["foxglove"] if shown["schemas"][topic].name == "foxglove.SceneUpdate"]
+    assert topics
+    for topic in topics:
+        for t_ns, message in shown["foxglove"][topic]:
+            (gone,) = message.deletions
+            assert gone.type == SceneEntityDeletion.Type.ALL
+            assert gone.timestamp.ToNanoseconds() == t_ns
+            assert all(entity.timestamp.ToNanoseconds() == t_ns for entity in message.entities)
 
 
 def test_sight_lines_end_at_targets(shown: dict[str, Any]) -> None:

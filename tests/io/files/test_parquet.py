@@ -283,7 +283,7 @@ def test_a_name_that_is_not_utf_8_is_a_name(tmp_path: Path) -> None:
     assert schema_name(path) == "bearings"
 
 
-@pytest.mark.parametrize("most", [0, 1000, 50_000, 150_000])
+@pytest.mark.parametrize("most", [0, 50_000])
 def test_a_disk_that_is_full_at_any_write_leaves_no_table_and_is_one_error(most: int, tmp_path: Path) -> None:
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (most, before[1]))

@@ -83,7 +83,9 @@ def test_a_record_longer_than_the_file_is_reported_with_its_place(tmp_path: Path
 
 
 def test_real_bags_of_rosbag2_hold_what_the_library_reads(shared_data: Path) -> None:
-    for path in sorted((shared_data / "rosbag2_mcap").glob("*.mcap")):
+    paths = sorted((shared_data / "rosbag2_mcap").glob("*.mcap"))
+    assert paths
+    for path in paths:
         with path.open("rb") as file:
             wanted = [(c.topic, m.log_time, m.data) for _, c, m in make_reader(file).iter_messages()]
         with open_bag([path]) as bag:

@@ -84,7 +84,7 @@ def test_every_complete_message_before_a_cut_comes_back(whole: Path, tmp_path: P
     cut, out = tmp_path / "hall.mcap", tmp_path / "out.mcap"
     # The frames cannot be compressed, so that the bytes of a cut chunk are those of its messages, nearly
     size = (places[0][1] - places[0][0]) / 10.5
-    for place in np.random.default_rng(1).integers(places[0][1], len(data) - 8, 40):
+    for place in np.random.default_rng(1).integers(places[0][1], len(data) - 8, 12):
         cut.write_bytes(data[:place])
         found = recover_recording(cut, out, overwrite=True)
         got = messages(out)
@@ -105,7 +105,7 @@ def test_flipped_bits_are_never_taken_for_data(whole: Path, tmp_path: Path) -> N
     data, all_of_it, places = whole.read_bytes(), messages(whole), chunks(whole)
     damaged, out = tmp_path / "hall.mcap", tmp_path / "out.mcap"
     rng = np.random.default_rng(2)
-    for place in rng.integers(places[0][0], places[-1][1], 40):
+    for place in rng.integers(places[0][0], places[-1][1], 12):
         flipped = bytearray(data)
         flipped[place] ^= 1 << int(rng.integers(8))
         damaged.write_bytes(flipped)
@@ -132,8 +132,10 @@ def test_lost_frames_are_counted_and_dated(whole: Path, tmp_path: Path, index: b
     assert any(loss.source == "/bearings/a" and loss.count in (10, 11) for loss in found.losses)
 
 
-@pytest.mark.parametrize("of", ["chunk", "index", "attachment", "header"])
-@pytest.mark.parametrize("byte", [0, 1, 2, 3, 7])
+@pytest.mark.parametrize(
+    ("of", "byte"),
+    [*((of, byte) for of in ("chunk", "index", "attachment", "header") for byte in (0, 7)), ("chunk", 2), ("index", 3)],
+)
 def test_a_damaged_length_costs_nothing(whole: Path, tmp_path: Path, of: str, byte: int) -> None:
     """A length of an index or of the header that had become larger, or smaller, cost the chunks behind it."""
     data, (begin, end) = bytearray(whole.read_bytes()), chunks(whole)[0]

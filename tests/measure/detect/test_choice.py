@@ -83,8 +83,15 @@ def test_background_subtraction_needs_motion_that_the_network_does_not_know(
     assert Probe(24, found, moving).background is background
 
 
-def test_people_of_real_video_are_found_by_the_network(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert detect(record(tmp_path / "r.mcap", REAL), tmp_path) == ExitCode.DONE
+@pytest.fixture(scope="module")
+def real(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record(tmp_path_factory.mktemp("real") / "r.mcap", REAL)
+
+
+def test_people_of_real_video_are_found_by_the_network(
+    real: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert detect(real, tmp_path) == ExitCode.DONE
     summary = json.loads(capsys.readouterr().out)
     digest = hash_file(shipped_network())
     assert (summary["method"], summary["network"]) == ("network", f"nanodet.onnx (sha256 {digest[:12]})")
@@ -138,8 +145,9 @@ def test_a_simulated_recording_is_detected_in_as_with_background_subtraction(
         assert (tmp_path / "auto" / file).read_bytes() == (tmp_path / "own" / file).read_bytes()
 
 
-def test_options_choose_the_detector_or_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    real = record(tmp_path / "r.mcap", REAL)
+def test_options_choose_the_detector_or_are_refused(
+    real: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert detect(real, tmp_path, "--history", "300") == ExitCode.DONE
     assert json.loads(capsys.readouterr().out)["reason"] == "an option of it is given"
     for args, words in (

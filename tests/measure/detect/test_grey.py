@@ -76,7 +76,7 @@ def test_people_without_colours_are_found_nearly_as_well(room: Path) -> None:
 
 
 def test_targets_of_a_grey_simulation_are_seen_and_those_with_colours_are_reported(
-    room: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     made = simulated(tmp_path, "grey", "--grey")
     out = ["-o", str(tmp_path / "b.parquet"), "--overwrite"]
@@ -86,7 +86,7 @@ def test_targets_of_a_grey_simulation_are_seen_and_those_with_colours_are_report
     summary = json.loads(captured.out)
     assert summary["seen"] > 0.7 * summary["rows"]
     assert "never detected" not in captured.err
-    coloured = open_recording(room).attachment("appearance.json")
+    coloured = open_recording(simulated(tmp_path, "colour", "--frames", "2")).attachment("appearance.json")
     assert coloured is not None
     (tmp_path / "colour.json").write_bytes(coloured)
     assert run(["detect", str(made), *out, "--target", str(tmp_path / "colour.json")]) == ExitCode.DONE

@@ -40,7 +40,7 @@ def off(a: np.ndarray, b: float) -> np.ndarray:
     return (a - b + np.pi) % (2 * np.pi) - np.pi
 
 
-@pytest.mark.parametrize(("yaw", "pitch", "roll"), [(0.0, 0.0, 0.0), (1.0, 0.3, -0.2), (-2.5, -0.5, 0.7)])
+@pytest.mark.parametrize(("yaw", "pitch", "roll"), [(0.0, 0.0, 0.0), (-2.5, -0.5, 0.7)])
 def test_world_angles_of_an_array_in_any_pose(yaw: float, pitch: float, roll: float) -> None:
     """Far sources, white noise 20 dB down: azimuth and elevation within 1.5 degrees of the truth."""
     rng = np.random.default_rng(3)

@@ -59,7 +59,7 @@ def test_detect_and_fuse_do_the_same(recording, tmp_path, capsys):
     assert read_provenance(one).parameters["fusion"]["false_alarm_probability"] == 0.1
 
 
-@pytest.mark.parametrize(("degrees", "seed"), [(0, 1), (0, 2), (0, 3), (15, 1), (-15, 2)])
+@pytest.mark.parametrize(("degrees", "seed"), [(0, 1), (15, 2), (-15, 3)])
 def test_a_camera_that_is_turned_has_its_detections_removed_and_is_named(tmp_path, degrees, seed):
     """Clean rooms and false detections as they are stated; then the camera that sees most, turned."""
     (tmp_path / "scene.yaml").write_text(scene_to_yaml(room100(pillar=False)))

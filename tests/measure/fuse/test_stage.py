@@ -297,7 +297,7 @@ def walk(n: int, where: Scene, seed: int = 5) -> Bearings:
 
 def test_where_the_input_is_cut_does_not_matter():
     where = scene()
-    before = walk(60, where)
+    before = walk(20, where)
     whole = fused(before, where)
     for cut in (1, 7, 64):
         again = fused(before, where, cut=cut)
@@ -308,7 +308,6 @@ def test_where_the_input_is_cut_does_not_matter():
     assert {"kept", "recovered"} <= set(whole.cause.tolist())
 
 
-@pytest.mark.serial
 def test_memory_does_not_grow_with_the_recording():
     where = scene(3)
     piece = walk(8, where)

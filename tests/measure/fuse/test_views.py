@@ -74,6 +74,7 @@ def test_feet_on_the_floor_tell_the_distance():
     cameras = placed_cameras(where, FuseConfig.in_unit(where.length_unit))
     views = next(iter(detect_boxes([boxes(where, dict.fromkeys("abc", PLACE))], where))).views
     found = feet(views, cameras)
+    assert len(found) == len(views) == 3
     for row, name in enumerate(views.sensor.tolist()):
         away = np.hypot(*(np.array(PLACE) - where.camera(name).ground))
         # The lower edge is that of the body's nearest side, a few centimetres before its middle.

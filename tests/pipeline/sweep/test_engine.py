@@ -13,22 +13,21 @@ import time
 from pathlib import Path
 
 import pytest
-from sweep_scene import trial, without_times
+from sweep_scene import trial
 
 from occlog.errors import InputError, OutputError, UsageError
 from occlog.pipeline.sweep.engine import Store, TrialError, key_of, run_all
 from occlog.pipeline.sweep.trial import run_trial
 
-TRIALS = [trial(run, priors={"kind": "known"}) for run in range(4)]
+TRIALS = [trial(run, priors={"kind": "known"}) for run in range(3)]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
 
 
 def test_any_number_of_workers_gives_the_same_in_the_same_order():
     one = run_all(TRIALS, workers=1)
-    assert without_times(one) == without_times([run_trial(t) for t in TRIALS]) or one[0]["rmse"] == one[0]["rmse"]
     names = [n for n in one[0] if n not in ("track_seconds", "predicted_mse")]
     expected = [[r[n] for n in names] for r in one]
-    assert len({tuple(row) for row in expected}) == 4
+    assert len({tuple(row) for row in expected}) == 3
     two = run_all(TRIALS, workers=2)
     assert [[r[n] for n in names] for r in two] == expected
 

@@ -52,13 +52,19 @@ def place(person: int, seconds: float) -> tuple[float, float]:
     return 5.0 + radius * float(np.cos(angle)), 5.0 + radius * float(np.sin(angle))
 
 
-def box(of: Camera, x: float, y: float, metre: float = 1.0) -> NDArray[np.float64]:
-    """(4,) left, top, right, bottom of an upright ellipsoid; NaN behind the camera."""
+def outlines(of: Camera, xy: NDArray[np.float64], metre: float = 1.0) -> NDArray[np.float64]:
+    """(n, 4) left, top, right, bottom of upright ellipsoids at `xy` (n, 2) [m]; NaN behind the camera."""
     a, b = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 24), np.linspace(0.0, np.pi, 13))
     around = np.column_stack([(np.sin(b) * np.cos(a)).ravel(), (np.sin(b) * np.sin(a)).ravel(), np.cos(b).ravel()])
-    points = np.array([x, y, 0.5 * HEIGHT]) + around * np.array([0.5 * WIDTH, 0.5 * WIDTH, 0.5 * HEIGHT])
-    pixels = of.project(metre * points)
-    return np.concatenate([pixels.min(axis=0), pixels.max(axis=0)])
+    middles = np.column_stack([xy, np.full(len(xy), 0.5 * HEIGHT)])
+    points = middles[:, None] + around * np.array([0.5 * WIDTH, 0.5 * WIDTH, 0.5 * HEIGHT])
+    pixels = of.project(metre * points.reshape(-1, 3)).reshape(len(xy), len(around), 2)
+    return np.column_stack([pixels.min(axis=1), pixels.max(axis=1)])
+
+
+def box(of: Camera, x: float, y: float, metre: float = 1.0) -> NDArray[np.float64]:
+    """(4,) left, top, right, bottom of an upright ellipsoid; NaN behind the camera."""
+    return outlines(of, np.array([[x, y]]), metre)[0]
 
 
 def boxes(
@@ -89,12 +95,17 @@ def boxes(
     rng = np.random.default_rng(seed)
     rows: list[tuple[float, ...]] = []
     sensors: list[str] = []
-    for frame in range(round(seconds * 1e9) // step_ns):
+    frames = range(round(seconds * 1e9) // step_ns)
+    shown = {}
+    for cam in scene.cameras:
+        then = [f * step_ns * 1e-9 - (late or {}).get(cam.name, 0.0) for f in frames]
+        xy = np.array([place(k, t) for t in then for k in range(people)]).reshape(-1, 2)
+        shown[cam.name] = outlines(cam, xy, metre).reshape(len(frames), people, 4)
+    for frame in frames:
         t_ns = frame * step_ns
         for cam in scene.cameras:
             found = []
-            for k in range(people):
-                edges = box(cam, *place(k, t_ns * 1e-9 - (late or {}).get(cam.name, 0.0)), metre)
+            for k, edges in enumerate(shown[cam.name][frame]):
                 middle = 0.5 * (edges[:2] + edges[2:])
                 inside = np.isfinite(edges).all() and (middle > 0).all() and (middle < SIZE).all()
                 noise, missed = px * rng.standard_normal(4), rng.random() < miss

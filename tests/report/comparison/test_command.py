@@ -106,10 +106,10 @@ def test_a_run_next_to_itself_is_the_same(runs: tuple[Path, Path], tmp_path: Pat
 
 
 def test_a_run_that_is_worse_is_reported_so_with_its_interval(tmp_path: Path, capsys: Any) -> None:
-    table = tracks(900)
+    table = tracks(400)
     table.y[:] += np.random.default_rng(3).normal(0, 0.3, len(table))
-    a, b = write_run(tmp_path / "a", tracks(900)), write_run(tmp_path / "b", table)
-    write_table(tmp_path / "truth.parquet", truth(900), Provenance("simulate"))
+    a, b = write_run(tmp_path / "a", tracks(400)), write_run(tmp_path / "b", table)
+    write_table(tmp_path / "truth.parquet", truth(400), Provenance("simulate"))
     page = tmp_path / "beside.html"
     assert report(a, b, "--truth", tmp_path / "truth.parquet", "-o", page, "--json", "-q") == ExitCode.DONE
     result = json.loads(capsys.readouterr().out)

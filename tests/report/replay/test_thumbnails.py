@@ -102,8 +102,8 @@ def test_tracks_in_another_unit_are_drawn_at_the_same_places_or_refused(
         )
         path.write_text(f"t_ns,id,x_{unit},y_{unit}\n" + "".join(f"{t},0,{x:.9f},{y:.9f}\n" for t, x, y in rows))
         shown[unit] = thumbnails(recording, OverlayTables(path), [0], 10**7).cameras["cam1"]
-        page = str(tmp_path / "page.html")
-        assert occlog(["report", str(path), "--images", str(recording), "-o", page, "--overwrite"]) == ExitCode.DONE
+    page = str(tmp_path / "page.html")
+    assert occlog(["report", str(path), "--images", str(recording), "-o", page]) == ExitCode.DONE
     assert all(images == shown["m"] for images in shown.values())
     assert shown["m"] != thumbnails(recording, None, [0], 10**7).cameras["cam1"]
     write_table(tmp_path / "ft.parquet", tracks, Provenance("track"), length_unit="ft")

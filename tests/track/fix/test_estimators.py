@@ -116,9 +116,9 @@ def test_stated_deviations_weigh_the_bearings_and_give_the_covariance() -> None:
 
 @pytest.mark.parametrize("estimator", ["andrews", "rmr", "jrmr", "huber"])
 def test_robust_estimators_do_not_follow_an_outlier(estimator: str) -> None:
-    """One of 8 bearings 100 degrees off, 15 scenes: median error less than half of that of least squares."""
+    """One of 8 bearings 100 degrees off, 9 scenes: median error less than half of that of least squares."""
     errors, plain = [], []
-    for seed in range(15):
+    for seed in range(9):
         rng = np.random.default_rng(seed)
         places, bearings, target = scene(rng, 8, 0.02)
         bearings[seed % 8] += np.radians(100.0)

@@ -82,7 +82,7 @@ def by_grid(x, y, s, observations, detection, reach):
     ],
     ids=["one array", "two arrays", "silence, then a bearing", "silence: out of range"],
 )
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0])
 def test_one_target_is_where_a_grid_has_it(observations, seed):
     x, y, s = 8.5, 7.5, 1.0
     config = replace(STILL, start=(x, y, s, 0.0, 0.0, 0.0), detection_probability=0.8)

@@ -105,7 +105,7 @@ def test_moving_occluders_are_refused(recording, tmp_path, capsys, method) -> No
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize("method", ["direct3d", "pps"])
+@pytest.mark.parametrize("method", ["direct3d", pytest.param("pps", marks=pytest.mark.statistics)])
 def test_what_is_heard_later_lowers_the_error(recording, tmp_path, capsys, method) -> None:
     errors, times = {}, {}
     for name, options in {"filter": [], "all": ["--smooth"], "lag": ["--lag", "1"]}.items():

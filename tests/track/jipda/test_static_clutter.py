@@ -65,7 +65,7 @@ def near(snapshots: list[TrackSnapshot], xy: tuple[float, float], truth: np.ndar
     return count
 
 
-@pytest.mark.parametrize(("camera", "xy"), [(0, (5.0, 4.0)), (3, (7.0, 2.5))])
+@pytest.mark.parametrize(("camera", "xy"), [(0, (5.0, 4.0)), pytest.param(3, (7.0, 2.5), marks=pytest.mark.statistics)])
 def test_an_object_that_one_of_four_cameras_reports_is_no_person_after_3_s(camera, xy):
     made = with_object(crowd(people=4, frames=100, seed=2), camera, xy)
     _, snapshots = followed(made)

@@ -20,7 +20,7 @@ ROOM = "occlog_scene: 1\nroom: [[0, 0], [7.67, 0], [7.67, 3.41], [0, 3.41]]\n"
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize("loss", ["square", "huber"])
+@pytest.mark.parametrize("loss", [pytest.param("square", marks=pytest.mark.statistics), "huber"])
 def test_the_animal_of_a_field_log_is_where_its_authors_had_it(shared_data: Path, tmp_path: Path, loss: str) -> None:
     """783 bearings in 276 rounds, kilometres away: median distance to the published fixes below 3 m (1.3 and 1.2 m)."""
     data = shared_data / "telemetr_bearings"

@@ -174,8 +174,14 @@ def write_sights(folder: Path, *, labelled: bool) -> tuple[Path, Path]:
     return scene, sights
 
 
-@pytest.mark.parametrize("method", ["virtual", "rssi"])
-@pytest.mark.parametrize("labelled", [True, False])
+@pytest.mark.parametrize(
+    ("method", "labelled"),
+    [
+        ("virtual", False),
+        ("rssi", True),
+        *(pytest.param(*case, marks=pytest.mark.statistics) for case in (("virtual", True), ("rssi", False))),
+    ],
+)
 def test_cameras_refine_positions_with_labels_or_by_the_coarse_position(
     folder: Path, method: str, labelled: bool
 ) -> None:

@@ -240,7 +240,6 @@ def test_the_order_of_rows_does_not_matter() -> None:
     np.testing.assert_array_equal(order[other.truth_row], one.truth_row)
 
 
-@pytest.mark.serial
 @pytest.mark.slow
 def test_a_thousand_frames_of_twenty_targets_take_less_than_a_second() -> None:
     """Processor time, so that other programs matter little; about 0.3 s on a quiet machine."""

@@ -19,6 +19,7 @@ from occlog.records.tables import Bearings
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
 ODD = os.fsdecode(b"caf\xe9")
+TWO = ("--cameras", "southwest,northeast")
 
 
 @pytest.fixture(scope="module")
@@ -31,18 +32,18 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def detected(room: Path) -> Path:
     """Bearings of that recording, next to it."""
     path = room / f"{ODD}.parquet"
-    assert run(["detect", str(room / "recording.mcap"), "-o", str(path), "-q"]) == ExitCode.DONE
+    assert run(["detect", str(room / "recording.mcap"), "-o", str(path), "-q", *TWO]) == ExitCode.DONE
     return path
 
 
 def test_videos_are_read_and_written_there(detected: Path, tmp_path: Path) -> None:
     known = ROOT / "sample_data" / "room" / "recording.mcap"
-    assert run(["detect", str(known), "-o", str(tmp_path / "b.parquet"), "-q"]) == ExitCode.DONE
+    assert run(["detect", str(known), "-o", str(tmp_path / "b.parquet"), "-q", *TWO]) == ExitCode.DONE
     found, wanted = (read_table(path, Bearings) for path in (detected, tmp_path / "b.parquet"))
     np.testing.assert_array_equal(found.bearing, wanted.bearing)
     (tmp_path / ODD).mkdir()
     made = tmp_path / ODD / "made.mcap"
-    words = ["simulate", str(ROOT / "examples" / "room.yaml"), "--render", "--seconds", "0.5", "--store", "ffv1"]
+    words = ["simulate", str(ROOT / "examples" / "room.yaml"), "--render", "--seconds", "0.2", "--store", "ffv1"]
     assert run([*words, "-o", str(made), "-q"]) == ExitCode.DONE
     assert run(["detect", str(made), "-o", str(tmp_path / "made.parquet"), "-q"]) == ExitCode.DONE
 

@@ -121,12 +121,12 @@ def test_no_one_like_the_target_is_looked_and_not_seen() -> None:
     assert (got.views.target_id == -1).all()
 
 
-@pytest.mark.parametrize("kind", ["mog2", "knn"])
-def test_the_result_does_not_depend_on_workers_or_batches(kind: str) -> None:
+@pytest.mark.parametrize(("kind", "splits"), [("mog2", [(2, 32), (5, 1)]), ("knn", [(3, 4)])])
+def test_the_result_does_not_depend_on_workers_or_batches(kind: str, splits: list[tuple[int, int]]) -> None:
     made_scene = scene(camera("a", 0.0, 0.0, 45.0), camera("b", 8.0, 0.0, 135.0), camera("c", 8.0, 8.0, 225.0))
     items = frames(made_scene, N, lambda k: [walk(N)[k], (5.0, 6.0, BLUE)] if k else [])
     want = run(made_scene, items, 1, background=kind)
-    for workers, batch in ((2, 32), (3, 4), (5, 1)):
+    for workers, batch in splits:
         got = run(made_scene, items, workers, background=kind, batch=batch)
         assert_same(got.views, want.views)
         assert_same(got.bearings, want.bearings)

@@ -67,8 +67,9 @@ def brute_force(later, regime, states, was, chances, dt, motion, width2):
 
 @pytest.mark.jit
 @pytest.mark.parametrize("motion", [PAPER, PEOPLE, STAND, TURN, PAPER._replace(uniform_change=True)])
-@pytest.mark.parametrize("regime", [TOWARDS, CHANGE, WAIT])
-@pytest.mark.parametrize(("seed", "place2"), [(0, 0.0), (1, 0.0), (2, 0.03)])
+@pytest.mark.parametrize(
+    ("regime", "seed", "place2"), [(TOWARDS, 0, 0.0), (CHANGE, 1, 0.03), (WAIT, 2, 0.0), (WAIT, 3, 0.03)]
+)
 def test_parents_are_drawn_by_the_density_of_the_step(seed, place2, regime, motion):
     rng, L, M, dt = np.random.default_rng(seed), 12, 40_000, 0.4
     states, was, width2 = states_near(L, rng), rng.integers(0, 3, L), (place2, 0.2)

