@@ -350,7 +350,7 @@ def errors_after(
     own: dict[int, PlaneSights],
     flats: dict[int, PlanePosterior],
 ) -> Floats:
-    """Return the (12, 12) joint error covariance of the planes after a scan.
+    """Return the (12, 12) joint error covariance of the planes after a scan that those in `own` were updated with.
 
     Of a sensor's candidates, the one nearest to the plane's estimate counts, if within `GATE_SIGMAS` standard
     deviations.

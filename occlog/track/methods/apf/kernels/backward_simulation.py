@@ -185,7 +185,7 @@ def parents_of(
 def _standing(
     dt: float, motion: WaypointModel, stood: bool, width2: tuple[float, float]
 ) -> tuple[float, float, float, float]:
-    """Return variance, gain and remaining variance of waiting noise, and the normalisation of both axes."""
+    """Return variance > 0, gain and remaining variance > 0 of `waiting_noise`, and the density factor of both axes."""
     variance, gain, left = waiting_noise(dt, motion, stood)
     variance, left = max(variance, width2[0], MIN_STEP_VARIANCE), max(left, width2[1], MIN_STEP_VARIANCE)
     return variance, gain, left, 1.0 / (variance * left)
